@@ -1,0 +1,82 @@
+"""`python -m benchmarks [GROUP…] [--json FILE] [--quick] [--strict]`: run groups, print a table, write JSON rows."""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import importlib
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.harness import Row, machine
+from mocapella.errors import one_of
+
+
+def groups() -> list[str]:
+    """The names of the modules beside this one that have a function ``run``; none is imported for it."""
+    return sorted(path.stem for path in Path(__file__).parent.glob("*.py") if _defines_run(path))
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run what was asked for; 0 also where a goal is missed, unless ``--strict``."""
+    there_are = groups()
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks",
+        description="Measure Mocapella beside its peers, in one run.",
+        epilog="example: python -m benchmarks codec --json rows.json",
+    )
+    parser.add_argument("group", nargs="*", help="which to run; all where none is named: " + ", ".join(there_are))
+    parser.add_argument("--json", metavar="FILE", help="write the rows as JSON; - writes them to standard output")
+    parser.add_argument("--quick", action="store_true", help="fewer repetitions, to see that it runs")
+    parser.add_argument("--strict", action="store_true", help="exit with 1 where a goal is missed")
+    options = parser.parse_args(arguments)
+    for name in options.group:
+        if name not in there_are:
+            parser.error(f"no group {name!r}; there are {one_of(name, there_are)}")
+    console = Console(stderr=options.json == "-")
+    rows: list[Row] = []
+    for name in options.group or there_are:
+        with console.status(f"measuring {name} …"):
+            measured = importlib.import_module(f"benchmarks.{name}").run(quick=options.quick)
+        console.print(table(name, measured))
+        rows += measured
+    if options.json:
+        _write([asdict(row) for row in rows], options.json)
+    return 1 if options.strict and any(row.met is False for row in rows) else 0
+
+
+def table(group: str, rows: list[Row]) -> Table:
+    """The rows of a group, for a person."""
+    result = Table(title=group, caption=machine(), title_justify="left", caption_justify="left")
+    for heading in ("what", "value", "peer", "ratio", "goal", "met"):
+        result.add_column(heading, justify="right" if heading in ("value", "ratio") else "left")
+    for row in rows:
+        met = {None: "", True: "[green]yes[/]", False: "[red]no[/]"}[row.met]
+        ratio = "" if row.ratio is None else f"{row.ratio:.3g} ×"
+        peer = "none" if row.ratio is None else row.peer
+        result.add_row(row.name, f"{row.value:.4g} {row.unit}", peer, ratio, row.goal or "", met)
+    return result
+
+
+def _defines_run(path: Path) -> bool:
+    body = ast.parse(path.read_text(encoding="utf-8")).body
+    return any(isinstance(node, ast.FunctionDef) and node.name == "run" for node in body)
+
+
+def _write(rows: list[dict[str, object]], target: str) -> None:
+    text = json.dumps(rows, indent=2, ensure_ascii=False) + "\n"
+    if target == "-":
+        sys.stdout.write(text)
+        return
+    partial = Path(target + ".part")
+    partial.write_text(text, encoding="utf-8")
+    partial.replace(target)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,5 @@
+"""``python -m mocapella`` is ``mocapella``."""
+
+from mocapella.cli import main
+
+main()

@@ -1,0 +1,1 @@
+"""Whose skeleton is this? Views of the same person are brought together."""

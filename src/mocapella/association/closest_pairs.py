@@ -1,0 +1,134 @@
+"""Who is who, by repeatedly pairing the closest skeletons of different sensors (KinectMultiTrack thesis, 2015).
+
+The thesis pairs at calibration, where everybody stands still, and holds the pairs by tracking id until the next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.model.bodies import BodyKey
+from mocapella.model.observations import JointState
+from mocapella.model.scene import PotentialSkeleton
+
+Float64 = NDArray[np.float64]
+
+
+class PersonViews(msgspec.Struct, frozen=True, eq=False):
+    """The views that are of one person, in the order of their sensors' names, and the person's id."""
+
+    person: int
+    views: tuple[PotentialSkeleton, ...]
+
+
+def skeleton_distances(positions: Float64, states: NDArray[np.uint8]) -> Float64:
+    """Mean distance of the joints that both skeletons track.
+
+    Args:
+        positions: (n, joints, 3), all in one frame [m].
+        states: (n, joints) `JointState`.
+
+    Returns:
+        (n, n) [m]; infinite where two have no such joint in common.
+    """
+    tracked = states == JointState.TRACKED
+    common = tracked[:, None] & tracked[None, :]
+    step = np.where(common[..., None], positions[:, None] - positions[None, :], 0.0)
+    counts = common.sum(axis=-1)
+    total = np.sqrt((step * step).sum(axis=-1)).sum(axis=-1)
+    return np.where(counts > 0, total / np.maximum(counts, 1), np.inf)
+
+
+def closest_pairs(
+    skeletons: Sequence[PotentialSkeleton], max_distance_m: float = np.inf
+) -> tuple[tuple[PotentialSkeleton, ...], ...]:
+    """Skeletons by person.
+
+    The closest two of different sensors are joined first, with all that each was joined to before, as long as no
+    person gets two skeletons of one sensor; and so on, until nothing can be joined. What remains is somebody whom one
+    sensor sees. The order of ``skeletons`` does not matter.
+
+    Args:
+        skeletons: in the world.
+        max_distance_m: pairs further apart are not joined. The thesis has no such limit.
+
+    Returns:
+        Groups, each in the order of its sensors' names, ordered by their first (sensor, tracking id).
+    """
+    ordered = sorted(skeletons, key=_key)
+    if not ordered:
+        return ()
+    distance = skeleton_distances(np.stack([s.positions for s in ordered]), np.stack([s.states for s in ordered]))
+    first, second = np.triu_indices(len(ordered), k=1)
+    group = [[i] for i in range(len(ordered))]
+    for pair in np.argsort(distance[first, second], kind="stable"):
+        i, j = int(first[pair]), int(second[pair])
+        if not (np.isfinite(distance[i, j]) and distance[i, j] <= max_distance_m):
+            break
+        sensors = [ordered[k].sensor for k in (*group[i], *group[j])]
+        if len(set(sensors)) == len(sensors):
+            joined = sorted(group[i] + group[j])
+            for k in joined:
+                group[k] = joined
+    return tuple(tuple(ordered[k] for k in members) for i, members in enumerate(group) if members[0] == i)
+
+
+class HeldPairs:
+    """Pairs once for each calibration, and holds the pairs by (sensor, tracking id) until the next.
+
+    Persons are numbered 0, 1, 2, … and a number is never given to somebody else. Somebody of whom a sensor still has
+    the tracking id keeps the number through a recalibration.
+    """
+
+    def __init__(self, max_distance_m: float = np.inf) -> None:
+        self.max_distance_m = max_distance_m
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everybody; the numbers begin at 0."""
+        self._calibration = 0
+        self._next = 0
+        self._person: dict[BodyKey, int] = {}
+
+    def update(self, skeletons: Sequence[PotentialSkeleton], calibration: int) -> tuple[PersonViews, ...]:
+        """The people of whom some joint is seen, in the order of their numbers.
+
+        Args:
+            skeletons: in the world, every one that is calibrated.
+            calibration: number of the calibration they were brought to the world with; a new one pairs anew.
+        """
+        if calibration != self._calibration:
+            self._calibration = calibration
+            self._pair(skeletons)
+        views: dict[int, list[PotentialSkeleton]] = {}
+        for skeleton in sorted(skeletons, key=_key):
+            views.setdefault(self._person[_key(skeleton)], []).append(skeleton)
+        return tuple(
+            PersonViews(person, tuple(of_person))
+            for person, of_person in sorted(views.items())
+            if any(view.states.any() for view in of_person)
+        )
+
+    def rename(self, sensor: str, new_ids: Mapping[int, int]) -> None:
+        """These tracking ids of a sensor (old → new) changed; they are the same bodies."""
+        people = {new: self._person.pop((sensor, old)) for old, new in new_ids.items() if (sensor, old) in self._person}
+        self._person.update({(sensor, new): person for new, person in people.items()})
+
+    def _pair(self, skeletons: Sequence[PotentialSkeleton]) -> None:
+        before, self._person = self._person, {}
+        taken: set[int] = set()
+        for group in closest_pairs(skeletons, self.max_distance_m):
+            keys = [_key(skeleton) for skeleton in group]
+            known = {before[key] for key in keys if key in before} - taken
+            person = min(known, default=self._next)
+            self._next = max(self._next, person + 1)
+            taken.add(person)
+            self._person.update(dict.fromkeys(keys, person))
+
+
+def _key(skeleton: PotentialSkeleton) -> BodyKey:
+    return skeleton.sensor, skeleton.tracking_id

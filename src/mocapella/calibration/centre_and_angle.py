@@ -1,0 +1,71 @@
+"""Where a standing body is and which way it faces, and the way from there to a world of its own.
+
+Source: the KinectMultiTrack thesis (2015), its calibration and equations 7 (to the world) and 8 (back).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry.rigid import rigid, rotation_about_y
+from mocapella.model.observations import JointState
+
+Float64 = NDArray[np.float64]
+
+
+def body_centre(positions: Float64, states: NDArray[np.uint8]) -> Float64:
+    """The centre C of a body over some frames: in each frame the mean of its tracked joints, then the mean of those.
+
+    Args:
+        positions: (..., frames, joints, 3) [m].
+        states: (..., frames, joints) `JointState`.
+
+    Returns:
+        (..., 3) [m]; frames without a tracked joint do not count, NaN where there is no other.
+    """
+    tracked = states == JointState.TRACKED
+    counts = tracked.sum(axis=-1)
+    sums = np.where(tracked[..., None], positions, 0.0).sum(axis=-2)
+    centres = sums / np.maximum(counts, 1)[..., None]
+    frames = (counts > 0).sum(axis=-1)[..., None]
+    total = centres.sum(axis=-2)
+    return np.where(frames > 0, total / np.maximum(frames, 1), np.nan)
+
+
+def shoulder_angle(left: Any, right: Any) -> Float64:
+    """The angle θ of the line of the shoulders to the sensor's x axis.
+
+    With D = Z_right − Z_left and W = X_right − X_left it is arctan(D / W) where W > 0, and the same angle continued
+    over the full circle where W ≤ 0 (the body stands side-on, or its labels say that its back is turned): atan2(D, W).
+
+    Args:
+        left, right: (..., 3) shoulders, camera space [m].
+
+    Returns:
+        (...,) [rad], within [−π, π]; NaN where a shoulder is.
+    """
+    across = np.asarray(right, dtype=np.float64) - np.asarray(left, dtype=np.float64)
+    # On strided views numpy takes its vector code or the C library's from call to call, as the memory happens to lie,
+    # and they differ in the last bit; a replay must not.
+    depth, width = across[..., 2].copy(), across[..., 0].copy()
+    return np.asarray(np.arctan2(depth, width))
+
+
+def world_from_sensor(centre: Any, angle: Any) -> Float64:
+    """Equation 7 as a matrix: with p' = p − C, x = x'·cosθ + z'·sinθ, y = y', z = z'·cosθ − x'·sinθ.
+
+    The centre becomes the origin and the line of the shoulders the world's x axis. Its `inverse` is equation 8.
+
+    Args:
+        centre: (..., 3) C [m].
+        angle: (...,) θ [rad].
+
+    Returns:
+        (..., 4, 4) ``T_world_sensor``.
+    """
+    R = rotation_about_y(angle)
+    C = np.asarray(centre, dtype=np.float64)
+    return rigid(R, -(R @ C[..., None])[..., 0])

@@ -1,0 +1,247 @@
+"""Calibration by standing still, the method of the KinectMultiTrack thesis (2015).
+
+Everybody stands still while every sensor collects frames. Of each body (one sensor's tracking id) its centre C and
+shoulder angle θ then give its own way to the world. Whoever moves, comes in or leaves makes it begin again.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.calibration.centre_and_angle import body_centre, shoulder_angle, world_from_sensor
+from mocapella.geometry.angles import circular_mean
+from mocapella.model.bodies import Bodies, BodyKey
+from mocapella.model.observations import JointState
+from mocapella.model.scene import Phase, TrackerState
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+
+STILL_PARTS: Final = {"head": "head", "hand_left": "left hand", "hand_right": "right hand"}
+"""The parts that must not move, and what a person calls them."""
+NEEDED_PARTS: Final = (*STILL_PARTS, "shoulder_left", "shoulder_right")
+"""What a topology must name for this method to work on it."""
+
+
+@dataclass(frozen=True)
+class StandStillSettings:
+    """How long, how still, and what is averaged.
+
+    Attributes:
+        frames: of each sensor; the latest of them count.
+        still_within_m: how far a head or hand may be from the frame it is compared with [m].
+        compare_with: that frame: the ``previous`` one (the thesis' algorithm) or the ``first`` of those that count (its
+            program).
+        angle_from: θ is the circular ``mean`` of the frames' angles, or that of the ``latest`` frame (its program).
+    """
+
+    frames: int = 120
+    still_within_m: float = 0.10
+    compare_with: Literal["previous", "first"] = "previous"
+    angle_from: Literal["mean", "latest"] = "mean"
+
+    def __post_init__(self) -> None:
+        check(1 <= self.frames <= 100_000, "frames", self.frames, "from 1 to 100000")
+        check(self.still_within_m > 0, "still_within_m", self.still_within_m, "greater than 0 m")
+        check(self.compare_with in ("previous", "first"), "compare_with", self.compare_with, "previous or first")
+        check(self.angle_from in ("mean", "latest"), "angle_from", self.angle_from, "mean or latest")
+
+
+class Calibration(msgspec.Struct, frozen=True, eq=False):
+    """What the calibration knows after a frame.
+
+    Attributes:
+        state: where it stands.
+        T_world_sensor: (4, 4) by body; empty until it is done.
+        number: how many calibrations were completed so far, this one included.
+    """
+
+    state: TrackerState
+    T_world_sensor: Mapping[BodyKey, Float64]
+    number: int
+
+
+class StandStill:
+    """Collects the frames of every sensor until all have stood still, and then watches for a reason to begin again.
+
+    Attributes:
+        completed: how many calibrations were.
+        restarts: how often one began again.
+    """
+
+    def __init__(self, settings: StandStillSettings, sensors_expected: int) -> None:
+        self.settings = settings
+        self.sensors_expected = sensors_expected
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.completed = 0
+        self.restarts = 0
+        self._reason = ""
+        self._anybody_yet = False
+        self._newest: dict[str, Bodies] = {}
+        self._windows: dict[str, deque[Bodies]] = {}
+        self._known_sensors: frozenset[str] = frozenset()
+        self._unplaced: frozenset[BodyKey] = frozenset()
+        self._T_world_sensor: dict[BodyKey, Float64] = {}
+
+    def restart(self, reason: str) -> None:
+        """Begin again, for this reason."""
+        self.restarts += 1
+        self._reason = reason
+        self._windows = {}
+        self._T_world_sensor = {}
+
+    def unknown(self, bodies: Bodies) -> bool:
+        """Whether one of these came in after the calibration."""
+        known = self._T_world_sensor
+        return bool(known) and any(key not in known and key not in self._unplaced for key in bodies.keys)
+
+    def rename(self, sensor: str, new_ids: Mapping[int, int]) -> None:
+        """These tracking ids of a sensor (old → new) changed; they are the same bodies."""
+        renamed = {old: new for old, new in new_ids.items() if (sensor, old) in self._T_world_sensor}
+        kept = {key: T for key, T in self._T_world_sensor.items() if key[0] != sensor or key[1] not in renamed}
+        kept |= {(sensor, new): self._T_world_sensor[sensor, old] for old, new in renamed.items()}
+        self._T_world_sensor = kept
+
+    def update(self, bodies: Bodies, speaking: Collection[str]) -> Calibration:
+        """Take one frame's bodies in.
+
+        Args:
+            bodies: of one sensor's newest frame.
+            speaking: the sensors that are not silent, this one included. A silent one is left out, and taken in again
+                as it was when it comes back.
+        """
+        self._newest[bodies.sensor] = bodies
+        self._anybody_yet |= bool(bodies.ids)
+        if self._T_world_sensor:
+            self._watch(bodies, speaking)
+        if not self._T_world_sensor:
+            self._collect(bodies, speaking)
+        return Calibration(self._state(speaking), self._T_world_sensor, self.completed)
+
+    def _watch(self, bodies: Bodies, speaking: Collection[str]) -> None:
+        if self.unknown(bodies):
+            known = bodies.sensor in self._known_sensors
+            self.restart(f"{bodies.sensor}: " + ("somebody new came in" if known else "a new sensor sees somebody"))
+        elif not self._anybody(speaking):
+            self.restart("everybody was gone")
+
+    def _collect(self, bodies: Bodies, speaking: Collection[str]) -> None:
+        if len(speaking) < self.sensors_expected:
+            self._windows = {}
+            return
+        self._windows = {sensor: window for sensor, window in self._windows.items() if sensor in speaking}
+        window = self._windows.get(bodies.sensor)
+        if window and (problem := self._problem(bodies, window)):
+            self.restart(problem if self._anybody(speaking) else "everybody was gone")
+        self._windows.setdefault(bodies.sensor, deque(maxlen=self.settings.frames)).append(bodies)
+        if self._anybody(speaking) and self._frames_remaining(speaking) == 0:
+            self._finish(speaking)
+
+    def _problem(self, bodies: Bodies, window: deque[Bodies]) -> str:
+        """Why this frame does not continue its sensor's window; empty where it does."""
+        before = window[0] if self.settings.compare_with == "first" else window[-1]
+        if set(bodies.ids) - set(before.ids):
+            return f"{bodies.sensor}: somebody new came in"
+        if gone := sorted(set(before.ids) - set(bodies.ids)):
+            return f"{bodies.sensor}: body {gone[0]} is gone"
+        return movement(before, bodies, self.settings.still_within_m) if bodies.ids else ""
+
+    def _finish(self, speaking: Collection[str]) -> None:
+        found: dict[BodyKey, Float64] = {}
+        unplaced: list[BodyKey] = []
+        for window in self._windows.values():
+            latest = window[-1]
+            centres, angles = standing(window, self.settings.angle_from)
+            for body, centre, angle in zip(latest.ids, centres, angles, strict=True):
+                if np.isfinite([*centre, angle]).all():
+                    found[latest.sensor, body] = world_from_sensor(centre, angle)
+                else:
+                    unplaced.append((latest.sensor, body))
+        problem = "; ".join(f"{sensor}: the shoulders of body {body} were never seen" for sensor, body in unplaced)
+        if not found:
+            self.restart(problem)
+            return
+        self._T_world_sensor, self._unplaced = found, frozenset(unplaced)
+        self._known_sensors = frozenset(speaking)
+        self._windows = {}
+        self._reason = problem
+        self.completed += 1
+
+    def _frames_remaining(self, speaking: Collection[str]) -> int:
+        """Of the slowest sensor that sees somebody; all of them where none does."""
+        seeing = [sensor for sensor, bodies in self._newest.items() if bodies.ids and sensor in speaking]
+        collected = [len(self._windows.get(sensor, ())) for sensor in seeing]
+        return self.settings.frames - min(collected, default=0)
+
+    def _anybody(self, speaking: Collection[str]) -> bool:
+        return any(bodies.ids for sensor, bodies in self._newest.items() if sensor in speaking)
+
+    def _state(self, speaking: Collection[str]) -> TrackerState:
+        if self._T_world_sensor:
+            silent = sorted({sensor for sensor, _ in self._T_world_sensor if sensor not in speaking})
+            said = [self._reason] if self._reason else []
+            said += [f"{sensor}: silent" for sensor in silent]
+            return TrackerState(Phase.TRACKING, reason="; ".join(said))
+        if missing := max(0, self.sensors_expected - len(speaking)):
+            return TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=missing, reason=self._reason)
+        reason, phase = self._reason, Phase.CALIBRATING
+        if not self._anybody(speaking):
+            reason = "everybody is gone" if self._anybody_yet else "nobody is in view yet"
+            phase = Phase.NEEDS_RECALIBRATION if self._anybody_yet else phase
+        return TrackerState(
+            phase,
+            frames_remaining=self._frames_remaining(speaking),
+            frames_wanted=self.settings.frames,
+            reason=reason,
+        )
+
+
+def movement(before: Bodies, now: Bodies, still_within_m: float) -> str:
+    """Which head or hand went missing or moved too far between two frames of the same bodies; empty where none did.
+
+    Only where a part is tracked in both frames can a movement be seen: an inferred place is a guess, which jumps
+    though nothing moves. A part that is missing in both does not count either, because a sensor that stands to the side
+    of somebody may never see the far hand.
+    """
+    parts = [now.topology.parts[part] for part in STILL_PARTS]
+    names = list(STILL_PARTS.values())
+    seen_before = before.states[:, parts] != JointState.NOT_TRACKED
+    missing = seen_before & (now.states[:, parts] == JointState.NOT_TRACKED)
+    if missing.any():
+        body, part = (int(i[0]) for i in missing.nonzero())
+        return f"{now.sensor}: {names[part]} of body {now.ids[body]} went missing"
+    tracked = np.minimum(before.states[:, parts], now.states[:, parts]) == JointState.TRACKED
+    step = np.where(tracked[..., None], now.positions[:, parts] - before.positions[:, parts], 0.0)
+    distance_m = np.sqrt((step * step).sum(axis=-1))
+    if distance_m.max(initial=0.0) > still_within_m:
+        body, part = (int(i) for i in np.unravel_index(distance_m.argmax(), distance_m.shape))
+        moved_cm = 100 * distance_m[body, part]
+        return f"{now.sensor}: {names[part]} of body {now.ids[body]} moved {moved_cm:.0f} cm"
+    return ""
+
+
+def standing(window: Collection[Bodies], angle_from: Literal["mean", "latest"]) -> tuple[Float64, Float64]:
+    """Centre C (bodies, 3) and shoulder angle θ (bodies,) over frames of the same bodies.
+
+    A frame in which a shoulder is not even inferred has no angle and does not count; NaN where no frame has one, and
+    where no joint was ever tracked.
+    """
+    parts = next(iter(window)).topology.parts
+    positions = np.stack([bodies.positions for bodies in window], axis=1)
+    states = np.stack([bodies.states for bodies in window], axis=1)
+    angles = shoulder_angle(positions[..., parts["shoulder_left"], :], positions[..., parts["shoulder_right"], :])
+    counted = [row[np.isfinite(row)] for row in angles]
+    if angle_from == "latest":
+        counted = [row[-1:] for row in counted]
+    mean = [float(circular_mean(row)) if len(row) else np.nan for row in counted]
+    return body_centre(positions, states), np.array(mean)

@@ -1,0 +1,165 @@
+"""``mocapella doctor``: what is installed, which ports and devices are free, and what to do about what is not."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+import re
+import shutil
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from mocapella import __version__
+from mocapella.cli import app
+from mocapella.cli.common import DEFAULT_PORT, DEFAULT_VIEW_PORT, JsonOut, console, write_json
+from mocapella.errors import AddressInUseError, BusError
+
+_MARKS = {"ok": "[green]ok[/green]", "note": "[yellow]note[/yellow]", "problem": "[red]problem[/red]"}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was looked at, what was found, and what to do about it."""
+
+    what: str
+    verdict: Literal["ok", "note", "problem"]
+    found: str
+    advice: str = ""
+
+
+@app.command()
+def doctor(
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Bus port to look at.")] = DEFAULT_PORT,
+    view_port: Annotated[int, typer.Option(min=1, max=65535, help="View port to look at.")] = DEFAULT_VIEW_PORT,
+    takes: Annotated[Path, typer.Option(help="Folder where takes will go.")] = Path("takes"),
+    json: JsonOut = None,
+) -> None:
+    """Look at this machine and say what is missing for which job, and what to do about it.
+
+    Exit status 1 when something that the main job needs is wrong.
+
+    Example:  mocapella doctor --json -
+    """
+    findings = list(examine(port, view_port, takes))
+    table = Table(title=f"mocapella {__version__} on {platform.system()} {platform.machine()}", show_lines=False)
+    for heading in ("", "what", "found", "what to do"):
+        table.add_column(heading, overflow="fold")
+    for finding in findings:
+        table.add_row(_MARKS[finding.verdict], *map(escape, (finding.what, finding.found, finding.advice)))
+    console.print(table)
+    write_json(json, [asdict(finding) for finding in findings])
+    if any(finding.verdict == "problem" for finding in findings):
+        raise typer.Exit(1)
+
+
+def examine(port: int, view_port: int, takes: Path) -> Iterator[Finding]:
+    """Everything that is worth a look, one finding each."""
+    yield _python()
+    yield from _core_packages()
+    yield from _extras()
+    yield _port("bus port", port, "--port")
+    yield _port("view port", view_port, "--view-port")
+    yield _disk(takes)
+    yield _devices()
+    yield _browser()
+    yield _clock()
+
+
+def _python() -> Finding:
+    return Finding("Python", "ok", f"{platform.python_version()} ({sys.executable})")
+
+
+def _version(package: str) -> str | None:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def _required() -> dict[str, list[str]]:
+    """The packages that ours says it needs, by extra; the core's under the empty name."""
+    needs: dict[str, list[str]] = {"": []}
+    for need in importlib.metadata.requires("mocapella") or []:
+        name = re.match(r"[A-Za-z0-9._-]+", need)
+        extra = re.search(r"extra == ['\"]([^'\"]+)", need)
+        if name is not None:
+            needs.setdefault(extra[1] if extra else "", []).append(name[0])
+    return needs
+
+
+def _core_packages() -> Iterator[Finding]:
+    versions = {package: _version(package) for package in _required()[""]}
+    missing = [package for package, version in versions.items() if version is None]
+    if missing:
+        yield Finding("core packages", "problem", f"missing: {', '.join(missing)}", "uv sync")
+        return
+    yield Finding("core packages", "ok", ", ".join(f"{package} {version}" for package, version in versions.items()))
+
+
+def _extras() -> Iterator[Finding]:
+    for extra, packages in _required().items():
+        if not extra:
+            continue
+        missing = [package for package in packages if _version(package) is None]
+        if missing:
+            advice = f"only if you need it: uv sync --extra {extra} (elsewhere: install 'mocapella[{extra}]')"
+            yield Finding(f"extra {extra}", "note", f"not installed: {', '.join(missing)}", advice)
+        else:
+            yield Finding(f"extra {extra}", "ok", ", ".join(f"{name} {_version(name)}" for name in packages))
+
+
+def _port(what: str, port: int, option: str) -> Finding:
+    from mocapella.live.launch import check_port_free
+
+    try:
+        check_port_free("127.0.0.1", port, option)
+    except BusError as error:
+        found = "in use" if isinstance(error, AddressInUseError) else "cannot be listened at"
+        return Finding(f"{what} {port}", "note", found, str(error))
+    return Finding(f"{what} {port}", "ok", "free")
+
+
+def _disk(takes: Path) -> Finding:
+    folder = takes.absolute()
+    while not folder.exists():
+        folder = folder.parent
+    free = shutil.disk_usage(folder).free
+    found = f"{free / 1e9:.1f} GB free at {folder}"
+    if free < 2e9:
+        return Finding("disk for takes", "problem", found, "make room, or name another folder with --takes")
+    return Finding("disk for takes", "ok", found)
+
+
+def _devices() -> Finding:
+    cameras = sorted(str(path) for path in Path("/dev").glob("video*"))
+    if cameras:
+        return Finding("cameras", "ok", ", ".join(cameras))
+    advice = "none is needed for recordings, simulations and sensors on other machines"
+    return Finding("cameras", "note", "none found", advice)
+
+
+def _browser() -> Finding:
+    import webbrowser
+
+    try:
+        found = webbrowser.get().name if hasattr(webbrowser.get(), "name") else "a browser"
+    except webbrowser.Error:
+        return Finding(
+            "browser", "note", "none found", "open the URL that demo and serve print, from any machine's own"
+        )
+    return Finding("browser", "ok", str(found))
+
+
+def _clock() -> Finding:
+    resolution = time.get_clock_info("monotonic").resolution
+    if resolution > 1e-3:
+        return Finding("monotonic clock", "note", f"{resolution * 1e3:.1f} ms", "latencies will be no finer than this")
+    return Finding("monotonic clock", "ok", f"{resolution * 1e9:.0f} ns")

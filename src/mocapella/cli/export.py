@@ -1,0 +1,67 @@
+"""``mocapella export``: files for other programs out of a take."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import msgspec
+import typer
+
+from mocapella.cli import export_app
+from mocapella.cli.common import JsonOut, console, say, write_json
+
+if TYPE_CHECKING:
+    from mocapella.model.scene import Scene
+    from mocapella.recording.take_reader import Take
+
+
+@export_app.callback()
+def _export() -> None:
+    # Keeps `csv` a verb: without it typer takes a group's only command for the group itself.
+    pass
+
+
+@export_app.command("csv")
+def csv(
+    take: Annotated[Path, typer.Argument(help="A take (.mcap).")],
+    out: Annotated[Path | None, typer.Option(help="The log to write; by default the take's name with .csv.")] = None,
+    every: Annotated[int, typer.Option(min=1, help="Every n-th result.")] = 1,
+    reference: Annotated[str | None, typer.Option(help="Sensor in whose camera space the log is.")] = None,
+    participant: Annotated[int | None, typer.Option(help="Study_Id; by default the take's setup.")] = None,
+    placement: Annotated[str | None, typer.Option(help="Kinect_Config; by default the take's setup.")] = None,
+    scenario: Annotated[str | None, typer.Option(help="Scenario_Id; by default the take's setup.")] = None,
+    json: JsonOut = None,
+) -> None:
+    """Write the study log: the thesis' 87 columns, a row for each sensor's view of each person.
+
+    docs/study-log.md describes the columns.
+
+    Example:  mocapella export csv walk-1.mcap --every 2
+    """
+    import dataclasses
+
+    from mocapella.recording.study_export import export_study_log
+    from mocapella.recording.take_reader import read_take
+
+    source = read_take(take)
+    given = {"participant": participant, "placement": placement, "scenario": scenario}
+    setup = dataclasses.replace(source.info.setup, **{key: value for key, value in given.items() if value is not None})
+    target = out or take.with_suffix(".csv")
+    with console.status(f"writing {target} …"):
+        report = export_study_log(_timed_scenes(source), target, setup=setup, every=every, reference=reference)
+    say(f"{report.rows} rows of {report.written} results in {target}")
+    for problem in source.problems:
+        say(f"{take.name}: {problem}")
+    write_json(json, {"path": str(target), **msgspec.to_builtins(report), "take_problems": list(source.problems)})
+
+
+def _timed_scenes(take: Take) -> Iterator[tuple[Scene, int]]:
+    """Every scene with the wall clock's time of it, in milliseconds since year 1, as the study log counts."""
+    from mocapella.model.study_log import YEAR_1_TO_1970_MS
+
+    for run in take.runs:
+        wall_ns = run.info.started_unix_ns - run.info.started_ns
+        for log_ns, scene in take.scenes(run.number):
+            yield scene, (log_ns + wall_ns) // 1_000_000 + YEAR_1_TO_1970_MS

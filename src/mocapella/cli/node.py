@@ -1,0 +1,140 @@
+"""``mocapella node``: one sensor's process."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterable
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from mocapella.cli import node_app
+from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, say, warn_if_open, write_json
+from mocapella.errors import SettingsError
+
+if TYPE_CHECKING:
+    from mocapella.live.node import DueFrame
+
+READY: Final = "ready"
+"""What a node that is told its epoch prints when it waits for it."""
+_Epoch = Annotated[
+    float | None,
+    typer.Option(help="Unix time in seconds at which the source's time is 0. Nodes with one epoch are in step."),
+]
+_EpochFromInput = Annotated[
+    bool, typer.Option("--epoch-from-input", hidden=True, help="Say `ready`, and read the epoch from standard input.")
+]
+_Linger = Annotated[
+    float, typer.Option(min=0, help="Stay this many seconds after the last frame, for the record path.")
+]
+_Name = Annotated[str | None, typer.Option("--name", help="Serve it under another name.")]
+
+
+@node_app.command("simulate")
+def simulate(
+    scene: Annotated[str, typer.Option(help="Which room; --scene help lists them.")] = "obstacle",
+    sensor: Annotated[str, typer.Option(help="Which of its sensors: a number from 1, or its name.")] = "1",
+    connect: Connect = DEFAULT_ADDRESS,
+    seed: Annotated[int, typer.Option(help="The same seed gives the same noise.")] = 0,
+    bvh: Annotated[Path | None, typer.Option(help="A BVH file that the first person moves by.")] = None,
+    seconds: Annotated[float | None, typer.Option(min=0, help="End after so long; without it, at Ctrl-C.")] = None,
+    epoch: _Epoch = None,
+    epoch_from_input: _EpochFromInput = False,
+    name: _Name = None,
+    json: JsonOut = None,
+) -> None:
+    """Serve a sensor of a simulated room.
+
+    Every process that simulates the same scene with the same epoch (by default 0) shows the same room.
+
+    Example:  mocapella node simulate --scene obstacle --sensor 2
+    """
+    from mocapella.live.node import DueFrame
+    from mocapella.sources.simulate import SimulatedSensor, load_scene, scene_names
+
+    if scene == "help":
+        typer.echo("\n".join(scene_names()))
+        return
+    room = load_scene(scene, seed=seed, bvh=bvh)
+    source = SimulatedSensor(room, sensor)
+    next(source.frames())  # compile and load before the clock matters
+    zero = _epoch(epoch, epoch_from_input, 0.0)
+    start_s = max(0.0, time.time() - zero)
+    stop_s = None if seconds is None else start_s + seconds
+    frames = (DueFrame(f.due_s, f.frame, f.truth) for f in source.frames(start_s=start_s, stop_s=stop_s))
+    _serve(frames, name or source.name, connect, zero, 0.0, json)
+
+
+@node_app.command("replay")
+def replay(
+    file: Annotated[Path, typer.Argument(help="A study log (.csv, .csv.gz) or a take (.mcap).")],
+    sensor: Annotated[str, typer.Option(help="Which of its sensors.")],
+    connect: Connect = DEFAULT_ADDRESS,
+    placement: Annotated[str | None, typer.Option(help="Only if the log is of this placement.")] = None,
+    epoch: _Epoch = None,
+    epoch_from_input: _EpochFromInput = False,
+    linger: _Linger = 2.0,
+    name: _Name = None,
+    json: JsonOut = None,
+) -> None:
+    """Serve a sensor out of a recording, in real time.
+
+    Example:  mocapella node replay Study_7_Kinect_2.csv.gz --sensor front
+    """
+    from mocapella.cli.recordings import open_recording
+
+    recording = open_recording(file, placement)
+    frames = recording.due_frames(sensor)
+    _serve(frames, name or sensor, connect, _epoch(epoch, epoch_from_input, time.time()), linger, json)
+
+
+@node_app.command("bridge")
+def bridge(
+    listen: Annotated[str, typer.Option(help="HOST:PORT where foreign programs connect.")] = "127.0.0.1:7450",
+    connect: Connect = DEFAULT_ADDRESS,
+    json: JsonOut = None,
+) -> None:
+    """Serve the sensors of programs that cannot speak zenoh (C, C#, …): length-delimited BodyFrames over TCP.
+
+    docs/wire.md describes the messages; examples/c_publisher is such a program.
+
+    Example:  mocapella node bridge --listen 127.0.0.1:7450
+    """
+    from mocapella.live.bridging import run_bridge
+    from mocapella.live.stopping import stop_on_signals
+    from mocapella.sources.bridge import BridgeSettings
+
+    host, _, port = listen.rpartition(":")
+    if not host or not port.isdigit():
+        raise SettingsError(f"--listen {listen!r} cannot be used; write it as 127.0.0.1:7450")
+    warn_if_open("the bridge is", host, int(port))
+    with stop_on_signals() as stop:
+        summary = run_bridge(BridgeSettings(host=host, port=int(port)), connect, stop, say)
+    write_json(json, summary)
+
+
+def _epoch(given: float | None, from_input: bool, otherwise: float) -> float:
+    """When the source's time is 0; from who started this process, once everything that takes long is done."""
+    if not from_input:
+        return otherwise if given is None else given
+    typer.echo(READY)
+    line = sys.stdin.readline()
+    if not line:  # who started it is gone
+        raise typer.Exit(1)
+    return float(line)
+
+
+def _serve(
+    frames: Iterable[DueFrame], sensor: str, connect: str, epoch: float, linger_s: float, json: str | None
+) -> None:
+    from mocapella.live.node import run_node
+    from mocapella.live.stopping import stop_on_signals
+    from mocapella.wire.node import NodeLink
+
+    with stop_on_signals() as stop, NodeLink(connect, sensor) as link:
+        summary = run_node(link, frames, epoch=epoch, stop=stop, say=say, linger_s=linger_s)
+    say(f"{sensor}: {summary.published} frames published, {summary.late} of them late")
+    write_json(json, asdict(summary))

@@ -1,0 +1,209 @@
+"""Study logs and takes as one thing: something that sensors' frames, and a whole replay, come out of."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import msgspec
+
+from mocapella.conventions import NS_PER_S
+from mocapella.errors import SettingsError, one_of
+from mocapella.live.node import DueFrame
+from mocapella.live.replay import replay
+from mocapella.live.session import Session
+from mocapella.live.summary import Tally
+from mocapella.model.observations import Arrival
+from mocapella.model.scene import Scene
+from mocapella.model.session import Setup
+from mocapella.recording.study_log import read_study_log
+from mocapella.recording.take import Command, Run
+from mocapella.recording.take_reader import read_take
+from mocapella.schema import encode_scene
+from mocapella.sources.study_replay import ReplayReport, StudyReplay
+
+LATE_NS = 100_000_000
+"""How late a frame may be stored before it is taken for one that was fetched later."""
+LONGEST_BETWEEN_NS = 60_000_000_000
+"""Two frames of a node that say that they are further apart are on two clocks."""
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """What came of a replay: counts, how long the recording is [s], and what else there is to say of it."""
+
+    tally: Tally
+    seconds: float
+    notes: dict[str, Any] = field(default_factory=dict)
+
+
+class Recording(Protocol):
+    """A file that can be replayed."""
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """The sensors in it, by name."""
+
+    @property
+    def setup(self) -> Setup:
+        """How it is to be tracked."""
+
+    @property
+    def method_settings(self) -> dict[str, Any]:
+        """Settings of the method, by name."""
+
+    def due_frames(self, sensor: str) -> Iterator[DueFrame]:
+        """One sensor's frames for a node; time 0 is the file's first frame."""
+
+    def replay(self, on_scene: Callable[[Scene], None]) -> Replayed:
+        """Track it all, as fast as it goes."""
+
+
+def open_recording(
+    file: Path,
+    placement: str | None = None,
+    method: str | None = None,
+    method_settings: Mapping[str, Any] | None = None,
+) -> Recording:
+    """Open a study log or a take, told apart by the name's ending.
+
+    Raises:
+        InputError: the file cannot be used; names file, row, field and value where it can.
+        SettingsError: a choice that a take has made already, or one that the log does not have.
+    """
+    if file.suffix == ".mcap":
+        if placement or method or method_settings:
+            raise SettingsError(
+                f"{file} is a take, which is tracked as it was recorded; leave --placement, --method and --set out"
+            )
+        return RecordedTake(file)
+    return RecordedLog(file, placement, method or Setup().method, method_settings or {})
+
+
+class RecordedLog:
+    """A study log of 2015, as two sensors on their own clocks."""
+
+    def __init__(self, file: Path, placement: str | None, method: str, method_settings: Mapping[str, Any]) -> None:
+        self.method_settings = dict(method_settings)
+        self._source = StudyReplay(read_study_log(file), placement=placement)
+        self.sensors = tuple(self._source.sensors)
+        self.setup = Setup(method=method, sensors_expected=len(self.sensors))
+
+    def due_frames(self, sensor: str) -> Iterator[DueFrame]:
+        """See `Recording`."""
+        return (DueFrame(due_s, frame) for due_s, frame in self._source.frames(sensor))
+
+    def replay(self, on_scene: Callable[[Scene], None]) -> Replayed:
+        """See `Recording`."""
+        session = Session(self.setup, self.method_settings)
+        tally = replay(session, self._source.arrivals(), on_scene)
+        notes = {
+            "placement": self._source.placement,
+            "log": msgspec.to_builtins(self._source.report),
+            "unusable": dict(session.unusable),
+            "problems": _row_problems(self._source.report),
+        }
+        return Replayed(tally, self._source.duration_s, notes)
+
+
+def due_times(times: Sequence[tuple[int, int, int]]) -> list[int]:
+    """When frames are due [ns], on the clock they were stored by.
+
+    That is when they were stored, but for those that the server missed at first and fetched later, many at once: they
+    are due as long before the frame that follows them as they were captured before it.
+
+    Args:
+        times: (node, stored, captured) of each frame in the order of capture.
+    """
+    due = [stored for _, stored, _ in times]
+    for i in range(len(times) - 2, -1, -1):
+        (node, stored, captured), (next_node, next_stored, next_captured) = times[i], times[i + 1]
+        between = next_captured - captured
+        if node != next_node or not 0 <= between < LONGEST_BETWEEN_NS:
+            continue
+        expected = due[i + 1] - between
+        came_alone = next_stored - stored > between / 2 and stored <= expected + LATE_NS
+        due[i] = stored if came_alone else min(stored, expected)
+    return due
+
+
+class RecordedTake:
+    """A take of ours. Its replay makes every run again, with its commands, and compares the scenes to the bit."""
+
+    def __init__(self, file: Path) -> None:
+        self._take = read_take(file)
+        self.sensors = self._take.sensors
+        self.setup = self._take.info.setup
+        self.method_settings = self._take.info.method_settings
+
+    def due_frames(self, sensor: str) -> Iterator[DueFrame]:
+        """See `Recording`; frames are due as they were stored, or `due_times`."""
+        if sensor not in self.sensors:
+            raise SettingsError(f"{self._take.path} has no sensor {sensor!r}; it has {one_of(sensor, self.sensors)}")
+        due = {name: self._due_times(name) for name in self.sensors}
+        zero = min(min(times) for times in due.values())
+        return self._due_frames(sensor, zero, due[sensor])
+
+    def _due_times(self, sensor: str) -> list[int]:
+        frames = self._take.frames_in_sequence(sensor)
+        return due_times([(stored.frame.node_id, stored.log_ns, stored.frame.time_ns) for stored in frames])
+
+    def _due_frames(self, sensor: str, zero: int, due_ns: list[int]) -> Iterator[DueFrame]:
+        node_id, shift = None, 0
+        last_due = last_time = 0
+        for due, stored in zip(due_ns, self._take.frames_in_sequence(sensor), strict=True):
+            frame = stored.frame
+            if node_id not in (None, frame.node_id):  # another clock; who replays it has only one
+                shift = last_time + max(1, due - last_due) - frame.time_ns
+            node_id, last_due, last_time = frame.node_id, due, frame.time_ns + shift
+            yield DueFrame((due - zero) / NS_PER_S, msgspec.structs.replace(frame, time_ns=last_time))
+
+    def replay(self, on_scene: Callable[[Scene], None]) -> Replayed:
+        """See `Recording`."""
+        recorded = (encode_scene(scene) for _, scene in self._take.scenes())
+        differing = 0
+
+        def compare(scene: Scene) -> None:
+            nonlocal differing
+            differing += encode_scene(scene) != next(recorded, None)
+            on_scene(scene)
+
+        tally, unusable = Tally(), Counter[str]()
+        for run, events in _by_run(self._take.replay()):
+            session = Session(run.info.setup, run.info.method_settings)
+            tally = replay(session, events, compare, tally)
+            unusable.update(session.unusable)
+        missing = self._take.scene_count - tally.scenes_out
+        notes = {
+            "differing_scenes": differing + abs(missing),
+            "unusable": dict(unusable),
+            "clean": self._take.clean,
+            "problems": list(self._take.problems),
+            "lost": sum(frames.lost for frames in self._take.complete()),
+        }
+        return Replayed(tally, self._take.seconds, notes)
+
+
+def _row_problems(report: ReplayReport) -> list[str]:
+    problems = (
+        (report.duplicates_dropped, "rows repeat a person of the same sensor and time, and were dropped"),
+        (report.sorted, "rows came late, and were sorted in"),
+    )
+    return [f"{count} {what}" for count, what in problems if count]
+
+
+def _by_run(events: Iterator[Run | Command | Arrival]) -> Iterator[tuple[Run, list[Command | Arrival]]]:
+    run: Run | None = None
+    of_run: list[Command | Arrival] = []
+    for event in events:
+        if not isinstance(event, Run):
+            of_run.append(event)
+            continue
+        if run is not None:
+            yield run, of_run
+        run, of_run = event, []
+    if run is not None:
+        yield run, of_run

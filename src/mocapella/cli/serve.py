@@ -1,0 +1,209 @@
+"""``mocapella serve``, and the session that `demo` and `replay --live` share with it."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from mocapella.cli import app
+from mocapella.cli.common import (
+    DEFAULT_PORT,
+    DEFAULT_VIEW_PORT,
+    JsonOut,
+    MethodSettings,
+    console,
+    exit_by,
+    method_settings,
+    recording_row,
+    say,
+    warn_if_open,
+    write_json,
+)
+from mocapella.cli.node import READY
+from mocapella.errors import MocapellaError
+
+if TYPE_CHECKING:
+    from mocapella.live.launch import Children
+    from mocapella.live.server import Server, ServerSettings
+
+
+VIEW_HOST = "127.0.0.1"
+"""`view --host` opens another interface, for who wants that."""
+
+
+BEGIN_IN_S = 2.0
+"""From the moment that every node is ready until their sources begin: they join the bus meanwhile."""
+
+
+@dataclass(frozen=True)
+class LiveSession:
+    """A server with its view, the nodes that were started with it, and the event that ends it all."""
+
+    server: Server
+    view: Children
+    nodes: Children
+    stop: threading.Event
+
+
+def say_url(url: str) -> None:
+    """Where the live view is, as a line for a person."""
+    say(f"live view: {url}")
+
+
+@contextmanager
+def live_session(
+    settings: ServerSettings, *, view_port: int | None, on_url: Callable[[str], None] = say_url
+) -> Iterator[LiveSession]:
+    """A server, its view (unless ``view_port`` is None), and a stop event that Ctrl-C sets; all closed at the end."""
+    from mocapella.live.launch import Children, check_port_free
+    from mocapella.live.server import Server
+    from mocapella.live.stopping import stop_on_signals
+
+    # Two threads that compute (the tracker's and the recorder's) share one interpreter; the default of 5 ms between
+    # switches would be half of the latency that a result may have.
+    sys.setswitchinterval(0.0005)
+    with ExitStack() as stack:
+        stop = stack.enter_context(stop_on_signals())
+        if view_port is not None:
+            check_port_free(VIEW_HOST, view_port, "--view-port")
+        server = Server(settings, say=say)
+        stack.callback(server.close)
+        view = stack.enter_context(Children())
+        if view_port is not None:
+            arguments = ["view", "--connect", settings.listen, "--port", str(view_port), "--host", VIEW_HOST]
+            view.start(arguments, lambda line: _pass_on(line, on_url))
+        nodes = stack.enter_context(Children())
+        yield LiveSession(server, view, nodes, stop)
+
+
+def _pass_on(line: str, on_url: Callable[[str], None]) -> None:
+    if line.startswith("view: http"):
+        on_url(line.removeprefix("view: "))
+    elif line:
+        say(line)
+
+
+@app.command()
+def serve(
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Where sensors connect.")] = DEFAULT_PORT,
+    view_port: Annotated[int, typer.Option(min=1, max=65535, help="Where the browser connects.")] = DEFAULT_VIEW_PORT,
+    no_view: Annotated[bool, typer.Option("--no-view", help="No live view.")] = False,
+    interface: Annotated[
+        str, typer.Option(help="Interface to listen on; others than 127.0.0.1 are open to your network.")
+    ] = "127.0.0.1",
+    sensors: Annotated[int, typer.Option(min=1, help="How many sensors to wait for before calibrating.")] = 1,
+    method: Annotated[str, typer.Option(help="Tracking method.")] = "stand-still",
+    settings: MethodSettings = None,
+    record: Annotated[
+        Path | None,
+        typer.Option(metavar="TAKE", help="Record from the start. A take that was cut off (kill -9) is continued."),
+    ] = None,
+    takes: Annotated[Path, typer.Option(help="Folder of the takes that the view or `record` begin.")] = Path("takes"),
+    wait: Annotated[bool, typer.Option("--wait", help="Begin stopped; track when Start is pressed.")] = False,
+    reserve_mb: Annotated[int, typer.Option(min=0, help="Free disk space that a recording leaves [MB].")] = 1000,
+    seconds: Annotated[float | None, typer.Option(min=0, help="End after so long; without it, at Ctrl-C.")] = None,
+    json: JsonOut = None,
+) -> None:
+    """Wait for any number of sensors, track the people, and show them.
+
+    Sensors may come before or after the server, and leave and return. Ctrl-C closes a take properly.
+
+    Example:  mocapella serve --sensors 2 --record walk-1.mcap
+    """
+    from mocapella.live.server import ServerSettings
+    from mocapella.model.session import Setup
+
+    warn_if_open("sensors, results and commands are", interface, port)
+    server_settings = ServerSettings(
+        listen=f"tcp/{interface}:{port}",
+        takes=takes,
+        setup=Setup(method=method, sensors_expected=sensors),
+        running=not wait,
+        method_settings=method_settings(settings),
+        reserve_bytes=reserve_mb * 1_000_000,
+    )
+    with live_session(server_settings, view_port=None if no_view else view_port) as session:
+        if record is not None:
+            say(session.server.record_to(record, resume=True))
+        say(f"waiting for sensors at {server_settings.listen} (Ctrl-C ends)")
+        wait_while(session, seconds)
+        summary = finish(session.server)
+    write_json(json, summary)
+    exit_by(summary["recording"])
+
+
+def finish(server: Server) -> dict[str, Any]:
+    """Close the server; what the session came to, and how its take ended, as ``--json`` prints it."""
+    summary = _summary(server)
+    return {**summary, "recording": recording_row(server.close())}
+
+
+def _summary(server: Server) -> dict[str, Any]:
+    status = server.status()
+    rows = [
+        {
+            "name": sensor.name,
+            "rate_hz": sensor.rate_hz,
+            "frames": sensor.frames,
+            "drops": sensor.dropped,
+            "rejected": sensor.rejected,
+            "clock_offset_ms": None if sensor.clock_offset is None else round(sensor.clock_offset * 1e3, 4),
+            "clock_bound_ms": None if sensor.clock_bound is None else round(sensor.clock_bound * 1e3, 4),
+            "bodies": sensor.bodies,
+        }
+        for sensor in status.sensors
+    ]
+    return {
+        "seconds": status.uptime,
+        "phase": status.phase,
+        "sensors": rows,
+        "drops": sum(row["drops"] for row in rows),
+        **server.tally.as_json(),
+    }
+
+
+def start_together(session: LiveSession, nodes: list[list[str]]) -> None:
+    """Start ``mocapella node`` processes, and let their sources begin at one time, when the slowest is ready.
+
+    Raises:
+        MocapellaError: the server has failed.
+    """
+    ready: list[str] = []
+
+    def hear(line: str) -> None:
+        if line == READY:
+            ready.append(line)
+        else:
+            say(line)
+
+    with console.status("starting the sensors …"):
+        for words in nodes:
+            session.nodes.start(["node", *words, "--epoch-from-input"], hear)
+        wait_while(session, None, until=lambda: len(ready) == len(nodes) or session.nodes.any_ended())
+    session.nodes.tell(str(time.time() + BEGIN_IN_S))
+
+
+def wait_while(session: LiveSession, seconds: float | None, until: Callable[[], bool] = lambda: False) -> None:
+    """Until Ctrl-C, the time is over, or ``until`` holds. A view that ends by itself is told of, and ends nothing else.
+
+    Raises:
+        MocapellaError: the server has failed.
+    """
+    deadline = None if seconds is None else time.monotonic() + seconds
+    view_is_there = True
+    while not session.stop.wait(0.1):
+        if view_is_there and session.view.any_ended():
+            view_is_there = False
+            say("the live view has ended; the session goes on, and `mocapella view` shows it again")
+        if session.server.failed.is_set():
+            raise MocapellaError("the server failed (see above); what was recorded is safe")
+        if until() or (deadline is not None and time.monotonic() >= deadline):
+            return

@@ -1,0 +1,30 @@
+"""``mocapella view``."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from mocapella.cli import app
+from mocapella.cli.common import DEFAULT_ADDRESS, DEFAULT_VIEW_PORT, Connect, say, warn_if_open
+
+
+@app.command()
+def view(
+    connect: Connect = DEFAULT_ADDRESS,
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the page.")] = DEFAULT_VIEW_PORT,
+    host: Annotated[
+        str, typer.Option(help="Interface of the page; others than 127.0.0.1 are open to your network.")
+    ] = "127.0.0.1",
+) -> None:
+    """Show a running server's session in the browser. (`serve` and `demo` start one by themselves.)
+
+    Example:  mocapella view --connect tcp/127.0.0.1:7447 --port 7449
+    """
+    from mocapella.live.stopping import stop_on_signals
+    from mocapella.live.view import run_view
+
+    warn_if_open("the view is", host, port)
+    with stop_on_signals() as stop:
+        run_view(connect, host, port, stop, on_ready=lambda url: say(f"view: {url}"))

@@ -1,0 +1,1 @@
+"""Many views of one person make one person."""

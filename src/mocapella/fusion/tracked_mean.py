@@ -1,0 +1,38 @@
+"""The fused skeleton as the mean of what is tracked (the thesis' *average skeleton*)."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.model.observations import JointState
+
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+
+
+class FusedSkeletons(msgspec.Struct, frozen=True, eq=False):
+    """``positions`` (..., joints, 3) [m], NaN where not tracked, and ``states`` (..., joints)."""
+
+    positions: Float64
+    states: UInt8
+
+
+def tracked_mean(positions: Float64, states: UInt8) -> FusedSkeletons:
+    """For each joint the mean over the views that track it, which fills in what one sensor cannot see.
+
+    Where no view tracks a joint, the mean of those that infer it, marked inferred; where none does, not tracked. So a
+    joint's state is the best that any view has, and the views in that state are averaged.
+
+    Args:
+        positions: (..., views, joints, 3), all in one frame [m].
+        states: (..., views, joints) `JointState`; a view that is not there has none tracked.
+    """
+    best = states.max(axis=-2)
+    counted = (states == best[..., None, :]) & (states != JointState.NOT_TRACKED)
+    counts = counted.sum(axis=-2)
+    sums = np.where(counted[..., None], positions, 0.0).sum(axis=-3)
+    fused = sums / np.maximum(counts, 1)[..., None]
+    fused[counts == 0] = np.nan
+    return FusedSkeletons(fused, best)

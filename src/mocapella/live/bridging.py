@@ -1,0 +1,68 @@
+"""Foreign programs onto the bus: one connection at the bridge, one sensor, one node."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
+
+from mocapella.live.node import Membership
+from mocapella.model.observations import BodyFrame
+from mocapella.sources.bridge import Bridge, BridgeSettings
+from mocapella.wire.node import NodeLink
+
+
+class _ServedSensor:
+    """A sensor's end of the bus, and its standing request for the sensor's name."""
+
+    def __init__(self, connect: str, sensor: str, say: Callable[[str], None]) -> None:
+        self.ended = threading.Event()
+        self.link = NodeLink(connect, sensor)
+        self.membership = Membership(self.link, self.ended, say)
+
+    def publish(self, frame: BodyFrame) -> None:
+        """Pass a frame on; raises `NameTakenError` once the name was refused."""
+        if self.membership.refusal is not None:
+            raise self.membership.refusal
+        self.link.publish(frame)
+
+    def close(self) -> None:
+        """Leave the bus; a refusal has been told already."""
+        self.ended.set()
+        self.membership.wait()
+        self.link.close()
+
+
+def run_bridge(
+    settings: BridgeSettings, connect: str, stop: threading.Event, say: Callable[[str], None]
+) -> dict[str, Any]:
+    """Serve every sensor that a foreign program sends to the bridge, until ``stop`` is set; returns what came through.
+
+    Raises:
+        AddressInUseError: the bridge's port is in use.
+    """
+    serving: dict[str, _ServedSensor] = {}
+
+    def on_frame(sensor: str, frame: BodyFrame, _data: bytes) -> None:
+        if sensor not in serving:
+            serving[sensor] = _ServedSensor(connect, sensor, say)
+        serving[sensor].publish(frame)
+
+    def on_gone(sensor: str) -> None:
+        left = serving.pop(sensor, None)
+        if left is not None:
+            say(f"{sensor}: its program left after {left.link.published} frames")
+            left.close()
+
+    bridge = Bridge(on_frame, settings, on_gone)
+    bridge.start()
+    host, port = bridge.address
+    say(f"bridge: listening at {host}:{port} for length-delimited BodyFrames (Ctrl-C ends)")
+    try:
+        stop.wait()
+    finally:
+        bridge.stop()
+        for sensor in list(serving):
+            on_gone(sensor)
+    return asdict(bridge.report)

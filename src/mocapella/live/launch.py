@@ -1,0 +1,115 @@
+"""Other processes of ours: started with this very Python, and ended by us and nobody else."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from types import TracebackType
+
+from mocapella.errors import AddressInUseError, BusError
+from mocapella.live.stopping import STARTED_BY_US
+
+
+class Children:
+    """Processes that end with the ``with`` block, or when this one is killed: their standard input ends then."""
+
+    def __init__(self) -> None:
+        self._running: list[subprocess.Popen[str]] = []
+        self._listeners: list[threading.Thread] = []
+
+    def start(self, arguments: list[str], on_line: Callable[[str], None] = lambda line: None) -> None:
+        """Start ``mocapella <arguments>``; ``on_line`` is called with each line it prints."""
+        process = subprocess.Popen(
+            [sys.executable, "-m", "mocapella", *arguments],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env={**os.environ, STARTED_BY_US: "1"},
+        )
+        self._running.append(process)
+        listener = threading.Thread(target=_listen, args=(process, on_line), name="child output", daemon=True)
+        listener.start()
+        self._listeners.append(listener)
+
+    def tell(self, line: str) -> None:
+        """Write a line to each process's standard input; one that has ended does not hear it."""
+        for process in self._running:
+            assert process.stdin is not None
+            with contextlib.suppress(BrokenPipeError):
+                process.stdin.write(f"{line}\n")
+                process.stdin.flush()
+
+    def any_ended(self) -> bool:
+        """Whether a process has ended."""
+        return any(process.poll() is not None for process in self._running)
+
+    def all_ended(self) -> bool:
+        """Whether every process has ended."""
+        return all(process.poll() is not None for process in self._running)
+
+    def close(self, patience_s: float = 5.0) -> None:
+        """Ask each process to end, wait, and end the deaf ones."""
+        for process in self._running:
+            if process.poll() is None:
+                process.terminate()
+        for process in self._running:
+            try:
+                process.wait(patience_s)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+            assert process.stdin is not None
+            with contextlib.suppress(BrokenPipeError):
+                process.stdin.close()
+        for listener in self._listeners:
+            listener.join()
+
+    def __enter__(self) -> Children:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _listen(process: subprocess.Popen[str], on_line: Callable[[str], None]) -> None:
+    assert process.stdout is not None
+    with process.stdout as lines:
+        for line in lines:
+            on_line(line.rstrip("\n"))
+
+
+def check_port_free(host: str, port: int, option: str) -> None:
+    """Nothing, when the port can be listened on.
+
+    Raises:
+        AddressInUseError: another program has it; names the port and the option that chooses another.
+        BusError: this program may not listen there, or the address is none of this machine.
+    """
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, port))
+        except OSError as error:
+            if error.errno == errno.EADDRINUSE:
+                raise AddressInUseError(
+                    f"port {port} on {host} is in use by another program; stop it, or choose another with {option}"
+                ) from error
+            raise BusError(
+                f"cannot listen at port {port} on {host}: {error.strerror}; choose another with {option}"
+            ) from error
+
+
+def free_port() -> int:
+    """A port of this machine's loopback that nobody listens on at the moment."""
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])

@@ -1,0 +1,161 @@
+"""Where takes are begun, told of commands, and ended: between the session, the bus and the recorder."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from mocapella.errors import NotNowError
+from mocapella.live.recorder import Recorder, begin_take
+from mocapella.live.refetch import Refetch
+from mocapella.live.session import Session
+from mocapella.model.session import RecordingHealth
+from mocapella.recording.take import TakeInfo
+from mocapella.wire.keys import NodeKey
+from mocapella.wire.server import OnFrame, ServerLink
+
+EARLIER_FRAMES = 45
+"""Of each node, how many frames before the beginning a new take has at most."""
+CATCH_UP_S = 2.0
+"""How long the end of a take waits for frames of the record path that the live path has already brought."""
+
+
+def outcome(health: RecordingHealth) -> str:
+    """How a take ended, in words; a frame that is missing from it is not passed over."""
+    lost = f"; {health.lost} frames are missing" if health.lost else ""
+    return health.problem or f"recorded {health.frames} frames in {health.path}{lost}"
+
+
+class RecordingDesk:
+    """At most one take at a time, whoever begins and ends it on whichever thread.
+
+    Attributes:
+        recorder: of the take that is being recorded; None where none is. Read it once before use: it may be ended on
+            another thread at any time.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        link: ServerLink,
+        on_frame: OnFrame,
+        say: Callable[[str], None],
+        *,
+        reserve_bytes: int,
+    ) -> None:
+        self.recorder: Recorder | None = None
+        self._session, self._link, self._on_frame, self._say = session, link, on_frame, say
+        self._reserve_bytes = reserve_bytes
+        self._last = RecordingHealth()
+        self._changing = threading.Lock()
+        self._refetch = Refetch()
+
+    def health(self) -> RecordingHealth:
+        """How the present take goes, or how the last one ended."""
+        recorder = self.recorder
+        return self._last if recorder is None else recorder.health()
+
+    def begin(self, path: Path, *, resume: bool = False, newest: Mapping[NodeKey, int] | None = None) -> str:
+        """Begin a take at ``path``; with ``resume``, go on with one that was cut off.
+
+        ``newest`` has the number of each node's newest frame. The bus may answer with all that a node has kept; what
+        is long before the beginning was not asked for and is not stored.
+
+        The take begins with the tracker's memory, so that it can be replayed although it begins in the middle.
+
+        Raises:
+            NotNowError: a take is being recorded already, or is being ended.
+            TakeExistsError, DiskFullError, RecordingError: before anything is created.
+        """
+        if not self._changing.acquire(blocking=False):
+            raise NotNowError("the take before is being closed; try again in a moment")
+        try:
+            return self._begin(path, resume, newest or {})
+        finally:
+            self._changing.release()
+
+    def _begin(self, path: Path, resume: bool, newest: Mapping[NodeKey, int]) -> str:
+        health = self.health()
+        if health.active:
+            raise NotNowError(f"already recording {health.path}; stop that first")
+        self._end()
+        fresh = not (resume and path.exists())
+        first = {node: sequence - EARLIER_FRAMES for node, sequence in newest.items()} if fresh else {}
+        writer, history_s = begin_take(path, self._info(), reserve_bytes=self._reserve_bytes, resume=resume)
+        recorder = Recorder(writer, self._say, history_s, first)
+        self._command(recorder, "restore", self._session.memory())
+        if not self._session.running:
+            self._command(recorder, "stop", {})
+        now_s = time.monotonic()
+        self._refetch = Refetch(now_s, now_s - history_s if resume else None)
+        self.recorder = recorder
+        self._link.start_record_path(self._on_frame, history_s)
+        return f"recording {path}"
+
+    def tell(self, verb: str, arguments: Mapping[str, Any]) -> None:
+        """A command was carried out: the take must be able to do it again."""
+        recorder = self.recorder
+        if recorder is None:
+            return
+        if verb not in ("start", "setup"):
+            self._command(recorder, verb, arguments)
+            return
+        recorder.run(self._info())  # both make a new tracker
+        if not self._session.running:
+            self._command(recorder, "stop", {})
+
+    def finish(self, newest: Mapping[NodeKey, int]) -> RecordingHealth:
+        """End the take, when it has these newest frames or cannot get them; says how it ended.
+
+        What is missing is asked for until it has come or is given up, which takes some seconds.
+        """
+        with self._changing:
+            recorder, given_up = self.recorder, self._refetch.given_up
+            if recorder is not None:
+                while not recorder.wait_for(newest, given_up, CATCH_UP_S) and self._ask_again(recorder, at_once=True):
+                    pass
+            self._end()
+        return self._last
+
+    def fetch_missing(self) -> None:
+        """Ask the nodes again for frames that are missing, when it is time to; called several times a second."""
+        if self._changing.acquire(blocking=False):
+            try:
+                if self.recorder is not None:
+                    self._ask_again(self.recorder)
+            finally:
+                self._changing.release()
+
+    def _ask_again(self, recorder: Recorder, *, at_once: bool = False) -> bool:
+        while recorder.gaps:
+            self._refetch.opened(recorder.gaps.popleft())
+        missing = recorder.missing  # read after the gaps, because it is written before them
+        back_s = self._refetch.update(missing, time.monotonic(), at_once=at_once)
+        if back_s is not None:
+            if missing:
+                self._say(f"asking the nodes again for {missing} missing frames")
+            self._link.fetch_history(self._on_frame, back_s)
+        return back_s is not None
+
+    def _end(self) -> None:
+        recorder = self.recorder
+        if recorder is None:
+            return
+        self.recorder = None
+        self._link.stop_record_path()
+        self._last = recorder.close()
+        self._say(outcome(self._last))
+
+    def _command(self, recorder: Recorder, verb: str, arguments: Mapping[str, Any]) -> None:
+        recorder.command(verb, arguments, time.monotonic_ns(), self._session.next_step)
+
+    def _info(self) -> TakeInfo:
+        return TakeInfo(
+            setup=self._session.setup,
+            started_unix_ns=time.time_ns(),
+            started_ns=time.monotonic_ns(),
+            method_settings=self._session.method_settings,
+        )

@@ -1,0 +1,367 @@
+"""The server: frames in, scenes out, commands in between; one thread computes, the others only carry.
+
+bus threads ──► inbox ──► tracker thread ──► bus (scenes), recorder
+          └───► recorder (record path)   ▲ commands, in the order they came
+housekeeping thread: silence, status, frames that a take misses
+clock thread: probes, which a node may leave unanswered
+"""
+
+from __future__ import annotations
+
+import platform
+import queue
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from mocapella import __version__
+from mocapella.errors import MocapellaError, NotNowError, SettingsError, WireError, one_of
+from mocapella.live.inbox import Inbox, Letter
+from mocapella.live.recording_desk import RecordingDesk, outcome
+from mocapella.live.roster import Roster
+from mocapella.live.session import Session
+from mocapella.live.summary import Tally
+from mocapella.model.observations import Arrival, check_sensor_name
+from mocapella.model.session import CommandReply, RecordingHealth, SessionStatus, Setup
+from mocapella.recording.disk import ensure_folder, take_path
+from mocapella.schema import decode_frame, encode_scene
+from mocapella.wire.clock import estimate_offset
+from mocapella.wire.keys import NodeKey, parse_node_id
+from mocapella.wire.node import JoinReply
+from mocapella.wire.server import ServerLink
+
+STATUS_EVERY_S = 0.2
+PROBE_EVERY_S = 1.0
+_MAX_NOTICE = 500
+"""Characters; what a notice says may come from a stranger, and every status carries it."""
+
+Answer = Callable[[bytes], None]
+
+
+@dataclass(frozen=True)
+class ServerSettings:
+    """How a server is started.
+
+    Attributes:
+        listen: the bus address.
+        takes: folder for takes whose names come over the bus.
+        setup: what is set up at first.
+        running: whether tracking begins at once.
+        method_settings: settings of the tracker's method.
+        reserve_bytes: free space that a recording leaves.
+    """
+
+    listen: str
+    takes: Path = Path("takes")
+    setup: Setup = field(default_factory=Setup)
+    running: bool = True
+    method_settings: dict[str, Any] = field(default_factory=dict)
+    reserve_bytes: int = 1 << 30
+
+
+class Server:
+    """A session on the bus, from the constructor, which listens, to `close`.
+
+    ``say`` is called with each notice, on whichever thread it arises.
+
+    Attributes:
+        tally: what the run has come to.
+        failed: is set when a thread of the server has died of an error that nobody foresaw; close it then.
+
+    Raises:
+        AddressInUseError, BusError: the address cannot be had.
+        SettingsError: the setup or the method's settings cannot be used.
+    """
+
+    def __init__(self, settings: ServerSettings, say: Callable[[str], None] = lambda text: None) -> None:
+        self._settings = settings
+        self._say = say
+        self._session = Session(settings.setup, settings.method_settings, running=settings.running)
+        self._phase = ""
+        self._revision = 0
+        self._notices: deque[str] = deque(maxlen=8)
+        self._inbox = Inbox()
+        self._commands: queue.SimpleQueue[tuple[str, dict[str, Any], Answer]] = queue.SimpleQueue()
+        self._roster = Roster()
+        self._lock = threading.RLock()
+        self._stepping = threading.RLock()
+        self._ended = threading.Event()
+        self.failed = threading.Event()
+        self._began = time.monotonic()
+        self.tally = Tally()
+        self._link = ServerLink(settings.listen, on_nonsense=self._note)
+        self._desk = RecordingDesk(
+            self._session, self._link, self._on_recorded_frame, self._note, reserve_bytes=settings.reserve_bytes
+        )
+        self._link.serve(
+            on_frame=self._on_frame, on_truth=self._on_truth, on_alive=self._on_alive, on_command=self._on_command
+        )
+        loops = (self._track, self._keep_house, self._watch_clocks)
+        self._finishing: list[threading.Thread] = []
+        self._threads = [threading.Thread(target=self._guarded, args=(run,), name=run.__name__) for run in loops]
+        for thread in self._threads:
+            thread.start()
+
+    # On the bus's threads: hand on.
+
+    def _on_frame(self, node: NodeKey, data: bytes, arrived_ns: int) -> None:
+        if self._admit(node, arrived_ns):
+            self._inbox.put(Letter(node, data, arrived_ns))
+
+    def _on_recorded_frame(self, node: NodeKey, data: bytes, arrived_ns: int) -> None:
+        recorder = self._desk.recorder
+        if recorder is not None and self._admit(node, arrived_ns):
+            recorder.frame(node, data, arrived_ns)
+
+    def _on_truth(self, node: NodeKey, data: bytes, arrived_ns: int) -> None:
+        recorder = self._desk.recorder
+        if recorder is not None and self._admit(node, arrived_ns):
+            recorder.truth(node.sensor, data, arrived_ns)
+
+    def _on_alive(self, node: NodeKey, alive: bool) -> None:
+        with self._lock:
+            self._roster.set_connected(node, alive, time.monotonic_ns())
+        if not alive:
+            self._inbox.forget(node)
+
+    def _on_command(self, verb: str, arguments: dict[str, Any], answer: Answer) -> None:
+        if verb == "join":
+            answer(msgspec.json.encode(self._join(arguments)))
+            return
+        self._commands.put((verb, arguments, answer))
+        self._inbox.wake()
+
+    def _admit(self, node: NodeKey, now_ns: int) -> bool:
+        with self._lock:
+            return self._roster.admit(node, now_ns) == ""
+
+    def _join(self, arguments: dict[str, Any]) -> JoinReply:
+        try:
+            sensor = check_sensor_name(str(arguments.get("sensor"))[:80])
+            node = NodeKey(sensor, parse_node_id(str(arguments.get("node_id"))))
+        except (SettingsError, WireError) as error:
+            return JoinReply(False, str(error))
+        with self._lock:
+            refusal = self._roster.admit(node, time.monotonic_ns())
+            self._roster.set_local(node, arguments.get("machine") == platform.node())
+        return JoinReply(not refusal, refusal)
+
+    def _guarded(self, run: Callable[[], None]) -> None:
+        try:
+            run()
+        finally:
+            if not self._ended.is_set():
+                self.failed.set()
+
+    # The tracker's thread.
+
+    def _track(self) -> None:
+        while not self._ended.is_set():
+            letter = self._inbox.take(timeout=0.1)
+            with self._stepping:
+                while not self._commands.empty():
+                    self._carry_out(*self._commands.get())
+                if letter is not None:
+                    self._step(letter)
+
+    def _step(self, letter: Letter) -> None:
+        try:
+            frame = decode_frame(letter.data)
+            if frame.key[:2] != letter.node:
+                raise WireError(f"a frame of {frame.sensor}/{frame.node_id:016x} came under another node's key")
+            with self._lock:
+                if not self._roster.holds(letter.node):
+                    return
+                at_ns = self._roster.arrived(frame, letter.node, letter.arrived_ns)
+        except WireError as error:
+            self.tally.rejected += 1
+            with self._lock:
+                self._roster.rejected(letter.node, str(error))
+            return
+        self.tally.frames_in += 1
+        scene = self._session.step(Arrival(frame, at_ns))
+        if scene is None:
+            return
+        data = encode_scene(scene)
+        self._link.publish_scene(data)
+        done_ns = time.monotonic_ns()
+        recorder = self._desk.recorder
+        if recorder is not None:
+            recorder.scene(data, letter.arrived_ns)
+        with self._lock:
+            latency = self._roster.finished(letter.node, frame.sent_ns, done_ns)
+            if self._session.problem:
+                self.tally.rejected += 1
+                self._roster.rejected(letter.node, f"a frame cannot be tracked: {self._session.problem}")
+        self.tally.scene(scene, latency, done_ns)
+        self._watch_state()
+
+    def _watch_state(self) -> None:
+        state = self._session.state
+        if state.phase.value != self._phase:
+            self._phase = state.phase.value
+            self.tally.state(time.monotonic() - self._began, self._phase, state.reason)
+            self._note(self._phase + (f": {state.reason}" if state.reason else ""))
+
+    def _carry_out(self, verb: str, arguments: dict[str, Any], answer: Answer) -> None:
+        try:
+            if verb == "record-stop":
+                self._stop_recording_aside(answer)
+                return
+            message = self._do(verb, arguments)
+        except MocapellaError as error:
+            self._note(f"{verb} was refused: {error}")
+            self._answer(answer, CommandReply(False, str(error), self.status()))
+            return
+        self._watch_state()
+        self._answer(answer, CommandReply(True, message, self.status()))
+
+    def _do(self, verb: str, arguments: dict[str, Any]) -> str:
+        if verb == "status":
+            return ""
+        if verb == "record":
+            message = self._record_by_name(arguments)
+        elif verb in self._session.verbs:
+            message = self._session.carry_out(verb, arguments)
+            self._desk.tell(verb, arguments)
+        else:
+            known = ("status", "record", "record-stop", *self._session.verbs)
+            raise SettingsError(f"unknown command {verb!r}; known: {one_of(verb, known)}")
+        self._revision += 1
+        self._note(message)
+        return message
+
+    def _answer(self, answer: Answer, reply: CommandReply) -> None:
+        answer(msgspec.json.encode(reply))
+        self._link.publish_status(msgspec.json.encode(reply.status))
+
+    def record_to(self, path: Path, *, resume: bool = False) -> str:
+        """Begin a take at ``path``; with ``resume``, go on with one that was cut off.
+
+        Raises:
+            NotNowError: a take is being recorded already.
+            TakeExistsError, DiskFullError, RecordingError: before anything is created.
+        """
+        with self._stepping:  # the take begins with the tracker's memory between two steps
+            with self._lock:
+                newest = self._roster.newest()
+            return self._desk.begin(path, resume=resume, newest=newest)
+
+    def _record_by_name(self, arguments: dict[str, Any]) -> str:
+        name = arguments.get("name")
+        if not isinstance(name, str):
+            raise SettingsError('record wants the name of the take, such as {"name": "walk-1"}')
+        ensure_folder(self._settings.takes)
+        return self.record_to(take_path(self._settings.takes, name))
+
+    def _stop_recording_aside(self, answer: Answer) -> None:
+        """The end of a take waits for stragglers and the disk; the tracker must not."""
+        if self._desk.recorder is None:
+            raise NotNowError("not recording; begin a take first")
+
+        def finish() -> None:
+            health = self._finish_recording()
+            self._revision += 1
+            self._answer(answer, CommandReply(not health.problem, outcome(health), self.status()))
+
+        self._finishing = [thread for thread in self._finishing if thread.is_alive()]
+        self._finishing.append(threading.Thread(target=finish, name="finish-take"))
+        self._finishing[-1].start()
+
+    def _finish_recording(self) -> RecordingHealth:
+        with self._lock:
+            newest = self._roster.newest()
+        return self._desk.finish(newest)
+
+    # Housekeeping.
+
+    def _keep_house(self) -> None:
+        while not self._ended.wait(STATUS_EVERY_S):
+            self._desk.fetch_missing()
+            with self._lock:
+                self._roster.notice_silence(time.monotonic_ns())
+                notices = self._roster.take_notices()
+            for notice in notices:
+                self._note(notice)
+            status = self.status()
+            self._link.publish_status(msgspec.json.encode(status))
+            recorder = self._desk.recorder
+            if recorder is not None:
+                recorder.status(status, time.monotonic_ns())
+
+    def _watch_clocks(self) -> None:
+        while not self._ended.wait(PROBE_EVERY_S):
+            with self._lock:
+                nodes = self._roster.nodes()
+            for node in nodes:
+                if not self._ended.is_set():
+                    self._compare_clocks(node)
+
+    def _compare_clocks(self, node: NodeKey) -> None:
+        try:
+            probes = self._link.probe_clock(node, timeout=0.5)
+        except WireError as error:
+            with self._lock:
+                self._roster.rejected(node, str(error))
+            return
+        estimate = estimate_offset(probes)
+        if estimate is None:
+            return
+        with self._lock:
+            self._roster.set_clock(node, estimate)
+        recorder = self._desk.recorder
+        if recorder is not None:
+            times = [[p.sent_ns, p.far_ns, p.received_ns] for p in probes]
+            row = {"sensor": node.sensor, "node_id": node.node_id, "probes": times}
+            recorder.clock(row, time.monotonic_ns())
+
+    def _note(self, text: str) -> None:
+        notice = text if len(text) <= _MAX_NOTICE else text[: _MAX_NOTICE - 1] + "…"
+        self._notices.append(notice)
+        self._say(notice)
+
+    def status(self) -> SessionStatus:
+        """The session as it stands, for a view or a script."""
+        now_ns = time.monotonic_ns()
+        recorder = self._desk.recorder
+        stored, lost = recorder.stored_and_lost() if recorder is not None else ({}, {})
+        session = self._session
+        state = session.state
+        with self._lock:
+            sensors = self._roster.health(now_ns, session.setup, stored, lost)
+        return SessionStatus(
+            revision=self._revision,
+            running=session.running,
+            phase=state.phase.value,
+            sensors_missing=state.sensors_missing,
+            frames_remaining=state.frames_remaining,
+            frames_wanted=state.frames_wanted,
+            reason=state.reason,
+            people=self.tally.people_now if session.running else 0,
+            scenes=self.tally.scenes_out,
+            scenes_hz=round(self.tally.rate_hz(now_ns), 1),
+            setup=session.setup,
+            sensors=tuple(sensors),
+            recording=self._desk.health(),
+            notices=tuple(self._notices),
+            uptime=round(time.monotonic() - self._began, 2),
+            version=__version__,
+        )
+
+    def close(self) -> RecordingHealth:
+        """End the take properly, leave the bus, and return how the last take ended."""
+        self._ended.set()
+        self._inbox.wake()
+        for thread in self._threads:  # no command may begin another take after this one
+            thread.join()
+        health = self._finish_recording()
+        for thread in self._finishing:
+            thread.join()
+        self._link.close()
+        return health

@@ -1,0 +1,128 @@
+"""What is set up, whether it runs, and the tracker that does: everything a command can change, and no thread.
+
+The recorded commands of a take go through the same `Session`, so a replay does what the live run did.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from mocapella.errors import NotNowError, SettingsError, one_of
+from mocapella.model.observations import Arrival
+from mocapella.model.scene import Phase, Scene, TrackerState
+from mocapella.model.session import Setup
+from mocapella.settings import parse
+from mocapella.tracker import Tracker, make_tracker
+
+_STOPPED = TrackerState(Phase.STOPPED)
+
+
+class Session:
+    """A tracker under commands.
+
+    Attributes:
+        setup: what was set up last.
+        method_settings: the method's own, by name.
+        running: whether frames are tracked.
+        next_step: the number of the scene that comes next; begins anew with every tracker.
+        state: where the tracker stands.
+        problem: why the tracker could not use the last frame; empty where it could.
+
+    Raises:
+        SettingsError: the setup or the method's settings cannot be used.
+    """
+
+    def __init__(self, setup: Setup, method_settings: Mapping[str, Any] | None = None, *, running: bool = True) -> None:
+        self.method_settings = dict(method_settings or {})
+        self.setup = setup
+        self.running = running
+        self.next_step = 0
+        self.problem = ""
+        self._tracker = self._make_tracker(setup)
+        self.state = TrackerState(Phase.WAITING_FOR_SENSORS, setup.sensors_expected) if running else _STOPPED
+        self._verbs: dict[str, Callable[[Mapping[str, Any]], str]] = {
+            "start": self._start,
+            "stop": self._stop,
+            "recalibrate": self._recalibrate,
+            "setup": self._set_up,
+            "restore": self._restore,
+        }
+
+    def memory(self) -> dict[str, str]:
+        """The arguments of a ``restore`` that makes another session go on as this one."""
+        return {"tracker": base64.b64encode(self._tracker.snapshot()).decode("ascii")}
+
+    @property
+    def verbs(self) -> tuple[str, ...]:
+        """The commands that people give; ``restore`` is for takes only."""
+        return tuple(verb for verb in self._verbs if verb != "restore")
+
+    @property
+    def unusable(self) -> Mapping[str, int]:
+        """How many frames the tracker could not use, by the reason, since it was made."""
+        return self._tracker.report.rejected
+
+    def step(self, arrival: Arrival) -> Scene | None:
+        """Track one frame; None while stopped."""
+        if not self.running:
+            return None
+        before = self.unusable
+        scene = self._tracker.update(arrival)
+        self.next_step = scene.step + 1
+        self.state = scene.state
+        self.problem = next((why for why, count in self.unusable.items() if count > before.get(why, 0)), "")
+        return scene
+
+    def carry_out(self, verb: str, arguments: Mapping[str, Any]) -> str:
+        """Do what the command says; returns what was done, in words.
+
+        Raises:
+            SettingsError: an unknown verb or argument.
+            NotNowError: the command makes no sense in the present state; says which would.
+        """
+        if verb not in self._verbs:
+            raise SettingsError(f"unknown command {verb!r}; known: {one_of(verb, self._verbs)}")
+        return self._verbs[verb](arguments)
+
+    def _start(self, _: Mapping[str, Any]) -> str:
+        if self.running:
+            raise NotNowError("already running; stop first")
+        self._tracker = self._make_tracker(self.setup)
+        self.running = True
+        self.next_step = 0
+        self.state = TrackerState(Phase.WAITING_FOR_SENSORS, self.setup.sensors_expected)
+        return "started"
+
+    def _stop(self, _: Mapping[str, Any]) -> str:
+        if not self.running:
+            raise NotNowError("not running; start first")
+        self.running = False
+        self.state = _STOPPED
+        return "stopped"
+
+    def _recalibrate(self, _: Mapping[str, Any]) -> str:
+        if not self.running:
+            raise NotNowError("not running; start first")
+        self._tracker.recalibrate("asked for")
+        return "recalibrating"
+
+    def _set_up(self, arguments: Mapping[str, Any]) -> str:
+        setup = parse(Setup, arguments, where="setup")
+        self._tracker = self._make_tracker(setup)
+        self.setup = setup
+        self.next_step = 0
+        return f"set up {setup.method}"
+
+    def _restore(self, arguments: Mapping[str, Any]) -> str:
+        self._tracker.restore(base64.b64decode(arguments["tracker"]))
+        return "restored"
+
+    def _make_tracker(self, setup: Setup) -> Tracker:
+        return make_tracker(
+            setup.method,
+            sensors_expected=setup.sensors_expected,
+            settings=self.method_settings,
+            sensors=setup.sensors,
+        )

@@ -1,0 +1,43 @@
+"""Ctrl-C and SIGTERM as an event that loops wait on, so that everything is closed properly and the exit is 0.
+
+A process that another of ours has started also ends when that one is gone, however it went: a view that outlived a
+killed server would keep the port that the next one wants.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Final
+
+STARTED_BY_US: Final = "MOCAPELLA_STARTED_BY_US"
+"""Environment variable of a process whose standard input is held open by the one that started it."""
+
+
+@contextmanager
+def stop_on_signals() -> Iterator[threading.Event]:
+    """An event that SIGINT, SIGTERM or the end of who started us sets; earlier handlers come back afterwards."""
+    stop = threading.Event()
+    if STARTED_BY_US in os.environ:
+        threading.Thread(target=_stop_when_alone, args=(stop,), name="parent", daemon=True).start()
+
+    def handle(_signal: int, _frame: FrameType | None) -> None:
+        stop.set()
+
+    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _stop_when_alone(stop: threading.Event) -> None:
+    # The descriptor itself: a thread that waits in sys.stdin would hold its lock when the interpreter ends.
+    while os.read(0, 4096):
+        pass
+    stop.set()

@@ -1,0 +1,87 @@
+"""What a run came to, as one value that a script can check."""
+
+from __future__ import annotations
+
+import bisect
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from mocapella.model.scene import Scene
+
+
+class LatencyHistogram:
+    """Percentiles of a run of any length in the same few kilobytes: logarithmic bins, 1.2 % wide.
+
+    A percentile is the upper edge of its bin, so it is never flattered, and by 1.2 % too large at most.
+    """
+
+    def __init__(self) -> None:
+        self._edges: list[float] = np.logspace(-6, 2, 1601).tolist()  # 1 µs to 100 s
+        self._counts = np.zeros(len(self._edges) + 1, dtype=np.int64)
+        self.most = 0.0
+
+    def add(self, latency: float) -> None:
+        """One more [s]; one below zero, which clocks a little apart can give, counts as the smallest."""
+        self._counts[bisect.bisect_left(self._edges, latency)] += 1
+        self.most = max(self.most, latency)
+
+    def percentile(self, percent: float) -> float | None:
+        """The latency [s] that so many per cent do not exceed; None where there is none."""
+        total = int(self._counts.sum())
+        if total == 0:
+            return None
+        place = int(np.searchsorted(np.cumsum(self._counts), percent / 100 * total))
+        return min(self.most, self._edges[min(place, len(self._edges) - 1)])
+
+
+@dataclass
+class Tally:
+    """Counts of a run, kept while it goes on."""
+
+    frames_in: int = 0
+    rejected: int = 0
+    scenes_out: int = 0
+    most_people: int = 0
+    people_now: int = 0
+    state_changes: list[dict[str, Any]] = field(default_factory=list)
+    latencies: LatencyHistogram = field(default_factory=LatencyHistogram)
+    times: deque[int] = field(default_factory=lambda: deque(maxlen=1024))
+
+    def scene(self, scene: Scene, latency: float | None, done_ns: int) -> None:
+        """One more result."""
+        self.scenes_out += 1
+        self.people_now = len(scene.people)
+        self.most_people = max(self.most_people, self.people_now)
+        self.times.append(done_ns)
+        if latency is not None:
+            self.latencies.add(latency)
+
+    def state(self, at_s: float, phase: str, reason: str) -> None:
+        """The tracker's state changed."""
+        self.state_changes.append({"at_s": round(at_s, 3), "phase": phase, "reason": reason})
+
+    def rate_hz(self, now_ns: int, over_s: float = 2.0) -> float:
+        """Results a second of late."""
+        return sum(1 for t in tuple(self.times) if now_ns - t < over_s * 1e9) / over_s
+
+    def latency_ms(self) -> dict[str, float] | None:
+        """From publish to result: percentiles [ms]; None where no clock was known."""
+        named = {"p50": 50.0, "p90": 90.0, "p99": 99.0, "max": 100.0}
+        values = {name: self.latencies.percentile(percent) for name, percent in named.items()}
+        known = {name: round(value * 1e3, 3) for name, value in values.items() if value is not None}
+        return known or None
+
+    def as_json(self) -> dict[str, Any]:
+        """The part of a summary that every run has."""
+        return {
+            "frames_in": self.frames_in,
+            "frames_out": self.scenes_out,
+            "rejected": self.rejected,
+            "people": self.people_now,
+            "most_people": self.most_people,
+            "latency_ms": self.latency_ms(),
+            "state_changes": self.state_changes,
+        }

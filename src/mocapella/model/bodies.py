@@ -1,0 +1,47 @@
+"""The bodies of a frame that a sensor tracks, in an order that does not depend on the sensor."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.model.observations import BodyFrame
+from mocapella.model.topology import Topology
+
+BodyKey = tuple[str, int]
+"""(sensor, tracking id): one body for as long as that sensor does not lose it."""
+
+
+class Bodies(msgspec.Struct, frozen=True, eq=False):
+    """What a frame says of the bodies that are tracked, in the order of their ids.
+
+    Attributes:
+        sensor: whose they are.
+        topology: which joints.
+        ids: (bodies,) tracking ids, ascending.
+        positions: (bodies, joints, 3) float64, camera space [m]; NaN where not tracked.
+        states: (bodies, joints) `JointState`.
+    """
+
+    sensor: str
+    topology: Topology
+    ids: tuple[int, ...]
+    positions: NDArray[np.float64]
+    states: NDArray[np.uint8]
+
+    @property
+    def keys(self) -> tuple[BodyKey, ...]:
+        """(bodies,) what identifies each."""
+        return tuple((self.sensor, body) for body in self.ids)
+
+
+def tracked_bodies(frame: BodyFrame) -> Bodies:
+    """The tracked bodies of a frame, sorted by id, so that what follows does not depend on the order in the frame."""
+    ids: list[int] = frame.tracking_ids.tolist()
+    tracked: list[bool] = frame.tracked.tolist()
+    rows = sorted((i for i, is_tracked in enumerate(tracked) if is_tracked), key=ids.__getitem__)
+    positions, states = frame.positions, frame.states
+    if rows != list(range(len(ids))):
+        positions, states = positions[rows], states[rows]
+    return Bodies(frame.sensor, frame.topology, tuple(ids[i] for i in rows), positions.astype(np.float64), states)

@@ -1,0 +1,108 @@
+"""What an object with memory remembers, as bytes and back: so that a take can begin in the middle of a session.
+
+Only a closed set of kinds is known, the plain ones and the classes that are named, so reading bytes that are not ours
+can make nothing else (unlike pickle).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import Counter, deque
+from collections.abc import Callable, Mapping, Sequence
+from enum import Enum
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from mocapella.errors import WireError
+from mocapella.model.topology import Topology, topology
+
+_PLAIN = (type(None), bool, int, float, str, bytes)
+
+
+def pack(value: Any, kinds: Sequence[type]) -> bytes:
+    """The value as bytes; ``kinds`` are the structs, dataclasses and enumerations that may be in it.
+
+    Raises:
+        TypeError: something in it is of a kind that is not named.
+    """
+    return msgspec.msgpack.encode(_down(value, frozenset(kinds)))
+
+
+def unpack(data: bytes, kinds: Sequence[type]) -> Any:
+    """The value that `pack` was given, with arrays of its own.
+
+    Raises:
+        WireError: the bytes are not of `pack`, or of other kinds.
+    """
+    try:
+        return _up(msgspec.msgpack.decode(data), {kind.__name__: kind for kind in kinds})
+    except (msgspec.DecodeError, LookupError, TypeError, ValueError) as error:
+        raise WireError(f"{len(data)} bytes that are no memory of this tracker ({error})") from error
+
+
+def _down(value: Any, kinds: frozenset[type]) -> Any:
+    kind = type(value)
+    if kind in _PLAIN:
+        return value
+    if kind in kinds:
+        return [kind.__name__, _fields(value, kinds)]
+    if isinstance(value, np.ndarray | np.generic):
+        array = np.asarray(value)
+        return ["array", [array.dtype.str, list(array.shape), array.tobytes()]]
+    if kind is Topology:
+        return ["topology", value.name]
+    return _container(value, kinds)
+
+
+def _container(value: Any, kinds: frozenset[type]) -> Any:
+    kind = type(value)
+    if kind is deque:
+        return ["deque", [value.maxlen, [_down(item, kinds) for item in value]]]
+    if isinstance(value, Mapping):
+        name = "counter" if kind is Counter else "dict"
+        return [name, [[_down(key, kinds), _down(item, kinds)] for key, item in value.items()]]
+    if kind in (tuple, list, set, frozenset):
+        items = sorted(value) if kind in (set, frozenset) else value
+        return [kind.__name__, [_down(item, kinds) for item in items]]
+    raise TypeError(f"a {kind.__name__} cannot be remembered; name it among the kinds")
+
+
+def _fields(value: Any, kinds: frozenset[type]) -> Any:
+    if isinstance(value, Enum):
+        return value.value
+    names = (
+        value.__struct_fields__ if isinstance(value, msgspec.Struct) else [f.name for f in dataclasses.fields(value)]
+    )
+    return {name: _down(getattr(value, name), kinds) for name in names}
+
+
+def _up(value: Any, kinds: Mapping[str, type]) -> Any:
+    if not isinstance(value, list):
+        return value
+    name, content = value
+    if name in kinds:
+        kind: Any = kinds[name]
+        if issubclass(kind, Enum):
+            return kind(content)
+        return kind(**{field: _up(item, kinds) for field, item in content.items()})
+    return _MAKERS[name](content, lambda item: _up(item, kinds))
+
+
+def _array(content: Any, _: Callable[[Any], Any]) -> Any:
+    dtype, shape, data = content
+    return np.frombuffer(data, np.dtype(dtype)).reshape(shape).copy()
+
+
+_MAKERS: dict[str, Callable[[Any, Callable[[Any], Any]], Any]] = {
+    "array": _array,
+    "topology": lambda content, _: topology(content),
+    "deque": lambda content, up: deque(map(up, content[1]), maxlen=content[0]),
+    "dict": lambda content, up: {up(key): up(item) for key, item in content},
+    "counter": lambda content, up: Counter({up(key): up(item) for key, item in content}),
+    "tuple": lambda content, up: tuple(map(up, content)),
+    "list": lambda content, up: list(map(up, content)),
+    "set": lambda content, up: set(map(up, content)),
+    "frozenset": lambda content, up: frozenset(map(up, content)),
+}

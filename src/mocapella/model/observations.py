@@ -1,0 +1,185 @@
+"""What one sensor saw at one instant."""
+
+from __future__ import annotations
+
+import re
+from enum import IntEnum, IntFlag
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import SettingsError
+from mocapella.model.topology import Topology
+
+Float32 = NDArray[np.float32]
+UInt8 = NDArray[np.uint8]
+
+_SENSOR_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+
+
+class JointState(IntEnum):
+    """How a joint came to be; the Kinect's own numbers."""
+
+    NOT_TRACKED = 0
+    INFERRED = 1
+    TRACKED = 2
+
+
+class Edge(IntFlag):
+    """The edges of a sensor's view at which a body is cut off; the Kinect's own bits."""
+
+    NONE = 0
+    RIGHT = 1
+    LEFT = 2
+    TOP = 4
+    BOTTOM = 8
+
+
+def check_sensor_name(name: str) -> str:
+    """The name itself, when it can serve as part of a key, a file and a heading.
+
+    Raises:
+        SettingsError: it cannot; says which names can.
+    """
+    if not _SENSOR_NAME.fullmatch(name):
+        raise SettingsError(
+            f"sensor name {name!r} cannot be used; take 1 to 64 letters, digits, '_', '-' or '.', "
+            "beginning with a letter or digit, such as front"
+        )
+    return name
+
+
+class BodyFrame(msgspec.Struct, frozen=True, eq=False):
+    """The skeletons that one sensor saw at one instant: arrays over (bodies, joints), and no limit of bodies.
+
+    A frame is identified by (sensor, node_id, sequence): the node's process numbers its frames from 0, so that a gap
+    is a loss and a second arrival is a duplicate.
+
+    Attributes:
+        sensor: the sensor's name.
+        node_id: random number of the process that serves the sensor, new at each start.
+        sequence: 0, 1, 2, … of that process.
+        time_ns: when the sensor captured it, on the *sensor's own* clock.
+        sent_ns: when the node published it, on the node's monotonic clock; 0 where there was no node.
+        topology: which joints, in which order.
+        depth_size_px: (width, height) of the sensor's depth image; (0, 0) where it has none.
+        tilt: of the sensor, upwards positive [rad].
+        height: of the sensor over the floor [m]; 0 where unknown.
+        tracking_ids: (bodies,) uint64, the sensor's own ids, which change after a loss.
+        tracked: (bodies,) bool, whether the sensor tracks the body.
+        clipped_edges: (bodies,) uint8, `Edge` bits.
+        states: (bodies, joints) uint8, `JointState`.
+        positions: (bodies, joints, 3) float32, camera space [m]; NaN where not tracked.
+        depth_px: (bodies, joints, 2) float32, depth space [px]; NaN where a joint has none; None where no joint has.
+        orientations: (bodies, joints, 4) float32 quaternions (w, x, y, z); NaN and None alike.
+    """
+
+    sensor: str
+    node_id: int
+    sequence: int
+    time_ns: int
+    sent_ns: int
+    topology: Topology
+    depth_size_px: tuple[int, int]
+    tilt: float
+    height: float
+    tracking_ids: NDArray[np.uint64]
+    tracked: NDArray[np.bool_]
+    clipped_edges: UInt8
+    states: UInt8
+    positions: Float32
+    depth_px: Float32 | None = None
+    orientations: Float32 | None = None
+
+    @property
+    def bodies(self) -> int:
+        """How many bodies there are."""
+        return len(self.tracking_ids)
+
+    @property
+    def key(self) -> tuple[str, int, int]:
+        """What identifies the frame: (sensor, node_id, sequence)."""
+        return self.sensor, self.node_id, self.sequence
+
+
+def body_frame(
+    sensor: str,
+    topology: Topology,
+    *,
+    time_ns: int,
+    positions: Any,
+    states: Any = None,
+    tracking_ids: Any = None,
+    tracked: Any = None,
+    clipped_edges: Any = None,
+    depth_px: Any = None,
+    orientations: Any = None,
+    node_id: int = 0,
+    sequence: int = 0,
+    sent_ns: int = 0,
+    depth_size_px: tuple[int, int] = (0, 0),
+    tilt: float = 0.0,
+    height: float = 0.0,
+) -> BodyFrame:
+    """A `BodyFrame` of array-likes, with what is not given filled in and shapes checked.
+
+    Where ``states`` is not given, a joint with finite coordinates is tracked and any other is not. Where a joint is
+    not tracked, its coordinates become NaN.
+
+    Raises:
+        SettingsError: a shape that does not fit the number of bodies or the topology.
+    """
+    p = np.array(positions, dtype=np.float32)
+    bodies, joints = (0 if p.size == 0 else p.shape[0]), len(topology)
+    p = p.reshape(0, joints, 3) if bodies == 0 else p
+
+    def filled(value: Any, default: Any, dtype: Any, tail: tuple[int, ...], what: str) -> NDArray[Any]:
+        if value is None or (bodies == 0 and np.size(value) == 0):
+            return np.full((bodies, *tail), default, dtype=dtype)
+        array = np.array(value, dtype=dtype)
+        if array.shape != (bodies, *tail):
+            raise SettingsError(f"{what} has the shape {array.shape}; {bodies} bodies want {(bodies, *tail)}")
+        return array
+
+    filled(p, 0, np.float32, (joints, 3), "positions")
+    seen = np.isfinite(p).all(axis=-1)
+    s = np.where(seen, np.uint8(JointState.TRACKED), np.uint8(JointState.NOT_TRACKED)) if states is None else states
+    s = filled(s, 0, np.uint8, (joints,), "states")
+    gone = s == JointState.NOT_TRACKED
+    p[gone] = np.nan
+    d = None if depth_px is None else filled(depth_px, np.nan, np.float32, (joints, 2), "depth_px")
+    q = None if orientations is None else filled(orientations, np.nan, np.float32, (joints, 4), "orientations")
+    for optional in (d, q):
+        if optional is not None:
+            optional[gone] = np.nan
+    ids = np.arange(bodies) if tracking_ids is None else tracking_ids
+    return BodyFrame(
+        sensor=sensor,
+        node_id=node_id,
+        sequence=sequence,
+        time_ns=int(time_ns),
+        sent_ns=int(sent_ns),
+        topology=topology,
+        depth_size_px=depth_size_px,
+        tilt=float(tilt),
+        height=float(height),
+        tracking_ids=filled(ids, 0, np.uint64, (), "tracking_ids"),
+        tracked=filled(tracked, True, np.bool_, (), "tracked"),
+        clipped_edges=filled(clipped_edges, 0, np.uint8, (), "clipped_edges"),
+        states=s,
+        positions=p,
+        depth_px=d,
+        orientations=q,
+    )
+
+
+class Arrival(msgspec.Struct, frozen=True, eq=False):
+    """A frame and when it was captured on the one clock that all sensors are brought to.
+
+    ``at_ns`` is all that a tracker learns of time, and it is recorded: a replay gives the same numbers.
+    """
+
+    frame: BodyFrame
+    at_ns: int

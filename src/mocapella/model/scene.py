@@ -1,0 +1,118 @@
+"""What the tracker says there is: people, and for each the views it was made of."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry.rigid import apply, inverse
+from mocapella.model.topology import Topology
+
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+
+
+class Phase(StrEnum):
+    """The states that the thesis names, and stopped."""
+
+    STOPPED = "stopped"
+    WAITING_FOR_SENSORS = "waiting for sensors"
+    CALIBRATING = "calibrating"
+    NEEDS_RECALIBRATION = "needs recalibration"
+    TRACKING = "tracking"
+
+
+class TrackerState(msgspec.Struct, frozen=True):
+    """Where the tracker stands, in words and counts that a person can act on.
+
+    Attributes:
+        phase: which of the states.
+        sensors_missing: how many sensors are still waited for.
+        frames_remaining: how many frames of the slowest sensor the calibration still wants.
+        frames_wanted: how many it wants in all.
+        reason: why the calibration began again, or what to do; empty where there is nothing to say.
+    """
+
+    phase: Phase
+    sensors_missing: int = 0
+    frames_remaining: int = 0
+    frames_wanted: int = 0
+    reason: str = ""
+
+
+class PotentialSkeleton(msgspec.Struct, frozen=True, eq=False):
+    """One sensor's view of a person (the thesis' *potential skeleton*).
+
+    Attributes:
+        sensor: whose view it is.
+        tracking_id: that sensor's id of the body.
+        time_ns: when it was captured, on that sensor's own clock.
+        tilt: of that sensor, upwards positive [rad].
+        height: of that sensor over the floor [m].
+        T_world_sensor: (4, 4), from that sensor's camera space to the world of this person.
+        positions: (joints, 3), world [m]; NaN where not tracked.
+        states: (joints,), `JointState`.
+    """
+
+    sensor: str
+    tracking_id: int
+    time_ns: int
+    tilt: float
+    height: float
+    T_world_sensor: Float64
+    positions: Float64
+    states: UInt8
+
+
+class Person(msgspec.Struct, frozen=True, eq=False):
+    """A person, the skeleton fused from all views, and the views.
+
+    Attributes:
+        id: stays the same for as long as the tracker believes it is the same person.
+        positions: (joints, 3), fused, world [m]; NaN where no sensor sees the joint.
+        states: (joints,), `JointState`: tracked = measured by at least one sensor; inferred; not tracked.
+        views: the potential skeletons, in the order of their sensors' names. A sensor that has lost the person for
+            now may keep a view in which nothing is tracked.
+    """
+
+    id: int
+    positions: Float64
+    states: UInt8
+    views: tuple[PotentialSkeleton, ...]
+
+    def view_of(self, sensor: str) -> PotentialSkeleton | None:
+        """That sensor's view, or None where it does not see this person."""
+        return next((view for view in self.views if view.sensor == sensor), None)
+
+    def seen_from(self, sensor: str) -> Float64 | None:
+        """(joints, 3), the fused skeleton in that sensor's camera space [m]; None where it has no view of this person.
+
+        A view in which nothing is tracked will do: this is how the others see whom that sensor has lost.
+        """
+        view = self.view_of(sensor)
+        return None if view is None else apply(inverse(view.T_world_sensor), self.positions)
+
+
+class Scene(msgspec.Struct, frozen=True, eq=False):
+    """The result of one step, and which frame made it, so that it can be made again.
+
+    Attributes:
+        step: 0, 1, 2, … since the tracker was made.
+        at_ns: capture time of that frame on the common clock.
+        sensor, node_id, sequence: which frame made this step.
+        topology: of all skeletons in it.
+        state: where the tracker stands.
+        people: in the order of their ids.
+    """
+
+    step: int
+    at_ns: int
+    sensor: str
+    node_id: int
+    sequence: int
+    topology: Topology
+    state: TrackerState
+    people: tuple[Person, ...]

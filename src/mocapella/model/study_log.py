@@ -1,0 +1,105 @@
+"""The study log: what the thesis' program wrote of a study, one row for each sensor's view of a person."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+Int64 = NDArray[np.int64]
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+
+TICK_NS = 100
+"""A tick of ``Skeleton_Time`` [ns]."""
+
+YEAR_1_TO_1970_MS = 62_135_596_800_000
+"""From the zero of ``Tracker_Time`` (1 January of year 1) to that of Unix time [ms]."""
+
+
+TITLES: dict[str, str] = {
+    "study_id": "Study_Id",
+    "kinect_config": "Kinect_Config",
+    "scenario_id": "Scenario_Id",
+    "tracker_time_ms": "Tracker_Time",
+    "person_id": "Person_Id",
+    "skeleton_id": "Skeleton_Id",
+    "skeleton_time_ticks": "Skeleton_Time",
+    "init_angle": "Skeleton_Init_Angle",
+    "init_dist": "Skeleton_Init_Dist",
+    "kinect_id": "Kinect_Id",
+    "tilt_deg": "Kinect_Tilt_Angle",
+    "height_cm": "Kinect_Height",
+}
+"""A field of `StudyRow` → what the file calls it, in the file's order; the joints' coordinates follow."""
+
+
+class StudyRow(msgspec.Struct, frozen=True, eq=False):
+    """One row: one sensor's view of a person. −9999 in an integer and NaN elsewhere = not available.
+
+    Attributes:
+        study_id: the participant.
+        kinect_config: how the sensors stood, a value of `mocapella.model.session.PLACEMENTS`.
+        scenario_id: what the people did, a value of `mocapella.model.session.SCENARIOS`.
+        tracker_time_ms: when the program wrote the row, since the beginning of year 1.
+        person_id: which person.
+        skeleton_id: which view of this person; 0 is the reference sensor's.
+        skeleton_time_ticks: when the view was captured, on that sensor's own clock [100 ns].
+        init_angle: the view's stand-still angle θ [rad].
+        init_dist: the z of the view's stand-still centre C, camera space [m].
+        kinect_id: the sensor, by its address or name.
+        tilt_deg: of that sensor, upwards positive [°].
+        height_cm: of that sensor over the floor [cm].
+        positions: (25, 3) float32 in kinect_v2's order, camera space *of the reference view* [m]; NaN = missing.
+    """
+
+    study_id: int
+    kinect_config: int
+    scenario_id: int
+    tracker_time_ms: int
+    person_id: int
+    skeleton_id: int
+    skeleton_time_ticks: int
+    init_angle: float
+    init_dist: float
+    kinect_id: str
+    tilt_deg: float
+    height_cm: float
+    positions: Float32
+
+
+class StudyLog(msgspec.Struct, frozen=True, eq=False):
+    """A whole study log: each field of `StudyRow` as an array over the rows, in the file's order.
+
+    Attributes:
+        source: the file that it was read from.
+        positions: (rows, 25, 3) float32; the others are (rows,).
+    """
+
+    source: str
+    study_id: Int64
+    kinect_config: Int64
+    scenario_id: Int64
+    tracker_time_ms: Int64
+    person_id: Int64
+    skeleton_id: Int64
+    skeleton_time_ticks: Int64
+    init_angle: Float64
+    init_dist: Float64
+    kinect_id: NDArray[np.str_]
+    tilt_deg: Float64
+    height_cm: Float64
+    positions: Float32
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    def rows(self) -> Iterator[StudyRow]:
+        """The rows, one by one, as they are written."""
+        columns = [getattr(self, name).tolist() for name in TITLES]
+        for values, positions in zip(zip(*columns, strict=True), self.positions, strict=True):
+            fields: dict[str, Any] = dict(zip(TITLES, values, strict=True))
+            yield StudyRow(**fields, positions=positions)

@@ -1,0 +1,107 @@
+"""Which joints a sensor reports, and how they hang together: data, not code.
+
+A topology is a TOML file in ``topologies/``. A new sensor needs a new file and nothing else.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from functools import cache, cached_property
+from importlib.resources import files
+
+from mocapella.errors import SettingsError, one_of
+
+
+@dataclass(frozen=True)
+class Topology:
+    """Joints, bones, mirror pairs and the parts a method may ask for.
+
+    Attributes:
+        name: what messages and files call it, such as ``kinect_v2``.
+        joints: the joints' names in the sensor's own order, which is the order of every joint axis.
+        bones: (parent, child) indices; a tree that reaches every joint from ``root``.
+        mirror: for each joint, the index of its mirror image (itself for the joints of the middle).
+        parts: joint index by what it is for: ``root``, ``head``, ``shoulder_left``, ``hand_right``, ….
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    bones: tuple[tuple[int, int], ...]
+    mirror: tuple[int, ...]
+    parts: dict[str, int]
+
+    def __len__(self) -> int:
+        return len(self.joints)
+
+    def index(self, joint: str) -> int:
+        """The joint's place on the joint axis.
+
+        Raises:
+            SettingsError: no such joint; lists those there are.
+        """
+        if joint not in self._index:
+            raise SettingsError(f"{self.name} has no joint {joint!r}; it has {one_of(joint, self.joints)}")
+        return self._index[joint]
+
+    @cached_property
+    def _index(self) -> dict[str, int]:
+        return {name: i for i, name in enumerate(self.joints)}
+
+
+def topology_from_toml(text: str, name: str) -> Topology:
+    """Read a topology and check that it is one.
+
+    Raises:
+        SettingsError: a bone or pair names an unknown joint, the bones are no tree from the root, or a joint has two
+            mirror images.
+    """
+    data = tomllib.loads(text)
+    joints = tuple(data["joints"])
+    place = {joint: i for i, joint in enumerate(joints)}
+
+    def at(joint: str, what: str) -> int:
+        if joint not in place:
+            raise SettingsError(f"topology {name}: {what} names {joint!r}; joints are {one_of(joint, joints)}")
+        return place[joint]
+
+    bones = tuple((at(a, "a bone"), at(b, "a bone")) for a, b in data["bones"])
+    mirror = list(range(len(joints)))
+    for left, right in data["mirror"]:
+        i, j = at(left, "a mirror pair"), at(right, "a mirror pair")
+        if mirror[i] != i or mirror[j] != j or i == j:
+            raise SettingsError(f"topology {name}: {left} and {right} cannot be a mirror pair, one is paired already")
+        mirror[i], mirror[j] = j, i
+    parts = {part: at(joint, f"part {part}") for part, joint in data["parts"].items()}
+    reached = {parts["root"]}
+    for parent, child in bones:
+        if parent not in reached or child in reached:
+            raise SettingsError(
+                f"topology {name}: bone {joints[parent]}–{joints[child]} does not continue the tree; "
+                "list bones from the root outwards, each joint once as a child"
+            )
+        reached.add(child)
+    if len(reached) != len(joints):
+        missing = ", ".join(joint for i, joint in enumerate(joints) if i not in reached)
+        raise SettingsError(f"topology {name}: no bone reaches {missing}")
+    return Topology(name, joints, bones, tuple(mirror), parts)
+
+
+@cache
+def topology_names() -> tuple[str, ...]:
+    """The names of all topologies there are."""
+    folder = files("mocapella.model").joinpath("topologies")
+    return tuple(sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")))
+
+
+@cache
+def topology(name: str) -> Topology:
+    """The topology of that name.
+
+    Raises:
+        SettingsError: no such topology; lists those there are.
+    """
+    if name not in topology_names():
+        raise SettingsError(f"unknown topology {name!r}; known: {one_of(name, topology_names())}")
+    source = files("mocapella.model").joinpath("topologies", f"{name}.toml")
+    return topology_from_toml(source.read_text(encoding="utf-8"), name)

@@ -1,0 +1,1 @@
+"""Takes on disk that survive a kill, and the study log of 2015."""

@@ -1,0 +1,210 @@
+"""The disk under a recording: names that are safe, room that is there, files that are new, bytes that are stored."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from mocapella.errors import DiskFullError, RecordingError, TakeExistsError
+
+try:
+    import fcntl
+except ImportError:  # Windows has no advisory locks of this kind; there the exclusive creation alone protects a take
+    fcntl = None  # type: ignore[assignment]
+
+GIB: Final = 1 << 30
+SUFFIX: Final = ".mcap"
+MAX_NAME_BYTES: Final = 200
+"""File systems allow 255; the rest is for ``.part12.mcap`` and ``.merging.mcap``."""
+
+_RESERVED = re.compile(r"\.(part\d+|merging)$", re.IGNORECASE)
+_FORBIDDEN = re.compile(r'[\x00-\x1f\x7f/\\<>:"|?*]')
+_FULL: Final = (errno.ENOSPC, errno.EDQUOT)
+_data_sync = getattr(os, "fdatasync", os.fsync)  # not on every system
+
+
+def take_path(folder: Path | str, name: str) -> Path:
+    """Where the take of that name lies: ``folder/name.mcap``. The name may come from anybody.
+
+    Raises:
+        RecordingError: a name that is empty, too long, or could lead out of the folder; says what a name may be.
+    """
+    stem = name[: -len(SUFFIX)] if name.lower().endswith(SUFFIX) else name
+    problem = ""
+    if not stem.strip():
+        problem = "is empty"
+    elif _FORBIDDEN.search(stem) or stem.startswith(".") or ".." in stem:
+        problem = "has a character or a dot that a name may not have"
+    elif stem != stem.strip() or stem.endswith("."):
+        problem = "begins or ends with a space or a dot"
+    elif len(stem.encode("utf-8", "replace")) > MAX_NAME_BYTES:
+        problem = f"is longer than {MAX_NAME_BYTES} bytes"
+    elif _RESERVED.search(stem):
+        problem = "ends like the parts of an interrupted take"
+    if problem:
+        shown = name if len(name) <= 60 else name[:59] + "…"
+        raise RecordingError(
+            f"take name {shown!r} {problem}; use letters, digits, spaces, '-' and '_', such as participant-7-walk"
+        )
+    return Path(folder) / (stem + SUFFIX)
+
+
+def ensure_folder(folder: Path) -> None:
+    """Make the folder, unless it is there.
+
+    Raises:
+        RecordingError: it cannot be made, or something else has its name.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RecordingError(f"{folder} cannot be the folder of takes ({error.strerror}); name another") from error
+
+
+def part_path(path: Path, number: int) -> Path:
+    """Where part ``number`` (1, 2, …) of a take lies: the take itself, ``NAME.part2.mcap``, ``NAME.part3.mcap``, …."""
+    return path if number == 1 else path.with_name(f"{path.stem}.part{number}{SUFFIX}")
+
+
+def merging_path(path: Path) -> Path:
+    """Where the parts of a take are put together before they replace it."""
+    return path.with_name(f"{path.stem}.merging{SUFFIX}")
+
+
+def parts_of(path: Path) -> tuple[Path, ...]:
+    """The parts that there are of a take, in order, the take itself first."""
+    pattern = re.compile(re.escape(path.stem) + r"\.part(\d+)\.mcap")
+    found = [(int(m[1]), entry) for entry in path.parent.iterdir() if (m := pattern.fullmatch(entry.name))]
+    return (path, *(entry for _, entry in sorted(found)))
+
+
+def next_part(path: Path) -> int:
+    """The number of the part that comes after all that there are."""
+    last = re.search(r"\.part(\d+)\.mcap$", parts_of(path)[-1].name)
+    return int(last[1]) + 1 if last else 2
+
+
+def check_can_record(path: Path, reserve_bytes: int = GIB) -> None:
+    """Refuse, before anything is created, what could not be recorded.
+
+    Raises:
+        RecordingError: the folder is missing, no folder, or cannot be written to.
+        DiskFullError: there is less free space than the reserve; names both.
+        TakeExistsError: the name is in use.
+    """
+    check_folder(path.parent, reserve_bytes)
+    taken = next((part for part in parts_of(path) if os.path.lexists(part)), None)
+    if taken is not None:
+        raise name_taken(taken)
+
+
+def check_folder(folder: Path, reserve_bytes: int) -> None:
+    """The folder's half of `check_can_record`."""
+    if not folder.is_dir():
+        what = "is no folder" if folder.exists() else "does not exist"
+        raise RecordingError(f"cannot record into {folder}: it {what}; make the folder or choose another")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise RecordingError(f"cannot record into {folder}: it cannot be written to; choose another folder")
+    free = free_bytes(folder)
+    if free < reserve_bytes:
+        raise DiskFullError(f"cannot record into {folder}: {too_little(free, reserve_bytes)}")
+
+
+def name_taken(path: Path, why: str = "it exists") -> TakeExistsError:
+    """The error for a name in use, with what to do."""
+    return TakeExistsError(f"cannot record to {path}: {why}, and nothing is overwritten; choose another name")
+
+
+def too_little(free: int, needed: int) -> str:
+    """``'0.4 GiB are free and 1.0 GiB are needed; …'``."""
+    return (
+        f"{free / GIB:.2f} GiB are free and {needed / GIB:.2f} GiB are needed; free some space or choose another disk"
+    )
+
+
+def free_bytes(folder: Path) -> int:
+    """Free space for this user."""
+    return shutil.disk_usage(folder).free
+
+
+def is_full(error: OSError) -> bool:
+    """Whether the disk refused for want of space."""
+    return error.errno in _FULL
+
+
+def create_new(path: Path) -> int:
+    """A file descriptor of a file that did not exist before.
+
+    Raises:
+        TakeExistsError: it exists, also as a dangling link.
+        DiskFullError, RecordingError: the file system refuses.
+    """
+    flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+    try:
+        return os.open(path, flags, 0o644)
+    except FileExistsError:
+        raise name_taken(path) from None
+    except OSError as error:
+        kind = DiskFullError if is_full(error) else RecordingError
+        raise kind(f"cannot record to {path}: {error.strerror}; choose another folder") from error
+
+
+def lock(fd: int) -> bool:
+    """Mark the file as being recorded, until it is closed or the process ends; False where another has marked it."""
+    if fcntl is None:
+        return True
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:  # a file system without locks, as some network ones: as on Windows
+        return True
+    return True
+
+
+def removed(fd: int) -> bool:
+    """Whether the open file has no name any more: its bytes are gone when it is closed."""
+    return os.fstat(fd).st_nlink == 0
+
+
+def leads_to(path: Path, fd: int) -> bool:
+    """Whether the path still leads to the open file."""
+    try:
+        return os.path.samestat(path.stat(), os.fstat(fd))
+    except OSError:
+        return False
+
+
+def write_all(fd: int, data: bytes) -> None:
+    """Write everything, however little the system takes at a time."""
+    rest = memoryview(data)
+    while rest:
+        rest = rest[os.write(fd, rest) :]
+
+
+def sync(fd: int) -> None:
+    """Return when the file's bytes are on the disk."""
+    _data_sync(fd)
+
+
+def sync_folder(folder: Path) -> None:
+    """Return when the names in the folder are on the disk."""
+    if os.name == "nt":  # folders cannot be opened there
+        return
+    with _descriptor(folder) as fd:
+        os.fsync(fd)
+
+
+@contextlib.contextmanager
+def _descriptor(folder: Path) -> Iterator[int]:
+    fd = os.open(folder, os.O_RDONLY)
+    try:
+        yield fd
+    finally:
+        os.close(fd)

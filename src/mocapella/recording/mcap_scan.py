@@ -1,0 +1,259 @@
+"""Read an MCAP file from front to back, whatever state it is in, and say what is wrong with it.
+
+The ``mcap`` library's readers stop at the first fault, and refuse a file that was not closed. Here a bad part is named,
+passed over, and reading goes on at the next chunk that can be found. Every byte of a closed file is covered by a
+checksum; of a file that was not closed, every chunk is.
+
+Source: the MCAP file format specification, https://mcap.dev/spec.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+import zlib
+from collections.abc import Iterator
+from io import BytesIO
+from typing import BinaryIO, Final, TypeVar
+
+import msgspec
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Metadata
+
+from mocapella.errors import InputError
+from mocapella.recording.mcap_file import MAGIC
+
+_HEAD: Final = struct.Struct("<BQ")
+_CHUNK: Final = struct.Struct("<QQQII")
+_MESSAGE: Final = struct.Struct("<HIQQ")
+_INDEX: Final = struct.Struct("<HI")
+_FOOTER: Final = struct.Struct("<BQQQI")
+_DATA_END: Final = struct.Struct("<BQI")
+_PLAIN_CHUNK: Final = re.compile(rb"(?s)(?=\x06.{4}\0{4}.{28}\0{4}.{4}\0{4})")
+"""Where a chunk without compression, of less than 4 GiB, can begin."""
+_WINDOW: Final = 1 << 20
+_SKIPPED: Final = (Opcode.HEADER, Opcode.SCHEMA, Opcode.ATTACHMENT)
+_Record = TypeVar("_Record", Channel, Metadata)
+
+
+class MessageRead(msgspec.Struct, frozen=True, gc=False):
+    """A message, and at which byte of the file its data lie."""
+
+    topic: str
+    sequence: int
+    log_ns: int
+    publish_ns: int
+    offset: int
+    data: bytes
+
+
+class MetadataRead(msgspec.Struct, frozen=True):
+    """A record of names and values."""
+
+    name: str
+    values: dict[str, str]
+
+
+class Damage(msgspec.Struct, frozen=True):
+    """Bytes ``start`` to ``end`` that could not be read, and why."""
+
+    start: int
+    end: int
+    problem: str
+
+
+class End(msgspec.Struct, frozen=True):
+    """The last event: whether the file was closed properly, and how many bytes at its end are no whole record."""
+
+    closed: bool
+    torn_bytes: int
+
+
+Event = MessageRead | MetadataRead | Damage | End
+
+
+class _MalformedError(Exception):
+    """A record's content does not fit its length."""
+
+
+class _Tail(msgspec.Struct, frozen=True):
+    """The end of a closed file: where its data end, their checksum, and whether the summary's checksum is right."""
+
+    data_end: int
+    data_crc: int
+    summary_good: bool
+
+
+def is_closed(file: BinaryIO, size: int) -> bool:
+    """Whether the file has its end, so that nobody is writing it nor was killed while writing."""
+    return _read_tail(file, size) is not None
+
+
+def scan(file: BinaryIO, size: int, name: str) -> Iterator[Event]:
+    """What is in the first ``size`` bytes of a file, in the file's order.
+
+    Raises:
+        InputError: a chunk is compressed, which Mocapella's are not; names ``name``.
+        OSError: the file cannot be read.
+    """
+    tail = _read_tail(file, size)
+    end = size if tail is None else tail.data_end
+    file.seek(0)
+    head = file.read(len(MAGIC))
+    if len(head) < len(MAGIC) and MAGIC.startswith(head):
+        yield End(False, len(head))
+        return
+    at, crc, whole = len(MAGIC), zlib.crc32(head), True
+    if head != MAGIC:
+        whole = False
+        yield Damage(0, min(size, len(MAGIC)), "the first bytes are not those of an MCAP file")
+    topics: dict[int, str] = {}
+    torn = 0
+    while at < end:
+        record = _record_at(file, at, end)
+        try:
+            events = None if record is None else list(_events(record, at, topics, name))
+        except _MalformedError:
+            events = None
+        if record is None or events is None:
+            found = _next_chunk(file, at + 1, end)
+            whole = False
+            if tail is None and found is None:
+                torn = end - at
+            else:
+                yield Damage(at, found or end, "no record can be read there")
+            at = found or end
+            continue
+        whole = whole and not any(isinstance(event, Damage) for event in events)
+        yield from events
+        crc = zlib.crc32(record, crc)
+        at += len(record)
+    if tail is None:
+        yield End(False, torn)
+        return
+    if whole and tail.data_crc not in (0, crc):
+        yield Damage(0, end, "the checksum over all data is wrong, though every chunk's is right")
+    if not tail.summary_good:
+        yield Damage(end, size, "the checksum of the index is wrong; the data are not touched by that")
+    yield End(True, 0)
+
+
+def _read_tail(file: BinaryIO, size: int) -> _Tail | None:
+    length = _FOOTER.size + len(MAGIC)
+    if size < length + _DATA_END.size + len(MAGIC):
+        return None
+    file.seek(size - length)
+    footer = file.read(length)
+    opcode, body, summary_start, offsets_start, summary_crc = _FOOTER.unpack_from(footer)
+    if (opcode, body) != (Opcode.FOOTER, 20) or not footer.endswith(MAGIC):
+        return None
+    summary_end = size - length
+    data_end = (summary_start or summary_end) - _DATA_END.size
+    if not len(MAGIC) <= data_end <= summary_end or offsets_start > summary_end:
+        return None
+    file.seek(data_end)
+    opcode, body, data_crc = _DATA_END.unpack(file.read(_DATA_END.size))
+    if (opcode, body) != (Opcode.DATA_END, 4):
+        return None
+    crc = zlib.crc32(footer[: _FOOTER.size - 4], zlib.crc32(file.read(summary_end - data_end - _DATA_END.size)))
+    return _Tail(data_end, data_crc, summary_crc in (0, crc))
+
+
+def _record_at(file: BinaryIO, at: int, end: int) -> bytes | None:
+    """The whole record, or None where none fits between there and the end."""
+    file.seek(at)
+    head = file.read(_HEAD.size)
+    if len(head) < _HEAD.size:
+        return None
+    length = _HEAD.unpack(head)[1]
+    if length > end - at - _HEAD.size:
+        return None
+    record = head + file.read(length)
+    return record if len(record) == _HEAD.size + length else None
+
+
+def _next_chunk(file: BinaryIO, start: int, end: int) -> int | None:
+    """The first byte from ``start`` on where a chunk's head stands that fits its own lengths."""
+    overlap = 64
+    for window_start in range(start, end, _WINDOW):
+        file.seek(window_start)
+        window = file.read(min(_WINDOW + overlap, end - window_start))
+        for match in _PLAIN_CHUNK.finditer(window):
+            i = match.start()
+            length = _HEAD.unpack_from(window, i)[1]
+            size = _CHUNK.unpack_from(window, i + _HEAD.size)[2]
+            stored = int.from_bytes(window[i + 41 : i + 49], "little")
+            if size == stored == length - 40 and window_start + i + _HEAD.size + length <= end:
+                return window_start + i
+    return None
+
+
+def _events(record: bytes, at: int, topics: dict[int, str], name: str) -> Iterator[Event]:
+    """What one record says. Raises `_MalformedError` where it contradicts itself."""
+    opcode, body = record[0], record[_HEAD.size :]
+    if opcode == Opcode.CHUNK:
+        yield from _chunk(body, at, topics, name)
+    elif opcode == Opcode.METADATA:
+        found = _parse(Metadata, body)
+        yield MetadataRead(found.name, found.metadata)
+    elif opcode == Opcode.CHANNEL:
+        channel = _parse(Channel, body)
+        topics[channel.id] = channel.topic
+    elif opcode == Opcode.MESSAGE_INDEX:
+        if len(body) < _INDEX.size or _INDEX.unpack_from(body)[1] != len(body) - _INDEX.size:
+            raise _MalformedError
+    elif opcode not in _SKIPPED:
+        raise _MalformedError
+
+
+def _chunk(body: bytes, at: int, topics: dict[int, str], name: str) -> Iterator[Event]:
+    if len(body) < _CHUNK.size + 8:
+        raise _MalformedError
+    _, _, size, crc, name_length = _CHUNK.unpack_from(body)
+    start = _CHUNK.size + name_length + 8
+    if start > len(body) or int.from_bytes(body[start - 8 : start], "little") != len(body) - start:
+        raise _MalformedError
+    if name_length:
+        compression = body[_CHUNK.size : start - 8].decode("ascii", "replace")
+        raise InputError(
+            f"the chunk at byte {at} is compressed ({compression}), as Mocapella's are not",
+            file=name,
+            fix="undo it with mcap decompress",
+        )
+    if size != len(body) - start:
+        raise _MalformedError
+    data = body[start:]
+    end = at + _HEAD.size + len(body)
+    if crc not in (0, zlib.crc32(data)):
+        yield Damage(at, end, "a chunk does not have the checksum that it was written with")
+        return
+    try:
+        yield from list(_messages(data, at + _HEAD.size + start, topics))
+    except (_MalformedError, struct.error, KeyError):
+        yield Damage(at, end, "a chunk's checksum is right and its content is none of ours")
+
+
+def _messages(data: bytes, base: int, topics: dict[int, str]) -> Iterator[MessageRead]:
+    at, length = 0, len(data)
+    while at < length:
+        opcode, size = _HEAD.unpack_from(data, at)
+        body = at + _HEAD.size
+        at = body + size
+        if at > length:
+            raise _MalformedError
+        if opcode == Opcode.MESSAGE:
+            channel, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(data, body)
+            start = body + _MESSAGE.size
+            yield MessageRead(topics[channel], sequence, log_ns, publish_ns, base + start, data[start:at])
+        elif opcode == Opcode.CHANNEL:
+            found = _parse(Channel, data[body:at])
+            topics[found.id] = found.topic
+
+
+def _parse(kind: type[_Record], body: bytes) -> _Record:
+    try:
+        return kind.read(ReadDataStream(BytesIO(body)))
+    except (McapError, struct.error, UnicodeDecodeError) as error:
+        raise _MalformedError from error

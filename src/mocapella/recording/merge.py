@@ -1,0 +1,152 @@
+"""Put the parts of an interrupted take together: copy, compare, and only then replace.
+
+A recording whose server was killed goes on in ``NAME.part2.mcap``, and so on. The parts are copied to
+``NAME.merging.mcap``; when that was read back and found to hold everything, it replaces ``NAME.mcap`` in one step and
+the other parts are removed. A kill at any point leaves either all parts, or the whole take.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from itertools import zip_longest
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from mocapella.errors import DamagedTakeError, DiskFullError, InputError, RecordingError
+from mocapella.recording import disk, take
+from mocapella.recording.mcap_scan import Damage, MessageRead, MetadataRead, is_closed, scan
+from mocapella.recording.take_file import TakeFile
+
+_FLUSH_BYTES: Final = 1 << 20
+
+
+class _Entry(msgspec.Struct, frozen=True):
+    """What a copy must have of a message or metadata record, wherever it lies in the file."""
+
+    topic: str
+    data: bytes
+    log_ns: int = 0
+    publish_ns: int = 0
+    sequence: int = 0
+    values: dict[str, str] | None = None
+
+
+def merge_parts(path: Path | str, *, reserve_bytes: int = disk.GIB) -> None:
+    """Make one clean take of an interrupted one, also where the server was killed and never came back.
+
+    A take that is clean already stays as it is.
+
+    Raises:
+        InputError: there is no such take.
+        RecordingError: it is being recorded, or the copy is not equal to the parts.
+        DiskFullError: no room for the copy.
+        DamagedTakeError: a part is damaged; all parts are kept as they are.
+    """
+    path = Path(path)
+    try:
+        fd = os.open(path, os.O_RDWR)
+    except OSError as error:
+        raise InputError(f"cannot be opened ({error.strerror})", file=path, fix="name a take that is there") from error
+    try:
+        if not disk.lock(fd):
+            raise RecordingError(f"{path} is being recorded; stop the recording first")
+        if not closed(path):
+            merge_locked(path, reserve_bytes)
+        remove_leftovers(path)
+    finally:
+        os.close(fd)
+
+
+def merge_locked(path: Path, reserve_bytes: int) -> None:
+    """As `merge_parts`, by who holds the take's lock."""
+    scratch = disk.merging_path(path)
+    try:
+        parts = disk.parts_of(path)
+        needed = sum(part.stat().st_size for part in parts) + reserve_bytes
+        free = disk.free_bytes(path.parent)
+        if free < needed:
+            raise DiskFullError(f"cannot put the parts of {path} together: {disk.too_little(free, needed)}")
+        scratch.unlink(missing_ok=True)  # what a kill during an earlier merging left
+        fd = disk.create_new(scratch)
+        try:
+            _copy(parts, fd)
+        finally:
+            os.close(fd)
+        _compare(parts, scratch)
+        scratch.replace(path)
+        disk.sync_folder(path.parent)
+    except OSError as error:
+        scratch.unlink(missing_ok=True)
+        kind = DiskFullError if disk.is_full(error) else RecordingError
+        raise kind(f"cannot put the parts of {path} together: {error.strerror}; they are kept") from error
+    except (RecordingError, InputError):
+        scratch.unlink(missing_ok=True)
+        raise
+    remove_leftovers(path)
+
+
+def remove_leftovers(path: Path) -> None:
+    """Remove the parts that a closed take says it was made of; nothing where it says nothing."""
+    beside = {part.name: part for part in disk.parts_of(path)[1:]}
+    if not beside or not closed(path):
+        return
+    merged = [entry for entry in _metadata(path) if entry.name == take.MERGED_METADATA]
+    names: list[str] = msgspec.json.decode(merged[-1].values["parts"]) if merged else []
+    for name in names:
+        if name in beside:
+            beside[name].unlink()
+    disk.sync_folder(path.parent)
+
+
+def closed(path: Path) -> bool:
+    """Whether the file was closed properly."""
+    with path.open("rb") as file:
+        return is_closed(file, path.stat().st_size)
+
+
+def _metadata(path: Path) -> Iterator[MetadataRead]:
+    with path.open("rb") as file:
+        yield from (e for e in scan(file, path.stat().st_size, str(path)) if isinstance(e, MetadataRead))
+
+
+def _copy(parts: Sequence[Path], fd: int) -> None:
+    file = TakeFile(fd)
+    for entry in _entries(parts):
+        if entry.values is not None:
+            file.flush(durable=False)  # a run's record stands between the messages before it and after it
+            file.add_metadata(entry.topic, entry.values)
+            continue
+        file.add(entry.topic, entry.data, entry.log_ns, entry.sequence, entry.publish_ns)
+        if file.pending_bytes > _FLUSH_BYTES:
+            file.flush(durable=False)
+    names = msgspec.json.encode([part.name for part in parts]).decode()
+    file.add_metadata(take.MERGED_METADATA, {"parts": names})
+    file.finish()
+
+
+def _compare(parts: Sequence[Path], copy: Path) -> None:
+    for original, copied in zip_longest(_entries(parts), _entries([copy])):
+        if original != copied:
+            what = original or copied
+            raise RecordingError(f"{copy} is not equal to the parts it was made of, at {what.topic}; they are kept")
+    if not closed(copy):
+        raise RecordingError(f"{copy} has no end; the parts it was made of are kept")
+
+
+def _entries(parts: Sequence[Path]) -> Iterator[_Entry]:
+    for part in parts:
+        with part.open("rb") as file:
+            for event in scan(file, part.stat().st_size, str(part)):
+                if isinstance(event, Damage):
+                    raise DamagedTakeError(
+                        f"bytes {event.start} to {event.end}: {event.problem}",
+                        file=part,
+                        fix="the parts are kept as they are, and are read as one take",
+                    )
+                if isinstance(event, MessageRead):
+                    yield _Entry(event.topic, event.data, event.log_ns, event.publish_ns, event.sequence)
+                elif isinstance(event, MetadataRead) and event.name != take.MERGED_METADATA:
+                    yield _Entry(event.name, b"", values=event.values)

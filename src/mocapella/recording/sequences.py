@@ -1,0 +1,65 @@
+"""Which numbers of a node's sequence are there: kept as ranges, so that hours of frames cost a few bytes."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+
+
+class SequenceRanges:
+    """A growing set of sequence numbers, held as runs of consecutive numbers."""
+
+    def __init__(self) -> None:
+        self._firsts: list[int] = []
+        self._lasts: list[int] = []
+        self._count = 0
+
+    def add(self, number: int) -> bool:
+        """Put a number in; False where it was there already."""
+        firsts, lasts = self._firsts, self._lasts
+        if lasts and number == lasts[-1] + 1:
+            lasts[-1] = number
+            self._count += 1
+            return True
+        i = bisect_right(firsts, number)  # the range before it is i - 1, the one after it is i
+        if i and number <= lasts[i - 1]:
+            return False
+        self._count += 1
+        joins_before = i > 0 and lasts[i - 1] + 1 == number
+        joins_after = i < len(firsts) and firsts[i] == number + 1
+        if joins_before and joins_after:
+            lasts[i - 1] = lasts.pop(i)
+            del firsts[i]
+        elif joins_before:
+            lasts[i - 1] = number
+        elif joins_after:
+            firsts[i] = number
+        else:
+            firsts.insert(i, number)
+            lasts.insert(i, number)
+        return True
+
+    def __contains__(self, number: int) -> bool:
+        i = bisect_right(self._firsts, number)
+        return i > 0 and number <= self._lasts[i - 1]
+
+    def __len__(self) -> int:
+        return self._count
+
+    @property
+    def first(self) -> int:
+        """The smallest number; the set must not be empty."""
+        return self._firsts[0]
+
+    @property
+    def last(self) -> int:
+        """The greatest number; the set must not be empty."""
+        return self._lasts[-1]
+
+    def missing(self) -> tuple[tuple[int, int], ...]:
+        """The gaps between the first and the last number, each as (first, last) missing."""
+        return tuple((a + 1, b - 1) for a, b in zip(self._lasts, self._firsts[1:], strict=False))
+
+    @property
+    def lost(self) -> int:
+        """How many numbers are missing between the first and the last."""
+        return self.last - self.first + 1 - self._count if self._count else 0

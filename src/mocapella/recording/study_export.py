@@ -1,0 +1,178 @@
+"""Results as rows of the study log, in the reference sensor's camera space as the thesis logs them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.conventions import NOT_AVAILABLE
+from mocapella.errors import RecordingError, SettingsError, one_of
+from mocapella.geometry import rigid
+from mocapella.model.scene import Person, Phase, PotentialSkeleton, Scene
+from mocapella.model.session import PLACEMENTS, SCENARIOS, Setup
+from mocapella.model.study_log import TICK_NS, StudyRow
+from mocapella.model.topology import Topology
+from mocapella.recording.study_columns import TOPOLOGY
+from mocapella.recording.study_log import write_study_log
+from mocapella.settings import check
+
+
+class ExportReport(msgspec.Struct, frozen=True):
+    """What became of the results.
+
+    Attributes:
+        results: scenes in state tracking, with people.
+        written: of these, every n-th.
+        rows: of the file.
+        without_reference: people of the written results whom the reference sensor did not see: their rows are in the
+            camera space of their first view.
+    """
+
+    results: int
+    written: int
+    rows: int
+    without_reference: int
+
+
+def rows_of(
+    scene: Scene,
+    *,
+    setup: Setup,
+    reference: str | None,
+    tracker_time_ms: int,
+    kinect_ids: Mapping[str, str] | None = None,
+) -> list[StudyRow]:
+    """The rows of one result: for every person, each view, mapped into the camera space of the reference view.
+
+    The reference view has ``skeleton_id`` 0: the view of the sensor ``reference``, or the person's first where there
+    is none. Joints that the log has no column for are left out; those that the topology does not have are missing.
+
+    Args:
+        scene: the result.
+        setup: gives participant, placement and scenario.
+        reference: name of a sensor, or None for everybody's first view.
+        tracker_time_ms: since the beginning of year 1.
+        kinect_ids: ``kinect_id`` by the sensor's name; the name itself where it is not in it.
+
+    Source:
+        the thesis' equations 7 and 8: T = R(θ)(p − C), and back with the reference sensor's θ and C.
+    """
+    rows = []
+    for person in scene.people:
+        views = _reference_first(person, reference)
+        for skeleton_id, view in enumerate(views):
+            T_reference_world = rigid.inverse(views[0].T_world_sensor)
+            positions = rigid.apply(T_reference_world, view.positions)
+            init_angle, init_dist = stand_still_of(view.T_world_sensor)
+            rows.append(
+                StudyRow(
+                    study_id=setup.participant,
+                    kinect_config=PLACEMENTS.get(setup.placement, NOT_AVAILABLE),
+                    scenario_id=SCENARIOS.get(setup.scenario, NOT_AVAILABLE),
+                    tracker_time_ms=tracker_time_ms,
+                    person_id=person.id,
+                    skeleton_id=skeleton_id,
+                    skeleton_time_ticks=view.time_ns // TICK_NS,
+                    init_angle=init_angle,
+                    init_dist=init_dist,
+                    kinect_id=(kinect_ids or {}).get(view.sensor, view.sensor),
+                    tilt_deg=round(float(np.degrees(view.tilt)), 6),
+                    height_cm=round(100 * view.height, 6) if view.height else np.nan,
+                    positions=_as_logged(positions, scene.topology),
+                )
+            )
+    return rows
+
+
+def stand_still_of(T_world_sensor: NDArray[np.float64]) -> tuple[float, float]:
+    """The angle θ [rad] and the z of the centre C [m] that make this motion T = R(θ)(p − C).
+
+    Args:
+        T_world_sensor: (4, 4). Of one that also tilts, θ is the direction of its x axis seen from above.
+    """
+    C = rigid.inverse(T_world_sensor)[:3, 3]
+    return float(np.arctan2(T_world_sensor[0, 2], T_world_sensor[0, 0])), float(C[2])
+
+
+def export_study_log(
+    scenes: Iterable[tuple[Scene, int]],
+    path: Path | str,
+    *,
+    setup: Setup,
+    reference: str | None = None,
+    every: int = 1,
+    kinect_ids: Mapping[str, str] | None = None,
+) -> ExportReport:
+    """Write every n-th result, beginning with the first, as a study log.
+
+    Args:
+        scenes: each with its ``tracker_time_ms``; those that are no results (not tracking, or nobody there) are passed.
+        path: of a file that does not exist yet, ``.csv`` or ``.csv.gz``.
+        setup, reference, kinect_ids: as `rows_of` has them.
+        every: n; the thesis logs every other result.
+
+    Raises:
+        SettingsError: ``every`` is below 1, or no result has a view of ``reference``; lists the sensors there are.
+        TakeExistsError, DiskFullError, RecordingError: as `mocapella.recording.study_log.write_study_log`; also where
+            no scene is a result. Nothing is written then.
+    """
+    check(every >= 1, "every", every, "1 or more")
+    log = _Counting(setup, reference, every, dict(kinect_ids or {}))
+    rows = write_study_log(path, log.rows(scenes, path))
+    return ExportReport(log.results, log.written, rows, log.without_reference)
+
+
+class _Counting:
+    """Turns scenes into rows and counts them on the way, so that no more than one is held."""
+
+    def __init__(self, setup: Setup, reference: str | None, every: int, kinect_ids: dict[str, str]) -> None:
+        self._options: dict[str, Any] = {"setup": setup, "reference": reference, "kinect_ids": kinect_ids}
+        self._reference, self._every = reference, every
+        self._sensors: set[str] = set()
+        self.results = self.written = self.without_reference = 0
+
+    def rows(self, scenes: Iterable[tuple[Scene, int]], path: Path | str) -> Iterator[StudyRow]:
+        for scene, tracker_time_ms in scenes:
+            if scene.state.phase != Phase.TRACKING or not scene.people:
+                continue
+            self.results += 1
+            if (self.results - 1) % self._every:
+                continue
+            self.written += 1
+            self._count_views(scene)
+            yield from rows_of(scene, tracker_time_ms=tracker_time_ms, **self._options)
+        self._check(path)
+
+    def _count_views(self, scene: Scene) -> None:
+        for person in scene.people:
+            seen_by = {view.sensor for view in person.views}
+            self._sensors |= seen_by
+            self.without_reference += self._reference is not None and self._reference not in seen_by
+
+    def _check(self, path: Path | str) -> None:
+        if not self.results:
+            raise RecordingError(f"cannot write {path}: no scene is a result; export scenes that were tracking people")
+        if self._reference is not None and self._reference not in self._sensors:
+            known = one_of(self._reference, sorted(self._sensors))
+            raise SettingsError(f"no result has a view of the reference sensor {self._reference!r}; there are {known}")
+
+
+def _reference_first(person: Person, reference: str | None) -> tuple[PotentialSkeleton, ...]:
+    first = None if reference is None else person.view_of(reference)
+    return person.views if first is None else (first, *(view for view in person.views if view is not first))
+
+
+def _as_logged(positions: NDArray[np.float64], topology: Topology) -> NDArray[np.float32]:
+    """(joints, 3) of any topology → (25, 3) float32 of the log's, by the joints' names."""
+    if topology.joints == TOPOLOGY.joints:
+        return positions.astype(np.float32)
+    logged = np.full((len(TOPOLOGY), 3), np.nan, dtype=np.float32)
+    for place, joint in enumerate(topology.joints):
+        if joint in TOPOLOGY.joints:
+            logged[TOPOLOGY.index(joint)] = positions[place]
+    return logged

@@ -1,0 +1,76 @@
+"""A take's MCAP file: its channels are opened when they are first used, each with its schema.
+
+The protobuf channels carry the descriptors of our messages, so that Foxglove and other MCAP tools can read a take.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
+
+from mocapella import __version__
+from mocapella.recording import take
+from mocapella.recording.mcap_file import McapFile
+from mocapella.recording.take import Run
+from mocapella.schema import mocapella_pb2 as pb
+
+
+class TakeFile(McapFile):
+    """An `McapFile` that knows a take's channels."""
+
+    def __init__(self, fd: int) -> None:
+        super().__init__(fd, f"mocapella {__version__}")
+        self._channel_of: dict[str, int] = {}
+        self._schema_of: dict[str, int] = {}
+
+    def add(self, topic: str, data: bytes, log_ns: int, sequence: int = 0, publish_ns: int | None = None) -> None:
+        """Add a message to one of the channels of a take."""
+        channel = self._channel_of.get(topic)
+        if channel is None:
+            channel = self._channel_of[topic] = self._open(topic)
+        published = log_ns if publish_ns is None else publish_ns
+        self.add_message(channel, data, log_ns=log_ns, publish_ns=published, sequence=sequence)
+
+    def add_run(self, run: Run) -> None:
+        """Begin a run: a metadata record for tools, and a message that a checksum covers."""
+        self.add_metadata(take.RUN_METADATA, take.run_metadata(run))
+        self.add(take.RUNS, take.encode_run(run), run.info.started_ns, run.number)
+
+    def _open(self, topic: str) -> int:
+        kind = channel_kind(topic)
+        schema = self._schema_of.get(kind.schema_name)
+        if schema is None:
+            schema = self.add_schema(kind.schema_name, kind.schema_encoding, kind.schema)
+            self._schema_of[kind.schema_name] = schema
+        return self.add_channel(topic, kind.encoding, schema)
+
+
+@dataclass(frozen=True)
+class ChannelKind:
+    """How a channel's messages are written."""
+
+    encoding: str
+    schema_name: str
+    schema_encoding: str
+    schema: bytes
+
+
+def channel_kind(topic: str) -> ChannelKind:
+    """How the messages of a topic are written."""
+    for prefix, message in ((take.FRAMES, "BodyFrame"), (take.TRUTH, "Truth")):
+        if topic.startswith(prefix):
+            return _protobuf(message)
+    if topic == take.SCENES:
+        return _protobuf("Scene")
+    names = {take.RUNS: "Run", take.COMMANDS: "Command", take.STATUS: "SessionStatus", take.CLOCK: "ClockProbes"}
+    return ChannelKind("json", f"mocapella.{names[topic]}", "jsonschema", b'{"type":"object"}')
+
+
+@cache
+def _protobuf(message: str) -> ChannelKind:
+    file = FileDescriptorProto()
+    pb.DESCRIPTOR.CopyToProto(file)
+    schema = FileDescriptorSet(file=[file]).SerializeToString()
+    return ChannelKind("protobuf", f"mocapella.{message}", "protobuf", schema)

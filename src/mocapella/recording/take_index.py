@@ -1,0 +1,201 @@
+"""Where everything in a take lies: one pass over its files, which checks them and decodes no arrays."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import msgspec
+from google.protobuf.message import DecodeError
+
+from mocapella.conventions import NS_PER_S
+from mocapella.errors import InputError
+from mocapella.recording import take
+from mocapella.recording.mcap_scan import Damage, End, Event, MessageRead, MetadataRead, scan
+from mocapella.recording.sequences import SequenceRanges
+from mocapella.recording.take import Interruption, Run
+from mocapella.schema import mocapella_pb2 as pb
+
+NAMED_AT_MOST: Final = 5
+"""How many scenes without a frame a problem names, before it says how many more there are."""
+
+
+class Ref(msgspec.Struct, frozen=True, gc=False):
+    """Where a message's bytes lie, and when it was logged."""
+
+    part: int
+    offset: int
+    length: int
+    log_ns: int
+
+
+class FrameRef(msgspec.Struct, frozen=True, gc=False):
+    """Where a frame lies, and which it is."""
+
+    ref: Ref
+    sensor: str
+    node_id: int
+    sequence: int
+
+
+class SceneRef(msgspec.Struct, frozen=True, gc=False):
+    """Where a scene lies, and which frame made it, at what time."""
+
+    ref: Ref
+    run: int
+    step: int
+    at_ns: int
+    sensor: str
+    node_id: int
+    sequence: int
+
+
+class TakeIndex:
+    """What `index_take` found, in the order of the files."""
+
+    def __init__(self) -> None:
+        self.clean = True
+        self.problems: list[str] = []
+        self.runs: list[Run] = []
+        self.interruptions: list[Interruption] = []
+        self.frames: list[FrameRef] = []
+        self.scenes: list[SceneRef] = []
+        self.commands: list[tuple[int, Ref]] = []
+        self.others: dict[str, list[Ref]] = {}
+        self.nodes: dict[tuple[str, int], SequenceRanges] = {}
+        self.first_ns: int | None = None
+        self.last_ns = 0
+        self.damaged_parts: set[int] = set()
+        self._by_key: dict[tuple[str, int, int], int] = {}
+
+    @property
+    def seconds(self) -> float:
+        """From the first entry to the last, on the server's clock."""
+        return 0.0 if self.first_ns is None else (self.last_ns - self.first_ns) / NS_PER_S
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing at all could be read."""
+        return self.first_ns is None and not self.runs
+
+    def frame_of(self, scene: SceneRef) -> FrameRef | None:
+        """The frame that made the scene, or None where the take does not have it."""
+        place = self._by_key.get((scene.sensor, scene.node_id, scene.sequence))
+        return None if place is None else self.frames[place]
+
+    def add_file(self, path: Path, part: int) -> None:
+        """Go through one file of the take."""
+        with path.open("rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            for event in scan(file, size, str(path)):
+                self._add(event, part, path)
+
+    def find_orphans(self) -> None:
+        """Report the scenes whose frame is missing."""
+        orphans = [scene for scene in self.scenes if self.frame_of(scene) is None]
+        if orphans:
+            named = [f"run {s.run} step {s.step} ({s.sensor} frame {s.sequence})" for s in orphans[:NAMED_AT_MOST]]
+            more = f" and {len(orphans) - len(named)} more" if len(orphans) > len(named) else ""
+            self.problems.append(
+                f"{len(orphans)} scenes were made of frames that are not in the take: {', '.join(named)}{more}"
+            )
+
+    def _add(self, event: Event, part: int, path: Path) -> None:
+        if isinstance(event, MessageRead):
+            self._add_message(event, part, path)
+        elif isinstance(event, MetadataRead):
+            self._add_metadata(event, part, path)
+        elif isinstance(event, Damage):
+            self.clean = False
+            self.damaged_parts.add(part)
+            self.problems.append(
+                f"{path.name}: bytes {event.start} to {event.end}, {self.seconds:.2f} s after the beginning: "
+                f"{event.problem}"
+            )
+        else:
+            self._end(event, path)
+
+    def _end(self, end: End, path: Path) -> None:
+        if not end.closed:
+            self.clean = False
+            torn = f", and {end.torn_bytes} bytes after it are no whole entry" if end.torn_bytes else ""
+            self.problems.append(
+                f"{path.name}: ends early, after {self.seconds:.2f} s, {len(self.frames)} frames and "
+                f"{len(self.scenes)} scenes{torn}; it was not closed, so the last half second may be missing"
+            )
+
+    def _add_metadata(self, event: MetadataRead, part: int, path: Path) -> None:
+        if event.name == take.RUN_METADATA:
+            run = take.run_from_metadata(event.values, str(path))
+            if run is not None:
+                self._begin_run(run)
+                return
+            self.clean = False
+            self.damaged_parts.add(part)
+            self.problems.append(f"{path.name}: the description of a run was changed; its second copy is used")
+
+    def _begin_run(self, run: Run) -> None:
+        if self.runs and run.number <= self.runs[-1].number:  # each run is described twice
+            return
+        if self.runs and run.part > self.runs[-1].part:
+            self.interruptions.append(Interruption(self.last_ns, run.info.started_unix_ns))
+        self.runs.append(run)
+
+    def _add_message(self, m: MessageRead, part: int, path: Path) -> None:
+        ref = Ref(part, m.offset, len(m.data), m.log_ns)
+        try:
+            if m.topic.startswith(take.FRAMES):
+                self._add_frame(pb.BodyFrame.FromString(m.data), ref)
+            elif m.topic == take.SCENES:
+                self._add_scene(pb.Scene.FromString(m.data), ref)
+            elif m.topic == take.RUNS:
+                self._begin_run(take.decode_run(m.data, str(path)))
+            elif m.topic == take.COMMANDS:
+                self.commands.append((self._run_number(), ref))
+            else:
+                self.others.setdefault(m.topic, []).append(ref)
+        except DecodeError:
+            self.clean = False
+            self.problems.append(f"{path.name}: the message of {m.topic} at byte {m.offset} is none of ours")
+            return
+        self.first_ns = m.log_ns if self.first_ns is None else min(self.first_ns, m.log_ns)
+        self.last_ns = max(self.last_ns, m.log_ns)
+
+    def _add_frame(self, frame: pb.BodyFrame, ref: Ref) -> None:
+        sensor = sys.intern(frame.sensor)
+        ranges = self.nodes.setdefault((sensor, frame.node_id), SequenceRanges())
+        if ranges.add(frame.sequence):
+            self._by_key[sensor, frame.node_id, frame.sequence] = len(self.frames)
+            self.frames.append(FrameRef(ref, sensor, frame.node_id, frame.sequence))
+
+    def _add_scene(self, scene: pb.Scene, ref: Ref) -> None:
+        run, before = self._run_number(), self.scenes[-1] if self.scenes else None
+        if before is not None and before.run == run and scene.step <= before.step:
+            self.problems.append(f"run {run}: step {scene.step} follows step {before.step}; a new tracker is a new run")
+        key = sys.intern(scene.sensor), scene.node_id, scene.sequence
+        self.scenes.append(SceneRef(ref, run, scene.step, scene.at_ns, *key))
+
+    def _run_number(self) -> int:
+        return self.runs[-1].number if self.runs else 0
+
+
+def index_take(parts: Sequence[Path]) -> TakeIndex:
+    """Go through the files of a take, in order.
+
+    Raises:
+        InputError: a file is missing or cannot be read.
+        SchemaVersionError: the take was made with another schema.
+    """
+    index = TakeIndex()
+    for number, path in enumerate(parts):
+        try:
+            index.add_file(path, number)
+        except FileNotFoundError:
+            raise InputError("there is no such file", file=path, fix="name a take that is there (NAME.mcap)") from None
+        except OSError as error:
+            raise InputError(f"cannot be read ({error.strerror})", file=path) from error
+    index.find_orphans()
+    return index

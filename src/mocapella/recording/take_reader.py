@@ -1,0 +1,272 @@
+"""Read a take: whole, torn, or in the parts that an interrupted recording left.
+
+`read_take` goes over the files once, checks every chunk and remembers where things lie; the frames themselves stay
+on the disk until they are asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, BinaryIO, TypeVar
+
+import msgspec
+
+from mocapella.errors import DamagedTakeError, InputError, SchemaVersionError, WireError
+from mocapella.model.observations import Arrival
+from mocapella.model.scene import Scene
+from mocapella.model.truth import Truth
+from mocapella.recording import disk, take
+from mocapella.recording.mcap_file import MAGIC
+from mocapella.recording.mcap_scan import is_closed
+from mocapella.recording.take import Command, Interruption, NodeFrames, Run, StoredFrame, TakeInfo
+from mocapella.recording.take_index import FrameRef, Ref, SceneRef, TakeIndex, index_take
+from mocapella.schema import decode_frame, decode_scene, decode_truth
+
+T = TypeVar("T")
+_FIX = "name a take that is there, such as NAME.mcap"
+
+
+class _StoredCommand(msgspec.Struct):
+    before_step: int
+    command: dict[str, Any]
+
+
+_decode_command = msgspec.json.Decoder(_StoredCommand).decode
+
+
+class Take:
+    """A take on the disk.
+
+    Attributes:
+        path: the take.
+        parts: the files that it is in; more than one where it was interrupted and not put together yet.
+    """
+
+    def __init__(self, path: Path, parts: Sequence[Path], index: TakeIndex) -> None:
+        self.path, self.parts = path, tuple(parts)
+        self._index = index
+
+    @property
+    def clean(self) -> bool:
+        """Whether it was closed properly and nothing in it is damaged."""
+        return self._index.clean
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What is wrong with it, one line each."""
+        return tuple(self._index.problems)
+
+    @property
+    def seconds(self) -> float:
+        """From the first entry to the last, on the server's clock."""
+        return self._index.seconds
+
+    @property
+    def runs(self) -> tuple[Run, ...]:
+        """The trackers' lives in it."""
+        return tuple(self._index.runs)
+
+    @property
+    def interruptions(self) -> tuple[Interruption, ...]:
+        """When the server was killed and went on."""
+        return tuple(self._index.interruptions)
+
+    @property
+    def info(self) -> TakeInfo:
+        """How the take was made (its first run).
+
+        Raises:
+            DamagedTakeError: neither of its two copies can be read.
+        """
+        if not self._index.runs:
+            raise DamagedTakeError("how it was made cannot be read", file=self.path)
+        return self._index.runs[0].info
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """The sensors that frames are there of, in the order of their names."""
+        return tuple(sorted({sensor for sensor, _ in self._index.nodes}))
+
+    @property
+    def frame_count(self) -> int:
+        """How many frames there are."""
+        return len(self._index.frames)
+
+    @property
+    def scene_count(self) -> int:
+        """How many scenes there are."""
+        return len(self._index.scenes)
+
+    def frames(self, sensor: str | None = None) -> Iterator[StoredFrame]:
+        """The frames in the order they were stored in; of one sensor, or all.
+
+        Raises:
+            DamagedTakeError: a frame's bytes are not a valid frame.
+        """
+        yield from self._frames(frame for frame in self._index.frames if sensor in (None, frame.sensor))
+
+    def frames_in_sequence(self, sensor: str) -> Iterator[StoredFrame]:
+        """One sensor's frames in the order they were captured in, node after node.
+
+        What was missed at first and fetched later is stored later; here it is where it belongs.
+
+        Raises:
+            DamagedTakeError: a frame's bytes are not a valid frame.
+        """
+        frames = [frame for frame in self._index.frames if frame.sensor == sensor]
+        nodes = {node: place for place, node in enumerate(dict.fromkeys(frame.node_id for frame in frames))}
+        yield from self._frames(sorted(frames, key=lambda frame: (nodes[frame.node_id], frame.sequence)))
+
+    def scenes(self, run: int | None = None) -> Iterator[tuple[int, Scene]]:
+        """(log_ns, scene) in the order they were made in; of one run, or all.
+
+        Raises:
+            DamagedTakeError: a scene's bytes are not a valid scene.
+        """
+        refs = (scene.ref for scene in self._index.scenes if run in (None, scene.run))
+        yield from self._decoded(refs, decode_scene)
+
+    def truths(self, sensor: str) -> Iterator[tuple[int, Truth]]:
+        """(log_ns, truth) of a simulated sensor."""
+        yield from self._decoded(self._index.others.get(take.TRUTH + sensor, []), decode_truth)
+
+    def statuses(self) -> Iterator[tuple[int, dict[str, Any]]]:
+        """(log_ns, what the session's status was)."""
+        yield from self._decoded(self._index.others.get(take.STATUS, []), msgspec.json.decode)
+
+    def clock_probes(self) -> Iterator[tuple[int, dict[str, Any]]]:
+        """(log_ns, raw probes of the nodes' clocks)."""
+        yield from self._decoded(self._index.others.get(take.CLOCK, []), msgspec.json.decode)
+
+    def commands(self, run: int | None = None) -> Iterator[Command]:
+        """What was done to the tracker; of one run, or all."""
+        refs = (ref for number, ref in self._index.commands if run in (None, number))
+        for log_ns, stored in self._decoded(refs, _decode_command):
+            yield Command(stored.before_step, log_ns, stored.command)
+
+    def arrivals(self, run: int | None = None) -> Iterator[Arrival]:
+        """The frames that the tracker took in, in the order it did and with its times; of one run, or all.
+
+        A scene whose frame is missing is passed over; `problems` names it.
+        """
+        with ExitStack() as stack:
+            files = self._open(stack)
+            for scene in self._index.scenes:
+                if run in (None, scene.run) and (arrival := self._arrival(files, scene)) is not None:
+                    yield arrival
+
+    def replay(self) -> Iterator[Run | Command | Arrival]:
+        """All that a tracker needs to make the same scenes again.
+
+        A `Run` says: make a new tracker, of its setup. Then come that run's arrivals, and each command where it was
+        carried out.
+        """
+        for run in self._index.runs:
+            yield run
+            yield from self._replay_run(run.number)
+
+    def complete(self) -> tuple[NodeFrames, ...]:
+        """Which frames of each node are there and which are missing, by sensor and node."""
+        return tuple(
+            NodeFrames(sensor, node, ranges.first, ranges.last, len(ranges), ranges.missing())
+            for (sensor, node), ranges in sorted(self._index.nodes.items())
+        )
+
+    def _frames(self, refs: Iterable[FrameRef]) -> Iterator[StoredFrame]:
+        with ExitStack() as stack:
+            files = self._open(stack)
+            for frame in refs:
+                raw = self._bytes(files, frame.ref)
+                yield StoredFrame(frame.ref.log_ns, self._decode(decode_frame, raw, frame.ref), raw)
+
+    def _replay_run(self, run: int) -> Iterator[Command | Arrival]:
+        waiting = list(self.commands(run))[::-1]
+        scenes = [scene for scene in self._index.scenes if scene.run == run]
+        with ExitStack() as stack:
+            files = self._open(stack)
+            for scene in scenes:
+                while waiting and waiting[-1].before_step <= scene.step:
+                    yield waiting.pop()
+                if (arrival := self._arrival(files, scene)) is not None:
+                    yield arrival
+        yield from reversed(waiting)
+
+    def _arrival(self, files: list[BinaryIO], scene: SceneRef) -> Arrival | None:
+        frame = self._index.frame_of(scene)
+        if frame is None:
+            return None
+        return Arrival(self._decode(decode_frame, self._bytes(files, frame.ref), frame.ref), scene.at_ns)
+
+    def _decoded(self, refs: Any, decode: Callable[[bytes], T]) -> Iterator[tuple[int, T]]:
+        with ExitStack() as stack:
+            files = self._open(stack)
+            for ref in refs:
+                yield ref.log_ns, self._decode(decode, self._bytes(files, ref), ref)
+
+    def _open(self, stack: ExitStack) -> list[BinaryIO]:
+        try:
+            return [stack.enter_context(part.open("rb")) for part in self.parts]
+        except OSError as error:
+            raise InputError(f"cannot be read any more ({error.strerror})", file=self.path) from error
+
+    def _bytes(self, files: list[BinaryIO], ref: Ref) -> bytes:
+        try:
+            files[ref.part].seek(ref.offset)
+            data = files[ref.part].read(ref.length)
+        except OSError as error:
+            raise InputError(f"cannot be read ({error.strerror})", file=self.parts[ref.part]) from error
+        if len(data) != ref.length:
+            raise DamagedTakeError("became shorter while it was read", file=self.parts[ref.part])
+        return data
+
+    def _decode(self, decode: Callable[[bytes], T], data: bytes, ref: Ref) -> T:
+        try:
+            return decode(data)
+        except SchemaVersionError:
+            raise
+        except (WireError, msgspec.DecodeError) as error:
+            raise DamagedTakeError(f"at byte {ref.offset}: {error}", file=self.parts[ref.part]) from error
+
+
+def read_take(path: Path | str) -> Take:
+    """Open a take, or what is left of it; `Take.problems` says what is wrong with it.
+
+    Where a recording was interrupted and its parts were not put together (`merge_parts`), they are read as one take.
+
+    Raises:
+        InputError: the file is missing, empty, no MCAP file, or no take.
+        DamagedTakeError: it is a take, and nothing of it can be read.
+        SchemaVersionError: the take was made with another schema.
+    """
+    path = Path(path)
+    parts, is_mcap = _parts(path)
+    index = index_take(parts)
+    if len(parts) > 1:
+        index.clean = False
+        index.problems.append(f"the take is in {len(parts)} parts, because the recording was interrupted")
+    if index.empty and not is_mcap:
+        raise InputError("is no MCAP file", file=path, fix=_FIX)
+    if index.empty:
+        raise DamagedTakeError("nothing in it can be read", file=path, fix="; ".join(index.problems) or None)
+    if not index.runs and not index.frames and not index.scenes:
+        raise InputError("is an MCAP file, and no take of Mocapella", file=path, fix=_FIX)
+    return Take(path, parts, index)
+
+
+def _parts(path: Path) -> tuple[tuple[Path, ...], bool]:
+    """The files of the take, and whether the first begins as an MCAP file."""
+    try:
+        with path.open("rb") as file:
+            size = path.stat().st_size
+            start = file.read(len(MAGIC))
+            closed = is_closed(file, size)
+    except FileNotFoundError:
+        raise InputError("there is no such file", file=path, fix=_FIX) from None
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})", file=path, fix=_FIX) from error
+    parts = (path,) if closed else disk.parts_of(path)
+    if size == 0 and len(parts) == 1:
+        raise InputError("is empty", file=path, fix=_FIX)
+    return parts, bool(start) and MAGIC.startswith(start)

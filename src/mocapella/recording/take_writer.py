@@ -1,0 +1,333 @@
+"""Write a take so that a kill costs at most what was written since the last flush, and nothing that was acknowledged.
+
+The writer owns no thread and no clock. Whoever owns it calls `TakeWriter.flush` at least every quarter of a second,
+from a thread that may wait for the disk.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Mapping
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from mocapella.conventions import NS_PER_S
+from mocapella.errors import DiskFullError, InputError, RecordingError
+from mocapella.model.session import SessionStatus
+from mocapella.recording import disk, merge, take
+from mocapella.recording.mcap_file import MAGIC
+from mocapella.recording.sequences import SequenceRanges
+from mocapella.recording.take import Run, TakeInfo, TakeReport
+from mocapella.recording.take_file import TakeFile
+from mocapella.recording.take_index import TakeIndex, index_take
+
+_Node = tuple[str, int]
+
+
+class TakeWriter:
+    """A take that is being recorded; made by `create` or `resume_or_create`.
+
+    After any error it is closed as well as it can be, `report` says what is stored, and it takes nothing more.
+
+    Attributes:
+        path: the take.
+        scenes: scenes that are on the disk.
+        duplicates: frames that came again and were not stored twice.
+        report: what came of it, once it is closed.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        info: TakeInfo,
+        reserve_bytes: int,
+        part: int = 1,
+        lock_fd: int | None = None,
+        earlier: TakeIndex | None = None,
+    ) -> None:
+        self.path = path
+        self.duplicates = 0
+        self.report: TakeReport | None = None
+        self._part, self._reserve = part, reserve_bytes
+        earlier = earlier or TakeIndex()
+        self._nodes: dict[_Node, SequenceRanges] = earlier.nodes
+        self._stored = Counter(frame.sensor for frame in earlier.frames)
+        self._earlier = self._stored.copy()
+        self._pending: Counter[str] = Counter()
+        self.scenes, self._pending_scenes = len(earlier.scenes), 0
+        self._first_ns, self._last_ns = earlier.first_ns, earlier.last_ns
+        self._next_run = earlier.runs[-1].number + 1 if earlier.runs else 0
+        file = disk.part_path(path, part)
+        self._fd = disk.create_new(file)
+        self._lock_fd = lock_fd
+        if lock_fd is None:
+            disk.lock(self._fd)
+        self._file = TakeFile(self._fd)
+        try:
+            self._begin_run(info)
+            self._file.flush()
+            disk.sync_folder(file.parent)
+        except OSError as error:
+            os.close(self._fd)
+            file.unlink()
+            raise _as_ours(error, f"cannot record to {file}") from error
+
+    @classmethod
+    def create(cls, path: Path, *, info: TakeInfo, reserve_bytes: int = disk.GIB) -> TakeWriter:
+        """Begin a new take.
+
+        Raises:
+            RecordingError: the folder is missing, no folder, or cannot be written to.
+            DiskFullError: less free space than the reserve.
+            TakeExistsError: the name is in use. In each case nothing was created.
+        """
+        disk.check_can_record(path, reserve_bytes)
+        return cls(path, info=info, reserve_bytes=reserve_bytes)
+
+    @classmethod
+    def resume_or_create(cls, path: Path, *, info: TakeInfo, reserve_bytes: int = disk.GIB) -> TakeWriter:
+        """Go on with a take whose recording was killed, or begin a new one.
+
+        What is stored already is not stored again, however often it comes. `close` makes one file of the parts.
+
+        Raises:
+            TakeExistsError: the take was closed properly, is being recorded by another, or is none of ours.
+            RecordingError, DiskFullError: as `create`.
+            SchemaVersionError: the take was begun with another schema.
+        """
+        disk.check_folder(path.parent, reserve_bytes)
+        if not os.path.lexists(path):
+            return cls.create(path, info=info, reserve_bytes=reserve_bytes)
+        try:
+            fd = os.open(path, os.O_RDWR)
+        except OSError as error:
+            raise disk.name_taken(path, f"it exists and cannot be opened ({error.strerror})") from error
+        with ExitStack() as stack:
+            stack.callback(os.close, fd)
+            if not disk.lock(fd):
+                raise disk.name_taken(path, "another program is recording it")
+            writer = cls(
+                path,
+                info=info,
+                reserve_bytes=reserve_bytes,
+                part=disk.next_part(path),
+                lock_fd=fd,
+                earlier=_earlier_parts(path),
+            )
+            stack.pop_all()
+        return writer
+
+    @property
+    def stored(self) -> int:
+        """Frames that are on the disk, of the whole take."""
+        return self._stored.total()
+
+    @property
+    def frames(self) -> dict[str, int]:
+        """By sensor, how many frames are on the disk."""
+        return dict(self._stored)
+
+    @property
+    def pending(self) -> int:
+        """Frames that wait for the next flush."""
+        return self._pending.total()
+
+    @property
+    def lost(self) -> dict[str, int]:
+        """By sensor, how many frames are missing between the first and the last of each of its nodes."""
+        lost: Counter[str] = Counter()
+        for (sensor, _), ranges in self._nodes.items():
+            lost[sensor] += ranges.lost
+        return dict(lost)
+
+    @property
+    def size_bytes(self) -> int:
+        """Size of the file that is being written."""
+        return self._file.size
+
+    @property
+    def seconds(self) -> float:
+        """From the first entry to the last, on the server's clock."""
+        return 0.0 if self._first_ns is None else (self._last_ns - self._first_ns) / NS_PER_S
+
+    def start_run(self, info: TakeInfo) -> None:
+        """Say that a new tracker begins, whose steps begin anew, and how it is set up; flushes what was before it.
+
+        Raises:
+            DiskFullError, RecordingError: as `flush`.
+        """
+        self.flush()
+        self._begin_run(info)
+
+    def write_frame(self, data: bytes, *, sensor: str, node_id: int, sequence: int, log_ns: int) -> bool:
+        """Take a frame of the record path, the bytes as they came; False where it was there already."""
+        self._check_open()
+        node = (sensor, node_id)
+        ranges = self._nodes.get(node)
+        if ranges is None:
+            ranges = self._nodes[node] = SequenceRanges()
+        if not ranges.add(sequence):
+            self.duplicates += 1
+            return False
+        self._file.add(take.FRAMES + sensor, data, log_ns, sequence)
+        self._pending[sensor] += 1
+        self._saw(log_ns)
+        return True
+
+    def write_scene(self, data: bytes, log_ns: int) -> None:
+        """Take a scene, encoded."""
+        self._write(take.SCENES, data, log_ns)
+        self._pending_scenes += 1
+
+    def write_truth(self, data: bytes, *, sensor: str, log_ns: int) -> None:
+        """Take what a simulated room knows, encoded."""
+        self._write(take.TRUTH + sensor, data, log_ns)
+
+    def write_status(self, status: SessionStatus, log_ns: int) -> None:
+        """Take the session's status."""
+        self._write(take.STATUS, msgspec.json.encode(status), log_ns)
+
+    def write_clock(self, probes: Mapping[str, Any], log_ns: int) -> None:
+        """Take the raw probes of a node's clock, so that the offset can be computed again."""
+        self._write(take.CLOCK, msgspec.json.encode(probes), log_ns)
+
+    def write_command(self, values: Mapping[str, Any], log_ns: int, before_step: int) -> None:
+        """Take a command, and which step of the tracker was the first after it."""
+        data = msgspec.json.encode({"before_step": before_step, "command": values})
+        self._write(take.COMMANDS, data, log_ns)
+
+    def flush(self) -> None:
+        """Return when everything written so far is on the disk, and is readable whatever happens next.
+
+        Raises:
+            DiskFullError: the disk is full, or less than the reserve is left.
+            RecordingError: the disk failed. In each case the take is closed and what was stored stays readable.
+                Or the file was removed; then nothing is left of it.
+        """
+        self._check_open()
+        try:
+            self._store()
+            free = disk.free_bytes(self.path.parent)
+        except OSError as error:
+            raise self._stopped(_as_ours(error, f"recording to {self.path} stopped")) from error
+        if free < self._reserve:
+            why = f"recording to {self.path} stopped: {disk.too_little(free, self._reserve)}"
+            raise self._stopped(DiskFullError(why))
+
+    def close(self) -> TakeReport:
+        """Finish the take, and make one file of its parts where it was interrupted.
+
+        Where the parts cannot be put together, they are kept, are read as one take, and the report says why. A
+        second call returns the same report.
+
+        Raises:
+            DiskFullError, RecordingError: the end could not be written; what was flushed stays readable.
+        """
+        if self.report is not None:
+            return self.report
+        try:
+            self._store()
+            self._file.finish()
+        except OSError as error:
+            raise self._stopped(_as_ours(error, f"{self.path} could not be closed")) from error
+        problem = ""
+        if not disk.leads_to(disk.part_path(self.path, self._part), self._fd):
+            problem = f"{self.path} was moved while it was recorded; the frames are in the file that was moved"
+        elif self._lock_fd is not None:
+            try:
+                merge.merge_locked(self.path, self._reserve)
+            except (RecordingError, InputError) as error:
+                problem = str(error)
+        return self._finished(clean=not problem, problem=problem)
+
+    def _begin_run(self, info: TakeInfo) -> None:
+        self._file.add_run(Run(self._next_run, self._part, info))
+        self._next_run += 1
+        self._saw(info.started_ns)
+
+    def _write(self, topic: str, data: bytes, log_ns: int) -> None:
+        self._check_open()
+        self._file.add(topic, data, log_ns)
+        self._saw(log_ns)
+
+    def _saw(self, log_ns: int) -> None:
+        self._first_ns = log_ns if self._first_ns is None else min(self._first_ns, log_ns)
+        self._last_ns = max(self._last_ns, log_ns)
+
+    def _store(self) -> None:
+        self._file.flush()
+        if disk.removed(self._fd):
+            self._pending += self._stored - self._earlier
+            self._stored, self.scenes = self._earlier, 0
+            raise self._stopped(RecordingError(f"{self.path} was removed while it was recorded; begin a new take"))
+        self._stored += self._pending
+        self._pending.clear()
+        self.scenes += self._pending_scenes
+        self._pending_scenes = 0
+
+    def _check_open(self) -> None:
+        if self.report is not None:
+            why = f" ({self.report.problem})" if self.report.problem else ""
+            raise RecordingError(f"{self.path} is closed{why}; begin a new take")
+
+    def _stopped(self, error: RecordingError) -> RecordingError:
+        """Close as well as the disk allows, and give the error back with what is stored."""
+        clean = False
+        with suppress(OSError):  # the disk is full or failing: then the take has no end, and is readable
+            self._file.finish()
+            clean = self._lock_fd is None and not disk.removed(self._fd)
+        report = self._finished(clean=clean, problem=str(error))
+        unsaved = self.pending
+        return type(error)(
+            f"{error}; {report.path.name} holds the {sum(report.frames.values())} frames before it"
+            + (f", and {unsaved} are lost" if unsaved else "")
+        )
+
+    def _finished(self, *, clean: bool, problem: str) -> TakeReport:
+        os.close(self._fd)
+        if self._lock_fd is not None:
+            os.close(self._lock_fd)
+        try:
+            parts = (self.path,) if clean else disk.parts_of(self.path)
+            size = sum(part.stat().st_size for part in parts)
+        except OSError:  # the file or its folder is no longer where it was
+            parts, size = (self.path,), self._file.size
+        self.report = TakeReport(
+            path=self.path,
+            parts=parts,
+            frames=dict(self._stored),
+            lost=dict(Counter(self.lost) + self._pending),
+            duplicates=self.duplicates,
+            scenes=self.scenes,
+            size_bytes=size,
+            seconds=self.seconds,
+            clean=clean,
+            problem=problem,
+        )
+        return self.report
+
+
+def _earlier_parts(path: Path) -> TakeIndex:
+    """What an interrupted recording stored. Raises `TakeExistsError` where the file is no such thing."""
+    if merge.closed(path):
+        merge.remove_leftovers(path)
+        raise disk.name_taken(path)
+    with path.open("rb") as file:
+        start = file.read(len(MAGIC))
+    index = index_take(disk.parts_of(path))
+    if not MAGIC.startswith(start):
+        raise disk.name_taken(path, "it exists and is no take")
+    if index.first_ns is not None and not index.runs:
+        raise disk.name_taken(path, "it exists and is no take that can be gone on with")
+    return index
+
+
+def _as_ours(error: OSError, what: str) -> RecordingError:
+    if disk.is_full(error):
+        return DiskFullError(f"{what}: the disk is full ({error.strerror}); free some space or choose another disk")
+    return RecordingError(f"{what}: the disk failed ({error.strerror}); look at the disk or choose another")

@@ -1,0 +1,21 @@
+"""The messages as bytes: the schema, and the one place that writes and reads it.
+
+It is a room of its own because two others need it, the bus and the recording, and neither may know the other.
+"""
+
+from mocapella.schema.checks import MAX_BODIES, MAX_MESSAGE_BYTES, MAX_SCENE_BYTES, SCHEMA_VERSION
+from mocapella.schema.frames import decode_frame, encode_frame
+from mocapella.schema.scenes import decode_scene, decode_truth, encode_scene, encode_truth
+
+__all__ = [
+    "MAX_BODIES",
+    "MAX_MESSAGE_BYTES",
+    "MAX_SCENE_BYTES",
+    "SCHEMA_VERSION",
+    "decode_frame",
+    "decode_scene",
+    "decode_truth",
+    "encode_frame",
+    "encode_scene",
+    "encode_truth",
+]

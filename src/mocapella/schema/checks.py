@@ -1,0 +1,131 @@
+"""What every message is checked for at the door, and the errors that say what was wrong.
+
+A stranger's text is shortened before it is compared or printed: a name of sixteen megabytes must cost nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any, Final
+
+import numpy as np
+from google.protobuf.message import DecodeError, Message
+from numpy.typing import NDArray
+
+from mocapella.errors import SchemaVersionError, SettingsError, WireError, one_of
+from mocapella.model.observations import check_sensor_name
+from mocapella.model.topology import Topology, topology, topology_names
+
+SCHEMA_VERSION: Final = 1
+MAX_BODIES: Final = 1024
+"""A frame that claims more is refused before anything is allocated for it."""
+MAX_MESSAGE_BYTES: Final = 16 * 1024 * 1024
+MAX_SCENE_BYTES: Final = 4 * 1024 * 1024
+"""A scene nests messages, each of which takes some forty times its bytes in memory."""
+MAX_COORDINATE: Final = 1000.0
+"""Metres; a skeleton that is a kilometre away is not one."""
+
+F4: Final = np.dtype("<f4")
+F8: Final = np.dtype("<f8")
+I8: Final = np.dtype("<i8")
+U8: Final = np.dtype("<u8")
+U1: Final = np.dtype("u1")
+STATES: Final = bytes((0, 1, 2))
+FLAGS: Final = bytes((0, 1))
+
+_RIGID: Final = 1e-4
+"""How far a rotation's columns may be from orthonormal."""
+
+
+def parse(kind: Any, data: bytes, limit: int) -> Any:
+    """The protobuf message of that kind.
+
+    Raises:
+        WireError: more than ``limit`` bytes, or no such message.
+        SchemaVersionError: of a version that this program does not speak.
+    """
+    if len(data) > limit:
+        raise WireError(f"{kind.DESCRIPTOR.name} of {len(data)} bytes; at most {limit} are read")
+    try:
+        message: Message = kind.FromString(data)
+    except DecodeError as error:
+        raise WireError(f"{len(data)} bytes that are no {kind.DESCRIPTOR.name} message ({error})") from error
+    version = message.schema_version  # type: ignore[attr-defined]
+    if version != SCHEMA_VERSION:
+        said = f"is of schema version {version}" if version else "does not say its schema version"
+        raise SchemaVersionError(
+            f"{kind.DESCRIPTOR.name} {said}; this program reads version {SCHEMA_VERSION}: "
+            "publish with a Mocapella of the same schema (mocapella --version)"
+        )
+    return message
+
+
+@lru_cache(maxsize=64)
+def known_topology(name: str) -> Topology:
+    """The topology of that name, or a `WireError` that lists those there are."""
+    try:
+        return topology(name[:80])
+    except SettingsError:
+        raise WireError(f"topology is {name[:80]!r}; known: {one_of(name[:80], topology_names())}") from None
+
+
+@lru_cache(maxsize=4096)
+def sensor_name(name: str) -> str:
+    """The name itself, or a `WireError` that says which names can be used."""
+    try:
+        return check_sensor_name(name[:80])
+    except SettingsError as error:
+        raise WireError(str(error)) from None
+
+
+def array(data: bytes, dtype: np.dtype[Any], shape: tuple[int, ...], field: str) -> NDArray[Any]:
+    """The packed values of a field, read-only, where they have the length that ``shape`` wants."""
+    wanted = dtype.itemsize * math.prod(shape)
+    if len(data) != wanted:
+        raise WireError(f"{field} has {len(data)} bytes; {shape} {dtype.name} want {wanted}")
+    return np.frombuffer(data, dtype).reshape(shape)
+
+
+def choices(data: bytes, allowed: bytes, count: int, field: str) -> NDArray[np.uint8]:
+    """``count`` bytes, each one of ``allowed``."""
+    values = array(data, U1, (count,), field)
+    strange = data.translate(None, allowed)
+    if strange:
+        raise WireError(f"{field} has a {strange[0]}; it wants {', '.join(map(str, allowed[:-1]))} or {allowed[-1]}")
+    return values
+
+
+def points(data: bytes, shape: tuple[int, ...], field: str) -> NDArray[np.float64]:
+    """float64 coordinates [m]: each NaN, which is not seen, or within ±`MAX_COORDINATE`."""
+    values = array(data, F8, shape, field)
+    far = values[np.abs(values) > MAX_COORDINATE]
+    if far.size:
+        raise WireError(f"{field} has a {far[0]:g}; coordinates are within ±{MAX_COORDINATE:g} m, or NaN")
+    return values
+
+
+def transform(data: bytes, field: str) -> NDArray[np.float64]:
+    """A rigid motion (4, 4) of its upper three rows."""
+    T = np.eye(4)
+    T[:3] = array(data, F8, (3, 4), field)
+    R = T[:3, :3]
+    rigid = (
+        bool(np.all(np.abs(T) <= MAX_COORDINATE))  # NaN compares false
+        and np.allclose(R @ R.T, np.eye(3), rtol=0.0, atol=_RIGID)
+        and np.linalg.det(R) > 0.0
+    )
+    if not rigid:
+        raise WireError(
+            f"{field} is no rigid motion; it wants a rotation and a translation within {MAX_COORDINATE:g} m"
+        )
+    return T
+
+
+def sensor_pose(tilt: float, height: float, message: str) -> None:
+    """Refuse a sensor's tilt [rad] or height [m] that no sensor has; ``message`` is whose fields they are."""
+    if not (-math.pi <= tilt <= math.pi and -MAX_COORDINATE <= height <= MAX_COORDINATE):
+        raise WireError(
+            f"{message}.tilt_rad is {tilt:g} and height_m {height:g}; "
+            f"they want radians within ±π and metres within ±{MAX_COORDINATE:g}"
+        )

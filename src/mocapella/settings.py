@@ -1,0 +1,53 @@
+"""From a file's or a message's mapping to a frozen settings value: once, at the door.
+
+A settings value is a frozen dataclass whose ``__post_init__`` checks its ranges. An unknown key is an error with a
+suggestion, because a misspelt setting that is silently ignored costs a study.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+import msgspec
+
+from mocapella.errors import SettingsError, one_of
+
+T = TypeVar("T")
+
+
+def parse(kind: type[T], data: Mapping[str, Any], *, where: str = "settings") -> T:
+    """Make a ``kind`` of a mapping.
+
+    Raises:
+        SettingsError: an unknown key (with a suggestion), a wrong type, or a value out of range; names ``where``.
+    """
+    names = [field.name for field in dataclasses.fields(kind)]  # type: ignore[arg-type]
+    for key in data:
+        if key not in names:
+            raise SettingsError(f"{where}: unknown key {key!r}; known: {one_of(str(key), names)}")
+    try:
+        value = msgspec.convert(data, kind, strict=True)
+    except msgspec.ValidationError as error:
+        raise SettingsError(f"{where}: {error}") from error
+    _refuse_ignored(data, dataclasses.asdict(value), where)  # type: ignore[call-overload]
+    return value
+
+
+def check(condition: bool, name: str, value: object, wanted: str) -> None:
+    """Raise a `SettingsError` that says what ``name`` may be, unless ``condition`` holds."""
+    if not condition:
+        raise SettingsError(f"{name} is {value!r}; it must be {wanted}")
+
+
+def _refuse_ignored(given: Any, taken: Any, where: str) -> None:
+    """Refuse a key, at any depth, that did not become part of the value."""
+    if isinstance(given, Mapping) and isinstance(taken, Mapping):
+        for key, inner in given.items():
+            if key not in taken:
+                raise SettingsError(f"{where}: unknown key {key!r}; known: {one_of(str(key), map(str, taken))}")
+            _refuse_ignored(inner, taken[key], f"{where}: {key}")
+    elif isinstance(given, list | tuple) and isinstance(taken, list | tuple):
+        for inner, value in zip(given, taken, strict=True):
+            _refuse_ignored(inner, value, where)

@@ -1,0 +1,291 @@
+"""A TCP door for sensor programs that do not speak the bus: C, C++, C# and whatever else has protobuf and a socket.
+
+A program connects and writes `BodyFrame` messages, each after its length (`docs/wire.md`). Every message is checked as
+everywhere else. The first one that is wrong ends the connection, with one line of text back that says why; no other
+connection notices.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import logging
+import os
+import selectors
+import socket
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+from mocapella.errors import AddressInUseError, BusError, MocapellaError, WireError
+from mocapella.model.observations import BodyFrame
+from mocapella.schema import MAX_MESSAGE_BYTES, decode_frame
+from mocapella.schema.delimited import DelimitedReader
+from mocapella.settings import check
+
+OnFrame = Callable[[str, BodyFrame, bytes], None]
+"""Called with the sensor's name, the frame, and its bytes as they came."""
+OnGone = Callable[[str], None]
+"""Called with the name of a sensor whose connection ended."""
+
+_PIECE = 64 * 1024
+"""Bytes read at a time, so that a fast writer does not keep the others waiting."""
+_LOG = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class BridgeSettings:
+    """Where the bridge listens, and how much patience it has."""
+
+    host: str = "127.0.0.1"
+    port: int = 7450
+    """0 takes any free one."""
+    max_connections: int = 32
+    max_sensors: int = 16
+    """Of one connection. Each becomes a node of its own, and opening them holds up the others."""
+    max_message_bytes: int = MAX_MESSAGE_BYTES
+    message_timeout: float = 5.0
+    """A message that has begun must be complete after this [s]."""
+    idle_timeout: float = 60.0
+    """A connection without a message for this long is closed [s]."""
+
+    def __post_init__(self) -> None:
+        check(0 <= self.port <= 65535, "port", self.port, "from 0 to 65535")
+        check(self.max_connections >= 1, "max_connections", self.max_connections, "1 or more")
+        check(self.max_sensors >= 1, "max_sensors", self.max_sensors, "1 or more")
+        most = MAX_MESSAGE_BYTES
+        check(1 <= self.max_message_bytes <= most, "max_message_bytes", self.max_message_bytes, f"from 1 to {most}")
+        check(self.message_timeout > 0, "message_timeout", self.message_timeout, "above 0 s")
+        check(self.idle_timeout > 0, "idle_timeout", self.idle_timeout, "above 0 s")
+
+
+@dataclass(frozen=True)
+class BridgeReport:
+    """What came through, and what did not.
+
+    Attributes:
+        frames: passed on.
+        refused: connections ended because of what they sent, or turned away.
+        timed_out: connections ended because they were too slow or silent.
+        connections: open now.
+        last_problem: why the last one was ended; empty where none was.
+    """
+
+    frames: int = 0
+    refused: int = 0
+    timed_out: int = 0
+    connections: int = 0
+    last_problem: str = ""
+
+
+@dataclass(eq=False)
+class _Connection:
+    """One program that is connected."""
+
+    socket: socket.socket
+    peer: str
+    reader: DelimitedReader
+    last_message_s: float
+    begun_s: float | None = None
+    """When the message that is not complete began to arrive."""
+    newest: dict[str, BodyFrame] = field(default_factory=dict)
+    """The last frame of each sensor that this connection serves."""
+
+
+class Bridge:
+    """Listens from `start` to `stop`, on a thread of its own, on which the callbacks are called.
+
+    A callback may refuse a frame by raising a `MocapellaError`, such as `NameTakenError`: the connection is then ended
+    with that message.
+    """
+
+    def __init__(
+        self, on_frame: OnFrame, settings: BridgeSettings | None = None, on_gone: OnGone | None = None
+    ) -> None:
+        self._settings = settings or BridgeSettings()
+        self._on_frame, self._on_gone = on_frame, on_gone
+        self._connections: set[_Connection] = set()
+        self._owners: dict[str, _Connection] = {}
+        self._report = BridgeReport()
+        self._listener: socket.socket | None = None
+        self._stopping = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    @property
+    def address(self) -> tuple[str, int]:
+        """Host and port that it listens at; those of the settings before `start`."""
+        if self._listener is None:
+            return self._settings.host, self._settings.port
+        host, port = self._listener.getsockname()[:2]
+        return host, port
+
+    @property
+    def report(self) -> BridgeReport:
+        """What came through so far."""
+        return self._report
+
+    def start(self) -> None:
+        """Begin to listen.
+
+        Raises:
+            AddressInUseError: another program listens there.
+            BusError: the address is none of this machine, or may not be listened at.
+        """
+        self._listener = _listen(self._settings)
+        self._stopping.clear()
+        self._thread = threading.Thread(target=self._run, args=(self._listener,), name="bridge", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Close every connection and wait for the thread; may be called twice."""
+        self._stopping.set()
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+
+    def __enter__(self) -> Bridge:
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def _run(self, listener: socket.socket) -> None:
+        with selectors.DefaultSelector() as selector, listener:
+            selector.register(listener, selectors.EVENT_READ)
+            try:
+                while not self._stopping.is_set():
+                    for key, _ in selector.select(timeout=0.1):
+                        if key.data is None:
+                            self._accept(listener, selector)
+                        else:
+                            self._read(key.data, selector)
+                    self._end_the_slow(selector)
+            finally:
+                for connection in list(self._connections):
+                    self._close(connection, selector)
+                self._listener = None
+
+    def _accept(self, listener: socket.socket, selector: selectors.BaseSelector) -> None:
+        try:
+            accepted, address = listener.accept()
+        except OSError as error:  # gone before it was accepted, or no file handle left
+            _LOG.warning("bridge: a connection could not be accepted: %s", error)
+            return
+        accepted.setblocking(False)
+        reader = DelimitedReader(self._settings.max_message_bytes)
+        connection = _Connection(accepted, f"{address[0]}:{address[1]}", reader, time.monotonic())
+        self._connections.add(connection)
+        selector.register(accepted, selectors.EVENT_READ, connection)
+        self._count(connections=len(self._connections))
+        if len(self._connections) > self._settings.max_connections:
+            self._refuse(connection, selector, f"there are {self._settings.max_connections} connections already")
+
+    def _read(self, connection: _Connection, selector: selectors.BaseSelector) -> None:
+        try:
+            piece = connection.socket.recv(_PIECE)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            _LOG.info("bridge: %s: %s", connection.peer, error)
+            piece = b""
+        if not piece:
+            self._close(connection, selector)
+            return
+        try:
+            for message in connection.reader.feed(piece):
+                self._take(connection, message)
+        except MocapellaError as error:
+            self._refuse(connection, selector, str(error))
+            return
+        if connection.reader.pending == 0:
+            connection.begun_s = None
+        elif connection.begun_s is None:
+            connection.begun_s = time.monotonic()
+
+    def _take(self, connection: _Connection, message: bytes) -> None:
+        frame = decode_frame(message)
+        owner = self._owners.get(frame.sensor, connection)
+        if owner is not connection:
+            raise WireError(f"sensor {frame.sensor} is served by {owner.peer} already; choose another name")
+        if frame.sensor not in connection.newest and len(connection.newest) == self._settings.max_sensors:
+            raise WireError(f"a connection serves at most {self._settings.max_sensors} sensors; open one for each")
+        _check_order(frame, connection.newest.get(frame.sensor))
+        self._owners[frame.sensor] = connection
+        connection.newest[frame.sensor] = frame
+        self._on_frame(frame.sensor, frame, message)
+        connection.last_message_s, connection.begun_s = time.monotonic(), None
+        self._count(frames=self._report.frames + 1)
+
+    def _end_the_slow(self, selector: selectors.BaseSelector) -> None:
+        now, limits = time.monotonic(), self._settings
+        for connection in list(self._connections):
+            if connection.begun_s is not None and now - connection.begun_s > limits.message_timeout:
+                problem = f"a message was not complete after {limits.message_timeout:g} s"
+            elif now - connection.last_message_s > limits.idle_timeout:
+                problem = f"no message for {limits.idle_timeout:g} s"
+            else:
+                continue
+            self._count(timed_out=self._report.timed_out + 1)
+            self._end(connection, selector, problem)
+
+    def _refuse(self, connection: _Connection, selector: selectors.BaseSelector, problem: str) -> None:
+        self._count(refused=self._report.refused + 1)
+        self._end(connection, selector, problem)
+
+    def _end(self, connection: _Connection, selector: selectors.BaseSelector, problem: str) -> None:
+        """Say why, to the log and to the program, as far as it listens, and close."""
+        _LOG.warning("bridge: %s: %s", connection.peer, problem)
+        self._count(last_problem=f"{connection.peer}: {problem}")
+        with contextlib.suppress(OSError):
+            connection.socket.send(f"{problem}\n".encode())
+        self._close(connection, selector)
+
+    def _close(self, connection: _Connection, selector: selectors.BaseSelector) -> None:
+        selector.unregister(connection.socket)
+        connection.socket.close()
+        self._connections.discard(connection)
+        self._count(connections=len(self._connections))
+        for sensor in connection.newest:
+            del self._owners[sensor]
+            if self._on_gone is not None:
+                self._on_gone(sensor)
+
+    def _count(self, **changed: int | str) -> None:
+        self._report = replace(self._report, **changed)  # type: ignore[arg-type]
+
+
+def _listen(settings: BridgeSettings) -> socket.socket:
+    where = f"{settings.host}:{settings.port}"
+    try:
+        family, _, _, _, address = socket.getaddrinfo(
+            settings.host, settings.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )[0]
+        listener = socket.socket(family, socket.SOCK_STREAM)
+    except (OSError, UnicodeError) as error:  # UnicodeError: a name that cannot be one
+        raise BusError(f"cannot listen at {where}: {error}; try 127.0.0.1:7450") from error
+    try:
+        if os.name == "posix":  # elsewhere the option would let two programs share the port
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind(address)
+        listener.listen()
+    except OSError as error:
+        listener.close()
+        if error.errno == errno.EADDRINUSE:
+            raise AddressInUseError(f"{where} is in use by another program; listen at another port") from error
+        raise BusError(f"cannot listen at {where}: {error}; try 127.0.0.1:7450") from error
+    listener.setblocking(False)
+    return listener
+
+
+def _check_order(frame: BodyFrame, last: BodyFrame | None) -> None:
+    """Refuse what the server could only take for a repetition, and then show nothing of."""
+    if frame.node_id == 0:
+        raise WireError("BodyFrame.node_id is 0; take a random number at each start of the program")
+    if last is None or frame.node_id != last.node_id:
+        return
+    if frame.sequence <= last.sequence:
+        raise WireError(f"BodyFrame.sequence is {frame.sequence} after {last.sequence}; count the frames 0, 1, 2, …")
+    if frame.time_ns <= last.time_ns:
+        raise WireError(f"BodyFrame.time_ns is {frame.time_ns} after {last.time_ns}; it rises from frame to frame")

@@ -1,0 +1,158 @@
+"""What kind of sensor stands where: the settings of a simulated Kinect v2, its pose, its image and its noise."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.conventions import NS_PER_S
+from mocapella.geometry.rigid import rigid, rotation_about_x, rotation_about_y
+from mocapella.model.observations import Edge, check_sensor_name
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Noise:
+    """How wrong a joint is. A model: see ``docs/simulation.md`` for what it is taken from.
+
+    Attributes:
+        axial_gain: of the depth camera's noise along its axis, to a joint.
+        lateral_px: standard deviation across the image [px], the same at every distance.
+        inferred_gain: by how much more a joint scatters that is inferred.
+        inferred_bias: length of the constant error of an inferred joint, in a direction of its own [m].
+    """
+
+    axial_gain: float = 1.5
+    lateral_px: float = 0.35
+    inferred_gain: float = 4.0
+    inferred_bias: float = 0.05
+
+    def __post_init__(self) -> None:
+        for name in ("axial_gain", "lateral_px", "inferred_gain", "inferred_bias"):
+            check(0 <= getattr(self, name) <= 100, name, getattr(self, name), "from 0 to 100")
+
+
+@dataclass(frozen=True)
+class SensorSettings:
+    """A sensor, where it stands, and what its clock and its line do.
+
+    Attributes:
+        name: as in every frame.
+        position: of the lens, world [m]; its second part is the height over the floor.
+        yaw_deg: 0 looks along the world's z, growing towards x (the sensor's left).
+        tilt_deg: upwards positive.
+        fov_deg: horizontal and vertical. range_m: nearest and farthest depth along the axis.
+        depth_size_px: width and height of the depth image.
+        rate_hz: frames a second. phase_s: room time of frame 0.
+        clock_offset_s: the sensor's clock at room time 0. clock_drift_ppm: how much faster than the room it runs.
+        latency_s: from capture to the node. latency_jitter_s: its standard deviation, cut at three of them.
+        lost: fraction of frames that never come.
+        max_bodies: how many people it tracks at once; a Kinect v2 tracks 6.
+        forget_s: how long a hidden joint is inferred before it counts as not tracked.
+        mirror_beyond_deg: how far somebody turns away before the sensor takes the back for a front.
+        noise: how wrong a joint is.
+    """
+
+    name: str
+    position: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    yaw_deg: float = 0.0
+    tilt_deg: float = 0.0
+    fov_deg: tuple[float, float] = (70.6, 60.0)
+    range_m: tuple[float, float] = (0.5, 4.5)
+    depth_size_px: tuple[int, int] = (512, 424)
+    rate_hz: float = 30.0
+    phase_s: float = 0.0
+    clock_offset_s: float = 0.0
+    clock_drift_ppm: float = 0.0
+    latency_s: float = 0.06
+    latency_jitter_s: float = 0.003
+    lost: float = 0.0
+    max_bodies: int = 6
+    forget_s: float = 2.0
+    mirror_beyond_deg: float = 120.0
+    noise: Noise = field(default_factory=Noise)
+
+    def __post_init__(self) -> None:
+        check_sensor_name(self.name)
+        check(all(math.isfinite(x) for x in self.position), "position", self.position, "three finite numbers")
+        check(self.position[1] >= 0, "position", self.position, "on or above the floor")
+        check(-90 < self.tilt_deg < 90, "tilt_deg", self.tilt_deg, "within ±90")
+        check(all(0 < a < 180 for a in self.fov_deg), "fov_deg", self.fov_deg, "between 0 and 180")
+        check(0 < self.range_m[0] < self.range_m[1], "range_m", self.range_m, "a nearest and a greater farthest depth")
+        check(all(n > 0 for n in self.depth_size_px), "depth_size_px", self.depth_size_px, "positive")
+        check(1 <= self.rate_hz <= 1000, "rate_hz", self.rate_hz, "from 1 to 1000")
+        check(0 <= self.phase_s < 1 / self.rate_hz, "phase_s", self.phase_s, "from 0 to less than one frame's duration")
+        check(abs(self.clock_offset_s) < 1e9, "clock_offset_s", self.clock_offset_s, "within ±1e9")
+        check(abs(self.clock_drift_ppm) <= 10_000, "clock_drift_ppm", self.clock_drift_ppm, "within ±10000")
+        check(0 <= self.latency_s <= 10, "latency_s", self.latency_s, "from 0 to 10")
+        most = 1 / self.rate_hz / 6
+        jitter = self.latency_jitter_s
+        check(0 <= jitter <= most, "latency_jitter_s", jitter, f"from 0 to {most:.4f}, or frames would overtake")
+        check(0 <= self.lost < 1, "lost", self.lost, "from 0 to less than 1")
+        check(self.max_bodies >= 1, "max_bodies", self.max_bodies, "1 or more")
+        check(0 <= self.forget_s <= 60, "forget_s", self.forget_s, "from 0 to 60")
+        beyond = self.mirror_beyond_deg
+        check(0 <= beyond <= 180, "mirror_beyond_deg", beyond, "from 0 to 180")
+
+    @property
+    def focal_px(self) -> tuple[float, float]:
+        """Focal lengths that make the image as wide and high as the field of view."""
+        (width, height), (across, up) = self.depth_size_px, self.fov_deg
+        return width / 2 / math.tan(math.radians(across) / 2), height / 2 / math.tan(math.radians(up) / 2)
+
+    @property
+    def T_world_sensor(self) -> Float64:  # noqa: N802 - the field's notation
+        """(4, 4): first tilted about its own x, then turned about the vertical, then moved."""
+        yaw, tilt = math.radians(self.yaw_deg), math.radians(self.tilt_deg)
+        return rigid(rotation_about_y(yaw) @ rotation_about_x(-tilt), self.position)
+
+    def project(self, points: Float64) -> Float64:
+        """(..., 2) pixels of (..., 3) camera-space points; u grows with x, v downwards, (0, 0) is the image's corner.
+
+        NaN where a point is not before the lens.
+        """
+        (fx, fy), (width, height) = self.focal_px, self.depth_size_px
+        depth = np.where(points[..., 2] > 1e-6, points[..., 2], np.nan)
+        u = width / 2 + fx * points[..., 0] / depth
+        v = height / 2 - fy * points[..., 1] / depth
+        return np.stack([u, v], axis=-1)
+
+    def in_view(self, points: Float64, pixels: Float64) -> NDArray[np.bool_]:
+        """(...): whether camera-space points (..., 3), with their pixels (..., 2), lie in field of view and range."""
+        inside = (pixels >= 0) & (pixels <= self.depth_size_px)
+        depth = points[..., 2]
+        return np.asarray(inside.all(axis=-1) & (depth >= self.range_m[0]) & (depth <= self.range_m[1]))
+
+    def clipped_edges(self, pixels: Float64) -> NDArray[np.uint8]:
+        """(bodies,) `Edge` bits of (bodies, joints, 2) pixels: over which edges of the image a body reaches."""
+        u, v, (width, height) = pixels[..., 0], pixels[..., 1], self.depth_size_px
+        over = ((u > width, Edge.RIGHT), (u < 0, Edge.LEFT), (v < 0, Edge.TOP), (v > height, Edge.BOTTOM))
+        return np.asarray(sum(np.where(out.any(axis=-1), np.uint8(bit), np.uint8(0)) for out, bit in over))
+
+    def clock_ns(self, room_ns: int) -> int:
+        """The sensor's own clock at a room time."""
+        return round(self.clock_offset_s * NS_PER_S) + room_ns + round(room_ns * self.clock_drift_ppm * 1e-6)
+
+    def frame_ns(self, index: int) -> int:
+        """Room time at which frame 0, 1, 2, … is captured."""
+        # In whole numbers: rooms may run on the time since 1970, where a float is some hundred nanoseconds off.
+        rate = Fraction(self.rate_hz).limit_denominator(1_000_000)
+        return round(self.phase_s * NS_PER_S) + index * NS_PER_S * rate.denominator // rate.numerator
+
+
+def axial_noise(depth: Float64, oblique: Float64) -> Float64:
+    """Standard deviation [m] of a Kinect v2's depth at a depth [m] and an angle of incidence [rad].
+
+    P. Fankhauser et al., "Kinect v2 for Mobile Robot Navigation: Evaluation and Modeling" (ICAR 2015), the axial
+    noise model: 1.5 − 0.5 z + 0.3 z² + 0.1 z^(3/2) θ² / (π/2 − θ)² millimetres. θ is cut at 75°, where it was measured
+    no further.
+    """
+    theta = np.minimum(oblique, math.radians(75))
+    grazing = 0.1 * depth**1.5 * theta**2 / (math.pi / 2 - theta) ** 2
+    return np.asarray(1e-3 * (1.5 - 0.5 * depth + 0.3 * depth**2 + grazing))

@@ -1,0 +1,227 @@
+"""From a route to a moving body: feet that stay where they are put, and a body carried by them.
+
+Feet first: every step plants a foot where the body will be half way through that foot's stance, and there it stays
+until its next step. The pelvis is carried as high as both legs reach, knees follow from the two bone lengths (law of
+cosines), and arms swing with the opposite leg. Constants are ours, chosen to look like a person who strolls.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter1d, uniform_filter1d
+
+from mocapella.sources.simulate.body import BODY, JOINT, body_model
+from mocapella.sources.simulate.motion import POSE_HZ, Motion, normalised, smooth_step
+from mocapella.sources.simulate.route import STEP_S, Leg
+
+Float64 = NDArray[np.float64]
+
+SIDES = ("Left", "Right")
+DOUBLE_SUPPORT = 0.12
+"""Fraction of a step at either end in which both feet are on the floor."""
+STANCE_HALF_WIDTH = 0.055
+"""Of the feet, in fractions of stature."""
+ANKLE_HEIGHT = 0.039
+STEP_HEIGHT_M = 0.07
+ARM_RISE_S = 0.8
+REACH = 0.995
+"""How far a leg is stretched at most: knees are never locked."""
+PELVIS_SMOOTHING = 11
+"""Poses over which the height of the pelvis is smoothed."""
+UP = np.array([0.0, 1.0, 0.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """The route on the time grid.
+
+    Attributes:
+        spots: (poses, 3) x, z and heading of the body.
+        ankles: (poses, 2, 3) left and right [m]; yaws: (poses, 2) where each foot points [rad].
+        swings: (poses, 2) how far through its swing a foot is, 0 to 1; 0 on the floor.
+        across: (poses,) how far the right arm is before the chest, 0 to 1.
+    """
+
+    spots: Float64
+    ankles: Float64
+    yaws: Float64
+    swings: Float64
+    across: Float64
+
+
+def animate(legs: list[Leg], lengths: Float64, stature: float, rng: np.random.Generator) -> Motion:
+    """The motion of a body along a route that ends where it began.
+
+    Args:
+        legs: of the route, one after the other.
+        lengths: (25,) of the bones [m].
+        stature: [m], for the width of the stance and the thickness of the limbs.
+        rng: draws the phases of breathing and swaying, so that no two people do it together.
+    """
+    tracks = _tracks(legs, stature)
+    sway = _sway(len(tracks.spots), rng)
+    direction = np.zeros((len(tracks.spots), len(BODY), 3))
+    lead = np.einsum("ni,ni->n", tracks.ankles[:, 1] - tracks.ankles[:, 0], _ahead(tracks.spots[:, 2])) / 0.5
+    lead = np.clip(lead, -1, 1)
+    pelvis_yaw, chest_yaw = tracks.spots[:, 2] + 0.08 * lead, tracks.spots[:, 2] - 0.1 * lead
+    root = _root(tracks, sway, pelvis_yaw, lengths, stature)
+    _legs(direction, root, pelvis_yaw, tracks, lengths)
+    _trunk(direction, chest_yaw, pelvis_yaw, _speed_ahead(tracks.spots), sway)
+    for side, name in enumerate(SIDES):
+        _arm(direction, name, chest_yaw, lead * (1 - 2 * side), tracks.across * side)
+    return Motion(root, direction, lengths, body_model().radii * stature)
+
+
+def _tracks(legs: list[Leg], stature: float) -> Tracks:
+    counts = [round(leg.seconds * POSE_HZ) for leg in legs]
+    spots = np.concatenate([leg.at(np.arange(n) / n) for leg, n in zip(legs, counts, strict=True)])
+    poses = len(spots)
+    tracks = Tracks(spots, np.empty((poses, 2, 3)), np.empty((poses, 2)), np.zeros((poses, 2)), np.zeros(poses))
+    for side in (0, 1):
+        tracks.ankles[:, side], tracks.yaws[:, side] = _planted(spots[:1], side, stature)[0], spots[0, 2]
+    first = 0
+    for leg, count in zip(legs, counts, strict=True):
+        for step in range(leg.steps):
+            _step(tracks, leg, step, first, stature)
+        rise = np.minimum(np.arange(count), count - np.arange(count)) / POSE_HZ / ARM_RISE_S
+        tracks.across[first : first + count] = smooth_step(rise) * leg.arm_across
+        first += count
+    tracks.ankles[..., 1] += STEP_HEIGHT_M * np.sin(np.pi * tracks.swings) ** 2
+    return tracks
+
+
+def _step(tracks: Tracks, leg: Leg, step: int, first: int, stature: float) -> None:
+    """Swing one foot to its next place, and leave it there for the rest of the time. Writes into ``tracks``."""
+    side = (step + (not leg.left_first)) % 2
+    ankle, yaw, swings = tracks.ankles[:, side], tracks.yaws[:, side], tracks.swings[:, side]
+    last = step >= leg.steps - 2
+    target = leg.at(np.array([1.0 if last else (step + 1.5) / leg.steps]))
+    place, heading = _planted(target, side, stature)[0], target[0, 2]
+    per_step = round(STEP_S * POSE_HZ)
+    begin = first + step * per_step + round(DOUBLE_SUPPORT * per_step)
+    end = first + (step + 1) * per_step - round(DOUBLE_SUPPORT * per_step)
+    swings[begin:end] = np.arange(end - begin) / (end - begin)
+    moved = smooth_step(swings[begin:end])
+    ankle[begin:end] += moved[:, None] * (place - ankle[begin])
+    yaw[begin:end] += moved * (heading - yaw[begin])
+    ankle[end:], yaw[end:] = place, heading
+
+
+def _planted(spots: Float64, side: int, stature: float) -> Float64:
+    """(n, 3) where an ankle is when the body stands at (n, 3) spots."""
+    out = (1 - 2 * side) * STANCE_HALF_WIDTH * stature
+    place = np.stack([spots[:, 0], np.full(len(spots), ANKLE_HEIGHT * stature), spots[:, 1]], axis=1)
+    return np.asarray(place + out * _aside(spots[:, 2]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Sway:
+    breath: Float64
+    aside: Float64
+    ahead: Float64
+
+
+def _sway(poses: int, rng: np.random.Generator) -> _Sway:
+    """Slow waves of amplitude 1 that fit a whole number of times into the motion."""
+
+    def wave(period_s: float) -> Float64:
+        cycles = max(1, round(poses / POSE_HZ / period_s))
+        return np.asarray(np.sin(2 * np.pi * cycles * np.arange(poses) / poses + rng.uniform(0, 2 * np.pi)))
+
+    return _Sway(wave(4.0), 0.7 * wave(5.3) + 0.3 * wave(2.2), 0.7 * wave(6.1) + 0.3 * wave(2.7))
+
+
+def _root(tracks: Tracks, sway: _Sway, yaw: Float64, lengths: Float64, stature: float) -> Float64:
+    """(poses, 3): over the feet, leaning to the one that stands, as high as both legs reach."""
+    lifts = np.sin(np.pi * tracks.swings) ** 2
+    shift = 0.02 * (lifts[:, 1] - lifts[:, 0]) + 0.004 * sway.aside
+    root = np.zeros((len(yaw), 3))
+    root[:, 0], root[:, 2] = tracks.spots[:, 0], tracks.spots[:, 1]
+    root += shift[:, None] * _aside(yaw) + 0.004 * sway.ahead[:, None] * _ahead(yaw)
+    height = np.full(len(yaw), np.inf)
+    for side, name in enumerate(SIDES):
+        leg = REACH * (lengths[JOINT[f"Knee{name}"]] + lengths[JOINT[f"Ankle{name}"]])
+        ankle = tracks.ankles[:, side]
+        apart = root + (1 - 2 * side) * lengths[JOINT[f"Hip{name}"]] * _aside(yaw) - ankle
+        reach = np.sqrt(np.maximum(leg**2 - apart[:, 0] ** 2 - apart[:, 2] ** 2, 0.0))
+        height = np.minimum(height, ankle[:, 1] + reach)
+    # The mean of local minima never exceeds the height itself: smooth, and both feet stay within reach.
+    lowest = minimum_filter1d(height, PELVIS_SMOOTHING, mode="wrap")
+    root[:, 1] = uniform_filter1d(lowest, PELVIS_SMOOTHING, mode="wrap")
+    return root
+
+
+def _legs(direction: Float64, root: Float64, yaw: Float64, tracks: Tracks, lengths: Float64) -> None:
+    for side, name in enumerate(SIDES):
+        hip, knee, ankle, foot = (JOINT[f"{joint}{name}"] for joint in ("Hip", "Knee", "Ankle", "Foot"))
+        direction[:, hip] = (1 - 2 * side) * _aside(yaw)
+        start = root + lengths[hip] * direction[:, hip]
+        thigh, shank = _two_bones(tracks.ankles[:, side] - start, lengths[knee], lengths[ankle], _ahead(yaw))
+        direction[:, knee], direction[:, ankle] = thigh, shank
+        rest = body_model().offsets[foot]
+        pitch = np.arctan2(rest[1], rest[2]) - 0.4 * np.sin(np.pi * tracks.swings[:, side]) ** 2
+        direction[:, foot] = _pitched(_ahead(tracks.yaws[:, side]), pitch)
+
+
+def _two_bones(reach: Float64, first: float, second: float, bend: Float64) -> tuple[Float64, Float64]:
+    """Unit directions of two bones that reach (n, 3), bending towards (n, 3): the law of cosines."""
+    distance = np.linalg.norm(reach, axis=1)
+    towards = reach / distance[:, None]
+    distance = np.clip(distance, abs(first - second) + 1e-6, (first + second) * (1 - 1e-6))
+    along = (first**2 - second**2 + distance**2) / (2 * distance)
+    out = np.sqrt(np.maximum(first**2 - along**2, 0.0))
+    side = normalised(bend - np.einsum("ni,ni->n", bend, towards)[:, None] * towards)
+    middle = along[:, None] * towards + out[:, None] * side
+    return middle / first, (distance[:, None] * towards - middle) / second
+
+
+def _trunk(direction: Float64, chest_yaw: Float64, pelvis_yaw: Float64, speed: Float64, sway: _Sway) -> None:
+    lean = np.pi / 2 - 0.05 * speed - 0.004 * sway.ahead
+    direction[:, JOINT["SpineMid"]] = _pitched(_ahead(pelvis_yaw), lean)
+    direction[:, JOINT["SpineShoulder"]] = _pitched(_ahead(chest_yaw), lean + 0.004 * sway.breath)
+    direction[:, JOINT["Neck"]] = _pitched(_ahead(chest_yaw), lean - 0.05)
+    direction[:, JOINT["Head"]] = _pitched(_ahead(chest_yaw), lean - 0.1 + 0.004 * sway.breath)
+    rise = (-0.05 + 0.015 * sway.breath)[:, None] * UP
+    for side, name in enumerate(SIDES):
+        direction[:, JOINT[f"Shoulder{name}"]] = normalised((1 - 2 * side) * _aside(chest_yaw) + rise)
+
+
+def _arm(direction: Float64, side: str, yaw: Float64, swing: Float64, across: Float64) -> None:
+    """A hanging arm that swings forward with ``swing`` in −1…1, or lies before the chest with ``across`` in 0…1."""
+    ahead, out = _ahead(yaw), _aside(yaw) * (1 if side == "Left" else -1)
+    angle, bend = 0.35 * swing, 0.15 + 0.2 * np.maximum(swing, 0.0)
+    upper = _pitched(ahead, angle - np.pi / 2) + 0.12 * out
+    fore = _pitched(ahead, angle + bend - np.pi / 2) + 0.05 * out
+    held_upper = 0.85 * ahead - 0.42 * out - 0.3 * UP
+    held_fore = 0.95 * ahead - 0.1 * out
+    w = across[:, None]
+    upper, fore = normalised((1 - w) * upper + w * held_upper), normalised((1 - w) * fore + w * held_fore)
+    direction[:, JOINT[f"Elbow{side}"]] = upper
+    for joint in ("Wrist", "Hand", "HandTip"):
+        direction[:, JOINT[f"{joint}{side}"]] = fore
+    # A hanging arm's thumb points ahead, one that points ahead has it on top.
+    direction[:, JOINT[f"Thumb{side}"]] = normalised(fore + 0.66 * ((1 - w) * ahead + w * UP))
+
+
+def _speed_ahead(spots: Float64) -> Float64:
+    moved = np.roll(spots, -1, axis=0) - np.roll(spots, 1, axis=0)
+    velocity = np.stack([moved[:, 0], np.zeros(len(spots)), moved[:, 1]], axis=1) * POSE_HZ / 2
+    return np.asarray(np.einsum("ni,ni->n", velocity, _ahead(spots[:, 2])))
+
+
+def _ahead(yaw: Float64) -> Float64:
+    return np.stack([np.sin(yaw), np.zeros_like(yaw), np.cos(yaw)], axis=-1)
+
+
+def _aside(yaw: Float64) -> Float64:
+    """To the left of who faces along ``yaw``."""
+    return np.stack([np.cos(yaw), np.zeros_like(yaw), -np.sin(yaw)], axis=-1)
+
+
+def _pitched(ahead: Float64, angle: Float64) -> Float64:
+    """A horizontal direction raised by an angle."""
+    a = np.asarray(angle)[:, None]
+    return np.asarray(np.cos(a) * ahead + np.sin(a) * UP)

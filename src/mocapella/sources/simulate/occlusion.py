@@ -1,0 +1,188 @@
+"""What stands in the way: rays from a sensor to joints against limbs, boxes and pillars.
+
+Distance of two segments: C. Ericson, "Real-Time Collision Detection" (2005), section 5.1.9; a segment and a box:
+section 5.3.3 (slabs).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mocapella.settings import check
+from mocapella.sources.simulate.body import body_model
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box on the floor, such as a table or a screen.
+
+    Attributes:
+        centre: of its base (world x, z) [m]. size: along its own x, up, and its own z [m].
+        yaw_deg: how far it is turned about the vertical, from z towards x.
+    """
+
+    centre: tuple[float, float]
+    size: tuple[float, float, float]
+    yaw_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        check(all(0 < side <= 20 for side in self.size), "size", self.size, "three sides of more than 0 up to 20 m")
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A pillar on the floor.
+
+    Attributes:
+        centre: of its base (world x, z) [m]. radius, height: [m].
+    """
+
+    centre: tuple[float, float]
+    radius: float
+    height: float
+
+    def __post_init__(self) -> None:
+        check(0 < self.radius <= 10, "radius", self.radius, "more than 0 and up to 10 m")
+        check(0 < self.height <= 20, "height", self.height, "more than 0 and up to 20 m")
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacles:
+    """Boxes and cylinders as rows of numbers, for the kernel.
+
+    Attributes:
+        boxes: (n, 7) x, z, half width, height, half depth, cosine and sine of the yaw.
+        pillars: (n, 4) x, z, radius, height.
+    """
+
+    boxes: Float64
+    pillars: Float64
+
+
+def obstacles(boxes: tuple[Box, ...], cylinders: tuple[Cylinder, ...]) -> Obstacles:
+    """The rows of these obstacles."""
+    rows = [
+        (*box.centre, box.size[0] / 2, box.size[1], box.size[2] / 2, np.cos(yaw), np.sin(yaw))
+        for box, yaw in ((box, np.radians(box.yaw_deg)) for box in boxes)
+    ]
+    pillars = [(*pillar.centre, pillar.radius, pillar.height) for pillar in cylinders]
+    return Obstacles(
+        np.array(rows, dtype=np.float64).reshape(-1, 7), np.array(pillars, dtype=np.float64).reshape(-1, 4)
+    )
+
+
+def hidden(eye: Float64, joints: Float64, radii: Float64, things: Obstacles) -> NDArray[np.bool_]:
+    """(people, 25): whether something stands between the eye (3,) and a joint of (people, 25, 3), world [m].
+
+    A joint is hidden where the straight line to it comes closer to the axis of a bone than the bone's radius
+    (people, 25), or passes through an obstacle. It is not hidden by bones of its own body in whose flesh it lies.
+    """
+    model = body_model()
+    return np.asarray(_hidden(eye, joints, radii, model.parents, model.within, things.boxes, things.pillars))
+
+
+@njit(cache=True)
+def _hidden(eye, joints, radii, parents, within, boxes, pillars):  # type: ignore[no-untyped-def]  # noqa: PLR0917
+    people, count = joints.shape[0], joints.shape[1]
+    result = np.zeros((people, count), dtype=np.bool_)
+    nothing = np.zeros(count, dtype=np.bool_)
+    for person in range(people):
+        for joint in range(count):
+            target = joints[person, joint]
+            blocked = _behind_box(eye, target, boxes) or _behind_pillar(eye, target, pillars)
+            for other in range(people):
+                if not blocked:
+                    own = within[joint] if other == person else nothing
+                    blocked = _behind_body(eye, target, joints[other], radii[other], parents, own)
+            result[person, joint] = blocked
+    return result
+
+
+@njit(cache=True)
+def _behind_body(eye, target, joints, radii, parents, excluded):  # type: ignore[no-untyped-def]  # noqa: PLR0917
+    for bone in range(len(parents)):
+        if parents[bone] == bone or excluded[bone]:
+            continue
+        start = joints[parents[bone]]
+        if _segments_squared(eye, target, start, joints[bone]) < radii[bone] ** 2:
+            return True
+    return False
+
+
+@njit(cache=True)
+def _segments_squared(p1, q1, p2, q2):  # type: ignore[no-untyped-def]
+    """Squared distance of the segments p1–q1 and p2–q2; neither the eye's ray nor a bone is a point."""
+    a = b = c = e = f = 0.0
+    for i in range(3):
+        d1, d2, r = q1[i] - p1[i], q2[i] - p2[i], p1[i] - p2[i]
+        a += d1 * d1
+        e += d2 * d2
+        b += d1 * d2
+        c += d1 * r
+        f += d2 * r
+    a, e = max(a, 1e-18), max(e, 1e-18)
+    s = min(1.0, max(0.0, (b * f - c * e) / max(a * e - b * b, 1e-18)))
+    t = (b * s + f) / e
+    if t < 0.0:
+        t, s = 0.0, min(1.0, max(0.0, -c / a))
+    elif t > 1.0:
+        t, s = 1.0, min(1.0, max(0.0, (b - c) / a))
+    squared = 0.0
+    for i in range(3):
+        gap = p1[i] + s * (q1[i] - p1[i]) - p2[i] - t * (q2[i] - p2[i])
+        squared += gap * gap
+    return squared
+
+
+@njit(cache=True)
+def _behind_box(eye, target, boxes):  # type: ignore[no-untyped-def]
+    for k in range(len(boxes)):
+        x, z, half_width, height, half_depth, cos, sin = boxes[k]
+        first, last = 0.0, 1.0
+        for axis in range(3):
+            if axis == 0:
+                start = (eye[0] - x) * cos - (eye[2] - z) * sin
+                end = (target[0] - x) * cos - (target[2] - z) * sin
+                low, high = -half_width, half_width
+            elif axis == 1:
+                start, end, low, high = eye[1], target[1], 0.0, height
+            else:
+                start = (eye[0] - x) * sin + (eye[2] - z) * cos
+                end = (target[0] - x) * sin + (target[2] - z) * cos
+                low, high = -half_depth, half_depth
+            enters, leaves = _slab(start, end, low, high)
+            first, last = max(first, enters), min(last, leaves)
+        if first < last:
+            return True
+    return False
+
+
+@njit(cache=True)
+def _slab(start, end, low, high):  # type: ignore[no-untyped-def]
+    """Between which fractions of the way a coordinate lies between two bounds; (1, 0) where it never does."""
+    if abs(end - start) < 1e-12:
+        return (0.0, 1.0) if low < start < high else (1.0, 0.0)
+    a, b = (low - start) / (end - start), (high - start) / (end - start)
+    return min(a, b), max(a, b)
+
+
+@njit(cache=True)
+def _behind_pillar(eye, target, pillars):  # type: ignore[no-untyped-def]
+    for k in range(len(pillars)):
+        x, z, radius, height = pillars[k]
+        px, pz, dx, dz = eye[0] - x, eye[2] - z, target[0] - eye[0], target[2] - eye[2]
+        a, b, c = dx * dx + dz * dz, px * dx + pz * dz, px * px + pz * pz - radius * radius
+        inside = b * b - a * c
+        if a < 1e-12 or inside <= 0.0:
+            continue
+        enters, leaves = _slab(eye[1], target[1], 0.0, height)
+        first = max(0.0, (-b - np.sqrt(inside)) / a, enters)
+        if first < min(1.0, (-b + np.sqrt(inside)) / a, leaves):
+            return True
+    return False

@@ -1,0 +1,69 @@
+"""Orientations of joints: the bone's axis and the body's front, as a quaternion."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mocapella.model.topology import Topology
+
+Float64 = NDArray[np.float64]
+
+
+def bone_ends(topology: Topology) -> NDArray[np.int64]:
+    """(joints, 2) from which joint to which the bone of each joint goes: from its parent to it.
+
+    The root ends no bone; its own is the first one that leaves it.
+    """
+    root = topology.parts["root"]
+    ends = {child: (parent, child) for parent, child in topology.bones}
+    ends[root] = next(bone for bone in topology.bones if bone[0] == root)
+    return np.array([ends[joint] for joint in range(len(topology))])
+
+
+def bone_orientations(positions: Float64, bones: NDArray[np.int64], forward: Float64) -> Float64:
+    """(bodies, joints, 4) unit quaternions (w, x, y, z), w ≥ 0, from a joint's own axes to the positions' space.
+
+    A joint's y runs along its bone, as the Kinect's does; its z is the body's forward direction as far as that is
+    square to y; x completes the right-handed axes. NaN where either end is NaN.
+
+    Args:
+        positions: (bodies, joints, 3).
+        bones: (joints, 2) of `bone_ends`.
+        forward: (bodies, 3) where the chest points.
+    """
+    return np.asarray(_orientations(positions, bones, forward))
+
+
+@njit(cache=True)
+def _orientations(positions, bones, forward):  # type: ignore[no-untyped-def]
+    bodies, joints = positions.shape[0], positions.shape[1]
+    result = np.full((bodies, joints, 4), np.nan)
+    for body in range(bodies):
+        for joint in range(joints):
+            y = positions[body, bones[joint, 1]] - positions[body, bones[joint, 0]]
+            x = np.cross(y, forward[body])
+            long, wide = np.sqrt(np.dot(y, y)), np.sqrt(np.dot(x, x))
+            if long > 1e-6 and wide > 1e-6 * long:
+                y, x = y / long, x / wide
+                result[body, joint] = _quaternion(x, y, np.cross(x, y))
+    return result
+
+
+@njit(cache=True)
+def _quaternion(x, y, z):  # type: ignore[no-untyped-def]
+    """Of the rotation whose columns are x, y, z (Shepperd 1978: divide by the largest of the four)."""
+    trace = x[0] + y[1] + z[2]
+    squares = np.array([1 + trace, 1 + 2 * x[0] - trace, 1 + 2 * y[1] - trace, 1 + 2 * z[2] - trace])
+    largest = np.argmax(squares)
+    if largest == 0:
+        q = np.array([squares[0], y[2] - z[1], z[0] - x[2], x[1] - y[0]])
+    elif largest == 1:
+        q = np.array([y[2] - z[1], squares[1], x[1] + y[0], x[2] + z[0]])
+    elif largest == 2:
+        q = np.array([z[0] - x[2], x[1] + y[0], squares[2], y[2] + z[1]])
+    else:
+        q = np.array([x[1] - y[0], x[2] + z[0], y[2] + z[1], squares[3]])
+    q = q / np.sqrt(np.dot(q, q))
+    return -q if q[0] < 0 else q

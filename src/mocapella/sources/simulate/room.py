@@ -1,0 +1,156 @@
+"""A simulated room: people who move in it, things that stand in it, and the sensors that look."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import SettingsError, one_of
+from mocapella.model.topology import Topology, topology
+from mocapella.settings import check
+from mocapella.sources.simulate.body import bone_lengths
+from mocapella.sources.simulate.bvh import read_bvh
+from mocapella.sources.simulate.device import SensorSettings
+from mocapella.sources.simulate.gait import animate
+from mocapella.sources.simulate.motion import Ensemble, Motion, together
+from mocapella.sources.simulate.occlusion import Box, Cylinder, Obstacles, obstacles
+from mocapella.sources.simulate.retarget import bvh_motion
+from mocapella.sources.simulate.scenarios import plan
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PersonSettings:
+    """A person and what the person does.
+
+    Attributes:
+        start: where the person stands at first (world x, z) [m].
+        scenario: one of `mocapella.sources.simulate.scenarios.scenario_names`.
+        target: what the scenario goes about (x, z): an obstacle's centre, or where the other stands.
+        first: who moves first, where two take turns.
+        stature: [m].
+        bvh: path of a BVH file that the person does instead of the scenario.
+        bvh_metres_per_unit: its unit; None scales it to the stature.
+    """
+
+    start: tuple[float, float]
+    scenario: str = "stand"
+    target: tuple[float, float] | None = None
+    first: bool = True
+    stature: float = 1.75
+    bvh: str | None = None
+    bvh_metres_per_unit: float | None = None
+
+    def __post_init__(self) -> None:
+        check(all(abs(x) <= 100 for x in self.start), "start", self.start, "within 100 m of the origin")
+        check(0.5 <= self.stature <= 2.5, "stature", self.stature, "from 0.5 to 2.5 m")
+
+
+@dataclass(frozen=True)
+class SceneSettings:
+    """What a room is made of.
+
+    Attributes:
+        name: what it is called.
+        sensors: the first is the main sensor, which everybody faces at first.
+        people, boxes, cylinders: who and what is in it.
+        seed: of all randomness: noise, losses, jitter, breathing.
+        topology: of the sensors' frames.
+    """
+
+    name: str
+    sensors: tuple[SensorSettings, ...]
+    people: tuple[PersonSettings, ...]
+    boxes: tuple[Box, ...] = ()
+    cylinders: tuple[Cylinder, ...] = ()
+    seed: int = 0
+    topology: str = "kinect_v2"
+
+    def __post_init__(self) -> None:
+        check(0 <= self.seed < 2**63, "seed", self.seed, "from 0 to 2**63 − 1")
+        check(len(self.sensors) >= 1, "sensors", self.sensors, "one or more")
+        check(len(self.people) >= 1, "people", self.people, "one or more")
+        names = [sensor.name for sensor in self.sensors]
+        check(len(set(names)) == len(names), "sensors", names, "of different names")
+
+
+@dataclass(frozen=True, eq=False)
+class Room:
+    """A scene, ready to be looked at at any instant. Time wraps around after `duration_ns`.
+
+    Attributes:
+        settings: what it was made of.
+        motion: of all people.
+        obstacles: what stands in the way.
+        topology: of the sensors' frames.
+    """
+
+    settings: SceneSettings
+    motion: Ensemble = field(repr=False)
+    obstacles: Obstacles = field(repr=False)
+    topology: Topology = field(repr=False)
+
+    @property
+    def name(self) -> str:
+        """The scene's."""
+        return self.settings.name
+
+    @property
+    def duration_ns(self) -> int:
+        """After which everybody does it again."""
+        return self.motion.duration_ns
+
+    @property
+    def duration_s(self) -> float:
+        """`duration_ns` in seconds."""
+        return self.duration_ns / 1e9
+
+    @property
+    def sensor_names(self) -> tuple[str, ...]:
+        """In the scene's order, the main sensor first."""
+        return tuple(sensor.name for sensor in self.settings.sensors)
+
+    def positions_at(self, room_ns: int) -> Float64:
+        """(people, 25, 3) joints of the body (`mocapella.sources.simulate.body.BODY`) at a room time, world [m]."""
+        return self.motion.positions_at(room_ns)
+
+    def sensor_index(self, sensor: int | str) -> int:
+        """Which sensor is meant, from 0, by its name or its number from 1 (also as digits).
+
+        Raises:
+            SettingsError: no such sensor; lists those there are.
+        """
+        names = self.sensor_names
+        if isinstance(sensor, str) and sensor in names:
+            return names.index(sensor)
+        if isinstance(sensor, int) or (sensor.isascii() and sensor.isdigit()):
+            number = int(sensor)
+            if 1 <= number <= len(names):
+                return number - 1
+            raise SettingsError(f"scene {self.name} has no sensor {number}; give 1 to {len(names)}: {', '.join(names)}")
+        raise SettingsError(f"scene {self.name} has no sensor {sensor!r}; it has {one_of(sensor, names)}")
+
+
+def build_room(settings: SceneSettings) -> Room:
+    """Make the room: plan and animate everybody.
+
+    Raises:
+        SettingsError: an unknown scenario or topology, or a scenario without its target.
+        InputError: a BVH file that cannot be used.
+    """
+    motions = [_motion(person, settings.seed, i) for i, person in enumerate(settings.people)]
+    things = obstacles(settings.boxes, settings.cylinders)
+    return Room(settings, together(motions), things, topology(settings.topology))
+
+
+def _motion(person: PersonSettings, seed: int, index: int) -> Motion:
+    rng = np.random.default_rng([seed, index])
+    if person.bvh is not None:
+        unit = person.bvh_metres_per_unit
+        bvh = read_bvh(person.bvh)
+        return bvh_motion(bvh, person.start, person.stature, rng, metres_per_unit=unit, file=person.bvh)
+    route = plan(person.scenario, person.start, person.target, first=person.first)
+    return animate(route.legs, bone_lengths(person.stature), person.stature, rng)

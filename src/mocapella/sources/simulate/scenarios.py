@@ -1,0 +1,159 @@
+"""What people do: the study's scenarios, each a route that begins with standing still and ends where it began."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mocapella.errors import SettingsError, one_of
+from mocapella.sources.simulate.route import HALF_TURN_S, Point, Route, Spot
+
+STILL_S = 6.6
+"""How long everybody stands still at first: 120 frames at 30 Hz are 4 s, and a late sensor wants its 4 s too."""
+
+FACING_MAIN = math.pi
+"""Heading of who faces the main sensor, which stands near the world's origin and looks along z."""
+
+
+@dataclass(frozen=True)
+class Cue:
+    """What a scenario needs to know of the room.
+
+    Attributes:
+        start: where the person stands at first (world x, z).
+        target: centre of the obstacle, or where the other person stands; whatever the scenario goes about.
+        first: whether this is the one who moves first, where two people take turns.
+    """
+
+    start: Point
+    target: Point
+    first: bool
+
+
+def scenario_names() -> tuple[str, ...]:
+    """The scenarios there are."""
+    return tuple(_SCENARIOS)
+
+
+def plan(scenario: str, start: Point, target: Point | None = None, *, first: bool = True) -> Route:
+    """The route of one person.
+
+    Raises:
+        SettingsError: no such scenario, or it goes about something and there is no ``target``.
+    """
+    if scenario not in _SCENARIOS:
+        raise SettingsError(f"unknown scenario {scenario!r}; known: {one_of(scenario, _SCENARIOS)}")
+    if target is None and scenario in _ABOUT_SOMETHING:
+        raise SettingsError(f"scenario {scenario} needs a target: {_ABOUT_SOMETHING[scenario]}")
+    route = Route(Spot(*start, FACING_MAIN))
+    route.stand(STILL_S)
+    _SCENARIOS[scenario](route, Cue(start, target or start, first))
+    return route
+
+
+def _stand(route: Route, cue: Cue) -> None:
+    route.stand(13.4)
+
+
+def _steps(route: Route, cue: Cue) -> None:
+    """Small steps forward, back, left and right; every one from the middle and back to it."""
+    x, z = cue.start
+    for dx, dz in ((0.0, -0.35), (0.0, 0.35), (-0.35, 0.0), (0.35, 0.0)):
+        for to in ((x + dx, z + dz), cue.start):
+            route.shift(to)
+            route.stand(0.4)
+
+
+def _walk(route: Route, cue: Cue) -> None:
+    """Forward, around the square (a whole turn), diagonal to front right, diagonal to back left, forward; and back.
+
+    The start is the back left corner. Left and right are the person's, who faces the main sensor.
+    """
+    side = 1.2
+    back_left = cue.start
+    front_left, back_right = (back_left[0], back_left[1] - side), (back_left[0] + side, back_left[1])
+    front_right = (back_right[0], front_left[1])
+    for to in (front_left, front_right, back_right, back_left):
+        route.go(to)
+    route.turn(FACING_MAIN)
+    for to in (front_right, back_left, front_left):
+        route.go(to)
+    route.stand(0.6)
+    route.shift(back_left)
+    route.stand(1.0)
+
+
+def _obstacle(route: Route, cue: Cue) -> None:
+    """Around the obstacle, once each way."""
+    for by in (math.tau, -math.tau):
+        route.around(cue.target, by)
+        route.turn(FACING_MAIN)
+        route.stand(1.0)
+
+
+def _front_back(route: Route, cue: Cue) -> None:
+    """To the front of the other and back; then the other does the same."""
+    visit = Route(route.spot)
+    visit.go((cue.target[0], cue.target[1] - 0.8))
+    visit.turn(FACING_MAIN)
+    visit.stand(2.0)
+    visit.go(cue.start)
+    visit.turn(FACING_MAIN)
+    visit.stand(1.0)
+    _in_turn(route, visit, cue.first)
+
+
+def _around(route: Route, cue: Cue) -> None:
+    """Around the other, who stands; then the other does the same."""
+    visit = Route(route.spot)
+    visit.around(cue.target, math.tau)
+    visit.turn(FACING_MAIN)
+    visit.stand(1.0)
+    _in_turn(route, visit, cue.first)
+
+
+def _exchange(route: Route, cue: Cue) -> None:
+    """Both go half around the middle between them at once, stand, and change back."""
+    middle = ((cue.start[0] + cue.target[0]) / 2, (cue.start[1] + cue.target[1]) / 2)
+    for _ in range(2):
+        route.around(middle, math.pi)
+        arrived = route.seconds
+        route.turn(FACING_MAIN)
+        route.stand_until(arrived + HALF_TURN_S + 2.0)
+
+
+def _self_occlusion(route: Route, cue: Cue) -> None:
+    """Back to the main sensor, the right arm held before the chest."""
+    route.turn(0.0)
+    route.stand(8.0, arm_across=True)
+    route.turn(FACING_MAIN)
+    route.stand(1.0)
+
+
+def _in_turn(route: Route, visit: Route, first: bool) -> None:
+    """Two people who do the same, one while the other waits. Both take equally long: their places are symmetrical."""
+    if not first:
+        route.stand(visit.seconds)
+    route.then(visit)
+    if first:
+        route.stand(visit.seconds)
+
+
+_SCENARIOS: dict[str, Callable[[Route, Cue], None]] = {
+    "stand": _stand,
+    "steps": _steps,
+    "walk": _walk,
+    "obstacle": _obstacle,
+    "front-back": _front_back,
+    "around": _around,
+    "exchange": _exchange,
+    "self-occlusion": _self_occlusion,
+}
+
+_ABOUT_SOMETHING = {
+    "obstacle": "the obstacle's centre",
+    "front-back": "where the other stands",
+    "around": "where the other stands",
+    "exchange": "where the other stands",
+}

@@ -1,0 +1,72 @@
+"""The scenes that have a name, from ``data/scenes.toml``."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from mocapella.errors import SettingsError, one_of
+from mocapella.settings import check, parse
+from mocapella.sources.simulate.room import Room, SceneSettings, build_room
+
+
+def scene_names() -> tuple[str, ...]:
+    """The scenes there are."""
+    return tuple(_data()["scenes"])
+
+
+def scene_settings(name: str) -> SceneSettings:
+    """What the scene of that name is made of, to be changed with `dataclasses.replace`.
+
+    Raises:
+        SettingsError: no such scene; lists those there are.
+    """
+    data = _data()
+    if name not in data["scenes"]:
+        raise SettingsError(f"unknown scene {name!r}; known: {one_of(name, scene_names())}")
+    scene = data["scenes"][name]
+    sensors = [{"name": sensor, **data["sensors"][sensor]} for sensor in scene["sensors"]]
+    return parse(SceneSettings, {"name": name, **scene, "sensors": sensors}, where=f"scene {name}")
+
+
+def load_scene(
+    name: str,
+    *,
+    seed: int = 0,
+    topology: str = "kinect_v2",
+    bvh: str | Path | None = None,
+    bvh_person: int = 1,
+    bvh_metres_per_unit: float | None = None,
+) -> Room:
+    """The room of that name, ready to be looked at.
+
+    Args:
+        name: one of `scene_names`.
+        seed: the same seed gives the same frames to the bit.
+        topology: of the frames, such as ``kinect_v1``.
+        bvh: a BVH file that one of the people does instead of the scenario.
+        bvh_person: which of them, from 1.
+        bvh_metres_per_unit: the file's unit; None scales it to the person's stature.
+
+    Raises:
+        SettingsError: an unknown scene or topology, or a number out of range.
+        InputError: the BVH file cannot be used.
+    """
+    settings = dataclasses.replace(scene_settings(name), seed=seed, topology=topology)
+    if bvh is not None:
+        people = list(settings.people)
+        check(1 <= bvh_person <= len(people), "bvh_person", bvh_person, f"from 1 to {len(people)}")
+        i = bvh_person - 1
+        people[i] = dataclasses.replace(people[i], bvh=str(bvh), bvh_metres_per_unit=bvh_metres_per_unit)
+        settings = dataclasses.replace(settings, people=tuple(people))
+    return build_room(settings)
+
+
+@cache
+def _data() -> dict[str, Any]:
+    text = files("mocapella.sources.simulate").joinpath("data", "scenes.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text)

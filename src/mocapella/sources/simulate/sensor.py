@@ -1,0 +1,264 @@
+"""A simulated sensor: what a Kinect v2 would say of the room, frame by frame, and the truth beside it.
+
+Every frame has random numbers of its own, from a generator that counts instead of remembering (Philox: J. Salmon et
+al., "Parallel Random Numbers: As Easy as 1, 2, 3", 2011), keyed by seed and sensor and counted by frame. So frame k is
+the same whenever the sensor was started; what does depend on the start is said at `SimulatedSensor.frames`.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.conventions import NS_PER_S
+from mocapella.model.observations import BodyFrame, JointState, body_frame
+from mocapella.model.truth import Truth
+from mocapella.settings import check
+from mocapella.sources.simulate.body import facing, joint_selection
+from mocapella.sources.simulate.device import axial_noise
+from mocapella.sources.simulate.occlusion import hidden
+from mocapella.sources.simulate.orientation import bone_ends, bone_orientations
+from mocapella.sources.simulate.room import Room
+
+Float64 = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+SEEN_TO_BEGIN = 0.4
+"""Fraction of the joints that must be visible for a body to be found."""
+SEEN_TO_GO_ON = 0.12
+"""Below this fraction it is lost, and gets another id when it is found again."""
+FIRST_ID = 72_057_594_037_927_936
+"""Kinect v2 ids are large numbers; ours are from here on."""
+
+
+class SimulatedFrame(msgspec.Struct, frozen=True, eq=False):
+    """A frame, when it comes to the node, and what is true.
+
+    Attributes:
+        due_s: room time at which it reaches the node [s].
+        frame: what the sensor says; node_id and sent_ns are 0, the node stamps them.
+        truth: the room at the instant of capture.
+    """
+
+    due_s: float
+    frame: BodyFrame
+    truth: Truth
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """Everybody at one instant, before noise; joints in the body's order.
+
+    world, camera: (people, 25, 3) [m]; pixels: (people, 25, 2); in_view, visible: (people, 25).
+    """
+
+    room_ns: int
+    world: Float64
+    camera: Float64
+    pixels: Float64
+    in_view: Bools
+    visible: Bools
+
+
+@dataclass(frozen=True, eq=False)
+class _Draws:
+    """The random numbers of one frame, always as many, so that none depends on what is seen."""
+
+    lost: float
+    jitter: float
+    ids: NDArray[np.int64]
+    joints: Float64
+
+
+class _Held:
+    """Which people the sensor tracks, in the order in which it found them, with their ids."""
+
+    def __init__(self) -> None:
+        self.people: list[int] = []
+        self.ids: list[int] = []
+
+    def update(self, seen: Float64, ids: NDArray[np.int64], most: int) -> None:
+        """Drop who is seen too little; find who is seen enough, while there is room."""
+        kept = [i for i, person in enumerate(self.people) if seen[person] >= SEEN_TO_GO_ON]
+        self.people, self.ids = [self.people[i] for i in kept], [self.ids[i] for i in kept]
+        new = [p for p in np.flatnonzero(seen >= SEEN_TO_BEGIN).tolist() if p not in self.people]
+        # By their ids, which are random: a body's place in the frame must not say who it is.
+        for person in sorted(new, key=lambda p: int(ids[p]))[: most - len(self.people)]:
+            self.people.append(person)
+            self.ids.append(FIRST_ID + int(ids[person]))
+
+
+class SimulatedSensor:
+    """One sensor of a room.
+
+    Args:
+        room: where it stands.
+        sensor: its name, or its number from 1.
+
+    Raises:
+        SettingsError: no such sensor, or the body has not all joints of the room's topology.
+    """
+
+    def __init__(self, room: Room, sensor: int | str) -> None:
+        index = room.sensor_index(sensor)
+        self.room = room
+        self.settings = room.settings.sensors[index]
+        self.topology = room.topology
+        self.T_world_sensor = self.settings.T_world_sensor
+        self._select = joint_selection(self.topology)
+        self._mirror = np.array(self.topology.mirror)
+        self._bones = bone_ends(self.topology)
+        self._key = np.array([room.settings.seed, index], dtype=np.uint64)
+        self._bias = self._biases()
+
+    @property
+    def name(self) -> str:
+        """As in its frames."""
+        return self.settings.name
+
+    def frames(self, start_s: float = 0.0, stop_s: float | None = None) -> Iterator[SimulatedFrame]:
+        """The frames captured from ``start_s`` until before ``stop_s`` (room time), or for ever.
+
+        Frame k (captured at ``settings.frame_ns(k)``) depends on the scene, its seed and k, also when the sensor is
+        started in the middle. Only these depend on the start: ``sequence``, which counts from 0; tracking ids, the
+        order of the bodies, and which of them are tracked where there are more than ``max_bodies`` or where somebody
+        is seen too little to be found but enough to be held.
+
+        Raises:
+            SettingsError: a time before 0, or a stop before the start.
+        """
+        check(math.isfinite(start_s) and start_s >= 0, "start_s", start_s, "0 or later")
+        check(stop_s is None or stop_s >= start_s, "stop_s", stop_s, "start_s or later")
+        return self._frames(start_s, math.inf if stop_s is None else stop_s)
+
+    def _frames(self, start_s: float, stop_s: float) -> Iterator[SimulatedFrame]:
+        first = max(0, math.floor((start_s - self.settings.phase_s) * self.settings.rate_hz))
+        while self.settings.frame_ns(first) < round(start_s * NS_PER_S):
+            first += 1
+        forget = round(self.settings.forget_s * self.settings.rate_hz)
+        unseen = np.zeros(self._bias.shape[:2], dtype=np.int64)
+        for index in range(max(0, first - forget), first):
+            unseen = _count(unseen, self._look(self.settings.frame_ns(index)), forget)
+        held, sequence, index = _Held(), 0, first
+        while (room_ns := self.settings.frame_ns(index)) < stop_s * NS_PER_S:
+            look, draws = self._look(room_ns), self._draws(index)
+            unseen = _count(unseen, look, forget)
+            held.update(look.visible.mean(axis=1), draws.ids, self.settings.max_bodies)
+            if draws.lost >= self.settings.lost:
+                states = _states(look, unseen < max(forget, 1))
+                yield self._frame(sequence, look, draws, states, held)
+                sequence += 1
+            index += 1
+
+    def _look(self, room_ns: int) -> _Look:
+        """Who and what can be seen at one instant."""
+        world = self.room.positions_at(room_ns)
+        camera = (world - self.T_world_sensor[:3, 3]) @ self.T_world_sensor[:3, :3]
+        pixels = self.settings.project(camera)
+        in_view = self.settings.in_view(camera, pixels)
+        blocked = hidden(self.T_world_sensor[:3, 3], world, self.room.motion.radii, self.room.obstacles)
+        return _Look(room_ns, world, camera, pixels, in_view, in_view & ~blocked)
+
+    def _draws(self, index: int) -> _Draws:
+        counter = np.array([0, 0, 0, index], dtype=np.uint64)
+        rng = np.random.Generator(np.random.Philox(key=self._key, counter=counter))
+        people = len(self._bias)
+        return _Draws(
+            rng.random(),
+            float(np.clip(rng.standard_normal(), -3, 3)),
+            rng.integers(1, 2**40, people),
+            rng.standard_normal((people, self._bias.shape[1], 3)),
+        )
+
+    def _biases(self) -> Float64:
+        """(people, 25, 3): the constant error of every joint when it is inferred, camera space [m]."""
+        rng = np.random.default_rng([self._key[0], self._key[1], 1])
+        direction = rng.standard_normal(self.room.motion.directions.shape[1:])
+        length = np.linalg.norm(direction, axis=2, keepdims=True)
+        return np.asarray(self.settings.noise.inferred_bias * direction / length)
+
+    def _frame(
+        self, sequence: int, look: _Look, draws: _Draws, states: NDArray[np.uint8], held: _Held
+    ) -> SimulatedFrame:
+        people = np.array(held.people, dtype=np.int64)
+        forward, away = self._turned(look.world[people])
+        mirrored = away > math.radians(self.settings.mirror_beyond_deg)
+        order = np.where(mirrored[:, None], self._select[self._mirror], self._select)
+        rows = people[:, None]
+        noisy = self._noisy(look.camera[people], states[people], away, draws.joints[people], self._bias[people])
+        positions = noisy[np.arange(len(people))[:, None], order]
+        settings = self.settings
+        frame = body_frame(
+            self.name,
+            self.topology,
+            time_ns=settings.clock_ns(look.room_ns),
+            positions=positions,
+            states=states[rows, order],
+            tracking_ids=held.ids,
+            clipped_edges=settings.clipped_edges(look.pixels[people]),
+            depth_px=settings.project(positions),
+            orientations=bone_orientations(positions, self._bones, np.where(mirrored[:, None], -forward, forward)),
+            sequence=sequence,
+            depth_size_px=settings.depth_size_px,
+            tilt=math.radians(settings.tilt_deg),
+            height=settings.position[1],
+        )
+        due_s = look.room_ns / NS_PER_S + max(0.0, settings.latency_s + settings.latency_jitter_s * draws.jitter)
+        return SimulatedFrame(due_s, frame, self._truth(sequence, look, people, mirrored))
+
+    def _turned(self, world: Float64) -> tuple[Float64, Float64]:
+        """Where bodies (n, 25, 3) point, (n, 3) in camera space, and how far away from the sensor, (n,) [rad]."""
+        forward, line = facing(world), self.T_world_sensor[:3, 3] - world.mean(axis=1)
+        cross = forward[:, 2] * line[:, 0] - forward[:, 0] * line[:, 2]
+        away = np.abs(np.arctan2(cross, forward[:, 0] * line[:, 0] + forward[:, 2] * line[:, 2]))
+        return forward @ self.T_world_sensor[:3, :3], away
+
+    def _noisy(
+        self, camera: Float64, states: NDArray[np.uint8], away: Float64, draws: Float64, bias: Float64
+    ) -> Float64:
+        """(bodies, 25, 3) with the noise of their distance and of how obliquely the body is seen."""
+        noise, depth = self.settings.noise, np.maximum(camera[..., 2], 0.0)
+        oblique = np.minimum(away, math.pi - away)[:, None]
+        across = [noise.lateral_px * depth / focal for focal in self.settings.focal_px]
+        spread = np.stack([*across, noise.axial_gain * axial_noise(depth, oblique)], axis=-1)
+        inferred = (states == JointState.INFERRED)[..., None]
+        scatter = np.where(inferred, noise.inferred_gain, 1.0) * spread * draws
+        return np.asarray(camera + scatter + np.where(inferred, bias, 0.0))
+
+    def _truth(self, sequence: int, look: _Look, people: NDArray[np.int64], mirrored: Bools) -> Truth:
+        return Truth(
+            sensor=self.name,
+            sequence=sequence,
+            room_ns=look.room_ns,
+            topology=self.topology,
+            people=np.arange(len(look.world)),
+            positions=look.world[:, self._select],
+            T_world_sensor=self.T_world_sensor,
+            body_people=people,
+            mirrored=mirrored,
+        )
+
+
+def merge(
+    sensors: Iterable[SimulatedSensor], start_s: float = 0.0, stop_s: float | None = None
+) -> Iterator[SimulatedFrame]:
+    """The frames of several sensors in the order in which they come to their nodes; on a tie, by the sensor's name."""
+    streams = [sensor.frames(start_s, stop_s) for sensor in sensors]
+    return heapq.merge(*streams, key=lambda item: (item.due_s, item.frame.sensor))
+
+
+def _count(unseen: NDArray[np.int64], look: _Look, most: int) -> NDArray[np.int64]:
+    """(people, 25): for how many frames a joint has not been visible, at most ``most``."""
+    return np.where(look.visible, 0, np.minimum(unseen + 1, max(most, 1)))
+
+
+def _states(look: _Look, remembered: Bools) -> NDArray[np.uint8]:
+    """(people, 25) `JointState`: seen; hidden, but in view and not for too long; or neither."""
+    inferred = np.where(look.in_view & remembered, np.uint8(JointState.INFERRED), np.uint8(JointState.NOT_TRACKED))
+    return np.asarray(np.where(look.visible, np.uint8(JointState.TRACKED), inferred))

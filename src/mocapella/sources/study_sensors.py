@@ -1,0 +1,163 @@
+"""Which sensors a study log was made by, and where the second of them nominally stood."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.conventions import NOT_AVAILABLE
+from mocapella.errors import InputError, SettingsError, one_of
+from mocapella.geometry import angles, rigid
+from mocapella.model.observations import check_sensor_name
+from mocapella.model.session import PLACEMENTS
+from mocapella.model.study_log import TITLES, StudyLog
+
+STUDY_SENSORS: Final[Mapping[str, str]] = {".213.82": "front", ".207.136": "side"}
+"""The study's sensors of 2015: the end of a ``Kinect_Id`` → the sensor's name."""
+TURNING_DISTANCE: Final = 2.4
+"""From the reference sensor to the axis that the second is turned about: where people stood [m]."""
+PARALLEL_DISTANCE: Final = 0.5
+"""Between two parallel sensors [m]."""
+
+_TURNS = {"parallel": 0.0, "right-45": -45.0, "right-90": -90.0, "left-45": 45.0, "left-90": 90.0}
+
+
+def refuse(log: StudyLog, rows: NDArray[np.intp], name: str, problem: str, fix: str) -> None:
+    """Raise an InputError that names the first of these rows, if there is one.
+
+    Args:
+        log: the file.
+        rows: indices of the rows to blame.
+        name: the field of `StudyLog` to blame.
+        problem, fix: the error's words.
+    """
+    if len(rows):
+        i = int(rows.min())
+        row = i + 2  # an editor counts from 1, and the header is row 1
+        value = getattr(log, name)[i].item()
+        raise InputError(problem, file=log.source, row=row, field=TITLES[name], value=value, fix=fix)
+
+
+def rows_of_placement(log: StudyLog, wanted: str | None) -> tuple[NDArray[np.intp], str]:
+    """The rows of the placement that is wanted, or of the only one there is, and its name (empty = not said).
+
+    Raises:
+        SettingsError: no such placement; lists those there are.
+        InputError: the file does not have it, has several and none is chosen, or has a number that is none.
+    """
+    if wanted is not None and wanted not in PLACEMENTS:
+        raise SettingsError(f"unknown placement {wanted!r}; known: {one_of(wanted, PLACEMENTS)}")
+    placements = {number: name for name, number in PLACEMENTS.items()} | {NOT_AVAILABLE: ""}
+    unknown = ~np.isin(log.kinect_config, list(placements))
+    listed = ", ".join(f"{number} {name}" for name, number in PLACEMENTS.items())
+    refuse(log, np.flatnonzero(unknown), "kinect_config", "is no placement", f"placements are {listed}")
+    numbers = np.unique(log.kinect_config).tolist()
+    if numbers == [NOT_AVAILABLE]:
+        return np.arange(len(log)), wanted or ""
+    there = [placements[number] or "not said" for number in numbers]
+    if wanted is None and len(numbers) > 1:
+        fix = f"choose one with placement: {', '.join(there)}"
+        raise InputError("the file has several placements", file=log.source, field="Kinect_Config", fix=fix)
+    if wanted is not None and PLACEMENTS[wanted] not in numbers:
+        raise InputError(
+            "the file does not have this placement",
+            file=log.source,
+            field="Kinect_Config",
+            value=wanted,
+            fix=f"it has {', '.join(there)}",
+        )
+    number = numbers[0] if wanted is None else PLACEMENTS[wanted]
+    return np.flatnonzero(log.kinect_config == number), placements[number]
+
+
+def sensor_names(log: StudyLog, rows: NDArray[np.intp], sensors: Mapping[str, str]) -> dict[str, str]:
+    """The sensors' names by their ``Kinect_Id``, in the order of appearance.
+
+    An id that ends in none of ``sensors`` is the name itself, with ``-`` for what a name cannot have, and ``kinect-``
+    before a bare number.
+
+    Raises:
+        InputError: there are more than two.
+        SettingsError: a name that no sensor can have, or that two Kinects would share.
+    """
+    kinects, first = np.unique(log.kinect_id[rows], return_index=True)
+    first = np.sort(first)
+    if len(kinects) > 2:
+        fix = "a log does not say where a third sensor stood: replay the take that it was exported from"
+        refuse(log, rows[first[2:]], "kinect_id", "is a third sensor, and a replay places two", fix)
+    names: dict[str, str] = {}
+    for kinect in log.kinect_id[rows[first]].tolist():
+        name = next((name for end, name in sensors.items() if kinect.endswith(end)), None) or _safe_name(kinect)
+        if name in names.values():
+            raise SettingsError(f"{log.source}: two Kinects would be the sensor {name!r}; name them apart")
+        names[kinect] = check_sensor_name(name)
+    return names
+
+
+def _safe_name(kinect: str) -> str:
+    safe = re.sub(r"[^A-Za-z0-9_.-]", "-", kinect)
+    return safe if safe[0].isalnum() and not safe.isdigit() else f"kinect-{safe.lstrip('-_.')}"[:64]
+
+
+def reference_kinect(log: StudyLog, rows: NDArray[np.intp], names: dict[str, str]) -> str:
+    """The Kinect in whose camera space the file is: that of the rows with Skeleton_Id 0, and of no others.
+
+    Raises:
+        InputError: there is none, or not always the same.
+    """
+    is_reference = log.skeleton_id[rows] == 0
+    if not is_reference.any():
+        raise InputError(
+            "no row is the reference sensor's own",
+            file=log.source,
+            field="Skeleton_Id",
+            fix="the reference sensor's rows have Skeleton_Id 0",
+        )
+    reference: str = log.kinect_id[rows[is_reference]][0].item()
+    mixed = rows[is_reference != (log.kinect_id[rows] == reference)]
+    fix = "the reference must not change within a file: replay the take that it was exported from"
+    problem = f"sensor {names[reference]} is the reference (Skeleton_Id 0) in other rows"
+    refuse(log, mixed, "skeleton_id", problem, fix)
+    return reference
+
+
+def nominal_motion(log: StudyLog, rows: NDArray[np.intp], placement: str) -> NDArray[np.float64]:
+    """``T_reference_second``: a turn about the vertical where people stood, or a step aside for parallel sensors.
+
+    How far they are turned apart is the file's nominal angle. To which side it does not say, because either sensor can
+    be the reference; the difference of a person's two stand-still angles does, since θ grows by a sensor's turn.
+
+    Raises:
+        InputError: the file does not say how the sensors stood.
+    """
+    if not placement:
+        raise InputError(
+            "the file does not say how its two sensors stood",
+            file=log.source,
+            field="Kinect_Config",
+            value=NOT_AVAILABLE,
+            fix=f"give the placement: {', '.join(PLACEMENTS)}",
+        )
+    turn = np.radians(_TURNS[placement])
+    if turn == 0.0:
+        return rigid.rigid(np.eye(3), (PARALLEL_DISTANCE, 0.0, 0.0))
+    logged = _logged_turn(log, rows)
+    turn = turn if logged == 0.0 else np.copysign(turn, logged)
+    R, axis = rigid.rotation_about_y(turn), np.array([0.0, 0.0, TURNING_DISTANCE])
+    return rigid.rigid(R, axis - R @ axis)
+
+
+def _logged_turn(log: StudyLog, rows: NDArray[np.intp]) -> float:
+    """θ of the second sensor minus θ of the reference, of the first person that has both [rad]; 0 where nobody has."""
+    known = rows[np.isfinite(log.init_angle[rows])]
+    for person in np.unique(log.person_id[known]).tolist():
+        of_person = known[log.person_id[known] == person]
+        is_reference = log.skeleton_id[of_person] == 0
+        if is_reference.any() and not is_reference.all():
+            theta = log.init_angle[of_person]
+            return float(angles.wrap(theta[~is_reference][0] - theta[is_reference][0]))
+    return 0.0

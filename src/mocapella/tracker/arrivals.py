@@ -1,0 +1,84 @@
+"""Which sensors speak, and what each saw last."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import msgspec
+
+from mocapella.conventions import NS_PER_S
+from mocapella.model.bodies import Bodies, tracked_bodies
+from mocapella.model.observations import Arrival, BodyFrame
+from mocapella.model.topology import Topology
+
+
+class Sighting(msgspec.Struct, frozen=True, eq=False):
+    """A sensor's newest frame, when it was captured on the common clock, and the bodies tracked in it."""
+
+    frame: BodyFrame
+    at_ns: int
+    bodies: Bodies
+
+
+class Heard(msgspec.Struct, frozen=True, eq=False):
+    """What is known after an arrival.
+
+    Attributes:
+        problem: why the frame cannot be used; empty where it can.
+        sensor: whose frame it is.
+        node_changed: another process serves this sensor now, so its tracking ids mean nothing any more.
+        newest: by name, of every sensor that is not silent, in the order of the names.
+    """
+
+    problem: str
+    sensor: str
+    node_changed: bool
+    newest: Mapping[str, Sighting]
+
+
+class Arrivals:
+    """Keeps each sensor's newest frame for as long as it speaks, and refuses frames that cannot follow it."""
+
+    def __init__(self, silent_after_s: float, needed_parts: Sequence[str]) -> None:
+        self._silent_after_ns = round(silent_after_s * NS_PER_S)
+        self._needed_parts = tuple(needed_parts)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every sensor."""
+        self.topology: Topology | None = None
+        self._last: dict[str, Sighting] = {}
+        self._now_ns: int | None = None
+
+    def update(self, arrival: Arrival) -> Heard:
+        """Take a frame in, unless there is a problem with it."""
+        frame = arrival.frame
+        bodies = tracked_bodies(frame)
+        last = self._last.get(frame.sensor)
+        node_changed = last is not None and last.frame.node_id != frame.node_id
+        if problem := self._problem(frame, bodies, None if node_changed else last):
+            return Heard(problem, frame.sensor, False, {})
+        self.topology = frame.topology
+        self._last[frame.sensor] = Sighting(frame, arrival.at_ns, bodies)
+        self._now_ns = arrival.at_ns if self._now_ns is None else max(self._now_ns, arrival.at_ns)
+        spoke_since = self._now_ns - self._silent_after_ns
+        newest = {
+            sensor: sighting
+            for sensor, sighting in sorted(self._last.items())
+            if sighting.at_ns >= spoke_since or sensor == frame.sensor
+        }
+        return Heard("", frame.sensor, node_changed, newest)
+
+    def _problem(self, frame: BodyFrame, bodies: Bodies, last: Sighting | None) -> str:
+        if self.topology is None:
+            if missing := [part for part in self._needed_parts if part not in frame.topology.parts]:
+                return f"topology {frame.topology.name} names no {', '.join(missing)}"
+        elif frame.topology.name != self.topology.name:
+            return f"topology {frame.topology.name}, where the first frame had {self.topology.name}"
+        if last is not None and frame.time_ns < last.frame.time_ns:
+            return "time goes backwards"
+        if last is not None and frame.time_ns == last.frame.time_ns:
+            return "repeats the time of the frame before"
+        if len(set(bodies.ids)) != len(bodies.ids):
+            return "two bodies have the same tracking id"
+        return ""

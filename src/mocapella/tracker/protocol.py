@@ -1,0 +1,56 @@
+"""What every tracking method offers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from mocapella.model.observations import Arrival
+from mocapella.model.scene import Scene
+
+
+@dataclass(frozen=True)
+class TrackerReport:
+    """What came of all frames so far.
+
+    Attributes:
+        frames: that came in.
+        kept: that were used.
+        rejected: how many were not, by the reason.
+        calibrations: that were completed.
+        restarts: how often a calibration began again.
+    """
+
+    frames: int
+    kept: int
+    rejected: Mapping[str, int]
+    calibrations: int
+    restarts: int
+
+
+class Tracker(Protocol):
+    """One step a frame. The same arrivals and commands in the same order give the same scenes, to the bit."""
+
+    def update(self, arrival: Arrival) -> Scene:
+        """Take one frame in and say what there is now. A frame that cannot be used is counted and changes nothing."""
+
+    def recalibrate(self, reason: str) -> None:
+        """Begin the calibration again; the next scene says why."""
+
+    def reset(self) -> None:
+        """Forget everything, as if newly made."""
+
+    def snapshot(self) -> bytes:
+        """All that it remembers: a new tracker of the same settings that restores it goes on to the bit alike."""
+
+    def restore(self, data: bytes) -> None:
+        """Remember what a `snapshot` holds, and nothing else.
+
+        Raises:
+            WireError: the bytes are no snapshot of this method.
+        """
+
+    @property
+    def report(self) -> TrackerReport:
+        """What came of all frames so far."""

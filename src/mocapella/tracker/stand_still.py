@@ -1,0 +1,247 @@
+"""The KinectMultiTrack thesis' tracker (2015), for any number of sensors: ``stand-still``.
+
+Its known flaw: every body is centred on itself, so two people stand at the same place in its world, and who is who is
+decided by body shape alone. See docs/methods/stand-still.md.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from mocapella.association.closest_pairs import HeldPairs, PersonViews
+from mocapella.association.regained import regained
+from mocapella.calibration.stand_still import NEEDED_PARTS, Calibration, StandStill, StandStillSettings
+from mocapella.fusion.tracked_mean import tracked_mean
+from mocapella.geometry.rigid import apply
+from mocapella.model.bodies import Bodies, BodyKey
+from mocapella.model.memory import pack, unpack
+from mocapella.model.observations import Arrival, BodyFrame, JointState
+from mocapella.model.scene import Float64, Person, Phase, PotentialSkeleton, Scene, TrackerState
+from mocapella.model.session import SensorPose
+from mocapella.settings import check
+from mocapella.tracker.arrivals import Arrivals, Heard, Sighting
+from mocapella.tracker.protocol import TrackerReport
+
+
+@dataclass(frozen=True)
+class StandStillTrackerSettings(StandStillSettings):
+    """The calibration's settings, and those of what follows.
+
+    Attributes:
+        max_distance_m: skeletons further apart are not taken for one person; the thesis has no such limit [m].
+        regain_within_m: a body with a new tracking id is somebody whom its sensor had lost, not somebody new, if it is
+            closer than this to where that person was last seen; 0 takes every new tracking id for somebody new [m].
+        silent_after_s: a sensor without a frame for so long leaves the fusion until it speaks again [s].
+    """
+
+    max_distance_m: float = float("inf")
+    regain_within_m: float = 0.5
+    silent_after_s: float = 1.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check(self.max_distance_m > 0, "max_distance_m", self.max_distance_m, "greater than 0 m")
+        check(self.regain_within_m >= 0, "regain_within_m", self.regain_within_m, "0 m or more")
+        check(0 < self.silent_after_s <= 3600, "silent_after_s", self.silent_after_s, "above 0 and at most 3600 s")
+
+
+_OWN_MEMORY: Final = ("_steps", "_rejected", "_state", "_people")
+
+
+class StandStillTracker:
+    """Sensors' newest frames → each body's way to the world → whose views they are → the mean of what is tracked."""
+
+    def __init__(
+        self,
+        settings: StandStillTrackerSettings | None = None,
+        *,
+        sensors_expected: int = 1,
+        sensors: Mapping[str, SensorPose] | None = None,
+    ) -> None:
+        self.settings = settings or StandStillTrackerSettings()
+        self._arrivals = Arrivals(self.settings.silent_after_s, NEEDED_PARTS)
+        self._calibration = StandStill(self.settings, sensors_expected)
+        self._views = Views(sensors or {})
+        self._pairs = HeldPairs(self.settings.max_distance_m)
+        self._sensors_expected = sensors_expected
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything, as if newly made."""
+        self._arrivals.reset()
+        self._calibration.reset()
+        self._views.reset()
+        self._pairs.reset()
+        self._steps = 0
+        self._rejected: Counter[str] = Counter()
+        self._state = TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=self._sensors_expected)
+        self._people: tuple[Person, ...] = ()
+
+    def recalibrate(self, reason: str) -> None:
+        """Begin the calibration again; the next scene says why."""
+        self._calibration.restart(reason)
+
+    def snapshot(self) -> bytes:
+        """See `Tracker`."""
+        own = {name: getattr(self, name) for name in _OWN_MEMORY}
+        return pack([own, *map(vars, self._stages())], _REMEMBERED)
+
+    def restore(self, data: bytes) -> None:
+        """See `Tracker`."""
+        own, *stages = unpack(data, _REMEMBERED)
+        for part, memory in zip((self, *self._stages()), (own, *stages), strict=True):
+            vars(part).update(memory)
+
+    def _stages(self) -> tuple[object, ...]:
+        return self._arrivals, self._calibration, self._views, self._pairs
+
+    @property
+    def report(self) -> TrackerReport:
+        """What came of all frames so far."""
+        kept = self._steps - self._rejected.total()
+        calibration = self._calibration
+        return TrackerReport(self._steps, kept, dict(self._rejected), calibration.completed, calibration.restarts)
+
+    def update(self, arrival: Arrival) -> Scene:
+        """Take one frame in and say what there is now. A frame that cannot be used is counted and changes nothing."""
+        heard = self._arrivals.update(arrival)
+        if heard.problem:
+            self._rejected[heard.problem] += 1
+        else:
+            if heard.node_changed:
+                self._calibration.restart(f"{heard.sensor}: its node was started again")
+            bodies = heard.newest[heard.sensor].bodies
+            if self._calibration.unknown(bodies):
+                self._rename(heard.sensor, regained(bodies, self._people, self.settings.regain_within_m))
+            calibration = self._calibration.update(bodies, heard.newest)
+            views = self._views.update(heard, calibration)
+            people = self._pairs.update(views, calibration.number)
+            self._people = fuse(people)
+            self._state = calibration.state
+        return self._scene(arrival)
+
+    def _rename(self, sensor: str, new_ids: Mapping[int, int]) -> None:
+        self._calibration.rename(sensor, new_ids)
+        self._pairs.rename(sensor, new_ids)
+
+    def _scene(self, arrival: Arrival) -> Scene:
+        frame, step = arrival.frame, self._steps
+        self._steps += 1
+        topology = self._arrivals.topology or frame.topology
+        return Scene(
+            step=step,
+            at_ns=arrival.at_ns,
+            sensor=frame.sensor,
+            node_id=frame.node_id,
+            sequence=frame.sequence,
+            topology=topology,
+            state=self._state,
+            people=self._people,
+        )
+
+
+class CalibratedBodies(msgspec.Struct, frozen=True, eq=False):
+    """One sensor's bodies: ``ids`` (bodies,) and ``T_world_sensor`` (bodies, 4, 4)."""
+
+    ids: tuple[int, ...]
+    T_world_sensor: Float64
+
+
+class Views:
+    """Every calibrated body in the world, as its sensor's newest frame shows it; only what changed is made anew."""
+
+    def __init__(self, poses: Mapping[str, SensorPose]) -> None:
+        self._poses = dict(poses)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every view."""
+        self._T_world_sensor: Mapping[BodyKey, Float64] = {}
+        self._calibrated: dict[str, CalibratedBodies] = {}
+        self._of_sensor: dict[str, tuple[PotentialSkeleton, ...]] = {}
+
+    def update(self, heard: Heard, calibration: Calibration) -> list[PotentialSkeleton]:
+        """The views of all sensors that speak, in the order of sensors and tracking ids; none before a calibration.
+
+        A body that its sensor does not see just now keeps a view in which nothing is tracked, because the person can
+        still be shown from that sensor's perspective, as the others see them.
+        """
+        if not calibration.T_world_sensor:
+            return []
+        if calibration.T_world_sensor is not self._T_world_sensor:
+            self._T_world_sensor = calibration.T_world_sensor
+            self._calibrated = by_sensor(calibration.T_world_sensor)
+            self._of_sensor = {}
+        self._of_sensor.pop(heard.sensor, None)
+        for sensor, sighting in heard.newest.items():
+            if sensor not in self._of_sensor:
+                self._of_sensor[sensor] = self._see(sighting)
+        return [view for sensor in heard.newest for view in self._of_sensor[sensor]]
+
+    def _see(self, sighting: Sighting) -> tuple[PotentialSkeleton, ...]:
+        frame, bodies = sighting.frame, sighting.bodies
+        calibrated = self._calibrated.get(frame.sensor)
+        if calibrated is None:
+            return ()
+        positions, states = bodies.positions, bodies.states
+        if bodies.ids != calibrated.ids:
+            pairs = [(calibrated.ids.index(body), i) for i, body in enumerate(bodies.ids) if body in calibrated.ids]
+            rows, seen = [row for row, _ in pairs], [i for _, i in pairs]
+            positions = np.full((len(calibrated.ids), len(frame.topology), 3), np.nan)
+            states = np.full(positions.shape[:2], JointState.NOT_TRACKED, dtype=np.uint8)
+            positions[rows], states[rows] = bodies.positions[seen], bodies.states[seen]
+        in_world = apply(calibrated.T_world_sensor, positions)
+        pose = self._poses.get(frame.sensor, frame)
+        return tuple(
+            PotentialSkeleton(frame.sensor, body, frame.time_ns, pose.tilt, pose.height, T, p, s)
+            for body, T, p, s in zip(calibrated.ids, calibrated.T_world_sensor, in_world, states, strict=True)
+        )
+
+
+_REMEMBERED: Final = (
+    Bodies,
+    BodyFrame,
+    CalibratedBodies,
+    Person,
+    Phase,
+    PotentialSkeleton,
+    SensorPose,
+    Sighting,
+    StandStillTrackerSettings,
+    TrackerState,
+)
+
+
+def by_sensor(T_world_sensor: Mapping[BodyKey, Float64]) -> dict[str, CalibratedBodies]:
+    """The calibrated bodies of each sensor, in the order of their ids."""
+    bodies: dict[str, list[int]] = {}
+    for sensor, body in sorted(T_world_sensor):
+        bodies.setdefault(sensor, []).append(body)
+    return {
+        sensor: CalibratedBodies(tuple(ids), np.stack([T_world_sensor[sensor, body] for body in ids]))
+        for sensor, ids in bodies.items()
+    }
+
+
+def fuse(people: Sequence[PersonViews]) -> tuple[Person, ...]:
+    """Each person's fused skeleton beside the views it was made of."""
+    if not people:
+        return ()
+    joints = len(people[0].views[0].states)
+    shape = (len(people), max(len(person.views) for person in people), joints)
+    positions = np.full((*shape, 3), np.nan)
+    states = np.full(shape, JointState.NOT_TRACKED, dtype=np.uint8)
+    for i, person in enumerate(people):
+        for j, view in enumerate(person.views):
+            positions[i, j], states[i, j] = view.positions, view.states
+    fused = tracked_mean(positions, states)
+    return tuple(
+        Person(person.person, p, s, person.views)
+        for person, p, s in zip(people, fused.positions, fused.states, strict=True)
+    )

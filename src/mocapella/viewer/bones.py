@@ -1,0 +1,133 @@
+"""From joints to strokes: one stretched instance of a small mesh for each bone and joint.
+
+All skeletons of a stage become one set of strokes, so that a browser draws them in one go.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.model.observations import JointState
+from mocapella.model.topology import Topology
+
+Float32 = NDArray[np.float32]
+
+INFERRED_THICKNESS = 0.45
+"""An inferred bone is drawn this much as thick as a tracked one."""
+_SHORTEST = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Strokes:
+    """Instances of a mesh.
+
+    Attributes:
+        positions: (n, 3), where the mesh's origin goes [m].
+        wxyzs: (n, 4), unit quaternions (w, x, y, z).
+        scales: (n, 3), along the mesh's own axes [m].
+        colours: (n, 3) uint8, red, green and blue.
+    """
+
+    positions: Float32
+    wxyzs: Float32
+    scales: Float32
+    colours: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+
+NO_STROKES = Strokes(
+    np.zeros((0, 3), np.float32), np.zeros((0, 4), np.float32), np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)
+)
+
+
+def join(parts: list[Strokes]) -> Strokes:
+    """All strokes as one set."""
+    if not parts:
+        return NO_STROKES
+    return Strokes(
+        np.concatenate([part.positions for part in parts]),
+        np.concatenate([part.wxyzs for part in parts]),
+        np.concatenate([part.scales for part in parts]),
+        np.concatenate([part.colours for part in parts]),
+    )
+
+
+def padded(strokes: Strokes, count: int) -> Strokes:
+    """The strokes, and after them as many of no size as make ``count``: they draw nothing."""
+    missing = count - len(strokes)
+    identity = np.tile(np.array([1, 0, 0, 0], np.float32), (missing, 1))
+    nothing = np.zeros((missing, 3), np.float32)
+    return join([strokes, Strokes(nothing, identity, nothing, np.zeros((missing, 3), np.uint8))])
+
+
+def bone_strokes(positions: Any, states: Any, topology: Topology, colours: Any, radii: Any) -> Strokes:
+    """A stroke along +y of the mesh for every bone whose two joints are there.
+
+    A bone is inferred, and thin, where one of its joints is; it is not there where a joint is not tracked, has a NaN
+    coordinate, or both joints are in one place.
+
+    Args:
+        positions: (skeletons, joints, 3) [m].
+        states: (skeletons, joints), `JointState`.
+        topology: of all the skeletons.
+        colours: (skeletons, 3), red, green and blue.
+        radii: (skeletons,), of a tracked bone [m].
+    """
+    p, s = np.asarray(positions, np.float32), np.asarray(states)
+    bones = np.array(topology.bones)
+    start, along = p[:, bones[:, 0]], p[:, bones[:, 1]] - p[:, bones[:, 0]]
+    length = np.linalg.norm(along, axis=-1)
+    weakest = np.minimum(s[:, bones[:, 0]], s[:, bones[:, 1]])
+    there = np.isfinite(length) & (length > _SHORTEST) & (weakest != JointState.NOT_TRACKED)
+    skeleton = np.nonzero(there)[0]
+    radius = np.asarray(radii, np.float32)[skeleton] * _thickness(weakest[there])
+    direction = along[there] / length[there][:, None]
+    return Strokes(
+        positions=start[there],
+        wxyzs=from_up_to(direction),
+        scales=np.stack([radius, length[there], radius], axis=-1).astype(np.float32),
+        colours=np.asarray(colours, np.uint8).reshape(-1, 3)[skeleton],
+    )
+
+
+def joint_strokes(positions: Any, states: Any, colours: Any, radii: Any) -> Strokes:
+    """A stroke of equal size along all axes for every joint that is there; an inferred joint is smaller.
+
+    Args:
+        positions: (skeletons, joints, 3) [m].
+        states: (skeletons, joints), `JointState`.
+        colours: (skeletons, 3), red, green and blue.
+        radii: (joints,), of a tracked joint [m]; a radius of 0 leaves the joint out.
+    """
+    p, s = np.asarray(positions, np.float32), np.asarray(states)
+    size = np.broadcast_to(np.asarray(radii, np.float32), s.shape)
+    there = np.isfinite(p).all(axis=-1) & (s != JointState.NOT_TRACKED) & (size > 0)
+    skeleton = np.nonzero(there)[0]
+    radius = size[there] * _thickness(s[there])
+    count = len(radius)
+    return Strokes(
+        positions=p[there],
+        wxyzs=np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1)),
+        scales=np.repeat(radius[:, None], 3, axis=1).astype(np.float32),
+        colours=np.asarray(colours, np.uint8).reshape(-1, 3)[skeleton],
+    )
+
+
+def from_up_to(direction: Any) -> Float32:
+    """(…, 4) quaternions (w, x, y, z) that turn +y into the unit vectors ``direction`` (…, 3) the shortest way."""
+    d = np.asarray(direction, np.float64)
+    q = np.stack([1 + d[..., 1], d[..., 2], np.zeros_like(d[..., 0]), -d[..., 0]], axis=-1)
+    norm = np.linalg.norm(q, axis=-1, keepdims=True)
+    # Straight down, every half turn about a level axis is a shortest way.
+    half_turn = np.array([0.0, 1.0, 0.0, 0.0])
+    return np.where(norm > 1e-6, q / np.maximum(norm, 1e-6), half_turn).astype(np.float32)
+
+
+def _thickness(states: NDArray[Any]) -> NDArray[np.float32]:
+    return np.where(states == JointState.TRACKED, np.float32(1), np.float32(INFERRED_THICKNESS))

@@ -1,0 +1,58 @@
+"""From a pressed control to the server and back, without the drawing ever waiting for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+import viser
+
+from mocapella.errors import MocapellaError
+from mocapella.model.session import CommandReply
+
+Command = Callable[[str, dict[str, Any]], CommandReply]
+"""Carries out a verb with its arguments; may block."""
+
+_SECONDS_SHOWN = 8.0
+
+
+class Commander:
+    """Sends the commands of all browsers, one after the other, in the order in which they were pressed."""
+
+    def __init__(self, command: Command) -> None:
+        self._command = command
+        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="view-command")
+
+    def send(self, verb: str, arguments: dict[str, Any], client: viser.ClientHandle) -> None:
+        """Send it when all before it are answered; what the server says is shown in the browser that asked."""
+        self._worker.submit(self._carry_out, verb, arguments, client).add_done_callback(_raise_again)
+
+    def close(self) -> None:
+        """Send nothing more; what waits is dropped."""
+        self._worker.shutdown(wait=False, cancel_futures=True)
+
+    def _carry_out(self, verb: str, arguments: dict[str, Any], client: viser.ClientHandle) -> None:
+        try:
+            reply = self._command(verb, arguments)
+        except MocapellaError as error:
+            reply = CommandReply(ok=False, message=str(error))
+        if not reply.ok or reply.message:
+            notify(client, f"{_title(verb)}{'' if reply.ok else ': not done'}", reply.message, ok=reply.ok)
+
+
+def notify(client: viser.ClientHandle, title: str, message: str, *, ok: bool) -> None:
+    """A short notice in one browser."""
+    client.add_notification(
+        title, message, auto_close_seconds=_SECONDS_SHOWN, color="teal" if ok else "red", with_close_button=True
+    )
+
+
+def _title(verb: str) -> str:
+    return verb.replace("-", " ").capitalize()
+
+
+def _raise_again(done: Future[None]) -> None:
+    """Let an error of the program itself be logged, instead of vanishing with the future."""
+    if not done.cancelled():
+        done.result()

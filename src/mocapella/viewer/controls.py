@@ -1,0 +1,66 @@
+"""What can be used now, as functions of the session's status: every browser shows the same."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import PurePath
+
+from mocapella.model.session import SessionStatus
+from mocapella.viewer.perspective import FREE
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """Which commands make sense in a state; the control of any other is disabled."""
+
+    start: bool = False
+    stop: bool = False
+    recalibrate: bool = False
+    setup: bool = False
+    record: bool = False
+    record_stop: bool = False
+
+
+def allowed(status: SessionStatus | None) -> Allowed:
+    """What can be used now; nothing while no server answers. A take notes every setup, which may change at any time."""
+    if status is None:
+        return Allowed()
+    return Allowed(
+        start=not status.running,
+        stop=status.running,
+        recalibrate=status.running,
+        setup=True,
+        record=not status.recording.active,
+        record_stop=status.recording.active,
+    )
+
+
+def progress_percent(status: SessionStatus | None) -> float | None:
+    """How far the calibration is, 0 to 100; None where none is going on."""
+    if status is None or status.frames_wanted <= 0 or status.frames_remaining <= 0:
+        return None
+    return 100.0 * min(max(1.0 - status.frames_remaining / status.frames_wanted, 0.0), 1.0)
+
+
+def perspectives(status: SessionStatus | None, sensors: tuple[str, ...]) -> tuple[str, ...]:
+    """What the perspective can be: free, or any sensor's that the status or a frame ever named."""
+    known = {sensor.name for sensor in status.sensors} if status else set()
+    return (FREE, *sorted(known | set(sensors)))
+
+
+def default_perspective(status: SessionStatus | None, sensors: tuple[str, ...]) -> str:
+    """The sensor on the server's own machine; else the first by name, so that people stand apart; else free."""
+    rows = sorted(status.sensors, key=lambda row: row.name) if status else []
+    local = [row.name for row in rows if row.local]
+    return next(iter([*local, *(row.name for row in rows), *sorted(sensors)]), FREE)
+
+
+def next_name(take: str) -> str:
+    """The name for the take after this one: its last number one higher, or ``-2`` where it has none."""
+    stem = PurePath(take).stem if take.endswith(".mcap") else PurePath(take).name
+    match = re.fullmatch(r"(.*?)(\d+)", stem)
+    if match is None:
+        return f"{stem}-2"
+    digits = match.group(2)
+    return f"{match.group(1)}{int(digits) + 1:0{len(digits)}d}"

@@ -1,0 +1,155 @@
+"""Handles of the 3D scene that are made once, grown when they must, and else only change.
+
+A removed and remade node costs a browser far more than one whose numbers change, so what vanishes is hidden.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from mocapella.viewer.bones import Strokes, padded
+from mocapella.viewer.meshes import Mesh
+from mocapella.viewer.palette import Rgb
+
+Anchor = Literal["bottom-center", "bottom-left"]
+
+_FIRST_CAPACITY = 64
+_FROM_PICTURE = np.diag([-1.0, -1.0, 1.0])
+"""From a picture's axes (x right, y down), in which a frustum is given, to a sensor's (x left, y up)."""
+
+
+@dataclass(frozen=True)
+class Tag:
+    """A text in the scene: what it says and where (3,) [m]."""
+
+    text: str
+    position: tuple[float, float, float]
+
+
+class StrokeNode:
+    """A mesh drawn at any number of places."""
+
+    def __init__(self, scene: viser.SceneApi, name: str, mesh: Mesh) -> None:
+        self._scene, self._name, self._mesh = scene, name, mesh
+        self._capacity = 0
+        self._handle: viser.BatchedMeshHandle | None = None
+
+    def draw(self, strokes: Strokes) -> None:
+        """Show exactly these strokes."""
+        if self._handle is None or len(strokes) > self._capacity:
+            self._grow(len(strokes))
+        assert self._handle is not None
+        s = padded(strokes, self._capacity)
+        self._handle.batched_positions = s.positions
+        self._handle.batched_wxyzs = s.wxyzs
+        self._handle.batched_scales = s.scales
+        self._handle.batched_colors = s.colours
+
+    def _grow(self, count: int) -> None:
+        if self._handle is not None:
+            self._handle.remove()
+        self._capacity = max(_FIRST_CAPACITY, 1 << (count - 1).bit_length() if count else 0)
+        blank = np.zeros((self._capacity, 3), np.float32)
+        self._handle = self._scene.add_batched_meshes_simple(
+            self._name,
+            self._mesh.vertices,
+            self._mesh.faces,
+            batched_wxyzs=np.tile(np.array([1, 0, 0, 0], np.float32), (self._capacity, 1)),
+            batched_positions=blank,
+            batched_scales=blank,
+            batched_colors=np.zeros((self._capacity, 3), np.uint8),
+            lod="off",
+        )
+
+
+class TagNodes:
+    """Texts in the scene, as many as are needed."""
+
+    def __init__(self, scene: viser.SceneApi, name: str, *, size: float, anchor: Anchor = "bottom-center") -> None:
+        self._scene, self._name, self._size, self._anchor = scene, name, size, anchor
+        self._handles: list[viser.LabelHandle] = []
+
+    def draw(self, tags: list[Tag]) -> None:
+        """Show exactly these texts."""
+        while len(self._handles) < len(tags):
+            self._handles.append(
+                self._scene.add_label(
+                    f"{self._name}/{len(self._handles)}",
+                    "",
+                    font_screen_scale=self._size,
+                    anchor=self._anchor,
+                    visible=False,
+                )
+            )
+        for i, handle in enumerate(self._handles):
+            if i < len(tags):
+                handle.text, handle.position = tags[i].text, tags[i].position
+            handle.visible = i < len(tags)
+
+
+class SensorNode:
+    """A sensor, drawn as the frustum of its picture."""
+
+    def __init__(self, scene: viser.SceneApi, name: str, colour: Rgb, *, scale: float) -> None:
+        self._placed: NDArray[np.float64] | None = None
+        self._handle = scene.add_camera_frustum(
+            name,
+            fov=np.radians(60.0),
+            aspect=70.6 / 60.0,
+            scale=scale,
+            color=colour.paint,
+            thickness=0.012,
+            visible=False,
+            cast_shadow=False,
+            receive_shadow=False,
+            variant="filled",
+        )
+
+    def place(self, T: NDArray[np.float64]) -> None:
+        """Show it with its camera space at ``T`` (4, 4) of the view."""
+        if not np.array_equal(T, self._placed):
+            self._placed = T.copy()
+            self._handle.wxyz = viser.transforms.SO3.from_matrix(T[:3, :3] @ _FROM_PICTURE).wxyz
+            self._handle.position = T[:3, 3]
+        self._handle.visible = True
+
+    def hide(self) -> None:
+        """Show it no more."""
+        self._handle.visible = False
+
+
+class FloorNode:
+    """A piece of floor with a metre grid."""
+
+    def __init__(self, scene: viser.SceneApi, name: str, *, width: float, depth: float, scale: float = 1.0) -> None:
+        self._placed: NDArray[np.float64] | None = None
+        self._handle = scene.add_grid(
+            name,
+            width=width,
+            height=depth,
+            plane="xz",
+            scale=scale,
+            cell_size=0.5,
+            section_size=1.0,
+            cell_color=(44, 56, 76),
+            section_color=(70, 88, 118),
+            cell_thickness=0.8,
+            section_thickness=1.2,
+            plane_color=(20, 27, 40),
+            plane_opacity=0.85,
+            shadow_opacity=0.4,
+            fade_distance=60.0,
+            visible=False,
+        )
+
+    def place(self, centre: NDArray[np.float64]) -> None:
+        """Show it with its centre there (3,) [m]."""
+        if not np.array_equal(centre, self._placed):
+            self._placed = centre.copy()
+            self._handle.position = centre
+        self._handle.visible = True

@@ -1,0 +1,124 @@
+"""Where things stand: the Tracking stage in front, the Sensors gallery raised behind it, the cameras before them.
+
+The view's own space has y up; its camera looks along +z, so that, as in a sensor's camera space, +x is to the left of
+the screen. A stage's floor is y = 0 of the stage.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float64 = NDArray[np.float64]
+
+SENSORS_SCALE = 0.6
+"""The gallery is a model at three fifths of the size."""
+LANE_WIDTH_M, LANE_DEPTH_M = 4.0, 4.5
+"""Floor of one sensor's lane, in the sensor's metres: a Kinect's range, and its width at middle distance."""
+LANE_GAP = 0.12
+"""Between two lanes, in the view's metres."""
+LANES_A_ROW = 3
+TRACKING_WIDTH_M, TRACKING_DEPTH_M = 5.0, 5.0
+BEHIND_SENSOR_M = 0.5
+"""How far the floor reaches behind a perspective's sensor: of `TRACKING_DEPTH_M`."""
+SENSORS_ORIGIN = np.array([0.0, 2.2, 5.0])
+ROW_STEP = np.array([0.0, 1.3, 2.4])
+"""From one row of the gallery to the next."""
+PERSON_HEIGHT_M = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """A camera: where it is, what it looks at, and its vertical field of view [rad]."""
+
+    position: Float64
+    target: Float64
+    fov: float
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """An upright box, by two opposite corners (3,)."""
+
+    low: Float64
+    high: Float64
+
+    @property
+    def corners(self) -> Float64:
+        """(8, 3)."""
+        pick = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, 8).T
+        return np.where(pick == 0, self.low, self.high)
+
+
+def lane_origins(count: int) -> Float64:
+    """(count, 3): where each sensor's lane begins, the first at the left of the screen."""
+    if count == 0:
+        return np.zeros((0, 3))
+    width = LANE_WIDTH_M * SENSORS_SCALE + LANE_GAP
+    origins = []
+    for start in range(0, count, LANES_A_ROW):
+        lanes = min(LANES_A_ROW, count - start)
+        left = (lanes - 1) / 2 * width
+        row = SENSORS_ORIGIN + start // LANES_A_ROW * ROW_STEP
+        origins += [row + np.array([left - lane * width, 0.0, 0.0]) for lane in range(lanes)]
+    return np.array(origins)
+
+
+def tracking_box() -> Box:
+    """What the Tracking stage fills."""
+    half = TRACKING_WIDTH_M / 2
+    return Box(
+        np.array([-half, 0.0, -BEHIND_SENSOR_M]), np.array([half, PERSON_HEIGHT_M, TRACKING_DEPTH_M - BEHIND_SENSOR_M])
+    )
+
+
+def sensors_box(count: int) -> Box:
+    """What the gallery of that many sensors fills; one lane where there is none."""
+    origins = lane_origins(max(count, 1))
+    half = LANE_WIDTH_M * SENSORS_SCALE / 2
+    size = np.array([half, PERSON_HEIGHT_M * SENSORS_SCALE, LANE_DEPTH_M * SENSORS_SCALE])
+    return Box(origins.min(axis=0) - np.array([half, 0.0, 0.0]), origins.max(axis=0) + size)
+
+
+def title_place(box: Box) -> tuple[float, float, float]:
+    """Where the title of a stage begins: at the left end of its front edge."""
+    return float(box.high[0]) - 0.1, float(box.low[1]), float(box.low[2])
+
+
+def frame(
+    points: Float64, *, fov: float, aspect: float, elevation: float, covered: float = 0.0, margin: float = 1.05
+) -> Look:
+    """The nearest camera that looks along +z, down by ``elevation`` [rad], and has all the points in its picture.
+
+    Args:
+        points: (n, 3), what is to be seen.
+        fov: vertical field of view [rad].
+        aspect: width of the picture over its height.
+        elevation: how far the camera looks down [rad].
+        covered: share of the picture's height, at its lower edge, that something else covers.
+        margin: how much wider the picture is than it need be.
+    """
+    forward = np.array([0.0, -np.sin(elevation), np.cos(elevation)])
+    up = np.array([0.0, np.cos(elevation), np.sin(elevation)])
+    right = np.array([-1.0, 0.0, 0.0])
+    above = np.tan(fov / 2) / margin
+    below = above * (1.0 - 2.0 * covered)
+    beside = above * aspect
+    across, high, deep = points @ right, points @ up, points @ forward
+    # A point (a, h, d) is in the picture of a camera at (a0, h0, d0) while h − h0 ≤ above·(d − d0), h0 − h ≤
+    # below·(d − d0) and |a − a0| ≤ beside·(d − d0): each tightest pair of lines meets at the nearest camera.
+    top, bottom = (high - above * deep).max(), (high + below * deep).min()
+    left, right_most = (across + beside * deep).min(), (across - beside * deep).max()
+    d0 = min((bottom - top) / (above + below), (left - right_most) / (2 * beside))
+    h0 = ((top + above * d0) + (bottom - below * d0)) / 2
+    position = (left + right_most) / 2 * right + h0 * up + d0 * forward
+    distance = (deep.min() + deep.max()) / 2 - d0
+    return Look(position, position + forward * distance, fov)
+
+
+def eyes(tilt: float, height: float, fov: float) -> Look:
+    """The camera of the perspective's sensor: tilted up by ``tilt`` [rad], ``height`` [m] over the floor."""
+    position = np.array([0.0, height, 0.0])
+    return Look(position, position + 3.0 * np.array([0.0, np.sin(tilt), np.cos(tilt)]), fov)

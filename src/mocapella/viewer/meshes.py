@@ -1,0 +1,51 @@
+"""The two meshes that everything is made of, as surfaces of revolution about +y."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles: ``vertices`` (n, 3) float32 and ``faces`` (m, 3) uint32, seen from outside counter-clockwise."""
+
+    vertices: NDArray[np.float32]
+    faces: NDArray[np.uint32]
+
+
+def revolve(heights: NDArray[np.float64], radii: NDArray[np.float64], sides: int) -> Mesh:
+    """The closed surface of a profile turned about +y.
+
+    Args:
+        heights: (rings,), rising.
+        radii: (rings,), the first and the last 0.
+        sides: corners of a ring.
+    """
+    angle = np.linspace(0, 2 * np.pi, sides, endpoint=False)
+    circle = np.stack([np.cos(angle), np.zeros(sides), np.sin(angle)], axis=-1)
+    rings = radii[:, None, None] * circle
+    rings[..., 1] = heights[:, None]
+    k = np.arange(sides)
+    after = (k + 1) % sides
+    faces = []
+    for ring in range(len(heights) - 1):
+        low, high = ring * sides, (ring + 1) * sides
+        faces.append(np.stack([low + k, high + k, high + after], axis=-1))
+        faces.append(np.stack([low + k, high + after, low + after], axis=-1))
+    return Mesh(rings.reshape(-1, 3).astype(np.float32), np.concatenate(faces).astype(np.uint32))
+
+
+def bone_mesh() -> Mesh:
+    """From the origin to (0, 1, 0), at most 1 wide: slightly thicker at the parent, rounded at both ends."""
+    heights = np.array([0.0, 0.015, 0.05, 0.2, 0.8, 0.95, 0.985, 1.0])
+    radii = np.array([0.0, 0.6, 0.9, 1.0, 0.85, 0.75, 0.5, 0.0])
+    return revolve(heights, radii, 10)
+
+
+def ball_mesh() -> Mesh:
+    """A ball of radius 1 about the origin."""
+    angle = np.linspace(-np.pi / 2, np.pi / 2, 9)
+    return revolve(np.sin(angle), np.maximum(np.cos(angle), 0.0), 14)

@@ -1,0 +1,73 @@
+"""Colours that stay apart on a dark ground, also for colour-blind eyes as far as six colours can."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+_PAINT_GAMMA = 2.2
+
+
+class Rgb(NamedTuple):
+    """Red, green and blue, 0 to 255."""
+
+    red: int
+    green: int
+    blue: int
+
+    @property
+    def css(self) -> str:
+        """``#rrggbb``, for a style sheet."""
+        return f"#{self.red:02x}{self.green:02x}{self.blue:02x}"
+
+    @property
+    def paint(self) -> Rgb:
+        """Deeper: what a surface under the scene's lights must have to look like this colour."""
+        return Rgb(*(round(255 * (channel / 255) ** _PAINT_GAMMA) for channel in self))
+
+
+FUSED = Rgb(255, 255, 255)
+"""The fused skeleton."""
+
+PEOPLE = (
+    Rgb(255, 159, 28),
+    Rgb(46, 196, 255),
+    Rgb(255, 92, 168),
+    Rgb(154, 230, 72),
+    Rgb(176, 132, 255),
+    Rgb(255, 226, 64),
+)
+SENSORS = (
+    Rgb(64, 150, 255),
+    Rgb(0, 212, 170),
+    Rgb(255, 120, 90),
+    Rgb(206, 147, 255),
+    Rgb(240, 200, 80),
+    Rgb(130, 220, 110),
+)
+
+
+def person_colour(person: int) -> Rgb:
+    """The colour of the person of that id: it stays, whoever comes or goes."""
+    return PEOPLE[person % len(PEOPLE)]
+
+
+class SensorColours:
+    """Gives each sensor a colour when it is first heard of, which it then keeps."""
+
+    def __init__(self) -> None:
+        self._order: dict[str, int] = {}
+
+    def learn(self, sensors: set[str]) -> None:
+        """Give the sensors that are new a colour, in the order of their names."""
+        for sensor in sorted(sensors - self._order.keys()):
+            self._order[sensor] = len(self._order)
+
+    def of(self, sensor: str) -> Rgb:
+        """The sensor's colour."""
+        self.learn({sensor})
+        return SENSORS[self._order[sensor] % len(SENSORS)]
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """All sensors ever heard of, by name."""
+        return tuple(sorted(self._order))

@@ -1,0 +1,152 @@
+"""The controls and readouts of one browser.
+
+What they show comes from the session's status alone, never from what this browser asked for: so two browsers agree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from enum import StrEnum
+from pathlib import PurePath
+from typing import Any
+
+import viser
+
+from mocapella.model.session import SessionStatus
+from mocapella.viewer import readout
+from mocapella.viewer.commands import Commander, notify
+from mocapella.viewer.controls import allowed, default_perspective, next_name, perspectives, progress_percent
+from mocapella.viewer.palette import SensorColours
+from mocapella.viewer.perspective import FREE
+from mocapella.viewer.setup_panel import SetupPanel
+
+WIDTH_PX = 340
+TABLE_WIDTH_PX, TABLE_HEAD_PX, TABLE_ROW_PX = 720, 90, 26
+
+
+class Aim(StrEnum):
+    """What the camera can be put before."""
+
+    BOTH = "Both"
+    TRACKING = "Tracking"
+    SENSORS = "Sensors"
+    EYES = "Sensor's eyes"
+
+
+class Panel:
+    """All that a browser shows beside the 3D scene.
+
+    Attributes:
+        perspective: from where this browser shows the people; a sensor's name or `FREE`.
+    """
+
+    def __init__(
+        self,
+        client: viser.ClientHandle,
+        commander: Commander,
+        methods: Sequence[str],
+        colours: SensorColours,
+        aim: Callable[[Aim], None],
+    ) -> None:
+        self._client, self._commander, self._colours, self._aim = client, commander, colours, aim
+        self._status: SessionStatus | None = None
+        self._chosen: str | None = None
+        self._take = ""
+        gui = client.gui
+        self._headline = gui.add_html(readout.status_html(None))
+        self._progress = gui.add_progress_bar(0.0, visible=False, animated=True, color="blue")
+        self._start = self._button("Start", "start", viser.Icon.PLAYER_PLAY, "teal")
+        self._stop = self._button("Stop", "stop", viser.Icon.PLAYER_STOP, "gray")
+        self._recalibrate = self._button("Recalibrate", "recalibrate", viser.Icon.REFRESH, "gray")
+        self._add_camera_folder(gui)
+        self._add_recording_folder(gui)
+        self._setup = SetupPanel(gui, methods, self._send_setup, self._refuse)
+        with gui.add_folder("Notices"):
+            self._notices = gui.add_html(readout.notices_html(None))
+        window = gui.add_panel()
+        with window.add_tab("Sensors", viser.Icon.DEVICE_COMPUTER_CAMERA):
+            self._sensors = gui.add_html(readout.sensors_html(None, colours))
+        window.float(x=14, y=-14, width=TABLE_WIDTH_PX)
+
+    @property
+    def perspective(self) -> str:
+        """From where this browser shows the people: what was chosen in it, else the default."""
+        if self._chosen is not None:
+            return self._chosen
+        return default_perspective(self._status, self._colours.sensors)
+
+    def show(self, status: SessionStatus | None) -> None:
+        """Bring everything up to the status; costs next to nothing when it is the one already shown."""
+        can = allowed(status)
+        self._setup.show(status, enabled=can.setup)
+        self._show_perspectives(status)
+        if status is not None and status is self._status:
+            return
+        self._propose_name(status)
+        self._status = status
+        self._headline.content = readout.status_html(status)
+        percent = progress_percent(status)
+        self._progress.visible = percent is not None
+        self._progress.value = percent or 0.0
+        self._start.disabled, self._stop.disabled = not can.start, not can.stop
+        self._recalibrate.disabled = not can.recalibrate
+        self._record.disabled, self._record_stop.disabled = not can.record, not can.record_stop
+        self._name.disabled = not can.record
+        self._recording.content = readout.recording_html(status.recording if status else None)
+        self._notices.content = readout.notices_html(status)
+        self._sensors.content = readout.sensors_html(status, self._colours)
+
+    def _button(self, label: str, verb: str, icon: Any, colour: Any) -> viser.GuiButtonHandle:
+        button = self._client.gui.add_button(label, disabled=True, icon=icon, color=colour)
+
+        @button.on_click
+        async def _(_: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+            arguments = {"name": self._name.value.strip()} if verb == "record" else {}
+            self._commander.send(verb, arguments, self._client)
+
+        return button
+
+    def _add_camera_folder(self, gui: viser.GuiApi) -> None:
+        with gui.add_folder("View"):
+            self._perspective = gui.add_dropdown(
+                "Perspective", (FREE,), hint="Whose eyes place the people; free: the tracker's own world"
+            )
+            self._aims = gui.add_button_group("Look at", tuple(Aim))
+
+        @self._perspective.on_update
+        async def _(event: viser.GuiEvent[Any]) -> None:
+            if event.client is not None:
+                self._chosen = self._perspective.value
+                self._aim(Aim.BOTH if self._chosen == FREE else Aim.EYES)
+
+        @self._aims.on_click
+        async def _(_: viser.GuiEvent[Any]) -> None:
+            self._aim(Aim(self._aims.value))
+
+    def _add_recording_folder(self, gui: viser.GuiApi) -> None:
+        with gui.add_folder("Recording"):
+            self._name = gui.add_text("Take", "take-1", hint="The take's name; nothing is ever overwritten")
+            self._record = self._button("Record", "record", viser.Icon.PLAYER_RECORD, "red")
+            self._record_stop = self._button("Stop recording", "record-stop", viser.Icon.PLAYER_STOP, "gray")
+            self._recording = gui.add_html(readout.recording_html(None))
+
+    def _show_perspectives(self, status: SessionStatus | None) -> None:
+        options = perspectives(status, self._colours.sensors)
+        if options != self._perspective.options:
+            self._perspective.options = options
+        if self.perspective in options:
+            self._perspective.value = self.perspective
+
+    def _propose_name(self, status: SessionStatus | None) -> None:
+        """After a take, propose the name of the next one, unless another was typed meanwhile."""
+        before = self._status.recording if self._status else None
+        if before is None or status is None or not before.active or status.recording.active:
+            return
+        if self._name.value.strip() == PurePath(before.path).stem:
+            self._name.value = next_name(before.path)
+
+    def _send_setup(self, arguments: dict[str, Any]) -> None:
+        self._commander.send("setup", arguments, self._client)
+
+    def _refuse(self, message: str) -> None:
+        notify(self._client, "Setup: not sent", message, ok=False)

@@ -1,0 +1,118 @@
+"""The Setup form's values: from a status to the fields, and back to a `Setup`.
+
+The fields are merged three ways, as a text under version control: what a user changed and has not applied yet stays,
+whatever else the server's setup changes under it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from mocapella.conventions import NOT_AVAILABLE
+from mocapella.errors import SettingsError
+from mocapella.model.session import SensorPose, SessionStatus, Setup
+from mocapella.settings import parse
+
+NONE = "–"
+"""What a dropdown shows where nothing is chosen."""
+
+
+@dataclass(frozen=True)
+class PoseField:
+    """A sensor's pose as it is typed: degrees upwards, and metres over the floor."""
+
+    tilt_deg: float
+    height_m: float
+
+
+@dataclass(frozen=True)
+class SetupFields:
+    """What stands in the form, in the units that a person types."""
+
+    method: str = "stand-still"
+    sensors_expected: int = 1
+    participant: str = ""
+    placement: str = NONE
+    scenario: str = NONE
+    poses: Mapping[str, PoseField] = field(default_factory=dict)
+
+
+def fields_of(status: SessionStatus) -> SetupFields:
+    """What the form shows of a status: where no pose was set up, the one that the sensor itself says."""
+    setup = status.setup
+    said = {row.name: _pose_field(row.tilt, row.height) for row in status.sensors}
+    chosen = {name: _pose_field(pose.tilt, pose.height) for name, pose in setup.sensors.items()}
+    return SetupFields(
+        method=setup.method,
+        sensors_expected=setup.sensors_expected,
+        participant="" if setup.participant == NOT_AVAILABLE else str(setup.participant),
+        placement=setup.placement or NONE,
+        scenario=setup.scenario or NONE,
+        poses=dict(sorted({**said, **chosen}.items())),
+    )
+
+
+def merge(shown: SetupFields, before: SetupFields, now: SetupFields) -> SetupFields:
+    """What the form shows after the server's setup went from ``before`` to ``now``: edited fields stay as they are."""
+
+    def pick(mine: Any, old: Any, new: Any) -> Any:
+        return new if mine == old else mine
+
+    poses = {
+        name: pick(shown.poses.get(name, pose), before.poses.get(name, shown.poses.get(name, pose)), pose)
+        for name, pose in now.poses.items()
+    }
+    return SetupFields(
+        method=pick(shown.method, before.method, now.method),
+        sensors_expected=pick(shown.sensors_expected, before.sensors_expected, now.sensors_expected),
+        participant=pick(shown.participant, before.participant, now.participant),
+        placement=pick(shown.placement, before.placement, now.placement),
+        scenario=pick(shown.scenario, before.scenario, now.scenario),
+        poses=poses,
+    )
+
+
+def setup_arguments(shown: SetupFields, applied: SetupFields, setup: Setup) -> dict[str, Any]:
+    """The argument of the ``setup`` command.
+
+    A sensor's pose is part of it when it was set up before or is edited now; any other sensor keeps saying its own.
+
+    Args:
+        shown: the form.
+        applied: the form as the server's setup would fill it.
+        setup: the server's setup.
+
+    Raises:
+        SettingsError: a field that cannot be used; names it and what it may be.
+    """
+    poses = {
+        name: asdict(SensorPose(tilt=math.radians(pose.tilt_deg), height=pose.height_m))
+        for name, pose in shown.poses.items()
+        if name in setup.sensors or pose != applied.poses.get(name)
+    }
+    data = {
+        "method": shown.method,
+        "sensors_expected": shown.sensors_expected,
+        "participant": _participant(shown.participant),
+        "placement": "" if shown.placement == NONE else shown.placement,
+        "scenario": "" if shown.scenario == NONE else shown.scenario,
+        "sensors": poses,
+    }
+    parse(Setup, data, where="setup")
+    return data
+
+
+def _participant(text: str) -> int:
+    if not text.strip():
+        return NOT_AVAILABLE
+    try:
+        return int(text)
+    except ValueError:
+        raise SettingsError(f"participant is {text!r}; it must be a whole number, or empty") from None
+
+
+def _pose_field(tilt: float, height: float) -> PoseField:
+    return PoseField(tilt_deg=round(math.degrees(tilt), 2), height_m=round(height, 2))

@@ -1,0 +1,111 @@
+"""The Setup form in one browser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import viser
+
+from mocapella.errors import SettingsError
+from mocapella.model.session import PLACEMENTS, SCENARIOS, SessionStatus, Setup
+from mocapella.viewer.setup_form import NONE, PoseField, SetupFields, fields_of, merge, setup_arguments
+
+_POSE_HINT = "Tilt [°], upwards positive, and height over the floor [m]"
+
+
+class SetupPanel:
+    """Shows the server's setup, keeps what is typed until it is applied or reverted."""
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        methods: Sequence[str],
+        apply: Callable[[dict[str, Any]], None],
+        refuse: Callable[[str], None],
+    ) -> None:
+        self._gui, self._apply, self._refuse = gui, apply, refuse
+        self._applied = SetupFields()
+        self._setup: Setup | None = None
+        self._poses: dict[str, viser.GuiVector2Handle] = {}
+        with gui.add_folder("Setup", expand_by_default=False) as self._folder:
+            self._method = gui.add_dropdown("Method", tuple(methods), hint="How skeletons become people")
+            self._expected = gui.add_number("Sensors", 1, min=1, step=1, hint="How many sensors to wait for")
+            self._participant = gui.add_text("Participant", "", hint="The study's number of the person, or empty")
+            self._placement = gui.add_dropdown("Placement", (NONE, *PLACEMENTS))
+            self._scenario = gui.add_dropdown("Scenario", (NONE, *SCENARIOS))
+            self._apply_button = gui.add_button("Apply setup", disabled=True, order=1e9, icon=viser.Icon.CHECK)
+            self._revert_button = gui.add_button(
+                "Revert edits", disabled=True, order=1e9 + 1, color="gray", icon=viser.Icon.ARROW_BACK_UP
+            )
+
+        @self._apply_button.on_click
+        async def _(_: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+            self._send()
+
+        @self._revert_button.on_click
+        async def _(_: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+            self._write(self._applied)
+
+    def show(self, status: SessionStatus | None, *, enabled: bool) -> None:
+        """Take up the server's setup, except where somebody is typing."""
+        if status is not None and status.setup is not self._setup:
+            self._take_up(status)
+        edited = self._setup is not None and self._read() != self._applied
+        self._apply_button.disabled = not (enabled and edited)
+        self._revert_button.disabled = not edited
+        inputs = (self._method, self._expected, self._participant, self._placement, self._scenario)
+        for handle in (*inputs, *self._poses.values()):
+            handle.disabled = not enabled
+
+    def _take_up(self, status: SessionStatus) -> None:
+        now = fields_of(status)
+        before = self._applied if self._setup is not None else self._read()
+        self._make_pose_fields(now)
+        self._write(merge(self._read(), before, now))
+        self._applied, self._setup = now, status.setup
+
+    def _make_pose_fields(self, now: SetupFields) -> None:
+        for name in self._poses.keys() - now.poses.keys():
+            self._poses.pop(name).remove()
+        for name, pose in now.poses.items():
+            if name not in self._poses:
+                with self._folder:
+                    self._poses[name] = self._gui.add_vector2(
+                        f"{name} °, m",
+                        (pose.tilt_deg, pose.height_m),
+                        min=(-90.0, 0.0),
+                        max=(90.0, 10.0),
+                        step=0.01,
+                        hint=_POSE_HINT,
+                    )
+
+    def _read(self) -> SetupFields:
+        return SetupFields(
+            method=self._method.value,
+            sensors_expected=int(self._expected.value),
+            participant=self._participant.value,
+            placement=self._placement.value,
+            scenario=self._scenario.value,
+            poses={name: PoseField(*handle.value) for name, handle in self._poses.items()},
+        )
+
+    def _write(self, fields: SetupFields) -> None:
+        if fields.method not in self._method.options:
+            self._method.options = (*self._method.options, fields.method)
+        self._method.value = fields.method
+        self._expected.value = fields.sensors_expected
+        self._participant.value = fields.participant
+        self._placement.value = fields.placement
+        self._scenario.value = fields.scenario
+        for name, pose in fields.poses.items():
+            self._poses[name].value = (pose.tilt_deg, pose.height_m)
+
+    def _send(self) -> None:
+        assert self._setup is not None, "the button is disabled until there is a setup"
+        try:
+            arguments = setup_arguments(self._read(), self._applied, self._setup)
+        except SettingsError as error:
+            self._refuse(str(error))
+            return
+        self._apply(arguments)

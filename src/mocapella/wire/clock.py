@@ -1,0 +1,105 @@
+"""Two clocks brought together, with a bound on how wrong that can be.
+
+Cristian's algorithm (1989): of several probes the one with the smallest round trip is believed, the far clock is taken
+to have been read in its middle, and half the round trip bounds the error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from mocapella.errors import WireError
+
+_MAX_DIGITS = 19
+"""So many hold every time in 63 bits, which is 292 years."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClockProbe:
+    """One question and answer. ``sent_ns`` and ``received_ns`` are on the near clock, ``far_ns`` on the far one."""
+
+    sent_ns: int
+    far_ns: int
+    received_ns: int
+
+    @property
+    def round_trip_ns(self) -> int:
+        """How long the answer took."""
+        return self.received_ns - self.sent_ns
+
+
+@dataclass(frozen=True, slots=True)
+class ClockEstimate:
+    """``far = near + offset``, wrong by no more than ``bound`` [s]."""
+
+    offset_ns: int
+    bound_ns: int
+
+    @property
+    def offset(self) -> float:
+        """Far clock minus near clock [s]."""
+        return self.offset_ns / 1e9
+
+    @property
+    def bound(self) -> float:
+        """Half the smallest round trip [s]."""
+        return self.bound_ns / 1e9
+
+
+def read_clock(answer: bytes) -> int:
+    """A node's clock [ns] from its answer, which is decimal text.
+
+    Raises:
+        WireError: it is something else, or longer than any time.
+    """
+    if len(answer) > _MAX_DIGITS or not answer.isdigit():
+        raise WireError(f"its clock answered {answer[:40]!r}; it wants nanoseconds as decimal text")
+    return int(answer)
+
+
+def estimate_offset(probes: Sequence[ClockProbe]) -> ClockEstimate | None:
+    """The estimate of the best of the probes; None where there is none whose times make sense."""
+    sane = [probe for probe in probes if probe.round_trip_ns >= 0]
+    if not sane:
+        return None
+    best = min(sane, key=lambda probe: probe.round_trip_ns)
+    middle = best.sent_ns + best.round_trip_ns // 2
+    return ClockEstimate(best.far_ns - middle, (best.round_trip_ns + 1) // 2)
+
+
+class SensorClock:
+    """Brings a sensor's own clock to the server's, from arrivals alone, one pass, past frames only.
+
+    A frame cannot arrive before it was captured, so the smallest (arrival − capture) of the last seconds is the offset
+    plus the smallest latency. Two half-windows follow a drift. A jump of the sensor's clock begins anew.
+    """
+
+    def __init__(self, window_s: float = 10.0, jump_s: float = 2.0) -> None:
+        self._half_ns = int(window_s / 2 * 1e9)
+        self._jump_ns = int(jump_s * 1e9)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._old: int | None = None
+        self._new: int | None = None
+        self._since_ns = 0
+
+    def update(self, capture_ns: int, arrival_ns: int) -> int:
+        """The capture time on the server's clock [ns], never later than the arrival."""
+        difference = arrival_ns - capture_ns
+        offset = self._offset()
+        if offset is not None and not -self._jump_ns < difference - offset < 10 * self._jump_ns:
+            self.reset()
+        if self._new is None or difference < self._new:
+            self._new = difference
+            self._since_ns = self._since_ns or arrival_ns
+        if arrival_ns - self._since_ns > self._half_ns:
+            self._old, self._new, self._since_ns = self._new, difference, arrival_ns
+        offset = self._offset()
+        return capture_ns + (difference if offset is None else offset)
+
+    def _offset(self) -> int | None:
+        known = [value for value in (self._old, self._new) if value is not None]
+        return min(known, default=None)

@@ -1,0 +1,65 @@
+"""The names on the bus. `docs/wire.md` lists them for other languages.
+
+``v1`` is the version of these keys; the messages carry the schema's own.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+from mocapella.errors import SettingsError, WireError
+from mocapella.model.observations import check_sensor_name
+
+_ROOT = "mocapella/v1"
+SCENE = f"{_ROOT}/scene"
+STATUS = f"{_ROOT}/status"
+SERVER_ALIVE = f"{_ROOT}/alive/server"
+ALL_LIVE = f"{_ROOT}/live/*/*"
+ALL_RECORD = f"{_ROOT}/record/*/*"
+ALL_TRUTH = f"{_ROOT}/truth/*/*"
+ALL_SENSORS_ALIVE = f"{_ROOT}/alive/sensor/*/*"
+ALL_COMMANDS = f"{_ROOT}/command/*"
+
+_NODE_ID = re.compile(r"[0-9a-f]{16}")
+
+
+class NodeKey(NamedTuple):
+    """Which process serves which sensor."""
+
+    sensor: str
+    node_id: int
+
+
+def of_node(kind: str, node: NodeKey) -> str:
+    """``mocapella/v1/<kind>/<sensor>/<node id as 16 hex digits>``; kind: live, record, truth, clock, alive/sensor."""
+    return f"{_ROOT}/{kind}/{check_sensor_name(node.sensor)}/{node.node_id:016x}"
+
+
+def node_of(key: str) -> NodeKey:
+    """The sensor and node that a key of `of_node` names.
+
+    Raises:
+        WireError: the key has another form, or a sensor name that cannot be one.
+    """
+    try:
+        sensor, node_id = key.split("/")[-2:]
+        return NodeKey(check_sensor_name(sensor), parse_node_id(node_id))
+    except (ValueError, SettingsError, WireError) as error:
+        raise WireError(f"key {key[:120]!r} does not end in /<sensor>/<node id as 16 hex digits>") from error
+
+
+def parse_node_id(text: str) -> int:
+    """The number that stands at the end of a node's keys. It has one form only, so that one node has one key.
+
+    Raises:
+        WireError: it is not 16 lower-case hex digits.
+    """
+    if not _NODE_ID.fullmatch(text):
+        raise WireError(f"node id {text[:40]!r} is not 16 lower-case hex digits, such as 00000000000000ff")
+    return int(text, 16)
+
+
+def of_command(verb: str) -> str:
+    """``mocapella/v1/command/<verb>``."""
+    return f"{_ROOT}/command/{verb}"

@@ -1,0 +1,138 @@
+"""What a sensor's node does on the bus: publish frames on two paths, answer clock probes, say that it is alive.
+
+Live: best effort, newest wins. Record: the advanced publisher keeps the last minutes in its cache, and a recording
+server fetches from it what it missed. Both drop rather than wait when the link is full, because what the record path
+drops is fetched again; the *replies* must not be dropped, or the fetching loses it for good (measured: with a blocking
+publisher and dropping replies, a server that stood still for two seconds lost frames and held up the sensor; see
+docs/decisions/0004-two-paths.md).
+"""
+
+from __future__ import annotations
+
+import json
+import platform
+import secrets
+import time
+from dataclasses import dataclass
+from types import TracebackType
+
+import msgspec
+import zenoh
+from zenoh import ext
+
+from mocapella.errors import NameTakenError
+from mocapella.model.observations import BodyFrame
+from mocapella.model.truth import Truth
+from mocapella.schema import encode_frame, encode_truth
+from mocapella.wire import keys
+from mocapella.wire.session import open_node
+
+
+def new_node_id() -> int:
+    """A number that no other process has, so that frames of two starts are never mixed up."""
+    return secrets.randbits(63) + 1
+
+
+@dataclass(frozen=True)
+class JoinReply:
+    """What the server says to a node that wants to serve a sensor."""
+
+    accepted: bool
+    message: str = ""
+
+
+class NodeLink:
+    """One sensor's end of the bus. A context manager: leaving it tells the server at once.
+
+    Attributes:
+        node: who this is on the bus.
+        published: frames published since the start.
+    """
+
+    def __init__(
+        self, connect: str, sensor: str, *, history_frames: int = 18_000, session: zenoh.Session | None = None
+    ):
+        self.node = keys.NodeKey(sensor, new_node_id())
+        self.address = connect
+        self.published = 0
+        alive = keys.of_node("alive/sensor", self.node)
+        self._own_session = session is None
+        self._session = session or open_node(connect)
+        self._live = self._session.declare_publisher(
+            keys.of_node("live", self.node),
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=zenoh.Priority.INTERACTIVE_HIGH,
+            express=True,
+        )
+        self._record = ext.declare_advanced_publisher(
+            self._session,
+            keys.of_node("record", self.node),
+            cache=ext.CacheConfig(
+                max_samples=history_frames,
+                replies_config=ext.RepliesConfig(congestion_control=zenoh.CongestionControl.BLOCK),
+            ),
+            sample_miss_detection=ext.MissDetectionConfig(heartbeat=0.2),
+            publisher_detection=True,
+            reliability=zenoh.Reliability.RELIABLE,
+            congestion_control=zenoh.CongestionControl.DROP,
+        )
+        self._truth = self._session.declare_publisher(keys.of_node("truth", self.node))
+        clock_key = keys.of_node("clock", self.node)
+        self._clock = self._session.declare_queryable(
+            clock_key, lambda query: query.reply(clock_key, str(time.monotonic_ns()).encode())
+        )
+        self._alive = self._session.liveliness().declare_token(alive)
+
+    def publish(self, frame: BodyFrame, truth: Truth | None = None) -> BodyFrame:
+        """Number, stamp and publish a frame on both paths, and what a simulation knows beside it."""
+        stamped = msgspec.structs.replace(
+            frame,
+            sensor=self.node.sensor,
+            node_id=self.node.node_id,
+            sequence=self.published,
+            sent_ns=time.monotonic_ns(),
+        )
+        data = encode_frame(stamped)
+        self._live.put(data)
+        self._record.put(data)
+        self.published += 1
+        if truth is not None:
+            stamped_truth = msgspec.structs.replace(truth, sensor=self.node.sensor, sequence=stamped.sequence)
+            self._truth.put(encode_truth(stamped_truth))
+        return stamped
+
+    def join(self, timeout: float = 1.0) -> bool:
+        """Ask the server for the sensor's name; False while nobody answers.
+
+        Raises:
+            NameTakenError: another living node serves a sensor of this name.
+        """
+        who = {"sensor": self.node.sensor, "node_id": f"{self.node.node_id:016x}", "machine": platform.node()}
+        for reply in self._session.get(keys.of_command("join"), payload=json.dumps(who), timeout=timeout):
+            if reply.ok is None:
+                continue
+            answer = msgspec.json.decode(reply.ok.payload.to_bytes(), type=JoinReply)
+            if not answer.accepted:
+                raise NameTakenError(answer.message)
+            return True
+        return False
+
+    def server_is_there(self) -> bool:
+        """Whether a server is connected now."""
+        return any(True for _ in self._session.liveliness().get(keys.SERVER_ALIVE, timeout=0.5))
+
+    def close(self) -> None:
+        """Leave the bus."""
+        if self._own_session:
+            self._session.close()  # type: ignore[no-untyped-call]
+            return
+        for entity in (self._alive, self._clock, self._live, self._record, self._truth):
+            entity.undeclare()  # type: ignore[no-untyped-call]
+
+    def __enter__(self) -> NodeLink:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

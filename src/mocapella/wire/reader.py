@@ -1,0 +1,90 @@
+"""What a program that reads results and sends commands does on the bus: the view, `record`, and yours."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import msgspec
+import zenoh
+
+from mocapella.errors import NoServerError, WireError
+from mocapella.model.observations import BodyFrame
+from mocapella.model.scene import Scene
+from mocapella.model.session import CommandReply, SessionStatus
+from mocapella.schema import decode_frame, decode_scene
+from mocapella.wire import keys
+
+
+class Newest:
+    """The newest of each kind of message, decoded when it is asked for: a slow reader skips, and delays nobody.
+
+    Attributes:
+        refused: messages that could not be read.
+    """
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self.refused = 0
+        self._scene: bytes | None = None
+        self._status: bytes | None = None
+        self._frames: dict[str, bytes] = {}
+        self._subscribers = [
+            session.declare_subscriber(keys.SCENE, self._take_scene),
+            session.declare_subscriber(keys.STATUS, self._take_status),
+            session.declare_subscriber(keys.ALL_LIVE, self._take_frame),
+        ]
+
+    def scene(self) -> Scene | None:
+        """The newest scene, once."""
+        data, self._scene = self._scene, None
+        return None if data is None else self._read(decode_scene, data)
+
+    def status(self) -> SessionStatus | None:
+        """The newest status, once."""
+        data, self._status = self._status, None
+        return None if data is None else self._read(_decode_status, data)
+
+    def frames(self) -> dict[str, BodyFrame]:
+        """The newest frame of each sensor that has sent one since the last call."""
+        fresh, self._frames = self._frames, {}
+        read = {sensor: self._read(decode_frame, data) for sensor, data in fresh.items()}
+        return {sensor: frame for sensor, frame in read.items() if frame is not None}
+
+    def _take_scene(self, sample: zenoh.Sample) -> None:
+        self._scene = sample.payload.to_bytes()
+
+    def _take_status(self, sample: zenoh.Sample) -> None:
+        self._status = sample.payload.to_bytes()
+
+    def _take_frame(self, sample: zenoh.Sample) -> None:
+        self._frames[str(sample.key_expr).split("/")[-2]] = sample.payload.to_bytes()
+
+    def _read(self, decode: Callable[[bytes], Any], data: bytes) -> Any:
+        try:
+            return decode(data)
+        except WireError:
+            self.refused += 1
+            return None
+
+
+def send_command(
+    session: zenoh.Session, verb: str, arguments: Mapping[str, Any] | None = None, timeout: float = 10.0
+) -> CommandReply:
+    """Send a command and wait until it is carried out or refused.
+
+    Raises:
+        NoServerError: no server answers within ``timeout`` seconds.
+    """
+    for reply in session.get(keys.of_command(verb), payload=json.dumps(dict(arguments or {})), timeout=timeout):
+        answer = reply.ok if reply.ok is not None else reply.err
+        if answer is not None:
+            return msgspec.json.decode(answer.payload.to_bytes(), type=CommandReply)
+    raise NoServerError(f"no server answered the command {verb} within {timeout:g} s")
+
+
+def _decode_status(data: bytes) -> SessionStatus:
+    try:
+        return msgspec.json.decode(data, type=SessionStatus)
+    except msgspec.DecodeError as error:
+        raise WireError(f"{len(data)} bytes that are no session status ({error})") from error

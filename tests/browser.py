@@ -1,0 +1,16 @@
+"""How Debian's chromium is started where there is no screen, no GPU and no internet."""
+
+from __future__ import annotations
+
+FLAGS = [
+    "--headless",
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]

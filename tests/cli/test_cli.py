@@ -1,0 +1,251 @@
+"""The command line: every verb teaches, every bad input is one line, and what a program reads is JSON."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import re
+from pathlib import Path
+
+import pytest
+from programs import Program, free_port, result, run, wait_until
+
+from mocapella import __version__
+from mocapella.schema import SCHEMA_VERSION
+
+VERBS = [
+    ["demo"],
+    ["serve"],
+    ["node", "simulate"],
+    ["node", "replay"],
+    ["node", "bridge"],
+    ["replay"],
+    ["record"],
+    ["export", "csv"],
+    ["view"],
+    ["doctor"],
+]
+READ_BY_PROGRAMS = [verb for verb in VERBS if verb != ["view"]]
+SCREEN = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
+
+
+@pytest.mark.parametrize("verb", VERBS, ids=" ".join)
+def test_help_teaches_with_an_example(verb: list[str], tmp_path: Path) -> None:
+    done = run(tmp_path, *verb, "--help")
+    assert done.returncode == 0
+    assert f"Example:  mocapella {' '.join(verb)}" in done.stdout
+    assert ("--json" in done.stdout) == (verb in READ_BY_PROGRAMS)
+
+
+def test_every_verb_is_in_this_list(tmp_path: Path) -> None:
+    groups = {"": {verb[0] for verb in VERBS}, "node": set(), "export": set()}
+    for verb in VERBS:
+        if len(verb) == 2:
+            groups[verb[0]].add(verb[1])
+    for group, names in groups.items():
+        shown = run(tmp_path, *group.split(), "--help").stdout
+        assert set(re.findall(r"^│ ([a-z]+) ", shown, flags=re.MULTILINE)) == names
+
+
+def test_the_version_is_ours_and_the_schemas(tmp_path: Path) -> None:
+    assert run(tmp_path, "--version").stdout.strip() == f"mocapella {__version__} (schema {SCHEMA_VERSION})"
+
+
+def test_the_doctor_says_what_it_found(tmp_path: Path) -> None:
+    findings = result(tmp_path, "doctor")
+    assert {"Python", "core packages", "disk for takes", "cameras"} <= {finding["what"] for finding in findings}
+    assert all(finding["advice"] for finding in findings if finding["verdict"] != "ok")
+    extras = {f["what"]: f["advice"] for f in findings if f["what"].startswith("extra ") and f["verdict"] == "note"}
+    assert all(f"[{name.removeprefix('extra ')}]" in advice for name, advice in extras.items())
+
+
+def test_the_doctor_names_a_port_in_use(tmp_path: Path) -> None:
+    import socket
+
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        (finding,) = [f for f in result(tmp_path, "doctor", "--port", str(port)) if f["what"] == f"bus port {port}"]
+    assert finding["verdict"] == "note"
+    assert "--port" in finding["advice"]
+
+
+def test_scenes_are_listed(tmp_path: Path) -> None:
+    listed = run(tmp_path, "node", "simulate", "--scene", "help").stdout.split()
+    assert {"obstacle", "walk", "self-occlusion"} <= set(listed)
+
+
+def broken(folder: Path, source: Path, what: str) -> list[str]:
+    """A real log with something wrong with it, and the words that replay it."""
+    lines = gzip.decompress(source.read_bytes()).decode().splitlines()[:400]
+    path = folder / "log.csv"
+    cells = lines[5].split(", ")
+    match what:
+        case "missing file":
+            return [str(path)]
+        case "empty file":
+            path.write_text("")
+            return [str(path)]
+        case "header only":
+            lines = lines[:1]
+        case "column missing":
+            lines[0] = lines[0].replace(", Head_X", "")
+        case "text for a number":
+            cells[20] = "abc"
+        case "NaN":
+            cells[20] = "NaN"
+        case "time goes backwards":
+            cells[6] = str(int(cells[6]) - 20_000_000)
+        case "no such placement":
+            path.write_text("\n".join(lines))
+            return [str(path), "--placement", "parallel"]
+        case "truncated take":
+            path = folder / "take.mcap"
+            path.write_bytes(b"\x89MCAP0\r\n\x01\x05")
+            return [str(path)]
+        case "no take":
+            path = folder / "take.mcap"
+            path.write_bytes(b"hello")
+            return [str(path)]
+    lines[5:6] = [", ".join(cells)] if len(lines) > 5 else []
+    path.write_text("\n".join(lines))
+    return [str(path)]
+
+
+@pytest.mark.parametrize(
+    ("what", "words"),
+    [
+        ("missing file", ["log.csv", "no such file"]),
+        ("empty file", ["log.csv", "empty"]),
+        ("header only", ["log.csv", "no rows"]),
+        ("column missing", ["log.csv", "Head_X"]),
+        ("text for a number", ["log.csv", "row 6", "abc"]),
+        ("NaN", ["log.csv", "row 6", "NaN"]),
+        ("time goes backwards", ["log.csv", "row", "Skeleton_Time"]),
+        ("no such placement", ["log.csv", "Kinect_Config"]),
+        ("truncated take", ["take.mcap", "ends early"]),
+        ("no take", ["take.mcap", "no MCAP file"]),
+    ],
+)
+def test_bad_input_is_one_line_that_says_where_and_what(
+    what: str, words: list[str], study_logs: Path, tmp_path: Path
+) -> None:
+    arguments = broken(tmp_path, study_logs / "Study_7_Kinect_2_Time_3_11_06_PM.csv.gz", what)
+    before = sorted(tmp_path.iterdir())
+    done = run(tmp_path, "replay", *arguments, "--json", "out.json")
+    assert done.returncode == 1, done.stdout
+    message = SCREEN.sub("", done.stderr).strip()
+    assert message.startswith("mocapella: ")
+    assert len(message.splitlines()) == 1
+    assert all(word in message for word in words), message
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_an_unknown_sensor_is_named_with_those_there_are(study_logs: Path, tmp_path: Path) -> None:
+    log = study_logs / "Study_7_Kinect_2_Time_3_11_06_PM.csv.gz"
+    done = run(tmp_path, "node", "replay", str(log), "--sensor", "frnt")
+    assert done.returncode == 1
+    assert "front" in done.stderr
+    assert "side" in done.stderr
+    unknown = run(tmp_path, "node", "simulate", "--scene", "obstacel")
+    assert unknown.returncode == 1
+    assert "did you mean obstacle" in SCREEN.sub("", unknown.stderr)
+
+
+def test_a_take_that_was_cut_off_says_what_is_left(study_logs: Path, tmp_path: Path) -> None:
+    made = result(tmp_path, "demo", "--headless", "--seconds", "9", "--record", "whole.mcap", "--scene", "stand")
+    assert made["frames_in"] > 0
+    whole = (tmp_path / "whole.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) * 2 // 3])
+    (row,) = result(tmp_path, "replay", "cut.mcap")
+    assert not row["clean"]
+    assert row["problems"]
+    assert row["frames_out"] > 0
+    taken = run(tmp_path, "demo", "--headless", "--seconds", "1", "--record", "whole.mcap")
+    assert taken.returncode == 1
+    assert (tmp_path / "whole.mcap").read_bytes() == whole
+
+
+def test_the_demos_summary_is_what_a_script_can_check(tmp_path: Path) -> None:
+    summary = result(tmp_path, "demo", "--headless", "--seconds", "18")
+    assert {row["name"] for row in summary["sensors"]} == {"front", "left", "right"}
+    assert summary["frames_in"] == summary["frames_out"] > 0
+    assert summary["most_people"] == 2
+    assert set(summary["latency_ms"]) == {"p50", "p90", "p99", "max"}
+    phases = [change["phase"] for change in summary["state_changes"]]
+    assert phases[:3] == ["waiting for sensors", "calibrating", "tracking"]
+    assert isinstance(summary["drops"], int)
+
+
+def test_a_real_log_is_replayed_and_the_results_are_json(study_logs: Path, tmp_path: Path) -> None:
+    (row,) = result(tmp_path, "replay", str(study_logs / "Study_7_Kinect_2_Time_3_11_06_PM.csv.gz"))
+    assert row["sensors"] == ["front", "side"]
+    assert row["frames_in"] == row["frames_out"] > 3000
+    assert row["most_people"] == 1
+    assert row["state_changes"][-1]["phase"] == "tracking"
+    assert row["placement"] == "right-90"
+    assert row["unusable"] == {}
+    assert row["log"]["rows"] - row["log"]["duplicates_dropped"] == row["frames_in"]
+    assert row["problems"][0].startswith(f"{row['log']['duplicates_dropped']} rows repeat a person")
+
+
+def test_options_that_would_do_nothing_are_refused(study_logs: Path, tmp_path: Path) -> None:
+    log = str(study_logs / "Study_7_Kinect_2_Time_3_11_06_PM.csv.gz")
+    for arguments, words in (
+        (["walk.mcap", "--set", "frames=30"], "is a take, which is tracked as it was recorded"),
+        (["walk.mcap", "--placement", "parallel"], "is a take, which is tracked as it was recorded"),
+        ([log, "--record", "copy.mcap"], "--record wants --live and one file"),
+        ([log, log, "--live", "--record", "copy.mcap"], "--record wants --live and one file"),
+    ):
+        refused = run(tmp_path, "replay", *arguments)
+        assert refused.returncode == 1
+        assert words in SCREEN.sub("", refused.stderr)
+
+
+def test_the_example_reads_results_of_a_running_server(tmp_path: Path) -> None:
+    import subprocess
+    import sys
+
+    example = Path(__file__).resolve().parents[2] / "examples" / "01_read_results.py"
+    assert len(example.read_text().splitlines()) < 40
+    port = free_port()
+    with Program(tmp_path, "demo", "demo", "--headless", "--port", str(port), "--scene", "stand") as demo:
+        wait_until("tracking", demo.said("tracking"), timeout=60.0)
+        done = subprocess.run(
+            [sys.executable, str(example), f"tcp/127.0.0.1:{port}", "3"],
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=True,
+        )
+        assert demo.end() == 0
+    assert "head at" in done.stdout
+
+
+def test_json_goes_to_a_file_too(tmp_path: Path) -> None:
+    assert run(tmp_path, "doctor", "--json", "found.json").returncode == 0
+    assert json.loads((tmp_path / "found.json").read_text())
+    refused = run(tmp_path, "doctor", "--json", "no/such/folder.json")
+    assert refused.returncode == 1
+    assert "no/such/folder.json" in refused.stderr
+
+
+def test_replaying_live_goes_through_nodes_and_bus(study_logs: Path, tmp_path: Path) -> None:
+    short = tmp_path / "short.csv"
+    source = study_logs / "Study_7_Kinect_2_Time_3_11_06_PM.csv.gz"
+    short.write_text("\n".join(gzip.decompress(source.read_bytes()).decode().splitlines()[:301]))
+    (row,) = result(tmp_path, "replay", str(short), "--live", "--no-view", "--port", str(free_port()))
+    assert {sensor["name"] for sensor in row["sensors"]} == {"front", "side"}
+    assert row["frames_in"] > 0
+
+
+def test_settings_of_the_method_are_checked_by_name_and_range(study_logs: Path, tmp_path: Path) -> None:
+    log = str(study_logs / "Study_7_Kinect_2_Time_3_11_06_PM.csv.gz")
+    (sooner,) = result(tmp_path, "replay", log, "--set", "frames=30", "--set", "compare_with=first")
+    (later,) = result(tmp_path, "replay", log)
+    assert sooner["state_changes"][-1]["at_s"] < later["state_changes"][-1]["at_s"]
+    for wrong, words in {"framse=3": "did you mean frames", "frames=0": "from 1 to", "frames": "NAME=VALUE"}.items():
+        refused = run(tmp_path, "replay", log, "--set", wrong)
+        assert refused.returncode == 1
+        assert words in SCREEN.sub("", refused.stderr)

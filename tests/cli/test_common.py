@@ -1,0 +1,45 @@
+"""What the verbs share: addresses, warnings, and how a take's end becomes an exit status."""
+
+from __future__ import annotations
+
+import pytest
+import typer
+
+from mocapella.cli.common import DEFAULT_ADDRESS, exit_by, method_settings, recording_row, warn_if_open
+from mocapella.errors import SettingsError
+from mocapella.model.session import RecordingHealth
+from mocapella.wire import session
+
+
+def test_the_command_line_and_the_bus_have_one_default_address() -> None:
+    assert DEFAULT_ADDRESS == session.DEFAULT_ADDRESS
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "[::1]"])
+def test_nothing_is_said_of_an_address_that_only_this_machine_reaches(
+    host: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    warn_if_open("the view is", host, 7448)
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "[::]", "192.168.1.7", "kinect-pc"])
+def test_an_open_interface_is_warned_of(host: str, capsys: pytest.CaptureFixture[str]) -> None:
+    warn_if_open("the view is", host, 7448)
+    assert f"WARNING: the view is open to everybody who can reach {host}:7448" in capsys.readouterr().err
+
+
+def test_a_take_with_a_problem_is_an_exit_status_and_any_other_is_none() -> None:
+    assert recording_row(RecordingHealth()) is None
+    exit_by(None)
+    exit_by(recording_row(RecordingHealth(path="walk.mcap", frames=3)))
+    with pytest.raises(typer.Exit) as ended:
+        exit_by(recording_row(RecordingHealth(path="walk.mcap", problem="the disk is full")))
+    assert ended.value.exit_code == 1
+
+
+@pytest.mark.parametrize("text", ["Infinity", "-Infinity", "NaN", "1e999"])
+def test_a_number_that_a_take_could_not_keep_is_refused(text: str) -> None:
+    """JSON has none of them: a take made with one could not be replayed."""
+    with pytest.raises(SettingsError, match="leave the setting out"):
+        method_settings([f"max_distance_m={text}"])

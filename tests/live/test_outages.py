@@ -1,0 +1,220 @@
+"""What a session survives: a server that stands still, nodes that come, go and are killed, a full name, Ctrl-C."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+from programs import Program, free_port, result, run, wait_until
+
+from mocapella.errors import NoServerError
+from mocapella.model.session import SensorHealth, SessionStatus
+from mocapella.recording.take_reader import read_take
+from mocapella.wire.reader import send_command
+from mocapella.wire.session import open_reader
+
+
+class Served:
+    """A server in a process of its own, and a way to ask it how it is."""
+
+    def __init__(self, folder: Path, *options: str) -> None:
+        self.port = free_port()
+        self.address = f"tcp/127.0.0.1:{self.port}"
+        self.program = Program(
+            folder, "server", "serve", "--port", str(self.port), "--reserve-mb", "1", "--json", "server.json", *options
+        )
+        wait_until("the server listens", self.program.said("waiting for sensors at"))
+        self.session = open_reader(self.address)
+
+    def status(self) -> SessionStatus:
+        status = send_command(self.session, "status").status
+        assert status is not None
+        return status
+
+    def sensor(self, name: str) -> SensorHealth | None:
+        return next((row for row in self.status().sensors if row.name == name), None)
+
+    def close(self) -> None:
+        self.session.close()
+        self.program.__exit__(None, None, None)
+
+
+@pytest.fixture
+def served(tmp_path: Path) -> Iterator[Served]:
+    server = Served(tmp_path, "--no-view")
+    yield server
+    server.close()
+
+
+def simulate(folder: Path, address: str, sensor: str, *options: str, name: str | None = None) -> Program:
+    return Program(
+        folder,
+        name or f"node-{sensor}",
+        "node",
+        "simulate",
+        "--scene",
+        "stand",
+        "--sensor",
+        sensor,
+        "--connect",
+        address,
+        "--epoch",
+        "1000000000",
+        *options,
+    )
+
+
+def seen(served: Served, name: str, frames: int = 1) -> bool:
+    row = served.sensor(name)
+    return row is not None and row.frames >= frames and not row.silent
+
+
+def test_a_silent_node_is_noticed_and_so_is_its_return(served: Served, tmp_path: Path) -> None:
+    with simulate(tmp_path, served.address, "1", "--name", "front") as node:
+        wait_until("frames", lambda: seen(served, "front", 10))
+        os.kill(node.process.pid, signal.SIGSTOP)
+        # Within 3 s is held in tests/live/test_roster.py, where time is an argument.
+        wait_until("the silence is noticed", lambda: (row := served.sensor("front")) is not None and row.silent)
+        os.kill(node.process.pid, signal.SIGCONT)
+        wait_until("the return", lambda: (row := served.sensor("front")) is not None and not row.silent)
+        wait_until("a notice", lambda: any("front is back" in notice for notice in served.status().notices))
+        assert node.end() == 0
+
+
+def test_a_killed_node_leaves_the_others_alone_and_a_new_one_takes_its_name(served: Served, tmp_path: Path) -> None:
+    with (
+        simulate(tmp_path, served.address, "1", "--name", "front") as front,
+        simulate(tmp_path, served.address, "2", "--name", "side") as side,
+    ):
+        wait_until("both", lambda: seen(served, "front") and seen(served, "side"))
+        first = served.sensor("front")
+        front.process.kill()
+        wait_until("it is gone", lambda: (row := served.sensor("front")) is not None and not row.connected)
+        count = served.sensor("side")
+        assert count is not None
+        wait_until("the other goes on", lambda: seen(served, "side", count.frames + 30))
+        with simulate(tmp_path, served.address, "1", "--name", "front", name="again") as again:
+            wait_until("the new node is served", lambda: (r := served.sensor("front")) is not None and r.connected)
+            row = served.sensor("front")
+            assert row is not None
+            assert first is not None
+            assert row.node_id != first.node_id
+            assert again.end() == 0
+        assert side.end() == 0
+
+
+def test_a_second_node_under_a_name_ends_with_the_reason(served: Served, tmp_path: Path) -> None:
+    with simulate(tmp_path, served.address, "1", "--name", "front") as first:
+        wait_until("the first", lambda: seen(served, "front"))
+        with simulate(tmp_path, served.address, "2", "--name", "front", name="second") as second:
+            assert second.process.wait(60.0) == 1
+            assert "another node serves the sensor front" in second.output
+        assert first.process.poll() is None
+
+
+def test_a_server_that_stood_still_has_every_frame_afterwards(served: Served, tmp_path: Path) -> None:
+    with simulate(tmp_path, served.address, "1", "--name", "front", "--seconds", "9", "--json", "front.json") as node:
+        wait_until("frames", lambda: seen(served, "front"))
+        assert send_command(served.session, "record", {"name": "still"}).ok
+        time.sleep(1.0)
+        os.kill(served.program.process.pid, signal.SIGSTOP)
+        time.sleep(4.0)
+        os.kill(served.program.process.pid, signal.SIGCONT)
+        assert node.process.wait(60.0) == 0
+        ended = send_command(served.session, "record-stop", timeout=60.0)
+        assert ended.ok, ended.message
+    take = read_take(tmp_path / "takes" / "still.mcap")
+    (frames,) = take.complete()
+    assert frames.missing == ()
+    assert frames.last == json.loads((tmp_path / "front.json").read_text())["published"] - 1
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_ending_the_server_closes_the_take_and_exits_with_0(how: signal.Signals, tmp_path: Path) -> None:
+    served = Served(tmp_path, "--no-view", "--record", "take.mcap")
+    try:
+        with simulate(tmp_path, served.address, "1", "--name", "front") as node:
+            wait_until("frames", lambda: seen(served, "front", 30))
+            served.session.close()
+            assert served.program.end(how) == 0
+            wait_until("the node notices", node.said("frames are kept for it"))
+            assert node.end() == 0
+    finally:
+        served.close()
+    take = read_take(tmp_path / "take.mcap")
+    assert take.clean
+    assert take.frame_count > 0
+    summary = json.loads((tmp_path / "server.json").read_text())
+    assert summary["recording"]["frames"] == take.frame_count
+
+
+def test_a_take_recorded_by_command_begins_mid_session_and_replays_alike(served: Served, tmp_path: Path) -> None:
+    with (
+        simulate(tmp_path, served.address, "1", "--name", "front"),
+        simulate(tmp_path, served.address, "2", "--name", "side"),
+    ):
+        wait_until("tracking", lambda: served.status().phase == "tracking", timeout=60.0)
+        made = result(tmp_path, "record", "mid", "--connect", served.address, "--seconds", "2")
+        assert made["frames"] > 0
+        assert made["lost"] == 0
+    (row,) = result(tmp_path, "replay", made["path"])
+    assert row["differing_scenes"] == 0
+    assert row["frames_out"] > 0
+    assert row["state_changes"][0]["phase"] == "tracking"
+    assert row["most_people"] > 0
+
+
+def test_no_server_is_an_error_and_not_a_hang(tmp_path: Path) -> None:
+    done = run(tmp_path, "record", "x", "--connect", f"tcp/127.0.0.1:{free_port()}")
+    assert done.returncode == 1
+    assert "mocapella serve" in done.stderr
+    assert "Traceback" not in done.stderr
+    with pytest.raises(NoServerError):
+        open_reader(f"tcp/127.0.0.1:{free_port()}", timeout=0.2)
+
+
+def test_a_port_in_use_is_named(served: Served, tmp_path: Path) -> None:
+    done = run(tmp_path, "serve", "--port", str(served.port), "--no-view")
+    assert done.returncode == 1
+    assert str(served.port) in done.stderr
+    assert "--port" in done.stderr
+    view = run(tmp_path, "serve", "--port", str(free_port()), "--view-port", str(served.port))
+    assert view.returncode == 1
+    assert "--view-port" in view.stderr
+
+
+def test_another_interface_is_opened_only_with_a_warning(tmp_path: Path) -> None:
+    done = run(tmp_path, "serve", "--port", str(free_port()), "--no-view", "--interface", "0.0.0.0", "--seconds", "0.5")
+    assert done.returncode == 0
+    assert "WARNING" in done.stderr
+    closed = run(tmp_path, "serve", "--port", str(free_port()), "--no-view", "--seconds", "0.5")
+    assert "WARNING" not in closed.stderr
+
+
+def test_what_a_killed_demo_has_started_ends_too(tmp_path: Path) -> None:
+    with Program(
+        tmp_path,
+        "demo",
+        "demo",
+        "--no-browser",
+        "--scene",
+        "stand",
+        "--port",
+        str(free_port()),
+        "--view-port",
+        str(free_port()),
+    ) as demo:
+        wait_until("tracking", demo.said("tracking"), timeout=90.0)
+        children = psutil.Process(demo.process.pid).children()
+        assert len(children) == 4  # three sensors and the view
+        demo.process.kill()
+        demo.process.wait()
+        gone, alive = psutil.wait_procs(children, timeout=30.0)
+        assert not alive, [child.cmdline() for child in alive]
+        assert len(gone) == 4

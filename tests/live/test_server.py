@@ -1,0 +1,292 @@
+"""The server over real sockets: who is let in, what is refused, and what it says of itself."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zenoh
+from programs import free_port, wait_until
+
+from mocapella.errors import AddressInUseError, NameTakenError, NoServerError
+from mocapella.live.server import Server, ServerSettings
+from mocapella.model.observations import BodyFrame, body_frame
+from mocapella.model.session import SensorHealth, Setup
+from mocapella.model.topology import topology
+from mocapella.recording.take_reader import read_take
+from mocapella.wire import keys
+from mocapella.wire.node import NodeLink
+from mocapella.wire.reader import Newest, send_command
+from mocapella.wire.session import open_node, open_reader
+
+POSITIONS = np.random.default_rng(0).normal(size=(2, 25, 3)).astype(np.float32)
+
+
+@pytest.fixture
+def address() -> str:
+    return f"tcp/127.0.0.1:{free_port()}"
+
+
+@pytest.fixture
+def server(address: str, tmp_path: Path) -> Iterator[Server]:
+    running = Server(ServerSettings(address, takes=tmp_path / "takes"))
+    yield running
+    running.close()
+
+
+@pytest.fixture
+def reader(server: Server, address: str) -> Iterator[zenoh.Session]:
+    session = open_reader(address)
+    yield session
+    session.close()
+
+
+def frame(k: int = 0) -> BodyFrame:
+    return body_frame("x", topology("kinect_v2"), time_ns=k * 33_000_000, positions=POSITIONS)
+
+
+def sensor(server: Server, name: str) -> SensorHealth | None:
+    return next((row for row in server.status().sensors if row.name == name), None)
+
+
+def publish(link: NodeLink, count: int, begin: int = 0, every: float = 0.005) -> None:
+    for k in range(begin, begin + count):
+        link.publish(frame(k))
+        time.sleep(every)
+
+
+def test_a_port_in_use_is_named(server: Server, address: str) -> None:
+    with pytest.raises(AddressInUseError, match=address.rpartition(":")[2]):
+        Server(ServerSettings(address))
+
+
+def test_nobody_at_the_address_is_said_and_does_not_hang(address: str) -> None:
+    with pytest.raises(NoServerError, match="mocapella serve"):
+        open_reader(address, timeout=0.3)
+
+
+def test_a_node_that_starts_before_the_server_is_served(address: str, tmp_path: Path) -> None:
+    with NodeLink(address, "front") as link:
+        assert not link.join(0.2)
+        running = Server(ServerSettings(address))
+        try:
+            wait_until("the node joins", lambda: link.join(0.5))
+            publish(link, 5)
+            wait_until("its frames arrive", lambda: (row := sensor(running, "front")) is not None and row.frames > 0)
+        finally:
+            running.close()
+
+
+def test_a_second_node_under_a_name_is_refused_and_seen(server: Server, address: str) -> None:
+    with NodeLink(address, "front") as first, NodeLink(address, "front") as second:
+        wait_until("the first joins", first.join)
+        with pytest.raises(NameTakenError, match="front"):
+            second.join()
+        publish(first, 20)
+        publish(second, 20)
+        row = sensor(server, "front")
+        assert row is not None
+        assert row.node_id == first.node.node_id
+        wait_until("frames", lambda: server.tally.frames_in >= 20)
+        assert server.tally.frames_in == 20
+        assert any("second node under the name front was refused" in notice for notice in server.status().notices)
+
+
+def test_two_servers_on_one_machine_never_see_each_others_sensors(server: Server, address: str) -> None:
+    other_address = f"tcp/127.0.0.1:{free_port()}"
+    other = Server(ServerSettings(other_address))
+    try:
+        with NodeLink(address, "here") as here, NodeLink(other_address, "there") as there:
+            wait_until("both join", lambda: here.join() and there.join())
+            for k in range(20):
+                here.publish(frame(k))
+                there.publish(frame(k))
+                time.sleep(0.01)
+            wait_until("frames", lambda: server.tally.frames_in == 20 and other.tally.frames_in == 20)
+            assert [row.name for row in server.status().sensors] == ["here"]
+            assert [row.name for row in other.status().sensors] == ["there"]
+    finally:
+        other.close()
+
+
+def test_a_node_that_is_gone_is_said_to_be(server: Server, address: str) -> None:
+    with NodeLink(address, "front") as link:
+        wait_until("it joins", link.join)
+        publish(link, 3)
+    wait_until("its leaving", lambda: any("sensor front left" in n for n in server.status().notices))
+    row = sensor(server, "front")
+    assert row is not None
+    assert not row.connected
+
+
+def test_clocks_are_compared_and_latency_is_known(server: Server, address: str) -> None:
+    with NodeLink(address, "front") as link:
+        wait_until("it joins", link.join)
+        stop = threading.Event()
+
+        def keep_on() -> None:
+            k = 0
+            while not stop.wait(0.01):
+                link.publish(frame(k))
+                k += 1
+
+        thread = threading.Thread(target=keep_on)
+        thread.start()
+        try:
+            wait_until("a latency", lambda: (row := sensor(server, "front")) is not None and row.latency is not None)
+        finally:
+            stop.set()
+            thread.join()
+        row = sensor(server, "front")
+        assert row is not None
+        assert row.clock_offset is not None
+        assert row.clock_bound is not None
+        assert abs(row.clock_offset) <= row.clock_bound  # one machine, one clock: the truth is 0
+        assert row.local
+
+
+def test_bytes_that_are_no_frame_are_counted_and_told(server: Server, address: str) -> None:
+    session = open_node(address)
+    node = keys.NodeKey("front", 7)
+    try:
+        publisher = session.declare_publisher(keys.of_node("live", node))
+        wait_until("a connection", lambda: _answers(session))
+        for junk in (b"", b"\xff" * 40, b"\x08\x09", b"\x80\x04\x95pickle"):
+            publisher.put(junk)
+        session.put("mocapella/v1/live/<script>/0000000000000001", b"x")
+        wait_until("the rejections", lambda: server.tally.rejected == 4)
+        row = sensor(server, "front")
+        assert row is not None
+        assert row.rejected == 4
+        assert row.problem
+        assert server.tally.frames_in == 0
+        assert all("<script>" not in r.name for r in server.status().sensors)
+    finally:
+        session.close()
+
+
+def _answers(session: zenoh.Session) -> bool:
+    try:
+        return send_command(session, "status", timeout=0.5).ok
+    except NoServerError:
+        return False
+
+
+def test_opposite_commands_are_served_in_order_and_everybody_sees_the_last(
+    server: Server, reader: zenoh.Session, address: str
+) -> None:
+    other = open_reader(address)
+    try:
+        newest = [Newest(reader), Newest(other)]
+        assert send_command(reader, "stop").ok
+        refused = send_command(other, "stop")
+        assert not refused.ok
+        assert "start first" in refused.message
+        assert send_command(other, "start").ok
+        last = server.status().revision
+        for view in newest:
+            wait_until("the last status", lambda view=view: (s := view.status()) is not None and s.revision == last)
+        assert server.status().running
+    finally:
+        other.close()
+
+
+def test_a_setup_is_carried_out_or_refused_with_its_reason(server: Server, reader: zenoh.Session) -> None:
+    reply = send_command(reader, "setup", {"sensors_expected": 2, "participant": 7, "placement": "right-90"})
+    assert reply.ok
+    assert reply.status is not None
+    assert reply.status.setup == Setup(sensors_expected=2, participant=7, placement="right-90")
+    refused = send_command(reader, "setup", {"method": "magic"})
+    assert not refused.ok
+    assert "stand-still" in refused.message
+    assert server.status().setup.participant == 7
+    unknown = send_command(reader, "explode")
+    assert not unknown.ok
+    assert "recalibrate" in unknown.message
+
+
+def test_scenes_are_published_for_others(server: Server, reader: zenoh.Session, address: str) -> None:
+    newest = Newest(reader)
+    with NodeLink(address, "front") as link:
+        wait_until("it joins", link.join)
+        publish(link, 10)
+        scenes = []
+        wait_until("a scene", lambda: (s := newest.scene()) is not None and scenes.append(s) is None)
+        assert scenes[0].sensor == "front"
+        assert scenes[0].node_id == link.node.node_id
+        wait_until("the sensors' frames", lambda: "front" in newest.frames() or publish(link, 1, 10) is not None)
+
+
+def test_a_take_has_every_frame_and_names_are_checked(
+    server: Server, reader: zenoh.Session, address: str, tmp_path: Path
+) -> None:
+    with NodeLink(address, "front") as link:
+        wait_until("it joins", link.join)
+        publish(link, 10)
+        for bad in ("../x", "", "a/b"):
+            refused = send_command(reader, "record", {"name": bad})
+            assert not refused.ok, bad
+        assert "name" in send_command(reader, "record", {}).message
+        assert "begin a take first" in send_command(reader, "record-stop").message
+        assert send_command(reader, "record", {"name": "one"}).ok
+        assert "already recording" in send_command(reader, "record", {"name": "two"}).message
+        publish(link, 100, 10)
+        ended = send_command(reader, "record-stop", timeout=30)
+        assert ended.ok, ended.message
+        taken = send_command(reader, "record", {"name": "one"})
+        assert not taken.ok
+        assert "one.mcap" in taken.message
+    take = read_take(tmp_path / "takes" / "one.mcap")
+    (frames,) = take.complete()
+    assert take.clean
+    assert frames.missing == ()
+    assert frames.last == 109
+
+
+def test_an_unwritable_place_is_refused_before_anything_starts(address: str, tmp_path: Path) -> None:
+    (tmp_path / "takes").write_text("a file where the folder should be")
+    running = Server(ServerSettings(address, takes=tmp_path / "takes"))
+    session = open_reader(address)
+    try:
+        refused = send_command(session, "record", {"name": "one"})
+        assert not refused.ok
+        assert not running.status().recording.active
+    finally:
+        session.close()
+        running.close()
+
+
+def test_a_frame_that_the_tracker_cannot_use_is_counted_and_told(server: Server, address: str) -> None:
+    with NodeLink(address, "front") as link:
+        wait_until("it joins", link.join)
+        for _ in range(3):
+            link.publish(frame(1))  # the same capture time again and again
+            time.sleep(0.02)
+        wait_until("the rejections", lambda: server.tally.rejected == 2)
+        row = sensor(server, "front")
+        assert row is not None
+        assert row.rejected == 2
+        assert "repeats the time" in row.problem
+        wait_until("a notice", lambda: any("repeats the time" in notice for notice in server.status().notices))
+        link.publish(frame(2))
+        wait_until("all is well again", lambda: (r := sensor(server, "front")) is not None and r.problem == "")
+
+
+def test_a_new_take_has_nothing_from_long_before_it_began(
+    server: Server, reader: zenoh.Session, address: str, tmp_path: Path
+) -> None:
+    with NodeLink(address, "front") as link:
+        wait_until("it joins", link.join)
+        publish(link, 300, every=0.001)
+        wait_until("they are tracked", lambda: server.tally.frames_in > 250)
+        assert send_command(reader, "record", {"name": "fresh"}).ok
+        publish(link, 30, 300)
+        assert send_command(reader, "record-stop", timeout=30).ok
+    (frames,) = read_take(tmp_path / "takes" / "fresh.mcap").complete()
+    assert 200 < frames.first <= 300
+    assert frames.last == 329
+    assert frames.missing == ()

@@ -1,0 +1,112 @@
+"""Laws of the session: what commands do, and that its memory is all that it is."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mocapella.errors import NotNowError, SettingsError, WireError
+from mocapella.live.session import Session
+from mocapella.model.observations import Arrival
+from mocapella.model.scene import Phase
+from mocapella.model.session import Setup
+from mocapella.schema import encode_scene
+from mocapella.sources.simulate import SimulatedSensor, load_scene, merge
+
+
+@cache
+def arrivals() -> list[Arrival]:
+    """Two people before three sensors, who stand, are calibrated, walk, and are lost."""
+    room = load_scene("obstacle")
+    sensors = [SimulatedSensor(room, name) for name in room.sensor_names]
+    return [Arrival(item.frame, int(item.due_s * 1e9)) for item in merge(sensors, 0.0, 14.0)]
+
+
+def new() -> Session:
+    return Session(Setup(sensors_expected=3))
+
+
+@given(at=st.integers(0, 1250))
+@settings(max_examples=15, deadline=None)
+def test_a_session_that_restores_another_goes_on_alike_to_the_bit(at: int) -> None:
+    first, second = new(), new()
+    for arrival in arrivals()[:at]:
+        first.step(arrival)
+    second.carry_out("restore", first.memory())
+    for arrival in arrivals()[at:]:
+        one, other = first.step(arrival), second.step(arrival)
+        assert one is not None
+        assert other is not None
+        assert encode_scene(one) == encode_scene(other)
+
+
+def test_the_scenes_of_this_test_are_worth_comparing() -> None:
+    session = new()
+    phases = {scene.state.phase for arrival in arrivals() if (scene := session.step(arrival)) is not None}
+    assert {Phase.WAITING_FOR_SENSORS, Phase.CALIBRATING, Phase.TRACKING} <= phases
+
+
+@pytest.mark.parametrize("data", ["", "AAAA", "kpE="])
+def test_a_memory_that_is_none_is_refused(data: str) -> None:
+    with pytest.raises(WireError, match="no memory of this tracker"):
+        new().carry_out("restore", {"tracker": data})
+
+
+def test_stop_and_start_begin_anew() -> None:
+    session = new()
+    session.step(arrivals()[0])
+    with pytest.raises(NotNowError, match="stop first"):
+        session.carry_out("start", {})
+    session.carry_out("stop", {})
+    assert session.state.phase == Phase.STOPPED
+    assert session.step(arrivals()[1]) is None
+    for verb in ("stop", "recalibrate"):
+        with pytest.raises(NotNowError, match="start first"):
+            session.carry_out(verb, {})
+    session.carry_out("start", {})
+    assert session.next_step == 0
+    scene = session.step(arrivals()[2])
+    assert scene is not None
+    assert scene.step == 0
+
+
+def test_frames_that_the_tracker_cannot_use_are_counted_by_the_reason() -> None:
+    session = new()
+    first = arrivals()[0]
+    session.step(first)
+    assert session.unusable == {}
+    session.step(first)
+    assert session.unusable == {"repeats the time of the frame before": 1}
+
+
+def test_recalibrating_says_why() -> None:
+    session = new()
+    for arrival in arrivals()[:700]:
+        session.step(arrival)
+    assert session.state.phase == Phase.TRACKING
+    session.carry_out("recalibrate", {})
+    scene = session.step(arrivals()[700])
+    assert scene is not None
+    assert scene.state.phase == Phase.CALIBRATING
+    assert scene.state.reason == "asked for"
+
+
+def test_unknown_commands_and_settings_are_refused_with_a_suggestion() -> None:
+    with pytest.raises(SettingsError, match="did you mean recalibrate"):
+        new().carry_out("recalibrat", {})
+    with pytest.raises(SettingsError, match="did you mean sensors_expected"):
+        new().carry_out("setup", {"sensors_expcted": 2})
+    with pytest.raises(SettingsError, match="placement"):
+        new().carry_out("setup", {"placement": "diagonal"})
+    with pytest.raises(SettingsError, match="stand-still"):
+        new().carry_out("setup", {"method": "stand-stil"})
+
+
+def test_a_refused_setup_changes_nothing() -> None:
+    session = new()
+    with pytest.raises(SettingsError):
+        session.carry_out("setup", {"method": "magic", "sensors_expected": 7})
+    assert session.setup == Setup(sensors_expected=3)

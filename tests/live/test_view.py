@@ -1,0 +1,39 @@
+"""What the view's loop holds on to, and its pace."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+
+from mocapella.live.view import STALE_AFTER_S, Held, Picture, beats
+from mocapella.model.observations import body_frame
+from mocapella.model.topology import topology
+
+
+def test_a_value_stays_until_a_newer_one_or_until_it_is_stale() -> None:
+    held: Held[str] = Held()
+    assert held.update(None, 0.0) is None
+    assert held.update("a", 1.0) == "a"
+    assert held.update(None, 1.0 + STALE_AFTER_S) == "a"
+    assert held.update("b", 4.0) == "b"
+    assert held.update(None, 4.1 + STALE_AFTER_S) is None
+
+
+def test_a_sensor_that_falls_silent_is_drawn_no_more() -> None:
+    picture = Picture()
+    frame = body_frame("front", topology("kinect_v2"), time_ns=0, positions=np.zeros((1, 25, 3)))
+    assert picture.update(None, {"front": frame}, None, 0.0) == (None, {"front": frame}, None)
+    assert picture.update(None, {}, None, 1.0)[1] == {"front": frame}
+    assert picture.update(None, {}, None, 1.1 + STALE_AFTER_S)[1] == {}
+
+
+def test_the_beats_end_when_they_are_told() -> None:
+    stop = threading.Event()
+    instants = []
+    for instant in beats(1000.0, stop):
+        instants.append(instant)
+        if len(instants) == 5:
+            stop.set()
+    assert len(instants) == 5
+    assert instants == sorted(instants)

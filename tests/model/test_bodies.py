@@ -1,0 +1,24 @@
+from __future__ import annotations
+
+import numpy as np
+from standing_people import KINECT
+
+from mocapella.model.bodies import tracked_bodies
+from mocapella.model.observations import body_frame
+
+
+def test_only_tracked_bodies_count_and_their_order_is_that_of_their_ids() -> None:
+    positions = np.arange(3 * 25 * 3).reshape(3, 25, 3)
+    frame = body_frame(
+        "front", KINECT, time_ns=1, positions=positions, tracking_ids=[9, 4, 7], tracked=[True, False, True]
+    )
+    seen = tracked_bodies(frame)
+    assert seen.keys == (("front", 7), ("front", 9))
+    np.testing.assert_array_equal(seen.positions, positions[[2, 0]])
+    assert seen.states.shape == (2, 25)
+
+
+def test_a_frame_without_bodies_has_none() -> None:
+    seen = tracked_bodies(body_frame("front", KINECT, time_ns=1, positions=[]))
+    assert seen.ids == ()
+    assert seen.positions.shape == (0, 25, 3)

@@ -1,0 +1,92 @@
+"""Laws of remembering: what is packed comes out again, and nothing else can be made of bytes."""
+
+from __future__ import annotations
+
+import pickle
+from collections import Counter, deque
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mocapella.errors import MocapellaError, WireError
+from mocapella.model.memory import pack, unpack
+from mocapella.model.scene import Phase, TrackerState
+from mocapella.model.session import SensorPose
+from mocapella.model.topology import topology
+
+KINDS = (Phase, TrackerState, SensorPose)
+LEAVES = (
+    st.none()
+    | st.booleans()
+    | st.integers(-(2**63), 2**64 - 1)
+    | st.floats(allow_nan=False)
+    | st.text()
+    | st.binary()
+    | st.builds(TrackerState, phase=st.sampled_from(Phase), reason=st.text())
+    | st.just(SensorPose(0.1, 2.0))
+)
+VALUES = st.recursive(
+    LEAVES,
+    lambda inner: (
+        st.lists(inner)
+        | st.lists(inner).map(tuple)
+        | st.lists(inner).map(lambda items: deque(items, maxlen=7))
+        | st.dictionaries(st.tuples(st.text(), st.integers(0, 9)), inner)
+        | st.frozensets(st.text())
+        | st.sets(st.integers(0, 99))
+        | st.dictionaries(st.text(), st.integers(1, 9)).map(Counter)
+    ),
+    max_leaves=12,
+)
+
+
+@given(VALUES)
+def test_what_is_packed_comes_out_again(value: Any) -> None:
+    back = unpack(pack(value, KINDS), KINDS)
+    assert back == value
+    assert type(back) is type(value)
+    if isinstance(value, deque):
+        assert back.maxlen == value.maxlen
+
+
+@given(st.lists(st.floats(), max_size=30), st.sampled_from(["f4", "f8"]))
+def test_arrays_come_out_to_the_bit_and_can_be_written_to(values: list[float], dtype: str) -> None:
+    with np.errstate(over="ignore"):
+        array = np.array(values).astype(dtype).reshape(1, -1)
+    back = unpack(pack(array, ()), ())
+    assert (back.dtype, back.shape, back.tobytes()) == (array.dtype, array.shape, array.tobytes())
+    back[...] = 1
+
+
+def test_a_topology_is_the_one_there_is() -> None:
+    assert unpack(pack(topology("kinect_v1"), ()), ()) is topology("kinect_v1")
+
+
+def test_what_is_not_named_is_not_packed() -> None:
+    with pytest.raises(TypeError, match="SensorPose"):
+        pack([SensorPose()], (Phase,))
+
+
+@given(st.binary(max_size=80))
+def test_bytes_that_are_not_ours_make_nothing(data: bytes) -> None:
+    try:
+        unpack(data, KINDS)
+    except WireError:
+        return
+    # What did decode is a plain value of msgpack itself.
+    assert isinstance(unpack(data, KINDS), int | float | str | bytes | bool | dict | type(None) | list | tuple | set)
+
+
+@pytest.mark.parametrize(
+    "value",
+    [["SensorPose", {"tilt": 9.0}], ["SensorPose", {"x": 1}], ["os.system", "x"], ["array", ["f8", [3], b"12"]], ["x"]],
+)
+def test_a_kind_or_content_that_is_not_known_is_refused(value: Any) -> None:
+    with pytest.raises(MocapellaError, match=r"no memory of this tracker|tilt is 9"):
+        unpack(msgspec.msgpack.encode(value), KINDS)
+    with pytest.raises(WireError):
+        unpack(pickle.dumps(Phase.TRACKING), KINDS)

@@ -1,0 +1,97 @@
+"""Whole processes of ours, started as a user starts them, and ended by their own id."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def wait_until(what: str, holds: Callable[[], bool], timeout: float = 30.0) -> None:
+    """Poll until it holds; a deadline far beyond what it takes, so that only a hang fails."""
+    deadline = time.monotonic() + timeout
+    while not holds():
+        assert time.monotonic() < deadline, f"waited {timeout:g} s for: {what}"
+        time.sleep(0.05)
+
+
+class Program:
+    """``mocapella <arguments>`` as a process of its own; its output goes to a file that a failing test can show."""
+
+    def __init__(self, folder: Path, name: str, *arguments: str) -> None:
+        self.log = folder / f"{name}.log"
+        with self.log.open("ab") as log:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "mocapella", *arguments],
+                cwd=folder,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env={**os.environ, "COLUMNS": "200"},
+            )
+
+    @property
+    def output(self) -> str:
+        return self.log.read_text(encoding="utf-8")
+
+    def said(self, text: str) -> Callable[[], bool]:
+        """Whether it has printed that; a process that ended without it fails the test at once."""
+
+        def check() -> bool:
+            if text in self.output:
+                return True
+            assert self.process.poll() is None, f"ended without saying {text!r}:\n{self.output}"
+            return False
+
+        return check
+
+    def end(self, how: signal.Signals = signal.SIGINT, timeout: float = 60.0) -> int:
+        """Send the signal and return the exit status."""
+        if self.process.poll() is None:
+            self.process.send_signal(how)
+        return self.process.wait(timeout)
+
+    def __enter__(self) -> Program:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+
+
+def run(folder: Path, *arguments: str, timeout: float = 120.0) -> subprocess.CompletedProcess[str]:
+    """``mocapella <arguments>`` to its end."""
+    return subprocess.run(
+        [sys.executable, "-m", "mocapella", *arguments],
+        cwd=folder,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+        check=False,
+        env={**os.environ, "COLUMNS": "200"},
+    )
+
+
+def result(folder: Path, *arguments: str, timeout: float = 120.0) -> Any:
+    """What ``--json -`` prints."""
+    done = run(folder, *arguments, "--json", "-", timeout=timeout)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)

@@ -1,0 +1,113 @@
+"""What cannot be recorded is refused before anything is created."""
+
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from take_making import info, small_take, unclosed_take
+
+from mocapella.errors import DiskFullError, RecordingError, TakeExistsError
+from mocapella.recording import disk
+from mocapella.recording.take_writer import TakeWriter
+
+
+@pytest.mark.parametrize("name", ["walk", "walk.mcap", "WALK.MCAP", "participant 7", "p7.take-2_b", "Prüfling"])
+def test_good_names(tmp_path: Path, name: str) -> None:
+    path = disk.take_path(tmp_path, name)
+    assert path.parent == tmp_path
+    assert path.suffix == ".mcap"
+    assert path.stem == name.removesuffix(".mcap").removesuffix(".MCAP")
+
+
+BAD = ["", "  ", ".mcap", "..", "../x", "a/b", "a\\b", "/etc/x", "a\0b", "a\nb", ".hidden", "a..b", "a.", " a", "C:x"]
+
+
+@pytest.mark.parametrize("name", [*BAD, "x" * 201, "ü" * 101, "walk.part2", "walk.merging.mcap", "<script>"])
+def test_bad_names_say_what_would_work(tmp_path: Path, name: str) -> None:
+    with pytest.raises(RecordingError, match="such as participant-7-walk") as caught:
+        disk.take_path(tmp_path, name)
+    assert "\n" not in str(caught.value)
+
+
+@given(st.text(max_size=260))
+def test_no_name_leads_out_of_the_folder(name: str) -> None:
+    folder = Path("/takes")
+    try:
+        path = disk.take_path(folder, name)
+    except RecordingError:
+        return
+    assert Path(os.path.normpath(path)).parent == folder
+    assert len(disk.merging_path(path).name.encode()) <= 255
+
+
+def test_folders_that_cannot_be_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").write_text("")
+    for folder, why in (("missing", "does not exist"), ("file", "is no folder")):
+        with pytest.raises(RecordingError, match=f"{folder}: it {why}; make the folder"):
+            TakeWriter.create(tmp_path / folder / "a.mcap", info=info())
+    monkeypatch.setattr(os, "access", lambda *_: False)  # the superuser may write anywhere
+    with pytest.raises(RecordingError, match="cannot be written to"):
+        TakeWriter.create(tmp_path / "a.mcap", info=info(), reserve_bytes=0)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
+
+
+def test_too_little_room_is_refused_with_both_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=disk.GIB // 2))
+    with pytest.raises(DiskFullError, match=r"0\.50 GiB are free and 1\.00 GiB are needed"):
+        TakeWriter.create(tmp_path / "a.mcap", info=info())
+    with pytest.raises(DiskFullError):
+        TakeWriter.resume_or_create(tmp_path / "a.mcap", info=info())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_nothing_is_overwritten(tmp_path: Path) -> None:
+    path = small_take(tmp_path / "walk.mcap")
+    before = path.read_bytes()
+    for begin in (TakeWriter.create, TakeWriter.resume_or_create):
+        with pytest.raises(TakeExistsError, match=r"walk\.mcap: it exists.*choose another name"):
+            begin(path, info=info(), reserve_bytes=0)
+    assert path.read_bytes() == before
+    assert [entry.name for entry in tmp_path.iterdir()] == ["walk.mcap"]
+
+
+def test_other_peoples_files_and_dangling_links_are_names_in_use(tmp_path: Path) -> None:
+    (tmp_path / "notes.mcap").write_text("do not lose this")
+    (tmp_path / "folder.mcap").mkdir()
+    (tmp_path / "link.mcap").symlink_to(tmp_path / "nowhere")
+    for name in ("notes", "folder", "link"):
+        for begin in (TakeWriter.create, TakeWriter.resume_or_create):
+            with pytest.raises(TakeExistsError):
+                begin(tmp_path / f"{name}.mcap", info=info(), reserve_bytes=0)
+    assert (tmp_path / "notes.mcap").read_text() == "do not lose this"
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+def test_a_leftover_part_alone_is_a_name_in_use(tmp_path: Path) -> None:
+    (tmp_path / "walk.part2.mcap").write_bytes(b"")
+    with pytest.raises(TakeExistsError, match=r"walk\.part2\.mcap"):
+        TakeWriter.resume_or_create(tmp_path / "walk.mcap", info=info(), reserve_bytes=0)
+
+
+def test_a_take_that_is_being_recorded_is_not_gone_on_with(tmp_path: Path) -> None:
+    path = tmp_path / "walk.mcap"
+    writer = TakeWriter.create(path, info=info(), reserve_bytes=0)
+    with pytest.raises(TakeExistsError, match="another program is recording it"):
+        TakeWriter.resume_or_create(path, info=info(), reserve_bytes=0)
+    writer.close()
+    torn = unclosed_take(tmp_path / "torn.mcap")
+    resumed = TakeWriter.resume_or_create(torn, info=info(), reserve_bytes=0)
+    with pytest.raises(TakeExistsError, match="another program is recording it"):
+        TakeWriter.resume_or_create(torn, info=info(), reserve_bytes=0)
+    resumed.close()
+
+
+def test_a_file_that_appears_at_the_last_moment_is_not_overwritten(tmp_path: Path) -> None:
+    path = tmp_path / "walk.mcap"
+    path.write_text("mine")
+    with pytest.raises(TakeExistsError, match=r"walk\.mcap: it exists, and nothing is overwritten"):
+        disk.create_new(path)
+    assert path.read_text() == "mine"

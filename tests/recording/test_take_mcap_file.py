@@ -1,0 +1,119 @@
+"""Other MCAP programs read what we write: here the library of the format's authors, every checksum and index."""
+
+import os
+from pathlib import Path
+
+import pytest
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from mcap.reader import make_reader
+from mcap.stream_reader import StreamReader
+from take_making import frame_bytes, info, record, small_take
+
+from mocapella.model.session import Setup
+from mocapella.recording.mcap_file import McapFile
+from mocapella.recording.take_reader import read_take
+from mocapella.recording.take_writer import TakeWriter
+
+
+def test_the_library_reads_a_take_with_every_checksum(tmp_path: Path) -> None:
+    path = small_take(tmp_path / "a.mcap", count=10)
+    with path.open("rb") as file:
+        records = list(StreamReader(file, validate_crcs=True).records)
+    assert {type(r).__name__ for r in records} >= {"Header", "Metadata", "MessageIndex", "Statistics", "Footer"}
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        summary = reader.get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        assert summary.statistics.message_count == 41  # 20 frames, 20 scenes, 1 run
+        assert len(summary.chunk_indexes) == summary.statistics.chunk_count == 4
+        for topic in ("/frames/front", "/scenes"):  # through the message index
+            times = [message.log_time for _, _, message in reader.iter_messages(topics=[topic])]
+            assert times == sorted(times)
+            assert len(times) == (10 if topic == "/frames/front" else 20)
+        (metadata,) = reader.iter_metadata()
+        assert metadata.name == "mocapella.run"
+
+
+def test_each_message_index_points_at_its_messages(tmp_path: Path) -> None:
+    path = small_take(tmp_path / "a.mcap")
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        late = [m.log_time for _, _, m in reader.iter_messages(topics=["/scenes"], starting_at=200_000_000)]
+        reverse = [m.log_time for _, _, m in reader.iter_messages(topics=["/scenes"], reverse=True)]
+    every = [log_ns for log_ns, _ in read_take(path).scenes()]
+    assert late == [t for t in every if t >= 200_000_000]
+    assert reverse == every[::-1]
+
+
+def test_the_schema_in_the_take_is_enough_to_read_a_frame(tmp_path: Path) -> None:
+    path = small_take(tmp_path / "a.mcap")
+    with path.open("rb") as file:
+        schema, channel, message = next(make_reader(file).iter_messages(topics=["/frames/side"]))
+    assert channel.message_encoding == schema.encoding == "protobuf"
+    pool = descriptor_pool.DescriptorPool()
+    for proto in descriptor_pb2.FileDescriptorSet.FromString(schema.data).file:
+        pool.Add(proto)
+    frame = message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name)).FromString(message.data)
+    assert (frame.sensor, frame.sequence, len(frame.positions_m)) == ("side", 0, 25 * 12)
+    assert message.data == frame_bytes("side", 0)
+
+
+@pytest.mark.parametrize("failing", ["write", "fdatasync"])
+def test_a_flush_happens_wholly_or_not_at_all(tmp_path: Path, failing: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.mcap"
+    fd = os.open(path, os.O_RDWR | os.O_CREAT)
+    file = McapFile(fd, "test")
+    channel = file.add_channel("/scenes", "json", file.add_schema("x", "jsonschema", b"{}"))
+    file.add_message(channel, b"{}", log_ns=1, publish_ns=1, sequence=0)
+    file.flush()
+    good = path.read_bytes()
+    real, calls = os.write, []
+
+    def half(fd: int, data: memoryview) -> int:
+        calls.append(fd)
+        if len(calls) > 1:
+            raise OSError(28, "No space left on device")
+        return real(fd, data[: len(data) // 2])
+
+    def fail(_: int) -> None:
+        raise OSError(5, "Input/output error")
+
+    with monkeypatch.context() as patch:
+        if failing == "write":
+            patch.setattr(os, "write", half)
+        else:
+            patch.setattr("mocapella.recording.disk._data_sync", fail)
+        file.add_message(channel, b"{}" * 100, log_ns=2, publish_ns=2, sequence=1)
+        with pytest.raises(OSError, match=r"No space|Input/output"):
+            file.flush()
+    assert path.read_bytes() == good
+    file.finish()
+    os.close(fd)
+    with path.open("rb") as opened:
+        assert [m.log_time for _, _, m in make_reader(opened, validate_crcs=True).iter_messages()] == [1]
+
+
+def test_an_empty_take_is_a_whole_mcap_file(tmp_path: Path) -> None:
+    writer = TakeWriter.create(tmp_path / "a.mcap", info=info(), reserve_bytes=0)
+    report = writer.close()
+    assert report.clean
+    assert (report.frames, report.scenes) == ({}, 0)
+    take = read_take(report.path)
+    assert take.clean
+    assert isinstance(take.info.setup, Setup)
+    with report.path.open("rb") as file:
+        assert len(list(make_reader(file, validate_crcs=True).iter_messages())) == 1
+
+
+def test_what_is_flushed_is_in_the_file_before_it_is_closed(tmp_path: Path) -> None:
+    writer = TakeWriter.create(tmp_path / "a.mcap", info=info(), reserve_bytes=0)
+    record(writer, 0, 4, per_flush=4)
+    assert (writer.stored, writer.pending) == (8, 0)
+    record(writer, 4, 3, step=8, per_flush=99)
+    assert (writer.stored, writer.pending) == (8, 6)
+    assert read_take(writer.path).frame_count == 8
+    writer.flush()
+    assert (writer.stored, writer.pending) == (14, 0)
+    assert read_take(writer.path).frame_count == 14
+    writer.close()

@@ -1,0 +1,96 @@
+"""Frames and scenes of every kind, for the codec's tests."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+from mocapella.model.observations import BodyFrame, body_frame
+from mocapella.model.scene import Person, Phase, PotentialSkeleton, Scene, TrackerState
+from mocapella.model.topology import Topology, topology, topology_names
+from mocapella.schema import encode_frame
+from mocapella.schema import mocapella_pb2 as pb
+
+SENSOR_NAMES = st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}", fullmatch=True)
+UINT64 = st.integers(0, 2**64 - 1)
+INT64 = st.integers(-(2**63), 2**63 - 1)
+TOPOLOGIES = st.sampled_from(topology_names()).map(topology)
+
+
+def floats(shape: tuple[int, ...], limit: float, allow_nan: bool) -> st.SearchStrategy[np.ndarray]:
+    """float32 arrays within ±limit, most of one value and a few of others, which is what makes many joints cheap."""
+    plain = st.floats(-limit, limit, width=32)
+    return arrays.arrays(np.float32, shape, elements=plain | st.just(np.nan) if allow_nan else plain)
+
+
+@st.composite
+def frames(draw: st.DrawFn) -> BodyFrame:
+    """Any frame that a sensor may publish: 0 to 20 bodies, with and without what is optional."""
+    kind = draw(TOPOLOGIES)
+    bodies = draw(st.integers(0, 20))
+    shape = (bodies, len(kind))
+    optional = {"depth_px": 2, "orientations": 4} if bodies else {}  # of nobody, all and none are the same bytes
+    return body_frame(
+        draw(SENSOR_NAMES),
+        kind,
+        time_ns=draw(INT64),
+        sent_ns=draw(INT64),
+        positions=draw(floats((*shape, 3), 1000.0, allow_nan=False)),
+        states=draw(arrays.arrays(np.uint8, shape, elements=st.integers(0, 2))),
+        tracking_ids=draw(arrays.arrays(np.uint64, bodies)),
+        tracked=draw(arrays.arrays(np.bool_, bodies)),
+        clipped_edges=draw(arrays.arrays(np.uint8, bodies, elements=st.integers(0, 15))),
+        node_id=draw(UINT64),
+        sequence=draw(UINT64),
+        depth_size_px=(draw(st.integers(0, 2**32 - 1)), draw(st.integers(0, 2**32 - 1))),
+        tilt=draw(st.floats(-3.125, 3.125, width=32)),
+        height=draw(st.floats(-1000, 1000, width=32)),
+        **{
+            name: draw(floats((*shape, width), 4096.0, allow_nan=True))
+            for name, width in optional.items()
+            if draw(st.booleans())
+        },
+    )
+
+
+def plain_frame(bodies: int = 2, kind: Topology | None = None) -> BodyFrame:
+    """A frame with everything, all tracked."""
+    kind = kind or topology("kinect_v2")
+    shape = (bodies, len(kind))
+    return body_frame(
+        "front",
+        kind,
+        time_ns=1,
+        positions=np.ones((*shape, 3)),
+        depth_px=np.full((*shape, 2), 100.0),
+        orientations=np.full((*shape, 4), 0.5),
+    )
+
+
+def message(bodies: int = 2, **changed: Any) -> pb.BodyFrame:
+    """The protobuf message of `plain_frame` with some fields changed."""
+    made = pb.BodyFrame.FromString(encode_frame(plain_frame(bodies)))
+    for name, value in changed.items():
+        setattr(made, name, value)
+    return made
+
+
+def small_scene(people: int = 1) -> Scene:
+    """People who are seen by two sensors each."""
+    kind = topology("kinect_v2")
+    rng = np.random.default_rng(3)
+
+    def view(sensor: str) -> PotentialSkeleton:
+        positions = rng.normal(size=(len(kind), 3))
+        return PotentialSkeleton(sensor, 7, 11, 0.25, 1.5, np.eye(4), positions, np.full(len(kind), 2, np.uint8))
+
+    def person(identity: int) -> Person:
+        positions, states = rng.normal(size=(len(kind), 3)), np.full(len(kind), 2, np.uint8)
+        positions[3], states[3] = np.nan, 0
+        return Person(identity, positions, states, (view("front"), view("left")))
+
+    state = TrackerState(Phase.CALIBRATING, 1, 2, 3, "somebody moved")
+    return Scene(5, 6, "front", 2**64 - 1, 8, kind, state, tuple(person(i) for i in range(people)))

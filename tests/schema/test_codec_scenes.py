@@ -1,0 +1,184 @@
+"""Scenes and truths: what goes in comes out, and whatever is not ours is refused with the reason."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from schema.messages import small_scene
+
+from mocapella.errors import SchemaVersionError, WireError
+from mocapella.model.scene import Phase, Scene, TrackerState
+from mocapella.model.topology import topology
+from mocapella.model.truth import Truth
+from mocapella.schema import MAX_SCENE_BYTES, decode_scene, decode_truth, encode_scene, encode_truth
+from mocapella.schema import mocapella_pb2 as pb
+
+
+def assert_same(a: Any, b: Any) -> None:
+    """Equal to the bit, through nested values."""
+    assert type(a) is type(b)
+    if isinstance(a, np.ndarray):
+        np.testing.assert_array_equal(a, b, strict=True)
+    elif isinstance(a, tuple):
+        assert len(a) == len(b)
+        for left, right in zip(a, b, strict=True):
+            assert_same(left, right)
+    elif isinstance(a, msgspec.Struct):
+        for name in a.__struct_fields__:
+            assert_same(getattr(a, name), getattr(b, name))
+    else:
+        assert a == b
+
+
+def small_truth(people: int = 2, bodies: int = 3) -> Truth:
+    kind = topology("kinect_v1")
+    positions = np.arange(people * 20 * 3, dtype=np.float64).reshape(people, 20, 3)
+    body_people = np.arange(bodies) % max(people, 1)
+    return Truth("front", 3, -4, kind, np.arange(people), positions, np.eye(4), body_people, np.ones(bodies, np.bool_))
+
+
+@given(st.integers(0, 4), st.sampled_from(Phase), st.text(max_size=20).filter(str.isprintable))
+@settings(max_examples=30, deadline=None)
+def test_a_scene_comes_back_as_it_was(people: int, phase: Phase, reason: str) -> None:
+    scene = msgspec.structs.replace(small_scene(people), state=TrackerState(phase, 4, 5, 6, reason))
+    data = encode_scene(scene)
+    assert_same(scene, decode_scene(data))
+    assert encode_scene(decode_scene(data)) == data
+
+
+@given(st.integers(0, 3), st.integers(0, 3))
+@settings(max_examples=10, deadline=None)
+def test_a_truth_comes_back_as_it_was(people: int, bodies: int) -> None:
+    truth = small_truth(people, bodies)
+    assert_same(truth, decode_truth(encode_truth(truth)))
+
+
+def of_scene(change: str, value: Any) -> bytes:
+    """A scene with one field changed; ``people.0.id`` is the id of its first person."""
+    m: Any = pb.Scene.FromString(encode_scene(small_scene()))
+    _set(m, change, value)
+    return m.SerializeToString()  # type: ignore[no-any-return]
+
+
+def of_truth(change: str, value: Any) -> bytes:
+    m: Any = pb.Truth.FromString(encode_truth(small_truth()))
+    _set(m, change, value)
+    return m.SerializeToString()  # type: ignore[no-any-return]
+
+
+def _set(m: Any, change: str, value: Any) -> None:
+    *path, last = change.split(".")
+    for part in path:
+        m = m[int(part)] if part.isdigit() else getattr(m, part)
+    setattr(m, last, value)
+
+
+def packed(*values: float) -> bytes:
+    return np.array(values, "<f8").tobytes()
+
+
+FAR = packed(*[0.0] * 74, 1000.5)
+MIRROR = packed(-1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0)
+STRETCH = packed(1, 0, 0, 0, 0, 1.01, 0, 0, 0, 0, 1, 0)
+NOWHERE = packed(1, 0, 0, np.nan, 0, 1, 0, 0, 0, 0, 1, 0)
+AWAY = packed(1, 0, 0, 0, 0, 1, 0, 1001, 0, 0, 1, 0)
+
+
+@pytest.mark.parametrize(
+    ("change", "value", "parts"),
+    [
+        ("topology", "kinect", ["topology is 'kinect'", "kinect_v2"]),
+        ("sensor", "no name", ["sensor name 'no name'"]),
+        ("phase", "trakcing", ["Scene.phase is 'trakcing'", "did you mean tracking?"]),
+        ("phase", "x" * 100_000, ["Scene.phase is 'xxx"]),
+        ("people.0.positions_m", b"\0" * 8, ["Person.positions_m has 8 bytes", "want 600"]),
+        ("people.0.positions_m", FAR, ["Person.positions_m has a 1000.5", "±1000"]),
+        ("people.0.positions_m", packed(*[np.inf] * 75), ["Person.positions_m has a inf"]),
+        ("people.0.joint_states", b"\2" * 24, ["Person.joint_states has 24 bytes"]),
+        ("people.0.joint_states", b"\2" * 24 + b"\3", ["Person.joint_states has a 3", "0, 1 or 2"]),
+        ("people.0.views.1.sensor", "", ["sensor name ''"]),
+        ("people.0.views.1.tilt_rad", 4.0, ["PotentialSkeleton.tilt_rad is 4"]),
+        ("people.0.views.1.height_m", np.inf, ["PotentialSkeleton", "height_m inf"]),
+        ("people.0.views.1.T_world_sensor", b"", ["PotentialSkeleton.T_world_sensor has 0 bytes", "want 96"]),
+        ("people.0.views.1.T_world_sensor", MIRROR, ["T_world_sensor is no rigid motion"]),
+        ("people.0.views.1.T_world_sensor", STRETCH, ["T_world_sensor is no rigid motion"]),
+        ("people.0.views.1.T_world_sensor", NOWHERE, ["T_world_sensor is no rigid motion"]),
+        ("people.0.views.1.T_world_sensor", AWAY, ["T_world_sensor is no rigid motion"]),
+        ("people.0.views.1.positions_m", FAR, ["PotentialSkeleton.positions_m has a 1000.5"]),
+        ("people.0.views.1.joint_states", b"\7" * 25, ["PotentialSkeleton.joint_states has a 7"]),
+    ],
+)
+def test_a_scene_that_is_none_is_refused(change: str, value: Any, parts: list[str]) -> None:
+    with pytest.raises(WireError) as caught:
+        decode_scene(of_scene(change, value))
+    assert len(str(caught.value)) < 400
+    for part in parts:
+        assert part in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "value", "parts"),
+    [
+        ("topology", "", ["topology is ''"]),
+        ("sensor", "-front", ["sensor name '-front'"]),
+        ("people", b"\0" * 15, ["Truth.people has 15 bytes"]),
+        ("people", b"\0" * 24, ["Truth.positions_m has 960 bytes", "want 1440"]),
+        ("positions_m", packed(*[np.inf] * 120), ["Truth.positions_m has a inf"]),
+        ("T_world_sensor", MIRROR, ["Truth.T_world_sensor is no rigid motion"]),
+        ("body_people", b"\0" * 8, ["Truth.body_people has 8 bytes", "want 24"]),
+        ("mirrored", b"\0\1\2", ["Truth.mirrored has a 2", "0 or 1"]),
+    ],
+)
+def test_a_truth_that_is_none_is_refused(change: str, value: Any, parts: list[str]) -> None:
+    with pytest.raises(WireError) as caught:
+        decode_truth(of_truth(change, value))
+    for part in parts:
+        assert part in str(caught.value)
+
+
+@pytest.mark.parametrize(("decode", "of"), [(decode_scene, of_scene), (decode_truth, of_truth)])
+def test_another_version_is_refused(decode: Any, of: Any) -> None:
+    with pytest.raises(SchemaVersionError, match="version 9; this program reads version 1"):
+        decode(of("schema_version", 9))
+
+
+@pytest.mark.parametrize("decode", [decode_scene, decode_truth])
+def test_too_long_a_message_is_refused(decode: Any) -> None:
+    with pytest.raises(WireError, match=f"at most {MAX_SCENE_BYTES} are read"):
+        decode(b"\0" * (MAX_SCENE_BYTES + 1))
+
+
+def test_a_newer_minor_version_may_add_fields() -> None:
+    scene = small_scene()
+    assert_same(scene, decode_scene(encode_scene(scene) + b"\xa2\x06\x05hello"))
+
+
+@given(st.binary(max_size=300))
+@settings(max_examples=150, deadline=None)
+def test_bytes_that_are_not_ours_are_refused(data: bytes) -> None:
+    for decode in (decode_scene, decode_truth):
+        with pytest.raises(WireError):
+            decode(data)
+
+
+SCENE = encode_scene(small_scene())
+TRUTH = encode_truth(small_truth())
+
+
+@given(st.data())
+@settings(max_examples=150, deadline=None)
+def test_damaged_ones_are_refused_or_read(data: st.DataObject) -> None:
+    whole, decode = data.draw(st.sampled_from([(SCENE, decode_scene), (TRUTH, decode_truth)]))
+    damaged = bytearray(whole)
+    for place in data.draw(st.lists(st.integers(0, len(damaged) - 1), min_size=1, max_size=4)):
+        damaged[place] = data.draw(st.integers(0, 255))
+    try:
+        value = decode(bytes(damaged))
+    except WireError:
+        return
+    assert isinstance(value, Scene | Truth)

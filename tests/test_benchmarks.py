@@ -1,0 +1,90 @@
+"""The harness of the benchmarks: rows of one form, goals that can be missed, and a command that says what it knows."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture
+def harness(monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.syspath_prepend(ROOT)
+    import benchmarks.harness
+
+    return benchmarks.harness
+
+
+def command(*arguments: str) -> subprocess.CompletedProcess[str]:
+    line = [sys.executable, "-m", "benchmarks", *arguments]
+    return subprocess.run(line, cwd=ROOT, check=False, timeout=120, capture_output=True, text=True)
+
+
+def test_a_row_without_a_peer_says_so_and_names_the_machine(harness: Any) -> None:
+    row = harness.measured("group: thing", 4.0, "µs", goal=harness.at_most(5))
+    assert asdict(row) == {
+        "name": "group: thing",
+        "value": 4.0,
+        "unit": "µs",
+        "peer": f"none ({harness.machine()})",
+        "ratio": None,
+        "goal": "≤ 5 µs",
+        "met": True,
+    }
+    assert "cores" in harness.machine()
+
+
+def test_a_row_with_a_peer_has_its_ratio(harness: Any) -> None:
+    row = harness.compared("n", 2.0, "ms", peer="json", peer_value=8.0, goal=harness.times_the_peer(5))
+    assert (row.peer, row.ratio, row.goal, row.met) == ("json 8 ms", 4.0, "≥ 5 × the peer", False)
+
+
+def test_ours_and_the_peer_take_turns(harness: Any) -> None:
+    calls: list[str] = []
+    row = harness.against_peer(
+        "n", lambda: calls.append("o"), lambda: calls.append("p"), "peer", repeat=3, number=4, peer_number=2
+    )
+    assert "".join(calls) == "oooooppp" * 3  # one call to warm up each time
+    assert row.value > 0
+    assert row.ratio == pytest.approx(float(row.peer.split()[1]) / row.value, rel=0.01)
+
+
+@pytest.mark.parametrize(("value", "met"), [(4.9, True), (5.0, True), (5.1, False), (math.nan, False)])
+def test_a_goal_can_be_missed(harness: Any, value: float, met: bool) -> None:
+    assert harness.measured("n", value, "ms", goal=harness.at_most(5)).met is met
+    assert harness.measured("n", -value, "ms", goal=harness.at_least(-5)).met is met
+
+
+def test_a_goal_of_a_ratio_is_missed_without_a_peer(harness: Any) -> None:
+    assert harness.measured("n", 1.0, "ms", goal=harness.times_the_peer(1)).met is False
+
+
+def test_without_a_goal_nothing_is_met_or_missed(harness: Any) -> None:
+    row = harness.measured("n", 1.0, "ms")
+    assert (row.goal, row.met) == (None, None)
+
+
+def test_an_unknown_group_is_refused_with_those_there_are() -> None:
+    done = command("codek")
+    assert done.returncode == 2
+    assert "no group 'codek'" in done.stderr
+    assert "did you mean codec?" in done.stderr
+
+
+def test_the_codec_group_runs_and_writes_rows(tmp_path: Path) -> None:
+    target = tmp_path / "rows.json"
+    done = command("codec", "--quick", "--json", str(target))
+    assert done.returncode == 0, done.stderr
+    rows = json.loads(target.read_text(encoding="utf-8"))
+    assert all(set(row) == {"name", "value", "unit", "peer", "ratio", "goal", "met"} for row in rows)
+    crashes = [row for row in rows if "crashes" in row["name"]]
+    assert [row["value"] for row in crashes] == [0]
+    assert list(tmp_path.iterdir()) == [target]

@@ -1,0 +1,117 @@
+"""Who may import whom, as data; and every line of it is shown to bite."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+SOURCE = Path(__file__).resolve().parent.parent / "src" / "mocapella"
+
+BASE = {"errors", "conventions", "settings"}
+MODEL = BASE | {"geometry", "model"}
+STAGES = {"sensing", "calibration", "association", "fusion", "smoothing", "kinematics"}
+EDGES = {"sources", "wire", "recording", "exports", "streams"}
+TRACKER = MODEL | STAGES | {"tracker"}
+
+MAY_IMPORT: dict[str, set[str]] = {
+    "errors": set(),
+    "conventions": set(),
+    "settings": {"errors", "conventions"},
+    "geometry": BASE,
+    "model": MODEL,
+    "schema": MODEL,
+    **dict.fromkeys(STAGES, MODEL),
+    "tracker": TRACKER,
+    "sources": MODEL | {"schema", "sensing"},
+    **{edge: MODEL | {"schema"} for edge in EDGES - {"sources"}},
+    "viewer": MODEL,
+    "studies": TRACKER | {"recording", "schema"},
+    "live": TRACKER | EDGES | {"schema", "viewer"},
+    "cli": TRACKER | EDGES | {"schema", "viewer", "studies", "live"},
+}
+"""Which rooms a room may import, beside itself. `docs/decisions/0001-rooms.md` says why."""
+
+PURE = {"geometry", "model", *STAGES, "tracker"}
+IMPURE_MODULES = {"asyncio", "threading", "socket", "time", "multiprocessing", "subprocess"}
+DECODES_IMAGES = {"sensing", "sources"}
+
+
+def imported(tree: ast.AST) -> Iterator[str]:
+    """The dotted names of all modules that a module imports, wherever in it."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            if node.level:
+                yield "." * node.level + (node.module or "")
+            elif node.module == "mocapella":
+                yield from (f"mocapella.{alias.name}" for alias in node.names)
+            elif node.module:
+                yield node.module
+
+
+def violations(room: str, source: str) -> list[str]:
+    """What a module of that room imports and may not."""
+    found = []
+    for name in imported(ast.parse(source)):
+        top, _, rest = name.partition(".")
+        other = rest.partition(".")[0]
+        if not top:
+            found.append(f"{room} imports {name} relatively")
+        elif top == "mocapella" and other in MAY_IMPORT and other != room and other not in MAY_IMPORT[room]:
+            found.append(f"{room} imports {other}")
+        elif room in PURE and top in IMPURE_MODULES:
+            found.append(f"{room} imports {top}")
+        elif top == "cv2" and room not in DECODES_IMAGES:
+            found.append(f"{room} imports cv2")
+    return found
+
+
+def modules() -> list[Path]:
+    return [path for path in sorted(SOURCE.rglob("*.py")) if path.parent != SOURCE or path.stem in MAY_IMPORT]
+
+
+def room_of(path: Path) -> str:
+    return path.relative_to(SOURCE).parts[0].removesuffix(".py")
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(SOURCE)))
+def test_a_module_imports_only_what_its_room_may(path: Path) -> None:
+    assert violations(room_of(path), path.read_text(encoding="utf-8")) == []
+
+
+def test_every_room_is_in_the_rule() -> None:
+    rooms = {room_of(path) for path in SOURCE.rglob("*.py")} - {"__init__", "__main__"}
+    assert rooms <= set(MAY_IMPORT)
+
+
+@pytest.mark.parametrize("room", sorted(MAY_IMPORT))
+def test_the_rule_bites_for_every_forbidden_room(room: str) -> None:
+    for other in set(MAY_IMPORT) - MAY_IMPORT[room] - {room}:
+        for planted in (
+            f"import mocapella.{other}",
+            f"from mocapella.{other} import x",
+            f"from mocapella import {other}",
+        ):
+            assert violations(room, f"def f():\n    {planted}\n") == [f"{room} imports {other}"]
+
+
+@pytest.mark.parametrize("room", sorted(MAY_IMPORT))
+def test_the_rule_lets_the_allowed_through(room: str) -> None:
+    for other in MAY_IMPORT[room] | {room}:
+        assert violations(room, f"from mocapella.{other} import x") == []
+
+
+@pytest.mark.parametrize("room", sorted(PURE))
+@pytest.mark.parametrize("module", sorted(IMPURE_MODULES))
+def test_the_rule_bites_for_clocks_threads_and_sockets(room: str, module: str) -> None:
+    assert violations(room, f"import {module}") == [f"{room} imports {module}"]
+
+
+def test_the_rule_bites_for_images_and_relative_imports() -> None:
+    assert violations("viewer", "import cv2") == ["viewer imports cv2"]
+    assert violations("sensing", "import cv2") == []
+    assert violations("live", "from . import server") == ["live imports . relatively"]

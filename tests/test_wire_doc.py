@@ -1,0 +1,79 @@
+"""`docs/wire.md` says what the code does: keys, verbs, limits, vectors, joint counts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mocapella.live.session import Session
+from mocapella.model.session import Setup
+from mocapella.model.topology import topology, topology_names
+from mocapella.schema import MAX_BODIES, MAX_MESSAGE_BYTES, MAX_SCENE_BYTES, SCHEMA_VERSION
+from mocapella.schema import mocapella_pb2 as pb
+from mocapella.sources.bridge import BridgeSettings
+from mocapella.wire import keys
+from mocapella.wire.session import DEFAULT_ADDRESS
+
+ROOT = Path(__file__).resolve().parent.parent
+TEXT = (ROOT / "docs" / "wire.md").read_text(encoding="utf-8")
+NODE = keys.NodeKey("SENSOR", 0x1234)
+
+
+def test_every_key_is_listed() -> None:
+    fixed = [keys.SCENE, keys.STATUS, keys.SERVER_ALIVE, keys.of_command("<verb>")]
+    of_nodes = [keys.of_node(kind, NODE) for kind in ("live", "record", "truth", "clock", "alive/sensor")]
+    for key in [*fixed, *(key.replace("SENSOR/0000000000001234", "<sensor>/<node>") for key in of_nodes)]:
+        assert f"| `{key}` |" in TEXT
+
+
+def test_every_verb_is_listed() -> None:
+    for verb in (*Session(Setup()).verbs, "record", "record-stop", "status", "join"):
+        assert f"`{verb}`" in TEXT
+
+
+def test_the_limits_are_those_of_the_code() -> None:
+    bridge = BridgeSettings()
+    mib = 2**20
+    for said in (
+        f"at most {MAX_MESSAGE_BYTES // mib} MiB; a `Scene` or `Truth` at most {MAX_SCENE_BYTES // mib} MiB",
+        f"at most {MAX_BODIES} bodies",
+        f"schema version {SCHEMA_VERSION}",
+        f"not complete after {bridge.message_timeout:g} s",
+        f"none for {bridge.idle_timeout:g} s",
+        f"those beyond {bridge.max_connections}",
+        f"(at most {bridge.max_sensors})",
+        f"{bridge.host}:{bridge.port}",
+        f"`{DEFAULT_ADDRESS}`",
+    ):
+        assert said in TEXT
+
+
+@pytest.mark.parametrize("name", ["kinect_v1", "kinect_v2"])
+def test_the_topologies_have_as_many_joints_as_it_says(name: str) -> None:
+    assert name in topology_names()
+    assert f"`{name}` has {len(topology(name))}" in TEXT
+
+
+def test_every_vector_is_listed() -> None:
+    for path in (ROOT / "tests" / "vectors").glob("*.bin"):
+        assert f"| `{path.stem}` |" in TEXT
+
+
+def test_the_program_in_csharp_fills_fields_that_there_are() -> None:
+    begin = TEXT.index("new Mocapella.BodyFrame")
+    assigned = {
+        line.split("=")[0].strip()
+        for line in TEXT[begin : TEXT.index("WriteDelimitedTo(stream)")].splitlines()
+        if " = " in line
+    }
+    there_are = {"".join(part.title() for part in field.name.split("_")) for field in pb.BodyFrame.DESCRIPTOR.fields}
+    assert len(assigned) > 10
+    assert assigned <= there_are
+
+
+def test_links_lead_somewhere() -> None:
+    for target in TEXT.split("](")[1:]:
+        path = target.split(")")[0]
+        if not path.startswith("#"):
+            assert (ROOT / "docs" / path).exists(), path

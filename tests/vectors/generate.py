@@ -1,0 +1,211 @@
+"""Test vectors: messages as bytes and as values, for whoever writes a publisher or reader in another language.
+
+``python tests/vectors/generate.py`` writes ``<name>.bin`` (the message) and ``<name>.json`` (its values) for each. All
+floats are exact in binary, so that every language that computes them gets the same bits. In the JSON, 64-bit integers
+are strings, as protobuf's own JSON has them, and null is a missing number (NaN).
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mocapella.model.observations import BodyFrame, JointState, body_frame
+from mocapella.model.scene import Person, Phase, PotentialSkeleton, Scene, TrackerState
+from mocapella.model.topology import topology
+from mocapella.model.truth import Truth
+from mocapella.schema import encode_frame, encode_scene, encode_truth
+from mocapella.schema.delimited import delimited
+
+FOLDER = Path(__file__).resolve().parent
+NODE_ID = 0x0123456789ABCDEF
+
+
+def frame_skeleton() -> BodyFrame:
+    """Two bodies of a Kinect v2; every joint whose number is 7 more than a multiple of 8 is not tracked.
+
+    `examples/c_publisher` writes the same bytes from the same formulas.
+    """
+    body, joint = np.mgrid[0:2, 0:25]
+    positions = np.stack([(joint - 12) / 16 + 2 * body - 1, (12 - joint) / 8, 2 + joint / 64], axis=-1)
+    states = np.where(joint % 8 == 7, JointState.NOT_TRACKED, np.where(joint % 8 == 3, 1, 2))
+    return body_frame(
+        "front",
+        topology("kinect_v2"),
+        time_ns=66_666_667,
+        sent_ns=5_000_000_123,
+        positions=positions,
+        states=states,
+        tracking_ids=[72057594037927937, 72057594037927938],
+        clipped_edges=[0, 9],
+        node_id=NODE_ID,
+        sequence=2,
+        depth_size_px=(512, 424),
+        tilt=-0.125,
+        height=1.5,
+    )
+
+
+def frame_everything() -> BodyFrame:
+    """One body of a Kinect v1 with depth points and orientations, some of which a joint does not have."""
+    joint = np.arange(20)[None]
+    depth_px = np.stack([100 + joint * 8.5, 200 - joint * 4.25], axis=-1)
+    depth_px[0, 5] = np.nan
+    orientations = np.stack([0 * joint + 0.5, 0 * joint + 0.5, 0.5 - joint % 2, joint % 2 - 0.5], axis=-1)
+    orientations[0, 3] = np.nan
+    return body_frame(
+        "left.2",
+        topology("kinect_v1"),
+        time_ns=-1,
+        positions=np.stack([joint / 32, -joint / 32, 1.25 + joint / 128], axis=-1),
+        states=np.where(joint == 19, 0, 2),
+        tracking_ids=[2**64 - 1],
+        tracked=[True],
+        clipped_edges=[15],
+        depth_px=depth_px,
+        orientations=orientations,
+        node_id=1,
+        sequence=2**40,
+        depth_size_px=(320, 240),
+    )
+
+
+def frame_nobody() -> BodyFrame:
+    """Nobody is there: the smallest frame that a sensor sends."""
+    return body_frame("front", topology("kinect_v2"), time_ns=0, positions=[], node_id=NODE_ID)
+
+
+def scene_one_person() -> Scene:
+    """One person, seen by two sensors; the last joint by none."""
+    kind = topology("kinect_v2")
+    joint = np.arange(25)
+    positions = np.stack([joint / 16, joint / 32, joint / 64], axis=-1)
+    positions[24] = np.nan
+    states = np.where(joint == 24, 0, 2).astype(np.uint8)
+    quarter_turn = np.array([[0.0, 0, 1, 0.5], [0, 1, 0, 0.25], [-1, 0, 0, 2], [0, 0, 0, 1]])
+    views = (
+        PotentialSkeleton("front", 7, 66_666_667, -0.125, 1.5, np.eye(4), positions, states),
+        PotentialSkeleton("left.2", 8, 70_000_000, 0.0, 0.0, quarter_turn, positions + 0.25, states),
+    )
+    people = (Person(1, positions, states, views),)
+    return Scene(9, 5_000_000_000, "front", NODE_ID, 2, kind, TrackerState(Phase.TRACKING), people)
+
+
+def truth_two_people() -> Truth:
+    """A simulated room with two people, of whom the sensor sees the second, mirrored."""
+    kind = topology("kinect_v1")
+    positions = np.arange(2 * 20 * 3).reshape(2, 20, 3) / 64
+    return Truth("front", 2, 10**9, kind, np.array([0, 5]), positions, np.eye(4), np.array([5]), np.array([True]))
+
+
+def values(message: BodyFrame | Scene | Truth) -> dict[str, Any]:
+    """The fields of a message by their names in the schema."""
+    read = {BodyFrame: _frame_values, Scene: _scene_values, Truth: _truth_values}[type(message)]
+    return {"message": type(message).__name__, **read(message)}
+
+
+def vectors() -> dict[str, tuple[bytes, dict[str, Any]]]:
+    """Every vector: its bytes and its values, by the name of its files."""
+    frames = {make.__name__: make() for make in (frame_skeleton, frame_everything, frame_nobody)}
+    found = {name: (encode_frame(frame), values(frame)) for name, frame in frames.items()}
+    scene, truth = scene_one_person(), truth_two_people()
+    found["scene_one_person"] = encode_scene(scene), values(scene)
+    found["truth_two_people"] = encode_truth(truth), values(truth)
+    stream = b"".join(delimited(encode_frame(frames[name])) for name in ("frame_nobody", "frame_skeleton"))
+    found["stream_two_frames"] = stream, {"stream": ["frame_nobody", "frame_skeleton"]}
+    return found
+
+
+def _frame_values(frame: BodyFrame) -> dict[str, Any]:
+    return {
+        "schema_version": 1,
+        "sensor": frame.sensor,
+        "node_id": str(frame.node_id),
+        "sequence": str(frame.sequence),
+        "time_ns": str(frame.time_ns),
+        "sent_ns": str(frame.sent_ns),
+        "topology": frame.topology.name,
+        "depth_width_px": frame.depth_size_px[0],
+        "depth_height_px": frame.depth_size_px[1],
+        "tilt_rad": frame.tilt,
+        "height_m": frame.height,
+        "tracking_ids": [str(identity) for identity in frame.tracking_ids.tolist()],
+        "tracked": frame.tracked.astype(int).tolist(),
+        "clipped_edges": frame.clipped_edges.tolist(),
+        "joint_states": frame.states.tolist(),
+        "positions_m": _lists(frame.positions),
+        "depth_px": _lists(frame.depth_px),
+        "orientations": _lists(frame.orientations),
+    }
+
+
+def _scene_values(scene: Scene) -> dict[str, Any]:
+    return {
+        "schema_version": 1,
+        "step": str(scene.step),
+        "at_ns": str(scene.at_ns),
+        "sensor": scene.sensor,
+        "node_id": str(scene.node_id),
+        "sequence": str(scene.sequence),
+        "topology": scene.topology.name,
+        "phase": scene.state.phase.value,
+        "people": [
+            {
+                "id": str(person.id),
+                "positions_m": _lists(person.positions),
+                "joint_states": person.states.tolist(),
+                "views": [
+                    {
+                        "sensor": view.sensor,
+                        "tracking_id": str(view.tracking_id),
+                        "time_ns": str(view.time_ns),
+                        "tilt_rad": view.tilt,
+                        "height_m": view.height,
+                        "T_world_sensor": _lists(view.T_world_sensor[:3]),
+                        "positions_m": _lists(view.positions),
+                        "joint_states": view.states.tolist(),
+                    }
+                    for view in person.views
+                ],
+            }
+            for person in scene.people
+        ],
+    }
+
+
+def _truth_values(truth: Truth) -> dict[str, Any]:
+    return {
+        "schema_version": 1,
+        "sensor": truth.sensor,
+        "sequence": str(truth.sequence),
+        "room_ns": str(truth.room_ns),
+        "topology": truth.topology.name,
+        "people": [str(identity) for identity in truth.people.tolist()],
+        "positions_m": _lists(truth.positions),
+        "T_world_sensor": _lists(truth.T_world_sensor[:3]),
+        "body_people": [str(identity) for identity in truth.body_people.tolist()],
+        "mirrored": truth.mirrored.astype(int).tolist(),
+    }
+
+
+def _lists(array: np.ndarray | None) -> Any:
+    """Nested lists, with null where a number is missing."""
+    if array is None:
+        return None
+    return np.where(np.isnan(array), None, array.astype(object)).tolist()
+
+
+def main() -> None:
+    """Write every vector anew."""
+    for name, (data, content) in vectors().items():
+        (FOLDER / f"{name}.bin").write_bytes(data)
+        text = json.dumps({"bytes": len(data), "hex": data.hex(), **content}, indent=1, ensure_ascii=False)
+        (FOLDER / f"{name}.json").write_text(text + "\n", encoding="utf-8")
+        print(f"{name}: {len(data)} bytes")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,160 @@
+"""From a sensor's perspective, people stand where that sensor saw them."""
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from walkers import HEIGHT_M, KINECT, Room
+
+from mocapella.geometry.rigid import apply
+from mocapella.model.observations import body_frame
+from mocapella.model.session import SensorPose
+from mocapella.viewer.palette import SENSORS, SensorColours, person_colour
+from mocapella.viewer.perspective import FREE, Floors, Perspectives, level
+from mocapella.viewer.stages import lane_bones, tracking_drawing, tracking_title
+
+ANGLE = st.floats(-1.5, 1.5)
+
+
+def each_on_itself(scene):
+    """The scene as ``stand-still`` has it: every person in a world of its own, centred on itself."""
+    people = []
+    for person in scene.people:
+        T = np.eye(4)
+        T[:3, 3] = -person.positions.mean(axis=0)
+        views = tuple(
+            msgspec.structs.replace(v, positions=apply(T, v.positions), T_world_sensor=T @ v.T_world_sensor)
+            for v in person.views
+        )
+        people.append(msgspec.structs.replace(person, positions=apply(T, person.positions), views=views))
+    return msgspec.structs.replace(scene, people=tuple(people))
+
+
+def learned(scene, frames):
+    seen, floors = Perspectives(), Floors()
+    seen.learn(scene)
+    floors.learn_scene(scene)
+    for frame in frames.values():
+        floors.learn_frame(frame)
+    return seen, floors
+
+
+@given(ANGLE)
+def test_a_level_stage_keeps_up_up(tilt):
+    """A sensor tilted up by t sees a point straight ahead of it, at its own height, at −sin t of its own up axis."""
+    ahead = np.array([[0.0, -np.sin(tilt), np.cos(tilt)]]) * 2.0
+    assert apply(level(tilt, 1.5), ahead)[0] == pytest.approx([0.0, 1.5, 2.0], abs=1e-12)
+
+
+@pytest.mark.parametrize("sensor", ["front", "left", "right"])
+def test_people_of_stand_still_stand_where_the_perspectives_sensor_saw_them(sensor):
+    room = Room()
+    frames = room.frames(1.0)
+    scene = each_on_itself(room.scene(1.0, frames))
+    seen, _ = learned(scene, frames)
+    for k, person in enumerate(scene.people):
+        view = person.view_of(sensor)
+        back = apply(seen.from_world(person, sensor), view.positions)
+        assert back == pytest.approx(frames[sensor].positions[k].astype(float), abs=1e-5)
+
+
+def test_two_people_of_stand_still_are_in_one_place_when_free_and_apart_from_a_sensor():
+    room = Room()
+    frames = room.frames(1.0)
+    scene = each_on_itself(room.scene(1.0, frames))
+    seen, floors = learned(scene, frames)
+
+    def apart(perspective):
+        a, b = (tag.position for tag in tracking_drawing(scene, perspective, seen, floors).tags)
+        return np.hypot(a[0] - b[0], a[2] - b[2])
+
+    assert apart(FREE) < 0.3
+    assert apart("front") > 1.0
+
+
+def test_a_person_that_the_sensor_lost_stays_and_one_that_it_never_saw_is_named():
+    room = Room()
+    frames = room.frames(1.0)
+    scene = room.scene(1.0, frames)
+    seen, floors = learned(scene, frames)
+    blind = msgspec.structs.replace(
+        scene,
+        people=tuple(
+            msgspec.structs.replace(p, views=tuple(v for v in p.views if v.sensor != "front")) for p in scene.people
+        ),
+    )
+    seen.learn(blind)
+    drawing = tracking_drawing(blind, "front", seen, floors)
+    assert drawing.unseen == ()
+    fresh, _ = learned(blind, frames)
+    drawing = tracking_drawing(blind, "front", fresh, floors)
+    assert drawing.unseen == (1, 2)
+    assert len(drawing.bones) == 0
+    assert tracking_title(drawing, "front") == "Tracking · seen from front (never saw person 1, 2)"
+
+
+def test_who_is_gone_is_forgotten():
+    room = Room()
+    frames = room.frames(1.0)
+    scene = room.scene(1.0, frames)
+    seen, _ = learned(scene, frames)
+    seen.learn(msgspec.structs.replace(scene, people=()))
+    assert seen.from_world(scene.people[0], "front") is None
+
+
+def test_a_drawing_has_the_fused_skeleton_white_and_every_view_in_the_persons_colour():
+    room = Room(people=2, sensors=3)
+    frames = room.frames(0.5)
+    scene = room.scene(0.5, frames)
+    drawing = tracking_drawing(scene, "front", *learned(scene, frames))
+    white = (drawing.bones.colours == 255).all(axis=1)
+    assert white.sum() == 2 * 24
+    for person in scene.people:
+        own = (drawing.bones.colours == person_colour(person.id).paint).all(axis=1)
+        assert own.sum() == 3 * 24
+    assert set(drawing.sensors) == {"front", "left", "right"}
+    assert drawing.sensors["front"][:3, 3] == pytest.approx([0, HEIGHT_M, 0])
+
+
+def test_without_a_scene_the_stage_is_empty():
+    drawing = tracking_drawing(None, FREE, Perspectives(), Floors())
+    assert len(drawing.bones) == 0
+    assert drawing.tags == []
+    assert tracking_title(drawing, FREE) == "Tracking · free"
+
+
+def test_a_known_height_is_taken_and_an_unknown_one_is_the_lowest_joint():
+    frame = Room().frames(0.0)["front"]
+    floors = Floors()
+    floors.learn_frame(frame)
+    assert floors.height("front") == HEIGHT_M
+    floors.learn_frame(frame, SensorPose(tilt=0.1, height=0.8))
+    assert (floors.tilt("front"), floors.height("front")) == (0.1, 0.8)
+    unknown = msgspec.structs.replace(frame, sensor="left", height=0.0)
+    floors.learn_frame(unknown)
+    assert floors.height("left") == pytest.approx(-np.nanmin(frame.positions[..., 1]))
+
+
+def test_a_frame_without_anybody_teaches_nothing_of_the_floor():
+    floors = Floors()
+    floors.learn_frame(body_frame("front", KINECT, time_ns=0, positions=[]))
+    assert floors.height("front") == 0.0
+
+
+def test_a_lane_shows_the_sensors_own_skeletons_in_its_colour():
+    frame = Room().frames(0.0)["front"]
+    colours = SensorColours()
+    strokes = lane_bones(frame, np.eye(4), np.zeros(3), colours)
+    assert len(strokes) == 2 * 24
+    assert (strokes.colours == SENSORS[0].paint).all()
+
+
+def test_a_sensor_keeps_its_colour_whoever_joins():
+    colours = SensorColours()
+    colours.learn({"left"})
+    before = colours.of("left")
+    colours.learn({"aisle", "left"})
+    assert colours.of("left") == before
+    assert colours.of("aisle") != before
+    assert colours.sensors == ("aisle", "left")

@@ -1,0 +1,115 @@
+"""The readouts say what the status says, and a text from the wire is never markup."""
+
+import dataclasses
+from html.parser import HTMLParser
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from walkers import health, status
+
+from mocapella.model.scene import Phase
+from mocapella.model.session import RecordingHealth
+from mocapella.viewer.palette import SensorColours
+from mocapella.viewer.readout import notices_html, recording_html, sensors_html, status_html
+
+NASTY = "<script>alert(1)</script><img src=x onerror='alert(2)'>\"&"
+
+
+class Reader(HTMLParser):
+    """Collects the tags and the text of a page, as a browser would find them."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.tags: set[str] = set()
+        self.attributes: set[str] = set()
+        self.text = ""
+        self.feed(html)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.add(tag)
+        self.attributes |= {name for name, _ in attrs}
+
+    def handle_data(self, data):
+        self.text += data
+
+
+@given(st.sampled_from([NASTY]) | st.text(max_size=30))
+def test_no_text_from_the_wire_becomes_markup(text):
+    session = status(
+        phase=text,
+        reason=text,
+        notices=(text,),
+        sensors=(health(text, problem=text),),
+        recording=RecordingHealth(active=True, path=text, problem=text),
+    )
+    html = (
+        status_html(session)
+        + sensors_html(session, SensorColours())
+        + recording_html(session.recording)
+        + notices_html(session)
+    )
+    page = Reader(html)
+    assert page.tags <= {"div", "span", "b", "table", "thead", "tbody", "tr", "th", "td"}
+    assert page.attributes <= {"class", "style", "colspan"}
+
+
+def test_a_sensor_called_script_is_shown_as_it_is_called():
+    assert NASTY in Reader(sensors_html(status(sensors=(health(NASTY),)), SensorColours())).text
+
+
+@pytest.mark.parametrize("phase", list(Phase))
+def test_every_phase_is_shown_in_words(phase):
+    assert phase.value.capitalize() in Reader(status_html(status(phase=phase.value))).text
+
+
+def test_the_status_says_what_is_waited_for_and_why():
+    waiting = Reader(status_html(status(phase="waiting for sensors", sensors_missing=1))).text
+    assert "1 sensor missing" in waiting
+    session = status(phase="calibrating", frames_remaining=40, frames_wanted=120, reason="a hand moved 12 cm")
+    assert "40 of 120 frames to go: stand still · a hand moved 12 cm" in Reader(status_html(session)).text
+    assert "No server" in Reader(status_html(None)).text
+
+
+def test_the_table_shows_every_figure_of_a_sensor():
+    row = health("front", bodies=2, rate_hz=29.97, latency=0.0021, dropped=3, rejected=1, local=True)
+    text = Reader(sensors_html(status(sensors=(row,)), SensorColours())).text
+    for figure in ("front (this machine)", "30.0 Hz", "2.1 ms", "4", "+12.3 ± 0.4 ms", "good"):
+        assert figure in text
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"connected": False}, "gone"),
+        ({"silent": True}, "silent"),
+        ({"problem": "clock jumped", "connected": False}, "clock jumped"),
+    ],
+)
+def test_what_is_wrong_with_a_sensor_is_said(changes, words):
+    assert words in Reader(sensors_html(status(sensors=(health("front", **changes),)), SensorColours())).text
+
+
+def test_what_is_not_known_yet_is_a_dash_and_no_sensor_is_said():
+    row = health("front", latency=None, clock_offset=None, clock_bound=None)
+    assert Reader(sensors_html(status(sensors=(row,)), SensorColours())).text.count("–") == 2
+    assert "No sensor yet." in Reader(sensors_html(None, SensorColours())).text
+
+
+def test_the_recording_shows_its_name_its_size_and_its_losses():
+    take = RecordingHealth(
+        active=True, path="/takes/walk-3.mcap", frames=900, scenes=800, lost=2, size_bytes=3_400_000, seconds=75
+    )
+    text = Reader(recording_html(take)).text
+    assert "Recording walk-3.mcap" in text
+    assert "1:15 · 3.4 MB · 900 frames · 800 results · 2 lost" in text
+    assert "Last: walk-3.mcap" in Reader(recording_html(dataclasses.replace(take, active=False))).text
+    assert "no space" in Reader(recording_html(RecordingHealth(problem="no space"))).text
+    assert "Not recording." in Reader(recording_html(RecordingHealth())).text
+
+
+def test_the_newest_notice_is_first_and_old_ones_go():
+    text = Reader(notices_html(status(notices=tuple(f"notice {i}" for i in range(9))))).text
+    assert text.startswith("notice 8")
+    assert "notice 4" not in text
+    assert "Nothing to report." in Reader(notices_html(status(notices=()))).text

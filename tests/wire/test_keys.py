@@ -1,0 +1,54 @@
+"""The names on the bus."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mocapella.errors import BusError, SettingsError, WireError
+from mocapella.wire import keys
+from mocapella.wire.session import check_address, is_loopback
+
+NAMES = st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}", fullmatch=True)
+
+
+@given(name=NAMES, node_id=st.integers(0, 2**64 - 1))
+def test_a_node_is_read_back_from_its_key(name: str, node_id: int) -> None:
+    node = keys.NodeKey(name, node_id)
+    assert keys.node_of(keys.of_node("live", node)) == node
+
+
+@pytest.mark.parametrize("key", ["", "a", "a/zz", "mocapella/v1/live/front/zz", f"mocapella/v1/live/<script>/{1:016x}"])
+def test_a_key_that_names_no_node_is_refused(key: str) -> None:
+    with pytest.raises(WireError):
+        keys.node_of(key)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "1", "f" * 17, "F" * 16, "-" + "1" * 15, "1_" * 8, "0x" + "1" * 14, " " + "1" * 15]
+)
+def test_a_node_id_has_one_form_only_so_that_one_node_has_one_key(text: str) -> None:
+    with pytest.raises(WireError, match="16 lower-case hex digits"):
+        keys.parse_node_id(text)
+    with pytest.raises(WireError, match="16 hex digits"):
+        keys.node_of(f"mocapella/v1/live/front/{text}")
+
+
+@pytest.mark.parametrize("name", ["", "../x", "a/b", "<script>", "-a", "a" * 65, "a b", "*"])
+def test_a_sensor_name_that_could_be_more_than_a_name_is_refused(name: str) -> None:
+    with pytest.raises(SettingsError, match="sensor name"):
+        keys.of_node("live", keys.NodeKey(name, 1))
+
+
+@pytest.mark.parametrize("address", ["", "127.0.0.1:7447", "tcp/127.0.0.1", "tcp/127.0.0.1:0", "tcp/h:99999", "x/h:1"])
+def test_an_address_that_cannot_be_used_is_refused(address: str) -> None:
+    with pytest.raises(BusError, match=r"tcp/127\.0\.0\.1:7447"):
+        check_address(address)
+
+
+def test_loopback_is_told_from_other_interfaces() -> None:
+    assert is_loopback("tcp/127.0.0.1:7447")
+    assert is_loopback("tcp/[::1]:7447")
+    assert not is_loopback("tcp/0.0.0.0:7447")
+    assert not is_loopback("tcp/192.0.2.1:7447")
