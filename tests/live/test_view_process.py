@@ -23,20 +23,20 @@ def test_the_demo_is_shown_recorded_and_not_hurt_by_a_closed_browser(tmp_path: P
     port, page_port = free_port(), free_port()
     with Program(tmp_path, "demo", "demo", "--no-browser", "--scene", "stand", "--port", str(port), "--view-port",
                  str(page_port)) as demo:  # fmt: skip
-        wait_until("its URL", demo.said(f"live view: http://127.0.0.1:{page_port}"), timeout=60.0)
+        wait_until("its URL", demo.said(f"live view: http://127.0.0.1:{page_port}"), timeout=120.0)
         session = open_reader(f"tcp/127.0.0.1:{port}")
         try:
             with sync_playwright() as playwright:
                 browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
                 page = browser.new_page(viewport={"width": 1600, "height": 900})
-                page.set_default_timeout(60_000)
+                page.set_default_timeout(120_000)
                 page.goto(f"http://127.0.0.1:{page_port}")
-                page.get_by_text("Tracking", exact=True).locator("visible=true").first.wait_for()
+                page.locator(".mocapella-status", has_text="Tracking").wait_for()
                 page.get_by_role("button", name="Record", exact=True).click()
-                wait_until("the recording", lambda: _recording(session) > 0)
+                wait_until("the recording", lambda: _recording(session) > 0, timeout=120.0)
                 browser.close()
             count = _recording(session)
-            wait_until("it goes on without the browser", lambda: _recording(session) > count + 30)
+            wait_until("it goes on without the browser", lambda: _recording(session) > count + 30, timeout=120.0)
         finally:
             session.close()
         assert demo.end() == 0, demo.output

@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import base64
 import colorsys
+import dataclasses
 import re
 import shutil
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from browser import FLAGS
 from stand_in import StandIn
-from walkers import Room, in_picture
+from walkers import HEIGHT_M, KINECT, Room, in_picture
 
+from mocapella.geometry.rigid import apply
 from mocapella.model.session import RecordingHealth, SensorPose, Setup
-from mocapella.viewer.layout import Look
+from mocapella.viewer.layout import SENSORS_SCALE, Look, lane_origins
 from mocapella.viewer.palette import SENSORS, person_colour
 from mocapella.viewer.perspective import Floors, Perspectives
+from mocapella.viewer.setup_form import PoseField, SetupFields
 from mocapella.viewer.stages import tracking_drawing
 
 CHROMIUM = shutil.which("chromium")
@@ -60,6 +64,14 @@ class Tab:
     def expect(self, text):
         self.page.get_by_text(text).locator("visible=true").first.wait_for()
 
+    def expect_state(self, state):
+        """Wait until the headline says it."""
+        self.page.locator(".mocapella-status", has_text=state).wait_for()
+
+    def expect_value(self, label, value, place=0):
+        """Wait until the field holds it."""
+        until(self, lambda: self.field(label).nth(place).input_value() == value, f"{label} is {value}")
+
     def expect_enabled(self, name, enabled=True):
         """Wait until the button can be pressed, or cannot."""
         selector = "button:not([disabled])" if enabled else "button[disabled]"
@@ -85,6 +97,14 @@ class Tab:
             shot,
         )
         return np.frombuffer(base64.b64decode(raw), np.uint8).reshape(height, width, 4)[..., :3]
+
+
+def until(tab, holds, what):
+    """Wait until it holds; the page goes on meanwhile."""
+    deadline = time.monotonic() + WAIT_MS / 1000
+    while not holds():
+        assert time.monotonic() < deadline, f"waited {WAIT_MS / 1000:g} s until {what}"
+        tab.page.wait_for_timeout(50)
 
 
 @pytest.fixture(scope="module")
@@ -147,38 +167,51 @@ def canvas(pixels):
 
 def test_the_canvas_shows_people_in_their_colours_sensors_in_theirs_and_the_fused_skeleton_white(server, tab):
     server.change(running=True, phase="tracking")
-    tab.expect("Tracking")
+    tab.expect_state("Tracking")
     tab.button("Both").click()
     tab.page.locator(".mantine-Notification-closeButton").first.click()  # the note that the browser draws in software
-    shot = settled(tab, lambda pixels: heads(server, pixels).min() > 150)
-    picture = canvas(shot)
+    shown = settled(tab, lambda pixels: figures(server, pixels).min() > 0.5)
     ARTIFACTS.mkdir(exist_ok=True)
     tab.page.screenshot(path=ARTIFACTS / "view-test.png")
     server.empty = True
-    nobody = settled(tab, lambda pixels: heads(server, pixels).max() < 80)
-    empty = canvas(nobody)
-    assert picture.astype(float).var() > 50
+    empty = settled(tab, lambda pixels: figures(server, pixels).max() < 0.05)
+    assert canvas(shown).astype(float).var() > 50
     for colour in (person_colour(2), person_colour(3)):
-        assert of_hue(empty, colour) < 20
-        assert of_hue(picture, colour) > 100
-    came = np.abs(picture.astype(int) - empty).max(axis=-1) > 40
+        assert of_hue(canvas(shown), colour) > 100
+        assert of_hue(canvas(empty), colour) < 20
+    came = np.abs(canvas(shown).astype(int) - canvas(empty)).max(axis=-1) > 40
     for colour in SENSORS[:3]:
-        assert of_hue(picture[came], colour) > 60
-    white = heads(server, shot)
-    assert len(white) == 2
-    assert white.min() > 150
+        assert of_hue(canvas(shown)[came], colour) > 60
+    white = heads(server, shown)
+    assert white.shape == (2, 3)
     assert np.ptp(white, axis=1).max() < 25
-    assert heads(server, nobody).max() < 80
 
 
-def settled(tab, as_wanted, tries=8):
-    """The page's pixels as soon as they are as wanted, or the last that were tried."""
-    for _ in range(tries):
-        pixels = tab.pixels()
-        if as_wanted(pixels):
-            break
-        tab.page.wait_for_timeout(500)
-    return pixels
+def settled(tab, as_wanted):
+    """The page's pixels as soon as they are as wanted; fails where they never are.
+
+    The stages reach a browser in messages of their own, in no order, so a picture can hold one stage of before and
+    one of after: ``as_wanted`` has to look at all that the test then asserts of.
+    """
+    shots = []
+
+    def wanted():
+        shots[:] = [tab.pixels()]
+        return as_wanted(shots[0])
+
+    until(tab, wanted, "the picture is as wanted")
+    return shots[0]
+
+
+def figures(server, pixels):
+    """How much each thing is there, 0 to 1: both fused heads, both people's colours, the skeletons in each lane."""
+    fused = (heads(server, pixels).min(axis=-1) - 60) / 120
+    people = [of_hue(canvas(pixels), person_colour(person)) / 400 for person in (2, 3)]
+    lanes = []
+    for sensor, points in lane_points(server).items():
+        around = [pixels[y - 4 : y + 5, x - 4 : x + 5].reshape(-1, 3) for x, y in on_page(server, points)]
+        lanes.append(sum(of_hue(part, SENSORS[server.room.names.index(sensor)]) > 4 for part in around) / len(around))
+    return np.clip([*fused, *people, *lanes], 0, 1)
 
 
 def heads(server, pixels):
@@ -188,45 +221,64 @@ def heads(server, pixels):
     floors.learn_frame(server.frames["front"])
     joints = tracking_drawing(server.scene, "front", seen, floors).joints
     centres = joints.positions[joints.scales[:, 0] > 0.9 * joints.scales[:, 0].max()]
+    return np.array([pixels[y - 2 : y + 3, x - 2 : x + 3].mean(axis=(0, 1)) for x, y in on_page(server, centres)])
+
+
+def lane_points(server):
+    """(people, 3) by sensor, the middle of each person's left shin in the gallery, where no frustum is."""
+    points = {}
+    for name, origin in zip(sorted(server.frames), lane_origins(len(server.frames)), strict=True):
+        frame, floors = server.frames[name], Floors()
+        floors.learn_frame(frame)
+        shins = frame.positions[:, [KINECT.index("KneeLeft"), KINECT.index("AnkleLeft")]].mean(axis=1)
+        points[name] = apply(floors.level(name), shins) * SENSORS_SCALE + origin
+    return points
+
+
+def on_page(server, points):
+    """(n, 2) int, where the points (n, 3) are on the first browser's page."""
     camera = min(server.viewer._server.get_clients().items())[1].camera
     look, size = Look(camera.position, camera.look_at, camera.fov), (camera.image_width, camera.image_height)
-    places = (in_picture(look, centres, size[0] / size[1]) * [1, -1] + 1) / 2 * size
-    return np.array([pixels[int(y) - 2 : int(y) + 3, int(x) - 2 : int(x) + 3].mean(axis=(0, 1)) for x, y in places])
+    return ((in_picture(look, points, size[0] / size[1]) * [1, -1] + 1) / 2 * size).astype(int)
 
 
 def test_every_control_sends_its_command(server, tab):
-    tab.expect("Stopped")
+    tab.expect_state("Stopped")
     for name, enabled in (("Start", True), ("Stop", False), ("Recalibrate", False), ("Stop recording", False)):
-        assert tab.button(name).is_enabled() == enabled
+        tab.expect_enabled(name, enabled)
     tab.button("Start").click()
     tab.expect_enabled("Recalibrate")
-    assert not tab.button("Start").is_enabled()
+    tab.expect_enabled("Start", enabled=False)
     tab.button("Recalibrate").click()
     tab.expect("30 of 120 frames to go: stand still · asked for")
     tab.page.locator("[role=progressbar]").first.wait_for()
     tab.button("Stop").click()
-    tab.expect("Stopped")
+    tab.expect_state("Stopped")
     tab.type("Take", "walk-1")
-    tab.page.wait_for_timeout(300)
+    until(tab, lambda: panels(server)[0]._name.value == "walk-1", "the name has arrived")
     tab.button("Record").click()
     tab.expect("walk-1.mcap")
     tab.expect_enabled("Stop recording")
-    assert not tab.button("Record").is_enabled()
+    tab.expect_enabled("Record", enabled=False)
     tab.button("Stop recording").click()
     tab.expect_enabled("Record")
-    assert tab.field("Take").input_value() == "walk-2"
+    tab.expect_value("Take", "walk-2")
     verbs = [("start", {}), ("recalibrate", {}), ("stop", {}), ("record", {"name": "walk-1"}), ("record-stop", {})]
     assert server.commands == verbs
 
 
 def test_the_setup_form_sends_what_was_typed(server, tab):
     open_setup(tab)
-    assert not tab.button("Apply setup").is_enabled()
+    tab.expect_enabled("Apply setup", enabled=False)
     tab.type("Participant", "7")
     tab.choose("Placement", "right-45")
     tab.choose("Scenario", "walk")
     tab.type("left °, m", "1.4", place=1)
     tab.field("left °, m").nth(1).blur()
+    typed = SetupFields("stand-still", 3, "7", "right-45", "walk")
+    poses = {name: PoseField(0.0, 1.4 if name == "left" else HEIGHT_M) for name in server.room.names}
+    typed = dataclasses.replace(typed, poses=poses)
+    until(tab, lambda: panels(server)[0]._setup._read() == typed, "all that was typed has arrived")
     tab.expect_enabled("Apply setup")
     tab.button("Apply setup").click()
     tab.expect_enabled("Apply setup", enabled=False)
@@ -243,10 +295,10 @@ def test_edits_that_are_not_applied_stay_when_the_server_changes_and_go_when_rev
     tab.expect_enabled("Revert edits")
     server.change(setup=Setup(sensors_expected=5))
     tab.page.wait_for_function("[...document.querySelectorAll('input')].some(input => input.value === '5')")
-    assert tab.field("Participant").input_value() == "12"
+    tab.expect_value("Participant", "12")
     tab.button("Revert edits").click()
     tab.expect_enabled("Revert edits", enabled=False)
-    assert tab.field("Participant").input_value() == ""
+    tab.expect_value("Participant", "")
 
 
 def test_a_participant_that_is_no_number_is_refused_in_the_page(server, tab):
@@ -271,9 +323,9 @@ def test_a_slow_server_does_not_hold_up_the_view(server, tab):
 
 def test_without_a_server_all_is_disabled(server, tab):
     server.answers = False
-    tab.expect("No server")
+    tab.expect_state("No server")
     for name in ("Start", "Stop", "Recalibrate", "Record", "Stop recording"):
-        assert not tab.button(name).is_enabled()
+        tab.expect_enabled(name, enabled=False)
 
 
 def test_a_sensor_called_script_is_harmless(server, tab):
@@ -301,12 +353,12 @@ def test_two_browsers_with_opposite_commands_both_show_the_final_state(server, t
     first.expect_enabled("Start")
     server.gate.clear()
     first.button("Start").click()
-    first.page.wait_for_timeout(200)
+    until(first, lambda: len(server.commands) == 3, "the third command has come")
     server.gate.set()
     second.expect_enabled("Stop")
     for tab in tabs:
-        tab.expect("Tracking")
-        assert not tab.button("Start").is_enabled()
+        tab.expect_state("Tracking")
+        tab.expect_enabled("Start", enabled=False)
     assert [verb for verb, _ in server.commands] == ["start", "stop", "start"]
 
 
@@ -314,10 +366,15 @@ def test_a_refused_command_is_explained_in_the_browser_that_gave_it(server, tabs
     first, second = tabs
     first.page.bring_to_front()
     first.type("Take", "taken")
-    first.page.wait_for_timeout(300)
+    until(first, lambda: panels(server)[0]._name.value == "taken", "the name has arrived")
     first.button("Record").click()
     first.expect("taken is taken; take another name")
     assert second.page.get_by_text("taken is taken").count() == 0
+
+
+def panels(server):
+    """The panel of each browser, as the view's loop has it."""
+    return [browser._panel for _, browser in sorted(server.viewer._browsers.items())]
 
 
 def cameras(server):
@@ -331,17 +388,9 @@ def test_a_perspective_moves_the_camera_of_its_own_browser_to_the_sensor(server,
     before = cameras(server)
     first.choose("Perspective", "left")
     wanted = [0.0, server.frames["left"].height, 0.0]
-    for _ in range(40):
-        first.page.wait_for_timeout(100)
-        if np.allclose(cameras(server)[0], wanted, atol=1e-2):
-            break
-    assert cameras(server)[0] == pytest.approx(wanted, abs=1e-2)
-    assert cameras(server)[1] == pytest.approx(before[1])
+    until(first, lambda: np.allclose(cameras(server)[0], wanted, atol=1e-2), "the camera is at the sensor")
+    assert cameras(server)[1] == pytest.approx(before[1], abs=1e-2)
     for aim in ("Tracking", "Sensors", "Sensor's eyes"):
         first.button(aim).click()
     first.choose("Perspective", "free")
-    for _ in range(40):
-        first.page.wait_for_timeout(100)
-        if cameras(server)[0, 2] < -1:
-            break
-    assert cameras(server)[0, 2] < -1
+    until(first, lambda: cameras(server)[0, 2] < -1, "the camera is before the stages")
