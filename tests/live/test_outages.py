@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -168,6 +169,44 @@ def test_a_take_recorded_by_command_begins_mid_session_and_replays_alike(served:
     assert row["frames_out"] > 0
     assert row["state_changes"][0]["phase"] == "tracking"
     assert row["most_people"] > 0
+
+
+def test_takes_are_whole_and_nobody_flaps_when_something_stands_still_as_they_begin_and_end(
+    served: Served, tmp_path: Path
+) -> None:
+    """As on a machine that has too much to do. Each take replays to what was tracked live."""
+    with (
+        simulate(tmp_path, served.address, "1", "--name", "front") as front,
+        simulate(tmp_path, served.address, "2", "--name", "side") as side,
+    ):
+        wait_until("tracking", lambda: served.status().phase == "tracking", timeout=60.0)
+        said = served.program.output
+        takes = []
+        for k, paused in enumerate((front, side, served.program, front)):
+            pid = paused.process.pid
+            os.kill(pid, signal.SIGSTOP)
+            resume = threading.Timer(0.7, os.kill, (pid, signal.SIGCONT))
+            resume.start()
+            begun = send_command(served.session, "record", {"name": f"paused-{k}"}, timeout=30.0)
+            assert begun.ok, begun.message
+            resume.join()
+            time.sleep(1.0)
+            os.kill(pid, signal.SIGSTOP)
+            resume = threading.Timer(0.7, os.kill, (pid, signal.SIGCONT))
+            resume.start()
+            ended = send_command(served.session, "record-stop", timeout=60.0)
+            resume.join()
+            assert ended.ok, ended.message
+            takes.append(tmp_path / "takes" / f"paused-{k}.mcap")
+        notices = served.program.output.removeprefix(said)
+        assert "sent nothing" not in notices
+        assert "left" not in notices
+        status = served.status()
+        assert status.phase == "tracking"
+    for row in result(tmp_path, "replay", *map(str, takes)):
+        assert row["differing_scenes"] == 0
+        assert row["frames_out"] > 30
+        assert row["state_changes"][0]["phase"] == "tracking"
 
 
 def test_no_server_is_an_error_and_not_a_hang(tmp_path: Path) -> None:

@@ -34,14 +34,12 @@ class Bus:
     """In place of the bus: remembers how far back was asked; may be slow to end the record path."""
 
     def __init__(self) -> None:
-        self.asked: list[float] = []
         self.fetched: list[float] = []
         self.open = 0
         self.may_end = threading.Event()
         self.may_end.set()
 
-    def start_record_path(self, _on_frame: OnFrame, history_s: float) -> None:
-        self.asked.append(history_s)
+    def start_record_path(self, _on_frame: OnFrame) -> None:
         self.open = 1
 
     def fetch_history(self, _on_frame: OnFrame, history_s: float) -> None:
@@ -89,7 +87,7 @@ def office() -> Iterator[Desk]:
     made = Desk()
     yield made
     made.bus.may_end.set()
-    made.desk.finish({})
+    made.desk.finish()
 
 
 def test_a_gap_that_the_bus_left_is_asked_for_again_and_mended(
@@ -103,9 +101,30 @@ def test_a_gap_that_the_bus_left_is_asked_for_again_and_mended(
     assert len(office.bus.fetched) == 1
     assert any("5 missing frames" in text for text in office.said)
     office.record(*range(10))
-    assert office.desk.finish({NODE: 9}).lost == 0
+    assert office.desk.finish().lost == 0
     (frames,) = read_take(tmp_path / "a.mcap").complete()
     assert (frames.first, frames.last, frames.missing) == (0, 9, ())
+
+
+def test_a_take_begins_after_the_newest_frame_and_newcomers_are_asked_for_once(
+    office: Desk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(refetch, "ASK_AFTER_S", 0.0)
+    office.desk.begin(tmp_path / "a.mcap", newest={NODE: 4})
+    office.record(3, 4, 5, 6)
+    wait_until("they are there", lambda: office.recorder.health().frames == 2)
+    office.desk.fetch_missing()
+    assert office.bus.fetched == []
+    office.desk.finish()
+    office.desk.begin(tmp_path / "b.mcap", newest={NODE: 4})
+    office.record(6, 7)  # 5 was lost on the way, and no frame before it tells
+    wait_until("they are there", lambda: office.recorder.health().frames == 2)
+    office.desk.fetch_missing()
+    office.desk.fetch_missing()
+    assert len(office.bus.fetched) == 1
+    office.record(5)
+    office.desk.finish()
+    assert [frames.first for take in "ab" for frames in read_take(tmp_path / f"{take}.mcap").complete()] == [5, 5]
 
 
 def test_frames_that_were_held_up_are_asked_for_back_to_when_they_were_sent(
@@ -128,7 +147,7 @@ def test_the_end_of_a_take_asks_for_what_is_missing_and_says_what_does_not_come(
     monkeypatch.setattr("mocapella.live.recording_desk.CATCH_UP_S", 0.5)
     office.desk.begin(tmp_path / "a.mcap")
     office.record(0, 1, 2, 8, 9)
-    health = office.desk.finish({NODE: 9})
+    health = office.desk.finish()
     assert health.lost == 5
     assert len(office.bus.fetched) == refetch.MOST_ASKS
     assert office.bus.open == 0
@@ -140,7 +159,7 @@ def test_a_take_that_is_being_closed_is_waited_for_and_none_begins_meanwhile(off
     office.record(0)
     office.bus.may_end.clear()
     results = []
-    ends = [threading.Thread(target=lambda: results.append(office.desk.finish({NODE: 0}))) for _ in range(3)]
+    ends = [threading.Thread(target=lambda: results.append(office.desk.finish())) for _ in range(3)]
     for thread in ends:
         thread.start()
     wait_until("one of them closes it", lambda: office.desk.recorder is None)
@@ -164,7 +183,7 @@ def test_a_frame_under_another_nodes_key_does_not_get_into_a_take(office: Desk, 
     office.record(2, node_id=2)
     office.recorder.truth("front", b"no truth", 1003)
     office.record(1)
-    assert office.desk.finish({NODE: 1}).frames == 2
+    assert office.desk.finish().frames == 2
     take = read_take(tmp_path / "a.mcap")
     assert [(frames.sensor, frames.node_id, frames.stored) for frames in take.complete()] == [("front", 1, 2)]
     assert list(take.truths("front")) == []
@@ -183,7 +202,7 @@ def test_a_take_that_is_removed_while_it_is_recorded_stops_loudly_and_another_ca
     wait_until("it is stored", lambda: office.desk.health().frames == 2)
     (tmp_path / "a.mcap").unlink()
     wait_until("it is noticed", lambda: not office.desk.health().active)
-    health = office.desk.finish({})
+    health = office.desk.finish()
     assert "was removed while it was recorded" in health.problem
     assert (health.frames, health.lost) == (0, 2)
     assert any("RECORDING STOPPED" in text for text in office.said)
@@ -203,7 +222,7 @@ def test_a_recorder_that_fails_of_what_nobody_foresaw_says_so(
     with monkeypatch.context() as patch:
         patch.setattr(TakeWriter, "flush", fails)
         wait_until("it is noticed", lambda: not office.desk.health().active)
-    assert "failed" in office.desk.finish({}).problem
+    assert "failed" in office.desk.finish().problem
     assert any("RECORDING STOPPED" in text for text in office.said)
     office.desk.begin(tmp_path / "b.mcap")
     assert office.desk.health().active

@@ -72,8 +72,10 @@ def test_what_comes_after_all_is_no_longer_given_up() -> None:
     assert refetch.given_up == 0
 
 
-def test_a_take_that_was_cut_off_is_asked_for_once_though_no_gap_is_known() -> None:
-    """A sensor may have begun while the server was away: then nobody can know what is missing of it."""
-    refetch = Refetch(100.0, 60.0)
+def test_what_newcomers_sent_before_is_asked_for_once_though_no_gap_is_known() -> None:
+    """As of a sensor that began while the server was away: nobody can know what is missing of it."""
+    refetch = Refetch()
+    refetch.newcomer(60.0, 100.0)
+    refetch.newcomer(90.0, 101.0)
     (back,) = asked(refetch, 0, 100.0, 200.0)
     assert 40.0 + ASK_AFTER_S < back < 60.0

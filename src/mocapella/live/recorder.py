@@ -22,19 +22,17 @@ from mocapella.schema import decode_frame, decode_truth
 from mocapella.wire.keys import NodeKey
 
 FLUSH_EVERY_S = 0.25
-FRESH_HISTORY_S = 1.0
-"""A new take begins up to this much before its button was pressed, so that no frame falls between."""
 _QUEUE_BYTES = 512 * 1024 * 1024
 
 
 def begin_take(path: Path, info: TakeInfo, *, reserve_bytes: int, resume: bool = False) -> tuple[TakeWriter, float]:
-    """A writer for ``path``, and for how many seconds back the nodes' caches are to be asked.
+    """A writer for ``path``, and how many seconds ago the last was written of a take that was cut off, and some more.
 
     Raises:
         TakeExistsError, DiskFullError, RecordingError: before anything is created.
     """
     cut_off = resume and path.exists()
-    history_s = time.time() - path.stat().st_mtime + 5.0 if cut_off else FRESH_HISTORY_S
+    history_s = time.time() - path.stat().st_mtime + 5.0 if cut_off else 0.0
     create = TakeWriter.resume_or_create if resume else TakeWriter.create
     return create(path, info=info, reserve_bytes=reserve_bytes), history_s
 
@@ -58,12 +56,16 @@ class _Newest(NamedTuple):
 class Recorder:
     """One take being recorded, on a thread of its own.
 
+    Every frame that is tracked comes to it from the tracker, and once more by the record path, with those that were
+    not tracked because the tracker fell behind or the live path dropped them.
+
     ``say`` is called with a sentence when something happens that a person must know, such as a full disk. ``first`` has
     for a node the number of its first frame that belongs to the take.
 
     Attributes:
         missing: how many frames are known to be missing from the take now.
         gaps: a time [s] for each gap that was found: its frames were sent after it. Whoever reads them takes them out.
+        newcomers: the same of nodes whose first frame here is not their first: there may be frames before it.
     """
 
     def __init__(
@@ -84,6 +86,7 @@ class Recorder:
         self._newest: dict[NodeKey, _Newest] = {}
         self._not_before = self._began - history_s
         self.gaps: deque[float] = deque()
+        self.newcomers: deque[float] = deque()
         self._refused: set[tuple[str, str]] = set()
         self.missing = 0
         self._health = _Counts({}, {}, 0)
@@ -91,7 +94,7 @@ class Recorder:
         self._thread.start()
 
     def frame(self, node: NodeKey, data: bytes, arrived_ns: int) -> None:
-        """A frame of the record path."""
+        """A frame; it may come several times."""
         if not self._put(len(data), partial(self._write_frame, node, data, arrived_ns)):
             self._overrun += 1
 
@@ -142,12 +145,13 @@ class Recorder:
         """Frames by sensor: in the take and safe; known to be missing."""
         return self._health.frames, self._health.lost
 
-    def wait_for(self, newest: Mapping[NodeKey, int], missing: int, timeout: float) -> bool:
-        """Until the take has these newest frames of each node, and misses no more; False when the time is over."""
+    def wait_for(self, missing: int, timeout: float) -> bool:
+        """Until all that was handed over is written, and the take misses no more; False when the time is over."""
         deadline = time.monotonic() + timeout
+        written = threading.Event()
+        self._queue.put(written.set)
         while time.monotonic() < deadline and self._thread.is_alive():
-            there = all(node in self._newest and self._newest[node].sequence >= k for node, k in newest.items())
-            if there and self.missing <= missing:
+            if written.is_set() and self.missing <= missing:
                 return True
             time.sleep(0.02)
         return False
@@ -206,8 +210,10 @@ class Recorder:
         except WireError as error:
             self._refuse(node.sensor, "frames", str(error))
             return
-        if frame.sequence < self._first.get(node, 0):  # from long before the take began
+        if frame.sequence < self._first.get(node, 0):  # from before the take began
             return
+        if node not in self._newest and frame.sequence > self._first.get(node, 0):
+            self.newcomers.append(self._not_before)
         self._writer.write_frame(
             data, sensor=node.sensor, node_id=node.node_id, sequence=frame.sequence, log_ns=arrived_ns
         )

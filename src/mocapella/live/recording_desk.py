@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +18,10 @@ from mocapella.recording.take import TakeInfo
 from mocapella.wire.keys import NodeKey
 from mocapella.wire.server import OnFrame, ServerLink
 
-EARLIER_FRAMES = 45
-"""Of each node, how many frames before the beginning a new take has at most."""
+STRAGGLERS_S = 0.2
+"""How long frames that were on their way when a take was ended are still taken in."""
 CATCH_UP_S = 2.0
-"""How long the end of a take waits for frames of the record path that the live path has already brought."""
+"""How long the end of a take waits for missing frames before it asks for them again."""
 
 
 def outcome(health: RecordingHealth) -> str:
@@ -31,6 +32,8 @@ def outcome(health: RecordingHealth) -> str:
 
 class RecordingDesk:
     """At most one take at a time, whoever begins and ends it on whichever thread.
+
+    ``between_steps`` is held while a take is taken away from the tracker: a step is in it whole or not at all.
 
     Attributes:
         recorder: of the take that is being recorded; None where none is. Read it once before use: it may be ended on
@@ -45,10 +48,12 @@ class RecordingDesk:
         say: Callable[[str], None],
         *,
         reserve_bytes: int,
+        between_steps: AbstractContextManager[object] | None = None,
     ) -> None:
         self.recorder: Recorder | None = None
         self._session, self._link, self._on_frame, self._say = session, link, on_frame, say
         self._reserve_bytes = reserve_bytes
+        self._between_steps = between_steps or nullcontext()
         self._last = RecordingHealth()
         self._changing = threading.Lock()
         self._refetch = Refetch()
@@ -61,8 +66,7 @@ class RecordingDesk:
     def begin(self, path: Path, *, resume: bool = False, newest: Mapping[NodeKey, int] | None = None) -> str:
         """Begin a take at ``path``; with ``resume``, go on with one that was cut off.
 
-        ``newest`` has the number of each node's newest frame. The bus may answer with all that a node has kept; what
-        is long before the beginning was not asked for and is not stored.
+        ``newest`` has the number of each node's newest frame that was tracked: a new take begins after it.
 
         The take begins with the tracker's memory, so that it can be replayed although it begins in the middle.
 
@@ -83,16 +87,18 @@ class RecordingDesk:
             raise NotNowError(f"already recording {health.path}; stop that first")
         self._end()
         fresh = not (resume and path.exists())
-        first = {node: sequence - EARLIER_FRAMES for node, sequence in newest.items()} if fresh else {}
+        first = {node: sequence + 1 for node, sequence in newest.items()} if fresh else {}
         writer, history_s = begin_take(path, self._info(), reserve_bytes=self._reserve_bytes, resume=resume)
         recorder = Recorder(writer, self._say, history_s, first)
         self._command(recorder, "restore", self._session.memory())
         if not self._session.running:
             self._command(recorder, "stop", {})
         now_s = time.monotonic()
-        self._refetch = Refetch(now_s, now_s - history_s if resume else None)
+        self._refetch = Refetch()
+        if not fresh:  # a sensor may have begun meanwhile
+            self._refetch.newcomer(now_s - history_s, now_s)
         self.recorder = recorder
-        self._link.start_record_path(self._on_frame, history_s)
+        self._link.start_record_path(self._on_frame)
         return f"recording {path}"
 
     def tell(self, verb: str, arguments: Mapping[str, Any]) -> None:
@@ -107,15 +113,13 @@ class RecordingDesk:
         if not self._session.running:
             self._command(recorder, "stop", {})
 
-    def finish(self, newest: Mapping[NodeKey, int]) -> RecordingHealth:
-        """End the take, when it has these newest frames or cannot get them; says how it ended.
-
-        What is missing is asked for until it has come or is given up, which takes some seconds.
-        """
+    def finish(self) -> RecordingHealth:
+        """End the take and say how it ended; what it misses is asked for until it has come or is given up."""
         with self._changing:
             recorder, given_up = self.recorder, self._refetch.given_up
             if recorder is not None:
-                while not recorder.wait_for(newest, given_up, CATCH_UP_S) and self._ask_again(recorder, at_once=True):
+                time.sleep(STRAGGLERS_S)
+                while not recorder.wait_for(given_up, CATCH_UP_S) and self._ask_again(recorder, at_once=True):
                     pass
             self._end()
         return self._last
@@ -132,6 +136,8 @@ class RecordingDesk:
     def _ask_again(self, recorder: Recorder, *, at_once: bool = False) -> bool:
         while recorder.gaps:
             self._refetch.opened(recorder.gaps.popleft())
+        while recorder.newcomers:
+            self._refetch.newcomer(recorder.newcomers.popleft(), time.monotonic())
         missing = recorder.missing  # read after the gaps, because it is written before them
         back_s = self._refetch.update(missing, time.monotonic(), at_once=at_once)
         if back_s is not None:
@@ -141,10 +147,10 @@ class RecordingDesk:
         return back_s is not None
 
     def _end(self) -> None:
-        recorder = self.recorder
+        with self._between_steps:
+            recorder, self.recorder = self.recorder, None
         if recorder is None:
             return
-        self.recorder = None
         self._link.stop_record_path()
         self._last = recorder.close()
         self._say(outcome(self._last))

@@ -20,19 +20,14 @@ _MARGIN_S = 5.0
 class Refetch:
     """Follows the gaps of a take. Times are on one steady clock [s].
 
-    Args:
-        resumed_s: since when frames may be missing of a take that was cut off, and that is therefore asked for once
-            although no gap is known: a sensor may have begun meanwhile.
-        now_s: when the recording began.
-
     Attributes:
         given_up: how many frames are missing for good.
     """
 
-    def __init__(self, now_s: float = 0.0, resumed_s: float | None = None) -> None:
+    def __init__(self) -> None:
         self.given_up = 0
-        self._resumed_s = resumed_s
-        self._began_s = now_s
+        self._newcomer_since_s: float | None = None
+        self._newcomer_seen_s = 0.0
         self._rest()
 
     def _rest(self) -> None:
@@ -44,13 +39,19 @@ class Refetch:
         """A gap was found: frames that were sent after ``since_s`` are missing."""
         self._since_s = min(self._since_s, since_s)
 
+    def newcomer(self, since_s: float, now_s: float) -> None:
+        """A sensor has begun whose first frames, sent after ``since_s``, may have been missed: ask once, in a while."""
+        if self._newcomer_since_s is None:
+            self._newcomer_since_s, self._newcomer_seen_s = since_s, now_s
+        self._newcomer_since_s = min(self._newcomer_since_s, since_s)
+
     def update(self, missing: int, now_s: float, *, at_once: bool = False) -> float | None:
         """How many seconds back to ask now, where so many frames are missing; None where there is nothing to ask.
 
         ``at_once`` does not wait for the bus to bring them by itself.
         """
-        if self._resumed_s is not None and now_s - self._began_s >= ASK_AFTER_S:
-            since_s, self._resumed_s = self._resumed_s, None
+        if self._newcomer_since_s is not None and (at_once or now_s - self._newcomer_seen_s >= ASK_AFTER_S):
+            since_s, self._newcomer_since_s = self._newcomer_since_s, None
             return now_s - since_s + _MARGIN_S
         if missing <= self.given_up:
             self.given_up = missing

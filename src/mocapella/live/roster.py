@@ -150,8 +150,8 @@ class Roster:
         return notices
 
     def newest(self) -> dict[NodeKey, int]:
-        """The number of the newest live frame of each connected node."""
-        seats = [seat for seat in self._seats.values() if seat.connected]
+        """The number of each node's newest frame that was let in."""
+        seats = self._seats.values()
         return {seat.node: seat.last_frame.sequence for seat in seats if seat.last_frame is not None}
 
     def nodes(self) -> list[NodeKey]:

@@ -1,6 +1,6 @@
 """The server: frames in, scenes out, commands in between; one thread computes, the others only carry.
 
-bus threads ──► inbox ──► tracker thread ──► bus (scenes), recorder
+bus threads ──► inbox ──► tracker thread ──► bus (scenes), recorder (scenes and the frames they were made of)
           └───► recorder (record path)   ▲ commands, in the order they came
 housekeeping thread: silence, status, frames that a take misses
 clock thread: probes, which a node may leave unanswered
@@ -97,7 +97,12 @@ class Server:
         self.tally = Tally()
         self._link = ServerLink(settings.listen, on_nonsense=self._note)
         self._desk = RecordingDesk(
-            self._session, self._link, self._on_recorded_frame, self._note, reserve_bytes=settings.reserve_bytes
+            self._session,
+            self._link,
+            self._on_recorded_frame,
+            self._note,
+            reserve_bytes=settings.reserve_bytes,
+            between_steps=self._stepping,
         )
         self._link.serve(
             on_frame=self._on_frame, on_truth=self._on_truth, on_alive=self._on_alive, on_command=self._on_command
@@ -185,13 +190,15 @@ class Server:
                 self._roster.rejected(letter.node, str(error))
             return
         self.tally.frames_in += 1
+        recorder = self._desk.recorder
+        if recorder is not None:  # at the latest here, so that a take has every frame that its scenes were made of
+            recorder.frame(letter.node, letter.data, letter.arrived_ns)
         scene = self._session.step(Arrival(frame, at_ns))
         if scene is None:
             return
         data = encode_scene(scene)
         self._link.publish_scene(data)
         done_ns = time.monotonic_ns()
-        recorder = self._desk.recorder
         if recorder is not None:
             recorder.scene(data, letter.arrived_ns)
         with self._lock:
@@ -266,18 +273,13 @@ class Server:
             raise NotNowError("not recording; begin a take first")
 
         def finish() -> None:
-            health = self._finish_recording()
+            health = self._desk.finish()
             self._revision += 1
             self._answer(answer, CommandReply(not health.problem, outcome(health), self.status()))
 
         self._finishing = [thread for thread in self._finishing if thread.is_alive()]
         self._finishing.append(threading.Thread(target=finish, name="finish-take"))
         self._finishing[-1].start()
-
-    def _finish_recording(self) -> RecordingHealth:
-        with self._lock:
-            newest = self._roster.newest()
-        return self._desk.finish(newest)
 
     # Housekeeping.
 
@@ -360,7 +362,7 @@ class Server:
         self._inbox.wake()
         for thread in self._threads:  # no command may begin another take after this one
             thread.join()
-        health = self._finish_recording()
+        health = self._desk.finish()
         for thread in self._finishing:
             thread.join()
         self._link.close()

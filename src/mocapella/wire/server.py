@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from datetime import timedelta
 from typing import Any
 
 import msgspec
@@ -26,6 +27,7 @@ OnNonsense = Callable[[str], None]
 _CACHES = "@adv/pub/**"
 """Where, under its key, an advanced publisher's cache answers."""
 _HISTORY_TIMEOUT_S = 30.0
+_RECOVER_EVERY = timedelta(seconds=0.5)
 
 
 class ServerLink:
@@ -63,26 +65,24 @@ class ServerLink:
         """To whoever shows the session."""
         self._status.put(data)
 
-    def start_record_path(self, on_frame: OnFrame, history_s: float) -> None:
-        """Begin to take in the record path, with what the nodes published in the last ``history_s`` seconds.
+    def start_record_path(self, on_frame: OnFrame) -> None:
+        """Begin to take in the record path; what is lost on the way from now on is fetched from the node's cache.
 
-        What is lost on the way from now on is noticed by its number and fetched from the node's cache.
+        Nothing of what came before: with a history, or with the heartbeat as the sign of a loss, the bus may fetch
+        all that a node has kept (measured; docs/decisions/0004-two-paths.md). `fetch_history` asks for what is wanted.
         """
         self._record = ext.declare_advanced_subscriber(
             self._session,
             keys.ALL_RECORD,
             self._handing_on(on_frame),
-            history=ext.HistoryConfig(detect_late_publishers=True, max_age=history_s),
-            recovery=ext.RecoveryConfig(heartbeat=True),
+            recovery=ext.RecoveryConfig(periodic_queries=_RECOVER_EVERY),
             subscriber_detection=True,
         )
 
     def fetch_history(self, on_frame: OnFrame, history_s: float) -> None:
         """Ask the caches of all nodes that are connected for what they published in the last ``history_s`` seconds.
 
-        Returns at once; the frames come as those of the record path do, also those that came before. The subscriber's
-        own history may come without its beginning where two nodes answer at a time (measured: 28 of 100 times; this
-        way 0 of 120).
+        Returns at once; the frames come as those of the record path do, also those that came before.
         """
         hand_on = self._handing_on(on_frame)
         self._session.get(
