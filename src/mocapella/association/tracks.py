@@ -1,0 +1,258 @@
+"""Who is who, frame by frame: each sensor's bodies are given to the people where they were expected.
+
+Global nearest neighbour with gates (Blackman, Popoli: Design and Analysis of Modern Tracking Systems, 1999, section 6.4);
+the assignment that costs least is found by `scipy.optimize.linear_sum_assignment` (Crouse: On implementing 2D rectangular
+assignment algorithms, 2016). Distances are those of the joints in the middle of the body, so that a sensor that mixes up
+left and right does not make somebody else of a person.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.model.topology import Topology
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TrackSettings:
+    """When a body is somebody who is known.
+
+    Attributes:
+        gate_m: a body further from where a person is expected is not that person.
+        stay_bonus_m: how much further away the body may be that its sensor took for that person just before.
+        speed_m_s: how much the gate widens for each second in which nobody has seen the person.
+        widest_gate_m: and how far at most.
+        confirm_after_s: somebody new is told of when seen for so long; a sensor's phantoms rarely last.
+        forget_after_s: who was not seen for longer is gone, and will be somebody new.
+        same_within_m: two of whom no sensor sees both, and who stay closer than this, are one person.
+        same_after_s: for how long they must.
+    """
+
+    gate_m: float = 0.6
+    stay_bonus_m: float = 0.2
+    speed_m_s: float = 1.5
+    widest_gate_m: float = 2.0
+    confirm_after_s: float = 0.15
+    forget_after_s: float = 30.0
+    same_within_m: float = 0.3
+    same_after_s: float = 0.5
+
+    def __post_init__(self) -> None:
+        check(0 < self.gate_m < 100, "gate_m", self.gate_m, "above 0 m")
+        check(0 <= self.stay_bonus_m < 100, "stay_bonus_m", self.stay_bonus_m, "0 m or more")
+        check(0 <= self.speed_m_s < 100, "speed_m_s", self.speed_m_s, "0 m/s or more")
+        check(self.widest_gate_m >= self.gate_m, "widest_gate_m", self.widest_gate_m, f"{self.gate_m:g} m or more")
+        check(0 <= self.confirm_after_s < 60, "confirm_after_s", self.confirm_after_s, "0 s or more")
+        check(0 < self.forget_after_s < 1e6, "forget_after_s", self.forget_after_s, "above 0 s")
+        check(0 <= self.same_within_m < 100, "same_within_m", self.same_within_m, "0 m or more")
+        check(0 <= self.same_after_s < 60, "same_after_s", self.same_after_s, "0 s or more")
+
+
+class Track(msgspec.Struct, frozen=True, eq=False):
+    """One person, as far as identity goes.
+
+    Attributes:
+        person: number of the person; never given to somebody else.
+        since_s, seen_s: first and last seen, on the common clock.
+        confirmed: whether the person is told of.
+        bodies: tracking id by sensor, of the sensors that saw the person within the last `_RECENT_S`.
+        seen_by_s: when each of those did.
+        middle: (middle joints, 3) where the person was last seen, world [m].
+    """
+
+    person: int
+    since_s: float
+    seen_s: float
+    confirmed: bool
+    bodies: Mapping[str, int]
+    seen_by_s: Mapping[str, float]
+    middle: Float64
+
+
+_RECENT_S = 0.25
+"""A sensor that has not seen a person for so long does not see them."""
+
+
+def middle_joints(topology: Topology) -> NDArray[np.intp]:
+    """The joints that are their own mirror images."""
+    return np.flatnonzero(np.asarray(topology.mirror) == np.arange(len(topology)))
+
+
+def distances(bodies: Float64, people: Float64) -> Float64:
+    """Mean distance of the joints that both have.
+
+    Args:
+        bodies: (n, joints, 3) [m]; NaN where not seen.
+        people: (m, joints, 3), in the same frame.
+
+    Returns:
+        (n, m) [m]; infinite where two have no joint in common.
+    """
+    apart = np.sqrt(((bodies[:, None] - people[None, :]) ** 2).sum(axis=-1))
+    common = np.isfinite(apart)
+    counts = common.sum(axis=-1)
+    total = np.where(common, apart, 0.0).sum(axis=-1)
+    return np.where(counts > 0, total / np.maximum(counts, 1), np.inf)
+
+
+def assign(cost: Float64, allowed: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Rows and columns in pairs, as many as are allowed and of those the ones that cost least together.
+
+    Args:
+        cost: (n, m).
+        allowed: (n, m).
+
+    Returns:
+        (row, column), by rows.
+    """
+    if not allowed.any():
+        return []
+    if cost.shape == (1, 1):
+        return [(0, 0)]
+    from scipy.optimize import linear_sum_assignment
+
+    finite = cost[allowed]
+    too_much = 1.0 + min(cost.shape) * (float(finite.max()) - min(0.0, float(finite.min())) + 1.0)
+    rows, columns = linear_sum_assignment(np.where(allowed, cost, too_much))
+    return [(r, c) for r, c in zip(rows.tolist(), columns.tolist(), strict=True) if allowed[r, c]]
+
+
+class Tracks:
+    """Everybody who is known. The same frames in the same order give the same people.
+
+    Attributes:
+        tracks: in the order of the people's numbers, also those who are lost for now and those not confirmed yet.
+        merged: (kept, given up) numbers of those who turned out to be one person in the last update.
+    """
+
+    def __init__(self, settings: TrackSettings | None = None) -> None:
+        self.settings = settings or TrackSettings()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everybody; the numbers begin at 0."""
+        self.tracks: tuple[Track, ...] = ()
+        self.merged: tuple[tuple[int, int], ...] = ()
+        self._next = 0
+        self._close_since_s: dict[tuple[int, int], float] = {}
+
+    def update(
+        self, sensor: str, ids: Sequence[int], middles: Float64, expected: Mapping[int, Float64], at_s: float
+    ) -> tuple[int, ...]:
+        """Give one frame's bodies to people.
+
+        Args:
+            sensor: whose frame it is.
+            ids: (bodies,) its tracking ids.
+            middles: (bodies, middle joints, 3), world [m].
+            expected: by person, (middle joints, 3) where they are expected now [m]; who is not in it is expected where
+                they were last seen.
+            at_s: when the frame was captured, on the common clock.
+
+        Returns:
+            (bodies,) the person of each; −1 for a body of whose middle nothing is seen, where it is nobody known.
+        """
+        s = self.settings
+        known = [track for track in self.tracks if at_s - track.seen_s <= _patience_s(track, s)]
+        people: list[Track | None] = [None] * len(ids)
+        unplaced = ~np.isfinite(middles).all(axis=-1).any(axis=-1)
+        if known and ids:
+            where = np.stack([expected.get(track.person, track.middle) for track in known])
+            apart = distances(middles, where)
+            unseen_s = np.array([max(0.0, at_s - track.seen_s - _RECENT_S) for track in known])
+            gates = np.minimum(s.gate_m + s.speed_m_s * unseen_s, s.widest_gate_m)
+            held = np.array([[track.bodies.get(sensor) == body for track in known] for body in ids])
+            cost = apart - s.stay_bonus_m * held + 0.5 * (gates - s.gate_m)  # who is seen comes before who is lost
+            allowed = (apart <= gates) | (held & unplaced[:, None])
+            for body, column in assign(np.where(np.isfinite(cost), cost, s.gate_m), allowed):
+                people[body] = known[column]
+        found = {track.person: track for track in known}
+        for body, (tracking_id, track) in enumerate(zip(ids, people, strict=True)):
+            if track is None and unplaced[body]:
+                continue
+            person = _seen(track or self._somebody(at_s), sensor, tracking_id, middles[body], at_s, s)
+            people[body], found[person.person] = person, person
+        seen = {track.person for track in people if track is not None}
+        self.tracks = tuple(
+            track if track.person in seen else _without(track, sensor, at_s) for _, track in sorted(found.items())
+        )
+        self._join(at_s)
+        kept = {gone: stays for stays, gone in self.merged}
+        return tuple(-1 if track is None else kept.get(track.person, track.person) for track in people)
+
+    def _somebody(self, at_s: float) -> Track:
+        self._next += 1
+        return Track(self._next - 1, at_s, at_s, False, {}, {}, np.empty((0, 3)))
+
+    def _join(self, at_s: float) -> None:
+        """Make one of two who have been in one place for long enough, where no sensor says that they are two."""
+        s, merged = self.settings, []
+        present = [track for track in self.tracks if track.bodies]
+        close: dict[tuple[int, int], float] = {}
+        for i, one in enumerate(present):
+            for other in present[i + 1 :]:
+                if set(one.bodies) & set(other.bodies):
+                    continue
+                if distances(one.middle[None], other.middle[None])[0, 0] > s.same_within_m:
+                    continue
+                pair = one.person, other.person
+                close[pair] = self._close_since_s.get(pair, at_s)
+                if at_s - close[pair] >= s.same_after_s:
+                    merged.append((one, other))
+        self._close_since_s = close
+        gone: set[int] = set()
+        by_person = {track.person: track for track in self.tracks}
+        pairs = []
+        for one, other in merged:
+            if {one.person, other.person} & gone:
+                continue
+            gone.add(other.person)
+            pairs.append((one.person, other.person))
+            by_person[one.person] = msgspec.structs.replace(
+                one,
+                since_s=min(one.since_s, other.since_s),
+                seen_s=max(one.seen_s, other.seen_s),
+                confirmed=one.confirmed or other.confirmed,
+                bodies={**one.bodies, **other.bodies},
+                seen_by_s={**one.seen_by_s, **other.seen_by_s},
+            )
+        self.merged = tuple(pairs)
+        self.tracks = tuple(track for person, track in by_person.items() if person not in gone)
+
+
+def _patience_s(track: Track, settings: TrackSettings) -> float:
+    return settings.forget_after_s if track.confirmed else 2.0 * _RECENT_S
+
+
+def _seen(track: Track, sensor: str, tracking_id: int, middle: Float64, at_s: float, settings: TrackSettings) -> Track:
+    at_s = max(at_s, track.seen_s)  # frames of several sensors come a little out of order
+    if len(track.middle) == len(middle):
+        middle = np.where(np.isfinite(middle), middle, track.middle)
+    return msgspec.structs.replace(
+        track,
+        seen_s=at_s,
+        confirmed=track.confirmed or at_s - track.since_s >= settings.confirm_after_s,
+        bodies={**track.bodies, sensor: tracking_id},
+        seen_by_s={**track.seen_by_s, sensor: at_s},
+        middle=middle,
+    )
+
+
+def _without(track: Track, sensor: str, at_s: float) -> Track:
+    """The track after a frame of a sensor that does not show the person; who is silent is forgotten, too."""
+    gone = [name for name, seen_s in track.seen_by_s.items() if name == sensor or at_s - seen_s > _RECENT_S]
+    if not gone:
+        return track
+    return msgspec.structs.replace(
+        track,
+        bodies={name: body for name, body in track.bodies.items() if name not in gone},
+        seen_by_s={name: seen_s for name, seen_s in track.seen_by_s.items() if name not in gone},
+    )

@@ -1,0 +1,184 @@
+"""Who is who: people enter, leave, cross, vanish and come back; sensors swap and change their ids."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import permutations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from mocapella.association.tracks import Tracks, TrackSettings, assign, distances, middle_joints
+from mocapella.errors import SettingsError
+from mocapella.model.topology import topology
+
+DT = 1 / 30
+SPINE = np.array([[0.0, 0.9, 0.0], [0.0, 1.2, 0.0], [0.0, 1.6, 0.0]])
+
+Place = tuple[float, float]
+
+
+def spine(place: Place) -> np.ndarray:
+    return SPINE + [place[0], 0.0, place[1]]
+
+
+class Room:
+    """People on paths, seen by sensors that take turns."""
+
+    def __init__(self, *paths: Callable[[float], Place | None], settings: TrackSettings | None = None) -> None:
+        self.paths, self.tracks = paths, Tracks(settings)
+        self.k = 0
+        self.given: list[dict[int, int]] = []
+
+    def run(
+        self,
+        seconds: float,
+        sensors: Sequence[str] = ("front",),
+        ids: Callable[[str, int, float], int | None] = lambda *_: 0,
+    ) -> None:
+        """``ids`` says under which tracking id (plus 100 for each body) a sensor sees a body; None where it does not."""
+        for _ in range(round(seconds / DT)):
+            for number, sensor in enumerate(sensors):
+                at_s = self.k * DT + number * DT / len(sensors)
+                seen = {}
+                for body, path in enumerate(self.paths):
+                    place, tracking_id = path(at_s), ids(sensor, body, at_s)
+                    if place is not None and tracking_id is not None:
+                        seen[body] = (tracking_id if tracking_id else 100 * (body + 1), spine(place))
+                middles = np.stack([m for _, m in seen.values()]) if seen else np.empty((0, 3, 3))
+                people = self.tracks.update(sensor, [i for i, _ in seen.values()], middles, {}, at_s)
+                self.given.append(dict(zip(seen, people, strict=True)))
+            self.k += 1
+
+    def people(self, body: int) -> list[int]:
+        """Whom the body was given to, once for each change."""
+        numbers = [given[body] for given in self.given if body in given]
+        return [n for k, n in enumerate(numbers) if k == 0 or n != numbers[k - 1]]
+
+
+def stands(x: float, z: float = 3.0) -> Callable[[float], Place]:
+    return lambda _: (x, z)
+
+
+@settings(deadline=None)  # the first call imports scipy
+@given(arrays(np.float64, (3, 4), elements=st.floats(0, 10)), arrays(np.bool_, (3, 4)))
+def test_no_other_assignment_has_more_pairs_or_costs_less(cost: np.ndarray, allowed: np.ndarray) -> None:
+    pairs = assign(cost, allowed)
+    assert all(allowed[pair] for pair in pairs)
+    best = min(
+        (-sum(allowed[r, c] for r, c in enumerate(p)), sum(cost[r, c] for r, c in enumerate(p) if allowed[r, c]))
+        for p in permutations(range(4), 3)
+    )
+    assert len(pairs) == -best[0]
+    assert sum(cost[pair] for pair in pairs) == pytest.approx(best[1])
+
+
+def test_distances_are_means_over_what_both_have() -> None:
+    gone = spine((0.5, 0.0))
+    gone[1:] = np.nan
+    both = distances(np.stack([spine((0.0, 0.0)), gone]), np.stack([spine((3.0, 4.0)), SPINE * np.nan]))
+    np.testing.assert_allclose(both, [[5.0, np.inf], [np.hypot(2.5, 4.0), np.inf]])
+
+
+def test_the_middle_of_a_body_is_what_has_no_left_and_right() -> None:
+    kinect = topology("kinect_v2")
+    assert [kinect.joints[k] for k in middle_joints(kinect)] == [
+        "SpineBase",
+        "SpineMid",
+        "Neck",
+        "Head",
+        "SpineShoulder",
+    ]
+
+
+def test_two_sensors_see_the_same_people_under_their_own_ids() -> None:
+    room = Room(stands(-0.5), stands(0.5))
+    room.run(1.0, ("front", "side"), lambda sensor, body, _: 7 + body if sensor == "front" else 90 - body)
+    assert [room.people(0), room.people(1)] == [[0], [1]]
+
+
+def test_people_who_cross_keep_their_numbers_though_each_hides_the_other_for_a_while() -> None:
+    def hidden(sensor: str, body: int, at_s: float) -> int | None:
+        return None if body == 1 and 1.3 < at_s < 1.7 else 0
+
+    room = Room(lambda t: (-1.5 + t, 3.0), lambda t: (1.5 - t, 3.4))
+    room.run(3.0, ("front",), hidden)
+    assert [room.people(0), room.people(1)] == [[0], [1]]
+
+
+def test_a_sensor_whose_ids_swap_does_not_swap_the_people() -> None:
+    room = Room(stands(-0.5), stands(0.5))
+    room.run(2.0, ("front", "side"), lambda _, body, t: 1 + (body + (t > 1.0)) % 2)
+    assert [room.people(0), room.people(1)] == [[0], [1]]
+
+
+def test_who_comes_back_nearby_is_the_same_and_who_comes_back_too_late_is_not() -> None:
+    def away(begin: float, end: float) -> Callable[[float], Place | None]:
+        return lambda t: None if begin < t < end else (0.0, 3.0)
+
+    room = Room(away(1.0, 3.0), settings=TrackSettings(forget_after_s=5.0))
+    room.run(4.0, ("front",), lambda _, body, t: 1 if t < 2.0 else 2)
+    assert room.people(0) == [0]
+    gone = Room(away(1.0, 8.0), settings=TrackSettings(forget_after_s=5.0))
+    gone.run(9.0)
+    assert gone.people(0) == [0, 1]
+
+
+def test_people_enter_and_leave_and_nobody_gets_a_number_twice() -> None:
+    room = Room(stands(0.0), lambda t: (1.0, 3.0) if t > 1.0 else None, lambda t: (-1.0, 3.0) if t > 2.0 else None)
+    room.run(3.0)
+    assert [room.people(body) for body in range(3)] == [[0], [1], [2]]
+
+
+def test_a_phantom_is_never_confirmed_and_soon_forgotten() -> None:
+    room = Room(stands(0.0), lambda t: (1.5, 3.0) if 1.0 < t < 1.1 else None)
+    room.run(2.0)
+    assert [track.person for track in room.tracks.tracks if track.confirmed] == [0]
+    assert len(room.tracks.tracks) == 1
+
+
+def test_one_person_whom_each_sensor_took_for_another_becomes_one() -> None:
+    own = lambda sensor, body, _: 0 if (sensor == "front") == (body == 0) else None  # noqa: E731
+    room = Room(stands(0.0), lambda t: (max(0.1, 0.9 - 0.4 * t), 3.0))  # as a calibration that gets better shows them
+    room.run(1.0, ("front", "side"), own)
+    assert len(room.tracks.tracks) == 2
+    room.run(3.0, ("front", "side"), own)
+    assert {given[body] for given in room.given[-4:] for body in given} == {0}
+    assert len(room.tracks.tracks) == 1
+
+
+def test_two_whom_one_sensor_sees_both_stay_two_however_close() -> None:
+    room = Room(stands(0.0), stands(0.05))
+    room.run(2.0, ("front",))
+    assert [room.people(0), room.people(1)] == [[0], [1]]
+
+
+def test_a_body_of_whose_middle_nothing_is_seen_is_who_it_was_and_nobody_new() -> None:
+    tracks, nothing = Tracks(), np.full((1, 3, 3), np.nan)
+    assert tracks.update("front", [5], spine((0, 3))[None], {}, 0.0) == (0,)
+    assert tracks.update("front", [5], nothing, {}, DT) == (0,)
+    assert tracks.update("front", [6], nothing, {}, 2 * DT) == (-1,)
+    assert len(tracks.tracks) == 1
+
+
+@given(st.permutations(range(4)), st.integers(0, 3))
+def test_the_order_of_bodies_in_a_frame_does_not_matter(order: list[int], missing: int) -> None:
+    one, other = Tracks(), Tracks()
+    places = np.stack([spine((1.2 * k, 3.0)) for k in range(4)])
+    for tracks in (one, other):
+        tracks.update("front", range(4), places, {}, 0.0)
+    order = [body for body in order if body != missing]
+    ids = [body + 10 for body in order]
+    straight = sorted(order)
+    first = dict(zip(straight, one.update("front", [b + 10 for b in straight], places[straight], {}, DT), strict=True))
+    assert dict(zip(order, other.update("front", ids, places[order], {}, DT), strict=True)) == first
+    assert first == {body: body for body in straight}
+
+
+@pytest.mark.parametrize("name", ["gate_m", "forget_after_s"])
+def test_settings_out_of_range_are_refused(name: str) -> None:
+    with pytest.raises(SettingsError, match=name):
+        TrackSettings(**{name: 0.0})
