@@ -22,7 +22,7 @@ Place = tuple[float, float]
 
 
 def spine(place: Place) -> np.ndarray:
-    return SPINE + [place[0], 0.0, place[1]]
+    return SPINE + np.array([place[0], 0.0, place[1]])
 
 
 class Room:
@@ -39,7 +39,7 @@ class Room:
         sensors: Sequence[str] = ("front",),
         ids: Callable[[str, int, float], int | None] = lambda *_: 0,
     ) -> None:
-        """``ids`` says under which tracking id (plus 100 for each body) a sensor sees a body; None where it does not."""
+        """``ids`` says under which tracking id (plus 100 for each body) a sensor sees a body; None: not."""
         for _ in range(round(seconds / DT)):
             for number, sensor in enumerate(sensors):
                 at_s = self.k * DT + number * DT / len(sensors)

@@ -1,9 +1,9 @@
 """Who is who, frame by frame: each sensor's bodies are given to the people where they were expected.
 
-Global nearest neighbour with gates (Blackman, Popoli: Design and Analysis of Modern Tracking Systems, 1999, section 6.4);
-the assignment that costs least is found by `scipy.optimize.linear_sum_assignment` (Crouse: On implementing 2D rectangular
-assignment algorithms, 2016). Distances are those of the joints in the middle of the body, so that a sensor that mixes up
-left and right does not make somebody else of a person.
+Global nearest neighbour with gates (Blackman, Popoli: Design and Analysis of Modern Tracking Systems, 1999, section
+6.4); the assignment that costs least is found by `scipy.optimize.linear_sum_assignment` (Crouse: On implementing 2D
+rectangular assignment algorithms, 2016). Distances are those of the joints in the middle of the body, so that a sensor
+that mixes up left and right does not make somebody else of a person.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.model.bodies import BodyKey
 from mocapella.model.topology import Topology
 from mocapella.settings import check
 
@@ -178,7 +179,7 @@ class Tracks:
         for body, (tracking_id, track) in enumerate(zip(ids, people, strict=True)):
             if track is None and unplaced[body]:
                 continue
-            person = _seen(track or self._somebody(at_s), sensor, tracking_id, middles[body], at_s, s)
+            person = _seen(track or self._somebody(at_s), (sensor, tracking_id), middles[body], at_s, s)
             people[body], found[person.person] = person, person
         seen = {track.person for track in people if track is not None}
         self.tracks = tuple(
@@ -232,7 +233,8 @@ def _patience_s(track: Track, settings: TrackSettings) -> float:
     return settings.forget_after_s if track.confirmed else 2.0 * _RECENT_S
 
 
-def _seen(track: Track, sensor: str, tracking_id: int, middle: Float64, at_s: float, settings: TrackSettings) -> Track:
+def _seen(track: Track, body: BodyKey, middle: Float64, at_s: float, settings: TrackSettings) -> Track:
+    sensor, tracking_id = body
     at_s = max(at_s, track.seen_s)  # frames of several sensors come a little out of order
     if len(track.middle) == len(middle):
         middle = np.where(np.isfinite(middle), middle, track.middle)

@@ -4,8 +4,8 @@ A joint's variance in a view grows with the distance and with what the sensor it
 where the joint is expected counts less, by the weight of a Student-t distribution (Lange, Little, Taylor: Robust
 Statistical Modeling Using the t Distribution, 1989), so that one sensor that is wrong does not pull everybody along.
 
-Sensors disagree by several centimetres, and by more the further apart they look from: a joint would jump whenever one of
-them loses it. So each view is brought to the common mean by its own slowly changing offset, which lives on while the
+Sensors disagree by several centimetres, and by more the further apart they look from: a joint would jump whenever one
+of them loses it. So each view is brought to the common mean by its own slowly changing offset, which lives on while the
 others are gone and fades.
 """
 
@@ -98,7 +98,8 @@ def weighted_mean(
         degrees_of_freedom: of the Student-t weight.
 
     Returns:
-        The mean and its variance, which is that of the views about their mean where they disagree by more than they say.
+        The mean and its variance, with that of the views about their mean in it: they may disagree by more than they
+        say.
     """
     seen = np.isfinite(variances) & np.isfinite(views).all(axis=-1)
     weights = np.where(seen, 1.0 / variances, 0.0)
