@@ -84,7 +84,7 @@ def test_a_silent_node_is_noticed_and_so_is_its_return(served: Served, tmp_path:
         wait_until("the silence is noticed", lambda: (row := served.sensor("front")) is not None and row.silent)
         os.kill(node.process.pid, signal.SIGCONT)
         wait_until("the return", lambda: (row := served.sensor("front")) is not None and not row.silent)
-        wait_until("a notice", lambda: any("front is back" in notice for notice in served.status().notices))
+        wait_until("a notice", lambda: any('"front" is back' in notice for notice in served.status().notices))
         assert node.end() == 0
 
 
