@@ -28,7 +28,16 @@ class Served:
         self.port = free_port()
         self.address = f"tcp/127.0.0.1:{self.port}"
         self.program = Program(
-            folder, "server", "serve", "--port", str(self.port), "--reserve-mb", "1", "--json", "server.json", *options
+            folder,
+            "server",
+            "serve",
+            "--port",
+            str(self.port),
+            "--reserve-gib",
+            "0.001",
+            "--json",
+            "server.json",
+            *options,
         )
         wait_until("the server listens", self.program.said("waiting for sensors at"))
         self.session = open_reader(self.address)

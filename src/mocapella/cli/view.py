@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from mocapella.cli import app
+from mocapella.cli.app import app
 from mocapella.cli.common import DEFAULT_ADDRESS, DEFAULT_VIEW_PORT, Connect, say, warn_if_open
 
 
