@@ -179,7 +179,7 @@ def test_a_take_begins_with_the_memory_of_its_first_step_whoever_begins_it(
         finally:
             stop.set()
             thread.join()
-        server._finish_recording()
+        server._desk.finish()
     replayed = open_recording(tmp_path / "a.mcap").replay(lambda scene: None)
     assert replayed.tally.scenes_out > 3
     assert replayed.notes["differing_scenes"] == 0

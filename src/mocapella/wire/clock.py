@@ -68,6 +68,10 @@ def estimate_offset(probes: Sequence[ClockProbe]) -> ClockEstimate | None:
     return ClockEstimate(best.far_ns - middle, (best.round_trip_ns + 1) // 2)
 
 
+_JUMP_NS = 2_000_000_000
+"""A frame this much earlier than any before it, or ten times as much later, comes of a clock that jumped."""
+
+
 class SensorClock:
     """Brings a sensor's own clock to the server's, from arrivals alone, one pass, past frames only.
 
@@ -75,9 +79,8 @@ class SensorClock:
     plus the smallest latency. Two half-windows follow a drift. A jump of the sensor's clock begins anew.
     """
 
-    def __init__(self, window_s: float = 10.0, jump_s: float = 2.0) -> None:
+    def __init__(self, window_s: float = 10.0) -> None:
         self._half_ns = int(window_s / 2 * 1e9)
-        self._jump_ns = int(jump_s * 1e9)
         self.reset()
 
     def reset(self) -> None:
@@ -90,7 +93,7 @@ class SensorClock:
         """The capture time on the server's clock [ns], never later than the arrival."""
         difference = arrival_ns - capture_ns
         offset = self._offset()
-        if offset is not None and not -self._jump_ns < difference - offset < 10 * self._jump_ns:
+        if offset is not None and not -_JUMP_NS < difference - offset < 10 * _JUMP_NS:
             self.reset()
         if self._new is None or difference < self._new:
             self._new = difference

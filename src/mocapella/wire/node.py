@@ -49,15 +49,12 @@ class NodeLink:
         published: frames published since the start.
     """
 
-    def __init__(
-        self, connect: str, sensor: str, *, history_frames: int = 18_000, session: zenoh.Session | None = None
-    ):
+    def __init__(self, connect: str, sensor: str, *, history_frames: int = 18_000):
         self.node = keys.NodeKey(sensor, new_node_id())
         self.address = connect
         self.published = 0
         alive = keys.of_node("alive/sensor", self.node)
-        self._own_session = session is None
-        self._session = session or open_node(connect)
+        self._session = open_node(connect)
         self._live = self._session.declare_publisher(
             keys.of_node("live", self.node),
             congestion_control=zenoh.CongestionControl.DROP,
@@ -123,11 +120,7 @@ class NodeLink:
 
     def close(self) -> None:
         """Leave the bus."""
-        if self._own_session:
-            self._session.close()  # type: ignore[no-untyped-call]
-            return
-        for entity in (self._alive, self._clock, self._live, self._record, self._truth):
-            entity.undeclare()  # type: ignore[no-untyped-call]
+        self._session.close()  # type: ignore[no-untyped-call]
 
     def __enter__(self) -> NodeLink:
         return self

@@ -27,6 +27,7 @@ OnNonsense = Callable[[str], None]
 _CACHES = "@adv/pub/**"
 """Where, under its key, an advanced publisher's cache answers."""
 _HISTORY_TIMEOUT_S = 30.0
+_PROBES = 8
 _RECOVER_EVERY = timedelta(seconds=0.5)
 
 
@@ -99,7 +100,7 @@ class ServerLink:
             self._record.undeclare()
             self._record = None
 
-    def probe_clock(self, node: keys.NodeKey, probes: int = 8, timeout: float = 1.0) -> list[ClockProbe]:
+    def probe_clock(self, node: keys.NodeKey, timeout: float = 1.0) -> list[ClockProbe]:
         """Ask the node for its monotonic clock some times, one after the other, until it leaves one unanswered.
 
         Raises:
@@ -107,7 +108,7 @@ class ServerLink:
         """
         answers: list[ClockProbe] = []
         key = keys.of_node("clock", node)
-        for asked in range(probes):
+        for asked in range(_PROBES):
             sent = time.monotonic_ns()
             for reply in self._session.get(key, timeout=timeout):
                 received = time.monotonic_ns()
