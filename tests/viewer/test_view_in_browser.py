@@ -22,6 +22,7 @@ from mocapella.viewer.layout import SENSORS_SCALE, Look, lane_origins
 from mocapella.viewer.palette import SENSORS, person_colour
 from mocapella.viewer.perspective import Floors, Perspectives
 from mocapella.viewer.setup_form import PoseField, SetupFields
+from mocapella.viewer.setup_panel import HEIGHT_LABEL, TILT_LABEL
 from mocapella.viewer.stages import tracking_drawing
 
 CHROMIUM = shutil.which("chromium")
@@ -275,7 +276,7 @@ def test_the_setup_form_sends_what_was_typed(server, tab):
     until(tab, lambda: panels(server)[0]._setup._read().participant == "7", "the participant has arrived")
     tab.choose("Placement", "right-45")
     tab.choose("Scenario", "walk")
-    tab.field("Height [m]", LEFT).fill("1.4")
+    tab.field(HEIGHT_LABEL, LEFT).fill("1.4")
     typed = SetupFields("stand-still", 3, "7", "right-45", "walk")
     poses = {name: PoseField(0.0, 1.4 if name == "left" else HEIGHT_M) for name in server.room.names}
     typed = dataclasses.replace(typed, poses=poses)
@@ -304,14 +305,14 @@ def test_edits_that_are_not_applied_stay_when_the_server_changes_and_go_when_rev
 
 def test_a_tilt_out_of_range_stays_as_it_was_typed_and_is_refused_in_its_unit(server, tab):
     open_setup(tab)
-    tab.field("Tilt [°]", LEFT).fill("120")
-    tab.field("Tilt [°]", LEFT).blur()
+    tab.field(TILT_LABEL, LEFT).fill("120")
+    tab.field(TILT_LABEL, LEFT).blur()
     tab.expect_enabled("Apply setup")
     tab.button("Apply setup").click()
     tab.expect('tilt of sensor "left" is 120°; it must be from -90 to 90°')
-    assert tab.field("Tilt [°]", LEFT).input_value() == "120"
+    assert tab.field(TILT_LABEL, LEFT).input_value() == "120"
     tab.button("Revert edits").click()
-    until(tab, lambda: tab.field("Tilt [°]", LEFT).input_value() == "0", "the edit is gone")
+    until(tab, lambda: tab.field(TILT_LABEL, LEFT).input_value() == "0", "the edit is gone")
     assert server.commands == []
 
 

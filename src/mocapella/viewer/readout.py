@@ -130,7 +130,7 @@ def _sensor_row(row: SensorHealth, colour: Rgb) -> str:
     place = " (this machine)" if row.local else ""
     dropped = row.dropped + row.rejected
     facts = [_plural(row.bodies, "person", "people"), f"{row.rate_hz:.1f} Hz"]
-    if row.latency is not None:
+    if row.latency is not None and not row.silent:
         facts.append(f"latency {row.latency * 1000:.1f} ms")
     losses = [f'<span style="color:{_AMBER if dropped else "inherit"}">{dropped} dropped</span>']
     if row.clock_offset is not None:

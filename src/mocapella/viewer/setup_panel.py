@@ -20,16 +20,21 @@ from mocapella.viewer.setup_form import (
     setup_arguments,
 )
 
+TILT_LABEL = f"Tilt (±{TILT_DEG[1]:g}°)"
+HEIGHT_LABEL = f"Height ({HEIGHT_M[0]:g}–{HEIGHT_M[1]:g} m)"
+
 
 class PoseInputs:
     """A sensor's two fields, in a folder of its name. They take any number; `PoseField.check` says what is wrong."""
 
     def __init__(self, gui: viser.GuiApi, sensor: str, pose: PoseField) -> None:
         with gui.add_folder(f"Sensor {sensor}") as self._folder:
-            tilt = "How far the sensor looks up; downwards is negative. From {:g} to {:g}°".format(*TILT_DEG)
-            self._tilt = gui.add_number("Tilt [°]", pose.tilt_deg, step=0.01, hint=tilt)
-            height = "Of the sensor over the floor; 0: not known. From {:g} to {:g} m".format(*HEIGHT_M)
-            self._height = gui.add_number("Height [m]", pose.height_m, step=0.01, hint=height)
+            self._tilt = gui.add_number(
+                TILT_LABEL, pose.tilt_deg, step=0.01, hint="How far the sensor looks up; downwards is negative"
+            )
+            self._height = gui.add_number(
+                HEIGHT_LABEL, pose.height_m, step=0.01, hint="Of the sensor over the floor; 0 where it is not known"
+            )
 
     @property
     def value(self) -> PoseField:
