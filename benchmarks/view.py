@@ -25,13 +25,11 @@ from mocapella.model.observations import Arrival, BodyFrame
 from mocapella.model.scene import Scene
 from mocapella.model.session import CommandReply, Setup
 from mocapella.viewer import Viewer
+from tests.browser import FLAGS
 
 SENSORS = 6
 PEOPLE = 6
 PERIOD_NS = 33_333_333
-FLAGS = ["--headless", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-         "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update",
-         "--disable-sync"]  # fmt: skip
 
 
 def run(quick: bool = False) -> list[Row]:

@@ -1,8 +1,9 @@
-"""Print where everybody's head is, from any running server: python examples/01_read_results.py [tcp/HOST:PORT]."""
+"""Print where everybody's head is, of any server: python examples/01_read_results.py [tcp/HOST:PORT] [SECONDS]"""
 
 import sys
 import time
 
+from mocapella.errors import MocapellaError
 from mocapella.wire.reader import Newest
 from mocapella.wire.session import DEFAULT_ADDRESS, open_reader
 
@@ -27,4 +28,9 @@ def main(address: str, seconds: float) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1] if len(sys.argv) > 1 else DEFAULT_ADDRESS, float(sys.argv[2]) if len(sys.argv) > 2 else 1e9)
+    try:
+        main(sys.argv[1] if len(sys.argv) > 1 else DEFAULT_ADDRESS, float(sys.argv[2]) if len(sys.argv) > 2 else 1e9)
+    except MocapellaError as error:  # without a server: nobody answers; start one (mocapella demo, or mocapella serve)
+        sys.exit(str(error))
+    except KeyboardInterrupt:
+        pass

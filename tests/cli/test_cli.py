@@ -8,10 +8,11 @@ import re
 from pathlib import Path
 
 import pytest
-from programs import Program, free_port, result, run, wait_until
+from programs import free_port, result, run
 
 from mocapella import __version__
 from mocapella.schema import SCHEMA_VERSION
+from mocapella.sources.simulate import scene_summaries
 
 VERBS = [
     ["demo"],
@@ -71,9 +72,24 @@ def test_the_doctor_names_a_port_in_use(tmp_path: Path) -> None:
     assert "--port" in finding["advice"]
 
 
-def test_scenes_are_listed(tmp_path: Path) -> None:
-    listed = run(tmp_path, "node", "simulate", "--scene", "help").stdout.split()
-    assert {"obstacle", "walk", "self-occlusion"} <= set(listed)
+@pytest.mark.parametrize("verb", [["demo"], ["node", "simulate"]], ids=" ".join)
+def test_scenes_are_listed_where_asked_for_and_where_none_has_the_name(verb: list[str], tmp_path: Path) -> None:
+    listed = run(tmp_path, *verb, "--scene", "help")
+    assert listed.returncode == 0
+    rows = [line.split(maxsplit=1) for line in listed.stdout.splitlines()]
+    assert dict(rows) == scene_summaries()
+    unknown = run(tmp_path, *verb, "--scene", "obstacel")
+    assert unknown.returncode == 1
+    assert listed.stdout in SCREEN.sub("", unknown.stderr)
+    assert "did you mean obstacle" in SCREEN.sub("", unknown.stderr)
+
+
+@pytest.mark.parametrize("verb", [["demo"], ["serve"], ["node", "simulate"], ["record", "walk"], ["doctor"]])
+def test_a_result_file_that_cannot_be_written_is_refused_before_the_run(verb: list[str], tmp_path: Path) -> None:
+    refused = run(tmp_path, *verb, "--json", "no/such/folder.json")
+    assert refused.returncode == 1
+    assert SCREEN.sub("", refused.stderr).startswith("mocapella: --json no/such/folder.json: ")
+    assert refused.stdout == ""
 
 
 def broken(folder: Path, source: Path, what: str) -> list[str]:
@@ -148,14 +164,13 @@ def test_an_unknown_sensor_is_named_with_those_there_are(study_logs: Path, tmp_p
     assert done.returncode == 1
     assert "front" in done.stderr
     assert "side" in done.stderr
-    unknown = run(tmp_path, "node", "simulate", "--scene", "obstacel")
-    assert unknown.returncode == 1
-    assert "did you mean obstacle" in SCREEN.sub("", unknown.stderr)
 
 
 def test_a_take_that_was_cut_off_says_what_is_left(study_logs: Path, tmp_path: Path) -> None:
-    made = result(tmp_path, "demo", "--headless", "--seconds", "9", "--record", "whole.mcap", "--scene", "stand")
+    made = result(tmp_path, "demo", "--headless", "--seconds", "9", "--record", "whole", "--scene", "stand")
     assert made["frames_in"] > 0
+    again = run(tmp_path, "replay", "whole")
+    assert f"all {made['frames_out']} results identical to the live run" in again.stderr
     whole = (tmp_path / "whole.mcap").read_bytes()
     (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) * 2 // 3])
     (row,) = result(tmp_path, "replay", "cut.mcap")
@@ -192,6 +207,7 @@ def test_a_real_log_is_replayed_and_the_results_are_json(study_logs: Path, tmp_p
 
 def test_options_that_would_do_nothing_are_refused(study_logs: Path, tmp_path: Path) -> None:
     log = str(study_logs / "Study_7_Kinect_2_Time_3_11_06_PM.csv.gz")
+    (tmp_path / "walk.mcap").touch()
     for arguments, words in (
         (["walk.mcap", "--set", "frames=30"], "is a take, which is tracked as it was recorded"),
         (["walk.mcap", "--placement", "parallel"], "is a take, which is tracked as it was recorded"),
@@ -203,41 +219,30 @@ def test_options_that_would_do_nothing_are_refused(study_logs: Path, tmp_path: P
         assert words in SCREEN.sub("", refused.stderr)
 
 
-def test_the_example_reads_results_of_a_running_server(tmp_path: Path) -> None:
-    import subprocess
-    import sys
-
-    example = Path(__file__).resolve().parents[2] / "examples" / "01_read_results.py"
-    assert len(example.read_text().splitlines()) < 40
-    port = free_port()
-    with Program(tmp_path, "demo", "demo", "--headless", "--port", str(port), "--scene", "stand") as demo:
-        wait_until("tracking", demo.said("tracking"), timeout=60.0)
-        done = subprocess.run(
-            [sys.executable, str(example), f"tcp/127.0.0.1:{port}", "3"],
-            capture_output=True,
-            text=True,
-            timeout=60,
-            check=True,
-        )
-        assert demo.end() == 0
-    assert "head at" in done.stdout
-
-
 def test_json_goes_to_a_file_too(tmp_path: Path) -> None:
     assert run(tmp_path, "doctor", "--json", "found.json").returncode == 0
     assert json.loads((tmp_path / "found.json").read_text())
-    refused = run(tmp_path, "doctor", "--json", "no/such/folder.json")
-    assert refused.returncode == 1
-    assert "no/such/folder.json" in refused.stderr
+
+
+def test_a_replay_that_never_tracks_says_why(study_logs: Path, tmp_path: Path) -> None:
+    source = study_logs / "Study_7_Kinect_2_Time_3_11_06_PM.csv.gz"
+    (tmp_path / "short.csv").write_text("\n".join(gzip.decompress(source.read_bytes()).decode().splitlines()[:61]))
+    done = run(tmp_path, "replay", "short.csv", "--json", "out.json")
+    (row,) = json.loads((tmp_path / "out.json").read_text())
+    assert "calibration never succeeded" in row["never_tracked"]
+    assert f"short.csv: nobody was tracked: {row['never_tracked']}\n" in done.stderr
 
 
 def test_replaying_live_goes_through_nodes_and_bus(study_logs: Path, tmp_path: Path) -> None:
     short = tmp_path / "short.csv"
     source = study_logs / "Study_7_Kinect_2_Time_3_11_06_PM.csv.gz"
     short.write_text("\n".join(gzip.decompress(source.read_bytes()).decode().splitlines()[:301]))
-    (row,) = result(tmp_path, "replay", str(short), "--live", "--no-view", "--port", str(free_port()))
+    done = run(tmp_path, "replay", "short.csv", "--live", "--no-view", "--port", str(free_port()), "--json", "-")
+    assert done.returncode == 0, done.stderr
+    (row,) = json.loads(done.stdout)
     assert {sensor["name"] for sensor in row["sensors"]} == {"front", "side"}
     assert row["frames_in"] > 0
+    assert f"sensors: 2, frames in: {row['frames_in']}, " in done.stderr
 
 
 def test_settings_of_the_method_are_checked_by_name_and_range(study_logs: Path, tmp_path: Path) -> None:

@@ -2,12 +2,26 @@
 
 from __future__ import annotations
 
+import signal
+from pathlib import Path
+
 import pytest
 import typer
+from hypothesis import given
+from hypothesis import strategies as st
 
-from mocapella.cli.common import DEFAULT_ADDRESS, exit_by, method_settings, recording_row, warn_if_open
-from mocapella.errors import SettingsError
+from mocapella.cli.common import (
+    DEFAULT_ADDRESS,
+    exit_by,
+    method_settings,
+    recording_row,
+    take_file,
+    warn_if_open,
+    working,
+)
+from mocapella.errors import RecordingError, SettingsError
 from mocapella.model.session import RecordingHealth
+from mocapella.recording.disk import take_path
 from mocapella.wire import session
 
 
@@ -23,7 +37,7 @@ def test_nothing_is_said_of_an_address_that_only_this_machine_reaches(
     assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize("host", ["0.0.0.0", "[::]", "192.168.1.7", "kinect-pc"])
+@pytest.mark.parametrize("host", ["0.0.0.0", "[::]", "192.168.1.7", "kinect-pc", "127.evil.example"])
 def test_an_open_interface_is_warned_of(host: str, capsys: pytest.CaptureFixture[str]) -> None:
     warn_if_open("the view is", host, 7448)
     assert f"WARNING: the view is open to everybody who can reach {host}:7448" in capsys.readouterr().err
@@ -43,3 +57,28 @@ def test_a_number_that_a_take_could_not_keep_is_refused(text: str) -> None:
     """JSON has none of them: a take made with one could not be replayed."""
     with pytest.raises(SettingsError, match="leave the setting out"):
         method_settings([f"max_distance_m={text}"])
+
+
+@given(st.from_regex(r"[A-Za-z0-9_-]{1,20}", fullmatch=True), st.sampled_from([".", "takes", "/data/study 7"]))
+def test_a_take_is_named_alike_wherever_it_is_begun(name: str, folder: str) -> None:
+    """With and without the suffix, by ``--record`` and by ``mocapella record``."""
+    path = take_file(Path(folder) / name)
+    assert path == take_file(path) == take_path(folder, name)
+    assert path.suffix == ".mcap"
+
+
+def test_a_name_that_a_take_may_not_have_is_refused() -> None:
+    with pytest.raises(RecordingError, match="use letters"):
+        take_file(Path("takes") / "a:b")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_work_that_is_interrupted_is_an_exit_status_and_a_line(
+    number: signal.Signals, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = signal.getsignal(number)
+    with pytest.raises(typer.Exit) as ended, working("writing …", status=130):
+        signal.raise_signal(number)
+    assert ended.value.exit_code == 130
+    assert "stopped before the end" in capsys.readouterr().err
+    assert signal.getsignal(number) is before

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mocapella.cli.recordings import LATE_NS, due_times, open_recording
-from mocapella.errors import SettingsError
+from mocapella.cli.recordings import LATE_NS, due_times, find_recording, is_take, open_recording
+from mocapella.errors import InputError, SettingsError
 from mocapella.model.observations import body_frame
 from mocapella.model.session import Setup
 from mocapella.model.topology import topology
@@ -75,3 +75,47 @@ def test_a_take_that_was_mended_is_replayed_in_the_order_of_capture(tmp_path: Pa
     assert [frame.frame.time_ns for frame in due] == [k * STEP + AHEAD for k in (*range(10), 11, 12)]
     with pytest.raises(SettingsError, match="no sensor 'side'; it has front"):
         open_recording(path).due_frames("side")
+
+
+def test_a_take_is_found_without_its_suffix_and_in_the_folder_of_takes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("takes").mkdir()
+    for name in ("takes/walk.mcap", "takes/day 1.5.mcap", "here.mcap", "takes/here.mcap", "plain", "plain.mcap"):
+        Path(name).touch()
+    found = {name: str(find_recording(Path(name))) for name in ("walk", "walk.mcap", "day 1.5", "here", "plain")}
+    assert found == {
+        "walk": "takes/walk.mcap",
+        "walk.mcap": "takes/walk.mcap",
+        "day 1.5": "takes/day 1.5.mcap",
+        "here": "here.mcap",
+        "plain": "plain",
+    }
+
+
+def test_a_recording_that_is_not_there_is_told_with_those_that_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=r"^walk: no such file; name a study log or a take$"):
+        find_recording(Path("walk"))
+    Path("takes").mkdir()
+    Path("takes/walk-1.mcap").touch()
+    Path("walk-2.mcap").touch()
+    for name in ("walk-3", "walk-3.mcap"):
+        with pytest.raises(InputError, match=rf"^{name}: no such file; there are takes/walk-1\.mcap, walk-2\.mcap"):
+            find_recording(Path(name))
+    with pytest.raises(InputError, match=r"^takes: it is a folder; there are takes/walk-1\.mcap"):
+        find_recording(Path("takes"))
+
+
+def test_a_take_is_told_from_a_log_by_its_beginning_too(tmp_path: Path) -> None:
+    take = tmp_path / "x.mcap"
+    TakeWriter.create(take, info=TakeInfo(Setup(), 0, 0), reserve_bytes=0).close()
+    plain = take.rename(tmp_path / "x")
+    assert is_take(plain)
+    assert open_recording(plain).sensors == ()
+    log = tmp_path / "log.csv"
+    log.write_text("Study_Id, Kinect_Config")
+    assert not is_take(log)

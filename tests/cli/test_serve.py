@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import inspect
 import threading
 
 import pytest
 from programs import free_port
 
-from mocapella.cli.serve import LiveSession, wait_while
+from mocapella.cli.serve import LiveSession, serve, wait_while
 from mocapella.live.launch import Children
 from mocapella.live.server import Server, ServerSettings
+from mocapella.recording.disk import GIB
 
 
 def test_a_view_that_ends_by_itself_is_told_of_once_and_ends_nothing_else(capsys: pytest.CaptureFixture[str]) -> None:
@@ -31,3 +33,8 @@ def test_a_view_that_ends_by_itself_is_told_of_once_and_ends_nothing_else(capsys
         assert not server.failed.is_set()
     finally:
         server.close()
+
+
+def test_a_recording_leaves_the_same_room_however_the_server_is_started() -> None:
+    default = inspect.signature(serve).parameters["reserve_gib"].default
+    assert default * GIB == ServerSettings("tcp/127.0.0.1:7447").reserve_bytes

@@ -28,7 +28,16 @@ class Served:
         self.port = free_port()
         self.address = f"tcp/127.0.0.1:{self.port}"
         self.program = Program(
-            folder, "server", "serve", "--port", str(self.port), "--reserve-mb", "1", "--json", "server.json", *options
+            folder,
+            "server",
+            "serve",
+            "--port",
+            str(self.port),
+            "--reserve-gib",
+            "0.001",
+            "--json",
+            "server.json",
+            *options,
         )
         wait_until("the server listens", self.program.said("waiting for sensors at"))
         self.session = open_reader(self.address)
@@ -84,7 +93,7 @@ def test_a_silent_node_is_noticed_and_so_is_its_return(served: Served, tmp_path:
         wait_until("the silence is noticed", lambda: (row := served.sensor("front")) is not None and row.silent)
         os.kill(node.process.pid, signal.SIGCONT)
         wait_until("the return", lambda: (row := served.sensor("front")) is not None and not row.silent)
-        wait_until("a notice", lambda: any("front is back" in notice for notice in served.status().notices))
+        wait_until("a notice", lambda: any('"front" is back' in notice for notice in served.status().notices))
         assert node.end() == 0
 
 

@@ -45,8 +45,8 @@ def start_server(folder: Path, port: int, name: str) -> Program:
         "take.mcap",
         "--json",
         f"{name}.json",
-        "--reserve-mb",
-        "1",
+        "--reserve-gib",
+        "0.001",
     )
     wait_until("the server listens", server.said("waiting for sensors at"))
     return server
@@ -172,8 +172,8 @@ def test_a_finished_take_is_never_recorded_over(runs: Runs) -> None:
         "--no-view",
         "--record",
         "take.mcap",
-        "--reserve-mb",
-        "1",
+        "--reserve-gib",
+        "0.001",
     ) as again:
         assert again.process.wait(30.0) == 1
     assert "take.mcap" in again.output

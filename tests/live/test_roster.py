@@ -101,11 +101,11 @@ def test_silence_is_noticed_once_and_so_is_the_return() -> None:
     assert not row(roster, int(1.9 * S)).silent
     roster.notice_silence(int(2.1 * S))
     roster.notice_silence(int(2.3 * S))
-    assert roster.take_notices() == ["sensor front has sent nothing for 2 s"]
+    assert roster.take_notices() == ['sensor "front" has sent nothing for 2 s']
     assert row(roster, int(2.3 * S)).silent
     assert row(roster, int(2.3 * S)).problem == "silent for 2 s"
     roster.arrived(frame(1), A, 3 * S)
-    assert roster.take_notices() == ["sensor front is back"]
+    assert roster.take_notices() == ['sensor "front" is back']
 
 
 def test_latency_is_reckoned_on_one_clock() -> None:
@@ -127,7 +127,7 @@ def test_a_rejected_message_is_counted_and_told_once() -> None:
     roster.rejected(A, "of schema version 9")
     assert row(roster, 0).rejected == 2
     assert row(roster, 0).problem == "of schema version 9"
-    assert roster.take_notices() == ["sensor front: of schema version 9"]
+    assert roster.take_notices() == ['sensor "front": of schema version 9']
     roster.arrived(frame(0), A, 0)
     assert row(roster, 0).problem == ""
     roster.rejected(A, "of schema version 9")

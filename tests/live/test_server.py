@@ -119,10 +119,22 @@ def test_a_node_that_is_gone_is_said_to_be(server: Server, address: str) -> None
     with NodeLink(address, "front") as link:
         wait_until("it joins", link.join)
         publish(link, 3)
-    wait_until("its leaving", lambda: any("sensor front left" in n for n in server.status().notices))
+    wait_until("its leaving", lambda: any('sensor "front" left the session' in n for n in server.status().notices))
     row = sensor(server, "front")
     assert row is not None
     assert not row.connected
+
+
+def test_the_proposed_name_of_a_take_is_one_that_no_take_has(
+    server: Server, reader: zenoh.Session, tmp_path: Path
+) -> None:
+    assert server.status().next_take == "take-1"
+    (tmp_path / "takes").mkdir()
+    (tmp_path / "takes" / "take-1.mcap").touch()
+    (tmp_path / "takes" / "walk-8.mcap").touch()
+    assert server.status().next_take == "take-2"
+    assert send_command(reader, "record", {"name": "walk-7"}).ok
+    assert server.status().next_take == "walk-9"
 
 
 def test_clocks_are_compared_and_latency_is_known(server: Server, address: str) -> None:

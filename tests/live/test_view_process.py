@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import shutil
+import signal
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from browser import FLAGS
@@ -13,28 +16,99 @@ from mocapella.recording.take_reader import read_take
 from mocapella.wire.reader import send_command
 from mocapella.wire.session import open_reader
 
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
 CHROMIUM = shutil.which("chromium")
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium on the PATH")
+LONGER_THAN_THE_BUS_WAITS_S = 12.0
+"""Between two attempts to reach a server that is gone, the bus waits up to 4 s."""
+needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium on the PATH")
 
 
-def test_the_demo_is_shown_recorded_and_not_hurt_by_a_closed_browser(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
     from playwright.sync_api import sync_playwright
 
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield chromium
+        chromium.close()
+
+
+def open_page(browser: Browser, port: int) -> Page:
+    page = browser.new_page(viewport={"width": 1280, "height": 720})
+    page.set_default_timeout(120_000)
+    page.goto(f"http://127.0.0.1:{port}")
+    return page
+
+
+def expect_state(page: Page, state: str) -> None:
+    """Wait until the headline says it, on a page that is not cut off."""
+    page.locator(".mocapella-status", has_text=state).wait_for()
+    page.locator(".mocapella-lost").wait_for(state="hidden")
+
+
+def test_a_view_without_a_server_says_what_it_waits_for_and_ends_on_ctrl_c(tmp_path: Path) -> None:
+    address = f"tcp/127.0.0.1:{free_port()}"
+    with Program(tmp_path, "view", "view", "--connect", address, "--port", str(free_port())) as view:
+        wait_until("its words", view.said(f"no server at {address} yet: start one with `mocapella serve`"), timeout=120)
+        assert view.end() == 0
+    assert "Traceback" not in view.output
+
+
+@needs_browser
+def test_an_open_page_says_that_there_is_no_server_and_goes_on_with_the_next_one(
+    tmp_path: Path, browser: Browser
+) -> None:
+    port, page_port = free_port(), free_port()
+    serve = ("serve", "--no-view", "--port", str(port))
+    with Program(tmp_path, "view", "view", "--connect", f"tcp/127.0.0.1:{port}", "--port", str(page_port)) as view:
+        wait_until("its URL", view.said(f"view: http://127.0.0.1:{page_port}"), timeout=120)
+        page = open_page(browser, page_port)
+        expect_state(page, "No server")
+        with Program(tmp_path, "first", *serve) as first:
+            expect_state(page, "Waiting for sensors")
+            first.end(signal.SIGKILL)
+        expect_state(page, "No server")
+        page.wait_for_timeout(1000 * LONGER_THAN_THE_BUS_WAITS_S)
+        with Program(tmp_path, "second", *serve) as second:
+            expect_state(page, "Waiting for sensors")
+            assert second.end() == 0
+        expect_state(page, "No server")
+        page.close()
+        assert view.end() == 0
+    assert "Traceback" not in view.output
+
+
+@needs_browser
+def test_a_page_whose_view_ended_says_so_and_goes_on_when_it_is_started_again(tmp_path: Path, browser: Browser) -> None:
+    port, page_port = free_port(), free_port()
+    serve = ("serve", "--port", str(port), "--view-port", str(page_port))
+    with Program(tmp_path, "first", *serve) as first:
+        wait_until("its URL", first.said(f"live view: http://127.0.0.1:{page_port}"), timeout=120)
+        page = open_page(browser, page_port)
+        expect_state(page, "Waiting for sensors")
+        assert first.end() == 0
+    page.locator(".mocapella-lost").wait_for(state="visible")
+    with Program(tmp_path, "second", *serve) as second:
+        expect_state(page, "Waiting for sensors")
+        page.close()
+        assert second.end() == 0
+
+
+@needs_browser
+def test_the_demo_is_shown_recorded_and_not_hurt_by_a_closed_browser(tmp_path: Path, browser: Browser) -> None:
     port, page_port = free_port(), free_port()
     with Program(tmp_path, "demo", "demo", "--no-browser", "--scene", "stand", "--port", str(port), "--view-port",
                  str(page_port)) as demo:  # fmt: skip
         wait_until("its URL", demo.said(f"live view: http://127.0.0.1:{page_port}"), timeout=120.0)
         session = open_reader(f"tcp/127.0.0.1:{port}")
         try:
-            with sync_playwright() as playwright:
-                browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-                page = browser.new_page(viewport={"width": 1600, "height": 900})
-                page.set_default_timeout(120_000)
-                page.goto(f"http://127.0.0.1:{page_port}")
-                page.locator(".mocapella-status", has_text="Tracking").wait_for()
-                page.get_by_role("button", name="Record", exact=True).click()
-                wait_until("the recording", lambda: _recording(session) > 0, timeout=120.0)
-                browser.close()
+            page = open_page(browser, page_port)
+            expect_state(page, "Tracking")
+            page.get_by_role("button", name="Record", exact=True).click()
+            wait_until("the recording", lambda: _recording(session) > 0, timeout=120.0)
+            page.close()
             count = _recording(session)
             wait_until("it goes on without the browser", lambda: _recording(session) > count + 30, timeout=120.0)
         finally:

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 from standing_people import KINECT
 
-from mocapella.model.bodies import tracked_bodies
+from mocapella.model.bodies import body_name, tracked_bodies
 from mocapella.model.observations import body_frame
 
 
@@ -16,6 +16,11 @@ def test_only_tracked_bodies_count_and_their_order_is_that_of_their_ids() -> Non
     assert seen.keys == (("front", 7), ("front", 9))
     np.testing.assert_array_equal(seen.positions, positions[[2, 0]])
     assert seen.states.shape == (2, 25)
+
+
+def test_a_body_is_named_in_few_digits() -> None:
+    assert body_name(3) == "body 3"
+    assert body_name(72057594037944007) == "body …007"
 
 
 def test_a_frame_without_bodies_has_none() -> None:

@@ -22,6 +22,29 @@ def test_good_names(tmp_path: Path, name: str) -> None:
     assert path.stem == name.removesuffix(".mcap").removesuffix(".MCAP")
 
 
+@pytest.mark.parametrize(
+    ("take", "following"),
+    [("take-1", "take-2"), ("walk-009", "walk-010"), ("p7", "p8"), ("square", "square-2"), ("v1.2", "v1.3")],
+)
+def test_the_next_take_has_the_next_number(take: str, following: str) -> None:
+    assert disk.next_name(take) == following
+
+
+@given(st.from_regex(r"[a-z]{1,5}[0-9]{0,4}", fullmatch=True))
+def test_no_take_proposes_its_own_name(take: str) -> None:
+    assert disk.next_name(take) != take
+
+
+def test_a_free_name_is_one_that_can_be_recorded_to(tmp_path: Path) -> None:
+    assert disk.free_name(tmp_path / "not made yet", "take-1") == "take-1"
+    assert disk.free_name(tmp_path, "take-1") == "take-1"
+    for name in ("take-1.mcap", "take-2.part2.mcap", "TAKE-3.MCAP", "take-4.merging.mcap", "notes.txt"):
+        (tmp_path / name).touch()
+    assert disk.free_name(tmp_path, "take-1") == "take-5"
+    disk.check_can_record(tmp_path / "take-5.mcap", reserve_bytes=0)
+    assert disk.free_name(tmp_path, "notes") == "notes"
+
+
 BAD = ["", "  ", ".mcap", "..", "../x", "a/b", "a\\b", "/etc/x", "a\0b", "a\nb", ".hidden", "a..b", "a.", " a", "C:x"]
 
 

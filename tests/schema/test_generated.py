@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import shutil
 import subprocess
 from pathlib import Path
@@ -51,6 +52,19 @@ def test_a_changed_proto_would_be_noticed(tmp_path: Path) -> None:
     text = (FOLDER / "mocapella.proto").read_text(encoding="utf-8")
     file = compiled(text.replace("float tilt_rad = 10;", "double tilt_rad = 10;"), tmp_path)
     assert fields(generated()) != fields(file)
+
+
+def test_the_types_name_every_field_of_every_message() -> None:
+    stub = ast.parse((FOLDER / "mocapella_pb2.pyi").read_text(encoding="utf-8"))
+    typed = {
+        message.name: {line.target.id for line in message.body if isinstance(line, ast.AnnAssign)}
+        for message in stub.body
+        if isinstance(message, ast.ClassDef)
+    }
+    for message in generated().message_type:
+        names = {field.name for field in message.field}
+        assert typed.pop(message.name) == names | {f"{name.upper()}_FIELD_NUMBER" for name in names}
+    assert typed == {}
 
 
 def test_it_is_generated_for_the_oldest_protobuf_that_is_allowed() -> None:

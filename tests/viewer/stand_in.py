@@ -23,6 +23,7 @@ class StandIn:
         gate: while it is closed, a command waits, as with a slow server.
         empty: show no people and no frames.
         answers: whether the server answers at all.
+        held: while it is set, the loop shows nothing, as when the view's process hangs.
     """
 
     def __init__(self, room: Room, at_s: float = 1.0) -> None:
@@ -34,6 +35,7 @@ class StandIn:
         self.gate = threading.Event()
         self.gate.set()
         self.empty, self.answers = False, True
+        self.held = threading.Event()
         self.viewer = Viewer("127.0.0.1", 0, command=self.command)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._show)
@@ -72,12 +74,18 @@ class StandIn:
                 "frames_wanted": 120,
                 "reason": "asked for",
             },
-            "record-stop": {"recording": dataclasses.replace(self.status.recording, active=False)},
+            "record-stop": {
+                "recording": dataclasses.replace(self.status.recording, active=False),
+                "next_take": "walk-2",
+            },
             "setup": {"setup": parse(Setup, arguments) if verb == "setup" else None},
         }[verb]
 
     def _show(self) -> None:
         while not self._stop.is_set():
             frames = {} if self.empty else self.frames
+            if self.held.is_set():
+                time.sleep(0.05)
+                continue
             self.viewer.show(None if self.empty else self.scene, frames, self.status if self.answers else None)
             time.sleep(0.05)

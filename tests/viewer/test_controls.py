@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from walkers import health, status
 
 from mocapella.model.session import RecordingHealth
-from mocapella.viewer.controls import allowed, default_perspective, next_name, perspectives, progress_percent
+from mocapella.viewer.controls import allowed, default_perspective, perspectives, progress_percent, take_name
 from mocapella.viewer.perspective import FREE
 
 
@@ -49,20 +49,23 @@ def test_a_perspective_once_offered_stays_when_its_sensor_leaves():
     assert perspectives(status(sensors=(health("left"),)), ("front",)) == (FREE, "front", "left")
 
 
+PROPOSED = status(next_take="take-4")
+RECORDING = status(next_take="take-5", recording=RecordingHealth(active=True, path="/takes/take-4.mcap"))
+ENDED = status(next_take="take-5", recording=RecordingHealth(active=False, path="/takes/take-4.mcap"))
+
+
 @pytest.mark.parametrize(
-    ("take", "following"),
+    ("typed", "before", "now", "shown"),
     [
-        ("take-1", "take-2"),
-        ("walk-009", "walk-010"),
-        ("/takes/p7.mcap", "p8"),
-        ("square", "square-2"),
-        ("v1.2", "v1.3"),
+        ("take-1", None, PROPOSED, "take-4"),
+        ("take-4", PROPOSED, ENDED, "take-5"),
+        ("take-4", RECORDING, ENDED, "take-5"),
+        ("", PROPOSED, ENDED, ""),
+        ("take-4", PROPOSED, RECORDING, "take-4"),
+        ("walk-7", PROPOSED, ENDED, "walk-7"),
+        ("walk-7", RECORDING, ENDED, "walk-7"),
+        ("take-1", None, status(), "take-1"),
     ],
 )
-def test_the_next_take_has_the_next_number(take, following):
-    assert next_name(take) == following
-
-
-@given(st.from_regex(r"[a-z]{1,5}[0-9]{0,4}", fullmatch=True))
-def test_no_take_proposes_its_own_name(take):
-    assert next_name(take) != take
+def test_the_servers_proposal_is_shown_unless_another_name_was_typed_that_is_not_used_up(typed, before, now, shown):
+    assert take_name(typed, before, now) == shown

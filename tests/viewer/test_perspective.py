@@ -150,11 +150,10 @@ def test_a_lane_shows_the_sensors_own_skeletons_in_its_colour():
     assert (strokes.colours == SENSORS[0].paint).all()
 
 
-def test_a_sensor_keeps_its_colour_whoever_joins():
+@given(st.permutations(["front", "left", "right", "back"]))
+def test_the_same_sensors_have_the_same_colours_in_whatever_order_they_come(names):
     colours = SensorColours()
-    colours.learn({"left"})
-    before = colours.of("left")
-    colours.learn({"aisle", "left"})
-    assert colours.of("left") == before
-    assert colours.of("aisle") != before
-    assert colours.sensors == ("aisle", "left")
+    for name in names:
+        colours.learn({name})
+    assert colours.sensors == ("back", "front", "left", "right")
+    assert [colours.of(name) for name in colours.sensors] == list(SENSORS[:4])

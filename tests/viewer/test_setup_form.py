@@ -12,7 +12,16 @@ from mocapella.conventions import NOT_AVAILABLE
 from mocapella.errors import SettingsError
 from mocapella.model.session import PLACEMENTS, SCENARIOS, SensorPose, Setup
 from mocapella.settings import parse
-from mocapella.viewer.setup_form import NONE, PoseField, SetupFields, fields_of, merge, setup_arguments
+from mocapella.viewer.setup_form import (
+    HEIGHT_M,
+    NONE,
+    TILT_DEG,
+    PoseField,
+    SetupFields,
+    fields_of,
+    merge,
+    setup_arguments,
+)
 
 POSES = st.builds(PoseField, st.floats(-45, 45), st.floats(0, 3))
 FIELDS = st.builds(
@@ -84,6 +93,26 @@ def test_a_participant_that_is_no_number_is_refused_by_name():
         setup_arguments(SetupFields(participant="Ada"), SetupFields(), Setup())
 
 
-def test_a_setup_out_of_range_is_refused():
-    with pytest.raises(SettingsError, match="sensors_expected"):
+@pytest.mark.parametrize(
+    ("pose", "words"),
+    [
+        (PoseField(120.0, 1.0), 'tilt of sensor "left" is 120°; it must be from -90 to 90°'),
+        (PoseField(-90.5, 1.0), 'tilt of sensor "left" is -90.5°; it must be from -90 to 90°'),
+        (PoseField(0.0, 10.2), 'height of sensor "left" is 10.2 m; it must be from 0 to 10 m'),
+        (PoseField(0.0, -0.1), 'height of sensor "left" is -0.1 m; it must be from 0 to 10 m'),
+    ],
+)
+def test_a_pose_out_of_range_is_refused_in_the_units_in_which_it_was_typed(pose, words):
+    with pytest.raises(SettingsError, match=f"^{words}$"):
+        setup_arguments(SetupFields(poses={"left": pose}), SetupFields(), Setup())
+
+
+def test_every_pose_of_the_form_is_one_of_a_setup():
+    for tilt in TILT_DEG:
+        for height in HEIGHT_M:
+            parse(Setup, setup_arguments(SetupFields(poses={"a": PoseField(tilt, height)}), SetupFields(), Setup()))
+
+
+def test_to_wait_for_no_sensor_is_refused():
+    with pytest.raises(SettingsError, match="sensors to wait for is 0; it must be 1 or more"):
         setup_arguments(SetupFields(sensors_expected=0), SetupFields(), Setup())

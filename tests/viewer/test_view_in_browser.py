@@ -22,9 +22,12 @@ from mocapella.viewer.layout import SENSORS_SCALE, Look, lane_origins
 from mocapella.viewer.palette import SENSORS, person_colour
 from mocapella.viewer.perspective import Floors, Perspectives
 from mocapella.viewer.setup_form import PoseField, SetupFields
+from mocapella.viewer.setup_panel import HEIGHT_LABEL, TILT_LABEL
 from mocapella.viewer.stages import tracking_drawing
 
 CHROMIUM = shutil.which("chromium")
+LEFT = 1
+"""Place of the sensor ``left`` among those of the room, by name."""
 ARTIFACTS = Path(__file__).resolve().parents[2] / "artifacts"
 WAIT_MS = 45_000
 
@@ -47,19 +50,17 @@ class Tab:
     def button(self, name):
         return self.page.get_by_role("button", name=name, exact=True)
 
-    def field(self, label):
-        return (
-            self.page.locator("label", has_text=label)
-            .first.locator("xpath=../../..")
-            .locator("input:not([type=hidden])")
-        )
+    def field(self, label, place=0):
+        """The input with that label; with ``place``, one of several of it."""
+        row = self.page.locator("label", has_text=label).nth(place).locator("xpath=../../..")
+        return row.locator("input:not([type=hidden])")
 
     def choose(self, label, option):
         self.field(label).click()
         self.page.get_by_role("option", name=option, exact=True).click()
 
-    def type(self, label, text, place=0):
-        self.field(label).nth(place).fill(text)
+    def type(self, label, text):
+        self.field(label).fill(text)
 
     def expect(self, text):
         self.page.get_by_text(text).locator("visible=true").first.wait_for()
@@ -68,9 +69,9 @@ class Tab:
         """Wait until the headline says it."""
         self.page.locator(".mocapella-status", has_text=state).wait_for()
 
-    def expect_value(self, label, value, place=0):
+    def expect_value(self, label, value):
         """Wait until the field holds it."""
-        until(self, lambda: self.field(label).nth(place).input_value() == value, f"{label} is {value}")
+        until(self, lambda: self.field(label).input_value() == value, f"{label} is {value}")
 
     def expect_enabled(self, name, enabled=True):
         """Wait until the button can be pressed, or cannot."""
@@ -145,8 +146,9 @@ def tabs(server, chromium, tab):
 def fresh(server):
     """Each test begins with the same session, stopped, three sensors, nothing recorded."""
     server.answers, server.empty = True, False
+    server.held.clear()
     server.change(running=False, phase="stopped", setup=Setup(sensors_expected=3), recording=RecordingHealth())
-    server.change(frames_remaining=0, reason="")
+    server.change(frames_remaining=0, reason="", next_take="")
     server.commands.clear()
 
 
@@ -271,10 +273,10 @@ def test_the_setup_form_sends_what_was_typed(server, tab):
     open_setup(tab)
     tab.expect_enabled("Apply setup", enabled=False)
     tab.type("Participant", "7")
+    until(tab, lambda: panels(server)[0]._setup._read().participant == "7", "the participant has arrived")
     tab.choose("Placement", "right-45")
     tab.choose("Scenario", "walk")
-    tab.type("left °, m", "1.4", place=1)
-    tab.field("left °, m").nth(1).blur()
+    tab.field(HEIGHT_LABEL, LEFT).fill("1.4")
     typed = SetupFields("stand-still", 3, "7", "right-45", "walk")
     poses = {name: PoseField(0.0, 1.4 if name == "left" else HEIGHT_M) for name in server.room.names}
     typed = dataclasses.replace(typed, poses=poses)
@@ -301,6 +303,19 @@ def test_edits_that_are_not_applied_stay_when_the_server_changes_and_go_when_rev
     tab.expect_value("Participant", "")
 
 
+def test_a_tilt_out_of_range_stays_as_it_was_typed_and_is_refused_in_its_unit(server, tab):
+    open_setup(tab)
+    tab.field(TILT_LABEL, LEFT).fill("120")
+    tab.field(TILT_LABEL, LEFT).blur()
+    tab.expect_enabled("Apply setup")
+    tab.button("Apply setup").click()
+    tab.expect('tilt of sensor "left" is 120°; it must be from -90 to 90°')
+    assert tab.field(TILT_LABEL, LEFT).input_value() == "120"
+    tab.button("Revert edits").click()
+    until(tab, lambda: tab.field(TILT_LABEL, LEFT).input_value() == "0", "the edit is gone")
+    assert server.commands == []
+
+
 def test_a_participant_that_is_no_number_is_refused_in_the_page(server, tab):
     open_setup(tab)
     tab.type("Participant", "Ada")
@@ -319,6 +334,46 @@ def test_a_slow_server_does_not_hold_up_the_view(server, tab):
     assert server.status.running is False
     server.gate.set()
     tab.expect_enabled("Stop")
+
+
+def test_an_empty_stage_says_why(server, tab):
+    server.empty = True
+    until(tab, lambda: stage_text(server) == ["Stopped: press Start to track"], "the stage says it")
+    server.change(running=True, phase="calibrating", frames_remaining=90, frames_wanted=120)
+    until(tab, lambda: stage_text(server) == ["Calibrating: stand still (90 of 120 frames to go)"], "the stage says it")
+    server.empty = False
+    until(tab, lambda: stage_text(server) == [], "the text makes room for the people")
+
+
+def stage_text(server):
+    """What stands on the first browser's Tracking stage instead of people."""
+    _, browser = min(server.viewer._browsers.items())
+    return [handle.text for handle in browser._stage._empty._handles if handle.visible]
+
+
+def test_a_take_gets_the_name_that_the_server_proposes_unless_one_was_typed(server, tab):
+    tab.type("Take", "take-3")
+    until(tab, lambda: panels(server)[0]._name.value == "take-3", "the name has arrived")
+    server.change(next_take="take-3")
+    until(tab, lambda: panels(server)[0]._status.next_take == "take-3", "it is the proposed one")
+    server.change(next_take="take-4")
+    tab.expect_value("Take", "take-4")
+    tab.type("Take", "walk-1")
+    until(tab, lambda: panels(server)[0]._name.value == "walk-1", "the name has arrived")
+    server.change(next_take="take-5", reason="a take of somebody else")
+    tab.expect("a take of somebody else")
+    tab.expect_value("Take", "walk-1")
+
+
+def test_the_page_that_is_cut_off_says_so_and_goes_on_when_it_is_not(server, tab):
+    lost = tab.page.locator(".mocapella-lost")
+    lost.wait_for(state="hidden")
+    server.held.set()
+    lost.wait_for(state="visible")
+    box = lost.bounding_box()
+    assert (box["x"], box["y"], box["width"], box["height"]) == (0, 0, 1100, 640)
+    server.held.clear()
+    lost.wait_for(state="hidden")
 
 
 def test_without_a_server_all_is_disabled(server, tab):
@@ -394,3 +449,7 @@ def test_a_perspective_moves_the_camera_of_its_own_browser_to_the_sensor(server,
         first.button(aim).click()
     first.choose("Perspective", "free")
     until(first, lambda: cameras(server)[0, 2] < -1, "the camera is before the stages")
+    first.button("Sensor's eyes").click()
+    first.expect_value("Perspective", "front")
+    wanted = [0.0, server.frames["front"].height, 0.0]
+    until(first, lambda: np.allclose(cameras(server)[0], wanted, atol=1e-2), "the camera is at the default sensor")

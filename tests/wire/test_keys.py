@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from ipaddress import IPv4Address, IPv6Address
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -52,3 +54,14 @@ def test_loopback_is_told_from_other_interfaces() -> None:
     assert is_loopback("tcp/[::1]:7447")
     assert not is_loopback("tcp/0.0.0.0:7447")
     assert not is_loopback("tcp/192.0.2.1:7447")
+
+
+@given(st.ip_addresses(), st.integers(1, 65535))
+def test_a_number_is_loopback_as_the_standards_say(address: IPv4Address | IPv6Address, port: int) -> None:
+    host = f"[{address}]" if address.version == 6 else str(address)
+    assert is_loopback(f"tcp/{host}:{port}") == address.is_loopback
+
+
+@pytest.mark.parametrize("host", ["127.evil.example", "127.0.0.1.example.org", "localhost.example.org", "127.", ""])
+def test_a_name_that_looks_like_loopback_is_none(host: str) -> None:
+    assert not is_loopback(f"tcp/{host}:7447")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mocapella.calibration.centre_and_angle import body_centre, shoulder_angle, world_from_sensor
 from mocapella.geometry.angles import circular_mean
-from mocapella.model.bodies import Bodies, BodyKey
+from mocapella.model.bodies import Bodies, BodyKey, body_name
 from mocapella.model.observations import JointState
 from mocapella.model.scene import Phase, TrackerState
 from mocapella.settings import check
@@ -153,7 +153,7 @@ class StandStill:
         if set(bodies.ids) - set(before.ids):
             return f"{bodies.sensor}: somebody new came in"
         if gone := sorted(set(before.ids) - set(bodies.ids)):
-            return f"{bodies.sensor}: body {gone[0]} is gone"
+            return f"{bodies.sensor}: {body_name(gone[0])} is gone"
         return movement(before, bodies, self.settings.still_within_m) if bodies.ids else ""
 
     def _finish(self, speaking: Collection[str]) -> None:
@@ -167,7 +167,9 @@ class StandStill:
                     found[latest.sensor, body] = world_from_sensor(centre, angle)
                 else:
                     unplaced.append((latest.sensor, body))
-        problem = "; ".join(f"{sensor}: the shoulders of body {body} were never seen" for sensor, body in unplaced)
+        problem = "; ".join(
+            f"{sensor}: the shoulders of {body_name(body)} were never seen" for sensor, body in unplaced
+        )
         if not found:
             self.restart(problem)
             return
@@ -219,14 +221,14 @@ def movement(before: Bodies, now: Bodies, still_within_m: float) -> str:
     missing = seen_before & (now.states[:, parts] == JointState.NOT_TRACKED)
     if missing.any():
         body, part = (int(i[0]) for i in missing.nonzero())
-        return f"{now.sensor}: {names[part]} of body {now.ids[body]} went missing"
+        return f"{now.sensor}: {names[part]} of {body_name(now.ids[body])} went missing"
     tracked = np.minimum(before.states[:, parts], now.states[:, parts]) == JointState.TRACKED
     step = np.where(tracked[..., None], now.positions[:, parts] - before.positions[:, parts], 0.0)
     distance_m = np.sqrt((step * step).sum(axis=-1))
     if distance_m.max(initial=0.0) > still_within_m:
         body, part = (int(i) for i in np.unravel_index(distance_m.argmax(), distance_m.shape))
         moved_cm = 100 * distance_m[body, part]
-        return f"{now.sensor}: {names[part]} of body {now.ids[body]} moved {moved_cm:.0f} cm"
+        return f"{now.sensor}: {names[part]} of {body_name(now.ids[body])} moved {moved_cm:.0f} cm"
     return ""
 
 

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 
-from mocapella.errors import SettingsError
+from mocapella.errors import SettingsError, one_of
 
 if TYPE_CHECKING:
     from mocapella.model.session import RecordingHealth
@@ -23,10 +26,67 @@ DEFAULT_ADDRESS = f"tcp/127.0.0.1:{DEFAULT_PORT}"
 console = Console(stderr=True, highlight=False)
 """Everything for people goes to standard error, so that standard output is a program's."""
 
-Connect = Annotated[str, typer.Option("--connect", help="Address of the server.", show_default=True)]
+
+def _check_json(target: str | None) -> str | None:
+    """Refuse, before anything is done, a result file that could not be written at the end."""
+    if target is None or target == "-":
+        return target
+    path, problem = Path(target), ""
+    if path.is_dir():
+        problem = "it is a folder"
+    elif not path.parent.is_dir():
+        problem = f"there is no folder {path.parent}"
+    elif not os.access(path if path.exists() else path.parent, os.W_OK):
+        problem = "it cannot be written to"
+    if problem:
+        raise SettingsError(
+            f"--json {target}: {problem}; name a file in a folder that exists, or - for standard output"
+        )
+    return target
+
+
+def _check_scene(name: str) -> str:
+    """List the scenes where that is asked for, and where there is none of that name."""
+    from mocapella.sources.simulate import scene_summaries
+
+    scenes = scene_summaries()
+    width = max(map(len, scenes)) + 2
+    lines = [f"{scene:<{width}}{what}" for scene, what in scenes.items()]
+    if name == "help":
+        typer.echo("\n".join(lines))
+        raise typer.Exit
+    if name not in scenes:
+        say("\n".join(lines))
+        raise SettingsError(f"unknown scene {name!r}; known: {one_of(name, scenes)}")
+    return name
+
+
+Connect = Annotated[
+    str, typer.Option("--connect", metavar="ADDRESS", help="Address of the server: tcp/HOST:PORT.", show_default=True)
+]
 JsonOut = Annotated[
     str | None,
-    typer.Option("--json", metavar="FILE", help="Write the result as JSON to FILE; - is standard output."),
+    typer.Option(
+        "--json",
+        metavar="FILE",
+        help="Write the result as JSON to FILE at the end; - is standard output.",
+        callback=_check_json,
+    ),
+]
+SceneName = Annotated[
+    str,
+    typer.Option(
+        "--scene", metavar="NAME", help="Which simulated room; `--scene help` lists them.", callback=_check_scene
+    ),
+]
+Seed = Annotated[int, typer.Option(help="The same seed gives the same noise.")]
+Placement = Annotated[
+    str | None,
+    typer.Option("--placement", metavar="NAME", help="Refuse a study log of another placement, such as right-90."),
+]
+RecordTo = Annotated[
+    Path | None,
+    typer.Option("--record", metavar="TAKE", help="Record from the start, to this file; .mcap is added."),
 ]
 
 MethodSettings = Annotated[
@@ -89,9 +149,39 @@ def exit_by(recording: dict[str, Any] | None) -> None:
         raise typer.Exit(1)
 
 
+@contextmanager
+def working(text: str, *, status: int) -> Iterator[None]:
+    """Show ``text`` while something takes long; Ctrl-C ends the command there, with that exit status."""
+    from mocapella.live.stopping import interruptible
+
+    try:
+        with interruptible(), console.status(text):
+            yield
+    except KeyboardInterrupt:
+        say("stopped before the end")
+        raise typer.Exit(status) from None
+
+
+def take_file(path: Path) -> Path:
+    """Where ``--record`` puts a take: its name is what `take_path` makes of it, as with `mocapella record`.
+
+    Raises:
+        RecordingError: a name that a take may not have.
+    """
+    from mocapella.recording.disk import take_path
+
+    return take_path(path.parent, path.name)
+
+
 def say(text: str) -> None:
-    """A line for a person; names that come from elsewhere cannot make markup."""
-    console.print(text, markup=False)
+    """A line for a person, however long; names that come from elsewhere cannot make markup."""
+    console.print(text, markup=False, soft_wrap=True)
+
+
+def say_if_never_tracked(summary: dict[str, Any], of: str = "") -> None:
+    """Why a run of frames came to no tracking, where it did not; ``of`` is put before it."""
+    if summary["frames_in"] and summary["never_tracked"]:
+        say(f"{of}nobody was tracked: {summary['never_tracked']}")
 
 
 def write_json(target: str | None, value: Any) -> None:

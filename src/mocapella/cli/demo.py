@@ -3,31 +3,40 @@
 from __future__ import annotations
 
 import webbrowser
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from mocapella.cli import app
-from mocapella.cli.common import DEFAULT_PORT, DEFAULT_VIEW_PORT, JsonOut, console, exit_by, say, write_json
+from mocapella.cli.app import app
+from mocapella.cli.common import (
+    DEFAULT_PORT,
+    DEFAULT_VIEW_PORT,
+    JsonOut,
+    RecordTo,
+    SceneName,
+    Seed,
+    exit_by,
+    say,
+    take_file,
+    working,
+    write_json,
+)
 
 
 @app.command()
 def demo(
-    scene: Annotated[str, typer.Option(help="Which simulated room; `mocapella node simulate --scene help`.")] = (
-        "obstacle"
-    ),
+    scene: SceneName = "obstacle",
     seconds: Annotated[float | None, typer.Option(min=0, help="End after so long; without it, at Ctrl-C.")] = None,
     headless: Annotated[bool, typer.Option("--headless", help="No live view.")] = False,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the view's URL, open no browser.")] = False,
-    record: Annotated[Path | None, typer.Option(metavar="TAKE", help="Record the demo.")] = None,
+    record: RecordTo = None,
     port: Annotated[
         int | None, typer.Option(min=1, max=65535, help="Bus port; by default 7447, or a free one.")
     ] = None,
     view_port: Annotated[
         int | None, typer.Option(min=1, max=65535, help="View port; by default 7448, or a free one.")
     ] = None,
-    seed: Annotated[int, typer.Option(help="The same seed gives the same noise.")] = 0,
+    seed: Seed = 0,
     json: JsonOut = None,
 ) -> None:
     """Simulate a room with three sensors, two people and an obstacle, track the people live, and open the view.
@@ -39,12 +48,14 @@ def demo(
     from mocapella.cli.serve import finish, live_session, say_url, start_together, wait_while
     from mocapella.live.launch import check_port_free
     from mocapella.live.server import ServerSettings
+    from mocapella.live.stopping import stop_on_signals
     from mocapella.model.session import Setup
     from mocapella.sources.simulate import SimulatedSensor, load_scene
 
+    take = None if record is None else take_file(record)
     room = load_scene(scene, seed=seed)
     names = room.sensor_names
-    with console.status("making the room …"):
+    with working("making the room …", status=0):
         next(SimulatedSensor(room, 1).frames())  # compiles once a machine, and not in every sensor at once
     bus_port = _choose(port, DEFAULT_PORT)
     if port is not None:
@@ -57,16 +68,16 @@ def demo(
         if not no_browser:
             webbrowser.open(url)
 
-    with live_session(settings, view_port=page_port, on_url=show) as session:
-        if record is not None:
-            say(session.server.record_to(record))
-        room_words = ["--scene", scene, "--seed", str(seed), "--connect", settings.listen]
-        start_together(session, [["simulate", "--sensor", name, *room_words] for name in names])
-        say(f"simulating {scene}: sensors {', '.join(names)} (Ctrl-C ends)")
-        wait_while(session, seconds)
-        summary = finish(session.server)
-    write_json(json, summary)
-    say(f"{summary['frames_in']} frames in, {summary['frames_out']} scenes out, {summary['most_people']} people")
+    with stop_on_signals() as stop:
+        with live_session(settings, stop, view_port=page_port, on_url=show) as session:
+            if take is not None:
+                say(session.server.record_to(take))
+            room_words = ["--scene", scene, "--seed", str(seed), "--connect", settings.listen]
+            start_together(session, [["simulate", "--sensor", name, *room_words] for name in names])
+            say(f"simulating {scene}: sensors {', '.join(names)} (Ctrl-C ends)")
+            wait_while(session, seconds)
+            summary = finish(session.server)
+        write_json(json, summary)
     exit_by(summary["recording"])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import os
 import platform
 import re
 import shutil
@@ -14,14 +15,19 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
+from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from mocapella import __version__
-from mocapella.cli import app
+from mocapella.cli.app import app
 from mocapella.cli.common import DEFAULT_PORT, DEFAULT_VIEW_PORT, JsonOut, console, write_json
 from mocapella.errors import AddressInUseError, BusError
 
+_BROWSERS = (
+    *("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "firefox", "firefox-esr"),
+    *("microsoft-edge", "brave-browser", "vivaldi", "opera", "safari"),
+)
 _MARKS = {"ok": "[green]ok[/green]", "note": "[yellow]note[/yellow]", "problem": "[red]problem[/red]"}
 
 
@@ -39,12 +45,13 @@ class Finding:
 def doctor(
     port: Annotated[int, typer.Option(min=1, max=65535, help="Bus port to look at.")] = DEFAULT_PORT,
     view_port: Annotated[int, typer.Option(min=1, max=65535, help="View port to look at.")] = DEFAULT_VIEW_PORT,
-    takes: Annotated[Path, typer.Option(help="Folder where takes will go.")] = Path("takes"),
+    takes: Annotated[Path, typer.Option(metavar="FOLDER", help="Where the takes will go.")] = Path("takes"),
     json: JsonOut = None,
 ) -> None:
     """Look at this machine and say what is missing for which job, and what to do about it.
 
-    Exit status 1 when something that the main job needs is wrong.
+    The table is on standard output, or with --json - on standard error. Exit status 1 when something that the main job
+    needs is wrong.
 
     Example:  mocapella doctor --json -
     """
@@ -54,9 +61,13 @@ def doctor(
         table.add_column(heading, overflow="fold")
     for finding in findings:
         table.add_row(_MARKS[finding.verdict], *map(escape, (finding.what, finding.found, finding.advice)))
-    console.print(table)
+    problems = [finding.what for finding in findings if finding.verdict == "problem"]
+    # It is the result of this command, which may be piped or kept; other verbs only speak of theirs.
+    out = console if json == "-" else Console(highlight=False)
+    out.print(table)
+    out.print(f"to be mended: {', '.join(problems)}" if problems else "the main job can be done here", markup=False)
     write_json(json, [asdict(finding) for finding in findings])
-    if any(finding.verdict == "problem" for finding in findings):
+    if problems:
         raise typer.Exit(1)
 
 
@@ -128,13 +139,16 @@ def _port(what: str, port: int, option: str) -> Finding:
 
 
 def _disk(takes: Path) -> Finding:
+    from mocapella.recording.disk import GIB
+
     folder = takes.absolute()
     while not folder.exists():
         folder = folder.parent
     free = shutil.disk_usage(folder).free
-    found = f"{free / 1e9:.1f} GB free at {folder}"
-    if free < 2e9:
-        return Finding("disk for takes", "problem", found, "make room, or name another folder with --takes")
+    found = f"{free / GIB:.1f} GiB free at {folder}"
+    if free < 2 * GIB:
+        advice = "a recording leaves 1 GiB free (serve --reserve-gib); make room, or name another folder with --takes"
+        return Finding("disk for takes", "problem", found, advice)
     return Finding("disk for takes", "ok", found)
 
 
@@ -149,13 +163,17 @@ def _devices() -> Finding:
 def _browser() -> Finding:
     import webbrowser
 
+    installed = next((path for name in _BROWSERS if (path := shutil.which(name)) is not None), None)
     try:
-        found = webbrowser.get().name if hasattr(webbrowser.get(), "name") else "a browser"
+        opener = webbrowser.get()
     except webbrowser.Error:
-        return Finding(
-            "browser", "note", "none found", "open the URL that demo and serve print, from any machine's own"
-        )
-    return Finding("browser", "ok", str(found))
+        advice = "open the URL that demo and serve print, in a browser of this machine"
+        if installed is None:
+            return Finding("browser", "note", "none found", advice)
+        no_screen = sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+        why = "no screen (DISPLAY) to open it on" if no_screen else "Python does not know how to open it"
+        return Finding("browser", "note", f"{installed}; {why}", advice)
+    return Finding("browser", "ok", installed or str(getattr(opener, "name", "the system's")))
 
 
 def _clock() -> Finding:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import msgspec
 import typer
 
-from mocapella.cli import export_app
-from mocapella.cli.common import JsonOut, console, say, write_json
+from mocapella.cli.app import export_app
+from mocapella.cli.common import JsonOut, say, working, write_json
 
 if TYPE_CHECKING:
     from mocapella.model.scene import Scene
@@ -26,12 +26,21 @@ def _export() -> None:
 @export_app.command("csv")
 def csv(
     take: Annotated[Path, typer.Argument(help="A take (.mcap).")],
-    out: Annotated[Path | None, typer.Option(help="The log to write; by default the take's name with .csv.")] = None,
-    every: Annotated[int, typer.Option(min=1, help="Every n-th result.")] = 1,
-    reference: Annotated[str | None, typer.Option(help="Sensor in whose camera space the log is.")] = None,
-    participant: Annotated[int | None, typer.Option(help="Study_Id; by default the take's setup.")] = None,
-    placement: Annotated[str | None, typer.Option(help="Kinect_Config; by default the take's setup.")] = None,
-    scenario: Annotated[str | None, typer.Option(help="Scenario_Id; by default the take's setup.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The log to write; by default the take's name with .csv.")
+    ] = None,
+    every: Annotated[int, typer.Option(min=1, help="Write every n-th result only.")] = 1,
+    reference: Annotated[
+        str | None,
+        typer.Option(metavar="SENSOR", help="In whose camera space the log is; by default each person's first view."),
+    ] = None,
+    participant: Annotated[int | None, typer.Option(help="Study_Id; by default as set up.")] = None,
+    placement: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Kinect_Config, such as right-90; by default as set up.")
+    ] = None,
+    scenario: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Scenario_Id, such as walk; by default as set up.")
+    ] = None,
     json: JsonOut = None,
 ) -> None:
     """Write the study log: the thesis' 87 columns, a row for each sensor's view of each person.
@@ -42,14 +51,17 @@ def csv(
     """
     import dataclasses
 
+    from mocapella.cli.recordings import find_recording
+    from mocapella.live.stopping import INTERRUPTED
     from mocapella.recording.study_export import export_study_log
     from mocapella.recording.take_reader import read_take
 
+    take = find_recording(take)
     source = read_take(take)
     given = {"participant": participant, "placement": placement, "scenario": scenario}
     setup = dataclasses.replace(source.info.setup, **{key: value for key, value in given.items() if value is not None})
     target = out or take.with_suffix(".csv")
-    with console.status(f"writing {target} …"):
+    with working(f"writing {target} …", status=INTERRUPTED):
         report = export_study_log(_timed_scenes(source), target, setup=setup, every=every, reference=reference)
     say(f"{report.rows} rows of {report.written} results in {target}")
     for problem in source.problems:

@@ -4,15 +4,25 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from mocapella.cli import node_app
-from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, say, warn_if_open, write_json
+from mocapella.cli.app import node_app
+from mocapella.cli.common import (
+    DEFAULT_ADDRESS,
+    Connect,
+    JsonOut,
+    Placement,
+    SceneName,
+    Seed,
+    say,
+    warn_if_open,
+    write_json,
+)
 from mocapella.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -22,65 +32,69 @@ READY: Final = "ready"
 """What a node that is told its epoch prints when it waits for it."""
 _Epoch = Annotated[
     float | None,
-    typer.Option(help="Unix time in seconds at which the source's time is 0. Nodes with one epoch are in step."),
+    typer.Option(metavar="UNIX_TIME", help="When the source's time is 0 [s]. Nodes with one epoch are in step."),
 ]
 _EpochFromInput = Annotated[
     bool, typer.Option("--epoch-from-input", hidden=True, help="Say `ready`, and read the epoch from standard input.")
 ]
 _Linger = Annotated[
-    float, typer.Option(min=0, help="Stay this many seconds after the last frame, for the record path.")
+    float, typer.Option(min=0, help="Stay so long after the last frame [s], so that a take gets what it missed.")
 ]
-_Name = Annotated[str | None, typer.Option("--name", help="Serve it under another name.")]
+_Name = Annotated[str | None, typer.Option("--name", metavar="SENSOR", help="Serve it under another name.")]
 
 
 @node_app.command("simulate")
 def simulate(
-    scene: Annotated[str, typer.Option(help="Which room; --scene help lists them.")] = "obstacle",
-    sensor: Annotated[str, typer.Option(help="Which of its sensors: a number from 1, or its name.")] = "1",
+    scene: SceneName = "obstacle",
+    sensor: Annotated[
+        str, typer.Option(metavar="SENSOR", help="Which of its sensors: a number from 1, or its name.")
+    ] = "1",
     connect: Connect = DEFAULT_ADDRESS,
-    seed: Annotated[int, typer.Option(help="The same seed gives the same noise.")] = 0,
-    bvh: Annotated[Path | None, typer.Option(help="A BVH file that the first person moves by.")] = None,
-    seconds: Annotated[float | None, typer.Option(min=0, help="End after so long; without it, at Ctrl-C.")] = None,
+    seed: Seed = 0,
+    bvh: Annotated[Path | None, typer.Option(metavar="FILE", help="A BVH file that the first person moves by.")] = None,
+    seconds: Annotated[
+        float | None, typer.Option(min=0, help="End so long after a server is there; without it, at Ctrl-C.")
+    ] = None,
     epoch: _Epoch = None,
     epoch_from_input: _EpochFromInput = False,
     name: _Name = None,
     json: JsonOut = None,
 ) -> None:
-    """Serve a sensor of a simulated room.
+    """Serve a sensor of a simulated room. Waits for the server, which may be started before or after.
 
     Every process that simulates the same scene with the same epoch (by default 0) shows the same room.
 
-    Example:  mocapella node simulate --scene obstacle --sensor 2
+    Example:  mocapella node simulate --scene obstacle --sensor right
     """
     from mocapella.live.node import DueFrame
-    from mocapella.sources.simulate import SimulatedSensor, load_scene, scene_names
+    from mocapella.sources.simulate import SimulatedSensor, load_scene
 
-    if scene == "help":
-        typer.echo("\n".join(scene_names()))
-        return
     room = load_scene(scene, seed=seed, bvh=bvh)
     source = SimulatedSensor(room, sensor)
     next(source.frames())  # compile and load before the clock matters
-    zero = _epoch(epoch, epoch_from_input, 0.0)
-    start_s = max(0.0, time.time() - zero)
-    stop_s = None if seconds is None else start_s + seconds
-    frames = (DueFrame(f.due_s, f.frame, f.truth) for f in source.frames(start_s=start_s, stop_s=stop_s))
-    _serve(frames, name or source.name, connect, zero, 0.0, json)
+    zero = _epoch_from_input() if epoch_from_input else epoch or 0.0
+
+    def frames() -> Iterator[DueFrame]:
+        start_s = max(0.0, time.time() - zero)
+        stop_s = None if seconds is None else start_s + seconds
+        return (DueFrame(f.due_s, f.frame, f.truth) for f in source.frames(start_s=start_s, stop_s=stop_s))
+
+    _serve(frames, name or source.name, connect, zero, json, wait=not epoch_from_input)
 
 
 @node_app.command("replay")
 def replay(
     file: Annotated[Path, typer.Argument(help="A study log (.csv, .csv.gz) or a take (.mcap).")],
-    sensor: Annotated[str, typer.Option(help="Which of its sensors.")],
+    sensor: Annotated[str, typer.Option(metavar="SENSOR", help="Which of its sensors, by name.")],
     connect: Connect = DEFAULT_ADDRESS,
-    placement: Annotated[str | None, typer.Option(help="Only if the log is of this placement.")] = None,
+    placement: Placement = None,
     epoch: _Epoch = None,
     epoch_from_input: _EpochFromInput = False,
     linger: _Linger = 2.0,
     name: _Name = None,
     json: JsonOut = None,
 ) -> None:
-    """Serve a sensor out of a recording, in real time.
+    """Serve a sensor out of a recording, in real time. Without --epoch it begins when a server is there.
 
     Example:  mocapella node replay Study_7_Kinect_2.csv.gz --sensor front
     """
@@ -88,12 +102,15 @@ def replay(
 
     recording = open_recording(file, placement)
     frames = recording.due_frames(sensor)
-    _serve(frames, name or sensor, connect, _epoch(epoch, epoch_from_input, time.time()), linger, json)
+    zero = _epoch_from_input() if epoch_from_input else epoch
+    _serve(lambda: frames, name or sensor, connect, zero, json, wait=zero is None, linger_s=linger)
 
 
 @node_app.command("bridge")
 def bridge(
-    listen: Annotated[str, typer.Option(help="HOST:PORT where foreign programs connect.")] = "127.0.0.1:7450",
+    listen: Annotated[
+        str, typer.Option(metavar="HOST:PORT", help="Where foreign programs connect.")
+    ] = "127.0.0.1:7450",
     connect: Connect = DEFAULT_ADDRESS,
     json: JsonOut = None,
 ) -> None:
@@ -112,14 +129,11 @@ def bridge(
         raise SettingsError(f"--listen {listen!r} cannot be used; write it as 127.0.0.1:7450")
     warn_if_open("the bridge is", host, int(port))
     with stop_on_signals() as stop:
-        summary = run_bridge(BridgeSettings(host=host, port=int(port)), connect, stop, say)
-    write_json(json, summary)
+        write_json(json, run_bridge(BridgeSettings(host=host, port=int(port)), connect, stop, say))
 
 
-def _epoch(given: float | None, from_input: bool, otherwise: float) -> float:
-    """When the source's time is 0; from who started this process, once everything that takes long is done."""
-    if not from_input:
-        return otherwise if given is None else given
+def _epoch_from_input() -> float:
+    """When the source's time is 0, from who started this process; once everything that takes long is done."""
     typer.echo(READY)
     line = sys.stdin.readline()
     if not line:  # who started it is gone
@@ -128,13 +142,23 @@ def _epoch(given: float | None, from_input: bool, otherwise: float) -> float:
 
 
 def _serve(
-    frames: Iterable[DueFrame], sensor: str, connect: str, epoch: float, linger_s: float, json: str | None
+    frames: Callable[[], Iterable[DueFrame]],
+    sensor: str,
+    connect: str,
+    epoch: float | None,
+    json: str | None,
+    *,
+    wait: bool,
+    linger_s: float = 0.0,
 ) -> None:
     from mocapella.live.node import run_node
     from mocapella.live.stopping import stop_on_signals
     from mocapella.wire.node import NodeLink
 
     with stop_on_signals() as stop, NodeLink(connect, sensor) as link:
-        summary = run_node(link, frames, epoch=epoch, stop=stop, say=say, linger_s=linger_s)
-    say(f"{sensor}: {summary.published} frames published, {summary.late} of them late")
-    write_json(json, asdict(summary))
+        summary = run_node(link, frames, epoch=epoch, stop=stop, wait=wait, say=say, linger_s=linger_s)
+        if summary.served:
+            say(f"{sensor}: {summary.published} frames published, {summary.late} of them late")
+        else:
+            say(f"{sensor}: no server was at {connect}; it received none of {summary.published} frames")
+        write_json(json, asdict(summary))

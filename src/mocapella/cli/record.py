@@ -2,52 +2,101 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import time
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mocapella.cli import app
-from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, console, recording_row, say, write_json
+from mocapella.cli.app import app
+from mocapella.cli.common import (
+    DEFAULT_ADDRESS,
+    Connect,
+    JsonOut,
+    console,
+    exit_by,
+    recording_row,
+    say,
+    write_json,
+)
+from mocapella.errors import RecordingError, SettingsError
+
+if TYPE_CHECKING:
+    import threading
+
+    import zenoh
+
+    from mocapella.model.session import RecordingHealth
+
+_CLOSING_S = 150.0
+"""How long the end of a take may take: it waits for frames that are asked for again, and for the disk."""
 
 
 @app.command()
 def record(
-    name: Annotated[str, typer.Argument(help="Name of the take; the server adds .mcap and keeps it in its folder.")],
+    name: Annotated[
+        str | None, typer.Argument(help="Name of the take; the server adds .mcap and keeps it in its folder.")
+    ] = None,
+    stop: Annotated[
+        bool, typer.Option("--stop", help="End the take that is being recorded, whoever began it.")
+    ] = False,
     connect: Connect = DEFAULT_ADDRESS,
     seconds: Annotated[float | None, typer.Option(min=0, help="End after so long; without it, at Ctrl-C.")] = None,
     json: JsonOut = None,
 ) -> None:
-    """Have a running server record a take, until Ctrl-C.
+    """Have a running server record a take, until Ctrl-C; or end one with --stop.
 
-    The server writes it, so nothing is lost between the two; a take that is being recorded goes on without a view.
+    The server writes it, so nothing is lost between the two. If this command is killed the take goes on, and --stop
+    ends it.
 
     Example:  mocapella record walk-1 --seconds 30
     """
-    import time
-
-    from mocapella.errors import RecordingError
     from mocapella.live.stopping import stop_on_signals
-    from mocapella.wire.reader import send_command
     from mocapella.wire.session import open_reader
 
+    if stop == (name is not None) or (stop and seconds is not None):
+        raise SettingsError("name a take to record, such as `mocapella record walk-1`, or give --stop alone to end one")
     session = open_reader(connect)
     try:
-        with stop_on_signals() as stop, console.status("") as line:
-            began = send_command(session, "record", {"name": name})
-            if not began.ok:
-                raise RecordingError(began.message)
-            say(began.message)
-            deadline = None if seconds is None else time.monotonic() + seconds
-            while not stop.wait(0.25) and (deadline is None or time.monotonic() < deadline):
-                status = send_command(session, "status").status
-                if status is None or not status.recording.active:
-                    raise RecordingError(status.recording.problem if status else "the server said nothing")
-                take = status.recording
-                line.update(f"{take.seconds:.0f} s, {take.frames} frames, {take.size_bytes / 1e6:.1f} MB")
-            ended = send_command(session, "record-stop", timeout=150.0)
+        with stop_on_signals() as interrupted:
+            ended = None if name is None else _record(session, name, seconds, interrupted)
+            row = recording_row(ended or _end(session))
+            write_json(json, row)
     finally:
         session.close()  # type: ignore[no-untyped-call]
+    exit_by(row)
+
+
+def _record(
+    session: zenoh.Session, name: str, seconds: float | None, interrupted: threading.Event
+) -> RecordingHealth | None:
+    """Begin the take and show how it goes, until it is to be ended; returns how it ended if somebody else did that."""
+    from mocapella.wire.reader import send_command
+
+    began = send_command(session, "record", {"name": name})
+    if not began.ok:
+        raise RecordingError(began.message)
+    say(f"{began.message} (Ctrl-C ends)")
+    deadline = None if seconds is None else time.monotonic() + seconds
+    with console.status("") as line:
+        while not interrupted.wait(0.25) and (deadline is None or time.monotonic() < deadline):
+            status = send_command(session, "status").status
+            if status is None:
+                raise RecordingError("the server's answer has no status; is it of another version?")
+            take = status.recording
+            if not take.active:
+                if take.problem:
+                    raise RecordingError(take.problem)
+                say(f"the take was ended by somebody else: {take.frames} frames in {take.path}")
+                return take
+            line.update(f"{take.seconds:.0f} s, {take.frames} frames, {take.size_bytes / 1e6:.1f} MB")
+    return None
+
+
+def _end(session: zenoh.Session) -> RecordingHealth:
+    from mocapella.wire.reader import send_command
+
+    ended = send_command(session, "record-stop", timeout=_CLOSING_S)
     if not ended.ok or ended.status is None:
         raise RecordingError(ended.message)
     say(ended.message)
-    write_json(json, recording_row(ended.status.recording))
+    return ended.status.recording

@@ -11,20 +11,26 @@ from typing import Any, Protocol
 import msgspec
 
 from mocapella.conventions import NS_PER_S
-from mocapella.errors import SettingsError, one_of
+from mocapella.errors import InputError, SettingsError, one_of
 from mocapella.live.node import DueFrame
 from mocapella.live.replay import replay
 from mocapella.live.session import Session
 from mocapella.live.summary import Tally
 from mocapella.model.observations import Arrival
-from mocapella.model.scene import Scene
+from mocapella.model.scene import Phase, Scene, TrackerState
 from mocapella.model.session import Setup
+from mocapella.recording.disk import SUFFIX
+from mocapella.recording.mcap_file import MAGIC
 from mocapella.recording.study_log import read_study_log
 from mocapella.recording.take import Command, Run
 from mocapella.recording.take_reader import read_take
 from mocapella.schema import encode_scene
 from mocapella.sources.study_replay import ReplayReport, StudyReplay
 
+TAKES = Path("takes")
+"""Where a server that was told of no other folder keeps its takes."""
+_ENDINGS = (SUFFIX, ".csv", ".csv.gz")
+_MOST_NAMED = 10
 LATE_NS = 100_000_000
 """How late a frame may be stored before it is taken for one that was fetched later."""
 LONGEST_BETWEEN_NS = 60_000_000_000
@@ -33,9 +39,10 @@ LONGEST_BETWEEN_NS = 60_000_000_000
 
 @dataclass(frozen=True)
 class Replayed:
-    """What came of a replay: counts, how long the recording is [s], and what else there is to say of it."""
+    """What came of a replay: counts, the state at its end, how long the recording is [s], and what else there is."""
 
     tally: Tally
+    last: TrackerState
     seconds: float
     notes: dict[str, Any] = field(default_factory=dict)
 
@@ -62,19 +69,48 @@ class Recording(Protocol):
         """Track it all, as fast as it goes."""
 
 
+def find_recording(file: Path) -> Path:
+    """The file of that name; or the take, which may be named without ``.mcap`` and lie in the folder ``takes``.
+
+    Raises:
+        InputError: there is none; says which takes there are.
+    """
+    names = [file] if file.name.endswith(_ENDINGS) else [file, file.with_name(file.name + SUFFIX)]
+    names += [TAKES / name for name in names] if file.parent == Path() else []
+    found = next((name for name in names if name.is_file()), None)
+    if found is not None:
+        return found
+    folders = [file] if file.is_dir() else dict.fromkeys(name.parent for name in names)
+    takes = sorted(str(path) for folder in folders for path in folder.glob(f"*{SUFFIX}"))
+    there = f"there are {one_of(str(file), takes[:_MOST_NAMED])}" if takes else "name a study log or a take"
+    raise InputError("it is a folder" if file.is_dir() else "no such file", file=file, fix=there)
+
+
+def is_take(file: Path) -> bool:
+    """Whether the file is a take, by its name or by how it begins."""
+    if file.suffix == SUFFIX:
+        return True
+    try:
+        with file.open("rb") as stream:
+            return stream.read(len(MAGIC)) == MAGIC
+    except OSError:  # who reads it says why it cannot be read
+        return False
+
+
 def open_recording(
     file: Path,
     placement: str | None = None,
     method: str | None = None,
     method_settings: Mapping[str, Any] | None = None,
 ) -> Recording:
-    """Open a study log or a take, told apart by the name's ending.
+    """Open a study log or a take, as `find_recording` finds it.
 
     Raises:
         InputError: the file cannot be used; names file, row, field and value where it can.
         SettingsError: a choice that a take has made already, or one that the log does not have.
     """
-    if file.suffix == ".mcap":
+    file = find_recording(file)
+    if is_take(file):
         if placement or method or method_settings:
             raise SettingsError(
                 f"{file} is a take, which is tracked as it was recorded; leave --placement, --method and --set out"
@@ -106,7 +142,7 @@ class RecordedLog:
             "unusable": dict(session.unusable),
             "problems": _row_problems(self._source.report),
         }
-        return Replayed(tally, self._source.duration_s, notes)
+        return Replayed(tally, session.state, self._source.duration_s, notes)
 
 
 def due_times(times: Sequence[tuple[int, int, int]]) -> list[int]:
@@ -171,20 +207,22 @@ class RecordedTake:
             differing += encode_scene(scene) != next(recorded, None)
             on_scene(scene)
 
-        tally, unusable = Tally(), Counter[str]()
+        tally, last, unusable = Tally(), TrackerState(Phase.STOPPED), Counter[str]()
         for run, events in _by_run(self._take.replay()):
             session = Session(run.info.setup, run.info.method_settings)
             tally = replay(session, events, compare, tally)
+            last = session.state
             unusable.update(session.unusable)
         missing = self._take.scene_count - tally.scenes_out
         notes = {
+            "recorded_scenes": self._take.scene_count,
             "differing_scenes": differing + abs(missing),
             "unusable": dict(unusable),
             "clean": self._take.clean,
             "problems": list(self._take.problems),
             "lost": sum(frames.lost for frames in self._take.complete()),
         }
-        return Replayed(tally, self._take.seconds, notes)
+        return Replayed(tally, last, self._take.seconds, notes)
 
 
 def _row_problems(report: ReplayReport) -> list[str]:

@@ -13,17 +13,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mocapella.cli import app
+from mocapella.cli.app import app
 from mocapella.cli.common import (
     DEFAULT_PORT,
     DEFAULT_VIEW_PORT,
     JsonOut,
     MethodSettings,
+    RecordTo,
     console,
     exit_by,
     method_settings,
     recording_row,
     say,
+    say_if_never_tracked,
+    take_file,
     warn_if_open,
     write_json,
 )
@@ -60,18 +63,20 @@ def say_url(url: str) -> None:
 
 @contextmanager
 def live_session(
-    settings: ServerSettings, *, view_port: int | None, on_url: Callable[[str], None] = say_url
+    settings: ServerSettings,
+    stop: threading.Event,
+    *,
+    view_port: int | None,
+    on_url: Callable[[str], None] = say_url,
 ) -> Iterator[LiveSession]:
-    """A server, its view (unless ``view_port`` is None), and a stop event that Ctrl-C sets; all closed at the end."""
+    """A server and its view (unless ``view_port`` is None), which ``stop`` ends; all closed at the end."""
     from mocapella.live.launch import Children, check_port_free
     from mocapella.live.server import Server
-    from mocapella.live.stopping import stop_on_signals
 
     # Two threads that compute (the tracker's and the recorder's) share one interpreter; the default of 5 ms between
     # switches would be half of the latency that a result may have.
     sys.setswitchinterval(0.0005)
     with ExitStack() as stack:
-        stop = stack.enter_context(stop_on_signals())
         if view_port is not None:
             check_port_free(VIEW_HOST, view_port, "--view-port")
         server = Server(settings, say=say)
@@ -102,25 +107,28 @@ def serve(
     sensors: Annotated[int, typer.Option(min=1, help="How many sensors to wait for before calibrating.")] = 1,
     method: Annotated[str, typer.Option(help="Tracking method.")] = "stand-still",
     settings: MethodSettings = None,
-    record: Annotated[
-        Path | None,
-        typer.Option(metavar="TAKE", help="Record from the start. A take that was cut off (kill -9) is continued."),
-    ] = None,
-    takes: Annotated[Path, typer.Option(help="Folder of the takes that the view or `record` begin.")] = Path("takes"),
+    record: RecordTo = None,
+    takes: Annotated[
+        Path, typer.Option(metavar="FOLDER", help="Where the takes go that the view or `mocapella record` begin.")
+    ] = Path("takes"),
     wait: Annotated[bool, typer.Option("--wait", help="Begin stopped; track when Start is pressed.")] = False,
-    reserve_mb: Annotated[int, typer.Option(min=0, help="Free disk space that a recording leaves [MB].")] = 1000,
+    reserve_gib: Annotated[float, typer.Option(min=0, help="Free disk space that a recording leaves [GiB].")] = 1.0,
     seconds: Annotated[float | None, typer.Option(min=0, help="End after so long; without it, at Ctrl-C.")] = None,
     json: JsonOut = None,
 ) -> None:
     """Wait for any number of sensors, track the people, and show them.
 
-    Sensors may come before or after the server, and leave and return. Ctrl-C closes a take properly.
+    Sensors may come before or after the server, and leave and return. Ctrl-C closes a take properly; a take that was
+    cut off (kill -9, power) is continued by the same command.
 
     Example:  mocapella serve --sensors 2 --record walk-1.mcap
     """
     from mocapella.live.server import ServerSettings
+    from mocapella.live.stopping import stop_on_signals
     from mocapella.model.session import Setup
+    from mocapella.recording.disk import GIB
 
+    take = None if record is None else take_file(record)
     warn_if_open("sensors, results and commands are", interface, port)
     server_settings = ServerSettings(
         listen=f"tcp/{interface}:{port}",
@@ -128,25 +136,34 @@ def serve(
         setup=Setup(method=method, sensors_expected=sensors),
         running=not wait,
         method_settings=method_settings(settings),
-        reserve_bytes=reserve_mb * 1_000_000,
+        reserve_bytes=round(reserve_gib * GIB),
     )
-    with live_session(server_settings, view_port=None if no_view else view_port) as session:
-        if record is not None:
-            say(session.server.record_to(record, resume=True))
-        say(f"waiting for sensors at {server_settings.listen} (Ctrl-C ends)")
-        wait_while(session, seconds)
-        summary = finish(session.server)
-    write_json(json, summary)
+    with stop_on_signals() as stop:
+        with live_session(server_settings, stop, view_port=None if no_view else view_port) as session:
+            if take is not None:
+                say(session.server.record_to(take, resume=True))
+            say(f"waiting for sensors at {server_settings.listen} (Ctrl-C ends)")
+            wait_while(session, seconds)
+            summary = finish(session.server)
+        write_json(json, summary)
     exit_by(summary["recording"])
 
 
 def finish(server: Server) -> dict[str, Any]:
-    """Close the server; what the session came to, and how its take ended, as ``--json`` prints it."""
+    """Close the server and say what the session came to; returns that, and how its take ended, as for ``--json``."""
     summary = _summary(server)
-    return {**summary, "recording": recording_row(server.close())}
+    recording = recording_row(server.close())
+    say(
+        f"{summary['seconds']:.0f} s, sensors: {len(summary['sensors'])}, frames in: {summary['frames_in']}, "
+        f"dropped: {summary['drops']}, scenes out: {summary['frames_out']}, most people: {summary['most_people']}"
+    )
+    say_if_never_tracked(summary)
+    return {**summary, "recording": recording}
 
 
 def _summary(server: Server) -> dict[str, Any]:
+    from mocapella.model.scene import Phase, TrackerState
+
     status = server.status()
     rows = [
         {
@@ -161,12 +178,15 @@ def _summary(server: Server) -> dict[str, Any]:
         }
         for sensor in status.sensors
     ]
+    last = TrackerState(
+        Phase(status.phase), status.sensors_missing, status.frames_remaining, status.frames_wanted, status.reason
+    )
     return {
         "seconds": status.uptime,
         "phase": status.phase,
         "sensors": rows,
         "drops": sum(row["drops"] for row in rows),
-        **server.tally.as_json(),
+        **server.tally.as_json(last),
     }
 
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from mocapella.cli import app
+from mocapella.cli.app import app
 from mocapella.cli.common import DEFAULT_ADDRESS, DEFAULT_VIEW_PORT, Connect, say, warn_if_open
 
 
@@ -18,7 +18,9 @@ def view(
         str, typer.Option(help="Interface of the page; others than 127.0.0.1 are open to your network.")
     ] = "127.0.0.1",
 ) -> None:
-    """Show a running server's session in the browser. (`serve` and `demo` start one by themselves.)
+    """Show a server's session in the browser, and wait for the server if none is there yet.
+
+    `serve` and `demo` start a view by themselves.
 
     Example:  mocapella view --connect tcp/127.0.0.1:7447 --port 7449
     """
@@ -27,4 +29,13 @@ def view(
 
     warn_if_open("the view is", host, port)
     with stop_on_signals() as stop:
-        run_view(connect, host, port, stop, on_ready=lambda url: say(f"view: {url}"))
+        run_view(
+            connect,
+            host,
+            port,
+            stop,
+            on_ready=lambda url: say(f"view: {url}"),
+            on_waiting=lambda address: say(
+                f"no server at {address} yet: start one with `mocapella serve`; waiting for it (Ctrl-C ends)"
+            ),
+        )

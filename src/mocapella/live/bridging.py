@@ -52,7 +52,8 @@ def run_bridge(
     def on_gone(sensor: str) -> None:
         left = serving.pop(sensor, None)
         if left is not None:
-            say(f"{sensor}: its program left after {left.link.published} frames")
+            nowhere = "" if left.membership.served.is_set() else f", which no server at {connect} received"
+            say(f"{sensor}: its program left after {left.link.published} frames{nowhere}")
             left.close()
 
     bridge = Bridge(on_frame, settings, on_gone)

@@ -8,10 +8,13 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from mocapella.errors import NameTakenError
+from mocapella.errors import NameTakenError, NoServerError
 from mocapella.model.observations import BodyFrame
 from mocapella.model.truth import Truth
 from mocapella.wire.node import NodeLink
+
+_ASKED_IN_VAIN = 5
+"""Joining takes some tries, because the connection is only just being made; so many, and a person is told."""
 
 
 class DueFrame(NamedTuple):
@@ -28,6 +31,7 @@ class NodeSummary:
 
     Attributes:
         sensor, node_id: who it was on the bus; the id as 16 hex digits.
+        served: whether a server was there at any time, and gave the node its sensor's name.
         published: frames.
         late: of these, how many left more than 10 ms after they were due.
         worst_delay: of any frame [s].
@@ -36,6 +40,7 @@ class NodeSummary:
 
     sensor: str
     node_id: str
+    served: bool
     published: int
     late: int
     worst_delay: float
@@ -43,15 +48,26 @@ class NodeSummary:
 
 
 class Membership:
-    """Keeps asking for the sensor's name until a server gives it, and again when a server comes back."""
+    """Keeps asking for the sensor's name until a server gives it, and again when a server comes back.
+
+    Attributes:
+        served: is set once a server has given the name.
+        refusal: why a server did not.
+    """
 
     def __init__(self, link: NodeLink, stop: threading.Event, say: Callable[[str], None]) -> None:
         self._link = link
         self._stop = stop
         self._say = say
+        self.served = threading.Event()
         self.refusal: NameTakenError | None = None
         self._thread = threading.Thread(target=self._run, name="membership")
         self._thread.start()
+
+    def wait_for_server(self) -> None:
+        """Until a server has given the name, has refused it, or the stop event is set."""
+        while not self.served.is_set() and not self._stop.wait(0.02):
+            pass
 
     def wait(self) -> None:
         """Until it has stopped asking, after the stop event was set."""
@@ -69,8 +85,8 @@ class Membership:
 
     def _run(self) -> None:
         sensor, address = self._link.node.sensor, self._link.address
-        self._say(f"{sensor}: looking for a server at {address} …")
         joined = False
+        asked = 0
         while not self._stop.is_set():
             try:
                 there = self._link.server_is_there() if joined else self._link.join()
@@ -78,7 +94,11 @@ class Membership:
                 self.refusal = refusal
                 self._stop.set()
                 return
+            asked += 1
+            if asked == _ASKED_IN_VAIN and not self.served.is_set() and not there:
+                self._say(f"{sensor}: waiting for a server at {address} (mocapella serve starts one)")
             if there and not joined:
+                self.served.set()
                 self._say(f"{sensor}: serving {address}")
             if joined and not there:
                 self._say(f"{sensor}: the server at {address} is gone; frames are kept for it, looking again …")
@@ -88,10 +108,11 @@ class Membership:
 
 def run_node(
     link: NodeLink,
-    frames: Iterable[DueFrame],
+    frames: Callable[[], Iterable[DueFrame]],
     *,
-    epoch: float,
+    epoch: float | None,
     stop: threading.Event,
+    wait: bool = True,
     say: Callable[[str], None] = lambda text: None,
     linger_s: float = 0.0,
 ) -> NodeSummary:
@@ -99,33 +120,44 @@ def run_node(
 
     Args:
         link: the sensor's end of the bus; stays open.
-        frames: in the order of their time.
-        epoch: the Unix time [s] at which the source's time was 0; two nodes with one epoch are in step.
+        frames: makes them, in the order of their time; is called when the run begins.
+        epoch: the Unix time [s] at which the source's time was 0; two nodes with one epoch are in step. None is when
+            the run begins.
         stop: ends the run.
+        wait: whether the run begins when a server is there, or at once.
         say: is told in words what happens.
         linger_s: how long to stay after the last frame, so that a recording server can fetch what it missed.
 
     Raises:
         NameTakenError: another node serves a sensor of this name.
+        NoServerError: the frames have ended, and no server was ever there to receive them.
     """
     membership = Membership(link, stop, say)
-    began = time.monotonic()
-    zero = began + (epoch - time.time())
     late, worst = 0, 0.0
     try:
-        for due in frames:
+        if wait:
+            membership.wait_for_server()
+        began = time.monotonic()
+        zero = began if epoch is None else began + (epoch - time.time())
+        for due in () if stop.is_set() else frames():
             if stop.wait(max(0.0, zero + due.due_s - time.monotonic())):
                 break
             delay = time.monotonic() - (zero + due.due_s)
             late, worst = late + (delay > 0.010), max(worst, delay)
             link.publish(due.frame, due.truth)
-        stop.wait(linger_s)
+        ended_by_itself = not stop.wait(linger_s)
     finally:
         stop.set()
         membership.close()
+    if ended_by_itself and not membership.served.is_set():
+        raise NoServerError(
+            f"{link.node.sensor}: {link.published} frames went nowhere: no server was at {link.address}; "
+            "start it first (mocapella serve)"
+        )
     return NodeSummary(
         sensor=link.node.sensor,
         node_id=f"{link.node.node_id:016x}",
+        served=membership.served.is_set(),
         published=link.published,
         late=late,
         worst_delay=round(worst, 4),

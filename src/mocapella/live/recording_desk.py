@@ -84,7 +84,9 @@ class RecordingDesk:
     def _begin(self, path: Path, resume: bool, newest: Mapping[NodeKey, int]) -> str:
         health = self.health()
         if health.active:
-            raise NotNowError(f"already recording {health.path}; stop that first")
+            raise NotNowError(
+                f"already recording {health.path}; end that first (mocapella record --stop, or in the view)"
+            )
         self._end()
         fresh = not (resume and path.exists())
         first = {node: sequence + 1 for node, sequence in newest.items()} if fresh else {}

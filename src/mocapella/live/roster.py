@@ -64,7 +64,7 @@ class Roster:
         if seat is not None and (seat.connected or seat.may_speak(now_ns)):
             return self._refuse(node)
         self._seats[node.sensor] = _Seat(node, heard_ns=now_ns)
-        self._notices.append(f"sensor {node.sensor} " + ("has a new node" if seat else "is here"))
+        self._notices.append(f'sensor "{node.sensor}" ' + ("has a new node" if seat else "is here"))
         return ""
 
     def set_connected(self, node: NodeKey, connected: bool, now_ns: int) -> None:
@@ -78,7 +78,7 @@ class Roster:
         if self.holds(node):
             self._seats[node.sensor].connected = False
             self._seats[node.sensor].left = True
-            self._notices.append(f"sensor {node.sensor} left")
+            self._notices.append(f'sensor "{node.sensor}" left the session')
 
     def holds(self, node: NodeKey) -> bool:
         """Whether the node holds its sensor's name."""
@@ -111,7 +111,7 @@ class Roster:
                 )
             seat.skipped += frame.sequence - last - 1
         if seat.silent:
-            self._notices.append(f"sensor {node.sensor} is back")
+            self._notices.append(f'sensor "{node.sensor}" is back')
         seat.last_frame, seat.heard_ns, seat.silent = frame, arrived_ns, False
         seat.rejection = ""
         seat.frames += 1
@@ -124,7 +124,7 @@ class Roster:
             seat = self._seats[node.sensor]
             if reason not in seat.told and len(seat.told) < _REASONS_TOLD:
                 seat.told.add(reason)
-                self._notices.append(f"sensor {node.sensor}: {reason}")
+                self._notices.append(f'sensor "{node.sensor}": {reason}')
             seat.rejected += 1
             seat.rejection = reason
 
@@ -142,7 +142,7 @@ class Roster:
         for name, seat in self._seats.items():
             if seat.frames and not seat.silent and now_ns - seat.heard_ns > SILENT_AFTER_S * 1e9:
                 seat.silent = True
-                self._notices.append(f"sensor {name} has sent nothing for {SILENT_AFTER_S:g} s")
+                self._notices.append(f'sensor "{name}" has sent nothing for {SILENT_AFTER_S:g} s')
 
     def take_notices(self) -> list[str]:
         """What has happened since the last call, in words."""

@@ -29,7 +29,7 @@ from mocapella.live.session import Session
 from mocapella.live.summary import Tally
 from mocapella.model.observations import Arrival, check_sensor_name
 from mocapella.model.session import CommandReply, RecordingHealth, SessionStatus, Setup
-from mocapella.recording.disk import ensure_folder, take_path
+from mocapella.recording.disk import ensure_folder, free_name, next_name, take_path
 from mocapella.schema import decode_frame, encode_scene
 from mocapella.wire.clock import estimate_offset
 from mocapella.wire.keys import NodeKey, parse_node_id
@@ -335,6 +335,8 @@ class Server:
         stored, lost = recorder.stored_and_lost() if recorder is not None else ({}, {})
         session = self._session
         state = session.state
+        recording = self._desk.health()
+        take = next_name(Path(recording.path).stem) if recording.path else "take-1"
         with self._lock:
             sensors = self._roster.health(now_ns, session.setup, stored, lost)
         return SessionStatus(
@@ -350,10 +352,11 @@ class Server:
             scenes_hz=round(self.tally.rate_hz(now_ns), 1),
             setup=session.setup,
             sensors=tuple(sensors),
-            recording=self._desk.health(),
+            recording=recording,
             notices=tuple(self._notices),
             uptime=round(time.monotonic() - self._began, 2),
             version=__version__,
+            next_take=free_name(self._settings.takes, take),
         )
 
     def close(self) -> RecordingHealth:

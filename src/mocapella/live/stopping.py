@@ -1,4 +1,8 @@
-"""Ctrl-C and SIGTERM as an event that loops wait on, so that everything is closed properly and the exit is 0.
+"""Ctrl-C and SIGTERM, from a command's first moment to its last.
+
+While nothing has begun they end the process at once (`end_at_once`); afterwards they are an event that loops wait on
+(`stop_on_signals`), so that everything is closed properly and the exit is 0; and work that goes from one end to the
+other without a loop of ours is interrupted (`interruptible`).
 
 A process that another of ours has started also ends when that one is gone, however it went: a view that outlived a
 killed server would keep the port that the next one wants.
@@ -9,13 +13,47 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import Final
+from typing import Final, NoReturn
 
 STARTED_BY_US: Final = "MOCAPELLA_STARTED_BY_US"
 """Environment variable of a process whose standard input is held open by the one that started it."""
+INTERRUPTED: Final = 130
+"""The exit status that shells expect of a command that Ctrl-C kept from its result."""
+_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
+
+_Handler = Callable[[int, FrameType | None], None]
+
+
+def end_at_once(status: int) -> None:
+    """From now on the signals end this process with that status, without a word: there is nothing to close yet.
+
+    An exception would not do: raised while modules are imported, it ends as a traceback or is swallowed.
+    """
+
+    def handle(_signal: int, _frame: FrameType | None) -> NoReturn:
+        os._exit(status)
+
+    for number in _SIGNALS:
+        signal.signal(number, handle)
+
+
+def ignore_interrupts() -> None:
+    """The last thing a command does: while the interpreter takes itself down, Ctrl-C changes no exit status."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """The signals raise `KeyboardInterrupt`; earlier handlers come back afterwards."""
+
+    def handle(_signal: int, _frame: FrameType | None) -> NoReturn:
+        raise KeyboardInterrupt
+
+    with _handled_by(handle):
+        yield
 
 
 @contextmanager
@@ -28,9 +66,15 @@ def stop_on_signals() -> Iterator[threading.Event]:
     def handle(_signal: int, _frame: FrameType | None) -> None:
         stop.set()
 
-    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
+    with _handled_by(handle):
         yield stop
+
+
+@contextmanager
+def _handled_by(handle: _Handler) -> Iterator[None]:
+    before = {number: signal.signal(number, handle) for number in _SIGNALS}
+    try:
+        yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mocapella.model.scene import Scene
+from mocapella.model.scene import Phase, Scene, TrackerState
 
 
 class LatencyHistogram:
@@ -74,8 +74,20 @@ class Tally:
         known = {name: round(value * 1e3, 3) for name, value in values.items() if value is not None}
         return known or None
 
-    def as_json(self) -> dict[str, Any]:
-        """The part of a summary that every run has."""
+    def never_tracked(self, last: TrackerState) -> str | None:
+        """Why the run never got to tracking, from the state it ended in; None where it did."""
+        if any(change["phase"] == Phase.TRACKING for change in self.state_changes):
+            return None
+        if last.phase is Phase.STOPPED:
+            return "tracking was not started"
+        if last.phase is Phase.WAITING_FOR_SENSORS:
+            why = f"{last.sensors_missing} of the expected sensors never came"
+        else:
+            why = f"calibration never succeeded: {last.frames_remaining} of {last.frames_wanted} frames remained"
+        return f"{why}; {last.reason}" if last.reason else why
+
+    def as_json(self, last: TrackerState) -> dict[str, Any]:
+        """The part of a summary that every run has; ``last`` is the state it ended in."""
         return {
             "frames_in": self.frames_in,
             "frames_out": self.scenes_out,
@@ -84,4 +96,5 @@ class Tally:
             "most_people": self.most_people,
             "latency_ms": self.latency_ms(),
             "state_changes": self.state_changes,
+            "never_tracked": self.never_tracked(last),
         }

@@ -7,8 +7,11 @@ from __future__ import annotations
 
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from typing import Any, Generic, TypeVar
+
+import zenoh
 
 from mocapella.errors import NoServerError
 from mocapella.model.observations import BodyFrame
@@ -17,9 +20,11 @@ from mocapella.model.session import CommandReply, SessionStatus
 from mocapella.tracker import METHODS
 from mocapella.viewer import Viewer
 from mocapella.wire.reader import Newest, send_command
-from mocapella.wire.session import open_reader
+from mocapella.wire.session import check_address, open_reader
 
 RATE_HZ = 30.0
+ATTEMPT_S = 0.5
+"""How long one attempt to reach the server takes at most: Ctrl-C waits for its end."""
 STALE_AFTER_S = 2.0
 """What is older than this is not shown as if it were now."""
 
@@ -73,31 +78,87 @@ def beats(rate_hz: float, stop: threading.Event) -> Iterator[float]:
         stop.wait(max(0.0, due_s - time.monotonic()))
 
 
-def run_view(
-    connect: str, host: str, port: int, stop: threading.Event, on_ready: Callable[[str], None] = lambda url: None
-) -> None:
-    """Show the session at ``connect`` on ``http://host:port`` until ``stop`` is set.
+class Link:
+    """The way to the server, which is tried on a thread of its own until it is there; afterwards the bus keeps it.
+
+    Args:
+        connect: the server's address.
+        on_waiting: is called once, on that thread, where nobody answers at first.
 
     Raises:
-        NoServerError: nobody answers at ``connect``.
-        AddressInUseError: the port is in use.
+        BusError: an address that cannot be used.
     """
-    session = open_reader(connect, timeout=10.0)
 
-    def command(verb: str, arguments: dict[str, Any]) -> CommandReply:
+    def __init__(self, connect: str, on_waiting: Callable[[str], None]) -> None:
+        self._connect, self._on_waiting = check_address(connect), on_waiting
+        self._closed = threading.Event()
+        self._session: zenoh.Session | None = None
+        self._newest: Newest | None = None
+        self._thread = threading.Thread(target=self._reach, name="reach server")
+        self._thread.start()
+
+    def newest(self) -> tuple[Scene | None, dict[str, BodyFrame], SessionStatus | None]:
+        """What has come since the last call; nothing while no server was reached."""
+        newest = self._newest
+        return (None, {}, None) if newest is None else (newest.scene(), newest.frames(), newest.status())
+
+    def command(self, verb: str, arguments: dict[str, Any]) -> CommandReply:
+        """Send a command; the reply says where nobody answers."""
+        if self._session is None:
+            return CommandReply(False, f"no server at {self._connect}; start one with: mocapella serve")
         try:
-            return send_command(session, verb, arguments, timeout=150.0 if verb == "record-stop" else 10.0)
+            return send_command(self._session, verb, arguments, timeout=150.0 if verb == "record-stop" else 10.0)
         except NoServerError as error:
             return CommandReply(False, str(error))
 
-    newest, picture = Newest(session), Picture()
+    def close(self) -> None:
+        """Leave the bus, or give up trying."""
+        self._closed.set()
+        self._thread.join()
+        if self._session is not None:
+            self._session.close()  # type: ignore[no-untyped-call]
+
+    def _reach(self) -> None:
+        told = False
+        while self._session is None and not self._closed.is_set():
+            try:
+                self._session = open_reader(self._connect, timeout=ATTEMPT_S)
+            except NoServerError:
+                if not told:
+                    self._on_waiting(self._connect)
+                told = True
+        if self._session is not None:
+            self._newest = Newest(self._session)
+
+
+def run_view(
+    connect: str,
+    host: str,
+    port: int,
+    stop: threading.Event,
+    *,
+    on_ready: Callable[[str], None] = lambda url: None,
+    on_waiting: Callable[[str], None] = lambda address: None,
+) -> None:
+    """Show the session at ``connect`` on ``http://host:port`` until ``stop`` is set, whenever a server is there.
+
+    ``on_ready`` is called with the page's URL, ``on_waiting`` with the address where no server answers yet.
+
+    Raises:
+        AddressInUseError: the port is in use.
+        BusError: an address that cannot be used.
+    """
+    # What is shown to a browser in the instant in which it leaves is nobody's concern; viser would warn of it.
+    warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)
+    link = Link(connect, on_waiting)
     try:
-        viewer = Viewer(host, port, command=command, methods=tuple(METHODS))
+        viewer = Viewer(host, port, command=link.command, methods=tuple(METHODS))
         try:
             on_ready(viewer.url)
+            picture = Picture()
             for now_s in beats(RATE_HZ, stop):
-                viewer.show(*picture.update(newest.scene(), newest.frames(), newest.status(), now_s))
+                viewer.show(*picture.update(*link.newest(), now_s))
         finally:
             viewer.close()
     finally:
-        session.close()  # type: ignore[no-untyped-call]
+        link.close()

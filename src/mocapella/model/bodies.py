@@ -13,6 +13,11 @@ BodyKey = tuple[str, int]
 """(sensor, tracking id): one body for as long as that sensor does not lose it."""
 
 
+def body_name(tracking_id: int) -> str:
+    """A body in a text for people: real sensors count in 17 digits, of which the last three tell bodies apart."""
+    return f"body {tracking_id}" if tracking_id < 1000 else f"body …{tracking_id % 1000:03d}"
+
+
 class Bodies(msgspec.Struct, frozen=True, eq=False):
     """What a frame says of the bodies that are tracked, in the order of their ids.
 

@@ -149,6 +149,7 @@ class SessionStatus:
         setup: what was set up last.
         sensors: one row each, by name.
         recording: the present take, or the last one.
+        next_take: a name that no take in the server's folder has, for the one after that.
         notices: the newest last: refused nodes, changes of state, what a person should know.
         uptime: of the server [s].
         version: of Mocapella.
@@ -170,6 +171,7 @@ class SessionStatus:
     notices: tuple[str, ...]
     uptime: float
     version: str
+    next_take: str = ""
 
 
 @dataclass(frozen=True)

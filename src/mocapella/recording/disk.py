@@ -24,6 +24,7 @@ MAX_NAME_BYTES: Final = 200
 """File systems allow 255; the rest is for ``.part12.mcap`` and ``.merging.mcap``."""
 
 _RESERVED = re.compile(r"\.(part\d+|merging)$", re.IGNORECASE)
+_PART_OR_TAKE = re.compile(r"(\.(part\d+|merging))?\.mcap$", re.IGNORECASE)
 _FORBIDDEN = re.compile(r'[\x00-\x1f\x7f/\\<>:"|?*]')
 _FULL: Final = (errno.ENOSPC, errno.EDQUOT)
 _data_sync = getattr(os, "fdatasync", os.fsync)  # not on every system
@@ -53,6 +54,26 @@ def take_path(folder: Path | str, name: str) -> Path:
             f"take name {shown!r} {problem}; use letters, digits, spaces, '-' and '_', such as participant-7-walk"
         )
     return Path(folder) / (stem + SUFFIX)
+
+
+def next_name(take: str) -> str:
+    """The name for the take after this one: its last number one higher, or ``-2`` where it has none."""
+    match = re.fullmatch(r"(.*?)(\d+)", take)
+    if match is None:
+        return f"{take}-2"
+    digits = match.group(2)
+    return f"{match.group(1)}{int(digits) + 1:0{len(digits)}d}"
+
+
+def free_name(folder: Path, name: str) -> str:
+    """The name itself, or the next one after it that no take in the folder has, nor a part of one."""
+    try:
+        taken = {_PART_OR_TAKE.sub("", entry.name).lower() for entry in folder.iterdir()}
+    except OSError:  # not made yet, or not ours to read: recording into it says so
+        taken = set()
+    while name.lower() in taken:
+        name = next_name(name)
+    return name
 
 
 def ensure_folder(folder: Path) -> None:

@@ -12,8 +12,9 @@ from mocapella.viewer import layout
 from mocapella.viewer.commands import Commander
 from mocapella.viewer.layout import Look
 from mocapella.viewer.palette import SensorColours
-from mocapella.viewer.panel import TABLE_HEAD_PX, TABLE_ROW_PX, Aim, Panel
-from mocapella.viewer.perspective import FREE, Floors
+from mocapella.viewer.panel import Aim, Panel
+from mocapella.viewer.perspective import Floors
+from mocapella.viewer.readout import stage_text
 from mocapella.viewer.stages import TrackingDrawing, TrackingStage
 
 _FOV = np.radians(36.0)
@@ -43,7 +44,8 @@ class Browser:
         with self._client.atomic():
             self._panel.show(status)
             perspective = self._panel.perspective
-            self._stage.draw(draw(perspective), perspective, eyes=self._aim is Aim.EYES and perspective != FREE)
+            eyes = self._aim is Aim.EYES
+            self._stage.draw(draw(perspective), perspective, stage_text(status), eyes=eyes)
             self._move_camera(perspective, floors)
 
     def _want(self, aim: Aim) -> None:
@@ -60,13 +62,12 @@ class Browser:
             return
         self._aim = wish or self._aim
         self._framed = fits
-        if self._aim is Aim.EYES and perspective != FREE:
+        if self._aim is Aim.EYES:
             self._put(layout.eyes(floors.tilt(perspective), floors.height(perspective), _SENSOR_FOV))
             return
-        covered = min((TABLE_HEAD_PX + TABLE_ROW_PX * max(lanes, 1)) / tall, 0.4)
         tracking, sensors = layout.tracking_box().corners, layout.sensors_box(lanes).corners
         seen = {Aim.TRACKING: tracking, Aim.SENSORS: sensors}.get(self._aim, np.concatenate([tracking, sensors]))
-        self._put(layout.frame(seen, fov=_FOV, aspect=width / tall, elevation=_ELEVATION, covered=covered))
+        self._put(layout.frame(seen, fov=_FOV, aspect=width / tall, elevation=_ELEVATION))
 
     def _touched(self) -> bool:
         """Whether a person moved the camera since we did."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from pathlib import PurePath
 
 from mocapella.model.session import SessionStatus
 from mocapella.viewer.perspective import FREE
+
+FIRST_TAKE = "take-1"
+"""What the field of the take's name says before a server proposes one."""
 
 
 @dataclass(frozen=True)
@@ -56,11 +58,9 @@ def default_perspective(status: SessionStatus | None, sensors: tuple[str, ...]) 
     return next(iter([*local, *(row.name for row in rows), *sorted(sensors)]), FREE)
 
 
-def next_name(take: str) -> str:
-    """The name for the take after this one: its last number one higher, or ``-2`` where it has none."""
-    stem = PurePath(take).stem if take.endswith(".mcap") else PurePath(take).name
-    match = re.fullmatch(r"(.*?)(\d+)", stem)
-    if match is None:
-        return f"{stem}-2"
-    digits = match.group(2)
-    return f"{match.group(1)}{int(digits) + 1:0{len(digits)}d}"
+def take_name(typed: str, before: SessionStatus | None, now: SessionStatus) -> str:
+    """What stands in the field of the take's name: the server's proposal, unless another was typed and not used up."""
+    used = [before.next_take if before else FIRST_TAKE]
+    if before is not None and before.recording.active and not now.recording.active:
+        used.append(PurePath(now.recording.path).stem)
+    return typed if now.recording.active or typed.strip() not in used else now.next_take or typed

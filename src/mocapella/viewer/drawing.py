@@ -95,14 +95,13 @@ class TagNodes:
 class SensorNode:
     """A sensor, drawn as the frustum of its picture."""
 
-    def __init__(self, scene: viser.SceneApi, name: str, colour: Rgb, *, scale: float) -> None:
+    def __init__(self, scene: viser.SceneApi, name: str, *, scale: float) -> None:
         self._placed: NDArray[np.float64] | None = None
         self._handle = scene.add_camera_frustum(
             name,
             fov=np.radians(60.0),
             aspect=70.6 / 60.0,
             scale=scale,
-            color=colour.paint,
             thickness=0.012,
             visible=False,
             cast_shadow=False,
@@ -110,8 +109,9 @@ class SensorNode:
             variant="filled",
         )
 
-    def place(self, T: NDArray[np.float64]) -> None:
-        """Show it with its camera space at ``T`` (4, 4) of the view."""
+    def place(self, T: NDArray[np.float64], colour: Rgb) -> None:
+        """Show it in that colour, with its camera space at ``T`` (4, 4) of the view."""
+        self._handle.color = colour.paint
         if not np.array_equal(T, self._placed):
             self._placed = T.copy()
             self._handle.wxyz = viser.transforms.SO3.from_matrix(T[:3, :3] @ _FROM_PICTURE).wxyz

@@ -82,14 +82,17 @@ def sensors_box(count: int) -> Box:
     return Box(origins.min(axis=0) - np.array([half, 0.0, 0.0]), origins.max(axis=0) + size)
 
 
+def stage_centre() -> tuple[float, float, float]:
+    """The middle of the Tracking stage, at the height of a chest."""
+    return 0.0, 0.6 * PERSON_HEIGHT_M, TRACKING_DEPTH_M / 2 - BEHIND_SENSOR_M
+
+
 def title_place(box: Box) -> tuple[float, float, float]:
     """Where the title of a stage begins: at the left end of its front edge."""
     return float(box.high[0]) - 0.1, float(box.low[1]), float(box.low[2])
 
 
-def frame(
-    points: Float64, *, fov: float, aspect: float, elevation: float, covered: float = 0.0, margin: float = 1.05
-) -> Look:
+def frame(points: Float64, *, fov: float, aspect: float, elevation: float, margin: float = 1.05) -> Look:
     """The nearest camera that looks along +z, down by ``elevation`` [rad], and has all the points in its picture.
 
     Args:
@@ -97,22 +100,20 @@ def frame(
         fov: vertical field of view [rad].
         aspect: width of the picture over its height.
         elevation: how far the camera looks down [rad].
-        covered: share of the picture's height, at its lower edge, that something else covers.
         margin: how much wider the picture is than it need be.
     """
     forward = np.array([0.0, -np.sin(elevation), np.cos(elevation)])
     up = np.array([0.0, np.cos(elevation), np.sin(elevation)])
     right = np.array([-1.0, 0.0, 0.0])
     above = np.tan(fov / 2) / margin
-    below = above * (1.0 - 2.0 * covered)
     beside = above * aspect
     across, high, deep = points @ right, points @ up, points @ forward
     # A point (a, h, d) is in the picture of a camera at (a0, h0, d0) while h − h0 ≤ above·(d − d0), h0 − h ≤
-    # below·(d − d0) and |a − a0| ≤ beside·(d − d0): each tightest pair of lines meets at the nearest camera.
-    top, bottom = (high - above * deep).max(), (high + below * deep).min()
+    # above·(d − d0) and |a − a0| ≤ beside·(d − d0): each tightest pair of lines meets at the nearest camera.
+    top, bottom = (high - above * deep).max(), (high + above * deep).min()
     left, right_most = (across + beside * deep).min(), (across - beside * deep).max()
-    d0 = min((bottom - top) / (above + below), (left - right_most) / (2 * beside))
-    h0 = ((top + above * d0) + (bottom - below * d0)) / 2
+    d0 = min((bottom - top) / (2 * above), (left - right_most) / (2 * beside))
+    h0 = (top + bottom) / 2
     position = (left + right_most) / 2 * right + h0 * up + d0 * forward
     distance = (deep.min() + deep.max()) / 2 - d0
     return Look(position, position + forward * distance, fov)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import NamedTuple
 
 _PAINT_GAMMA = 2.2
@@ -52,22 +53,22 @@ def person_colour(person: int) -> Rgb:
 
 
 class SensorColours:
-    """Gives each sensor a colour when it is first heard of, which it then keeps."""
+    """Gives the sensors their colours in the order of their names: the same room always has the same colours."""
 
     def __init__(self) -> None:
-        self._order: dict[str, int] = {}
+        self._sensors: tuple[str, ...] = ()
 
-    def learn(self, sensors: set[str]) -> None:
-        """Give the sensors that are new a colour, in the order of their names."""
-        for sensor in sorted(sensors - self._order.keys()):
-            self._order[sensor] = len(self._order)
+    def learn(self, sensors: Collection[str]) -> None:
+        """Hear of sensors. One that is new moves the colours of those whose names come after its own."""
+        if not set(self._sensors).issuperset(sensors):
+            self._sensors = tuple(sorted({*self._sensors, *sensors}))
 
     def of(self, sensor: str) -> Rgb:
         """The sensor's colour."""
-        self.learn({sensor})
-        return SENSORS[self._order[sensor] % len(SENSORS)]
+        self.learn((sensor,))
+        return SENSORS[self._sensors.index(sensor) % len(SENSORS)]
 
     @property
     def sensors(self) -> tuple[str, ...]:
         """All sensors ever heard of, by name."""
-        return tuple(sorted(self._order))
+        return self._sensors

@@ -5,9 +5,9 @@ What they show comes from the session's status alone, never from what this brows
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from enum import StrEnum
-from pathlib import PurePath
 from typing import Any
 
 import viser
@@ -15,13 +15,20 @@ import viser
 from mocapella.model.session import SessionStatus
 from mocapella.viewer import readout
 from mocapella.viewer.commands import Commander, notify
-from mocapella.viewer.controls import allowed, default_perspective, next_name, perspectives, progress_percent
+from mocapella.viewer.controls import (
+    FIRST_TAKE,
+    allowed,
+    default_perspective,
+    perspectives,
+    progress_percent,
+    take_name,
+)
 from mocapella.viewer.palette import SensorColours
 from mocapella.viewer.perspective import FREE
 from mocapella.viewer.setup_panel import SetupPanel
+from mocapella.viewer.watchdog import Watchdog
 
 WIDTH_PX = 340
-TABLE_WIDTH_PX, TABLE_HEAD_PX, TABLE_ROW_PX = 720, 90, 26
 
 
 class Aim(StrEnum):
@@ -53,20 +60,19 @@ class Panel:
         self._chosen: str | None = None
         self._take = ""
         gui = client.gui
+        self._watchdog = Watchdog(gui)
         self._headline = gui.add_html(readout.status_html(None))
         self._progress = gui.add_progress_bar(0.0, visible=False, animated=True, color="blue")
         self._start = self._button("Start", "start", viser.Icon.PLAYER_PLAY, "teal")
         self._stop = self._button("Stop", "stop", viser.Icon.PLAYER_STOP, "gray")
         self._recalibrate = self._button("Recalibrate", "recalibrate", viser.Icon.REFRESH, "gray")
-        self._add_camera_folder(gui)
+        with gui.add_folder("Sensors"):
+            self._sensors = gui.add_html(readout.sensors_html(None, colours))
         self._add_recording_folder(gui)
+        self._add_camera_folder(gui)
         self._setup = SetupPanel(gui, methods, self._send_setup, self._refuse)
         with gui.add_folder("Notices"):
             self._notices = gui.add_html(readout.notices_html(None))
-        window = gui.add_panel()
-        with window.add_tab("Sensors", viser.Icon.DEVICE_COMPUTER_CAMERA):
-            self._sensors = gui.add_html(readout.sensors_html(None, colours))
-        window.float(x=14, y=-14, width=TABLE_WIDTH_PX)
 
     @property
     def perspective(self) -> str:
@@ -77,12 +83,14 @@ class Panel:
 
     def show(self, status: SessionStatus | None) -> None:
         """Bring everything up to the status; costs next to nothing when it is the one already shown."""
+        self._watchdog.beat(time.monotonic())
         can = allowed(status)
         self._setup.show(status, enabled=can.setup)
         self._show_perspectives(status)
         if status is not None and status is self._status:
             return
-        self._propose_name(status)
+        if status is not None and (name := take_name(self._name.value, self._status, status)) != self._name.value:
+            self._name.value = name
         self._status = status
         self._headline.content = readout.status_html(status)
         percent = progress_percent(status)
@@ -121,11 +129,18 @@ class Panel:
 
         @self._aims.on_click
         async def _(_: viser.GuiEvent[Any]) -> None:
-            self._aim(Aim(self._aims.value))
+            aim = Aim(self._aims.value)
+            if aim is Aim.EYES and self.perspective == FREE:
+                sensor = default_perspective(self._status, self._colours.sensors)
+                if sensor == FREE:
+                    notify(self._client, "Sensor's eyes", "There is no sensor yet; start a node first.", ok=False)
+                    return
+                self._chosen = sensor
+            self._aim(aim)
 
     def _add_recording_folder(self, gui: viser.GuiApi) -> None:
         with gui.add_folder("Recording"):
-            self._name = gui.add_text("Take", "take-1", hint="The take's name; nothing is ever overwritten")
+            self._name = gui.add_text("Take", FIRST_TAKE, hint="The take's name; nothing is ever overwritten")
             self._record = self._button("Record", "record", viser.Icon.PLAYER_RECORD, "red")
             self._record_stop = self._button("Stop recording", "record-stop", viser.Icon.PLAYER_STOP, "gray")
             self._recording = gui.add_html(readout.recording_html(None))
@@ -136,14 +151,6 @@ class Panel:
             self._perspective.options = options
         if self.perspective in options:
             self._perspective.value = self.perspective
-
-    def _propose_name(self, status: SessionStatus | None) -> None:
-        """After a take, propose the name of the next one, unless another was typed meanwhile."""
-        before = self._status.recording if self._status else None
-        if before is None or status is None or not before.active or status.recording.active:
-            return
-        if self._name.value.strip() == PurePath(before.path).stem:
-            self._name.value = next_name(before.path)
 
     def _send_setup(self, arguments: dict[str, Any]) -> None:
         self._commander.send("setup", arguments, self._client)

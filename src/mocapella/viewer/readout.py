@@ -1,7 +1,8 @@
-"""The status, the table of sensors and the recording as HTML. Every text that came over the wire is escaped."""
+"""The status, the sensors and the recording as HTML. Every text that came over the wire is escaped."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from html import escape
 from pathlib import PurePath
 
@@ -18,43 +19,50 @@ _PHASE_COLOUR: dict[str, str] = {
     Phase.STOPPED: _GREY,
 }
 _NEWEST_NOTICES = 4
-_DASH = "–"
+_SMALL = "font-size:13px;line-height:1.45"
+NO_SENSOR = "No sensor delivers"
 
 
 def status_html(status: SessionStatus | None) -> str:
     """The state in large letters, what it waits for, why, and how much goes in and out."""
     if status is None:
-        return _headline("No server", _RED, "Waiting for the server to answer.", "")
-    colour = _PHASE_COLOUR.get(status.phase, _GREY)
-    facts = (
-        f"{_plural(status.people, 'person', 'people')} · {_plural(len(status.sensors), 'sensor', 'sensors')} · "
-        f"{status.scenes_hz:.0f} results/s"
-    )
-    return _headline(status.phase.capitalize(), colour, _detail(status), facts)
+        return _headline("No server", _RED, "Waiting for the server; start it with: mocapella serve", "")
+    silent = _silent(status)
+    title, colour = status.phase.capitalize(), _PHASE_COLOUR.get(status.phase, _GREY)
+    people, sensors = status.people, _plural(len(status.sensors), "sensor", "sensors")
+    if status.running and silent:
+        colour, sensors = _AMBER, f"{len(status.sensors) - len(silent)} of {sensors}"
+        if len(silent) == len(status.sensors):
+            title, colour, people = NO_SENSOR, _RED, 0
+    facts = f"{_plural(people, 'person', 'people')} · {sensors} · {status.scenes_hz:.0f} results/s"
+    return _headline(title, colour, _detail(status, silent), facts)
+
+
+def stage_text(status: SessionStatus | None) -> str:
+    """Why nobody is on the Tracking stage, in one line."""
+    if status is None:
+        return "No server"
+    if status.running and status.sensors and len(_silent(status)) == len(status.sensors):
+        return NO_SENSOR
+    title, why = status.phase.capitalize(), _detail(status, {})
+    if status.phase == Phase.STOPPED:
+        why = "press Start to track"
+    elif status.phase == Phase.TRACKING:
+        title, why = "Nobody is in view", ""
+    elif status.phase == Phase.CALIBRATING:
+        to_go = f" ({_to_go(status)})" if status.frames_remaining else ""
+        why = status.reason if status.reason.startswith("nobody") else f"stand still{to_go}"
+    return f"{title}: {why}" if why else title
 
 
 def sensors_html(status: SessionStatus | None, colours: SensorColours) -> str:
-    """The table of sensors, one row each, in the colours of their skeletons."""
-    heads = "".join(
-        f'<th style="padding:3px 10px;text-align:{side};font-weight:500;color:{_GREY}">{head}</th>'
-        for head, side in (
-            ("Sensor", "left"),
-            ("People", "right"),
-            ("Rate", "right"),
-            ("Latency", "right"),
-            ("Dropped", "right"),
-            ("Clock offset", "right"),
-            ("Health", "left"),
-        )
-    )
+    """The sensors, one below the other, in the colours of their skeletons: narrow, to stand beside the 3D scene."""
     rows = status.sensors if status else ()
     body = "".join(_sensor_row(row, colours.of(row.name)) for row in rows)
-    if not rows:
-        body = f'<tr><td colspan="7" style="padding:6px 10px;color:{_GREY}">No sensor yet.</td></tr>'
     return (
-        '<div class="mocapella-sensors" style="padding:2px 6px 8px;overflow-x:auto">'
-        '<table style="width:100%;border-collapse:collapse;font-size:13px;white-space:nowrap;'
-        f'font-variant-numeric:tabular-nums"><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table></div>'
+        f'<div class="mocapella-sensors" style="padding:0 12px 8px;{_SMALL};font-variant-numeric:tabular-nums">'
+        + (body or f'<div style="color:{_GREY}">No sensor yet.</div>')
+        + "</div>"
     )
 
 
@@ -95,40 +103,45 @@ def _headline(title: str, colour: str, detail: str, facts: str) -> str:
     )
 
 
-def _detail(status: SessionStatus) -> str:
+def _silent(status: SessionStatus) -> dict[str, str]:
+    """The sensors that deliver nothing now, by name, and what is wrong with each."""
+    return {row.name: _health(row)[0] for row in status.sensors if row.silent}
+
+
+def _detail(status: SessionStatus, silent: Mapping[str, str]) -> str:
     parts = []
     if status.phase == Phase.WAITING_FOR_SENSORS and status.sensors_missing:
         parts.append(f"{_plural(status.sensors_missing, 'sensor', 'sensors')} missing")
     if status.phase == Phase.CALIBRATING and status.frames_remaining:
-        parts.append(f"{status.frames_remaining} of {status.frames_wanted} frames to go: stand still")
-    if status.reason:
-        parts.append(status.reason)
+        parts.append(f"{_to_go(status)}: stand still")
+    reasons = status.reason.split("; ")
+    parts += [reason for reason in reasons if reason and reason.removesuffix(": silent") not in silent]
+    if status.running:
+        parts += [f"{name}: {what}" for name, what in silent.items()]
     return " · ".join(parts)
+
+
+def _to_go(status: SessionStatus) -> str:
+    return f"{status.frames_remaining} of {status.frames_wanted} frames to go"
 
 
 def _sensor_row(row: SensorHealth, colour: Rgb) -> str:
     health, health_colour = _health(row)
     place = " (this machine)" if row.local else ""
-    bound = "" if row.clock_bound is None else f" ± {row.clock_bound * 1000:.1f}"
-    offset = _DASH if row.clock_offset is None else f"{row.clock_offset * 1000:+z.1f}{bound} ms"
-    latency = _DASH if row.latency is None else f"{row.latency * 1000:.1f} ms"
     dropped = row.dropped + row.rejected
-    cells = (
-        (f'<span style="color:{colour.css}">●</span> <b>{escape(row.name)}</b>{place}', "left", "inherit"),
-        (str(row.bodies), "right", "inherit"),
-        (f"{row.rate_hz:.1f} Hz", "right", "inherit"),
-        (latency, "right", "inherit"),
-        (str(dropped), "right", _AMBER if dropped else "inherit"),
-        (offset, "right", "inherit"),
-        (escape(health), "left", health_colour),
-    )
+    facts = [_plural(row.bodies, "person", "people"), f"{row.rate_hz:.1f} Hz"]
+    if row.latency is not None and not row.silent:
+        facts.append(f"latency {row.latency * 1000:.1f} ms")
+    losses = [f'<span style="color:{_AMBER if dropped else "inherit"}">{dropped} dropped</span>']
+    if row.clock_offset is not None:
+        bound = "" if row.clock_bound is None else f" ± {row.clock_bound * 1000:.1f}"
+        losses.append(f"clock {row.clock_offset * 1000:+z.1f}{bound} ms")
     return (
-        "<tr>"
-        + "".join(
-            f'<td style="padding:3px 10px;text-align:{side};color:{text_colour}">{text}</td>'
-            for text, side, text_colour in cells
-        )
-        + "</tr>"
+        '<div style="padding:2px 0 4px">'
+        f'<div style="display:flex;justify-content:space-between;gap:10px"><span style="overflow-wrap:anywhere">'
+        f'<span style="color:{colour.css}">●</span> <b>{escape(row.name)}</b>{place}</span>'
+        f'<span style="color:{health_colour};text-align:right">{escape(health)}</span></div>'
+        f'<div style="font-size:12px;color:{_GREY}">{" · ".join(facts)}<br>{" · ".join(losses)}</div></div>'
     )
 
 
@@ -143,7 +156,7 @@ def _health(row: SensorHealth) -> tuple[str, str]:
 
 
 def _note(content: str, colour: str) -> str:
-    return f'<div style="padding:2px 12px 8px;font-size:13px;line-height:1.45;color:{colour}">{content}</div>'
+    return f'<div style="padding:2px 12px 8px;{_SMALL};color:{colour}">{content}</div>'
 
 
 def _plural(count: int, one: str, many: str) -> str:

@@ -20,12 +20,31 @@ NONE = "–"
 """What a dropdown shows where nothing is chosen."""
 
 
+TILT_DEG, HEIGHT_M = (-90.0, 90.0), (0.0, 10.0)
+"""Between which values a sensor's pose may be."""
+
+
 @dataclass(frozen=True)
 class PoseField:
     """A sensor's pose as it is typed: degrees upwards, and metres over the floor."""
 
     tilt_deg: float
     height_m: float
+
+    def check(self, sensor: str) -> None:
+        """Refuse, in the units in which it was typed, what no sensor can have.
+
+        Raises:
+            SettingsError: names the sensor, the field, and its range.
+        """
+        for name, value, (low, high), unit in (
+            ("tilt", self.tilt_deg, TILT_DEG, "°"),
+            ("height", self.height_m, HEIGHT_M, " m"),
+        ):
+            if not low <= value <= high:
+                raise SettingsError(
+                    f'{name} of sensor "{sensor}" is {value:g}{unit}; it must be from {low:g} to {high:g}{unit}'
+                )
 
 
 @dataclass(frozen=True)
@@ -88,6 +107,10 @@ def setup_arguments(shown: SetupFields, applied: SetupFields, setup: Setup) -> d
     Raises:
         SettingsError: a field that cannot be used; names it and what it may be.
     """
+    if shown.sensors_expected < 1:
+        raise SettingsError(f"sensors to wait for is {shown.sensors_expected}; it must be 1 or more")
+    for name, pose in shown.poses.items():
+        pose.check(name)
     poses = {
         name: asdict(SensorPose(tilt=math.radians(pose.tilt_deg), height=pose.height_m))
         for name, pose in shown.poses.items()

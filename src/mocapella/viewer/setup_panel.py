@@ -9,9 +9,49 @@ import viser
 
 from mocapella.errors import SettingsError
 from mocapella.model.session import PLACEMENTS, SCENARIOS, SessionStatus, Setup
-from mocapella.viewer.setup_form import NONE, PoseField, SetupFields, fields_of, merge, setup_arguments
+from mocapella.viewer.setup_form import (
+    HEIGHT_M,
+    NONE,
+    TILT_DEG,
+    PoseField,
+    SetupFields,
+    fields_of,
+    merge,
+    setup_arguments,
+)
 
-_POSE_HINT = "Tilt [°], upwards positive, and height over the floor [m]"
+TILT_LABEL = f"Tilt (±{TILT_DEG[1]:g}°)"
+HEIGHT_LABEL = f"Height ({HEIGHT_M[0]:g}–{HEIGHT_M[1]:g} m)"
+
+
+class PoseInputs:
+    """A sensor's two fields, in a folder of its name. They take any number; `PoseField.check` says what is wrong."""
+
+    def __init__(self, gui: viser.GuiApi, sensor: str, pose: PoseField) -> None:
+        with gui.add_folder(f"Sensor {sensor}") as self._folder:
+            self._tilt = gui.add_number(
+                TILT_LABEL, pose.tilt_deg, step=0.01, hint="How far the sensor looks up; downwards is negative"
+            )
+            self._height = gui.add_number(
+                HEIGHT_LABEL, pose.height_m, step=0.01, hint="Of the sensor over the floor; 0 where it is not known"
+            )
+
+    @property
+    def value(self) -> PoseField:
+        """What is typed."""
+        return PoseField(self._tilt.value, self._height.value)
+
+    @value.setter
+    def value(self, pose: PoseField) -> None:
+        self._tilt.value, self._height.value = pose.tilt_deg, pose.height_m
+
+    def enable(self, enabled: bool) -> None:
+        """Whether anything can be typed."""
+        self._tilt.disabled = self._height.disabled = not enabled
+
+    def remove(self) -> None:
+        """Take the folder away."""
+        self._folder.remove()
 
 
 class SetupPanel:
@@ -27,11 +67,11 @@ class SetupPanel:
         self._gui, self._apply, self._refuse = gui, apply, refuse
         self._applied = SetupFields()
         self._setup: Setup | None = None
-        self._poses: dict[str, viser.GuiVector2Handle] = {}
+        self._poses: dict[str, PoseInputs] = {}
         with gui.add_folder("Setup", expand_by_default=False) as self._folder:
             self._method = gui.add_dropdown("Method", tuple(methods), hint="How skeletons become people")
-            self._expected = gui.add_number("Sensors", 1, min=1, step=1, hint="How many sensors to wait for")
-            self._participant = gui.add_text("Participant", "", hint="The study's number of the person, or empty")
+            self._expected = gui.add_number("Wait for", 1, step=1, hint="How many sensors to wait for; 1 or more")
+            self._participant = gui.add_text("Participant", "", hint="The study's whole number of the person, or empty")
             self._placement = gui.add_dropdown("Placement", (NONE, *PLACEMENTS))
             self._scenario = gui.add_dropdown("Scenario", (NONE, *SCENARIOS))
             self._apply_button = gui.add_button("Apply setup", disabled=True, order=1e9, icon=viser.Icon.CHECK)
@@ -54,9 +94,10 @@ class SetupPanel:
         edited = self._setup is not None and self._read() != self._applied
         self._apply_button.disabled = not (enabled and edited)
         self._revert_button.disabled = not edited
-        inputs = (self._method, self._expected, self._participant, self._placement, self._scenario)
-        for handle in (*inputs, *self._poses.values()):
+        for handle in (self._method, self._expected, self._participant, self._placement, self._scenario):
             handle.disabled = not enabled
+        for pose in self._poses.values():
+            pose.enable(enabled)
 
     def _take_up(self, status: SessionStatus) -> None:
         now = fields_of(status)
@@ -71,14 +112,7 @@ class SetupPanel:
         for name, pose in now.poses.items():
             if name not in self._poses:
                 with self._folder:
-                    self._poses[name] = self._gui.add_vector2(
-                        f"{name} °, m",
-                        (pose.tilt_deg, pose.height_m),
-                        min=(-90.0, 0.0),
-                        max=(90.0, 10.0),
-                        step=0.01,
-                        hint=_POSE_HINT,
-                    )
+                    self._poses[name] = PoseInputs(self._gui, name, pose)
 
     def _read(self) -> SetupFields:
         return SetupFields(
@@ -87,7 +121,7 @@ class SetupPanel:
             participant=self._participant.value,
             placement=self._placement.value,
             scenario=self._scenario.value,
-            poses={name: PoseField(*handle.value) for name, handle in self._poses.items()},
+            poses={name: inputs.value for name, inputs in self._poses.items()},
         )
 
     def _write(self, fields: SetupFields) -> None:
@@ -99,7 +133,7 @@ class SetupPanel:
         self._placement.value = fields.placement
         self._scenario.value = fields.scenario
         for name, pose in fields.poses.items():
-            self._poses[name].value = (pose.tilt_deg, pose.height_m)
+            self._poses[name].value = pose
 
     def _send(self) -> None:
         assert self._setup is not None, "the button is disabled until there is a setup"

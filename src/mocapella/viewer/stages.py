@@ -103,21 +103,26 @@ class TrackingStage:
         self._joints = StrokeNode(scene, "/tracking/joints", ball_mesh())
         self._tags = TagNodes(scene, "/tracking/people", size=0.9)
         self._title = TagNodes(scene, "/tracking/title", size=_TITLE_SIZE, anchor="bottom-left")
+        self._empty = TagNodes(scene, "/tracking/empty", size=_TITLE_SIZE)
         self._sensors: dict[str, SensorNode] = {}
         floor = FloorNode(scene, "/tracking/floor", width=layout.TRACKING_WIDTH_M, depth=layout.TRACKING_DEPTH_M)
         floor.place(np.array([0.0, 0.0, layout.TRACKING_DEPTH_M / 2 - layout.BEHIND_SENSOR_M]))
 
-    def draw(self, drawing: TrackingDrawing, perspective: str, *, eyes: bool) -> None:
-        """Show it; ``eyes``: the browser looks through the perspective's sensor, which would be in the way."""
+    def draw(self, drawing: TrackingDrawing, perspective: str, empty: str, *, eyes: bool) -> None:
+        """Show it; ``empty`` stands on the stage while nobody does.
+
+        ``eyes``: the browser looks through the perspective's sensor, which would be in the way.
+        """
+        nobody = not drawing.tags and not drawing.unseen
+        self._empty.draw([Tag(empty, layout.stage_centre())] if nobody else [])
         self._title.draw([Tag(tracking_title(drawing, perspective), layout.title_place(layout.tracking_box()))])
         self._bones.draw(drawing.bones)
         self._joints.draw(drawing.joints)
         self._tags.draw(drawing.tags)
         for sensor, T in drawing.sensors.items():
             if sensor not in self._sensors:
-                colour = self._colours.of(sensor)
-                self._sensors[sensor] = SensorNode(self._scene, f"/tracking/sensors/{sensor}", colour, scale=0.12)
-            self._sensors[sensor].place(T)
+                self._sensors[sensor] = SensorNode(self._scene, f"/tracking/sensors/{sensor}", scale=0.12)
+            self._sensors[sensor].place(T, self._colours.of(sensor))
         for sensor, node in self._sensors.items():
             if sensor not in drawing.sensors or (eyes and sensor == perspective):
                 node.hide()
@@ -162,12 +167,11 @@ class SensorsStage:
                 )
             )
         if sensor not in self._sensors:
-            colour = self._colours.of(sensor)
-            self._sensors[sensor] = SensorNode(self._scene, f"/sensors/{sensor}", colour, scale=0.09)
+            self._sensors[sensor] = SensorNode(self._scene, f"/sensors/{sensor}", scale=0.09)
         self._floors[lane].place(origin + np.array([0.0, 0.0, layout.LANE_DEPTH_M / 2 * SENSORS_SCALE]))
         T = T_lane.copy()
         T[:3, 3] = origin + T_lane[:3, 3] * SENSORS_SCALE
-        self._sensors[sensor].place(T)
+        self._sensors[sensor].place(T, self._colours.of(sensor))
 
 
 def lane_bones(frame: BodyFrame, T_lane: Float64, origin: Float64, colours: SensorColours) -> Strokes:

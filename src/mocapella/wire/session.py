@@ -7,6 +7,7 @@ nodes publish (measured: a peer does that for clients, not for other peers).
 
 from __future__ import annotations
 
+import ipaddress
 import json
 from typing import Any
 
@@ -15,12 +16,20 @@ import zenoh
 from mocapella.errors import AddressInUseError, BusError, NoServerError
 
 DEFAULT_ADDRESS = "tcp/127.0.0.1:7447"
-_LOOPBACK = ("127.", "localhost", "[::1]")
 
 
 def is_loopback(address: str) -> bool:
-    """Whether an address such as ``tcp/127.0.0.1:7447`` can be reached from this machine only."""
-    return address.partition("/")[2].startswith(_LOOPBACK)
+    """Whether an address such as ``tcp/127.0.0.1:7447`` can be reached from this machine only.
+
+    Of names only ``localhost`` counts: any other, such as ``127.example.org``, may lead anywhere.
+    """
+    host = address.partition("/")[2].rpartition(":")[0]
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host.removeprefix("[").removesuffix("]")).is_loopback
+    except ValueError:
+        return False
 
 
 def check_address(address: str) -> str:

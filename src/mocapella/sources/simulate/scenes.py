@@ -19,6 +19,11 @@ def scene_names() -> tuple[str, ...]:
     return tuple(_data()["scenes"])
 
 
+def scene_summaries() -> dict[str, str]:
+    """What happens in each scene, in a line."""
+    return {name: scene["summary"] for name, scene in _data()["scenes"].items()}
+
+
 def scene_settings(name: str) -> SceneSettings:
     """What the scene of that name is made of, to be changed with `dataclasses.replace`.
 
@@ -28,7 +33,7 @@ def scene_settings(name: str) -> SceneSettings:
     data = _data()
     if name not in data["scenes"]:
         raise SettingsError(f"unknown scene {name!r}; known: {one_of(name, scene_names())}")
-    scene = data["scenes"][name]
+    scene = {key: value for key, value in data["scenes"][name].items() if key != "summary"}
     sensors = [{"name": sensor, **data["sensors"][sensor]} for sensor in scene["sensors"]]
     return parse(SceneSettings, {"name": name, **scene, "sensors": sensors}, where=f"scene {name}")
 

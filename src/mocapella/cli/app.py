@@ -1,0 +1,50 @@
+"""What the verbs register with, and what ``mocapella --help`` says before it lists them."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from mocapella import __version__
+
+app = typer.Typer(
+    name="mocapella",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+    help="""Tracks people, live, with several cheap depth sensors, and sees around occlusion.
+
+    Try it without any hardware:  [bold]mocapella demo[/bold]
+
+    With sensors:  [bold]mocapella serve[/bold], and one [bold]mocapella node …[/bold] for each sensor, in any order.
+
+    Record:  [bold]mocapella record walk-1[/bold]; afterwards [bold]mocapella replay walk-1[/bold]
+
+    Something does not work?  [bold]mocapella doctor[/bold]
+
+    Ctrl-C ends every command, and closes a take properly.
+    """,
+)
+node_app = typer.Typer(no_args_is_help=True, help="Serve one sensor: a recording, a simulation, or a foreign program.")
+export_app = typer.Typer(no_args_is_help=True, help="Make files for other programs out of a take.")
+app.add_typer(node_app, name="node")
+app.add_typer(export_app, name="export")
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from mocapella.schema import SCHEMA_VERSION
+
+        typer.echo(f"mocapella {__version__} (schema {SCHEMA_VERSION})")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Version, and the schema's.")
+    ] = False,
+) -> None:
+    pass

@@ -1,0 +1,47 @@
+"""What a page shows when nothing comes to it any more: no server, instead of people who stand as if frozen.
+
+A page that has lost its server cannot be told so. It therefore has the message from the first, hidden by a style
+animation that shows it after `LIMIT_S`; every `PERIOD_S` the element is replaced, and the animation begins anew.
+"""
+
+from __future__ import annotations
+
+import viser
+
+PERIOD_S = 0.5
+LIMIT_S = 2.0
+
+_STYLE = f"""
+@keyframes mocapella-lost {{ to {{ visibility: visible; }} }}
+.mocapella-lost {{
+  visibility: hidden; animation: mocapella-lost 0s {LIMIT_S}s forwards; pointer-events: none;
+  position: fixed; inset: 0; z-index: 10000; background: #0b101a;
+  display: flex; flex-direction: column; align-items: center; justify-content: center; text-align: center;
+}}
+[style*="opacity"]:has(.mocapella-lost) {{ opacity: 1 !important; }}
+"""
+"""The last rule: the library dims its panel when a page is cut off, and the message would be dimmed with it."""
+
+
+class Watchdog:
+    """The hidden message in one browser, which `beat` keeps hidden."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        self._beats, self._last_s = 0, 0.0
+        self._html = gui.add_html(_html(0))
+
+    def beat(self, now_s: float) -> None:
+        """The view is there; call it steadily with a monotonic time."""
+        if now_s - self._last_s >= PERIOD_S:
+            self._beats, self._last_s = self._beats + 1, now_s
+            self._html.content = _html(self._beats)
+
+
+def _html(beats: int) -> str:
+    return (
+        f'<style>{_STYLE}</style><div class="mocapella-lost" data-beats="{beats}">'
+        '<div style="font-size:44px;font-weight:650;color:#ff6b6b">No server</div>'
+        '<div style="font-size:18px;line-height:1.5;margin-top:10px;color:#c6cfdd">'
+        "Nothing comes from the view any more: it has ended, or the network to it is down.<br>"
+        "Start it again with <b>mocapella serve</b>; this page then goes on by itself.</div></div>"
+    )
