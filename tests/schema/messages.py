@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from mocapella.model.observations import BodyFrame, body_frame
-from mocapella.model.scene import Person, Phase, PotentialSkeleton, Scene, TrackerState
+from mocapella.model.scene import Person, Phase, PotentialSkeleton, Scene, SensorPlace, TrackerState
 from mocapella.model.topology import Topology, topology, topology_names
 from mocapella.schema import encode_frame
 from mocapella.schema import mocapella_pb2 as pb
@@ -89,8 +89,10 @@ def small_scene(people: int = 1) -> Scene:
 
     def person(identity: int) -> Person:
         positions, states = rng.normal(size=(len(kind), 3)), np.full(len(kind), 2, np.uint8)
-        positions[3], states[3] = np.nan, 0
-        return Person(identity, positions, states, (view("front"), view("left")))
+        sd = np.full(len(kind), 0.01, np.float32)
+        positions[3], states[3], sd[3] = np.nan, 0, np.nan
+        return Person(identity, positions, states, (view("front"), view("left")), sd)
 
     state = TrackerState(Phase.CALIBRATING, 1, 2, 3, "somebody moved")
-    return Scene(5, 6, "front", 2**64 - 1, 8, kind, state, tuple(person(i) for i in range(people)))
+    places = (SensorPlace("front", np.eye(4), 0.01, 0.002, "good"), SensorPlace("left", None, problem="walk"))
+    return Scene(5, 6, "front", 2**64 - 1, 8, kind, state, tuple(person(i) for i in range(people)), places)

@@ -32,7 +32,7 @@ def assert_same(a: Any, b: Any) -> None:
         for name in a.__struct_fields__:
             assert_same(getattr(a, name), getattr(b, name))
     else:
-        assert a == b
+        assert a == b or (isinstance(a, float) and np.isnan(a) and np.isnan(b))  # NaN is NaN
 
 
 def small_truth(people: int = 2, bodies: int = 3) -> Truth:

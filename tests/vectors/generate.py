@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from mocapella.model.observations import BodyFrame, JointState, body_frame
-from mocapella.model.scene import Person, Phase, PotentialSkeleton, Scene, TrackerState
+from mocapella.model.scene import Person, Phase, PotentialSkeleton, Scene, SensorPlace, TrackerState
 from mocapella.model.topology import topology
 from mocapella.model.truth import Truth
 from mocapella.schema import encode_frame, encode_scene, encode_truth
@@ -90,8 +90,13 @@ def scene_one_person() -> Scene:
         PotentialSkeleton("front", 7, 66_666_667, -0.125, 1.5, np.eye(4), positions, states),
         PotentialSkeleton("left.2", 8, 70_000_000, 0.0, 0.0, quarter_turn, positions + 0.25, states),
     )
-    people = (Person(1, positions, states, views),)
-    return Scene(9, 5_000_000_000, "front", NODE_ID, 2, kind, TrackerState(Phase.TRACKING), people)
+    sd = np.where(joint == 24, np.nan, joint / 256).astype(np.float32)
+    people = (Person(1, positions, states, views, sd),)
+    places = (
+        SensorPlace("front", np.eye(4), 0.0, 0.0, "the world's own"),
+        SensorPlace("left.2", None, problem="walk a few steps"),
+    )
+    return Scene(9, 5_000_000_000, "front", NODE_ID, 2, kind, TrackerState(Phase.TRACKING), people, places)
 
 
 def truth_two_people() -> Truth:
@@ -157,6 +162,7 @@ def _scene_values(scene: Scene) -> dict[str, Any]:
                 "id": str(person.id),
                 "positions_m": _lists(person.positions),
                 "joint_states": person.states.tolist(),
+                "joint_sd_m": _lists(person.sd),
                 "views": [
                     {
                         "sensor": view.sensor,
@@ -172,6 +178,17 @@ def _scene_values(scene: Scene) -> dict[str, Any]:
                 ],
             }
             for person in scene.people
+        ],
+        "sensors": [
+            {
+                "sensor": place.sensor,
+                "T_world_sensor": None if place.T_world_sensor is None else _lists(place.T_world_sensor[:3]),
+                "position_sd_m": None if np.isnan(place.position_sd) else place.position_sd,
+                "rotation_sd_rad": None if np.isnan(place.rotation_sd) else place.rotation_sd,
+                "quality": place.quality,
+                "problem": place.problem,
+            }
+            for place in scene.sensors
         ],
     }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from enum import StrEnum
 
 import msgspec
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from mocapella.geometry.rigid import apply, inverse
 from mocapella.model.topology import Topology
 
+Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
@@ -76,12 +78,15 @@ class Person(msgspec.Struct, frozen=True, eq=False):
         states: (joints,), `JointState`: tracked = measured by at least one sensor; inferred; not tracked.
         views: the potential skeletons, in the order of their sensors' names. A sensor that has lost the person for
             now may keep a view in which nothing is tracked.
+        sd: (joints,) float32, standard deviation of a coordinate [m]; NaN where not tracked. None where the method does
+            not say.
     """
 
     id: int
     positions: Float64
     states: UInt8
     views: tuple[PotentialSkeleton, ...]
+    sd: Float32 | None = None
 
     def view_of(self, sensor: str) -> PotentialSkeleton | None:
         """That sensor's view, or None where it does not see this person."""
@@ -96,6 +101,26 @@ class Person(msgspec.Struct, frozen=True, eq=False):
         return None if view is None else apply(inverse(view.T_world_sensor), self.positions)
 
 
+class SensorPlace(msgspec.Struct, frozen=True, eq=False):
+    """Where a sensor stands, and how sure that is.
+
+    Attributes:
+        sensor: its name.
+        T_world_sensor: (4, 4), from its camera space to the world; None where not known yet.
+        position_sd: of what it says of a point where people are [m]; NaN where not known.
+        rotation_sd: likewise of the angle [rad].
+        quality: how well it is known, in words.
+        problem: why its views are not used, or what to do; empty where all is well.
+    """
+
+    sensor: str
+    T_world_sensor: Float64 | None
+    position_sd: float = math.nan
+    rotation_sd: float = math.nan
+    quality: str = ""
+    problem: str = ""
+
+
 class Scene(msgspec.Struct, frozen=True, eq=False):
     """The result of one step, and which frame made it, so that it can be made again.
 
@@ -106,6 +131,7 @@ class Scene(msgspec.Struct, frozen=True, eq=False):
         topology: of all skeletons in it.
         state: where the tracker stands.
         people: in the order of their ids.
+        sensors: by name; empty where the method gives a sensor no place of its own.
     """
 
     step: int
@@ -116,3 +142,4 @@ class Scene(msgspec.Struct, frozen=True, eq=False):
     topology: Topology
     state: TrackerState
     people: tuple[Person, ...]
+    sensors: tuple[SensorPlace, ...] = ()

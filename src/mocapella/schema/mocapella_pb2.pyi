@@ -66,19 +66,37 @@ class PotentialSkeleton(_message.Message):
     def __init__(self, sensor: _Optional[str] = ..., tracking_id: _Optional[int] = ..., time_ns: _Optional[int] = ..., tilt_rad: _Optional[float] = ..., height_m: _Optional[float] = ..., T_world_sensor: _Optional[bytes] = ..., positions_m: _Optional[bytes] = ..., joint_states: _Optional[bytes] = ...) -> None: ...
 
 class Person(_message.Message):
-    __slots__ = ("id", "positions_m", "joint_states", "views")
+    __slots__ = ("id", "positions_m", "joint_states", "views", "joint_sd_m")
     ID_FIELD_NUMBER: _ClassVar[int]
     POSITIONS_M_FIELD_NUMBER: _ClassVar[int]
     JOINT_STATES_FIELD_NUMBER: _ClassVar[int]
     VIEWS_FIELD_NUMBER: _ClassVar[int]
+    JOINT_SD_M_FIELD_NUMBER: _ClassVar[int]
     id: int
     positions_m: bytes
     joint_states: bytes
     views: _containers.RepeatedCompositeFieldContainer[PotentialSkeleton]
-    def __init__(self, id: _Optional[int] = ..., positions_m: _Optional[bytes] = ..., joint_states: _Optional[bytes] = ..., views: _Optional[_Iterable[_Union[PotentialSkeleton, _Mapping]]] = ...) -> None: ...
+    joint_sd_m: bytes
+    def __init__(self, id: _Optional[int] = ..., positions_m: _Optional[bytes] = ..., joint_states: _Optional[bytes] = ..., views: _Optional[_Iterable[_Union[PotentialSkeleton, _Mapping]]] = ..., joint_sd_m: _Optional[bytes] = ...) -> None: ...
+
+class SensorPlace(_message.Message):
+    __slots__ = ("sensor", "T_world_sensor", "position_sd_m", "rotation_sd_rad", "quality", "problem")
+    SENSOR_FIELD_NUMBER: _ClassVar[int]
+    T_WORLD_SENSOR_FIELD_NUMBER: _ClassVar[int]
+    POSITION_SD_M_FIELD_NUMBER: _ClassVar[int]
+    ROTATION_SD_RAD_FIELD_NUMBER: _ClassVar[int]
+    QUALITY_FIELD_NUMBER: _ClassVar[int]
+    PROBLEM_FIELD_NUMBER: _ClassVar[int]
+    sensor: str
+    T_world_sensor: bytes
+    position_sd_m: float
+    rotation_sd_rad: float
+    quality: str
+    problem: str
+    def __init__(self, sensor: _Optional[str] = ..., T_world_sensor: _Optional[bytes] = ..., position_sd_m: _Optional[float] = ..., rotation_sd_rad: _Optional[float] = ..., quality: _Optional[str] = ..., problem: _Optional[str] = ...) -> None: ...
 
 class Scene(_message.Message):
-    __slots__ = ("schema_version", "step", "at_ns", "sensor", "node_id", "sequence", "topology", "phase", "sensors_missing", "frames_remaining", "frames_wanted", "reason", "people")
+    __slots__ = ("schema_version", "step", "at_ns", "sensor", "node_id", "sequence", "topology", "phase", "sensors_missing", "frames_remaining", "frames_wanted", "reason", "people", "sensors")
     SCHEMA_VERSION_FIELD_NUMBER: _ClassVar[int]
     STEP_FIELD_NUMBER: _ClassVar[int]
     AT_NS_FIELD_NUMBER: _ClassVar[int]
@@ -92,6 +110,7 @@ class Scene(_message.Message):
     FRAMES_WANTED_FIELD_NUMBER: _ClassVar[int]
     REASON_FIELD_NUMBER: _ClassVar[int]
     PEOPLE_FIELD_NUMBER: _ClassVar[int]
+    SENSORS_FIELD_NUMBER: _ClassVar[int]
     schema_version: int
     step: int
     at_ns: int
@@ -105,7 +124,8 @@ class Scene(_message.Message):
     frames_wanted: int
     reason: str
     people: _containers.RepeatedCompositeFieldContainer[Person]
-    def __init__(self, schema_version: _Optional[int] = ..., step: _Optional[int] = ..., at_ns: _Optional[int] = ..., sensor: _Optional[str] = ..., node_id: _Optional[int] = ..., sequence: _Optional[int] = ..., topology: _Optional[str] = ..., phase: _Optional[str] = ..., sensors_missing: _Optional[int] = ..., frames_remaining: _Optional[int] = ..., frames_wanted: _Optional[int] = ..., reason: _Optional[str] = ..., people: _Optional[_Iterable[_Union[Person, _Mapping]]] = ...) -> None: ...
+    sensors: _containers.RepeatedCompositeFieldContainer[SensorPlace]
+    def __init__(self, schema_version: _Optional[int] = ..., step: _Optional[int] = ..., at_ns: _Optional[int] = ..., sensor: _Optional[str] = ..., node_id: _Optional[int] = ..., sequence: _Optional[int] = ..., topology: _Optional[str] = ..., phase: _Optional[str] = ..., sensors_missing: _Optional[int] = ..., frames_remaining: _Optional[int] = ..., frames_wanted: _Optional[int] = ..., reason: _Optional[str] = ..., people: _Optional[_Iterable[_Union[Person, _Mapping]]] = ..., sensors: _Optional[_Iterable[_Union[SensorPlace, _Mapping]]] = ...) -> None: ...
 
 class Truth(_message.Message):
     __slots__ = ("schema_version", "sensor", "sequence", "room_ns", "topology", "people", "positions_m", "T_world_sensor", "body_people", "mirrored")

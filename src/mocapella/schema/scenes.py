@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.errors import WireError, one_of
-from mocapella.model.scene import Person, Phase, PotentialSkeleton, Scene, TrackerState
+from mocapella.model.scene import Person, Phase, PotentialSkeleton, Scene, SensorPlace, TrackerState
 from mocapella.model.topology import Topology
 from mocapella.model.truth import Truth
 from mocapella.schema import mocapella_pb2 as pb
 from mocapella.schema.checks import (
+    F4,
     F8,
     FLAGS,
     I8,
@@ -53,9 +56,11 @@ def encode_scene(scene: Scene) -> bytes:
                 positions_m=person.positions.astype(F8, copy=False).tobytes(),
                 joint_states=person.states.tobytes(),
                 views=[_encode_view(view) for view in person.views],
+                joint_sd_m=b"" if person.sd is None else person.sd.astype(F4, copy=False).tobytes(),
             )
             for person in scene.people
         ],
+        sensors=[_encode_place(place) for place in scene.sensors],
     )
     return message.SerializeToString()
 
@@ -77,11 +82,13 @@ def decode_scene(data: bytes) -> Scene:
             points(person.positions_m, (len(kind), 3), "Person.positions_m"),
             choices(person.joint_states, STATES, len(kind), "Person.joint_states"),
             tuple(_decode_view(view, kind) for view in person.views),
+            _decode_sd(person.joint_sd_m, kind),
         )
         for person in m.people
     )
     state = TrackerState(_PHASES[m.phase], m.sensors_missing, m.frames_remaining, m.frames_wanted, m.reason)
-    return Scene(m.step, m.at_ns, sensor_name(m.sensor), m.node_id, m.sequence, kind, state, people)
+    places = tuple(map(_decode_place, m.sensors))
+    return Scene(m.step, m.at_ns, sensor_name(m.sensor), m.node_id, m.sequence, kind, state, people, places)
 
 
 def encode_truth(truth: Truth) -> bytes:
@@ -120,6 +127,42 @@ def decode_truth(data: bytes) -> Truth:
         transform(m.T_world_sensor, "Truth.T_world_sensor"),
         array(m.body_people, I8, (bodies,), "Truth.body_people"),
         choices(m.mirrored, FLAGS, bodies, "Truth.mirrored").view(np.bool_),
+    )
+
+
+def _decode_sd(data: bytes, kind: Topology) -> NDArray[np.float32] | None:
+    if not data:
+        return None
+    sd = array(data, F4, (len(kind),), "Person.joint_sd_m")
+    if (sd < 0).any() or np.isinf(sd).any():
+        raise WireError("Person.joint_sd_m has a value that is no standard deviation; 0 or more is wanted, or NaN")
+    return sd
+
+
+def _encode_place(place: SensorPlace) -> Any:
+    T = place.T_world_sensor
+    return pb.SensorPlace(
+        sensor=place.sensor,
+        T_world_sensor=b"" if T is None else T[:3].astype(F8, copy=False).tobytes(),
+        position_sd_m=place.position_sd,
+        rotation_sd_rad=place.rotation_sd,
+        quality=place.quality,
+        problem=place.problem,
+    )
+
+
+def _decode_place(place: Any) -> SensorPlace:
+    for name in ("position_sd_m", "rotation_sd_rad"):
+        if getattr(place, name) < 0 or math.isinf(getattr(place, name)):
+            raise WireError(f"SensorPlace.{name} is {getattr(place, name):g}; 0 or more is wanted, or NaN")
+    data = place.T_world_sensor
+    return SensorPlace(
+        sensor_name(place.sensor),
+        transform(data, "SensorPlace.T_world_sensor") if data else None,
+        place.position_sd_m,
+        place.rotation_sd_rad,
+        place.quality,
+        place.problem,
     )
 
 
