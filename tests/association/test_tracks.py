@@ -11,9 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from mocapella.association.tracks import Tracks, TrackSettings, assign, distances, middle_joints
+from mocapella.association.tracks import Tracks, TrackSettings, assign, distances
 from mocapella.errors import SettingsError
-from mocapella.model.topology import topology
 
 DT = 1 / 30
 SPINE = np.array([[0.0, 0.9, 0.0], [0.0, 1.2, 0.0], [0.0, 1.6, 0.0]])
@@ -81,17 +80,6 @@ def test_distances_are_means_over_what_both_have() -> None:
     gone[1:] = np.nan
     both = distances(np.stack([spine((0.0, 0.0)), gone]), np.stack([spine((3.0, 4.0)), SPINE * np.nan]))
     np.testing.assert_allclose(both, [[5.0, np.inf], [np.hypot(2.5, 4.0), np.inf]])
-
-
-def test_the_middle_of_a_body_is_what_has_no_left_and_right() -> None:
-    kinect = topology("kinect_v2")
-    assert [kinect.joints[k] for k in middle_joints(kinect)] == [
-        "SpineBase",
-        "SpineMid",
-        "Neck",
-        "Head",
-        "SpineShoulder",
-    ]
 
 
 def test_two_sensors_see_the_same_people_under_their_own_ids() -> None:

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.model.bodies import BodyKey
-from mocapella.model.topology import Topology
 from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
@@ -80,11 +79,6 @@ class Track(msgspec.Struct, frozen=True, eq=False):
 
 _RECENT_S = 0.25
 """A sensor that has not seen a person for so long does not see them."""
-
-
-def middle_joints(topology: Topology) -> NDArray[np.intp]:
-    """The joints that are their own mirror images."""
-    return np.flatnonzero(np.asarray(topology.mirror) == np.arange(len(topology)))
 
 
 def distances(bodies: Float64, people: Float64) -> Float64:

@@ -13,19 +13,19 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
-import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
-from mocapella.association.tracks import Track, Tracks, TrackSettings, middle_joints
+from mocapella.association.tracks import Track, Tracks, TrackSettings
 from mocapella.conventions import NS_PER_S
 from mocapella.fusion.weighted_mean import FusionSettings
 from mocapella.geometry.rigid import apply
 from mocapella.model.bodies import Bodies, BodyKey
 from mocapella.model.memory import pack, unpack
-from mocapella.model.observations import Arrival, BodyFrame, JointState
-from mocapella.model.scene import Float64, Person, Phase, PotentialSkeleton, Scene, TrackerState
+from mocapella.model.observations import Arrival, BodyFrame
+from mocapella.model.scene import Float64, Person, Phase, PotentialSkeleton, Scene, SensorPlace, TrackerState
 from mocapella.model.session import SensorPose
 from mocapella.smoothing.kalman import KalmanSettings, Points
 from mocapella.tracker.arrivals import Arrivals, Heard, Sighting
@@ -37,7 +37,7 @@ class Rig(Protocol):
     """Where the sensors are, as far as is known: what the calibration offers the tracker."""
 
     @property
-    def T_world_sensor(self) -> Mapping[str, Float64]:
+    def T_world_sensor(self) -> Mapping[str, Float64]:  # noqa: N802
         """(4, 4) by sensor; who is not in it is not tied to the others yet."""
 
     @property
@@ -53,6 +53,15 @@ class Rig(Protocol):
 
     def start_from(self, T_world_sensor: Mapping[str, Float64]) -> None:
         """Begin with what an earlier calibration found."""
+
+    def places(self) -> tuple[SensorPlace, ...]:
+        """Every sensor that was heard, by name."""
+
+    def memory(self) -> Any:
+        """All that it remembers, of kinds that `mocapella.model.memory` knows."""
+
+    def remember(self, memory: Any) -> None:
+        """Go on from a `memory`."""
 
     def reset(self) -> None:
         """Forget everything."""
@@ -114,11 +123,35 @@ class DefaultTracker:
         self._rejected: Counter[str] = Counter()
         self._state = TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=self._sensors_expected)
         self._shown: tuple[Person, ...] = ()
+        self._places: tuple[SensorPlace, ...] = ()
 
     def recalibrate(self, reason: str) -> None:
         """Begin the calibration again; the next scene says why."""
         self._rig.reset()
         self._state = TrackerState(Phase.CALIBRATING, reason=reason)
+
+    def snapshot(self) -> bytes:
+        """See `Tracker`."""
+        own = {name: getattr(self, name) for name in _OWN_MEMORY}
+        people = None if self._people is None else (self._people.mirror, self._people.bodies)
+        parts = [own, vars(self._arrivals), vars(self._tracks), people, self._rig.memory()]
+        return pack(parts, _REMEMBERED)
+
+    def restore(self, data: bytes) -> None:
+        """See `Tracker`."""
+        own, arrivals, tracks, people, rig = unpack(data, _REMEMBERED)
+        vars(self).update(own)
+        vars(self._arrivals).update(arrivals)
+        vars(self._tracks).update(tracks)
+        self._people = None
+        if people is not None:
+            self._people = self._make_people(people[0])
+            self._people.bodies = people[1]
+        self._rig.remember(rig)
+
+    def start_from(self, T_world_sensor: Mapping[str, Float64]) -> None:
+        """Begin with what an earlier calibration found."""
+        self._rig.start_from(T_world_sensor)
 
     @property
     def report(self) -> TrackerReport:
@@ -133,16 +166,19 @@ class DefaultTracker:
             return self._scene(arrival)
         if self._people is None:
             topology = heard.newest[heard.sensor].frame.topology
-            self._middle = middle_joints(topology)
-            s = self.settings
-            self._people = People(PeopleSettings(s.fusion, s.motion), topology.mirror)
+            self._people = self._make_people(np.asarray(topology.mirror))
         sighting = heard.newest[heard.sensor]
         at_s = sighting.at_ns / NS_PER_S + self._rig.time_offset_s.get(heard.sensor, 0.0)
         known = self._track(sighting, at_s, self._people)
         self._rig.update(sighting.bodies, known, at_s)
+        self._places = self._rig.places()
         self._state = self._stand(heard)
         self._shown = self._show(heard, self._people)
         return self._scene(arrival)
+
+    def _make_people(self, mirror: NDArray[np.int64]) -> People:
+        self._middle = np.flatnonzero(mirror == np.arange(len(mirror)))
+        return People(PeopleSettings(self.settings.fusion, self.settings.motion), mirror)
 
     def _track(self, sighting: Sighting, at_s: float, people: People) -> dict[BodyKey, int]:
         """Whose bodies these are; everybody brought up to date. Nobody's where the sensor's place is not known."""
@@ -183,8 +219,11 @@ class DefaultTracker:
             body = people.bodies.get(track.person)
             if body is None or not track.confirmed or self._now_s - track.seen_s > self.settings.shown_for_s:
                 continue
-            views = tuple(self._view(sensor, view, heard) for sensor, view in body.views.items() if sensor in heard.newest)
-            shown.append(Person(track.person, body.points.positions, body.states, views))
+            views = tuple(
+                self._view(sensor, view, heard) for sensor, view in body.views.items() if sensor in heard.newest
+            )
+            sd = np.sqrt(body.points.variances[:, 0]).astype(np.float32)
+            shown.append(Person(track.person, body.points.positions, body.states, views, sd))
         return tuple(shown)
 
     def _view(self, sensor: str, view: SeenView, heard: Heard) -> PotentialSkeleton:
@@ -207,4 +246,23 @@ class DefaultTracker:
             topology=self._arrivals.topology or frame.topology,
             state=self._state,
             people=self._shown,
+            sensors=self._places,
         )
+
+
+_OWN_MEMORY: Final = ("_now_s", "_steps", "_rejected", "_state", "_shown", "_places")
+_REMEMBERED: Final = (
+    Bodies,
+    Body,
+    BodyFrame,
+    Person,
+    Phase,
+    Points,
+    PotentialSkeleton,
+    SeenView,
+    SensorPlace,
+    Sighting,
+    Track,
+    TrackerState,
+    TrackSettings,
+)

@@ -84,10 +84,10 @@ class Sight(msgspec.Struct, frozen=True, eq=False):
 class People:
     """The bodies of all who are known, by number."""
 
-    def __init__(self, settings: PeopleSettings, mirror: Sequence[int]) -> None:
+    def __init__(self, settings: PeopleSettings, mirror: NDArray[np.int64]) -> None:
         self.settings = settings
-        self._mirror = np.asarray(mirror)
-        self._sided = self._mirror != np.arange(len(self._mirror))
+        self.mirror = mirror
+        self._sided = self.mirror != np.arange(len(self.mirror))
         self.bodies: dict[int, Body] = {}
 
     def expected(self, at_s: float) -> dict[int, Points]:
@@ -106,7 +106,7 @@ class People:
             sights: by person.
             at_s: the frame's capture.
         """
-        joints = len(self._mirror)
+        joints = len(self.mirror)
         for person in sights:
             if person not in self.bodies:
                 states = np.full(joints, JointState.NOT_TRACKED, dtype=np.uint8)
@@ -114,9 +114,7 @@ class People:
         for person, body in list(self.bodies.items()):
             points = expected.get(person, body.points)
             views = {
-                sensor: view
-                for sensor, view in body.views.items()
-                if at_s - view.at_s <= self.settings.view_age_s
+                sensor: view for sensor, view in body.views.items() if at_s - view.at_s <= self.settings.view_age_s
             }
             if (sight := sights.get(person)) is not None:
                 views[sight.sensor] = self._seen(sight, body.views.get(sight.sensor), points)
@@ -136,7 +134,7 @@ class People:
     def _seen(self, sight: Sight, before: SeenView | None, points: Points) -> SeenView:
         s = self.settings
         variances = view_variances(
-            sight.states, np.float64(sight.distance_m), np.bool_(sight.clipped), np.float64(0.0), s.fusion
+            sight.states, np.array(sight.distance_m), np.array(sight.clipped), np.zeros(()), s.fusion
         )
         swapped, advantage, offsets = False, 0.0, np.zeros_like(sight.positions)
         dt = 1.0
@@ -154,7 +152,7 @@ class People:
 
     def _advantage(self, sight: Sight, points: Points, swapped: bool) -> float | None:
         """How much nearer to the person the other labels are [m]; None where nothing tells."""
-        mirror = self._mirror
+        mirror = self.mirror
         raw = np.linalg.norm(sight.positions - points.positions, axis=-1)
         other = np.linalg.norm(sight.positions[mirror] - points.positions, axis=-1)
         both = self._sided & np.isfinite(raw) & np.isfinite(other)
@@ -169,7 +167,7 @@ class People:
             states = np.where(np.isfinite(points.positions[:, 0]), JointState.INFERRED, JointState.NOT_TRACKED)
             return Body(points, {}, states.astype(np.uint8), body.fused_s)
         velocity = np.nan_to_num(points.velocities)
-        order = [self._mirror if view.swapped else slice(None) for view in views.values()]
+        order = [self.mirror if view.swapped else slice(None) for view in views.values()]
         ages = np.array([max(0.0, now_s - view.at_s) for view in views.values()])
         positions = np.stack([view.positions[o] for view, o in zip(views.values(), order, strict=True)])
         positions += ages[:, None, None] * velocity
