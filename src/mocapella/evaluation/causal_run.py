@@ -19,6 +19,12 @@ Float64 = NDArray[np.float64]
 
 MAX_TIME_OFFSET = 1.0
 """No two sensors' clocks are farther apart after the arrivals were put in order [s]."""
+TO_FIND_IT = 1.0
+"""[m]."""
+LONGEST_STEP = 1.0
+"""A longer gap between two frames is a pause of the log, and does not count as time [s]."""
+_PERSON_AREA = np.array([[0.0, 0.0, 2.4], [0.5, 0.0, 2.4], [0.0, 0.5, 2.4]])
+"""Three points where people stand, camera space [m]."""
 
 
 class PersonThen(msgspec.Struct, frozen=True, eq=False):
@@ -40,6 +46,8 @@ class CausalRun(msgspec.Struct, frozen=True, eq=False):
         people: (arrivals,) the people of each scene.
         at_ns: (arrivals,).
         joint_bias: declared before the first frame.
+        wander_m_per_min: how far the motions between the sensors moved a point where people stand, to and fro, beyond
+            the `TO_FIND_IT` metres that finding them once may take.
     """
 
     sensors: tuple[str, ...]
@@ -49,6 +57,7 @@ class CausalRun(msgspec.Struct, frozen=True, eq=False):
     people: tuple[tuple[PersonThen, ...], ...]
     at_ns: NDArray[np.int64]
     joint_bias: JointBias | None
+    wander_m_per_min: float
 
 
 def run_causally(
@@ -79,15 +88,21 @@ def run_causally(
         people.append(_people(scene, known[-1][0][0]))
     T_world_sensor, offsets, swapped = (tuple(values) for values in zip(*known, strict=True))
     T = np.stack(T_world_sensor)
+    T_reference_sensor = rigid.inverse(T[:, :1]) @ T
+    at_ns = np.array([arrival.at_ns for arrival in arrivals], dtype=np.int64)
+    wander = _wander_m_per_min(T_reference_sensor, at_ns)
     return CausalRun(
-        tuple(sensors),
-        rigid.inverse(T[:, :1]) @ T,
-        np.stack(offsets),
-        swapped,
-        tuple(people),
-        np.array([arrival.at_ns for arrival in arrivals], dtype=np.int64),
-        bias,
+        tuple(sensors), T_reference_sensor, np.stack(offsets), swapped, tuple(people), at_ns, bias, wander
     )
+
+
+def _wander_m_per_min(T_reference_sensor: Float64, at_ns: NDArray[np.int64]) -> float:
+    if T_reference_sensor.shape[1] < 2:
+        return 0.0
+    points = rigid.apply(T_reference_sensor[:, 1:], _PERSON_AREA)
+    path = np.nansum(np.linalg.norm(np.diff(points, axis=0), axis=-1).mean(axis=-1), axis=0).max()
+    seconds = np.minimum(np.diff(at_ns) / 1e9, LONGEST_STEP).sum()
+    return float(max(0.0, path - TO_FIND_IT) / max(seconds, LONGEST_STEP) * 60)
 
 
 def _known(views: SensorViews, sensors: Sequence[str]) -> tuple[Float64, Float64, frozenset[BodyKey]]:

@@ -53,6 +53,10 @@ PROTOCOLS: Final = {
 class Output(Protocol):
     """A method's output for one session, ready to be scored."""
 
+    @property
+    def wander_m_per_min(self) -> float:
+        """The greatest of its runs, see `mocapella.evaluation.causal_run.CausalRun`."""
+
     def views(self, scoring: str, pairs: Pairs) -> Views:
         """Both views of each of these pairs under one of `PROTOCOLS`, or a task's name."""
 
@@ -68,6 +72,8 @@ class Output(Protocol):
 
 class AsLogged:
     """The rows as they are in the file."""
+
+    wander_m_per_min = 0.0
 
     def __init__(self, session: StudySession) -> None:
         self.session = session
@@ -112,6 +118,8 @@ class AsRun:
         self._run = self._run_over(session.frames, make)
         self._walk_frames = session.only(WALK) if (session.pairs.task == WALK).any() else None
         self._cold = None if self._walk_frames is None else self._run_over(self._walk_frames, make)
+        runs = (self._run,) if self._cold is None else (self._run, self._cold)
+        self.wander_m_per_min = max(run.wander_m_per_min for run in runs)
 
     def _run_over(self, frames: Frames, make: Callable[[int], ScoredTracker]) -> CausalRun:
         return run_causally(make, self.session.replay.sensors, frames.arrivals, self._rig)
@@ -187,7 +195,7 @@ class Tally:
                 differences(views.raw_labels),
                 differences(views.repaired),
                 views.swaps_per_min,
-                views.rig_path_m_per_min,
+                output.wander_m_per_min,
             )
             self.scored[scoring, session.placement].append(scored)
         if session.two_people:
@@ -325,10 +333,10 @@ def evaluate(
 
     Args:
         folder: with the logs.
-        methods: keys of `mocapella.tracker.METHODS`, or of ``makers``.
+        methods: keys of `mocapella.tracker.METHODS`.
         participants: whose logs, or None for all.
         on_step: called with what is being done.
-        makers: further methods: how to make a new tracker of each, for so many sensors.
+        makers: further methods by name: how to make a new tracker of each, for so many sensors.
 
     Returns:
         The JSON of docs/evaluation.md.
@@ -338,9 +346,9 @@ def evaluate(
         EvaluationError: what a method says cannot be scored.
     """
     own = dict(makers or {})
-    check_methods([method for method in methods if method not in own], some=bool(own))
-    make = {method: own.get(method) or scored_tracker(method) for method in methods if method != AS_LOGGED}
-    tallies = {method: Tally() for method in (*methods, AS_LOGGED)}
+    check_methods(methods, some=bool(own))
+    make = {method: scored_tracker(method) for method in methods if method != AS_LOGGED} | own
+    tallies = {method: Tally() for method in (*methods, *own, AS_LOGGED)}
     front = Tally()
     seen: list[int] = []
     for session in study_sessions(folder, participants, on_step):
@@ -355,6 +363,6 @@ def evaluate(
         "participants": sorted(set(seen)),
         "files": len(seen),
         "protocols": PROTOCOLS,
-        "methods": {m: tallies[m].as_json(SCORED.get(m, SCORED[""]), as_logged) for m in methods},
+        "methods": {m: tallies[m].as_json(SCORED.get(m, SCORED[""]), as_logged) for m in (*methods, *own)},
         "front_sensor_alone": {"fused": front.fused_json()},
     }

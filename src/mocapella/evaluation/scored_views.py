@@ -29,8 +29,6 @@ VELOCITY_OVER: Final = 0.2
 """[s]."""
 TOPOLOGY: Final = topology("kinect_v2")
 _ROOT = TOPOLOGY.parts["root"]
-_PERSON_AREA = np.array([[0.0, 0.0, 2.4], [0.5, 0.0, 2.4], [0.0, 0.5, 2.4]])
-"""Three points where people stand, camera space [m]."""
 
 
 class Views(msgspec.Struct, frozen=True, eq=False):
@@ -40,13 +38,11 @@ class Views(msgspec.Struct, frozen=True, eq=False):
         raw_labels: (pairs, 2, joints, 3) with the labels that the sensors gave [m]; NaN where missing or unknown.
         repaired: the same with the labels that the method had decided on before.
         swaps_per_min: how often that decision changed, over both sensors.
-        rig_path_m_per_min: how far the motion between the sensors moved a point where people stand.
     """
 
     raw_labels: Float64
     repaired: Float64
     swaps_per_min: float = 0.0
-    rig_path_m_per_min: float = 0.0
 
 
 def logged_views(session: StudySession, pairs: Pairs) -> Views:
@@ -95,21 +91,12 @@ def views_of(session: StudySession, run: CausalRun, pairs: Pairs, known: Int64, 
         views,
         np.where(swapped[..., None, None], mirrored, views),
         swaps_per_min=_changes(swapped, pairs.person) / minutes,
-        rig_path_m_per_min=_path(run.T_reference_sensor[known]) / minutes,
     )
 
 
 def _changes(swapped: Bool, person: Int64) -> int:
     """How often a label decision (pairs, 2) changed from a person's pair to the same person's next."""
     return sum(int(np.diff(swapped[person == one], axis=0).sum()) for one in np.unique(person))
-
-
-def _path(T_reference_sensor: Float64) -> float:
-    """How far the sensors' motions moved points where people stand, summed over time [m]; (times, sensors, 4, 4)."""
-    if T_reference_sensor.shape[1] < 2:
-        return 0.0
-    points = rigid.apply(T_reference_sensor[:, 1:], _PERSON_AREA)
-    return float(np.nansum(np.linalg.norm(np.diff(points, axis=0), axis=-1).mean(axis=(1, 2))))
 
 
 def _at_one_instant(session: StudySession, pairs: Pairs, offset_s: Float64) -> Float64:

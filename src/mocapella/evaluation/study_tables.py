@@ -15,8 +15,8 @@ Float64 = NDArray[np.float64]
 
 _TORSO_JOINTS = ("SpineBase", "SpineMid", "SpineShoulder", "Neck", "Head", "HipLeft", "HipRight")
 TORSO: Final = tuple(TOPOLOGY.index(joint) for joint in (*_TORSO_JOINTS, "ShoulderLeft", "ShoulderRight"))
-MAX_RIG_PATH: Final = 3.0
-"""A motion between sensors that stand still wanders less than this; one fitted frame by frame does not [m/min]."""
+MAX_WANDER: Final = 3.0
+"""The motion between sensors that stand still wanders less than this; one fitted frame by frame does not [m/min]."""
 _CM: Final = 100.0
 
 
@@ -26,14 +26,15 @@ class Scored(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         participant: Study_Id.
         raw_labels, repaired: (pairs, joints, 4) Δx Δy Δz Δd [m]; NaN where a view or joint is missing.
-        swaps_per_min, rig_path_m_per_min: as in `mocapella.evaluation.scored_views.Views`.
+        swaps_per_min: how often the label decision changed.
+        wander_m_per_min: of the motions between the sensors, over the whole run.
     """
 
     participant: int
     raw_labels: Float64
     repaired: Float64
     swaps_per_min: float = 0.0
-    rig_path_m_per_min: float = 0.0
+    wander_m_per_min: float = 0.0
 
 
 class Count(msgspec.Struct, frozen=True):
@@ -106,7 +107,7 @@ def row(scored: Sequence[Scored], as_logged: Count) -> dict[str, Any]:
         as_logged: what there is to score in the rows as they were logged.
     """
     found = count(scored)
-    rig_path = max(one.rig_path_m_per_min for one in scored)
+    wander = max(one.wander_m_per_min for one in scored)
     return {
         **figures(scored, repaired=True),
         "raw_labels": figures(scored, repaired=False),
@@ -114,20 +115,20 @@ def row(scored: Sequence[Scored], as_logged: Count) -> dict[str, Any]:
         "pairs": found.pairs,
         "finite_joints": found.finite_joints,
         "swaps_per_min": float(np.mean([one.swaps_per_min for one in scored])),
-        "rig_path_m_per_min": rig_path,
-        "problem": problem(found, as_logged, rig_path),
+        "wander_m_per_min": wander,
+        "problem": problem(found, as_logged, wander),
     }
 
 
-def problem(found: Count, as_logged: Count, rig_path_m_per_min: float) -> str:
+def problem(found: Count, as_logged: Count, wander_m_per_min: float) -> str:
     """Why a row cannot stand beside the others; empty where it can."""
     if found != as_logged:
         return (
             f"{found.pairs} pairs and {found.finite_joints} joints, where the log has {as_logged.pairs} and "
             f"{as_logged.finite_joints}: a motion was not known in time"
         )
-    if rig_path_m_per_min > MAX_RIG_PATH:
-        return f"the motion between the sensors wanders {rig_path_m_per_min:.1f} m a minute; {MAX_RIG_PATH:g} is the most"
+    if wander_m_per_min > MAX_WANDER:
+        return f"the motion between the sensors wanders {wander_m_per_min:.1f} m a minute; {MAX_WANDER:g} is the most"
     return ""
 
 
