@@ -25,8 +25,10 @@ app = typer.Typer(
 )
 node_app = typer.Typer(no_args_is_help=True, help="Serve one sensor: a recording, a simulation, or a foreign program.")
 export_app = typer.Typer(no_args_is_help=True, help="Make files for other programs out of a take.")
+evaluate_app = typer.Typer(no_args_is_help=True, help="Say how good tracking methods are, in figures.")
 app.add_typer(node_app, name="node")
 app.add_typer(export_app, name="export")
+app.add_typer(evaluate_app, name="evaluate")
 
 
 def _print_version(wanted: bool) -> None:
@@ -48,7 +50,7 @@ def _root(
 
 def main() -> None:
     """Run the command line; an error of ours is one line on standard error and exit status 1."""
-    from mocapella.cli import demo, doctor, export, node, record, replay, serve, view  # noqa: F401  (they register)
+    from mocapella.cli import demo, doctor, evaluate, export, node, record, replay, serve, view  # noqa: F401  (they register)
 
     try:
         app()

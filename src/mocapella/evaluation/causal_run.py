@@ -91,9 +91,7 @@ def run_causally(
     T_reference_sensor = rigid.inverse(T[:, :1]) @ T
     at_ns = np.array([arrival.at_ns for arrival in arrivals], dtype=np.int64)
     wander = _wander_m_per_min(T_reference_sensor, at_ns)
-    return CausalRun(
-        tuple(sensors), T_reference_sensor, np.stack(offsets), swapped, tuple(people), at_ns, bias, wander
-    )
+    return CausalRun(tuple(sensors), T_reference_sensor, np.stack(offsets), swapped, tuple(people), at_ns, bias, wander)
 
 
 def _wander_m_per_min(T_reference_sensor: Float64, at_ns: NDArray[np.int64]) -> float:

@@ -136,7 +136,9 @@ def identity_switches(frames: Sequence[IdentityFrame], at_least: float = 0.5) ->
             weight[row, column] += 1000.0 * (s[row, column] > 0)
         i, j = linear_sum_assignment(weight, maximize=True)
         current = {
-            frame.true_ids[row]: frame.found_ids[column] for row, column in zip(i, j, strict=True) if weight[row, column]
+            frame.true_ids[row]: frame.found_ids[column]
+            for row, column in zip(i, j, strict=True)
+            if weight[row, column]
         }
         switches += sum(last.get(person, found) != found for person, found in current.items())
         last |= current

@@ -1,4 +1,4 @@
-"""Two people: identity switches against crossings labelled by hand, and Δd of both with one motion between the sensors."""
+"""Two people: identity switches against crossings labelled by hand, and Δd of both with one motion for both."""
 
 from __future__ import annotations
 

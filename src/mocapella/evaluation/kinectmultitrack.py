@@ -1,4 +1,4 @@
-"""Methods over the logs of the KinectMultiTrack studies: everything that ``mocapella evaluate kinectmultitrack`` says."""
+"""Methods over the logs of the KinectMultiTrack studies: what ``mocapella evaluate kinectmultitrack`` says."""
 
 from __future__ import annotations
 
@@ -289,7 +289,7 @@ def fused_figures(session: StudySession, output: Output) -> dict[str, float]:
 def _lag(session: StudySession, output: Output, pairs: Pairs) -> float:
     """Of the fused skeleton behind the mean of the two views, which is made of the pair's own frames [s]."""
     fused_at, fused = output.fused(pairs)
-    raw_at, raw = AsLogged(session).fused(pairs)
+    _, raw = AsLogged(session).fused(pairs)
     if len(fused) != len(raw) or not np.isfinite(fused).any(axis=(1, 2)).all():
         return float("nan")
     at_s, fused, raw = fused_metrics.rising(fused_at, fused, raw)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 from mocapella.errors import SettingsError, one_of
@@ -30,7 +30,7 @@ def scored_tracker(method: str, settings: Mapping[str, Any] | None = None) -> Ca
     return make
 
 
-def check_methods(methods: list[str], *, some: bool = False) -> None:
+def check_methods(methods: Sequence[str], *, some: bool = False) -> None:
     """Refuse a method that is unknown or cannot be scored; nothing has been read then.
 
     Args:

@@ -83,7 +83,7 @@ def views_of(session: StudySession, run: CausalRun, pairs: Pairs, known: Int64, 
         ]
     ).reshape(-1, 2)
     if run.joint_bias is not None:
-        joints = joints + _bias(session, run, pairs, joints, T, swapped)
+        joints = joints + _bias(session, run, pairs, seen=_Seen(joints, T, swapped))
     views = rigid.apply(T, joints)
     mirrored = views[:, :, TOPOLOGY.mirror]
     minutes = max(float(np.ptp(session.at_s[pairs.rows])) / 60, 1e-9)
@@ -131,9 +131,18 @@ def _at_one_instant(session: StudySession, pairs: Pairs, offset_s: Float64) -> F
     return out
 
 
-def _bias(session: StudySession, run: CausalRun, pairs: Pairs, joints: Float64, T: Float64, swapped: Bool) -> Float64:
+class _Seen(msgspec.Struct, frozen=True, eq=False):
+    """Of both views of every pair: ``joints`` in their own camera spaces, their motions ``T``, and label swaps."""
+
+    joints: Float64
+    T: Float64
+    swapped: Bool
+
+
+def _bias(session: StudySession, run: CausalRun, pairs: Pairs, seen: _Seen) -> Float64:
     """(pairs, 2, joints, 3) the declared bias of each view, from the person fused of both views."""
     assert run.joint_bias is not None
+    joints, T, swapped = seen.joints, seen.T, seen.swapped
     views = rigid.apply(T, joints)
     views = np.where(swapped[..., None, None], views[:, :, TOPOLOGY.mirror], views)
     fused = views.mean(axis=1)

@@ -117,7 +117,7 @@ class StudySession:
     def _raw(self, row: int) -> Float64:
         frame = self.frames.arrivals[self.frames.of_row[row]].frame
         body = frame.tracking_ids.tolist().index(int(self.log.person_id[row]))
-        return frame.positions[body].astype(np.float64)
+        return np.asarray(frame.positions[body], dtype=np.float64)
 
 
 def corrected_tasks(log: StudyLog) -> Int64:

@@ -71,9 +71,7 @@ def joint_means(scored: Sequence[Scored], repaired: bool) -> tuple[list[int], Fl
 def count(scored: Sequence[Scored]) -> Count:
     """What there is to score."""
     finite = [np.isfinite(one.raw_labels[..., 3]) for one in scored]
-    return Count(
-        sum(int(joints.any(axis=-1).sum()) for joints in finite), sum(int(joints.sum()) for joints in finite)
-    )
+    return Count(sum(int(joints.any(axis=-1).sum()) for joints in finite), sum(int(joints.sum()) for joints in finite))
 
 
 def figures(scored: Sequence[Scored], repaired: bool) -> dict[str, Any]:
