@@ -13,6 +13,9 @@ from mocapella.model.bodies import BodyKey, tracked_bodies
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Person, Phase, PotentialSkeleton, Scene, TrackerState
 
+TOGETHER_NS = 17_000_000
+"""Half a frame: two views that are nearer in time are of one instant."""
+
 
 def fit(source: Any, target: Any, weights: Any) -> Any:
     """T_target_source, (4, 4), with the least weighted sum of squares over points (n, 3) (Kabsch, 1976)."""
@@ -40,6 +43,7 @@ class Method:
     def __init__(self, sensors: int) -> None:
         self.T: dict[str, Any] = {}
         self.newest: dict[str, Any] = {}
+        self.at_ns: dict[str, int] = {}
         self.offsets: dict[str, float] = {}
         self.swapped: frozenset[BodyKey] = frozenset()
         self.step = 0
@@ -57,6 +61,7 @@ class Method:
     def update(self, arrival: Arrival) -> Scene:
         frame = arrival.frame
         self.newest[frame.sensor] = tracked_bodies(frame)
+        self.at_ns[frame.sensor] = arrival.at_ns
         self.conclude(arrival)
         self.step += 1
         return Scene(
@@ -110,11 +115,11 @@ class BatchFit(Method):
 
     def conclude(self, arrival: Arrival) -> None:
         source, target = self.common()
-        if len(source) and self.step % 3 == 0:
+        if len(source) and np.ptp(list(self.at_ns.values())) < TOGETHER_NS:
             self.seen.append((source, target))
         if len(self.seen) > 1.2 * self.fitted_on:
             self.fitted_on = len(self.seen)
-            source, target = (np.concatenate(points)[::3] for points in zip(*self.seen, strict=True))
+            source, target = (np.concatenate(points)[::7] for points in zip(*self.seen, strict=True))
             self.T[self.others[0]] = self.T[self.reference] @ robust_fit(source, target)
 
 

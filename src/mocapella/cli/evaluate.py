@@ -102,23 +102,23 @@ def _order(item: tuple[str, Any]) -> int:
 
 
 def _tasks(tasks: dict[str, Any]) -> Table:
-    table = Table(title="cm between the two views", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    table.add_column("task", max_width=17)
-    table.add_column("sensors", no_wrap=True)
+    table = Table(title="cm between the two views", title_justify="left", box=SIMPLE_HEAD, padding=0, show_edge=False)
+    table.add_column("", no_wrap=True)
     for name in ("Δx", "Δy", "Δz", "Δd", "Std", "raw", "worst", "torso", "pairs"):
         table.add_column(name, justify="right", no_wrap=True)
     shown: list[Any] = []
     for task, placements in tasks.items():
+        if placements in shown:  # a protocol that makes no difference to this method
+            continue
+        shown.append(placements)
+        table.add_row(f"[bold]{task}[/bold]")
         for placement, row in sorted(placements.items(), key=_order):
-            if (placement, row) in shown:  # a protocol that makes no difference to this method
-                continue
-            shown.append((placement, row))
             dd = row["dd_cm"]
             figures = [row[name]["mean"] for name in ("dx_cm", "dy_cm", "dz_cm", "dd_cm")]
             figures += [dd["std"], row["raw_labels"]["dd_cm"]["mean"], dd["worst_participant"]]
             figures += [row["torso_dd_cm"]["mean"]]
             style = "red" if row["problem"] else None
-            table.add_row(task, placement, *map(_cell, figures), str(row["pairs"]), style=style)
+            table.add_row(f"  {placement}", *map(_cell, figures), str(row["pairs"]), style=style)
     table.caption = "Std: of Δd over the joints; raw: Δd with the sensors' labels; worst: participant"
     table.caption_justify = "left"
     return table

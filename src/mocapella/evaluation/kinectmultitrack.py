@@ -50,6 +50,10 @@ PROTOCOLS: Final = {
 }
 
 
+_FIRST: Final = ("stationary", "steps", "steps-second-half", "steps-second-half-refined", "walk", "walk-frozen", "walk-cold")
+"""The order of the rows; the other tasks follow as the log numbers them."""
+
+
 class Output(Protocol):
     """A method's output for one session, ready to be scored."""
 
@@ -221,7 +225,7 @@ class Tally:
     def as_json(self, scored: str, as_logged: Mapping[tuple[str, str], Count]) -> dict[str, Any]:
         """The method's part of the JSON."""
         tasks: dict[str, dict[str, Any]] = {}
-        for (scoring, placement), values in self.scored.items():
+        for (scoring, placement), values in sorted(self.scored.items(), key=lambda item: _place(item[0][0])):
             tasks.setdefault(scoring, {})[placement] = row(values, as_logged[scoring, placement])
         return {
             "scored": scored,
@@ -244,6 +248,11 @@ class Tally:
         if not self.interactions:
             return totals
         return {**totals, **distance_figures(np.concatenate(self.distances)), "files": self.interactions}
+
+
+def _place(scoring: str) -> tuple[int, int]:
+    first = _FIRST.index(scoring) if scoring in _FIRST else len(_FIRST)
+    return first, SCENARIOS.get(scoring, 0)
 
 
 def scorings(pairs: Pairs) -> list[tuple[str, Pairs]]:

@@ -155,7 +155,7 @@ def study_sessions(
     for unknown in sorted(wanted - set(files)):
         known = one_of(str(unknown), map(str, sorted(files)))
         raise SettingsError(f"{folder} has no participant {unknown}; it has {known}")
-    for path in sorted(path for participant in wanted for path in files[participant]):
+    for path in (path for participant in sorted(wanted) for path in files[participant]):
         on_file(path.name)
         try:
             log = read_study_log(path)
