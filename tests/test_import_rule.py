@@ -28,13 +28,14 @@ MAY_IMPORT: dict[str, set[str]] = {
     "sources": MODEL | {"schema", "sensing"},
     **{edge: MODEL | {"schema"} for edge in EDGES - {"sources"}},
     "viewer": MODEL,
+    "evaluation": TRACKER | {"recording", "sources"},
     "studies": TRACKER | {"recording", "schema"},
     "live": TRACKER | EDGES | {"schema", "viewer"},
-    "cli": TRACKER | EDGES | {"schema", "viewer", "studies", "live"},
+    "cli": TRACKER | EDGES | {"schema", "viewer", "studies", "evaluation", "live"},
 }
 """Which rooms a room may import, beside itself. `docs/decisions/0001-rooms.md` says why."""
 
-PURE = {"geometry", "model", *STAGES, "tracker"}
+PURE = {"geometry", "model", *STAGES, "tracker", "evaluation"}
 IMPURE_MODULES = {"asyncio", "threading", "socket", "time", "multiprocessing", "subprocess"}
 DECODES_IMAGES = {"sensing", "sources"}
 

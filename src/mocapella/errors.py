@@ -13,6 +13,7 @@ MocapellaError                what we raise on purpose; the message says what wo
 ├── RecordingError            a take could not be started or went wrong
 │   ├── TakeExistsError       the name is taken; nothing is ever overwritten
 │   └── DiskFullError         less room than the reserve
+├── EvaluationError           what a method says cannot be scored
 └── NotNowError               a command that cannot be used in the present state
 """
 
@@ -93,6 +94,10 @@ class TakeExistsError(RecordingError):
 
 class DiskFullError(RecordingError):
     """There is less free space than the reserve."""
+
+
+class EvaluationError(MocapellaError):
+    """What a tracking method says cannot be scored; the message says what can."""
 
 
 class NotNowError(MocapellaError):

@@ -25,6 +25,7 @@ VERBS = [
     ["export", "csv"],
     ["view"],
     ["doctor"],
+    ["evaluate", "kinectmultitrack"],
 ]
 READ_BY_PROGRAMS = [verb for verb in VERBS if verb != ["view"]]
 SCREEN = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
@@ -39,7 +40,7 @@ def test_help_teaches_with_an_example(verb: list[str], tmp_path: Path) -> None:
 
 
 def test_every_verb_is_in_this_list(tmp_path: Path) -> None:
-    groups = {"": {verb[0] for verb in VERBS}, "node": set(), "export": set()}
+    groups = {"": {verb[0] for verb in VERBS}, "node": set(), "export": set(), "evaluate": set()}
     for verb in VERBS:
         if len(verb) == 2:
             groups[verb[0]].add(verb[1])

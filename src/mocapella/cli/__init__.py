@@ -19,12 +19,12 @@ def main() -> None:
     # What takes long to import comes after it, so that Ctrl-C finds a handler.
     import typer
 
-    from mocapella.cli import demo, doctor, export, node, record, replay, serve, view  # noqa: F401  (they register)
+    from mocapella.cli import demo, doctor, evaluate, export, node, record, replay, serve, view  # noqa: F401
     from mocapella.cli.app import app
     from mocapella.errors import MocapellaError
 
     try:
-        app()
+        app(prog_name="mocapella")
     except MocapellaError as error:
         typer.secho(f"mocapella: {error}", fg=typer.colors.RED, err=True)
         sys.exit(1)

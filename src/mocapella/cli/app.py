@@ -29,8 +29,16 @@ app = typer.Typer(
 )
 node_app = typer.Typer(no_args_is_help=True, help="Serve one sensor: a recording, a simulation, or a foreign program.")
 export_app = typer.Typer(no_args_is_help=True, help="Make files for other programs out of a take.")
+evaluate_app = typer.Typer(
+    no_args_is_help=True,
+    help="""Say how good tracking methods are, in figures.
+
+    Example:  mocapella evaluate kinectmultitrack recordings/ --methods stand-still
+    """,
+)
 app.add_typer(node_app, name="node")
 app.add_typer(export_app, name="export")
+app.add_typer(evaluate_app, name="evaluate")
 
 
 def _print_version(wanted: bool) -> None:

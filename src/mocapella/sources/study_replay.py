@@ -24,6 +24,7 @@ from mocapella.model.study_log import TICK_NS, YEAR_1_TO_1970_MS, StudyLog
 from mocapella.model.topology import topology
 from mocapella.sources.study_sensors import (
     STUDY_SENSORS,
+    motions_of_people,
     nominal_motion,
     reference_kinect,
     refuse,
@@ -109,6 +110,8 @@ class StudyReplay:
         placement: key of `mocapella.model.session.PLACEMENTS`; empty where the file has one sensor and does not say.
         T_reference_second: (4, 4), from the nominal camera space of the second sensor to the reference's; the identity
             where there is no second.
+        T_reference_second_of: the same by person: the first person's is that one; the others' differ from it by how far
+            the thesis' calibrations of the two were apart, so that the replayed sensor has one camera space.
         report: what became of the rows.
     """
 
@@ -135,10 +138,11 @@ class StudyReplay:
         kinects = sorted(names, key=lambda kinect: kinect != reference)
         self.sensors = tuple(names[kinect] for kinect in kinects)
         self.T_reference_second = nominal_motion(log, rows, self.placement) if len(kinects) == 2 else np.eye(4)
-        motions = (np.eye(4), self.T_reference_second)
+        self.T_reference_second_of = motions_of_people(log, rows, self.T_reference_second)
+        motions = (dict.fromkeys(self.T_reference_second_of, np.eye(4)), self.T_reference_second_of)
         self._tracks = {
-            names[kinect]: _track(log, rows[log.kinect_id[rows] == kinect], names[kinect], T_reference_sensor)
-            for kinect, T_reference_sensor in zip(kinects, motions, strict=False)
+            names[kinect]: _track(log, rows[log.kinect_id[rows] == kinect], names[kinect], T_reference_sensor_of)
+            for kinect, T_reference_sensor_of in zip(kinects, motions, strict=False)
         }
         tracks = self._tracks.values()
         self.report = ReplayReport(
@@ -185,7 +189,9 @@ class StudyReplay:
             yield Arrival(tracks[which[i]].frame(int(number[i])), int(at_ns[i]))
 
 
-def _track(log: StudyLog, rows: NDArray[np.intp], sensor: str, T_reference_sensor: NDArray[np.float64]) -> _Track:
+def _track(
+    log: StudyLog, rows: NDArray[np.intp], sensor: str, T_reference_sensor_of: Mapping[int, NDArray[np.float64]]
+) -> _Track:
     _check_times_and_people(log, rows)
     time_ns = log.skeleton_time_ticks[rows] * TICK_NS
     back_ns = np.maximum.accumulate(time_ns) - time_ns
@@ -198,7 +204,7 @@ def _track(log: StudyLog, rows: NDArray[np.intp], sensor: str, T_reference_senso
     first_rows = rows[kept][starts]
     return _Track(
         sensor=sensor,
-        bodies=_bodies(log, rows[kept], T_reference_sensor),
+        bodies=_bodies(log, rows[kept], T_reference_sensor_of),
         starts=[*starts.tolist(), len(kept)],
         tilt=np.nan_to_num(np.radians(log.tilt_deg[first_rows])).tolist(),
         height=np.nan_to_num(log.height_cm[first_rows] / 100).tolist(),
@@ -209,8 +215,13 @@ def _track(log: StudyLog, rows: NDArray[np.intp], sensor: str, T_reference_senso
     )
 
 
-def _bodies(log: StudyLog, rows: NDArray[np.intp], T_reference_sensor: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
-    positions = rigid.apply(rigid.inverse(T_reference_sensor), log.positions[rows]).astype(np.float32)
+def _bodies(
+    log: StudyLog, rows: NDArray[np.intp], T_reference_sensor_of: Mapping[int, NDArray[np.float64]]
+) -> dict[str, NDArray[Any]]:
+    positions = np.empty(log.positions[rows].shape, dtype=np.float32)
+    for person, T_reference_sensor in T_reference_sensor_of.items():
+        of_person = log.person_id[rows] == person
+        positions[of_person] = rigid.apply(rigid.inverse(T_reference_sensor), log.positions[rows[of_person]])
     seen = np.isfinite(positions[..., 0])
     return {
         "tracking_ids": log.person_id[rows].astype(np.uint64),

@@ -23,6 +23,8 @@ TURNING_DISTANCE: Final = 2.4
 PARALLEL_DISTANCE: Final = 0.5
 """Between two parallel sensors [m]."""
 
+_FIRST_ROWS = 30
+"""Of a person, about a second: the logs begin right after the people stood still."""
 _TURNS = {"parallel": 0.0, "right-45": -45.0, "right-90": -90.0, "left-45": 45.0, "left-90": 90.0}
 
 
@@ -125,6 +127,42 @@ def reference_kinect(log: StudyLog, rows: NDArray[np.intp], names: dict[str, str
     return reference
 
 
+def motions_of_people(
+    log: StudyLog, rows: NDArray[np.intp], T_reference_second: NDArray[np.float64]
+) -> dict[int, NDArray[np.float64]]:
+    """``T_reference_second`` of each person: the first person's is the one given.
+
+    The thesis calibrated the second sensor anew for each person, some degrees apart, so two people's logged rows
+    are not in one space. What is logged of the angles and where both people stood at first, seen by the reference
+    sensor, bring the others' rows into the first person's: a turn about where that person stood by how far the two
+    calibrations are apart, and that place itself to where a second sensor of the given motion saw it. A person
+    without angles, or never seen by the reference sensor, keeps the motion given.
+
+    Args:
+        log: the file.
+        rows: that count.
+        T_reference_second: (4, 4), of the first person.
+    """
+    turns, places = {}, {}
+    for person in np.unique(log.person_id[rows]).tolist():
+        of_person = rows[log.person_id[rows] == person]
+        of_reference = of_person[log.skeleton_id[of_person] == 0][:_FIRST_ROWS]
+        joints = log.positions[of_reference].reshape(-1, 3).astype(np.float64)
+        joints = joints[np.isfinite(joints[:, 0])]
+        turn = _turn_of_person(log, of_person)
+        if turn is not None and len(joints):
+            turns[person], places[person] = turn, joints.mean(axis=0)
+    motions = dict.fromkeys(np.unique(log.person_id[rows]).tolist(), T_reference_second)
+    first, *others = turns or [-1]
+    nominal = np.arctan2(T_reference_second[0, 2], T_reference_second[0, 0])
+    for person in others:
+        turned = rigid.rotation_about_y(turns[first] - turns[person])
+        place = places[first] + rigid.rotation_about_y(turns[first] - nominal) @ (places[person] - places[first])
+        T_first_person = rigid.rigid(turned, place - turned @ places[person])
+        motions[person] = rigid.inverse(T_first_person) @ T_reference_second
+    return motions
+
+
 def nominal_motion(log: StudyLog, rows: NDArray[np.intp], placement: str) -> NDArray[np.float64]:
     """``T_reference_second``: a turn about the vertical where people stood, or a step aside for parallel sensors.
 
@@ -153,11 +191,18 @@ def nominal_motion(log: StudyLog, rows: NDArray[np.intp], placement: str) -> NDA
 
 def _logged_turn(log: StudyLog, rows: NDArray[np.intp]) -> float:
     """θ of the second sensor minus θ of the reference, of the first person that has both [rad]; 0 where nobody has."""
-    known = rows[np.isfinite(log.init_angle[rows])]
-    for person in np.unique(log.person_id[known]).tolist():
-        of_person = known[log.person_id[known] == person]
-        is_reference = log.skeleton_id[of_person] == 0
-        if is_reference.any() and not is_reference.all():
-            theta = log.init_angle[of_person]
-            return float(angles.wrap(theta[~is_reference][0] - theta[is_reference][0]))
+    for person in np.unique(log.person_id[rows]).tolist():
+        turn = _turn_of_person(log, rows[log.person_id[rows] == person])
+        if turn is not None:
+            return turn
     return 0.0
+
+
+def _turn_of_person(log: StudyLog, rows: NDArray[np.intp]) -> float | None:
+    """θ of the second sensor minus θ of the reference in one person's rows [rad]; None where one is not logged."""
+    known = rows[np.isfinite(log.init_angle[rows])]
+    is_reference = log.skeleton_id[known] == 0
+    if is_reference.all() or not is_reference.any():
+        return None
+    theta = log.init_angle[known]
+    return float(angles.wrap(theta[~is_reference][0] - theta[is_reference][0]))

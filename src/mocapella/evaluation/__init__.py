@@ -1,0 +1,1 @@
+"""How good a tracking method is, by a scoring that cannot be flattered (docs/evaluation.md)."""

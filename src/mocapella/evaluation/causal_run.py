@@ -1,0 +1,129 @@
+"""A method over a session's frames in the order of their arrival, and what it knew after each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import EvaluationError
+from mocapella.evaluation.protocol import JointBias, ScoredTracker, SensorViews, check_rigid
+from mocapella.geometry import rigid
+from mocapella.model.bodies import BodyKey
+from mocapella.model.observations import Arrival
+from mocapella.model.scene import Scene
+
+Float64 = NDArray[np.float64]
+
+MAX_TIME_OFFSET = 1.0
+"""No two sensors' clocks are farther apart after the arrivals were put in order [s]."""
+TO_FIND_IT = 1.0
+"""[m]."""
+LONGEST_STEP = 1.0
+"""A longer gap between two frames is a pause of the log, and does not count as time [s]."""
+_PERSON_AREA = np.array([[0.0, 0.0, 2.4], [0.5, 0.0, 2.4], [0.0, 0.5, 2.4]])
+"""Three points where people stand, camera space [m]."""
+
+
+class PersonThen(msgspec.Struct, frozen=True, eq=False):
+    """A person of a scene: id, the views that he was made of, and (joints, 3) fused, reference camera space [m]."""
+
+    id: int
+    keys: frozenset[BodyKey]
+    positions: Float64
+
+
+class CausalRun(msgspec.Struct, frozen=True, eq=False):
+    """What a method knew: entry k was known *before* arrival k, so entry 0 is what it began with.
+
+    Attributes:
+        sensors: names, the reference sensor first.
+        T_reference_sensor: (arrivals + 1, sensors, 4, 4); NaN where unknown.
+        time_offset_s: (arrivals + 1, sensors); NaN where not declared.
+        swapped: (arrivals + 1,) the views whose labels are swapped.
+        people: (arrivals,) the people of each scene.
+        at_ns: (arrivals,).
+        joint_bias: declared before the first frame.
+        wander_m_per_min: how far the motions between the sensors moved a point where people stand, to and fro, beyond
+            the `TO_FIND_IT` metres that finding them once may take.
+    """
+
+    sensors: tuple[str, ...]
+    T_reference_sensor: Float64
+    time_offset_s: Float64
+    swapped: tuple[frozenset[BodyKey], ...]
+    people: tuple[tuple[PersonThen, ...], ...]
+    at_ns: NDArray[np.int64]
+    joint_bias: JointBias | None
+    wander_m_per_min: float
+
+
+def run_causally(
+    make: Callable[[int], ScoredTracker],
+    sensors: Sequence[str],
+    arrivals: Sequence[Arrival],
+    rig: Mapping[str, Float64],
+) -> CausalRun:
+    """Feed a new tracker every frame; ask it what it knows before the first and after each.
+
+    Args:
+        make: a new tracker for so many sensors.
+        sensors: names, the reference sensor first.
+        arrivals: in their order.
+        rig: what is known before the first frame: the study's own calibration, as the log has it.
+
+    Raises:
+        EvaluationError: a motion is not rigid, or a value cannot be one.
+    """
+    tracker = make(len(sensors))
+    tracker.start_from({sensor: T.copy() for sensor, T in rig.items()})
+    bias = tracker.joint_bias
+    known = [_known(tracker.sensor_views(), sensors)]
+    people: list[tuple[PersonThen, ...]] = []
+    for arrival in arrivals:
+        scene = tracker.update(arrival)
+        known.append(_known(tracker.sensor_views(), sensors))
+        people.append(_people(scene, known[-1][0][0]))
+    T_world_sensor, offsets, swapped = (tuple(values) for values in zip(*known, strict=True))
+    T = np.stack(T_world_sensor)
+    T_reference_sensor = rigid.inverse(T[:, :1]) @ T
+    at_ns = np.array([arrival.at_ns for arrival in arrivals], dtype=np.int64)
+    wander = _wander_m_per_min(T_reference_sensor, at_ns)
+    return CausalRun(tuple(sensors), T_reference_sensor, np.stack(offsets), swapped, tuple(people), at_ns, bias, wander)
+
+
+def _wander_m_per_min(T_reference_sensor: Float64, at_ns: NDArray[np.int64]) -> float:
+    if T_reference_sensor.shape[1] < 2:
+        return 0.0
+    points = rigid.apply(T_reference_sensor[:, 1:], _PERSON_AREA)
+    path = np.nansum(np.linalg.norm(np.diff(points, axis=0), axis=-1).mean(axis=-1), axis=0).max()
+    seconds = np.minimum(np.diff(at_ns) / 1e9, LONGEST_STEP).sum()
+    return float(max(0.0, path - TO_FIND_IT) / max(seconds, LONGEST_STEP) * 60)
+
+
+def _known(views: SensorViews, sensors: Sequence[str]) -> tuple[Float64, Float64, frozenset[BodyKey]]:
+    T = np.full((len(sensors), 4, 4), np.nan)
+    offset_s = np.full(len(sensors), np.nan)
+    for i, sensor in enumerate(sensors):
+        if sensor in views.T_world_sensor:
+            T[i] = check_rigid(views.T_world_sensor[sensor], f"T_world_sensor of {sensor}")
+        offset_s[i] = views.time_offset_s.get(sensor, np.nan)
+    if (np.abs(offset_s) > MAX_TIME_OFFSET).any():
+        raise EvaluationError(f"a time offset of {np.nanmax(np.abs(offset_s)):.1f} s; {MAX_TIME_OFFSET} s is the most")
+    return T, offset_s, frozenset(views.swapped)
+
+
+def _people(scene: Scene, T_world_reference: Float64) -> tuple[PersonThen, ...]:
+    if np.isnan(T_world_reference).any():
+        return ()
+    T_reference_world = rigid.inverse(T_world_reference)
+    return tuple(
+        PersonThen(
+            person.id,
+            frozenset((view.sensor, view.tracking_id) for view in person.views if view.states.any()),
+            rigid.apply(T_reference_world, person.positions),
+        )
+        for person in scene.people
+    )

@@ -1,0 +1,147 @@
+"""How good a skeleton over time is, without ground truth (docs/evaluation.md, *Fused skeleton*).
+
+Positions are (frames, joints, 3) of the Kinect v2's joints, y up [m], at ``at_s`` (frames,), strictly rising.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry.angles import wrap
+from mocapella.model.topology import topology
+
+Float64 = NDArray[np.float64]
+
+SLIDE_OVER: Final = 0.1
+"""[s]."""
+HEADING_OVER: Final = 0.2
+"""Centred on the frame [s]."""
+MOVING: Final = 0.5
+"""Faster than this somebody moves [m/s]."""
+REVERSED_BY: Final = np.radians(120.0)
+REVERSED_WITHIN: Final = 0.4
+"""[s]."""
+COLLAPSED: Final = 0.6
+"""Of the median shoulder width."""
+_KINECT = topology("kinect_v2")
+_PARENTS, _CHILDREN = (list(ends) for ends in zip(*_KINECT.bones, strict=True))
+_ROOT = _KINECT.parts["root"]
+_ANKLES = [_KINECT.index("AnkleLeft"), _KINECT.index("AnkleRight")]
+_LEFT = [_KINECT.index("ShoulderLeft"), _KINECT.index("HipLeft")]
+_RIGHT = [_KINECT.index("ShoulderRight"), _KINECT.index("HipRight")]
+_HORIZONTAL = [0, 2]
+
+
+def facing_yaw(positions: Float64) -> Float64:
+    """(...,) the direction that a body faces, by the labels of its shoulders and hips; 0 = +z, π/2 = +x [rad]."""
+    across = (positions[..., _LEFT, :] - positions[..., _RIGHT, :]).sum(axis=-2)
+    return np.asarray(np.arctan2(-across[..., 2], across[..., 0]))
+
+
+def bone_length_variation(positions: Float64) -> float:
+    """Standard deviation over mean of each bone's length, mean over the bones [1]."""
+    lengths = np.linalg.norm(positions[:, _PARENTS] - positions[:, _CHILDREN], axis=-1)
+    return float((np.nanstd(lengths, axis=0) / np.nanmean(lengths, axis=0)).mean())
+
+
+def jitter(positions: Float64) -> float:
+    """Root mean square of the second difference of the joints from row to row [m]."""
+    second = positions[2:] - 2 * positions[1:-1] + positions[:-2]
+    return float(np.sqrt(np.nanmean((second**2).sum(axis=-1))))
+
+
+def foot_slide(positions: Float64, at_s: Float64) -> float:
+    """Mean horizontal speed of the slower ankle, each over the last `SLIDE_OVER` seconds [m/s]."""
+    now = at_s >= at_s[0] + SLIDE_OVER
+    speeds = [
+        np.linalg.norm(
+            (positions[now, ankle] - _at(at_s[now] - SLIDE_OVER, at_s, positions[:, ankle]))[:, _HORIZONTAL], axis=-1
+        )
+        for ankle in _ANKLES
+    ]
+    return float(np.nanmean(np.minimum(*speeds)) / SLIDE_OVER)
+
+
+def shoulder_collapse(positions: Float64) -> float:
+    """Share of the frames in which the shoulders are closer than `COLLAPSED` times their median distance."""
+    width = np.linalg.norm(positions[:, _LEFT[0]] - positions[:, _RIGHT[0]], axis=-1)
+    return float((width < COLLAPSED * np.nanmedian(width)).mean())
+
+
+def facing_against_motion(positions: Float64, at_s: Float64) -> float:
+    """Share of the frames with a speed over `MOVING` in which the body faces more than 90° off its heading."""
+    half = HEADING_OVER / 2
+    root = positions[:, _ROOT]
+    velocity = (_at(at_s + half, at_s, root) - _at(at_s - half, at_s, root)) / HEADING_OVER
+    moving = np.hypot(velocity[:, 0], velocity[:, 2]) > MOVING
+    yaw = facing_yaw(positions)
+    along = velocity[:, 0] * np.sin(yaw) + velocity[:, 2] * np.cos(yaw)
+    return float((along[moving] < 0).mean()) if moving.any() else float("nan")
+
+
+def facing_away(positions: Float64, towards: Float64) -> float:
+    """Share of the frames in which the body faces more than 90° away from a point.
+
+    Args:
+        positions: (frames, joints, 3) [m].
+        towards: (3,) [m].
+    """
+    yaw = facing_yaw(positions)
+    sight = towards - positions[:, _ROOT]
+    return float((sight[:, 0] * np.sin(yaw) + sight[:, 2] * np.cos(yaw) < 0).mean())
+
+
+def yaw_reversals(positions: Float64, at_s: Float64) -> int:
+    """How often the facing turns by more than `REVERSED_BY` within `REVERSED_WITHIN`; what follows one is not in it."""
+    yaw, count, start = facing_yaw(positions), 0, 0
+    for i in range(1, len(yaw)):
+        while at_s[i] - at_s[start] > REVERSED_WITHIN:
+            start += 1
+        if (np.abs(wrap(yaw[i] - yaw[start:i])) > REVERSED_BY).any():
+            count, start = count + 1, i
+    return count
+
+
+def label_flips(positions: Float64) -> int:
+    """How often the body is nearer to its own mirror image in the frame before than to itself."""
+    before, now = positions[:-1], positions[1:]
+    straight = np.linalg.norm(now - before, axis=-1).mean(axis=-1)
+    crossed = np.linalg.norm(now - before[:, list(_KINECT.mirror)], axis=-1).mean(axis=-1)
+    return int((crossed < straight).sum())
+
+
+def lag(positions: Float64, raw: Float64, at_s: Float64, most: float = 0.3) -> float:
+    """By how much a skeleton follows another: the delay at which their joints' velocities are most alike [s].
+
+    Args:
+        positions, raw: (frames, joints, 3) at the same times [m].
+        at_s: (frames,) [s].
+        most: the delays tried go from 0 to this, in steps of 5 ms [s].
+    """
+    grid = np.arange(at_s[0] + most, at_s[-1], 1 / 60)
+    if len(grid) < 3:
+        return float("nan")
+
+    def velocities(values: Float64, at: Float64) -> Float64:
+        flat = np.nan_to_num(values.reshape(len(values), -1))
+        return np.diff(np.stack([np.interp(at, at_s, column) for column in flat.T], axis=1), axis=0)
+
+    moved = velocities(positions, grid)
+    delays = np.arange(0, most, 0.005)
+    errors = [float(((moved - velocities(raw, grid - delay)) ** 2).sum()) for delay in delays]
+    return float(delays[int(np.argmin(errors))])
+
+
+def _at(times: Float64, at_s: Float64, points: Float64) -> Float64:
+    """(times, 3): points (frames, 3), linearly interpolated."""
+    return np.stack([np.interp(times, at_s, column) for column in points.T], axis=1)
+
+
+def rising(at_s: Float64, *values: Float64) -> Sequence[Float64]:
+    """Times in their order, each once, and the values at them."""
+    _, first = np.unique(at_s, return_index=True)
+    return (at_s[first], *(value[first] for value in values))

@@ -1,0 +1,109 @@
+"""Two people: identity switches against crossings labelled by hand, and Δd of both with one motion for both."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from functools import cache
+from importlib.resources import files
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.evaluation.causal_run import CausalRun
+from mocapella.evaluation.identity import IdentityFrame, identity_switches
+from mocapella.evaluation.scored_views import TOPOLOGY
+from mocapella.evaluation.study_pairs import StudySession
+
+Float64 = NDArray[np.float64]
+
+NEAR: Final = 0.5
+"""A person found this near to a label can be the one who is labelled [m]; at the crossings people are 0.55 m apart."""
+FRESH: Final = 0.3
+"""A row older than this does not say where somebody is [s]."""
+_ROOT = TOPOLOGY.parts["root"]
+_HORIZONTAL = [0, 2]
+
+
+class Label(msgspec.Struct, frozen=True, eq=False):
+    """Who was where.
+
+    Attributes:
+        at_s: since the file's first frame [s].
+        place: x and z of SpineBase by person (0 = A, 1 = B), reference camera space [m]; nobody who is hidden.
+    """
+
+    at_s: float
+    place: Mapping[int, tuple[float, float]]
+
+
+@cache
+def crossings() -> dict[str, tuple[Label, ...]]:
+    """The labels by the file's name without endings."""
+    data = tomllib.loads(files("mocapella.evaluation").joinpath("crossings.toml").read_text(encoding="utf-8"))
+    return {name: tuple(_label(*label) for label in entry["labels"]) for name, entry in data.items()}
+
+
+def _label(at_s: float, *places: Sequence[float]) -> Label:
+    return Label(at_s, {person: (place[0], place[1]) for person, place in enumerate(places) if place})
+
+
+def labels_of(session: StudySession) -> tuple[Label, ...]:
+    """A file's labels; empty where nobody labelled it."""
+    return crossings().get(session.name.removesuffix(".gz").removesuffix(".csv"), ())
+
+
+def people_as_logged(session: StudySession, at_s: float) -> dict[int, Float64]:
+    """Each Person_Id's SpineBase (3,), the mean of the sensors' newest rows of the last `FRESH` seconds [m]."""
+    found = {}
+    recent = (session.at_s <= at_s + 1e-9) & (session.at_s >= at_s - FRESH)
+    for person in np.unique(session.log.person_id[recent]).tolist():
+        newest = []
+        for sensor in range(len(session.replay.sensors)):
+            rows = np.flatnonzero(recent & (session.log.person_id == person) & (session.sensor == sensor))
+            rows = rows[np.isfinite(session.log.positions[rows, _ROOT, 0])]
+            if len(rows):
+                row = rows[np.argmax(session.at_s[rows])]
+                newest.append(session.log.positions[row, _ROOT].astype(np.float64))
+        if newest:
+            found[int(person)] = np.mean(newest, axis=0)
+    return found
+
+
+def people_of_run(run: CausalRun, at_s: float) -> dict[int, Float64]:
+    """Each person of the newest scene by then: SpineBase (3,), reference camera space [m]; nobody whose is unknown."""
+    step = int(np.searchsorted(run.at_ns, run.at_ns[0] + round(at_s * 1e9), side="right")) - 1
+    found = {person.id: person.positions[_ROOT] for person in run.people[step]}
+    return {person: place for person, place in found.items() if np.isfinite(place).all()}
+
+
+def label_frame(label: Label, found: Mapping[int, Float64]) -> IdentityFrame:
+    """A label beside who was found then; similarity is 1 − d / (2·`NEAR`), so one half at `NEAR`."""
+    true = np.array(list(label.place.values())).reshape(-1, 1, 2)
+    places = np.array([place[_HORIZONTAL] for place in found.values()]).reshape(1, -1, 2)
+    alike = np.maximum(0.0, 1 - np.linalg.norm(true - places, axis=-1) / (2 * NEAR))
+    return IdentityFrame(tuple(label.place), tuple(found), alike)
+
+
+def identity_figures(frames: Sequence[IdentityFrame]) -> dict[str, int]:
+    """``labels``, how many of them nobody was found at (``missed``), and ``identity_switches``."""
+    labels = sum(len(frame.true_ids) for frame in frames)
+    missed = sum(int((frame.similarity.max(axis=1, initial=0.0) < 0.5).sum()) for frame in frames)
+    return {"labels": labels, "missed": missed, "identity_switches": identity_switches(frames)}
+
+
+def distance_figures(apart: Float64) -> dict[str, float]:
+    """``median_cm``, ``mean_cm`` and ``p95_cm`` over pairs of the mean Δd of a pair's joints; (pairs, joints) [m]."""
+    finite = np.isfinite(apart)
+    some = finite.any(axis=1)
+    means = np.where(finite, apart, 0.0)[some].sum(axis=1) / finite[some].sum(axis=1) * 100
+    if not len(means):
+        return dict.fromkeys(("median_cm", "mean_cm", "p95_cm"), float("nan"))
+    figures: dict[str, Any] = {
+        "median_cm": np.median(means),
+        "mean_cm": means.mean(),
+        "p95_cm": np.percentile(means, 95),
+    }
+    return {name: float(value) for name, value in figures.items()}

@@ -1,0 +1,377 @@
+"""Methods over the logs of the KinectMultiTrack studies: what ``mocapella evaluate kinectmultitrack`` says."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Collection, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.evaluation import fused_metrics
+from mocapella.evaluation.causal_run import CausalRun, run_causally
+from mocapella.evaluation.interactions import (
+    distance_figures,
+    identity_figures,
+    label_frame,
+    labels_of,
+    people_as_logged,
+    people_of_run,
+)
+from mocapella.evaluation.methods import AS_LOGGED, check_methods, scored_tracker
+from mocapella.evaluation.protocol import ScoredTracker
+from mocapella.evaluation.scored_views import Views, known_before, logged_views, views_of
+from mocapella.evaluation.study_pairs import TASKS, Frames, Pairs, StudySession, study_sessions
+from mocapella.evaluation.study_tables import Count, Scored, count, differences, row
+from mocapella.geometry import angles, rigid
+from mocapella.model.session import SCENARIOS
+from mocapella.model.study_log import StudyLog
+
+Float64 = NDArray[np.float64]
+
+FRONT: Final = "front"
+"""The sensor that people face in Stationary and Steps, where a file has it."""
+WALK, STEPS, STATIONARY = (SCENARIOS[name] for name in ("walk", "steps", "stationary"))
+SCORED: Final = {
+    AS_LOGGED: "the rows as they were logged: they are the output of the thesis' own method, one motion per person",
+    "": "raw joints × one rigid motion per sensor, shared by all people and known before either frame of the pair, "
+    "+ the joint bias declared before the first frame; begun from the rig of the thesis' calibration; "
+    "both views brought to the earlier one's instant where the method declares time offsets; "
+    "dx_cm … torso_dd_cm with labels repaired as decided before the pair's frames, raw_labels as the sensors gave them",
+}
+PROTOCOLS: Final = {
+    "walk": "after Stationary and Steps, refined from past frames",
+    "walk-frozen": "after Stationary and Steps, the motions and offsets as they were known before Walk's first frame",
+    "walk-cold": "only Walk's frames, begun from the rig of the thesis' calibration",
+    "steps-second-half": "motions and offsets as they were known at the half of Steps",
+    "steps-second-half-refined": "refined from past frames",
+}
+
+
+_FIRST: Final = ("stationary", "steps", "steps-second-half", "steps-second-half-refined", "walk", "walk-frozen", "walk-cold")
+"""The order of the rows; the other tasks follow as the log numbers them."""
+
+
+class Output(Protocol):
+    """A method's output for one session, ready to be scored."""
+
+    @property
+    def wander_m_per_min(self) -> float:
+        """The greatest of its runs, see `mocapella.evaluation.causal_run.CausalRun`."""
+
+    def views(self, scoring: str, pairs: Pairs) -> Views:
+        """Both views of each of these pairs under one of `PROTOCOLS`, or a task's name."""
+
+    def fused(self, pairs: Pairs) -> tuple[Float64, Float64]:
+        """(pairs,) times [s] and (pairs, joints, 3) fused skeletons, reference camera space [m]; NaN where none."""
+
+    def yaw(self) -> float:
+        """Between the front and the side sensor, as known before Walk [rad]; NaN where unknown."""
+
+    def people(self, at_s: float) -> Mapping[int, Float64]:
+        """SpineBase (3,) of everybody at a time, reference camera space [m]."""
+
+
+class AsLogged:
+    """The rows as they are in the file."""
+
+    wander_m_per_min = 0.0
+
+    def __init__(self, session: StudySession) -> None:
+        self.session = session
+
+    def views(self, scoring: str, pairs: Pairs) -> Views:
+        """See `Output`; every protocol has the same rows."""
+        return logged_views(self.session, pairs)
+
+    def fused(self, pairs: Pairs) -> tuple[Float64, Float64]:
+        """See `Output`: the thesis' average skeleton."""
+        rows = self.session.log.positions[pairs.rows].astype(np.float64)
+        return self.session.at_s[pairs.rows].max(axis=1), rows.mean(axis=1)
+
+    def yaw(self) -> float:
+        """See `Output`: the difference of the two shoulder angles."""
+        return _from_front(self.session, _logged_turn(self.session.log))
+
+    def people(self, at_s: float) -> Mapping[int, Float64]:
+        """See `Output`."""
+        return people_as_logged(self.session, at_s)
+
+
+class OneSensor(AsLogged):
+    """What the front sensor alone gives: a baseline for the fused skeleton."""
+
+    def fused(self, pairs: Pairs) -> tuple[Float64, Float64]:
+        """See `Output`."""
+        sensors = self.session.replay.sensors
+        front = sensors.index(FRONT) if FRONT in sensors else 0
+        rows = pairs.rows[self.session.sensor[pairs.rows] == front]
+        return self.session.at_s[rows], self.session.log.positions[rows].astype(np.float64)
+
+
+class AsRun:
+    """A method run over the session's frames: all of them, and Walk's alone."""
+
+    def __init__(self, session: StudySession, make: Callable[[int], ScoredTracker]) -> None:
+        self.session = session
+        replay = session.replay
+        reference, *others = replay.sensors
+        self._rig = {reference: np.eye(4), **dict.fromkeys(others, replay.T_reference_second)}
+        self._run = self._run_over(session.frames, make)
+        self._walk_frames = session.only(WALK) if (session.pairs.task == WALK).any() else None
+        self._cold = None if self._walk_frames is None else self._run_over(self._walk_frames, make)
+        runs = (self._run,) if self._cold is None else (self._run, self._cold)
+        self.wander_m_per_min = max(run.wander_m_per_min for run in runs)
+
+    def _run_over(self, frames: Frames, make: Callable[[int], ScoredTracker]) -> CausalRun:
+        return run_causally(make, self.session.replay.sensors, frames.arrivals, self._rig)
+
+    def views(self, scoring: str, pairs: Pairs) -> Views:
+        """See `Output`."""
+        run, frames = self._run, self.session.frames
+        if scoring == "walk-cold":
+            assert self._cold is not None
+            assert self._walk_frames is not None
+            run, frames = self._cold, self._walk_frames
+        frozen = scoring in ("walk-frozen", "steps-second-half")
+        labels = known_before(frames, pairs)
+        return views_of(self.session, run, pairs, known_before(frames, pairs, frozen=frozen), labels)
+
+    def fused(self, pairs: Pairs) -> tuple[Float64, Float64]:
+        """See `Output`: the newest scene when both of the pair's frames had come."""
+        session, run = self.session, self._run
+        after = session.frames.of_row[pairs.rows].max(axis=1)
+        out = np.full((len(pairs), *session.raw.shape[1:]), np.nan)
+        for i, (k, person) in enumerate(zip(after.tolist(), pairs.person.tolist(), strict=True)):
+            keys = {(sensor, person) for sensor in run.sensors}
+            seen = next((there for there in run.people[k] if there.keys & keys), None)
+            if seen is not None:
+                out[i] = seen.positions
+        return session.at_s[pairs.rows].max(axis=1), out
+
+    def yaw(self) -> float:
+        """See `Output`."""
+        walk = self.session.pairs.where(self.session.pairs.task == WALK)
+        known = int(known_before(self.session.frames, walk, frozen=True)[0])
+        T_reference_second = self._run.T_reference_sensor[known, 1]
+        beyond = T_reference_second @ rigid.inverse(self.session.replay.T_reference_second)
+        return _from_front(self.session, _logged_turn(self.session.log) + _yaw_of(beyond))
+
+    def people(self, at_s: float) -> Mapping[int, Float64]:
+        """See `Output`."""
+        return people_of_run(self._run, at_s)
+
+
+def _yaw_of(T: Float64) -> float:
+    return float(np.arctan2(T[0, 2], T[0, 0]))
+
+
+def _logged_turn(log: StudyLog) -> float:
+    """θ of the second sensor minus that of the reference [rad]."""
+    theta = [log.init_angle[(log.skeleton_id == 0) == own] for own in (False, True)]
+    finite = [values[np.isfinite(values)] for values in theta]
+    return float(finite[0][0] - finite[1][0]) if all(map(len, finite)) else float("nan")
+
+
+def _from_front(session: StudySession, turn: float) -> float:
+    """Of the side sensor seen from the front one, to the right, whichever of them is the reference [rad]."""
+    return float(angles.wrap(turn if session.replay.sensors[1:] == (FRONT,) else -turn))
+
+
+class Tally:
+    """What came of one method over all sessions so far."""
+
+    def __init__(self) -> None:
+        self.scored: dict[tuple[str, str], list[Scored]] = defaultdict(list)
+        self.fused: dict[str, list[dict[str, float]]] = defaultdict(list)
+        self.yaw_deg: dict[str, list[float]] = defaultdict(list)
+        self.interactions: dict[str, dict[str, Any]] = {}
+        self.distances: list[Float64] = []
+
+    def add(self, session: StudySession, output: Output) -> None:
+        """Score one session."""
+        for scoring, pairs in scorings(session.pairs):
+            views = output.views(scoring, pairs)
+            scored = Scored(
+                session.participant,
+                differences(views.raw_labels),
+                differences(views.repaired),
+                views.swaps_per_min,
+                output.wander_m_per_min,
+            )
+            self.scored[scoring, session.placement].append(scored)
+        if session.two_people:
+            self._add_interaction(session, output)
+        elif (session.pairs.task == WALK).any():
+            self.fused[session.placement].append(fused_figures(session, output))
+            self.yaw_deg[session.placement].append(float(np.degrees(output.yaw())))
+
+    def _add_interaction(self, session: StudySession, output: Output) -> None:
+        frames = [label_frame(label, output.people(label.at_s)) for label in labels_of(session)]
+        apart = differences(output.views("", session.pairs).repaired)[..., 3]
+        by_person = {
+            str(person): distance_figures(apart[session.pairs.person == person])
+            for person in np.unique(session.pairs.person).tolist()
+        }
+        self.distances.append(apart)
+        self.interactions[session.name] = {**identity_figures(frames), "people": by_person}
+
+    def counts(self) -> dict[tuple[str, str], Count]:
+        """What there was to score, by scoring and placement."""
+        return {key: count(scored) for key, scored in self.scored.items()}
+
+    def as_json(self, scored: str, as_logged: Mapping[tuple[str, str], Count]) -> dict[str, Any]:
+        """The method's part of the JSON."""
+        tasks: dict[str, dict[str, Any]] = {}
+        for (scoring, placement), values in sorted(self.scored.items(), key=lambda item: _place(item[0][0])):
+            tasks.setdefault(scoring, {})[placement] = row(values, as_logged[scoring, placement])
+        return {
+            "scored": scored,
+            "tasks": tasks,
+            "yaw_deg": {placement: _mean_and_sd(values) for placement, values in self.yaw_deg.items()},
+            "fused": self.fused_json(),
+            "interactions": self._interactions(),
+        }
+
+    def fused_json(self) -> dict[str, Any]:
+        """The fused skeleton's figures by placement and over all sessions."""
+        everything = {"all": [one for some in self.fused.values() for one in some], **self.fused}
+        return {placement: _means(sessions) for placement, sessions in everything.items() if sessions}
+
+    def _interactions(self) -> dict[str, Any]:
+        totals = {
+            name: sum(one[name] for one in self.interactions.values())
+            for name in ("labels", "missed", "identity_switches")
+        }
+        if not self.interactions:
+            return totals
+        return {**totals, **distance_figures(np.concatenate(self.distances)), "files": self.interactions}
+
+
+def _place(scoring: str) -> tuple[int, int]:
+    first = _FIRST.index(scoring) if scoring in _FIRST else len(_FIRST)
+    return first, SCENARIOS.get(scoring, 0)
+
+
+def scorings(pairs: Pairs) -> list[tuple[str, Pairs]]:
+    """Every row of the tables that these pairs take part in."""
+    found = []
+    for task in np.unique(pairs.task).tolist():
+        of_task = pairs.where(pairs.task == task)
+        name = TASKS.get(task, f"scenario {task}")
+        found.append((name, of_task))
+        if task == WALK:
+            found += [("walk-frozen", of_task), ("walk-cold", of_task)]
+        if task == STEPS:
+            second = of_task.where(np.arange(len(of_task)) >= len(of_task) // 2)
+            found += [("steps-second-half", second), ("steps-second-half-refined", second)]
+    return found
+
+
+def fused_figures(session: StudySession, output: Output) -> dict[str, float]:
+    """Everything that `mocapella.evaluation.fused_metrics` says of one session, in the units of the names."""
+    figures: dict[str, float] = {}
+    walk = session.pairs.where(session.pairs.task == WALK)
+    at_s, skeleton = _known_frames(*output.fused(walk))
+    if len(at_s) > 2:
+        minutes = (at_s[-1] - at_s[0]) / 60
+        figures = {
+            "bone_length_variation_percent": 100 * fused_metrics.bone_length_variation(skeleton),
+            "foot_slide_cm_s": 100 * fused_metrics.foot_slide(skeleton, at_s),
+            "shoulder_collapse_percent": 100 * fused_metrics.shoulder_collapse(skeleton),
+            "facing_against_motion_percent": 100 * fused_metrics.facing_against_motion(skeleton, at_s),
+            "yaw_reversals_per_min": fused_metrics.yaw_reversals(skeleton, at_s) / minutes,
+            "label_flips_per_min": fused_metrics.label_flips(skeleton) / minutes,
+            "lag_ms": 1000 * _lag(session, output, walk),
+        }
+    at_s, skeleton = _known_frames(*output.fused(session.pairs.where(session.pairs.task == STATIONARY)))
+    if len(at_s) > 2:
+        figures["stationary_jitter_mm"] = 1000 * fused_metrics.jitter(skeleton)
+    at_s, skeleton = _known_frames(*output.fused(session.pairs.where(session.pairs.task == STEPS)))
+    if len(at_s):
+        figures["steps_facing_wrong_percent"] = 100 * fused_metrics.facing_away(skeleton, _front_place(session))
+    return figures
+
+
+def _lag(session: StudySession, output: Output, pairs: Pairs) -> float:
+    """Of the fused skeleton behind the mean of the two views, which is made of the pair's own frames [s]."""
+    fused_at, fused = output.fused(pairs)
+    _, raw = AsLogged(session).fused(pairs)
+    if len(fused) != len(raw) or not np.isfinite(fused).any(axis=(1, 2)).all():
+        return float("nan")
+    at_s, fused, raw = fused_metrics.rising(fused_at, fused, raw)
+    return fused_metrics.lag(fused, raw, at_s)
+
+
+def _known_frames(at_s: Float64, skeleton: Float64) -> tuple[Float64, Float64]:
+    """Rising times, and only skeletons that are there."""
+    there = np.isfinite(skeleton).any(axis=(1, 2))
+    at_s, skeleton = fused_metrics.rising(at_s[there], skeleton[there])
+    return at_s, skeleton
+
+
+def _front_place(session: StudySession) -> Float64:
+    """(3,) the front sensor, reference camera space [m]: nominally, which is near enough for a side."""
+    is_second = session.replay.sensors[1:] == (FRONT,)
+    return session.replay.T_reference_second[:3, 3] if is_second else np.zeros(3)
+
+
+def _means(sessions: Sequence[Mapping[str, float]]) -> dict[str, Any]:
+    names = dict.fromkeys(name for one in sessions for name in one)
+    values = {name: np.array([one[name] for one in sessions if name in one]) for name in names}
+    finite = {name: found[np.isfinite(found)] for name, found in values.items()}
+    return {"sessions": len(sessions), **{n: float(v.mean()) if len(v) else None for n, v in finite.items()}}
+
+
+def _mean_and_sd(values: Sequence[float]) -> dict[str, Any]:
+    """N − 1; the angles of one placement are near to each other, so they need no circular mean."""
+    sd = float(np.std(values, ddof=1)) if len(values) > 1 else float("nan")
+    return {"mean": float(np.mean(values)), "sd": sd, "sessions": len(values)}
+
+
+def evaluate(
+    folder: Path,
+    methods: Sequence[str],
+    participants: Collection[int] | None = None,
+    on_step: Callable[[str], None] = lambda text: None,
+    makers: Mapping[str, Callable[[int], ScoredTracker]] | None = None,
+) -> dict[str, Any]:
+    """Score methods on the study logs of a folder.
+
+    Args:
+        folder: with the logs.
+        methods: keys of `mocapella.tracker.METHODS`.
+        participants: whose logs, or None for all.
+        on_step: called with what is being done.
+        makers: further methods by name: how to make a new tracker of each, for so many sensors.
+
+    Returns:
+        The JSON of docs/evaluation.md.
+
+    Raises:
+        InputError, SettingsError: the folder, a participant or a method cannot be used.
+        EvaluationError: what a method says cannot be scored.
+    """
+    own = dict(makers or {})
+    check_methods(methods, some=bool(own))
+    make = {method: scored_tracker(method) for method in methods if method != AS_LOGGED} | own
+    tallies = {method: Tally() for method in (*methods, *own, AS_LOGGED)}
+    front = Tally()
+    seen: list[int] = []
+    for session in study_sessions(folder, participants, on_step):
+        seen.append(session.participant)
+        front.add(session, OneSensor(session))
+        for method, tally in tallies.items():
+            on_step(f"{session.name}: {method}")
+            tally.add(session, AsLogged(session) if method == AS_LOGGED else AsRun(session, make[method]))
+    as_logged = tallies[AS_LOGGED].counts()
+    return {
+        "data": str(folder),
+        "participants": sorted(set(seen)),
+        "files": len(seen),
+        "protocols": PROTOCOLS,
+        "methods": {m: tallies[m].as_json(SCORED.get(m, SCORED[""]), as_logged) for m in (*methods, *own)},
+        "front_sensor_alone": {"fused": front.fused_json()},
+    }

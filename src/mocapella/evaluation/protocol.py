@@ -1,0 +1,92 @@
+"""What a tracker offers beside `mocapella.tracker.Tracker`, so that it can be scored."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol, runtime_checkable
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import EvaluationError
+from mocapella.model.bodies import BodyKey
+from mocapella.model.observations import Arrival
+from mocapella.model.scene import Scene
+
+Float64 = NDArray[np.float64]
+
+RIGID_WITHIN = 1e-6
+"""How far a motion's rotation may be from orthonormal, by any element of Rᵀ R."""
+
+
+class SensorViews(msgspec.Struct, frozen=True, eq=False):
+    """What a method knows of the sensors after a frame; it is applied to *later* frames only.
+
+    Attributes:
+        T_world_sensor: (4, 4) by sensor: one motion, shared by all people; a sensor that is not in it is unknown.
+        time_offset_s: by sensor: its frames were captured so much later than their ``at_ns`` says [s]. Two sensors
+            that are both in it have their views brought to one instant; others are compared as they came.
+        swapped: the views whose left and right labels are to be swapped so that the sensors agree.
+    """
+
+    T_world_sensor: Mapping[str, Float64]
+    time_offset_s: Mapping[str, float] = {}
+    swapped: frozenset[BodyKey] = frozenset()
+
+
+class JointBias(Protocol):
+    """A view-dependent joint bias, learnt on other people and declared before the first frame.
+
+    It is a function of the fused person only, so it cannot know by how much the two views differ.
+    """
+
+    def __call__(self, sensor: str, facing: float, position: Float64, velocity: Float64) -> Float64:
+        """What to add to the joints of a view.
+
+        Args:
+            sensor: whose view.
+            facing: yaw of the fused person against the line of sight; 0 = towards the sensor [rad].
+            position: (3,) of the fused SpineBase, this sensor's camera space [m].
+            velocity: (3,) of the same over the last 0.2 s [m/s].
+
+        Returns:
+            (joints, 3), this sensor's camera space [m].
+        """
+
+
+@runtime_checkable
+class ScoredTracker(Protocol):
+    """A tracker whose knowledge of the sensors can be asked for after every frame."""
+
+    joint_bias: JointBias | None
+    """Read once, before the first frame."""
+
+    def start_from(self, T_world_sensor: Mapping[str, Float64]) -> None:
+        """A rig that is known before the first frame; a method is free not to believe it."""
+
+    def update(self, arrival: Arrival) -> Scene:
+        """As `mocapella.tracker.Tracker` has it."""
+
+    def sensor_views(self) -> SensorViews:
+        """What is known now."""
+
+
+def check_rigid(T: Float64, what: str) -> Float64:
+    """A copy of the motion, once it is known to be one.
+
+    Args:
+        T: (4, 4).
+        what: whose it is, for the message.
+
+    Raises:
+        EvaluationError: it is not finite, not rigid, or a reflection.
+    """
+    T = np.array(T, dtype=np.float64)
+    if T.shape != (4, 4) or not np.isfinite(T).all():
+        raise EvaluationError(f"{what} is no (4, 4) matrix of finite numbers; leave an unknown sensor out")
+    R = T[:3, :3]
+    skew = float(np.abs(R.T @ R - np.eye(3)).max())
+    if skew > RIGID_WITHIN or np.linalg.det(R) < 0 or (T[3] != (0, 0, 0, 1)).any():
+        raise EvaluationError(f"{what} is no rigid motion (RᵀR is off by {skew:.1e}); scaling and shear are not scored")
+    return T

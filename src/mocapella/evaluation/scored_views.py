@@ -1,0 +1,173 @@
+"""The two views of every pair as a method would have them: raw joints, one rigid motion known from the past.
+
+The method never sees what it is scored on: it only says motions, offsets and labels, before the pair's frames have
+come, and they are applied here, to the raw joints.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import EvaluationError
+from mocapella.evaluation.causal_run import CausalRun
+from mocapella.evaluation.fused_metrics import facing_yaw
+from mocapella.evaluation.study_pairs import Frames, Pairs, StudySession
+from mocapella.geometry import angles, rigid
+from mocapella.model.topology import topology
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Bool = NDArray[np.bool_]
+
+LONGEST_GAP: Final = 0.12
+"""Between two frames that a view is interpolated between [s]."""
+VELOCITY_OVER: Final = 0.2
+"""[s]."""
+TOPOLOGY: Final = topology("kinect_v2")
+_ROOT = TOPOLOGY.parts["root"]
+
+
+class Views(msgspec.Struct, frozen=True, eq=False):
+    """Both views of every pair in the reference sensor's camera space.
+
+    Attributes:
+        raw_labels: (pairs, 2, joints, 3) with the labels that the sensors gave [m]; NaN where missing or unknown.
+        repaired: the same with the labels that the method had decided on before.
+        swaps_per_min: how often that decision changed, over both sensors.
+    """
+
+    raw_labels: Float64
+    repaired: Float64
+    swaps_per_min: float = 0.0
+
+
+def logged_views(session: StudySession, pairs: Pairs) -> Views:
+    """The rows as they were logged: the output of the thesis' own method."""
+    rows = session.log.positions[pairs.rows].astype(np.float64)
+    return Views(rows, rows)
+
+
+def known_before(frames: Frames, pairs: Pairs, *, frozen: bool = False) -> Int64:
+    """(pairs,) the entry of a `CausalRun` that was known before either frame of the pair had come.
+
+    Args:
+        frames: that the run was made of.
+        pairs: whose frames are all among them.
+        frozen: what was known before the first of all these pairs.
+    """
+    first = frames.of_row[pairs.rows].min(axis=1)
+    return np.full(len(first), first.min(initial=len(frames.arrivals))) if frozen else first
+
+
+def views_of(session: StudySession, run: CausalRun, pairs: Pairs, known: Int64, labels: Int64) -> Views:
+    """What the method has of each pair.
+
+    Args:
+        session: the file.
+        run: the method over it.
+        pairs: to be scored.
+        known: (pairs,) entry of the run whose motions and offsets are applied.
+        labels: (pairs,) entry whose label swaps are applied.
+    """
+    sensor = session.sensor[pairs.rows]
+    T = run.T_reference_sensor[known[:, None], sensor]
+    joints = _at_one_instant(session, pairs, run.time_offset_s[known[:, None], sensor])
+    swapped = np.array(
+        [
+            [(run.sensors[s], person) in run.swapped[k] for s in both]
+            for k, both, person in zip(labels.tolist(), sensor.tolist(), pairs.person.tolist(), strict=True)
+        ]
+    ).reshape(-1, 2)
+    if run.joint_bias is not None:
+        joints = joints + _bias(session, run, pairs, seen=_Seen(joints, T, swapped))
+    views = rigid.apply(T, joints)
+    mirrored = views[:, :, TOPOLOGY.mirror]
+    minutes = max(float(np.ptp(session.at_s[pairs.rows])) / 60, 1e-9)
+    return Views(
+        views,
+        np.where(swapped[..., None, None], mirrored, views),
+        swaps_per_min=_changes(swapped, pairs.person) / minutes,
+    )
+
+
+def _changes(swapped: Bool, person: Int64) -> int:
+    """How often a label decision (pairs, 2) changed from a person's pair to the same person's next."""
+    return sum(int(np.diff(swapped[person == one], axis=0).sum()) for one in np.unique(person))
+
+
+def _at_one_instant(session: StudySession, pairs: Pairs, offset_s: Float64) -> Float64:
+    """(pairs, 2, joints, 3): the later of the two views brought back to the instant of the earlier one.
+
+    It is interpolated between that sensor's own frames, none of them newer than the pair's. Where an offset is not
+    declared (NaN), or the frames around the instant are more than `LONGEST_GAP` apart, the view stays as it came. A
+    joint is missing exactly where it is missing in the pair's own frame.
+    """
+    own = session.raw[pairs.rows]
+    at_s = session.at_s[pairs.rows] + offset_s
+    out = own.copy()
+    later = at_s > at_s.min(axis=1, keepdims=True)
+    for sensor in range(len(session.replay.sensors)):
+        for person in np.unique(pairs.person).tolist():
+            track = np.flatnonzero((session.sensor == sensor) & (session.log.person_id == person))
+            times, first = np.unique(session.at_s[track], return_index=True)
+            track = track[first]
+            wanted = later & (session.sensor[pairs.rows] == sensor) & (pairs.person[:, None] == person)
+            pair, which = np.nonzero(wanted)
+            instant = at_s.min(axis=1)[pair] - offset_s[pair, which]
+            after = np.minimum(np.searchsorted(times, instant), len(times) - 1)
+            before = np.maximum(after - 1, 0)
+            gap = times[after] - times[before]
+            share = (instant - times[before]) / np.where(gap > 0, gap, 1)
+            usable = (gap > 0) & (gap <= LONGEST_GAP) & (share >= 0) & (share <= 1)
+            usable &= times[after] <= session.at_s[pairs.rows[pair, which]]
+            pair, which, share = pair[usable], which[usable], share[usable, None, None]
+            between = (1 - share) * session.raw[track[before[usable]]] + share * session.raw[track[after[usable]]]
+            mine = own[pair, which]
+            out[pair, which] = np.where(np.isfinite(mine) & np.isfinite(between), between, mine)
+    return out
+
+
+class _Seen(msgspec.Struct, frozen=True, eq=False):
+    """Of both views of every pair: ``joints`` in their own camera spaces, their motions ``T``, and label swaps."""
+
+    joints: Float64
+    T: Float64
+    swapped: Bool
+
+
+def _bias(session: StudySession, run: CausalRun, pairs: Pairs, seen: _Seen) -> Float64:
+    """(pairs, 2, joints, 3) the declared bias of each view, from the person fused of both views."""
+    assert run.joint_bias is not None
+    joints, T, swapped = seen.joints, seen.T, seen.swapped
+    views = rigid.apply(T, joints)
+    views = np.where(swapped[..., None, None], views[:, :, TOPOLOGY.mirror], views)
+    fused = views.mean(axis=1)
+    at_s = session.at_s[pairs.rows].max(axis=1)
+    velocity = np.zeros((len(pairs), 3))
+    for person in np.unique(pairs.person).tolist():
+        mine = np.flatnonzero(pairs.person == person)
+        before = mine[np.maximum(np.searchsorted(at_s[mine], at_s[mine] - VELOCITY_OVER, side="right") - 1, 0)]
+        step_s = at_s[mine] - at_s[before]
+        moved = fused[mine, _ROOT] - fused[before, _ROOT]
+        velocity[mine] = np.where((step_s > 0)[:, None], moved / np.where(step_s > 0, step_s, 1)[:, None], 0.0)
+    out = np.zeros_like(joints)
+    sensor = session.sensor[pairs.rows]
+    for pair, which in np.ndindex(len(pairs), 2):
+        T_sensor_reference = rigid.inverse(T[pair, which])
+        person = rigid.apply(T_sensor_reference, fused[pair])
+        if not np.isfinite(person).all():
+            continue
+        sight = np.arctan2(-person[_ROOT, 0], -person[_ROOT, 2])
+        facing = float(angles.wrap(facing_yaw(person) - sight))
+        name = run.sensors[sensor[pair, which]]
+        added = np.asarray(
+            run.joint_bias(name, facing, person[_ROOT], T_sensor_reference[:3, :3] @ velocity[pair]), dtype=np.float64
+        )
+        if added.shape != joints.shape[2:] or not np.isfinite(added).all():
+            raise EvaluationError(f"the joint bias of {name} is not (joints, 3) finite numbers")
+        out[pair, which] = added[list(TOPOLOGY.mirror)] if swapped[pair, which] else added
+    return out

@@ -1,0 +1,185 @@
+"""The study logs as what is scored: pairs of rows, the two sensors' views of one person at one result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import InputError, SettingsError, one_of
+from mocapella.model.observations import Arrival
+from mocapella.model.session import SCENARIOS
+from mocapella.model.study_log import TICK_NS, StudyLog
+from mocapella.recording.study_log import read_study_log
+from mocapella.sources.study_replay import StudyReplay
+from mocapella.sources.study_sensors import STUDY_SENSORS, sensor_names
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Bool = NDArray[np.bool_]
+
+PLACEMENT_NAMES: Final = {"parallel": "parallel", "right-45": "45", "left-45": "45", "right-90": "90", "left-90": "90"}
+"""A placement of the log → what the thesis' tables call it."""
+TASKS: Final = {number: name for name, number in SCENARIOS.items()}
+
+
+class Pairs(msgspec.Struct, frozen=True, eq=False):
+    """The rows of one result and person, two by two, in the order of the results.
+
+    Attributes:
+        rows: (pairs, 2), the first two rows in the file.
+        person: (pairs,), Person_Id.
+        task: (pairs,), Scenario_Id.
+    """
+
+    rows: Int64
+    person: Int64
+    task: Int64
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def where(self, mask: Bool) -> Pairs:
+        """Those of ``mask`` (pairs,)."""
+        return Pairs(self.rows[mask], self.person[mask], self.task[mask])
+
+
+class Frames(msgspec.Struct, frozen=True, eq=False):
+    """Frames of a file in the order of their arrival, and in which of them each row is.
+
+    Attributes:
+        arrivals: (arrivals,).
+        of_row: (rows,) the arrival that holds the row's view; −1 where it is not among them.
+    """
+
+    arrivals: tuple[Arrival, ...]
+    of_row: Int64
+
+
+class StudySession:
+    """One file: one participant with the sensors in one placement.
+
+    Attributes:
+        log: as it was read, but for the tasks: see `corrected_tasks`.
+        replay: the same as sensors.
+        participant: Study_Id.
+        placement: as the thesis' tables call it.
+        pairs: all that can be scored.
+        frames: all of them.
+        raw: (rows, joints, 3) each row's view in its own sensor's camera space [m].
+        sensor: (rows,) place in ``replay.sensors``.
+        at_s: (rows,) when the row's frame was captured, from the file's first frame [s].
+    """
+
+    def __init__(self, log: StudyLog) -> None:
+        self.log = msgspec.structs.replace(log, scenario_id=corrected_tasks(log))
+        self.replay = StudyReplay(self.log)
+        self.participant = int(log.study_id[0])
+        if (log.study_id != self.participant).any():
+            raise InputError("the file has several participants", file=log.source, field="Study_Id", fix="split it")
+        self.placement = PLACEMENT_NAMES.get(self.replay.placement, self.replay.placement)
+        self.pairs = pairs_of(self.log)
+        self._sensor_names = sensor_names(self.log, np.arange(len(log)), STUDY_SENSORS)
+        self.frames = self._frames(tuple(self.replay.arrivals()))
+        arrivals = self.frames.arrivals
+        names = [arrivals[k].frame.sensor for k in self.frames.of_row]
+        self.sensor = np.array([self.replay.sensors.index(name) for name in names])
+        at_ns = np.array([arrival.at_ns for arrival in arrivals])
+        self.at_s = ((at_ns - at_ns[0]) / 1e9)[self.frames.of_row]
+        self.raw = np.stack([self._raw(row) for row in range(len(log))])
+
+    @property
+    def name(self) -> str:
+        """The file's name without its folder."""
+        return Path(self.log.source).name
+
+    @cached_property
+    def two_people(self) -> bool:
+        """Whether it is an interaction."""
+        return len(np.unique(self.pairs.person)) > 1
+
+    def only(self, task: int) -> Frames:
+        """The frames of one task, as if nothing had come before them."""
+        wanted = sorted(set(self.frames.of_row[self.log.scenario_id == task].tolist()))
+        return self._frames(tuple(self.frames.arrivals[k] for k in wanted))
+
+    def _frames(self, arrivals: tuple[Arrival, ...]) -> Frames:
+        place = {(arrival.frame.sensor, arrival.frame.time_ns): k for k, arrival in enumerate(arrivals)}
+        times = (self.log.skeleton_time_ticks * TICK_NS).tolist()
+        names = [self._sensor_names[kinect] for kinect in self.log.kinect_id.tolist()]
+        return Frames(arrivals, np.array([place.get(key, -1) for key in zip(names, times, strict=True)]))
+
+    def _raw(self, row: int) -> Float64:
+        frame = self.frames.arrivals[self.frames.of_row[row]].frame
+        body = frame.tracking_ids.tolist().index(int(self.log.person_id[row]))
+        return np.asarray(frame.positions[body], dtype=np.float64)
+
+
+def corrected_tasks(log: StudyLog) -> Int64:
+    """(rows,) Scenario_Id, with the interactions' logging error put right: a 4 after the first 8 is an 8."""
+    after = np.maximum.accumulate(log.scenario_id == SCENARIOS["around-second"])
+    return np.where(after & (log.scenario_id == SCENARIOS["around-first"]), SCENARIOS["around-second"], log.scenario_id)
+
+
+def pairs_of(log: StudyLog) -> Pairs:
+    """The first two rows of each (task, Tracker_Time, person); rows without a partner are no pair."""
+    keys = np.stack([log.tracker_time_ms, log.scenario_id, log.person_id], axis=1)
+    _, inverse, counts = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
+    order = np.argsort(inverse.reshape(-1), kind="stable")
+    starts = (np.cumsum(counts) - counts)[counts >= 2]
+    rows = np.stack([order[starts], order[starts + 1]], axis=1)
+    return Pairs(rows, log.person_id[rows[:, 0]], log.scenario_id[rows[:, 0]])
+
+
+def study_sessions(
+    folder: Path, participants: Collection[int] | None = None, on_file: Callable[[str], None] = lambda name: None
+) -> Iterator[StudySession]:
+    """All study logs of a folder, in the order of their names; files with a header only are passed over.
+
+    Args:
+        folder: with ``Study_*.csv`` or ``.csv.gz``.
+        participants: whose, or None for all.
+        on_file: called with the name of each before it is read.
+
+    Raises:
+        InputError: no such folder, no log in it, or one that cannot be read.
+        SettingsError: a participant of whom there is no file; lists those there are.
+    """
+    files = study_files(folder)
+    wanted = set(files) if participants is None else set(participants)
+    for unknown in sorted(wanted - set(files)):
+        known = one_of(str(unknown), map(str, sorted(files)))
+        raise SettingsError(f"{folder} has no participant {unknown}; it has {known}")
+    for path in (path for participant in sorted(wanted) for path in files[participant]):
+        on_file(path.name)
+        try:
+            log = read_study_log(path)
+        except InputError as error:
+            if "header and no rows" in error.problem:
+                continue
+            raise
+        yield StudySession(log)
+
+
+def study_files(folder: Path) -> dict[int, list[Path]]:
+    """The study logs of a folder by participant, as their names say.
+
+    Raises:
+        InputError: no such folder, or no log in it.
+    """
+    if not folder.is_dir():
+        raise InputError("there is no such folder", file=folder, fix="name the folder of the study's .csv.gz files")
+    found: dict[int, list[Path]] = {}
+    for path in sorted((*folder.glob("Study_*.csv"), *folder.glob("Study_*.csv.gz"))):
+        number = path.name.split("_")[1]
+        if number.isdigit():
+            found.setdefault(int(number), []).append(path)
+    if not found:
+        fix = "they are called Study_P_Kinect_C_….csv or .csv.gz, P the participant and C the placement"
+        raise InputError("has no study logs", file=folder, fix=fix)
+    return found

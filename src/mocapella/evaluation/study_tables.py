@@ -1,0 +1,141 @@
+"""The thesis' tables: Δx Δy Δz Δd between the two sensors' views, by task and placement (docs/evaluation.md)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.evaluation.scored_views import TOPOLOGY
+
+Float64 = NDArray[np.float64]
+
+_TORSO_JOINTS = ("SpineBase", "SpineMid", "SpineShoulder", "Neck", "Head", "HipLeft", "HipRight")
+TORSO: Final = tuple(TOPOLOGY.index(joint) for joint in (*_TORSO_JOINTS, "ShoulderLeft", "ShoulderRight"))
+MAX_WANDER: Final = 3.0
+"""The motion between sensors that stand still wanders less than this; one fitted frame by frame does not [m/min]."""
+_CM: Final = 100.0
+
+
+class Scored(msgspec.Struct, frozen=True, eq=False):
+    """One participant's pairs of one task.
+
+    Attributes:
+        participant: Study_Id.
+        raw_labels, repaired: (pairs, joints, 4) Δx Δy Δz Δd [m]; NaN where a view or joint is missing.
+        swaps_per_min: how often the label decision changed.
+        wander_m_per_min: of the motions between the sensors, over the whole run.
+    """
+
+    participant: int
+    raw_labels: Float64
+    repaired: Float64
+    swaps_per_min: float = 0.0
+    wander_m_per_min: float = 0.0
+
+
+class Count(msgspec.Struct, frozen=True):
+    """What a row is made of: pairs in which a joint of both views is there, and such joints, over all pairs."""
+
+    pairs: int
+    finite_joints: int
+
+
+def differences(views: Float64) -> Float64:
+    """(..., joints, 4) |Δx| |Δy| |Δz| Δd of (..., 2, joints, 3)."""
+    apart = np.abs(views[..., 0, :, :] - views[..., 1, :, :])
+    return np.concatenate([apart, np.linalg.norm(apart, axis=-1, keepdims=True)], axis=-1)
+
+
+def joint_means(scored: Sequence[Scored], repaired: bool) -> tuple[list[int], Float64]:
+    """The participants and M (participants, joints, 4): the mean over all pairs of each, whatever file they are in [m].
+
+    A joint that is missing in all pairs of a participant is NaN.
+    """
+    participants = sorted({one.participant for one in scored})
+    means = []
+    for participant in participants:
+        all_pairs = np.concatenate(
+            [one.repaired if repaired else one.raw_labels for one in scored if one.participant == participant]
+        )
+        finite = np.isfinite(all_pairs)
+        counts = finite.sum(axis=0)
+        sums = np.where(finite, all_pairs, 0.0).sum(axis=0)
+        means.append(np.where(counts > 0, sums / np.maximum(counts, 1), np.nan))
+    return participants, np.stack(means)
+
+
+def count(scored: Sequence[Scored]) -> Count:
+    """What there is to score."""
+    finite = [np.isfinite(one.raw_labels[..., 3]) for one in scored]
+    return Count(sum(int(joints.any(axis=-1).sum()) for joints in finite), sum(int(joints.sum()) for joints in finite))
+
+
+def figures(scored: Sequence[Scored], repaired: bool) -> dict[str, Any]:
+    """``dx_cm``, ``dy_cm``, ``dz_cm``, ``dd_cm`` and ``torso_dd_cm`` of one task and placement.
+
+    Each has ``mean`` (over participants, then over joints), ``std`` (the thesis': N − 1, over the joints) and
+    ``worst_participant`` (the greatest mean over the joints).
+    """
+    _, means = joint_means(scored, repaired)
+    return {
+        **{name: _figure(means[:, :, i]) for i, name in enumerate(("dx_cm", "dy_cm", "dz_cm", "dd_cm"))},
+        "torso_dd_cm": _figure(means[:, TORSO, 3]),
+    }
+
+
+def _figure(means: Float64) -> dict[str, float]:
+    """Of (participants, joints)."""
+    by_joint = means.mean(axis=0)
+    return {
+        "mean": float(by_joint.mean() * _CM),
+        "std": float(by_joint.std(ddof=1) * _CM),
+        "worst_participant": float(means.mean(axis=1).max() * _CM),
+    }
+
+
+def row(scored: Sequence[Scored], as_logged: Count) -> dict[str, Any]:
+    """One task and placement as the JSON has it; ``problem`` says why the row fails, and is empty where it does not.
+
+    Args:
+        scored: of all files.
+        as_logged: what there is to score in the rows as they were logged.
+    """
+    found = count(scored)
+    wander = max(one.wander_m_per_min for one in scored)
+    return {
+        **figures(scored, repaired=True),
+        "raw_labels": figures(scored, repaired=False),
+        "participants": len({one.participant for one in scored}),
+        "pairs": found.pairs,
+        "finite_joints": found.finite_joints,
+        "swaps_per_min": float(np.mean([one.swaps_per_min for one in scored])),
+        "wander_m_per_min": wander,
+        "problem": problem(found, as_logged, wander),
+    }
+
+
+def problem(found: Count, as_logged: Count, wander_m_per_min: float) -> str:
+    """Why a row cannot stand beside the others; empty where it can."""
+    if found != as_logged:
+        return (
+            f"{found.pairs} pairs and {found.finite_joints} joints, where the log has {as_logged.pairs} and "
+            f"{as_logged.finite_joints}: a motion was not known in time"
+        )
+    if wander_m_per_min > MAX_WANDER:
+        return f"the motion between the sensors wanders {wander_m_per_min:.1f} m a minute; {MAX_WANDER:g} is the most"
+    return ""
+
+
+def rounded(value: Any) -> Any:
+    """The same with numbers of 4 decimals, and None for what is not finite: JSON has no NaN."""
+    if isinstance(value, Mapping):
+        return {key: rounded(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [rounded(inner) for inner in value]
+    if isinstance(value, float):
+        return round(value, 4) if np.isfinite(value) else None
+    return value
