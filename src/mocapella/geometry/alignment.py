@@ -47,7 +47,7 @@ def moments(p: Any, q: Any, weights: Any = None, velocities: Any = None) -> Floa
         (..., `MOMENTS`).
     """
     p, q = np.broadcast_arrays(np.asarray(p, dtype=np.float64), np.asarray(q, dtype=np.float64))
-    v = np.zeros(p.shape) if velocities is None else np.broadcast_to(np.asarray(velocities, dtype=np.float64), p.shape)
+    v = np.broadcast_to(np.asarray(0.0 if velocities is None else velocities, dtype=np.float64), p.shape)
     w = (
         np.ones(p.shape[:-1])
         if weights is None
@@ -174,10 +174,9 @@ def normal_equations(M: Float64, T: Float64, offset: float = 0.0) -> tuple[Float
     W, R, t = M[0], T[:3, :3], T[:3, 3]
     Rq, u = R @ M[4:7], R @ M[16:19]
     x = Rq + W * t
-    pv, qv = M[19:28].reshape(3, 3) @ R.T, R @ M[28:37].reshape(3, 3) @ R.T
-    xu = qv + np.outer(t, u)
+    pv, xu = M[19:28].reshape(3, 3) @ R.T, R @ M[28:37].reshape(3, 3) @ R.T + np.outer(t, u)
     xx = R @ _symmetric(M[37:43]) @ R.T + np.outer(Rq, t) + np.outer(t, Rq) + W * np.outer(t, t)
-    px = M[7:16].reshape(3, 3) @ R.T + np.outer(M[1:4], t)
+    px: Float64 = M[7:16].reshape(3, 3) @ R.T + np.outer(M[1:4], t)
     H = np.empty((7, 7))
     H[:3, :3] = W * np.eye(3)
     H[:3, 3:6] = -cross_matrix(x)

@@ -3,6 +3,7 @@
 The layout of the moments is said there. ``M`` is always one (`alignment.MOMENTS`,) array.
 """
 
+# ruff: noqa: PLR0917 - compiled functions take arrays by position
 from __future__ import annotations
 
 import numpy as np
@@ -104,12 +105,12 @@ def align(M, offset, T):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def residuals(T, offset, p, q, v, order, used, r):  # type: ignore[no-untyped-def]
-    """Write |p − T (q + offset·v)[order]| into r (n,); their mean over the points used, and 0 where none is."""
+def residuals(T, offset, p, q, v, order, w, r):  # type: ignore[no-untyped-def]
+    """Write |p − T (q + offset·v)[order]| into r (n,), 0 where w is not above 0; return the mean over the others."""
     total, count = 0.0, 0
     for j in range(len(r)):
         r[j] = 0.0
-        if used[j] <= 0.0 or used[order[j]] <= 0.0:
+        if w[j] <= 0.0:
             continue
         o, d = order[j], 0.0
         x, y, z = q[o, 0] + offset * v[o, 0], q[o, 1] + offset * v[o, 1], q[o, 2] + offset * v[o, 2]
