@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 from typing import Any, Final, cast
 
 import msgspec
@@ -68,9 +68,9 @@ class PairSettings:
     still_fraction: float = 0.05
     velocity_window_s: float = 0.067
     independent_after_m: float = 0.3
-    samples_wanted: int = 4
-    position_sd_wanted_m: float = 0.05
-    rotation_sd_wanted: float = 0.05
+    samples_wanted: int = 3
+    position_sd_wanted_m: float = 0.08
+    rotation_sd_wanted: float = 0.09
     residual_allowed_m: float = 0.25
     offset_bound_wanted_s: float = 0.02
     moved_factor: float = 3.0
@@ -92,14 +92,14 @@ class PairSettings:
         check(self.samples_wanted >= 1, "samples_wanted", self.samples_wanted, "1 or more")
         check(self.moved_factor >= 1, "moved_factor", self.moved_factor, "1 or more")
 
-    @property
-    def vector(self) -> tuple[float, ...]:
+    @cached_property
+    def vector(self) -> Float64:
         """For the compiled step, in its order."""
-        return (
+        return np.array([
             self.memory_s, self.first_memory_s, self.memory_growth, self.residual_floor_m, self.mirrored_weight,
             self.label_hysteresis_m, self.full_speed_m_s, self.still_fraction, self.velocity_window_s,
             self.independent_after_m, self.moved_factor, self.moved_least_m,
-        )  # fmt: skip
+        ])  # fmt: skip
 
 
 class PairEstimate(msgspec.Struct, frozen=True, eq=False):
@@ -178,12 +178,17 @@ class PairCalibration:
             body = self.bodies[who] = new_body(mirrored=self.mirrored_at_first)
         closed = self.scalars[at.BLOCKS_CLOSED]
         taken: int = _catch_up()(
-            self.moments, self.scatter, self.T_a_b, self.scalars, body, *a.held(), *b.held(), mirror,
-            self.settings.vector,
+            self.moments, self.scatter, self.T_a_b, self.scalars, body, a.times, a.points, a.weights, a.held,
+            b.times, b.points, b.weights, b.held, mirror, self.settings.vector,
         )  # fmt: skip
         if self.scalars[at.BLOCKS_CLOSED] > closed:
             self._follow_clock()
         return taken
+
+    def trust(self, estimate: PairEstimate) -> None:
+        """Leave frames out from now on that disagree with the estimate more than is usual, if it is trusted."""
+        reach = estimate.position_sd + REACH_M * estimate.rotation_sd
+        self.scalars[at.OWN_SD] = reach if estimate.trusted else 0.0
 
     def forget_bodies(self, keep: Any) -> None:
         """Drop what is remembered of pairs of bodies for which ``keep(who)`` is false."""
@@ -279,6 +284,8 @@ class PairCalibration:
 
 PRIOR_SAMPLES: Final = 4.0
 """What is expected of an estimate's error counts as much as so many samples of it."""
+REACH_M: Final = 1.0
+"""So far from where people were, they may be next [m]."""
 M_ESTIMATE: Final = 1.5
 """The weights 1/r are those of the estimate itself, which makes H too large for 3-D points by up to 3/2 each time."""
 OFFSET_PRIOR_SD: Final = 0.1

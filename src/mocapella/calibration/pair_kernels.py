@@ -22,11 +22,13 @@ from mocapella.calibration.pair_memory import (
     COST,
     COST_WEIGHT,
     DISAGREES_SINCE,
+    FRAMES_KEPT,
     GRADIENT,
     LAST,
     MIRRORED,
     MOTION,
     OFFSET,
+    OWN_SD,
     REFERENCE_OFFSET,
     RESIDUAL,
     STEP_AT,
@@ -36,6 +38,8 @@ from mocapella.geometry.alignment_kernels import accumulate, align, residuals
 
 LONGEST_STEP = 0.2
 """A frame counts for no more time than this [s]."""
+TRACKED = 2
+"""`JointState.TRACKED`."""
 FARTHEST = 0.3
 """Residuals count as no more than this in the statistics [m]."""
 
@@ -70,12 +74,44 @@ def resample(times, points, weights, t, q, w):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def catch_up(M, B, T, S, body, a_times, a_points, a_weights, b_times, b_points, b_weights, mirror, cfg):  # type: ignore[no-untyped-def]
+def add_frame(times, points, weights, held, frozen_since, at, positions, states, inferred):  # type: ignore[no-untyped-def]
+    """See `pair_memory.BodyTrack.add`."""
+    begin, end = held
+    if not np.isfinite(at) or (end > begin and at <= times[end - 1]):
+        return False
+    if end == len(times):
+        for i in range(FRAMES_KEPT):
+            times[i], points[i], weights[i] = times[i + FRAMES_KEPT], points[i + FRAMES_KEPT], weights[i + FRAMES_KEPT]
+        end = FRAMES_KEPT
+    times[end] = at
+    seen, same = 0, end > begin
+    for j in range(len(states)):
+        x, y, z = positions[j]
+        good = np.isfinite(x) and np.isfinite(y) and np.isfinite(z) and (x != 0.0 or y != 0.0 or z != 0.0)
+        points[end, j] = 0.0
+        weights[end, j] = 0.0
+        if good and states[j] > 0:
+            points[end, j] = positions[j]
+            weights[end, j] = 1.0 if states[j] == TRACKED else inferred
+            seen += 1
+        for k in range(3):
+            same = same and points[end, j, k] == points[end - 1, j, k]
+    if not (same and seen > 0):
+        frozen_since[0] = np.nan
+    elif np.isnan(frozen_since[0]):
+        frozen_since[0] = at
+    held[0], held[1] = max(0, end + 1 - FRAMES_KEPT), end + 1
+    return True
+
+
+@njit(cache=True)
+def catch_up(M, B, T, S, body, a_times, a_points, a_weights, a_held, b_times, b_points, b_weights, b_held, mirror,
+             cfg):  # type: ignore[no-untyped-def]  # fmt: skip
     """Take in every frame of a that is newer than the last one and that b's frames reach around; how many were.
 
     Args:
         M: (50,) moments; B: (7, 7) of the gradients; T: (4, 4); S: the pair's scalars; body: this pair of bodies'.
-        a_times (n,), a_points (n, joints, 3), a_weights (n, joints), and the same of b.
+        a_times, a_points, a_weights, a_held, and the same of b: as in `pair_memory.BodyTrack`.
         mirror: (joints,).
         cfg: the settings, in the order of `PairSettings.vector`.
     """
@@ -87,11 +123,13 @@ def catch_up(M, B, T, S, body, a_times, a_points, a_weights, b_times, b_points, 
     w_before, w_after, w_q = np.empty(joints), np.empty(joints), np.empty(joints)
     w, w_mirrored, r, r_mirrored = np.empty(joints), np.empty(joints), np.empty(joints), np.empty(joints)
     x, centre = np.empty(3), np.empty(3)
-    taken = 0
-    first = len(a_times)
-    while first > 0 and a_times[first - 1] > body[LAST]:
+    b_times, b_points, b_weights = (
+        b_times[b_held[0] : b_held[1]], b_points[b_held[0] : b_held[1]], b_weights[b_held[0] : b_held[1]]
+    )  # fmt: skip
+    taken, first = 0, a_held[1]
+    while first > a_held[0] and a_times[first - 1] > body[LAST]:
         first -= 1
-    for i in range(first, len(a_times)):
+    for i in range(first, a_held[1]):
         t = a_times[i]
         at = t + S[REFERENCE_OFFSET]
         late = resample(b_times, b_points, b_weights, at + half, after, w_after)
@@ -160,12 +198,22 @@ def _step(M, B, T, S, body, t, p, q, v, w, w_mirrored, r, r_mirrored, x, centre,
     counts = dt * max(still, min(1.0, np.sqrt(speed_sq) / full_speed))
     if not started:
         counts = 0.03 * still
+    mean = residuals(T, offset, p, q, v, labels, w, r) if started else 0.0
+    body[RESIDUAL] = mean
+    apart = _apart(T, offset, p, q, v, labels, w, x, centre)
+    S[STEPS] += 1.0
+    if started and not _agrees(S, body, apart, t, dt, factor, least_apart) and S[OWN_SD] > 0.0:
+        return
     S[MOTION] += counts
     keep = np.exp(-counts / min(memory, first_memory + growth * S[MOTION]))
-
-    mean = residuals(T, offset, p, q, v, labels, w, r) if started else 0.0
-    _statistics(S, body, T, offset, p, q, v, labels, w, keep, counts, mean, started, dt, t, x, centre, factor,
-                least_apart)  # fmt: skip
+    for k in (BLOCKS, COST, COST_WEIGHT, APART_SQ):
+        S[k] *= keep
+    S[BLOCKS_SQ] *= keep * keep
+    S[COST_WEIGHT] += counts
+    S[COST] += counts * min(mean, FARTHEST)
+    S[APART_SQ] += counts * min(apart, FARTHEST) ** 2 if started else 0.0
+    for k in range(3):
+        S[CENTRE + k] = S[CENTRE + k] * keep + counts * centre[k]
     M *= keep
     B *= keep * keep
     scale = mirrored_weight if body[MIRRORED] > 0.0 else 1.0
@@ -177,13 +225,11 @@ def _step(M, B, T, S, body, t, p, q, v, w, w_mirrored, r, r_mirrored, x, centre,
     accumulate(M, p, q, v, w, labels)
     if M[0] > 0.0:
         align(M, offset, T)
-    S[STEPS] += 1.0
 
 
 @njit(cache=True)
-def _statistics(S, body, T, offset, p, q, v, labels, w, keep, counts, mean, started, dt, t, x, centre, factor,
-                least_apart):  # type: ignore[no-untyped-def]  # fmt: skip
-    """The mean residual, where people are, and how far apart the two views of the body's centre are."""
+def _apart(T, offset, p, q, v, labels, w, x, centre):  # type: ignore[no-untyped-def]
+    """How far apart the two views of the body's centre are [m]; write a's into centre (3,)."""
     for k in range(3):
         x[k], centre[k] = 0.0, 0.0
     used = 0
@@ -202,25 +248,21 @@ def _statistics(S, body, T, offset, p, q, v, labels, w, keep, counts, mean, star
     for k in range(3):
         apart += (x[k] / max(used, 1)) ** 2
         centre[k] /= max(used, 1)
-    apart = np.sqrt(apart)
-    for k in (BLOCKS, COST, COST_WEIGHT, APART_SQ):
-        S[k] *= keep
-    S[BLOCKS_SQ] *= keep * keep
-    for k in range(3):
-        S[CENTRE + k] = S[CENTRE + k] * keep + counts * centre[k]
-    S[COST_WEIGHT] += counts
-    if not started:
-        return
-    usual = np.sqrt(S[APART_SQ] / S[COST_WEIGHT])
-    S[COST] += counts * min(mean, FARTHEST)
-    S[APART_SQ] += counts * min(apart, FARTHEST) ** 2
-    body[APART], body[RESIDUAL] = apart, mean
-    if apart > max(least_apart, factor * usual):
-        if np.isnan(body[DISAGREES_SINCE]):
-            body[DISAGREES_SINCE] = t
-    else:
+    return np.sqrt(apart)
+
+
+@njit(cache=True)
+def _agrees(S, body, apart, t, dt, factor, least_apart):  # type: ignore[no-untyped-def]
+    """Whether the centres are no farther apart than is usual for these sensors, and remember since when not."""
+    body[APART] = apart
+    usual = np.sqrt(S[APART_SQ] / S[COST_WEIGHT] + S[OWN_SD] ** 2)
+    if apart <= max(least_apart, factor * usual):
         body[DISAGREES_SINCE] = np.nan
         body[AGREED] += dt
+        return True
+    if np.isnan(body[DISAGREES_SINCE]):
+        body[DISAGREES_SINCE] = t
+    return False
 
 
 @njit(cache=True)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Final
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
-
-from mocapella.model.observations import JointState
 
 Float64 = NDArray[np.float64]
 
@@ -30,7 +30,10 @@ CENTRE: Final = 8
 STEPS: Final = 11
 BLOCKS_CLOSED: Final = 12
 """Independent samples so far; they do not fade."""
-PAIR_SCALARS: Final = 13
+OWN_SD: Final = 13
+"""How wrong the estimate itself may be where people walk [m]; 0 while it is not trusted. Where it is above 0, frames in
+which the two views' centres are farther apart than usual are left out: a sensor moved, or these are two people."""
+PAIR_SCALARS: Final = 14
 
 # Of a pair of bodies.
 LAST: Final = 0
@@ -71,49 +74,48 @@ class BodyTrack:
 
     Attributes:
         times: (2·kept,) [s]; points: (2·kept, joints, 3) [m]; weights: (2·kept, joints).
-        begin, end: which of them are held.
-        frozen_since: since when no joint has moved at all [s]; NaN where it has.
+        held: (2,) int64: which of them are held, from the first to before the second.
+        frozen_since: (1,) since when no joint has moved at all [s]; NaN where one has.
     """
 
     times: Float64
     points: Float64
     weights: Float64
-    begin: int = 0
-    end: int = 0
-    frozen_since: float = field(default=float("nan"))
+    held: NDArray[np.int64]
+    frozen_since: Float64
 
     @classmethod
     def empty(cls, joints: int) -> BodyTrack:
         """Without a frame."""
-        return cls(np.zeros(2 * FRAMES_KEPT), np.zeros((2 * FRAMES_KEPT, joints, 3)), np.zeros((2 * FRAMES_KEPT, joints)))
+        n = 2 * FRAMES_KEPT
+        zeros = np.zeros
+        return cls(zeros(n), zeros((n, joints, 3)), zeros((n, joints)), zeros(2, dtype=np.int64), np.full(1, np.nan))
 
     def add(self, at: float, positions: Float64, states: NDArray[np.uint8], inferred_weight: float) -> bool:
         """Take a frame in; False where it is not newer than the last one.
 
-        A joint that is not finite, or exactly at the lens, or not tracked weighs nothing.
+        Args:
+            at: time [s].
+            positions: (joints, 3) float64, camera space [m]. A joint that is not finite, or exactly at the lens, weighs
+                nothing.
+            states: (joints,) `JointState`; not tracked weighs nothing.
+            inferred_weight: what an inferred joint weighs; a tracked one weighs 1.
         """
-        if self.end > self.begin and at <= self.times[self.end - 1]:
-            return False
-        if self.end == len(self.times):
-            for array in (self.times, self.points, self.weights):
-                array[:FRAMES_KEPT] = array[FRAMES_KEPT:]
-            self.begin, self.end = 0, FRAMES_KEPT
-        e = self.end
-        seen = np.isfinite(positions).all(axis=-1) & (positions != 0.0).any(axis=-1)
-        self.points[e] = np.where(seen[:, None], positions, 0.0)
-        self.weights[e] = np.where(states == JointState.TRACKED, 1.0, inferred_weight) * (
-            seen & (states != JointState.NOT_TRACKED)
-        )
-        self.times[e] = at
-        if e > self.begin and seen.any() and np.array_equal(self.points[e], self.points[e - 1]):
-            self.frozen_since = at if np.isnan(self.frozen_since) else self.frozen_since
-        else:
-            self.frozen_since = float("nan")
-        self.end = e + 1
-        self.begin = max(0, self.end - FRAMES_KEPT)
-        return True
+        return bool(
+            _add_frame()(self.times, self.points, self.weights, self.held, self.frozen_since, at, positions, states,
+                         inferred_weight)
+        )  # fmt: skip
 
-    def held(self) -> tuple[Float64, Float64, Float64]:
-        """Times, points and weights of the frames that are held: views, not copies."""
-        held = slice(self.begin, self.end)
-        return self.times[held], self.points[held], self.weights[held]
+    @property
+    def newest(self) -> float:
+        """Time of the newest frame [s]; −inf where there is none."""
+        begin, end = self.held
+        return float(self.times[end - 1]) if end > begin else -np.inf
+
+
+@cache
+def _add_frame() -> Callable[..., bool]:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.calibration import pair_kernels
+
+    return cast(Callable[..., bool], pair_kernels.add_frame)
