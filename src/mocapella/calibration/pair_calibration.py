@@ -1,0 +1,306 @@
+"""Where one sensor stands as another sees it, from skeletons of people whom both see: at once, and ever better.
+
+A pair of frames of the same body, brought to one time, adds to moments that forget (`geometry.alignment`); the rigid
+motion that fits them best is `PairCalibration.T_a_b`. A joint counts by 1/residual under the estimate of before, which
+minimises the sum of distances, not of squares. A body that stands still says the same over and over, with the same
+errors: so time is counted by motion, in the forgetting and in how sure the estimate is of itself.
+
+The covariance is the sandwich H⁻¹ B H⁻¹ of a robust estimate (P. Huber, 1967; with sums over blocks, as H. White and
+I. Domowitz, 1984, for errors that hang together). H is the normal matrix. B is the scatter of the gradient, summed over
+*blocks* of frames: a block ends when the body is `independent_after_m` away from where it began. So neither the 25
+joints of a frame nor the 30 frames of a second are taken for as many samples, and while nobody walks there is none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cache, cached_property
+from typing import Any, Final, cast
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.calibration import pair_memory as at
+from mocapella.calibration.pair_memory import BodyTrack, new_body
+from mocapella.calibration.time_offset import TimeOffset
+from mocapella.geometry.alignment import MOMENTS, centred_products, cross_matrix, normal_equations, shifted
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PairSettings:
+    """How a pair of sensors is calibrated. docs/methods/people-calibration.md says how the values were chosen.
+
+    Attributes:
+        memory_s: time constant of forgetting, of shared motion [s].
+        first_memory_s: the same at the very beginning, when the weights are still those of a poor estimate [s].
+        memory_growth: by how much it grows with each second of motion, up to ``memory_s``.
+        residual_floor_m: residuals below this all count alike [m].
+        label_hysteresis_m: by how much the other left and right must fit better, mean over the joints [m].
+        mirrored_weight: what a view counts whose labels are swapped.
+        inferred_weight: what a joint counts that a sensor only infers.
+        full_speed_m_s: somebody who moves as fast counts by the full time [m/s].
+        still_fraction: and somebody who stands still, by this part of it.
+        velocity_window_s: a joint's velocity is over so long before and after [s].
+        independent_after_m: so far away, what a sensor gets wrong is taken to be something else [m].
+        samples_wanted: so many independent samples, before an estimate is trusted.
+        position_sd_wanted_m: and no larger a standard deviation where people were [m].
+        rotation_sd_wanted: and no larger a one of the rotation [rad].
+        residual_allowed_m: and no larger a mean distance between the two views' joints [m].
+        offset_bound_wanted_s: a clock offset is used when it is known to within this [s].
+        moved_factor: views' centres that are farther apart than so many times the usual have a sensor between them
+            that moved.
+        moved_least_m: and this at least [m].
+    """
+
+    memory_s: float = 15.0
+    first_memory_s: float = 1.0
+    memory_growth: float = 0.5
+    residual_floor_m: float = 0.02
+    label_hysteresis_m: float = 0.02
+    mirrored_weight: float = 0.3
+    inferred_weight: float = 0.2
+    full_speed_m_s: float = 0.3
+    still_fraction: float = 0.05
+    velocity_window_s: float = 0.067
+    independent_after_m: float = 0.3
+    samples_wanted: int = 3
+    position_sd_wanted_m: float = 0.08
+    rotation_sd_wanted: float = 0.09
+    residual_allowed_m: float = 0.25
+    offset_bound_wanted_s: float = 0.02
+    moved_factor: float = 3.0
+    moved_least_m: float = 0.1
+
+    def __post_init__(self) -> None:
+        for name in (
+            "memory_s", "first_memory_s", "residual_floor_m", "full_speed_m_s", "velocity_window_s",
+            "independent_after_m", "position_sd_wanted_m", "rotation_sd_wanted", "residual_allowed_m",
+            "offset_bound_wanted_s", "moved_least_m",
+        ):  # fmt: skip
+            check(0 < getattr(self, name) < 1e6, name, getattr(self, name), "greater than 0")
+        for name in ("mirrored_weight", "inferred_weight", "still_fraction"):
+            check(0 <= getattr(self, name) <= 1, name, getattr(self, name), "from 0 to 1")
+        check(self.memory_growth >= 0, "memory_growth", self.memory_growth, "0 or more")
+        hysteresis = self.label_hysteresis_m
+        check(hysteresis >= 0.02, "label_hysteresis_m", hysteresis, "0.02 m or more, or labels flatter the fit")
+        check(self.velocity_window_s < 0.3, "velocity_window_s", self.velocity_window_s, "less than 0.3 s")
+        check(self.samples_wanted >= 1, "samples_wanted", self.samples_wanted, "1 or more")
+        check(self.moved_factor >= 1, "moved_factor", self.moved_factor, "1 or more")
+
+    @cached_property
+    def vector(self) -> Float64:
+        """For the compiled step, in its order."""
+        return np.array([
+            self.memory_s, self.first_memory_s, self.memory_growth, self.residual_floor_m, self.mirrored_weight,
+            self.label_hysteresis_m, self.full_speed_m_s, self.still_fraction, self.velocity_window_s,
+            self.independent_after_m, self.moved_factor, self.moved_least_m,
+        ])  # fmt: skip
+
+
+class PairEstimate(msgspec.Struct, frozen=True, eq=False):
+    """What is known of a pair of sensors.
+
+    Attributes:
+        T_a_b: (4, 4), from b's camera space to a's; NaN before both saw somebody.
+        covariance: (6, 6) of a small motion in a's frame (translation [m], rotation [rad]) that would put it right:
+            exp(d) T_a_b.
+        position_sd: of what it says of a point where people were, all directions together [m].
+        rotation_sd: likewise of the angle [rad].
+        motion_s: seconds of shared motion so far.
+        samples: independent ones that are remembered.
+        residual: mean distance between the two views' joints [m].
+        offset: of b's clock against a's.
+        problem: why it is not to be trusted yet, and what to do; empty where it is.
+    """
+
+    T_a_b: Float64
+    covariance: Float64
+    position_sd: float
+    rotation_sd: float
+    motion_s: float
+    samples: float
+    residual: float
+    offset: TimeOffset
+    problem: str
+
+    @property
+    def trusted(self) -> bool:
+        """Whether nothing speaks against it."""
+        return not self.problem
+
+
+NOBODY: Final = "both sensors must see somebody"
+WALK: Final = "walk a few steps"
+WALK_ACROSS: Final = "walk a few steps, also sideways"
+ON_A_LINE: Final = "the joints that both see lie on a line: walk a few steps where both see you"
+NOT_ONE_BODY: Final = "what they see does not move as one body"
+MIRRORED_STREAM: Final = "one of the two pictures is mirrored: switch mirroring off"
+
+
+@dataclass
+class PairCalibration:
+    """The estimate of one pair of sensors, a and b. Everything it remembers is in arrays of fixed size.
+
+    Attributes:
+        settings: as it was made.
+        T_a_b: (4, 4), from past frames only; NaN before there was one.
+        moments, scatter, scalars, bodies: see `pair_memory` and `geometry.alignment`; ``bodies`` by what `update` is
+            given as ``who``.
+    """
+
+    settings: PairSettings = field(default_factory=PairSettings)
+    T_a_b: Float64 = field(default_factory=lambda: np.full((4, 4), np.nan))
+    moments: Float64 = field(default_factory=lambda: np.zeros(MOMENTS))
+    scatter: Float64 = field(default_factory=lambda: np.zeros((7, 7)))
+    scalars: Float64 = field(default_factory=lambda: np.zeros(at.PAIR_SCALARS))
+    bodies: dict[Any, Float64] = field(default_factory=dict)
+    mirrored_at_first: bool = False
+
+    def update(self, who: Any, a: BodyTrack, b: BodyTrack, mirror: NDArray[np.int64]) -> int:
+        """Take in the frames of a body that are new.
+
+        Args:
+            who: which two bodies these are: a's tracking id and b's, say.
+            a, b: their newest frames.
+            mirror: (joints,) of the topology.
+
+        Returns:
+            How many frames of a were used: those that b's frames reach around, half a `velocity_window_s` and more
+            later. A frame that finds no partners within 0.2 s is left out.
+        """
+        body = self.bodies.get(who)
+        if body is None:
+            body = self.bodies[who] = new_body(mirrored=self.mirrored_at_first)
+        closed = self.scalars[at.BLOCKS_CLOSED]
+        taken: int = _catch_up()(
+            self.moments, self.scatter, self.T_a_b, self.scalars, body, a.times, a.points, a.weights, a.held,
+            b.times, b.points, b.weights, b.held, mirror, self.settings.vector,
+        )  # fmt: skip
+        if self.scalars[at.BLOCKS_CLOSED] > closed:
+            self._follow_clock()
+        return taken
+
+    def trust(self, estimate: PairEstimate) -> None:
+        """Leave frames out from now on that disagree with the estimate more than is usual, if it is trusted."""
+        reach = estimate.position_sd + REACH_M * estimate.rotation_sd
+        self.scalars[at.OWN_SD] = reach if estimate.trusted else 0.0
+
+    def forget_bodies(self, keep: Any) -> None:
+        """Drop what is remembered of pairs of bodies for which ``keep(who)`` is false."""
+        self.bodies = {who: body for who, body in self.bodies.items() if keep(who)}
+
+    def estimate(self) -> PairEstimate:
+        """What is known now."""
+        if not self.moments[0] > 0:
+            big = np.diag([1e6] * 3 + [np.pi**2] * 3)
+            unknown = TimeOffset(0.0, OFFSET_PRIOR_SD, False)
+            return PairEstimate(self.T_a_b.copy(), big, 1e3, np.pi, 0.0, 0.0, np.nan, unknown, NOBODY)
+        H, _ = normal_equations(self.moments, self.T_a_b, self.scalars[at.OFFSET])
+        covariance = self._covariance(H)
+        C = covariance[:6, :6]
+        at_people = np.hstack([np.eye(3), -cross_matrix(self._centre())])
+        residual = self._residual()
+        position_sd = float(np.sqrt(np.trace(at_people @ C @ at_people.T)))
+        rotation_sd = float(np.sqrt(np.trace(C[3:, 3:])))
+        return PairEstimate(
+            T_a_b=self.T_a_b.copy(),
+            covariance=C,
+            position_sd=position_sd,
+            rotation_sd=rotation_sd,
+            motion_s=float(self.scalars[at.MOTION]),
+            samples=self._samples(),
+            residual=residual,
+            offset=self._offset(float(np.sqrt(covariance[6, 6]))),
+            problem=self._problem(position_sd, rotation_sd, residual),
+        )
+
+    def _residual(self) -> float:
+        weight = self.scalars[at.COST_WEIGHT]
+        return float(self.scalars[at.COST] / weight) if weight > 0 else np.nan
+
+    def _centre(self) -> Float64:
+        return np.asarray(self.scalars[at.CENTRE : at.CENTRE + 3] / self.scalars[at.COST_WEIGHT])
+
+    def _samples(self) -> float:
+        blocks, squares = self.scalars[at.BLOCKS], self.scalars[at.BLOCKS_SQ]
+        return float(blocks * blocks / squares) if squares > 0 else 0.0
+
+    def _covariance(self, H: Float64) -> Float64:
+        """(7, 7) of twist and offset; the offset's prior is `OFFSET_PRIOR_SD`."""
+        samples = max(self._samples(), 0.5)
+        error = max(self._residual(), 0.5 * self.settings.residual_floor_m)
+        # Before there are samples: one is as good as three joints with independent errors.
+        expected = error**2 * self.moments[0] / (3 * samples) * H
+        seen = (samples * self.scatter + PRIOR_SAMPLES * expected) / (samples + PRIOR_SAMPLES)
+        # In units in which H is near the identity: metres, radians and seconds are not alike.
+        unit = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-12 * H[0, 0]))
+        scaled = unit[:, None] * H * unit
+        ridge = scaled + 1e-9 * np.eye(7)
+        half = np.linalg.solve(ridge, unit[:, None] * seen * unit)
+        covariance = unit[:, None] * np.linalg.solve(ridge, half.T) * unit
+        covariance = M_ESTIMATE * (covariance + covariance.T) / 2
+        gain = covariance[:, 6] / (covariance[6, 6] + OFFSET_PRIOR_SD**2)
+        return np.asarray(covariance - np.outer(gain, covariance[6]))
+
+    def _offset(self, sd: float) -> TimeOffset:
+        known = 2 * sd <= self.settings.offset_bound_wanted_s and self._samples() >= self.settings.samples_wanted
+        seconds = self.scalars[at.OFFSET] + self.scalars[at.REFERENCE_OFFSET]
+        return TimeOffset(float(seconds) if known else 0.0, sd, known)
+
+    def _follow_clock(self) -> None:
+        """Solve for the offset of b's clock, and use it where it is known."""
+        offset = self.scalars[at.OFFSET]
+        H, g = normal_equations(self.moments, self.T_a_b, offset)
+        sd = float(np.sqrt(self._covariance(H)[6, 6]))
+        if not self._offset(sd).known:
+            return
+        offset += float(np.linalg.solve(H, g)[6])
+        if abs(offset) > RESAMPLE_BEYOND:
+            self.moments[:] = shifted(self.moments, offset)
+            self.scalars[at.REFERENCE_OFFSET] += offset
+            offset = 0.0
+        self.scalars[at.OFFSET] = offset
+
+    def _problem(self, position_sd: float, rotation_sd: float, residual: float) -> str:
+        settings, M = self.settings, self.moments
+        shape = np.linalg.svd(centred_products(M) / M[0], compute_uv=False)
+        if shape[1] < ON_A_LINE_M**2:
+            return ON_A_LINE
+        if self._samples() < settings.samples_wanted:
+            return WALK
+        if np.linalg.det(centred_products(M)) < 0 and shape[2] > MIRRORED_M**2:
+            return MIRRORED_STREAM
+        if residual > settings.residual_allowed_m:
+            return NOT_ONE_BODY
+        if position_sd > settings.position_sd_wanted_m or rotation_sd > settings.rotation_sd_wanted:
+            return WALK_ACROSS
+        return ""
+
+
+PRIOR_SAMPLES: Final = 4.0
+"""What is expected of an estimate's error counts as much as so many samples of it."""
+REACH_M: Final = 1.0
+"""So far from where people were, they may be next [m]."""
+M_ESTIMATE: Final = 1.5
+"""The weights 1/r are those of the estimate itself, which makes H too large for 3-D points by up to 3/2 each time."""
+OFFSET_PRIOR_SD: Final = 0.1
+"""Before anything is known: how far two clocks are apart that the network has brought together [s]."""
+RESAMPLE_BEYOND: Final = 0.01
+"""Beyond this offset, frames are interpolated where they belong instead of moved along their velocity [s]."""
+ON_A_LINE_M: Final = 0.03
+"""Points that scatter less across their line do not determine the rotation about it [m]."""
+MIRRORED_M: Final = 0.15
+"""A mirror image that is so deep is none of a flat body by accident [m]."""
+
+
+@cache
+def _catch_up() -> Callable[..., int]:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.calibration import pair_kernels
+
+    return cast(Callable[..., int], pair_kernels.catch_up)

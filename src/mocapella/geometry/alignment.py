@@ -1,0 +1,279 @@
+"""Rigid alignment of paired points by their moments: batch, robust, and recursive at a constant cost.
+
+The motion that minimises Σ w |p − (R (q + δ v) + t)|² depends on the points only through sums over them, the
+*moments*. Sums of parts add, and a sum that forgets is multiplied before the new is added: so whatever the history, a
+new frame costs as much as its own points. δ shifts every q along its velocity v: a difference of two clocks.
+
+Moments are arrays (..., `MOMENTS`)::
+
+    0       Σ w               16–18   Σ w v              37–42   Σ w q qᵀ, upper triangle by rows
+    1–3     Σ w p             19–27   Σ w p vᵀ by rows   43–48   Σ w v vᵀ, likewise
+    4–6     Σ w q             28–36   Σ w q vᵀ by rows   49      Σ w |p|²
+    7–15    Σ w p qᵀ by rows
+
+Sources: B. Horn, "Closed-form solution of absolute orientation using unit quaternions", J. Opt. Soc. Am. A 4 (1987),
+section 4; W. Kabsch, Acta Cryst. A32 (1976) 922; S. Umeyama, IEEE PAMI 13 (1991) 376, for the sign that makes a
+rotation of it. Robust weights: P. Huber, *Robust Statistics* (1981), section 7.8; S. Geman and D. McClure (1987).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any, Final, Literal, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry.rigid import apply, rigid
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+RobustKernel = Literal["squared", "l1", "huber", "geman-mcclure"]
+
+MOMENTS: Final = 50
+_UPPER: Final = np.triu_indices(3)
+
+
+def moments(p: Any, q: Any, weights: Any = None, velocities: Any = None) -> Float64:
+    """The moments of paired points.
+
+    Args:
+        p, q: (..., n, 3); a pair with a coordinate that is not finite does not count.
+        weights: (..., n), 1 where not given; a pair whose weight is not above 0 does not count.
+        velocities: (..., n, 3) of q, 0 where not given.
+
+    Returns:
+        (..., `MOMENTS`).
+    """
+    p, q = np.broadcast_arrays(np.asarray(p, dtype=np.float64), np.asarray(q, dtype=np.float64))
+    v = np.broadcast_to(np.asarray(0.0 if velocities is None else velocities, dtype=np.float64), p.shape)
+    w = (
+        np.ones(p.shape[:-1])
+        if weights is None
+        else np.broadcast_to(np.asarray(weights, dtype=np.float64), p.shape[:-1])
+    )
+    used = np.isfinite(np.concatenate([p, q, v], axis=-1)).all(axis=-1) & (w > 0)
+    w = np.where(used, w, 0.0)
+    p, q, v = (np.where(used[..., None], points, 0.0) for points in (p, q, v))
+    wp, wq, wv = (w[..., None] * points for points in (p, q, v))
+
+    def products(one: Float64, other: Float64) -> Float64:
+        return np.asarray(np.swapaxes(one, -1, -2) @ other)
+
+    def flat(matrices: Float64) -> Float64:
+        return matrices.reshape(*matrices.shape[:-2], 9)
+
+    parts = [
+        w.sum(axis=-1)[..., None],
+        wp.sum(axis=-2),
+        wq.sum(axis=-2),
+        flat(products(wp, q)),
+        wv.sum(axis=-2),
+        flat(products(wp, v)),
+        flat(products(wq, v)),
+        products(wq, q)[..., *_UPPER],
+        products(wv, v)[..., *_UPPER],
+        (wp * p).sum(axis=(-1, -2))[..., None],
+    ]
+    return np.concatenate(parts, axis=-1)
+
+
+def align(M: Float64, offset: float = 0.0) -> Float64:
+    """The rigid motion ``T_p_q`` of the moments: p ≈ T (q + offset·v).
+
+    The rotation is the unit quaternion that is the eigenvector of the largest eigenvalue of Horn's symmetric matrix
+    (1987, section 4.A): always a rotation, never a reflection.
+
+    Args:
+        M: (..., `MOMENTS`).
+        offset: of the time of q [s].
+
+    Returns:
+        (..., 4, 4); NaN where the moments are of no points.
+    """
+    M = np.asarray(M, dtype=np.float64)
+    W = np.where(M[..., 0] > 0, M[..., 0], np.nan)[..., None]
+    mp, mq = M[..., 1:4] / W, (M[..., 4:7] + offset * M[..., 16:19]) / W
+    R = _rotation(np.swapaxes(centred_products(M, offset), -1, -2))
+    return rigid(R, mp - (R @ mq[..., None])[..., 0])
+
+
+def centred_products(M: Float64, offset: float = 0.0) -> Float64:
+    """Σ w (p − p̄)(q + δv − q̄)ᵀ, (..., 3, 3). Its determinant is negative where q is a mirror image of p."""
+    W = np.where(M[..., 0] > 0, M[..., 0], np.nan)[..., None, None]
+    shape = (*M.shape[:-1], 3, 3)
+    pq = M[..., 7:16].reshape(shape) + offset * M[..., 19:28].reshape(shape)
+    mq = M[..., 4:7] + offset * M[..., 16:19]
+    return np.asarray(pq - M[..., 1:4, None] * mq[..., None, :] / W)
+
+
+def _rotation(S: Float64) -> Float64:
+    """The rotation of q's axes to p's, of S = Σ w (q − q̄)(p − p̄)ᵀ, (..., 3, 3)."""
+    finite = np.isfinite(S).all(axis=(-1, -2))
+    S = np.where(finite[..., None, None], S, 0.0)
+    N = np.empty((*S.shape[:-2], 4, 4))
+    N[..., 0, 0] = np.trace(S, axis1=-2, axis2=-1)
+    N[..., 1:, 1:] = S + np.swapaxes(S, -1, -2) - N[..., 0, 0, None, None] * np.eye(3)
+    for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+        N[..., 0, 1 + i] = N[..., 1 + i, 0] = S[..., j, k] - S[..., k, j]
+    w, x, y, z = np.moveaxis(np.linalg.eigh(N)[1][..., -1], -1, 0)
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    R = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    return np.where(finite[..., None, None], R, np.nan)
+
+
+def shifted(M: Float64, by: float) -> Float64:
+    """The moments of the same points with every q moved on by ``by`` seconds along its velocity."""
+    out = M.copy()
+    shape = (*M.shape[:-1], 3, 3)
+    qv, vv = M[..., 28:37].reshape(shape), _symmetric(M[..., 43:49])
+    out[..., 4:7] += by * M[..., 16:19]
+    out[..., 7:16] += by * M[..., 19:28]
+    out[..., 28:37] += by * vv.reshape(*M.shape[:-1], 9)
+    qq = _symmetric(M[..., 37:43]) + by * (qv + np.swapaxes(qv, -1, -2)) + by * by * vv
+    out[..., 37:43] = qq[..., *_UPPER]
+    return out
+
+
+def _symmetric(upper: Float64) -> Float64:
+    out = np.empty((*upper.shape[:-1], 3, 3))
+    out[..., *_UPPER] = upper
+    out[..., _UPPER[1], _UPPER[0]] = upper
+    return out
+
+
+def cross_matrix(x: Any) -> Float64:
+    """[x]× with [x]× y = x × y, (..., 3, 3)."""
+    x = np.asarray(x, dtype=np.float64)
+    out = np.zeros((*x.shape[:-1], 3, 3))
+    for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+        out[..., k, j], out[..., j, k] = x[..., i], -x[..., i]
+    return out
+
+
+def normal_equations(M: Float64, T: Float64, offset: float = 0.0) -> tuple[Float64, Float64]:
+    """The Gauss–Newton equations H d = g of seven unknowns d at T and offset, from the moments alone.
+
+    d is a twist in p's frame (translation [m], rotation [rad]: T ← exp(d₁…₆) T) and a change of the offset [s]. With
+    x = T (q + offset·v) and u = R v, a point's derivative is J = [I, −[x]×, u], H = Σ w JᵀJ and g = Σ w Jᵀ (p − x).
+
+    Args:
+        M: (`MOMENTS`,).
+        T: (4, 4).
+        offset: [s].
+
+    Returns:
+        H (7, 7) and g (7,).
+    """
+    M = shifted(M, offset)
+    W, R, t = M[0], T[:3, :3], T[:3, 3]
+    Rq, u = R @ M[4:7], R @ M[16:19]
+    x = Rq + W * t
+    pv, xu = M[19:28].reshape(3, 3) @ R.T, R @ M[28:37].reshape(3, 3) @ R.T + np.outer(t, u)
+    xx = R @ _symmetric(M[37:43]) @ R.T + np.outer(Rq, t) + np.outer(t, Rq) + W * np.outer(t, t)
+    px: Float64 = M[7:16].reshape(3, 3) @ R.T + np.outer(M[1:4], t)
+    H = np.empty((7, 7))
+    H[:3, :3] = W * np.eye(3)
+    H[:3, 3:6] = -cross_matrix(x)
+    H[3:6, :3] = cross_matrix(x)
+    H[3:6, 3:6] = np.trace(xx) * np.eye(3) - xx
+    H[6, :3] = H[:3, 6] = u
+    H[6, 3:6] = H[3:6, 6] = _axial(xu)
+    H[6, 6] = M[43] + M[46] + M[48]
+    return H, np.concatenate([M[1:4] - x, -_axial(px), [np.trace(pv) - np.trace(xu)]])
+
+
+def _axial(outer: Float64) -> Float64:
+    """Σ a × b of Σ a bᵀ."""
+    return np.array([outer[1, 2] - outer[2, 1], outer[2, 0] - outer[0, 2], outer[0, 1] - outer[1, 0]])
+
+
+def robust_weights(residual: Any, kernel: RobustKernel, scale: float) -> Float64:
+    """What a point of that residual counts in the next least-squares fit (iteratively reweighted least squares).
+
+    Args:
+        residual: any shape, [m].
+        kernel: ``l1``: 1/r, no more than 1/scale. ``huber``: 1 up to the scale and scale/r beyond.
+            ``geman-mcclure``: (scale²/(scale² + r²))². ``squared``: 1.
+        scale: [m].
+    """
+    r = np.abs(np.asarray(residual, dtype=np.float64))
+    if kernel == "l1":
+        return np.asarray(1.0 / np.maximum(r, scale))
+    if kernel == "huber":
+        return np.asarray(scale / np.maximum(r, scale))
+    if kernel == "geman-mcclure":
+        return np.asarray((scale * scale / (scale * scale + r * r)) ** 2)
+    check(kernel == "squared", "kernel", kernel, "squared, l1, huber or geman-mcclure")
+    return np.ones(r.shape)
+
+
+def robust_align(
+    p: Any, q: Any, weights: Any = None, *, kernel: RobustKernel = "l1", scale: float = 0.02, iterations: int = 50
+) -> Float64:
+    """``T_p_q`` by iteratively reweighted least squares; with ``l1`` it minimises Σ w |p − T q|, not its square.
+
+    ``geman-mcclure`` begins from the ``l1`` fit, because it can stick at a wrong one.
+
+    Args:
+        p, q, weights: as in `moments`, one set of points: (n, 3), (n,).
+        kernel, scale: as in `robust_weights`.
+        iterations: at most.
+
+    Returns:
+        (4, 4); NaN where no pair counts.
+    """
+    check(scale > 0, "scale", scale, "greater than 0 m")
+    w = np.ones(np.shape(p)[:-1]) if weights is None else np.asarray(weights, dtype=np.float64)
+    T = align(moments(p, q, w))
+    if kernel == "geman-mcclure":
+        T = robust_align(p, q, w, kernel="l1", scale=scale, iterations=iterations)
+    for _ in range(iterations):
+        residual = np.linalg.norm(np.asarray(p) - apply(T, q), axis=-1)
+        before, T = T, align(moments(p, q, w * robust_weights(residual, kernel, scale)))
+        if not (np.abs(T - before) > 1e-12).any():
+            break
+    return T
+
+
+class RecursiveAlignment:
+    """A weighted alignment that forgets exponentially; a frame costs as much as its own points, whatever came before.
+
+    Attributes:
+        T: (4, 4) ``T_p_q``, NaN before the first points.
+        moments: (`MOMENTS`,).
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.moments = np.zeros(MOMENTS)
+        self.T = np.full((4, 4), np.nan)
+
+    def update(self, p: Float64, q: Float64, weights: Float64, keep: float) -> Float64:
+        """Multiply what was by ``keep``, add the points, and fit.
+
+        Args:
+            p, q: (n, 3); weights: (n,). As in `moments`, but coordinates must be finite where the weight is above 0.
+            keep: from 0 to 1: exp(−Δt/τ) forgets with the time constant τ.
+
+        Returns:
+            `T`.
+        """
+        _update()(self.moments, keep, p, q, weights, self.T)
+        return self.T
+
+
+@cache
+def _update() -> Callable[..., None]:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.geometry import alignment_kernels
+
+    return cast(Callable[..., None], alignment_kernels.update)

@@ -1,0 +1,132 @@
+"""The hot steps of `mocapella.geometry.alignment`, compiled; importing this module imports numba.
+
+The layout of the moments is said there. ``M`` is always one (`alignment.MOMENTS`,) array.
+"""
+
+# ruff: noqa: PLR0917 - compiled functions take arrays by position
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True)
+def accumulate(M, p, q, v, w, order):  # type: ignore[no-untyped-def]
+    """Add points to moments: p (n, 3) with q[order] and v[order], weights w (n,), none where w is not above 0."""
+    for j in range(len(w)):
+        u, o = w[j], order[j]
+        if u <= 0.0:
+            continue
+        M[0] += u
+        at = 37
+        for i in range(3):
+            up, uq, uv = u * p[j, i], u * q[o, i], u * v[o, i]
+            M[1 + i] += up
+            M[4 + i] += uq
+            M[16 + i] += uv
+            for k in range(3):
+                M[7 + 3 * i + k] += up * q[o, k]
+                M[19 + 3 * i + k] += up * v[o, k]
+                M[28 + 3 * i + k] += uq * v[o, k]
+            for k in range(i, 3):
+                M[at] += uq * q[o, k]
+                M[at + 6] += uv * v[o, k]
+                at += 1
+            M[49] += up * p[j, i]
+
+
+@njit(cache=True)
+def largest_eigenvector(N):  # type: ignore[no-untyped-def]
+    """Of a symmetric (4, 4) matrix, which is overwritten; by cyclic Jacobi rotations (Golub and Van Loan, 8.5)."""
+    V = np.eye(4)
+    for _ in range(30):
+        off, on = 0.0, 0.0
+        for i in range(4):
+            on += N[i, i] * N[i, i]
+            for j in range(i + 1, 4):
+                off += N[i, j] * N[i, j]
+        if off <= 1e-34 * on:
+            break
+        for a in range(3):
+            for b in range(a + 1, 4):
+                if N[a, b] == 0.0:
+                    continue
+                theta = (N[b, b] - N[a, a]) / (2 * N[a, b])
+                t = 1.0 / (abs(theta) + np.sqrt(theta * theta + 1.0))
+                if theta < 0.0:
+                    t = -t
+                c = 1.0 / np.sqrt(t * t + 1.0)
+                s = t * c
+                for k in range(4):
+                    x, y = N[k, a], N[k, b]
+                    N[k, a], N[k, b] = c * x - s * y, s * x + c * y
+                for k in range(4):
+                    x, y = N[a, k], N[b, k]
+                    N[a, k], N[b, k] = c * x - s * y, s * x + c * y
+                    x, y = V[k, a], V[k, b]
+                    V[k, a], V[k, b] = c * x - s * y, s * x + c * y
+    best = 0
+    for i in range(1, 4):
+        if N[i, i] > N[best, best]:
+            best = i
+    return V[:, best]
+
+
+@njit(cache=True)
+def align(M, offset, T):  # type: ignore[no-untyped-def]
+    """Write the motion that fits the moments best into T (4, 4); see `alignment.align`."""
+    W = M[0]
+    mp, mq = M[1:4] / W, (M[4:7] + offset * M[16:19]) / W
+    S = np.empty((3, 3))
+    for i in range(3):
+        for k in range(3):
+            S[k, i] = M[7 + 3 * i + k] + offset * M[19 + 3 * i + k] - W * mp[i] * mq[k]
+    N = np.empty((4, 4))
+    N[0, 0] = S[0, 0] + S[1, 1] + S[2, 2]
+    N[0, 1] = S[1, 2] - S[2, 1]
+    N[0, 2] = S[2, 0] - S[0, 2]
+    N[0, 3] = S[0, 1] - S[1, 0]
+    N[1, 1] = S[0, 0] - S[1, 1] - S[2, 2]
+    N[1, 2] = S[0, 1] + S[1, 0]
+    N[1, 3] = S[2, 0] + S[0, 2]
+    N[2, 2] = -S[0, 0] + S[1, 1] - S[2, 2]
+    N[2, 3] = S[1, 2] + S[2, 1]
+    N[3, 3] = -S[0, 0] - S[1, 1] + S[2, 2]
+    for i in range(4):
+        for k in range(i):
+            N[i, k] = N[k, i]
+    w, x, y, z = largest_eigenvector(N)
+    T[0, 0], T[0, 1], T[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
+    T[1, 0], T[1, 1], T[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+    T[2, 0], T[2, 1], T[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+    for i in range(3):
+        T[i, 3] = mp[i] - T[i, 0] * mq[0] - T[i, 1] * mq[1] - T[i, 2] * mq[2]
+    T[3, :3], T[3, 3] = 0.0, 1.0
+
+
+@njit(cache=True)
+def residuals(T, offset, p, q, v, order, w, r):  # type: ignore[no-untyped-def]
+    """Write |p − T (q + offset·v)[order]| into r (n,), 0 where w is not above 0; return the mean over the others."""
+    total, count = 0.0, 0
+    for j in range(len(r)):
+        r[j] = 0.0
+        if w[j] <= 0.0:
+            continue
+        o, d = order[j], 0.0
+        x, y, z = q[o, 0] + offset * v[o, 0], q[o, 1] + offset * v[o, 1], q[o, 2] + offset * v[o, 2]
+        for i in range(3):
+            e = p[j, i] - (T[i, 0] * x + T[i, 1] * y + T[i, 2] * z + T[i, 3])
+            d += e * e
+        r[j] = np.sqrt(d)
+        total += r[j]
+        count += 1
+    return total / count if count else 0.0
+
+
+@njit(cache=True)
+def update(M, keep, p, q, w, T):  # type: ignore[no-untyped-def]
+    """Forget, accumulate and fit: one step of `alignment.RecursiveAlignment`."""
+    M *= keep
+    accumulate(M, p, q, np.zeros_like(q), w, np.arange(len(w)))
+    if M[0] > 0.0:
+        align(M, 0.0, T)
