@@ -31,6 +31,8 @@ BACK_SD: Final = np.radians(5.0)
 """Of the mean back's direction against the vertical [rad]: nobody stands quite upright."""
 OUTLIER_M: Final = 0.06
 """A foot so far from the floor counts a quarter [m]."""
+EVERY_S: Final = 0.08
+"""Frames that come sooner after the last are left out [s]."""
 ENOUGH_S: Final = 1.0
 """Of standing feet, before there is a floor [s]."""
 
@@ -72,15 +74,22 @@ class FloorFromFeet:
     Attributes:
         sums: (10,) weight, Σ w x, and Σ w x xᵀ by its upper triangle, of standing feet.
         back: (4,) Σ of directions from the root to the head, and how many seconds of them.
-        feet: by (tracking id, foot's joint): time and place where it was last seen.
+        feet: by (tracking id, foot's joint): place and time where it was last seen.
+        plane: (4,) up and height as they were a moment ago, NaN before.
+        last: time of the newest frame that was looked at [s].
     """
 
     sums: Float64 = field(default_factory=lambda: np.zeros(10))
     back: Float64 = field(default_factory=lambda: np.zeros(4))
     feet: dict[tuple[int, int], Float64] = field(default_factory=dict)
+    plane: Float64 = field(default_factory=lambda: np.full(4, np.nan))
+    last: float = -np.inf
 
     def update(self, bodies: Bodies, at: float) -> None:
-        """Take one frame in, at a time [s] of the sensor's own. Joints that are only inferred do not count."""
+        """Take one frame in, at its time [s]. Joints that are only inferred do not count; ten frames a second do."""
+        if at - self.last < EVERY_S:
+            return
+        self.last = at
         parts = bodies.topology.parts
         seen: dict[tuple[int, int], Float64] = {}
         for body, p, states in zip(bodies.ids, bodies.positions, bodies.states, strict=True):
@@ -91,25 +100,26 @@ class FloorFromFeet:
                 upward = p[head] - p[root]
                 self.back += 0.03 * np.append(upward / np.linalg.norm(upward), 1.0)
             up = self.back[:3]
-            # The lower one: the other may be lifted and still.
-            for foot in sorted(feet, key=lambda foot: float(up @ p[foot])):
-                seen[body, foot] = np.append(p[foot], at)
             for foot in feet:
-                before = self.feet.get((body, foot))
-                if before is not None and foot == min(feet, key=lambda foot: float(up @ p[foot])):
-                    self._stand(before, seen[body, foot])
+                seen[body, foot] = np.append(p[foot], at)
+            # The lower one: the other may be lifted and still.
+            foot = min(feet, key=lambda foot: float(up @ p[foot]), default=-1)
+            if (body, foot) in self.feet:
+                self._stand(self.feet[body, foot], seen[body, foot])
         self.feet = seen
 
     def _stand(self, before: Float64, now: Float64) -> None:
         dt = now[3] - before[3]
-        if not 0.0 < dt < 0.2 or np.linalg.norm(now[:3] - before[:3]) > STANDS_BELOW_M_S * dt:
+        if not 0.0 < dt < 0.3 or np.linalg.norm(now[:3] - before[:3]) > STANDS_BELOW_M_S * dt:
             return
         x, weight = now[:3], dt / STANCE_S
-        floor = self.floor()
-        if floor is not None:
-            off = float(floor.up @ x + floor.height - FOOT_HEIGHT_M)
+        if np.isfinite(self.plane[3]):
+            off = float(self.plane[:3] @ x + self.plane[3] - FOOT_HEIGHT_M)
             weight *= (OUTLIER_M**2 / (OUTLIER_M**2 + off * off)) ** 2
+        counted = int(4 * self.sums[0])
         self.sums += weight * np.concatenate([[1.0], x, np.outer(x, x)[_UPPER]])
+        if int(4 * self.sums[0]) > counted and (floor := self.floor()) is not None:
+            self.plane = np.append(floor.up, floor.height)
 
     def floor(self) -> Floor | None:
         """The floor; None before anybody stood for a moment."""

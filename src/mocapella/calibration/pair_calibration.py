@@ -204,7 +204,7 @@ class PairCalibration:
         covariance = self._covariance(H)
         C = covariance[:6, :6]
         at_people = np.hstack([np.eye(3), -cross_matrix(self._centre())])
-        residual = self._residual()
+        residual = self.residual
         position_sd = float(np.sqrt(np.trace(at_people @ C @ at_people.T)))
         rotation_sd = float(np.sqrt(np.trace(C[3:, 3:])))
         return PairEstimate(
@@ -219,7 +219,14 @@ class PairCalibration:
             problem=self._problem(position_sd, rotation_sd, residual),
         )
 
-    def _residual(self) -> float:
+    @property
+    def samples_closed(self) -> int:
+        """Independent samples so far, those that are forgotten too."""
+        return int(self.scalars[at.BLOCKS_CLOSED])
+
+    @property
+    def residual(self) -> float:
+        """Mean distance between the two views' joints [m]; NaN before there was one."""
         weight = self.scalars[at.COST_WEIGHT]
         return float(self.scalars[at.COST] / weight) if weight > 0 else np.nan
 
@@ -233,7 +240,7 @@ class PairCalibration:
     def _covariance(self, H: Float64) -> Float64:
         """(7, 7) of twist and offset; the offset's prior is `OFFSET_PRIOR_SD`."""
         samples = max(self._samples(), 0.5)
-        error = max(self._residual(), 0.5 * self.settings.residual_floor_m)
+        error = max(self.residual, 0.5 * self.settings.residual_floor_m)
         # Before there are samples: one is as good as three joints with independent errors.
         expected = error**2 * self.moments[0] / (3 * samples) * H
         seen = (samples * self.scatter + PRIOR_SAMPLES * expected) / (samples + PRIOR_SAMPLES)

@@ -3,7 +3,7 @@
 All memory is in arrays, whose places have the names below. Times are seconds on the common clock.
 """
 
-# ruff: noqa: PLR0917 - compiled functions take arrays by position
+# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
 from __future__ import annotations
 
 import numpy as np
@@ -105,8 +105,9 @@ def add_frame(times, points, weights, held, frozen_since, at, positions, states,
 
 
 @njit(cache=True)
-def catch_up(M, B, T, S, body, a_times, a_points, a_weights, a_held, b_times, b_points, b_weights, b_held, mirror,
-             cfg):  # type: ignore[no-untyped-def]  # fmt: skip
+def catch_up(  # type: ignore[no-untyped-def]
+    M, B, T, S, body, a_times, a_points, a_weights, a_held, b_times, b_points, b_weights, b_held, mirror, cfg
+):  # fmt: skip
     """Take in every frame of a that is newer than the last one and that b's frames reach around; how many were.
 
     Args:
@@ -159,9 +160,10 @@ def catch_up(M, B, T, S, body, a_times, a_points, a_weights, a_held, b_times, b_
 
 
 @njit(cache=True)
-def _step(M, B, T, S, body, t, p, q, v, w, w_mirrored, r, r_mirrored, x, centre, order, mirror, memory,
-          first_memory, growth, floor, mirrored_weight, hysteresis, full_speed, still, independent, factor,
-          least_apart):  # type: ignore[no-untyped-def]  # fmt: skip
+def _step(  # type: ignore[no-untyped-def]
+    M, B, T, S, body, t, p, q, v, w, w_mirrored, r, r_mirrored, x, centre, order, mirror, memory, first_memory, growth,
+    floor, mirrored_weight, hysteresis, full_speed, still, independent, factor, least_apart
+):  # fmt: skip
     joints, offset, started = len(w), S[OFFSET], M[0] > 0.0
     dt = min(max(t - body[STEP_AT], 0.0), LONGEST_STEP) if body[STEP_AT] > -1e300 else 0.0
     body[STEP_AT] = t
@@ -169,7 +171,6 @@ def _step(M, B, T, S, body, t, p, q, v, w, w_mirrored, r, r_mirrored, x, centre,
     # Which labels: those of before, unless the others fit better by the hysteresis.
     labels = order
     if started:
-        same, other = 0.0, 0.0
         for j in range(joints):  # over the same joints, or the comparison is none
             r[j] = w[j] if w_mirrored[j] > 0.0 else 0.0
         both = r.copy()

@@ -1,4 +1,4 @@
-"""The places in the arrays that a `PairCalibration` remembers, and the frames of a body that wait for their partners."""
+"""The places in the arrays that a `PairCalibration` remembers, and the newest frames of a body."""
 
 from __future__ import annotations
 

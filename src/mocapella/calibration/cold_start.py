@@ -1,0 +1,88 @@
+"""A pair of sensors from nothing: which body is which is not known, nor whether a sensor takes a back for a front.
+
+Every pair of bodies, with left and right as they are and swapped, is a hypothesis with an estimate of its own
+(`PairCalibration`). When a body has walked, only the true one still fits with one rigid motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.calibration.pair_calibration import PairCalibration, PairEstimate, PairSettings
+from mocapella.calibration.pair_memory import BodyTrack
+
+Hypothesis = tuple[int, int, bool]
+"""a's tracking id, b's, and whether left and right are swapped at first."""
+
+RIVALS_FACTOR = 0.7
+"""A hypothesis wins when its residual is no more than this part of every rival's."""
+SWAPPED_FACTOR = 1.25
+"""Swapped labels must fit better by this."""
+MOST = 72
+"""Hypotheses; six people seen by both sensors have as many. Of more people, those with the lowest ids begin."""
+
+
+@dataclass
+class ColdStart:
+    """The hypotheses of one pair of sensors.
+
+    Attributes:
+        settings: of every hypothesis.
+        hypotheses: their estimates.
+    """
+
+    settings: PairSettings = field(default_factory=PairSettings)
+    hypotheses: dict[Hypothesis, PairCalibration] = field(default_factory=dict)
+
+    def update(self, a: Mapping[int, BodyTrack], b: Mapping[int, BodyTrack], mirror: NDArray[np.int64]) -> None:
+        """Take in what is new of every pair of bodies.
+
+        Args:
+            a, b: the bodies that each sensor sees, by tracking id. Of one that is gone, nothing is remembered.
+            mirror: (joints,) of the topology.
+        """
+        self.hypotheses = {key: known for key, known in self.hypotheses.items() if key[0] in a and key[1] in b}
+        for one in sorted(a):
+            for other in sorted(b):
+                for swapped in (False, True):
+                    key = (one, other, swapped)
+                    if key not in self.hypotheses:
+                        if len(self.hypotheses) >= MOST:
+                            continue
+                        self.hypotheses[key] = PairCalibration(self.settings, mirrored_at_first=swapped)
+                    self.hypotheses[key].update((one, other), a[one], b[other], mirror)
+
+    def decide(self) -> PairCalibration | None:
+        """The hypothesis that has won, or None while none has."""
+        best = self.best()
+        return best[0] if best and best[1].trusted else None
+
+    def best(self) -> tuple[PairCalibration, PairEstimate] | None:
+        """The likeliest hypothesis and its estimate, whose ``problem`` also says whether rivals remain."""
+        residuals = {key: known.residual for key, known in self.hypotheses.items() if known.moments[0] > 0}
+        if not residuals:
+            return None
+
+        def cost(key: Hypothesis) -> tuple[bool, float, Hypothesis]:
+            enough = self.hypotheses[key].samples_closed >= self.settings.samples_wanted
+            # Swapped labels need a reason: a flat body at rest fits either way.
+            return not enough, (SWAPPED_FACTOR if key[2] else 1.0) * np.nan_to_num(residuals[key], nan=np.inf), key
+
+        key = min(residuals, key=cost)
+        chosen = self.hypotheses[key].estimate()
+        rivals = [
+            residual
+            for other, residual in residuals.items()
+            if other[:2] != key[:2] and (other[0] == key[0] or other[1] == key[1])
+        ]
+        if chosen.trusted and not chosen.residual <= RIVALS_FACTOR * min(rivals, default=np.inf):
+            chosen = msgspec.structs.replace(chosen, problem=WHO_IS_WHO)
+        return self.hypotheses[key], chosen
+
+
+WHO_IS_WHO = "it is not clear yet who is who: one of you, walk a few steps alone"
