@@ -80,11 +80,11 @@ def test_the_yaw_of_the_shoulder_angles_scatters_as_the_readme_says(as_logged: d
 
 
 def test_a_plain_robust_fit_scores_what_such_fits_are_known_to_score(study_logs: Path) -> None:
-    # Walk, people 2 and 4, calibrated on Stationary and Steps: below what was logged, by about what the data's README
+    # Walk, participant 4, calibrated on Stationary and Steps: below what was logged, by about what the data's README
     # has for all people (8.9/16.9/30.3 → 5.3/8.5/12.8 with raw labels and a time offset).
-    result = evaluate(study_logs, ["stand-still"], [2, 4], makers={"fit": Repaired})
+    result = evaluate(study_logs, ["stand-still"], [4], makers={"fit": Repaired})
     logged, fit = (result["methods"][name]["tasks"] for name in ("stand-still", "fit"))
-    for placement, at_most in (("parallel", 4.2), ("45", 7.2), ("90", 14.0)):
+    for placement, at_most in (("parallel", 4.5), ("45", 6.0), ("90", 14.5)):
         frozen, row = fit["walk-frozen"][placement], fit["walk"][placement]
         assert frozen["problem"] == row["problem"] == ""
         assert frozen["pairs"] == logged["walk"][placement]["pairs"]
@@ -93,7 +93,7 @@ def test_a_plain_robust_fit_scores_what_such_fits_are_known_to_score(study_logs:
     yaw = result["methods"]["fit"]["yaw_deg"]
     assert yaw["parallel"]["mean"] == pytest.approx(0, abs=2.5)
     assert yaw["45"]["mean"] == pytest.approx(45.5, abs=1.5)
-    assert yaw["90"]["mean"] == pytest.approx(88.5, abs=2.0)
+    assert yaw["90"]["mean"] == pytest.approx(87.3, abs=2.0)
 
 
 # How they are made

@@ -131,7 +131,7 @@ def lag(positions: Float64, raw: Float64, at_s: Float64, most: float = 0.3) -> f
     def velocities(values: Float64, at: Float64) -> Float64:
         flat = np.nan_to_num(values.reshape(len(values), -1))
         there = np.stack([np.interp(at, at_s, column) for column in flat.T], axis=1)
-        return there[_LAG_STEPS:] - there[:-_LAG_STEPS]
+        return np.asarray(there[_LAG_STEPS:] - there[:-_LAG_STEPS])
 
     moved = velocities(positions, grid)
     delays = np.arange(0, most, 0.005)
