@@ -123,6 +123,27 @@ class BatchFit(Method):
             self.T[self.others[0]] = self.T[self.reference] @ robust_fit(source, target)
 
 
+class Repaired(BatchFit):
+    """Repairs the second sensor's labels where the mirrored ones lie nearer, with 2 cm of hysteresis."""
+
+    def conclude(self, arrival: Arrival) -> None:
+        super().conclude(arrival)
+        if len(self.newest) < 2:
+            return
+        T = rigid.inverse(self.T[self.reference]) @ self.T[self.others[0]]
+        one, other = self.newest[self.reference], self.newest[self.others[0]]
+        for body in set(one.ids) & set(other.ids):
+            moved = rigid.apply(T, other.positions[other.ids.index(body)])
+            seen = one.positions[one.ids.index(body)]
+            mirror = list(arrival.frame.topology.mirror)
+            straight, crossed = (np.linalg.norm(seen - joints, axis=-1).mean() for joints in (moved, moved[mirror]))
+            key = (self.others[0], body)
+            if straight - crossed > 0.02:
+                self.swapped |= {key}
+            elif crossed - straight > 0.02:
+                self.swapped -= {key}
+
+
 class Copier(Method):
     """Fits the motion between the sensors to every single frame, so that one view lies on the other."""
 

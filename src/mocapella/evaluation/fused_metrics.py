@@ -27,6 +27,8 @@ REVERSED_WITHIN: Final = 0.4
 """[s]."""
 COLLAPSED: Final = 0.6
 """Of the median shoulder width."""
+_LAG_STEPS = 12
+"""Of 1/60 s: a velocity over so long does not care how a skeleton is interpolated between its frames."""
 _KINECT = topology("kinect_v2")
 _PARENTS, _CHILDREN = (list(ends) for ends in zip(*_KINECT.bones, strict=True))
 _ROOT = _KINECT.parts["root"]
@@ -123,12 +125,13 @@ def lag(positions: Float64, raw: Float64, at_s: Float64, most: float = 0.3) -> f
         most: the delays tried go from 0 to this, in steps of 5 ms [s].
     """
     grid = np.arange(at_s[0] + most, at_s[-1], 1 / 60)
-    if len(grid) < 3:
+    if len(grid) <= _LAG_STEPS:
         return float("nan")
 
     def velocities(values: Float64, at: Float64) -> Float64:
         flat = np.nan_to_num(values.reshape(len(values), -1))
-        return np.diff(np.stack([np.interp(at, at_s, column) for column in flat.T], axis=1), axis=0)
+        there = np.stack([np.interp(at, at_s, column) for column in flat.T], axis=1)
+        return np.asarray(there[_LAG_STEPS:] - there[:-_LAG_STEPS])
 
     moved = velocities(positions, grid)
     delays = np.arange(0, most, 0.005)

@@ -118,30 +118,29 @@ def idf1(frames: Sequence[IdentityFrame], at_least: float = 0.5) -> float:
 def identity_switches(frames: Sequence[IdentityFrame], at_least: float = 0.5) -> int:
     """How often a true person is matched to another id than when last matched (IDSW of CLEAR MOT).
 
-    A match of the frame before is kept while it is similar enough; the rest are matched so that as many as can be are,
-    and of those with the greatest sum of similarities.
+    A person's last match is kept wherever it is similar enough; the rest are matched so that as many as can be are, and
+    of those with the greatest sum of similarities.
     """
     last: dict[int, int] = {}
-    current: dict[int, int] = {}
     switches = 0
     for frame in frames:
         s = np.where(frame.similarity >= at_least, frame.similarity, 0.0)
         kept = [
-            (row, frame.found_ids.index(current[person]))
+            (row, frame.found_ids.index(last[person]))
             for row, person in enumerate(frame.true_ids)
-            if current.get(person) in frame.found_ids
+            if last.get(person) in frame.found_ids
         ]
         weight = np.where(s > 0, 10.0 + s, 0.0)
         for row, column in kept:
             weight[row, column] += 1000.0 * (s[row, column] > 0)
         i, j = linear_sum_assignment(weight, maximize=True)
-        current = {
+        matched = {
             frame.true_ids[row]: frame.found_ids[column]
             for row, column in zip(i, j, strict=True)
             if weight[row, column]
         }
-        switches += sum(last.get(person, found) != found for person, found in current.items())
-        last |= current
+        switches += sum(last.get(person, found) != found for person, found in matched.items())
+        last |= matched
     return switches
 
 

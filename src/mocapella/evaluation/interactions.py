@@ -20,7 +20,7 @@ from mocapella.evaluation.study_pairs import StudySession
 Float64 = NDArray[np.float64]
 
 NEAR: Final = 0.5
-"""A person found this near to a label can be the one who is labelled [m]; at the crossings people are 0.55 m apart."""
+"""A person found this near to a label can be the one who is labelled [m]; labelled people are 0.48 m apart or more."""
 FRESH: Final = 0.3
 """A row older than this does not say where somebody is [s]."""
 _ROOT = TOPOLOGY.parts["root"]

@@ -1,0 +1,115 @@
+"""HOTA, IDF1 and identity switches: laws, and sequences that can be counted by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mocapella.evaluation.identity import IdentityFrame, hota, identity_switches, idf1, similarity
+
+
+def frame(true: list[int], found: list[int], pairs: dict[tuple[int, int], float]) -> IdentityFrame:
+    """Similarities by (true id, found id); 0 elsewhere."""
+    s = np.array([[pairs.get((t, f), 0.0) for f in found] for t in true]).reshape(len(true), len(found))
+    return IdentityFrame(tuple(true), tuple(found), s)
+
+
+@st.composite
+def sequences(draw: st.DrawFn) -> list[IdentityFrame]:
+    people, length = draw(st.integers(1, 4)), draw(st.integers(1, 8))
+    subsets = st.sets(st.integers(0, people - 1)).map(sorted)
+    frames = []
+    for _ in range(length):
+        true, found = draw(subsets), draw(subsets)
+        values = draw(st.lists(st.floats(0, 1), min_size=len(true) * len(found), max_size=len(true) * len(found)))
+        s = np.array(values).reshape(len(true), len(found))
+        frames.append(IdentityFrame(tuple(true), tuple(f + 10 for f in found), s))
+    return frames
+
+
+@given(sequences())
+def test_a_perfect_result_is_one_without_a_switch(frames: list[IdentityFrame]) -> None:
+    perfect = [IdentityFrame(f.true_ids, tuple(i + 100 for i in f.true_ids), np.eye(len(f.true_ids))) for f in frames]
+    scored = hota(perfect)
+    assert (scored.hota, scored.detection, scored.association) == pytest.approx((1, 1, 1))
+    assert idf1(perfect) == 1.0
+    assert identity_switches(perfect) == 0
+
+
+@given(sequences(), st.permutations(range(10, 14)), st.permutations(range(4)))
+def test_what_the_ids_are_called_does_not_matter(
+    frames: list[IdentityFrame], found_names: list[int], true_names: list[int]
+) -> None:
+    renamed = [
+        IdentityFrame(
+            tuple(true_names[i] for i in f.true_ids), tuple(found_names[i - 10] for i in f.found_ids), f.similarity
+        )
+        for f in frames
+    ]
+    assert idf1(renamed) == pytest.approx(idf1(frames))
+    distinct = np.concatenate([f.similarity.reshape(-1) for f in frames])
+    if len(np.unique(distinct)) == len(distinct):  # ties are broken by the order
+        assert hota(renamed).hota == pytest.approx(hota(frames).hota)
+        assert identity_switches(renamed) == identity_switches(frames)
+
+
+@given(sequences())
+def test_figures_are_between_zero_and_one(frames: list[IdentityFrame]) -> None:
+    scored = hota(frames)
+    for value in (scored.hota, scored.detection, scored.association, idf1(frames)):
+        assert 0 <= value <= 1 + 1e-12
+    assert identity_switches(frames) >= 0
+
+
+def test_one_person_whose_id_changes_at_the_half() -> None:
+    frames = [frame([0], [1 if t < 5 else 2], {(0, 1): 1.0, (0, 2): 1.0}) for t in range(10)]
+    scored = hota(frames)
+    assert scored.detection == 1.0
+    assert scored.association == 0.5  # of each match, 5 of the 10 frames in which either id is there
+    assert scored.hota == pytest.approx(np.sqrt(0.5))
+    assert idf1(frames) == pytest.approx(2 * 5 / 20)
+    assert identity_switches(frames) == 1
+
+
+def test_two_people_who_swap_ids_are_two_switches() -> None:
+    straight = frame([0, 1], [5, 6], {(0, 5): 1.0, (1, 6): 1.0})
+    crossed = frame([0, 1], [5, 6], {(0, 6): 1.0, (1, 5): 1.0})
+    frames = [straight] * 3 + [crossed] * 1
+    assert identity_switches(frames) == 2
+    assert idf1(frames) == pytest.approx(2 * 6 / 16)
+    assert hota(frames).association == pytest.approx((6 * 3 / 5 + 2 * 1 / 7) / 8)
+
+
+def test_a_person_lost_and_found_under_the_same_id_is_no_switch() -> None:
+    seen, lost = frame([0], [7], {(0, 7): 0.9}), frame([0], [], {})
+    assert identity_switches([seen, lost, seen]) == 0
+    assert idf1([seen, lost, seen]) == pytest.approx(2 * 2 / 5)
+    assert identity_switches([seen, lost, frame([0], [8], {(0, 8): 0.9})]) == 1
+
+
+def test_alphas_count_by_how_near_the_match_is() -> None:
+    frames = [frame([0], [1], {(0, 1): 0.5})] * 4
+    scored = hota(frames)  # a match at α = 0.05, 0.10, …, 0.50: 10 of 19; else one miss and one false positive
+    assert scored.hota == pytest.approx(10 / 19)
+
+
+def test_a_found_person_too_many_lowers_detection() -> None:
+    frames = [frame([0], [1, 2], {(0, 1): 1.0})] * 4
+    assert hota(frames).detection == 0.5
+    assert idf1(frames) == pytest.approx(2 * 4 / 12)
+
+
+def test_nobody_there_and_nobody_found_is_perfect_and_nobody_found_is_nothing() -> None:
+    assert hota([frame([], [], {})]).hota == idf1([frame([], [], {})]) == 1.0
+    assert hota([frame([0], [], {})]).hota == idf1([frame([0], [], {})]) == 0.0
+
+
+def test_similarity_falls_with_the_mean_distance_of_the_joints_that_both_have() -> None:
+    true = np.zeros((1, 4, 3))
+    found = np.stack([np.full((4, 3), x) * [1, 0, 0] for x in (0.0, 0.25, 1.5)])
+    found[1, 0] = np.nan
+    np.testing.assert_allclose(similarity(true, found), [[1.0, 0.75, 0.0]])
+    assert similarity(true, np.full((1, 4, 3), np.nan)) == 0
+    assert similarity(true, np.zeros((0, 4, 3))).shape == (1, 0)
