@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.geometry.rigid import apply
 from mocapella.model.bodies import BodyKey
 from mocapella.settings import check
 
@@ -138,6 +139,12 @@ class Tracks:
         self.merged: tuple[tuple[int, int], ...] = ()
         self._next = 0
         self._close_since_s: dict[tuple[int, int], float] = {}
+
+    def move(self, T_new_old: Float64) -> None:
+        """Everything is told in another frame from now on."""
+        self.tracks = tuple(
+            msgspec.structs.replace(track, middle=apply(T_new_old, track.middle)) for track in self.tracks
+        )
 
     def update(
         self, sensor: str, ids: Sequence[int], middles: Float64, expected: Mapping[int, Float64], at_s: float

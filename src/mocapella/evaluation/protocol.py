@@ -5,34 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Protocol, runtime_checkable
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.errors import EvaluationError
-from mocapella.model.bodies import BodyKey
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Scene
+from mocapella.tracker.protocol import SensorViews
 
 Float64 = NDArray[np.float64]
 
 RIGID_WITHIN = 1e-6
 """How far a motion's rotation may be from orthonormal, by any element of Rᵀ R."""
-
-
-class SensorViews(msgspec.Struct, frozen=True, eq=False):
-    """What a method knows of the sensors after a frame; it is applied to *later* frames only.
-
-    Attributes:
-        T_world_sensor: (4, 4) by sensor: one motion, shared by all people; a sensor that is not in it is unknown.
-        time_offset_s: by sensor: its frames were captured so much later than their ``at_ns`` says [s]. Two sensors
-            that are both in it have their views brought to one instant; others are compared as they came.
-        swapped: the views whose left and right labels are to be swapped so that the sensors agree.
-    """
-
-    T_world_sensor: Mapping[str, Float64]
-    time_offset_s: Mapping[str, float] = {}
-    swapped: frozenset[BodyKey] = frozenset()
 
 
 class JointBias(Protocol):

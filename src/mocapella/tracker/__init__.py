@@ -11,11 +11,14 @@ from typing import Any, Final
 from mocapella.errors import SettingsError, one_of
 from mocapella.model.session import SensorPose
 from mocapella.settings import check, parse
+from mocapella.tracker.default import DefaultSettings, DefaultTracker
 from mocapella.tracker.protocol import Tracker, TrackerReport
 from mocapella.tracker.stand_still import StandStillTracker, StandStillTrackerSettings
 
 __all__ = [
     "METHODS",
+    "DefaultSettings",
+    "DefaultTracker",
     "StandStillTracker",
     "StandStillTrackerSettings",
     "Tracker",
@@ -29,7 +32,13 @@ def _stand_still(settings: Mapping[str, Any], sensors_expected: int, sensors: Ma
     return StandStillTracker(values, sensors_expected=sensors_expected, sensors=sensors)
 
 
+def _default(settings: Mapping[str, Any], sensors_expected: int, sensors: Mapping[str, SensorPose]) -> Tracker:
+    values = parse(DefaultSettings, settings, where="settings of default")
+    return DefaultTracker(values, sensors_expected=sensors_expected, sensors=sensors)
+
+
 METHODS: Final[Mapping[str, Callable[[Mapping[str, Any], int, Mapping[str, SensorPose]], Tracker]]] = {
+    "default": _default,
     "stand-still": _stand_still,
 }
 """How to make a tracker, by the method's name: of settings, sensors expected, and sensors' poses."""

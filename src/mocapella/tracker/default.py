@@ -13,16 +13,23 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final, Protocol
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.association.tracks import Track, Tracks, TrackSettings
+from mocapella.calibration.cold_start import ColdStart
+from mocapella.calibration.floor import FloorFromFeet
+from mocapella.calibration.pair_calibration import PairCalibration, PairEstimate, PairSettings
+from mocapella.calibration.pair_memory import BodyTrack
+from mocapella.calibration.people import CalibratedSensor, PairOfSensors, PeopleCalibration, PeopleState
+from mocapella.calibration.people import PeopleSettings as CalibrationSettings
+from mocapella.calibration.time_offset import TimeOffset
 from mocapella.conventions import NS_PER_S
 from mocapella.fusion.weighted_mean import FusionSettings
-from mocapella.geometry.rigid import apply
-from mocapella.model.bodies import Bodies, BodyKey
+from mocapella.geometry.rigid import apply, inverse
+from mocapella.model.bodies import Bodies
 from mocapella.model.memory import pack, unpack
 from mocapella.model.observations import Arrival, BodyFrame
 from mocapella.model.scene import Float64, Person, Phase, PotentialSkeleton, Scene, SensorPlace, TrackerState
@@ -30,41 +37,7 @@ from mocapella.model.session import SensorPose
 from mocapella.smoothing.kalman import KalmanSettings, Points
 from mocapella.tracker.arrivals import Arrivals, Heard, Sighting
 from mocapella.tracker.people import Body, People, PeopleSettings, SeenView, Sight
-from mocapella.tracker.protocol import TrackerReport
-
-
-class Rig(Protocol):
-    """Where the sensors are, as far as is known: what the calibration offers the tracker."""
-
-    @property
-    def T_world_sensor(self) -> Mapping[str, Float64]:  # noqa: N802
-        """(4, 4) by sensor; who is not in it is not tied to the others yet."""
-
-    @property
-    def time_offset_s(self) -> Mapping[str, float]:
-        """By sensor: its frames were captured so much later than the common clock says [s]."""
-
-    @property
-    def condition(self) -> str:
-        """What is wanted, or wrong, in words; empty where all is well."""
-
-    def update(self, bodies: Bodies, people: Mapping[BodyKey, int], at_s: float) -> None:
-        """Learn from one frame; ``people`` says whose bodies are known to be whose."""
-
-    def start_from(self, T_world_sensor: Mapping[str, Float64]) -> None:
-        """Begin with what an earlier calibration found."""
-
-    def places(self) -> tuple[SensorPlace, ...]:
-        """Every sensor that was heard, by name."""
-
-    def memory(self) -> Any:
-        """All that it remembers, of kinds that `mocapella.model.memory` knows."""
-
-    def remember(self, memory: Any) -> None:
-        """Go on from a `memory`."""
-
-    def reset(self) -> None:
-        """Forget everything."""
+from mocapella.tracker.protocol import SensorViews, TrackerReport
 
 
 @dataclass(frozen=True)
@@ -72,6 +45,7 @@ class DefaultSettings:
     """The settings of every stage.
 
     Attributes:
+        calibration: where the sensors are.
         tracks: who is who.
         fusion: what a view is worth.
         motion: how people move.
@@ -79,6 +53,7 @@ class DefaultSettings:
         shown_for_s: somebody whom no sensor sees is shown, as predicted, for so long.
     """
 
+    calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
     tracks: TrackSettings = field(default_factory=TrackSettings)
     fusion: FusionSettings = field(default_factory=FusionSettings)
     motion: KalmanSettings = field(default_factory=KalmanSettings)
@@ -97,14 +72,13 @@ class DefaultTracker:
 
     def __init__(
         self,
-        rig: Rig,
         settings: DefaultSettings | None = None,
         *,
         sensors_expected: int = 1,
         sensors: Mapping[str, SensorPose] | None = None,
     ) -> None:
         self.settings = settings or DefaultSettings()
-        self._rig = rig
+        self._calibration = PeopleCalibration(self.settings.calibration)
         self._poses = dict(sensors or {})
         self._sensors_expected = sensors_expected
         self._arrivals = Arrivals(self.settings.silent_after_s, _NEEDED_PARTS)
@@ -115,7 +89,11 @@ class DefaultTracker:
         """Forget everything, as if newly made."""
         self._arrivals.reset()
         self._tracks.reset()
-        self._rig.reset()
+        self._calibration.reset()
+        self._root = ""
+        self._given: dict[str, Float64] = {}
+        self._T_root_sensor: dict[str, Float64] = {}
+        self._T_world_root = np.eye(4)
         self._people: People | None = None
         self._middle = np.empty(0, dtype=np.intp)
         self._now_s = 0.0
@@ -127,19 +105,20 @@ class DefaultTracker:
 
     def recalibrate(self, reason: str) -> None:
         """Begin the calibration again; the next scene says why."""
-        self._rig.reset()
+        self._calibration.reset()
+        self._given, self._T_root_sensor, self._root = {}, {}, ""
         self._state = TrackerState(Phase.CALIBRATING, reason=reason)
 
     def snapshot(self) -> bytes:
         """See `Tracker`."""
         own = {name: getattr(self, name) for name in _OWN_MEMORY}
         people = None if self._people is None else (self._people.mirror, self._people.bodies)
-        parts = [own, vars(self._arrivals), vars(self._tracks), people, self._rig.memory()]
+        parts = [own, vars(self._arrivals), vars(self._tracks), people, vars(self._calibration)]
         return pack(parts, _REMEMBERED)
 
     def restore(self, data: bytes) -> None:
         """See `Tracker`."""
-        own, arrivals, tracks, people, rig = unpack(data, _REMEMBERED)
+        own, arrivals, tracks, people, calibration = unpack(data, _REMEMBERED)
         vars(self).update(own)
         vars(self._arrivals).update(arrivals)
         vars(self._tracks).update(tracks)
@@ -147,11 +126,26 @@ class DefaultTracker:
         if people is not None:
             self._people = self._make_people(people[0])
             self._people.bodies = people[1]
-        self._rig.remember(rig)
+        vars(self._calibration).update(calibration)
 
     def start_from(self, T_world_sensor: Mapping[str, Float64]) -> None:
-        """Begin with what an earlier calibration found."""
-        self._rig.start_from(T_world_sensor)
+        """A rig that is known before the first frame: used for a sensor until its own place is known better."""
+        self._given = dict(T_world_sensor)
+
+    def sensor_views(self) -> SensorViews:
+        """What is known of the sensors now."""
+        bodies = {} if self._people is None else self._people.bodies
+        clocks = {name: sensor.clock for name, sensor in self._calibration.state.sensors.items()}
+        return SensorViews(
+            {name: self._T_world_root @ T for name, T in self._T_root_sensor.items()},
+            {name: -clock.seconds for name, clock in clocks.items() if clock is not None and clock.known},
+            frozenset(
+                (sensor, view.tracking_id)
+                for body in bodies.values()
+                for sensor, view in body.views.items()
+                if view.swapped
+            ),
+        )
 
     @property
     def report(self) -> TrackerReport:
@@ -168,24 +162,54 @@ class DefaultTracker:
             topology = heard.newest[heard.sensor].frame.topology
             self._people = self._make_people(np.asarray(topology.mirror))
         sighting = heard.newest[heard.sensor]
-        at_s = sighting.at_ns / NS_PER_S + self._rig.time_offset_s.get(heard.sensor, 0.0)
-        known = self._track(sighting, at_s, self._people)
-        self._rig.update(sighting.bodies, known, at_s)
-        self._places = self._rig.places()
+        self._calibrate(sighting)
+        self._track(sighting, self._people)
+        self._places = self._say_places()
         self._state = self._stand(heard)
         self._shown = self._show(heard, self._people)
         return self._scene(arrival)
+
+    def _calibrate(self, sighting: Sighting) -> None:
+        """Learn from the frame where the sensors are. Everything else is told in the frame of the first of them."""
+        owners = {
+            (sensor, body): track.person for track in self._tracks.tracks for sensor, body in track.bodies.items()
+        }
+        frame = sighting.frame
+        pose = self._poses.get(frame.sensor, SensorPose(frame.tilt, max(0.0, frame.height)))
+        state = self._calibration.update(sighting.bodies, sighting.at_ns, owners, pose)
+        sensors = state.sensors
+        trusted: dict[str, int] = {}
+        for sensor in sensors.values():
+            trusted[sensor.root] = trusted.get(sensor.root, 0) + sensor.trusted
+        root = max(trusted, key=lambda name: (trusted[name], name == self._root))
+        self._T_world_root = sensors[root].T_world_sensor
+        to_root = inverse(self._T_world_root)
+        self._T_root_sensor = {
+            name: to_root @ sensor.T_world_sensor
+            for name, sensor in sensors.items()
+            if sensor.root == root and sensor.trusted
+        }
+        for name in sensors:
+            if name not in self._T_root_sensor and name in self._given and root in self._given:
+                self._T_root_sensor[name] = inverse(self._given[root]) @ self._given[name]
+        if root != self._root:
+            if self._root and self._people is not None and self._root in self._T_root_sensor:
+                self._people.move(self._T_root_sensor[self._root])
+                self._tracks.move(self._T_root_sensor[self._root])
+            self._root = root
 
     def _make_people(self, mirror: NDArray[np.int64]) -> People:
         self._middle = np.flatnonzero(mirror == np.arange(len(mirror)))
         return People(PeopleSettings(self.settings.fusion, self.settings.motion), mirror)
 
-    def _track(self, sighting: Sighting, at_s: float, people: People) -> dict[BodyKey, int]:
-        """Whose bodies these are; everybody brought up to date. Nobody's where the sensor's place is not known."""
+    def _track(self, sighting: Sighting, people: People) -> None:
+        """Whose bodies these are, and everybody brought up to date; nothing where the sensor's place is not known."""
         bodies, sensor = sighting.bodies, sighting.bodies.sensor
-        T = self._rig.T_world_sensor.get(sensor)
+        T = self._T_root_sensor.get(sensor)
         if T is None:
-            return {}
+            return
+        clock = self._calibration.state.sensors[sensor].clock
+        at_s = sighting.at_ns / NS_PER_S - (clock.seconds if clock is not None and clock.known else 0.0)
         self._now_s = max(self._now_s, at_s)
         world = apply(T, bodies.positions)
         expected = people.expected(self._now_s)
@@ -203,14 +227,27 @@ class DefaultTracker:
         }
         people.update(expected, sights, self._now_s)
         people.keep([track.person for track in self._tracks.tracks])
-        return {(sensor, body): person for body, person in zip(bodies.ids, owners, strict=True) if person >= 0}
+
+    def _say_places(self) -> tuple[SensorPlace, ...]:
+        return tuple(
+            SensorPlace(
+                name,
+                self._T_world_root @ self._T_root_sensor[name] if name in self._T_root_sensor else None,
+                float(np.sqrt(np.trace(sensor.covariance[:3, :3]))),
+                float(np.sqrt(np.trace(sensor.covariance[3:, 3:]))),
+                sensor.quality,
+                sensor.condition,
+            )
+            for name, sensor in self._calibration.state.sensors.items()
+        )
 
     def _stand(self, heard: Heard) -> TrackerState:
         missing = self._sensors_expected - len(heard.newest)
         if missing > 0:
             return TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=missing)
-        untied = [sensor for sensor in heard.newest if sensor not in self._rig.T_world_sensor]
-        return TrackerState(Phase.CALIBRATING if untied else Phase.TRACKING, reason=self._rig.condition)
+        untied = [sensor for sensor in heard.newest if sensor not in self._T_root_sensor]
+        reason = "; ".join(self._calibration.state.conditions)
+        return TrackerState(Phase.CALIBRATING if untied else Phase.TRACKING, reason=reason)
 
     def _show(self, heard: Heard, people: People) -> tuple[Person, ...]:
         """Everybody who is confirmed and was seen lately, with the views that are not too old."""
@@ -220,18 +257,22 @@ class DefaultTracker:
             if body is None or not track.confirmed or self._now_s - track.seen_s > self.settings.shown_for_s:
                 continue
             views = tuple(
-                self._view(sensor, view, heard) for sensor, view in body.views.items() if sensor in heard.newest
+                self._view(sensor, view, heard)
+                for sensor, view in body.views.items()
+                if sensor in heard.newest and sensor in self._T_root_sensor
             )
             sd = np.sqrt(body.points.variances[:, 0]).astype(np.float32)
-            shown.append(Person(track.person, body.points.positions, body.states, views, sd))
+            positions = apply(self._T_world_root, body.points.positions)
+            shown.append(Person(track.person, positions, body.states, views, sd))
         return tuple(shown)
 
     def _view(self, sensor: str, view: SeenView, heard: Heard) -> PotentialSkeleton:
         frame = heard.newest[sensor].frame
         pose = self._poses.get(sensor, frame)
-        T = self._rig.T_world_sensor[sensor]
+        T = self._T_world_root @ self._T_root_sensor[sensor]
+        positions = apply(self._T_world_root, view.positions)
         return PotentialSkeleton(
-            sensor, view.tracking_id, frame.time_ns, pose.tilt, pose.height, T, view.positions, view.states
+            sensor, view.tracking_id, frame.time_ns, pose.tilt, pose.height, T, positions, view.states
         )
 
     def _scene(self, arrival: Arrival) -> Scene:
@@ -250,10 +291,25 @@ class DefaultTracker:
         )
 
 
-_OWN_MEMORY: Final = ("_now_s", "_steps", "_rejected", "_state", "_shown", "_places")
+_OWN_MEMORY: Final = (
+    *("_now_s", "_steps", "_rejected", "_state", "_shown", "_places"),
+    *("_root", "_given", "_T_root_sensor", "_T_world_root"),
+)
 _REMEMBERED: Final = (
     Bodies,
     Body,
+    BodyTrack,
+    CalibratedSensor,
+    CalibrationSettings,
+    ColdStart,
+    FloorFromFeet,
+    PairCalibration,
+    PairEstimate,
+    PairOfSensors,
+    PairSettings,
+    PeopleState,
+    SensorPose,
+    TimeOffset,
     BodyFrame,
     Person,
     Phase,

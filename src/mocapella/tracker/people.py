@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.fusion.weighted_mean import FusionSettings, learn_offsets, view_variances, weighted_mean
+from mocapella.geometry.rigid import apply
 from mocapella.model.observations import JointState
 from mocapella.smoothing.kalman import KalmanSettings, Points, correct, predict, unknown
 
@@ -119,6 +120,23 @@ class People:
             if (sight := sights.get(person)) is not None:
                 views[sight.sensor] = self._seen(sight, body.views.get(sight.sensor), points)
             self.bodies[person] = self._fuse(body, points, dict(sorted(views.items())))
+
+    def move(self, T_new_old: Float64) -> None:
+        """Everything is told in another frame from now on."""
+        R = T_new_old[:3, :3]
+        for person, body in self.bodies.items():
+            points = msgspec.structs.replace(
+                body.points,
+                positions=apply(T_new_old, body.points.positions),
+                velocities=body.points.velocities @ R.T,
+            )
+            views = {
+                sensor: msgspec.structs.replace(
+                    view, positions=apply(T_new_old, view.positions), offsets=view.offsets @ R.T
+                )
+                for sensor, view in body.views.items()
+            }
+            self.bodies[person] = msgspec.structs.replace(body, points=points, views=views)
 
     def keep(self, people: Sequence[int]) -> None:
         """Forget everybody else."""

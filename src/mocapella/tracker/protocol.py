@@ -6,8 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.model.bodies import BodyKey
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Scene
+
+Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -27,6 +34,21 @@ class TrackerReport:
     rejected: Mapping[str, int]
     calibrations: int
     restarts: int
+
+
+class SensorViews(msgspec.Struct, frozen=True, eq=False):
+    """What a method knows of the sensors after a frame; it is applied to *later* frames only.
+
+    Attributes:
+        T_world_sensor: (4, 4) by sensor: one motion, shared by all people; a sensor that is not in it is unknown.
+        time_offset_s: by sensor: its frames were captured so much later than their ``at_ns`` says [s]. Two sensors
+            that are both in it have their views brought to one instant; others are compared as they came.
+        swapped: the views whose left and right labels are to be swapped so that the sensors agree.
+    """
+
+    T_world_sensor: Mapping[str, Float64]
+    time_offset_s: Mapping[str, float] = {}
+    swapped: frozenset[BodyKey] = frozenset()
 
 
 class Tracker(Protocol):
