@@ -73,7 +73,7 @@ class PairSettings:
     rotation_sd_wanted: float = 0.09
     residual_allowed_m: float = 0.25
     offset_bound_wanted_s: float = 0.02
-    moved_factor: float = 3.0
+    moved_factor: float = 3.5
     moved_least_m: float = 0.1
 
     def __post_init__(self) -> None:
@@ -200,7 +200,7 @@ class PairCalibration:
             big = np.diag([1e6] * 3 + [np.pi**2] * 3)
             unknown = TimeOffset(0.0, OFFSET_PRIOR_SD, False)
             return PairEstimate(self.T_a_b.copy(), big, 1e3, np.pi, 0.0, 0.0, np.nan, unknown, NOBODY)
-        H, _ = normal_equations(self.moments, self.T_a_b, self.scalars[at.OFFSET])
+        H, g = normal_equations(self.moments, self.T_a_b, self.scalars[at.OFFSET])
         covariance = self._covariance(H)
         C = covariance[:6, :6]
         at_people = np.hstack([np.eye(3), -cross_matrix(self._centre())])
@@ -215,7 +215,7 @@ class PairCalibration:
             motion_s=float(self.scalars[at.MOTION]),
             samples=self._samples(),
             residual=residual,
-            offset=self._offset(float(np.sqrt(covariance[6, 6]))),
+            offset=self._offset(H, g, float(np.sqrt(covariance[6, 6]))),
             problem=self._problem(position_sd, rotation_sd, residual),
         )
 
@@ -241,34 +241,44 @@ class PairCalibration:
         """(7, 7) of twist and offset; the offset's prior is `OFFSET_PRIOR_SD`."""
         samples = max(self._samples(), 0.5)
         error = max(self.residual, 0.5 * self.settings.residual_floor_m)
-        # Before there are samples: one is as good as three joints with independent errors.
-        expected = error**2 * self.moments[0] / (3 * samples) * H
-        seen = (samples * self.scatter + PRIOR_SAMPLES * expected) / (samples + PRIOR_SAMPLES)
         # In units in which H is near the identity: metres, radians and seconds are not alike.
         unit = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-12 * H[0, 0]))
-        scaled = unit[:, None] * H * unit
-        ridge = scaled + 1e-9 * np.eye(7)
-        half = np.linalg.solve(ridge, unit[:, None] * seen * unit)
-        covariance = unit[:, None] * np.linalg.solve(ridge, half.T) * unit
-        covariance = M_ESTIMATE * (covariance + covariance.T) / 2
+        values, axes = np.linalg.eigh(unit[:, None] * H * unit)
+        values = np.maximum(values, LEAST_EIGENVALUE)
+        # Before there are samples: one is as good as three joints with independent errors.
+        expected = error**2 * self.moments[0] / (3 * samples) * (axes * values) @ axes.T
+        seen = unit[:, None] * self.scatter * unit
+        half = unit[:, None] * (axes / values) @ axes.T
+        scatter = (samples * seen + PRIOR_SAMPLES * expected) / (samples + PRIOR_SAMPLES)
+        covariance = M_ESTIMATE * half @ scatter @ half.T
+        covariance = (covariance + covariance.T) / 2
         gain = covariance[:, 6] / (covariance[6, 6] + OFFSET_PRIOR_SD**2)
         return np.asarray(covariance - np.outer(gain, covariance[6]))
 
-    def _offset(self, sd: float) -> TimeOffset:
+    def _offset(self, H: Float64, g: Float64, sd: float) -> TimeOffset:
+        """Used so far, and what the moments say beyond it."""
         known = 2 * sd <= self.settings.offset_bound_wanted_s and self._samples() >= self.settings.samples_wanted
         seconds = self.scalars[at.OFFSET] + self.scalars[at.REFERENCE_OFFSET]
-        return TimeOffset(float(seconds) if known else 0.0, sd, known)
+        return TimeOffset(float(seconds + np.linalg.lstsq(H, g, rcond=1e-12)[0][6]) if known else 0.0, sd, known)
 
     def _follow_clock(self) -> None:
-        """Solve for the offset of b's clock, and use it where it is known."""
+        """Solve for the offset of b's clock, and use it when it is known to half a frame or so, or far from 0."""
         offset = self.scalars[at.OFFSET]
         H, g = normal_equations(self.moments, self.T_a_b, offset)
         sd = float(np.sqrt(self._covariance(H)[6, 6]))
-        if not self._offset(sd).known:
+        step = float(np.linalg.lstsq(H, g, rcond=1e-12)[0][6])
+        if self._samples() < self.settings.samples_wanted:
             return
-        offset += float(np.linalg.solve(H, g)[6])
+        if sd > self.settings.offset_bound_wanted_s and abs(offset + step) < SIGNIFICANT * sd:
+            return
+        offset += step
         if abs(offset) > RESAMPLE_BEYOND:
-            self.moments[:] = shifted(self.moments, offset)
+            # The shift is exact for joints that keep their velocity, so the more was shifted, the less it counts.
+            fade = np.exp(-abs(offset) / SHIFT_TRUSTED)
+            self.moments[:] = fade * shifted(self.moments, offset)
+            self.scatter *= fade * fade
+            self.scalars[[at.BLOCKS, at.COST, at.COST_WEIGHT, at.APART_SQ, *CENTRES]] *= fade
+            self.scalars[at.BLOCKS_SQ] *= fade * fade
             self.scalars[at.REFERENCE_OFFSET] += offset
             offset = 0.0
         self.scalars[at.OFFSET] = offset
@@ -289,7 +299,14 @@ class PairCalibration:
         return ""
 
 
-PRIOR_SAMPLES: Final = 4.0
+LEAST_EIGENVALUE: Final = 1e-7
+"""Of H in units of its diagonal: below it nothing is known."""
+SIGNIFICANT: Final = 3.0
+"""An offset that is so many standard deviations from 0 is used before it is known well."""
+SHIFT_TRUSTED: Final = 0.03
+"""What was shifted by this counts 1/e [s]."""
+CENTRES: Final = (at.CENTRE, at.CENTRE + 1, at.CENTRE + 2)
+PRIOR_SAMPLES: Final = 2.0
 """What is expected of an estimate's error counts as much as so many samples of it."""
 REACH_M: Final = 1.0
 """So far from where people were, they may be next [m]."""

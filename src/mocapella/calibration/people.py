@@ -53,11 +53,11 @@ class PeopleSettings:
 
     pair: PairSettings = field(default_factory=PairSettings)
     match_within_m: float = 0.5
-    moved_after_s: float = 1.5
+    moved_after_s: float = 2.0
     frozen_after_s: float = 0.5
     gone_after_s: float = 1.0
     clock_jump_s: float = 2.0
-    refresh_s: float = 0.1
+    refresh_s: float = 0.2
     partners: int = 4
 
     def __post_init__(self) -> None:
@@ -405,26 +405,33 @@ class PeopleCalibration:
         )
 
     def _condition(self, name: str, place: PlacedSensor, placed: Mapping[str, PlacedSensor]) -> str:
-        if self._frozen(name):
-            return "its picture stands still: start the sensor again"
-        others = [time for other, time in self._newest.items() if other != name]
-        apart = min((abs(self._newest[name] - time) for time in others), default=0.0)
-        if apart > self.settings.clock_jump_s:
-            return f"its clock is {apart:.0f} s from the others', or it is silent"
-        if self._now - self._jumped.get(name, -np.inf) < 5.0:
-            return "its clock jumped back"
-        if name in self._moved:
-            return "it was moved (or the sensor beside it): walk a few steps where both see you"
+        if condition := self._stream_condition(name):
+            return condition
         pairs = {key: pair for key, pair in self._pairs.items() if name in key}
-        if not pairs or (place.trusted and place.root != name):
-            return self._doubts(name, pairs)
-        if any(other.root == name and other.trusted for key, other in placed.items() if key != name):
+        tied = place.trusted and any(
+            other.root == place.root and other.trusted for key, other in placed.items() if key != name
+        )
+        if not pairs or tied:
             return self._doubts(name, pairs)
         seen = [(key, pair.estimate) for key, pair in pairs.items() if pair.estimate is not None]
         if not seen:
             return "no other sensor sees the people that it sees: walk where two sensors see you"
         key, estimate = min(seen, key=lambda item: item[1].position_sd)
         return f"with {key[0] if key[1] == name else key[1]}: {estimate.problem}" if estimate.problem else ""
+
+    def _stream_condition(self, name: str) -> str:
+        """What is wrong with what the sensor sends; empty where nothing is."""
+        if self._frozen(name):
+            return "its picture stands still: start the sensor again"
+        others = [time for other, time in self._newest.items() if other != name]
+        apart = min((abs(self._newest[name] - time) for time in others), default=0.0)
+        if apart > self.settings.clock_jump_s:
+            return f"its clock is {apart:.0f} s from the others', or it is silent"
+        if 0 <= self._now - self._jumped.get(name, -np.inf) < SAID_FOR_S:
+            return "its clock jumped back"
+        if name in self._moved:
+            return "it was moved (or the sensor beside it): walk a few steps where both see you"
+        return ""
 
     def _doubts(self, name: str, pairs: Mapping[tuple[str, str], PairOfSensors]) -> str:
         for key, pair in pairs.items():
@@ -501,6 +508,8 @@ def _in_one_place(T_a_b: Float64) -> bool:
     return bool(np.linalg.norm(T_a_b[:3, 3]) < ONE_PLACE_M and turn < ONE_PLACE_TURN)
 
 
+SAID_FOR_S: Final = 5.0
+"""A clock that jumped is told of for so long [s]."""
 ONE_PLACE_M: Final = 0.1
 """Two sensors that are nearer stand in one place [m] …"""
 ONE_PLACE_TURN: Final = np.radians(5.0)

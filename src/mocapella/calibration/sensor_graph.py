@@ -12,6 +12,7 @@ Source: F. Lu and E. Milios, "Globally consistent range scan alignment for envir
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from typing import Final
 
 import msgspec
 import numpy as np
@@ -63,6 +64,10 @@ class PlacedSensor(msgspec.Struct, frozen=True, eq=False):
     offset: TimeOffset | None
     root: str
     trusted: bool
+
+
+SMALLEST_STEP: Final = 1e-7
+"""Metres and radians, at which the refinement ends."""
 
 
 def place_sensors(sensors: Sequence[str], pairs: Collection[SensorPair]) -> dict[str, PlacedSensor]:
@@ -127,10 +132,10 @@ def _refine(T: dict[str, Float64], root: str, pairs: Sequence[SensorPair], *, cy
     n = 6 * len(free)
     if not n:
         return {root: np.zeros((6, 6))}
-    for _ in range(5 if cycles else 1):
+    weights = np.linalg.inv(np.stack([pair.covariance for pair in pairs]))
+    for _ in range(4 if cycles else 1):
         A, g = np.zeros((n, n)), np.zeros(n)
-        for pair in pairs:
-            weight = np.linalg.inv(pair.covariance)
+        for pair, weight in zip(pairs, weights, strict=True):
             to_a = adjoint(inverse(T[pair.a]))
             error = log_motion(inverse(T[pair.a]) @ T[pair.b] @ inverse(pair.T_a_b))
             W = to_a.T @ weight @ to_a
@@ -148,7 +153,7 @@ def _refine(T: dict[str, Float64], root: str, pairs: Sequence[SensorPair], *, cy
         step = C @ g
         for sensor, i in free.items():
             T[sensor] = exp_twist(step[i : i + 6]) @ T[sensor]
-        if np.abs(step).max() < 1e-9:
+        if np.abs(step).max() < SMALLEST_STEP:
             break
     blocks = {sensor: C[i : i + 6, i : i + 6] for sensor, i in free.items()}
     return {root: np.zeros((6, 6)), **{sensor: (block + block.T) / 2 for sensor, block in blocks.items()}}

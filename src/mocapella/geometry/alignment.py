@@ -176,8 +176,8 @@ def normal_equations(M: Float64, T: Float64, offset: float = 0.0) -> tuple[Float
     x: Float64 = np.asarray(Rq + W * t)
     pv: Float64 = M[19:28].reshape(3, 3) @ R.T
     xu: Float64 = R @ M[28:37].reshape(3, 3) @ R.T + np.outer(t, u)
-    xx = R @ _symmetric(M[37:43]) @ R.T + np.outer(Rq, t) + np.outer(t, Rq) + W * np.outer(t, t)
-    px: Float64 = M[7:16].reshape(3, 3) @ R.T + np.outer(M[1:4], t)
+    xx: Float64 = R @ _symmetric(M[37:43]) @ R.T + np.outer(Rq, t) + np.outer(t, Rq) + W * np.outer(t, t)
+    px = np.asarray(M[7:16].reshape(3, 3) @ R.T + np.outer(M[1:4], t), dtype=np.float64)
     H = np.empty((7, 7))
     H[:3, :3] = W * np.eye(3)
     H[:3, 3:6] = -cross_matrix(x)

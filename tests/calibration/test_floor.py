@@ -1,0 +1,76 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from walking_people import RATE_HZ, Sensor, Walker, standing_at
+
+from mocapella.calibration.floor import FloorFromFeet, floor_of_pose, mean_floor
+from mocapella.geometry.rigid import apply, inverse
+from mocapella.model.observations import JointState
+
+POSES = [standing_at(0.3, -0.2, 30.0, height=1.4, tilt_deg=-12.0), standing_at(0.0, 0.0, 0.0, height=0.6, tilt_deg=15.0)]
+
+
+@pytest.mark.parametrize("T_world_sensor", POSES)
+def test_the_floor_is_found_from_feet_under_a_tilted_sensor(T_world_sensor: np.ndarray) -> None:
+    sensor, feet = Sensor("a", T_world_sensor, noise=0.01), FloorFromFeet()
+    assert feet.floor() is None
+    for i in range(round(20 * RATE_HZ)):
+        feet.update(sensor.see({0: Walker(speed=0.8)}, i / RATE_HZ), i / RATE_HZ)
+    floor = feet.floor()
+    assert floor is not None
+    up = T_world_sensor[:3, :3].T @ [0.0, 1.0, 0.0]
+    assert np.arccos(np.clip(floor.up @ up, -1, 1)) < np.radians(1.5)
+    assert floor.height == pytest.approx(T_world_sensor[1, 3], abs=0.04)
+    assert np.arccos(np.clip(floor.up @ up, -1, 1)) < 3 * floor.up_sd
+
+
+def test_standing_still_is_enough_for_a_floor_and_it_is_less_sure() -> None:
+    sensor = Sensor("a", POSES[0], noise=0.003)
+    found = []
+    for walker in (Walker(speed=0.0), Walker(speed=0.8)):
+        feet = FloorFromFeet()
+        for i in range(round(20 * RATE_HZ)):
+            feet.update(sensor.see({0: walker}, i / RATE_HZ), i / RATE_HZ)
+        found.append(feet.floor())
+    stands, walks = found
+    assert stands is not None
+    assert walks is not None
+    assert stands.up_sd > 1.5 * walks.up_sd
+    assert stands.height == pytest.approx(1.4, abs=0.08)
+
+
+def test_what_is_inferred_or_not_there_says_nothing_of_the_floor() -> None:
+    sensor, feet = Sensor("a", POSES[0]), FloorFromFeet()
+    for i in range(200):
+        seen = sensor.see({0: Walker(speed=0.0)}, i / RATE_HZ)
+        seen.states[:] = JointState.INFERRED
+        feet.update(seen, i / RATE_HZ)
+        seen.states[:] = JointState.TRACKED
+        seen.positions[:] = np.nan if i % 2 else 0.0
+        feet.update(seen, i / RATE_HZ + 0.1)
+    assert feet.floor() is None
+
+
+@pytest.mark.parametrize("T_world_sensor", POSES)
+def test_a_given_pose_makes_the_same_world_as_the_truth_but_for_place_and_heading(T_world_sensor: np.ndarray) -> None:
+    tilt = np.arcsin(T_world_sensor[1, 2])
+    T = floor_of_pose(float(tilt), float(T_world_sensor[1, 3])).T_level_sensor
+    points = np.random.default_rng(0).normal(size=(20, 3))
+    np.testing.assert_allclose(apply(T, points)[:, 1], apply(T_world_sensor, points)[:, 1], atol=1e-9)
+    np.testing.assert_allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(T[:3, :3]), 1.0)
+    np.testing.assert_allclose(T[[0, 2], 3], 0.0, atol=1e-12)
+
+
+def test_a_sensor_that_looks_straight_down_still_has_a_world() -> None:
+    T = floor_of_pose(-np.pi / 2, 2.5).T_level_sensor
+    np.testing.assert_allclose(T @ [0, 0, 1.0, 1], [0, 1.5, 0, 1], atol=1e-9)
+    np.testing.assert_allclose(np.linalg.det(T[:3, :3]), 1.0)
+
+
+def test_several_sensors_floors_are_one() -> None:
+    floors = [(inverse(POSES[0]) @ T, floor_of_pose(float(np.arcsin(T[1, 2])), float(T[1, 3]))) for T in POSES]
+    floor = mean_floor(floors)
+    np.testing.assert_allclose(floor.up, POSES[0][:3, :3].T @ [0, 1, 0], atol=1e-9)
+    np.testing.assert_allclose(floor.height, 1.4, atol=1e-9)

@@ -1,0 +1,282 @@
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from walking_people import BACK, FRONT, LEFT, MIRROR, RATE_HZ, SIDE, Sensor, Walker, errors, standing_at
+
+from mocapella.calibration import pair_memory as at
+from mocapella.calibration.pair_calibration import (
+    MIRRORED_STREAM,
+    NOBODY,
+    NOT_ONE_BODY,
+    ON_A_LINE,
+    WALK,
+    PairCalibration,
+    PairSettings,
+)
+from mocapella.calibration.pair_memory import FRAMES_KEPT, BodyTrack
+from mocapella.errors import SettingsError
+from mocapella.geometry.alignment import MOMENTS, align, moments
+from mocapella.geometry.rigid import apply, inverse, rigid, rotation_about_y
+from mocapella.geometry.twists import log_motion
+
+TRUTH = inverse(FRONT) @ SIDE
+WALKER = Walker()
+
+
+def calibrated(  # noqa: PLR0917 - a pair of sensors, people, and for how long
+    a: Sensor,
+    b: Sensor,
+    walkers: Mapping[int, Walker],
+    seconds: float,
+    pair: PairCalibration | None = None,
+    begin: float = 0.0,
+    *,
+    rate_hz: float = RATE_HZ,
+) -> PairCalibration:
+    """Both sensors' frames, as they come; body i of one is body i of the other."""
+    pair = pair or PairCalibration()
+    tracks = {s.name: {body: BodyTrack.empty(25) for body in walkers} for s in (a, b)}
+    count = round(seconds * rate_hz)
+    frames = sorted((begin + s.phase + i / rate_hz, s.name, s) for s in (a, b) for i in range(count))
+    for t, name, sensor in frames:
+        seen = sensor.see(dict(walkers), t)
+        for body, positions, states in zip(seen.ids, seen.positions, seen.states, strict=True):
+            tracks[name][body].add(t + sensor.clock, positions, states, 0.2)
+            pair.update(body, tracks[a.name][body], tracks[b.name][body], MIRROR)
+    return pair
+
+
+def test_without_noise_the_motion_is_exact() -> None:
+    pair = calibrated(Sensor("a", FRONT), Sensor("b", SIDE), {0: WALKER}, 8)
+    np.testing.assert_allclose(pair.T_a_b, TRUTH, atol=1e-9)
+    assert pair.estimate().trusted
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_moving_a_sensors_frame_moves_the_result_with_it(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    A, B = (rigid(rotation_about_y(rng.uniform(-3, 3)), rng.normal(size=3)) for _ in range(2))
+    found = []
+    for T_a, T_b in ((np.eye(4), np.eye(4)), (A, B)):
+        a, b = Sensor("a", FRONT, noise=0.01), Sensor("b", SIDE, noise=0.01)
+        pair, tracks = PairCalibration(), [BodyTrack.empty(25), BodyTrack.empty(25)]
+        for i in range(120):
+            t = i / RATE_HZ
+            for track, sensor, T in zip(tracks, (a, b), (T_a, T_b), strict=True):
+                seen = sensor.see({0: WALKER}, t)
+                track.add(t, apply(T, seen.positions[0]), seen.states[0], 0.2)
+            pair.update(0, *tracks, MIRROR)
+        found.append(pair.T_a_b)
+    np.testing.assert_allclose(found[1], A @ found[0] @ inverse(B), atol=1e-8)
+
+
+@pytest.mark.parametrize("kind", ["outliers", "labels", "both"])
+def test_a_third_of_outliers_and_swapped_labels_do_not_matter(kind: str) -> None:
+    b = Sensor("b", SIDE, noise=0.005)
+    if kind in ("outliers", "both"):
+        b.outliers = 0.3
+    if kind in ("labels", "both"):
+        b.mirrored = True
+    pair = PairCalibration(mirrored_at_first=b.mirrored)
+    metres, radians = errors(calibrated(Sensor("a", FRONT, noise=0.005), b, {0: WALKER}, 12, pair).T_a_b, TRUTH)
+    assert metres < 0.01
+    assert radians < np.radians(0.3)
+
+
+def test_labels_that_are_swapped_for_a_while_are_noticed_each_time() -> None:
+    a, b = Sensor("a", FRONT), Sensor("b", SIDE)
+    pair = calibrated(a, b, {0: WALKER}, 6)
+    mirrored = []
+    for begin in (6.0, 8.0, 10.0):
+        b.mirrored = begin == 8.0
+        calibrated(a, b, {0: WALKER}, 2, pair, begin)
+        mirrored.append(bool(pair.bodies[0][at.MIRRORED]))
+    assert mirrored == [False, True, False]
+    np.testing.assert_allclose(pair.T_a_b, TRUTH, atol=1e-6)
+
+
+def test_the_moments_are_the_batch_of_all_frames_under_the_weights_that_were_used() -> None:
+    """One frame after the other equals one fit of all, where nothing is forgotten and weights do not depend on it."""
+    still = PairSettings(memory_s=9e5, first_memory_s=9e5, residual_floor_m=1e3, full_speed_m_s=1e-6)
+    a, b = Sensor("a", FRONT, noise=0.02), Sensor("b", SIDE, noise=0.02)
+    pair, A, B = PairCalibration(still), BodyTrack.empty(25), BodyTrack.empty(25)
+    p, q = [], []
+    for i in range(40):
+        t = i / RATE_HZ
+        seen = [sensor.see({0: WALKER}, t) for sensor in (a, b)]
+        for track, view in zip((A, B), seen, strict=True):
+            track.add(t, view.positions[0], view.states[0], 0.2)
+        p.append(seen[0].positions[0])
+        q.append(seen[1].positions[0])
+        pair.update(0, A, B, MIRROR)
+    used = slice(4, 37)  # whose velocity is known: two frames and more on either side, and the first counts otherwise
+    batch = align(moments(np.concatenate(p[used]), np.concatenate(q[used])))
+    np.testing.assert_allclose(pair.T_a_b, batch, atol=2e-4)
+
+
+def test_memory_does_not_grow() -> None:
+    short, long = (calibrated(Sensor("a", FRONT), Sensor("b", SIDE), {0: WALKER}, s) for s in (3, 20))
+    assert {k: np.shape(v) for k, v in vars(short).items()} == {k: np.shape(v) for k, v in vars(long).items()}
+    track = BodyTrack.empty(25)
+    for i in range(10 * FRAMES_KEPT):
+        track.add(float(i), np.ones((25, 3)), np.full(25, 2, dtype=np.uint8), 0.2)
+        assert track.held[1] - track.held[0] == min(i + 1, FRAMES_KEPT)
+        assert track.newest == i
+
+
+@pytest.mark.parametrize(
+    ("walkers", "problem"),
+    [({0: Walker(speed=0.0)}, WALK), ({0: Walker(speed=0.0), 1: Walker((0.8, 3.0), speed=0.0)}, WALK), ({}, NOBODY)],
+)
+def test_nobody_walking_is_refused_in_a_plain_sentence(walkers: dict[int, Walker], problem: str) -> None:
+    noisy = (Sensor("a", FRONT, noise=0.01), Sensor("b", SIDE, noise=0.01))
+    estimate = calibrated(*noisy, walkers, 20).estimate()
+    assert estimate.problem == problem
+    assert not estimate.trusted
+
+
+def test_joints_on_a_line_are_refused() -> None:
+    pair, A, B = PairCalibration(), BodyTrack.empty(25), BodyTrack.empty(25)
+    line = np.zeros((25, 3))
+    line[:, 1], line[:, 2] = np.linspace(0, 1.7, 25), 2.5
+    for i in range(200):
+        for track, T in ((A, FRONT), (B, SIDE)):
+            track.add(i / RATE_HZ, apply(inverse(T), line), np.full(25, 2, dtype=np.uint8), 0.2)
+        pair.update(0, A, B, MIRROR)
+    assert pair.estimate().problem == ON_A_LINE
+
+
+def test_two_people_who_are_taken_for_one_are_refused() -> None:
+    pair, A, B = PairCalibration(), BodyTrack.empty(25), BodyTrack.empty(25)
+    one, other = Walker(), Walker((0.5, 3.0), speed=0.9, phase=2.5)
+    for i in range(600):
+        t = i / RATE_HZ
+        for track, sensor, walker in ((A, Sensor("a", FRONT), one), (B, Sensor("b", SIDE), other)):
+            seen = sensor.see({0: walker}, t)
+            track.add(t, seen.positions[0], seen.states[0], 0.2)
+        pair.update(0, A, B, MIRROR)
+    assert pair.estimate().problem == NOT_ONE_BODY
+
+
+def test_a_mirrored_picture_is_said_to_be_one() -> None:
+    class Mirrored(Sensor):
+        def see(self, walkers: dict[int, Walker], t: float):  # type: ignore[no-untyped-def]
+            seen = super().see(walkers, t)
+            seen.positions[..., 0] *= -1
+            return seen
+
+    pair = calibrated(Sensor("a", FRONT), Mirrored("b", SIDE), {0: WALKER}, 20)
+    assert pair.estimate().problem in (MIRRORED_STREAM, NOT_ONE_BODY)
+    assert calibrated(Sensor("a", FRONT), Sensor("b", SIDE), {0: WALKER}, 20).estimate().problem == ""
+
+
+def test_joints_that_are_not_there_do_not_count() -> None:
+    class Holes(Sensor):
+        def see(self, walkers: dict[int, Walker], t: float):  # type: ignore[no-untyped-def]
+            seen = super().see(walkers, t)
+            for value in (np.nan, 0.0, np.inf):
+                seen.positions[:, self.rng.integers(0, 25, 3)] = value
+            seen.states[:, self.rng.integers(0, 25, 3)] = 0
+            return seen
+
+    pair = calibrated(Holes("a", FRONT), Holes("b", SIDE), {0: WALKER}, 8)
+    np.testing.assert_allclose(pair.T_a_b, TRUTH, atol=1e-9)
+    empty = calibrated(Sensor("a", FRONT), Sensor("b", SIDE), {0: WALKER}, 0)
+    track = BodyTrack.empty(25)
+    track.add(0.0, np.full((25, 3), np.nan), np.zeros(25, dtype=np.uint8), 0.2)
+    assert empty.update(0, track, track, MIRROR) == 0
+    assert np.isnan(empty.estimate().T_a_b).any()
+
+
+def test_frames_out_of_order_and_gaps_are_left_out() -> None:
+    track = BodyTrack.empty(25)
+    joints, states = np.ones((25, 3)), np.full(25, 2, dtype=np.uint8)
+    assert track.add(1.0, joints, states, 0.2)
+    assert not track.add(1.0, joints, states, 0.2)
+    assert not track.add(0.5, joints, states, 0.2)
+    assert not track.add(np.nan, joints, states, 0.2)
+    a, b = Sensor("a", FRONT), dataclasses.replace(Sensor("b", SIDE), phase=0.0)
+    pair = calibrated(a, b, {0: WALKER}, 2)
+    steps = pair.scalars[at.STEPS]
+    calibrated(a, b, {0: WALKER}, 0.1, pair, begin=5.0)  # too short for a velocity
+    assert pair.scalars[at.STEPS] == steps
+    np.testing.assert_allclose(pair.T_a_b, TRUTH, atol=1e-9)
+
+
+def test_somebody_who_stands_for_a_minute_does_not_wear_the_estimate_out() -> None:
+    a, b = Sensor("a", FRONT, noise=0.01), Sensor("b", SIDE, noise=0.01)
+    pair = calibrated(a, b, {0: WALKER}, 10)
+    before = pair.estimate()
+    calibrated(a, b, {0: Walker(speed=0.0)}, 60, pair, begin=10.0)
+    after = pair.estimate()
+    assert after.trusted
+    assert after.rotation_sd < 1.5 * before.rotation_sd
+    assert errors(after.T_a_b, TRUTH)[1] < np.radians(0.5)
+
+
+class Biased(Sensor):
+    """What real sensors do: errors of 4 cm that stay the same for 0.7 s, beside the noise."""
+
+    def see(self, walkers: dict[int, Walker], t: float):  # type: ignore[no-untyped-def]
+        seen = super().see(walkers, t)
+        slow = np.random.default_rng([self.seed, int(t / 0.7)])
+        seen.positions[:] += 0.04 * slow.normal(size=(25, 3))
+        return seen
+
+
+def test_the_covariance_is_that_of_the_errors() -> None:
+    """Normalised error squared of six unknowns, over runs: 6 where it is just right, and rather too careful than not.
+
+    The first samples are expected to be worse than they are, and noise that is new in every frame does little harm.
+    """
+    nees, angles, sds = [], [], []
+    for seed in range(16):
+        a, b = Biased("a", FRONT, noise=0.02, seed=seed), Sensor("b", SIDE, noise=0.02, seed=seed)
+        estimate = calibrated(a, b, {0: Walker(phase=seed)}, 15).estimate()
+        d = log_motion(TRUTH @ inverse(estimate.T_a_b))
+        nees.append(d @ np.linalg.solve(estimate.covariance, d))
+        angles.append(np.linalg.norm(d[3:]))
+        sds.append(estimate.rotation_sd)
+    assert 0.5 < np.mean(nees) < 9.0
+    assert np.max(nees) < 20.0
+    assert np.mean(sds) < 4 * np.sqrt(np.mean(np.square(angles)))
+
+
+def test_four_times_the_frames_of_the_same_errors_are_no_more_samples() -> None:
+    few, many = (
+        calibrated(Biased("a", FRONT), Sensor("b", SIDE), {0: WALKER}, 15, rate_hz=rate).estimate()
+        for rate in (30.0, 120.0)
+    )
+    assert many.rotation_sd == pytest.approx(few.rotation_sd, rel=0.3)
+    assert many.samples == pytest.approx(few.samples, rel=0.2)
+
+
+@pytest.mark.parametrize("T_b", [SIDE, LEFT, BACK, standing_at(0.0, 0.0)])
+def test_eight_seconds_of_walking_are_enough_wherever_the_second_sensor_stands(T_b: np.ndarray) -> None:
+    a, b = Sensor("a", FRONT, noise=0.01), Sensor("b", T_b, noise=0.01, phase=0.011)
+    metres, radians = errors(calibrated(a, b, {0: WALKER}, 8).T_a_b, inverse(FRONT) @ T_b)
+    assert metres < 0.010
+    assert radians < np.radians(0.3)
+
+
+def test_settings_out_of_range_are_refused() -> None:
+    for wrong in (
+        {"memory_s": 0.0}, {"label_hysteresis_m": 0.01}, {"mirrored_weight": 1.5}, {"moved_factor": 0.5},
+        {"memory_growth": -1.0}, {"velocity_window_s": 0.5}, {"samples_wanted": 0},
+    ):  # fmt: skip
+        with pytest.raises(SettingsError, match=next(iter(wrong))):
+            PairSettings(**wrong)  # type: ignore[arg-type]
+
+
+def test_what_is_remembered_is_arrays_of_fixed_size() -> None:
+    pair = PairCalibration()
+    assert pair.moments.shape == (MOMENTS,)
+    assert pair.scalars.shape == (at.PAIR_SCALARS,)
+    assert at.new_body(mirrored=True)[at.MIRRORED] == 1.0

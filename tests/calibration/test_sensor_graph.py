@@ -1,0 +1,103 @@
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mocapella.calibration.sensor_graph import SensorPair, place_sensors
+from mocapella.calibration.time_offset import TimeOffset
+from mocapella.geometry.rigid import inverse
+from mocapella.geometry.twists import exp_twist, log_motion
+
+NAMES = ("a", "b", "c", "d")
+UNKNOWN = TimeOffset(0.0, 0.1, False)
+
+
+def truth(rng: np.random.Generator) -> dict[str, np.ndarray]:
+    return {name: exp_twist(rng.normal(size=6) * [2, 0.3, 2, 0.2, 1.5, 0.2]) for name in NAMES}
+
+
+def pair(
+    T: dict[str, np.ndarray], a: str, b: str, rng: np.random.Generator | None = None, sd: float = 0.01, **more: object
+) -> SensorPair:
+    exact = inverse(T[a]) @ T[b]
+    error = np.zeros(6) if rng is None else sd * rng.normal(size=6)
+    fields = {"offset": UNKNOWN, **more}
+    return SensorPair(a, b, exp_twist(error) @ exact, sd**2 * np.eye(6), **fields)  # type: ignore[arg-type]
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 2**32 - 1))
+def test_without_noise_every_sensor_is_where_it_is_tied_through_others(seed: int) -> None:
+    T = truth(np.random.default_rng(seed))
+    for ties in (("ab", "bc", "cd"), ("ab", "bc", "cd", "ad"), ("bd", "cd", "ac"), ("ab", "ac", "ad", "bc", "bd", "cd")):
+        placed = place_sensors(NAMES, [pair(T, *tie) for tie in ties])
+        for name in NAMES:
+            np.testing.assert_allclose(placed[name].T_root_sensor, inverse(T["a"]) @ T[name], atol=1e-9)
+            assert placed[name].root == "a"
+            assert placed[name].trusted
+
+
+def test_cycles_make_it_better_than_the_tree_and_the_covariance_says_so() -> None:
+    wrong: dict[str, list[float]] = {"tree": [], "graph": []}
+    nees = []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        T = truth(rng)
+        pairs = [pair(T, *tie, rng) for tie in ("ab", "bc", "cd", "da"[::-1], "ac", "bd")]
+        for kind, used in (("tree", pairs[:3]), ("graph", pairs)):
+            d = place_sensors(NAMES, used)["d"]
+            error = log_motion(inverse(T["a"]) @ T["d"] @ inverse(d.T_root_sensor))
+            wrong[kind].append(float(error @ error))
+            if kind == "graph":
+                nees.append(error @ np.linalg.solve(d.covariance, error))
+    assert np.mean(wrong["graph"]) < 0.5 * np.mean(wrong["tree"])
+    assert 4.5 < np.mean(nees) < 7.5
+
+
+def test_the_order_of_the_pairs_does_not_matter() -> None:
+    rng = np.random.default_rng(1)
+    T = truth(rng)
+    pairs = [pair(T, *tie, rng) for tie in ("ab", "bc", "cd", "ad", "ac")]
+    one, other = place_sensors(NAMES, pairs), place_sensors(NAMES, pairs[::-1])
+    for name in NAMES:
+        np.testing.assert_allclose(one[name].T_root_sensor, other[name].T_root_sensor, atol=1e-7)
+
+
+def test_sensors_that_nothing_ties_together_are_components_each_in_its_own_frame() -> None:
+    T = truth(np.random.default_rng(2))
+    placed = place_sensors(NAMES, [pair(T, "a", "c"), pair(T, "b", "d")])
+    assert {name: place.root for name, place in placed.items()} == {"a": "a", "b": "b", "c": "a", "d": "b"}
+    np.testing.assert_allclose(placed["d"].T_root_sensor, inverse(T["b"]) @ T["d"], atol=1e-9)
+    assert place_sensors((), []) == {}
+
+
+def test_a_pair_that_is_not_trusted_ties_only_what_nothing_else_does() -> None:
+    T = truth(np.random.default_rng(3))
+    poor = pair(T, "a", "c", np.random.default_rng(4), sd=1e-4, trusted=False)
+    wrong = SensorPair("a", "c", exp_twist(np.ones(6)), poor.covariance, UNKNOWN, False)
+    placed = place_sensors(NAMES, [pair(T, "a", "b"), pair(T, "b", "c"), wrong])
+    np.testing.assert_allclose(placed["c"].T_root_sensor, inverse(T["a"]) @ T["c"], atol=1e-9)
+    placed = place_sensors(NAMES, [pair(T, "a", "b"), wrong])
+    assert not placed["c"].trusted
+    assert placed["c"].root == "a"
+
+
+def test_clocks_are_chained_and_weighed_and_unknown_where_no_known_one_leads() -> None:
+    T = truth(np.random.default_rng(5))
+
+    def known(seconds: float, sd: float = 0.004) -> TimeOffset:
+        return TimeOffset(seconds, sd, True)
+
+    ties = [
+        pair(T, "a", "b", offset=known(0.010)),
+        pair(T, "b", "c", offset=known(0.020)),
+        pair(T, "a", "c", offset=known(0.060, 1.0)),
+        pair(T, "c", "d"),
+    ]
+    placed = place_sensors(NAMES, ties)
+    assert placed["c"].offset is not None
+    np.testing.assert_allclose(placed["c"].offset.seconds, 0.030, atol=1e-4)
+    np.testing.assert_allclose(placed["c"].offset.sd, 0.004 * np.sqrt(2), rtol=0.01)
+    assert placed["d"].offset is None
+    assert placed["a"].offset == TimeOffset(0.0, 0.0, True)
