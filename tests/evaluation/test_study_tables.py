@@ -169,6 +169,13 @@ def test_a_folder_without_logs_and_people_who_are_not_in_it_are_named(tmp_path: 
     assert [session.participant for session in study_sessions(tmp_path)] == [7]
 
 
+def test_logs_of_one_sensor_have_nothing_to_score(tmp_path: Path) -> None:
+    alone = [row for row in log_of(frames=12).rows() if row.skeleton_id == 0]
+    write_study_log(tmp_path / "Study_7_Kinect_2_Time_1.csv", alone)
+    with pytest.raises(InputError, match="no log has a person whom two sensors saw"):
+        evaluate(tmp_path, ["stand-still"])
+
+
 def test_a_file_of_two_participants_is_refused() -> None:
     log = log_of(frames=12)
     mixed = msgspec.structs.replace(log, study_id=np.where(np.arange(24) < 12, 7, 8))

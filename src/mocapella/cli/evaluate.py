@@ -87,6 +87,7 @@ def show(result: dict[str, Any], out: Console) -> None:
     for method, scored in result["methods"].items():
         out.print(f"\n[bold]{method}[/bold]  {scored['scored']}", highlight=False)
         out.print(_tasks(scored["tasks"]))
+        out.print("Std: of Δd over the joints; raw: Δd with the sensors' labels; worst: participant", highlight=False)
         for placement, yaw in sorted(scored["yaw_deg"].items(), key=_order):
             sessions = f"{yaw['sessions']} session" + ("" if yaw["sessions"] == 1 else "s")
             spread = "" if yaw["sd"] is None else f" ± {yaw['sd']:.2f}"
@@ -119,8 +120,6 @@ def _tasks(tasks: dict[str, Any]) -> Table:
             figures += [row["torso_dd_cm"]["mean"]]
             style = "red" if row["problem"] else None
             table.add_row(f"  {placement}", *map(_cell, figures), str(row["pairs"]), style=style)
-    table.caption = "Std: of Δd over the joints; raw: Δd with the sensors' labels; worst: participant"
-    table.caption_justify = "left"
     return table
 
 

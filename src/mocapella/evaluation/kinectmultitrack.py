@@ -10,6 +10,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.errors import InputError
 from mocapella.evaluation import fused_metrics
 from mocapella.evaluation.causal_run import CausalRun, run_causally
 from mocapella.evaluation.interactions import (
@@ -370,6 +371,9 @@ def evaluate(
             on_step(f"{session.name}: {method}")
             tally.add(session, AsLogged(session) if method == AS_LOGGED else AsRun(session, make[method]))
     as_logged = tallies[AS_LOGGED].counts()
+    if not as_logged:
+        fix = "a log of two sensors has two rows for each person and result"
+        raise InputError("no log has a person whom two sensors saw", file=folder, fix=fix)
     return {
         "data": str(folder),
         "participants": sorted(set(seen)),
