@@ -98,9 +98,7 @@ class Sensor:
         return Bodies(self.name, KINECT_V2, tuple(sorted(walkers)), positions, states)
 
 
-def standing_at(
-    x: float, z: float, yaw_deg: float = 0.0, height: float = 1.0, tilt_deg: float = 0.0
-) -> Float64:
+def standing_at(x: float, z: float, yaw_deg: float = 0.0, height: float = 1.0, tilt_deg: float = 0.0) -> Float64:
     """``T_world_sensor`` of a sensor there; yaw as in the simulated room, tilt upwards positive."""
     turn = rotation_about_y(np.radians(yaw_deg)) @ rotation_about_x(-np.radians(tilt_deg))
     return rigid(turn, (x, height, z))

@@ -8,7 +8,10 @@ from mocapella.calibration.floor import FloorFromFeet, floor_of_pose, mean_floor
 from mocapella.geometry.rigid import apply, inverse
 from mocapella.model.observations import JointState
 
-POSES = [standing_at(0.3, -0.2, 30.0, height=1.4, tilt_deg=-12.0), standing_at(0.0, 0.0, 0.0, height=0.6, tilt_deg=15.0)]
+POSES = [
+    standing_at(0.3, -0.2, 30.0, height=1.4, tilt_deg=-12.0),
+    standing_at(0.0, 0.0, 0.0, height=0.6, tilt_deg=15.0),
+]
 
 
 @pytest.mark.parametrize("T_world_sensor", POSES)

@@ -30,7 +30,12 @@ def pair(
 @given(st.integers(0, 2**32 - 1))
 def test_without_noise_every_sensor_is_where_it_is_tied_through_others(seed: int) -> None:
     T = truth(np.random.default_rng(seed))
-    for ties in (("ab", "bc", "cd"), ("ab", "bc", "cd", "ad"), ("bd", "cd", "ac"), ("ab", "ac", "ad", "bc", "bd", "cd")):
+    for ties in (
+        ("ab", "bc", "cd"),
+        ("ab", "bc", "cd", "ad"),
+        ("bd", "cd", "ac"),
+        ("ab", "ac", "ad", "bc", "bd", "cd"),
+    ):
         placed = place_sensors(NAMES, [pair(T, *tie) for tie in ties])
         for name in NAMES:
             np.testing.assert_allclose(placed[name].T_root_sensor, inverse(T["a"]) @ T[name], atol=1e-9)

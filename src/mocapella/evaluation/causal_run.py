@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.errors import EvaluationError
-from mocapella.evaluation.protocol import JointBias, ScoredTracker, SensorViews, check_rigid
+from mocapella.evaluation.protocol import JointBias, ScoredTracker, check_rigid
 from mocapella.geometry import rigid
 from mocapella.model.bodies import BodyKey
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Scene
+from mocapella.tracker.protocol import SensorViews
 
 Float64 = NDArray[np.float64]
 

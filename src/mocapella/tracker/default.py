@@ -134,7 +134,9 @@ class DefaultTracker:
 
     def sensor_views(self) -> SensorViews:
         """What is known of the sensors now."""
-        bodies = {} if self._people is None else self._people.bodies
+        if self._people is None:
+            return SensorViews(self._given)
+        bodies = self._people.bodies
         clocks = {name: sensor.clock for name, sensor in self._calibration.state.sensors.items()}
         return SensorViews(
             {name: self._T_world_root @ T for name, T in self._T_root_sensor.items()},
