@@ -24,7 +24,7 @@ def main() -> None:
     from mocapella.errors import MocapellaError
 
     try:
-        app()
+        app(prog_name="mocapella")
     except MocapellaError as error:
         typer.secho(f"mocapella: {error}", fg=typer.colors.RED, err=True)
         sys.exit(1)
