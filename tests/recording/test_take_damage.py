@@ -71,6 +71,17 @@ def test_a_take_cut_anywhere_is_a_prefix(clean: Path, tmp_path: Path) -> None:
     assert (counts[0], counts[-1]) == (0, len(whole))
 
 
+def test_a_record_whose_length_would_swallow_chunks_does_not(clean: Path, tmp_path: Path) -> None:
+    data, path = bytearray(clean.read_bytes()), tmp_path / "swallowed.mcap"
+    first, second = chunks(data)[-2:]
+    before = max(at for at in boundaries(data) if at < first)
+    struct.pack_into("<Q", data, before + 1, second + 100 - before)
+    path.write_bytes(data)
+    opened = read_all(path)
+    assert opened.frame_count >= 8
+    assert any("no record can be read there" in problem for problem in opened.problems)
+
+
 def test_the_end_says_how_much_there_is(unclosed: Path, tmp_path: Path) -> None:
     (problem,) = read_take(unclosed).problems
     assert problem.startswith("unclosed.mcap: ends early, after 0.23 s, 16 frames and 16 scenes; it was not closed")

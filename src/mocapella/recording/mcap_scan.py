@@ -113,6 +113,8 @@ def scan(file: BinaryIO, size: int, name: str) -> Iterator[Event]:
     torn = 0
     while at < end:
         record = _record_at(file, at, end)
+        if record is not None and record[0] != Opcode.CHUNK and _next_chunk(file, at + 1, at + len(record)) is not None:
+            record = None  # its length is damaged: there is a chunk in it
         try:
             events = None if record is None else list(_events(record, at, topics, name))
         except _MalformedError:
