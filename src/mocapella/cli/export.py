@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import msgspec
 import typer
 
+from mocapella.cli import INTERRUPTED
 from mocapella.cli.app import export_app
 from mocapella.cli.common import JsonOut, TakeArgument, say, working, write_json
 
@@ -52,7 +53,6 @@ def csv(
     import dataclasses
 
     from mocapella.cli.recordings import find_recording
-    from mocapella.live.stopping import INTERRUPTED
     from mocapella.recording.study_export import export_study_log
     from mocapella.recording.take_reader import read_take
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mocapella.cli import INTERRUPTED
 from mocapella.cli.app import app
 from mocapella.cli.common import (
     DEFAULT_PORT,
@@ -32,7 +33,6 @@ from mocapella.cli.common import (
     write_json,
 )
 from mocapella.errors import SettingsError
-from mocapella.live.stopping import INTERRUPTED
 
 if TYPE_CHECKING:
     from mocapella.cli.recordings import Recording
