@@ -12,6 +12,8 @@ from typing import Any
 
 import pytest
 
+from mocapella.errors import MocapellaError
+
 ROOT = Path(__file__).resolve().parent.parent
 
 
@@ -88,3 +90,38 @@ def test_the_codec_group_runs_and_writes_rows(tmp_path: Path) -> None:
     crashes = [row for row in rows if "crashes" in row["name"]]
     assert [row["value"] for row in crashes] == [0]
     assert list(tmp_path.iterdir()) == [target]
+
+
+@pytest.fixture
+def install(monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.syspath_prepend(ROOT)
+    import benchmarks.install
+
+    return benchmarks.install
+
+
+def test_an_installation_is_measured_away_from_all_that_is_installed(
+    install: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("UV_PROJECT", str(ROOT))
+    monkeypatch.setenv("VIRTUAL_ENV", sys.prefix)
+    monkeypatch.setenv("UV_CACHE_DIR", "/the/users")
+    fresh, quick = (install._environment(tmp_path, keep_cache=keep) for keep in (False, True))
+    assert not {"UV_PROJECT", "VIRTUAL_ENV"} & (set(fresh) | set(quick))
+    for environment in (fresh, quick):
+        assert Path(environment["UV_PROJECT_ENVIRONMENT"]).parent == tmp_path
+    assert Path(fresh["UV_CACHE_DIR"]).parent == tmp_path
+    assert quick["UV_CACHE_DIR"] == "/the/users"
+    copy = install._checkout(tmp_path)
+    assert (copy / "src" / "mocapella" / "cli" / "__init__.py").is_file()
+    assert list(copy.rglob("__pycache__")) == []
+
+
+def test_an_installation_that_fails_is_no_figure(install: Any, tmp_path: Path) -> None:
+    took, printed = install._timed([sys.executable, "-c", "print(3)"], tmp_path, {})
+    assert took > 0
+    assert printed == "3\n"
+    with pytest.raises(MocapellaError, match="ended with 3:\nno room"):
+        install._timed(
+            [sys.executable, "-c", "import sys; print('no room', file=sys.stderr); sys.exit(3)"], tmp_path, {}
+        )

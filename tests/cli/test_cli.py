@@ -9,8 +9,11 @@ from pathlib import Path
 
 import pytest
 from programs import free_port, result, run
+from typer.main import get_command
 
 from mocapella import __version__
+from mocapella.cli import demo, doctor, export, node, record, replay, serve, view  # noqa: F401  (they register)
+from mocapella.cli.app import app
 from mocapella.schema import SCHEMA_VERSION
 from mocapella.sources.simulate import scene_summaries
 
@@ -37,6 +40,18 @@ def test_help_teaches_with_an_example(verb: list[str], tmp_path: Path) -> None:
     assert done.returncode == 0
     assert f"Example:  mocapella {' '.join(verb)}" in done.stdout
     assert ("--json" in done.stdout) == (verb in READ_BY_PROGRAMS)
+
+
+def test_an_option_has_one_word_for_its_value_in_every_verb() -> None:
+    words: dict[str, set[str]] = {}
+    for verb in VERBS:
+        command = get_command(app)
+        for name in verb:
+            command = command.commands[name]
+        for option in command.params:
+            if not getattr(option, "is_flag", False) and verb != ["view"]:
+                words.setdefault(option.opts[0], set()).add(str(option.metavar))
+    assert {name: used for name, used in words.items() if len(used) != 1 or "None" in used} == {}
 
 
 def test_every_verb_is_in_this_list(tmp_path: Path) -> None:

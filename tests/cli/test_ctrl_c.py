@@ -31,6 +31,7 @@ from mocapella.cli import main
 main()
 """
 MOMENTS = [
+    ("typing", ["serve", "--no-view"]),
     ("typer", ["demo", "--headless"]),
     ("typer", ["doctor"]),
     ("typer", ["replay", "walk"]),

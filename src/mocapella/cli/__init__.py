@@ -6,17 +6,19 @@ cannot be read; 130 when Ctrl-C ends a verb before it has made what it was to ma
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
 
 RUN_UNTIL_CTRL_C = frozenset({"demo", "serve", "node", "record", "view"})
+INTERRUPTED = 130
+"""The exit status that shells expect of a command that Ctrl-C kept from its result."""
 
 
 def main() -> None:
     """Run the command line; an error of ours is one line on standard error and exit status 1."""
-    from mocapella.live.stopping import INTERRUPTED, end_at_once, ignore_interrupts
-
-    end_at_once(0 if sys.argv[1:2] and sys.argv[1] in RUN_UNTIL_CTRL_C else INTERRUPTED)
-    # What takes long to import comes after it, so that Ctrl-C finds a handler.
+    _end_at_once_on_signals(0 if sys.argv[1:2] and sys.argv[1] in RUN_UNTIL_CTRL_C else INTERRUPTED)
+    # What takes any time to import comes after it, so that Ctrl-C finds a handler.
     import typer
 
     from mocapella.cli import demo, doctor, evaluate, export, node, record, replay, serve, view  # noqa: F401
@@ -29,4 +31,14 @@ def main() -> None:
         typer.secho(f"mocapella: {error}", fg=typer.colors.RED, err=True)
         sys.exit(1)
     finally:
-        ignore_interrupts()
+        # While the interpreter takes itself down, Ctrl-C changes no exit status.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _end_at_once_on_signals(status: int) -> None:
+    """From now on Ctrl-C and SIGTERM end this process without a word: nothing has begun that would have to be closed.
+
+    An exception would not do: raised while modules are imported, it ends as a traceback or is swallowed.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda _number, _frame: os._exit(status))

@@ -27,8 +27,20 @@ app = typer.Typer(
     Ctrl-C ends every command, and closes a take properly.
     """,
 )
-node_app = typer.Typer(no_args_is_help=True, help="Serve one sensor: a recording, a simulation, or a foreign program.")
-export_app = typer.Typer(no_args_is_help=True, help="Make files for other programs out of a take.")
+node_app = typer.Typer(
+    no_args_is_help=True,
+    help="""Serve one sensor: a recording, a simulation, or a foreign program.
+
+    Example:  mocapella node simulate --scene walk --sensor front
+    """,
+)
+export_app = typer.Typer(
+    no_args_is_help=True,
+    help="""Make files for other programs out of a take.
+
+    Example:  mocapella export csv walk-1
+    """,
+)
 evaluate_app = typer.Typer(
     no_args_is_help=True,
     help="""Say how good tracking methods are, in figures.

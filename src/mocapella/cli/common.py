@@ -79,7 +79,20 @@ SceneName = Annotated[
         "--scene", metavar="NAME", help="Which simulated room; `--scene help` lists them.", callback=_check_scene
     ),
 ]
-Seed = Annotated[int, typer.Option(help="The same seed gives the same noise.")]
+Seed = Annotated[int, typer.Option(metavar="NUMBER", help="The same seed gives the same noise.")]
+Seconds = Annotated[
+    float | None,
+    typer.Option("--seconds", metavar="SECONDS", min=0, help="End after so many seconds; without it, at Ctrl-C."),
+]
+NoView = Annotated[bool, typer.Option("--no-view", "--headless", help="No live view.")]
+TakeArgument = Annotated[Path, typer.Argument(metavar="TAKE", help="A take: a file, or its name without .mcap.")]
+BusPort = Annotated[
+    int, typer.Option("--port", metavar="PORT", min=1, max=65535, help="Bus port, where sensors connect.")
+]
+ViewPort = Annotated[
+    int,
+    typer.Option("--view-port", metavar="PORT", min=1, max=65535, help="View port, where the browser connects."),
+]
 Placement = Annotated[
     str | None,
     typer.Option("--placement", metavar="NAME", help="Refuse a study log of another placement, such as right-90."),
@@ -91,7 +104,9 @@ RecordTo = Annotated[
 
 MethodSettings = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="NAME=VALUE", help="A setting of the method, such as frames=60; may be repeated."),
+    typer.Option(
+        "--set", metavar="NAME=VALUE", help="A setting of the tracking method, such as frames=60; may be repeated."
+    ),
 ]
 
 

@@ -12,8 +12,10 @@ from mocapella.cli.common import (
     DEFAULT_PORT,
     DEFAULT_VIEW_PORT,
     JsonOut,
+    NoView,
     RecordTo,
     SceneName,
+    Seconds,
     Seed,
     exit_by,
     say,
@@ -26,15 +28,15 @@ from mocapella.cli.common import (
 @app.command()
 def demo(
     scene: SceneName = "obstacle",
-    seconds: Annotated[float | None, typer.Option(min=0, help="End after so long; without it, at Ctrl-C.")] = None,
-    headless: Annotated[bool, typer.Option("--headless", help="No live view.")] = False,
+    seconds: Seconds = None,
+    no_view: NoView = False,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the view's URL, open no browser.")] = False,
     record: RecordTo = None,
     port: Annotated[
-        int | None, typer.Option(min=1, max=65535, help="Bus port; by default 7447, or a free one.")
+        int | None, typer.Option(metavar="PORT", min=1, max=65535, help="Bus port; by default 7447, or a free one.")
     ] = None,
     view_port: Annotated[
-        int | None, typer.Option(min=1, max=65535, help="View port; by default 7448, or a free one.")
+        int | None, typer.Option(metavar="PORT", min=1, max=65535, help="View port; by default 7448, or a free one.")
     ] = None,
     seed: Seed = 0,
     json: JsonOut = None,
@@ -43,7 +45,7 @@ def demo(
 
     Needs no hardware and downloads nothing. Every sensor is a process of its own, as real ones are.
 
-    Example:  mocapella demo --headless --seconds 20 --json -
+    Example:  mocapella demo --scene walk --seconds 30 --record walk-1
     """
     from mocapella.cli.serve import finish, live_session, say_url, start_together, wait_while
     from mocapella.live.launch import check_port_free
@@ -60,7 +62,7 @@ def demo(
     bus_port = _choose(port, DEFAULT_PORT)
     if port is not None:
         check_port_free("127.0.0.1", port, "--port")
-    page_port = None if headless else _choose(view_port, DEFAULT_VIEW_PORT)
+    page_port = None if no_view else _choose(view_port, DEFAULT_VIEW_PORT)
     settings = ServerSettings(listen=f"tcp/127.0.0.1:{bus_port}", setup=Setup(sensors_expected=len(names)))
 
     def show(url: str) -> None:

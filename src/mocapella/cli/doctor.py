@@ -43,8 +43,10 @@ class Finding:
 
 @app.command()
 def doctor(
-    port: Annotated[int, typer.Option(min=1, max=65535, help="Bus port to look at.")] = DEFAULT_PORT,
-    view_port: Annotated[int, typer.Option(min=1, max=65535, help="View port to look at.")] = DEFAULT_VIEW_PORT,
+    port: Annotated[int, typer.Option(metavar="PORT", min=1, max=65535, help="Bus port to look at.")] = DEFAULT_PORT,
+    view_port: Annotated[
+        int, typer.Option(metavar="PORT", min=1, max=65535, help="View port to look at.")
+    ] = DEFAULT_VIEW_PORT,
     takes: Annotated[Path, typer.Option(metavar="FOLDER", help="Where the takes will go.")] = Path("takes"),
     json: JsonOut = None,
 ) -> None:

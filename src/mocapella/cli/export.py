@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import msgspec
 import typer
 
+from mocapella.cli import INTERRUPTED
 from mocapella.cli.app import export_app
-from mocapella.cli.common import JsonOut, say, working, write_json
+from mocapella.cli.common import JsonOut, TakeArgument, say, working, write_json
 
 if TYPE_CHECKING:
     from mocapella.model.scene import Scene
@@ -25,16 +26,16 @@ def _export() -> None:
 
 @export_app.command("csv")
 def csv(
-    take: Annotated[Path, typer.Argument(help="A take (.mcap).")],
+    take: TakeArgument,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="The log to write; by default the take's name with .csv.")
     ] = None,
-    every: Annotated[int, typer.Option(min=1, help="Write every n-th result only.")] = 1,
+    every: Annotated[int, typer.Option(metavar="N", min=1, help="Write every n-th result only.")] = 1,
     reference: Annotated[
         str | None,
         typer.Option(metavar="SENSOR", help="In whose camera space the log is; by default each person's first view."),
     ] = None,
-    participant: Annotated[int | None, typer.Option(help="Study_Id; by default as set up.")] = None,
+    participant: Annotated[int | None, typer.Option(metavar="NUMBER", help="Study_Id; by default as set up.")] = None,
     placement: Annotated[
         str | None, typer.Option(metavar="NAME", help="Kinect_Config, such as right-90; by default as set up.")
     ] = None,
@@ -47,12 +48,11 @@ def csv(
 
     docs/study-log.md describes the columns.
 
-    Example:  mocapella export csv walk-1.mcap --every 2
+    Example:  mocapella export csv walk-1 --every 2
     """
     import dataclasses
 
     from mocapella.cli.recordings import find_recording
-    from mocapella.live.stopping import INTERRUPTED
     from mocapella.recording.study_export import export_study_log
     from mocapella.recording.take_reader import read_take
 

@@ -32,13 +32,18 @@ READY: Final = "ready"
 """What a node that is told its epoch prints when it waits for it."""
 _Epoch = Annotated[
     float | None,
-    typer.Option(metavar="UNIX_TIME", help="When the source's time is 0 [s]. Nodes with one epoch are in step."),
+    typer.Option(
+        metavar="TIME", help="Unix time of the source's time 0, in seconds. Nodes with one epoch are in step."
+    ),
 ]
 _EpochFromInput = Annotated[
     bool, typer.Option("--epoch-from-input", hidden=True, help="Say `ready`, and read the epoch from standard input.")
 ]
 _Linger = Annotated[
-    float, typer.Option(min=0, help="Stay so long after the last frame [s], so that a take gets what it missed.")
+    float,
+    typer.Option(
+        metavar="SECONDS", min=0, help="Stay so many seconds after the last frame, so that a take gets what it missed."
+    ),
 ]
 _Name = Annotated[str | None, typer.Option("--name", metavar="SENSOR", help="Serve it under another name.")]
 
@@ -53,7 +58,10 @@ def simulate(
     seed: Seed = 0,
     bvh: Annotated[Path | None, typer.Option(metavar="FILE", help="A BVH file that the first person moves by.")] = None,
     seconds: Annotated[
-        float | None, typer.Option(min=0, help="End so long after a server is there; without it, at Ctrl-C.")
+        float | None,
+        typer.Option(
+            metavar="SECONDS", min=0, help="End so many seconds after a server is there; without it, at Ctrl-C."
+        ),
     ] = None,
     epoch: _Epoch = None,
     epoch_from_input: _EpochFromInput = False,
@@ -84,7 +92,7 @@ def simulate(
 
 @node_app.command("replay")
 def replay(
-    file: Annotated[Path, typer.Argument(help="A study log (.csv, .csv.gz) or a take (.mcap).")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A study log (.csv, .csv.gz) or a take (.mcap).")],
     sensor: Annotated[str, typer.Option(metavar="SENSOR", help="Which of its sensors, by name.")],
     connect: Connect = DEFAULT_ADDRESS,
     placement: Placement = None,
@@ -96,7 +104,7 @@ def replay(
 ) -> None:
     """Serve a sensor out of a recording, in real time. Without --epoch it begins when a server is there.
 
-    Example:  mocapella node replay Study_7_Kinect_2.csv.gz --sensor front
+    Example:  mocapella node replay walk-1 --sensor front
     """
     from mocapella.cli.recordings import open_recording
 

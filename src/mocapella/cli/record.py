@@ -12,6 +12,7 @@ from mocapella.cli.common import (
     DEFAULT_ADDRESS,
     Connect,
     JsonOut,
+    Seconds,
     console,
     exit_by,
     recording_row,
@@ -34,13 +35,14 @@ _CLOSING_S = 150.0
 @app.command()
 def record(
     name: Annotated[
-        str | None, typer.Argument(help="Name of the take; the server adds .mcap and keeps it in its folder.")
+        str | None,
+        typer.Argument(metavar="NAME", help="Name of the take; the server adds .mcap and keeps it in its folder."),
     ] = None,
     stop: Annotated[
         bool, typer.Option("--stop", help="End the take that is being recorded, whoever began it.")
     ] = False,
     connect: Connect = DEFAULT_ADDRESS,
-    seconds: Annotated[float | None, typer.Option(min=0, help="End after so long; without it, at Ctrl-C.")] = None,
+    seconds: Seconds = None,
     json: JsonOut = None,
 ) -> None:
     """Have a running server record a take, until Ctrl-C; or end one with --stop.

@@ -12,14 +12,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mocapella.cli import INTERRUPTED
 from mocapella.cli.app import app
 from mocapella.cli.common import (
     DEFAULT_PORT,
     DEFAULT_VIEW_PORT,
+    BusPort,
     JsonOut,
     MethodSettings,
+    NoView,
     Placement,
     RecordTo,
+    ViewPort,
     exit_by,
     method_settings,
     say,
@@ -29,7 +33,6 @@ from mocapella.cli.common import (
     write_json,
 )
 from mocapella.errors import SettingsError
-from mocapella.live.stopping import INTERRUPTED
 
 if TYPE_CHECKING:
     from mocapella.cli.recordings import Recording
@@ -37,25 +40,31 @@ if TYPE_CHECKING:
 
 @app.command()
 def replay(
-    files: Annotated[list[Path], typer.Argument(help="Study logs (.csv, .csv.gz) and takes (.mcap).")],
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILE...", help="Study logs (.csv, .csv.gz) and takes (.mcap).")
+    ],
     live: Annotated[
         bool, typer.Option("--live", help="In real time, with the view, through nodes and the bus.")
     ] = False,
     placement: Placement = None,
-    method: Annotated[str | None, typer.Option(help="Tracking method for study logs; a take has its own.")] = None,
+    method: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Tracking method for study logs; a take has its own.")
+    ] = None,
     settings: MethodSettings = None,
     json: JsonOut = None,
-    port: Annotated[int, typer.Option(min=1, max=65535, help="Bus port, with --live.")] = DEFAULT_PORT,
-    view_port: Annotated[int, typer.Option(min=1, max=65535, help="View port, with --live.")] = DEFAULT_VIEW_PORT,
-    no_view: Annotated[bool, typer.Option("--no-view", help="With --live: no view.")] = False,
+    port: BusPort = DEFAULT_PORT,
+    view_port: ViewPort = DEFAULT_VIEW_PORT,
+    no_view: NoView = False,
     record: RecordTo = None,
 ) -> None:
     """Track what was recorded: as fast as it goes, or in real time with --live.
 
+    The ports, the view and --record go with --live.
+
     A take is tracked with the setup and the commands it was recorded with, and its new results are compared with the
     recorded ones, to the bit. `mocapella replay walk-1` finds walk-1.mcap, also in the folder takes.
 
-    Example:  mocapella replay walk-1.mcap --json -
+    Example:  mocapella replay walk-1 --json -
     """
     from mocapella.cli.recordings import open_recording
     from mocapella.live.stopping import stop_on_signals

@@ -17,9 +17,13 @@ from mocapella.cli.app import app
 from mocapella.cli.common import (
     DEFAULT_PORT,
     DEFAULT_VIEW_PORT,
+    BusPort,
     JsonOut,
     MethodSettings,
+    NoView,
     RecordTo,
+    Seconds,
+    ViewPort,
     console,
     exit_by,
     method_settings,
@@ -98,22 +102,34 @@ def _pass_on(line: str, on_url: Callable[[str], None]) -> None:
 
 @app.command()
 def serve(
-    port: Annotated[int, typer.Option(min=1, max=65535, help="Where sensors connect.")] = DEFAULT_PORT,
-    view_port: Annotated[int, typer.Option(min=1, max=65535, help="Where the browser connects.")] = DEFAULT_VIEW_PORT,
-    no_view: Annotated[bool, typer.Option("--no-view", help="No live view.")] = False,
+    port: BusPort = DEFAULT_PORT,
+    view_port: ViewPort = DEFAULT_VIEW_PORT,
+    no_view: NoView = False,
     interface: Annotated[
-        str, typer.Option(help="Interface to listen on; others than 127.0.0.1 are open to your network.")
+        str,
+        typer.Option(
+            "--interface",
+            "--host",
+            metavar="HOST",
+            help="Interface that sensors connect to; others than 127.0.0.1 are open to your network.",
+        ),
     ] = "127.0.0.1",
-    sensors: Annotated[int, typer.Option(min=1, help="How many sensors to wait for before calibrating.")] = 1,
-    method: Annotated[str, typer.Option(help="Tracking method.")] = "stand-still",
+    sensors: Annotated[
+        int, typer.Option(metavar="NUMBER", min=1, help="How many sensors to wait for before calibrating.")
+    ] = 1,
+    method: Annotated[str, typer.Option(metavar="NAME", help="Tracking method.")] = "stand-still",
     settings: MethodSettings = None,
     record: RecordTo = None,
     takes: Annotated[
         Path, typer.Option(metavar="FOLDER", help="Where the takes go that the view or `mocapella record` begin.")
     ] = Path("takes"),
-    wait: Annotated[bool, typer.Option("--wait", help="Begin stopped; track when Start is pressed.")] = False,
-    reserve_gib: Annotated[float, typer.Option(min=0, help="Free disk space that a recording leaves [GiB].")] = 1.0,
-    seconds: Annotated[float | None, typer.Option(min=0, help="End after so long; without it, at Ctrl-C.")] = None,
+    wait: Annotated[
+        bool, typer.Option("--wait", help="Begin stopped; track when Start is pressed in the view.")
+    ] = False,
+    reserve_gib: Annotated[
+        float, typer.Option(metavar="GIB", min=0, help="Free disk space that a recording leaves, in GiB.")
+    ] = 1.0,
+    seconds: Seconds = None,
     json: JsonOut = None,
 ) -> None:
     """Wait for any number of sensors, track the people, and show them.
@@ -121,7 +137,7 @@ def serve(
     Sensors may come before or after the server, and leave and return. Ctrl-C closes a take properly; a take that was
     cut off (kill -9, power) is continued by the same command.
 
-    Example:  mocapella serve --sensors 2 --record walk-1.mcap
+    Example:  mocapella serve --sensors 2 --record walk-1
     """
     from mocapella.live.server import ServerSettings
     from mocapella.live.stopping import stop_on_signals

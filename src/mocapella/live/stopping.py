@@ -1,8 +1,6 @@
-"""Ctrl-C and SIGTERM, from a command's first moment to its last.
+"""Ctrl-C and SIGTERM as an event that loops wait on, so that everything is closed properly and the exit is 0.
 
-While nothing has begun they end the process at once (`end_at_once`); afterwards they are an event that loops wait on
-(`stop_on_signals`), so that everything is closed properly and the exit is 0; and work that goes from one end to the
-other without a loop of ours is interrupted (`interruptible`).
+Work that goes from one end to the other without a loop of ours is interrupted instead.
 
 A process that another of ours has started also ends when that one is gone, however it went: a view that outlived a
 killed server would keep the port that the next one wants.
@@ -20,29 +18,9 @@ from typing import Final, NoReturn
 
 STARTED_BY_US: Final = "MOCAPELLA_STARTED_BY_US"
 """Environment variable of a process whose standard input is held open by the one that started it."""
-INTERRUPTED: Final = 130
-"""The exit status that shells expect of a command that Ctrl-C kept from its result."""
 _SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 
 _Handler = Callable[[int, FrameType | None], None]
-
-
-def end_at_once(status: int) -> None:
-    """From now on the signals end this process with that status, without a word: there is nothing to close yet.
-
-    An exception would not do: raised while modules are imported, it ends as a traceback or is swallowed.
-    """
-
-    def handle(_signal: int, _frame: FrameType | None) -> NoReturn:
-        os._exit(status)
-
-    for number in _SIGNALS:
-        signal.signal(number, handle)
-
-
-def ignore_interrupts() -> None:
-    """The last thing a command does: while the interpreter takes itself down, Ctrl-C changes no exit status."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @contextmanager

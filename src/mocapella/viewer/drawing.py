@@ -1,5 +1,6 @@
 """Handles of the 3D scene that are made once, grown when they must, and else only change.
 
+Nothing is assigned that is as it was: an assignment costs the library more than it costs us to look.
 A removed and remade node costs a browser far more than one whose numbers change, so what vanishes is hidden.
 """
 
@@ -19,6 +20,8 @@ from mocapella.viewer.palette import Rgb
 Anchor = Literal["bottom-center", "bottom-left"]
 
 _FIRST_CAPACITY = 64
+_NEGLIGIBLE = 5e-4
+"""A frustum that has moved by less [m], or turned by less [rad], stays where it is drawn."""
 _FROM_PICTURE = np.diag([-1.0, -1.0, 1.0])
 """From a picture's axes (x right, y down), in which a frustum is given, to a sensor's (x left, y up)."""
 
@@ -34,8 +37,8 @@ class Tag:
 class StrokeNode:
     """A mesh drawn at any number of places."""
 
-    def __init__(self, scene: viser.SceneApi, name: str, mesh: Mesh) -> None:
-        self._scene, self._name, self._mesh = scene, name, mesh
+    def __init__(self, scene: viser.SceneApi, name: str, mesh: Mesh, *, shadow: bool = True) -> None:
+        self._scene, self._name, self._mesh, self._shadow = scene, name, mesh, shadow
         self._capacity = 0
         self._handle: viser.BatchedMeshHandle | None = None
 
@@ -64,6 +67,8 @@ class StrokeNode:
             batched_scales=blank,
             batched_colors=np.zeros((self._capacity, 3), np.uint8),
             lod="off",
+            cast_shadow=self._shadow,
+            receive_shadow=False,
         )
 
 
@@ -73,9 +78,13 @@ class TagNodes:
     def __init__(self, scene: viser.SceneApi, name: str, *, size: float, anchor: Anchor = "bottom-center") -> None:
         self._scene, self._name, self._size, self._anchor = scene, name, size, anchor
         self._handles: list[viser.LabelHandle] = []
+        self._shown: list[Tag] = []
 
     def draw(self, tags: list[Tag]) -> None:
         """Show exactly these texts."""
+        if tags == self._shown:
+            return
+        self._shown = tags
         while len(self._handles) < len(tags):
             self._handles.append(
                 self._scene.add_label(
@@ -97,6 +106,8 @@ class SensorNode:
 
     def __init__(self, scene: viser.SceneApi, name: str, *, scale: float) -> None:
         self._placed: NDArray[np.float64] | None = None
+        self._colour: Rgb | None = None
+        self._visible = False
         self._handle = scene.add_camera_frustum(
             name,
             fov=np.radians(60.0),
@@ -111,16 +122,21 @@ class SensorNode:
 
     def place(self, T: NDArray[np.float64], colour: Rgb) -> None:
         """Show it in that colour, with its camera space at ``T`` (4, 4) of the view."""
-        self._handle.color = colour.paint
-        if not np.array_equal(T, self._placed):
+        if colour != self._colour:
+            self._colour, self._handle.color = colour, colour.paint
+        if self._placed is None or np.abs(T - self._placed).max() > _NEGLIGIBLE:
             self._placed = T.copy()
             self._handle.wxyz = viser.transforms.SO3.from_matrix(T[:3, :3] @ _FROM_PICTURE).wxyz
             self._handle.position = T[:3, 3]
-        self._handle.visible = True
+        self._show(True)
 
     def hide(self) -> None:
         """Show it no more."""
-        self._handle.visible = False
+        self._show(False)
+
+    def _show(self, visible: bool) -> None:
+        if visible != self._visible:
+            self._visible = self._handle.visible = visible
 
 
 class FloorNode:
@@ -152,4 +168,4 @@ class FloorNode:
         if not np.array_equal(centre, self._placed):
             self._placed = centre.copy()
             self._handle.position = centre
-        self._handle.visible = True
+            self._handle.visible = True

@@ -17,7 +17,7 @@ class Mesh:
 
 
 def revolve(heights: NDArray[np.float64], radii: NDArray[np.float64], sides: int) -> Mesh:
-    """The closed surface of a profile turned about +y.
+    """The closed surface of a profile turned about +y, without the triangles that have no area.
 
     Args:
         heights: (rings,), rising.
@@ -33,19 +33,21 @@ def revolve(heights: NDArray[np.float64], radii: NDArray[np.float64], sides: int
     faces = []
     for ring in range(len(heights) - 1):
         low, high = ring * sides, (ring + 1) * sides
-        faces.append(np.stack([low + k, high + k, high + after], axis=-1))
-        faces.append(np.stack([low + k, high + after, low + after], axis=-1))
+        if radii[ring + 1] > 0:
+            faces.append(np.stack([low + k, high + k, high + after], axis=-1))
+        if radii[ring] > 0:
+            faces.append(np.stack([low + k, high + after, low + after], axis=-1))
     return Mesh(rings.reshape(-1, 3).astype(np.float32), np.concatenate(faces).astype(np.uint32))
 
 
 def bone_mesh() -> Mesh:
     """From the origin to (0, 1, 0), at most 1 wide: slightly thicker at the parent, rounded at both ends."""
-    heights = np.array([0.0, 0.015, 0.05, 0.2, 0.8, 0.95, 0.985, 1.0])
-    radii = np.array([0.0, 0.6, 0.9, 1.0, 0.85, 0.75, 0.5, 0.0])
-    return revolve(heights, radii, 10)
+    heights = np.array([0.0, 0.02, 0.12, 0.9, 0.98, 1.0])
+    radii = np.array([0.0, 0.75, 1.0, 0.8, 0.6, 0.0])
+    return revolve(heights, radii, 7)
 
 
 def ball_mesh() -> Mesh:
     """A ball of radius 1 about the origin."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, 9)
-    return revolve(np.sin(angle), np.maximum(np.cos(angle), 0.0), 14)
+    return revolve(np.sin(angle), np.cos(angle).round(9), 12)

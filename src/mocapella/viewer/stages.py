@@ -12,7 +12,7 @@ from mocapella.geometry.rigid import apply
 from mocapella.model.observations import BodyFrame
 from mocapella.model.scene import Person, Scene
 from mocapella.viewer import layout
-from mocapella.viewer.bones import Float32, Strokes, bone_strokes, join, joint_strokes
+from mocapella.viewer.bones import NO_STROKES, Float32, Strokes, bone_strokes, join, joint_strokes
 from mocapella.viewer.drawing import FloorNode, SensorNode, StrokeNode, Tag, TagNodes
 from mocapella.viewer.layout import SENSORS_SCALE
 from mocapella.viewer.meshes import ball_mesh, bone_mesh
@@ -48,7 +48,8 @@ def tracking_drawing(scene: Scene | None, perspective: str, seen: Perspectives, 
         seen: from where each person was seen; has learned the scene.
         floors: how high the perspective is over the floor.
     """
-    bones, joints, tags, unseen = [], [], [], []
+    positions, states, colours, radii = [], [], [], []
+    fused, tags, unseen = [], [], []
     sensors: dict[str, Float64] = {}
     if perspective != FREE:
         sensors[perspective] = np.eye(4)
@@ -59,18 +60,22 @@ def tracking_drawing(scene: Scene | None, perspective: str, seen: Perspectives, 
             unseen.append(person.id)
             continue
         views = person.views
-        positions = apply(T_stage @ T, np.stack([person.positions, *(view.positions for view in views)]))
-        states = np.stack([person.states, *(view.states for view in views)])
-        colours = [FUSED, *([person_colour(person.id).paint] * len(views))]
-        radii = [FUSED_RADIUS_M, *([POTENTIAL_RADIUS_M] * len(views))]
-        bones.append(bone_strokes(positions, states, scene.topology, colours, radii))
-        joints.append(joint_strokes(positions[:1], states[:1], [FUSED], _joint_radii(scene)))
-        tags += _person_tag(person, positions[0], len(views))
+        fused.append(len(states))
+        positions.append(apply(T_stage @ T, np.stack([person.positions, *(view.positions for view in views)])))
+        states += [person.states, *(view.states for view in views)]
+        colours += [FUSED, *([person_colour(person.id).paint] * len(views))]
+        radii += [FUSED_RADIUS_M, *([POTENTIAL_RADIUS_M] * len(views))]
+        tags += _person_tag(person, positions[-1][0], len(views))
         for view in views:
             if view.sensor not in sensors:
                 sensors[view.sensor] = T @ view.T_world_sensor
     placed = {sensor: T_stage @ T for sensor, T in sensors.items()}
-    return TrackingDrawing(join(bones), join(joints), tags, placed, tuple(unseen))
+    bones = joints = NO_STROKES
+    if scene is not None and positions:  # all skeletons at once: one by one they would cost several times as much
+        p, s = np.concatenate(positions), np.stack(states)
+        bones = bone_strokes(p, s, scene.topology, colours, radii)
+        joints = joint_strokes(p[fused], s[fused], [FUSED] * len(fused), _joint_radii(scene))
+    return TrackingDrawing(bones, joints, tags, placed, tuple(unseen))
 
 
 def _joint_radii(scene: Scene) -> Float32:
@@ -133,7 +138,7 @@ class SensorsStage:
 
     def __init__(self, scene: viser.SceneApi, colours: SensorColours) -> None:
         self._scene, self._colours = scene, colours
-        self._bones = StrokeNode(scene, "/sensors/bones", bone_mesh())
+        self._bones = StrokeNode(scene, "/sensors/bones", bone_mesh(), shadow=False)
         self._tags = TagNodes(scene, "/sensors/names", size=0.9)
         self._title = TagNodes(scene, "/sensors/title", size=_TITLE_SIZE, anchor="bottom-left")
         self._floors: list[FloorNode] = []

@@ -43,5 +43,6 @@ def _html(beats: int) -> str:
         '<div style="font-size:44px;font-weight:650;color:#ff6b6b">No server</div>'
         '<div style="font-size:18px;line-height:1.5;margin-top:10px;color:#c6cfdd">'
         "Nothing comes from the view any more: it has ended, or the network to it is down.<br>"
-        "Start it again with <b>mocapella serve</b>; this page then goes on by itself.</div></div>"
+        "Start it again with <b>mocapella serve</b>; this page then goes on by itself, or "
+        '<a href="" style="color:#5eb0ff;pointer-events:auto">load it again</a>.</div></div>'
     )
