@@ -14,12 +14,19 @@ POSES = [
 ]
 
 
+class Stepper(Walker):
+    """Walks for 0.6 s and stands for 0.6 s, so that feet stand."""
+
+    def at(self, t: float) -> np.ndarray:
+        return super().at(0.6 * (t // 1.2) + min(t % 1.2, 0.6))
+
+
 @pytest.mark.parametrize("T_world_sensor", POSES)
 def test_the_floor_is_found_from_feet_under_a_tilted_sensor(T_world_sensor: np.ndarray) -> None:
     sensor, feet = Sensor("a", T_world_sensor, noise=0.01), FloorFromFeet()
     assert feet.floor() is None
     for i in range(round(20 * RATE_HZ)):
-        feet.update(sensor.see({0: Walker(speed=0.8)}, i / RATE_HZ), i / RATE_HZ)
+        feet.update(sensor.see({0: Stepper(speed=0.8)}, i / RATE_HZ), i / RATE_HZ)
     floor = feet.floor()
     assert floor is not None
     up = T_world_sensor[:3, :3].T @ [0.0, 1.0, 0.0]
@@ -31,7 +38,7 @@ def test_the_floor_is_found_from_feet_under_a_tilted_sensor(T_world_sensor: np.n
 def test_standing_still_is_enough_for_a_floor_and_it_is_less_sure() -> None:
     sensor = Sensor("a", POSES[0], noise=0.003)
     found = []
-    for walker in (Walker(speed=0.0), Walker(speed=0.8)):
+    for walker in (Walker(speed=0.0), Stepper(speed=0.8)):
         feet = FloorFromFeet()
         for i in range(round(20 * RATE_HZ)):
             feet.update(sensor.see({0: walker}, i / RATE_HZ), i / RATE_HZ)

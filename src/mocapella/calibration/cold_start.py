@@ -57,13 +57,10 @@ class ColdStart:
                         self.hypotheses[key] = PairCalibration(self.settings, mirrored_at_first=swapped)
                     self.hypotheses[key].update((one, other), a[one], b[other], mirror)
 
-    def decide(self) -> PairCalibration | None:
-        """The hypothesis that has won, or None while none has."""
-        best = self.best()
-        return best[0] if best and best[1].trusted else None
-
     def best(self) -> tuple[PairCalibration, PairEstimate] | None:
-        """The likeliest hypothesis and its estimate, whose ``problem`` also says whether rivals remain."""
+        """The likeliest hypothesis and its estimate, None before there is one. It has won when its estimate is trusted;
+        its ``problem`` also says whether rivals remain.
+        """
         residuals = {key: known.residual for key, known in self.hypotheses.items() if known.moments[0] > 0}
         if not residuals:
             return None

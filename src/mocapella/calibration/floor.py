@@ -75,14 +75,14 @@ class FloorFromFeet:
         sums: (10,) weight, Σ w x, and Σ w x xᵀ by its upper triangle, of standing feet.
         back: (4,) Σ of directions from the root to the head, and how many seconds of them.
         feet: by (tracking id, foot's joint): place and time where it was last seen.
-        plane: (4,) up and height as they were a moment ago, NaN before.
+        known: the floor as it was when a twentieth less had been seen; None before there was one.
         last: time of the newest frame that was looked at [s].
     """
 
     sums: Float64 = field(default_factory=lambda: np.zeros(10))
     back: Float64 = field(default_factory=lambda: np.zeros(4))
     feet: dict[tuple[int, int], Float64] = field(default_factory=dict)
-    plane: Float64 = field(default_factory=lambda: np.full(4, np.nan))
+    known: Floor | None = None
     last: float = -np.inf
 
     def update(self, bodies: Bodies, at: float) -> None:
@@ -108,18 +108,18 @@ class FloorFromFeet:
                 self._stand(self.feet[body, foot], seen[body, foot])
         self.feet = seen
 
-    def _stand(self, before: Float64, now: Float64) -> None:
-        dt = now[3] - before[3]
-        if not 0.0 < dt < 0.3 or np.linalg.norm(now[:3] - before[:3]) > STANDS_BELOW_M_S * dt:
+    def _stand(self, earlier: Float64, now: Float64) -> None:
+        dt = now[3] - earlier[3]
+        if not 0.0 < dt < 0.3 or np.linalg.norm(now[:3] - earlier[:3]) > STANDS_BELOW_M_S * dt:
             return
         x, weight = now[:3], dt / STANCE_S
-        if np.isfinite(self.plane[3]):
-            off = float(self.plane[:3] @ x + self.plane[3] - FOOT_HEIGHT_M)
+        if self.known is not None:
+            off = float(self.known.up @ x + self.known.height - FOOT_HEIGHT_M)
             weight *= (OUTLIER_M**2 / (OUTLIER_M**2 + off * off)) ** 2
-        counted = int(4 * self.sums[0])
+        before = self.sums[0]
         self.sums += weight * np.concatenate([[1.0], x, np.outer(x, x)[_UPPER]])
-        if int(4 * self.sums[0]) > counted and (floor := self.floor()) is not None:
-            self.plane = np.append(floor.up, floor.height)
+        if not before or int(20 * np.log(self.sums[0])) > int(20 * np.log(before)):
+            self.known = self.floor()
 
     def floor(self) -> Floor | None:
         """The floor; None before anybody stood for a moment."""
@@ -135,10 +135,10 @@ class FloorFromFeet:
         scatter = xx - W * np.outer(mean, mean)
         # Least squares of (up0 + Eᵀs)·(x − mean) with a prior on s: the backs.
         A = E @ scatter @ E.T / FOOT_SD_M**2 + np.eye(2) / BACK_SD**2
-        s = -np.linalg.solve(A, E @ scatter @ up0 / FOOT_SD_M**2)
+        C = np.linalg.inv(A)
+        s = -C @ (E @ scatter @ up0) / FOOT_SD_M**2
         up = up0 + s @ E
         up /= np.linalg.norm(up)
-        C = np.linalg.inv(A)
         reach = E @ mean
         height_sd = float(np.sqrt(FOOT_SD_M**2 / W + reach @ C @ reach))
         return Floor(up, float(FOOT_HEIGHT_M - up @ mean), float(np.sqrt(np.trace(C))), height_sd)

@@ -46,7 +46,7 @@ class PeopleSettings:
         moved_after_s: a sensor that nobody agrees with for so long was moved [s].
         frozen_after_s: a sensor whose bodies do not move by a bit for so long is not believed [s].
         gone_after_s: a body that a sensor has not seen for so long is forgotten [s].
-        clock_jump_s: a sensor whose times go back by more, or are so far from the others', has another clock [s].
+        clock_jump_s: a sensor whose frames come later than others' with times so much older has another clock [s].
         refresh_s: the places of all sensors are worked out anew so often [s].
         partners: with more than so many others, each sensor is refined against so many of those it is tied to best.
     """
@@ -156,6 +156,7 @@ class PeopleCalibration:
         self._active: frozenset[tuple[str, str]] | None = None
         self._moved: dict[str, float] = {}
         self._jumped: dict[str, float] = {}
+        self._behind: dict[str, float] = {}
         self._refreshed = -np.inf
         self._now = -np.inf
         self._completed = 0
@@ -192,6 +193,8 @@ class PeopleCalibration:
         if pose is not None and pose.height > 0:
             self._poses[sensor] = pose
         self._newest[sensor], self._now = now, now
+        # What comes last is newest, a few tenths of a second aside: a sensor that comes later with older times is behind.
+        self._behind[sensor] = max(self._newest.values()) - now
         self._see(bodies, now)
         self._floors[sensor].update(bodies, now)
         for key in self._pairs_of(sensor):
@@ -259,20 +262,25 @@ class PeopleCalibration:
             pair.seen_since = np.inf
             return
         pair.seen_since = min(pair.seen_since, now)
-        if pair.calibration is None or self._doubtful(pair, now):
+        if pair.calibration is None or (self._doubtful(pair, now) and not self._agree_elsewhere(key, now)):
             pair.cold.update(a, b, self._mirror)
         elif pair.cold.hypotheses:
             pair.cold.hypotheses.clear()
         if pair.calibration is not None:
             if people is not None:
                 pair.matched = same_people(key, a, b, people)
-            held = [who for who in pair.calibration.bodies if who[0] in a and who[1] in b]
-            for who in dict.fromkeys((*pair.matched, *held)):
-                pair.calibration.update(who, a[who[0]], b[who[1]], self._mirror)
+            for who in dict.fromkeys((*pair.matched, *pair.calibration.bodies)):
+                if who[0] in a and who[1] in b:
+                    pair.calibration.update(who, a[who[0]], b[who[1]], self._mirror)
 
     def _doubtful(self, pair: PairOfSensors, now: float) -> bool:
         """Both see somebody, and for long nobody has been where both say."""
         return now - max(pair.agreed_at, pair.seen_since) > self.settings.moved_after_s
+
+    def _agree_elsewhere(self, key: tuple[str, str], now: float) -> bool:
+        """Each of the two agrees with a third: then these two just see different people."""
+        agreeing = self._agreeing(now)
+        return all(any(sensor in other and other != key for other in agreeing) for sensor in key)
 
     def _first_view(self) -> bool:
         """A pair has its first estimate, which the state does not say yet."""
@@ -284,9 +292,10 @@ class PeopleCalibration:
     def _refresh(self, now: float, people: Mapping[BodyKey, int] | None) -> None:
         self._refreshed = now
         for key, pair in self._pairs.items():
-            self._decide(key, pair, now)
+            best = pair.cold.best() if pair.cold.hypotheses else None
+            if best is not None and best[1].trusted:
+                self._believe(key, pair, best[0], now)
             if pair.calibration is None:
-                best = pair.cold.best()
                 pair.estimate = best[1] if best else None
                 continue
             pair.estimate = pair.calibration.estimate()
@@ -302,11 +311,8 @@ class PeopleCalibration:
         self._find_moved(now)
         self._place()
 
-    def _decide(self, key: tuple[str, str], pair: PairOfSensors, now: float) -> None:
-        """Believe a hypothesis that has won; where another was believed, a sensor was moved."""
-        found = pair.cold.decide() if pair.cold.hypotheses else None
-        if found is None:
-            return
+    def _believe(self, key: tuple[str, str], pair: PairOfSensors, found: PairCalibration, now: float) -> None:
+        """A hypothesis has won; where another estimate was believed, a sensor was moved."""
         if pair.calibration is not None:
             self._note_moved(moved_sensors([key], self._agreeing(now), sorted(self._tracks)), now)
         pair.calibration, pair.cold = found, ColdStart(self.settings.pair)
@@ -381,7 +387,7 @@ class PeopleCalibration:
             for name, place in members.items()
             if name in self._poses
         ]
-        found = ((place.T_root_sensor, self._floors[name].floor()) for name, place in members.items())
+        found = ((place.T_root_sensor, self._floors[name].known) for name, place in members.items())
         floors = given or [(T, floor) for T, floor in found if floor is not None]
         return (mean_floor(floors).T_level_sensor, True) if floors else (np.eye(4), False)
 
@@ -423,10 +429,8 @@ class PeopleCalibration:
         """What is wrong with what the sensor sends; empty where nothing is."""
         if self._frozen(name):
             return "its picture stands still: start the sensor again"
-        others = [time for other, time in self._newest.items() if other != name]
-        apart = min((abs(self._newest[name] - time) for time in others), default=0.0)
-        if apart > self.settings.clock_jump_s:
-            return f"its clock is {apart:.0f} s from the others', or it is silent"
+        if self._behind.get(name, 0.0) > self.settings.clock_jump_s:
+            return f"its clock is {self._behind[name]:.0f} s behind another sensor's: set the clocks alike"
         if 0 <= self._now - self._jumped.get(name, -np.inf) < SAID_FOR_S:
             return "its clock jumped back"
         if name in self._moved:
@@ -438,7 +442,8 @@ class PeopleCalibration:
             other = key[0] if key[1] == name else key[1]
             if pair.estimate is not None and pair.estimate.trusted and _in_one_place(pair.estimate.T_a_b):
                 return f"it stands where {other} stands, and sees no more"
-            if pair.calibration is not None and self._doubtful(pair, self._now):
+            doubtful = pair.calibration is not None and self._doubtful(pair, self._now)
+            if doubtful and not self._agree_elsewhere(key, self._now):
                 return f"it does not see people where {other} sees them: walk a few steps where both see you"
         return ""
 

@@ -66,6 +66,7 @@ class PlacedSensor(msgspec.Struct, frozen=True, eq=False):
     trusted: bool
 
 
+MOST_STEPS: Final = 4
 SMALLEST_STEP: Final = 1e-7
 """Metres and radians, at which the refinement ends."""
 
@@ -103,7 +104,7 @@ def place_sensors(sensors: Sequence[str], pairs: Collection[SensorPair]) -> dict
 def _component(
     root: str, members: Sequence[str], tree: Sequence[SensorPair], pairs: Collection[SensorPair]
 ) -> dict[str, PlacedSensor]:
-    T = {root: np.eye(4)}
+    T, covariance = {root: np.eye(4)}, {root: np.zeros((6, 6))}
     sure = {root}
     used = [pair for pair in tree if pair.a in members]
     waiting = list(used)
@@ -113,12 +114,17 @@ def _component(
                 T[pair.b] = T[pair.a] @ pair.T_a_b
             else:
                 T[pair.a] = T[pair.b] @ inverse(pair.T_a_b)
+            old, new = (pair.a, pair.b) if pair.a in covariance else (pair.b, pair.a)
+            to_root = adjoint(T[pair.a])
+            covariance[new] = covariance[old] + to_root @ pair.covariance @ to_root.T
             if pair.trusted and (pair.a in sure or pair.b in sure):
                 sure |= {pair.a, pair.b}
             waiting.remove(pair)
     in_tree = {(pair.a, pair.b) for pair in used}
-    used += [pair for pair in pairs if pair.trusted and pair.a in T and (pair.a, pair.b) not in in_tree]
-    covariance = _refine(T, root, used, cycles=len(used) >= len(members))
+    more = [pair for pair in pairs if pair.trusted and pair.a in T and (pair.a, pair.b) not in in_tree]
+    used += more
+    if more:
+        covariance = _refine(T, root, used)
     offsets = _offsets(root, used)
     return {
         sensor: PlacedSensor(T[sensor], covariance[sensor], offsets.get(sensor), root, sensor in sure)
@@ -126,14 +132,12 @@ def _component(
     }
 
 
-def _refine(T: dict[str, Float64], root: str, pairs: Sequence[SensorPair], *, cycles: bool) -> dict[str, Float64]:
+def _refine(T: dict[str, Float64], root: str, pairs: Sequence[SensorPair]) -> dict[str, Float64]:
     """Improve T in place, and each sensor's covariance. exp(d) T_a_b = T_a⁻¹ T_b defines a pair's error d."""
     free = {sensor: 6 * i for i, sensor in enumerate(s for s in T if s != root)}
     n = 6 * len(free)
-    if not n:
-        return {root: np.zeros((6, 6))}
     weights = np.linalg.inv(np.stack([pair.covariance for pair in pairs]))
-    for _ in range(4 if cycles else 1):
+    for _ in range(MOST_STEPS):
         A, g = np.zeros((n, n)), np.zeros(n)
         for pair, weight in zip(pairs, weights, strict=True):
             to_a = adjoint(inverse(T[pair.a]))
