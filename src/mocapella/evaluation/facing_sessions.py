@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.errors import InputError, SettingsError
 from mocapella.evaluation.fused_metrics import HEADING_OVER, MOVING, facing_yaw, reversals
-from mocapella.evaluation.study_pairs import StudySession
+from mocapella.evaluation.study_pairs import StudySession, study_sessions
 from mocapella.fusion.facing import FacingSettings
 from mocapella.fusion.facing_grid import most_likely
 from mocapella.fusion.facing_model import FacingModel, untrained
@@ -28,7 +30,8 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 TOPOLOGY: Final = topology("kinect_v2")
-TASKS: Final = tuple(SCENARIOS[name] for name in ("stationary", "steps", "walk"))
+TASK_NAMES: Final = ("stationary", "steps", "walk")
+TASKS: Final = tuple(SCENARIOS[name] for name in TASK_NAMES)
 """In the first two, people face the front sensor throughout."""
 FRONT: Final = "front"
 VELOCITY_OVER: Final = 0.25
@@ -103,6 +106,38 @@ def facing_session(session: StudySession) -> FacingSession | None:
         front_labels=facing_yaw(positions[:, front]),
         mean_labels=facing_yaw(logged.mean(axis=1)),
     )
+
+
+def facing_sessions(
+    folder: Path, participants: Collection[int] | None = None, on_file: Callable[[str], None] = lambda name: None
+) -> list[FacingSession]:
+    """All study logs of a folder that are a `facing_session`.
+
+    Args:
+        folder, participants, on_file: as in `mocapella.evaluation.study_pairs.study_sessions`.
+
+    Raises:
+        InputError, SettingsError: as there; and where no log is one.
+    """
+    found = [facing_session(session) for session in study_sessions(folder, participants, on_file)]
+    sessions = [session for session in found if session is not None]
+    if not sessions:
+        fix = "it wants logs of one person with Stationary, Steps and Walk, and a front sensor"
+        raise InputError("has nothing to learn facing from", file=folder, fix=fix)
+    return sessions
+
+
+def trained_on(sessions: Sequence[FacingSession]) -> dict[str, Any]:
+    """What a model of these sessions was trained on, for `mocapella.fusion.facing_model.FacingModel.trained_on`."""
+    return {
+        "recordings": "study logs of KinectMultiTrack (2015; github chijuiwu/KinectMultiTrack, MIT): one room, one route",
+        "participants": sorted({session.participant for session in sessions}),
+        "sessions": len(sessions),
+        "frames_by_task": {
+            name: int(sum((session.task == SCENARIOS[name]).sum() for session in sessions)) for name in TASK_NAMES
+        },
+        "views": "two Kinect v2, parallel, 45° and 90° apart",
+    }
 
 
 def _second_place(log: StudyLog, rows: Int64, stood: Float64) -> Float64:
@@ -243,6 +278,12 @@ def left_out(
 
 
 def split(sessions: Iterable[FacingSession], folds: int) -> list[set[int]]:
-    """The participants in so many folds: every n-th of them."""
+    """The participants in so many folds: every n-th of them.
+
+    Raises:
+        SettingsError: there are fewer participants than folds.
+    """
     participants = sorted({session.participant for session in sessions})
+    if not 2 <= folds <= len(participants):
+        raise SettingsError(f"{folds} folds of {len(participants)} participants; take from 2 to as many as there are")
     return [set(participants[k::folds]) for k in range(folds)]
