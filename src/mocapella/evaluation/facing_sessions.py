@@ -130,7 +130,7 @@ def facing_sessions(
 def trained_on(sessions: Sequence[FacingSession]) -> dict[str, Any]:
     """What a model of these sessions was trained on, for `mocapella.fusion.facing_model.FacingModel.trained_on`."""
     return {
-        "recordings": "study logs of KinectMultiTrack (2015; github chijuiwu/KinectMultiTrack, MIT): one room, one route",
+        "recordings": "study logs of KinectMultiTrack, 2015 (MIT): one room, one route",
         "participants": sorted({session.participant for session in sessions}),
         "sessions": len(sessions),
         "frames_by_task": {
