@@ -29,6 +29,7 @@ VERBS = [
     ["view"],
     ["doctor"],
     ["evaluate", "kinectmultitrack"],
+    ["train", "facing"],
 ]
 READ_BY_PROGRAMS = [verb for verb in VERBS if verb != ["view"]]
 SCREEN = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
@@ -55,7 +56,7 @@ def test_an_option_has_one_word_for_its_value_in_every_verb() -> None:
 
 
 def test_every_verb_is_in_this_list(tmp_path: Path) -> None:
-    groups = {"": {verb[0] for verb in VERBS}, "node": set(), "export": set(), "evaluate": set()}
+    groups = {"": {verb[0] for verb in VERBS}, "node": set(), "export": set(), "evaluate": set(), "train": set()}
     for verb in VERBS:
         if len(verb) == 2:
             groups[verb[0]].add(verb[1])

@@ -48,9 +48,11 @@ evaluate_app = typer.Typer(
     Example:  mocapella evaluate kinectmultitrack recordings/ --methods stand-still
     """,
 )
+train_app = typer.Typer(no_args_is_help=True, help="Learn from recordings of real people.")
 app.add_typer(node_app, name="node")
 app.add_typer(export_app, name="export")
 app.add_typer(evaluate_app, name="evaluate")
+app.add_typer(train_app, name="train")
 
 
 def _print_version(wanted: bool) -> None:

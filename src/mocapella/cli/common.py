@@ -102,12 +102,30 @@ RecordTo = Annotated[
     typer.Option("--record", metavar="TAKE", help="Record from the start, to this file; .mcap is added."),
 ]
 
+Participants = Annotated[
+    str | None, typer.Option(metavar="P,P,…", help="Whose logs, such as 0,1,20; all where left out.")
+]
+
 MethodSettings = Annotated[
     list[str] | None,
     typer.Option(
         "--set", metavar="NAME=VALUE", help="A setting of the tracking method, such as frames=60; may be repeated."
     ),
 ]
+
+
+def participant_numbers(text: str | None) -> list[int] | None:
+    """``"0,1,20"`` as numbers; None where nothing was said.
+
+    Raises:
+        SettingsError: it is something else.
+    """
+    if text is None:
+        return None
+    parts = [part.strip() for part in text.split(",")]
+    if not all(part.isdecimal() for part in parts):
+        raise SettingsError(f"--participants {text!r} cannot be used; write numbers with commas, such as 0,1,20")
+    return [int(part) for part in parts]
 
 
 def method_settings(pairs: list[str] | None) -> dict[str, Any]:

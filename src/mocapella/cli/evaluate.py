@@ -11,8 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from mocapella.cli.app import evaluate_app
-from mocapella.cli.common import JsonOut, console, say, write_json
-from mocapella.errors import SettingsError
+from mocapella.cli.common import JsonOut, Participants, console, participant_numbers, say, write_json
 
 _FUSED = {
     "bone_length_variation_percent": "bone length variation %",
@@ -32,9 +31,7 @@ _PLACEMENTS = ("parallel", "45", "90")
 def kinectmultitrack(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the KinectMultiTrack study logs.")],
     methods: Annotated[str, typer.Option(help="Tracking methods, with commas between them.")] = "stand-still",
-    participants: Annotated[
-        str | None, typer.Option(metavar="P,P,…", help="Whose logs, such as 0,1,20; all where left out.")
-    ] = None,
+    participants: Participants = None,
     json: JsonOut = None,
 ) -> None:
     """Score tracking methods on the real logs of 2015: how far the two sensors' views of a person lie apart.
@@ -49,7 +46,10 @@ def kinectmultitrack(
     chosen = list(dict.fromkeys(name.strip() for name in methods.split(",") if name.strip()))
     with console.status("reading …") as status:
         result = evaluate(
-            folder, chosen, _numbers(participants), lambda text: status.update(f"scoring {text.replace('[', '(')} …")
+            folder,
+            chosen,
+            participant_numbers(participants),
+            lambda text: status.update(f"scoring {text.replace('[', '(')} …"),
         )
     result = rounded(result)
     write_json(json, result)
@@ -60,15 +60,6 @@ def kinectmultitrack(
         say(problem)
     if problems:
         raise typer.Exit(1)
-
-
-def _numbers(text: str | None) -> list[int] | None:
-    if text is None:
-        return None
-    parts = [part.strip() for part in text.split(",")]
-    if not all(part.isdecimal() for part in parts):
-        raise SettingsError(f"--participants {text!r} cannot be used; write numbers with commas, such as 0,1,20")
-    return [int(part) for part in parts]
 
 
 def failures(result: dict[str, Any]) -> list[str]:

@@ -99,7 +99,12 @@ def facing_away(positions: Float64, towards: Float64) -> float:
 
 def yaw_reversals(positions: Float64, at_s: Float64) -> int:
     """How often the facing turns by more than `REVERSED_BY` within `REVERSED_WITHIN`; what follows one is not in it."""
-    yaw, count, start = facing_yaw(positions), 0, 0
+    return reversals(facing_yaw(positions), at_s)
+
+
+def reversals(yaw: Float64, at_s: Float64) -> int:
+    """`yaw_reversals` of a facing (frames,) [rad]."""
+    count, start = 0, 0
     for i in range(1, len(yaw)):
         while at_s[i] - at_s[start] > REVERSED_WITHIN:
             start += 1

@@ -1,0 +1,110 @@
+"""``mocapella train``: what the project learns from recordings, learnt again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from mocapella import __version__
+from mocapella.cli.app import train_app
+from mocapella.cli.common import JsonOut, Participants, console, participant_numbers, say, write_json
+from mocapella.errors import SettingsError
+
+_COLUMNS = {
+    "against_motion_percent": "against",
+    "reversals_per_min": "reversals",
+    "backward_kept_percent": "backward",
+    "steps_wrong_percent": "Steps",
+    "stationary_wrong_percent": "Stationary",
+    "walk_differs_percent": "differs",
+}
+_CAPTION = (
+    "against: % of Walk's moving frames; reversals: a minute of Walk; backward: % of the motion kept; "
+    "Steps, Stationary: % of frames wrong; differs: % of Walk's frames, from the reference"
+)
+
+
+@train_app.callback()
+def _train() -> None:
+    # Keeps `facing` a verb: without it typer takes a group's only command for the group itself.
+    pass
+
+
+@train_app.command("facing")
+def facing(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the KinectMultiTrack study logs.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="The model to write; a file of that name is replaced.")],
+    participants: Participants = None,
+    folds: Annotated[
+        int | None,
+        typer.Option(min=2, help="Print figures of people left out: train on all but every n-th, test on those."),
+    ] = None,
+    json: JsonOut = None,
+) -> None:
+    """Learn which way people face: how a sensor's labels and a body's shape depend on it.
+
+    docs/methods/facing.md describes the method, and what the shipped model was trained on.
+
+    Example:  mocapella train facing shared/data/kinectmultitrack --out facing.json --folds 2
+    """
+    from mocapella.evaluation.facing_sessions import TOPOLOGY, facing_sessions, left_out, split, trained_on
+    from mocapella.fusion.facing_model import to_json
+    from mocapella.fusion.facing_training import train
+
+    chosen = participant_numbers(participants)
+    with console.status("reading …") as status:
+        sessions = facing_sessions(folder, chosen, lambda name: status.update(f"reading {name} …"))
+        if folds is not None:
+            split(sessions, folds)  # says before the work whether it can be done
+        status.update("training …")
+        model = train([session.sequence for session in sessions], TOPOLOGY.name)
+        statement = {
+            **trained_on(sessions),
+            "command": "mocapella train facing DIR" + ("" if chosen is None else f" --participants {participants}"),
+            "mocapella": __version__,
+        }
+        write_text(out, to_json(msgspec.structs.replace(model, trained_on=statement)))
+        figures = {}
+        if folds is not None:
+            status.update(f"training {folds} times, without those who are tested …")
+            scored = left_out(sessions, folds, model)
+            figures = {name: msgspec.to_builtins(row) for name, row in scored.items()}
+    say(f"{out}: {out.stat().st_size} bytes, of {len(sessions)} sessions of {len(statement['participants'])} people")
+    write_json(json, {"out": str(out), "trained_on": statement, "left_out": figures})
+    if figures and json != "-":
+        Console().print(_table(figures, folds))
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file in one go: it appears complete or not at all.
+
+    Raises:
+        SettingsError: it cannot be written there.
+    """
+    part = path.with_name(f".{path.name}.part")
+    try:
+        part.write_text(text, encoding="utf-8")
+        part.replace(path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise SettingsError(f"--out {path}: {error.strerror}; name a file in a folder that exists") from error
+
+
+def _table(figures: dict[str, dict[str, Any]], folds: int | None) -> Table:
+    sessions = next(iter(figures.values()))["sessions"]
+    title = f"people left out: {folds} folds, {sessions} sessions"
+    table = Table(
+        title=title, title_justify="left", caption=_CAPTION, caption_justify="left", box=SIMPLE_HEAD, padding=0
+    )
+    table.add_column("")
+    for words in _COLUMNS.values():
+        table.add_column(words, justify="right")
+    for name, row in figures.items():
+        table.add_row(name, *(f"{row[key]:.2f}" for key in _COLUMNS))
+    return table

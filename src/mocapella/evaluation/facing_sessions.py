@@ -1,0 +1,289 @@
+"""The study logs as sequences of a person's facing, and how good an estimate of it is (docs/methods/facing.md)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import InputError, SettingsError
+from mocapella.evaluation.fused_metrics import HEADING_OVER, MOVING, facing_yaw, reversals
+from mocapella.evaluation.study_pairs import StudySession, study_sessions
+from mocapella.fusion.facing import FacingSettings
+from mocapella.fusion.facing_grid import most_likely
+from mocapella.fusion.facing_model import FacingModel, untrained
+from mocapella.fusion.facing_shape import view_of
+from mocapella.fusion.facing_training import FacingSequence, posteriors, train
+from mocapella.geometry import rigid
+from mocapella.geometry.alignment import robust_align
+from mocapella.geometry.angles import wrap
+from mocapella.model.session import SCENARIOS
+from mocapella.model.study_log import StudyLog
+from mocapella.model.topology import topology
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+TOPOLOGY: Final = topology("kinect_v2")
+TASK_NAMES: Final = ("stationary", "steps", "walk")
+TASKS: Final = tuple(SCENARIOS[name] for name in TASK_NAMES)
+"""In the first two, people face the front sensor throughout."""
+FRONT: Final = "front"
+VELOCITY_OVER: Final = 0.25
+"""The past that a velocity is from [s]."""
+BACKWARD: Final = np.radians(120.0)
+"""Somebody who moves farther off the facing than that walks backward, and not aside [rad]."""
+
+_STATIONARY, _STEPS, _WALK = TASKS
+_ROOT = TOPOLOGY.parts["root"]
+_TRUNK = [TOPOLOGY.index(name) for name in ("SpineBase", "SpineMid", "SpineShoulder")]
+
+
+class FacingSession(msgspec.Struct, frozen=True, eq=False):
+    """One participant with the sensors in one placement; the world is the reference sensor's camera space.
+
+    Attributes:
+        participant, name: Study_Id, and the file's name.
+        sequence: of both views; known are the facings in Stationary and Steps.
+        task: (frames,) Scenario_Id.
+        toward_front: (frames,) yaw from the person to the front sensor [rad].
+        heading: (frames,) of the motion, from before and after a frame [rad]; NaN where not faster than `MOVING`.
+        front_labels, mean_labels: (frames,) yaw of the front sensor's skeleton, and of the thesis' average [rad].
+    """
+
+    participant: int
+    name: str
+    sequence: FacingSequence
+    task: Int64
+    toward_front: Float64
+    heading: Float64
+    front_labels: Float64
+    mean_labels: Float64
+
+
+def facing_session(session: StudySession) -> FacingSession | None:
+    """A study log's rows of Stationary, Steps and Walk; None where it has not one person in all three, or no `FRONT`.
+
+    The second sensor's rows are brought to the reference's camera space by a robust rigid motion that is fitted to
+    Stationary and Steps. Where the second sensor stood follows from what is logged of its stand-still calibration:
+    its angle and its distance C.z, with C.x taken as 0, since it was aimed at the person.
+    """
+    log = session.log
+    pairs = session.pairs.where(np.isin(session.pairs.task, TASKS))
+    if session.two_people or FRONT not in session.replay.sensors or set(TASKS) - set(pairs.task.tolist()):
+        return None
+    is_reference = session.sensor[pairs.rows] == 0
+    pairs = pairs.where(is_reference.sum(axis=1) == 1)
+    rows = np.take_along_axis(pairs.rows, session.sensor[pairs.rows].argsort(axis=1), axis=1)
+    at_s, first = np.unique(session.at_s[rows[:, 0]], return_index=True)
+    rows, task = rows[first], pairs.task[first]
+    logged = log.positions[rows].astype(np.float64)
+    still = logged[task != _WALK][::3]
+    T_fit = robust_align(still[:, 0].reshape(-1, 3), still[:, 1].reshape(-1, 3))
+    positions = np.stack([logged[:, 0], rigid.apply(T_fit, logged[:, 1])], axis=1)
+    stood = np.nanmean(logged[task == _STATIONARY][:, 0], axis=(0, 1))
+    places = np.stack([np.zeros(3), rigid.apply(T_fit, _second_place(log, rows[0], stood)[None])[0]])
+    sight = places - np.nanmean(positions[..., _TRUNK, :], axis=-2)
+    toward = np.arctan2(sight[..., 0], sight[..., 2])
+    front = session.replay.sensors.index(FRONT)
+    known = np.where(task == _WALK, np.nan, toward[:, front])
+    root = positions[:, :, _ROOT].mean(axis=1)
+    velocity = _velocity(at_s, root, VELOCITY_OVER, 0.0)
+    motion = _velocity(at_s, root, HEADING_OVER / 2, HEADING_OVER / 2)
+    moving = np.hypot(motion[:, 0], motion[:, 2]) > MOVING
+    return FacingSession(
+        participant=session.participant,
+        name=session.name,
+        sequence=FacingSequence(at_s, view_of(positions, toward, TOPOLOGY), toward, velocity, known),
+        task=task,
+        toward_front=toward[:, front],
+        heading=np.where(moving, np.arctan2(motion[:, 0], motion[:, 2]), np.nan),
+        front_labels=facing_yaw(positions[:, front]),
+        mean_labels=facing_yaw(logged.mean(axis=1)),
+    )
+
+
+def facing_sessions(
+    folder: Path, participants: Collection[int] | None = None, on_file: Callable[[str], None] = lambda name: None
+) -> list[FacingSession]:
+    """All study logs of a folder that are a `facing_session`.
+
+    Args:
+        folder, participants, on_file: as in `mocapella.evaluation.study_pairs.study_sessions`.
+
+    Raises:
+        InputError, SettingsError: as there; and where no log is one.
+    """
+    found = [facing_session(session) for session in study_sessions(folder, participants, on_file)]
+    sessions = [session for session in found if session is not None]
+    if not sessions:
+        fix = "it wants logs of one person with Stationary, Steps and Walk, and a front sensor"
+        raise InputError("has nothing to learn facing from", file=folder, fix=fix)
+    return sessions
+
+
+def trained_on(sessions: Sequence[FacingSession]) -> dict[str, Any]:
+    """What a model of these sessions was trained on, for `mocapella.fusion.facing_model.FacingModel.trained_on`."""
+    return {
+        "recordings": "study logs of KinectMultiTrack, 2015 (MIT): one room, one route",
+        "participants": sorted({session.participant for session in sessions}),
+        "sessions": len(sessions),
+        "frames_by_task": {
+            name: int(sum((session.task == SCENARIOS[name]).sum() for session in sessions)) for name in TASK_NAMES
+        },
+        "views": "two Kinect v2, parallel, 45° and 90° apart",
+    }
+
+
+def _second_place(log: StudyLog, rows: Int64, stood: Float64) -> Float64:
+    """(3,) where the second sensor stood by the thesis' calibration, reference camera space [m].
+
+    Args:
+        log: the file.
+        rows: (2,) of both sensors.
+        stood: (3,) where the person was, as the reference sensor sees it [m].
+    """
+    distances = log.init_dist[rows]
+    turn = rigid.rotation_about_y(log.init_angle[rows[1]] - log.init_angle[rows[0]])
+    return np.asarray(np.array([stood[0], 0.0, distances[0]]) - turn @ np.array([0.0, 0.0, distances[1]]))
+
+
+def _velocity(at_s: Float64, points: Float64, before_s: float, after_s: float) -> Float64:
+    """(frames, 3) mean velocity from so long before a frame to so long after it; NaN where that is not covered."""
+
+    def at(times: Float64) -> Float64:
+        return np.stack([np.interp(times, at_s, column, np.nan, np.nan) for column in points.T], axis=-1)
+
+    return np.asarray((at(at_s + after_s) - at(at_s - before_s)) / (before_s + after_s))
+
+
+class FacingFigures(msgspec.Struct, frozen=True):
+    """How good facings are, over all frames of all sessions.
+
+    Attributes:
+        sessions: how many.
+        against_motion_percent: of Walk's frames faster than `MOVING`, more than 90° off the heading.
+        reversals_per_min: of Walk, see `mocapella.evaluation.fused_metrics.reversals`.
+        backward_kept_percent: of Walk's moving frames that are farther than `BACKWARD` off the heading by the
+            reference, those that are more than 90° off it here too.
+        steps_wrong_percent, stationary_wrong_percent: more than 90° off the front sensor.
+        walk_differs_percent: of Walk's frames, more than 90° off the reference.
+    """
+
+    sessions: int
+    against_motion_percent: float
+    reversals_per_min: float
+    backward_kept_percent: float
+    steps_wrong_percent: float
+    stationary_wrong_percent: float
+    walk_differs_percent: float
+
+
+def figures(
+    sessions: Sequence[FacingSession], estimates: Sequence[Float64], references: Sequence[Float64]
+) -> FacingFigures:
+    """Score facings.
+
+    Args:
+        sessions: of any participants.
+        estimates: (frames,) of each session [rad].
+        references: the same, see `reference_facings`.
+    """
+    total = np.zeros((2, 6))  # rows: what counts, of how much; columns: in the order of `FacingFigures`
+    for session, yaw, reference in zip(sessions, estimates, references, strict=True):
+        walk, at_s = session.task == _WALK, session.sequence.at_s
+        moving = walk & np.isfinite(session.heading)
+        backward = moving & _is_off(reference, session.heading, BACKWARD)
+        against = _is_off(yaw, session.heading)
+        wrong, differs = _is_off(yaw, session.toward_front), _is_off(yaw, reference)
+        for column, (what, of) in enumerate(
+            (
+                (against, moving),
+                (None, walk),
+                (against, backward),
+                (wrong, session.task == _STEPS),
+                (wrong, session.task == _STATIONARY),
+                (differs, walk),
+            )
+        ):
+            if what is None:
+                total[:, column] += reversals(yaw[of], at_s[of]), np.ptp(at_s[of]) / 60
+            else:
+                total[:, column] += what[of].sum(), of.sum() / 100
+    ratios = np.divide(total[0], total[1], out=np.full(6, np.nan), where=total[1] > 0)
+    return FacingFigures(len(sessions), *(float(ratio) for ratio in ratios))
+
+
+def _is_off(yaw: Float64, other: Float64, by: float = np.pi / 2) -> NDArray[np.bool_]:
+    return np.asarray(np.abs(wrap(yaw - other)) > by)
+
+
+def reference_facings(sessions: Sequence[FacingSession], model: FacingModel) -> list[Float64]:
+    """The best there is without a truth: (frames,) facings from past and future, of yaws and shapes without motion.
+
+    That motion has no part in it makes it fit to say who really walked backward.
+    """
+    return _yaws(sessions, model, FacingSettings(motion_weight=0.0), smooth=True)
+
+
+def _yaws(
+    sessions: Sequence[FacingSession], model: FacingModel, settings: FacingSettings, smooth: bool = False
+) -> list[Float64]:
+    sequences = [session.sequence for session in sessions]
+    return [most_likely(p) for p in posteriors(sequences, model, settings, smooth=smooth)]
+
+
+def left_out(
+    sessions: Sequence[FacingSession], folds: int, reference: FacingModel, settings: FacingSettings | None = None
+) -> Mapping[str, FacingFigures]:
+    """Figures of people not trained on: each fold of participants by what the others taught; and of what it is made of.
+
+    Args:
+        sessions: of at least as many participants as folds.
+        folds: 2 or more.
+        reference: trained on all, for `reference_facings`.
+        settings: as the model will be used.
+
+    Returns:
+        By method. ``front sensor`` and ``mean of sensors`` take labels for true; ``default`` is the one that ships.
+    """
+    settings = settings or FacingSettings()
+    variants = {
+        "yaw": replace(settings, shape_weight=0.0, motion_weight=0.0),
+        "yaw, motion": replace(settings, shape_weight=0.0),
+        "yaw, shape": replace(settings, motion_weight=0.0),
+        "default": settings,
+        "five times the motion": replace(settings, motion_weight=5 * settings.motion_weight),
+    }
+    estimates: dict[str, list[Float64]] = {name: [] for name in variants}
+    tested: list[FacingSession] = []
+    for test in split(sessions, folds):
+        learnt = train([s.sequence for s in sessions if s.participant not in test], TOPOLOGY.name, settings)
+        held = [s for s in sessions if s.participant in test]
+        tested += held
+        for name, variant in variants.items():
+            estimates[name] += _yaws(held, learnt, variant)
+    plain = {
+        "front sensor": [s.front_labels for s in tested],
+        "mean of sensors": [s.mean_labels for s in tested],
+        "untrained": _yaws(tested, untrained(), settings),
+    }
+    references = reference_facings(tested, reference)
+    return {name: figures(tested, yaws, references) for name, yaws in (plain | estimates).items()}
+
+
+def split(sessions: Iterable[FacingSession], folds: int) -> list[set[int]]:
+    """The participants in so many folds: every n-th of them.
+
+    Raises:
+        SettingsError: there are fewer participants than folds.
+    """
+    participants = sorted({session.participant for session in sessions})
+    if not 2 <= folds <= len(participants):
+        raise SettingsError(f"{folds} folds of {len(participants)} participants; take from 2 to as many as there are")
+    return [set(participants[k::folds]) for k in range(folds)]

@@ -1,0 +1,104 @@
+"""Probabilities of a direction on a circle of bins: moving them on, turning them, and what they say.
+
+A direction is a yaw: 0 along +z, π/2 along +x, y up [rad]. Bin i of `BINS` is the yaw i · `BIN`.
+
+Source: a histogram filter on a circle; S. Thrun, W. Burgard, D. Fox, *Probabilistic Robotics* (2005), section 4.1.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry.angles import wrap
+
+Float64 = NDArray[np.float64]
+
+BINS: Final = 48
+BIN: Final = 2 * np.pi / BINS
+"""7.5° [rad]."""
+YAWS: Final[Float64] = np.arange(BINS) * BIN
+"""(BINS,) of the bins [rad]."""
+STEP_S: Final = 1 / 29
+"""In which somebody turns by up to two bins [s]."""
+
+_NEAR: Final = np.arange(-3, 4)
+_PREVIOUS: Final = np.arange(-1, BINS - 1)
+_LEAST: Final = 1e-12
+
+
+def _turn_spectrum() -> Float64:
+    """The eigenvalues of one step: 0.2 for staying and for each of ±1 and ±2 bins, 1e-6 elsewhere."""
+    kernel = np.full(BINS, 1e-6)
+    kernel[[0, 1, 2, -1, -2]] = 0.2
+    return np.asarray(np.fft.rfft(kernel / kernel.sum()).real)
+
+
+_SPECTRUM: Final = _turn_spectrum()
+
+
+def unknown() -> Float64:
+    """(BINS,) every direction alike."""
+    return np.full(BINS, 1 / BINS)
+
+
+def turned_on(p: Float64, steps: Any) -> Float64:
+    """The probabilities a while later.
+
+    Args:
+        p: (..., BINS).
+        steps: (...,) of `STEP_S`, 0 or more. A part of a step is a mixture of making it and not making it, which has
+            the variance of that part.
+
+    Returns:
+        (..., BINS), of the same sum.
+    """
+    steps = np.asarray(steps, dtype=np.float64)[..., None]
+    whole = np.floor(steps)
+    part = steps - whole
+    spectrum = _SPECTRUM**whole * (1 - part + part * _SPECTRUM)
+    return np.maximum(np.fft.irfft(np.fft.rfft(p, axis=-1) * spectrum, n=BINS, axis=-1), _LEAST)
+
+
+def turned(values: Float64, by: Any) -> Float64:
+    """Values over the circle, turned: what was at a yaw is then at that yaw + ``by``.
+
+    Args:
+        values: (..., BINS).
+        by: (...,) [rad]; between two bins, values are interpolated linearly.
+    """
+    places = np.asarray(by, dtype=np.float64) / BIN
+    whole = np.floor(places)
+    part = (places - whole)[..., None]
+    sources = (np.arange(BINS) - whole.astype(np.intp)[..., None]) % BINS
+    here = np.take_along_axis(np.broadcast_to(values, (*sources.shape[:-1], BINS)), sources, axis=-1)
+    return np.asarray((1 - part) * here + part * here[..., _PREVIOUS])
+
+
+def most_likely(p: Float64) -> Float64:
+    """The mean yaw of the most likely quarter turn.
+
+    A person may face one way or the opposite, hardly what lies between: so it is not the mean over the circle.
+
+    Args:
+        p: (..., BINS).
+
+    Returns:
+        (...,) [rad], within [−π, π).
+    """
+    five = p + sum(np.roll(p, k, axis=-1) for k in (-2, -1, 1, 2))
+    best = five.argmax(axis=-1)[..., None]
+    near = np.take_along_axis(p, (best + _NEAR) % BINS, axis=-1)
+    return wrap((best[..., 0] + (near * _NEAR).sum(axis=-1) / near.sum(axis=-1)) * BIN)
+
+
+def circular_sd(p: Float64) -> Float64:
+    """√(−2 ln R), R the length of the mean unit vector; grows without bound as all directions become alike [rad].
+
+    Source:
+        Mardia and Jupp, *Directional Statistics* (2000), section 2.3.1.
+    """
+    R = np.hypot((p * np.cos(YAWS)).sum(axis=-1), (p * np.sin(YAWS)).sum(axis=-1)) / p.sum(axis=-1)
+    return np.asarray(np.sqrt(-2 * np.log(np.clip(R, _LEAST, 1.0))))

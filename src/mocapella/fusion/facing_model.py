@@ -1,0 +1,235 @@
+"""How likely what is seen of a person is, for each way in which the person may face.
+
+Three tables of log-probabilities over the angle α of the facing, from the direction towards the sensor (or from the
+heading of the motion); each is the same for −α with what is seen mirrored:
+
+    yaw       (BINS, YAW_BINS)       of the folded yaw that a sensor reports: it is compressed, sticks and mirrors
+    shape     (BINS, SHAPE_BINS)     of the score of the body's shape, where it was learnt
+    motion    (SPEEDS, BINS)         of α from the heading, at each speed: nobody is surprised by a step backward
+
+The shipped tables are learnt (`mocapella.fusion.facing_training`); `untrained` does without them.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import InputError
+from mocapella.fusion.facing_grid import BIN, BINS, YAWS, turned
+from mocapella.fusion.facing_shape import FEATURES, ShapeClassifier
+from mocapella.geometry.angles import wrap
+
+Float64 = NDArray[np.float64]
+
+YAW_BINS: Final = BINS // 2
+"""Bin j is the folded yaw (j − YAW_BINS / 2) · `BIN`."""
+SHAPE_BINS: Final = 13
+"""Of scores from −`_MOST_SCORE` to `_MOST_SCORE`."""
+SPEEDS: Final = (0.4, 0.7, 1.0)
+"""From which on a row of the motion's table holds; below the first, motion says nothing [m/s]."""
+
+_MOST_SCORE: Final = 6.0
+_HALF: Final = BINS // 2 + 1
+_DECIMALS: Final = 3
+
+
+class FacingModel(msgspec.Struct, frozen=True, eq=False):
+    """See the module.
+
+    Attributes:
+        yaw, motion: tables of logarithms.
+        shape: the same, or None where nothing was learnt of shapes.
+        classifier: what scores a shape; None likewise.
+        topology: of the joints that the shapes were learnt on; other sensors' shapes say nothing.
+        trained_on: what and how, for people to read; empty for `untrained`.
+    """
+
+    yaw: Float64
+    motion: Float64
+    shape: Float64 | None = None
+    classifier: ShapeClassifier | None = None
+    topology: str = ""
+    trained_on: Mapping[str, Any] = {}
+
+    def yaw_evidence(self, seen: Float64) -> Float64:
+        """(..., BINS) over α, of a folded yaw (...,) [rad]; 0 where it is NaN."""
+        known = np.isfinite(seen)
+        place = np.where(known, seen, 0.0) / BIN + YAW_BINS / 2
+        return np.asarray(_column(self.yaw, place, wraps=True) * known[..., None])
+
+    def shape_evidence(self, features: Float64) -> Float64 | None:
+        """(..., BINS) over α, of features (..., `FEATURES`), by how many of them there are; None where not learnt."""
+        if self.classifier is None or self.shape is None:
+            return None
+        score, seen = self.classifier.score(features)
+        return np.asarray(_column(self.shape, shape_place(score), wraps=False) * seen[..., None])
+
+    def motion_evidence(self, velocity: Float64) -> Float64:
+        """(..., BINS) over the yaw in the world, of a velocity (..., 3) [m/s]; 0 where it is slow or NaN."""
+        speed = np.hypot(velocity[..., 0], velocity[..., 2])
+        heading = np.arctan2(velocity[..., 0], velocity[..., 2])
+        row = np.searchsorted(SPEEDS, np.nan_to_num(speed), side="right")
+        evidence = turned(self.motion[np.maximum(row - 1, 0)], np.nan_to_num(heading))
+        return np.asarray(evidence * (row > 0)[..., None])
+
+
+def shape_place(score: Float64) -> Float64:
+    """Where a score lies on the bins of the shape's table."""
+    return np.asarray((np.clip(score, -_MOST_SCORE, _MOST_SCORE) / _MOST_SCORE + 1) * (SHAPE_BINS - 1) / 2)
+
+
+def neighbours(place: Float64, count: int, wraps: bool) -> tuple[NDArray[np.intp], NDArray[np.intp], Float64]:
+    """The two bins about a place, (...,), and how much of the second there is in it."""
+    first = np.floor(place).astype(np.intp)
+    part = place - first
+    if wraps:
+        return first % count, (first + 1) % count, part
+    return np.clip(first, 0, count - 1), np.clip(first + 1, 0, count - 1), part
+
+
+def _column(table: Float64, place: Float64, wraps: bool) -> Float64:
+    first, second, part = neighbours(place, table.shape[1], wraps)
+    columns = table.T
+    return np.asarray((1 - part[..., None]) * columns[first] + part[..., None] * columns[second])
+
+
+@cache
+def untrained() -> FacingModel:
+    """What is known of Kinect-class sensors without learning; shapes say nothing.
+
+    A sensor reports 34° as 16°, 64° as 40° and 94° as 53°, sticks there, and mirrors: still unmirrored are 63 % at
+    124° and 13 % at 154° (measured on the KinectMultiTrack study of 2015). In motion, people mostly face ahead.
+    """
+    alpha, seen = wrap(YAWS), (np.arange(YAW_BINS) - YAW_BINS / 2) * BIN
+    turn = np.degrees(np.abs(alpha))
+    side = np.where(alpha < 0, -1.0, 1.0)
+
+    def compressed(degrees: Float64) -> Float64:
+        return np.radians(np.interp(degrees, (0, 34, 64, 94, 125, 180), (0, 16, 40, 53, 52, 52)))
+
+    def likely_near(middle: Float64) -> Float64:
+        away = (seen - middle[:, None] + np.pi / 2) % np.pi - np.pi / 2
+        return np.asarray(np.exp(-0.5 * (away / np.radians(15)) ** 2))
+
+    unmirrored = np.interp(turn, (0, 100, 124, 154, 180), (1, 1, 0.63, 0.13, 0))[:, None]
+    yaw = unmirrored * likely_near(side * compressed(turn))
+    yaw += (1 - unmirrored) * likely_near(-side * compressed(180 - turn))
+    motion = np.exp(np.array([[1.0], [1.5], [2.0]]) * np.cos(alpha)) + 0.1
+    return FacingModel(log_rows(yaw, 0.02), log_rows(motion, 0.02))
+
+
+def log_rows(counts: Float64, floor: float) -> Float64:
+    """Logarithms of rows that sum to 1, of counts; each bin gets at least its part of ``floor``."""
+    p = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1e-12) + floor / counts.shape[1]
+    return np.asarray(np.log(p / p.sum(axis=1, keepdims=True)))
+
+
+class _File(msgspec.Struct, forbid_unknown_fields=True):
+    """The file: a `FacingModel`, of whose tables there is only the half that is not the other's mirror image."""
+
+    trained_on: dict[str, Any]
+    topology: str
+    features: list[str]
+    mean: list[float]
+    spread: list[float]
+    weights: list[float]
+    yaw: list[list[float]]
+    shape: list[list[float]]
+    motion: list[list[float]]
+
+
+def to_json(model: FacingModel) -> str:
+    """The text of a file for `read_model`: all of the model, numbers to three decimals.
+
+    Args:
+        model: one that was trained.
+    """
+    classifier, shape = model.classifier, model.shape
+    if classifier is None or shape is None:
+        raise ValueError("an untrained model is no file")
+
+    def numbers(array: Float64) -> list[Any]:
+        rounded: list[Any] = np.round(array, _DECIMALS).tolist()
+        return rounded
+
+    data = msgspec.structs.asdict(
+        _File(
+            trained_on=dict(model.trained_on),
+            topology=model.topology,
+            features=list(FEATURES),
+            mean=np.round(classifier.mean, 6).tolist(),
+            spread=np.round(classifier.spread, 6).tolist(),
+            weights=np.round(classifier.weights, 6).tolist(),
+            yaw=numbers(model.yaw[:_HALF]),
+            shape=numbers(shape[:_HALF]),
+            motion=numbers(model.motion[:, :_HALF]),
+        )
+    )
+    lines = []
+    for key, value in data.items():
+        if isinstance(value, list) and value and isinstance(value[0], list):
+            rows = ",\n".join(json.dumps(row, separators=(",", ":")) for row in value)
+            lines.append(f"{json.dumps(key)}: [\n{rows}\n]")
+        else:
+            lines.append(f"{json.dumps(key)}: {json.dumps(value, indent=1 if key == 'trained_on' else None)}")
+    return "{\n" + ",\n".join(lines) + "\n}\n"
+
+
+def from_json(text: bytes | str, file: object) -> FacingModel:
+    """The model of a file's text.
+
+    Raises:
+        InputError: it is not such a file; names ``file``.
+    """
+    fix = "make it with `mocapella train facing`"
+    try:
+        data = msgspec.json.decode(text, type=_File)
+        if data.features != list(FEATURES):
+            raise ValueError("features are not those of this version")
+        yaw, shape, motion = (np.array(table, dtype=np.float64) for table in (data.yaw, data.shape, data.motion))
+        shapes = (yaw.shape, shape.shape, motion.shape)
+        if shapes != ((_HALF, YAW_BINS), (_HALF, SHAPE_BINS), (len(SPEEDS), _HALF)):
+            raise ValueError("a table has the wrong number of rows or columns")
+        sizes = [len(values) for values in (data.mean, data.spread, data.weights)]
+        if sizes != [len(FEATURES), len(FEATURES), 2 * len(FEATURES) + 1] or min(data.spread) <= 0:
+            raise ValueError("the classifier has the wrong number of weights, or a spread that is none")
+    except (msgspec.DecodeError, ValueError) as error:
+        raise InputError(f"is no model of facing: {error}", file=file, fix=fix) from error
+    mirrored = yaw[-2:0:-1][:, (YAW_BINS - np.arange(YAW_BINS)) % YAW_BINS]
+    return FacingModel(
+        yaw=np.concatenate([yaw, mirrored]),
+        shape=np.concatenate([shape, shape[-2:0:-1]]),
+        motion=np.concatenate([motion, motion[:, -2:0:-1]], axis=1),
+        classifier=ShapeClassifier(np.array(data.mean), np.array(data.spread), np.array(data.weights)),
+        topology=data.topology,
+        trained_on=data.trained_on,
+    )
+
+
+def read_model(path: Path) -> FacingModel:
+    """The model in a file that `mocapella train facing` wrote.
+
+    Raises:
+        InputError: it cannot be read, or is none.
+    """
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", file=path, fix="check the name and the folder") from error
+    return from_json(text, path)
+
+
+@cache
+def shipped_model() -> FacingModel:
+    """The model that comes with this version, or `untrained` where its file is not there."""
+    source = files("mocapella.fusion").joinpath("data", "facing.json")
+    return from_json(source.read_bytes(), source) if source.is_file() else untrained()

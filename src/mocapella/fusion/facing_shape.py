@@ -1,0 +1,165 @@
+"""What one view says of a person's facing: the yaw of its shoulders, and the shape of the body.
+
+A Kinect-class sensor takes whoever it sees for somebody who faces it, and mirrors the labels where a back is turned.
+Its labels therefore say nothing of front or back, and nothing here depends on them. But the surface that it sees from
+behind is another, and knees bend the other way. So a body's shape is measured along the normal of its shoulders
+*towards the sensor*, as means of left and right, and a classifier (`ShapeClassifier`) tells back from front.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry.angles import wrap
+from mocapella.model.topology import Topology
+
+Float64 = NDArray[np.float64]
+
+FEATURES: Final[dict[str, dict[str, float]]] = {
+    "hips before the spine's base": {"Hip": 1, "SpineBase": -1},
+    "shoulders before the spine": {"Shoulder": 1, "SpineMid": -1},
+    "neck before the spine": {"Neck": 1, "SpineMid": -1},
+    "head before the spine": {"Head": 1, "SpineMid": -1},
+    "head before the neck": {"Head": 1, "Neck": -1},
+    "hands before the spine": {"Hand": 1, "SpineMid": -1},
+    "elbows before shoulders and wrists": {"Elbow": 1, "Shoulder": -0.5, "Wrist": -0.5},
+    "knees before hips and ankles": {"Knee": 1, "Hip": -0.5, "Ankle": -0.5},
+    "ankles before the knees": {"Ankle": 1, "Knee": -1},
+    "feet before the ankles": {"Foot": 1, "Ankle": -1},
+}
+"""A feature → the joints whose places it sums; a joint that there is on both sides is the mean of the two."""
+_MOST: Final = 4.0
+"""A feature counts no more than as so many standard deviations: a joint far off is a joint lost."""
+_LENGTHS_M: Final = (0.2, 1.5)
+"""Head to SpineBase of anybody [m]."""
+
+
+class View(msgspec.Struct, frozen=True, eq=False):
+    """What views say of a person; (...,) are the leading axes.
+
+    Attributes:
+        reported: (...,) yaw that the sensor's own labels say, world [rad]; NaN where a shoulder is missing.
+        seen: (...,) the same from the direction towards the sensor, folded into [−π/2, π/2): labels do not matter.
+        features: (..., `FEATURES`) in lengths head–SpineBase; NaN where a joint is missing.
+    """
+
+    reported: Float64
+    seen: Float64
+    features: Float64
+
+
+def view_of(positions: Float64, toward_sensor: Float64, topology: Topology) -> View:
+    """Measure views.
+
+    Args:
+        positions: (..., joints, 3), world [m]; NaN where not seen.
+        toward_sensor: (...,) yaw from the person to the sensor [rad].
+        topology: of the joints; without the joints' names that it takes there are no features.
+    """
+    left, right = topology.parts["shoulder_left"], topology.parts["shoulder_right"]
+    across = positions[..., left, :] - positions[..., right, :]
+    flat = np.hypot(across[..., 0], across[..., 2]) > 1e-6
+    reported = np.where(flat, np.arctan2(-across[..., 2], across[..., 0]), np.nan)
+    seen = np.asarray((reported - toward_sensor + np.pi / 2) % np.pi - np.pi / 2)
+    return View(reported, seen, _features(positions, toward_sensor + seen, topology))
+
+
+def _features(positions: Float64, yaw: Float64, topology: Topology) -> Float64:
+    sums = _sums(topology)
+    if sums is None:
+        return np.full((*yaw.shape, len(FEATURES)), np.nan)
+    trunk = positions[..., topology.index("Head"), :] - positions[..., topology.index("SpineBase"), :]
+    length = np.sqrt((trunk * trunk).sum(axis=-1))
+    length = np.where((length > _LENGTHS_M[0]) & (length < _LENGTHS_M[1]), length, np.nan)
+    before = positions[..., 0] * np.sin(yaw)[..., None] + positions[..., 2] * np.cos(yaw)[..., None]
+    missing = np.isnan(before)
+    values = np.where(missing, 0.0, before) @ sums.T
+    if missing.any():
+        values = np.where(missing @ (sums != 0).T, np.nan, values)
+    return np.asarray(values / length[..., None])
+
+
+@cache
+def _sums_by_name(joints: tuple[str, ...]) -> Float64 | None:
+    sums = np.zeros((len(FEATURES), len(joints)))
+    for row, parts in zip(sums, FEATURES.values(), strict=True):
+        for name, weight in parts.items():
+            places = [i for i, joint in enumerate(joints) if joint in (name, f"{name}Left", f"{name}Right")]
+            if not places:
+                return None
+            row[places] += weight / len(places)
+    return sums
+
+
+def _sums(topology: Topology) -> Float64 | None:
+    """(`FEATURES`, joints) what a feature sums; None where the topology has not all the joints."""
+    return _sums_by_name(topology.joints)
+
+
+class ShapeClassifier(msgspec.Struct, frozen=True, eq=False):
+    """A logistic regression on the features and their squares: above 0, the person faces the sensor.
+
+    Attributes:
+        mean, spread: (`FEATURES`,) by which features are standardised.
+        weights: (2 · `FEATURES` + 1,) of the standardised features, of their squares less 1, and the constant.
+    """
+
+    mean: Float64
+    spread: Float64
+    weights: Float64
+
+    def score(self, features: Float64) -> tuple[Float64, Float64]:
+        """The log-odds of facing the sensor, (...,), and how much of the shape was seen, (...,) from 0 to 1.
+
+        A feature that is missing counts as its mean.
+        """
+        design, seen = design_matrix(features, self.mean, self.spread)
+        return np.asarray(design @ self.weights), seen
+
+
+def design_matrix(features: Float64, mean: Float64, spread: Float64) -> tuple[Float64, Float64]:
+    """(..., 2 · `FEATURES` + 1) what the regression weights, and (...,) the share of features that there are."""
+    z = np.clip((features - mean) / spread, -_MOST, _MOST)
+    missing = np.isnan(z)
+    z = np.where(missing, 0.0, z)
+    squares = np.where(missing, 0.0, z * z - 1.0)
+    ones = np.ones((*z.shape[:-1], 1))
+    return np.concatenate([z, squares, ones], axis=-1), 1.0 - missing.mean(axis=-1)
+
+
+def fit_classifier(features: Float64, faces: NDArray[np.bool_], penalty: float) -> ShapeClassifier:
+    """Fit by Newton's method; both classes count alike, however many there are of each.
+
+    Args:
+        features: (views, `FEATURES`) without NaN.
+        faces: (views,) whether the person faces the sensor; there must be some of each.
+        penalty: λ of λ/2 · Σ w², of standardised features and a loss that is a mean over views.
+
+    Source:
+        Hastie, Tibshirani, Friedman, *The Elements of Statistical Learning* (2009), sections 4.4.1 and 4.4.4.
+    """
+    share = np.where(faces, 0.5 / faces.sum(), 0.5 / (~faces).sum())
+    mean = share @ features
+    spread = np.sqrt(share @ (features - mean) ** 2)
+    X, _ = design_matrix(features, mean, spread)
+    ridge = penalty * np.eye(X.shape[1])
+    ridge[-1, -1] = 1e-9
+    w = np.zeros(X.shape[1])
+    for _ in range(25):
+        p = 1 / (1 + np.exp(-X @ w))
+        gradient = X.T @ (share * (p - faces)) + ridge @ w
+        step = np.linalg.solve((X * (share * p * (1 - p))[:, None]).T @ X + ridge, gradient)
+        w = w - step
+        if np.abs(step).max() < 1e-9:
+            break
+    return ShapeClassifier(mean, spread, w)
+
+
+def mirrored_yaw(yaw: Float64, mirrored: NDArray[np.bool_]) -> Float64:
+    """The yaw that labels say once left and right are swapped where ``mirrored``."""
+    return wrap(yaw + np.where(mirrored, np.pi, 0.0))

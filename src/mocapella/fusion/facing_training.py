@@ -1,0 +1,251 @@
+"""Learning how views depend on the facing, from recordings in which nobody wrote down the facing.
+
+By expectation–maximisation (Dempster, Laird, Rubin, J. R. Stat. Soc. B 39, 1977), the expectation by forward and
+backward passes over the bins (Rabiner, Proc. IEEE 77, 1989, section III). Where the facing is known (people who were
+asked to face a sensor), it holds the rest in place. In order:
+
+1. the yaw's table, from yaws alone;
+2. the classifier of shapes, on frames in which that is sure of front or back; then the shape's table;
+3. both again, from yaws and shapes; at last the motion's table. Motion never teaches what a shape means, so that who
+   walks backward is not learnt as walking forward.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import InputError
+from mocapella.fusion.facing import FacingSettings, believed, evidence
+from mocapella.fusion.facing_grid import BIN, BINS, STEP_S, YAWS, turned, turned_on, unknown
+from mocapella.fusion.facing_model import (
+    SHAPE_BINS,
+    SPEEDS,
+    YAW_BINS,
+    FacingModel,
+    log_rows,
+    neighbours,
+    shape_place,
+    untrained,
+)
+from mocapella.fusion.facing_shape import FEATURES, View, fit_classifier
+from mocapella.geometry.angles import wrap
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+class FacingSequence(msgspec.Struct, frozen=True, eq=False):
+    """One person over time.
+
+    Attributes:
+        at_s: (frames,) rising [s].
+        view: (frames, views), see `mocapella.fusion.facing_shape.view_of`.
+        toward_sensor: (frames, views) yaw from the person to each sensor, world [rad].
+        velocity: (frames, 3) world, from the past [m/s]; NaN where unknown.
+        known_yaw: (frames,) that the person was asked to face, world [rad]; NaN where nobody was asked.
+    """
+
+    at_s: Float64
+    view: View
+    toward_sensor: Float64
+    velocity: Float64
+    known_yaw: Float64
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """How the tables are learnt. Chosen by leaving people out.
+
+    Attributes:
+        known_within_deg: standard deviation of a facing that is known.
+        yaw_rounds, shape_rounds: of steps 1 and 3.
+        front_deg, back_deg, sure: a view is of a front (back) where α lies within ±front_deg (beyond ±back_deg) with
+            more than this probability.
+        penalty: of the classifier's weights.
+        yaw_floor, shape_floor, motion_floor: share of each row of a table that is spread evenly.
+    """
+
+    known_within_deg: float = 10.0
+    yaw_rounds: int = 4
+    shape_rounds: int = 2
+    front_deg: float = 60.0
+    back_deg: float = 120.0
+    sure: float = 0.9
+    penalty: float = 0.1
+    yaw_floor: float = 0.02
+    shape_floor: float = 0.05
+    motion_floor: float = 0.02
+
+    def __post_init__(self) -> None:
+        check(0 < self.known_within_deg <= 45, "known_within_deg", self.known_within_deg, "above 0° up to 45°")
+        check(1 <= self.yaw_rounds <= 100, "yaw_rounds", self.yaw_rounds, "from 1 to 100")
+        check(1 <= self.shape_rounds <= 100, "shape_rounds", self.shape_rounds, "from 1 to 100")
+        check(0 < self.front_deg <= self.back_deg < 180, "front_deg", self.front_deg, "above 0° up to back_deg")
+        check(0.5 <= self.sure < 1, "sure", self.sure, "from 0.5 to below 1")
+        check(self.penalty > 0, "penalty", self.penalty, "above 0")
+        for name in ("yaw_floor", "shape_floor", "motion_floor"):
+            check(0 < getattr(self, name) <= 1, name, getattr(self, name), "above 0, up to 1")
+
+
+def posteriors(
+    sequences: Sequence[FacingSequence],
+    model: FacingModel,
+    settings: FacingSettings,
+    *,
+    smooth: bool = False,
+    known_within_deg: float | None = None,
+) -> list[Float64]:
+    """(frames, BINS) of each sequence: the probability of each facing.
+
+    Args:
+        sequences: any.
+        model, settings: as `mocapella.fusion.facing.PersonFacing` takes them; with ``smooth`` off, so are the results.
+        smooth: use what comes after a frame too.
+        known_within_deg: use what is known of the facing, as surely as that; None does not.
+    """
+    frames, people = max(len(s.at_s) for s in sequences), len(sequences)
+    steps = np.zeros((frames, people))
+    log_evidence = np.zeros((frames, people, BINS))
+    for i, sequence in enumerate(sequences):
+        n = len(sequence.at_s)
+        steps[1:n, i] = np.diff(sequence.at_s) / STEP_S
+        log_evidence[:n, i] = _evidence(sequence, steps[:n, i], model, settings)
+        if known_within_deg is not None:
+            off = np.degrees(wrap(YAWS - sequence.known_yaw[:, None])) / known_within_deg
+            log_evidence[:n, i] += np.nan_to_num(-0.5 * off**2)
+    p = np.empty_like(log_evidence)
+    now = np.broadcast_to(unknown(), (people, BINS))
+    for k in range(frames):
+        p[k] = now = believed(turned_on(now, steps[k]), log_evidence[k])
+    if smooth:
+        later = np.ones((people, BINS))
+        for k in range(frames - 1, -1, -1):
+            p[k] *= later
+            later = turned_on(believed(later, log_evidence[k]), steps[k])
+        p /= p.sum(axis=-1, keepdims=True)
+    return [p[: len(s.at_s), i] for i, s in enumerate(sequences)]
+
+
+def _evidence(sequence: FacingSequence, steps: Float64, model: FacingModel, settings: FacingSettings) -> Float64:
+    scale = np.clip(np.append(1.0, steps[1:]), 0.0, 1.0)
+    known = np.isfinite(sequence.view.reported)
+    total = evidence(sequence.view, sequence.toward_sensor, model, settings, known * scale[:, None]).sum(axis=-2)
+    motion_scale = settings.motion_weight * np.clip(steps, 0.0, 1.0) * known.any(axis=-1)
+    return np.asarray(total + motion_scale[:, None] * model.motion_evidence(sequence.velocity))
+
+
+def train(
+    sequences: Sequence[FacingSequence],
+    topology: str,
+    settings: FacingSettings | None = None,
+    training: TrainingSettings | None = None,
+) -> FacingModel:
+    """Learn a model; the same sequences give the same.
+
+    Args:
+        sequences: of some people; in some of them a part of the facings must be known.
+        topology: of the joints.
+        settings: with which the model will be used.
+        training: see there.
+
+    Raises:
+        InputError: no facing is known, or nobody is ever surely seen from the front, or from behind.
+    """
+    settings, training = settings or FacingSettings(), training or TrainingSettings()
+    if not any(np.isfinite(s.known_yaw).any() for s in sequences):
+        raise InputError("no facing is known in any sequence", fix="add frames in which people face a sensor")
+    yaws = FacingSettings(yaw_weight=settings.yaw_weight, shape_weight=0.0, motion_weight=0.0)
+    both = FacingSettings(yaw_weight=settings.yaw_weight, shape_weight=settings.shape_weight, motion_weight=0.0)
+
+    def expected(model: FacingModel, used: FacingSettings) -> list[Float64]:
+        return posteriors(sequences, model, used, smooth=True, known_within_deg=training.known_within_deg)
+
+    model = untrained()
+    for _ in range(training.yaw_rounds):
+        model = _with_yaw(model, sequences, expected(model, yaws), training)
+    model = msgspec.structs.replace(model, topology=topology)
+    model = _with_shape(model, sequences, expected(model, yaws), training)
+    for _ in range(training.shape_rounds):
+        facings = expected(model, both)
+        model = _with_shape(_with_yaw(model, sequences, facings, training), sequences, facings, training)
+    return _with_motion(model, sequences, expected(model, both), training)
+
+
+def _with_yaw(
+    model: FacingModel, sequences: Sequence[FacingSequence], facings: list[Float64], training: TrainingSettings
+) -> FacingModel:
+    counts = np.zeros((BINS, YAW_BINS))
+    for sequence, p in zip(sequences, facings, strict=True):
+        seen = sequence.view.seen
+        _count(counts, _about_sensors(sequence, p), seen / BIN + YAW_BINS / 2, np.isfinite(seen), wraps=True)
+    counts = _blurred(counts + _mirrored(_mirrored(counts).T).T)
+    return msgspec.structs.replace(model, yaw=log_rows(counts, training.yaw_floor))
+
+
+def _with_shape(
+    model: FacingModel, sequences: Sequence[FacingSequence], facings: list[Float64], training: TrainingSettings
+) -> FacingModel:
+    about = [_about_sensors(sequence, p) for sequence, p in zip(sequences, facings, strict=True)]
+    alpha = np.degrees(np.abs(wrap(YAWS)))
+    front = np.concatenate([p[..., alpha < training.front_deg].sum(axis=-1).ravel() for p in about])
+    back = np.concatenate([p[..., alpha > training.back_deg].sum(axis=-1).ravel() for p in about])
+    features = np.concatenate([s.view.features.reshape(-1, len(FEATURES)) for s in sequences])
+    complete = np.isfinite(features).all(axis=-1)
+    fronts, backs = complete & (front > training.sure), complete & (back > training.sure)
+    if min(fronts.sum(), backs.sum()) <= 2 * len(FEATURES):
+        raise InputError(
+            f"{fronts.sum()} views are surely of a front and {backs.sum()} of a back",
+            fix="add recordings in which people turn all the way round",
+        )
+    classifier = fit_classifier(features[fronts | backs], fronts[fronts | backs], training.penalty)
+    counts = np.zeros((BINS, SHAPE_BINS))
+    for sequence, p in zip(sequences, about, strict=True):
+        score, _ = classifier.score(sequence.view.features)
+        _count(counts, p, shape_place(score), np.isfinite(sequence.view.features).all(axis=-1), wraps=False)
+    counts = _blurred(counts + _mirrored(counts))
+    return msgspec.structs.replace(model, classifier=classifier, shape=log_rows(counts, training.shape_floor))
+
+
+def _with_motion(
+    model: FacingModel, sequences: Sequence[FacingSequence], facings: list[Float64], training: TrainingSettings
+) -> FacingModel:
+    counts = np.zeros((len(SPEEDS), BINS))
+    for sequence, p in zip(sequences, facings, strict=True):
+        v = np.nan_to_num(sequence.velocity)
+        row = np.searchsorted(SPEEDS, np.hypot(v[:, 0], v[:, 2]), side="right") - 1
+        ahead = turned(p, -np.arctan2(v[:, 0], v[:, 2]))
+        free = (row >= 0) & np.isnan(sequence.known_yaw)  # who steps aside on request does not walk as people walk
+        counts += (row[free] == np.arange(len(SPEEDS))[:, None]) @ ahead[free]
+    counts = counts + _mirrored(counts.T).T
+    return msgspec.structs.replace(model, motion=log_rows(counts, training.motion_floor))
+
+
+def _about_sensors(sequence: FacingSequence, p: Float64) -> Float64:
+    """(frames, views, BINS) the facings from each direction towards a sensor."""
+    return turned(p[:, None], -sequence.toward_sensor)
+
+
+def _count(counts: Float64, p: Float64, place: Float64, known: Bools, *, wraps: bool) -> None:
+    """Add to (BINS, columns) the probabilities (..., BINS) of what was seen at a place (...,) between two columns."""
+    p = p[known]
+    first, second, part = neighbours(place[known], counts.shape[1], wraps)
+    shares = np.zeros((len(p), counts.shape[1]))
+    each = np.arange(len(p))
+    shares[each, first] = 1 - part
+    shares[each, second] += part
+    counts += p.T @ shares
+
+
+def _mirrored(table: Float64) -> Float64:
+    """The rows of −α in the place of those of α; rows are of a circle whose first is its own mirror image."""
+    return np.asarray(table[-np.arange(len(table)) % len(table)])
+
+
+def _blurred(table: Float64) -> Float64:
+    return np.asarray((np.roll(table, 1, axis=0) + 2 * table + np.roll(table, -1, axis=0)) / 4)
