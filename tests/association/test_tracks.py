@@ -62,7 +62,6 @@ def stands(x: float, z: float = 3.0) -> Callable[[float], Place]:
     return lambda _: (x, z)
 
 
-@settings(deadline=None)  # the first call imports scipy
 @given(arrays(np.float64, (3, 4), elements=st.floats(0, 10)), arrays(np.bool_, (3, 4)))
 def test_no_other_assignment_has_more_pairs_or_costs_less(cost: np.ndarray, allowed: np.ndarray) -> None:
     pairs = assign(cost, allowed)

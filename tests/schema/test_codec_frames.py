@@ -37,7 +37,7 @@ def refused(data: bytes, *parts: str, error: type[WireError] = WireError) -> Non
 
 
 @given(frames())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_a_frame_comes_back_as_it_was(frame: BodyFrame) -> None:
     data = encode_frame(frame)
     back = decode_frame(data)
@@ -201,7 +201,7 @@ def test_a_joint_may_have_no_depth_point_and_no_orientation(field: str) -> None:
 @given(st.binary(max_size=400))
 @example(b"\x0a\xff\xff\xff\xff\x7f")  # a field that claims 32 GiB
 @example(b"\x62\xff\xff\xff\xff\x07\0")  # tracking_ids of 2 GiB
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 def test_bytes_that_are_not_ours_are_refused(data: bytes) -> None:
     with pytest.raises(WireError):
         decode_frame(data)
@@ -211,7 +211,7 @@ ONE_BODY = encode_frame(plain_frame(1))
 
 
 @given(st.data())
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 def test_a_damaged_frame_is_refused_or_sound(data: st.DataObject) -> None:
     damaged = bytearray(ONE_BODY)
     for place in data.draw(st.lists(st.integers(0, len(damaged) - 1), min_size=1, max_size=4)):

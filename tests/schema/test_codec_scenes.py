@@ -43,7 +43,7 @@ def small_truth(people: int = 2, bodies: int = 3) -> Truth:
 
 
 @given(st.integers(0, 4), st.sampled_from(Phase), st.text(max_size=20).filter(str.isprintable))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_a_scene_comes_back_as_it_was(people: int, phase: Phase, reason: str) -> None:
     scene = msgspec.structs.replace(small_scene(people), state=TrackerState(phase, 4, 5, 6, reason))
     data = encode_scene(scene)
@@ -52,7 +52,7 @@ def test_a_scene_comes_back_as_it_was(people: int, phase: Phase, reason: str) ->
 
 
 @given(st.integers(0, 3), st.integers(0, 3))
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_a_truth_comes_back_as_it_was(people: int, bodies: int) -> None:
     truth = small_truth(people, bodies)
     assert_same(truth, decode_truth(encode_truth(truth)))
@@ -159,7 +159,7 @@ def test_a_newer_minor_version_may_add_fields() -> None:
 
 
 @given(st.binary(max_size=300))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_bytes_that_are_not_ours_are_refused(data: bytes) -> None:
     for decode in (decode_scene, decode_truth):
         with pytest.raises(WireError):
@@ -171,7 +171,7 @@ TRUTH = encode_truth(small_truth())
 
 
 @given(st.data())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_damaged_ones_are_refused_or_read(data: st.DataObject) -> None:
     whole, decode = data.draw(st.sampled_from([(SCENE, decode_scene), (TRUTH, decode_truth)]))
     damaged = bytearray(whole)

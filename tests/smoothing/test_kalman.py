@@ -21,7 +21,7 @@ PLAIN = KalmanSettings(degrees_of_freedom=math.inf)
 
 def run(path: np.ndarray, settings: KalmanSettings | None = None, variance: float = 1e-4) -> list[Points]:
     settings = settings or KalmanSettings()
-    points, made = unknown(path.shape[1:-1], 0.0), []
+    points, made = unknown(path.shape[1], 0.0), []
     for k, measured in enumerate(path):
         points = predict(points, k * DT, settings)
         points = correct(points, measured, np.full(measured.shape[:-1], variance), settings)
@@ -76,7 +76,7 @@ def test_it_is_as_uncertain_as_it_is_wrong() -> None:
     rng = np.random.default_rng(1)
     settings, people = PLAIN, 400
     velocity, position = rng.normal(0, settings.speed_sd, (people, 3)), np.zeros((people, 3))
-    points = unknown((people,), 0.0)
+    points = unknown(people, 0.0)
     Q = settings.acceleration_density * np.array([[DT**3 / 3, DT**2 / 2], [DT**2 / 2, DT]])
     L = np.linalg.cholesky(Q)
     for k in range(60):

@@ -11,13 +11,15 @@ others are gone and fades.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.model.observations import JointState
 from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
@@ -52,8 +54,13 @@ class FusionSettings:
         check(0 <= self.offset_s < 1e6, "offset_s", self.offset_s, "0 s or more")
         check(0 <= self.age_speed_m_s < 1e3, "age_speed_m_s", self.age_speed_m_s, "0 m/s or more")
 
-
-_REFERENCE_M = 2.0
+    @cached_property
+    def vector(self) -> Float64:
+        """For the compiled steps, in their order."""
+        return np.array([
+            self.sd_m, self.inferred_factor, self.clipped_factor, self.degrees_of_freedom, self.offset_s,
+            self.age_speed_m_s,
+        ])  # fmt: skip
 
 
 def view_variances(
@@ -62,24 +69,25 @@ def view_variances(
     """What a coordinate of each joint may be wrong by.
 
     Args:
-        states: (..., joints) `JointState`.
-        distances_m: (...,) from the sensor to the body.
-        clipped: (...,) whether the body is cut off at an edge of the view.
-        ages_s: (...,) how old the view is.
+        states: (views, joints) `JointState`.
+        distances_m: (views,) from the sensor to the body.
+        clipped: (views,) whether the body is cut off at an edge of the view.
+        ages_s: (views,) how old the view is.
         settings: see there.
 
     Returns:
-        (..., joints) variances [m²]; infinite where not tracked.
+        (views, joints) variances [m²]; infinite where not tracked.
     """
-    s = settings
-    sd = s.sd_m * np.maximum(distances_m / _REFERENCE_M, 0.25) ** 2 * np.where(clipped, s.clipped_factor, 1.0)
-    factor = np.where(states == JointState.INFERRED, s.inferred_factor, 1.0)
-    variances = (sd[..., None] * factor) ** 2 + ((s.age_speed_m_s * ages_s) ** 2)[..., None]
-    return np.where(states == JointState.NOT_TRACKED, np.inf, variances)
+    s, kernels = settings, _kernels()
+    variances = np.empty(states.shape)
+    for i in range(len(states)):
+        sd = kernels.sd_at(s.sd_m, distances_m[i], clipped[i], s.clipped_factor)
+        kernels.joint_variances(states[i], sd, s.inferred_factor, (s.age_speed_m_s * ages_s[i]) ** 2, variances[i])
+    return variances
 
 
 class Fused(msgspec.Struct, frozen=True, eq=False):
-    """``positions`` (..., joints, 3) [m], NaN where no view has the joint; ``variances`` (..., joints) [m²]."""
+    """``positions`` (joints, 3) [m], NaN where no view has the joint; ``variances`` (joints,) [m²]."""
 
     positions: Float64
     variances: Float64
@@ -91,32 +99,21 @@ def weighted_mean(
     """The mean of the views by the inverse of their variances; those far from what is expected count less.
 
     Args:
-        views: (..., views, joints, 3), in one frame at one instant [m]; NaN where not seen.
-        variances: (..., views, joints) [m²]; infinite where not seen.
-        expected: (..., joints, 3) where the joints are expected; NaN where nobody knows.
-        expected_variances: (..., joints) [m²].
+        views: (views, joints, 3), in one frame at one instant [m]; NaN where not seen.
+        variances: (views, joints) [m²]; infinite where not seen.
+        expected: (joints, 3) where the joints are expected; NaN where nobody knows.
+        expected_variances: (joints,) [m²].
         degrees_of_freedom: of the Student-t weight.
 
     Returns:
         The mean and its variance, with that of the views about their mean in it: they may disagree by more than they
         say.
     """
-    seen = np.isfinite(variances) & np.isfinite(views).all(axis=-1)
-    weights = np.where(seen, 1.0 / variances, 0.0)
-    if np.isfinite(degrees_of_freedom):
-        known = seen & np.isfinite(expected[..., None, :, 0])
-        away = np.where(known[..., None], views - expected[..., None, :, :], 0.0)
-        allowed = np.where(known, variances + expected_variances[..., None, :], 1.0)
-        surprise = (away**2).sum(axis=-1) / allowed
-        weights *= (degrees_of_freedom + 3.0) / (degrees_of_freedom + np.maximum(surprise, 3.0))
-    total = weights.sum(axis=-2)
-    some = total > 0.0
-    share = weights / np.where(some, total, 1.0)[..., None, :]
-    mean = np.where(seen[..., None], share[..., None] * views, 0.0).sum(axis=-3)
-    apart = np.where(seen[..., None], views - mean[..., None, :, :], 0.0)
-    spread = (share * (apart**2).sum(axis=-1)).sum(axis=-2) / 3.0
-    variance = 1.0 / np.where(some, total, 1.0) + spread
-    return Fused(np.where(some[..., None], mean, np.nan), np.where(some, variance, np.inf))
+    fused = Fused(np.empty(expected.shape), np.empty(len(expected)))
+    _kernels().fuse(
+        views, variances, expected, expected_variances, float(degrees_of_freedom), fused.positions, fused.variances
+    )
+    return fused
 
 
 def learn_offsets(offsets: Float64, views: Float64, mean: Float64, dt: float, settings: FusionSettings) -> Float64:
@@ -126,14 +123,21 @@ def learn_offsets(offsets: Float64, views: Float64, mean: Float64, dt: float, se
     differ from and its offset fades.
 
     Args:
-        offsets: (..., views, joints, 3) as they were [m].
-        views: (..., views, joints, 3), not corrected; NaN where not seen.
-        mean: (..., joints, 3) of the views that are not corrected.
+        offsets: (views, joints, 3) as they were [m].
+        views: (views, joints, 3), not corrected; NaN where not seen.
+        mean: (joints, 3) of the views that are not corrected.
         dt: time since [s].
         settings: see there.
     """
-    step = 1.0 if settings.offset_s == 0.0 else -np.expm1(-dt / settings.offset_s)
-    seen = np.isfinite(views).all(axis=-1)
-    several = seen.sum(axis=-2, keepdims=True) > 1
-    now = np.where((seen & several)[..., None], views - mean[..., None, :, :], 0.0)
-    return np.where(seen[..., None], offsets + step * (now - offsets), offsets)
+    step = 1.0 if settings.offset_s == 0.0 else -math.expm1(-dt / settings.offset_s)
+    offsets = offsets.copy()
+    _kernels().follow_offsets(offsets, views, mean, step)
+    return offsets
+
+
+@cache
+def _kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.fusion import view_kernels
+
+    return view_kernels

@@ -10,6 +10,8 @@ Robust Statistical Modeling Using the t Distribution, 1989).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -18,8 +20,6 @@ from numpy.typing import NDArray
 from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
-
-_AXES = 3
 
 
 @dataclass(frozen=True)
@@ -50,10 +50,10 @@ class Points(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         at_s: the instant [s].
-        positions: (..., 3) [m]; NaN where it does not know.
-        velocities: (..., 3) [m/s].
-        variances: (..., 3): of a coordinate [m²], its covariance with its velocity [m²/s], of the velocity [m²/s²].
-        seen_s: (...,) when the point was last measured; −inf where never.
+        positions: (points, 3) [m]; NaN where it does not know.
+        velocities: (points, 3) [m/s].
+        variances: (points, 3): of a coordinate [m²], its covariance with its velocity [m²/s], of the velocity [m²/s²].
+        seen_s: (points,) when the point was last measured; −inf where never.
     """
 
     at_s: float
@@ -63,25 +63,19 @@ class Points(msgspec.Struct, frozen=True, eq=False):
     seen_s: Float64
 
 
-def unknown(shape: tuple[int, ...], at_s: float) -> Points:
+def unknown(count: int, at_s: float) -> Points:
     """Points of which nothing is known."""
-    nan = np.full((*shape, 3), np.nan)
-    return Points(at_s, nan, nan, nan, np.full(shape, -np.inf))
+    nan = np.full((3, count, 3), np.nan)
+    return Points(at_s, nan[0], nan[1], nan[2], np.full(count, -np.inf))
 
 
 def predict(points: Points, at_s: float, settings: KalmanSettings) -> Points:
     """The points at a later instant, less certain; forgotten where they were not seen for too long."""
-    dt = at_s - points.at_s
-    p, c, v = np.moveaxis(points.variances, -1, 0)
-    q = settings.acceleration_density
-    variances = np.stack(
-        [p + 2 * dt * c + dt * dt * v + q * dt**3 / 3, c + dt * v + q * dt * dt / 2, v + q * dt], axis=-1
+    later = _copy(points, at_s)
+    _kernels().predict(
+        *_arrays(later), at_s - points.at_s, at_s, settings.acceleration_density, settings.forget_after_s
     )
-    positions = points.positions + dt * points.velocities
-    velocities = points.velocities.copy()
-    forgotten = at_s - points.seen_s > settings.forget_after_s
-    positions[forgotten], velocities[forgotten], variances[forgotten] = np.nan, np.nan, np.nan
-    return Points(at_s, positions, velocities, variances, points.seen_s)
+    return later
 
 
 def correct(points: Points, measured: Float64, variance: Float64, settings: KalmanSettings) -> Points:
@@ -89,27 +83,27 @@ def correct(points: Points, measured: Float64, variance: Float64, settings: Kalm
 
     Args:
         points: as predicted.
-        measured: (..., 3) [m]; NaN where not seen.
-        variance: (...,) of a measured coordinate [m²].
+        measured: (points, 3) [m]; NaN where not seen.
+        variance: (points,) of a measured coordinate [m²].
         settings: as for the prediction.
     """
-    seen = np.isfinite(measured).all(axis=-1)
-    new = seen & ~np.isfinite(points.positions[..., 0])
-    known = seen & ~new
-    p, c, v = np.moveaxis(points.variances, -1, 0)
-    innovation = np.where(known[..., None], measured - points.positions, 0.0)
-    expected = p + variance
-    nu = settings.degrees_of_freedom
-    if np.isfinite(nu):
-        surprise = (innovation**2).sum(axis=-1) / expected
-        variance = np.where(known, variance * np.maximum(1.0, (nu + surprise) / (nu + _AXES)), variance)
-        expected = p + variance
-    gain_p, gain_v = p / expected, c / expected
-    positions = np.where(known[..., None], points.positions + gain_p[..., None] * innovation, points.positions)
-    velocities = np.where(known[..., None], points.velocities + gain_v[..., None] * innovation, points.velocities)
-    updated = np.stack([p - gain_p * p, c - gain_p * c, v - gain_v * c], axis=-1)
-    variances = np.where(known[..., None], updated, points.variances)
-    positions[new], velocities[new] = measured[new], 0.0
-    start = np.stack([variance, np.zeros_like(variance), np.full_like(variance, settings.speed_sd**2)], axis=-1)
-    variances[new] = start[new]
-    return Points(points.at_s, positions, velocities, variances, np.where(seen, points.at_s, points.seen_s))
+    after = _copy(points, points.at_s)
+    nu = float(settings.degrees_of_freedom)
+    _kernels().correct(*_arrays(after), after.at_s, measured, variance, 1.0, nu, settings.speed_sd**2)
+    return after
+
+
+def _copy(points: Points, at_s: float) -> Points:
+    return Points(at_s, *(values.copy() for values in _arrays(points)))
+
+
+def _arrays(points: Points) -> tuple[Float64, Float64, Float64, Float64]:
+    return points.positions, points.velocities, points.variances, points.seen_s
+
+
+@cache
+def _kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.smoothing import kalman_kernels
+
+    return kalman_kernels

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,12 +43,6 @@ class OneEuroSettings:
         check(0 <= self.forget_after_s < 1e6, "forget_after_s", self.forget_after_s, "0 s or more")
 
 
-def gain(cutoff_hz: Float64, dt: Float64) -> Float64:
-    """The weight α of the new value in a first-order low pass after ``dt`` seconds (the paper's equations 4 and 5)."""
-    r = 2.0 * math.pi * cutoff_hz * dt
-    return r / (r + 1.0)
-
-
 class OneEuro:
     """The filter of one set of points. The same inputs give the same outputs, to the bit."""
 
@@ -75,19 +71,17 @@ class OneEuro:
             self._velocities = np.zeros(positions.shape)
             self._seen_s = np.full(positions.shape[:-1], -np.inf)
         s = self.settings
-        seen = np.isfinite(positions).all(axis=-1)
-        dt = at_s - self._seen_s
-        fresh = seen & (dt > s.forget_after_s)  # the first time, too
-        goes_on = seen & ~fresh & (dt > 0.0)
-        self._positions[fresh], self._velocities[fresh] = positions[fresh], 0.0
-        if goes_on.any():
-            apart_s = dt[goes_on][:, None]
-            before = self._positions[goes_on]
-            velocity = self._velocities[goes_on]
-            speed_gain = gain(np.full_like(apart_s, s.speed_cutoff_hz), apart_s)
-            velocity = velocity + speed_gain * ((positions[goes_on] - before) / apart_s - velocity)
-            cutoff_hz = s.min_cutoff_hz + s.beta_per_m * np.linalg.norm(velocity, axis=-1, keepdims=True)
-            self._positions[goes_on] = before + gain(cutoff_hz, apart_s) * (positions[goes_on] - before)
-            self._velocities[goes_on] = velocity
-        self._seen_s[seen] = at_s
-        return np.where(seen[..., None], self._positions, np.nan)
+        _kernels().smooth(
+            self._positions.reshape(-1, 3), self._velocities.reshape(-1, 3), self._seen_s.reshape(-1),
+            np.ascontiguousarray(positions, dtype=np.float64).reshape(-1, 3), at_s,
+            s.min_cutoff_hz, s.beta_per_m, s.speed_cutoff_hz, s.forget_after_s,
+        )  # fmt: skip
+        return np.where(np.isfinite(positions).all(axis=-1)[..., None], self._positions, np.nan)
+
+
+@cache
+def _kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.smoothing import one_euro_kernels
+
+    return one_euro_kernels

@@ -27,16 +27,14 @@ from mocapella.calibration.people import CalibratedSensor, PairOfSensors, People
 from mocapella.calibration.people import PeopleSettings as CalibrationSettings
 from mocapella.calibration.time_offset import TimeOffset
 from mocapella.conventions import NS_PER_S
-from mocapella.fusion.weighted_mean import FusionSettings
 from mocapella.geometry.rigid import apply, inverse
 from mocapella.model.bodies import Bodies
 from mocapella.model.memory import pack, unpack
 from mocapella.model.observations import Arrival, BodyFrame
 from mocapella.model.scene import Float64, Person, Phase, PotentialSkeleton, Scene, SensorPlace, TrackerState
 from mocapella.model.session import SensorPose
-from mocapella.smoothing.kalman import KalmanSettings, Points
 from mocapella.tracker.arrivals import Arrivals, Heard, Sighting
-from mocapella.tracker.people import Body, People, PeopleSettings, SeenView, Sight
+from mocapella.tracker.people import People, PeopleMemory, PeopleSettings, Sights
 from mocapella.tracker.protocol import SensorViews, TrackerReport
 
 
@@ -47,16 +45,14 @@ class DefaultSettings:
     Attributes:
         calibration: where the sensors are.
         tracks: who is who.
-        fusion: what a view is worth.
-        motion: how people move.
+        people: how their views become skeletons.
         silent_after_s: a sensor without a frame for so long is not waited for.
         shown_for_s: somebody whom no sensor sees is shown, as predicted, for so long.
     """
 
     calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
     tracks: TrackSettings = field(default_factory=TrackSettings)
-    fusion: FusionSettings = field(default_factory=FusionSettings)
-    motion: KalmanSettings = field(default_factory=KalmanSettings)
+    people: PeopleSettings = field(default_factory=PeopleSettings)
     silent_after_s: float = 1.0
     shown_for_s: float = 1.0
 
@@ -95,7 +91,6 @@ class DefaultTracker:
         self._T_root_sensor: dict[str, Float64] = {}
         self._T_world_root = np.eye(4)
         self._people: People | None = None
-        self._middle = np.empty(0, dtype=np.intp)
         self._now_s = 0.0
         self._steps = 0
         self._rejected: Counter[str] = Counter()
@@ -112,7 +107,7 @@ class DefaultTracker:
     def snapshot(self) -> bytes:
         """See `Tracker`."""
         own = {name: getattr(self, name) for name in _OWN_MEMORY}
-        people = None if self._people is None else (self._people.mirror, self._people.bodies)
+        people = None if self._people is None else vars(self._people)
         parts = [own, vars(self._arrivals), vars(self._tracks), people, vars(self._calibration)]
         return pack(parts, _REMEMBERED)
 
@@ -124,8 +119,8 @@ class DefaultTracker:
         vars(self._tracks).update(tracks)
         self._people = None
         if people is not None:
-            self._people = self._make_people(people[0])
-            self._people.bodies = people[1]
+            self._people = self._make_people(people["mirror"])
+            vars(self._people).update(people)
         vars(self._calibration).update(calibration)
 
     def start_from(self, T_world_sensor: Mapping[str, Float64]) -> None:
@@ -136,17 +131,11 @@ class DefaultTracker:
         """What is known of the sensors now."""
         if self._people is None:
             return SensorViews(self._given)
-        bodies = self._people.bodies
         clocks = {name: sensor.clock for name, sensor in self._calibration.state.sensors.items()}
         return SensorViews(
             {name: self._T_world_root @ T for name, T in self._T_root_sensor.items()},
             {name: -clock.seconds for name, clock in clocks.items() if clock is not None and clock.known},
-            frozenset(
-                (sensor, view.tracking_id)
-                for body in bodies.values()
-                for sensor, view in body.views.items()
-                if view.swapped
-            ),
+            self._people.swapped(),
         )
 
     @property
@@ -201,8 +190,7 @@ class DefaultTracker:
             self._root = root
 
     def _make_people(self, mirror: NDArray[np.int64]) -> People:
-        self._middle = np.flatnonzero(mirror == np.arange(len(mirror)))
-        return People(PeopleSettings(self.settings.fusion, self.settings.motion), mirror)
+        return People(self.settings.people, mirror)
 
     def _track(self, sighting: Sighting, people: People) -> None:
         """Whose bodies these are, and everybody brought up to date; nothing where the sensor's place is not known."""
@@ -214,21 +202,28 @@ class DefaultTracker:
         at_s = sighting.at_ns / NS_PER_S - (clock.seconds if clock is not None and clock.known else 0.0)
         self._now_s = max(self._now_s, at_s)
         world = apply(T, bodies.positions)
-        expected = people.expected(self._now_s)
-        middles = {person: points.positions[self._middle] for person, points in expected.items()}
-        certain = {person: middle for person, middle in middles.items() if np.isfinite(middle).any()}
-        owners = self._tracks.update(sensor, bodies.ids, world[:, self._middle], certain, at_s)
+        known = [track.person for track in self._tracks.tracks]
+        expected = people.expected(known, self._now_s)
+        somewhere = {
+            person: middle for person, middle in zip(known, expected, strict=True) if np.isfinite(middle).any()
+        }
+        owners = self._tracks.update(sensor, bodies.ids, world[:, people.middle], somewhere, at_s)
         for stays, gone in self._tracks.merged:
             people.join(stays, gone)
-        clipped = dict(zip(sighting.frame.tracking_ids.tolist(), sighting.frame.clipped_edges.tolist(), strict=True))
-        far = np.linalg.norm(np.nanmean(bodies.positions, axis=1), axis=-1) if bodies.ids else np.empty(0)
-        sights = {
-            person: Sight(sensor, body, at_s, world[i], bodies.states[i], float(far[i]), bool(clipped[body]))
-            for i, (body, person) in enumerate(zip(bodies.ids, owners, strict=True))
-            if person >= 0
-        }
-        people.update(expected, sights, self._now_s)
         people.keep([track.person for track in self._tracks.tracks])
+        shown = [i for i, person in enumerate(owners) if person >= 0]
+        clipped = dict(zip(sighting.frame.tracking_ids.tolist(), sighting.frame.clipped_edges.tolist(), strict=True))
+        sights = Sights(
+            sensor,
+            [owners[i] for i in shown],
+            [bodies.ids[i] for i in shown],
+            at_s,
+            world[shown],
+            bodies.states[shown],
+            np.linalg.norm(np.nanmean(bodies.positions[shown], axis=1), axis=-1),
+            np.array([bool(clipped[bodies.ids[i]]) for i in shown], dtype=np.bool_),
+        )
+        people.update(sights, self._now_s)
 
     def _say_places(self) -> tuple[SensorPlace, ...]:
         return tuple(
@@ -253,29 +248,44 @@ class DefaultTracker:
 
     def _show(self, heard: Heard, people: People) -> tuple[Person, ...]:
         """Everybody who is confirmed and was seen lately, with the views that are not too old."""
-        shown = []
-        for track in self._tracks.tracks:
-            body = people.bodies.get(track.person)
-            if body is None or not track.confirmed or self._now_s - track.seen_s > self.settings.shown_for_s:
-                continue
-            views = tuple(
-                self._view(sensor, view, heard)
-                for sensor, view in body.views.items()
-                if sensor in heard.newest and sensor in self._T_root_sensor
-            )
-            sd = np.sqrt(body.points.variances[:, 0]).astype(np.float32)
-            positions = apply(self._T_world_root, body.points.positions)
-            shown.append(Person(track.person, positions, body.states, views, sd))
-        return tuple(shown)
-
-    def _view(self, sensor: str, view: SeenView, heard: Heard) -> PotentialSkeleton:
-        frame = heard.newest[sensor].frame
-        pose = self._poses.get(sensor, frame)
-        T = self._T_world_root @ self._T_root_sensor[sensor]
-        positions = apply(self._T_world_root, view.positions)
-        return PotentialSkeleton(
-            sensor, view.tracking_id, frame.time_ns, pose.tilt, pose.height, T, positions, view.states
+        memory = people.memory
+        columns = [
+            (column, sensor)
+            for column, sensor in enumerate(people.sensors)
+            if sensor in heard.newest and sensor in self._T_root_sensor
+        ]
+        views = self._make_views(columns, people, heard)
+        positions = apply(self._T_world_root, memory.steady)
+        sd = np.sqrt(memory.doubts).astype(np.float32)
+        return tuple(
+            Person(track.person, positions[row], memory.states[row].copy(), views[row], sd[row])
+            for track in self._tracks.tracks
+            if track.confirmed and self._now_s - track.seen_s <= self.settings.shown_for_s
+            for row in people.rows_of(track.person)
         )
+
+    def _make_views(
+        self, columns: list[tuple[int, str]], people: People, heard: Heard
+    ) -> list[tuple[PotentialSkeleton, ...]]:
+        """Of each row of people, in the order of the sensors' names."""
+        memory, now = people.memory, self._now_s
+        positions, states = apply(self._T_world_root, memory.view_positions), memory.view_states.copy()
+        fresh = (now - memory.view_at <= self.settings.people.view_age_s).tolist()
+        ids = memory.view_id.tolist()
+        views: list[list[PotentialSkeleton]] = [[] for _ in people.numbers]
+        for column, sensor in sorted(columns, key=lambda item: item[1]):
+            frame = heard.newest[sensor].frame
+            pose = self._poses.get(sensor, frame)
+            T = self._T_world_root @ self._T_root_sensor[sensor]
+            for row, of_person in enumerate(views):
+                if fresh[row][column]:
+                    of_person.append(
+                        PotentialSkeleton(
+                            sensor, ids[row][column], frame.time_ns, pose.tilt, pose.height, T,
+                            positions[row, column], states[row, column],
+                        )  # fmt: skip
+                    )
+        return [tuple(of_person) for of_person in views]
 
     def _scene(self, arrival: Arrival) -> Scene:
         frame, step = arrival.frame, self._steps
@@ -299,7 +309,6 @@ _OWN_MEMORY: Final = (
 )
 _REMEMBERED: Final = (
     Bodies,
-    Body,
     BodyTrack,
     CalibratedSensor,
     CalibrationSettings,
@@ -315,9 +324,12 @@ _REMEMBERED: Final = (
     BodyFrame,
     Person,
     Phase,
-    Points,
+    PeopleMemory,
+    PeopleSettings,
+    FusionSettings,
+    KalmanSettings,
+    OneEuroSettings,
     PotentialSkeleton,
-    SeenView,
     SensorPlace,
     Sighting,
     Track,

@@ -1,21 +1,37 @@
-"""Each person's views brought to one instant, made one skeleton, and kept steady."""
+"""Each person's views brought to one instant, made one skeleton, and kept steady.
+
+    views     = see(frame)              each sensor's newest view of a person
+    labels    = facing(views)           which of them have left and right mirrored, and what each is worth
+    measured  = fuse(views)             one skeleton of them
+    steady    = smooth(measured)        the prediction is part of the estimate
+
+Everything is in arrays with a row for each person and a column for each sensor, so that a frame costs a few compiled
+calls, however many bodies it shows.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cache
+from typing import Any, Final
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.fusion.weighted_mean import FusionSettings, learn_offsets, view_variances, weighted_mean
+from mocapella.fusion.weighted_mean import FusionSettings
 from mocapella.geometry.rigid import apply
-from mocapella.model.observations import JointState
-from mocapella.smoothing.kalman import KalmanSettings, Points, correct, predict, unknown
+from mocapella.model.bodies import BodyKey
+from mocapella.smoothing.kalman import KalmanSettings
+from mocapella.smoothing.one_euro import OneEuroSettings
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
+Bools = NDArray[np.bool_]
+Rows = NDArray[np.int64]
+
+SMOOTHING: Final = ("kalman", "one-euro")
 
 
 @dataclass(frozen=True)
@@ -25,6 +41,8 @@ class PeopleSettings:
     Attributes:
         fusion: what a view is worth.
         motion: how people move.
+        one_euro: the filter of that name.
+        smoothing: which of `SMOOTHING` makes the skeleton steady.
         view_age_s: a view older than this is no longer used.
         swap_m: how much nearer a view must be to the person with left and right swapped, before they are.
         swap_s: time constant over which that is judged.
@@ -32,177 +50,267 @@ class PeopleSettings:
 
     fusion: FusionSettings = field(default_factory=FusionSettings)
     motion: KalmanSettings = field(default_factory=KalmanSettings)
+    one_euro: OneEuroSettings = field(default_factory=OneEuroSettings)
+    smoothing: str = "kalman"
     view_age_s: float = 0.12
     swap_m: float = 0.02
     swap_s: float = 0.1
 
 
-class SeenView(msgspec.Struct, frozen=True, eq=False):
-    """A sensor's newest view of a person, as it is used.
+@dataclass
+class PeopleMemory:
+    """All that is remembered, a row for each person; of views a column for each sensor.
 
     Attributes:
-        tracking_id: that sensor's.
-        at_s: when it was captured, on the common clock.
-        positions: (joints, 3), world, with the sensor's own labels [m].
-        states: (joints,) with the sensor's own labels.
-        variances: (joints,) at its capture [m²].
-        swapped: whether left and right are taken for each other.
-        advantage_m: how much nearer to the person the labels not in use have been lately.
-        offsets: (joints, 3) from the person, slowly learnt; in the person's labels.
+        at_s: (people,) the instant of the points [s].
+        positions, velocities, variances, seen_s: (people, joints, ...) of `mocapella.smoothing.kalman.Points`.
+        fused_s: (people,) when views were last fused.
+        steady: (people, joints, 3) what is told of them [m].
+        doubts: (people, joints) variance of a coordinate of it [m²].
+        states: (people, joints) `JointState`.
+        euro_positions, euro_velocities, euro_seen_s: (people, joints, ...) of the 1-euro filter.
+        view_at: (people, sensors) when the newest view was captured, on the common clock [s]; −inf where there is none.
+        view_id: (people, sensors) its tracking id.
+        view_positions, view_states, view_variances: (people, sensors, joints, ...) with the sensor's own labels [m].
+        view_mirrored: (people, sensors) whether left and right are swapped in it.
+        view_swapped: (people, sensors) whether left and right are to be swapped so that it agrees with the others.
+        view_advantage: (people, sensors) how much nearer to the person the labels not in use have been lately [m].
+        view_worth: (people, sensors) what it counts.
+        view_offsets: (people, sensors, joints, 3) from the person, slowly learnt; in the person's labels [m].
     """
 
-    tracking_id: int
-    at_s: float
+    at_s: Float64
     positions: Float64
-    states: UInt8
+    velocities: Float64
     variances: Float64
-    swapped: bool
-    advantage_m: float
-    offsets: Float64
-
-
-class Body(msgspec.Struct, frozen=True, eq=False):
-    """One person's skeleton and the views it is made of, by sensor."""
-
-    points: Points
-    views: Mapping[str, SeenView]
+    seen_s: Float64
+    fused_s: Float64
+    steady: Float64
+    doubts: Float64
     states: UInt8
-    fused_s: float
+    euro_positions: Float64
+    euro_velocities: Float64
+    euro_seen_s: Float64
+    view_at: Float64
+    view_id: NDArray[np.int64]
+    view_positions: Float64
+    view_states: UInt8
+    view_variances: Float64
+    view_mirrored: Bools
+    view_swapped: Bools
+    view_advantage: Float64
+    view_worth: Float64
+    view_offsets: Float64
 
+    @classmethod
+    def empty(cls, people: int, sensors: int, joints: int) -> PeopleMemory:
+        """Nothing is known of anybody."""
+        P, V = (people,), (people, sensors)
+        return cls(
+            at_s=np.full(P, -np.inf),
+            positions=np.full((*P, joints, 3), np.nan),
+            velocities=np.full((*P, joints, 3), np.nan),
+            variances=np.full((*P, joints, 3), np.nan),
+            seen_s=np.full((*P, joints), -np.inf),
+            fused_s=np.full(P, -np.inf),
+            steady=np.full((*P, joints, 3), np.nan),
+            doubts=np.full((*P, joints), np.nan),
+            states=np.zeros((*P, joints), dtype=np.uint8),
+            euro_positions=np.full((*P, joints, 3), np.nan),
+            euro_velocities=np.full((*P, joints, 3), np.nan),
+            euro_seen_s=np.full((*P, joints), -np.inf),
+            view_at=np.full(V, -np.inf),
+            view_id=np.zeros(V, dtype=np.int64),
+            view_positions=np.full((*V, joints, 3), np.nan),
+            view_states=np.zeros((*V, joints), dtype=np.uint8),
+            view_variances=np.full((*V, joints), np.inf),
+            view_mirrored=np.zeros(V, dtype=np.bool_),
+            view_swapped=np.zeros(V, dtype=np.bool_),
+            view_advantage=np.zeros(V),
+            view_worth=np.ones(V),
+            view_offsets=np.zeros((*V, joints, 3)),
+        )
 
-class Sight(msgspec.Struct, frozen=True, eq=False):
-    """A body as a sensor shows it now: world positions [m], and what they are worth."""
-
-    sensor: str
-    tracking_id: int
-    at_s: float
-    positions: Float64
-    states: UInt8
-    distance_m: float
-    clipped: bool
+    def taken(self, rows: Sequence[int], people: int, sensors: int) -> PeopleMemory:
+        """A memory of its own, of other size, that begins with these rows."""
+        new = PeopleMemory.empty(people, sensors, self.states.shape[1])
+        for name, values in vars(self).items():
+            columns = (slice(values.shape[1]),) if name.startswith("view_") else ()
+            getattr(new, name)[(slice(len(rows)), *columns)] = values[list(rows)]
+        return new
 
 
 class People:
-    """The bodies of all who are known, by number."""
+    """The bodies of all who are known.
+
+    Attributes:
+        numbers: (people,) of the persons, by row.
+        sensors: names, by column.
+        memory: see there.
+    """
 
     def __init__(self, settings: PeopleSettings, mirror: NDArray[np.int64]) -> None:
         self.settings = settings
-        self.mirror = mirror
-        self._sided = self.mirror != np.arange(len(self.mirror))
-        self.bodies: dict[int, Body] = {}
+        self.mirror = np.ascontiguousarray(mirror, dtype=np.int64)
+        self.middle = np.flatnonzero(self.mirror == np.arange(len(mirror))).astype(np.int64)
+        self.reset()
 
-    def expected(self, at_s: float) -> dict[int, Points]:
-        """Everybody, predicted."""
-        motion = self.settings.motion
-        return {
-            person: body.points if at_s <= body.points.at_s else predict(body.points, at_s, motion)
-            for person, body in self.bodies.items()
-        }
+    def reset(self) -> None:
+        """Forget everybody."""
+        self.numbers: list[int] = []
+        self.sensors: list[str] = []
+        self.memory = PeopleMemory.empty(0, 0, len(self.mirror))
 
-    def update(self, expected: Mapping[int, Points], sights: Mapping[int, Sight], at_s: float) -> None:
+    def expected(self, numbers: Sequence[int], at_s: float) -> Float64:
+        """(people, middle joints, 3) where people will be, of the joints in the middle [m]; NaN where nobody knows."""
+        m = self.memory
+        rows = np.array([self._row_of(number) for number in numbers], dtype=np.int64)
+        out = np.full((len(rows), len(self.middle), 3), np.nan)
+        known = rows >= 0
+        found = np.empty((int(known.sum()), *out.shape[1:]))
+        _kernels().expect(
+            rows[known], self.middle, m.at_s, at_s, m.positions, m.velocities, m.seen_s,
+            self.settings.motion.forget_after_s, found,
+        )  # fmt: skip
+        out[known] = found
+        return out
+
+    def update(self, sights: Sights, at_s: float) -> None:
         """Take in one frame: whom it shows, and how.
 
         Args:
-            expected: of `expected` for this instant.
-            sights: by person.
-            at_s: the frame's capture.
+            sights: see there.
+            at_s: the newest capture there was so far, on the common clock; everybody is brought there [s].
         """
-        joints = len(self.mirror)
-        for person in sights:
-            if person not in self.bodies:
-                states = np.full(joints, JointState.NOT_TRACKED, dtype=np.uint8)
-                self.bodies[person] = Body(unknown((joints,), at_s), {}, states, at_s)
-        for person, body in list(self.bodies.items()):
-            points = expected.get(person, body.points)
-            views = {
-                sensor: view for sensor, view in body.views.items() if at_s - view.at_s <= self.settings.view_age_s
-            }
-            if (sight := sights.get(person)) is not None:
-                views[sight.sensor] = self._seen(sight, body.views.get(sight.sensor), points)
-            self.bodies[person] = self._fuse(body, points, dict(sorted(views.items())))
+        s, kernels = self.settings, _kernels()
+        rows, column = self._places(sights.people), self._column(sights.sensor)
+        m, motion, fusion = self.memory, s.motion, s.fusion.vector
+        everybody = np.arange(len(self.numbers))
+        kernels.bring(
+            everybody, at_s, m.at_s, m.positions, m.velocities, m.variances, m.seen_s,
+            motion.acceleration_density, motion.forget_after_s,
+        )  # fmt: skip
+        dts = np.minimum(sights.at_s - m.view_at[rows, column], 1.0)
+        kernels.see(
+            rows, column, sights.at_s, sights.positions, sights.states, sights.distances_m, sights.clipped, fusion,
+            m.view_at, m.view_positions, m.view_states, m.view_variances,
+        )  # fmt: skip
+        m.view_id[rows, column] = sights.ids
+        kernels.follow_labels(
+            rows, column, dts, m.positions, self.mirror, s.swap_m, s.swap_s,
+            m.view_positions, m.view_swapped, m.view_advantage,
+        )  # fmt: skip
+        m.view_mirrored[rows, column] = m.view_swapped[rows, column]
+        measured = np.empty((len(rows), len(self.mirror), 3))
+        doubts = np.empty((len(rows), len(self.mirror)))
+        kernels.make(
+            rows, len(self.sensors), at_s, s.view_age_s, self.mirror, fusion, motion.speed_sd**2,
+            m.at_s, m.positions, m.velocities, m.variances, m.seen_s, m.states, m.fused_s,
+            m.view_at, m.view_positions, m.view_states, m.view_variances, m.view_worth, m.view_mirrored,
+            m.view_offsets, measured, doubts,
+        )  # fmt: skip
+        kernels.infer(everybody, at_s, s.view_age_s, m.positions, m.states, m.view_at)
+        self._smooth(rows, measured, at_s)
+
+    def _smooth(self, rows: Rows, measured: Float64, at_s: float) -> None:
+        s, m, kernels = self.settings, self.memory, _kernels()
+        m.steady[:] = m.positions
+        m.doubts[:] = m.variances[..., 0]
+        if s.smoothing == "one-euro":
+            e = s.one_euro
+            kernels.smooth_people(
+                rows, m.euro_positions, m.euro_velocities, m.euro_seen_s, measured, at_s,
+                e.min_cutoff_hz, e.beta_per_m, e.speed_cutoff_hz, e.forget_after_s, s.view_age_s, m.steady,
+            )  # fmt: skip
+
+    def swapped(self) -> frozenset[BodyKey]:
+        """The views whose left and right are to be swapped so that the sensors agree."""
+        m = self.memory
+        rows, columns = np.nonzero(m.view_swapped & np.isfinite(m.view_at))
+        return frozenset((self.sensors[c], int(m.view_id[r, c])) for r, c in zip(rows, columns, strict=True))
+
+    def rows_of(self, number: int) -> tuple[int, ...]:
+        """The person's row, if there is one."""
+        return (self.numbers.index(number),) if number in self.numbers else ()
 
     def move(self, T_new_old: Float64) -> None:
         """Everything is told in another frame from now on."""
-        R = T_new_old[:3, :3]
-        for person, body in self.bodies.items():
-            points = msgspec.structs.replace(
-                body.points,
-                positions=apply(T_new_old, body.points.positions),
-                velocities=body.points.velocities @ R.T,
-            )
-            views = {
-                sensor: msgspec.structs.replace(
-                    view, positions=apply(T_new_old, view.positions), offsets=view.offsets @ R.T
-                )
-                for sensor, view in body.views.items()
-            }
-            self.bodies[person] = msgspec.structs.replace(body, points=points, views=views)
+        m, R = self.memory, T_new_old[:3, :3]
+        for name in ("positions", "steady", "euro_positions", "view_positions"):
+            getattr(m, name)[:] = apply(T_new_old, getattr(m, name))
+        for name in ("velocities", "euro_velocities", "view_offsets"):
+            getattr(m, name)[:] = getattr(m, name) @ R.T
 
-    def keep(self, people: Sequence[int]) -> None:
+    def keep(self, numbers: Sequence[int]) -> None:
         """Forget everybody else."""
-        self.bodies = {person: self.bodies[person] for person in people if person in self.bodies}
+        if not set(self.numbers) <= set(numbers):
+            self._take([number for number in self.numbers if number in set(numbers)])
 
     def join(self, stays: int, gone: int) -> None:
-        """Two turned out to be one."""
-        one, other = self.bodies.get(stays), self.bodies.pop(gone, None)
-        if one is not None and other is not None:
-            views = {**other.views, **one.views}
-            self.bodies[stays] = msgspec.structs.replace(one, views=dict(sorted(views.items())))
+        """Two turned out to be one: views that only one of them has are the other's from now on."""
+        one, other = self._row_of(stays), self._row_of(gone)
+        if other < 0:
+            return
+        if one >= 0:
+            newer = self.memory.view_at[other] > self.memory.view_at[one]
+            for name, values in vars(self.memory).items():
+                if name.startswith("view_"):
+                    values[one, newer] = values[other, newer]
+        self._take([number for number in self.numbers if number != gone])
 
-    def _seen(self, sight: Sight, before: SeenView | None, points: Points) -> SeenView:
-        s = self.settings
-        variances = view_variances(
-            sight.states, np.array(sight.distance_m), np.array(sight.clipped), np.zeros(()), s.fusion
-        )
-        swapped, advantage, offsets = False, 0.0, np.zeros_like(sight.positions)
-        dt = 1.0
-        if before is not None:
-            swapped, advantage, offsets = before.swapped, before.advantage_m, before.offsets
-            dt = sight.at_s - before.at_s
-        now = self._advantage(sight, points, swapped)
-        if now is not None:
-            advantage += -np.expm1(-dt / s.swap_s) * (now - advantage)
-            if advantage > s.swap_m:
-                swapped, advantage = not swapped, -advantage
-        return SeenView(
-            sight.tracking_id, sight.at_s, sight.positions, sight.states, variances, swapped, advantage, offsets
-        )
+    def _row_of(self, number: int) -> int:
+        return next(iter(self.rows_of(number)), -1)
 
-    def _advantage(self, sight: Sight, points: Points, swapped: bool) -> float | None:
-        """How much nearer to the person the other labels are [m]; None where nothing tells."""
-        mirror = self.mirror
-        raw = np.linalg.norm(sight.positions - points.positions, axis=-1)
-        other = np.linalg.norm(sight.positions[mirror] - points.positions, axis=-1)
-        both = self._sided & np.isfinite(raw) & np.isfinite(other)
-        if both.sum() < 2:
-            return None
-        difference = float((raw[both] - other[both]).mean())
-        return -difference if swapped else difference
+    def _places(self, numbers: Sequence[int]) -> Rows:
+        """The rows of people, who may be new."""
+        new = [number for number in numbers if number not in self.numbers]
+        if new:
+            self.memory = self.memory.taken(
+                range(len(self.numbers)), len(self.numbers) + len(new), len(self.sensors)
+            )
+            self.numbers = [*self.numbers, *new]
+        return np.array([self.numbers.index(number) for number in numbers], dtype=np.int64)
 
-    def _fuse(self, body: Body, points: Points, views: dict[str, SeenView]) -> Body:
-        s, now_s = self.settings, points.at_s
-        if not views:
-            states = np.where(np.isfinite(points.positions[:, 0]), JointState.INFERRED, JointState.NOT_TRACKED)
-            return Body(points, {}, states.astype(np.uint8), body.fused_s)
-        velocity = np.nan_to_num(points.velocities)
-        order = [self.mirror if view.swapped else slice(None) for view in views.values()]
-        ages = np.array([max(0.0, now_s - view.at_s) for view in views.values()])
-        positions = np.stack([view.positions[o] for view, o in zip(views.values(), order, strict=True)])
-        positions += ages[:, None, None] * velocity
-        variances = np.stack([view.variances[o] for view, o in zip(views.values(), order, strict=True)])
-        variances = variances + ((s.fusion.age_speed_m_s * ages) ** 2)[:, None]
-        states = np.stack([view.states[o] for view, o in zip(views.values(), order, strict=True)])
-        offsets = np.stack([view.offsets for view in views.values()])
-        nu, expected_variances = s.fusion.degrees_of_freedom, points.variances[:, 0]
-        raw = weighted_mean(positions, variances, points.positions, expected_variances, nu)
-        offsets = learn_offsets(offsets, positions, raw.positions, max(0.0, now_s - body.fused_s), s.fusion)
-        fused = weighted_mean(positions - offsets, variances, points.positions, expected_variances, nu)
-        # The views that are not of this frame were taken in before: their news is not counted twice.
-        points = correct(points, fused.positions, fused.variances * len(views), s.motion)
-        best = states.max(axis=0)
-        predicted = (best == JointState.NOT_TRACKED) & np.isfinite(points.positions[:, 0])
-        best = np.where(predicted, JointState.INFERRED, best).astype(np.uint8)
-        kept = {
-            sensor: msgspec.structs.replace(view, offsets=offsets[i]) for i, (sensor, view) in enumerate(views.items())
-        }
-        return Body(points, kept, best, now_s)
+    def _column(self, sensor: str) -> int:
+        if sensor not in self.sensors:
+            self.sensors = [*self.sensors, sensor]
+            rows = range(len(self.numbers))
+            self.memory = self.memory.taken(rows, len(rows), len(self.sensors))
+        return self.sensors.index(sensor)
+
+    def _take(self, numbers: list[int]) -> None:
+        rows = [self.numbers.index(number) for number in numbers]
+        self.memory = self.memory.taken(rows, len(rows), len(self.sensors))
+        self.numbers = numbers
+
+
+class Sights(msgspec.Struct, frozen=True, eq=False):
+    """What a frame shows of people.
+
+    Attributes:
+        sensor: whose frame it is.
+        people: (bodies,) numbers of the persons, each once.
+        ids: (bodies,) tracking ids.
+        at_s: when it was captured, on the common clock.
+        positions: (bodies, joints, 3) [m]; NaN where not tracked.
+        states: (bodies, joints) `JointState`.
+        distances_m: (bodies,) from the sensor.
+        clipped: (bodies,) whether the body is cut off at an edge of the picture.
+    """
+
+    sensor: str
+    people: Sequence[int]
+    ids: Sequence[int]
+    at_s: float
+    positions: Float64
+    states: UInt8
+    distances_m: Float64
+    clipped: Bools
+
+
+@cache
+def _kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.tracker import people_kernels
+
+    return people_kernels

@@ -1,0 +1,58 @@
+"""The hot steps of `mocapella.smoothing.kalman`, compiled and in place; importing this module imports numba.
+
+Points are (points, 3) positions and velocities, (points, 3) variances, (points,) when they were last seen.
+"""
+
+# ruff: noqa: PLR0917 - compiled: arrays come by position
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+_AXES = 3.0
+
+
+@njit(cache=True)
+def predict(positions, velocities, variances, seen_s, dt, at_s, density, forget_after_s):
+    """`kalman.predict` by ``dt``, to the instant ``at_s``."""
+    for j in range(len(seen_s)):
+        if at_s - seen_s[j] > forget_after_s:
+            positions[j] = np.nan
+            velocities[j] = np.nan
+            variances[j] = np.nan
+            continue
+        for k in range(3):
+            positions[j, k] += dt * velocities[j, k]
+        p, c, v = variances[j, 0], variances[j, 1], variances[j, 2]
+        variances[j, 0] = p + 2 * dt * c + dt * dt * v + density * dt**3 / 3
+        variances[j, 1] = c + dt * v + density * dt * dt / 2
+        variances[j, 2] = v + density * dt
+
+
+@njit(cache=True)
+def correct(positions, velocities, variances, seen_s, at_s, measured, measured_variance, scale, nu, speed_variance):
+    """`kalman.correct`; the measurements' variances are ``scale`` times those given."""
+    for j in range(len(seen_s)):
+        if not (np.isfinite(measured[j, 0]) and np.isfinite(measured[j, 1]) and np.isfinite(measured[j, 2])):
+            continue
+        seen_s[j] = at_s
+        r = scale * measured_variance[j]
+        if not np.isfinite(positions[j, 0]):
+            positions[j] = measured[j]
+            velocities[j] = 0.0
+            variances[j, 0], variances[j, 1], variances[j, 2] = r, 0.0, speed_variance
+            continue
+        p, c, v = variances[j, 0], variances[j, 1], variances[j, 2]
+        if np.isfinite(nu):
+            surprise = 0.0
+            for k in range(3):
+                surprise += (measured[j, k] - positions[j, k]) ** 2
+            r *= max(1.0, (nu + surprise / (p + r)) / (nu + _AXES))
+        gain_p, gain_v = p / (p + r), c / (p + r)
+        for k in range(3):
+            innovation = measured[j, k] - positions[j, k]
+            positions[j, k] += gain_p * innovation
+            velocities[j, k] += gain_v * innovation
+        variances[j, 0] = p - gain_p * p
+        variances[j, 1] = c - gain_p * c
+        variances[j, 2] = v - gain_v * c

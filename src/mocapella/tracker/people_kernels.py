@@ -1,0 +1,179 @@
+"""The hot steps of `mocapella.tracker.people`, compiled and in place; importing this module imports numba.
+
+Arrays are as `People` describes them; a body of the frame is taken for the person in row ``rows[body]``.
+"""
+
+# ruff: noqa: PLR0917 - compiled: arrays come by position
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from mocapella.fusion.view_kernels import follow_offsets, fuse, joint_variances, sd_at
+from mocapella.model.observations import JointState
+from mocapella.smoothing.kalman_kernels import correct, predict
+from mocapella.smoothing.one_euro_kernels import smooth
+
+_NOT_TRACKED, _INFERRED = int(JointState.NOT_TRACKED), int(JointState.INFERRED)
+
+
+@njit(cache=True)
+def expect(rows, middle, at_s, now_s, positions, velocities, seen_s, forget_after_s, out):
+    """Where the middles of people are at ``now_s``, into ``out`` (rows, middle, 3); NaN where not known."""
+    for i in range(len(rows)):
+        r = rows[i]
+        dt = max(0.0, now_s - at_s[r])
+        for m in range(len(middle)):
+            j = middle[m]
+            if now_s - seen_s[r, j] > forget_after_s:
+                out[i, m] = np.nan
+            else:
+                for k in range(3):
+                    out[i, m, k] = positions[r, j, k] + dt * velocities[r, j, k]
+
+
+@njit(cache=True)
+def bring(rows, now_s, at_s, positions, velocities, variances, seen_s, density, forget_after_s):
+    """Everybody in ``rows`` predicted to ``now_s``; nobody goes back in time."""
+    for i in range(len(rows)):
+        r = rows[i]
+        dt = now_s - at_s[r]
+        if dt > 0.0:
+            predict(positions[r], velocities[r], variances[r], seen_s[r], dt, now_s, density, forget_after_s)
+            at_s[r] = now_s
+
+
+@njit(cache=True)
+def see(
+    rows, column, captured_s, seen, seen_states, distances, clipped, fusion,
+    view_at, view_positions, view_states, view_variances,
+):  # fmt: skip
+    """Take in a frame's bodies as the newest views of people."""
+    for b in range(len(rows)):
+        r = rows[b]
+        view_at[r, column] = captured_s
+        view_positions[r, column] = seen[b]
+        view_states[r, column] = seen_states[b]
+        sd = sd_at(fusion[0], distances[b], clipped[b], fusion[2])
+        joint_variances(seen_states[b], sd, fusion[1], 0.0, view_variances[r, column])
+
+
+@njit(cache=True)
+def advantage(view, person, mirror, swapped):
+    """How much nearer to the person a view is with the labels that are not in use [m]; NaN where nothing tells."""
+    total, count = 0.0, 0
+    for j in range(len(mirror)):
+        m = mirror[j]
+        if m == j or not np.isfinite(person[j, 0]):
+            continue
+        straight, crossed = 0.0, 0.0
+        for k in range(3):
+            straight += (view[j, k] - person[j, k]) ** 2
+            crossed += (view[m, k] - person[j, k]) ** 2
+        if np.isfinite(straight) and np.isfinite(crossed):
+            total += np.sqrt(straight) - np.sqrt(crossed)
+            count += 1
+    if count < 2:
+        return np.nan
+    return -total / count if swapped else total / count
+
+
+@njit(cache=True)
+def follow_labels(rows, column, dts, positions, mirror, swap_m, swap_s, view_positions, view_swapped, view_advantage):
+    """Whether left and right of a view are to be taken for each other, so that it agrees with the person."""
+    for b in range(len(rows)):
+        r = rows[b]
+        now = advantage(view_positions[r, column], positions[r], mirror, view_swapped[r, column])
+        if np.isfinite(now):
+            view_advantage[r, column] -= np.expm1(-dts[b] / swap_s) * (now - view_advantage[r, column])
+            if view_advantage[r, column] > swap_m:
+                view_swapped[r, column] = not view_swapped[r, column]
+                view_advantage[r, column] = -view_advantage[r, column]
+
+
+@njit(cache=True)
+def make(
+    rows, columns, now_s, view_age_s, mirror, fusion, speed_variance,
+    at_s, positions, velocities, variances, seen_s, states, fused_s,
+    view_at, view_positions, view_states, view_variances, view_worth, view_mirrored, view_offsets,
+    measured, measured_variances,
+):  # fmt: skip
+    """Make one skeleton of each person's views: fused into ``measured``, and the points corrected by it."""
+    joints = len(mirror)
+    views = np.empty((columns, joints, 3))
+    worth = np.empty((columns, joints))
+    offsets = np.empty((columns, joints, 3))
+    used = np.empty(columns, dtype=np.int64)
+    nu, offset_s, age_speed = fusion[3], fusion[4], fusion[5]
+    for i in range(len(rows)):
+        r = rows[i]
+        count = 0
+        for c in range(columns):
+            age = now_s - view_at[r, c]
+            if age > view_age_s:
+                continue
+            age = max(0.0, age)
+            used[count] = c
+            for j in range(joints):
+                m = mirror[j] if view_mirrored[r, c] else j
+                for k in range(3):
+                    moved = age * velocities[r, j, k]
+                    views[count, j, k] = view_positions[r, c, m, k] + (moved if np.isfinite(moved) else 0.0)
+                    offsets[count, j, k] = view_offsets[r, c, j, k]
+                worth[count, j] = (view_variances[r, c, m] + (age_speed * age) ** 2) / view_worth[r, c]
+            count += 1
+        if count == 0:
+            continue
+        doubts = variances[r, :, 0]
+        fuse(views[:count], worth[:count], positions[r], doubts, nu, measured[i], measured_variances[i])
+        step = 1.0 if offset_s == 0.0 else -np.expm1(-max(0.0, now_s - fused_s[r]) / offset_s)
+        follow_offsets(offsets[:count], views[:count], measured[i], step)
+        for n in range(count):
+            view_offsets[r, used[n]] = offsets[n]
+            views[n] -= offsets[n]
+        fuse(views[:count], worth[:count], positions[r], doubts, nu, measured[i], measured_variances[i])
+        # The views that are not of this frame were taken in before: their news is not counted twice.
+        correct(
+            positions[r], velocities[r], variances[r], seen_s[r], at_s[r], measured[i], measured_variances[i],
+            float(count), nu, speed_variance,
+        )  # fmt: skip
+        fused_s[r] = now_s
+        for j in range(joints):
+            best = _NOT_TRACKED
+            for n in range(count):
+                m = mirror[j] if view_mirrored[r, used[n]] else j
+                best = max(best, view_states[r, used[n], m])
+            states[r, j] = best
+
+
+@njit(cache=True)
+def infer(rows, now_s, view_age_s, positions, states, view_at):
+    """What nobody sees is predicted, and told as inferred for as long as it is."""
+    for i in range(len(rows)):
+        r = rows[i]
+        seen = False
+        for c in range(view_at.shape[1]):
+            seen = seen or now_s - view_at[r, c] <= view_age_s
+        for j in range(states.shape[1]):
+            if not np.isfinite(positions[r, j, 0]):
+                states[r, j] = _NOT_TRACKED
+            elif not seen or states[r, j] == _NOT_TRACKED:
+                states[r, j] = _INFERRED
+
+
+@njit(cache=True)
+def smooth_people(
+    rows, euro_positions, euro_velocities, euro_seen_s, measured, at_s,
+    min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s, view_age_s, steady,
+):  # fmt: skip
+    """The 1-euro filter of those in the frame; ``steady`` becomes what was measured within ``view_age_s``."""
+    for i in range(len(rows)):
+        r = rows[i]
+        smooth(
+            euro_positions[r], euro_velocities[r], euro_seen_s[r], measured[i], at_s,
+            min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s,
+        )  # fmt: skip
+    for r in range(len(steady)):
+        for j in range(steady.shape[1]):
+            if at_s - euro_seen_s[r, j] <= view_age_s:
+                steady[r, j] = euro_positions[r, j]
