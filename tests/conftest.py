@@ -8,8 +8,10 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-settings.register_profile("mocapella", deadline=None)  # a first call may compile, and machines differ
-settings.load_profile("mocapella")
+# The same examples every time, so that a change is judged by itself; `explore` tries others. A first call may compile.
+settings.register_profile("same", deadline=None, derandomize=True)
+settings.register_profile("explore", deadline=None)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
 ROOT = Path(__file__).resolve().parent.parent
 

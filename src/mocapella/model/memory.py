@@ -79,7 +79,7 @@ def _fields(value: Any, kinds: frozenset[type]) -> Any:
 
 
 def _up(value: Any, kinds: Mapping[str, type]) -> Any:
-    if not isinstance(value, list):
+    if type(value) in _PLAIN:
         return value
     name, content = value
     if name in kinds:
