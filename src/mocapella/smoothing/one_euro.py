@@ -7,7 +7,6 @@ the point, not of each coordinate, so that the result does not depend on where t
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cache
 from typing import Any

@@ -17,9 +17,7 @@ def gain(cutoff_hz, dt):
 
 
 @njit(cache=True)
-def smooth(
-    positions, velocities, seen_s, measured, at_s, min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s
-):
+def smooth(positions, velocities, seen_s, measured, at_s, min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s):
     """`OneEuro.update` of (points, 3); what is not seen stays as it was."""
     for j in range(len(seen_s)):
         if not (np.isfinite(measured[j, 0]) and np.isfinite(measured[j, 1]) and np.isfinite(measured[j, 2])):

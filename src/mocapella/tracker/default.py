@@ -281,9 +281,15 @@ class DefaultTracker:
                 if fresh[row][column]:
                     of_person.append(
                         PotentialSkeleton(
-                            sensor, ids[row][column], frame.time_ns, pose.tilt, pose.height, T,
-                            positions[row, column], states[row, column],
-                        )  # fmt: skip
+                            sensor,
+                            ids[row][column],
+                            frame.time_ns,
+                            pose.tilt,
+                            pose.height,
+                            T,
+                            positions[row, column],
+                            states[row, column],
+                        )
                     )
         return [tuple(of_person) for of_person in views]
 
@@ -325,10 +331,6 @@ _REMEMBERED: Final = (
     Person,
     Phase,
     PeopleMemory,
-    PeopleSettings,
-    FusionSettings,
-    KalmanSettings,
-    OneEuroSettings,
     PotentialSkeleton,
     SensorPlace,
     Sighting,

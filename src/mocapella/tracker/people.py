@@ -265,9 +265,7 @@ class People:
         """The rows of people, who may be new."""
         new = [number for number in numbers if number not in self.numbers]
         if new:
-            self.memory = self.memory.taken(
-                range(len(self.numbers)), len(self.numbers) + len(new), len(self.sensors)
-            )
+            self.memory = self.memory.taken(range(len(self.numbers)), len(self.numbers) + len(new), len(self.sensors))
             self.numbers = [*self.numbers, *new]
         return np.array([self.numbers.index(number) for number in numbers], dtype=np.int64)
 
