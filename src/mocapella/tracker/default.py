@@ -201,29 +201,7 @@ class DefaultTracker:
         clock = self._calibration.state.sensors[sensor].clock
         at_s = sighting.at_ns / NS_PER_S - (clock.seconds if clock is not None and clock.known else 0.0)
         self._now_s = max(self._now_s, at_s)
-        world = apply(T, bodies.positions)
-        known = [track.person for track in self._tracks.tracks]
-        expected = people.expected(known, self._now_s)
-        somewhere = {
-            person: middle for person, middle in zip(known, expected, strict=True) if np.isfinite(middle).any()
-        }
-        owners = self._tracks.update(sensor, bodies.ids, world[:, people.middle], somewhere, at_s)
-        for stays, gone in self._tracks.merged:
-            people.join(stays, gone)
-        people.keep([track.person for track in self._tracks.tracks])
-        shown = [i for i, person in enumerate(owners) if person >= 0]
-        clipped = dict(zip(sighting.frame.tracking_ids.tolist(), sighting.frame.clipped_edges.tolist(), strict=True))
-        sights = Sights(
-            sensor,
-            [owners[i] for i in shown],
-            [bodies.ids[i] for i in shown],
-            at_s,
-            world[shown],
-            bodies.states[shown],
-            np.linalg.norm(np.nanmean(bodies.positions[shown], axis=1), axis=-1),
-            np.array([bool(clipped[bodies.ids[i]]) for i in shown], dtype=np.bool_),
-        )
-        people.update(sights, self._now_s)
+        associate_and_fuse(self._tracks, people, sighting.frame, bodies, T, at_s, self._now_s)
 
     def _say_places(self) -> tuple[SensorPlace, ...]:
         return tuple(
@@ -307,6 +285,41 @@ class DefaultTracker:
             people=self._shown,
             sensors=self._places,
         )
+
+
+def associate_and_fuse(
+    tracks: Tracks, people: People, frame: BodyFrame, bodies: Bodies, T: Float64, at_s: float, now_s: float
+) -> None:
+    """Whose bodies these are, and everybody brought up to date.
+
+    Args:
+        tracks, people: who is known, and how they move.
+        frame, bodies: what a sensor shows.
+        T: (4, 4) from its camera space to the space of the people.
+        at_s, now_s: when it was captured, and the newest capture there was, on the common clock [s].
+    """
+    known = [track.person for track in tracks.tracks]
+    expected = people.expected(known, now_s)
+    there = np.isfinite(expected[..., 0]).any(axis=-1).tolist()
+    somewhere = {person: middle for person, middle, is_there in zip(known, expected, there, strict=True) if is_there}
+    positions = apply(T, bodies.positions)
+    owners = tracks.update(bodies.sensor, bodies.ids, positions[:, people.middle], somewhere, at_s)
+    for stays, gone in tracks.merged:
+        people.join(stays, gone)
+    people.keep([track.person for track in tracks.tracks])
+    shown = [i for i, person in enumerate(owners) if person >= 0]
+    clipped = dict(zip(frame.tracking_ids.tolist(), frame.clipped_edges.tolist(), strict=True))
+    sights = Sights(
+        bodies.sensor,
+        [owners[i] for i in shown],
+        [bodies.ids[i] for i in shown],
+        at_s,
+        positions[shown],
+        bodies.states[shown],
+        bodies.positions[shown],
+        np.array([bool(clipped[bodies.ids[i]]) for i in shown], dtype=np.bool_),
+    )
+    people.update(sights, now_s)
 
 
 _OWN_MEMORY: Final = (

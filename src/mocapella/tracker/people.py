@@ -192,7 +192,7 @@ class People:
         )  # fmt: skip
         dts = np.minimum(sights.at_s - m.view_at[rows, column], 1.0)
         kernels.see(
-            rows, column, sights.at_s, sights.positions, sights.states, sights.distances_m, sights.clipped, fusion,
+            rows, column, sights.at_s, sights.positions, sights.states, sights.own_positions, sights.clipped, fusion,
             m.view_at, m.view_positions, m.view_states, m.view_variances,
         )  # fmt: skip
         m.view_id[rows, column] = sights.ids
@@ -292,7 +292,7 @@ class Sights(msgspec.Struct, frozen=True, eq=False):
         at_s: when it was captured, on the common clock.
         positions: (bodies, joints, 3) [m]; NaN where not tracked.
         states: (bodies, joints) `JointState`.
-        distances_m: (bodies,) from the sensor.
+        own_positions: (bodies, joints, 3) the same in the sensor's own camera space, which say how far away it is [m].
         clipped: (bodies,) whether the body is cut off at an edge of the picture.
     """
 
@@ -302,7 +302,7 @@ class Sights(msgspec.Struct, frozen=True, eq=False):
     at_s: float
     positions: Float64
     states: UInt8
-    distances_m: Float64
+    own_positions: Float64
     clipped: Bools
 
 

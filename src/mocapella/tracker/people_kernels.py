@@ -44,8 +44,19 @@ def bring(rows, now_s, at_s, positions, velocities, variances, seen_s, density, 
 
 
 @njit(cache=True)
+def distance_of(joints):
+    """From the origin to the middle of the joints that are seen [m]."""
+    middle, count = np.zeros(3), 0
+    for j in range(len(joints)):
+        if np.isfinite(joints[j, 0]):
+            middle += joints[j]
+            count += 1
+    return np.sqrt((middle**2).sum()) / max(count, 1)
+
+
+@njit(cache=True)
 def see(
-    rows, column, captured_s, seen, seen_states, distances, clipped, fusion,
+    rows, column, captured_s, seen, seen_states, own_positions, clipped, fusion,
     view_at, view_positions, view_states, view_variances,
 ):  # fmt: skip
     """Take in a frame's bodies as the newest views of people."""
@@ -54,7 +65,7 @@ def see(
         view_at[r, column] = captured_s
         view_positions[r, column] = seen[b]
         view_states[r, column] = seen_states[b]
-        sd = sd_at(fusion[0], distances[b], clipped[b], fusion[2])
+        sd = sd_at(fusion[0], distance_of(own_positions[b]), clipped[b], fusion[2])
         joint_variances(seen_states[b], sd, fusion[1], 0.0, view_variances[r, column])
 
 
