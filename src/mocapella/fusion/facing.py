@@ -1,37 +1,41 @@
-"""Which way a person faces, whose labels are mirrored, and what each view is worth for it.
+"""Which way everybody faces, whose labels are mirrored, and what a view is worth for it.
 
-    p        ← turned_on(p, Δt)                                         somebody turns by up to two bins a step
-    log p   += Σ_views w_yaw·yaw(α, β) + w_shape·shape(α, score)        α = facing − direction to the sensor
+    p        ← turned on(p, Δt)                                         people turn as they like, in continuous time
+    log p   += w_yaw·yaw(α, β) + w_shape·shape(α, score)                α = facing − direction to the sensor
     log p   += w_motion·motion(speed, facing − heading)
 
-The weights are far below 1 because what one frame says, the next one says again. Estimated is the facing of the
-person, not that of one view; a view's labels are mirrored where its own yaw is more than 90° from it, with hysteresis.
-See docs/methods/facing.md.
+One call takes in a frame of one sensor. The weights are far below 1 because what one frame says, the next one says
+again; each witness counts by the time since it last spoke, so quick sensors do not count more. Estimated is the facing
+of a person, not that of a view; a view's labels are mirrored where its own yaw is more than 90° from it, with
+hysteresis. See docs/methods/facing.md.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.fusion.facing_grid import STEP_S, circular_sd, most_likely, turned, turned_on, unknown
+from mocapella.fusion.facing_grid import BINS, STEP_S, TURN_RATES, YAWS, turned_on, unknown
 from mocapella.fusion.facing_model import FacingModel, shipped_model
-from mocapella.fusion.facing_shape import View, mirrored_yaw, view_of
+from mocapella.fusion.facing_shape import feature_sums
 from mocapella.geometry.angles import wrap
 from mocapella.model.topology import Topology
 from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class FacingSettings:
-    """How much each witness counts, and when labels are swapped.
+    """How much each witness counts, and when labels are swapped. Chosen by leaving people out.
 
     Attributes:
         yaw_weight: of the logarithm of a view's yaw.
@@ -39,176 +43,254 @@ class FacingSettings:
         motion_weight: of that of the motion. More makes whoever walks backward face the other way.
         hysteresis_deg: labels are swapped where they are farther than 90° and this from the facing, and back where they
             are nearer than 90° less this.
-        least_weight: of a view in the fusion, before the weights are made to sum to 1.
     """
 
     yaw_weight: float = 0.1
     shape_weight: float = 0.2
     motion_weight: float = 0.1
     hysteresis_deg: float = 10.0
-    least_weight: float = 0.01
 
     def __post_init__(self) -> None:
         for name in ("yaw_weight", "shape_weight", "motion_weight"):
             check(0 <= getattr(self, name) <= 1, name, getattr(self, name), "from 0 to 1")
         check(0 <= self.hysteresis_deg < 90, "hysteresis_deg", self.hysteresis_deg, "from 0° to below 90°")
-        check(0 < self.least_weight <= 1, "least_weight", self.least_weight, "above 0, up to 1")
 
 
-class FacingState(msgspec.Struct, frozen=True, eq=False):
-    """All that is remembered of a person.
+class FacingMemory(msgspec.Struct, eq=False):
+    """All that a `FacingFilter` remembers.
 
     Attributes:
-        p: (BINS,) probability of each facing, see `mocapella.fusion.facing_grid`.
-        at_s: of the newest frame [s].
-        seen_s: when each sensor last said something.
-        mirrored: whether a sensor's labels were mirrored when it last said something.
+        people: person → row of the arrays.
+        sensors: sensor → column of ``mirrored``, and less 1 of ``told_s``.
+        zero: yaw of the first bin, in the world as it is now [rad].
+        p: (people, BINS) probability of each facing.
+        at_s: (people,) when that was [s].
+        told_s: (people, 1 + sensors) when the motion and each sensor last said something [s].
+        mirrored: (people, sensors) whether the labels were mirrored then.
     """
 
+    people: dict[int, int]
+    sensors: dict[str, int]
+    zero: float
     p: Float64
-    at_s: float
-    seen_s: Mapping[str, float]
-    mirrored: Mapping[str, bool]
-
-
-class Facing(msgspec.Struct, frozen=True, eq=False):
-    """What is known after a frame; views in the order in which they were given.
-
-    Attributes:
-        yaw: of the person, world: 0 along +z, π/2 along +x [rad].
-        sd: circular standard deviation [rad]; it grows without bound while nothing is seen.
-        mirrored: (views,) whether left and right must be swapped.
-        weights: (views,) what a view is worth, in sum 1: cos²α · cos⁴ of how far its repaired labels are off.
-        yaw_used, shape_used: (views,) whether the view's yaw and shape said something.
-        motion_used: whether the motion did.
-    """
-
-    yaw: float
-    sd: float
+    at_s: Float64
+    told_s: Float64
     mirrored: Bools
-    weights: Float64
-    yaw_used: Bools
-    shape_used: Bools
-    motion_used: bool
 
 
-def evidence(
-    view: View, toward_sensor: Float64, model: FacingModel, settings: FacingSettings, scale: Float64
-) -> Float64:
-    """(..., BINS) what views say of the facing in the world, each for itself.
+class Repair(msgspec.Struct, frozen=True):
+    """From ``at_s`` on, that sensor's labels of a person are swapped, or (``mirrored`` false) no longer."""
 
-    Args:
-        view: leading axes (...,).
-        toward_sensor: (...,) yaw from the person to the sensor [rad].
-        model, settings: see there.
-        scale: (...,) how much of a `STEP_S` the view stands for, so that a quicker sensor does not count more.
-    """
-    about = settings.yaw_weight * model.yaw_evidence(view.seen)
-    shape = model.shape_evidence(view.features)
-    if shape is not None:
-        about += settings.shape_weight * shape
-    return turned(about * scale[..., None], toward_sensor)
+    person: int
+    sensor: str
+    at_s: float
+    mirrored: bool
 
 
-def believed(p: Float64, log_evidence: Float64) -> Float64:
-    """Bayes' rule, (..., BINS)."""
-    after = p * np.exp(log_evidence - log_evidence.max(axis=-1, keepdims=True))
-    return np.asarray(after / after.sum(axis=-1, keepdims=True))
-
-
-def labels_mirrored(reported: Float64, yaw: float, before: Bools, settings: FacingSettings) -> Bools:
-    """(views,) whether labels that say ``reported`` are mirrored, by the person's yaw; where NaN, as before."""
-    off = np.degrees(np.abs(wrap(reported - yaw)))
-    limit = np.where(before, 90 - settings.hysteresis_deg, 90 + settings.hysteresis_deg)
-    return np.where(np.isnan(off), before, off > limit)
-
-
-def view_weights(yaw: float, toward_sensor: Float64, repaired: Float64, settings: FacingSettings) -> Float64:
-    """(views,) what views are worth, in sum 1; as `Facing.weights` says.
-
-    Args:
-        yaw: of the person [rad].
-        toward_sensor: (views,) [rad].
-        repaired: (views,) the yaw that the labels say once they are repaired [rad]; NaN where unknown.
-        settings: see there.
-    """
-    off = np.maximum(np.cos(repaired - yaw), 0.0)
-    worth = np.nan_to_num(np.cos(yaw - toward_sensor) ** 2 * off**4)
-    worth = np.maximum(worth, settings.least_weight)
-    return np.asarray(worth / worth.sum()) if worth.size else worth
-
-
-class PersonFacing:
-    """The facing of one person over time.
+class Facings(msgspec.Struct, frozen=True, eq=False):
+    """What is known of the people in a frame, in the order in which they were given.
 
     Attributes:
-        state: what is remembered; None before the first frame. It can be kept and put back.
+        yaw: (people,) world, 0 along +z, π/2 along +x [rad].
+        sd: (people,) circular standard deviation [rad].
+        mirrored: (people,) whether this view's left and right must be swapped.
+        reported: (people,) the yaw that its labels say once they are [rad]; NaN where a shoulder is missing.
+        repairs: what changed in ``mirrored`` by this frame.
+    """
+
+    yaw: Float64
+    sd: Float64
+    mirrored: Bools
+    reported: Float64
+    repairs: tuple[Repair, ...]
+
+
+class PredictedFacings(msgspec.Struct, frozen=True, eq=False):
+    """``yaw`` (people,), and ``sd`` (people,) that has grown since [rad]; NaN and infinite of whom nothing is known."""
+
+    yaw: Float64
+    sd: Float64
+
+
+def view_worth(yaw: Any, toward_sensor: Any, reported: Any) -> Float64:
+    """What a view is worth in the fusion, from 0 to 1: cos²α · cos⁴ of how far its repaired labels are off.
+
+    A sensor that looks along the shoulders guesses the farther one, and labels that stick say so by their yaw.
+
+    Args:
+        yaw: (...,) of the person [rad].
+        toward_sensor: (...,) yaw from the person to the sensor [rad]; α is the angle between the two.
+        reported: (...,) of the repaired labels, see `Facings` [rad]; where NaN, the view is worth nothing.
+    """
+    off = np.maximum(np.cos(np.asarray(reported) - yaw), 0.0)
+    return np.asarray(np.nan_to_num(np.cos(np.asarray(toward_sensor) - yaw) ** 2 * off**4))
+
+
+class FacingFilter:
+    """The facings of all people over time.
+
+    Attributes:
+        memory: all that is remembered; it can be copied, kept and put back.
     """
 
     def __init__(
         self, topology: Topology, settings: FacingSettings | None = None, model: FacingModel | None = None
     ) -> None:
-        """A person of whom nothing is known.
+        """A filter that knows nobody.
 
         Args:
             topology: of the joints.
             settings: see there.
-            model: what was learnt; the shipped one where not given.
+            model: what was learnt; the shipped one where not given. Shapes learnt on other joints say nothing.
         """
         self.settings = settings or FacingSettings()
         self.topology = topology
-        model = model or shipped_model()
-        if model.topology != topology.name:
-            model = msgspec.structs.replace(model, classifier=None, shape=None)
-        self.model = model
+        self.model = model or shipped_model()
+        s = self.settings
+        self._learnt = _learnt(self.model, topology)
+        self._weights = np.array([s.yaw_weight, s.shape_weight, s.motion_weight, np.radians(s.hysteresis_deg)])
         self.reset()
 
     def reset(self) -> None:
         """Forget everything."""
-        self.state: FacingState | None = None
+        self.memory = FacingMemory(
+            {}, {}, 0.0, np.empty((0, BINS)), np.empty(0), np.empty((0, 1)), np.empty((0, 0), dtype=np.bool_)
+        )
 
-    def update(
+    def update(  # noqa: PLR0917 - a frame has as many parts as it has
         self,
-        sensors: tuple[str, ...],
+        sensor: str,
+        people: Sequence[int],
         positions: Float64,
         toward_sensor: Float64,
         at_s: float,
-        velocity: Float64 | None = None,
-    ) -> Facing:
-        """Take in what is seen of the person at an instant: by all sensors, some or none.
+        velocities: Float64,
+    ) -> Facings:
+        """Take in what a sensor's frame shows of people.
 
         Args:
-            sensors: (views,) names.
-            positions: (views, joints, 3) with the sensors' own labels, world [m]; NaN where not seen.
-            toward_sensor: (views,) yaw from the person to the sensor, as the calibration knows it [rad].
-            at_s: the capture; a time that is not after the last one counts as the same instant [s].
-            velocity: (3,) of the person, world [m/s]; None or NaN where it is not known.
+            sensor: its name.
+            people: (bodies,) who they are, each once.
+            positions: (bodies, joints, 3) with the sensor's own labels, world, y up [m]; NaN where not seen.
+            toward_sensor: (bodies,) yaw from the person to the sensor [rad]; NaN where unknown.
+            at_s: the capture; one that is not after a person's last one counts as the same instant [s].
+            velocities: (bodies, 3) world [m/s]; NaN where unknown.
+
+        Raises:
+            ValueError: an array has another shape, or the time is not finite.
         """
-        s, model = self.settings, self.model
-        before = self.state or FacingState(unknown(), at_s, {}, {})
-        at_s = max(at_s, before.at_s)
-        elapsed = (at_s - before.at_s) / STEP_S
-        p = turned_on(before.p, elapsed) if elapsed > 0 else before.p
-        view = view_of(np.asarray(positions, dtype=np.float64), np.asarray(toward_sensor), self.topology)
-        yaw_used = np.isfinite(view.reported) & np.isfinite(toward_sensor)
-        told = {sensor: at_s for sensor, used in zip(sensors, yaw_used.tolist(), strict=True) if used}
-        motion_used = False
-        if told:
-            last = [before.seen_s.get(sensor, -np.inf) for sensor in sensors]
-            scale = np.where(yaw_used, np.clip((at_s - np.array(last)) / STEP_S, 0.0, 1.0), 0.0)
-            log_evidence = evidence(view, np.nan_to_num(toward_sensor), model, s, scale).sum(axis=0)
-        else:
-            log_evidence = np.zeros_like(p)
-        if velocity is not None and told:
-            motion = model.motion_evidence(np.asarray(velocity, dtype=np.float64))
-            motion_used = bool(motion.any())
-            log_evidence = log_evidence + s.motion_weight * min(elapsed, 1.0) * motion
-        p = believed(p, log_evidence)
-        yaw = float(most_likely(p))
-        was = np.array([before.mirrored.get(sensor, False) for sensor in sensors], dtype=np.bool_)
-        mirrored = labels_mirrored(view.reported, yaw, was, s)
-        weights = view_weights(yaw, np.asarray(toward_sensor), mirrored_yaw(view.reported, mirrored), s)
-        labels = dict(zip(sensors, mirrored.tolist(), strict=True))
-        self.state = FacingState(p, at_s, {**before.seen_s, **told}, {**before.mirrored, **labels})
-        shape_used = yaw_used & np.isfinite(view.features).any(axis=-1) & (model.shape is not None)
-        return Facing(yaw, float(circular_sd(p)), mirrored, weights, yaw_used, shape_used, motion_used)
+        bodies = len(people)
+        positions, toward, velocities = (
+            np.ascontiguousarray(array, dtype=np.float64) for array in (positions, toward_sensor, velocities)
+        )
+        shapes = (positions.shape, toward.shape, velocities.shape)
+        if shapes != ((bodies, len(self.topology), 3), (bodies,), (bodies, 3)):
+            raise ValueError(f"arrays of {bodies} people and {len(self.topology)} joints were expected, not {shapes}")
+        if not np.isfinite(at_s):
+            raise ValueError(f"a frame at {at_s} s; the time must be finite")
+        memory, slots, column = self.memory, self._slots(people, at_s), self._column(sensor)
+        out = np.empty((4, bodies))
+        _kernels().update(
+            slots, column, positions, toward, float(at_s), velocities, memory.zero, memory.p, memory.at_s,
+            memory.told_s, memory.mirrored, *self._learnt, self._weights, out,
+        )  # fmt: skip
+        mirrored = memory.mirrored[slots, column]
+        repairs = tuple(Repair(people[n], sensor, float(at_s), bool(mirrored[n])) for n in np.flatnonzero(out[3]))
+        return Facings(out[0], out[1], mirrored, out[2], repairs)
+
+    def predicted(self, people: Sequence[int], at_s: float) -> PredictedFacings:
+        """Which way people face at a time, from what was seen so far; before a person's last frame: as it was then."""
+        memory, out = self.memory, np.empty((2, len(people)))
+        slots = np.array([memory.people.get(person, -1) for person in people], dtype=np.int64)
+        _kernels().predict(slots, float(at_s), memory.zero, memory.p, memory.at_s, self._learnt[0], out)
+        return PredictedFacings(out[0], out[1])
+
+    def forget(self, kept: Collection[int]) -> None:
+        """Forget all people but these."""
+        memory = self.memory
+        if memory.people.keys() <= set(kept):
+            return
+        rows = {person: row for person, row in memory.people.items() if person in kept}
+        self._keep_rows(rows)
+
+    def join(self, stays: int, gone: int) -> None:
+        """Two turned out to be one: what was known of either is known of the one who stays."""
+        memory = self.memory
+        other = memory.people.get(gone)
+        if other is None or stays == gone:
+            return
+        one = memory.people.get(stays)
+        if one is None:
+            memory.people = {stays if person == gone else person: row for person, row in memory.people.items()}
+            return
+        pair = [one, other]
+        at_s = memory.at_s[pair].max()
+        p = np.prod(turned_on(memory.p[pair], (at_s - memory.at_s[pair]) / STEP_S), axis=0)
+        memory.p[one], memory.at_s[one] = p / p.sum(), at_s
+        later = memory.told_s[other, 1:] > memory.told_s[one, 1:]
+        memory.mirrored[one] = np.where(later, memory.mirrored[other], memory.mirrored[one])
+        memory.told_s[one] = np.maximum(memory.told_s[one], memory.told_s[other])
+        self._keep_rows({person: row for person, row in memory.people.items() if person != gone})
+
+    def rotate(self, angle: float) -> None:
+        """The world is told in another frame from now on: every yaw is larger by an angle [rad]."""
+        self.memory.zero = float(wrap(self.memory.zero + angle))
+
+    def _keep_rows(self, rows: dict[int, int]) -> None:
+        memory, kept = self.memory, np.array(list(rows.values()), dtype=np.int64)
+        memory.people = {person: row for row, person in enumerate(rows)}
+        memory.p, memory.at_s = memory.p[kept], memory.at_s[kept]
+        memory.told_s, memory.mirrored = memory.told_s[kept], memory.mirrored[kept]
+
+    def _slots(self, people: Sequence[int], at_s: float) -> Int64:
+        """(people,) their rows; whoever is not known gets one."""
+        memory = self.memory
+        new = [person for person in people if person not in memory.people]
+        if new:
+            memory.people |= {person: len(memory.people) + n for n, person in enumerate(new)}
+            n, sensors = len(new), len(memory.sensors)
+            memory.p = np.concatenate([memory.p, np.broadcast_to(unknown(), (n, BINS))])
+            memory.at_s = np.concatenate([memory.at_s, np.full(n, at_s)])
+            memory.told_s = np.concatenate([memory.told_s, np.full((n, 1 + sensors), -np.inf)])
+            memory.mirrored = np.concatenate([memory.mirrored, np.zeros((n, sensors), dtype=np.bool_)])
+        return np.array([memory.people[person] for person in people], dtype=np.int64)
+
+    def _column(self, sensor: str) -> int:
+        """The sensor's; one that is not known gets one."""
+        memory = self.memory
+        if sensor not in memory.sensors:
+            rows = len(memory.people)
+            memory.sensors[sensor] = len(memory.sensors)
+            memory.told_s = np.concatenate([memory.told_s, np.full((rows, 1), -np.inf)], axis=1)
+            memory.mirrored = np.concatenate([memory.mirrored, np.zeros((rows, 1), dtype=np.bool_)], axis=1)
+        return memory.sensors[sensor]
+
+
+def _learnt(model: FacingModel, topology: Topology) -> tuple[Float64, Int64, Float64, Float64]:
+    """What the kernels take of a model: tables, joints, the weights of features' sums, and the classifier."""
+    k = _kernels()
+    m = np.arange(BINS // 2 + 1)
+    tables = np.zeros((k.TABLE_ROWS, BINS))
+    tables[k.YAW_AT : k.SHAPE_AT] = model.yaw.T
+    tables[k.MOTION_AT : k.WAVES_AT] = model.motion
+    share = np.where((m == 0) | (m == BINS // 2), 1.0, 2.0) / BINS
+    tables[k.WAVES_AT : k.RATES_AT] = share[:, None] * np.cos(m[:, None] * YAWS)
+    tables[k.RATES_AT, : len(m)] = TURN_RATES
+    tables[k.COS_AT :] = np.cos(YAWS), np.sin(YAWS)
+    shoulders = (topology.parts["shoulder_left"], topology.parts["shoulder_right"])
+    sums, classifier = feature_sums(topology), model.classifier
+    if sums is None or classifier is None or model.shape is None or model.topology != topology.name:
+        return tables, np.array([shoulders, (0, 0)]), np.empty(0), np.empty(0)
+    tables[k.SHAPE_AT : k.MOTION_AT] = model.shape.T
+    terms = np.argwhere(sums != 0)
+    joints = np.concatenate([[shoulders, (topology.index("Head"), topology.index("SpineBase"))], terms])
+    numbers = np.concatenate([classifier.mean, classifier.spread, classifier.weights])
+    return tables, joints, sums[sums != 0], numbers
+
+
+@cache
+def _kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.fusion import facing_kernels
+
+    return facing_kernels

@@ -22,21 +22,26 @@ BIN: Final = 2 * np.pi / BINS
 YAWS: Final[Float64] = np.arange(BINS) * BIN
 """(BINS,) of the bins [rad]."""
 STEP_S: Final = 1 / 29
-"""In which somebody turns by up to two bins [s]."""
+"""In which somebody makes one turn of up to two bins, on average [s]."""
 
 _NEAR: Final = np.arange(-3, 4)
 _PREVIOUS: Final = np.arange(-1, BINS - 1)
-_LEAST: Final = 1e-12
+LEAST: Final = 1e-12
+"""Probability of a bin, however sure the others are."""
 
 
-def _turn_spectrum() -> Float64:
-    """The eigenvalues of one step: 0.2 for staying and for each of ±1 and ±2 bins, 1e-6 elsewhere."""
+def _turn_rates() -> Float64:
+    """(BINS // 2 + 1,) how fast each frequency around the circle fades, for each `STEP_S`: 1 − λ of one turn.
+
+    A turn goes to the same bin or one of ±1 and ±2 with 0.2 each, to any other with 1e-6; on average there is one in
+    a `STEP_S`.
+    """
     kernel = np.full(BINS, 1e-6)
     kernel[[0, 1, 2, -1, -2]] = 0.2
-    return np.asarray(np.fft.rfft(kernel / kernel.sum()).real)
+    return np.asarray(1.0 - np.fft.rfft(kernel / kernel.sum()).real)
 
 
-_SPECTRUM: Final = _turn_spectrum()
+TURN_RATES: Final = _turn_rates()
 
 
 def unknown() -> Float64:
@@ -45,21 +50,21 @@ def unknown() -> Float64:
 
 
 def turned_on(p: Float64, steps: Any) -> Float64:
-    """The probabilities a while later.
+    """The probabilities a while later; two whiles in turn are as one of both, so sensors may come as they like.
 
     Args:
         p: (..., BINS).
-        steps: (...,) of `STEP_S`, 0 or more. A part of a step is a mixture of making it and not making it, which has
-            the variance of that part.
+        steps: (...,) of `STEP_S`, 0 or more.
 
     Returns:
         (..., BINS), of the same sum.
+
+    Source:
+        exp(steps · (K − 1)), K a turn: a Markov process in continuous time; J. R. Norris, *Markov Chains* (1997),
+        section 2.1. It is diagonal in the frequencies around the circle, since every direction turns alike.
     """
-    steps = np.asarray(steps, dtype=np.float64)[..., None]
-    whole = np.floor(steps)
-    part = steps - whole
-    spectrum = _SPECTRUM**whole * (1 - part + part * _SPECTRUM)
-    return np.maximum(np.fft.irfft(np.fft.rfft(p, axis=-1) * spectrum, n=BINS, axis=-1), _LEAST)
+    fading = np.exp(-np.asarray(steps, dtype=np.float64)[..., None] * TURN_RATES)
+    return np.maximum(np.fft.irfft(np.fft.rfft(p, axis=-1) * fading, n=BINS, axis=-1), LEAST)
 
 
 def turned(values: Float64, by: Any) -> Float64:
@@ -101,4 +106,4 @@ def circular_sd(p: Float64) -> Float64:
         Mardia and Jupp, *Directional Statistics* (2000), section 2.3.1.
     """
     R = np.hypot((p * np.cos(YAWS)).sum(axis=-1), (p * np.sin(YAWS)).sum(axis=-1)) / p.sum(axis=-1)
-    return np.asarray(np.sqrt(-2 * np.log(np.clip(R, _LEAST, 1.0))))
+    return np.asarray(np.sqrt(-2 * np.log(np.clip(R, LEAST, 1.0))))

@@ -33,11 +33,11 @@ Float64 = NDArray[np.float64]
 YAW_BINS: Final = BINS // 2
 """Bin j is the folded yaw (j − YAW_BINS / 2) · `BIN`."""
 SHAPE_BINS: Final = 13
-"""Of scores from −`_MOST_SCORE` to `_MOST_SCORE`."""
+"""Of scores from −`MOST_SCORE` to `MOST_SCORE`."""
 SPEEDS: Final = (0.4, 0.7, 1.0)
 """From which on a row of the motion's table holds; below the first, motion says nothing [m/s]."""
 
-_MOST_SCORE: Final = 6.0
+MOST_SCORE: Final = 6.0
 _HALF: Final = BINS // 2 + 1
 _DECIMALS: Final = 3
 
@@ -84,7 +84,7 @@ class FacingModel(msgspec.Struct, frozen=True, eq=False):
 
 def shape_place(score: Float64) -> Float64:
     """Where a score lies on the bins of the shape's table."""
-    return np.asarray((np.clip(score, -_MOST_SCORE, _MOST_SCORE) / _MOST_SCORE + 1) * (SHAPE_BINS - 1) / 2)
+    return np.asarray((np.clip(score, -MOST_SCORE, MOST_SCORE) / MOST_SCORE + 1) * (SHAPE_BINS - 1) / 2)
 
 
 def neighbours(place: Float64, count: int, wraps: bool) -> tuple[NDArray[np.intp], NDArray[np.intp], Float64]:

@@ -15,7 +15,6 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.geometry.angles import wrap
 from mocapella.model.topology import Topology
 
 Float64 = NDArray[np.float64]
@@ -33,9 +32,9 @@ FEATURES: Final[dict[str, dict[str, float]]] = {
     "feet before the ankles": {"Foot": 1, "Ankle": -1},
 }
 """A feature → the joints whose places it sums; a joint that there is on both sides is the mean of the two."""
-_MOST: Final = 4.0
+MOST_SPREADS: Final = 4.0
 """A feature counts no more than as so many standard deviations: a joint far off is a joint lost."""
-_LENGTHS_M: Final = (0.2, 1.5)
+LENGTHS_M: Final = (0.2, 1.5)
 """Head to SpineBase of anybody [m]."""
 
 
@@ -70,12 +69,12 @@ def view_of(positions: Float64, toward_sensor: Float64, topology: Topology) -> V
 
 
 def _features(positions: Float64, yaw: Float64, topology: Topology) -> Float64:
-    sums = _sums(topology)
+    sums = feature_sums(topology)
     if sums is None:
         return np.full((*yaw.shape, len(FEATURES)), np.nan)
     trunk = positions[..., topology.index("Head"), :] - positions[..., topology.index("SpineBase"), :]
     length = np.sqrt((trunk * trunk).sum(axis=-1))
-    length = np.where((length > _LENGTHS_M[0]) & (length < _LENGTHS_M[1]), length, np.nan)
+    length = np.where((length > LENGTHS_M[0]) & (length < LENGTHS_M[1]), length, np.nan)
     before = positions[..., 0] * np.sin(yaw)[..., None] + positions[..., 2] * np.cos(yaw)[..., None]
     missing = np.isnan(before)
     values = np.where(missing, 0.0, before) @ sums.T
@@ -96,7 +95,7 @@ def _sums_by_name(joints: tuple[str, ...]) -> Float64 | None:
     return sums
 
 
-def _sums(topology: Topology) -> Float64 | None:
+def feature_sums(topology: Topology) -> Float64 | None:
     """(`FEATURES`, joints) what a feature sums; None where the topology has not all the joints."""
     return _sums_by_name(topology.joints)
 
@@ -124,7 +123,7 @@ class ShapeClassifier(msgspec.Struct, frozen=True, eq=False):
 
 def design_matrix(features: Float64, mean: Float64, spread: Float64) -> tuple[Float64, Float64]:
     """(..., 2 · `FEATURES` + 1) what the regression weights, and (...,) the share of features that there are."""
-    z = np.clip((features - mean) / spread, -_MOST, _MOST)
+    z = np.clip((features - mean) / spread, -MOST_SPREADS, MOST_SPREADS)
     missing = np.isnan(z)
     z = np.where(missing, 0.0, z)
     squares = np.where(missing, 0.0, z * z - 1.0)
@@ -158,8 +157,3 @@ def fit_classifier(features: Float64, faces: NDArray[np.bool_], penalty: float) 
         if np.abs(step).max() < 1e-9:
             break
     return ShapeClassifier(mean, spread, w)
-
-
-def mirrored_yaw(yaw: Float64, mirrored: NDArray[np.bool_]) -> Float64:
-    """The yaw that labels say once left and right are swapped where ``mirrored``."""
-    return wrap(yaw + np.where(mirrored, np.pi, 0.0))

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.errors import InputError
-from mocapella.fusion.facing import FacingSettings, believed, evidence
+from mocapella.fusion.facing import FacingSettings
 from mocapella.fusion.facing_grid import BIN, BINS, STEP_S, YAWS, turned, turned_on, unknown
 from mocapella.fusion.facing_model import (
     SHAPE_BINS,
@@ -93,6 +93,30 @@ class TrainingSettings:
             check(0 < getattr(self, name) <= 1, name, getattr(self, name), "above 0, up to 1")
 
 
+def evidence(
+    view: View, toward_sensor: Float64, model: FacingModel, settings: FacingSettings, scale: Float64
+) -> Float64:
+    """(..., BINS) what views say of the facing in the world, each for itself.
+
+    Args:
+        view: leading axes (...,).
+        toward_sensor: (...,) yaw from the person to the sensor [rad].
+        model, settings: see there.
+        scale: (...,) how much of a `STEP_S` the view stands for.
+    """
+    about = settings.yaw_weight * model.yaw_evidence(view.seen)
+    shape = model.shape_evidence(view.features)
+    if shape is not None:
+        about += settings.shape_weight * shape
+    return turned(about * scale[..., None], toward_sensor)
+
+
+def believed(p: Float64, log_evidence: Float64) -> Float64:
+    """Bayes' rule, (..., BINS)."""
+    after = p * np.exp(log_evidence - log_evidence.max(axis=-1, keepdims=True))
+    return np.asarray(after / after.sum(axis=-1, keepdims=True))
+
+
 def posteriors(
     sequences: Sequence[FacingSequence],
     model: FacingModel,
@@ -105,7 +129,7 @@ def posteriors(
 
     Args:
         sequences: any.
-        model, settings: as `mocapella.fusion.facing.PersonFacing` takes them; with ``smooth`` off, so are the results.
+        model, settings: as `mocapella.fusion.facing.FacingFilter` takes them; with ``smooth`` off, so are the results.
         smooth: use what comes after a frame too.
         known_within_deg: use what is known of the facing, as surely as that; None does not.
     """
@@ -136,7 +160,7 @@ def _evidence(sequence: FacingSequence, steps: Float64, model: FacingModel, sett
     scale = np.clip(np.append(1.0, steps[1:]), 0.0, 1.0)
     known = np.isfinite(sequence.view.reported)
     total = evidence(sequence.view, sequence.toward_sensor, model, settings, known * scale[:, None]).sum(axis=-2)
-    motion_scale = settings.motion_weight * np.clip(steps, 0.0, 1.0) * known.any(axis=-1)
+    motion_scale = settings.motion_weight * scale * known.any(axis=-1)
     return np.asarray(total + motion_scale[:, None] * model.motion_evidence(sequence.velocity))
 
 
