@@ -16,7 +16,6 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mocapella.association.tracks import Track, Tracks, TrackSettings
 from mocapella.calibration.cold_start import ColdStart
@@ -27,6 +26,7 @@ from mocapella.calibration.people import CalibratedSensor, PairOfSensors, People
 from mocapella.calibration.people import PeopleSettings as CalibrationSettings
 from mocapella.calibration.time_offset import TimeOffset
 from mocapella.conventions import NS_PER_S
+from mocapella.fusion.facing import FacingMemory
 from mocapella.geometry.rigid import apply, inverse
 from mocapella.model.bodies import Bodies
 from mocapella.model.memory import pack, unpack
@@ -107,7 +107,7 @@ class DefaultTracker:
     def snapshot(self) -> bytes:
         """See `Tracker`."""
         own = {name: getattr(self, name) for name in _OWN_MEMORY}
-        people = None if self._people is None else vars(self._people)
+        people = None if self._people is None else (self._people.topology, self._people.remembered())
         parts = [own, vars(self._arrivals), vars(self._tracks), people, vars(self._calibration)]
         return pack(parts, _REMEMBERED)
 
@@ -119,8 +119,8 @@ class DefaultTracker:
         vars(self._tracks).update(tracks)
         self._people = None
         if people is not None:
-            self._people = self._make_people(people["mirror"])
-            vars(self._people).update(people)
+            self._people = People(self.settings.people, people[0])
+            self._people.remember(people[1])
         vars(self._calibration).update(calibration)
 
     def start_from(self, T_world_sensor: Mapping[str, Float64]) -> None:
@@ -150,8 +150,7 @@ class DefaultTracker:
             self._rejected[heard.problem] += 1
             return self._scene(arrival)
         if self._people is None:
-            topology = heard.newest[heard.sensor].frame.topology
-            self._people = self._make_people(np.asarray(topology.mirror))
+            self._people = People(self.settings.people, heard.newest[heard.sensor].frame.topology)
         sighting = heard.newest[heard.sensor]
         self._calibrate(sighting)
         self._track(sighting, self._people)
@@ -188,9 +187,8 @@ class DefaultTracker:
                 self._people.move(self._T_root_sensor[self._root])
                 self._tracks.move(self._T_root_sensor[self._root])
             self._root = root
-
-    def _make_people(self, mirror: NDArray[np.int64]) -> People:
-        return People(self.settings.people, mirror)
+        if self._people is not None:
+            self._people.level(self._T_world_root[:3, :3])
 
     def _track(self, sighting: Sighting, people: People) -> None:
         """Whose bodies these are, and everybody brought up to date; nothing where the sensor's place is not known."""
@@ -317,6 +315,7 @@ def associate_and_fuse(
         positions[shown],
         bodies.states[shown],
         bodies.positions[shown],
+        T[:3, 3],
         np.array([bool(clipped[bodies.ids[i]]) for i in shown], dtype=np.bool_),
     )
     people.update(sights, now_s)
@@ -343,6 +342,7 @@ _REMEMBERED: Final = (
     BodyFrame,
     Person,
     Phase,
+    FacingMemory,
     PeopleMemory,
     PotentialSkeleton,
     SensorPlace,

@@ -20,9 +20,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.fusion.facing import FacingFilter, FacingSettings, Repair
 from mocapella.fusion.weighted_mean import FusionSettings
+from mocapella.geometry.angles import wrap
 from mocapella.geometry.rigid import apply
 from mocapella.model.bodies import BodyKey
+from mocapella.model.topology import Topology
 from mocapella.smoothing.kalman import KalmanSettings
 from mocapella.smoothing.one_euro import OneEuroSettings
 
@@ -44,6 +47,9 @@ class PeopleSettings:
         one_euro: the filter of that name.
         smoothing: which of `SMOOTHING` makes the skeleton steady.
         view_age_s: a view older than this is no longer used.
+        facing: how it is found which way people face; None does without: labels are those on which the sensors agree.
+        turn_s: time constant with which a view's torso and arms follow the facing [s].
+        least_worth: of a view that looks along the shoulders, against one from the front.
         swap_m: how much nearer a view must be to the person with left and right swapped, before they are.
         swap_s: time constant over which that is judged.
     """
@@ -53,6 +59,9 @@ class PeopleSettings:
     one_euro: OneEuroSettings = field(default_factory=OneEuroSettings)
     smoothing: str = "kalman"
     view_age_s: float = 0.12
+    facing: FacingSettings | None = field(default_factory=FacingSettings)
+    turn_s: float = 0.2
+    least_worth: float = 0.02
     swap_m: float = 0.02
     swap_s: float = 0.1
 
@@ -75,7 +84,10 @@ class PeopleMemory:
         view_mirrored: (people, sensors) whether left and right are swapped in it.
         view_swapped: (people, sensors) whether left and right are to be swapped so that it agrees with the others.
         view_advantage: (people, sensors) how much nearer to the person the labels not in use have been lately [m].
-        view_worth: (people, sensors) what it counts.
+        yaw: (people,) which way they face; NaN where not known [rad].
+        view_toward: (people, sensors) yaw from the person to the sensor [rad].
+        view_reported: (people, sensors) the yaw that its labels say once they are repaired [rad].
+        view_turn: (people, sensors) by how much its torso and arms are turned [rad].
         view_offsets: (people, sensors, joints, 3) from the person, slowly learnt; in the person's labels [m].
     """
 
@@ -99,7 +111,10 @@ class PeopleMemory:
     view_mirrored: Bools
     view_swapped: Bools
     view_advantage: Float64
-    view_worth: Float64
+    yaw: Float64
+    view_toward: Float64
+    view_reported: Float64
+    view_turn: Float64
     view_offsets: Float64
 
     @classmethod
@@ -127,7 +142,10 @@ class PeopleMemory:
             view_mirrored=np.zeros(V, dtype=np.bool_),
             view_swapped=np.zeros(V, dtype=np.bool_),
             view_advantage=np.zeros(V),
-            view_worth=np.ones(V),
+            yaw=np.full(P, np.nan),
+            view_toward=np.full(V, np.nan),
+            view_reported=np.full(V, np.nan),
+            view_turn=np.zeros(V),
             view_offsets=np.zeros((*V, joints, 3)),
         )
 
@@ -149,17 +167,36 @@ class People:
         memory: see there.
     """
 
-    def __init__(self, settings: PeopleSettings, mirror: NDArray[np.int64]) -> None:
+    def __init__(self, settings: PeopleSettings, topology: Topology) -> None:
         self.settings = settings
-        self.mirror = np.ascontiguousarray(mirror, dtype=np.int64)
-        self.middle = np.flatnonzero(self.mirror == np.arange(len(mirror))).astype(np.int64)
+        self.topology = topology
+        self.mirror = np.array(topology.mirror, dtype=np.int64)
+        self.middle = np.flatnonzero(self.mirror == np.arange(len(topology))).astype(np.int64)
+        self._root = topology.parts["root"]
+        self._turned = _above_the_legs(topology)
+        self._facing = None if settings.facing is None else FacingFilter(topology, settings.facing)
         self.reset()
 
     def reset(self) -> None:
         """Forget everybody."""
+        self.R_level, self.up = np.eye(3), np.array([0.0, 1.0, 0.0])
         self.numbers: list[int] = []
         self.sensors: list[str] = []
         self.memory = PeopleMemory.empty(0, 0, len(self.mirror))
+        self.repairs: tuple[Repair, ...] = ()
+        if self._facing is not None:
+            self._facing.reset()
+
+    def remembered(self) -> tuple[Any, ...]:
+        """All that it remembers, for `remember`."""
+        return self.numbers, self.sensors, self.memory, None if self._facing is None else self._facing.memory
+
+    def remember(self, memory: tuple[Any, ...]) -> None:
+        """What `remembered` gave, and nothing else."""
+        self.numbers, self.sensors, self.memory, facing = memory
+        self.repairs = ()
+        if self._facing is not None:
+            self._facing.memory = facing
 
     def expected(self, numbers: Sequence[int], at_s: float) -> Float64:
         """(people, middle joints, 3) where people will be, of the joints in the middle [m]; NaN where nobody knows."""
@@ -200,17 +237,37 @@ class People:
             rows, column, dts, m.positions, self.mirror, s.swap_m, s.swap_s,
             m.view_positions, m.view_swapped, m.view_advantage,
         )  # fmt: skip
-        m.view_mirrored[rows, column] = m.view_swapped[rows, column]
+        self._face(sights, rows, column, dts)
         measured = np.empty((len(rows), len(self.mirror), 3))
         doubts = np.empty((len(rows), len(self.mirror)))
         kernels.make(
-            rows, len(self.sensors), at_s, s.view_age_s, self.mirror, fusion, motion.speed_sd**2,
+            rows, len(self.sensors), at_s, s.view_age_s, self.mirror, self._turned, self.up, self._root, s.least_worth,
+            fusion, motion.speed_sd**2, m.yaw,
             m.at_s, m.positions, m.velocities, m.variances, m.seen_s, m.states, m.fused_s,
-            m.view_at, m.view_positions, m.view_states, m.view_variances, m.view_worth, m.view_mirrored,
-            m.view_offsets, measured, doubts,
+            m.view_at, m.view_positions, m.view_states, m.view_variances, m.view_mirrored,
+            m.view_toward, m.view_reported, m.view_turn, m.view_offsets, measured, doubts,
         )  # fmt: skip
         kernels.infer(everybody, at_s, s.view_age_s, m.positions, m.states, m.view_at)
         self._smooth(rows, measured, at_s)
+
+    def _face(self, sights: Sights, rows: Rows, column: int, dts: Float64) -> None:
+        """Which way everybody faces, and whether this view has left and right mirrored."""
+        m, self.repairs = self.memory, ()
+        if self._facing is None or not len(rows):
+            m.view_mirrored[rows, column] = m.view_swapped[rows, column]
+            return
+        R = self.R_level
+        bodies = sights.positions @ R.T
+        sight = (sights.sensor_position - m.view_positions[rows, column, self._root]) @ R.T
+        toward = np.arctan2(sight[:, 0], sight[:, 2])
+        velocities = m.velocities[rows, self._root] @ R.T
+        facings = self._facing.update(sights.sensor, sights.people, bodies, toward, sights.at_s, velocities)
+        m.yaw[rows], m.view_mirrored[rows, column] = facings.yaw, facings.mirrored
+        m.view_toward[rows, column], m.view_reported[rows, column] = toward, facings.reported
+        off = np.nan_to_num(wrap(facings.yaw - facings.reported))
+        before = m.view_turn[rows, column]
+        m.view_turn[rows, column] = before - np.expm1(-dts / self.settings.turn_s) * wrap(off - before)
+        self.repairs = facings.repairs
 
     def _smooth(self, rows: Rows, measured: Float64, at_s: float) -> None:
         s, m, kernels = self.settings, self.memory, _kernels()
@@ -241,10 +298,19 @@ class People:
         for name in ("velocities", "euro_velocities", "view_offsets"):
             getattr(m, name)[:] = getattr(m, name) @ R.T
 
+    def level(self, R_level: Float64) -> None:
+        """The rotation from the space of the people to one in which y is up has become known, or better known."""
+        turned = R_level @ self.R_level.T
+        if self._facing is not None:
+            self._facing.rotate(float(np.arctan2(turned[0, 2], turned[0, 0])))
+        self.R_level, self.up = R_level, np.ascontiguousarray(R_level[1])
+
     def keep(self, numbers: Sequence[int]) -> None:
         """Forget everybody else."""
         if not set(self.numbers) <= set(numbers):
             self._take([number for number in self.numbers if number in set(numbers)])
+            if self._facing is not None:
+                self._facing.forget(numbers)
 
     def join(self, stays: int, gone: int) -> None:
         """Two turned out to be one: views that only one of them has are the other's from now on."""
@@ -256,6 +322,8 @@ class People:
             for name, values in vars(self.memory).items():
                 if name.startswith("view_"):
                     values[one, newer] = values[other, newer]
+            if self._facing is not None:
+                self._facing.join(stays, gone)
         self._take([number for number in self.numbers if number != gone])
 
     def _row_of(self, number: int) -> int:
@@ -282,6 +350,15 @@ class People:
         self.numbers = numbers
 
 
+def _above_the_legs(topology: Topology) -> Bools:
+    """(joints,) the torso, the head and the arms: what does not hang on a hip."""
+    below = np.zeros(len(topology), dtype=np.bool_)
+    hips = [i for i, name in enumerate(topology.joints) if name.startswith("Hip") and topology.mirror[i] != i]
+    for parent, child in topology.bones:
+        below[child] = parent in hips or below[parent]
+    return ~below
+
+
 class Sights(msgspec.Struct, frozen=True, eq=False):
     """What a frame shows of people.
 
@@ -293,6 +370,7 @@ class Sights(msgspec.Struct, frozen=True, eq=False):
         positions: (bodies, joints, 3) [m]; NaN where not tracked.
         states: (bodies, joints) `JointState`.
         own_positions: (bodies, joints, 3) the same in the sensor's own camera space, which say how far away it is [m].
+        sensor_position: (3,) [m].
         clipped: (bodies,) whether the body is cut off at an edge of the picture.
     """
 
@@ -303,6 +381,7 @@ class Sights(msgspec.Struct, frozen=True, eq=False):
     positions: Float64
     states: UInt8
     own_positions: Float64
+    sensor_position: Float64
     clipped: Bools
 
 

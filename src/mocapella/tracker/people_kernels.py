@@ -103,10 +103,39 @@ def follow_labels(rows, column, dts, positions, mirror, swap_m, swap_s, view_pos
 
 
 @njit(cache=True)
+def worth_of(yaw, toward, reported, least):
+    """`mocapella.fusion.facing.view_worth`, not below ``least``; 1 where the facing is not known."""
+    if not np.isfinite(yaw):
+        return 1.0
+    off = np.cos(reported - yaw)
+    if not (np.isfinite(off) and np.isfinite(toward)):
+        return least
+    return max(least, np.cos(toward - yaw) ** 2 * max(0.0, off) ** 4)
+
+
+@njit(cache=True)
+def turn(body, turned, root, up, angle):
+    """Turn the joints in ``turned`` about the vertical through the root, in place (Rodrigues)."""
+    if angle == 0.0 or not np.isfinite(body[root, 0]):
+        return
+    sine, versine = np.sin(angle), 1.0 - np.cos(angle)
+    for j in range(len(turned)):
+        if not turned[j]:
+            continue
+        x, y, z = body[j, 0] - body[root, 0], body[j, 1] - body[root, 1], body[j, 2] - body[root, 2]
+        along = up[0] * x + up[1] * y + up[2] * z
+        a, b, c = up[1] * z - up[2] * y, up[2] * x - up[0] * z, up[0] * y - up[1] * x
+        body[j, 0] += sine * a + versine * (along * up[0] - x)
+        body[j, 1] += sine * b + versine * (along * up[1] - y)
+        body[j, 2] += sine * c + versine * (along * up[2] - z)
+
+
+@njit(cache=True)
 def make(
-    rows, columns, now_s, view_age_s, mirror, fusion, speed_variance,
+    rows, columns, now_s, view_age_s, mirror, turned, up, root, least_worth, fusion, speed_variance, yaw,
     at_s, positions, velocities, variances, seen_s, states, fused_s,
-    view_at, view_positions, view_states, view_variances, view_worth, view_mirrored, view_offsets,
+    view_at, view_positions, view_states, view_variances, view_mirrored, view_toward, view_reported,
+    view_turn, view_offsets,
     measured, measured_variances,
 ):  # fmt: skip
     """Make one skeleton of each person's views: fused into ``measured``, and the points corrected by it."""
@@ -125,13 +154,15 @@ def make(
                 continue
             age = max(0.0, age)
             used[count] = c
+            value = worth_of(yaw[r], view_toward[r, c], view_reported[r, c], least_worth)
             for j in range(joints):
                 m = mirror[j] if view_mirrored[r, c] else j
                 for k in range(3):
                     moved = age * velocities[r, j, k]
                     views[count, j, k] = view_positions[r, c, m, k] + (moved if np.isfinite(moved) else 0.0)
                     offsets[count, j, k] = view_offsets[r, c, j, k]
-                worth[count, j] = (view_variances[r, c, m] + (age_speed * age) ** 2) / view_worth[r, c]
+                worth[count, j] = (view_variances[r, c, m] + (age_speed * age) ** 2) / value
+            turn(views[count], turned, root, up, view_turn[r, c])
             count += 1
         if count == 0:
             continue
