@@ -234,8 +234,7 @@ class People:
         )  # fmt: skip
         m.view_id[rows, column] = sights.ids
         kernels.follow_labels(
-            rows, column, dts, m.positions, self.mirror, s.swap_m, s.swap_s,
-            m.view_positions, m.view_swapped, m.view_advantage,
+            rows, column, dts, s.view_age_s, self.mirror, s.swap_m, s.swap_s, m.view_at, m.view_positions, m.view_swapped, m.view_advantage,
         )  # fmt: skip
         self._face(sights, rows, column, dts)
         measured = np.empty((len(rows), len(self.mirror), 3))

@@ -70,36 +70,49 @@ def see(
 
 
 @njit(cache=True)
-def advantage(view, person, mirror, swapped):
-    """How much nearer to the person a view is with the labels that are not in use [m]; NaN where nothing tells."""
+def advantage(view, other, mirror, crossed):
+    """How much nearer a view is to another with left and right swapped [m], the other's being ``crossed`` or not.
+
+    NaN where fewer than two joints tell.
+    """
     total, count = 0.0, 0
     for j in range(len(mirror)):
         m = mirror[j]
-        if m == j or not np.isfinite(person[j, 0]):
+        k = m if crossed else j
+        if m == j or not np.isfinite(other[k, 0]):
             continue
-        straight, crossed = 0.0, 0.0
-        for k in range(3):
-            straight += (view[j, k] - person[j, k]) ** 2
-            crossed += (view[m, k] - person[j, k]) ** 2
-        if np.isfinite(straight) and np.isfinite(crossed):
-            total += np.sqrt(straight) - np.sqrt(crossed)
+        straight, swapped = 0.0, 0.0
+        for i in range(3):
+            straight += (view[j, i] - other[k, i]) ** 2
+            swapped += (view[m, i] - other[k, i]) ** 2
+        if np.isfinite(straight) and np.isfinite(swapped):
+            total += np.sqrt(straight) - np.sqrt(swapped)
             count += 1
-    if count < 2:
-        return np.nan
-    return -total / count if swapped else total / count
+    return total / count if count >= 2 else np.nan
 
 
 @njit(cache=True)
-def follow_labels(rows, column, dts, positions, mirror, swap_m, swap_s, view_positions, view_swapped, view_advantage):
-    """Whether left and right of a view are to be taken for each other, so that it agrees with the person."""
+def follow_labels(
+    rows, column, dts, view_age_s, mirror, swap_m, swap_s, view_at, view_positions, view_swapped, view_advantage
+):  # fmt: skip
+    """Whether left and right of a view are to be taken for each other, so that it agrees with the other sensors'."""
     for b in range(len(rows)):
         r = rows[b]
-        now = advantage(view_positions[r, column], positions[r], mirror, view_swapped[r, column])
-        if np.isfinite(now):
-            view_advantage[r, column] -= np.expm1(-dts[b] / swap_s) * (now - view_advantage[r, column])
-            if view_advantage[r, column] > swap_m:
-                view_swapped[r, column] = not view_swapped[r, column]
-                view_advantage[r, column] = -view_advantage[r, column]
+        total, count = 0.0, 0
+        for c in range(view_at.shape[1]):
+            if c == column or view_at[r, column] - view_at[r, c] > view_age_s:
+                continue
+            more = advantage(view_positions[r, column], view_positions[r, c], mirror, view_swapped[r, c])
+            if np.isfinite(more):
+                total += more
+                count += 1
+        if count == 0:
+            continue
+        now = -total / count if view_swapped[r, column] else total / count
+        view_advantage[r, column] -= np.expm1(-dts[b] / swap_s) * (now - view_advantage[r, column])
+        if view_advantage[r, column] > swap_m:
+            view_swapped[r, column] = not view_swapped[r, column]
+            view_advantage[r, column] = -view_advantage[r, column]
 
 
 @njit(cache=True)
