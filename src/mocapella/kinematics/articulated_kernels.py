@@ -1,0 +1,547 @@
+"""An articulated body followed through time, compiled; `docs/methods/articulated.md` says what is estimated and why.
+
+A person's memory is one row of numbers (`articulated_memory`), NaN or 0 where nothing is known. The first arguments of
+every function here are `ArticulatedModel.arrays`; all arrays are contiguous. Importing this module imports numba.
+"""
+
+# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from mocapella.geometry.alignment_kernels import accumulate, align
+from mocapella.kinematics import articulated_memory as at
+from mocapella.kinematics.articulated_model import ABOUT, HEAD, OF_BALL, ROOT_DOFS
+from mocapella.kinematics.chain_kernels import (
+    attach,
+    exp_rotation,
+    forward,
+    independent,
+    joint_variances,
+    log_rotation,
+    marginals,
+    orthonormal,
+    solve,
+    times,
+)
+
+PINNED = 1e12
+"""Information that holds a degree of freedom at its limit [1/rad²]."""
+LARGE_STEP = 0.2
+"""After a step with a larger angle the linearisation is made anew [rad]."""
+FIRST_STEPS = 12
+"""Gauss–Newton steps that a body is begun with."""
+FIRST_SD = 0.5
+"""Of every angle, when a body is begun, and of the root's position [rad, m]."""
+FIRST_SPEED_SD = 2.0
+"""Of every velocity then [rad/s, m/s]."""
+AGREES = 0.5
+"""Robust weight from which a joint counts as measured where it is."""
+LEAST_TORSO = 4
+
+
+@njit(cache=True)
+def _advance(layout, dof_kind, dof_values, joint_table, config, row, at_s):  # type: ignore[no-untyped-def]
+    """Predict a memory row to a later instant, in place: a velocity that fades, moved by white acceleration.
+
+    Every degree of freedom is an integrated Ornstein–Uhlenbeck process (Bar-Shalom, Li, Kirubarajan, Estimation with
+    Applications to Tracking and Navigation, 2001, section 8.2.3, Singer's model for the velocity).
+    """
+    n, dt = layout[at.DOFS], at_s - row[at.AT]
+    if not dt > 0.0:
+        return
+    row[at.AT] = at_s
+    angles, velocities = row[layout[at.ANGLES] :], row[layout[at.VELOCITIES] :]
+    p, c, v = row[layout[at.VARIANCE] :], row[layout[at.COVARIANCE] :], row[layout[at.SPEED_VARIANCE] :]
+    tau = config[at.TIME_CONSTANT]
+    b = dt / tau
+    e = np.exp(-b)
+    f = tau * (1.0 - e)
+    if b > 1e-2:
+        qp = tau * tau * (dt - 2.0 * f + 0.5 * tau * (1.0 - e * e))
+        qv = 0.5 * tau * (1.0 - e * e)
+    else:
+        qp, qv = dt * dt * dt / 3.0, dt
+    qc = 0.5 * f * f
+    for i in range(n):
+        q = dof_values[i, 3]
+        p[i] = min(p[i] + 2.0 * f * c[i] + f * f * v[i] + q * qp, dof_values[i, 4])
+        c[i] = e * (c[i] + f * v[i]) + q * qc
+        v[i] = e * e * v[i] + q * qv
+        c[i] = min(c[i], np.sqrt(p[i] * v[i]))
+        if dof_kind[i] < OF_BALL:
+            angles[i] += f * velocities[i]
+            if angles[i] < dof_values[i, 0]:
+                angles[i], velocities[i] = dof_values[i, 0], 0.0
+            elif angles[i] > dof_values[i, 1]:
+                angles[i], velocities[i] = dof_values[i, 1], 0.0
+    turn, turned = np.empty((3, 3)), np.empty((3, 3))
+    for j in range(layout[at.JOINTS]):
+        ball = joint_table[j, 3]
+        if ball >= 0:
+            o = _first_turn(joint_table, j)
+            B = _rotation(layout, row, ball)
+            exp_rotation(f * velocities[o], f * velocities[o + 1], f * velocities[o + 2], turn)
+            times(B, turn, turned)
+            orthonormal(turned)
+            B[:] = turned
+    for i in range(n):
+        velocities[i] *= e
+
+
+@njit(cache=True)
+def _first_turn(joint_table, j):  # type: ignore[no-untyped-def]
+    """The first of the three rotations of a ball."""
+    return joint_table[j, 1] + (3 if joint_table[j, 0] < 0 else 0)
+
+
+@njit(cache=True)
+def _rotation(layout, row, ball):  # type: ignore[no-untyped-def]
+    start = layout[at.ROTATIONS] + 9 * ball
+    return row[start : start + 9].reshape((3, 3))
+
+
+@njit(cache=True)
+def _forward(layout, dof_kind, joint_table, joint_values, order, row, origin, x, R, xi):  # type: ignore[no-untyped-def]
+    """Forward kinematics of a memory row about its root, whose position is written into origin (3,)."""
+    a = layout[at.ANGLES]
+    origin[:] = row[a : a + 3]
+    balls = row[layout[at.ROTATIONS] : layout[at.BONES]].reshape((layout[at.BALLS], 3, 3))
+    forward(
+        dof_kind, joint_table, joint_values, order, row[a : a + layout[at.DOFS]], balls,
+        row[layout[at.BONES] : layout[at.LEARNT]], origin, x, R, xi,
+    )  # fmt: skip
+
+
+@njit(cache=True)
+def _rest(layout, dof_kind, dof_values, joint_table, row, out):  # type: ignore[no-untyped-def]
+    """Write how far every angle is from its rest, (dofs,); 0 for the root."""
+    angles = row[layout[at.ANGLES] :]
+    for i in range(layout[at.DOFS]):
+        out[i] = dof_values[i, 2] - angles[i] if i >= ROOT_DOFS else 0.0
+    for j in range(layout[at.JOINTS]):
+        if joint_table[j, 3] > 0:
+            o = joint_table[j, 1]
+            x, y, z = log_rotation(_rotation(layout, row, joint_table[j, 3]))
+            out[o], out[o + 1], out[o + 2] = -x, -y, -z
+
+
+@njit(cache=True)
+def within_limits(values, B):  # type: ignore[no-untyped-def]
+    """Bring the rotation B (3, 3) of a ball within its limits, in place; whether it was not.
+
+    Swing and twist: the shortest turn of the bone from its rest direction to where it is, after a turn about itself.
+    The swing goes straight back to the edge of the cone.
+
+    Args:
+        values: (11,) the joint's of `ArticulatedModel.joint_values`.
+        B: changed.
+    """
+    ox, oy, oz = values[0], values[1], values[2]
+    dx = B[0, 0] * ox + B[0, 1] * oy + B[0, 2] * oz
+    dy = B[1, 0] * ox + B[1, 1] * oy + B[1, 2] * oz
+    dz = B[2, 0] * ox + B[2, 1] * oy + B[2, 2] * oz
+    S, T, t = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    _swing(ox, oy, oz, dx, dy, dz, S)
+    for i in range(3):
+        for k in range(3):
+            T[i, k] = S[0, i] * B[0, k] + S[1, i] * B[1, k] + S[2, i] * B[2, k]
+    sine = 0.5 * ((T[2, 1] - T[1, 2]) * ox + (T[0, 2] - T[2, 0]) * oy + (T[1, 0] - T[0, 1]) * oz)
+    twist = np.arctan2(sine, 0.5 * (T[0, 0] + T[1, 1] + T[2, 2] - 1.0))
+    allowed = min(max(twist, values[8]), values[9])
+    cx, cy, cz = values[4], values[5], values[6]
+    along = min(1.0, max(-1.0, dx * cx + dy * cy + dz * cz))
+    outside = along < np.cos(values[7])
+    if not outside and allowed == twist:
+        return False
+    if outside:
+        px, py, pz = dx - along * cx, dy - along * cy, dz - along * cz
+        n = np.sqrt(px * px + py * py + pz * pz)
+        f = np.sin(values[7]) / n if n > 0.0 else 0.0
+        c = np.cos(values[7])
+        _swing(ox, oy, oz, c * cx + f * px, c * cy + f * py, c * cz + f * pz, S)
+    exp_rotation(allowed * ox, allowed * oy, allowed * oz, t)
+    times(S, t, B)
+    return True
+
+
+@njit(cache=True)
+def _swing(ox, oy, oz, dx, dy, dz, S):  # type: ignore[no-untyped-def]
+    """Write the shortest rotation from the unit direction o to d into S (3, 3)."""
+    x, y, z = oy * dz - oz * dy, oz * dx - ox * dz, ox * dy - oy * dx
+    sine, cosine = np.sqrt(x * x + y * y + z * z), ox * dx + oy * dy + oz * dz
+    if sine > 1e-9:
+        f = np.arctan2(sine, cosine) / sine
+        exp_rotation(f * x, f * y, f * z, S)
+        return
+    if cosine > 0.0:
+        exp_rotation(0.0, 0.0, 0.0, S)
+        return
+    n = np.sqrt(ox * ox + oy * oy)  # opposite: about any axis across
+    if n > 0.5:
+        exp_rotation(-np.pi * oy / n, np.pi * ox / n, 0.0, S)
+    else:
+        n = np.sqrt(oy * oy + oz * oz)
+        exp_rotation(0.0, -np.pi * oz / n, np.pi * oy / n, S)
+
+
+@njit(cache=True)
+def _pin(layout, dof_kind, dof_values, joint_table, joint_values, row, delta, D, e):  # type: ignore[no-untyped-def]
+    """Hold what delta would move beyond its limits at them, in D and e (dofs,); whether there was any."""
+    angles, any_pinned = row[layout[at.ANGLES] :], False
+    for i in range(ROOT_DOFS, layout[at.DOFS]):
+        if dof_kind[i] < OF_BALL:
+            goal = angles[i] + delta[i]
+            if goal < dof_values[i, 0]:
+                D[i], e[i], any_pinned = PINNED, dof_values[i, 0] - angles[i], True
+            elif goal > dof_values[i, 1]:
+                D[i], e[i], any_pinned = PINNED, dof_values[i, 1] - angles[i], True
+    turn, goal_rotation = np.empty((3, 3)), np.empty((3, 3))
+    for j in range(layout[at.JOINTS]):
+        if joint_table[j, 3] > 0:
+            o, B = joint_table[j, 1], _rotation(layout, row, joint_table[j, 3])
+            exp_rotation(delta[o], delta[o + 1], delta[o + 2], turn)
+            times(B, turn, goal_rotation)
+            if within_limits(joint_values[j], goal_rotation):
+                any_pinned = True
+                for r in range(3):
+                    for c in range(3):
+                        turn[r, c] = (
+                            B[0, r] * goal_rotation[0, c]
+                            + B[1, r] * goal_rotation[1, c]
+                            + B[2, r] * goal_rotation[2, c]
+                        )
+                e[o], e[o + 1], e[o + 2] = log_rotation(turn)
+                D[o] = D[o + 1] = D[o + 2] = PINNED
+    return any_pinned
+
+
+@njit(cache=True)
+def _move(layout, dof_kind, dof_values, joint_table, joint_values, row, delta):  # type: ignore[no-untyped-def]
+    """Apply a small motion (dofs,) to the pose of a memory row, and keep it within its limits."""
+    angles = row[layout[at.ANGLES] :]
+    R = _rotation(layout, row, 0)
+    for k in range(3):
+        angles[k] += R[k, 0] * delta[0] + R[k, 1] * delta[1] + R[k, 2] * delta[2]
+    for i in range(ROOT_DOFS, layout[at.DOFS]):
+        if dof_kind[i] < OF_BALL:
+            angles[i] = min(max(angles[i] + delta[i], dof_values[i, 0]), dof_values[i, 1])
+    turn, turned = np.empty((3, 3)), np.empty((3, 3))
+    for j in range(layout[at.JOINTS]):
+        ball = joint_table[j, 3]
+        if ball >= 0:
+            o, B = _first_turn(joint_table, j), _rotation(layout, row, ball)
+            exp_rotation(delta[o], delta[o + 1], delta[o + 2], turn)
+            times(B, turn, turned)
+            if ball > 0:
+                within_limits(joint_values[j], turned)
+            orthonormal(turned)
+            B[:] = turned
+
+
+@njit(cache=True)
+def _begin(  # type: ignore[no-untyped-def]
+    layout, dof_parent, dof_kind, dof_values, joint_table, joint_values, order, config, row, at_s, measured, variances
+):  # fmt: skip
+    """Begin a body from measured joints; whether there are enough. Bone lengths that are known stay."""
+    n, joints = layout[at.DOFS], layout[at.JOINTS]
+    seen, torso = 0, 0
+    for j in range(joints):
+        if _is_measured(measured, variances, j):
+            seen += 1
+            if joint_values[j, 10] > 0.0:
+                torso += 1
+    if seen < config[at.LEAST_JOINTS] or torso < LEAST_TORSO:
+        return False
+    lengths, learnt = row[layout[at.BONES] : layout[at.LEARNT]], row[layout[at.LEARNT] : layout[at.SIZE]]
+    if not row[at.STARTED] == 1.0:
+        _first_lengths(joint_table, joint_values, measured, variances, lengths)
+        learnt[:] = 0.0
+    row[layout[at.ANGLES] : layout[at.BONES]] = 0.0
+    for ball in range(layout[at.BALLS]):
+        B = _rotation(layout, row, ball)
+        B[0, 0] = B[1, 1] = B[2, 2] = 1.0
+    x, R, xi, origin = np.empty((joints, 3)), np.empty((joints, 3, 3)), np.empty((n, 6)), np.empty(3)
+    _forward(layout, dof_kind, joint_table, joint_values, order, row, origin, x, R, xi)
+    # The torso as it is at rest, turned and moved to where it was measured; then each bone, from the root outwards.
+    moments, T, w = np.zeros(50), np.empty((4, 4)), np.zeros(joints)
+    filled = np.zeros((joints, 3))
+    for j in range(joints):
+        if joint_values[j, 10] > 0.0 and _is_measured(measured, variances, j):
+            w[j] = 1.0
+            filled[j] = measured[j]
+    accumulate(moments, filled, x, np.zeros((joints, 3)), w, np.arange(joints))
+    align(moments, 0.0, T)
+    row[layout[at.ANGLES] : layout[at.ANGLES] + 3] = T[:3, 3]
+    _rotation(layout, row, 0)[:] = T[:3, :3]
+    d, S = np.empty(3), np.empty((3, 3))
+    for j in order:
+        ball, parent = joint_table[j, 3], joint_table[j, 0]
+        if ball > 0 and _is_measured(measured, variances, j) and _is_measured(measured, variances, parent):
+            _forward(layout, dof_kind, joint_table, joint_values, order, row, origin, x, R, xi)
+            d[:] = 0.0
+            for r in range(3):
+                for c in range(3):
+                    d[r] += R[parent, c, r] * (measured[j, c] - measured[parent, c])
+            length = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+            if length > 0.0:
+                d /= length
+                _swing(joint_values[j, 0], joint_values[j, 1], joint_values[j, 2], d[0], d[1], d[2], S)
+                within_limits(joint_values[j], S)
+                _rotation(layout, row, ball)[:] = S
+    angles = row[layout[at.ANGLES] :]
+    for i in range(ROOT_DOFS, n):
+        if dof_kind[i] < OF_BALL:  # away from the limits, where a hinge's sense is not to be seen
+            angles[i] = 0.25 * (dof_values[i, 0] + dof_values[i, 1])
+    row[layout[at.VELOCITIES] : layout[at.VARIANCE]] = 0.0
+    row[layout[at.VARIANCE] : layout[at.COVARIANCE]] = FIRST_SD**2
+    row[layout[at.COVARIANCE] : layout[at.SPEED_VARIANCE]] = 0.0
+    row[layout[at.SPEED_VARIANCE] : layout[at.ROTATIONS]] = FIRST_SPEED_SD**2
+    row[at.AT] = row[at.SEEN] = at_s
+    row[at.STARTED], row[at.LOST_SINCE] = 1.0, np.nan
+    return True
+
+
+@njit(cache=True)
+def _is_measured(measured, variances, j):  # type: ignore[no-untyped-def]
+    return (
+        np.isfinite(measured[j, 0]) and np.isfinite(measured[j, 1]) and np.isfinite(measured[j, 2])
+        and np.isfinite(variances[j])
+    )  # fmt: skip
+
+
+@njit(cache=True)
+def _first_lengths(joint_table, joint_values, measured, variances, lengths):  # type: ignore[no-untyped-def]
+    """The template's bones, scaled by the median of those that are measured."""
+    ratios, seen = np.empty(len(joint_table)), 0
+    for j in range(len(joint_table)):
+        parent = joint_table[j, 0]
+        if parent >= 0 and _is_measured(measured, variances, j) and _is_measured(measured, variances, parent):
+            s = 0.0
+            for k in range(3):
+                s += (measured[j, k] - measured[parent, k]) ** 2
+            ratios[seen] = np.sqrt(s) / joint_values[j, 3]
+            seen += 1
+    stature = 1.7
+    if seen > 0:
+        stature = min(max(np.median(ratios[:seen]), 0.5), 2.5)
+    for j in range(len(joint_table)):
+        if joint_table[j, 5] >= 0:
+            lengths[joint_table[j, 5]] = stature * joint_values[j, 3]
+
+
+@njit(cache=True)
+def _learn_lengths(layout, joint_table, config, row, dt, R, joint_values, measured, variances, robust):  # type: ignore[no-untyped-def]
+    """Move bone lengths towards what is measured along the bones, by bounded steps: robust, and slow."""
+    memory, misfit = config[at.LENGTH_MEMORY], config[at.MISFIT] ** 2
+    lengths, learnt = row[layout[at.BONES] :], row[layout[at.LEARNT] :]
+    for j in range(len(joint_table)):
+        parent = joint_table[j, 0]
+        if parent < 0 or robust[j] < AGREES or robust[parent] < AGREES:
+            continue
+        along = 0.0
+        for k in range(3):
+            bone = R[j, k, 0] * joint_values[j, 0] + R[j, k, 1] * joint_values[j, 1] + R[j, k, 2] * joint_values[j, 2]
+            along += bone * (measured[j, k] - measured[parent, k])
+        i = joint_table[j, 5]
+        sd = np.sqrt(variances[j] + variances[parent] + 2.0 * misfit)
+        counts = dt * min(1.0, 0.0009 / (sd * sd + 1e-12))
+        learnt[i] = min(learnt[i] + counts, memory)
+        gain = counts / (learnt[i] + LENGTH_PRIOR_S)
+        lengths[i] += gain * min(max(along - lengths[i], -2.0 * sd), 2.0 * sd)
+        lengths[i] = max(lengths[i], 1e-3)
+
+
+LENGTH_PRIOR_S = 0.05
+"""For how long the template's bones count as measured [s]."""
+
+
+@njit(cache=True)
+def predict(  # type: ignore[no-untyped-def]
+    layout, dof_parent, dof_kind, dof_values, joint_table, joint_values, order, config, row, at_s, positions, variances
+):  # fmt: skip
+    """Where a body is at an instant; whether it is known.
+
+    Args:
+        layout … config: `ArticulatedModel.arrays`.
+        row: (memory_size,) a person's memory; not changed.
+        at_s: not before the memory's instant; where it is, the memory's instant is taken [s].
+        positions: (joints, 3) [m], written; NaN where the body is not known.
+        variances: (joints,) of a coordinate [m²], written.
+    """
+    if not (row[at.STARTED] == 1.0 and at_s - row[at.SEEN] <= config[at.FORGET_AFTER]):
+        positions[:] = np.nan
+        variances[:] = np.nan
+        return False
+    n, joints = layout[at.DOFS], layout[at.JOINTS]
+    work = row.copy()
+    _advance(layout, dof_kind, dof_values, joint_table, config, work, at_s)
+    R, xi, origin, C = np.empty((joints, 3, 3)), np.empty((n, 6)), np.empty(3), np.empty((n, 6, 6))
+    _forward(layout, dof_kind, joint_table, joint_values, order, work, origin, positions, R, xi)
+    independent(dof_parent, xi, work[layout[at.VARIANCE] : layout[at.COVARIANCE]], C)
+    joint_variances(joint_table, positions, C, variances)
+    for j in range(joints):
+        for k in range(3):
+            positions[j, k] += origin[k]
+    return True
+
+
+@njit(cache=True)
+def correct(  # type: ignore[no-untyped-def]
+    layout, dof_parent, dof_kind, dof_values, joint_table, joint_values, order, config, row, at_s, measured,
+    measured_variances, positions, variances,
+):  # fmt: skip
+    """Take in measured joints: the memory is at their instant afterwards; whether the body is known.
+
+    Args:
+        layout … config: `ArticulatedModel.arrays`.
+        row: (memory_size,) a person's memory; changed. NaN or 0: somebody new.
+        at_s: [s]; where it is before the memory's instant, that is taken.
+        measured: (joints, 3) [m]; NaN where not measured.
+        measured_variances: (joints,) of a coordinate [m²]; not finite where not measured.
+        positions: (joints, 3) [m], written; NaN while the body is not known.
+        variances: (joints,) of a coordinate [m²], written.
+    """
+    n, joints = layout[at.DOFS], layout[at.JOINTS]
+    known = row[at.STARTED] == 1.0 and at_s - row[at.SEEN] <= config[at.FORGET_AFTER]
+    steps, dt = 2, max(0.0, at_s - row[at.AT])
+    if known and at_s - row[at.LOST_SINCE] > config[at.LOST_S]:
+        known = False
+    if not known:
+        steps, dt = FIRST_STEPS, 0.0
+        if not _begin(
+            layout, dof_parent, dof_kind, dof_values, joint_table, joint_values, order, config, row, at_s, measured,
+            measured_variances,
+        ):  # fmt: skip
+            if row[at.STARTED] == 1.0:
+                return predict(
+                    layout, dof_parent, dof_kind, dof_values, joint_table, joint_values, order, config, row, at_s,
+                    positions, variances,
+                )  # fmt: skip
+            positions[:] = np.nan
+            variances[:] = np.nan
+            return False
+    _advance(layout, dof_kind, dof_values, joint_table, config, row, at_s)
+    R, xi, origin, C = np.empty((joints, 3, 3)), np.empty((n, 6)), np.empty(3), np.empty((n, 6, 6))
+    I, p, U, a = np.empty((n, 6, 6)), np.empty((n, 6)), np.empty((n, 6)), np.empty((n, 6))
+    D, e, d, u, delta = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    total, pull, pulled = np.zeros(n), 1.0 / config[at.REST_SD] ** 2 * dt, np.empty(n)
+    residuals, weights, robust = np.empty((joints, 3)), np.zeros(joints), np.zeros(joints)
+    P = row[layout[at.VARIANCE] : layout[at.COVARIANCE]]
+    misfit, nu = config[at.MISFIT] ** 2, config[at.NU]
+    predicted = row[layout[at.ANGLES] : layout[at.ANGLES] + 3].copy()
+    body = _rotation(layout, row, 0).copy()
+    _forward(layout, dof_kind, joint_table, joint_values, order, row, origin, positions, R, xi)
+    independent(dof_parent, xi, P, C)
+    joint_variances(joint_table, positions, C, variances)
+    for step in range(steps):
+        seen = 0
+        for j in range(joints):
+            if not _is_measured(measured, measured_variances, j):
+                continue
+            seen += 1
+            s = 0.0
+            for k in range(3):
+                residuals[j, k] = measured[j, k] - origin[k] - positions[j, k]
+                s += residuals[j, k] ** 2
+            r = measured_variances[j] + misfit
+            if step == 0 or not known:
+                # Student's t about the prediction; about the estimate itself while the body is begun.
+                expected = r + (variances[j] if known else 0.0025)
+                robust[j] = min(1.0, (nu + 3.0) / (nu + s / expected)) if np.isfinite(nu) else 1.0
+            weights[j] = robust[j] / r
+        if seen == 0:
+            break
+        _rest(layout, dof_kind, dof_values, joint_table, row, pulled)
+        for i in range(n):
+            D[i] = 1.0 / P[i]
+            e[i] = -total[i] if known else 0.0
+            if i >= ROOT_DOFS and pull > 0.0:
+                e[i] = (D[i] * e[i] + pull * pulled[i]) / (D[i] + pull)
+                D[i] += pull
+        attach(joint_table, positions, residuals, weights, I, p)
+        solve(dof_parent, xi, D, e, I, p, U, d, u, a, delta)
+        marginals(dof_parent, xi, U, d, C, pulled)
+        if _pin(layout, dof_kind, dof_values, joint_table, joint_values, row, delta, D, e):
+            attach(joint_table, positions, residuals, weights, I, p)
+            solve(dof_parent, xi, D, e, I, p, U, d, u, a, delta)
+        _move(layout, dof_kind, dof_values, joint_table, joint_values, row, delta)
+        largest = 0.0
+        for i in range(n):
+            total[i] += delta[i]
+            largest = max(largest, abs(delta[i]))
+        _forward(layout, dof_kind, joint_table, joint_values, order, row, origin, positions, R, xi)
+        if largest < LARGE_STEP and known:
+            break
+    if seen > 0:
+        joint_variances(joint_table, positions, C, variances)
+        if known:
+            _learn(layout, row, total, pulled, body)
+            _learn_lengths(layout, joint_table, config, row, dt, R, joint_values, measured, measured_variances, robust)
+        else:
+            P[:] = pulled
+        row[at.SEEN] = row[at.AT]
+        _judge(config, row, measured, measured_variances, origin, positions)
+    for j in range(joints):
+        for k in range(3):
+            positions[j, k] += origin[k]
+    return True
+
+
+@njit(cache=True)
+def _learn(layout, row, total, posterior, body):  # type: ignore[no-untyped-def]
+    """Velocities and variances after a step: every degree of freedom's velocity by its covariance with it."""
+    velocities = row[layout[at.VELOCITIES] :]
+    p, c, v = row[layout[at.VARIANCE] :], row[layout[at.COVARIANCE] :], row[layout[at.SPEED_VARIANCE] :]
+    along = np.zeros(3)
+    for i in range(layout[at.DOFS]):
+        gain = c[i] / p[i]
+        if i < 3:
+            for k in range(3):
+                velocities[k] += body[k, i] * gain * total[i]
+        else:
+            velocities[i] += gain * total[i]
+        v[i] = v[i] - gain * c[i] + gain * gain * posterior[i]
+        c[i] = gain * posterior[i]
+        p[i] = posterior[i]
+
+
+@njit(cache=True)
+def _judge(config, row, measured, variances, origin, positions):  # type: ignore[no-untyped-def]
+    """Remember since when the measured joints have been too far from the body."""
+    far, seen = 0.0, 0
+    for j in range(len(variances)):
+        if _is_measured(measured, variances, j):
+            s = 0.0
+            for k in range(3):
+                s += (measured[j, k] - origin[k] - positions[j, k]) ** 2
+            far += np.sqrt(s)
+            seen += 1
+    if seen == 0:
+        return
+    if far <= config[at.LOST_M] * seen:
+        row[at.LOST_SINCE] = np.nan
+    elif not row[at.LOST_SINCE] <= row[at.AT]:
+        row[at.LOST_SINCE] = row[at.AT]
+
+
+@njit(cache=True)
+def move(layout, memory, T):  # type: ignore[no-untyped-def]
+    """Tell every body in another frame from now on.
+
+    Args:
+        layout: of `ArticulatedModel`.
+        memory: (people, memory_size), changed.
+        T: (4, 4) `T_new_old`, rigid.
+    """
+    turned, v = np.empty((3, 3)), np.empty(3)
+    for row in memory:
+        a, b = layout[at.ANGLES], layout[at.VELOCITIES]
+        B = _rotation(layout, row, 0)
+        times(T[:3, :3], B, turned)
+        B[:] = turned
+        for start, shift in ((a, 1.0), (b, 0.0)):
+            v[:] = row[start : start + 3]
+            for k in range(3):
+                row[start + k] = T[k, 0] * v[0] + T[k, 1] * v[1] + T[k, 2] * v[2] + shift * T[k, 3]
