@@ -4,7 +4,7 @@ A person's memory is one row of numbers (`articulated_memory`), NaN or 0 where n
 every function here are `ArticulatedModel.arrays`; all arrays are contiguous. Importing this module imports numba.
 """
 
-# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0912, PLR0915, PLR0917 - compiled: arrays come by position, and loops are written out
 from __future__ import annotations
 
 import numpy as np
@@ -12,18 +12,17 @@ from numba import njit
 
 from mocapella.geometry.alignment_kernels import accumulate, align
 from mocapella.kinematics import articulated_memory as at
-from mocapella.kinematics.articulated_model import ABOUT, HEAD, OF_BALL, ROOT_DOFS
+from mocapella.kinematics.articulated_model import OF_BALL, ROOT_DOFS
 from mocapella.kinematics.chain_kernels import (
-    attach,
-    exp_rotation,
     forward,
     independent,
-    joint_variances,
-    log_rotation,
+    limited,
     marginals,
     orthonormal,
     solve,
-    times,
+    swing,
+    turn_between,
+    turned,
 )
 
 PINNED = 1e12
@@ -76,30 +75,20 @@ def _advance(layout, dof_kind, dof_values, joint_table, config, row, at_s):  # t
                 angles[i], velocities[i] = dof_values[i, 0], 0.0
             elif angles[i] > dof_values[i, 1]:
                 angles[i], velocities[i] = dof_values[i, 1], 0.0
-    turn, turned = np.empty((3, 3)), np.empty((3, 3))
+    R = np.empty(9)
     for j in range(layout[at.JOINTS]):
-        ball = joint_table[j, 3]
-        if ball >= 0:
-            o = _first_turn(joint_table, j)
-            B = _rotation(layout, row, ball)
-            exp_rotation(f * velocities[o], f * velocities[o + 1], f * velocities[o + 2], turn)
-            times(B, turn, turned)
-            orthonormal(turned)
-            B[:] = turned
+        if joint_table[j, 3] >= 0:
+            o, b = _ball(layout, joint_table, j)
+            turned(row, b, f * velocities[o], f * velocities[o + 1], f * velocities[o + 2], R)
+            row[b : b + 9] = R
     for i in range(n):
         velocities[i] *= e
 
 
 @njit(cache=True)
-def _first_turn(joint_table, j):  # type: ignore[no-untyped-def]
-    """The first of the three rotations of a ball."""
-    return joint_table[j, 1] + (3 if joint_table[j, 0] < 0 else 0)
-
-
-@njit(cache=True)
-def _rotation(layout, row, ball):  # type: ignore[no-untyped-def]
-    start = layout[at.ROTATIONS] + 9 * ball
-    return row[start : start + 9].reshape((3, 3))
+def _ball(layout, joint_table, j):  # type: ignore[no-untyped-def]
+    """The first of a ball's three degrees of freedom, and where its rotation is in the memory."""
+    return joint_table[j, 1] + (3 if joint_table[j, 0] < 0 else 0), layout[at.ROTATIONS] + 9 * joint_table[j, 3]
 
 
 @njit(cache=True)
@@ -107,7 +96,7 @@ def _forward(layout, dof_kind, joint_table, joint_values, order, row, origin, x,
     """Forward kinematics of a memory row about its root, whose position is written into origin (3,)."""
     a = layout[at.ANGLES]
     origin[:] = row[a : a + 3]
-    balls = row[layout[at.ROTATIONS] : layout[at.BONES]].reshape((layout[at.BALLS], 3, 3))
+    balls = row[layout[at.ROTATIONS] : layout[at.BONES]].reshape((layout[at.BALLS], 9))
     forward(
         dof_kind, joint_table, joint_values, order, row[a : a + layout[at.DOFS]], balls,
         row[layout[at.BONES] : layout[at.LEARNT]], origin, x, R, xi,
@@ -116,133 +105,63 @@ def _forward(layout, dof_kind, joint_table, joint_values, order, row, origin, x,
 
 @njit(cache=True)
 def _rest(layout, dof_kind, dof_values, joint_table, row, out):  # type: ignore[no-untyped-def]
-    """Write how far every angle is from its rest, (dofs,); 0 for the root."""
+    """Write how far every angle is from its rest, (dofs,); 0 for the root, and the sine of the turn for balls."""
     angles = row[layout[at.ANGLES] :]
     for i in range(layout[at.DOFS]):
         out[i] = dof_values[i, 2] - angles[i] if i >= ROOT_DOFS else 0.0
     for j in range(layout[at.JOINTS]):
         if joint_table[j, 3] > 0:
-            o = joint_table[j, 1]
-            x, y, z = log_rotation(_rotation(layout, row, joint_table[j, 3]))
-            out[o], out[o + 1], out[o + 2] = -x, -y, -z
-
-
-@njit(cache=True)
-def within_limits(values, B):  # type: ignore[no-untyped-def]
-    """Bring the rotation B (3, 3) of a ball within its limits, in place; whether it was not.
-
-    Swing and twist: the shortest turn of the bone from its rest direction to where it is, after a turn about itself.
-    The swing goes straight back to the edge of the cone.
-
-    Args:
-        values: (11,) the joint's of `ArticulatedModel.joint_values`.
-        B: changed.
-    """
-    ox, oy, oz = values[0], values[1], values[2]
-    dx = B[0, 0] * ox + B[0, 1] * oy + B[0, 2] * oz
-    dy = B[1, 0] * ox + B[1, 1] * oy + B[1, 2] * oz
-    dz = B[2, 0] * ox + B[2, 1] * oy + B[2, 2] * oz
-    S, T, t = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    _swing(ox, oy, oz, dx, dy, dz, S)
-    for i in range(3):
-        for k in range(3):
-            T[i, k] = S[0, i] * B[0, k] + S[1, i] * B[1, k] + S[2, i] * B[2, k]
-    sine = 0.5 * ((T[2, 1] - T[1, 2]) * ox + (T[0, 2] - T[2, 0]) * oy + (T[1, 0] - T[0, 1]) * oz)
-    twist = np.arctan2(sine, 0.5 * (T[0, 0] + T[1, 1] + T[2, 2] - 1.0))
-    allowed = min(max(twist, values[8]), values[9])
-    cx, cy, cz = values[4], values[5], values[6]
-    along = min(1.0, max(-1.0, dx * cx + dy * cy + dz * cz))
-    outside = along < np.cos(values[7])
-    if not outside and allowed == twist:
-        return False
-    if outside:
-        px, py, pz = dx - along * cx, dy - along * cy, dz - along * cz
-        n = np.sqrt(px * px + py * py + pz * pz)
-        f = np.sin(values[7]) / n if n > 0.0 else 0.0
-        c = np.cos(values[7])
-        _swing(ox, oy, oz, c * cx + f * px, c * cy + f * py, c * cz + f * pz, S)
-    exp_rotation(allowed * ox, allowed * oy, allowed * oz, t)
-    times(S, t, B)
-    return True
-
-
-@njit(cache=True)
-def _swing(ox, oy, oz, dx, dy, dz, S):  # type: ignore[no-untyped-def]
-    """Write the shortest rotation from the unit direction o to d into S (3, 3)."""
-    x, y, z = oy * dz - oz * dy, oz * dx - ox * dz, ox * dy - oy * dx
-    sine, cosine = np.sqrt(x * x + y * y + z * z), ox * dx + oy * dy + oz * dz
-    if sine > 1e-9:
-        f = np.arctan2(sine, cosine) / sine
-        exp_rotation(f * x, f * y, f * z, S)
-        return
-    if cosine > 0.0:
-        exp_rotation(0.0, 0.0, 0.0, S)
-        return
-    n = np.sqrt(ox * ox + oy * oy)  # opposite: about any axis across
-    if n > 0.5:
-        exp_rotation(-np.pi * oy / n, np.pi * ox / n, 0.0, S)
-    else:
-        n = np.sqrt(oy * oy + oz * oz)
-        exp_rotation(0.0, -np.pi * oz / n, np.pi * oy / n, S)
+            o, b = _ball(layout, joint_table, j)
+            out[o] = 0.5 * (row[b + 5] - row[b + 7])
+            out[o + 1] = 0.5 * (row[b + 6] - row[b + 2])
+            out[o + 2] = 0.5 * (row[b + 1] - row[b + 3])
 
 
 @njit(cache=True)
 def _pin(layout, dof_kind, dof_values, joint_table, joint_values, row, delta, D, e):  # type: ignore[no-untyped-def]
     """Hold what delta would move beyond its limits at them, in D and e (dofs,); whether there was any."""
-    angles, any_pinned = row[layout[at.ANGLES] :], False
+    angles, pinned = row[layout[at.ANGLES] :], False
     for i in range(ROOT_DOFS, layout[at.DOFS]):
         if dof_kind[i] < OF_BALL:
             goal = angles[i] + delta[i]
             if goal < dof_values[i, 0]:
-                D[i], e[i], any_pinned = PINNED, dof_values[i, 0] - angles[i], True
+                D[i], e[i], pinned = PINNED, dof_values[i, 0] - angles[i], True
             elif goal > dof_values[i, 1]:
-                D[i], e[i], any_pinned = PINNED, dof_values[i, 1] - angles[i], True
-    turn, goal_rotation = np.empty((3, 3)), np.empty((3, 3))
+                D[i], e[i], pinned = PINNED, dof_values[i, 1] - angles[i], True
+    R, within = np.empty(9), np.empty(9)
     for j in range(layout[at.JOINTS]):
         if joint_table[j, 3] > 0:
-            o, B = joint_table[j, 1], _rotation(layout, row, joint_table[j, 3])
-            exp_rotation(delta[o], delta[o + 1], delta[o + 2], turn)
-            times(B, turn, goal_rotation)
-            if within_limits(joint_values[j], goal_rotation):
-                any_pinned = True
-                for r in range(3):
-                    for c in range(3):
-                        turn[r, c] = (
-                            B[0, r] * goal_rotation[0, c]
-                            + B[1, r] * goal_rotation[1, c]
-                            + B[2, r] * goal_rotation[2, c]
-                        )
-                e[o], e[o + 1], e[o + 2] = log_rotation(turn)
+            o, b = _ball(layout, joint_table, j)
+            turned(row, b, delta[o], delta[o + 1], delta[o + 2], R)
+            if limited(joint_values[j], R, within):
+                e[o], e[o + 1], e[o + 2] = turn_between(row, b, within)
                 D[o] = D[o + 1] = D[o + 2] = PINNED
-    return any_pinned
+                pinned = True
+    return pinned
 
 
 @njit(cache=True)
 def _move(layout, dof_kind, dof_values, joint_table, joint_values, row, delta):  # type: ignore[no-untyped-def]
     """Apply a small motion (dofs,) to the pose of a memory row, and keep it within its limits."""
-    angles = row[layout[at.ANGLES] :]
-    R = _rotation(layout, row, 0)
+    angles, b = row[layout[at.ANGLES] :], layout[at.ROTATIONS]
     for k in range(3):
-        angles[k] += R[k, 0] * delta[0] + R[k, 1] * delta[1] + R[k, 2] * delta[2]
+        angles[k] += row[b + 3 * k] * delta[0] + row[b + 3 * k + 1] * delta[1] + row[b + 3 * k + 2] * delta[2]
     for i in range(ROOT_DOFS, layout[at.DOFS]):
         if dof_kind[i] < OF_BALL:
             angles[i] = min(max(angles[i] + delta[i], dof_values[i, 0]), dof_values[i, 1])
-    turn, turned = np.empty((3, 3)), np.empty((3, 3))
+    R, within = np.empty(9), np.empty(9)
     for j in range(layout[at.JOINTS]):
-        ball = joint_table[j, 3]
-        if ball >= 0:
-            o, B = _first_turn(joint_table, j), _rotation(layout, row, ball)
-            exp_rotation(delta[o], delta[o + 1], delta[o + 2], turn)
-            times(B, turn, turned)
-            if ball > 0:
-                within_limits(joint_values[j], turned)
-            orthonormal(turned)
-            B[:] = turned
+        if joint_table[j, 3] >= 0:
+            o, b = _ball(layout, joint_table, j)
+            turned(row, b, delta[o], delta[o + 1], delta[o + 2], R)
+            limited(joint_values[j], R, within)
+            orthonormal(within)
+            row[b : b + 9] = within
 
 
 @njit(cache=True)
 def _begin(  # type: ignore[no-untyped-def]
-    layout, dof_parent, dof_kind, dof_values, joint_table, joint_values, order, config, row, at_s, measured, variances
+    layout, dof_kind, dof_values, joint_table, joint_values, order, config, row, at_s, measured, variances
 ):  # fmt: skip
     """Begin a body from measured joints; whether there are enough. Bone lengths that are known stay."""
     n, joints = layout[at.DOFS], layout[at.JOINTS]
@@ -255,14 +174,14 @@ def _begin(  # type: ignore[no-untyped-def]
     if seen < config[at.LEAST_JOINTS] or torso < LEAST_TORSO:
         return False
     lengths, learnt = row[layout[at.BONES] : layout[at.LEARNT]], row[layout[at.LEARNT] : layout[at.SIZE]]
-    if not row[at.STARTED] == 1.0:
+    if row[at.STARTED] != 1.0:
         _first_lengths(joint_table, joint_values, measured, variances, lengths)
         learnt[:] = 0.0
     row[layout[at.ANGLES] : layout[at.BONES]] = 0.0
-    for ball in range(layout[at.BALLS]):
-        B = _rotation(layout, row, ball)
-        B[0, 0] = B[1, 1] = B[2, 2] = 1.0
-    x, R, xi, origin = np.empty((joints, 3)), np.empty((joints, 3, 3)), np.empty((n, 6)), np.empty(3)
+    root = layout[at.ROTATIONS]
+    for b in range(root, layout[at.BONES], 9):
+        row[b] = row[b + 4] = row[b + 8] = 1.0
+    x, R, xi, origin = np.empty((joints, 3)), np.empty((joints, 9)), np.empty((n, 6)), np.empty(3)
     _forward(layout, dof_kind, joint_table, joint_values, order, row, origin, x, R, xi)
     # The torso as it is at rest, turned and moved to where it was measured; then each bone, from the root outwards.
     moments, T, w = np.zeros(50), np.empty((4, 4)), np.zeros(joints)
@@ -274,8 +193,9 @@ def _begin(  # type: ignore[no-untyped-def]
     accumulate(moments, filled, x, np.zeros((joints, 3)), w, np.arange(joints))
     align(moments, 0.0, T)
     row[layout[at.ANGLES] : layout[at.ANGLES] + 3] = T[:3, 3]
-    _rotation(layout, row, 0)[:] = T[:3, :3]
-    d, S = np.empty(3), np.empty((3, 3))
+    for k in range(3):
+        row[root + 3 * k : root + 3 * k + 3] = T[k, :3]
+    d, S, within = np.empty(3), np.empty(9), np.empty(9)
     for j in order:
         ball, parent = joint_table[j, 3], joint_table[j, 0]
         if ball > 0 and _is_measured(measured, variances, j) and _is_measured(measured, variances, parent):
@@ -283,13 +203,13 @@ def _begin(  # type: ignore[no-untyped-def]
             d[:] = 0.0
             for r in range(3):
                 for c in range(3):
-                    d[r] += R[parent, c, r] * (measured[j, c] - measured[parent, c])
+                    d[r] += R[parent, 3 * c + r] * (measured[j, c] - measured[parent, c])
             length = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
             if length > 0.0:
                 d /= length
-                _swing(joint_values[j, 0], joint_values[j, 1], joint_values[j, 2], d[0], d[1], d[2], S)
-                within_limits(joint_values[j], S)
-                _rotation(layout, row, ball)[:] = S
+                swing(joint_values[j, 0], joint_values[j, 1], joint_values[j, 2], d[0], d[1], d[2], S)
+                limited(joint_values[j], S, within)
+                row[root + 9 * ball : root + 9 * ball + 9] = within
     angles = row[layout[at.ANGLES] :]
     for i in range(ROOT_DOFS, n):
         if dof_kind[i] < OF_BALL:  # away from the limits, where a hinge's sense is not to be seen
@@ -327,8 +247,8 @@ def _first_lengths(joint_table, joint_values, measured, variances, lengths):  # 
     if seen > 0:
         stature = min(max(np.median(ratios[:seen]), 0.5), 2.5)
     for j in range(len(joint_table)):
-        if joint_table[j, 5] >= 0:
-            lengths[joint_table[j, 5]] = stature * joint_values[j, 3]
+        if joint_table[j, 4] >= 0:
+            lengths[joint_table[j, 4]] = stature * joint_values[j, 3]
 
 
 @njit(cache=True)
@@ -342,9 +262,13 @@ def _learn_lengths(layout, joint_table, config, row, dt, R, joint_values, measur
             continue
         along = 0.0
         for k in range(3):
-            bone = R[j, k, 0] * joint_values[j, 0] + R[j, k, 1] * joint_values[j, 1] + R[j, k, 2] * joint_values[j, 2]
+            bone = (
+                R[j, 3 * k] * joint_values[j, 0]
+                + R[j, 3 * k + 1] * joint_values[j, 1]
+                + R[j, 3 * k + 2] * joint_values[j, 2]
+            )
             along += bone * (measured[j, k] - measured[parent, k])
-        i = joint_table[j, 5]
+        i = joint_table[j, 4]
         sd = np.sqrt(variances[j] + variances[parent] + 2.0 * misfit)
         counts = dt * min(1.0, 0.0009 / (sd * sd + 1e-12))
         learnt[i] = min(learnt[i] + counts, memory)
@@ -359,7 +283,7 @@ LENGTH_PRIOR_S = 0.05
 
 @njit(cache=True)
 def predict(  # type: ignore[no-untyped-def]
-    layout, dof_parent, dof_kind, dof_values, joint_table, joint_values, order, config, row, at_s, positions, variances
+    layout, dof_kind, dof_values, joint_table, joint_values, order, config, row, at_s, positions, variances
 ):  # fmt: skip
     """Where a body is at an instant; whether it is known.
 
@@ -377,10 +301,10 @@ def predict(  # type: ignore[no-untyped-def]
     n, joints = layout[at.DOFS], layout[at.JOINTS]
     work = row.copy()
     _advance(layout, dof_kind, dof_values, joint_table, config, work, at_s)
-    R, xi, origin, C = np.empty((joints, 3, 3)), np.empty((n, 6)), np.empty(3), np.empty((n, 6, 6))
+    R, xi, origin, C = np.empty((joints, 9)), np.empty((n, 6)), np.empty(3), np.empty((joints, 10))
     _forward(layout, dof_kind, joint_table, joint_values, order, work, origin, positions, R, xi)
-    independent(dof_parent, xi, work[layout[at.VARIANCE] : layout[at.COVARIANCE]], C)
-    joint_variances(joint_table, positions, C, variances)
+    P = work[layout[at.VARIANCE] : layout[at.COVARIANCE]]
+    independent(joint_table, order, xi, P, positions, C, variances)
     for j in range(joints):
         for k in range(3):
             positions[j, k] += origin[k]
@@ -389,7 +313,7 @@ def predict(  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def correct(  # type: ignore[no-untyped-def]
-    layout, dof_parent, dof_kind, dof_values, joint_table, joint_values, order, config, row, at_s, measured,
+    layout, dof_kind, dof_values, joint_table, joint_values, order, config, row, at_s, measured,
     measured_variances, positions, variances,
 ):  # fmt: skip
     """Take in measured joints: the memory is at their instant afterwards; whether the body is known.
@@ -411,30 +335,28 @@ def correct(  # type: ignore[no-untyped-def]
     if not known:
         steps, dt = FIRST_STEPS, 0.0
         if not _begin(
-            layout, dof_parent, dof_kind, dof_values, joint_table, joint_values, order, config, row, at_s, measured,
+            layout, dof_kind, dof_values, joint_table, joint_values, order, config, row, at_s, measured,
             measured_variances,
         ):  # fmt: skip
             if row[at.STARTED] == 1.0:
                 return predict(
-                    layout, dof_parent, dof_kind, dof_values, joint_table, joint_values, order, config, row, at_s,
+                    layout, dof_kind, dof_values, joint_table, joint_values, order, config, row, at_s,
                     positions, variances,
                 )  # fmt: skip
             positions[:] = np.nan
             variances[:] = np.nan
             return False
     _advance(layout, dof_kind, dof_values, joint_table, config, row, at_s)
-    R, xi, origin, C = np.empty((joints, 3, 3)), np.empty((n, 6)), np.empty(3), np.empty((n, 6, 6))
-    I, p, U, a = np.empty((n, 6, 6)), np.empty((n, 6)), np.empty((n, 6)), np.empty((n, 6))
+    R, xi, origin, C = np.empty((joints, 9)), np.empty((n, 6)), np.empty(3), np.empty((joints, 21))
+    M, U, a = np.empty((joints, 27)), np.empty((n, 6)), np.empty((joints, 6))
     D, e, d, u, delta = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     total, pull, pulled = np.zeros(n), 1.0 / config[at.REST_SD] ** 2 * dt, np.empty(n)
     residuals, weights, robust = np.empty((joints, 3)), np.zeros(joints), np.zeros(joints)
     P = row[layout[at.VARIANCE] : layout[at.COVARIANCE]]
     misfit, nu = config[at.MISFIT] ** 2, config[at.NU]
-    predicted = row[layout[at.ANGLES] : layout[at.ANGLES] + 3].copy()
-    body = _rotation(layout, row, 0).copy()
+    body = row[layout[at.ROTATIONS] : layout[at.ROTATIONS] + 9].copy()
     _forward(layout, dof_kind, joint_table, joint_values, order, row, origin, positions, R, xi)
-    independent(dof_parent, xi, P, C)
-    joint_variances(joint_table, positions, C, variances)
+    independent(joint_table, order, xi, P, positions, C, variances)
     for step in range(steps):
         seen = 0
         for j in range(joints):
@@ -460,12 +382,10 @@ def correct(  # type: ignore[no-untyped-def]
             if i >= ROOT_DOFS and pull > 0.0:
                 e[i] = (D[i] * e[i] + pull * pulled[i]) / (D[i] + pull)
                 D[i] += pull
-        attach(joint_table, positions, residuals, weights, I, p)
-        solve(dof_parent, xi, D, e, I, p, U, d, u, a, delta)
-        marginals(dof_parent, xi, U, d, C, pulled)
+        solve(joint_table, order, xi, D, e, positions, residuals, weights, M, U, d, u, a, delta)
+        marginals(joint_table, order, xi, U, d, positions, C, pulled, variances)
         if _pin(layout, dof_kind, dof_values, joint_table, joint_values, row, delta, D, e):
-            attach(joint_table, positions, residuals, weights, I, p)
-            solve(dof_parent, xi, D, e, I, p, U, d, u, a, delta)
+            solve(joint_table, order, xi, D, e, positions, residuals, weights, M, U, d, u, a, delta)
         _move(layout, dof_kind, dof_values, joint_table, joint_values, row, delta)
         largest = 0.0
         for i in range(n):
@@ -475,7 +395,6 @@ def correct(  # type: ignore[no-untyped-def]
         if largest < LARGE_STEP and known:
             break
     if seen > 0:
-        joint_variances(joint_table, positions, C, variances)
         if known:
             _learn(layout, row, total, pulled, body)
             _learn_lengths(layout, joint_table, config, row, dt, R, joint_values, measured, measured_variances, robust)
@@ -494,12 +413,11 @@ def _learn(layout, row, total, posterior, body):  # type: ignore[no-untyped-def]
     """Velocities and variances after a step: every degree of freedom's velocity by its covariance with it."""
     velocities = row[layout[at.VELOCITIES] :]
     p, c, v = row[layout[at.VARIANCE] :], row[layout[at.COVARIANCE] :], row[layout[at.SPEED_VARIANCE] :]
-    along = np.zeros(3)
     for i in range(layout[at.DOFS]):
         gain = c[i] / p[i]
         if i < 3:
             for k in range(3):
-                velocities[k] += body[k, i] * gain * total[i]
+                velocities[k] += body[3 * k + i] * gain * total[i]
         else:
             velocities[i] += gain * total[i]
         v[i] = v[i] - gain * c[i] + gain * gain * posterior[i]
@@ -535,13 +453,13 @@ def move(layout, memory, T):  # type: ignore[no-untyped-def]
         memory: (people, memory_size), changed.
         T: (4, 4) `T_new_old`, rigid.
     """
-    turned, v = np.empty((3, 3)), np.empty(3)
+    b, v = layout[at.ROTATIONS], np.empty(3)
     for row in memory:
-        a, b = layout[at.ANGLES], layout[at.VELOCITIES]
-        B = _rotation(layout, row, 0)
-        times(T[:3, :3], B, turned)
-        B[:] = turned
-        for start, shift in ((a, 1.0), (b, 0.0)):
+        for k in range(b, b + 3):
+            x, y, z = row[k], row[k + 3], row[k + 6]
+            for i in range(3):
+                row[k + 3 * i] = T[i, 0] * x + T[i, 1] * y + T[i, 2] * z
+        for start, shift in ((layout[at.ANGLES], 1.0), (layout[at.VELOCITIES], 0.0)):
             v[:] = row[start : start + 3]
             for k in range(3):
                 row[start + k] = T[k, 0] * v[0] + T[k, 1] * v[1] + T[k, 2] * v[2] + shift * T[k, 3]

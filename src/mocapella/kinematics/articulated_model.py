@@ -84,11 +84,9 @@ class ArticulatedModel(msgspec.Struct, frozen=True, eq=False):
         body: what it was made of.
         settings: as it was made with.
         layout: how many there are of what, and where it is in a person's memory; see `articulated_memory`.
-        dof_parent: (dofs,) the degree of freedom that it moves with; −1 for the first.
         dof_kind: (dofs,) `TRANSLATION`, `ABOUT` or `OF_BALL` plus its axis.
         dof_values: (dofs, 5) least and most angle, angle at rest [rad], density of its acceleration, largest variance.
-        joint_table: (joints, 6) parent joint, first dof, number of dofs, ball, the dof it moves with, its length; −1
-            for none.
+        joint_table: (joints, 5) parent joint, first degree of freedom, how many, its ball, its length; −1 for none.
         joint_values: (joints, 11) unit direction at rest, length at rest as a fraction of stature, centre of the ball's
             cone, its half angle, least and most twist [rad], whether it is of the torso.
         order: (joints,) a parent before its children.
@@ -98,7 +96,6 @@ class ArticulatedModel(msgspec.Struct, frozen=True, eq=False):
     body: BodyModel
     settings: ArticulatedSettings
     layout: Int64
-    dof_parent: Int64
     dof_kind: Int64
     dof_values: Float64
     joint_table: Int64
@@ -110,7 +107,7 @@ class ArticulatedModel(msgspec.Struct, frozen=True, eq=False):
     def arrays(self) -> tuple[NDArray[Any], ...]:
         """As the kernels take them, in their order."""
         return (
-            self.layout, self.dof_parent, self.dof_kind, self.dof_values, self.joint_table, self.joint_values,
+            self.layout, self.dof_kind, self.dof_values, self.joint_table, self.joint_values,
             self.order, self.config,
         )  # fmt: skip
 
@@ -139,25 +136,23 @@ def pack(body: BodyModel, settings: ArticulatedSettings) -> ArticulatedModel:
     """A body model and settings as arrays."""
     tree = body.topology
     joints, root = len(tree), tree.parts["root"]
-    table = np.full((joints, 6), -1, dtype=np.int64)
+    table = np.full((joints, 5), -1, dtype=np.int64)
     values = np.zeros((joints, 11))
     values[list(body.torso), 10] = 1.0
     values[root, 4:10] = 0.0, 0.0, 1.0, np.pi, -np.pi, np.pi
-    parents = list(range(-1, ROOT_DOFS - 1))
     kinds = [TRANSLATION + k for k in range(3)] + [OF_BALL + k for k in range(3)]
     density = {motion: getattr(settings, f"{motion}_turn") for motion in MOTIONS}
     rows = [(-np.inf, np.inf, 0.0, settings.root_acceleration, 1.0)] * 3
     rows += [(-np.inf, np.inf, 0.0, settings.root_turn, 1.0)] * 3
-    table[root] = -1, 0, ROOT_DOFS, 0, ROOT_DOFS - 1, -1
+    table[root] = -1, 0, ROOT_DOFS, 0, -1
     balls, lengths = 1, 0
     order = [root, *(child for _, child in tree.bones)]
     for parent, child in tree.bones:
         bone = body.bones[child]
         length = float(np.linalg.norm(bone.offset))
         values[child, :4] = *(np.array(bone.offset) / length), length
-        first = len(parents)
+        first = len(kinds)
         q = density[bone.motion]
-        at = int(table[parent, 4])
         if bone.ball is not None:
             values[child, 4:7] = np.array(bone.ball.centre) / np.linalg.norm(bone.ball.centre)
             values[child, 7:10] = np.radians((bone.ball.cone_deg, *bone.ball.twist_deg))
@@ -168,19 +163,15 @@ def pack(body: BodyModel, settings: ArticulatedSettings) -> ArticulatedModel:
             kinds.append(ABOUT + AXES.index(hinge.axis))
             least, most = np.radians(hinge.limits_deg)
             rows.append((least, most, 0.0, q, min(1.0, (most - least) ** 2 / 4)))
-        while len(parents) < len(kinds):
-            parents.append(at)
-            at = len(parents) - 1
         other = tree.mirror[child]
-        if table[other, 5] >= 0:
-            table[child, 5] = table[other, 5]
+        if table[other, 4] >= 0:
+            table[child, 4] = table[other, 4]
         else:
-            table[child, 5], lengths = lengths, lengths + 1
-        table[child, :3] = parent, first, len(parents) - first
-        table[child, 4] = at
+            table[child, 4], lengths = lengths, lengths + 1
+        table[child, :3] = parent, first, len(kinds) - first
     config = np.array([float(getattr(settings, name)) for name in CONFIG])
     return ArticulatedModel(
-        body, settings, _layout(len(parents), balls, joints, lengths), np.array(parents, dtype=np.int64),
+        body, settings, _layout(len(kinds), balls, joints, lengths),
         np.array(kinds, dtype=np.int64), np.array(rows), table, values, np.array(order, dtype=np.int64), config,
     )  # fmt: skip
 
