@@ -80,7 +80,8 @@ def _advance(layout, dof_kind, dof_values, joint_table, config, row, at_s):  # t
         if joint_table[j, 3] >= 0:
             o, b = _ball(layout, joint_table, j)
             turned(row, b, f * velocities[o], f * velocities[o + 1], f * velocities[o + 2], R)
-            row[b : b + 9] = R
+            for k in range(9):
+                row[b + k] = R[k]
     for i in range(n):
         velocities[i] *= e
 
@@ -95,7 +96,8 @@ def _ball(layout, joint_table, j):  # type: ignore[no-untyped-def]
 def _forward(layout, dof_kind, joint_table, joint_values, order, row, origin, x, R, xi):  # type: ignore[no-untyped-def]
     """Forward kinematics of a memory row about its root, whose position is written into origin (3,)."""
     a = layout[at.ANGLES]
-    origin[:] = row[a : a + 3]
+    for k in range(3):
+        origin[k] = row[a + k]
     balls = row[layout[at.ROTATIONS] : layout[at.BONES]].reshape((layout[at.BALLS], 9))
     forward(
         dof_kind, joint_table, joint_values, order, row[a : a + layout[at.DOFS]], balls,
@@ -156,7 +158,8 @@ def _move(layout, dof_kind, dof_values, joint_table, joint_values, row, delta): 
             turned(row, b, delta[o], delta[o + 1], delta[o + 2], R)
             limited(joint_values[j], R, within)
             orthonormal(within)
-            row[b : b + 9] = within
+            for k in range(9):
+                row[b + k] = within[k]
 
 
 @njit(cache=True)
@@ -173,11 +176,11 @@ def _begin(  # type: ignore[no-untyped-def]
                 torso += 1
     if seen < config[at.LEAST_JOINTS] or torso < LEAST_TORSO:
         return False
-    lengths, learnt = row[layout[at.BONES] : layout[at.LEARNT]], row[layout[at.LEARNT] : layout[at.SIZE]]
+    lengths = row[layout[at.BONES] :]
     if row[at.STARTED] != 1.0:
         _first_lengths(joint_table, joint_values, measured, variances, lengths)
-        learnt[:] = 0.0
-    row[layout[at.ANGLES] : layout[at.BONES]] = 0.0
+        _fill(row, layout[at.LEARNT], layout[at.SIZE], 0.0)
+    _fill(row, layout[at.ANGLES], layout[at.BONES], 0.0)
     root = layout[at.ROTATIONS]
     for b in range(root, layout[at.BONES], 9):
         row[b] = row[b + 4] = row[b + 8] = 1.0
@@ -189,35 +192,45 @@ def _begin(  # type: ignore[no-untyped-def]
     for j in range(joints):
         if joint_values[j, 10] > 0.0 and _is_measured(measured, variances, j):
             w[j] = 1.0
-            filled[j] = measured[j]
+            for k in range(3):
+                filled[j, k] = measured[j, k]
     accumulate(moments, filled, x, np.zeros((joints, 3)), w, np.arange(joints))
     align(moments, 0.0, T)
-    row[layout[at.ANGLES] : layout[at.ANGLES] + 3] = T[:3, 3]
     for k in range(3):
-        row[root + 3 * k : root + 3 * k + 3] = T[k, :3]
+        row[layout[at.ANGLES] + k] = T[k, 3]
+        for i in range(3):
+            row[root + 3 * k + i] = T[k, i]
     d, S, within = np.empty(3), np.empty(9), np.empty(9)
     for j in order:
         ball, parent = joint_table[j, 3], joint_table[j, 0]
         if ball > 0 and _is_measured(measured, variances, j) and _is_measured(measured, variances, parent):
             _forward(layout, dof_kind, joint_table, joint_values, order, row, origin, x, R, xi)
-            d[:] = 0.0
             for r in range(3):
+                d[r] = 0.0
                 for c in range(3):
                     d[r] += R[parent, 3 * c + r] * (measured[j, c] - measured[parent, c])
             length = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
             if length > 0.0:
-                d /= length
-                swing(joint_values[j, 0], joint_values[j, 1], joint_values[j, 2], d[0], d[1], d[2], S)
+                swing(
+                    joint_values[j, 0],
+                    joint_values[j, 1],
+                    joint_values[j, 2],
+                    d[0] / length,
+                    d[1] / length,
+                    d[2] / length,
+                    S,
+                )
                 limited(joint_values[j], S, within)
-                row[root + 9 * ball : root + 9 * ball + 9] = within
+                for k in range(9):
+                    row[root + 9 * ball + k] = within[k]
     angles = row[layout[at.ANGLES] :]
     for i in range(ROOT_DOFS, n):
         if dof_kind[i] < OF_BALL:  # away from the limits, where a hinge's sense is not to be seen
             angles[i] = 0.25 * (dof_values[i, 0] + dof_values[i, 1])
-    row[layout[at.VELOCITIES] : layout[at.VARIANCE]] = 0.0
-    row[layout[at.VARIANCE] : layout[at.COVARIANCE]] = FIRST_SD**2
-    row[layout[at.COVARIANCE] : layout[at.SPEED_VARIANCE]] = 0.0
-    row[layout[at.SPEED_VARIANCE] : layout[at.ROTATIONS]] = FIRST_SPEED_SD**2
+    _fill(row, layout[at.VELOCITIES], layout[at.VARIANCE], 0.0)
+    _fill(row, layout[at.VARIANCE], layout[at.COVARIANCE], FIRST_SD**2)
+    _fill(row, layout[at.COVARIANCE], layout[at.SPEED_VARIANCE], 0.0)
+    _fill(row, layout[at.SPEED_VARIANCE], layout[at.ROTATIONS], FIRST_SPEED_SD**2)
     row[at.AT] = row[at.SEEN] = at_s
     row[at.STARTED], row[at.LOST_SINCE] = 1.0, np.nan
     return True
@@ -229,6 +242,23 @@ def _is_measured(measured, variances, j):  # type: ignore[no-untyped-def]
         np.isfinite(measured[j, 0]) and np.isfinite(measured[j, 1]) and np.isfinite(measured[j, 2])
         and np.isfinite(variances[j])
     )  # fmt: skip
+
+
+@njit(cache=True)
+def _median(values, count):  # type: ignore[no-untyped-def]
+    """The lower median of the first so many values, which are sorted in place; numpy's takes seconds to compile."""
+    for i in range(1, count):
+        k = i
+        while k > 0 and values[k - 1] > values[k]:
+            values[k - 1], values[k] = values[k], values[k - 1]
+            k -= 1
+    return values[(count - 1) // 2]
+
+
+@njit(cache=True)
+def _fill(values, begin, end, value):  # type: ignore[no-untyped-def]
+    for i in range(begin, end):
+        values[i] = value
 
 
 @njit(cache=True)
@@ -245,7 +275,7 @@ def _first_lengths(joint_table, joint_values, measured, variances, lengths):  # 
             seen += 1
     stature = 1.7
     if seen > 0:
-        stature = min(max(np.median(ratios[:seen]), 0.5), 2.5)
+        stature = min(max(_median(ratios, seen), 0.5), 2.5)
     for j in range(len(joint_table)):
         if joint_table[j, 4] >= 0:
             lengths[joint_table[j, 4]] = stature * joint_values[j, 3]
@@ -282,6 +312,14 @@ LENGTH_PRIOR_S = 0.05
 
 
 @njit(cache=True)
+def _nowhere(positions, variances):  # type: ignore[no-untyped-def]
+    for j in range(len(variances)):
+        variances[j] = np.nan
+        for k in range(3):
+            positions[j, k] = np.nan
+
+
+@njit(cache=True)
 def predict(  # type: ignore[no-untyped-def]
     layout, dof_kind, dof_values, joint_table, joint_values, order, config, row, at_s, positions, variances
 ):  # fmt: skip
@@ -295,8 +333,7 @@ def predict(  # type: ignore[no-untyped-def]
         variances: (joints,) of a coordinate [m²], written.
     """
     if not (row[at.STARTED] == 1.0 and at_s - row[at.SEEN] <= config[at.FORGET_AFTER]):
-        positions[:] = np.nan
-        variances[:] = np.nan
+        _nowhere(positions, variances)
         return False
     n, joints = layout[at.DOFS], layout[at.JOINTS]
     work = row.copy()
@@ -343,8 +380,7 @@ def correct(  # type: ignore[no-untyped-def]
                     layout, dof_kind, dof_values, joint_table, joint_values, order, config, row, at_s,
                     positions, variances,
                 )  # fmt: skip
-            positions[:] = np.nan
-            variances[:] = np.nan
+            _nowhere(positions, variances)
             return False
     _advance(layout, dof_kind, dof_values, joint_table, config, row, at_s)
     R, xi, origin, C = np.empty((joints, 9)), np.empty((n, 6)), np.empty(3), np.empty((joints, 21))
@@ -399,7 +435,8 @@ def correct(  # type: ignore[no-untyped-def]
             _learn(layout, row, total, pulled, body)
             _learn_lengths(layout, joint_table, config, row, dt, R, joint_values, measured, measured_variances, robust)
         else:
-            P[:] = pulled
+            for i in range(n):
+                P[i] = pulled[i]
         row[at.SEEN] = row[at.AT]
         _judge(config, row, measured, measured_variances, origin, positions)
     for j in range(joints):
@@ -460,6 +497,7 @@ def move(layout, memory, T):  # type: ignore[no-untyped-def]
             for i in range(3):
                 row[k + 3 * i] = T[i, 0] * x + T[i, 1] * y + T[i, 2] * z
         for start, shift in ((layout[at.ANGLES], 1.0), (layout[at.VELOCITIES], 0.0)):
-            v[:] = row[start : start + 3]
+            for k in range(3):
+                v[k] = row[start + k]
             for k in range(3):
                 row[start + k] = T[k, 0] * v[0] + T[k, 1] * v[1] + T[k, 2] * v[2] + shift * T[k, 3]

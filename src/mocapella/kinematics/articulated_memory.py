@@ -3,7 +3,7 @@
 from typing import Final
 
 AT, SEEN, STARTED, LOST_SINCE = 0, 1, 2, 3
-"""The head: its instant [s], when it was last seen [s], 1 where a body was begun, since when it has been lost [s] or NaN."""
+"""The head: its instant [s], when it was last seen [s], 1 where a body was begun, since when it is lost or NaN [s]."""
 DOFS, BALLS, JOINTS, LENGTHS = 0, 1, 2, 3
 """Places in the layout: how many there are of what."""
 ANGLES: Final = 4

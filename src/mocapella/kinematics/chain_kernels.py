@@ -15,13 +15,15 @@ A symmetric (6, 6) matrix is held as its upper triangle, row by row, in 21 numbe
 numbers take twice as long.
 """
 
-# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0915, PLR0917 - compiled: arrays come by position, and loops are written out
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
 
 from mocapella.kinematics.articulated_model import ABOUT, OF_BALL
+
+_IDENTITY = np.eye(3).reshape(9)
 
 
 @njit(cache=True)
@@ -72,7 +74,7 @@ def turn_between(A, a, B):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def orthonormal(R):  # type: ignore[no-untyped-def]
     """Take the rounding errors of many turns out of R (9,), in place: Gram–Schmidt on its columns."""
-    n = 1.0 / np.sqrt(R[0] ** 2 + R[3] ** 2 + R[6] ** 2)
+    n = 1.0 / np.sqrt(R[0] * R[0] + R[3] * R[3] + R[6] * R[6])
     ax, ay, az = n * R[0], n * R[3], n * R[6]
     d = ax * R[1] + ay * R[4] + az * R[7]
     bx, by, bz = R[1] - d * ax, R[4] - d * ay, R[7] - d * az
@@ -91,9 +93,7 @@ def swing(ox, oy, oz, dx, dy, dz, out):  # type: ignore[no-untyped-def]
     if f == 0.0 and cosine < 0.0:  # opposite: half a turn about any axis across
         x, y, z = (-oy, ox, 0.0) if abs(oz) < 0.9 else (0.0, -oz, oy)
         f = np.pi / np.sqrt(x * x + y * y + z * z)
-    out[:] = 0.0
-    out[0] = out[4] = out[8] = 1.0
-    turned(out.copy(), 0, f * x, f * y, f * z, out)
+    turned(_IDENTITY, 0, f * x, f * y, f * z, out)
 
 
 @njit(cache=True)
@@ -118,7 +118,8 @@ def limited(values, B, out):  # type: ignore[no-untyped-def]
     twist = 2.0 * np.arctan2((B[7] - B[5]) * ox + (B[2] - B[6]) * oy + (B[3] - B[1]) * oz, 1.0 + B[0] + B[4] + B[8])
     allowed = min(max(twist, values[8]), values[9])
     cosine = np.cos(values[7])
-    out[:] = B
+    for i in range(9):
+        out[i] = B[i]
     if along >= cosine and allowed == twist:
         return False
     if along < cosine:
@@ -149,7 +150,8 @@ def forward(dof_kind, joint_table, joint_values, order, angles, balls, lengths, 
         last = first + joint_table[j, 2]
         if parent < 0:
             ox, oy, oz = angles[0] - origin[0], angles[1] - origin[1], angles[2] - origin[2]
-            a0, a1, a2, a3, a4, a5, a6, a7, a8 = balls[0]
+            a0, a1, a2, a3, a4 = balls[0, 0], balls[0, 1], balls[0, 2], balls[0, 3], balls[0, 4]
+            a5, a6, a7, a8 = balls[0, 5], balls[0, 6], balls[0, 7], balls[0, 8]
             for i in range(3):
                 xi[i, 0] = xi[i, 1] = xi[i, 2] = 0.0
             xi[0, 3], xi[0, 4], xi[0, 5] = a0, a3, a6
@@ -162,7 +164,8 @@ def forward(dof_kind, joint_table, joint_values, order, angles, balls, lengths, 
             a3, a4, a5 = R[parent, 3], R[parent, 4], R[parent, 5]
             a6, a7, a8 = R[parent, 6], R[parent, 7], R[parent, 8]
             if ball >= 0:
-                b0, b1, b2, b3, b4, b5, b6, b7, b8 = balls[ball]
+                b0, b1, b2, b3 = balls[ball, 0], balls[ball, 1], balls[ball, 2], balls[ball, 3]
+                b4, b5, b6, b7, b8 = balls[ball, 4], balls[ball, 5], balls[ball, 6], balls[ball, 7], balls[ball, 8]
                 a0, a1, a2 = a0 * b0 + a1 * b3 + a2 * b6, a0 * b1 + a1 * b4 + a2 * b7, a0 * b2 + a1 * b5 + a2 * b8
                 a3, a4, a5 = a3 * b0 + a4 * b3 + a5 * b6, a3 * b1 + a4 * b4 + a5 * b7, a3 * b2 + a4 * b5 + a5 * b8
                 a6, a7, a8 = a6 * b0 + a7 * b3 + a8 * b6, a6 * b1 + a7 * b4 + a8 * b7, a6 * b2 + a7 * b5 + a8 * b8
@@ -215,7 +218,9 @@ def solve(joint_table, order, xi, D, e, x, residuals, weights, M, U, d, u, a, de
         U, d, u: (dofs, 6), (dofs,), (dofs,): written; U and d are what `marginals` takes.
         delta: written.
     """
-    M[:] = 0.0
+    for j in range(len(M)):
+        for i in range(27):
+            M[j, i] = 0.0
     for o in range(len(order) - 1, -1, -1):
         j = order[o]
         m00, m01, m02, m03, m04, m05 = M[j, 0], M[j, 1], M[j, 2], M[j, 3], M[j, 4], M[j, 5]
