@@ -1,0 +1,185 @@
+"""A body model and its settings as arrays, for the compiled kernels (`mocapella.kinematics.articulated_kernels`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.kinematics.body_model import AXES, MOTIONS, BodyModel, body_model
+from mocapella.model.topology import Topology
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class ArticulatedSettings:
+    """How bodies move, and when one is found and lost.
+
+    The densities of the white acceleration are what trades steadiness for latency: higher follows faster.
+
+    Attributes:
+        root_acceleration: of the root along an axis [m²/s³].
+        root_turn: of the root about an axis [rad²/s³].
+        trunk_turn: of a joint of the trunk [rad²/s³].
+        limb_turn: of a joint of an arm or a leg [rad²/s³].
+        hand_turn: of a joint of a hand [rad²/s³].
+        velocity_memory_s: time constant with which a velocity that nothing confirms fades.
+        rest_sd: standard deviation, after one second, of the pull of every angle to its rest [rad·√s].
+        misfit_m: standard deviation of a joint off the chain, beside the measurement's own [m].
+        degrees_of_freedom: of the Student-t weight of a joint; infinity trusts every measurement as it says.
+        length_memory_s: how long bone lengths are learnt over.
+        least_joints: measured joints that a body is begun with; at least four of them of its torso.
+        lost_m: mean distance from measured to estimated joints, above which a body is taken for lost …
+        lost_s: … if it lasts for so long; then it is begun anew.
+        forget_after_s: a body that was not seen for longer is no longer predicted.
+    """
+
+    root_acceleration: float = 8.0
+    root_turn: float = 20.0
+    trunk_turn: float = 20.0
+    limb_turn: float = 100.0
+    hand_turn: float = 200.0
+    velocity_memory_s: float = 0.5
+    rest_sd: float = 1.0
+    misfit_m: float = 0.01
+    degrees_of_freedom: float = 5.0
+    length_memory_s: float = 20.0
+    least_joints: int = 6
+    lost_m: float = 0.15
+    lost_s: float = 0.3
+    forget_after_s: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("root_acceleration", "root_turn", "trunk_turn", "limb_turn", "hand_turn"):
+            check(0 < getattr(self, name) < 1e9, name, getattr(self, name), "above 0")
+        check(0 < self.velocity_memory_s < 1e6, "velocity_memory_s", self.velocity_memory_s, "above 0 s")
+        check(0 < self.rest_sd < 1e6, "rest_sd", self.rest_sd, "above 0 rad·√s")
+        check(0 <= self.misfit_m < 10, "misfit_m", self.misfit_m, "0 m or more")
+        check(self.degrees_of_freedom > 0, "degrees_of_freedom", self.degrees_of_freedom, "above 0")
+        check(0 < self.length_memory_s < 1e6, "length_memory_s", self.length_memory_s, "above 0 s")
+        check(self.least_joints >= 4, "least_joints", self.least_joints, "4 or more")
+        check(0 < self.lost_m < 100, "lost_m", self.lost_m, "above 0 m")
+        check(0 <= self.lost_s < 1e6, "lost_s", self.lost_s, "0 s or more")
+        check(0 <= self.forget_after_s < 1e6, "forget_after_s", self.forget_after_s, "0 s or more")
+
+
+ROOT_DOFS: Final = 6
+TRANSLATION, ABOUT, OF_BALL = 0, 3, 6
+"""The kinds of degree of freedom; each of them plus 0, 1, 2 for x, y, z."""
+
+
+class ArticulatedModel(msgspec.Struct, frozen=True, eq=False):
+    """What the kernels know of a kind of body; ``arrays`` is what they are called with.
+
+    Degrees of freedom are in the order of the tree, a parent before its children: three translations of the root along
+    its own axes, three rotations about them, then those of each bone.
+
+    Attributes:
+        body: what it was made of.
+        settings: as it was made with.
+        layout: how many there are of what, and where it is in a person's memory; see `articulated_memory`.
+        dof_kind: (dofs,) `TRANSLATION`, `ABOUT` or `OF_BALL` plus its axis.
+        dof_values: (dofs, 5) least and most angle, angle at rest [rad], density of its acceleration, largest variance.
+        joint_table: (joints, 5) parent joint, first degree of freedom, how many, its ball, its length; −1 for none.
+        joint_values: (joints, 11) unit direction at rest, length at rest as a fraction of stature, centre of the ball's
+            cone, its half angle, least and most twist [rad], whether it is of the torso.
+        order: (joints,) a parent before its children.
+        config: the settings that kernels read, in the order of `CONFIG`.
+    """
+
+    body: BodyModel
+    settings: ArticulatedSettings
+    layout: Int64
+    dof_kind: Int64
+    dof_values: Float64
+    joint_table: Int64
+    joint_values: Float64
+    order: Int64
+    config: Float64
+
+    @property
+    def arrays(self) -> tuple[NDArray[Any], ...]:
+        """As the kernels take them, in their order."""
+        return (
+            self.layout, self.dof_kind, self.dof_values, self.joint_table, self.joint_values,
+            self.order, self.config,
+        )  # fmt: skip
+
+    @staticmethod
+    def of(topology: Topology, settings: ArticulatedSettings | None = None) -> ArticulatedModel:
+        """The model of a topology.
+
+        Raises:
+            SettingsError: the topology has no body model.
+        """
+        return pack(body_model(topology.name), settings or ArticulatedSettings())
+
+
+CONFIG: Final = (
+    "velocity_memory_s", "rest_sd", "misfit_m", "degrees_of_freedom", "length_memory_s", "least_joints", "lost_m",
+    "lost_s", "forget_after_s",
+)  # fmt: skip
+
+
+def memory_size(model: ArticulatedModel) -> int:
+    """How many numbers one person's memory has."""
+    return int(model.layout[-1])
+
+
+def pack(body: BodyModel, settings: ArticulatedSettings) -> ArticulatedModel:
+    """A body model and settings as arrays."""
+    tree = body.topology
+    joints, root = len(tree), tree.parts["root"]
+    table = np.full((joints, 5), -1, dtype=np.int64)
+    values = np.zeros((joints, 11))
+    values[list(body.torso), 10] = 1.0
+    values[root, 4:10] = 0.0, 0.0, 1.0, np.pi, -np.pi, np.pi
+    kinds = [TRANSLATION + k for k in range(3)] + [OF_BALL + k for k in range(3)]
+    density = {motion: getattr(settings, f"{motion}_turn") for motion in MOTIONS}
+    rows = [(-np.inf, np.inf, 0.0, settings.root_acceleration, 1.0)] * 3
+    rows += [(-np.inf, np.inf, 0.0, settings.root_turn, 1.0)] * 3
+    table[root] = -1, 0, ROOT_DOFS, 0, -1
+    balls, lengths = 1, 0
+    order = [root, *(child for _, child in tree.bones)]
+    for parent, child in tree.bones:
+        bone = body.bones[child]
+        length = float(np.linalg.norm(bone.offset))
+        values[child, :4] = *(np.array(bone.offset) / length), length
+        first = len(kinds)
+        q = density[bone.motion]
+        if bone.ball is not None:
+            values[child, 4:7] = np.array(bone.ball.centre) / np.linalg.norm(bone.ball.centre)
+            values[child, 7:10] = np.radians((bone.ball.cone_deg, *bone.ball.twist_deg))
+            kinds += [OF_BALL + k for k in range(3)]
+            rows += [(-np.inf, np.inf, 0.0, q, 1.0)] * 3
+            table[child, 3], balls = balls, balls + 1
+        for hinge in bone.hinges:
+            kinds.append(ABOUT + AXES.index(hinge.axis))
+            least, most = np.radians(hinge.limits_deg)
+            rows.append((least, most, 0.0, q, min(1.0, (most - least) ** 2 / 4)))
+        other = tree.mirror[child]
+        if table[other, 4] >= 0:
+            table[child, 4] = table[other, 4]
+        else:
+            table[child, 4], lengths = lengths, lengths + 1
+        table[child, :3] = parent, first, len(kinds) - first
+    config = np.array([float(getattr(settings, name)) for name in CONFIG])
+    return ArticulatedModel(
+        body, settings, _layout(len(kinds), balls, joints, lengths),
+        np.array(kinds, dtype=np.int64), np.array(rows), table, values, np.array(order, dtype=np.int64), config,
+    )  # fmt: skip
+
+
+HEAD: Final = 8
+
+
+def _layout(dofs: int, balls: int, joints: int, lengths: int) -> Int64:
+    sizes = [HEAD, dofs, dofs, dofs, dofs, dofs, 9 * balls, lengths, lengths]
+    starts = np.cumsum([0, *sizes])
+    return np.array([dofs, balls, joints, lengths, *starts[1:]], dtype=np.int64)

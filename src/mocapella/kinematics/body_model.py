@@ -1,0 +1,192 @@
+"""Which joints of a body turn, how, and how far: data, not code.
+
+A body model is a TOML file in ``models/`` named as its topology; ``kinect_v2.toml`` says what its words mean.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Any, Final
+
+import numpy as np
+
+from mocapella.errors import SettingsError, one_of
+from mocapella.model.topology import Topology, topology
+from mocapella.settings import check, parse
+
+AXES: Final = "xyz"
+MOTIONS: Final = ("trunk", "limb", "hand")
+_MIRROR_SIGN: Final = {"x": 1.0, "y": -1.0, "z": -1.0}
+"""Of an angle about an axis, when left and right are exchanged."""
+
+
+@dataclass(frozen=True)
+class Hinge:
+    """A revolute joint.
+
+    Attributes:
+        name: of its angle.
+        axis: of the frame it turns in: ``x``, ``y`` or ``z``.
+        limits_deg: (least, most) angle.
+    """
+
+    name: str
+    axis: str
+    limits_deg: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        check(self.axis in tuple(AXES), "axis", self.axis, "x, y or z")
+        least, most = self.limits_deg
+        check(-180 <= least <= 0 <= most <= 180, "limits_deg", self.limits_deg, "around 0, within ±180")
+
+    def mirrored(self, name: str) -> Hinge:
+        """The same on the other side of the body."""
+        least, most = sorted(_MIRROR_SIGN[self.axis] * limit for limit in self.limits_deg)
+        return Hinge(name, self.axis, (least, most))
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A joint that turns every way.
+
+    Attributes:
+        name: of its angles.
+        centre: (3,) the middle of the directions that its bone may have, in the frame it turns in.
+        cone_deg: how far from there it may go.
+        twist_deg: (least, most) turn of the bone about itself, after the shortest turn from its rest direction.
+    """
+
+    name: str
+    centre: tuple[float, float, float]
+    cone_deg: float
+    twist_deg: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        check(sum(c * c for c in self.centre) > 0.0, "centre", self.centre, "a direction")
+        check(0 < self.cone_deg <= 180, "cone_deg", self.cone_deg, "above 0, at most 180")
+        least, most = self.twist_deg
+        check(-180 <= least <= 0 <= most <= 180, "twist_deg", self.twist_deg, "around 0, within ±180")
+
+    def mirrored(self, name: str) -> Ball:
+        """The same on the other side of the body."""
+        x, y, z = self.centre
+        least, most = self.twist_deg
+        return Ball(name, (-x, y, z), self.cone_deg, (-most, -least))
+
+
+@dataclass(frozen=True)
+class Bone:
+    """What a bone's file says of it.
+
+    Attributes:
+        offset: (3,) from the joint before it, in the rest pose, as a fraction of stature.
+        motion: which density of acceleration moves it.
+        hinges: revolute joints in their order; none: rigid.
+        ball: instead of them.
+    """
+
+    offset: tuple[float, float, float]
+    motion: str
+    hinges: tuple[Hinge, ...] = ()
+    ball: Ball | None = None
+
+    def __post_init__(self) -> None:
+        check(sum(c * c for c in self.offset) > 0.0, "offset", self.offset, "not zero")
+        check(self.motion in MOTIONS, "motion", self.motion, "one of " + ", ".join(MOTIONS))
+        check(len(self.hinges) <= 3, "hinges", len(self.hinges), "at most 3 for a bone")
+        check(not (self.hinges and self.ball), "ball", self.ball, "absent where there are hinges")
+
+    def mirrored(self, rename: Mapping[str, str]) -> Bone:
+        """The same on the other side of the body; ``rename`` gives its angles their names."""
+        x, y, z = self.offset
+        hinges = tuple(hinge.mirrored(rename[hinge.name]) for hinge in self.hinges)
+        return Bone((-x, y, z), self.motion, hinges, self.ball and self.ball.mirrored(rename[self.ball.name]))
+
+
+@dataclass(frozen=True)
+class BodyModel:
+    """A topology's bones as joints that turn.
+
+    Attributes:
+        topology: whose.
+        bones: by the joint that the bone ends at; every joint but the root.
+        torso: the joints by which a body is first found.
+    """
+
+    topology: Topology
+    bones: Mapping[int, Bone]
+    torso: tuple[int, ...]
+
+
+@cache
+def body_model_names() -> tuple[str, ...]:
+    """The names of the topologies that have a body model."""
+    folder = files("mocapella.kinematics").joinpath("models")
+    return tuple(sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")))
+
+
+@cache
+def body_model(name: str) -> BodyModel:
+    """The body model of the topology of that name.
+
+    Raises:
+        SettingsError: there is none; lists those there are.
+    """
+    if name not in body_model_names():
+        raise SettingsError(f"topology {name!r} has no body model; there are {one_of(name, body_model_names())}")
+    source = files("mocapella.kinematics").joinpath("models", f"{name}.toml")
+    return body_model_from_toml(source.read_text(encoding="utf-8"), topology(name))
+
+
+def body_model_from_toml(text: str, of: Topology) -> BodyModel:
+    """Read a body model of a topology and check that it is one.
+
+    Raises:
+        SettingsError: a joint that the topology has not, a bone that is missing or out of range, or too small a torso.
+    """
+    data = tomllib.loads(text)
+    where = f"body model {of.name}"
+    unknown = sorted(set(data) - {"torso", "bones"})
+    if unknown:
+        raise SettingsError(f"{where}: unknown key {unknown[0]!r}; known: bones, torso")
+    bones: dict[int, Bone] = {}
+    for name, fields in data["bones"].items():
+        joint = of.index(name)
+        bone = _bone(fields, f"{where}, bone {name}")
+        other = of.mirror[joint]
+        if other == joint:
+            bones[joint] = bone
+        else:
+            bones[joint] = bone.mirrored({n: f"left {n}" for n in _names(bone)}).mirrored(
+                {f"left {n}": f"left {n}" for n in _names(bone)}
+            )
+            bones[other] = bone.mirrored({n: f"right {n}" for n in _names(bone)})
+    root = of.parts["root"]
+    missing = [of.joints[child] for _, child in of.bones if child not in bones]
+    if missing or root in bones:
+        wrong = f"no bone {missing[0]}" if missing else f"a bone that ends at the root {of.joints[root]}"
+        raise SettingsError(f"{where}: {wrong}; it wants one for every joint but the root, or for its mirror image")
+    torso = tuple(of.index(name) for name in data["torso"])
+    if len(set(torso)) < 4 or len({of.mirror[j] for j in torso} - set(torso)) > 0:
+        raise SettingsError(f"{where}: torso wants four joints or more, each with its mirror image")
+    return BodyModel(of, bones, torso)
+
+
+def _bone(fields: Mapping[str, Any], where: str) -> Bone:
+    return parse(Bone, fields, where=where)
+
+
+def _names(bone: Bone) -> list[str]:
+    return [hinge.name for hinge in bone.hinges] + ([bone.ball.name] if bone.ball else [])
+
+
+def rest_offsets(model: BodyModel) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """(joints, 3) from each joint's parent in the rest pose, as fractions of stature; 0 for the root."""
+    offsets = np.zeros((len(model.topology), 3))
+    for joint, bone in model.bones.items():
+        offsets[joint] = bone.offset
+    return offsets
