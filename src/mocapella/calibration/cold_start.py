@@ -57,10 +57,8 @@ class ColdStart:
                         self.hypotheses[key] = PairCalibration(self.settings, mirrored_at_first=swapped)
                     self.hypotheses[key].update((one, other), a[one], b[other], mirror)
 
-    def best(self) -> tuple[PairCalibration, PairEstimate] | None:
-        """The likeliest hypothesis and its estimate, None before there is one. It has won when its estimate is trusted;
-        its ``problem`` also says whether rivals remain.
-        """
+    def likeliest(self) -> Likeliest | None:
+        """The hypothesis that fits best; None before there is one that fits anything."""
         residuals = {key: known.residual for key, known in self.hypotheses.items() if known.moments[0] > 0}
         if not residuals:
             return None
@@ -71,15 +69,25 @@ class ColdStart:
             return not enough, (SWAPPED_FACTOR if key[2] else 1.0) * np.nan_to_num(residuals[key], nan=np.inf), key
 
         key = min(residuals, key=cost)
-        chosen = self.hypotheses[key].estimate()
         rivals = [
             residual
             for other, residual in residuals.items()
             if other[:2] != key[:2] and (other[0] == key[0] or other[1] == key[1])
         ]
-        if chosen.trusted and not chosen.residual <= RIVALS_FACTOR * min(rivals, default=np.inf):
-            chosen = msgspec.structs.replace(chosen, problem=WHO_IS_WHO)
-        return self.hypotheses[key], chosen
+        return Likeliest(self.hypotheses[key], min(rivals, default=np.inf))
+
+
+class Likeliest(msgspec.Struct, frozen=True, eq=False):
+    """A hypothesis, and the residual of the best that contradicts it [m]."""
+
+    pair: PairCalibration
+    rival: float
+
+    def judged(self, estimate: PairEstimate) -> PairEstimate:
+        """The estimate of `pair`; not trusted while rivals remain."""
+        if estimate.trusted and not estimate.residual <= RIVALS_FACTOR * self.rival:
+            return msgspec.structs.replace(estimate, problem=WHO_IS_WHO)
+        return estimate
 
 
 WHO_IS_WHO = "it is not clear yet who is who: one of you, walk a few steps alone"

@@ -7,7 +7,8 @@ upright to a few degrees, which settles what the plane leaves open as long as ev
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Final
+from functools import cache
+from typing import Any, Final
 
 import msgspec
 import numpy as np
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from mocapella.geometry.rigid import rigid
 from mocapella.model.bodies import Bodies
-from mocapella.model.observations import JointState
+from mocapella.model.topology import topology
 
 Float64 = NDArray[np.float64]
 
@@ -51,6 +52,11 @@ class Floor(msgspec.Struct, frozen=True, eq=False):
     up_sd: float
     height_sd: float
 
+    @classmethod
+    def under(cls, T_world_sensor: Float64) -> Floor:
+        """The floor of a sensor (4, 4) in a world whose y = 0 is the floor."""
+        return cls(T_world_sensor[1, :3].copy(), float(T_world_sensor[1, 3]), 0.02, 0.03)
+
     @property
     def T_level_sensor(self) -> Float64:  # noqa: N802 - the field's notation
         """(4, 4) to a frame with y up, y = 0 on the floor, and the sensor over the origin, looking along +z."""
@@ -74,52 +80,39 @@ class FloorFromFeet:
     Attributes:
         sums: (10,) weight, Σ w x, and Σ w x xᵀ by its upper triangle, of standing feet.
         back: (4,) Σ of directions from the root to the head, and how many seconds of them.
-        feet: by (tracking id, foot's joint): place and time where it was last seen.
-        known: the floor as it was when a twentieth less had been seen; None before there was one.
-        last: time of the newest frame that was looked at [s].
+        plane: (4,) the floor's ``up`` and height as they were when a twentieth less had been seen; 0 before.
+        grown: ``sums[0]`` at that time.
+        ids: (bodies,) tracking ids of the newest frame that was looked at; feet: (bodies, feet, 3) where theirs were,
+            NaN where not seen; last: its time [s].
+        known: the floor of ``plane``; None before there was one.
     """
 
     sums: Float64 = field(default_factory=lambda: np.zeros(10))
     back: Float64 = field(default_factory=lambda: np.zeros(4))
-    feet: dict[tuple[int, int], Float64] = field(default_factory=dict)
-    known: Floor | None = None
+    plane: Float64 = field(default_factory=lambda: np.zeros(4))
+    grown: float = 0.0
+    ids: NDArray[np.uint64] = field(default_factory=lambda: np.zeros(0, dtype=np.uint64))
+    feet: Float64 = field(default_factory=lambda: np.zeros((0, 1, 3)))
     last: float = -np.inf
+    known: Floor | None = None
 
     def update(self, bodies: Bodies, at: float) -> None:
         """Take one frame in, at its time [s]. Joints that are only inferred do not count; ten frames a second do."""
-        if at - self.last < EVERY_S:
+        dt = at - self.last
+        if 0 <= dt < EVERY_S:
             return
-        self.last = at
-        parts = bodies.topology.parts
-        seen: dict[tuple[int, int], Float64] = {}
-        for body, p, states in zip(bodies.ids, bodies.positions, bodies.states, strict=True):
-            good = (states == JointState.TRACKED) & np.isfinite(p).all(axis=-1) & (p != 0.0).any(axis=-1)
-            feet = [foot for part, foot in parts.items() if part.startswith("foot_") and good[foot]]
-            root, head = parts["root"], parts["head"]
-            if good[root] and good[head] and feet:
-                upward = p[head] - p[root]
-                self.back += 0.03 * np.append(upward / np.linalg.norm(upward), 1.0)
-            up = self.back[:3]
-            for foot in feet:
-                seen[body, foot] = np.append(p[foot], at)
-            # The lower one: the other may be lifted and still.
-            foot = min(feet, key=lambda foot: float(up @ p[foot]), default=-1)
-            if (body, foot) in self.feet:
-                self._stand(self.feet[body, foot], seen[body, foot])
-        self.feet = seen
-
-    def _stand(self, earlier: Float64, now: Float64) -> None:
-        dt = now[3] - earlier[3]
-        if not 0.0 < dt < 0.3 or np.linalg.norm(now[:3] - earlier[:3]) > STANDS_BELOW_M_S * dt:
-            return
-        x, weight = now[:3], dt / STANCE_S
-        if self.known is not None:
-            off = float(self.known.up @ x + self.known.height - FOOT_HEIGHT_M)
-            weight *= (OUTLIER_M**2 / (OUTLIER_M**2 + off * off)) ** 2
-        before = self.sums[0]
-        self.sums += weight * np.concatenate([[1.0], x, np.outer(x, x)[_UPPER]])
-        if not before or int(20 * np.log(self.sums[0])) > int(20 * np.log(before)):
-            self.known = self.floor()
+        root, head, foot_joints = _joints(bodies.topology.name)
+        ids = np.array(bodies.ids, dtype=np.uint64)
+        feet = np.empty((len(ids), len(foot_joints), 3))
+        _kernels().stand(
+            self.sums, self.back, self.plane, self.ids, self.feet, ids, feet, dt, np.ascontiguousarray(bodies.positions),
+            np.ascontiguousarray(bodies.states), root, head, foot_joints,
+        )  # fmt: skip
+        self.ids, self.feet, self.last = ids, feet, at
+        if self.sums[0] > 1.05 * self.grown:
+            self.grown, self.known = float(self.sums[0]), self.floor()
+            if self.known is not None:
+                self.plane[:3], self.plane[3] = self.known.up, self.known.height
 
     def floor(self) -> Floor | None:
         """The floor; None before anybody stood for a moment."""
@@ -145,6 +138,21 @@ class FloorFromFeet:
 
 
 _UPPER: Final = np.triu_indices(3)
+
+
+@cache
+def _joints(name: str) -> tuple[int, int, NDArray[np.int64]]:
+    """A topology's root, head and feet."""
+    parts = topology(name).parts
+    return parts["root"], parts["head"], np.array([j for part, j in parts.items() if part.startswith("foot_")])
+
+
+@cache
+def _kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.calibration import floor_kernels
+
+    return floor_kernels
 
 
 def mean_floor(floors: list[tuple[Float64, Floor]]) -> Floor:

@@ -13,7 +13,7 @@ joints of a frame nor the 30 frames of a second are taken for as many samples, a
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from typing import Any, Final, cast
@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 from mocapella.calibration import pair_memory as at
 from mocapella.calibration.pair_memory import BodyTrack, new_body
 from mocapella.calibration.time_offset import TimeOffset
-from mocapella.geometry.alignment import MOMENTS, centred_products, cross_matrix, normal_equations, shifted
+from mocapella.geometry.alignment import MOMENTS, centred_products, cross_matrix, moments, normal_equations, shifted
+from mocapella.geometry.rigid import apply
 from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
@@ -55,6 +56,9 @@ class PairSettings:
         moved_factor: views' centres that are farther apart than so many times the usual have a sensor between them
             that moved.
         moved_least_m: and this at least [m].
+        every_s: of one body, frames that come sooner after the last are left out [s]: what sensors get wrong stays
+            the same for longer than that.
+        told_s: what an estimate counts that others told, in seconds of motion [s].
     """
 
     memory_s: float = 15.0
@@ -75,12 +79,14 @@ class PairSettings:
     offset_bound_wanted_s: float = 0.02
     moved_factor: float = 3.5
     moved_least_m: float = 0.1
+    every_s: float = 0.05
+    told_s: float = 0.3
 
     def __post_init__(self) -> None:
         for name in (
             "memory_s", "first_memory_s", "residual_floor_m", "full_speed_m_s", "velocity_window_s",
             "independent_after_m", "position_sd_wanted_m", "rotation_sd_wanted", "residual_allowed_m",
-            "offset_bound_wanted_s", "moved_least_m",
+            "offset_bound_wanted_s", "moved_least_m", "told_s",
         ):  # fmt: skip
             check(0 < getattr(self, name) < 1e6, name, getattr(self, name), "greater than 0")
         for name in ("mirrored_weight", "inferred_weight", "still_fraction"):
@@ -88,6 +94,7 @@ class PairSettings:
         check(self.memory_growth >= 0, "memory_growth", self.memory_growth, "0 or more")
         hysteresis = self.label_hysteresis_m
         check(hysteresis >= 0.02, "label_hysteresis_m", hysteresis, "0.02 m or more, or labels flatter the fit")
+        check(0 <= self.every_s <= 0.2, "every_s", self.every_s, "from 0 to 0.2 s")
         check(self.velocity_window_s < 0.3, "velocity_window_s", self.velocity_window_s, "less than 0.3 s")
         check(self.samples_wanted >= 1, "samples_wanted", self.samples_wanted, "1 or more")
         check(self.moved_factor >= 1, "moved_factor", self.moved_factor, "1 or more")
@@ -98,7 +105,7 @@ class PairSettings:
         return np.array([
             self.memory_s, self.first_memory_s, self.memory_growth, self.residual_floor_m, self.mirrored_weight,
             self.label_hysteresis_m, self.full_speed_m_s, self.still_fraction, self.velocity_window_s,
-            self.independent_after_m, self.moved_factor, self.moved_least_m,
+            self.independent_after_m, self.moved_factor, self.moved_least_m, self.every_s,
         ])  # fmt: skip
 
 
@@ -114,7 +121,8 @@ class PairEstimate(msgspec.Struct, frozen=True, eq=False):
         motion_s: seconds of shared motion so far.
         samples: independent ones that are remembered.
         residual: mean distance between the two views' joints [m].
-        offset: of b's clock against a's.
+        offset: of b's clock against a's; 0 while it is not known.
+        offset_now: its likeliest value, known or not.
         problem: why it is not to be trusted yet, and what to do; empty where it is.
     """
 
@@ -126,6 +134,7 @@ class PairEstimate(msgspec.Struct, frozen=True, eq=False):
     samples: float
     residual: float
     offset: TimeOffset
+    offset_now: TimeOffset
     problem: str
 
     @property
@@ -161,8 +170,26 @@ class PairCalibration:
     bodies: dict[Any, Float64] = field(default_factory=dict)
     mirrored_at_first: bool = False
 
-    def update(self, who: Any, a: BodyTrack, b: BodyTrack, mirror: NDArray[np.int64]) -> int:
-        """Take in the frames of a body that are new.
+    @classmethod
+    def begun_from(cls, T_a_b: Float64, settings: PairSettings, offset: float = 0.0) -> PairCalibration:
+        """An estimate that begins at a motion (4, 4), and an offset of b's clock [s], that others told.
+
+        It counts as `PairSettings.told_s` seconds of somebody who moves where people usually are, so what is seen soon
+        outweighs it.
+        """
+        pair = cls(settings, np.array(T_a_b, dtype=np.float64))
+        q = TOLD_CENTRE + TOLD_REACH * (np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3), axis=-1).reshape(-1, 3))
+        p = apply(pair.T_a_b, q)
+        seconds = settings.told_s
+        pair.moments[:] = moments(p, q, np.full(len(q), TOLD_JOINTS / len(q) * seconds / TOLD_RESIDUAL_M))
+        pair.scalars[[at.COST_WEIGHT, at.COST]] = seconds, seconds * TOLD_RESIDUAL_M
+        pair.scalars[at.APART_SQ] = seconds * TOLD_APART_M**2
+        pair.scalars[list(CENTRES)] = seconds * p.mean(axis=0)
+        pair.scalars[at.REFERENCE_OFFSET] = offset
+        return pair
+
+    def update(self, who: Any, a: BodyTrack, b: BodyTrack, mirror: NDArray[np.int64]) -> bool:
+        """Take in the newest frame of a body.
 
         Args:
             who: which two bodies these are: a's tracking id and b's, say.
@@ -170,20 +197,18 @@ class PairCalibration:
             mirror: (joints,) of the topology.
 
         Returns:
-            How many frames of a were used: those that b's frames reach around, half a `velocity_window_s` and more
+            Whether a frame of a was used: the newest that b's frames reach around, half a `velocity_window_s` and more
             later. A frame that finds no partners within 0.2 s is left out.
         """
         body = self.bodies.get(who)
         if body is None:
             body = self.bodies[who] = new_body(mirrored=self.mirrored_at_first)
-        closed = self.scalars[at.BLOCKS_CLOSED]
-        taken: int = _catch_up()(
-            self.moments, self.scatter, self.T_a_b, self.scalars, body, a.times, a.points, a.weights, a.held,
-            b.times, b.points, b.weights, b.held, mirror, self.settings.vector,
+        return bool(
+            _take_newest()(
+                self.moments, self.scatter, self.T_a_b, self.scalars, body, a.times, a.points, a.weights, a.held,
+                b.times, b.points, b.weights, b.held, mirror, self.settings.vector,
+            )
         )  # fmt: skip
-        if self.scalars[at.BLOCKS_CLOSED] > closed:
-            self._follow_clock()
-        return taken
 
     def trust(self, estimate: PairEstimate) -> None:
         """Leave frames out from now on that disagree with the estimate more than is usual, if it is trusted."""
@@ -195,29 +220,8 @@ class PairCalibration:
         self.bodies = {who: body for who, body in self.bodies.items() if keep(who)}
 
     def estimate(self) -> PairEstimate:
-        """What is known now."""
-        if not self.moments[0] > 0:
-            big = np.diag([1e6] * 3 + [np.pi**2] * 3)
-            unknown = TimeOffset(0.0, OFFSET_PRIOR_SD, False)
-            return PairEstimate(self.T_a_b.copy(), big, 1e3, np.pi, 0.0, 0.0, np.nan, unknown, NOBODY)
-        H, g = normal_equations(self.moments, self.T_a_b, self.scalars[at.OFFSET])
-        covariance = self._covariance(H)
-        C = covariance[:6, :6]
-        at_people = np.hstack([np.eye(3), -cross_matrix(self._centre())])
-        residual = self.residual
-        position_sd = float(np.sqrt(np.trace(at_people @ C @ at_people.T)))
-        rotation_sd = float(np.sqrt(np.trace(C[3:, 3:])))
-        return PairEstimate(
-            T_a_b=self.T_a_b.copy(),
-            covariance=C,
-            position_sd=position_sd,
-            rotation_sd=rotation_sd,
-            motion_s=float(self.scalars[at.MOTION]),
-            samples=self._samples(),
-            residual=residual,
-            offset=self._offset(H, g, float(np.sqrt(covariance[6, 6]))),
-            problem=self._problem(position_sd, rotation_sd, residual),
-        )
+        """What is known now; see `estimates`."""
+        return estimates([self])[0]
 
     @property
     def samples_closed(self) -> int:
@@ -230,48 +234,14 @@ class PairCalibration:
         weight = self.scalars[at.COST_WEIGHT]
         return float(self.scalars[at.COST] / weight) if weight > 0 else np.nan
 
-    def _centre(self) -> Float64:
-        return np.asarray(self.scalars[at.CENTRE : at.CENTRE + 3] / self.scalars[at.COST_WEIGHT])
-
-    def _samples(self) -> float:
-        blocks, squares = self.scalars[at.BLOCKS], self.scalars[at.BLOCKS_SQ]
-        return float(blocks * blocks / squares) if squares > 0 else 0.0
-
-    def _covariance(self, H: Float64) -> Float64:
-        """(7, 7) of twist and offset; the offset's prior is `OFFSET_PRIOR_SD`."""
-        samples = max(self._samples(), 0.5)
-        error = max(self.residual, 0.5 * self.settings.residual_floor_m)
-        # In units in which H is near the identity: metres, radians and seconds are not alike.
-        unit = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-12 * H[0, 0]))
-        values, axes = np.linalg.eigh(unit[:, None] * H * unit)
-        values = np.maximum(values, LEAST_EIGENVALUE)
-        # Before there are samples: one is as good as three joints with independent errors.
-        expected = error**2 * self.moments[0] / (3 * samples) * (axes * values) @ axes.T
-        seen = unit[:, None] * self.scatter * unit
-        half = unit[:, None] * (axes / values) @ axes.T
-        scatter = (samples * seen + PRIOR_SAMPLES * expected) / (samples + PRIOR_SAMPLES)
-        covariance = M_ESTIMATE * half @ scatter @ half.T
-        covariance = (covariance + covariance.T) / 2
-        gain = covariance[:, 6] / (covariance[6, 6] + OFFSET_PRIOR_SD**2)
-        return np.asarray(covariance - np.outer(gain, covariance[6]))
-
-    def _offset(self, H: Float64, g: Float64, sd: float) -> TimeOffset:
-        """Used so far, and what the moments say beyond it."""
-        known = 2 * sd <= self.settings.offset_bound_wanted_s and self._samples() >= self.settings.samples_wanted
-        seconds = self.scalars[at.OFFSET] + self.scalars[at.REFERENCE_OFFSET]
-        return TimeOffset(float(seconds + np.linalg.lstsq(H, g, rcond=1e-12)[0][6]) if known else 0.0, sd, known)
-
-    def _follow_clock(self) -> None:
-        """Solve for the offset of b's clock, and use it when it is known to half a frame or so, or far from 0."""
-        offset = self.scalars[at.OFFSET]
-        H, g = normal_equations(self.moments, self.T_a_b, offset)
-        sd = float(np.sqrt(self._covariance(H)[6, 6]))
-        step = float(np.linalg.lstsq(H, g, rcond=1e-12)[0][6])
-        if self._samples() < self.settings.samples_wanted:
+    def follow_clock(self, estimate: PairEstimate) -> None:
+        """Use the offset of b's clock from now on when it is known to half a frame or so, or far from 0."""
+        if not estimate.samples >= self.settings.samples_wanted:
             return
-        if sd > self.settings.offset_bound_wanted_s and abs(offset + step) < SIGNIFICANT * sd:
+        offset = estimate.offset_now.seconds - self.scalars[at.REFERENCE_OFFSET]
+        sd = estimate.offset_now.sd
+        if sd > self.settings.offset_bound_wanted_s and abs(offset) < SIGNIFICANT * sd:
             return
-        offset += step
         if abs(offset) > RESAMPLE_BEYOND:
             # The shift is exact for joints that keep their velocity, so the more was shifted, the less it counts.
             fade = np.exp(-abs(offset) / SHIFT_TRUSTED)
@@ -283,22 +253,110 @@ class PairCalibration:
             offset = 0.0
         self.scalars[at.OFFSET] = offset
 
-    def _problem(self, position_sd: float, rotation_sd: float, residual: float) -> str:
-        settings, M = self.settings, self.moments
-        shape = np.linalg.svd(centred_products(M) / M[0], compute_uv=False)
-        if shape[1] < ON_A_LINE_M**2:
-            return ON_A_LINE
-        if self._samples() < settings.samples_wanted:
-            return WALK
-        if np.linalg.det(centred_products(M)) < 0 and shape[2] > MIRRORED_M**2:
-            return MIRRORED_STREAM
-        if residual > settings.residual_allowed_m:
-            return NOT_ONE_BODY
-        if position_sd > settings.position_sd_wanted_m or rotation_sd > settings.rotation_sd_wanted:
-            return WALK_ACROSS
-        return ""
+
+def estimates(pairs: Sequence[PairCalibration]) -> list[PairEstimate]:
+    """What is known of each pair now, all with the settings of the first."""
+    begun = [pair for pair in pairs if pair.moments[0] > 0]
+    found = iter(_estimates(begun) if begun else ())
+    return [next(found) if pair.moments[0] > 0 else _nothing(pair) for pair in pairs]
 
 
+def _nothing(pair: PairCalibration) -> PairEstimate:
+    big = np.diag([1e6] * 3 + [np.pi**2] * 3)
+    unknown = TimeOffset(0.0, OFFSET_PRIOR_SD, False)
+    return PairEstimate(pair.T_a_b.copy(), big, 1e3, np.pi, 0.0, 0.0, np.nan, unknown, unknown, NOBODY)
+
+
+def _estimates(pairs: Sequence[PairCalibration]) -> list[PairEstimate]:
+    settings = pairs[0].settings
+    M, T, S, B = (
+        np.stack(arrays)
+        for arrays in zip(*((pair.moments, pair.T_a_b, pair.scalars, pair.scatter) for pair in pairs), strict=True)
+    )
+    H, g = normal_equations(M, T, S[:, at.OFFSET])
+    blocks, squares = S[:, at.BLOCKS], S[:, at.BLOCKS_SQ]
+    samples = np.where(squares > 0, blocks * blocks / np.where(squares > 0, squares, 1.0), 0.0)
+    residual = S[:, at.COST] / S[:, at.COST_WEIGHT]
+    covariance, step = _covariance(H, g, B, M[:, 0], samples, residual, settings)
+    at_people = np.concatenate([np.broadcast_to(np.eye(3), (len(pairs), 3, 3)), -cross_matrix(
+        S[:, at.CENTRE : at.CENTRE + 3] / S[:, at.COST_WEIGHT, None])], axis=-1)  # fmt: skip
+    C = covariance[:, :6, :6]
+    position_sd = np.sqrt(np.einsum("pij,pjk,pik->p", at_people, C, at_people))
+    rotation_sd = np.sqrt(C[:, 3, 3] + C[:, 4, 4] + C[:, 5, 5])
+    offset_sd = np.sqrt(covariance[:, 6, 6])
+    offset_known = (2 * offset_sd <= settings.offset_bound_wanted_s) & (samples >= settings.samples_wanted)
+    seconds = S[:, at.OFFSET] + S[:, at.REFERENCE_OFFSET] + step
+    problems = _problems(M, samples, position_sd, rotation_sd, residual, settings)
+    return [
+        PairEstimate(
+            T_a_b=pair.T_a_b.copy(),
+            covariance=C[i].copy(),
+            position_sd=float(position_sd[i]),
+            rotation_sd=float(rotation_sd[i]),
+            motion_s=float(S[i, at.MOTION]),
+            samples=float(samples[i]),
+            residual=float(residual[i]),
+            offset=TimeOffset(
+                float(seconds[i]) if offset_known[i] else 0.0, float(offset_sd[i]), bool(offset_known[i])
+            ),
+            offset_now=TimeOffset(float(seconds[i]), float(offset_sd[i]), bool(offset_known[i])),
+            problem=problems[i],
+        )
+        for i, pair in enumerate(pairs)
+    ]
+
+
+def _covariance(
+    H: Float64, g: Float64, B: Float64, W: Float64, samples: Float64, residual: Float64, settings: PairSettings
+) -> tuple[Float64, Float64]:
+    """(pairs, 7, 7) of twist and offset, and (pairs,) by how much the offset is to change; its prior is
+    `OFFSET_PRIOR_SD`.
+    """
+    samples = np.maximum(samples, 0.5)
+    error = np.maximum(residual, 0.5 * settings.residual_floor_m)
+    # In units in which H is near the identity: metres, radians and seconds are not alike.
+    diagonal = np.diagonal(H, axis1=-2, axis2=-1)
+    unit = 1.0 / np.sqrt(np.maximum(diagonal, 1e-12 * diagonal[:, :1]))
+    values, axes = np.linalg.eigh(unit[:, :, None] * H * unit[:, None, :])
+    values = np.maximum(values, LEAST_EIGENVALUE)[:, None, :]
+    axes_back = np.swapaxes(axes, -1, -2)
+    # Before there are samples: one is as good as three joints with independent errors.
+    expected = (error**2 * W / (3 * samples))[:, None, None] * ((axes * values) @ axes_back)
+    seen = unit[:, :, None] * B * unit[:, None, :]
+    half = unit[:, :, None] * ((axes / values) @ axes_back)
+    n = samples[:, None, None]
+    scatter = (n * seen + PRIOR_SAMPLES * expected) / (n + PRIOR_SAMPLES)
+    covariance = M_ESTIMATE * half @ scatter @ np.swapaxes(half, -1, -2)
+    covariance = (covariance + np.swapaxes(covariance, -1, -2)) / 2
+    gain = covariance[:, :, 6] / (covariance[:, 6, 6, None] + OFFSET_PRIOR_SD**2)
+    step = (half @ (unit * g)[..., None])[:, 6, 0]
+    return np.asarray(covariance - gain[:, :, None] * covariance[:, 6, None, :]), np.asarray(step)
+
+
+def _problems(
+    M: Float64, samples: Float64, position_sd: Float64, rotation_sd: Float64, residual: Float64, settings: PairSettings
+) -> list[str]:
+    products = centred_products(M)
+    shape = np.linalg.svd(products / M[:, 0, None, None], compute_uv=False)
+    told = (
+        (shape[:, 1] < ON_A_LINE_M**2, ON_A_LINE),
+        (samples < settings.samples_wanted, WALK),
+        ((np.linalg.det(products) < 0) & (shape[:, 2] > MIRRORED_M**2), MIRRORED_STREAM),
+        (residual > settings.residual_allowed_m, NOT_ONE_BODY),
+        ((position_sd > settings.position_sd_wanted_m) | (rotation_sd > settings.rotation_sd_wanted), WALK_ACROSS),
+    )
+    return [next((text for wrong, text in told if wrong[i]), "") for i in range(len(M))]
+
+
+TOLD_CENTRE: Final = np.array([0.0, 0.0, 2.5])
+"""Where people are, camera space [m] …"""
+TOLD_REACH: Final = np.array([0.6, 0.6, 0.6])
+"""… and so far about it."""
+TOLD_JOINTS: Final = 25
+TOLD_RESIDUAL_M: Final = 0.1
+"""What two views of a joint differ by, before it is known [m]."""
+TOLD_APART_M: Final = 0.3
+"""And their centres [m]."""
 LEAST_EIGENVALUE: Final = 1e-7
 """Of H in units of its diagonal: below it nothing is known."""
 SIGNIFICANT: Final = 3.0
@@ -323,8 +381,8 @@ MIRRORED_M: Final = 0.15
 
 
 @cache
-def _catch_up() -> Callable[..., int]:
+def _take_newest() -> Callable[..., bool]:
     """Compiled; numba is imported when it is first needed."""
     from mocapella.calibration import pair_kernels
 
-    return cast(Callable[..., int], pair_kernels.catch_up)
+    return cast(Callable[..., bool], pair_kernels.take_newest)

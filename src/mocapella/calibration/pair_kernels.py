@@ -105,10 +105,21 @@ def add_frame(times, points, weights, held, frozen_since, at, positions, states,
 
 
 @njit(cache=True)
-def catch_up(  # type: ignore[no-untyped-def]
+def add_bodies(times, points, weights, held, frozen_since, slots, at, positions, states, inferred):  # type: ignore[no-untyped-def]
+    """Add one frame's bodies to their slots; since when none of them has moved at all [s], NaN where one has."""
+    since = -np.inf if len(slots) else np.nan
+    for i in range(len(slots)):
+        s = slots[i]
+        add_frame(times[s], points[s], weights[s], held[s], frozen_since[s], at, positions[i], states[i], inferred)
+        since = max(since, frozen_since[s, 0]) if not np.isnan(since) and not np.isnan(frozen_since[s, 0]) else np.nan
+    return since
+
+
+@njit(cache=True)
+def take_newest(  # type: ignore[no-untyped-def]
     M, B, T, S, body, a_times, a_points, a_weights, a_held, b_times, b_points, b_weights, b_held, mirror, cfg
 ):  # fmt: skip
-    """Take in every frame of a that is newer than the last one and that b's frames reach around; how many were.
+    """Take in the newest frame of a that b's frames reach around, if it is new enough; whether there was one.
 
     Args:
         M: (50,) moments; B: (7, 7) of the gradients; T: (4, 4); S: the pair's scalars; body: this pair of bodies'.
@@ -117,54 +128,52 @@ def catch_up(  # type: ignore[no-untyped-def]
         cfg: the settings, in the order of `PairSettings.vector`.
     """
     (memory, first_memory, growth, floor, mirrored_weight, hysteresis, full_speed, still, half, independent,
-     factor, least_apart) = cfg  # fmt: skip
+     factor, least_apart, every) = cfg  # fmt: skip
     joints = len(mirror)
-    order = np.arange(joints)
-    before, after, q = np.empty((joints, 3)), np.empty((joints, 3)), np.empty((joints, 3))
-    w_before, w_after, w_q = np.empty(joints), np.empty(joints), np.empty(joints)
-    w, w_mirrored, r, r_mirrored = np.empty(joints), np.empty(joints), np.empty(joints), np.empty(joints)
-    x, centre = np.empty(3), np.empty(3)
     b_times, b_points, b_weights = (
         b_times[b_held[0] : b_held[1]], b_points[b_held[0] : b_held[1]], b_weights[b_held[0] : b_held[1]]
     )  # fmt: skip
-    taken, first = 0, a_held[1]
-    while first > a_held[0] and a_times[first - 1] > body[LAST]:
-        first -= 1
-    for i in range(first, a_held[1]):
-        t = a_times[i]
-        at = t + S[REFERENCE_OFFSET]
-        late = resample(b_times, b_points, b_weights, at + half, after, w_after)
-        if late < 0:
+    i = a_held[1] - 1
+    while i >= a_held[0] and a_times[i] > body[LAST] + every:
+        if len(b_times) and b_times[-1] >= a_times[i] + S[REFERENCE_OFFSET] + half:
             break
-        body[LAST] = t
-        if late == 0 or resample(b_times, b_points, b_weights, at - half, before, w_before) != 1:
-            continue
-        if resample(b_times, b_points, b_weights, at, q, w_q) != 1:
-            continue
-        p, v = a_points[i], after
-        used = 0
-        for j in range(joints):
-            w_q[j] = min(w_q[j], w_before[j], w_after[j])
-            for k in range(3):
-                v[j, k] = (after[j, k] - before[j, k]) / (2.0 * half)
-        for j in range(joints):
-            w[j], w_mirrored[j] = min(a_weights[i, j], w_q[j]), min(a_weights[i, j], w_q[mirror[j]])
-            used += w[j] > 0.0
-        if used < 4:
-            continue
-        taken += 1
-        _step(M, B, T, S, body, t, p, q, v, w, w_mirrored, r, r_mirrored, x, centre, order, mirror, memory,
-              first_memory, growth, floor, mirrored_weight, hysteresis, full_speed, still, independent, factor,
-              least_apart)  # fmt: skip
-    return taken
+        i -= 1
+    if i < a_held[0] or a_times[i] <= body[LAST] + every:
+        return False
+    t = a_times[i]
+    at = t + S[REFERENCE_OFFSET]
+    body[LAST] = t
+    before, v, q = np.empty((joints, 3)), np.empty((joints, 3)), np.empty((joints, 3))
+    w_before, w_after, w_q = np.empty(joints), np.empty(joints), np.empty(joints)
+    if (
+        resample(b_times, b_points, b_weights, at + half, v, w_after) != 1
+        or resample(b_times, b_points, b_weights, at - half, before, w_before) != 1
+        or resample(b_times, b_points, b_weights, at, q, w_q) != 1
+    ):
+        return False
+    w, w_mirrored = np.empty(joints), np.empty(joints)
+    for j in range(joints):
+        w_q[j] = min(w_q[j], w_before[j], w_after[j])
+        for k in range(3):
+            v[j, k] = (v[j, k] - before[j, k]) / (2.0 * half)
+    used = 0
+    for j in range(joints):
+        w[j], w_mirrored[j] = min(a_weights[i, j], w_q[j]), min(a_weights[i, j], w_q[mirror[j]])
+        used += w[j] > 0.0
+    if used < 4:
+        return False
+    _step(M, B, T, S, body, t, a_points[i], q, v, w, w_mirrored, mirror, memory, first_memory, growth, floor,
+          mirrored_weight, hysteresis, full_speed, still, independent, factor, least_apart)  # fmt: skip
+    return True
 
 
 @njit(cache=True)
 def _step(  # type: ignore[no-untyped-def]
-    M, B, T, S, body, t, p, q, v, w, w_mirrored, r, r_mirrored, x, centre, order, mirror, memory, first_memory, growth,
-    floor, mirrored_weight, hysteresis, full_speed, still, independent, factor, least_apart
+    M, B, T, S, body, t, p, q, v, w, w_mirrored, mirror, memory, first_memory, growth, floor, mirrored_weight,
+    hysteresis, full_speed, still, independent, factor, least_apart
 ):  # fmt: skip
     joints, offset, started = len(w), S[OFFSET], M[0] > 0.0
+    order, r, r_mirrored, centre = np.arange(joints), np.empty(joints), np.empty(joints), np.empty(3)
     dt = min(max(t - body[STEP_AT], 0.0), LONGEST_STEP) if body[STEP_AT] > -1e300 else 0.0
     body[STEP_AT] = t
 
@@ -201,7 +210,7 @@ def _step(  # type: ignore[no-untyped-def]
         counts = 0.03 * still
     mean = residuals(T, offset, p, q, v, labels, w, r) if started else 0.0
     body[RESIDUAL] = mean
-    apart = _apart(T, offset, p, q, v, labels, w, x, centre)
+    apart = _apart(T, offset, p, q, v, labels, w, centre)
     S[STEPS] += 1.0
     if started and not _agrees(S, body, apart, t, dt, factor, least_apart) and S[OWN_SD] > 0.0:
         return
@@ -229,11 +238,10 @@ def _step(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _apart(T, offset, p, q, v, labels, w, x, centre):  # type: ignore[no-untyped-def]
+def _apart(T, offset, p, q, v, labels, w, centre):  # type: ignore[no-untyped-def]
     """How far apart the two views of the body's centre are [m]; write a's into centre (3,)."""
-    for k in range(3):
-        x[k], centre[k] = 0.0, 0.0
-    used = 0
+    x, used = np.zeros(3), 0
+    centre[:] = 0.0
     for j in range(len(w)):
         if w[j] <= 0.0:
             continue

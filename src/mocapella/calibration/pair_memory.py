@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Final, cast
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
 
 # Of the pair of sensors. What is said to fade is multiplied by the same factor as the moments, at every frame.
 MOTION: Final = 0
@@ -102,8 +103,8 @@ class BodyTrack:
             inferred_weight: what an inferred joint weighs; a tracked one weighs 1.
         """
         return bool(
-            _add_frame()(self.times, self.points, self.weights, self.held, self.frozen_since, at, positions, states,
-                         inferred_weight)
+            _kernels().add_frame(self.times, self.points, self.weights, self.held, self.frozen_since, at, positions, states,
+                                 inferred_weight)
         )  # fmt: skip
 
     @property
@@ -113,9 +114,97 @@ class BodyTrack:
         return float(self.times[end - 1]) if end > begin else -np.inf
 
 
+@dataclass
+class SensorTracks:
+    """One sensor's newest frames of all bodies, one *slot* each, in arrays of their own; `bodies` are views of them.
+
+    Attributes:
+        ids: (slots,) tracking id; used: (slots,) whether it is a body's.
+        times: (slots, 2·kept); points: (slots, 2·kept, joints, 3); weights: (slots, 2·kept, joints); held: (slots, 2);
+            frozen_since: (slots, 1). See `BodyTrack`.
+        frozen: since when no body of the newest frame has moved at all [s]; NaN where one has, or none is seen.
+    """
+
+    ids: NDArray[np.uint64]
+    used: NDArray[np.bool_]
+    times: Float64
+    points: Float64
+    weights: Float64
+    held: NDArray[np.int64]
+    frozen_since: Float64
+    frozen: float = np.nan
+
+    def __post_init__(self) -> None:
+        parts = (self.times, self.points, self.weights, self.held, self.frozen_since)
+        self.bodies = {int(self.ids[i]): BodyTrack(*(part[i] for part in parts)) for i in self._taken()}
+        self._slots = {int(self.ids[i]): int(i) for i in self._taken()}
+
+    @classmethod
+    def empty(cls, joints: int, slots: int = 0) -> SensorTracks:
+        """Without a body."""
+        n = 2 * FRAMES_KEPT
+        zeros = np.zeros
+        return cls(
+            zeros(slots, dtype=np.uint64),
+            zeros(slots, dtype=np.bool_),
+            zeros((slots, n)),
+            zeros((slots, n, joints, 3)),
+            zeros((slots, n, joints)),
+            zeros((slots, 2), dtype=np.int64),
+            np.full((slots, 1), np.nan),
+        )
+
+    def add(self, at: float, ids: Sequence[int], positions: Float64, states: UInt8, inferred_weight: float) -> None:
+        """Take a frame in.
+
+        Args:
+            at: time [s].
+            ids: (bodies,) tracking ids, each once.
+            positions: (bodies, joints, 3) float64; states: (bodies, joints); inferred_weight: as in `BodyTrack.add`.
+        """
+        if any(body not in self._slots for body in ids):
+            self._make_room([body for body in ids if body not in self._slots])
+        slots = np.array([self._slots[body] for body in ids], dtype=np.int64)
+        self.frozen = _kernels().add_bodies(
+            self.times, self.points, self.weights, self.held, self.frozen_since, slots, at,
+            np.ascontiguousarray(positions), np.ascontiguousarray(states), inferred_weight,
+        )  # fmt: skip
+
+    def forget_before(self, at: float) -> None:
+        """Drop every body that was not seen since [s]."""
+        gone = [body for body, track in self.bodies.items() if track.newest < at]
+        for body in gone:
+            self._free(self._slots[body])
+        if gone:
+            self.__post_init__()
+
+    def clear(self) -> None:
+        """Drop every body."""
+        self.forget_before(np.inf)
+
+    def _taken(self) -> NDArray[np.intp]:
+        return np.flatnonzero(self.used)
+
+    def _free(self, slot: int) -> None:
+        self.used[slot] = False
+        self.held[slot] = 0
+        self.frozen_since[slot] = np.nan
+
+    def _make_room(self, new: Sequence[int]) -> None:
+        free = np.flatnonzero(~self.used)
+        if len(free) < len(new):
+            more = SensorTracks.empty(self.points.shape[2], max(len(new) - len(free), len(self.ids), 2))
+            for part in ("ids", "used", "times", "points", "weights", "held", "frozen_since"):
+                setattr(self, part, np.concatenate([getattr(self, part), getattr(more, part)]))
+            free = np.flatnonzero(~self.used)
+        self.ids[free[: len(new)]] = np.array(new, dtype=np.uint64)
+        self.used[free[: len(new)]] = True
+        self.__post_init__()
+
+
 @cache
-def _add_frame() -> Callable[..., bool]:
+def _kernels() -> Any:
     """Compiled; numba is imported when it is first needed."""
     from mocapella.calibration import pair_kernels
 
-    return cast(Callable[..., bool], pair_kernels.add_frame)
+    return pair_kernels

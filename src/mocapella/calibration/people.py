@@ -2,6 +2,10 @@
 
 `PeopleCalibration.update` takes one sensor's bodies after the other. It knows nothing of how people are tracked; who
 is the same person in two sensors may be handed in, and is found from the calibration itself where it is not.
+
+What a frame costs does not depend on what was before. A frame is added to its sensor's tracks; each pair of sensors
+that is known is refined with one person at a time, in turn; one pair that is not known yet is tried; and a few times a
+second everything is put together.
 """
 
 from __future__ import annotations
@@ -11,28 +15,36 @@ from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Final
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.calibration import pair_memory as at
 from mocapella.calibration.cold_start import ColdStart
-from mocapella.calibration.floor import FloorFromFeet, floor_of_pose, mean_floor
+from mocapella.calibration.floor import Floor, FloorFromFeet, floor_of_pose, mean_floor
 from mocapella.calibration.moved_sensor import disagrees_for, moved_sensors
-from mocapella.calibration.pair_calibration import PairCalibration, PairEstimate, PairSettings
-from mocapella.calibration.pair_memory import BodyTrack
+from mocapella.calibration.pair_calibration import (
+    MIRRORED_STREAM,
+    NOT_ONE_BODY,
+    PairCalibration,
+    PairEstimate,
+    PairSettings,
+    estimates,
+)
+from mocapella.calibration.pair_memory import SensorTracks
+from mocapella.calibration.people_state import CalibratedSensor, PeopleState
 from mocapella.calibration.quality import figures, pair_quality
 from mocapella.calibration.rig import VERSION, Rig, RigSensor, restored_pair, rig_pair
 from mocapella.calibration.sensor_graph import PlacedSensor, SensorPair, place_sensors
-from mocapella.calibration.time_offset import TimeOffset
+from mocapella.calibration.shared_people import nearest_bodies, same_people
 from mocapella.conventions import NS_PER_S
-from mocapella.geometry.rigid import apply
+from mocapella.geometry.rigid import inverse
 from mocapella.geometry.twists import adjoint
 from mocapella.model.bodies import Bodies, BodyKey
 from mocapella.model.session import SensorPose
 from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
+Pair = tuple[str, str]
 
 
 @dataclass(frozen=True)
@@ -57,7 +69,7 @@ class PeopleSettings:
     frozen_after_s: float = 0.5
     gone_after_s: float = 1.0
     clock_jump_s: float = 2.0
-    refresh_s: float = 0.2
+    refresh_s: float = 0.25
     partners: int = 4
 
     def __post_init__(self) -> None:
@@ -68,53 +80,6 @@ class PeopleSettings:
         check(self.partners >= 1, "partners", self.partners, "1 or more")
 
 
-class CalibratedSensor(msgspec.Struct, frozen=True, eq=False):
-    """What is known of a sensor.
-
-    Attributes:
-        sensor: its name.
-        T_world_sensor: (4, 4); of sensors with the same ``root`` the worlds are one.
-        covariance: (6, 6) of a small motion in the world (translation [m], rotation [rad]): exp(d) T_world_sensor.
-        root: the sensor in whose frame it is told; itself where nothing ties it to another.
-        clock: what its times are ahead of the root's; None or not known: take 0.
-        trusted: whether its place is sure enough to fuse what it sees with what others see.
-        quality: ``12 mm, 0.4°``; empty where there is nothing to measure.
-        condition: what is wrong or missing, and what to do; empty where nothing is.
-    """
-
-    sensor: str
-    T_world_sensor: Float64
-    covariance: Float64
-    root: str
-    clock: TimeOffset | None
-    trusted: bool
-    quality: str
-    condition: str
-
-
-class PeopleState(msgspec.Struct, frozen=True, eq=False):
-    """What is known after a frame.
-
-    Attributes:
-        sensors: by name, in the order of the names.
-        qualities: of every pair of sensors that has seen somebody together, in words.
-        floor_known: whether the world's y = 0 is the floor; else the world is the root's camera space.
-        calibrations: how many pairs of sensors were calibrated so far.
-        moved: how often a sensor was found to have been moved.
-    """
-
-    sensors: Mapping[str, CalibratedSensor]
-    qualities: tuple[str, ...]
-    floor_known: bool
-    calibrations: int
-    moved: int
-
-    @property
-    def conditions(self) -> tuple[str, ...]:
-        """Every sensor's condition that is not empty, with its name."""
-        return tuple(f"{name}: {sensor.condition}" for name, sensor in self.sensors.items() if sensor.condition)
-
-
 @dataclass
 class PairOfSensors:
     """Two sensors: the estimate that is believed, or the hypotheses that are tried.
@@ -122,7 +87,12 @@ class PairOfSensors:
     Attributes:
         calibration: believed; None before there is one.
         cold: what else it could be; without hypotheses while nothing speaks against what is believed.
+        told: ``rig`` while all that is known is what a rig said; ``others`` while it is what other sensors say of these
+            two; empty once people have shown it.
         matched: tracking ids in a and b of bodies that are one person.
+        turn: counts up; whose turn it is among them.
+        due: when it is refined again [s].
+        trying: whether the hypotheses are tried.
         agreed_at: when somebody was last where both say [s].
         seen_since: since when both see somebody without a break [s].
         estimate: of the last refresh.
@@ -130,10 +100,21 @@ class PairOfSensors:
 
     calibration: PairCalibration | None
     cold: ColdStart
+    told: str = ""
     matched: tuple[tuple[int, int], ...] = ()
+    turn: int = 0
+    due: float = -np.inf
+    trying: bool = True
     agreed_at: float = -np.inf
     seen_since: float = np.inf
     estimate: PairEstimate | None = None
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the place of one beside the other is used."""
+        if self.calibration is None or self.estimate is None:
+            return False
+        return self.estimate.trusted or (self.told == "rig" and self.estimate.problem not in WRONG_PROBLEMS)
 
 
 class PeopleCalibration:
@@ -147,14 +128,17 @@ class PeopleCalibration:
     def reset(self) -> None:
         """Forget everything but the rig that it was made with."""
         self._zero_ns: int | None = None
-        self._tracks: dict[str, dict[int, BodyTrack]] = {}
+        self._tracks: dict[str, SensorTracks] = {}
         self._newest: dict[str, float] = {}
         self._floors: dict[str, FloorFromFeet] = {}
         self._poses: dict[str, SensorPose] = {}
         self._mirror = np.zeros(0, dtype=np.int64)
-        self._pairs: dict[tuple[str, str], PairOfSensors] = {}
-        self._active: frozenset[tuple[str, str]] | None = None
+        self._pairs: dict[Pair, PairOfSensors] = {}
+        self._refined: dict[str, tuple[Pair, ...]] = {}
+        self._tried: dict[str, tuple[Pair, ...]] = {}
+        self._turn = 0
         self._moved: dict[str, float] = {}
+        self._doubted: frozenset[str] = frozenset()
         self._jumped: dict[str, float] = {}
         self._behind: dict[str, float] = {}
         self._refreshed = -np.inf
@@ -162,6 +146,13 @@ class PeopleCalibration:
         self._completed = 0
         self._moves = 0
         self.state = PeopleState({}, (), False, 0, 0)
+
+    def start_from(self, T_world_sensor: Mapping[str, Float64]) -> None:
+        """Forget everything, and begin from places that somebody told: used at once, believed little, and checked."""
+        sensors = {name: RigSensor(T.tolist(), 1e3 * TOLD_SD_M, float(np.degrees(TOLD_SD)))
+                   for name, T in T_world_sensor.items()}  # fmt: skip
+        self.rig = Rig(VERSION, False, sensors, [])
+        self.reset()
 
     def update(
         self,
@@ -182,24 +173,26 @@ class PeopleCalibration:
             What is known now; also at `state`.
         """
         sensor, now = bodies.sensor, self._seconds(at_ns)
-        known = sensor in self._tracks
-        if not known:
-            self._join(sensor)
-        elif now < self._newest[sensor] - 0.5:
+        joins = sensor not in self._tracks
+        if joins:
+            self._join(sensor, len(bodies.topology))
+            self._mirror = np.array(bodies.topology.mirror, dtype=np.int64)
+        elif now < self._newest[sensor] - JUMPED_BACK_S:
             self._tracks[sensor].clear()
             self._jumped[sensor] = now
-        if len(bodies.topology) != len(self._mirror):
-            self._mirror = np.array(bodies.topology.mirror, dtype=np.int64)
-        if pose is not None and pose.height > 0:
+        if pose is not None and pose.height > 0 and sensor not in self._moved:
             self._poses[sensor] = pose
         self._newest[sensor], self._now = now, now
         # What comes last is newest, a few tenths of a second aside: a sensor that comes later with older times is behind.
         self._behind[sensor] = max(self._newest.values()) - now
-        self._see(bodies, now)
+        weight = self.settings.pair.inferred_weight
+        self._tracks[sensor].add(now, bodies.ids, bodies.positions, bodies.states, weight)
         self._floors[sensor].update(bodies, now)
-        for key in self._pairs_of(sensor):
-            self._update_pair(key, people, now)
-        if now >= self._refreshed + self.settings.refresh_s or now < self._refreshed or not known or self._first_view():
+        for key in self._refined[sensor]:
+            if not 0 < self._pairs[key].due - now <= self.settings.pair.every_s:
+                self._refine(key, people, now)
+        first_view = bool(self._tried[sensor]) and self._try(self._tried[sensor])
+        if joins or first_view or not 0 <= now - self._refreshed < self.settings.refresh_s:
             self._refresh(now, people)
         return self.state
 
@@ -214,132 +207,170 @@ class PeopleCalibration:
             for name, sensor in self.state.sensors.items()
         }
         pairs = [
-            rig_pair(a, b, pair_quality(a, b, pair.estimate or pair.calibration.estimate()), pair.calibration)
+            rig_pair(a, b, pair_quality(a, b, pair.estimate), pair.calibration)
             for (a, b), pair in sorted(self._pairs.items())
-            if pair.calibration is not None
+            if pair.calibration is not None and pair.estimate is not None and pair.estimate.trusted
         ]
-        return Rig(VERSION, sensors, pairs)
+        return Rig(VERSION, self.state.floor_known, sensors, pairs)
+
+    def swapped_bodies(self) -> frozenset[BodyKey]:
+        """Bodies whose left and right are taken for each other by what the first sensor of a pair sees of them."""
+        return frozenset(
+            (key[1], who[1])
+            for key, pair in self._pairs.items()
+            if pair.calibration is not None
+            for who, body in pair.calibration.bodies.items()
+            if body[at.MIRRORED] > 0
+        )
 
     def _seconds(self, at_ns: int) -> float:
         if self._zero_ns is None:
             self._zero_ns = at_ns
         return (at_ns - self._zero_ns) / NS_PER_S
 
-    def _join(self, sensor: str) -> None:
+    def _join(self, sensor: str, joints: int) -> None:
+        settings = self.settings.pair
         kept = {(pair.a, pair.b): pair for pair in self.rig.pairs} if self.rig else {}
+        places = {name: np.array(known.T_world_sensor) for name, known in self.rig.sensors.items()} if self.rig else {}
         for other in self._tracks:
             key = (min(sensor, other), max(sensor, other))
-            calibration = restored_pair(kept[key], self.settings.pair) if key in kept else None
-            self._pairs[key] = PairOfSensors(calibration, ColdStart(self.settings.pair))
-        self._tracks[sensor] = {}
+            pair = PairOfSensors(None, ColdStart(settings))
+            if key in kept:
+                pair.calibration, pair.told = restored_pair(kept[key], settings), "rig"
+            elif sensor in places and other in places:
+                T_a_b = inverse(places[key[0]]) @ places[key[1]]
+                pair.calibration, pair.told = PairCalibration.begun_from(T_a_b, settings), "rig"
+            pair.trying = pair.calibration is None
+            self._pairs[key] = pair
+        self._tracks[sensor] = SensorTracks.empty(joints)
         self._floors[sensor] = FloorFromFeet()
         self._newest[sensor] = -np.inf
-        self._active = None
+        self._choose_pairs(None)
 
-    def _see(self, bodies: Bodies, now: float) -> None:
-        tracks = self._tracks[bodies.sensor]
-        for body, positions, states in zip(bodies.ids, bodies.positions, bodies.states, strict=True):
-            if body not in tracks or tracks[body].points.shape[1] != len(states):
-                tracks[body] = BodyTrack.empty(len(states))
-            tracks[body].add(now, positions, states, self.settings.pair.inferred_weight)
-        gone = [body for body, track in tracks.items() if track.newest < now - self.settings.gone_after_s]
-        for body in gone:
-            del tracks[body]
+    def _choose_pairs(self, partners: frozenset[Pair] | None) -> None:
+        """Which pairs each sensor's frames concern: all, or ``partners`` and those that nothing ties yet."""
+        for chosen, wanted in ((self._refined, False), (self._tried, True)):
+            keys = sorted(
+                key
+                for key, pair in self._pairs.items()
+                if (pair.trying if wanted else pair.calibration is not None) and (partners is None or key in partners)
+            )
+            chosen.update({sensor: tuple(key for key in keys if sensor in key) for sensor in self._tracks})
 
     def _frozen(self, sensor: str) -> bool:
-        tracks = self._tracks[sensor].values()
-        limit = self._newest[sensor] - self.settings.frozen_after_s
-        return bool(tracks) and all(bool(track.frozen_since[0] <= limit) for track in tracks)
+        return bool(self._tracks[sensor].frozen <= self._newest[sensor] - self.settings.frozen_after_s)
 
-    def _pairs_of(self, sensor: str) -> Iterable[tuple[str, str]]:
-        keys = self._pairs if self._active is None else self._active
-        return sorted(key for key in keys if sensor in key)
+    def _both_see(self, key: Pair) -> bool:
+        one, other = (self._tracks[sensor].bodies for sensor in key)
+        return bool(one) and bool(other) and not self._frozen(key[0]) and not self._frozen(key[1])
 
-    def _update_pair(self, key: tuple[str, str], people: Mapping[BodyKey, int] | None, now: float) -> None:
+    def _refine(self, key: Pair, people: Mapping[BodyKey, int] | None, now: float) -> None:
+        """Take in one person's newest frame, if there is one: everybody in turn."""
         pair = self._pairs[key]
-        a, b = (self._tracks[sensor] for sensor in key)
-        if not a or not b or self._frozen(key[0]) or self._frozen(key[1]):
-            pair.seen_since = np.inf
+        if pair.calibration is None or not self._both_see(key):
             return
-        pair.seen_since = min(pair.seen_since, now)
-        if pair.calibration is None or (self._doubtful(pair, now) and not self._agree_elsewhere(key, now)):
-            pair.cold.update(a, b, self._mirror)
-        elif pair.cold.hypotheses:
-            pair.cold.hypotheses.clear()
-        if pair.calibration is not None:
-            if people is not None:
-                pair.matched = same_people(key, a, b, people)
-            for who in dict.fromkeys((*pair.matched, *pair.calibration.bodies)):
-                if who[0] in a and who[1] in b:
-                    pair.calibration.update(who, a[who[0]], b[who[1]], self._mirror)
+        a, b = (self._tracks[sensor].bodies for sensor in key)
+        if people is not None:
+            pair.matched = same_people(key, a, b, people)
+        bodies = [
+            who for who in dict.fromkeys((*pair.matched, *pair.calibration.bodies)) if who[0] in a and who[1] in b
+        ]
+        for _ in range(min(len(bodies), MOST_TURNS)):
+            who = bodies[pair.turn % len(bodies)]
+            pair.turn += 1
+            if pair.calibration.update(who, a[who[0]], b[who[1]], self._mirror):
+                pair.due = now + self.settings.pair.every_s
+                return
+
+    def _try(self, keys: tuple[Pair, ...]) -> bool:
+        """Take the newest frames in for all hypotheses of one pair, in turn; whether that is its first estimate."""
+        self._turn += 1
+        key = keys[self._turn % len(keys)]
+        pair = self._pairs[key]
+        if not self._both_see(key):
+            return False
+        a, b = (self._tracks[sensor].bodies for sensor in key)
+        pair.cold.update(a, b, self._mirror)
+        return pair.estimate is None and any(known.moments[0] > 0 for known in pair.cold.hypotheses.values())
+
+    def _refresh(self, now: float, people: Mapping[BodyKey, int] | None) -> None:
+        self._refreshed = now
+        for sensor, tracks in self._tracks.items():
+            tracks.forget_before(self._newest[sensor] - self.settings.gone_after_s)
+        for key, pair in self._pairs.items():
+            pair.seen_since = min(pair.seen_since, now) if self._both_see(key) else np.inf
+        self._judge_hypotheses(now)
+        self._judge_calibrations(now, people)
+        self._find_moved(now)
+        agreeing = self._agreeing(now)
+        for key, pair in self._pairs.items():
+            doubtful = self._doubtful(pair, now) and not _agree_elsewhere(key, agreeing)
+            pair.trying = pair.calibration is None or doubtful
+            if not pair.trying:
+                pair.cold.hypotheses.clear()
+        unchecked = [key for key, pair in self._pairs.items() if pair.trying and pair.told and pair.calibration]
+        self._doubted = frozenset(moved_sensors(unchecked, agreeing, sorted(self._tracks)))
+        self._place()
+
+    def _judge_hypotheses(self, now: float) -> None:
+        found = [(key, pair.cold.likeliest()) for key, pair in self._pairs.items() if pair.cold.hypotheses]
+        likeliest = [(key, one) for key, one in found if one is not None]
+        for (key, one), raw in zip(likeliest, estimates([one.pair for _, one in likeliest]), strict=True):
+            pair, estimate = self._pairs[key], one.judged(raw)
+            if estimate.trusted:
+                self._believe(key, one.pair, now)
+            elif pair.calibration is None:
+                pair.estimate = estimate
+
+    def _judge_calibrations(self, now: float, people: Mapping[BodyKey, int] | None) -> None:
+        known = [(key, pair, pair.calibration) for key, pair in self._pairs.items() if pair.calibration is not None]
+        for (key, pair, calibration), estimate in zip(known, estimates([one[2] for one in known]), strict=True):
+            pair.estimate = estimate
+            calibration.trust(estimate)
+            calibration.follow_clock(estimate)
+            a, b = (self._tracks[sensor].bodies for sensor in key)
+            calibration.forget_bodies(lambda who, a=a, b=b: who[0] in a and who[1] in b)
+            if any(
+                np.isnan(body[at.DISAGREES_SINCE]) and now - body[at.STEP_AT] < self.settings.gone_after_s
+                for body in calibration.bodies.values()
+            ):
+                pair.agreed_at = now
+                if estimate.trusted:
+                    pair.told = ""
+            if people is None:
+                pair.matched = nearest_bodies(calibration.T_a_b, a, b, self.settings.match_within_m)
 
     def _doubtful(self, pair: PairOfSensors, now: float) -> bool:
         """Both see somebody, and for long nobody has been where both say."""
         return now - max(pair.agreed_at, pair.seen_since) > self.settings.moved_after_s
 
-    def _agree_elsewhere(self, key: tuple[str, str], now: float) -> bool:
-        """Each of the two agrees with a third: then these two just see different people."""
-        agreeing = self._agreeing(now)
-        return all(any(sensor in other and other != key for other in agreeing) for sensor in key)
+    def _agreeing(self, now: float) -> list[Pair]:
+        return [key for key, pair in self._pairs.items() if now - pair.agreed_at < self.settings.moved_after_s]
 
-    def _first_view(self) -> bool:
-        """A pair has its first estimate, which the state does not say yet."""
-        return any(
-            pair.estimate is None and any(known.moments[0] > 0 for known in pair.cold.hypotheses.values())
-            for pair in self._pairs.values()
-        )
-
-    def _refresh(self, now: float, people: Mapping[BodyKey, int] | None) -> None:
-        self._refreshed = now
-        for key, pair in self._pairs.items():
-            best = pair.cold.best() if pair.cold.hypotheses else None
-            if best is not None and best[1].trusted:
-                self._believe(key, pair, best[0], now)
-            if pair.calibration is None:
-                pair.estimate = best[1] if best else None
-                continue
-            pair.estimate = pair.calibration.estimate()
-            pair.calibration.trust(pair.estimate)
-            a, b = (self._tracks[sensor] for sensor in key)
-            pair.calibration.forget_bodies(lambda who, a=a, b=b: who[0] in a and who[1] in b)
-            bodies = pair.calibration.bodies.values()
-            fresh = [body for body in bodies if now - body[at.STEP_AT] < self.settings.gone_after_s]
-            if any(np.isnan(body[at.DISAGREES_SINCE]) for body in fresh):
-                pair.agreed_at = now
-            if people is None:
-                pair.matched = nearest_bodies(pair.calibration.T_a_b, a, b, self.settings.match_within_m)
-        self._find_moved(now)
-        self._place()
-
-    def _believe(self, key: tuple[str, str], pair: PairOfSensors, found: PairCalibration, now: float) -> None:
-        """A hypothesis has won; where another estimate was believed, a sensor was moved."""
-        if pair.calibration is not None:
+    def _believe(self, key: Pair, found: PairCalibration, now: float) -> None:
+        """A hypothesis has won; where another estimate was believed, a sensor was moved, or the rig was wrong."""
+        pair = self._pairs[key]
+        if pair.calibration is not None and not pair.told:
             self._note_moved(moved_sensors([key], self._agreeing(now), sorted(self._tracks)), now)
-        pair.calibration, pair.cold = found, ColdStart(self.settings.pair)
+        pair.calibration, pair.cold, pair.told = found, ColdStart(self.settings.pair), ""
         pair.agreed_at = now
         self._completed += 1
-
-    def _agreeing(self, now: float) -> list[tuple[str, str]]:
-        return [key for key, pair in self._pairs.items() if now - pair.agreed_at < self.settings.moved_after_s]
 
     def _find_moved(self, now: float) -> None:
         disagreeing = [
             key
             for key, pair in self._pairs.items()
             if pair.calibration is not None
-            and pair.estimate is not None
-            and pair.estimate.trusted
+            and pair.trusted
             and disagrees_for(pair.calibration, now) > self.settings.moved_after_s
         ]
         if not disagreeing:
             return
         moved = moved_sensors(disagreeing, self._agreeing(now), sorted(self._tracks))
         self._note_moved(moved, now)
-        for key, pair in self._pairs.items():
+        for key in self._pairs:
             if set(key) & set(moved):
-                pair.calibration, pair.cold, pair.matched = None, ColdStart(self.settings.pair), ()
-                pair.estimate = None
-        self._active = None
+                self._pairs[key] = PairOfSensors(None, ColdStart(self.settings.pair))
 
     def _note_moved(self, moved: Iterable[str], now: float) -> None:
         for sensor in moved:
@@ -351,17 +382,18 @@ class PeopleCalibration:
     def _place(self) -> None:
         names = sorted(self._tracks)
         edges = [
-            SensorPair(*key, pair.estimate.T_a_b, pair.estimate.covariance, pair.estimate.offset, pair.estimate.trusted)
+            SensorPair(*key, pair.estimate.T_a_b, _covariance_of(pair), pair.estimate.offset, pair.trusted)
             for key, pair in self._pairs.items()
-            if pair.estimate is not None and np.isfinite(pair.estimate.T_a_b).all()
+            if pair.estimate is not None and pair.told != "others" and np.isfinite(pair.estimate.T_a_b).all()
         ]
         placed = place_sensors(names, edges)
-        for sensor in [s for s in self._moved if self._tied_again(s)]:
+        for sensor in [s for s in self._moved if any(s in key and pair.trusted for key, pair in self._pairs.items())]:
             del self._moved[sensor]
-        worlds = {root: self._world(root, placed) for root in {place.root for place in placed.values()}}
-        self._active = self._partners(placed, edges)
+        self._begin_from_others(placed)
+        self._choose_pairs(self._partners(placed, edges))
+        worlds = {root: self._world(root, placed) for root in dict.fromkeys(place.root for place in placed.values())}
         self.state = PeopleState(
-            sensors={name: self._sensor(name, placed[name], worlds[placed[name].root][0], placed) for name in names},
+            sensors=self._sensors(placed, {root: T for root, (T, _) in worlds.items()}),
             qualities=tuple(
                 pair_quality(*key, pair.estimate)
                 for key, pair in sorted(self._pairs.items())
@@ -372,12 +404,17 @@ class PeopleCalibration:
             moved=self._moves,
         )
 
-    def _tied_again(self, sensor: str) -> bool:
-        return any(
-            pair.estimate is not None and pair.estimate.trusted and pair.calibration is not None
-            for key, pair in self._pairs.items()
-            if sensor in key
-        )
+    def _begin_from_others(self, placed: Mapping[str, PlacedSensor]) -> None:
+        """Two sensors that others tie to each other need no hypotheses; what they see together refines it."""
+        for (a, b), pair in self._pairs.items():
+            one, other = placed[a], placed[b]
+            tied = one.trusted and other.trusted and one.root == other.root
+            if pair.calibration is None and tied and a not in self._moved and b not in self._moved:
+                clocks = [place.offset.seconds if place.offset is not None else 0.0 for place in (one, other)]
+                T_a_b = inverse(one.T_root_sensor) @ other.T_root_sensor
+                offset = clocks[1] - clocks[0]
+                pair.calibration = PairCalibration.begun_from(T_a_b, self.settings.pair, offset)
+                pair.told, pair.trying, pair.cold = "others", False, ColdStart(self.settings.pair)
 
     def _world(self, root: str, placed: Mapping[str, PlacedSensor]) -> tuple[Float64, bool]:
         """``T_world_root``, and whether its floor is known. A given pose is believed rather than feet."""
@@ -387,28 +424,38 @@ class PeopleCalibration:
             for name, place in members.items()
             if name in self._poses
         ]
-        found = ((place.T_root_sensor, self._floors[name].known) for name, place in members.items())
-        floors = given or [(T, floor) for T, floor in found if floor is not None]
+        found = {name: self._floors[name].known or self._rig_floor(name) for name in members}
+        floors = given or [(members[name].T_root_sensor, floor) for name, floor in found.items() if floor is not None]
         return (mean_floor(floors).T_level_sensor, True) if floors else (np.eye(4), False)
 
-    def _sensor(
-        self, name: str, place: PlacedSensor, T_world_root: Float64, placed: Mapping[str, PlacedSensor]
-    ) -> CalibratedSensor:
-        to_world = adjoint(T_world_root)
-        T = T_world_root @ place.T_root_sensor
-        covariance = to_world @ place.covariance @ to_world.T
-        alone = place.root == name
-        condition = self._condition(name, place, placed)
-        return CalibratedSensor(
-            sensor=name,
-            T_world_sensor=T,
-            covariance=covariance,
-            root=place.root,
-            clock=place.offset,
-            trusted=place.trusted and name not in self._moved and not self._frozen(name),
-            quality="" if alone else _quality(T, covariance),
-            condition=condition,
-        )
+    def _rig_floor(self, sensor: str) -> Floor | None:
+        if self.rig is None or not self.rig.floor_known or sensor not in self.rig.sensors or sensor in self._moved:
+            return None
+        return Floor.under(np.array(self.rig.sensors[sensor].T_world_sensor))
+
+    def _sensors(
+        self, placed: Mapping[str, PlacedSensor], T_world_root: Mapping[str, Float64]
+    ) -> dict[str, CalibratedSensor]:
+        to_world = np.stack([T_world_root[place.root] for place in placed.values()])
+        T = to_world @ np.stack([place.T_root_sensor for place in placed.values()])
+        turn = adjoint(to_world)
+        covariance = turn @ np.stack([place.covariance for place in placed.values()]) @ np.swapaxes(turn, -1, -2)
+        # The standard deviations of a sensor's own place: as a small motion in its own frame.
+        own = adjoint(inverse(T))
+        sd = np.sqrt(np.diagonal(own @ covariance @ np.swapaxes(own, -1, -2), axis1=-2, axis2=-1) @ _HALVES)
+        return {
+            name: CalibratedSensor(
+                sensor=name,
+                T_world_sensor=T[i],
+                covariance=covariance[i],
+                root=place.root,
+                clock=place.offset,
+                trusted=place.trusted and not ({name} & (self._moved.keys() | self._doubted) or self._frozen(name)),
+                quality="" if place.root == name else figures(float(sd[i, 0]), float(sd[i, 1])),
+                condition=self._condition(name, place, placed),
+            )
+            for i, (name, place) in enumerate(placed.items())
+        }
 
     def _condition(self, name: str, place: PlacedSensor, placed: Mapping[str, PlacedSensor]) -> str:
         if condition := self._stream_condition(name):
@@ -423,7 +470,7 @@ class PeopleCalibration:
         if not seen:
             return "no other sensor sees the people that it sees: walk where two sensors see you"
         key, estimate = min(seen, key=lambda item: item[1].position_sd)
-        return f"with {key[0] if key[1] == name else key[1]}: {estimate.problem}" if estimate.problem else ""
+        return f"with {_other(key, name)}: {estimate.problem}" if estimate.problem else ""
 
     def _stream_condition(self, name: str) -> str:
         """What is wrong with what the sensor sends; empty where nothing is."""
@@ -437,19 +484,16 @@ class PeopleCalibration:
             return "it was moved (or the sensor beside it): walk a few steps where both see you"
         return ""
 
-    def _doubts(self, name: str, pairs: Mapping[tuple[str, str], PairOfSensors]) -> str:
+    def _doubts(self, name: str, pairs: Mapping[Pair, PairOfSensors]) -> str:
         for key, pair in pairs.items():
-            other = key[0] if key[1] == name else key[1]
-            if pair.estimate is not None and pair.estimate.trusted and _in_one_place(pair.estimate.T_a_b):
-                return f"it stands where {other} stands, and sees no more"
-            doubtful = pair.calibration is not None and self._doubtful(pair, self._now)
-            if doubtful and not self._agree_elsewhere(key, self._now):
-                return f"it does not see people where {other} sees them: walk a few steps where both see you"
+            if pair.trusted and pair.estimate is not None and _in_one_place(pair.estimate.T_a_b):
+                return f"it stands where {_other(key, name)} stands, and sees no more"
+            if pair.calibration is not None and pair.trying:
+                where = "where the rig says" if pair.told == "rig" else f"where {_other(key, name)} sees them"
+                return f"it does not see people {where}: walk a few steps where both see you"
         return ""
 
-    def _partners(
-        self, placed: Mapping[str, PlacedSensor], edges: Iterable[SensorPair]
-    ) -> frozenset[tuple[str, str]] | None:
+    def _partners(self, placed: Mapping[str, PlacedSensor], edges: Iterable[SensorPair]) -> frozenset[Pair] | None:
         """Which pairs go on being refined: with few sensors all, else as many for each sensor as are wanted."""
         if len(placed) <= self.settings.partners + 1:
             return None
@@ -467,45 +511,18 @@ class PeopleCalibration:
         return frozenset(kept)
 
 
-def same_people(
-    key: tuple[str, str], a: Iterable[int], b: Iterable[int], people: Mapping[BodyKey, int]
-) -> tuple[tuple[int, int], ...]:
-    """Tracking ids in two sensors of bodies that have one number."""
-    of_b = {people[key[1], body]: body for body in b if (key[1], body) in people}
-    numbers = ((body, people.get((key[0], body))) for body in a)
-    return tuple((body, of_b[number]) for body, number in numbers if number is not None and number in of_b)
+def _agree_elsewhere(key: Pair, agreeing: Iterable[Pair]) -> bool:
+    """Each of the two agrees with a third: then these two just see different people."""
+    return all(any(sensor in other and other != key for other in agreeing) for sensor in key)
 
 
-def nearest_bodies(
-    T_a_b: Float64, a: Mapping[int, BodyTrack], b: Mapping[int, BodyTrack], within_m: float
-) -> tuple[tuple[int, int], ...]:
-    """Tracking ids in two sensors of bodies of which each is the other's nearest, and near enough."""
-    if not a or not b:
-        return ()
-    ours, theirs = sorted(a), sorted(b)
-    there = np.array([_newest_centre(b[body]) for body in theirs])
-    distance = np.linalg.norm(
-        np.array([_newest_centre(a[body]) for body in ours])[:, None] - apply(T_a_b, there)[None], axis=-1
-    )
-    distance = np.nan_to_num(distance, nan=np.inf)
-    return tuple(
-        (body, theirs[k])
-        for i, body in enumerate(ours)
-        if distance[i, k := int(distance[i].argmin())] <= within_m and int(distance[:, k].argmin()) == i
-    )
+def _covariance_of(pair: PairOfSensors) -> Float64:
+    assert pair.estimate is not None
+    return _TOLD if pair.told == "rig" and not pair.estimate.trusted else pair.estimate.covariance
 
 
-def _newest_centre(track: BodyTrack) -> Float64:
-    newest = track.held[1] - 1
-    seen = track.weights[newest] > 0
-    return np.asarray(track.points[newest][seen].mean(axis=0)) if seen.any() else np.full(3, np.nan)
-
-
-def _quality(T_world_sensor: Float64, covariance: Float64) -> str:
-    """Of the sensor's own place: its standard deviation [mm] and its angle's."""
-    own = adjoint(T_world_sensor)
-    at_sensor = np.linalg.solve(own, np.linalg.solve(own, covariance).T)
-    return figures(float(np.sqrt(np.trace(at_sensor[:3, :3]))), float(np.sqrt(np.trace(at_sensor[3:, 3:]))))
+def _other(key: Pair, name: str) -> str:
+    return key[0] if key[1] == name else key[1]
 
 
 def _in_one_place(T_a_b: Float64) -> bool:
@@ -513,9 +530,22 @@ def _in_one_place(T_a_b: Float64) -> bool:
     return bool(np.linalg.norm(T_a_b[:3, 3]) < ONE_PLACE_M and turn < ONE_PLACE_TURN)
 
 
+MOST_TURNS: Final = 3
+"""Of people in a row who have no new frame; then the next frame goes on."""
+JUMPED_BACK_S: Final = 0.5
+"""Times that go back by more are those of another clock [s]."""
 SAID_FOR_S: Final = 5.0
 """A clock that jumped is told of for so long [s]."""
 ONE_PLACE_M: Final = 0.1
 """Two sensors that are nearer stand in one place [m] …"""
 ONE_PLACE_TURN: Final = np.radians(5.0)
 """… if they also look the same way [rad]."""
+TOLD_SD_M: Final = 0.15
+"""What is expected of a place that somebody told [m] …"""
+TOLD_SD: Final = np.radians(10.0)
+"""… and of the direction [rad], until people have shown it."""
+WRONG_PROBLEMS: Final = frozenset({NOT_ONE_BODY, MIRRORED_STREAM})
+"""A pair of sensors with one of these is not used, whatever a rig says."""
+_TOLD: Final = np.diag([TOLD_SD_M**2 / 3] * 3 + [TOLD_SD**2 / 3] * 3)
+_HALVES: Final = np.repeat(np.eye(2), 3, axis=0)
+"""Sums the translation's and the rotation's part of six numbers."""

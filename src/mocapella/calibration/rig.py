@@ -52,11 +52,13 @@ class Rig(msgspec.Struct, frozen=True):
 
     Attributes:
         version: of the layout.
+        floor_known: whether y = 0 is the floor.
         sensors: by name.
         pairs: which the sensors' places were made of.
     """
 
     version: int
+    floor_known: bool
     sensors: dict[str, RigSensor]
     pairs: list[RigPair]
 

@@ -11,8 +11,9 @@ Source: F. Lu and E. Milios, "Globally consistent range scan alignment for envir
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from typing import Final
+from collections.abc import Callable, Collection, Sequence
+from functools import cache
+from typing import Final, cast
 
 import msgspec
 import numpy as np
@@ -67,7 +68,7 @@ class PlacedSensor(msgspec.Struct, frozen=True, eq=False):
 
 
 MOST_STEPS: Final = 4
-SMALLEST_STEP: Final = 1e-7
+SMALLEST_STEP: Final = 1e-6
 """Metres and radians, at which the refinement ends."""
 
 
@@ -104,9 +105,8 @@ def place_sensors(sensors: Sequence[str], pairs: Collection[SensorPair]) -> dict
 def _component(
     root: str, members: Sequence[str], tree: Sequence[SensorPair], pairs: Collection[SensorPair]
 ) -> dict[str, PlacedSensor]:
-    T, covariance = {root: np.eye(4)}, {root: np.zeros((6, 6))}
-    sure = {root}
     used = [pair for pair in tree if pair.a in members]
+    T, sure = {root: np.eye(4)}, {root}
     waiting = list(used)
     while waiting:
         for pair in [pair for pair in waiting if pair.a in T or pair.b in T]:
@@ -114,17 +114,12 @@ def _component(
                 T[pair.b] = T[pair.a] @ pair.T_a_b
             else:
                 T[pair.a] = T[pair.b] @ inverse(pair.T_a_b)
-            old, new = (pair.a, pair.b) if pair.a in covariance else (pair.b, pair.a)
-            to_root = adjoint(T[pair.a])
-            covariance[new] = covariance[old] + to_root @ pair.covariance @ to_root.T
             if pair.trusted and (pair.a in sure or pair.b in sure):
                 sure |= {pair.a, pair.b}
             waiting.remove(pair)
     in_tree = {(pair.a, pair.b) for pair in used}
-    more = [pair for pair in pairs if pair.trusted and pair.a in T and (pair.a, pair.b) not in in_tree]
-    used += more
-    if more:
-        covariance = _refine(T, root, used)
+    used += [pair for pair in pairs if pair.trusted and pair.a in T and (pair.a, pair.b) not in in_tree]
+    covariance = _refine(T, used) if used else {root: np.zeros((6, 6))}
     offsets = _offsets(root, used)
     return {
         sensor: PlacedSensor(T[sensor], covariance[sensor], offsets.get(sensor), root, sensor in sure)
@@ -132,35 +127,36 @@ def _component(
     }
 
 
-def _refine(T: dict[str, Float64], root: str, pairs: Sequence[SensorPair]) -> dict[str, Float64]:
-    """Improve T in place, and each sensor's covariance. exp(d) T_a_b = T_a⁻¹ T_b defines a pair's error d."""
-    free = {sensor: 6 * i for i, sensor in enumerate(s for s in T if s != root)}
-    n = 6 * len(free)
+def _refine(T: dict[str, Float64], pairs: Sequence[SensorPair]) -> dict[str, Float64]:
+    """Improve T in place, whose first sensor is the root, and say each sensor's covariance.
+
+    exp(d) T_a_b = T_a⁻¹ T_b defines a pair's error d.
+    """
+    place = {sensor: i for i, sensor in enumerate(T)}
+    a, b = (np.array([place[getattr(pair, end)] for pair in pairs]) for end in ("a", "b"))
+    T_b_a = inverse(np.stack([pair.T_a_b for pair in pairs]))
     weights = np.linalg.inv(np.stack([pair.covariance for pair in pairs]))
+    world, n = np.stack(list(T.values())), len(T)
     for _ in range(MOST_STEPS):
-        A, g = np.zeros((n, n)), np.zeros(n)
-        for pair, weight in zip(pairs, weights, strict=True):
-            to_a = adjoint(inverse(T[pair.a]))
-            error = log_motion(inverse(T[pair.a]) @ T[pair.b] @ inverse(pair.T_a_b))
-            W = to_a.T @ weight @ to_a
-            force = to_a.T @ weight @ error
-            for one, sign in ((pair.a, -1.0), (pair.b, 1.0)):
-                if one == root:
-                    continue
-                i = free[one]
-                g[i : i + 6] -= sign * force
-                for other, other_sign in ((pair.a, -1.0), (pair.b, 1.0)):
-                    if other != root:
-                        k = free[other]
-                        A[i : i + 6, k : k + 6] += sign * other_sign * W
-        C = np.linalg.inv(A)
-        step = C @ g
-        for sensor, i in free.items():
-            T[sensor] = exp_twist(step[i : i + 6]) @ T[sensor]
+        T_a_root = inverse(world[a])
+        to_a = adjoint(T_a_root)
+        weighted = np.swapaxes(to_a, -1, -2) @ weights
+        W = weighted @ to_a
+        force = (weighted @ log_motion(T_a_root @ world[b] @ T_b_a)[..., None])[..., 0]
+        A, g = np.zeros((n, n, 6, 6)), np.zeros((n, 6))
+        for one, other, sign in ((a, a, 1), (b, b, 1), (a, b, -1), (b, a, -1)):
+            np.add.at(A, (one, other), sign * W)
+        np.add.at(g, a, force)
+        np.add.at(g, b, -force)
+        C = _inverse()(np.ascontiguousarray(A.transpose(0, 2, 1, 3).reshape(6 * n, 6 * n)[6:, 6:]))
+        step = (C @ g.reshape(-1)[6:]).reshape(-1, 6)
+        world[1:] = exp_twist(step) @ world[1:]
         if np.abs(step).max() < SMALLEST_STEP:
             break
-    blocks = {sensor: C[i : i + 6, i : i + 6] for sensor, i in free.items()}
-    return {root: np.zeros((6, 6)), **{sensor: (block + block.T) / 2 for sensor, block in blocks.items()}}
+    T.update(zip(T, world, strict=True))
+    blocks = C.reshape(n - 1, 6, n - 1, 6)[np.arange(n - 1), :, np.arange(n - 1)]
+    blocks = (blocks + np.swapaxes(blocks, -1, -2)) / 2
+    return dict(zip(T, (np.zeros((6, 6)), *blocks), strict=True))
 
 
 def _offsets(root: str, pairs: Sequence[SensorPair]) -> dict[str, TimeOffset]:
@@ -181,7 +177,15 @@ def _offsets(root: str, pairs: Sequence[SensorPair]) -> dict[str, TimeOffset]:
         weight = 1.0 / max(pair.offset.sd, 1e-4) ** 2
         A += weight * np.outer(row, row)
         g += weight * pair.offset.seconds * row
-    C = np.linalg.inv(A)
+    C = _inverse()(A)
     seconds = C @ g
     out = {sensor: TimeOffset(float(seconds[i]), float(np.sqrt(C[i, i])), True) for sensor, i in free.items()}
     return {root: TimeOffset(0.0, 0.0, True), **out}
+
+
+@cache
+def _inverse() -> Callable[[Float64], Float64]:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.calibration import graph_kernels
+
+    return cast(Callable[[Float64], Float64], graph_kernels.inverse_of_positive)

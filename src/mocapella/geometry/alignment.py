@@ -127,16 +127,17 @@ def _rotation(S: Float64) -> Float64:
     return np.where(finite[..., None, None], R, np.nan)
 
 
-def shifted(M: Float64, by: float) -> Float64:
-    """The moments of the same points with every q moved on by ``by`` seconds along its velocity."""
+def shifted(M: Float64, by: Any) -> Float64:
+    """The moments of the same points with every q moved on by ``by`` seconds (...) along its velocity."""
     out = M.copy()
     shape = (*M.shape[:-1], 3, 3)
+    by = np.asarray(by, dtype=np.float64)[..., None]
     qv, vv = M[..., 28:37].reshape(shape), _symmetric(M[..., 43:49])
     out[..., 4:7] += by * M[..., 16:19]
     out[..., 7:16] += by * M[..., 19:28]
     out[..., 28:37] += by * vv.reshape(*M.shape[:-1], 9)
-    qq = _symmetric(M[..., 37:43]) + by * (qv + np.swapaxes(qv, -1, -2)) + by * by * vv
-    out[..., 37:43] = qq[..., *_UPPER]
+    qq = by[..., None] * (qv + np.swapaxes(qv, -1, -2)) + by[..., None] ** 2 * vv
+    out[..., 37:43] += qq[..., *_UPPER]
     return out
 
 
@@ -156,42 +157,61 @@ def cross_matrix(x: Any) -> Float64:
     return out
 
 
-def normal_equations(M: Float64, T: Float64, offset: float = 0.0) -> tuple[Float64, Float64]:
+def normal_equations(M: Float64, T: Float64, offset: Any = 0.0) -> tuple[Float64, Float64]:
     """The Gauss–Newton equations H d = g of seven unknowns d at T and offset, from the moments alone.
 
     d is a twist in p's frame (translation [m], rotation [rad]: T ← exp(d₁…₆) T) and a change of the offset [s]. With
     x = T (q + offset·v) and u = R v, a point's derivative is J = [I, −[x]×, u], H = Σ w JᵀJ and g = Σ w Jᵀ (p − x).
 
     Args:
-        M: (`MOMENTS`,).
-        T: (4, 4).
-        offset: [s].
+        M: (..., `MOMENTS`).
+        T: (..., 4, 4).
+        offset: (...) [s].
 
     Returns:
-        H (7, 7) and g (7,).
+        H (..., 7, 7) and g (..., 7).
     """
     M = shifted(M, offset)
-    W, R, t = M[0], T[:3, :3], T[:3, 3]
-    Rq, u = R @ M[4:7], R @ M[16:19]
-    x: Float64 = np.asarray(Rq + W * t)
-    pv: Float64 = M[19:28].reshape(3, 3) @ R.T
-    xu: Float64 = R @ M[28:37].reshape(3, 3) @ R.T + np.outer(t, u)
-    xx: Float64 = R @ _symmetric(M[37:43]) @ R.T + np.outer(Rq, t) + np.outer(t, Rq) + W * np.outer(t, t)
-    px = np.asarray(M[7:16].reshape(3, 3) @ R.T + np.outer(M[1:4], t), dtype=np.float64)
-    H = np.empty((7, 7))
-    H[:3, :3] = W * np.eye(3)
-    H[:3, 3:6] = -cross_matrix(x)
-    H[3:6, :3] = cross_matrix(x)
-    H[3:6, 3:6] = np.trace(xx) * np.eye(3) - xx
-    H[6, :3] = H[:3, 6] = u
-    H[6, 3:6] = H[3:6, 6] = _axial(xu)
-    H[6, 6] = M[43] + M[46] + M[48]
-    return H, np.concatenate([M[1:4] - x, -_axial(px), [np.trace(pv) - np.trace(xu)]])
+    W, R, t = M[..., 0, None], T[..., :3, :3], T[..., :3, 3]
+    R_back = np.swapaxes(R, -1, -2)
+
+    def moved(vectors: Float64) -> Float64:
+        return np.asarray((R @ vectors[..., None])[..., 0])
+
+    def square(numbers: Float64) -> Float64:
+        return numbers.reshape(*numbers.shape[:-1], 3, 3)
+
+    Rq, u = moved(M[..., 4:7]), moved(M[..., 16:19])
+    x = Rq + W * t
+    pv = square(M[..., 19:28]) @ R_back
+    xu = R @ square(M[..., 28:37]) @ R_back + _outer(t, u)
+    Rqt = _outer(Rq, t)
+    xx = R @ _symmetric(M[..., 37:43]) @ R_back + Rqt + np.swapaxes(Rqt, -1, -2) + W[..., None] * _outer(t, t)
+    px = square(M[..., 7:16]) @ R_back + _outer(M[..., 1:4], t)
+    cross = cross_matrix(x)
+    H = np.empty((*M.shape[:-1], 7, 7))
+    H[..., :3, :3] = W[..., None] * np.eye(3)
+    H[..., :3, 3:6] = -cross
+    H[..., 3:6, :3] = cross
+    H[..., 3:6, 3:6] = _trace(xx)[..., None, None] * np.eye(3) - xx
+    H[..., 6, :3] = H[..., :3, 6] = u
+    H[..., 6, 3:6] = H[..., 3:6, 6] = _axial(xu)
+    H[..., 6, 6] = M[..., 43] + M[..., 46] + M[..., 48]
+    return H, np.concatenate([M[..., 1:4] - x, -_axial(px), (_trace(pv) - _trace(xu))[..., None]], axis=-1)
+
+
+def _outer(a: Float64, b: Float64) -> Float64:
+    return np.asarray(a[..., :, None] * b[..., None, :])
+
+
+def _trace(matrices: Float64) -> Float64:
+    return np.asarray(matrices[..., 0, 0] + matrices[..., 1, 1] + matrices[..., 2, 2])
 
 
 def _axial(outer: Float64) -> Float64:
     """Σ a × b of Σ a bᵀ."""
-    return np.array([outer[1, 2] - outer[2, 1], outer[2, 0] - outer[0, 2], outer[0, 1] - outer[1, 0]])
+    skew = outer - np.swapaxes(outer, -1, -2)
+    return np.stack([skew[..., 1, 2], skew[..., 2, 0], skew[..., 0, 1]], axis=-1)
 
 
 def robust_weights(residual: Any, kernel: RobustKernel, scale: float) -> Float64:

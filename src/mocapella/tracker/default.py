@@ -19,11 +19,13 @@ import numpy as np
 
 from mocapella.association.tracks import Track, Tracks, TrackSettings
 from mocapella.calibration.cold_start import ColdStart
-from mocapella.calibration.floor import FloorFromFeet
+from mocapella.calibration.floor import Floor, FloorFromFeet
 from mocapella.calibration.pair_calibration import PairCalibration, PairEstimate, PairSettings
-from mocapella.calibration.pair_memory import BodyTrack
-from mocapella.calibration.people import CalibratedSensor, PairOfSensors, PeopleCalibration, PeopleState
+from mocapella.calibration.pair_memory import SensorTracks
+from mocapella.calibration.people import PairOfSensors, PeopleCalibration
 from mocapella.calibration.people import PeopleSettings as CalibrationSettings
+from mocapella.calibration.people_state import CalibratedSensor, PeopleState
+from mocapella.calibration.rig import Rig, RigPair, RigSensor
 from mocapella.calibration.time_offset import TimeOffset
 from mocapella.conventions import NS_PER_S
 from mocapella.fusion.facing import FacingMemory
@@ -87,7 +89,6 @@ class DefaultTracker:
         self._tracks.reset()
         self._calibration.reset()
         self._root = ""
-        self._given: dict[str, Float64] = {}
         self._T_root_sensor: dict[str, Float64] = {}
         self._T_world_root = np.eye(4)
         self._people: People | None = None
@@ -100,8 +101,9 @@ class DefaultTracker:
 
     def recalibrate(self, reason: str) -> None:
         """Begin the calibration again; the next scene says why."""
+        self._calibration.rig = None
         self._calibration.reset()
-        self._given, self._T_root_sensor, self._root = {}, {}, ""
+        self._T_root_sensor, self._root = {}, ""
         self._state = TrackerState(Phase.CALIBRATING, reason=reason)
 
     def snapshot(self) -> bytes:
@@ -125,12 +127,14 @@ class DefaultTracker:
 
     def start_from(self, T_world_sensor: Mapping[str, Float64]) -> None:
         """A rig that is known before the first frame: used for a sensor until its own place is known better."""
-        self._given = dict(T_world_sensor)
+        self._calibration.start_from(T_world_sensor)
 
     def sensor_views(self) -> SensorViews:
         """What is known of the sensors now."""
         if self._people is None:
-            return SensorViews(self._given)
+            rig = self._calibration.rig
+            known = rig.sensors if rig is not None else {}
+            return SensorViews({name: np.array(sensor.T_world_sensor) for name, sensor in known.items()})
         clocks = {name: sensor.clock for name, sensor in self._calibration.state.sensors.items()}
         return SensorViews(
             {name: self._T_world_root @ T for name, T in self._T_root_sensor.items()},
@@ -179,9 +183,6 @@ class DefaultTracker:
             for name, sensor in sensors.items()
             if sensor.root == root and sensor.trusted
         }
-        for name in sensors:
-            if name not in self._T_root_sensor and name in self._given and root in self._given:
-                self._T_root_sensor[name] = inverse(self._given[root]) @ self._given[name]
         if root != self._root:
             if self._root and self._people is not None and self._root in self._T_root_sensor:
                 self._people.move(self._T_root_sensor[self._root])
@@ -323,21 +324,25 @@ def associate_and_fuse(
 
 _OWN_MEMORY: Final = (
     *("_now_s", "_steps", "_rejected", "_state", "_shown", "_places"),
-    *("_root", "_given", "_T_root_sensor", "_T_world_root"),
+    *("_root", "_T_root_sensor", "_T_world_root"),
 )
 _REMEMBERED: Final = (
     Bodies,
-    BodyTrack,
     CalibratedSensor,
     CalibrationSettings,
     ColdStart,
+    Floor,
     FloorFromFeet,
     PairCalibration,
     PairEstimate,
     PairOfSensors,
     PairSettings,
     PeopleState,
+    Rig,
+    RigPair,
+    RigSensor,
     SensorPose,
+    SensorTracks,
     TimeOffset,
     BodyFrame,
     Person,

@@ -20,12 +20,15 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.errors import one_of
 from mocapella.fusion.facing import FacingFilter, FacingSettings, Repair
 from mocapella.fusion.weighted_mean import FusionSettings
 from mocapella.geometry.angles import wrap
 from mocapella.geometry.rigid import apply
+from mocapella.kinematics.articulated_model import ArticulatedModel, ArticulatedSettings, memory_size
 from mocapella.model.bodies import BodyKey
 from mocapella.model.topology import Topology
+from mocapella.settings import check
 from mocapella.smoothing.kalman import KalmanSettings
 from mocapella.smoothing.one_euro import OneEuroSettings
 
@@ -34,7 +37,8 @@ UInt8 = NDArray[np.uint8]
 Bools = NDArray[np.bool_]
 Rows = NDArray[np.int64]
 
-SMOOTHING: Final = ("kalman", "one-euro")
+SMOOTHING: Final = ("articulated", "kalman", "one-euro")
+"""What makes a skeleton steady: a body with joints and bones, a filter for each point, or one for each coordinate."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,7 @@ class PeopleSettings:
         fusion: what a view is worth.
         motion: how people move.
         one_euro: the filter of that name.
+        body: the articulated body.
         smoothing: which of `SMOOTHING` makes the skeleton steady.
         view_age_s: a view older than this is no longer used.
         facing: how it is found which way people face; None does without: labels are those on which the sensors agree.
@@ -57,13 +62,18 @@ class PeopleSettings:
     fusion: FusionSettings = field(default_factory=FusionSettings)
     motion: KalmanSettings = field(default_factory=KalmanSettings)
     one_euro: OneEuroSettings = field(default_factory=OneEuroSettings)
-    smoothing: str = "kalman"
+    body: ArticulatedSettings = field(default_factory=ArticulatedSettings)
+    smoothing: str = "articulated"
     view_age_s: float = 0.12
     facing: FacingSettings | None = field(default_factory=FacingSettings)
     turn_s: float = 0.2
     least_worth: float = 0.02
     swap_m: float = 0.02
     swap_s: float = 0.1
+
+    def __post_init__(self) -> None:
+        known = self.smoothing in SMOOTHING
+        check(known, "smoothing", self.smoothing, one_of(self.smoothing, SMOOTHING))
 
 
 @dataclass
@@ -77,6 +87,7 @@ class PeopleMemory:
         steady: (people, joints, 3) what is told of them [m].
         doubts: (people, joints) variance of a coordinate of it [m²].
         states: (people, joints) `JointState`.
+        body: (people, …) of the articulated body.
         euro_positions, euro_velocities, euro_seen_s: (people, joints, ...) of the 1-euro filter.
         view_at: (people, sensors) when the newest view was captured, on the common clock [s]; −inf where there is none.
         view_id: (people, sensors) its tracking id.
@@ -100,6 +111,7 @@ class PeopleMemory:
     steady: Float64
     doubts: Float64
     states: UInt8
+    body: Float64
     euro_positions: Float64
     euro_velocities: Float64
     euro_seen_s: Float64
@@ -118,7 +130,7 @@ class PeopleMemory:
     view_offsets: Float64
 
     @classmethod
-    def empty(cls, people: int, sensors: int, joints: int) -> PeopleMemory:
+    def empty(cls, people: int, sensors: int, joints: int, body: int) -> PeopleMemory:
         """Nothing is known of anybody."""
         P, V = (people,), (people, sensors)
         return cls(
@@ -131,6 +143,7 @@ class PeopleMemory:
             steady=np.full((*P, joints, 3), np.nan),
             doubts=np.full((*P, joints), np.nan),
             states=np.zeros((*P, joints), dtype=np.uint8),
+            body=np.full((*P, body), np.nan),
             euro_positions=np.full((*P, joints, 3), np.nan),
             euro_velocities=np.full((*P, joints, 3), np.nan),
             euro_seen_s=np.full((*P, joints), -np.inf),
@@ -151,7 +164,7 @@ class PeopleMemory:
 
     def taken(self, rows: Sequence[int], people: int, sensors: int) -> PeopleMemory:
         """A memory of its own, of other size, that begins with these rows."""
-        new = PeopleMemory.empty(people, sensors, self.states.shape[1])
+        new = PeopleMemory.empty(people, sensors, self.states.shape[1], self.body.shape[1])
         for name, values in vars(self).items():
             columns = (slice(values.shape[1]),) if name.startswith("view_") else ()
             getattr(new, name)[(slice(len(rows)), *columns)] = values[list(rows)]
@@ -174,6 +187,7 @@ class People:
         self.middle = np.flatnonzero(self.mirror == np.arange(len(topology))).astype(np.int64)
         self._root = topology.parts["root"]
         self._turned = _above_the_legs(topology)
+        self._model = ArticulatedModel.of(topology, settings.body) if settings.smoothing == "articulated" else None
         self._facing = None if settings.facing is None else FacingFilter(topology, settings.facing)
         self.reset()
 
@@ -182,7 +196,7 @@ class People:
         self.R_level, self.up = np.eye(3), np.array([0.0, 1.0, 0.0])
         self.numbers: list[int] = []
         self.sensors: list[str] = []
-        self.memory = PeopleMemory.empty(0, 0, len(self.mirror))
+        self.memory = PeopleMemory.empty(0, 0, len(self.mirror), 0 if self._model is None else memory_size(self._model))
         self.repairs: tuple[Repair, ...] = ()
         if self._facing is not None:
             self._facing.reset()
@@ -247,7 +261,7 @@ class People:
             m.view_toward, m.view_reported, m.view_turn, m.view_offsets, measured, doubts,
         )  # fmt: skip
         kernels.infer(everybody, at_s, s.view_age_s, m.positions, m.states, m.view_at)
-        self._smooth(rows, measured, at_s)
+        self._smooth(rows, measured, doubts, at_s)
 
     def _face(self, sights: Sights, rows: Rows, column: int, dts: Float64) -> None:
         """Which way everybody faces, and whether this view has left and right mirrored."""
@@ -268,10 +282,14 @@ class People:
         m.view_turn[rows, column] = before - np.expm1(-dts / self.settings.turn_s) * wrap(off - before)
         self.repairs = facings.repairs
 
-    def _smooth(self, rows: Rows, measured: Float64, at_s: float) -> None:
+    def _smooth(self, rows: Rows, measured: Float64, measured_variances: Float64, at_s: float) -> None:
         s, m, kernels = self.settings, self.memory, _kernels()
         m.steady[:] = m.positions
         m.doubts[:] = m.variances[..., 0]
+        if self._model is not None:
+            kernels.pose_people(
+                rows, self._model.arrays, m.body, measured, measured_variances, at_s, m.steady, m.doubts
+            )
         if s.smoothing == "one-euro":
             e = s.one_euro
             kernels.smooth_people(
@@ -294,6 +312,8 @@ class People:
         m, R = self.memory, T_new_old[:3, :3]
         for name in ("positions", "steady", "euro_positions", "view_positions"):
             getattr(m, name)[:] = apply(T_new_old, getattr(m, name))
+        if self._model is not None:
+            _kernels().move(self._model.layout, m.body, T_new_old)
         for name in ("velocities", "euro_velocities", "view_offsets"):
             getattr(m, name)[:] = getattr(m, name) @ R.T
 

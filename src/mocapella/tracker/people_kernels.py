@@ -10,11 +10,16 @@ import numpy as np
 from numba import njit
 
 from mocapella.fusion.view_kernels import follow_offsets, fuse, joint_variances, sd_at
+from mocapella.kinematics import articulated_kernels
+from mocapella.kinematics.articulated_kernels import move
 from mocapella.model.observations import JointState
 from mocapella.smoothing.kalman_kernels import correct, predict
 from mocapella.smoothing.one_euro_kernels import smooth
 
 _NOT_TRACKED, _INFERRED = int(JointState.NOT_TRACKED), int(JointState.INFERRED)
+
+
+__all__ = ["bring", "expect", "follow_labels", "infer", "make", "move", "pose_people", "see", "smooth_people"]
 
 
 @njit(cache=True)
@@ -214,6 +219,31 @@ def infer(rows, now_s, view_age_s, positions, states, view_at):
                 states[r, j] = _NOT_TRACKED
             elif not seen or states[r, j] == _NOT_TRACKED:
                 states[r, j] = _INFERRED
+
+
+@njit(cache=True)
+def pose_people(rows, model, body, measured, measured_variances, at_s, steady, doubts):
+    """The articulated bodies of those in the frame, and the others as predicted; where one is known."""
+    layout, dof_kind, dof_values, joint_table, joint_values, order, config = model
+    positions, variances = np.empty(steady.shape[1:]), np.empty(steady.shape[1])
+    for r in range(len(steady)):
+        b = -1
+        for i in range(len(rows)):
+            if rows[i] == r:
+                b = i
+        if b >= 0:
+            known = articulated_kernels.correct(
+                layout, dof_kind, dof_values, joint_table, joint_values, order, config, body[r], at_s, measured[b],
+                measured_variances[b], positions, variances,
+            )  # fmt: skip
+        else:
+            known = articulated_kernels.predict(
+                layout, dof_kind, dof_values, joint_table, joint_values, order, config, body[r], at_s, positions,
+                variances,
+            )  # fmt: skip
+        if known:
+            steady[r] = positions
+            doubts[r] = variances
 
 
 @njit(cache=True)

@@ -1,0 +1,73 @@
+"""The step of `mocapella.calibration.floor` for each frame, compiled; importing this module imports numba."""
+
+# ruff: noqa: PLR0917 - compiled functions take arrays by position
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from mocapella.calibration.floor import FOOT_HEIGHT_M, OUTLIER_M, STANCE_S, STANDS_BELOW_M_S
+
+LONGEST_STEP = 0.3
+"""A foot that was not seen for longer may have been anywhere [s]."""
+LOOKED_AT = 0.03
+"""What a frame adds to the seconds of backs [s]."""
+TRACKED = 2
+"""`JointState.TRACKED`."""
+
+
+@njit(cache=True)
+def stand(sums, back, plane, ids_before, feet_before, ids, feet, dt, positions, states, root, head, foot_joints):  # type: ignore[no-untyped-def]
+    """Fill ``feet`` and add to ``sums`` and ``back``; all as in `floor.FloorFromFeet`.
+
+    Args:
+        dt: since the frame of ``feet_before`` [s].
+        positions: (bodies, joints, 3); states: (bodies, joints); root, head: joints; foot_joints: (feet,).
+    """
+    for i in range(len(ids)):
+        p, found = positions[i], 0
+        for k in range(len(foot_joints)):
+            there = _seen(p[foot_joints[k]], states[i, foot_joints[k]])
+            found += there
+            for m in range(3):
+                feet[i, k, m] = p[foot_joints[k], m] if there else np.nan
+        if not found:
+            continue
+        if _seen(p[root], states[i, root]) and _seen(p[head], states[i, head]):
+            length = np.sqrt(((p[head] - p[root]) ** 2).sum())
+            if length > 0.0:
+                back[:3] += LOOKED_AT * (p[head] - p[root]) / length
+                back[3] += LOOKED_AT
+        # The lower one: the other may be lifted and still.
+        lowest, least = 0, np.inf
+        for k in range(len(foot_joints)):
+            height = back[0] * feet[i, k, 0] + back[1] * feet[i, k, 1] + back[2] * feet[i, k, 2]
+            if height < least:
+                lowest, least = k, height
+        if not 0.0 < dt < LONGEST_STEP:
+            continue
+        for b in range(len(ids_before)):
+            if ids_before[b] == ids[i]:
+                _add(sums, plane, feet_before[b, lowest], feet[i, lowest], dt)
+
+
+@njit(cache=True)
+def _seen(p, state):  # type: ignore[no-untyped-def]
+    return state == TRACKED and np.isfinite(p).all() and (p != 0.0).any()
+
+
+@njit(cache=True)
+def _add(sums, plane, earlier, x, dt):  # type: ignore[no-untyped-def]
+    if not np.sqrt(((x - earlier) ** 2).sum()) <= STANDS_BELOW_M_S * dt:
+        return
+    weight = dt / STANCE_S
+    if (plane[:3] != 0.0).any():
+        off = plane[0] * x[0] + plane[1] * x[1] + plane[2] * x[2] + plane[3] - FOOT_HEIGHT_M
+        weight *= (OUTLIER_M**2 / (OUTLIER_M**2 + off * off)) ** 2
+    sums[0] += weight
+    at = 4
+    for i in range(3):
+        sums[1 + i] += weight * x[i]
+        for k in range(i, 3):
+            sums[at] += weight * x[i] * x[k]
+            at += 1
