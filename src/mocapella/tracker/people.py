@@ -53,6 +53,8 @@ class PeopleSettings:
         smoothing: which of `SMOOTHING` makes the skeleton steady.
         view_age_s: a view older than this is no longer used.
         facing: how it is found which way people face; None does without: labels are those on which the sensors agree.
+        noise_gain: how much a joint's own noise in a view, which is learnt, adds to its variance.
+        noise_memory_s: time constant with which it is learnt [s].
         turn_s: time constant with which a view's torso and arms follow the facing [s].
         least_worth: of a view that looks along the shoulders, against one from the front.
         swap_m: how much nearer a view must be to the person with left and right swapped, before they are.
@@ -66,7 +68,9 @@ class PeopleSettings:
     smoothing: str = "articulated"
     view_age_s: float = 0.12
     facing: FacingSettings | None = field(default_factory=FacingSettings)
-    turn_s: float = 0.2
+    noise_gain: float = 30.0
+    noise_memory_s: float = 1.0
+    turn_s: float = 0.1
     least_worth: float = 0.02
     swap_m: float = 0.02
     swap_s: float = 0.1
@@ -92,6 +96,7 @@ class PeopleMemory:
         view_at: (people, sensors) when the newest view was captured, on the common clock [s]; −inf where there is none.
         view_id: (people, sensors) its tracking id.
         view_positions, view_states, view_variances: (people, sensors, joints, ...) with the sensor's own labels [m].
+        view_noise: (people, sensors, joints) variance of a coordinate by which its joints jump, slowly learnt [m²].
         view_mirrored: (people, sensors) whether left and right are swapped in it.
         view_swapped: (people, sensors) whether left and right are to be swapped so that it agrees with the others.
         view_advantage: (people, sensors) how much nearer to the person the labels not in use have been lately [m].
@@ -120,6 +125,7 @@ class PeopleMemory:
     view_positions: Float64
     view_states: UInt8
     view_variances: Float64
+    view_noise: Float64
     view_mirrored: Bools
     view_swapped: Bools
     view_advantage: Float64
@@ -152,6 +158,7 @@ class PeopleMemory:
             view_positions=np.full((*V, joints, 3), np.nan),
             view_states=np.zeros((*V, joints), dtype=np.uint8),
             view_variances=np.full((*V, joints), np.inf),
+            view_noise=np.zeros((*V, joints)),
             view_mirrored=np.zeros(V, dtype=np.bool_),
             view_swapped=np.zeros(V, dtype=np.bool_),
             view_advantage=np.zeros(V),
@@ -244,7 +251,8 @@ class People:
         dts = np.minimum(sights.at_s - m.view_at[rows, column], 1.0)
         kernels.see(
             rows, column, sights.at_s, sights.positions, sights.states, sights.own_positions, sights.clipped, fusion,
-            m.view_at, m.view_positions, m.view_states, m.view_variances,
+            s.noise_gain, s.noise_memory_s, m.velocities,
+            m.view_at, m.view_positions, m.view_states, m.view_variances, m.view_noise,
         )  # fmt: skip
         m.view_id[rows, column] = sights.ids
         kernels.follow_labels(
@@ -275,10 +283,11 @@ class People:
         toward = np.arctan2(sight[:, 0], sight[:, 2])
         velocities = m.velocities[rows, self._root] @ R.T
         facings = self._facing.update(sights.sensor, sights.people, bodies, toward, sights.at_s, velocities)
+        changed = m.view_mirrored[rows, column] != facings.mirrored
         m.yaw[rows], m.view_mirrored[rows, column] = facings.yaw, facings.mirrored
         m.view_toward[rows, column], m.view_reported[rows, column] = toward, facings.reported
         off = np.nan_to_num(wrap(facings.yaw - facings.reported))
-        before = m.view_turn[rows, column]
+        before = np.where(changed, off, m.view_turn[rows, column])
         m.view_turn[rows, column] = before - np.expm1(-dts / self.settings.turn_s) * wrap(off - before)
         self.repairs = facings.repairs
 

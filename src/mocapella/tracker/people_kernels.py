@@ -16,6 +16,7 @@ from mocapella.model.observations import JointState
 from mocapella.smoothing.kalman_kernels import correct, predict
 from mocapella.smoothing.one_euro_kernels import smooth
 
+_LONGEST_STEP_S = 0.2
 _NOT_TRACKED, _INFERRED = int(JointState.NOT_TRACKED), int(JointState.INFERRED)
 
 
@@ -60,18 +61,43 @@ def distance_of(joints):
 
 
 @njit(cache=True)
+def learn_noise(before, dt, seen, states, velocities, memory_s, noise):
+    """Follow how far each joint of a view jumps beyond its motion: variance of a coordinate, into ``noise`` (joints,).
+
+    Of x(t) = x(t − dt) + v dt + n(t) − n(t − dt), twice the noise's variance remains.
+    """
+    part = -np.expm1(-dt / memory_s)
+    for j in range(len(noise)):
+        if states[j] == _NOT_TRACKED or not np.isfinite(velocities[j, 0]):
+            continue
+        square = 0.0
+        for k in range(3):
+            square += (seen[j, k] - before[j, k] - dt * velocities[j, k]) ** 2
+        if np.isfinite(square):
+            noise[j] += part * (square / 6.0 - noise[j])
+
+
+@njit(cache=True)
 def see(
-    rows, column, captured_s, seen, seen_states, own_positions, clipped, fusion,
-    view_at, view_positions, view_states, view_variances,
+    rows, column, captured_s, seen, seen_states, own_positions, clipped, fusion, noise_gain, noise_memory_s, velocities,
+    view_at, view_positions, view_states, view_variances, view_noise,
 ):  # fmt: skip
     """Take in a frame's bodies as the newest views of people."""
     for b in range(len(rows)):
         r = rows[b]
+        dt = captured_s - view_at[r, column]
+        if 0.0 < dt < _LONGEST_STEP_S:
+            learn_noise(
+                view_positions[r, column], dt, seen[b], seen_states[b], velocities[r], noise_memory_s,
+                view_noise[r, column],
+            )  # fmt: skip
         view_at[r, column] = captured_s
         view_positions[r, column] = seen[b]
         view_states[r, column] = seen_states[b]
         sd = sd_at(fusion[0], distance_of(own_positions[b]), clipped[b], fusion[2])
         joint_variances(seen_states[b], sd, fusion[1], 0.0, view_variances[r, column])
+        for j in range(view_noise.shape[2]):
+            view_variances[r, column, j] += noise_gain * view_noise[r, column, j]
 
 
 @njit(cache=True)
