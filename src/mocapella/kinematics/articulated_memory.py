@@ -22,8 +22,15 @@ BONES: Final = 10
 """(lengths,) [m]; the two sides of the body share theirs."""
 LEARNT: Final = 11
 """(lengths,) for how long each was learnt [s]."""
-SIZE: Final = 12
+RESTLESS: Final = 12
+"""(dofs,) how large its corrections have been lately, over what was expected of them."""
+CONTACTS: Final = 13
+"""(contacts, 6) of the joints that may stand: where it was at the memory's instant [m], and its velocity of late [m/s]."""
+SIZE: Final = 14
 """How many numbers there are."""
 
-TIME_CONSTANT, REST_SD, MISFIT, NU, LENGTH_MEMORY, LEAST_JOINTS, LOST_M, LOST_S, FORGET_AFTER = range(9)
+(
+    TIME_CONSTANT, REST_SD, MISFIT, NU, LENGTH_MEMORY, LEAST_JOINTS, LOST_M, LOST_S, FORGET_AFTER, ADAPT, LEAST, MOST, POWER,
+    STAND_DIFFUSION, STAND_SPEED,
+) = range(15)
 """The places of `ArticulatedModel.config`."""

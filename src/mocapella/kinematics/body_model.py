@@ -115,11 +115,13 @@ class BodyModel:
         topology: whose.
         bones: by the joint that the bone ends at; every joint but the root.
         torso: the joints by which a body is first found.
+        contacts: the joints that stand still while they carry the body.
     """
 
     topology: Topology
     bones: Mapping[int, Bone]
     torso: tuple[int, ...]
+    contacts: tuple[int, ...]
 
 
 @cache
@@ -150,9 +152,9 @@ def body_model_from_toml(text: str, of: Topology) -> BodyModel:
     """
     data = tomllib.loads(text)
     where = f"body model {of.name}"
-    unknown = sorted(set(data) - {"torso", "bones"})
+    unknown = sorted(set(data) - {"torso", "contacts", "bones"})
     if unknown:
-        raise SettingsError(f"{where}: unknown key {unknown[0]!r}; known: bones, torso")
+        raise SettingsError(f"{where}: unknown key {unknown[0]!r}; known: bones, contacts, torso")
     bones: dict[int, Bone] = {}
     for name, fields in data["bones"].items():
         joint = of.index(name)
@@ -173,7 +175,8 @@ def body_model_from_toml(text: str, of: Topology) -> BodyModel:
     torso = tuple(of.index(name) for name in data["torso"])
     if len(set(torso)) < 4 or len({of.mirror[j] for j in torso} - set(torso)) > 0:
         raise SettingsError(f"{where}: torso wants four joints or more, each with its mirror image")
-    return BodyModel(of, bones, torso)
+    contacts = tuple(of.index(name) for name in data.get("contacts", ()))
+    return BodyModel(of, bones, torso, contacts)
 
 
 def _bone(fields: Mapping[str, Any], where: str) -> Bone:
