@@ -36,6 +36,7 @@ FIRST_SD = 0.5
 FIRST_SPEED_SD = 2.0
 """Of every velocity then [rad/s, m/s]."""
 CONTACT_S = 0.1
+MOST_SURPRISE = 4.0
 AGREES = 0.5
 """Robust weight from which a joint counts as measured where it is."""
 LEAST_TORSO = 4
@@ -64,8 +65,9 @@ def _advance(layout, dof_kind, dof_values, joint_table, config, row, at_s):  # t
     else:
         qp, qv = dt * dt * dt / 3.0, dt
     qc = 0.5 * f * f
+    restless = min(max(row[at.RESTLESS], config[at.LEAST]), config[at.MOST]) ** config[at.POWER]
     for i in range(n):
-        q = dof_values[i, 3] * min(max(row[layout[at.RESTLESS] + i], config[at.LEAST]), config[at.MOST]) ** config[at.POWER]
+        q = dof_values[i, 3] * restless
         p[i] = min(p[i] + 2.0 * f * c[i] + f * f * v[i] + q * qp, dof_values[i, 4])
         c[i] = e * (c[i] + f * v[i]) + q * qc
         v[i] = e * e * v[i] + q * qv
@@ -180,7 +182,7 @@ def _begin(  # type: ignore[no-untyped-def]
     lengths = row[layout[at.BONES] :]
     if row[at.STARTED] != 1.0:
         _first_lengths(joint_table, joint_values, measured, variances, lengths)
-        _fill(row, layout[at.LEARNT], layout[at.RESTLESS], 0.0)
+        _fill(row, layout[at.LEARNT], layout[at.CONTACTS], 0.0)
     _fill(row, layout[at.ANGLES], layout[at.BONES], 0.0)
     root = layout[at.ROTATIONS]
     for b in range(root, layout[at.BONES], 9):
@@ -230,10 +232,10 @@ def _begin(  # type: ignore[no-untyped-def]
             angles[i] = 0.25 * (dof_values[i, 0] + dof_values[i, 1])
     _fill(row, layout[at.VELOCITIES], layout[at.VARIANCE], 0.0)
     _fill(row, layout[at.VARIANCE], layout[at.COVARIANCE], FIRST_SD**2)
-    _fill(row, layout[at.RESTLESS], layout[at.CONTACTS], 1.0)
     _fill(row, layout[at.COVARIANCE], layout[at.SPEED_VARIANCE], 0.0)
     _fill(row, layout[at.SPEED_VARIANCE], layout[at.ROTATIONS], FIRST_SPEED_SD**2)
     row[at.AT] = row[at.SEEN] = at_s
+    row[at.RESTLESS] = 1.0
     row[at.STARTED], row[at.LOST_SINCE] = 1.0, np.nan
     return True
 
@@ -395,6 +397,7 @@ def correct(  # type: ignore[no-untyped-def]
     body = row[layout[at.ROTATIONS] : layout[at.ROTATIONS] + 9].copy()
     _forward(layout, dof_kind, joint_table, joint_values, order, row, origin, positions, R, xi)
     independent(joint_table, order, xi, P, positions, C, variances)
+    surprise = 0.0
     for step in range(steps):
         seen = 0
         for j in range(joints):
@@ -409,6 +412,7 @@ def correct(  # type: ignore[no-untyped-def]
             if step == 0 or not known:
                 # Student's t about the prediction; about the estimate itself while the body is begun.
                 expected = r + (variances[j] if known else 0.0025)
+                surprise += min(s / (3.0 * expected), MOST_SURPRISE)
                 robust[j] = min(1.0, (nu + 3.0) / (nu + s / expected)) if np.isfinite(nu) else 1.0
             weights[j] = robust[j] / r
             if known and joint_table[j, 5] >= 0 and dt > 0.0:
@@ -436,7 +440,8 @@ def correct(  # type: ignore[no-untyped-def]
             break
     if seen > 0:
         if known:
-            _learn(layout, row, total, pulled, body, 1.0 - np.exp(-dt / config[at.ADAPT]))
+            _learn(layout, row, total, pulled, body)
+            row[at.RESTLESS] -= np.expm1(-dt / config[at.ADAPT]) * (surprise / seen - row[at.RESTLESS])
             _learn_lengths(layout, joint_table, config, row, dt, R, joint_values, measured, measured_variances, robust)
         else:
             for i in range(n):
@@ -481,14 +486,12 @@ def _follow_contact(row, c, dt, position, measured):  # type: ignore[no-untyped-
 
 
 @njit(cache=True)
-def _learn(layout, row, total, posterior, body, forget):  # type: ignore[no-untyped-def]
+def _learn(layout, row, total, posterior, body):  # type: ignore[no-untyped-def]
     """Velocities and variances after a step: every degree of freedom's velocity by its covariance with it."""
     velocities = row[layout[at.VELOCITIES] :]
     p, c, v = row[layout[at.VARIANCE] :], row[layout[at.COVARIANCE] :], row[layout[at.SPEED_VARIANCE] :]
     for i in range(layout[at.DOFS]):
         gain = c[i] / p[i]
-        k = layout[at.RESTLESS] + i
-        row[k] += forget * (total[i] * total[i] / (p[i] - posterior[i] + 1e-3 * p[i]) - row[k])
         if i < 3:
             for k in range(3):
                 velocities[k] += body[3 * k + i] * gain * total[i]

@@ -187,6 +187,6 @@ HEAD: Final = 8
 
 
 def _layout(dofs: int, balls: int, joints: int, lengths: int, contacts: int) -> Int64:
-    sizes = [HEAD, dofs, dofs, dofs, dofs, dofs, 9 * balls, lengths, lengths, dofs, 6 * contacts]
+    sizes = [HEAD, dofs, dofs, dofs, dofs, dofs, 9 * balls, lengths, lengths, 6 * contacts]
     starts = np.cumsum([0, *sizes])
     return np.array([dofs, balls, joints, lengths, *starts[1:]], dtype=np.int64)
