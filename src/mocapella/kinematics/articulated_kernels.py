@@ -35,6 +35,8 @@ FIRST_SD = 0.5
 """Of every angle, when a body is begun, and of the root's position [rad, m]."""
 FIRST_SPEED_SD = 2.0
 """Of every velocity then [rad/s, m/s]."""
+CONTACT_S = 0.1
+MOST_SURPRISE = 4.0
 AGREES = 0.5
 """Robust weight from which a joint counts as measured where it is."""
 LEAST_TORSO = 4
@@ -63,8 +65,9 @@ def _advance(layout, dof_kind, dof_values, joint_table, config, row, at_s):  # t
     else:
         qp, qv = dt * dt * dt / 3.0, dt
     qc = 0.5 * f * f
+    restless = min(max(row[at.RESTLESS], config[at.LEAST]), config[at.MOST]) ** config[at.POWER]
     for i in range(n):
-        q = dof_values[i, 3]
+        q = dof_values[i, 3] * restless
         p[i] = min(p[i] + 2.0 * f * c[i] + f * f * v[i] + q * qp, dof_values[i, 4])
         c[i] = e * (c[i] + f * v[i]) + q * qc
         v[i] = e * e * v[i] + q * qv
@@ -179,7 +182,7 @@ def _begin(  # type: ignore[no-untyped-def]
     lengths = row[layout[at.BONES] :]
     if row[at.STARTED] != 1.0:
         _first_lengths(joint_table, joint_values, measured, variances, lengths)
-        _fill(row, layout[at.LEARNT], layout[at.SIZE], 0.0)
+        _fill(row, layout[at.LEARNT], layout[at.CONTACTS], 0.0)
     _fill(row, layout[at.ANGLES], layout[at.BONES], 0.0)
     root = layout[at.ROTATIONS]
     for b in range(root, layout[at.BONES], 9):
@@ -232,6 +235,7 @@ def _begin(  # type: ignore[no-untyped-def]
     _fill(row, layout[at.COVARIANCE], layout[at.SPEED_VARIANCE], 0.0)
     _fill(row, layout[at.SPEED_VARIANCE], layout[at.ROTATIONS], FIRST_SPEED_SD**2)
     row[at.AT] = row[at.SEEN] = at_s
+    row[at.RESTLESS] = 1.0
     row[at.STARTED], row[at.LOST_SINCE] = 1.0, np.nan
     return True
 
@@ -393,6 +397,7 @@ def correct(  # type: ignore[no-untyped-def]
     body = row[layout[at.ROTATIONS] : layout[at.ROTATIONS] + 9].copy()
     _forward(layout, dof_kind, joint_table, joint_values, order, row, origin, positions, R, xi)
     independent(joint_table, order, xi, P, positions, C, variances)
+    surprise = 0.0
     for step in range(steps):
         seen = 0
         for j in range(joints):
@@ -407,8 +412,11 @@ def correct(  # type: ignore[no-untyped-def]
             if step == 0 or not known:
                 # Student's t about the prediction; about the estimate itself while the body is begun.
                 expected = r + (variances[j] if known else 0.0025)
+                surprise += min(s / (3.0 * expected), MOST_SURPRISE)
                 robust[j] = min(1.0, (nu + 3.0) / (nu + s / expected)) if np.isfinite(nu) else 1.0
             weights[j] = robust[j] / r
+            if known and joint_table[j, 5] >= 0 and dt > 0.0:
+                _stand(layout, config, row, joint_table[j, 5], j, dt, origin, positions, residuals, weights)
         if seen == 0:
             break
         _rest(layout, dof_kind, dof_values, joint_table, row, pulled)
@@ -433,6 +441,7 @@ def correct(  # type: ignore[no-untyped-def]
     if seen > 0:
         if known:
             _learn(layout, row, total, pulled, body)
+            row[at.RESTLESS] -= np.expm1(-dt / config[at.ADAPT]) * (surprise / seen - row[at.RESTLESS])
             _learn_lengths(layout, joint_table, config, row, dt, R, joint_values, measured, measured_variances, robust)
         else:
             for i in range(n):
@@ -442,7 +451,38 @@ def correct(  # type: ignore[no-untyped-def]
     for j in range(joints):
         for k in range(3):
             positions[j, k] += origin[k]
+        if joint_table[j, 5] >= 0:
+            _follow_contact(
+                row, layout[at.CONTACTS] + 6 * joint_table[j, 5], dt if known else -1.0, positions[j],
+                measured[j] if _is_measured(measured, measured_variances, j) else positions[j],
+            )  # fmt: skip
     return True
+
+
+@njit(cache=True)
+def _stand(layout, config, row, contact, j, dt, origin, positions, residuals, weights):  # type: ignore[no-untyped-def]
+    """Add to a joint's measurement that it stays where it was, as surely as it has been slow."""
+    c = layout[at.CONTACTS] + 6 * contact
+    speed = row[c + 3] * row[c + 3] + row[c + 4] * row[c + 4] + row[c + 5] * row[c + 5]
+    loose = 1.0 + speed / (config[at.STAND_SPEED] * config[at.STAND_SPEED])
+    still = 1.0 / (config[at.STAND_DIFFUSION] * dt * loose * loose)
+    w = weights[j]
+    weights[j] = w + still
+    for k in range(3):
+        stays = row[c + k] - origin[k] - positions[j, k]
+        residuals[j, k] = (w * residuals[j, k] + still * stays) / (w + still)
+
+
+@njit(cache=True)
+def _follow_contact(row, c, dt, position, measured):  # type: ignore[no-untyped-def]
+    """Remember where a joint is, and its velocity: as measured against where it was estimated, over `CONTACT_S`."""
+    forget = 1.0 - np.exp(-dt / CONTACT_S) if dt > 0.0 else 0.0
+    for k in range(3):
+        if dt > 0.0:
+            row[c + 3 + k] += forget * ((measured[k] - row[c + k]) / dt - row[c + 3 + k])
+        elif dt < 0.0:
+            row[c + 3 + k] = 0.0
+        row[c + k] = position[k]
 
 
 @njit(cache=True)

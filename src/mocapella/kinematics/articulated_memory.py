@@ -2,7 +2,7 @@
 
 from typing import Final
 
-AT, SEEN, STARTED, LOST_SINCE = 0, 1, 2, 3
+AT, SEEN, STARTED, LOST_SINCE, RESTLESS = 0, 1, 2, 3, 4
 """The head: its instant [s], when it was last seen [s], 1 where a body was begun, since when it is lost or NaN [s]."""
 DOFS, BALLS, JOINTS, LENGTHS = 0, 1, 2, 3
 """Places in the layout: how many there are of what."""
@@ -22,8 +22,13 @@ BONES: Final = 10
 """(lengths,) [m]; the two sides of the body share theirs."""
 LEARNT: Final = 11
 """(lengths,) for how long each was learnt [s]."""
-SIZE: Final = 12
+CONTACTS: Final = 12
+"""(contacts, 6) of the joints that may stand: where it was at the memory's instant [m], and its velocity of late [m/s]."""
+SIZE: Final = 13
 """How many numbers there are."""
 
-TIME_CONSTANT, REST_SD, MISFIT, NU, LENGTH_MEMORY, LEAST_JOINTS, LOST_M, LOST_S, FORGET_AFTER = range(9)
+(
+    TIME_CONSTANT, REST_SD, MISFIT, NU, LENGTH_MEMORY, LEAST_JOINTS, LOST_M, LOST_S, FORGET_AFTER, ADAPT, LEAST, MOST, POWER,
+    STAND_DIFFUSION, STAND_SPEED,
+) = range(15)
 """The places of `ArticulatedModel.config`."""

@@ -54,6 +54,12 @@ class ArticulatedSettings:
     lost_m: float = 0.15
     lost_s: float = 0.3
     forget_after_s: float = 1.0
+    adapt_s: float = 0.1
+    least: float = 0.03
+    most: float = 3.0
+    power: float = 2.0
+    stand_diffusion: float = 1e-4
+    stand_speed: float = 0.2
 
     def __post_init__(self) -> None:
         for name in ("root_acceleration", "root_turn", "trunk_turn", "limb_turn", "hand_turn"):
@@ -86,7 +92,7 @@ class ArticulatedModel(msgspec.Struct, frozen=True, eq=False):
         layout: how many there are of what, and where it is in a person's memory; see `articulated_memory`.
         dof_kind: (dofs,) `TRANSLATION`, `ABOUT` or `OF_BALL` plus its axis.
         dof_values: (dofs, 5) least and most angle, angle at rest [rad], density of its acceleration, largest variance.
-        joint_table: (joints, 5) parent joint, first degree of freedom, how many, its ball, its length; −1 for none.
+        joint_table: (joints, 6) parent joint, first degree of freedom, how many, ball, length, contact; −1 for none.
         joint_values: (joints, 11) unit direction at rest, length at rest as a fraction of stature, centre of the ball's
             cone, its half angle, least and most twist [rad], whether it is of the torso.
         order: (joints,) a parent before its children.
@@ -123,7 +129,7 @@ class ArticulatedModel(msgspec.Struct, frozen=True, eq=False):
 
 CONFIG: Final = (
     "velocity_memory_s", "rest_sd", "misfit_m", "degrees_of_freedom", "length_memory_s", "least_joints", "lost_m",
-    "lost_s", "forget_after_s",
+    "lost_s", "forget_after_s", "adapt_s", "least", "most", "power", "stand_diffusion", "stand_speed",
 )  # fmt: skip
 
 
@@ -136,7 +142,7 @@ def pack(body: BodyModel, settings: ArticulatedSettings) -> ArticulatedModel:
     """A body model and settings as arrays."""
     tree = body.topology
     joints, root = len(tree), tree.parts["root"]
-    table = np.full((joints, 5), -1, dtype=np.int64)
+    table = np.full((joints, 6), -1, dtype=np.int64)
     values = np.zeros((joints, 11))
     values[list(body.torso), 10] = 1.0
     values[root, 4:10] = 0.0, 0.0, 1.0, np.pi, -np.pi, np.pi
@@ -144,7 +150,8 @@ def pack(body: BodyModel, settings: ArticulatedSettings) -> ArticulatedModel:
     density = {motion: getattr(settings, f"{motion}_turn") for motion in MOTIONS}
     rows = [(-np.inf, np.inf, 0.0, settings.root_acceleration, 1.0)] * 3
     rows += [(-np.inf, np.inf, 0.0, settings.root_turn, 1.0)] * 3
-    table[root] = -1, 0, ROOT_DOFS, 0, -1
+    table[root, :4] = -1, 0, ROOT_DOFS, 0
+    table[list(body.contacts), 5] = range(len(body.contacts))
     balls, lengths = 1, 0
     order = [root, *(child for _, child in tree.bones)]
     for parent, child in tree.bones:
@@ -171,7 +178,7 @@ def pack(body: BodyModel, settings: ArticulatedSettings) -> ArticulatedModel:
         table[child, :3] = parent, first, len(kinds) - first
     config = np.array([float(getattr(settings, name)) for name in CONFIG])
     return ArticulatedModel(
-        body, settings, _layout(len(kinds), balls, joints, lengths),
+        body, settings, _layout(len(kinds), balls, joints, lengths, len(body.contacts)),
         np.array(kinds, dtype=np.int64), np.array(rows), table, values, np.array(order, dtype=np.int64), config,
     )  # fmt: skip
 
@@ -179,7 +186,7 @@ def pack(body: BodyModel, settings: ArticulatedSettings) -> ArticulatedModel:
 HEAD: Final = 8
 
 
-def _layout(dofs: int, balls: int, joints: int, lengths: int) -> Int64:
-    sizes = [HEAD, dofs, dofs, dofs, dofs, dofs, 9 * balls, lengths, lengths]
+def _layout(dofs: int, balls: int, joints: int, lengths: int, contacts: int) -> Int64:
+    sizes = [HEAD, dofs, dofs, dofs, dofs, dofs, 9 * balls, lengths, lengths, 6 * contacts]
     starts = np.cumsum([0, *sizes])
     return np.array([dofs, balls, joints, lengths, *starts[1:]], dtype=np.int64)

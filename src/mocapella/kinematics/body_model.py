@@ -7,12 +7,10 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
-from typing import Any, Final
-
-import numpy as np
+from typing import Final
 
 from mocapella.errors import SettingsError, one_of
 from mocapella.model.topology import Topology, topology
@@ -43,10 +41,10 @@ class Hinge:
         least, most = self.limits_deg
         check(-180 <= least <= 0 <= most <= 180, "limits_deg", self.limits_deg, "around 0, within ±180")
 
-    def mirrored(self, name: str) -> Hinge:
+    def mirrored(self) -> Hinge:
         """The same on the other side of the body."""
         least, most = sorted(_MIRROR_SIGN[self.axis] * limit for limit in self.limits_deg)
-        return Hinge(name, self.axis, (least, most))
+        return replace(self, limits_deg=(least, most))
 
 
 @dataclass(frozen=True)
@@ -71,11 +69,11 @@ class Ball:
         least, most = self.twist_deg
         check(-180 <= least <= 0 <= most <= 180, "twist_deg", self.twist_deg, "around 0, within ±180")
 
-    def mirrored(self, name: str) -> Ball:
+    def mirrored(self) -> Ball:
         """The same on the other side of the body."""
         x, y, z = self.centre
         least, most = self.twist_deg
-        return Ball(name, (-x, y, z), self.cone_deg, (-most, -least))
+        return replace(self, centre=(-x, y, z), twist_deg=(-most, -least))
 
 
 @dataclass(frozen=True)
@@ -100,11 +98,16 @@ class Bone:
         check(len(self.hinges) <= 3, "hinges", len(self.hinges), "at most 3 for a bone")
         check(not (self.hinges and self.ball), "ball", self.ball, "absent where there are hinges")
 
-    def mirrored(self, rename: Mapping[str, str]) -> Bone:
-        """The same on the other side of the body; ``rename`` gives its angles their names."""
+    def mirrored(self) -> Bone:
+        """The same on the other side of the body."""
         x, y, z = self.offset
-        hinges = tuple(hinge.mirrored(rename[hinge.name]) for hinge in self.hinges)
-        return Bone((-x, y, z), self.motion, hinges, self.ball and self.ball.mirrored(rename[self.ball.name]))
+        hinges = tuple(hinge.mirrored() for hinge in self.hinges)
+        return replace(self, offset=(-x, y, z), hinges=hinges, ball=self.ball and self.ball.mirrored())
+
+    def of_side(self, side: str) -> Bone:
+        """The same, its angles called ``left …`` or ``right …``."""
+        hinges = tuple(replace(hinge, name=f"{side} {hinge.name}") for hinge in self.hinges)
+        return replace(self, hinges=hinges, ball=self.ball and replace(self.ball, name=f"{side} {self.ball.name}"))
 
 
 @dataclass(frozen=True)
@@ -115,11 +118,13 @@ class BodyModel:
         topology: whose.
         bones: by the joint that the bone ends at; every joint but the root.
         torso: the joints by which a body is first found.
+        contacts: the joints that stand still while they carry the body.
     """
 
     topology: Topology
     bones: Mapping[int, Bone]
     torso: tuple[int, ...]
+    contacts: tuple[int, ...]
 
 
 @cache
@@ -150,21 +155,18 @@ def body_model_from_toml(text: str, of: Topology) -> BodyModel:
     """
     data = tomllib.loads(text)
     where = f"body model {of.name}"
-    unknown = sorted(set(data) - {"torso", "bones"})
+    unknown = sorted(set(data) - {"torso", "contacts", "bones"})
     if unknown:
-        raise SettingsError(f"{where}: unknown key {unknown[0]!r}; known: bones, torso")
+        raise SettingsError(f"{where}: unknown key {unknown[0]!r}; known: bones, contacts, torso")
     bones: dict[int, Bone] = {}
     for name, fields in data["bones"].items():
         joint = of.index(name)
-        bone = _bone(fields, f"{where}, bone {name}")
+        bone = parse(Bone, fields, where=f"{where}, bone {name}")
         other = of.mirror[joint]
         if other == joint:
             bones[joint] = bone
         else:
-            bones[joint] = bone.mirrored({n: f"left {n}" for n in _names(bone)}).mirrored(
-                {f"left {n}": f"left {n}" for n in _names(bone)}
-            )
-            bones[other] = bone.mirrored({n: f"right {n}" for n in _names(bone)})
+            bones[joint], bones[other] = bone.of_side("left"), bone.mirrored().of_side("right")
     root = of.parts["root"]
     missing = [of.joints[child] for _, child in of.bones if child not in bones]
     if missing or root in bones:
@@ -173,20 +175,5 @@ def body_model_from_toml(text: str, of: Topology) -> BodyModel:
     torso = tuple(of.index(name) for name in data["torso"])
     if len(set(torso)) < 4 or len({of.mirror[j] for j in torso} - set(torso)) > 0:
         raise SettingsError(f"{where}: torso wants four joints or more, each with its mirror image")
-    return BodyModel(of, bones, torso)
-
-
-def _bone(fields: Mapping[str, Any], where: str) -> Bone:
-    return parse(Bone, fields, where=where)
-
-
-def _names(bone: Bone) -> list[str]:
-    return [hinge.name for hinge in bone.hinges] + ([bone.ball.name] if bone.ball else [])
-
-
-def rest_offsets(model: BodyModel) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """(joints, 3) from each joint's parent in the rest pose, as fractions of stature; 0 for the root."""
-    offsets = np.zeros((len(model.topology), 3))
-    for joint, bone in model.bones.items():
-        offsets[joint] = bone.offset
-    return offsets
+    contacts = tuple(of.index(name) for name in data.get("contacts", ()))
+    return BodyModel(of, bones, torso, contacts)
