@@ -80,7 +80,7 @@ class PairSettings:
     moved_factor: float = 3.5
     moved_least_m: float = 0.1
     every_s: float = 0.05
-    told_s: float = 0.3
+    told_s: float = 0.1
 
     def __post_init__(self) -> None:
         for name in (

@@ -27,6 +27,7 @@ from mocapella.calibration.people import PairOfSensors, PeopleCalibration
 from mocapella.calibration.people import PeopleSettings as CalibrationSettings
 from mocapella.calibration.people_state import CalibratedSensor, PeopleState
 from mocapella.calibration.rig import Rig, RigPair, RigSensor
+from mocapella.calibration.sensor_graph import PlacedSensor
 from mocapella.calibration.time_offset import TimeOffset
 from mocapella.conventions import NS_PER_S
 from mocapella.fusion.weighted_mean import FusionSettings
@@ -311,6 +312,7 @@ _REMEMBERED: Final = (
     PairOfSensors,
     PairSettings,
     PeopleState,
+    PlacedSensor,
     Rig,
     RigPair,
     RigSensor,
