@@ -236,8 +236,10 @@ class PairCalibration:
 
     def follow_clock(self, estimate: PairEstimate) -> None:
         """Use the offset of b's clock from now on when it is known to half a frame or so, or far from 0."""
-        if not estimate.samples >= self.settings.samples_wanted:
+        closed = self.scalars[at.BLOCKS_CLOSED]
+        if not estimate.samples >= self.settings.samples_wanted or closed == self.scalars[at.FOLLOWED]:
             return
+        self.scalars[at.FOLLOWED] = closed
         offset = estimate.offset_now.seconds - self.scalars[at.REFERENCE_OFFSET]
         sd = estimate.offset_now.sd
         if sd > self.settings.offset_bound_wanted_s and abs(offset) < SIGNIFICANT * sd:

@@ -468,10 +468,12 @@ class PeopleCalibration:
         if condition := self._stream_condition(name):
             return condition
         pairs = {key: pair for key, pair in self._pairs.items() if name in key}
+        if not pairs:
+            return "it is the only sensor: what it does not see, nobody sees"
         tied = place.trusted and any(
             other.root == place.root and other.trusted for key, other in placed.items() if key != name
         )
-        if not pairs or tied:
+        if tied:
             return self._doubts(name, pairs)
         seen = [(key, pair.estimate) for key, pair in pairs.items() if pair.estimate is not None]
         if not seen:
