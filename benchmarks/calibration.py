@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from benchmarks.harness import Row, at_most, measured
 
+from benchmarks.harness import Row, at_most, measured
 from mocapella.calibration.people import PeopleCalibration
 from mocapella.geometry.rigid import apply, inverse, rigid, rotation_about_y
 from mocapella.geometry.twists import log_motion
@@ -27,9 +27,7 @@ def run(*, quick: bool = False) -> list[Row]:
     rows = _accuracy(seeds=1 if quick else 5)
     for sensors, people in [(4, 6)] if quick else [(4, 1), (4, 6), (8, 6), (16, 10), (32, 20)]:
         goal = at_most(30.0) if (sensors, people) == (4, 6) else None
-        rows.append(
-            measured(f"a frame, {sensors} sensors × {people} people", _cost(sensors, people), "µs", goal=goal)
-        )
+        rows.append(measured(f"a frame, {sensors} sensors × {people} people", _cost(sensors, people), "µs", goal=goal))
     return rows
 
 
@@ -84,7 +82,7 @@ def _cost(sensors: int, people: int) -> float:
     """Mean over the last of ten seconds [µs], the least of three such seconds: other programs only make it longer."""
     calibration, numbers = PeopleCalibration(), {}
     frames = list(_walking(sensors, people, 12.0))
-    for bodies, _ in frames[: sensors]:
+    for bodies, _ in frames[:sensors]:
         numbers.update({key: key[1] for key in bodies.keys})
     taken = []
     for second in range(12):

@@ -19,7 +19,7 @@ ONE = {0: Walker()}
 STANDING = {0: Walker(speed=0.0)}
 
 
-def walks(
+def walks(  # noqa: PLR0917 - what happens, in order
     calibration: PeopleCalibration,
     sensors: Sequence[Sensor],
     see: Mapping[int, Walker] | Seen,

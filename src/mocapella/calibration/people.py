@@ -15,7 +15,6 @@ from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Final
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,7 +36,6 @@ from mocapella.calibration.quality import figures, pair_quality
 from mocapella.calibration.rig import VERSION, Rig, RigSensor, restored_pair, rig_pair
 from mocapella.calibration.sensor_graph import PlacedSensor, SensorPair, place_sensors
 from mocapella.calibration.shared_people import nearest_bodies, same_people
-from mocapella.calibration.time_offset import TimeOffset
 from mocapella.conventions import NS_PER_S
 from mocapella.geometry.rigid import inverse
 from mocapella.geometry.twists import adjoint
@@ -202,8 +200,20 @@ class PeopleCalibration:
             self._refresh(now, people)
         return self.state
 
+    @property
+    def tied(self) -> frozenset[str]:
+        """The sensors that people have shown to be where they are believed to be."""
+        return frozenset(
+            name
+            for key, pair in self._pairs.items()
+            if pair.trusted and not pair.told
+            for name in key
+            if self.state.sensors[name].trusted
+        )
+
     def rig_now(self) -> Rig:
-        """What is believed now, to be saved."""
+        """What people have shown, to be saved: the sensors that are `tied`."""
+        tied = self.tied
         sensors = {
             name: RigSensor(
                 sensor.T_world_sensor.tolist(),
@@ -211,11 +221,12 @@ class PeopleCalibration:
                 float(np.degrees(np.sqrt(np.trace(sensor.covariance[3:, 3:])))),
             )
             for name, sensor in self.state.sensors.items()
+            if name in tied
         }
         pairs = [
             rig_pair(a, b, pair_quality(a, b, pair.estimate), pair.calibration)
             for (a, b), pair in sorted(self._pairs.items())
-            if pair.calibration is not None and pair.estimate is not None and pair.estimate.trusted
+            if pair.calibration is not None and pair.estimate is not None and pair.trusted and {a, b} <= tied
         ]
         return Rig(VERSION, self.state.floor_known, sensors, pairs)
 
@@ -259,8 +270,7 @@ class PeopleCalibration:
             keys = sorted(
                 key
                 for key, pair in self._pairs.items()
-                if (pair.trying if wanted else pair.calibration is not None)
-                and (partners is None or key in partners)
+                if (pair.trying if wanted else pair.calibration is not None) and (partners is None or key in partners)
             )
             chosen.update({sensor: tuple(key for key in keys if sensor in key) for sensor in self._tracks})
 
@@ -279,7 +289,9 @@ class PeopleCalibration:
         a, b = (self._tracks[sensor].bodies for sensor in key)
         if people is not None:
             pair.matched = same_people(key, a, b, people)
-        bodies = [who for who in dict.fromkeys((*pair.matched, *pair.calibration.bodies)) if who[0] in a and who[1] in b]
+        bodies = [
+            who for who in dict.fromkeys((*pair.matched, *pair.calibration.bodies)) if who[0] in a and who[1] in b
+        ]
         for _ in range(min(len(bodies), MOST_TURNS)):
             who = bodies[pair.turn % len(bodies)]
             pair.turn += 1

@@ -70,7 +70,8 @@ def _rotation_vector(R: Float64) -> Float64:
     sine = np.linalg.norm(q[..., 1:], axis=-1)[..., None]
     angle = 2 * np.arctan2(sine, q[..., :1])
     small = sine < 1e-12 * q[..., :1]
-    return np.where(small, 2 * q[..., 1:] / np.where(small, q[..., :1], 1.0), q[..., 1:] * angle / np.where(small, 1.0, sine))
+    factor = np.where(small, 2 / np.where(small, q[..., :1], 1.0), angle / np.where(small, 1.0, sine))
+    return np.asarray(factor * q[..., 1:])
 
 
 def adjoint(T: Float64) -> Float64:

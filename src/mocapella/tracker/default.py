@@ -135,6 +135,15 @@ class DefaultTracker:
         """A rig that is known before the first frame: used for a sensor until its own place is known better."""
         self._calibration.start_from(T_world_sensor)
 
+    def use_rig(self, rig: Rig) -> None:
+        """See `KeepsRig`."""
+        self.reset()
+        self._calibration.rig = rig
+
+    def rig(self) -> Rig | None:
+        """See `KeepsRig`."""
+        return self._calibration.rig_now() if self._calibration.tied else None
+
     def sensor_views(self) -> SensorViews:
         """What is known of the sensors now."""
         if self._people is None:
