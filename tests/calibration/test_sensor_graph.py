@@ -56,8 +56,8 @@ def test_cycles_make_it_better_than_the_tree_and_the_covariance_says_so() -> Non
             wrong[kind].append(float(error @ error))
             nees[kind].append(error @ np.linalg.solve(d.covariance, error))
     assert np.mean(wrong["graph"]) < 0.5 * np.mean(wrong["tree"])
-    for kind in nees:
-        assert 4.5 < np.mean(nees[kind]) < 7.5
+    for found in nees.values():
+        assert 4.5 < np.mean(found) < 7.5
 
 
 def test_the_order_of_the_pairs_does_not_matter() -> None:

@@ -52,7 +52,8 @@ class PairSettings:
         position_sd_wanted_m: and no larger a standard deviation where people were [m].
         rotation_sd_wanted: and no larger a one of the rotation [rad].
         residual_allowed_m: and no larger a mean distance between the two views' joints [m].
-        offset_bound_wanted_s: a clock offset is used when it is known to within this [s].
+        offset_bound_wanted_s: a clock offset is said to be known when it is to within this [s].
+        offset_expected_s: standard deviation of the offsets that the network leaves [s].
         moved_factor: views' centres that are farther apart than so many times the usual have a sensor between them
             that moved.
         moved_least_m: and this at least [m].
@@ -77,16 +78,17 @@ class PairSettings:
     rotation_sd_wanted: float = 0.09
     residual_allowed_m: float = 0.25
     offset_bound_wanted_s: float = 0.02
+    offset_expected_s: float = 0.05
     moved_factor: float = 3.5
     moved_least_m: float = 0.1
     every_s: float = 0.05
-    told_s: float = 0.3
+    told_s: float = 0.03
 
     def __post_init__(self) -> None:
         for name in (
             "memory_s", "first_memory_s", "residual_floor_m", "full_speed_m_s", "velocity_window_s",
             "independent_after_m", "position_sd_wanted_m", "rotation_sd_wanted", "residual_allowed_m",
-            "offset_bound_wanted_s", "moved_least_m", "told_s",
+            "offset_bound_wanted_s", "moved_least_m", "told_s", "offset_expected_s",
         ):  # fmt: skip
             check(0 < getattr(self, name) < 1e6, name, getattr(self, name), "greater than 0")
         for name in ("mirrored_weight", "inferred_weight", "still_fraction"):
@@ -235,13 +237,13 @@ class PairCalibration:
         return float(self.scalars[at.COST] / weight) if weight > 0 else np.nan
 
     def follow_clock(self, estimate: PairEstimate) -> None:
-        """Use the offset of b's clock from now on when it is known to half a frame or so, or far from 0."""
-        if not estimate.samples >= self.settings.samples_wanted:
+        """Use the likeliest offset of b's clock from now on, given that the network brought the clocks together."""
+        closed = self.scalars[at.BLOCKS_CLOSED]
+        if closed == self.scalars[at.FOLLOWED]:
             return
-        offset = estimate.offset_now.seconds - self.scalars[at.REFERENCE_OFFSET]
-        sd = estimate.offset_now.sd
-        if sd > self.settings.offset_bound_wanted_s and abs(offset) < SIGNIFICANT * sd:
-            return
+        self.scalars[at.FOLLOWED] = closed
+        prior, seen = self.settings.offset_expected_s**2, estimate.offset_now.sd**2
+        offset = estimate.offset_now.seconds * prior / (prior + seen) - self.scalars[at.REFERENCE_OFFSET]
         if abs(offset) > RESAMPLE_BEYOND:
             # The shift is exact for joints that keep their velocity, so the more was shifted, the less it counts.
             fade = np.exp(-abs(offset) / SHIFT_TRUSTED)
@@ -359,9 +361,7 @@ TOLD_APART_M: Final = 0.3
 """And their centres [m]."""
 LEAST_EIGENVALUE: Final = 1e-7
 """Of H in units of its diagonal: below it nothing is known."""
-SIGNIFICANT: Final = 3.0
-"""An offset that is so many standard deviations from 0 is used before it is known well."""
-SHIFT_TRUSTED: Final = 0.03
+SHIFT_TRUSTED: Final = 0.1
 """What was shifted by this counts 1/e [s]."""
 CENTRES: Final = (at.CENTRE, at.CENTRE + 1, at.CENTRE + 2)
 PRIOR_SAMPLES: Final = 2.0
@@ -372,7 +372,7 @@ M_ESTIMATE: Final = 1.5
 """The weights 1/r are those of the estimate itself, which makes H too large for 3-D points by up to 3/2 each time."""
 OFFSET_PRIOR_SD: Final = 0.1
 """Before anything is known: how far two clocks are apart that the network has brought together [s]."""
-RESAMPLE_BEYOND: Final = 0.01
+RESAMPLE_BEYOND: Final = 0.02
 """Beyond this offset, frames are interpolated where they belong instead of moved along their velocity [s]."""
 ON_A_LINE_M: Final = 0.03
 """Points that scatter less across their line do not determine the rotation about it [m]."""

@@ -82,7 +82,7 @@ def add_frame(times, points, weights, held, frozen_since, at, positions, states,
     if end == len(times):
         for i in range(FRAMES_KEPT):
             times[i], points[i], weights[i] = times[i + FRAMES_KEPT], points[i + FRAMES_KEPT], weights[i + FRAMES_KEPT]
-        end = FRAMES_KEPT
+        begin, end = 0, FRAMES_KEPT
     times[end] = at
     seen, same = 0, end > begin
     for j in range(len(states)):

@@ -34,7 +34,9 @@ BLOCKS_CLOSED: Final = 12
 OWN_SD: Final = 13
 """How wrong the estimate itself may be where people walk [m]; 0 while it is not trusted. Where it is above 0, frames in
 which the two views' centres are farther apart than usual are left out: a sensor moved, or these are two people."""
-PAIR_SCALARS: Final = 14
+FOLLOWED: Final = 14
+"""`BLOCKS_CLOSED` when b's clock was last followed."""
+PAIR_SCALARS: Final = 15
 
 # Of a pair of bodies.
 LAST: Final = 0

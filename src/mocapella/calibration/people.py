@@ -59,7 +59,8 @@ class PeopleSettings:
         frozen_after_s: a sensor whose bodies do not move by a bit for so long is not believed [s].
         gone_after_s: a body that a sensor has not seen for so long is forgotten [s].
         clock_jump_s: a sensor whose frames come later than others' with times so much older has another clock [s].
-        refresh_s: the places of all sensors are worked out anew so often [s].
+        refresh_s: the places of all sensors are worked out anew so often [s] …
+        first_refresh_s: … and so often while there is a pair that has been seen for no longer than its memory.
         partners: with more than so many others, each sensor is refined against so many of those it is tied to best.
     """
 
@@ -69,12 +70,14 @@ class PeopleSettings:
     frozen_after_s: float = 0.5
     gone_after_s: float = 1.0
     clock_jump_s: float = 2.0
-    refresh_s: float = 0.25
+    refresh_s: float = 0.5
+    first_refresh_s: float = 0.1
     partners: int = 4
 
     def __post_init__(self) -> None:
         for name in (
             "match_within_m", "moved_after_s", "frozen_after_s", "gone_after_s", "clock_jump_s", "refresh_s",
+            "first_refresh_s",
         ):  # fmt: skip
             check(0 < getattr(self, name) < 1e6, name, getattr(self, name), "greater than 0")
         check(self.partners >= 1, "partners", self.partners, "1 or more")
@@ -137,11 +140,12 @@ class PeopleCalibration:
         self._refined: dict[str, tuple[Pair, ...]] = {}
         self._tried: dict[str, tuple[Pair, ...]] = {}
         self._turn = 0
+        self._placed: dict[str, PlacedSensor] = {}
         self._moved: dict[str, float] = {}
         self._doubted: frozenset[str] = frozenset()
         self._jumped: dict[str, float] = {}
         self._behind: dict[str, float] = {}
-        self._refreshed = -np.inf
+        self._refreshed, self._refresh_s = -np.inf, self.settings.first_refresh_s
         self._now = -np.inf
         self._completed = 0
         self._moves = 0
@@ -192,12 +196,24 @@ class PeopleCalibration:
             if not 0 < self._pairs[key].due - now <= self.settings.pair.every_s:
                 self._refine(key, people, now)
         first_view = bool(self._tried[sensor]) and self._try(self._tried[sensor])
-        if joins or first_view or not 0 <= now - self._refreshed < self.settings.refresh_s:
+        if joins or first_view or not 0 <= now - self._refreshed < self._refresh_s:
             self._refresh(now, people)
         return self.state
 
+    @property
+    def tied(self) -> frozenset[str]:
+        """The sensors that people have shown to be where they are believed to be."""
+        return frozenset(
+            name
+            for key, pair in self._pairs.items()
+            if pair.trusted and not pair.told
+            for name in key
+            if self.state.sensors[name].trusted
+        )
+
     def rig_now(self) -> Rig:
-        """What is believed now, to be saved."""
+        """What people have shown, to be saved: the sensors that are `tied`."""
+        tied = self.tied
         sensors = {
             name: RigSensor(
                 sensor.T_world_sensor.tolist(),
@@ -205,11 +221,12 @@ class PeopleCalibration:
                 float(np.degrees(np.sqrt(np.trace(sensor.covariance[3:, 3:])))),
             )
             for name, sensor in self.state.sensors.items()
+            if name in tied
         }
         pairs = [
             rig_pair(a, b, pair_quality(a, b, pair.estimate), pair.calibration)
             for (a, b), pair in sorted(self._pairs.items())
-            if pair.calibration is not None and pair.estimate is not None and pair.estimate.trusted
+            if pair.calibration is not None and pair.estimate is not None and pair.trusted and {a, b} <= tied
         ]
         return Rig(VERSION, self.state.floor_known, sensors, pairs)
 
@@ -294,7 +311,7 @@ class PeopleCalibration:
         return pair.estimate is None and any(known.moments[0] > 0 for known in pair.cold.hypotheses.values())
 
     def _refresh(self, now: float, people: Mapping[BodyKey, int] | None) -> None:
-        self._refreshed = now
+        self._refreshed, self._refresh_s = now, self.settings.refresh_s
         for sensor, tracks in self._tracks.items():
             tracks.forget_before(self._newest[sensor] - self.settings.gone_after_s)
         for key, pair in self._pairs.items():
@@ -326,6 +343,8 @@ class PeopleCalibration:
         known = [(key, pair, pair.calibration) for key, pair in self._pairs.items() if pair.calibration is not None]
         for (key, pair, calibration), estimate in zip(known, estimates([one[2] for one in known]), strict=True):
             pair.estimate = estimate
+            if estimate.motion_s < calibration.settings.memory_s and self._both_see(key):
+                self._refresh_s = self.settings.first_refresh_s
             calibration.trust(estimate)
             calibration.follow_clock(estimate)
             a, b = (self._tracks[sensor].bodies for sensor in key)
@@ -386,7 +405,7 @@ class PeopleCalibration:
             for key, pair in self._pairs.items()
             if pair.estimate is not None and pair.told != "others" and np.isfinite(pair.estimate.T_a_b).all()
         ]
-        placed = place_sensors(names, edges)
+        placed = self._placed = place_sensors(names, edges, self._placed)
         for sensor in [s for s in self._moved if any(s in key and pair.trusted for key, pair in self._pairs.items())]:
             del self._moved[sensor]
         self._begin_from_others(placed)
@@ -461,10 +480,12 @@ class PeopleCalibration:
         if condition := self._stream_condition(name):
             return condition
         pairs = {key: pair for key, pair in self._pairs.items() if name in key}
+        if not pairs:
+            return "it is the only sensor: what it does not see, nobody sees"
         tied = place.trusted and any(
             other.root == place.root and other.trusted for key, other in placed.items() if key != name
         )
-        if not pairs or tied:
+        if tied:
             return self._doubts(name, pairs)
         seen = [(key, pair.estimate) for key, pair in pairs.items() if pair.estimate is not None]
         if not seen:
@@ -526,8 +547,9 @@ def _other(key: Pair, name: str) -> str:
 
 
 def _in_one_place(T_a_b: Float64) -> bool:
-    turn = float(np.arccos(np.clip((np.trace(T_a_b[:3, :3]) - 1) / 2, -1, 1)))
-    return bool(np.linalg.norm(T_a_b[:3, 3]) < ONE_PLACE_M and turn < ONE_PLACE_TURN)
+    x, y, z = T_a_b[:3, 3].tolist()
+    cosine = (T_a_b[0, 0] + T_a_b[1, 1] + T_a_b[2, 2] - 1) / 2
+    return bool(x * x + y * y + z * z < ONE_PLACE_M**2 and cosine > np.cos(ONE_PLACE_TURN))
 
 
 MOST_TURNS: Final = 3

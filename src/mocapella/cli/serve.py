@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import threading
 import time
@@ -35,9 +36,10 @@ from mocapella.cli.common import (
     write_json,
 )
 from mocapella.cli.node import READY
-from mocapella.errors import MocapellaError
+from mocapella.errors import MocapellaError, SettingsError
 
 if TYPE_CHECKING:
+    from mocapella.calibration.rig import Rig
     from mocapella.live.launch import Children
     from mocapella.live.server import Server, ServerSettings
 
@@ -100,6 +102,50 @@ def _pass_on(line: str, on_url: Callable[[str], None]) -> None:
         say(line)
 
 
+def _check_save_rig(path: Path | None) -> Path | None:
+    """Refuse, before anything is done, a file that could not be written at the end."""
+    if path is not None and (path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK)):
+        raise SettingsError(
+            f"--save-rig {path}: cannot be written there; name a file in a folder that you may write to"
+        )
+    return path
+
+
+class RigKeeper:
+    """Keeps a server's rig in a file."""
+
+    def __init__(self, server: Server, path: Path) -> None:
+        self._server = server
+        self._path = path
+        self._placed: set[str] = set()
+
+    def watch(self) -> bool:
+        """Save where there is a sensor that was not placed before; False, for it ends nothing."""
+        rig = self._server.rig()
+        if rig is not None and not rig.sensors.keys() <= self._placed:
+            self._save(rig)
+        return False
+
+    def save(self) -> None:
+        """Save what is known now; a file stays as it was where nothing is."""
+        rig = self._server.rig()
+        if rig is None:
+            say(f"no rig saved to {self._path}: no two sensors have been placed; walk where both see you")
+        else:
+            self._save(rig)
+
+    def _save(self, rig: Rig) -> None:
+        from mocapella.calibration.rig import save_rig
+
+        self._placed = set(rig.sensors)
+        try:
+            save_rig(self._path, rig)
+        except MocapellaError as error:
+            say(str(error))
+        else:
+            say(f"rig saved to {self._path}: {', '.join(rig.sensors)}")
+
+
 @app.command()
 def serve(
     port: BusPort = DEFAULT_PORT,
@@ -129,6 +175,24 @@ def serve(
     reserve_gib: Annotated[
         float, typer.Option(metavar="GIB", min=0, help="Free disk space that a recording leaves, in GiB.")
     ] = 1.0,
+    rig: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Begin from where the sensors were, as --save-rig kept it. What people do is checked against it: "
+            "where it does not fit, that is said and found anew. Needs --method default.",
+        ),
+    ] = None,
+    save_rig: Annotated[
+        Path | None,
+        typer.Option(
+            "--save-rig",
+            metavar="FILE",
+            help="Keep where the sensors are in this file (JSON): whenever another sensor is placed, and at the end. "
+            "May be the file of --rig.",
+            callback=_check_save_rig,
+        ),
+    ] = None,
     seconds: Seconds = None,
     json: JsonOut = None,
 ) -> None:
@@ -139,6 +203,7 @@ def serve(
 
     Example:  mocapella serve --sensors 2 --record walk-1
     """
+    from mocapella.calibration.rig import load_rig
     from mocapella.live.server import ServerSettings
     from mocapella.live.stopping import stop_on_signals
     from mocapella.model.session import Setup
@@ -153,13 +218,19 @@ def serve(
         running=not wait,
         method_settings=method_settings(settings),
         reserve_bytes=round(reserve_gib * GIB),
+        rig=None if rig is None else load_rig(rig),
     )
     with stop_on_signals() as stop:
         with live_session(server_settings, stop, view_port=None if no_view else view_port) as session:
             if take is not None:
                 say(session.server.record_to(take, resume=True))
             say(f"waiting for sensors at {server_settings.listen} (Ctrl-C ends)")
-            wait_while(session, seconds)
+            if save_rig is None:
+                wait_while(session, seconds)
+            else:
+                keeper = RigKeeper(session.server, save_rig)
+                wait_while(session, seconds, until=keeper.watch)
+                keeper.save()
             summary = finish(session.server)
         write_json(json, summary)
     exit_by(summary["recording"])

@@ -40,10 +40,8 @@ def exp_twist(twist: Any) -> Float64:
 
 def log_motion(T: Float64) -> Float64:
     """The twist of a rigid motion, (..., 6), its angle within [0, π]; the inverse of `exp_twist` below π."""
-    from scipy.spatial.transform import Rotation
-
-    R = np.asarray(T)[..., :3, :3]
-    phi = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(*R.shape[:-2], 3)
+    T = np.asarray(T)
+    phi = _rotation_vector(T[..., :3, :3])
     angle = np.linalg.norm(phi, axis=-1)[..., None, None]
     safe = np.where(angle < 1e-3, 1.0, angle)
     half = 0.5 * safe
@@ -51,6 +49,29 @@ def log_motion(T: Float64) -> Float64:
     K = cross_matrix(phi)
     V_inverse = np.eye(3) - 0.5 * K + c * (K @ K)
     return np.concatenate([(V_inverse @ T[..., :3, 3, None])[..., 0], phi], axis=-1)
+
+
+def _rotation_vector(R: Float64) -> Float64:
+    """Axis times angle, by way of the unit quaternion.
+
+    4 q qᵀ is made of sums of the elements of R; its longest column, which cannot vanish, is divided by its length.
+    """
+    xx, yy, zz = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
+    wx, wy, wz = R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]
+    xy, xz, yz = R[..., 0, 1] + R[..., 1, 0], R[..., 0, 2] + R[..., 2, 0], R[..., 1, 2] + R[..., 2, 1]
+    columns = np.stack(
+        [1 + xx + yy + zz, wx, wy, wz, wx, 1 + xx - yy - zz, xy, xz, wy, xy, 1 - xx + yy - zz, yz,
+         wz, xz, yz, 1 - xx - yy + zz],
+        axis=-1,
+    ).reshape(*R.shape[:-2], 4, 4)  # fmt: skip
+    longest = np.diagonal(columns, axis1=-2, axis2=-1).argmax(axis=-1)
+    q = np.take_along_axis(columns, longest[..., None, None], axis=-2)[..., 0, :]
+    q = np.where(q[..., :1] < 0, -q, q)
+    sine = np.linalg.norm(q[..., 1:], axis=-1)[..., None]
+    angle = 2 * np.arctan2(sine, q[..., :1])
+    small = sine < 1e-12 * q[..., :1]
+    factor = np.where(small, 2 / np.where(small, q[..., :1], 1.0), angle / np.where(small, 1.0, sine))
+    return np.asarray(factor * q[..., 1:])
 
 
 def adjoint(T: Float64) -> Float64:

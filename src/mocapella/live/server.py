@@ -21,6 +21,7 @@ from typing import Any
 import msgspec
 
 from mocapella import __version__
+from mocapella.calibration.rig import Rig
 from mocapella.errors import MocapellaError, NotNowError, SettingsError, WireError, one_of
 from mocapella.live.inbox import Inbox, Letter
 from mocapella.live.recording_desk import RecordingDesk, outcome
@@ -55,6 +56,7 @@ class ServerSettings:
         running: whether tracking begins at once.
         method_settings: settings of the tracker's method.
         reserve_bytes: free space that a recording leaves.
+        rig: where the sensors were the last time.
     """
 
     listen: str
@@ -63,6 +65,7 @@ class ServerSettings:
     running: bool = True
     method_settings: dict[str, Any] = field(default_factory=dict)
     reserve_bytes: int = 1 << 30
+    rig: Rig | None = None
 
 
 class Server:
@@ -82,7 +85,7 @@ class Server:
     def __init__(self, settings: ServerSettings, say: Callable[[str], None] = lambda text: None) -> None:
         self._settings = settings
         self._say = say
-        self._session = Session(settings.setup, settings.method_settings, running=settings.running)
+        self._session = Session(settings.setup, settings.method_settings, running=settings.running, rig=settings.rig)
         self._phase = ""
         self._revision = 0
         self._notices: deque[str] = deque(maxlen=8)
@@ -259,6 +262,11 @@ class Server:
             with self._lock:
                 newest = self._roster.newest()
             return self._desk.begin(path, resume=resume, newest=newest)
+
+    def rig(self) -> Rig | None:
+        """Where the sensors are; None while that is not known."""
+        with self._stepping:  # between two steps
+            return self._session.rig_now()
 
     def _record_by_name(self, arguments: dict[str, Any]) -> str:
         name = arguments.get("name")

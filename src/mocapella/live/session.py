@@ -9,12 +9,14 @@ import base64
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from mocapella.calibration.rig import Rig, decode_rig, encode_rig
 from mocapella.errors import NotNowError, SettingsError, one_of
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Phase, Scene, TrackerState
 from mocapella.model.session import Setup
 from mocapella.settings import parse
-from mocapella.tracker import Tracker, make_tracker
+from mocapella.tracker import METHODS, Tracker, make_tracker
+from mocapella.tracker.protocol import KeepsRig
 
 _STOPPED = TrackerState(Phase.STOPPED)
 
@@ -25,6 +27,7 @@ class Session:
     Attributes:
         setup: what was set up last.
         method_settings: the method's own, by name.
+        rig: where the sensors were the last time; every new tracker begins from it, until somebody recalibrates.
         running: whether frames are tracked.
         next_step: the number of the scene that comes next; begins anew with every tracker.
         state: where the tracker stands.
@@ -34,8 +37,16 @@ class Session:
         SettingsError: the setup or the method's settings cannot be used.
     """
 
-    def __init__(self, setup: Setup, method_settings: Mapping[str, Any] | None = None, *, running: bool = True) -> None:
+    def __init__(
+        self,
+        setup: Setup,
+        method_settings: Mapping[str, Any] | None = None,
+        *,
+        running: bool = True,
+        rig: Rig | None = None,
+    ) -> None:
         self.method_settings = dict(method_settings or {})
+        self.rig = rig
         self.setup = setup
         self.running = running
         self.next_step = 0
@@ -52,7 +63,12 @@ class Session:
 
     def memory(self) -> dict[str, str]:
         """The arguments of a ``restore`` that makes another session go on as this one."""
-        return {"tracker": base64.b64encode(self._tracker.snapshot()).decode("ascii")}
+        memory = {"tracker": base64.b64encode(self._tracker.snapshot()).decode("ascii")}
+        return memory if self.rig is None else {**memory, "rig": encode_rig(self.rig).decode()}
+
+    def rig_now(self) -> Rig | None:
+        """What the tracker knows of the sensors, to be kept; None where it knows nothing yet, or keeps no rig."""
+        return self._tracker.rig() if isinstance(self._tracker, KeepsRig) else None
 
     @property
     def verbs(self) -> tuple[str, ...]:
@@ -105,6 +121,7 @@ class Session:
     def _recalibrate(self, _: Mapping[str, Any]) -> str:
         if not self.running:
             raise NotNowError("not running; start first")
+        self.rig = None
         self._tracker.recalibrate("asked for")
         return "recalibrating"
 
@@ -116,13 +133,20 @@ class Session:
         return f"set up {setup.method}"
 
     def _restore(self, arguments: Mapping[str, Any]) -> str:
+        self.rig = decode_rig(arguments["rig"].encode()) if "rig" in arguments else None
         self._tracker.restore(base64.b64decode(arguments["tracker"]))
         return "restored"
 
     def _make_tracker(self, setup: Setup) -> Tracker:
-        return make_tracker(
+        tracker = make_tracker(
             setup.method,
             sensors_expected=setup.sensors_expected,
             settings=self.method_settings,
             sensors=setup.sensors,
         )
+        if self.rig is not None:
+            if not isinstance(tracker, KeepsRig):
+                able = [name for name in METHODS if isinstance(make_tracker(name), KeepsRig)]
+                raise SettingsError(f"method {setup.method!r} uses no rig; methods that do: {', '.join(able)}")
+            tracker.use_rig(self.rig)
+        return tracker

@@ -26,6 +26,7 @@ from mocapella.calibration.people import PairOfSensors, PeopleCalibration
 from mocapella.calibration.people import PeopleSettings as CalibrationSettings
 from mocapella.calibration.people_state import CalibratedSensor, PeopleState
 from mocapella.calibration.rig import Rig, RigPair, RigSensor
+from mocapella.calibration.sensor_graph import PlacedSensor
 from mocapella.calibration.time_offset import TimeOffset
 from mocapella.conventions import NS_PER_S
 from mocapella.fusion.facing import FacingMemory
@@ -128,6 +129,15 @@ class DefaultTracker:
     def start_from(self, T_world_sensor: Mapping[str, Float64]) -> None:
         """A rig that is known before the first frame: used for a sensor until its own place is known better."""
         self._calibration.start_from(T_world_sensor)
+
+    def use_rig(self, rig: Rig) -> None:
+        """See `KeepsRig`."""
+        self.reset()
+        self._calibration.rig = rig
+
+    def rig(self) -> Rig | None:
+        """See `KeepsRig`."""
+        return self._calibration.rig_now() if self._calibration.tied else None
 
     def sensor_views(self) -> SensorViews:
         """What is known of the sensors now."""
@@ -338,6 +348,7 @@ _REMEMBERED: Final = (
     PairOfSensors,
     PairSettings,
     PeopleState,
+    PlacedSensor,
     Rig,
     RigPair,
     RigSensor,

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.calibration.rig import Rig
 from mocapella.model.bodies import BodyKey
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Scene
@@ -76,3 +77,14 @@ class Tracker(Protocol):
     @property
     def report(self) -> TrackerReport:
         """What came of all frames so far."""
+
+
+@runtime_checkable
+class KeepsRig(Protocol):
+    """A tracker that finds out where the sensors are, so that it can be kept for the next time."""
+
+    def use_rig(self, rig: Rig) -> None:
+        """Begin anew from a rig: its sensors are where it says until people show something else."""
+
+    def rig(self) -> Rig | None:
+        """What is known of the sensors; None before two of them are tied to each other."""
