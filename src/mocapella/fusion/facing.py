@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from mocapella.fusion.facing_grid import BINS, STEP_S, TURN_RATES, YAWS, turned_on, unknown
 from mocapella.fusion.facing_model import FacingModel, shipped_model
-from mocapella.fusion.facing_shape import feature_sums
+from mocapella.fusion.facing_shape import MOST_SPREADS, feature_sums, pairs_across
 from mocapella.geometry.angles import wrap
 from mocapella.model.topology import Topology
 from mocapella.settings import check
@@ -277,14 +277,14 @@ def _learnt(model: FacingModel, topology: Topology) -> tuple[Float64, Int64, Flo
     tables[k.WAVES_AT : k.RATES_AT] = share[:, None] * np.cos(m[:, None] * YAWS)
     tables[k.RATES_AT, : len(m)] = TURN_RATES
     tables[k.COS_AT :] = np.cos(YAWS), np.sin(YAWS)
-    shoulders = (topology.parts["shoulder_left"], topology.parts["shoulder_right"])
+    across = np.array(pairs_across(topology))
     sums, classifier = feature_sums(topology), model.classifier
     if sums is None or classifier is None or model.shape is None or model.topology != topology.name:
-        return tables, np.array([shoulders, (0, 0)]), np.empty(0), np.empty(0)
+        return tables, np.concatenate([across, [(0, 0)]]), np.empty(0), np.empty(0)
     tables[k.SHAPE_AT : k.MOTION_AT] = model.shape.T
     terms = np.argwhere(sums != 0)
-    joints = np.concatenate([[shoulders, (topology.index("Head"), topology.index("SpineBase"))], terms])
-    numbers = np.concatenate([classifier.mean, classifier.spread, classifier.weights])
+    joints = np.concatenate([across, [(topology.index("Head"), topology.index("SpineBase"))], terms])
+    numbers = np.concatenate([classifier.mean, classifier.spread, classifier.weights, [MOST_SPREADS]])
     return tables, joints, sums[sums != 0], numbers
 
 

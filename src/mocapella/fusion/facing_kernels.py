@@ -12,7 +12,7 @@ from numba import njit
 
 from mocapella.fusion.facing_grid import BIN, BINS, LEAST, STEP_S
 from mocapella.fusion.facing_model import MOST_SCORE, SHAPE_BINS, SPEEDS, YAW_BINS
-from mocapella.fusion.facing_shape import FEATURES, LENGTHS_M, MOST_SPREADS
+from mocapella.fusion.facing_shape import FEATURES, LENGTHS_M, NARROWEST_M
 
 YAW_AT = 0
 SHAPE_AT = YAW_AT + YAW_BINS
@@ -26,7 +26,6 @@ each fades; the cosine and the sine of each bin."""
 
 N = len(FEATURES)
 _SPEEDS = np.array(SPEEDS)
-_NOT_SEEN = 1e-6
 
 
 @njit(cache=True)
@@ -102,11 +101,19 @@ def circular_sd(p, tables):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def reported_yaw(positions, shoulders):  # type: ignore[no-untyped-def]
-    """The yaw that labels say of a body (joints, 3), NaN where unknown; shoulders are the indices of left and right."""
-    x = positions[shoulders[0], 0] - positions[shoulders[1], 0]
-    z = positions[shoulders[0], 2] - positions[shoulders[1], 2]
-    return np.arctan2(-z, x) if np.hypot(x, z) > _NOT_SEEN else np.nan
+def reported_yaw(positions, across):  # type: ignore[no-untyped-def]
+    """The yaw that labels say of a body (joints, 3), see `mocapella.fusion.facing_shape.view_of`; NaN where unknown.
+
+    Args:
+        positions: (joints, 3).
+        across: (pairs, 2) indices of left and right, in the order in which they are asked.
+    """
+    for k in range(len(across)):
+        x = positions[across[k, 0], 0] - positions[across[k, 1], 0]
+        z = positions[across[k, 0], 2] - positions[across[k, 1], 2]
+        if np.hypot(x, z) > NARROWEST_M:
+            return np.arctan2(-z, x)
+    return np.nan
 
 
 @njit(cache=True)
@@ -117,7 +124,8 @@ def shape_score(positions, yaw, terms, weights, trunk, classifier):  # type: ign
         positions: (joints, 3); yaw: along which features are measured.
         terms: (n, 2) feature and joint, and weights: (n,), of the sums that are the features.
         trunk: indices of the head and the SpineBase.
-        classifier: (4 · N + 1,) mean, spread, weights of the features and of their squares, the constant.
+        classifier: (4 · N + 2,) mean, spread, weights of the features and of their squares, the constant, and by how
+            many spreads a feature counts at most.
     """
     head, base = positions[trunk[0]], positions[trunk[1]]
     length = np.sqrt((head[0] - base[0]) ** 2 + (head[1] - base[1]) ** 2 + (head[2] - base[2]) ** 2)
@@ -134,7 +142,7 @@ def shape_score(positions, yaw, terms, weights, trunk, classifier):  # type: ign
         if np.isnan(z):
             missing += 1
             continue
-        z = min(max(z, -MOST_SPREADS), MOST_SPREADS)
+        z = min(max(z, -classifier[4 * N + 1]), classifier[4 * N + 1])
         score += classifier[2 * N + f] * z + classifier[3 * N + f] * (z * z - 1.0)
     return score, 1.0 - missing / N
 
@@ -150,7 +158,7 @@ def add_view(  # type: ignore[no-untyped-def]
     add_turned(evidence, a, b, place - first, settings[0] * scale, toward - zero)
     if len(weights) == 0:
         return
-    score, share = shape_score(positions, toward + seen, joints[2:], weights, joints[1], classifier)
+    score, share = shape_score(positions, toward + seen, joints[3:], weights, joints[2], classifier)
     place = (min(max(score, -MOST_SCORE), MOST_SCORE) / MOST_SCORE + 1.0) * (SHAPE_BINS - 1) / 2
     first = min(int(np.floor(place)), SHAPE_BINS - 2)
     a, b = tables[SHAPE_AT + first], tables[SHAPE_AT + first + 1]
@@ -200,7 +208,8 @@ def update(  # type: ignore[no-untyped-def]
         positions: (bodies, joints, 3), toward: (bodies,), at: [s], velocities: (bodies, 3).
         zero: yaw of the first bin.
         p, at_s, told_s, mirrored: the memory, written over.
-        tables, joints, weights, classifier: what was learnt; joints (2 + n, 2) are the shoulders, the trunk, the terms.
+        tables, joints, weights, classifier: what was learnt; joints (3 + n, 2) are the shoulders and hips, the trunk,
+            and the terms.
         settings: (4,) weights of yaw, shape and motion, and the hysteresis.
         out: (4, bodies) yaw, standard deviation, yaw of the repaired labels, and 1 where the mirroring changed.
     """
@@ -215,7 +224,7 @@ def update(  # type: ignore[no-untyped-def]
                 turning(steps, tables, kernel)
                 of_kernel = steps
             turn_on(p[slot], kernel, twice)
-        reported = reported_yaw(positions[n], joints[0])
+        reported = reported_yaw(positions[n], joints[:2])
         if np.isfinite(reported) and np.isfinite(toward[n]):
             evidence[:] = 0.0
             seen = (reported - toward[n] + np.pi / 2) % np.pi - np.pi / 2

@@ -32,17 +32,20 @@ FEATURES: Final[dict[str, dict[str, float]]] = {
     "feet before the ankles": {"Foot": 1, "Ankle": -1},
 }
 """A feature → the joints whose places it sums; a joint that there is on both sides is the mean of the two."""
-MOST_SPREADS: Final = 4.0
+MOST_SPREADS: Final = 1.5
 """A feature counts no more than as so many standard deviations: a joint far off is a joint lost."""
 LENGTHS_M: Final = (0.2, 1.5)
 """Head to SpineBase of anybody [m]."""
+NARROWEST_M: Final = 1e-6
+"""Between left and right, seen from above; nearer ones have no direction [m]."""
 
 
 class View(msgspec.Struct, frozen=True, eq=False):
     """What views say of a person; (...,) are the leading axes.
 
     Attributes:
-        reported: (...,) yaw that the sensor's own labels say, world [rad]; NaN where a shoulder is missing.
+        reported: (...,) yaw that the sensor's own labels say, world [rad]; NaN where a shoulder and a hip are
+            missing.
         seen: (...,) the same from the direction towards the sensor, folded into [−π/2, π/2): labels do not matter.
         features: (..., `FEATURES`) in lengths head–SpineBase; NaN where a joint is missing.
     """
@@ -60,12 +63,21 @@ def view_of(positions: Float64, toward_sensor: Float64, topology: Topology) -> V
         toward_sensor: (...,) yaw from the person to the sensor [rad].
         topology: of the joints; without the joints' names that it takes there are no features.
     """
-    left, right = topology.parts["shoulder_left"], topology.parts["shoulder_right"]
-    across = positions[..., left, :] - positions[..., right, :]
-    flat = np.hypot(across[..., 0], across[..., 2]) > 1e-6
-    reported = np.where(flat, np.arctan2(-across[..., 2], across[..., 0]), np.nan)
+    reported = np.full(positions.shape[:-2], np.nan)
+    for left, right in pairs_across(topology):
+        across = positions[..., left, :] - positions[..., right, :]
+        wide = np.isnan(reported) & (np.hypot(across[..., 0], across[..., 2]) > NARROWEST_M)
+        reported = np.where(wide, np.arctan2(-across[..., 2], across[..., 0]), reported)
     seen = np.asarray((reported - toward_sensor + np.pi / 2) % np.pi - np.pi / 2)
     return View(reported, seen, _features(positions, toward_sensor + seen, topology))
+
+
+def pairs_across(topology: Topology) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Left and right: of the shoulders, and of the hips, which say the yaw where a shoulder is not seen."""
+    joints, parts = topology.joints, topology.parts
+    shoulders = (parts["shoulder_left"], parts["shoulder_right"])
+    hips = ("HipLeft", "HipRight")
+    return shoulders, (topology.index(hips[0]), topology.index(hips[1])) if set(hips) <= set(joints) else shoulders
 
 
 def _features(positions: Float64, yaw: Float64, topology: Topology) -> Float64:
