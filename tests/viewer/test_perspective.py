@@ -89,9 +89,9 @@ def test_a_person_that_the_sensor_lost_stays_and_one_that_it_never_saw_is_named(
     assert drawing.unseen == ()
     fresh, _ = learned(blind, frames)
     drawing = tracking_drawing(blind, "front", fresh, floors)
-    assert drawing.unseen == (1, 2)
+    assert drawing.unseen == ("person 1", "person 2")
     assert len(drawing.bones) == 0
-    assert tracking_title(drawing, "front") == "Tracking · seen from front (never saw person 1, 2)"
+    assert tracking_title(drawing, "front") == "Tracking · seen from front (never saw person 1, person 2)"
 
 
 def test_who_is_gone_is_forgotten():
