@@ -114,7 +114,7 @@ def test_a_drawing_has_the_fused_skeleton_white_and_every_view_in_the_persons_co
         own = (drawing.bones.colours == person_colour(person.id).paint).all(axis=1)
         assert own.sum() == 3 * 24
     assert set(drawing.sensors) == {"front", "left", "right"}
-    assert drawing.sensors["front"][:3, 3] == pytest.approx([0, HEIGHT_M, 0])
+    assert drawing.sensors["front"].T[:3, 3] == pytest.approx([0, HEIGHT_M, 0])
 
 
 def test_without_a_scene_the_stage_is_empty():

@@ -8,8 +8,7 @@ from walkers import HEIGHT_M, KINECT, Room, rigid
 
 from mocapella.geometry.rigid import apply
 from mocapella.model.observations import JointState
-from mocapella.model.scene import Scene, SensorPlace, TrackerState
-from mocapella.model.scene import Phase
+from mocapella.model.scene import Phase, Scene, SensorPlace, TrackerState
 
 MOVED = "it was moved (or the sensor beside it): walk a few steps where both see you"
 WALK = "with front: walk a few steps"
@@ -46,9 +45,7 @@ def placed(room: Room, t: float = 1.0, **problems: str) -> Scene:
             for view in person.views
         )
         people.append(
-            msgspec.structs.replace(
-                person, positions=apply(T_up, person.positions), states=states, sd=sd, views=views
-            )
+            msgspec.structs.replace(person, positions=apply(T_up, person.positions), states=states, sd=sd, views=views)
         )
     reason = "; ".join(f"{name}: {problem}" for name, problem in sorted(problems.items()))
     state = TrackerState(Phase.TRACKING, reason=reason)

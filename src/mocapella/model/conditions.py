@@ -1,10 +1,8 @@
-"""What the tracker says is wrong or missing, short enough for a line: sensors with one trouble are named together."""
+"""What the tracker says is wrong or missing, short enough to be read: sensors with one trouble are named together."""
 
 from __future__ import annotations
 
 from collections.abc import Collection
-
-LONGEST_LINE = 110
 
 
 def conditions(reason: str, sensors: Collection[str]) -> list[str]:
@@ -29,12 +27,6 @@ def conditions(reason: str, sensors: Collection[str]) -> list[str]:
 def trouble(problem: str) -> str:
     """A sensor's problem without the other sensor of the pair that it was found in: ``with left: walk`` is ``walk``."""
     return problem.partition(": ")[2] if problem.startswith("with ") and ": " in problem else problem
-
-
-def line(parts: Collection[str]) -> str:
-    """All in one line, cut off where it is too long; the panel has it whole."""
-    text = " · ".join(parts)
-    return text if len(text) <= LONGEST_LINE else text[: LONGEST_LINE - 1].rstrip() + "…"
 
 
 def _names(names: Collection[str], sensors: Collection[str]) -> str:

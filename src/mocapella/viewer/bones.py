@@ -22,10 +22,8 @@ SURE_SD_M, UNSURE_SD_M = 0.03, 0.12
 """Up to the first a joint is drawn as sure; from the second on, as unsure as can be. About 9 in 10 joints that sensors
 track are below the first, half of the inferred ones beyond 0.08 m (simulated room, method ``default``)."""
 UNSURE_THICKNESS = 0.3
-HALO_SDS = 2.0
-"""Radius of the halo about an unsure joint, in standard deviations of a coordinate."""
 LARGEST_HALO_M = 0.3
-HALO_OPACITY = 0.3
+HALO_OPACITY = 0.4
 _SHORTEST = 1e-4
 
 
@@ -143,7 +141,7 @@ def joint_strokes(positions: Any, states: Any, colours: Any, radii: Any, *, doub
 
 
 def halo_strokes(positions: Any, states: Any, sds: Any, colours: Any) -> Strokes:
-    """A translucent ball about every joint that is unsure: where the joint may be.
+    """A translucent ball about every joint that is unsure: one standard deviation of a coordinate in radius.
 
     Args:
         positions: (skeletons, joints, 3) [m].
@@ -154,7 +152,7 @@ def halo_strokes(positions: Any, states: Any, sds: Any, colours: Any) -> Strokes
     p, s, sd = np.asarray(positions, np.float32), np.asarray(states), np.asarray(sds, np.float32)
     unsure = doubt(sd)
     there = _is_there(p, s) & (unsure > 0)
-    radius = np.minimum(HALO_SDS * sd[there], LARGEST_HALO_M)
+    radius = np.minimum(sd[there], LARGEST_HALO_M)
     colour = np.asarray(colours, np.uint8).reshape(-1, 3)[np.nonzero(there)[0]]
     return replace(_balls(p[there], radius, colour), opacities=HALO_OPACITY * unsure[there])
 

@@ -18,7 +18,7 @@ from mocapella.viewer.layout import Look
 from mocapella.viewer.palette import SensorColours
 from mocapella.viewer.panel import Aim, Panel
 from mocapella.viewer.perspective import Float64, Floors, Perspectives
-from mocapella.viewer.readout import condition_text, stage_text
+from mocapella.viewer.readout import condition_lines, stage_text
 from mocapella.viewer.stages import TrackingDrawing, TrackingStage
 from mocapella.viewer.trails import TrailChoice, Trails
 
@@ -74,7 +74,7 @@ class Browser:
                 draw(perspective),
                 perspective,
                 stage_text(status),
-                condition_text(status),
+                condition_lines(status),
                 eyes=self._aim is Aim.EYES,
                 fields=self._panel.fields,
             )
@@ -88,7 +88,7 @@ class Browser:
             T = seen.from_world(person, perspective)
             return None if T is None else T_stage @ T
 
-        self._stage.draw_trails(self._known.trails, shown, to_stage)
+        self._stage.draw_trails(self._known.trails, shown, perspective, to_stage)
 
     def _want(self, aim: Aim) -> None:
         self._wish = aim

@@ -7,7 +7,7 @@ from html import escape
 from pathlib import PurePath
 from types import MappingProxyType
 
-from mocapella.model.conditions import conditions, line, trouble
+from mocapella.model.conditions import conditions, trouble
 from mocapella.model.scene import Person, Phase, SensorPlace
 from mocapella.model.session import RecordingHealth, SensorHealth, SessionStatus
 from mocapella.viewer.palette import AMBER, BLUE, GREEN, GREY, RED, Rgb, SensorColours, person_colour
@@ -21,6 +21,7 @@ _PHASE_COLOUR: dict[str, str] = {
     Phase.STOPPED: _GREY,
 }
 _NEWEST_NOTICES = 4
+_MOST_LINES, _LONGEST_LINE = 3, 110
 _SMALL = "font-size:13px;line-height:1.45"
 NO_SENSOR = "No sensor delivers"
 NO_PLACES: Mapping[str, SensorPlace] = MappingProxyType({})
@@ -37,6 +38,8 @@ def status_html(status: SessionStatus | None) -> str:
         colour, sensors = _AMBER, f"{len(status.sensors) - len(silent)} of {sensors}"
         if len(silent) == len(status.sensors):
             title, colour, people = NO_SENSOR, _RED, 0
+    elif status.phase == Phase.TRACKING and _conditions(status, silent):
+        colour = _AMBER
     facts = f"{_plural(people, 'person', 'people')} · {sensors} · {status.scenes_hz:.0f} results/s"
     return _headline(title, colour, _detail(status, silent), facts)
 
@@ -54,16 +57,18 @@ def stage_text(status: SessionStatus | None) -> str:
         title, why = "Nobody is in view", ""
     elif status.phase == Phase.CALIBRATING:
         still = status.frames_remaining and not status.reason.startswith("nobody")
-        why = f"stand still ({_to_go(status)})" if still else line(_conditions(status, {}))
+        why = f"stand still ({_to_go(status)})" if still else " · ".join(_conditions(status, {}))
     return f"{title}: {why}" if why else title
 
 
-def condition_text(status: SessionStatus | None) -> str:
-    """What is wrong or to be done, in one line, for a stage on which people are; empty where nothing is."""
+def condition_lines(status: SessionStatus | None) -> tuple[str, ...]:
+    """What is wrong or to be done, for a stage on which people are; the panel has all of it, and at its full length."""
     if status is None or not status.running:
-        return ""
-    what = line(_conditions(status, {}))
-    return f"{status.phase.capitalize()} · {what}" if what and status.phase != Phase.TRACKING else what
+        return ()
+    said = _conditions(status, {})
+    shown = [text if len(text) <= _LONGEST_LINE else text[: _LONGEST_LINE - 1] + "…" for text in said[:_MOST_LINES]]
+    more = [f"and {len(said) - _MOST_LINES} more"] if len(said) > _MOST_LINES else []
+    return (*([] if status.phase == Phase.TRACKING else [status.phase.capitalize()]), *shown, *more)
 
 
 def sensors_html(
@@ -147,8 +152,9 @@ def people_html(people: tuple[Person, ...]) -> str:
     """Everybody who is there, in their colours, by how many sensors each is seen."""
     rows = "".join(
         f'<div style="display:flex;justify-content:space-between;gap:10px"><span style="overflow-wrap:anywhere">'
-        f'<span style="color:{person_colour(person.id).css}">●</span> <b>{escape(person.name or "no name")}</b></span>'
-        f'<span style="color:{_GREY};white-space:nowrap">person {person.id} · '
+        f'<span style="color:{person_colour(person.id).css}">●</span> '
+        f"<b>{escape(person.name or f'Person {person.id}')}</b></span>"
+        f'<span style="color:{_GREY};white-space:nowrap">{f"person {person.id} · " if person.name else ""}'
         f"{_plural(len(person.views), 'view', 'views')}</span></div>"
         for person in people
     )

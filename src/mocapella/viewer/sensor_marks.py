@@ -29,6 +29,7 @@ class Standing(Enum):
     UNKNOWN = "unknown"
 
 
+_SAID = {Standing.DOUBTED: "in doubt", Standing.LOST: "not used", Standing.UNKNOWN: "not calibrated yet"}
 _COLOUR = {Standing.DOUBTED: AMBER, Standing.LOST: RED, Standing.UNKNOWN: GREY}
 
 
@@ -59,11 +60,11 @@ def standing(place: SensorPlace, was_placed: bool) -> Standing:
 
 
 def words(place: SensorPlace, how: Standing) -> str:
-    """``left``, ``left · not calibrated yet: walk a few steps``, ``left · not used: it was moved``."""
-    why = trouble(place.problem).partition(": ")[0]
-    what = {Standing.UNKNOWN: "not calibrated yet", Standing.LOST: "not used"}.get(how, "")
-    said = ": ".join(part for part in (what, why) if part)
-    return f"{place.sensor} · {said}" if said else place.sensor
+    """``left``, ``left · not calibrated yet``, ``left · in doubt``, ``left · not used: it was moved``."""
+    if how is Standing.GOOD:
+        return place.sensor
+    why = trouble(place.problem).partition(": ")[0].partition(" (")[0] if how is Standing.LOST else ""
+    return f"{place.sensor} · {_SAID[how]}{f': {why}' if why else ''}"
 
 
 def marks(

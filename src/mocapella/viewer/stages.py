@@ -38,7 +38,7 @@ JOINT_RADIUS_M, HEAD_RADIUS_M = 0.03, 0.095
 _TITLE_SIZE = 1.2
 _OVER_HEAD = np.array([0.0, 0.22, 0.0])
 _OVER_SENSOR = np.array([0.0, 0.2, 0.0])
-_OVER_TITLE = np.array([0.0, 0.2, 0.0])
+_OVER_TITLE = np.array([0.0, 0.16, 0.0])
 
 Fields = Mapping[str, tuple[float, float]]
 """Each sensor's field of view, across and high [°]."""
@@ -48,8 +48,8 @@ Fields = Mapping[str, tuple[float, float]]
 class TrackingDrawing:
     """The Tracking stage of one perspective, ready to be drawn, in the view's own space.
 
-    ``halos`` are about the joints that are unsure. ``unseen`` is what people are called whom the perspective's sensor never saw, who
-    therefore cannot be placed in it.
+    ``halos`` are about the joints that are unsure. ``unseen`` is what people are called whom the perspective's sensor
+    never saw, who therefore cannot be placed in it.
     """
 
     bones: Strokes
@@ -153,11 +153,11 @@ class TrackingStage:
         self._halos = StrokeNode(scene, "/tracking/halos", ball_mesh(), shadow=False, translucent=True)
         self._trails = LineNode(scene, "/tracking/trails", thickness=0.02)
         self._field_lines = LineNode(scene, "/tracking/fields", thickness=0.008)
-        self._trails_of: tuple[int, TrailChoice] | None = None
+        self._trails_of: tuple[object, ...] = ()
         self._fields_of: tuple[object, ...] = ()
         self._tags = TagNodes(scene, "/tracking/people", size=0.9)
         self._names = TagNodes(scene, "/tracking/names", size=0.8)
-        self._condition = TagNodes(scene, "/tracking/condition", size=0.9, anchor="bottom-left")
+        self._conditions = TagNodes(scene, "/tracking/conditions", size=0.9, anchor="bottom-left")
         self._title = TagNodes(scene, "/tracking/title", size=_TITLE_SIZE, anchor="bottom-left")
         self._empty = TagNodes(scene, "/tracking/empty", size=_TITLE_SIZE)
         self._sensors: dict[str, SensorNode] = {}
@@ -165,9 +165,16 @@ class TrackingStage:
         floor.place(np.array([0.0, 0.0, layout.TRACKING_DEPTH_M / 2 - layout.BEHIND_SENSOR_M]))
 
     def draw(
-        self, drawing: TrackingDrawing, perspective: str, empty: str, condition: str, *, eyes: bool, fields: bool
+        self,
+        drawing: TrackingDrawing,
+        perspective: str,
+        empty: str,
+        conditions: tuple[str, ...],
+        *,
+        eyes: bool,
+        fields: bool,
     ) -> None:
-        """Show it; ``empty`` stands on the stage while nobody does, ``condition`` while somebody does.
+        """Show it; ``empty`` stands on the stage while nobody does, ``conditions`` while somebody does.
 
         ``eyes``: the browser looks through the perspective's sensor, which would be in the way. ``fields``: what each
         sensor can see is drawn.
@@ -176,8 +183,9 @@ class TrackingStage:
         title = layout.title_place(layout.tracking_box())
         self._empty.draw([Tag(empty, layout.stage_centre())] if nobody else [])
         self._title.draw([Tag(tracking_title(drawing, perspective), title)])
-        over = tuple((title + _OVER_TITLE).tolist())
-        self._condition.draw([Tag(condition, over)] if condition and not nobody else [])
+        over = [title + (len(conditions) - k) * _OVER_TITLE for k in range(len(conditions))]
+        lines = [Tag(text, tuple(at.tolist())) for text, at in zip(conditions, over, strict=True)]
+        self._conditions.draw([] if nobody else lines)
         self._bones.draw(drawing.bones)
         self._joints.draw(drawing.joints)
         self._halos.draw(drawing.halos)
@@ -185,9 +193,11 @@ class TrackingStage:
         shown = {name: mark for name, mark in drawing.sensors.items() if not (eyes and name == perspective)}
         self._draw_sensors(shown, fields)
 
-    def draw_trails(self, trails: Trails, shown: TrailChoice, T_stage: Callable[[Person], Float64 | None]) -> None:
+    def draw_trails(
+        self, trails: Trails, shown: TrailChoice, perspective: str, T_stage: Callable[[Person], Float64 | None]
+    ) -> None:
         """Show the trails; nothing is sent where there is no newer sample and nothing else was chosen."""
-        if self._trails_of != (what := (trails.number, shown)):
+        if self._trails_of != (what := (trails.number, shown, perspective)):
             self._trails_of = what
             self._trails.draw(*trails.lines(shown.of, shown.seconds, T_stage))
 

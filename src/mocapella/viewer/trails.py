@@ -16,7 +16,8 @@ from mocapella.viewer.palette import FLOOR, person_colour
 
 Float64 = NDArray[np.float64]
 
-EVERY_S = 0.1
+EVERY_S = 0.09
+"""Ten times a second, of 30 frames."""
 LONGEST_S = 60.0
 _PARTS = ("root", "head", "hand_left", "hand_right", "foot_left", "foot_right")
 _FASTEST_M_S = 8.0
