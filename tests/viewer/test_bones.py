@@ -128,7 +128,7 @@ def test_meshes_face_outwards(mesh):
         assert volume == pytest.approx(4 / 3 * np.pi, rel=0.12)
 
 
-SDS = arrays(np.float32, 25, elements=st.sampled_from([np.nan, 0.0, 0.02, 0.05, 0.1, 0.5]))
+SDS = arrays(np.float32, 25, elements=st.sampled_from([np.nan, 0.0, 1 / 64, 1 / 16, 1 / 8, 0.5]))
 
 
 @given(SDS, SDS)

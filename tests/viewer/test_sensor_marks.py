@@ -117,9 +117,7 @@ def test_a_world_that_is_laid_anew_forgets_where_sensors_were():
     before, after = placed(room), placed(room, right=MOVED)
     T = rigid(1.0, (0.0, 0.5, 0.0))
     moved = tuple(
-        place
-        if place.T_world_sensor is None
-        else msgspec.structs.replace(place, T_world_sensor=T @ place.T_world_sensor)
+        msgspec.structs.replace(place, T_world_sensor=None if place.problem else T @ place.T_world_sensor)
         for place in after.sensors
     )
     seen, _ = learned(before, msgspec.structs.replace(after, sensors=moved))
