@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mocapella.errors import SettingsError
-from mocapella.model.topology import Topology, topology, topology_from_toml, topology_names
+from mocapella.model.topology import UNKNOWN_FIELD_OF_VIEW_DEG, Topology, topology, topology_from_toml, topology_names
 
 ALL = [topology(name) for name in topology_names()]
 
@@ -85,9 +85,17 @@ def test_a_new_topology_needs_only_its_text() -> None:
     assert arm == Topology("arm", ("Root", "L", "R"), ((0, 1), (0, 2)), (0, 2, 1), {"root": 0})
 
 
+def test_the_field_of_view_is_the_files_and_else_the_stated_one() -> None:
+    assert topology("kinect_v2").field_of_view_deg == (70.6, 60.0)
+    assert topology("kinect_v1").field_of_view_deg == (57.5, 43.5)
+    assert topology_from_toml(ARM, "arm").field_of_view_deg == UNKNOWN_FIELD_OF_VIEW_DEG
+    assert topology_from_toml("field_of_view_deg = [90, 65]" + ARM, "arm").field_of_view_deg == (90.0, 65.0)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
+        ("[parts]", "field_of_view_deg = [70, 180]\n[parts]", r"field_of_view_deg is \[70, 180\].*below 180"),
         ('["Root", "R"]]', '["Root", "X"]]', "a bone names 'X'; joints are Root, L, R"),
         ('mirror = [["L", "R"]]', 'mirror = [["L", "Y"]]', "a mirror pair names 'Y'"),
         ('root = "Root"', 'root = "Roof"', r"part root names 'Roof'.*did you mean Root\?"),

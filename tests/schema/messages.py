@@ -91,7 +91,7 @@ def small_scene(people: int = 1) -> Scene:
         positions, states = rng.normal(size=(len(kind), 3)), np.full(len(kind), 2, np.uint8)
         sd = np.full(len(kind), 0.01, np.float32)
         positions[3], states[3], sd[3] = np.nan, 0, np.nan
-        return Person(identity, positions, states, (view("front"), view("left")), sd)
+        return Person(identity, positions, states, (view("front"), view("left")), sd, "Zoë")
 
     state = TrackerState(Phase.CALIBRATING, 1, 2, 3, "somebody moved")
     places = (SensorPlace("front", np.eye(4), 0.01, 0.002, "good"), SensorPlace("left", None, problem="walk"))

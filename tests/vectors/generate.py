@@ -91,7 +91,7 @@ def scene_one_person() -> Scene:
         PotentialSkeleton("left.2", 8, 70_000_000, 0.0, 0.0, quarter_turn, positions + 0.25, states),
     )
     sd = np.where(joint == 24, np.nan, joint / 256).astype(np.float32)
-    people = (Person(1, positions, states, views, sd),)
+    people = (Person(1, positions, states, views, sd, "Ada"),)
     places = (
         SensorPlace("front", np.eye(4), 0.0, 0.0, "the world's own"),
         SensorPlace("left.2", None, problem="walk a few steps"),
@@ -163,6 +163,7 @@ def _scene_values(scene: Scene) -> dict[str, Any]:
                 "positions_m": _lists(person.positions),
                 "joint_states": person.states.tolist(),
                 "joint_sd_m": _lists(person.sd),
+                "name": person.name,
                 "views": [
                     {
                         "sensor": view.sensor,

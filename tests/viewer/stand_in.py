@@ -7,6 +7,7 @@ import threading
 import time
 from typing import Any
 
+import msgspec
 from walkers import Room, status
 
 from mocapella.model.scene import Scene
@@ -37,6 +38,7 @@ class StandIn:
         self.empty, self.answers = False, True
         self.held = threading.Event()
         self.viewer = Viewer("127.0.0.1", 0, command=self.command)
+        self.names: dict[int, str] = {}
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._show)
         self._thread.start()
@@ -44,6 +46,10 @@ class StandIn:
     def command(self, verb: str, arguments: dict[str, Any]) -> CommandReply:
         self.commands.append((verb, arguments))
         self.gate.wait(10.0)
+        if verb == "name":
+            self.names[arguments["person"]] = arguments["name"]
+            self.change()
+            return CommandReply(True)
         changes = self._changes(verb, arguments)
         if changes is None:
             return CommandReply(False, f"{arguments['name']} is taken; take another name")
@@ -53,6 +59,11 @@ class StandIn:
     def change(self, **changes: Any) -> None:
         """A new status, as after a command of somebody else."""
         self.status = dataclasses.replace(self.status, revision=self.status.revision + 1, **changes)
+
+    def named(self) -> Scene:
+        """The scene with the names that were given to its people."""
+        people = (msgspec.structs.replace(who, name=self.names.get(who.id, "")) for who in self.scene.people)
+        return msgspec.structs.replace(self.scene, people=tuple(people))
 
     def close(self) -> None:
         self.gate.set()
@@ -87,5 +98,5 @@ class StandIn:
             if self.held.is_set():
                 time.sleep(0.05)
                 continue
-            self.viewer.show(None if self.empty else self.scene, frames, self.status if self.answers else None)
+            self.viewer.show(None if self.empty else self.named(), frames, self.status if self.answers else None)
             time.sleep(0.05)

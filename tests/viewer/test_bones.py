@@ -11,8 +11,12 @@ from mocapella.model.observations import JointState
 from mocapella.model.topology import topology
 from mocapella.viewer.bones import (
     INFERRED_THICKNESS,
+    LARGEST_HALO_M,
+    SURE_SD_M,
     bone_strokes,
+    doubt,
     from_up_to,
+    halo_strokes,
     join,
     joint_strokes,
     padded,
@@ -122,3 +126,41 @@ def test_meshes_face_outwards(mesh):
     assert volume > 0
     if mesh.vertices[:, 1].min() < -0.5:
         assert volume == pytest.approx(4 / 3 * np.pi, rel=0.12)
+
+
+SDS = arrays(np.float32, 25, elements=st.sampled_from([np.nan, 0.0, 1 / 64, 1 / 16, 1 / 8, 0.5]))
+
+
+@given(SDS, SDS)
+def test_who_is_less_sure_never_looks_surer(one, other):
+    low, high = np.fmin(one, other), np.fmax(one, other)
+    low = np.where(np.isnan(one) | np.isnan(other), np.nan, low)
+    assert (doubt(low) <= doubt(high)).all()
+    for strokes in (
+        lambda sd: bone_strokes(standing()[None], TRACKED[None], KINECT, [(9, 9, 9)], [0.02], doubts=doubt(sd[None])),
+        lambda sd: joint_strokes(
+            standing()[None], TRACKED[None], [(9, 9, 9)], np.full(25, 0.03), doubts=doubt(sd[None])
+        ),
+    ):
+        assert (strokes(high).scales[:, 0] <= strokes(low).scales[:, 0]).all()
+
+
+def test_a_method_that_says_nothing_of_doubt_is_drawn_as_before():
+    unsaid = doubt(np.full((1, 25), np.nan))
+    assert (unsaid == 0).all()
+    states = np.where(np.arange(25) % 3 == 0, JointState.INFERRED, JointState.TRACKED)[None]
+    plain = joint_strokes(standing()[None], states, [(9, 9, 9)], np.full(25, 0.03))
+    assert np.array_equal(
+        joint_strokes(standing()[None], states, [(9, 9, 9)], np.full(25, 0.03), doubts=unsaid).scales, plain.scales
+    )
+    assert len(halo_strokes(standing()[None], states, np.full((1, 25), np.nan), [(9, 9, 9)])) == 0
+
+
+@given(SDS, STATES)
+def test_exactly_the_unsure_joints_have_a_halo_as_wide_as_they_are_unsure(sd, states):
+    halos = halo_strokes(standing()[None], states[None], sd[None], [(9, 9, 9)])
+    unsure = (np.nan_to_num(sd) > SURE_SD_M) & (states > 0)
+    assert halos.positions == pytest.approx(standing()[unsure].astype(np.float32))
+    assert halos.scales == pytest.approx(np.repeat(np.minimum(sd[unsure], LARGEST_HALO_M)[:, None], 3, axis=1))
+    assert ((halos.opacities > 0) & (halos.opacities <= 1)).all()
+    assert (np.diff(halos.opacities[np.argsort(halos.scales[:, 0])]) >= 0).all()

@@ -89,9 +89,9 @@ def test_a_person_that_the_sensor_lost_stays_and_one_that_it_never_saw_is_named(
     assert drawing.unseen == ()
     fresh, _ = learned(blind, frames)
     drawing = tracking_drawing(blind, "front", fresh, floors)
-    assert drawing.unseen == (1, 2)
+    assert drawing.unseen == ("person 1", "person 2")
     assert len(drawing.bones) == 0
-    assert tracking_title(drawing, "front") == "Tracking · seen from front (never saw person 1, 2)"
+    assert tracking_title(drawing, "front") == "Tracking · seen from front (never saw person 1, person 2)"
 
 
 def test_who_is_gone_is_forgotten():
@@ -114,7 +114,7 @@ def test_a_drawing_has_the_fused_skeleton_white_and_every_view_in_the_persons_co
         own = (drawing.bones.colours == person_colour(person.id).paint).all(axis=1)
         assert own.sum() == 3 * 24
     assert set(drawing.sensors) == {"front", "left", "right"}
-    assert drawing.sensors["front"][:3, 3] == pytest.approx([0, HEIGHT_M, 0])
+    assert drawing.sensors["front"].T[:3, 3] == pytest.approx([0, HEIGHT_M, 0])
 
 
 def test_without_a_scene_the_stage_is_empty():

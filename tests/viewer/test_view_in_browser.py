@@ -10,10 +10,12 @@ import shutil
 import time
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from browser import FLAGS
 from stand_in import StandIn
+from unsure import MOVED, WALK, placed
 from walkers import HEIGHT_M, KINECT, Room, in_picture
 
 from mocapella.geometry.rigid import apply
@@ -150,6 +152,8 @@ def fresh(server):
     server.change(running=False, phase="stopped", setup=Setup(sensors_expected=3), recording=RecordingHealth())
     server.change(frames_remaining=0, reason="", next_take="")
     server.commands.clear()
+    server.names.clear()
+    server.scene = server.room.scene(1.0, server.frames)
 
 
 def of_hue(pixels, colour):
@@ -345,6 +349,79 @@ def test_an_empty_stage_says_why(server, tab):
     until(tab, lambda: stage_text(server) == [], "the text makes room for the people")
 
 
+def test_sensors_say_on_the_stage_and_in_the_panel_where_they_are_and_what_is_wrong(server, tab):
+    server.change(running=True, phase="tracking")
+    server.scene = placed(server.room)
+    until(tab, lambda: labels(stage(server)._names) == ["front", "left", "right"], "all sensors are placed")
+    server.change()
+    tab.expect("place known to 12 mm, 0.4°")
+    tab.expect("reference for the others")
+    server.scene = msgspec.structs.replace(placed(server.room, left=MOVED, right=WALK), step=server.scene.step + 1)
+    server.change(reason=server.scene.state.reason)
+    said = ["front", "left · not used: it was moved", "right · not used: walk a few steps"]
+    until(tab, lambda: labels(stage(server)._names) == said, "the moved sensor says so")
+    lines = [f"left: {MOVED}", "right: walk a few steps"]
+    until(tab, lambda: labels(stage(server)._conditions) == lines, "the stage says what to do")
+    server.change()
+    tab.expect("place not known")
+    tab.page.locator(".mocapella-sensors").get_by_text(MOVED).wait_for()
+    tab.expect_state(f"left: {MOVED} · right: walk a few steps")
+
+
+def test_unsure_joints_have_halos_and_sure_ones_none(server, tab):
+    server.change(running=True, phase="tracking")
+    tab.expect_state("Tracking")
+    until(tab, lambda: shown(stage(server)._halos) == 0, "nobody says how sure a joint is")
+    server.scene = placed(server.room)
+    until(tab, lambda: shown(stage(server)._halos) == 2 * 4, "four joints of each person are unsure")
+    server.scene = server.room.scene(1.0, server.frames)
+    until(tab, lambda: shown(stage(server)._halos) == 0, "the halos are gone")
+
+
+def test_whom_to_name_is_chosen_and_stays_so_while_nobody_sees_them(server, tab):
+    server.change(running=True, phase="tracking")
+    tab.expect_value("Who", "Person 2")
+    tab.choose("Who", "Person 3")
+    until(tab, lambda: panels(server)[0]._people._chosen == 3, "the choice has arrived")
+    tab.type("Name", "Lin")
+    until(tab, lambda: panels(server)[0]._people._text.value == "Lin", "the name has arrived")
+    server.empty = True
+    server.change()
+    tab.expect("Nobody is in view.")
+    tab.expect_value("Name", "Lin")
+    tab.button("Set name").click()
+    until(tab, lambda: server.commands == [("name", {"person": 3, "name": "Lin"})], "the name was sent")
+    server.empty = False
+    server.change()
+    tab.page.locator(".mocapella-people", has_text="Lin").wait_for()
+    tab.expect_value("Who", "Lin (person 3)")
+    server.change(running=False, phase="stopped")
+    tab.expect_enabled("Set name", enabled=False)
+
+
+def stage(server, k=0):
+    """The Tracking stage of a browser, as the view's loop has it."""
+    return sorted(server.viewer._browsers.items())[k][1]._stage
+
+
+def labels(tags):
+    """The texts that are shown."""
+    return [handle.text for handle in tags._handles if handle.visible]
+
+
+def shown(strokes):
+    """How many strokes have a size and can be seen."""
+    handle = strokes._handle
+    return (
+        0 if handle is None else int(((handle.batched_scales > 0).all(axis=1) & (handle.batched_opacities > 0)).sum())
+    )
+
+
+def drawn(lines):
+    """Whether any line is shown."""
+    return lines._handle is not None and lines._handle.visible
+
+
 def stage_text(server):
     """What stands on the first browser's Tracking stage instead of people."""
     _, browser = min(server.viewer._browsers.items())
@@ -425,6 +502,69 @@ def test_a_refused_command_is_explained_in_the_browser_that_gave_it(server, tabs
     first.button("Record").click()
     first.expect("taken is taken; take another name")
     assert second.page.get_by_text("taken is taken").count() == 0
+
+
+def give_name(server, tabs, k, name):
+    tabs[k].type("Name", name)
+    until(tabs[k], lambda: panels(server)[k]._people._text.value == name, "the name has arrived")
+    tabs[k].button("Set name").click()
+
+
+def test_a_name_that_one_browser_gives_is_seen_in_all_and_the_last_of_two_holds(server, tabs):
+    first, second = tabs
+    first.page.bring_to_front()
+    server.change(running=True, phase="tracking")
+    for panel in panels(server):
+        until(first, lambda panel=panel: not panel._people._text.disabled, "somebody can be named")
+    who = [panel._people._chosen for panel in panels(server)]
+    give_name(server, tabs, 0, "Ada")
+    for k, tab in enumerate(tabs):
+        until(tab, lambda k=k: "Ada · 3 views" in labels(stage(server, k)._tags), "the name is over the person")
+        server.change()
+        tab.page.locator(".mocapella-people", has_text="Ada").wait_for()
+    server.gate.clear()
+    give_name(server, tabs, 0, "Grace")
+    until(first, lambda: len(server.commands) == 2, "the first command waits for the server")
+    give_name(server, tabs, 1, "Edith")
+    server.gate.set()
+    sent = [("name", {"person": who[k], "name": name}) for k, name in ((0, "Ada"), (0, "Grace"), (1, "Edith"))]
+    until(first, lambda: server.commands == sent, "both commands were served, in their order")
+    server.change()
+    for k, tab in enumerate(tabs):
+        until(tab, lambda k=k: "Edith · 3 views" in labels(stage(server, k)._tags), "the last name holds")
+        tab.page.locator(".mocapella-people", has_text="Edith").wait_for()
+    nasty = "<img src=x onerror='window.hurt=1'>"
+    server.names[who[0]] = nasty
+    server.change()
+    first.page.locator(".mocapella-people").get_by_text(nasty).wait_for()
+    assert first.page.evaluate("window.hurt") is None
+
+
+def test_trails_and_fields_of_view_are_shown_in_the_browser_that_wants_them(server, tabs):
+    first, _ = tabs
+    first.page.bring_to_front()
+    server.change(running=True, phase="tracking")
+    begun = server.scene = placed(server.room)
+    fields = first.page.locator("label", has_text="Fields of view").locator("xpath=../../..").locator("input")
+    first.choose("Trails", "on the floor")
+    fields.check()
+
+    def walks_and_is_followed():
+        step = server.scene.step + 1
+        people = tuple(msgspec.structs.replace(p, positions=p.positions + [0.02, 0, 0]) for p in server.scene.people)
+        at_ns = begun.at_ns + (step - begun.step) * 100_000_000
+        server.scene = msgspec.structs.replace(begun, people=people, at_ns=at_ns, step=step)
+        return drawn(stage(server)._trails) and drawn(stage(server)._field_lines)
+
+    until(first, walks_and_is_followed, "both are there")
+    assert not drawn(stage(server, 1)._trails)
+    assert not drawn(stage(server, 1)._field_lines)
+    points = stage(server)._trails._handle.points
+    assert np.isfinite(points).all()
+    assert np.abs(points[..., 1]).max() < 0.05
+    first.choose("Trails", "off")
+    fields.uncheck()
+    until(first, lambda: not drawn(stage(server)._trails) and not drawn(stage(server)._field_lines), "both are gone")
 
 
 def panels(server):

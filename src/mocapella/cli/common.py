@@ -102,6 +102,8 @@ RecordTo = Annotated[
     typer.Option("--record", metavar="TAKE", help="Record from the start, to this file; .mcap is added."),
 ]
 
+Method = Annotated[str, typer.Option("--method", metavar="NAME", help="Tracking method.")]
+
 Participants = Annotated[
     str | None, typer.Option(metavar="P,P,…", help="Whose logs, such as 0,1,20; all where left out.")
 ]

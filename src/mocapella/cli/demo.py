@@ -12,6 +12,7 @@ from mocapella.cli.common import (
     DEFAULT_PORT,
     DEFAULT_VIEW_PORT,
     JsonOut,
+    Method,
     NoView,
     RecordTo,
     SceneName,
@@ -28,6 +29,7 @@ from mocapella.cli.common import (
 @app.command()
 def demo(
     scene: SceneName = "obstacle",
+    method: Method = "stand-still",
     seconds: Seconds = None,
     no_view: NoView = False,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the view's URL, open no browser.")] = False,
@@ -63,7 +65,8 @@ def demo(
     if port is not None:
         check_port_free("127.0.0.1", port, "--port")
     page_port = None if no_view else _choose(view_port, DEFAULT_VIEW_PORT)
-    settings = ServerSettings(listen=f"tcp/127.0.0.1:{bus_port}", setup=Setup(sensors_expected=len(names)))
+    setup = Setup(method=method, sensors_expected=len(names))
+    settings = ServerSettings(listen=f"tcp/127.0.0.1:{bus_port}", setup=setup)
 
     def show(url: str) -> None:
         say_url(url)

@@ -20,6 +20,7 @@ from mocapella.cli.common import (
     DEFAULT_VIEW_PORT,
     BusPort,
     JsonOut,
+    Method,
     MethodSettings,
     NoView,
     RecordTo,
@@ -163,7 +164,7 @@ def serve(
     sensors: Annotated[
         int, typer.Option(metavar="NUMBER", min=1, help="How many sensors to wait for before calibrating.")
     ] = 1,
-    method: Annotated[str, typer.Option(metavar="NAME", help="Tracking method.")] = "stand-still",
+    method: Method = "stand-still",
     settings: MethodSettings = None,
     record: RecordTo = None,
     takes: Annotated[
@@ -270,7 +271,6 @@ def _summary(server: Server) -> dict[str, Any]:
     )
     return {
         "seconds": status.uptime,
-        "phase": status.phase,
         "sensors": rows,
         "drops": sum(row["drops"] for row in rows),
         **server.tally.as_json(last),

@@ -25,6 +25,7 @@ def replay(
             session.carry_out(event.values["verb"], event.values["arguments"])
             continue
         began_ns = event.at_ns if began_ns is None else began_ns
+        tally.began_ns = began_ns
         tally.frames_in += 1
         scene = session.step(event)
         if scene is None:

@@ -29,6 +29,7 @@ from mocapella.live.roster import Roster
 from mocapella.live.session import Session
 from mocapella.live.summary import Tally
 from mocapella.model.observations import Arrival, check_sensor_name
+from mocapella.model.scene import Phase
 from mocapella.model.session import CommandReply, RecordingHealth, SessionStatus, Setup
 from mocapella.recording.disk import ensure_folder, free_name, next_name, take_path
 from mocapella.schema import decode_frame, encode_scene
@@ -39,6 +40,8 @@ from mocapella.wire.server import ServerLink
 
 STATUS_EVERY_S = 0.2
 PROBE_EVERY_S = 1.0
+CONDITION_AGAIN_S = 10.0
+"""A condition that comes again sooner than this is not told of again."""
 _MAX_NOTICE = 500
 """Characters; what a notice says may come from a stranger, and every status carries it."""
 
@@ -87,6 +90,8 @@ class Server:
         self._say = say
         self._session = Session(settings.setup, settings.method_settings, running=settings.running, rig=settings.rig)
         self._phase = ""
+        self._reason = ""
+        self._said: dict[str, float] = {}
         self._revision = 0
         self._notices: deque[str] = deque(maxlen=8)
         self._inbox = Inbox()
@@ -97,7 +102,7 @@ class Server:
         self._ended = threading.Event()
         self.failed = threading.Event()
         self._began = time.monotonic()
-        self.tally = Tally()
+        self.tally = Tally(began_ns=time.monotonic_ns())
         self._link = ServerLink(settings.listen, on_nonsense=self._note)
         self._desk = RecordingDesk(
             self._session,
@@ -217,7 +222,18 @@ class Server:
         if state.phase.value != self._phase:
             self._phase = state.phase.value
             self.tally.state(time.monotonic() - self._began, self._phase, state.reason)
-            self._note(self._phase + (f": {state.reason}" if state.reason else ""))
+            self._note(self._phase + (f": {self.tally.in_words(state.reason)}" if state.reason else ""))
+        elif state.phase is Phase.TRACKING and state.reason != self._reason:
+            self._note_conditions(state.reason, time.monotonic())
+        self._reason = state.reason
+
+    def _note_conditions(self, reason: str, now_s: float) -> None:
+        """Tell of what is wrong while people are tracked; what comes and goes is not told of each time."""
+        self._said = {text: said_s for text, said_s in self._said.items() if now_s - said_s < CONDITION_AGAIN_S}
+        for text in self.tally.in_words(reason).split("; "):
+            if text and not text.endswith(": silent") and text not in self._said:  # the roster tells who is silent
+                self._said[text] = now_s
+                self._note(text)
 
     def _carry_out(self, verb: str, arguments: dict[str, Any], answer: Answer) -> None:
         try:

@@ -9,11 +9,13 @@ import base64
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import msgspec
+
 from mocapella.calibration.rig import Rig, decode_rig, encode_rig
 from mocapella.errors import NotNowError, SettingsError, one_of
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Phase, Scene, TrackerState
-from mocapella.model.session import Setup
+from mocapella.model.session import PersonName, Setup
 from mocapella.settings import parse
 from mocapella.tracker import METHODS, Tracker, make_tracker
 from mocapella.tracker.protocol import KeepsRig
@@ -30,6 +32,7 @@ class Session:
         rig: where the sensors were the last time; every new tracker begins from it, until somebody recalibrates.
         running: whether frames are tracked.
         next_step: the number of the scene that comes next; begins anew with every tracker.
+        names: of people, by their numbers. A new tracker numbers people anew, and begins without names.
         state: where the tracker stands.
         problem: why the tracker could not use the last frame; empty where it could.
 
@@ -50,6 +53,7 @@ class Session:
         self.setup = setup
         self.running = running
         self.next_step = 0
+        self.names: dict[int, str] = {}
         self.problem = ""
         self._tracker = self._make_tracker(setup)
         self.state = TrackerState(Phase.WAITING_FOR_SENSORS, setup.sensors_expected) if running else _STOPPED
@@ -58,12 +62,16 @@ class Session:
             "stop": self._stop,
             "recalibrate": self._recalibrate,
             "setup": self._set_up,
+            "name": self._name,
             "restore": self._restore,
         }
 
-    def memory(self) -> dict[str, str]:
+    def memory(self) -> dict[str, Any]:
         """The arguments of a ``restore`` that makes another session go on as this one."""
-        memory = {"tracker": base64.b64encode(self._tracker.snapshot()).decode("ascii")}
+        memory: dict[str, Any] = {
+            "tracker": base64.b64encode(self._tracker.snapshot()).decode("ascii"),
+            "names": {str(person): name for person, name in self.names.items()},
+        }
         return memory if self.rig is None else {**memory, "rig": encode_rig(self.rig).decode()}
 
     def rig_now(self) -> Rig | None:
@@ -85,7 +93,7 @@ class Session:
         if not self.running:
             return None
         before = self.unusable
-        scene = self._tracker.update(arrival)
+        scene = self._named(self._tracker.update(arrival))
         self.next_step = scene.step + 1
         self.state = scene.state
         self.problem = next((why for why, count in self.unusable.items() if count > before.get(why, 0)), "")
@@ -108,6 +116,7 @@ class Session:
         self._tracker = self._make_tracker(self.setup)
         self.running = True
         self.next_step = 0
+        self.names = {}
         self.state = TrackerState(Phase.WAITING_FOR_SENSORS, self.setup.sensors_expected)
         return "started"
 
@@ -130,12 +139,31 @@ class Session:
         self._tracker = self._make_tracker(setup)
         self.setup = setup
         self.next_step = 0
+        self.names = {}
         return f"set up {setup.method}"
 
     def _restore(self, arguments: Mapping[str, Any]) -> str:
         self.rig = decode_rig(arguments["rig"].encode()) if "rig" in arguments else None
         self._tracker.restore(base64.b64decode(arguments["tracker"]))
+        self.names = {int(person): name for person, name in arguments.get("names", {}).items()}
         return "restored"
+
+    def _name(self, arguments: Mapping[str, Any]) -> str:
+        given = parse(PersonName, arguments, where="name")
+        if not self.running:
+            raise NotNowError("people have no numbers while nothing is tracked; start first")
+        if given.name:
+            self.names[given.person] = given.name
+            return f"person {given.person} is called {given.name}"
+        self.names.pop(given.person, None)
+        return f"person {given.person} has no name"
+
+    def _named(self, scene: Scene) -> Scene:
+        """The scene with the names that were given to its people."""
+        if not any(person.id in self.names for person in scene.people):
+            return scene
+        people = (msgspec.structs.replace(person, name=self.names.get(person.id, "")) for person in scene.people)
+        return msgspec.structs.replace(scene, people=tuple(people))
 
     def _make_tracker(self, setup: Setup) -> Tracker:
         tracker = make_tracker(

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import bisect
+import math
 from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from mocapella.model.scene import Phase, Scene, TrackerState
+from mocapella.conventions import NS_PER_S
+from mocapella.model.conditions import conditions
+from mocapella.model.scene import Phase, Scene, SensorPlace, TrackerState
 
 
 class LatencyHistogram:
@@ -37,9 +40,25 @@ class LatencyHistogram:
         return min(self.most, self._edges[min(place, len(self._edges) - 1)])
 
 
+MOST_CONDITIONS = 100
+"""So many different conditions are kept, the newest."""
+
+
+@dataclass
+class Condition:
+    """Something that was wrong or to be done: when it was said first and last [s], and in how many results."""
+
+    first_s: float
+    last_s: float
+    results: int = 1
+
+
 @dataclass
 class Tally:
-    """Counts of a run, kept while it goes on."""
+    """Counts of a run, kept while it goes on.
+
+    ``began_ns`` is when the run began, on the clock of its results; that of the first where it is not given.
+    """
 
     frames_in: int = 0
     rejected: int = 0
@@ -48,6 +67,10 @@ class Tally:
     people_now: int = 0
     state_changes: list[dict[str, Any]] = field(default_factory=list)
     latencies: LatencyHistogram = field(default_factory=LatencyHistogram)
+    began_ns: int | None = None
+    conditions: dict[str, Condition] = field(default_factory=dict)
+    conditions_left_out: int = 0
+    places: tuple[SensorPlace, ...] = ()
     times: deque[int] = field(default_factory=lambda: deque(maxlen=1024))
 
     def scene(self, scene: Scene, latency: float | None, done_ns: int) -> None:
@@ -56,8 +79,24 @@ class Tally:
         self.people_now = len(scene.people)
         self.most_people = max(self.most_people, self.people_now)
         self.times.append(done_ns)
+        self.places = scene.sensors
+        if self.began_ns is None:
+            self.began_ns = done_ns
+        if scene.state.reason:
+            self._note_conditions(scene.state.reason, (done_ns - self.began_ns) / NS_PER_S)
         if latency is not None:
             self.latencies.add(latency)
+
+    def _note_conditions(self, reason: str, at_s: float) -> None:
+        for text in reason.split("; "):
+            known = self.conditions.get(text)
+            if known is not None:
+                known.last_s, known.results = at_s, known.results + 1
+                continue
+            if len(self.conditions) == MOST_CONDITIONS:
+                del self.conditions[min(self.conditions, key=lambda old: self.conditions[old].last_s)]
+                self.conditions_left_out += 1
+            self.conditions[text] = Condition(at_s, at_s)
 
     def state(self, at_s: float, phase: str, reason: str) -> None:
         """The tracker's state changed."""
@@ -83,12 +122,21 @@ class Tally:
         if last.phase is Phase.WAITING_FOR_SENSORS:
             why = f"{last.sensors_missing} of the expected sensors never came"
         else:
-            why = f"calibration never succeeded: {last.frames_remaining} of {last.frames_wanted} frames remained"
-        return f"{why}; {last.reason}" if last.reason else why
+            remained = (
+                f": {last.frames_remaining} of {last.frames_wanted} frames remained" if last.frames_wanted else ""
+            )
+            why = f"calibration never succeeded{remained}"
+        return f"{why}; {self.in_words(last.reason)}" if last.reason else why
+
+    def in_words(self, reason: str) -> str:
+        """The reason, with the sensors that have one trouble named together."""
+        return "; ".join(conditions(reason, [place.sensor for place in self.places])) if self.places else reason
 
     def as_json(self, last: TrackerState) -> dict[str, Any]:
         """The part of a summary that every run has; ``last`` is the state it ended in."""
         return {
+            "phase": last.phase.value,
+            "reason": last.reason,
             "frames_in": self.frames_in,
             "frames_out": self.scenes_out,
             "rejected": self.rejected,
@@ -96,5 +144,29 @@ class Tally:
             "most_people": self.most_people,
             "latency_ms": self.latency_ms(),
             "state_changes": self.state_changes,
+            "conditions": [
+                {
+                    "condition": text,
+                    "first_s": round(said.first_s, 3),
+                    "last_s": round(said.last_s, 3),
+                    "results": said.results,
+                }
+                for text, said in self.conditions.items()
+            ],
+            "conditions_left_out": self.conditions_left_out,
+            "sensor_places": [_place_row(place) for place in self.places],
             "never_tracked": self.never_tracked(last),
         }
+
+
+def _place_row(place: SensorPlace) -> dict[str, Any]:
+    """Where a sensor stood at the end; null where that was not known."""
+    T, sd_mm, sd_deg = place.T_world_sensor, 1e3 * place.position_sd, math.degrees(place.rotation_sd)
+    return {
+        "sensor": place.sensor,
+        "T_world_sensor": None if T is None else T[:3].tolist(),
+        "position_sd_mm": round(sd_mm, 2) if math.isfinite(sd_mm) else None,
+        "rotation_sd_deg": round(sd_deg, 3) if math.isfinite(sd_deg) else None,
+        "quality": place.quality,
+        "problem": place.problem,
+    }

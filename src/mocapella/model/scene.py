@@ -80,6 +80,7 @@ class Person(msgspec.Struct, frozen=True, eq=False):
             now may keep a view in which nothing is tracked.
         sd: (joints,) float32, standard deviation of a coordinate [m]; NaN where not tracked. None where the method does
             not say.
+        name: that somebody gave to the person in this session; empty where nobody did.
     """
 
     id: int
@@ -87,6 +88,7 @@ class Person(msgspec.Struct, frozen=True, eq=False):
     states: UInt8
     views: tuple[PotentialSkeleton, ...]
     sd: Float32 | None = None
+    name: str = ""
 
     def view_of(self, sensor: str) -> PotentialSkeleton | None:
         """That sensor's view, or None where it does not see this person."""

@@ -26,6 +26,29 @@ SCENARIOS: dict[str, int] = {
 """What the people do, and the study log's number (Scenario_Id) for it."""
 
 
+LONGEST_NAME = 40
+"""Characters of a person's name."""
+
+
+@dataclass(frozen=True)
+class PersonName:
+    """What somebody calls a person.
+
+    Attributes:
+        person: number of the person.
+        name: empty takes the name away.
+    """
+
+    person: int
+    name: str
+
+    def __post_init__(self) -> None:
+        check(0 <= self.person < 2**64, "person", self.person, "a person's number, 0 or more")
+        fits = len(self.name) <= LONGEST_NAME and self.name.isprintable() and self.name == self.name.strip()
+        wanted = f"up to {LONGEST_NAME} characters on one line, without space around them"
+        check(fits, "name", self.name[:80], wanted)
+
+
 @dataclass(frozen=True)
 class SensorPose:
     """How a sensor stands, as the person who put it there measured it."""

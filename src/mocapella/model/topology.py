@@ -11,6 +11,10 @@ from functools import cache, cached_property
 from importlib.resources import files
 
 from mocapella.errors import SettingsError, one_of
+from mocapella.settings import check
+
+UNKNOWN_FIELD_OF_VIEW_DEG = (60.0, 45.0)
+"""Across and high, of a sensor whose topology's file says nothing of it: that of common depth cameras, or less."""
 
 
 @dataclass(frozen=True)
@@ -23,6 +27,7 @@ class Topology:
         bones: (parent, child) indices; a tree that reaches every joint from ``root``.
         mirror: for each joint, the index of its mirror image (itself for the joints of the middle).
         parts: joint index by what it is for: ``root``, ``head``, ``shoulder_left``, ``hand_right``, ….
+        field_of_view_deg: of the sensors that report these joints, across and high [°].
     """
 
     name: str
@@ -30,6 +35,7 @@ class Topology:
     bones: tuple[tuple[int, int], ...]
     mirror: tuple[int, ...]
     parts: dict[str, int]
+    field_of_view_deg: tuple[float, float] = UNKNOWN_FIELD_OF_VIEW_DEG
 
     def __len__(self) -> int:
         return len(self.joints)
@@ -53,8 +59,8 @@ def topology_from_toml(text: str, name: str) -> Topology:
     """Read a topology and check that it is one.
 
     Raises:
-        SettingsError: a bone or pair names an unknown joint, the bones are no tree from the root, or a joint has two
-            mirror images.
+        SettingsError: a bone or pair names an unknown joint, the bones are no tree from the root, a joint has two
+            mirror images, or a field of view that no sensor has.
     """
     data = tomllib.loads(text)
     joints = tuple(data["joints"])
@@ -84,7 +90,11 @@ def topology_from_toml(text: str, name: str) -> Topology:
     if len(reached) != len(joints):
         missing = ", ".join(joint for i, joint in enumerate(joints) if i not in reached)
         raise SettingsError(f"topology {name}: no bone reaches {missing}")
-    return Topology(name, joints, bones, tuple(mirror), parts)
+    across, high = data.get("field_of_view_deg", UNKNOWN_FIELD_OF_VIEW_DEG)
+    check(
+        0 < across < 180 and 0 < high < 180, f"topology {name}: field_of_view_deg", [across, high], "above 0, below 180"
+    )
+    return Topology(name, joints, bones, tuple(mirror), parts, (float(across), float(high)))
 
 
 @cache

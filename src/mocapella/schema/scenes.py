@@ -57,6 +57,7 @@ def encode_scene(scene: Scene) -> bytes:
                 joint_states=person.states.tobytes(),
                 views=[_encode_view(view) for view in person.views],
                 joint_sd_m=b"" if person.sd is None else person.sd.astype(F4, copy=False).tobytes(),
+                name=person.name,
             )
             for person in scene.people
         ],
@@ -83,6 +84,7 @@ def decode_scene(data: bytes) -> Scene:
             choices(person.joint_states, STATES, len(kind), "Person.joint_states"),
             tuple(_decode_view(view, kind) for view in person.views),
             _decode_sd(person.joint_sd_m, kind),
+            person.name,
         )
         for person in m.people
     )

@@ -5,7 +5,7 @@ All skeletons of a stage become one set of strokes, so that a browser draws them
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,12 @@ Float32 = NDArray[np.float32]
 
 INFERRED_THICKNESS = 0.45
 """An inferred bone is drawn this much as thick as a tracked one."""
+SURE_SD_M, UNSURE_SD_M = 0.03, 0.12
+"""Up to the first a joint is drawn as sure; from the second on, as unsure as can be. About 9 in 10 joints that sensors
+track are below the first, half of the inferred ones beyond 0.08 m (simulated room, method ``default``)."""
+UNSURE_THICKNESS = 0.3
+LARGEST_HALO_M = 0.3
+HALO_OPACITY = 0.4
 _SHORTEST = 1e-4
 
 
@@ -30,19 +36,25 @@ class Strokes:
         wxyzs: (n, 4), unit quaternions (w, x, y, z).
         scales: (n, 3), along the mesh's own axes [m].
         colours: (n, 3) uint8, red, green and blue.
+        opacities: (n,), 0 to 1; only a node that is made translucent shows them.
     """
 
     positions: Float32
     wxyzs: Float32
     scales: Float32
     colours: NDArray[np.uint8]
+    opacities: Float32
 
     def __len__(self) -> int:
         return len(self.positions)
 
 
 NO_STROKES = Strokes(
-    np.zeros((0, 3), np.float32), np.zeros((0, 4), np.float32), np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)
+    np.zeros((0, 3), np.float32),
+    np.zeros((0, 4), np.float32),
+    np.zeros((0, 3), np.float32),
+    np.zeros((0, 3), np.uint8),
+    np.zeros(0, np.float32),
 )
 
 
@@ -55,6 +67,7 @@ def join(parts: list[Strokes]) -> Strokes:
         np.concatenate([part.wxyzs for part in parts]),
         np.concatenate([part.scales for part in parts]),
         np.concatenate([part.colours for part in parts]),
+        np.concatenate([part.opacities for part in parts]),
     )
 
 
@@ -63,10 +76,19 @@ def padded(strokes: Strokes, count: int) -> Strokes:
     missing = count - len(strokes)
     identity = np.tile(np.array([1, 0, 0, 0], np.float32), (missing, 1))
     nothing = np.zeros((missing, 3), np.float32)
-    return join([strokes, Strokes(nothing, identity, nothing, np.zeros((missing, 3), np.uint8))])
+    blank = Strokes(nothing, identity, nothing, np.zeros((missing, 3), np.uint8), np.zeros(missing, np.float32))
+    return join([strokes, blank])
 
 
-def bone_strokes(positions: Any, states: Any, topology: Topology, colours: Any, radii: Any) -> Strokes:
+def doubt(sd: Any) -> Float32:
+    """How unsure a joint looks, 0 to 1, by the standard deviation of a coordinate [m]; 0 where it is not known."""
+    span = UNSURE_SD_M - SURE_SD_M
+    return np.asarray(np.clip(np.nan_to_num((np.asarray(sd, np.float32) - SURE_SD_M) / span), 0, 1), np.float32)
+
+
+def bone_strokes(
+    positions: Any, states: Any, topology: Topology, colours: Any, radii: Any, *, doubts: Any = 0.0
+) -> Strokes:
     """A stroke along +y of the mesh for every bone whose two joints are there.
 
     A bone is inferred, and thin, where one of its joints is; it is not there where a joint is not tracked, has a NaN
@@ -78,6 +100,7 @@ def bone_strokes(positions: Any, states: Any, topology: Topology, colours: Any, 
         topology: of all the skeletons.
         colours: (skeletons, 3), red, green and blue.
         radii: (skeletons,), of a tracked bone [m].
+        doubts: (skeletons, joints) of `doubt`, or one for all: a bone is as thin as its less sure joint makes it.
     """
     p, s = np.asarray(positions, np.float32), np.asarray(states)
     bones = np.array(topology.bones)
@@ -86,36 +109,66 @@ def bone_strokes(positions: Any, states: Any, topology: Topology, colours: Any, 
     weakest = np.minimum(s[:, bones[:, 0]], s[:, bones[:, 1]])
     there = np.isfinite(length) & (length > _SHORTEST) & (weakest != JointState.NOT_TRACKED)
     skeleton = np.nonzero(there)[0]
-    radius = np.asarray(radii, np.float32)[skeleton] * _thickness(weakest[there])
+    unsure = np.broadcast_to(np.asarray(doubts, np.float32), s.shape)
+    unsure = np.maximum(unsure[:, bones[:, 0]], unsure[:, bones[:, 1]])
+    radius = np.asarray(radii, np.float32)[skeleton] * _thickness(weakest[there], unsure[there])
     direction = along[there] / length[there][:, None]
     return Strokes(
         positions=start[there],
         wxyzs=from_up_to(direction),
         scales=np.stack([radius, length[there], radius], axis=-1).astype(np.float32),
         colours=np.asarray(colours, np.uint8).reshape(-1, 3)[skeleton],
+        opacities=np.ones(len(skeleton), np.float32),
     )
 
 
-def joint_strokes(positions: Any, states: Any, colours: Any, radii: Any) -> Strokes:
-    """A stroke of equal size along all axes for every joint that is there; an inferred joint is smaller.
+def joint_strokes(positions: Any, states: Any, colours: Any, radii: Any, *, doubts: Any = 0.0) -> Strokes:
+    """A stroke of equal size along all axes for every joint that is there; an inferred or unsure joint is smaller.
 
     Args:
         positions: (skeletons, joints, 3) [m].
         states: (skeletons, joints), `JointState`.
         colours: (skeletons, 3), red, green and blue.
         radii: (joints,), of a tracked joint [m]; a radius of 0 leaves the joint out.
+        doubts: (skeletons, joints) of `doubt`, or one for all.
     """
     p, s = np.asarray(positions, np.float32), np.asarray(states)
     size = np.broadcast_to(np.asarray(radii, np.float32), s.shape)
-    there = np.isfinite(p).all(axis=-1) & (s != JointState.NOT_TRACKED) & (size > 0)
-    skeleton = np.nonzero(there)[0]
-    radius = size[there] * _thickness(s[there])
-    count = len(radius)
+    there = _is_there(p, s) & (size > 0)
+    unsure = np.broadcast_to(np.asarray(doubts, np.float32), s.shape)
+    radius = size[there] * _thickness(s[there], unsure[there])
+    return _balls(p[there], radius, np.asarray(colours, np.uint8).reshape(-1, 3)[np.nonzero(there)[0]])
+
+
+def halo_strokes(positions: Any, states: Any, sds: Any, colours: Any) -> Strokes:
+    """A translucent ball about every joint that is unsure: one standard deviation of a coordinate in radius.
+
+    Args:
+        positions: (skeletons, joints, 3) [m].
+        states: (skeletons, joints), `JointState`.
+        sds: (skeletons, joints), standard deviation of a coordinate [m]; NaN where not known.
+        colours: (skeletons, 3), red, green and blue.
+    """
+    p, s, sd = np.asarray(positions, np.float32), np.asarray(states), np.asarray(sds, np.float32)
+    unsure = doubt(sd)
+    there = _is_there(p, s) & (unsure > 0)
+    radius = np.minimum(sd[there], LARGEST_HALO_M)
+    colour = np.asarray(colours, np.uint8).reshape(-1, 3)[np.nonzero(there)[0]]
+    return replace(_balls(p[there], radius, colour), opacities=HALO_OPACITY * unsure[there])
+
+
+def _is_there(positions: Float32, states: NDArray[Any]) -> NDArray[np.bool_]:
+    return np.asarray(np.isfinite(positions).all(axis=-1) & (states != JointState.NOT_TRACKED))
+
+
+def _balls(positions: Float32, radii: Float32, colours: NDArray[np.uint8]) -> Strokes:
+    count = len(radii)
     return Strokes(
-        positions=p[there],
+        positions=positions,
         wxyzs=np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1)),
-        scales=np.repeat(radius[:, None], 3, axis=1).astype(np.float32),
-        colours=np.asarray(colours, np.uint8).reshape(-1, 3)[skeleton],
+        scales=np.repeat(radii[:, None], 3, axis=1).astype(np.float32),
+        colours=colours,
+        opacities=np.ones(count, np.float32),
     )
 
 
@@ -129,5 +182,6 @@ def from_up_to(direction: Any) -> Float32:
     return np.where(norm > 1e-6, q / np.maximum(norm, 1e-6), half_turn).astype(np.float32)
 
 
-def _thickness(states: NDArray[Any]) -> NDArray[np.float32]:
-    return np.where(states == JointState.TRACKED, np.float32(1), np.float32(INFERRED_THICKNESS))
+def _thickness(states: NDArray[Any], doubts: Float32) -> Float32:
+    by_state = np.where(states == JointState.TRACKED, np.float32(1), np.float32(INFERRED_THICKNESS))
+    return np.asarray(np.minimum(by_state, 1 - (1 - UNSURE_THICKNESS) * doubts), np.float32)

@@ -2,51 +2,93 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import viser
 
+from mocapella.model.observations import BodyFrame
+from mocapella.model.scene import Person, Scene
 from mocapella.model.session import SessionStatus
+from mocapella.model.topology import UNKNOWN_FIELD_OF_VIEW_DEG
 from mocapella.viewer import layout
 from mocapella.viewer.commands import Commander
 from mocapella.viewer.layout import Look
 from mocapella.viewer.palette import SensorColours
 from mocapella.viewer.panel import Aim, Panel
-from mocapella.viewer.perspective import Floors
-from mocapella.viewer.readout import stage_text
+from mocapella.viewer.perspective import Float64, Floors, Perspectives
+from mocapella.viewer.readout import condition_lines, stage_text
 from mocapella.viewer.stages import TrackingDrawing, TrackingStage
+from mocapella.viewer.trails import TrailChoice, Trails
 
 _FOV = np.radians(36.0)
-_SENSOR_FOV = np.radians(60.0)
 _ELEVATION = np.radians(13.0)
 _SETTLED = 30
 """Calls after a move of ours in which the browser may still report where its camera was before."""
 
 
+@dataclass(frozen=True)
+class Known:
+    """What the view remembers of sensors and people, the same for all browsers; only the loop that draws changes it."""
+
+    colours: SensorColours = field(default_factory=SensorColours)
+    fields: dict[str, tuple[float, float]] = field(default_factory=dict)
+    floors: Floors = field(default_factory=Floors)
+    seen: Perspectives = field(default_factory=Perspectives)
+    trails: Trails = field(default_factory=Trails)
+
+    def learn(self, scene: Scene | None, frames: Mapping[str, BodyFrame], status: SessionStatus | None) -> None:
+        """Take up the newest."""
+        self.colours.learn({row.name for row in status.sensors} if status else set())
+        self.colours.learn(set(frames))
+        if scene is not None:
+            self.seen.learn(scene)
+            self.floors.learn_scene(scene)
+            self.trails.learn(scene, self.seen.world)
+        poses = status.setup.sensors if status else {}
+        for name, frame in frames.items():
+            self.fields[name] = frame.topology.field_of_view_deg
+            self.floors.learn_frame(frame, poses.get(name))
+
+
 class Browser:
     """What one client sees. Owned by the loop that draws; the client's callbacks only leave a wish."""
 
-    def __init__(
-        self, client: viser.ClientHandle, commander: Commander, methods: Sequence[str], colours: SensorColours
-    ) -> None:
-        self._client, self._colours = client, colours
+    def __init__(self, client: viser.ClientHandle, commander: Commander, methods: Sequence[str], known: Known) -> None:
+        self._client, self._known, self._colours = client, known, known.colours
         self._wish: Aim | None = Aim.BOTH
         self._aim = Aim.BOTH
         self._framed: tuple[int, float] | None = None
         self._look: Look | None = None
         self._calls_since_move = 0
-        self._stage = TrackingStage(client.scene, colours)
-        self._panel = Panel(client, commander, methods, colours, self._want)
+        self._stage = TrackingStage(client.scene, known.colours, known.fields)
+        self._panel = Panel(client, commander, methods, known.colours, self._want)
 
-    def show(self, draw: Callable[[str], TrackingDrawing], status: SessionStatus | None, floors: Floors) -> None:
+    def show(self, draw: Callable[[str], TrackingDrawing], scene: Scene | None, status: SessionStatus | None) -> None:
         """Show the newest: ``draw`` makes the Tracking stage of a perspective."""
         with self._client.atomic():
-            self._panel.show(status)
+            self._panel.show(status, scene)
             perspective = self._panel.perspective
-            eyes = self._aim is Aim.EYES
-            self._stage.draw(draw(perspective), perspective, stage_text(status), eyes=eyes)
-            self._move_camera(perspective, floors)
+            self._stage.draw(
+                draw(perspective),
+                perspective,
+                stage_text(status),
+                condition_lines(status),
+                eyes=self._aim is Aim.EYES,
+                fields=self._panel.fields,
+            )
+            self._draw_trails(perspective, self._panel.trails if scene is not None else TrailChoice())
+            self._move_camera(perspective, self._known.floors)
+
+    def _draw_trails(self, perspective: str, shown: TrailChoice) -> None:
+        seen, T_stage = self._known.seen, self._known.floors.level(perspective)
+
+        def to_stage(person: Person) -> Float64 | None:
+            T = seen.from_world(person, perspective)
+            return None if T is None else T_stage @ T
+
+        self._stage.draw_trails(self._known.trails, shown, perspective, to_stage)
 
     def _want(self, aim: Aim) -> None:
         self._wish = aim
@@ -63,7 +105,8 @@ class Browser:
         self._aim = wish or self._aim
         self._framed = fits
         if self._aim is Aim.EYES:
-            self._put(layout.eyes(floors.tilt(perspective), floors.height(perspective), _SENSOR_FOV))
+            _, high = self._known.fields.get(perspective, UNKNOWN_FIELD_OF_VIEW_DEG)
+            self._put(layout.eyes(floors.tilt(perspective), floors.height(perspective), np.radians(high)))
             return
         tracking, sensors = layout.tracking_box().corners, layout.sensors_box(lanes).corners
         seen = {Aim.TRACKING: tracking, Aim.SENSORS: sensors}.get(self._aim, np.concatenate([tracking, sensors]))

@@ -20,6 +20,7 @@ class Allowed:
     stop: bool = False
     recalibrate: bool = False
     setup: bool = False
+    name: bool = False
     record: bool = False
     record_stop: bool = False
 
@@ -33,6 +34,7 @@ def allowed(status: SessionStatus | None) -> Allowed:
         stop=status.running,
         recalibrate=status.running,
         setup=True,
+        name=status.running,
         record=not status.recording.active,
         record_stop=status.recording.active,
     )

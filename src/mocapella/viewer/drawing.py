@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mocapella.viewer.bones import Strokes, padded
 from mocapella.viewer.meshes import Mesh
-from mocapella.viewer.palette import Rgb
+from mocapella.viewer.palette import FLOOR, Rgb
 
 Anchor = Literal["bottom-center", "bottom-left"]
 
@@ -35,15 +35,22 @@ class Tag:
 
 
 class StrokeNode:
-    """A mesh drawn at any number of places."""
+    """A mesh drawn at any number of places; only where ``translucent`` do the strokes' opacities show."""
 
-    def __init__(self, scene: viser.SceneApi, name: str, mesh: Mesh, *, shadow: bool = True) -> None:
-        self._scene, self._name, self._mesh, self._shadow = scene, name, mesh, shadow
+    def __init__(
+        self, scene: viser.SceneApi, name: str, mesh: Mesh, *, shadow: bool = True, translucent: bool = False
+    ) -> None:
+        self._scene, self._name, self._mesh = scene, name, mesh
+        self._shadow, self._translucent = shadow, translucent
+        self._shows = True
         self._capacity = 0
         self._handle: viser.BatchedMeshHandle | None = None
 
     def draw(self, strokes: Strokes) -> None:
-        """Show exactly these strokes."""
+        """Show exactly these strokes; nothing is sent while there are none."""
+        if not len(strokes) and not self._shows:
+            return
+        self._shows = len(strokes) > 0
         if self._handle is None or len(strokes) > self._capacity:
             self._grow(len(strokes))
         assert self._handle is not None
@@ -52,6 +59,8 @@ class StrokeNode:
         self._handle.batched_wxyzs = s.wxyzs
         self._handle.batched_scales = s.scales
         self._handle.batched_colors = s.colours
+        if self._translucent:
+            self._handle.batched_opacities = s.opacities
 
     def _grow(self, count: int) -> None:
         if self._handle is not None:
@@ -66,9 +75,44 @@ class StrokeNode:
             batched_positions=blank,
             batched_scales=blank,
             batched_colors=np.zeros((self._capacity, 3), np.uint8),
+            batched_opacities=np.zeros(self._capacity, np.float32) if self._translucent else None,
             lod="off",
             cast_shadow=self._shadow,
             receive_shadow=False,
+        )
+
+
+class LineNode:
+    """Straight lines, each point of them in a colour of its own."""
+
+    def __init__(self, scene: viser.SceneApi, name: str, *, thickness: float) -> None:
+        self._scene, self._name, self._thickness = scene, name, thickness
+        self._capacity = 0
+        self._handle: viser.LineSegmentsHandle | None = None
+
+    def draw(self, points: NDArray[np.float32], colours: NDArray[np.uint8]) -> None:
+        """Show exactly these lines: ``points`` and ``colours``, both (n, 2, 3)."""
+        if not len(points):
+            if self._handle is not None:
+                self._handle.visible = False
+            return
+        if self._handle is None or len(points) > self._capacity:
+            self._grow(len(points))
+        assert self._handle is not None
+        missing = self._capacity - len(points)  # what is missing lies as a point where the last line ends
+        self._handle.points = np.concatenate([points, np.broadcast_to(points[-1, 1], (missing, 2, 3))])
+        self._handle.colors = np.concatenate([colours, np.broadcast_to(colours[-1, 1], (missing, 2, 3))])
+        self._handle.visible = True
+
+    def _grow(self, count: int) -> None:
+        if self._handle is not None:
+            self._handle.remove()
+        self._capacity = max(_FIRST_CAPACITY, 1 << (count - 1).bit_length())
+        self._handle = self._scene.add_line_segments(
+            self._name,
+            np.zeros((self._capacity, 2, 3), np.float32),
+            np.zeros((self._capacity, 2, 3), np.uint8),
+            thickness=self._thickness,
         )
 
 
@@ -102,16 +146,17 @@ class TagNodes:
 
 
 class SensorNode:
-    """A sensor, drawn as the frustum of its picture."""
+    """A sensor, drawn as the frustum of its field of view."""
 
     def __init__(self, scene: viser.SceneApi, name: str, *, scale: float) -> None:
         self._placed: NDArray[np.float64] | None = None
         self._colour: Rgb | None = None
+        self._field_deg: tuple[float, float] | None = None
         self._visible = False
         self._handle = scene.add_camera_frustum(
             name,
-            fov=np.radians(60.0),
-            aspect=70.6 / 60.0,
+            fov=1.0,
+            aspect=1.0,
             scale=scale,
             thickness=0.012,
             visible=False,
@@ -120,8 +165,15 @@ class SensorNode:
             variant="filled",
         )
 
-    def place(self, T: NDArray[np.float64], colour: Rgb) -> None:
-        """Show it in that colour, with its camera space at ``T`` (4, 4) of the view."""
+    def place(self, T: NDArray[np.float64], colour: Rgb, field_deg: tuple[float, float]) -> None:
+        """Show it in that colour, with its camera space at ``T`` (4, 4) of the view.
+
+        ``field_deg`` is its field of view, across and high [°].
+        """
+        if field_deg != self._field_deg:
+            self._field_deg = field_deg
+            across, high = np.tan(np.radians(field_deg) / 2)
+            self._handle.fov, self._handle.aspect = float(np.radians(field_deg[1])), float(across / high)
         if colour != self._colour:
             self._colour, self._handle.color = colour, colour.paint
         if self._placed is None or np.abs(T - self._placed).max() > _NEGLIGIBLE:
@@ -156,7 +208,7 @@ class FloorNode:
             section_color=(70, 88, 118),
             cell_thickness=0.8,
             section_thickness=1.2,
-            plane_color=(20, 27, 40),
+            plane_color=FLOOR,
             plane_opacity=0.85,
             shadow_opacity=0.4,
             fade_distance=60.0,

@@ -87,6 +87,13 @@ def stage_centre() -> tuple[float, float, float]:
     return 0.0, 0.6 * PERSON_HEIGHT_M, TRACKING_DEPTH_M / 2 - BEHIND_SENSOR_M
 
 
+def aside(place: int) -> Float64:
+    """(4, 4), where a sensor is shown whose place is not known: in a row at the right edge of the Tracking stage."""
+    T = np.eye(4)
+    T[:3, 3] = 0.3 - TRACKING_WIDTH_M / 2, 0.35, 0.7 * place - 0.2
+    return T
+
+
 def title_place(box: Box) -> tuple[float, float, float]:
     """Where the title of a stage begins: at the left end of its front edge."""
     return float(box.high[0]) - 0.1, float(box.low[1]), float(box.low[2])

@@ -25,9 +25,23 @@ class Rgb(NamedTuple):
         """Deeper: what a surface under the scene's lights must have to look like this colour."""
         return Rgb(*(round(255 * (channel / 255) ** _PAINT_GAMMA) for channel in self))
 
+    @property
+    def faint(self) -> Rgb:
+        """What a line has to look like that is there to be looked past."""
+        return Rgb(*(round(0.35 * channel) for channel in self.paint))
+
 
 FUSED = Rgb(255, 255, 255)
 """The fused skeleton."""
+FLOOR = Rgb(20, 27, 40)
+GREEN, AMBER, BLUE, RED, GREY = (
+    Rgb(61, 220, 151),
+    Rgb(255, 184, 77),
+    Rgb(94, 176, 255),
+    Rgb(255, 107, 107),
+    Rgb(138, 151, 171),
+)
+"""Of states: all is well; not yet, or in doubt; under way; wrong; off."""
 
 PEOPLE = (
     Rgb(255, 159, 28),

@@ -12,6 +12,7 @@ from typing import Any
 
 import viser
 
+from mocapella.model.scene import Scene
 from mocapella.model.session import SessionStatus
 from mocapella.viewer import readout
 from mocapella.viewer.commands import Commander, notify
@@ -24,11 +25,14 @@ from mocapella.viewer.controls import (
     take_name,
 )
 from mocapella.viewer.palette import SensorColours
+from mocapella.viewer.people_panel import PeoplePanel
 from mocapella.viewer.perspective import FREE
 from mocapella.viewer.setup_panel import SetupPanel
+from mocapella.viewer.trails import LONGEST_S, TrailChoice, TrailOf
 from mocapella.viewer.watchdog import Watchdog
 
 WIDTH_PX = 340
+SHORTEST_TRAIL_S = 2
 
 
 class Aim(StrEnum):
@@ -68,11 +72,22 @@ class Panel:
         self._recalibrate = self._button("Recalibrate", "recalibrate", viser.Icon.REFRESH, "gray")
         with gui.add_folder("Sensors"):
             self._sensors = gui.add_html(readout.sensors_html(None, colours))
+        self._people = PeoplePanel(gui, self._send_name)
         self._add_recording_folder(gui)
         self._add_camera_folder(gui)
         self._setup = SetupPanel(gui, methods, self._send_setup, self._refuse)
         with gui.add_folder("Notices"):
             self._notices = gui.add_html(readout.notices_html(None))
+
+    @property
+    def trails(self) -> TrailChoice:
+        """The trails that this browser shows."""
+        return TrailChoice(TrailOf(self._trails.value), float(self._trail_seconds.value))
+
+    @property
+    def fields(self) -> bool:
+        """Whether this browser shows what each sensor can see."""
+        return bool(self._fields.value)
 
     @property
     def perspective(self) -> str:
@@ -81,7 +96,7 @@ class Panel:
             return self._chosen
         return default_perspective(self._status, self._colours.sensors)
 
-    def show(self, status: SessionStatus | None) -> None:
+    def show(self, status: SessionStatus | None, scene: Scene | None) -> None:
         """Bring everything up to the status; costs next to nothing when it is the one already shown."""
         self._watchdog.beat(time.monotonic())
         can = allowed(status)
@@ -102,7 +117,9 @@ class Panel:
         self._name.disabled = not can.record
         self._recording.content = readout.recording_html(status.recording if status else None)
         self._notices.content = readout.notices_html(status)
-        self._sensors.content = readout.sensors_html(status, self._colours)
+        places = {place.sensor: place for place in scene.sensors} if scene else {}
+        self._sensors.content = readout.sensors_html(status, self._colours, places)
+        self._people.show(scene.people if scene else (), enabled=can.name)
 
     def _button(self, label: str, verb: str, icon: Any, colour: Any) -> viser.GuiButtonHandle:
         button = self._client.gui.add_button(label, disabled=True, icon=icon, color=colour)
@@ -120,6 +137,11 @@ class Panel:
                 "Perspective", (FREE,), hint="Whose eyes place the people; free: the tracker's own world"
             )
             self._aims = gui.add_button_group("Look at", tuple(Aim))
+            self._trails = gui.add_dropdown("Trails", tuple(TrailOf), hint="Lines along which people have moved")
+            self._trail_seconds = gui.add_slider(
+                "Trail length, s", SHORTEST_TRAIL_S, LONGEST_S, 1, TrailChoice().seconds, hint="How many seconds back"
+            )
+            self._fields = gui.add_checkbox("Fields of view", False, hint="What each sensor can see, 4.5 m far")
 
         @self._perspective.on_update
         async def _(event: viser.GuiEvent[Any]) -> None:
@@ -151,6 +173,9 @@ class Panel:
             self._perspective.options = options
         if self.perspective in options:
             self._perspective.value = self.perspective
+
+    def _send_name(self, arguments: dict[str, Any]) -> None:
+        self._commander.send("name", arguments, self._client)
 
     def _send_setup(self, arguments: dict[str, Any]) -> None:
         self._commander.send("setup", arguments, self._client)

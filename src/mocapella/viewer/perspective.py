@@ -1,16 +1,19 @@
 """People and frames as a sensor sees them, with its floor made level.
 
-The ``stand-still`` method centres every person on itself, so that in its world all stand in one place. From a sensor's
+A method that gives every sensor a place has one world for all, which every sensor's perspective shows from there. The
+``stand-still`` method centres every person on itself, so that in its world all stand in one place: from a sensor's
 perspective each person goes back through the calibration of *that sensor's view of that person* and stands where the
 sensor saw it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.geometry.rigid import apply, inverse, rigid, rotation_about_x
+from mocapella.geometry.rigid import apply, inverse, rigid, rotation_about_x, rotation_about_y
 from mocapella.model.observations import BodyFrame
 from mocapella.model.scene import Person, Scene
 from mocapella.model.session import SensorPose
@@ -20,6 +23,8 @@ Float64 = NDArray[np.float64]
 FREE = "free"
 """The perspective that is no sensor's: the tracker's world as it is."""
 _FLOOR_MEMORY = 0.05
+_ANOTHER_WORLD_M, _ANOTHER_WORLD_RAD = 0.1, np.radians(3.0)
+"""When all sensors are further from where they were just before, the world was laid anew."""
 
 
 def level(tilt: float, height: float) -> Float64:
@@ -27,14 +32,25 @@ def level(tilt: float, height: float) -> Float64:
     return rigid(rotation_about_x(-tilt), (0.0, height, 0.0))
 
 
+def upright(T_world_sensor: Float64, floor: float = 0.0) -> Float64:
+    """(4, 4) T_stage_sensor of a sensor with a place in an upright world, ``floor`` [m] over its floor.
+
+    The stage's origin is under the sensor, and its +z goes where the sensor looks.
+    """
+    R, (_, y, _) = T_world_sensor[:3, :3], T_world_sensor[:3, 3]
+    return rigid(rotation_about_y(-np.arctan2(R[0, 2], R[2, 2])) @ R, (0.0, y + floor, 0.0))
+
+
 class Floors:
     """How each sensor, and the free world's origin, stands over the floor.
 
-    A height that was set up is taken as it is. Where none was, the floor is put under the lowest joint that is seen,
-    slowly, so that a stray joint does not shake it.
+    Where the calibration has found a sensor's place, that says how it stands. Else a height that was set up is taken as
+    it is. Where none was, the floor is put under the lowest joint that is seen, slowly, so that a stray joint does not
+    shake it.
     """
 
     def __init__(self) -> None:
+        self._places: dict[str, Float64] = {}
         self._heights: dict[str, float] = {}
         self._tilts: dict[str, float] = {}
 
@@ -48,20 +64,29 @@ class Floors:
             self._learn_lowest(frame.sensor, apply(level(tilt, 0.0), frame.positions))
 
     def learn_scene(self, scene: Scene) -> None:
-        """Learn of the free world."""
-        if scene.people:
+        """Learn of the free world, and of the sensors that have a place in it."""
+        self._places = places_of(scene)
+        if self._places and not any(np.allclose(T, np.eye(4), atol=1e-9) for T in self._places.values()):
+            self._heights[FREE] = 0.0  # a world whose origin is no sensor's has the floor for its ground
+        elif scene.people:
             self._learn_lowest(FREE, np.concatenate([person.positions for person in scene.people]))
 
     def height(self, perspective: str) -> float:
         """Of that sensor, or of the free world's origin, over the floor [m]; 0 where nothing is known."""
+        if perspective in self._places:
+            return float(self._places[perspective][1, 3]) + self._heights.get(FREE, 0.0)
         return self._heights.get(perspective, 0.0)
 
     def tilt(self, perspective: str) -> float:
         """Of that sensor, upwards positive [rad]; 0 for the free world, and where nothing is known."""
+        if perspective in self._places:
+            return float(np.arcsin(np.clip(self._places[perspective][1, 2], -1.0, 1.0)))
         return self._tilts.get(perspective, 0.0)
 
     def level(self, perspective: str) -> Float64:
         """(4, 4) T_stage_perspective: to a stage whose floor is level and at y = 0."""
+        if perspective in self._places:
+            return upright(self._places[perspective], self._heights.get(FREE, 0.0))
         return level(self.tilt(perspective), self.height(perspective))
 
     def _learn_lowest(self, perspective: str, positions: Float64) -> None:
@@ -73,23 +98,59 @@ class Floors:
         self._heights[perspective] = before + _FLOOR_MEMORY * (now - before)
 
 
+def places_of(scene: Scene) -> dict[str, Float64]:
+    """(4, 4) T_world_sensor of every sensor that has a place now, by name."""
+    return {place.sensor: place.T_world_sensor for place in scene.sensors if place.T_world_sensor is not None}
+
+
 class Perspectives:
-    """From which motion each person was last seen by each sensor, so that a person does not jump when one loses it."""
+    """Where each sensor was last, and each person by each sensor, so that nobody jumps when a sensor loses them.
+
+    Attributes:
+        places: (4, 4) T_world_sensor, the last that was known, of every sensor that still belongs to the session.
+        world: grows by one when the world is laid anew: what was remembered of places in it is then worth nothing.
+    """
 
     def __init__(self) -> None:
+        self.places: dict[str, Float64] = {}
+        self.world = 0
+        self._step = -1
+        self._newest: dict[str, Float64] = {}
         self._T_world_sensor: dict[tuple[int, str], Float64] = {}
 
     def learn(self, scene: Scene) -> None:
-        """Take up the scene's views, and forget those who are gone."""
-        here = {person.id for person in scene.people}
-        self._T_world_sensor = {key: T for key, T in self._T_world_sensor.items() if key[0] in here}
+        """Take up the scene's places and views, and forget those who are gone."""
+        now = places_of(scene)
+        if scene.step < self._step or _laid_anew(self._newest, now):
+            self.places = {}
+            self.world += 1
+        self._step, self._newest = scene.step, now
+        here = {place.sensor for place in scene.sensors}
+        self.places = {name: T for name, T in (self.places | now).items() if name in here}
+        people = {person.id for person in scene.people}
+        self._T_world_sensor = {key: T for key, T in self._T_world_sensor.items() if key[0] in people}
         for person in scene.people:
             for view in person.views:
                 self._T_world_sensor[person.id, view.sensor] = view.T_world_sensor
 
     def from_world(self, person: Person, perspective: str) -> Float64 | None:
-        """(4, 4), world to the perspective's camera space, or None where that sensor never saw the person."""
+        """(4, 4), world to the perspective's camera space; None where the person cannot be placed in it.
+
+        That is where the sensor has no place of its own and never saw the person.
+        """
         if perspective == FREE:
             return np.eye(4)
-        T = self._T_world_sensor.get((person.id, perspective))
+        T = self.places.get(perspective, self._T_world_sensor.get((person.id, perspective)))
         return None if T is None else inverse(T)
+
+
+def _laid_anew(before: Mapping[str, Float64], now: Mapping[str, Float64]) -> bool:
+    """Whether no sensor is where it was; one that alone was moved leaves the others where they were."""
+    if not before or not now:
+        return False
+    return not any(_near(T, now[name]) for name, T in before.items() if name in now)
+
+
+def _near(a: Float64, b: Float64) -> bool:
+    turn = np.arccos(np.clip((np.trace(a[:3, :3].T @ b[:3, :3]) - 1) / 2, -1.0, 1.0))
+    return bool(np.linalg.norm(a[:3, 3] - b[:3, 3]) < _ANOTHER_WORLD_M and turn < _ANOTHER_WORLD_RAD)

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from html import escape
 from pathlib import PurePath
+from types import MappingProxyType
 
-from mocapella.model.scene import Phase
+from mocapella.model.conditions import conditions, trouble
+from mocapella.model.scene import Person, Phase, SensorPlace
 from mocapella.model.session import RecordingHealth, SensorHealth, SessionStatus
-from mocapella.viewer.palette import Rgb, SensorColours
+from mocapella.viewer.palette import AMBER, BLUE, GREEN, GREY, RED, Rgb, SensorColours, person_colour
 
-_GREEN, _AMBER, _BLUE, _RED, _GREY = "#3ddc97", "#ffb84d", "#5eb0ff", "#ff6b6b", "#8a97ab"
+_GREEN, _AMBER, _BLUE, _RED, _GREY = (colour.css for colour in (GREEN, AMBER, BLUE, RED, GREY))
 _PHASE_COLOUR: dict[str, str] = {
     Phase.TRACKING: _GREEN,
     Phase.CALIBRATING: _BLUE,
@@ -19,8 +21,10 @@ _PHASE_COLOUR: dict[str, str] = {
     Phase.STOPPED: _GREY,
 }
 _NEWEST_NOTICES = 4
+_MOST_LINES, _LONGEST_LINE = 3, 110
 _SMALL = "font-size:13px;line-height:1.45"
 NO_SENSOR = "No sensor delivers"
+NO_PLACES: Mapping[str, SensorPlace] = MappingProxyType({})
 
 
 def status_html(status: SessionStatus | None) -> str:
@@ -34,6 +38,8 @@ def status_html(status: SessionStatus | None) -> str:
         colour, sensors = _AMBER, f"{len(status.sensors) - len(silent)} of {sensors}"
         if len(silent) == len(status.sensors):
             title, colour, people = NO_SENSOR, _RED, 0
+    elif status.phase == Phase.TRACKING and _conditions(status, silent):
+        colour = _AMBER
     facts = f"{_plural(people, 'person', 'people')} · {sensors} · {status.scenes_hz:.0f} results/s"
     return _headline(title, colour, _detail(status, silent), facts)
 
@@ -50,15 +56,27 @@ def stage_text(status: SessionStatus | None) -> str:
     elif status.phase == Phase.TRACKING:
         title, why = "Nobody is in view", ""
     elif status.phase == Phase.CALIBRATING:
-        to_go = f" ({_to_go(status)})" if status.frames_remaining else ""
-        why = status.reason if status.reason.startswith("nobody") else f"stand still{to_go}"
+        still = status.frames_remaining and not status.reason.startswith("nobody")
+        why = f"stand still ({_to_go(status)})" if still else " · ".join(_conditions(status, {}))
     return f"{title}: {why}" if why else title
 
 
-def sensors_html(status: SessionStatus | None, colours: SensorColours) -> str:
+def condition_lines(status: SessionStatus | None) -> tuple[str, ...]:
+    """What is wrong or to be done, for a stage on which people are; the panel has all of it, and at its full length."""
+    if status is None or not status.running:
+        return ()
+    said = _conditions(status, {})
+    shown = [text if len(text) <= _LONGEST_LINE else text[: _LONGEST_LINE - 1] + "…" for text in said[:_MOST_LINES]]
+    more = [f"and {len(said) - _MOST_LINES} more"] if len(said) > _MOST_LINES else []
+    return (*([] if status.phase == Phase.TRACKING else [status.phase.capitalize()]), *shown, *more)
+
+
+def sensors_html(
+    status: SessionStatus | None, colours: SensorColours, places: Mapping[str, SensorPlace] = NO_PLACES
+) -> str:
     """The sensors, one below the other, in the colours of their skeletons: narrow, to stand beside the 3D scene."""
     rows = status.sensors if status else ()
-    body = "".join(_sensor_row(row, colours.of(row.name)) for row in rows)
+    body = "".join(_sensor_row(row, colours.of(row.name), places.get(row.name)) for row in rows)
     return (
         f'<div class="mocapella-sensors" style="padding:0 12px 8px;{_SMALL};font-variant-numeric:tabular-nums">'
         + (body or f'<div style="color:{_GREY}">No sensor yet.</div>')
@@ -114,20 +132,38 @@ def _detail(status: SessionStatus, silent: Mapping[str, str]) -> str:
         parts.append(f"{_plural(status.sensors_missing, 'sensor', 'sensors')} missing")
     if status.phase == Phase.CALIBRATING and status.frames_remaining:
         parts.append(f"{_to_go(status)}: stand still")
-    reasons = status.reason.split("; ")
-    parts += [reason for reason in reasons if reason and reason.removesuffix(": silent") not in silent]
+    parts += _conditions(status, silent)
     if status.running:
         parts += [f"{name}: {what}" for name, what in silent.items()]
     return " · ".join(parts)
+
+
+def _conditions(status: SessionStatus, silent: Mapping[str, str]) -> list[str]:
+    """What the tracker says is wrong or missing, without what the sensors' own state says better."""
+    parts = [part for part in status.reason.split("; ") if part.removesuffix(": silent") not in silent]
+    return conditions("; ".join(parts), [row.name for row in status.sensors])
 
 
 def _to_go(status: SessionStatus) -> str:
     return f"{status.frames_remaining} of {status.frames_wanted} frames to go"
 
 
-def _sensor_row(row: SensorHealth, colour: Rgb) -> str:
+def people_html(people: tuple[Person, ...]) -> str:
+    """Everybody who is there, in their colours, by how many sensors each is seen."""
+    rows = "".join(
+        f'<div style="display:flex;justify-content:space-between;gap:10px"><span style="overflow-wrap:anywhere">'
+        f'<span style="color:{person_colour(person.id).css}">●</span> '
+        f"<b>{escape(person.name or f'Person {person.id}')}</b></span>"
+        f'<span style="color:{_GREY};white-space:nowrap">{f"person {person.id} · " if person.name else ""}'
+        f"{_plural(len(person.views), 'view', 'views')}</span></div>"
+        for person in people
+    )
+    return f'<div class="mocapella-people">{_note(rows or "Nobody is in view.", "inherit" if people else _GREY)}</div>'
+
+
+def _sensor_row(row: SensorHealth, colour: Rgb, place: SensorPlace | None) -> str:
     health, health_colour = _health(row)
-    place = " (this machine)" if row.local else ""
+    where = " (this machine)" if row.local else ""
     dropped = row.dropped + row.rejected
     facts = [_plural(row.bodies, "person", "people"), f"{row.rate_hz:.1f} Hz"]
     if row.latency is not None and not row.silent:
@@ -139,10 +175,23 @@ def _sensor_row(row: SensorHealth, colour: Rgb) -> str:
     return (
         '<div style="padding:2px 0 4px">'
         f'<div style="display:flex;justify-content:space-between;gap:10px"><span style="overflow-wrap:anywhere">'
-        f'<span style="color:{colour.css}">●</span> <b>{escape(row.name)}</b>{place}</span>'
+        f'<span style="color:{colour.css}">●</span> <b>{escape(row.name)}</b>{where}</span>'
         f'<span style="color:{health_colour};text-align:right">{escape(health)}</span></div>'
-        f'<div style="font-size:12px;color:{_GREY}">{" · ".join(facts)}<br>{" · ".join(losses)}</div></div>'
+        f'<div style="font-size:12px;color:{_GREY}">{" · ".join(facts)}<br>{" · ".join(losses)}</div>'
+        f"{_place(place)}</div>"
     )
+
+
+def _place(place: SensorPlace | None) -> str:
+    """How well the sensor's place is known, and what is wrong with that; empty where the method does not say."""
+    if place is None:
+        return ""
+    if place.T_world_sensor is None:
+        known, colour = "place not known", _RED if place.problem else _GREY
+    else:
+        known, colour = f"place known to {place.quality}" if place.quality else "reference for the others", _GREY
+    problem = f'<div style="color:{_AMBER}">{escape(trouble(place.problem))}</div>' if place.problem else ""
+    return f'<div style="font-size:12px"><div style="color:{colour}">{escape(known)}</div>{problem}</div>'
 
 
 def _health(row: SensorHealth) -> tuple[str, str]:

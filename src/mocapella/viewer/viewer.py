@@ -16,11 +16,9 @@ from mocapella.errors import AddressInUseError, SettingsError
 from mocapella.model.observations import BodyFrame
 from mocapella.model.scene import Scene
 from mocapella.model.session import SessionStatus
-from mocapella.viewer.browser import Browser
+from mocapella.viewer.browser import Browser, Known
 from mocapella.viewer.commands import Command, Commander
-from mocapella.viewer.palette import SensorColours
 from mocapella.viewer.panel import WIDTH_PX
-from mocapella.viewer.perspective import Floors, Perspectives
 from mocapella.viewer.stages import SensorsStage, TrackingDrawing, tracking_drawing
 
 _TOP, _BOTTOM = np.array([30.0, 41.0, 60.0]), np.array([9.0, 12.0, 19.0])
@@ -63,10 +61,10 @@ class Viewer:
             raise _in_use(host, port)
         self._methods = tuple(methods)
         self._commander = Commander(command)
-        self._colours, self._floors, self._seen = SensorColours(), Floors(), Perspectives()
+        self._known = Known()
         self._browsers: dict[int, Browser] = {}
         self._dress()
-        self._sensors = SensorsStage(self._server.scene, self._colours)
+        self._sensors = SensorsStage(self._server.scene, self._known.colours, self._known.fields)
 
     @property
     def url(self) -> str:
@@ -85,25 +83,18 @@ class Viewer:
             status: the session's newest, None while no server answers.
         """
         self._welcome()
-        self._colours.learn({row.name for row in status.sensors} if status else set())
-        self._colours.learn(set(frames))
-        if scene is not None:
-            self._seen.learn(scene)
-            self._floors.learn_scene(scene)
-        poses = status.setup.sensors if status else {}
-        for name, frame in frames.items():
-            self._floors.learn_frame(frame, poses.get(name))
+        self._known.learn(scene, frames, status)
         if not self._browsers:
             return
 
         @cache
         def draw(perspective: str) -> TrackingDrawing:
-            return tracking_drawing(scene, perspective, self._seen, self._floors)
+            return tracking_drawing(scene, perspective, self._known.seen, self._known.floors)
 
         with self._server.atomic():
-            self._sensors.draw(frames, self._floors)
+            self._sensors.draw(frames, self._known.floors)
         for browser in self._browsers.values():
-            browser.show(draw, status, self._floors)
+            browser.show(draw, scene, status)
 
     def close(self) -> None:
         """Serve no more."""
@@ -116,7 +107,7 @@ class Viewer:
         self._browsers = {number: browser for number, browser in self._browsers.items() if number in clients}
         for number, client in clients.items():
             if number not in self._browsers:
-                self._browsers[number] = Browser(client, self._commander, self._methods, self._colours)
+                self._browsers[number] = Browser(client, self._commander, self._methods, self._known)
 
     def _dress(self) -> None:
         gui, scene = self._server.gui, self._server.scene

@@ -1,0 +1,35 @@
+"""What the tracker says is wrong or missing, short enough to be read: sensors with one trouble are named together."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+
+def conditions(reason: str, sensors: Collection[str]) -> list[str]:
+    """``front: with left: walk; left: with front: walk; a hand moved`` as ``["front, left: walk", "a hand moved"]``.
+
+    Which pair of sensors asks for it changes several times a second; what to do does not.
+
+    Args:
+        reason: of the tracker's state: parts after ``; ``, some of them after ``SENSOR: ``.
+        sensors: all of the session, by name.
+    """
+    of: dict[str, list[str]] = {}
+    for part in reason.split("; "):
+        name, _, text = part.partition(": ")
+        if name in sensors and text:
+            of.setdefault(trouble(text), []).append(name)
+        elif part:
+            of.setdefault(part, [])
+    return [f"{_names(names, sensors)}{text}" for text, names in of.items()]
+
+
+def trouble(problem: str) -> str:
+    """A sensor's problem without the other sensor of the pair that it was found in: ``with left: walk`` is ``walk``."""
+    return problem.partition(": ")[2] if problem.startswith("with ") and ": " in problem else problem
+
+
+def _names(names: Collection[str], sensors: Collection[str]) -> str:
+    if not names:
+        return ""
+    return "all sensors: " if len(names) == len(sensors) > 1 else ", ".join(names) + ": "

@@ -1,0 +1,65 @@
+"""Who is there, and what they are called, in one browser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import viser
+
+from mocapella.model.scene import Person
+from mocapella.viewer import readout
+
+NOBODY = "–"
+"""What the dropdown shows while nobody is there."""
+
+
+class PeoplePanel:
+    """Shows everybody, and lets one of them be given a name; what is typed stays until it is sent."""
+
+    def __init__(self, gui: viser.GuiApi, name: Callable[[dict[str, Any]], None]) -> None:
+        self._name = name
+        self._chosen: int | None = None
+        self._people: dict[int, str] = {}
+        with gui.add_folder("People"):
+            self._list = gui.add_html(readout.people_html(()))
+            self._who = gui.add_dropdown("Who", (NOBODY,), disabled=True, hint="Whom to give a name")
+            self._text = gui.add_text("Name", "", disabled=True, hint="What everybody sees; empty takes the name away")
+            self._button = gui.add_button("Set name", disabled=True, icon=viser.Icon.TAG)
+
+        @self._who.on_update
+        async def _(event: viser.GuiEvent[Any]) -> None:
+            if event.client is not None:
+                self._choose(next((who for who in self._people if self._option(who) == self._who.value), None))
+
+        @self._button.on_click
+        async def _(_: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+            if self._chosen is not None:
+                self._name({"person": self._chosen, "name": self._text.value.strip()})
+
+    def show(self, people: tuple[Person, ...], *, enabled: bool) -> None:
+        """Bring it up to who is there; whoever is chosen stays so, also while nobody sees them."""
+        self._list.content = readout.people_html(people)
+        chosen, called = self._chosen, self._people.get(self._chosen, "") if self._chosen is not None else ""
+        now = {person.id: person.name for person in people}
+        if chosen is not None and chosen not in now:
+            now[chosen] = called
+        if now != self._people:
+            self._people = dict(sorted(now.items()))
+            self._who.options = [self._option(who) for who in self._people] or [NOBODY]
+        if chosen is None and now:
+            self._choose(min(now))
+        elif chosen is not None:
+            self._who.value = self._option(chosen)
+            if now[chosen] != called and self._text.value.strip() == called:
+                self._text.value = now[chosen]
+        self._who.disabled = self._text.disabled = self._button.disabled = not (enabled and self._chosen is not None)
+
+    def _choose(self, who: int | None) -> None:
+        self._chosen = who
+        if who is not None:
+            self._who.value, self._text.value = self._option(who), self._people[who]
+
+    def _option(self, who: int) -> str:
+        name = self._people[who]
+        return f"{name} (person {who})" if name else f"Person {who}"

@@ -1,0 +1,102 @@
+"""How each sensor stands on the Tracking stage: where, in which colour, and in which words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.model.conditions import trouble
+from mocapella.model.scene import SensorPlace
+from mocapella.viewer import layout
+from mocapella.viewer.palette import AMBER, GREY, RED, Rgb
+
+Float64 = NDArray[np.float64]
+
+REACH_M = 4.5
+"""How far a field of view is drawn: as far as a Kinect v2 tracks people."""
+
+
+class Standing(Enum):
+    """How well a sensor's place is known."""
+
+    GOOD = "good"
+    DOUBTED = "doubted"
+    LOST = "lost"
+    UNKNOWN = "unknown"
+
+
+_SAID = {Standing.DOUBTED: "in doubt", Standing.LOST: "not used", Standing.UNKNOWN: "not calibrated yet"}
+_COLOUR = {Standing.DOUBTED: AMBER, Standing.LOST: RED, Standing.UNKNOWN: GREY}
+
+
+@dataclass(frozen=True, eq=False)
+class SensorMark:
+    """A sensor on the stage.
+
+    Attributes:
+        T: (4, 4), from its camera space to the view's own space; beside the stage where its place is unknown.
+        standing: how well that is known.
+        words: its name, and what is wrong.
+    """
+
+    T: Float64
+    standing: Standing
+    words: str
+
+    def colour(self, own: Rgb) -> Rgb:
+        """The sensor's own, or that of the trouble."""
+        return _COLOUR.get(self.standing, own)
+
+
+def standing(place: SensorPlace, was_placed: bool) -> Standing:
+    """How well the place is known; ``was_placed``: it was known before."""
+    if place.T_world_sensor is None:
+        return Standing.LOST if was_placed else Standing.UNKNOWN
+    return Standing.DOUBTED if place.problem else Standing.GOOD
+
+
+def words(place: SensorPlace, how: Standing) -> str:
+    """``left``, ``left · not calibrated yet``, ``left · in doubt``, ``left · not used: it was moved``."""
+    if how is Standing.GOOD:
+        return place.sensor
+    why = trouble(place.problem).partition(": ")[0].partition(" (")[0] if how is Standing.LOST else ""
+    return f"{place.sensor} · {_SAID[how]}{f': {why}' if why else ''}"
+
+
+def marks(
+    places: tuple[SensorPlace, ...], remembered: Mapping[str, Float64], T_stage_world: Float64 | None
+) -> dict[str, SensorMark]:
+    """The marks of all sensors that the tracker tells of.
+
+    Args:
+        places: of the scene.
+        remembered: the last place that each sensor had.
+        T_stage_world: (4, 4); None where the stage's perspective has no place in the world itself.
+    """
+    made: dict[str, SensorMark] = {}
+    aside = 0
+    for place in places:
+        how = standing(place, place.sensor in remembered)
+        T = remembered.get(place.sensor)
+        if T is None or T_stage_world is None:
+            where, aside = layout.aside(aside), aside + 1
+        else:
+            where = T_stage_world @ T
+        made[place.sensor] = SensorMark(where, how, words(place, how))
+    return made
+
+
+def field_lines(T: Float64, field_deg: tuple[float, float]) -> NDArray[np.float32]:
+    """(8, 2, 3), the edges of the field of view of a sensor at ``T`` (4, 4): its pyramid of `REACH_M`."""
+    x, y = np.tan(np.radians(field_deg) / 2)
+    corners = np.array([[x, y, 1.0], [-x, y, 1.0], [-x, -y, 1.0], [x, -y, 1.0]]) * REACH_M
+    far = corners @ T[:3, :3].T + T[:3, 3]
+    edges = [
+        np.stack([np.broadcast_to(T[:3, 3], far.shape), far], axis=1),
+        np.stack([far, np.roll(far, -1, 0)], axis=1),
+    ]
+    return np.concatenate(edges).astype(np.float32)

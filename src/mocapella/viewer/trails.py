@@ -1,0 +1,122 @@
+"""Where everybody was in the last seconds, as lines that fade."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.conventions import NS_PER_S
+from mocapella.model.scene import Person, Scene
+from mocapella.viewer.palette import FLOOR, person_colour
+
+Float64 = NDArray[np.float64]
+
+EVERY_S = 0.09
+"""Ten times a second, of 30 frames."""
+LONGEST_S = 60.0
+_PARTS = ("root", "head", "hand_left", "hand_right", "foot_left", "foot_right")
+_FASTEST_M_S = 8.0
+"""What was faster did not move there: the line has a gap."""
+_LONGEST_GAP_S = 1.0
+_OVER_FLOOR_M = 0.012
+
+
+class TrailOf(StrEnum):
+    """What leaves a trail."""
+
+    NOTHING = "off"
+    FLOOR = "on the floor"
+    HEAD = "head"
+    HANDS = "hands"
+    FEET = "feet"
+
+
+@dataclass(frozen=True)
+class TrailChoice:
+    """What a browser shows: trails of what, and how many seconds back."""
+
+    of: TrailOf = TrailOf.NOTHING
+    seconds: float = 10.0
+
+
+_TRACED = {
+    TrailOf.NOTHING: (),
+    TrailOf.FLOOR: ("root",),
+    TrailOf.HEAD: ("head",),
+    TrailOf.HANDS: ("hand_left", "hand_right"),
+    TrailOf.FEET: ("foot_left", "foot_right"),
+}
+
+
+@dataclass
+class _Steps:
+    """Of one person: when [s], and where the parts were, (parts, 3), world [m]."""
+
+    at_s: deque[float] = field(default_factory=lambda: deque(maxlen=round(LONGEST_S / EVERY_S)))
+    places: deque[Float64] = field(default_factory=lambda: deque(maxlen=round(LONGEST_S / EVERY_S)))
+
+
+class Trails:
+    """Remembers where everybody was, ten times a second.
+
+    Attributes:
+        number: of samples taken so far; what is drawn changes with it.
+    """
+
+    def __init__(self) -> None:
+        self.number = 0
+        self._world = 0
+        self._now_s = -np.inf
+        self._people: dict[int, _Steps] = {}
+        self._who: dict[int, Person] = {}
+
+    def learn(self, scene: Scene, world: int) -> None:
+        """Take a sample, when it is time; ``world`` is `Perspectives.world`, and another one begins anew."""
+        at_s = scene.at_ns / NS_PER_S
+        if world != self._world or at_s < self._now_s - LONGEST_S:
+            self._people, self._world, self._now_s = {}, world, -np.inf
+        if at_s < self._now_s + EVERY_S:
+            return
+        self._now_s = at_s
+        self.number += 1
+        parts = [scene.topology.parts.get(part, scene.topology.parts["root"]) for part in _PARTS]
+        self._who = {person.id: person for person in scene.people}
+        for person in scene.people:
+            steps = self._people.setdefault(person.id, _Steps())
+            steps.at_s.append(at_s)
+            steps.places.append(person.positions[parts])
+        self._people = {who: steps for who, steps in self._people.items() if steps.at_s[-1] > at_s - LONGEST_S}
+
+    def lines(
+        self, of: TrailOf, seconds: float, T_stage: Callable[[Person], Float64 | None]
+    ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+        """(n, 2, 3) points and (n, 2, 3) colours of the trails of who is there now.
+
+        Args:
+            of: what leaves them.
+            seconds: how far back they go.
+            T_stage: (4, 4), world to stage, of a person; None where the person is not on the stage.
+        """
+        points, colours = [np.zeros((0, 2, 3))], [np.zeros((0, 2, 3))]
+        for part in _TRACED[of]:
+            for who, steps in self._people.items():
+                T = T_stage(self._who[who]) if who in self._who else None
+                if T is None:
+                    continue
+                at_s = np.array(steps.at_s)
+                path = np.array([place[_PARTS.index(part)] for place in steps.places]) @ T[:3, :3].T + T[:3, 3]
+                if of is TrailOf.FLOOR:
+                    path[:, 1] = np.where(np.isfinite(path[:, 1]), _OVER_FLOOR_M, np.nan)
+                between_s = np.diff(at_s)
+                joined = np.linalg.norm(np.diff(path, axis=0), axis=-1) < _FASTEST_M_S * between_s  # not where NaN
+                joined &= (between_s < _LONGEST_GAP_S) & (at_s[:-1] >= self._now_s - seconds)
+                points.append(np.stack([path[:-1], path[1:]], axis=1)[joined])
+                fresh = np.clip(1 - (self._now_s - at_s) / seconds, 0, 1)[:, None]
+                shade = FLOOR + fresh * (np.array(person_colour(who)) - FLOOR)
+                colours.append(np.stack([shade[:-1], shade[1:]], axis=1)[joined])
+        return np.concatenate(points).astype(np.float32), np.concatenate(colours).round().astype(np.uint8)
