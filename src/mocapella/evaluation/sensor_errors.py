@@ -24,6 +24,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
+from scipy.special import ndtr, ndtri
 
 from mocapella.errors import InputError
 from mocapella.evaluation.facing_sessions import AlignedViews, aligned_views, facing_session, reference_facings
@@ -52,10 +53,15 @@ KNOTS_S: Final = (0.1, 0.4, 2.0)
 """More spacings describe the autocorrelation hardly better."""
 MIRROR_KNOTS_S: Final = 1.0
 """With it, simulated sensors swap labels about as often a minute as the recorded ones (docs/simulation.md)."""
+SHARPER: Final = 2.0
+"""The facing is itself estimated, which blurs over α how often labels are swapped. So much clearer (of the probability's
+normal deviate), two simulated sensors side by side are nearer with swapped labels about as often as the recorded."""
 RIDGE: Final = 0.02
 """Of the mean diagonal: what no pair of views can tell is taken as 0."""
 LARGEST: Final = 0.3
 """Larger differences count as this, so that a lost limb is not the measure of all [m]."""
+MEAN_LENGTH: Final = np.sqrt(8 / np.pi)
+"""Of a normal vector in space whose coordinates have variance 1."""
 LOST_AFTER: Final = 0.12
 """A longer gap of one sensor while the other goes on is a loss [s]."""
 _WALK: Final = SCENARIOS["walk"]
@@ -198,7 +204,8 @@ def _yaw_tables(views: Sequence[_Views]) -> dict[str, list[float]]:
     middles = (_BINS_DEG[:-1] + _BINS_DEG[1:]) / 2
     table: dict[str, list[float]] = {"alpha_deg": [0.0, *middles.tolist(), 180.0], "mirrored": []}
     share = [float(mirrored[which == i].mean()) for i in range(len(middles))]
-    table["mirrored"] = _rounded([share[0], *share, share[-1]], 3)
+    clear = ndtr(SHARPER * ndtri(np.clip(share, 1e-4, 1 - 1e-4)))
+    table["mirrored"] = _rounded([clear[0], *clear, clear[-1]], 3)
     for prefix, chosen, end in (("", ~mirrored, 0), ("mirrored_", mirrored, -1)):
         known = [i for i in range(len(middles)) if (chosen & (which == i)).sum() >= 30]
         of = [yaw[chosen & (which == i)] for i in known]
@@ -253,16 +260,19 @@ def _spread(views: Sequence[_Views], rests: Sequence[Float64]) -> Float64:
     """(25, 2, 3) standard deviation of a coordinate of one view."""
     sd = np.empty((len(BODY), 2, 3))
     for joint in range(len(BODY)):
-        rows, squares = [], []
+        rows, lengths = [], []
         for view, rest in zip(views, rests, strict=True):
             side = np.digitize(np.degrees(np.abs(view.alpha[view.walk])), SIDES_DEG)
             for one in {joint, int(_MIRROR[joint])}:
                 place = side + 3 * view.hidden[view.walk][:, :, one]
                 rows.append((place[..., None] == np.arange(6)).sum(axis=1))
-                squares.append(np.minimum((rest[view.walk][:, one] ** 2).sum(axis=-1), LARGEST**2) / 3)
-        X = np.concatenate(rows).astype(np.float64)
+                lengths.append(np.minimum(np.linalg.norm(rest[view.walk][:, one], axis=-1), LARGEST))
+        X, length = np.concatenate(rows).astype(np.float64), np.concatenate(lengths)
         few = X.sum(axis=0) < 100
-        variance = nnls(X, np.concatenate(squares))[0].reshape(2, 3)
+        variance = nnls(X, length**2 / 3)[0]
+        # The rest has long tails: normal noise of that variance would be too far off on the average.
+        variance *= (length.mean() / (MEAN_LENGTH * np.sqrt(X @ variance).mean())) ** 2
+        variance = variance.reshape(2, 3)
         # A case that hardly occurs is like the nearest that does.
         for state, side in zip(*np.nonzero(few.reshape(2, 3)), strict=True):
             variance[state, side] = variance[state][~few.reshape(2, 3)[state]].max(initial=variance[0].max())

@@ -12,6 +12,7 @@ be asked for without those before it.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
@@ -102,9 +103,8 @@ class Errors:
         joints = len(BODY)
         if self.bias_m.shape != (joints, BIAS_BINS, 3) or self.sd_m.shape != (joints, 2, 3):
             raise ValueError("bias_m or sd_m has the wrong shape")
-        if any(len(row) != len(data.alpha_deg) for row in rows) or {len(data.share), len(data.still_share)} != {
-            len(data.knots_s)
-        }:
+        shares = (data.share, data.still_share)
+        if {*map(len, rows)} != {len(data.alpha_deg)} or {*map(len, shares)} != {len(data.knots_s)}:
             raise ValueError("rows are not equally long")
         self.spacings = (*data.knots_s, data.mirror_knots_s)
         """Of all splines [s]; the last decides about mirrored labels."""
@@ -275,6 +275,16 @@ def errors_from_json(text: bytes | str, file: object) -> Errors:
     except (msgspec.DecodeError, ValueError) as error:
         fix = "make it with `mocapella train sensor-errors`"
         raise InputError(f"is no table of a sensor's errors: {error}", file=file, fix=fix) from error
+
+
+def errors_to_json(data: SensorErrors) -> str:
+    """The text of a file for `errors_from_json`."""
+    lines = []
+    for key, value in msgspec.structs.asdict(data).items():
+        rows = isinstance(value, list) and isinstance(value[0], list)
+        text = json.dumps(value, ensure_ascii=False, separators=(",", ":"), indent=None if key != "measured_on" else 1)
+        lines.append(f'"{key}": {text}'.replace("]],[[", "]],\n[[") if rows else f'"{key}": {text}')
+    return "{\n" + ",\n".join(lines) + "\n}\n"
 
 
 @cache
