@@ -54,8 +54,9 @@ KNOTS_S: Final = (0.1, 0.4, 2.0)
 MIRROR_KNOTS_S: Final = 1.0
 """With it, simulated sensors swap labels about as often a minute as the recorded ones (docs/simulation.md)."""
 SHARPER: Final = 2.0
-"""The facing is itself estimated, which blurs over α how often labels are swapped. So much clearer (of the probability's
-normal deviate), two simulated sensors side by side are nearer with swapped labels about as often as the recorded."""
+"""The facing is itself estimated, which blurs over α how often labels are swapped. So much clearer (of the
+probability's normal deviate), two simulated sensors side by side are nearer with swapped labels about as often as the
+recorded."""
 RIDGE: Final = 0.02
 """Of the mean diagonal: what no pair of views can tell is taken as 0."""
 LARGEST: Final = 0.3
