@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from importlib.resources import files
 from typing import Any, Final, Protocol
@@ -24,7 +24,7 @@ from mocapella.evaluation.protocol import ScoredTracker
 from mocapella.evaluation.simulation_score import Figures, Score
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Scene
-from mocapella.sources.simulate import Room, SimulatedSensor, build_room, merge, settings_from
+from mocapella.sources.simulate import Room, SimulatedFrame, SimulatedSensor, build_room, merge, settings_from
 from mocapella.tracker import METHODS, make_tracker
 
 TARGETS: Final[Mapping[str, tuple[str, float]]] = {
@@ -39,6 +39,9 @@ TARGETS: Final[Mapping[str, tuple[str, float]]] = {
     "wrong_left_right_percent": ("most", 1),
 }
 """Figure → over all runs its sum, or over all scenes its greatest or least mean; and what that may be."""
+
+
+_ARRAYS: Final = ("tracking_ids", "tracked", "clipped_edges", "states", "positions", "depth_px", "orientations")
 
 
 class Tracked(Protocol):
@@ -149,20 +152,22 @@ def _mean(runs: Sequence[Figures]) -> Figures:
     return out
 
 
-def run(tracker: Tracked, room: Room, stop_s: float | None = None) -> Figures:
+def run(tracker: Tracked, room: Room, items: Iterable[SimulatedFrame] | None = None) -> Figures:
     """One method in one room, from its first frame on.
 
     Args:
         tracker: new.
         room: any.
-        stop_s: where to end; before everything begins again where not given.
+        items: its sensors' frames in the order of their arrival; until everything begins again where not given.
     """
     score = Score(room)
     latency_ns = {sensor.name: round(sensor.latency_s * NS_PER_S) for sensor in room.settings.sensors}
-    sensors = [SimulatedSensor(room, name) for name in room.sensor_names]
-    for item in merge(sensors, 0.0, room.duration_s if stop_s is None else stop_s):
+    if items is None:
+        items = merge([SimulatedSensor(room, name) for name in room.sensor_names], 0.0, room.duration_s)
+    for item in items:
         # A copy: what a method does to a frame must not reach the scoring.
-        frame = msgspec.structs.replace(item.frame, positions=item.frame.positions.copy())
+        arrays = {name: value.copy() for name in _ARRAYS if (value := getattr(item.frame, name)) is not None}
+        frame = msgspec.structs.replace(item.frame, **arrays)
         scene = tracker.update(Arrival(frame, item.truth.room_ns + latency_ns[frame.sensor]))
         score.update(item, scene, _offsets(tracker))
     return score.figures()
