@@ -116,7 +116,7 @@ MethodSettings = Annotated[
 ]
 
 
-def participant_numbers(text: str | None) -> list[int] | None:
+def participant_numbers(text: str | None, option: str = "--participants") -> list[int] | None:
     """``"0,1,20"`` as numbers; None where nothing was said.
 
     Raises:
@@ -126,7 +126,7 @@ def participant_numbers(text: str | None) -> list[int] | None:
         return None
     parts = [part.strip() for part in text.split(",")]
     if not all(part.isdecimal() for part in parts):
-        raise SettingsError(f"--participants {text!r} cannot be used; write numbers with commas, such as 0,1,20")
+        raise SettingsError(f"{option} {text!r} cannot be used; write numbers with commas, such as 0,1,20")
     return [int(part) for part in parts]
 
 

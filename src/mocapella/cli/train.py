@@ -81,6 +81,29 @@ def facing(
         Console().print(_table(figures, folds))
 
 
+@train_app.command("sensor-errors")
+def sensor_errors(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the KinectMultiTrack study logs.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="The table to write; a file of that name is replaced.")],
+    json: JsonOut = None,
+) -> None:
+    """Measure how wrong a Kinect v2's skeletons are, for simulated sensors that are as wrong.
+
+    docs/simulation.md says what is measured and how.
+
+    Example:  mocapella train sensor-errors shared/data/kinectmultitrack --out kinect_v2_measured.json
+    """
+    from mocapella.evaluation.sensor_errors import measure
+    from mocapella.sources.simulate.measured import errors_to_json
+
+    with console.status("reading …") as status:
+        errors = measure(folder, lambda name: status.update(f"reading {name} …"))
+    measured_on = {**errors.measured_on, "command": "mocapella train sensor-errors DIR", "mocapella": __version__}
+    write_text(out, errors_to_json(msgspec.structs.replace(errors, measured_on=measured_on)))
+    say(f"{out}: {out.stat().st_size} bytes, of {measured_on['sessions']} sessions")
+    write_json(json, {"out": str(out), "measured_on": measured_on})
+
+
 def write_text(path: Path, text: str) -> None:
     """Write a file in one go: it appears complete or not at all.
 

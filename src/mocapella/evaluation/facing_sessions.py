@@ -66,8 +66,28 @@ class FacingSession(msgspec.Struct, frozen=True, eq=False):
     mean_labels: Float64
 
 
-def facing_session(session: StudySession) -> FacingSession | None:
-    """A study log's rows of Stationary, Steps and Walk; None where it has not one person in all three, or no `FRONT`.
+class AlignedViews(msgspec.Struct, frozen=True, eq=False):
+    """Both sensors' views of one person in Stationary, Steps and Walk; the world is the reference's camera space.
+
+    Attributes:
+        at_s: (frames, 2) when each was captured, from the file's first frame; the first column strictly rising [s].
+        task: (frames,) Scenario_Id.
+        positions: (frames, 2, joints, 3) with the sensors' labels, the reference sensor first [m].
+        logged: the same as they were logged.
+        places: (2, 3) where the sensors stood [m].
+        toward: (frames, 2) yaw from the person to each sensor [rad].
+    """
+
+    at_s: Float64
+    task: Int64
+    positions: Float64
+    logged: Float64
+    places: Float64
+    toward: Float64
+
+
+def aligned_views(session: StudySession) -> AlignedViews | None:
+    """A study log's pairs in one space; None where it has not one person in all three tasks, or no `FRONT`.
 
     The second sensor's rows are brought to the reference's camera space by a robust rigid motion that is fitted to
     Stationary and Steps. Where the second sensor stood follows from what is logged of its stand-still calibration:
@@ -80,7 +100,7 @@ def facing_session(session: StudySession) -> FacingSession | None:
     is_reference = session.sensor[pairs.rows] == 0
     pairs = pairs.where(is_reference.sum(axis=1) == 1)
     rows = np.take_along_axis(pairs.rows, session.sensor[pairs.rows].argsort(axis=1), axis=1)
-    at_s, first = np.unique(session.at_s[rows[:, 0]], return_index=True)
+    _, first = np.unique(session.at_s[rows[:, 0]], return_index=True)
     rows, task = rows[first], pairs.task[first]
     logged = log.positions[rows].astype(np.float64)
     still = logged[task != _WALK][::3]
@@ -90,6 +110,15 @@ def facing_session(session: StudySession) -> FacingSession | None:
     places = np.stack([np.zeros(3), rigid.apply(T_fit, _second_place(log, rows[0], stood)[None])[0]])
     sight = places - np.nanmean(positions[..., _TRUNK, :], axis=-2)
     toward = np.arctan2(sight[..., 0], sight[..., 2])
+    return AlignedViews(session.at_s[rows], task, positions, logged, places, toward)
+
+
+def facing_session(session: StudySession) -> FacingSession | None:
+    """A study log's `aligned_views` as a sequence of the person's facing; None where it has none."""
+    views = aligned_views(session)
+    if views is None:
+        return None
+    positions, task, toward, at_s = views.positions, views.task, views.toward, views.at_s[:, 0]
     front = session.replay.sensors.index(FRONT)
     known = np.where(task == _WALK, np.nan, toward[:, front])
     root = positions[:, :, _ROOT].mean(axis=1)
@@ -104,7 +133,7 @@ def facing_session(session: StudySession) -> FacingSession | None:
         toward_front=toward[:, front],
         heading=np.where(moving, np.arctan2(motion[:, 0], motion[:, 2]), np.nan),
         front_labels=facing_yaw(positions[:, front]),
-        mean_labels=facing_yaw(logged.mean(axis=1)),
+        mean_labels=facing_yaw(views.logged.mean(axis=1)),
     )
 
 

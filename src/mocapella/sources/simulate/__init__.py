@@ -10,7 +10,7 @@ What is modelled, from which sources, and what is not: ``docs/simulation.md``.
 from mocapella.sources.simulate.device import Noise, SensorSettings
 from mocapella.sources.simulate.occlusion import Box, Cylinder
 from mocapella.sources.simulate.room import PersonSettings, Room, SceneSettings, build_room
-from mocapella.sources.simulate.scenes import load_scene, scene_names, scene_settings, scene_summaries
+from mocapella.sources.simulate.scenes import load_scene, scene_names, scene_settings, scene_summaries, settings_from
 from mocapella.sources.simulate.sensor import SimulatedFrame, SimulatedSensor, merge
 
 __all__ = [
@@ -29,4 +29,5 @@ __all__ = [
     "scene_names",
     "scene_settings",
     "scene_summaries",
+    "settings_from",
 ]

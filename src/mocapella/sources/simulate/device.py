@@ -16,6 +16,8 @@ from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
 
+ERRORS = ("model", "kinect-v2-measured")
+
 
 @dataclass(frozen=True)
 class Noise:
@@ -56,7 +58,9 @@ class SensorSettings:
         max_bodies: how many people it tracks at once; a Kinect v2 tracks 6.
         forget_s: how long a hidden joint is inferred before it counts as not tracked.
         mirror_beyond_deg: how far somebody turns away before the sensor takes the back for a front.
-        noise: how wrong a joint is.
+        noise: how wrong a joint is, where ``errors`` is ``model``.
+        errors: ``model``, or ``kinect-v2-measured``: `mocapella.sources.simulate.measured` instead of ``noise`` and
+            ``mirror_beyond_deg``, the losses of people it has, and a tilt and height that are a little wrong.
     """
 
     name: str
@@ -77,6 +81,7 @@ class SensorSettings:
     forget_s: float = 2.0
     mirror_beyond_deg: float = 120.0
     noise: Noise = field(default_factory=Noise)
+    errors: str = "model"
 
     def __post_init__(self) -> None:
         check_sensor_name(self.name)
@@ -99,6 +104,7 @@ class SensorSettings:
         check(0 <= self.forget_s <= 60, "forget_s", self.forget_s, "from 0 to 60")
         beyond = self.mirror_beyond_deg
         check(0 <= beyond <= 180, "mirror_beyond_deg", beyond, "from 0 to 180")
+        check(self.errors in ERRORS, "errors", self.errors, " or ".join(ERRORS))
 
     @property
     def focal_px(self) -> tuple[float, float]:

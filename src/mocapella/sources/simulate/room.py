@@ -17,7 +17,7 @@ from mocapella.sources.simulate.gait import animate
 from mocapella.sources.simulate.motion import Ensemble, Motion, together
 from mocapella.sources.simulate.occlusion import Box, Cylinder, Obstacles, obstacles
 from mocapella.sources.simulate.retarget import bvh_motion
-from mocapella.sources.simulate.scenarios import plan
+from mocapella.sources.simulate.scenarios import WRITTEN, plan, written_route
 
 Float64 = NDArray[np.float64]
 
@@ -28,9 +28,10 @@ class PersonSettings:
 
     Attributes:
         start: where the person stands at first (world x, z) [m].
-        scenario: one of `mocapella.sources.simulate.scenarios.scenario_names`.
+        scenario: one of `mocapella.sources.simulate.scenarios.scenario_names`, or ``route``.
         target: what the scenario goes about (x, z): an obstacle's centre, or where the other stands.
         first: who moves first, where two take turns.
+        route: what the scenario ``route`` consists of, see `mocapella.sources.simulate.scenarios.written_route`.
         stature: [m].
         bvh: path of a BVH file that the person does instead of the scenario.
         bvh_metres_per_unit: its unit; None scales it to the stature.
@@ -40,6 +41,7 @@ class PersonSettings:
     scenario: str = "stand"
     target: tuple[float, float] | None = None
     first: bool = True
+    route: tuple[str, ...] = ()
     stature: float = 1.75
     bvh: str | None = None
     bvh_metres_per_unit: float | None = None
@@ -152,5 +154,8 @@ def _motion(person: PersonSettings, seed: int, index: int) -> Motion:
         unit = person.bvh_metres_per_unit
         bvh = read_bvh(person.bvh)
         return bvh_motion(bvh, person.start, person.stature, rng, metres_per_unit=unit, file=person.bvh)
-    route = plan(person.scenario, person.start, person.target, first=person.first)
+    if person.scenario == WRITTEN:
+        route = written_route(person.start, person.route)
+    else:
+        route = plan(person.scenario, person.start, person.target, first=person.first)
     return animate(route.legs, bone_lengths(person.stature), person.stature, rng)

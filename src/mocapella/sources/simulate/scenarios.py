@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from mocapella.errors import SettingsError, one_of
@@ -31,6 +31,11 @@ class Cue:
     first: bool
 
 
+WRITTEN = "route"
+"""The scenario that a person's own route is."""
+_STEPS = ("stand SECONDS", "go X Z", "shift X Z", "turn DEGREES", "around X Z DEGREES")
+
+
 def scenario_names() -> tuple[str, ...]:
     """The scenarios there are."""
     return tuple(_SCENARIOS)
@@ -49,6 +54,42 @@ def plan(scenario: str, start: Point, target: Point | None = None, *, first: boo
     route = Route(Spot(*start, FACING_MAIN))
     route.stand(STILL_S)
     _SCENARIOS[scenario](route, Cue(start, target or start, first))
+    return route
+
+
+def written_route(start: Point, words: Sequence[str]) -> Route:
+    """A route of which every step is written out; the person faces the main sensor at first.
+
+    Args:
+        start: (x, z) [m].
+        words: ``stand SECONDS``, ``go X Z`` (turn there first), ``shift X Z`` (without turning), ``turn DEGREES`` (0
+            along z, growing towards x), ``around X Z DEGREES`` (along a circle about that point).
+
+    Raises:
+        SettingsError: there is none, or one is something else.
+    """
+    route = Route(Spot(*start, FACING_MAIN))
+    if not words:
+        raise SettingsError('scenario route needs a route, such as ["stand 2", "go 0.5 3"]')
+    for step in words:
+        verb, *texts = step.split()
+        try:
+            numbers = [float(text) for text in texts]
+        except ValueError:
+            numbers = []
+        match verb, numbers:
+            case "stand", [seconds] if seconds > 0:
+                route.stand(seconds)
+            case "go", [x, z]:
+                route.go((x, z))
+            case "shift", [x, z]:
+                route.shift((x, z))
+            case "turn", [degrees]:
+                route.turn(math.radians(degrees))
+            case "around", [x, z, degrees]:
+                route.around((x, z), math.radians(degrees))
+            case _:
+                raise SettingsError(f"route: {step!r} is no step; write it as one of: {', '.join(_STEPS)}")
     return route
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import tomllib
+from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -30,9 +31,17 @@ def scene_settings(name: str) -> SceneSettings:
     Raises:
         SettingsError: no such scene; lists those there are.
     """
-    data = _data()
+    return settings_from(_data(), name)
+
+
+def settings_from(data: Mapping[str, Any], name: str) -> SceneSettings:
+    """The same of another file's tables ``sensors`` and ``scenes``.
+
+    Raises:
+        SettingsError: no such scene; lists those there are.
+    """
     if name not in data["scenes"]:
-        raise SettingsError(f"unknown scene {name!r}; known: {one_of(name, scene_names())}")
+        raise SettingsError(f"unknown scene {name!r}; known: {one_of(name, data['scenes'])}")
     scene = {key: value for key, value in data["scenes"][name].items() if key != "summary"}
     sensors = [{"name": sensor, **data["sensors"][sensor]} for sensor in scene["sensors"]]
     return parse(SceneSettings, {"name": name, **scene, "sensors": sensors}, where=f"scene {name}")

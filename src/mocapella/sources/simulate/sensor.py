@@ -20,8 +20,9 @@ from mocapella.conventions import NS_PER_S
 from mocapella.model.observations import BodyFrame, JointState, body_frame
 from mocapella.model.truth import Truth
 from mocapella.settings import check
-from mocapella.sources.simulate.body import facing, joint_selection
+from mocapella.sources.simulate.body import ROOT, facing, joint_selection
 from mocapella.sources.simulate.device import axial_noise
+from mocapella.sources.simulate.measured import Course, measured_errors
 from mocapella.sources.simulate.occlusion import hidden
 from mocapella.sources.simulate.orientation import bone_ends, bone_orientations
 from mocapella.sources.simulate.room import Room
@@ -33,6 +34,8 @@ SEEN_TO_BEGIN = 0.4
 """Fraction of the joints that must be visible for a body to be found."""
 SEEN_TO_GO_ON = 0.12
 """Below this fraction it is lost, and gets another id when it is found again."""
+SPEED_OVER_NS = 100_000_000
+"""The past that somebody's speed is from, where errors depend on it."""
 FIRST_ID = 72_057_594_037_927_936
 """Kinect v2 ids are large numbers; ours are from here on."""
 
@@ -74,6 +77,7 @@ class _Draws:
     jitter: float
     ids: NDArray[np.int64]
     joints: Float64
+    lost_joints: Float64
 
 
 class _Held:
@@ -116,6 +120,8 @@ class SimulatedSensor:
         self._bones = bone_ends(self.topology)
         self._key = np.array([room.settings.seed, index], dtype=np.uint64)
         self._bias = self._biases()
+        is_measured = self.settings.errors != "model"
+        self._course = Course(measured_errors(), self._key, len(self._bias)) if is_measured else None
 
     @property
     def name(self) -> str:
@@ -163,6 +169,8 @@ class SimulatedSensor:
         pixels = self.settings.project(camera)
         in_view = self.settings.in_view(camera, pixels)
         blocked = hidden(self.T_world_sensor[:3, 3], world, self.room.motion.radii, self.room.obstacles)
+        if self._course is not None:
+            in_view = in_view & ~self._course.lost(room_ns)[:, None]
         return _Look(room_ns, world, camera, pixels, in_view, in_view & ~blocked)
 
     def _draws(self, index: int) -> _Draws:
@@ -174,6 +182,7 @@ class SimulatedSensor:
             float(np.clip(rng.standard_normal(), -3, 3)),
             rng.integers(1, 2**40, people),
             rng.standard_normal((people, self._bias.shape[1], 3)),
+            rng.random((people, self._bias.shape[1])),
         )
 
     def _biases(self) -> Float64:
@@ -188,12 +197,17 @@ class SimulatedSensor:
     ) -> SimulatedFrame:
         people = np.array(held.people, dtype=np.int64)
         forward, away = self._turned(look.world[people])
-        mirrored = away > math.radians(self.settings.mirror_beyond_deg)
+        rows, settings = people[:, None], self.settings
+        tilt, height = math.radians(settings.tilt_deg), settings.position[1]
+        if self._course is None:
+            mirrored = away > math.radians(settings.mirror_beyond_deg)
+            noisy = self._noisy(look.camera[people], states[people], away, draws.joints[people], self._bias[people])
+        else:
+            noisy, mirrored = self._as_measured(look, people, draws, self._course)
+            states = np.where((draws.lost_joints < self._course.errors.data.joint_lost), JointState.NOT_TRACKED, states)
+            tilt, height = tilt + self._course.tilt_error, max(0.01, height + self._course.height_error)
         order = np.where(mirrored[:, None], self._select[self._mirror], self._select)
-        rows = people[:, None]
-        noisy = self._noisy(look.camera[people], states[people], away, draws.joints[people], self._bias[people])
         positions = noisy[np.arange(len(people))[:, None], order]
-        settings = self.settings
         frame = body_frame(
             self.name,
             self.topology,
@@ -206,8 +220,8 @@ class SimulatedSensor:
             orientations=bone_orientations(positions, self._bones, np.where(mirrored[:, None], -forward, forward)),
             sequence=sequence,
             depth_size_px=settings.depth_size_px,
-            tilt=math.radians(settings.tilt_deg),
-            height=settings.position[1],
+            tilt=tilt,
+            height=height,
         )
         due_s = look.room_ns / NS_PER_S + max(0.0, settings.latency_s + settings.latency_jitter_s * draws.jitter)
         return SimulatedFrame(due_s, frame, self._truth(sequence, look, people, mirrored))
@@ -230,6 +244,17 @@ class SimulatedSensor:
         inferred = (states == JointState.INFERRED)[..., None]
         scatter = np.where(inferred, noise.inferred_gain, 1.0) * spread * draws
         return np.asarray(camera + scatter + np.where(inferred, bias, 0.0))
+
+    def _as_measured(
+        self, look: _Look, people: NDArray[np.int64], draws: _Draws, course: Course
+    ) -> tuple[Float64, Bools]:
+        """(bodies, 25, 3) camera space, with true labels, and (bodies,) whether they are swapped."""
+        eye, R = self.T_world_sensor[:3, 3], self.T_world_sensor[:3, :3]
+        before = self.room.positions_at(max(0, look.room_ns - SPEED_OVER_NS))[people, ROOT]
+        speed = np.linalg.norm(look.world[people, ROOT] - before, axis=-1) * (NS_PER_S / SPEED_OVER_NS)
+        noise = course.errors.noise(course.splines(look.room_ns)[:, people], draws.joints[people], speed)
+        world, mirrored = course.errors.put_on(look.world[people], eye, look.visible[people], noise)
+        return (world - eye) @ R, mirrored
 
     def _truth(self, sequence: int, look: _Look, people: NDArray[np.int64], mirrored: Bools) -> Truth:
         return Truth(

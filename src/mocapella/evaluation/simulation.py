@@ -1,0 +1,177 @@
+"""Tracking methods against exact truth, in simulated rooms (docs/evaluation.md, *In simulation*).
+
+    for item in merge(sensors):  scene = tracker.update(Arrival(item.frame, …));  score.update(item, scene, …)
+
+The tracker is given frames; the truth beside them goes to the scoring only. Everything is compared at the frames of the
+scene's first sensor, the *main* one, and in its camera space: where a method puts its world is its own affair.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
+from importlib.resources import files
+from typing import Any, Final, Protocol
+
+import msgspec
+import numpy as np
+
+from mocapella.conventions import NS_PER_S
+from mocapella.errors import SettingsError, one_of
+from mocapella.evaluation.protocol import ScoredTracker
+from mocapella.evaluation.simulation_score import Figures, Score
+from mocapella.model.observations import Arrival
+from mocapella.model.scene import Scene
+from mocapella.sources.simulate import Room, SimulatedFrame, SimulatedSensor, build_room, merge, settings_from
+from mocapella.tracker import METHODS, make_tracker
+
+TARGETS: Final[Mapping[str, tuple[str, float]]] = {
+    "identity_switches": ("sum", 0),
+    "lost_people": ("sum", 0),
+    "fused_of_best_sensor_percent": ("most", 60),
+    "hidden_of_sensor_percent": ("most", 35),
+    "hota": ("least", 0.95),
+    "calibration_mm": ("most", 10),
+    "calibration_deg": ("most", 0.3),
+    "time_offset_ms": ("most", 5),
+    "wrong_left_right_percent": ("most", 1),
+}
+"""Figure → over all runs its sum, or over all scenes its greatest or least mean; and what that may be."""
+
+
+_ARRAYS: Final = ("tracking_ids", "tracked", "clipped_edges", "states", "positions", "depth_px", "orientations")
+
+
+class Tracked(Protocol):
+    """What is scored: `mocapella.tracker.Tracker`'s one step."""
+
+    def update(self, arrival: Arrival) -> Scene:
+        """One frame."""
+
+
+def scene_summaries() -> dict[str, str]:
+    """The scenes there are, and what happens in each."""
+    return {name: scene["summary"] for name, scene in _data()["scenes"].items()}
+
+
+def scene_room(name: str, seed: int) -> Room:
+    """A scene's room, its sensors as wrong as measured.
+
+    Raises:
+        SettingsError: no such scene; lists those there are.
+    """
+    settings = settings_from(_data(), name)
+    sensors = tuple(dataclasses.replace(sensor, errors="kinect-v2-measured") for sensor in settings.sensors)
+    return build_room(dataclasses.replace(settings, sensors=sensors, seed=seed))
+
+
+@cache
+def _data() -> dict[str, Any]:
+    text = files("mocapella.evaluation").joinpath("simulation.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text)
+
+
+def evaluate(
+    methods: Sequence[str],
+    scenes: Sequence[str] | None = None,
+    seeds: Sequence[int] = (0, 1, 2),
+    on_run: Callable[[str], None] = lambda text: None,
+) -> dict[str, Any]:
+    """Score methods on scenes.
+
+    Args:
+        methods: by name. scenes: names, all where not given. seeds: of the scenes' noise.
+        on_run: called with what is done next.
+
+    Returns:
+        What ``--json`` prints, see docs/evaluation.md.
+
+    Raises:
+        SettingsError: an unknown method or scene, or none.
+    """
+    names = list(scene_summaries()) if scenes is None else list(scenes)
+    for what, chosen, known in (("method", methods, METHODS), ("scene", names, scene_summaries())):
+        for name in chosen:
+            if name not in known:
+                raise SettingsError(f"unknown {what} {name!r}; known: {one_of(name, known)}")
+        if not chosen:
+            raise SettingsError(f"no {what} to score; known: {', '.join(known)}")
+    if not seeds or min(seeds) < 0:
+        raise SettingsError(f"seeds {list(seeds)} cannot be used; give one or more of 0, 1, 2, …")
+    result: dict[str, Any] = {"seeds": list(seeds), "scenes": {name: scene_summaries()[name] for name in names}}
+    result["targets"] = {name: {"over_scenes": kind, "limit": limit} for name, (kind, limit) in TARGETS.items()}
+    result["methods"] = {}
+    total, done = len(methods) * len(names) * len(seeds), 0
+    for method in methods:
+        runs: dict[str, list[Figures]] = {}
+        for name in names:
+            for seed in seeds:
+                done += 1
+                on_run(f"{method}, {name}, seed {seed} ({done} of {total})")
+                room = scene_room(name, seed)
+                tracker = make_tracker(method, sensors_expected=len(room.sensor_names))
+                runs.setdefault(name, []).append(run(tracker, room))
+        result["methods"][method] = summary(runs)
+    return result
+
+
+def summary(runs: Mapping[str, Sequence[Figures]]) -> dict[str, Any]:
+    """Per scene the mean of its runs and all runs; and of all scenes what the targets ask for."""
+    scenes = {name: {"mean": _mean(of), "runs": list(of)} for name, of in runs.items()}
+    worst: dict[str, Any] = {}
+    for figure, (kind, limit) in TARGETS.items():
+        means = {name: scene["mean"][figure] for name, scene in scenes.items()}
+        known = {name: value for name, value in means.items() if value is not None}
+        if kind == "sum":
+            value = sum(run[figure] or 0.0 for of in runs.values() for run in of)
+            worst[figure] = {"value": value, "scene": max(means, key=lambda n: means[n] or 0.0), "met": value <= limit}
+            continue
+        missing = [name for name, value in means.items() if value is None and _applies(figure, runs[name])]
+        if missing or not known:
+            worst[figure] = {"value": None, "scene": missing[0] if missing else None, "met": False if missing else None}
+            continue
+        scene = (min if kind == "least" else max)(known, key=lambda n: known[n])
+        met = known[scene] >= limit if kind == "least" else known[scene] <= limit
+        worst[figure] = {"value": known[scene], "scene": scene, "met": met}
+    return {"scenes": scenes, "worst": worst}
+
+
+def _applies(figure: str, runs: Sequence[Figures]) -> bool:
+    """Whether a figure that is not known ought to be."""
+    return figure.startswith("calibration") and all(run["sensors"] != 1 for run in runs)
+
+
+def _mean(runs: Sequence[Figures]) -> Figures:
+    """A figure that one run has not is not known of the scene."""
+    out: Figures = {}
+    for name in runs[0]:
+        values = [run[name] for run in runs]
+        out[name] = None if None in values else float(np.mean(np.array(values, dtype=np.float64)))
+    return out
+
+
+def run(tracker: Tracked, room: Room, items: Iterable[SimulatedFrame] | None = None) -> Figures:
+    """One method in one room, from its first frame on.
+
+    Args:
+        tracker: new.
+        room: any.
+        items: its sensors' frames in the order of their arrival; until everything begins again where not given.
+    """
+    score = Score(room)
+    latency_ns = {sensor.name: round(sensor.latency_s * NS_PER_S) for sensor in room.settings.sensors}
+    if items is None:
+        items = merge([SimulatedSensor(room, name) for name in room.sensor_names], 0.0, room.duration_s)
+    for item in items:
+        # A copy: what a method does to a frame must not reach the scoring.
+        arrays = {name: value.copy() for name in _ARRAYS if (value := getattr(item.frame, name)) is not None}
+        frame = msgspec.structs.replace(item.frame, **arrays)
+        scene = tracker.update(Arrival(frame, item.truth.room_ns + latency_ns[frame.sensor]))
+        score.update(item, scene, _offsets(tracker))
+    return score.figures()
+
+
+def _offsets(tracker: Tracked) -> Mapping[str, float]:
+    return tracker.sensor_views().time_offset_s if isinstance(tracker, ScoredTracker) else {}

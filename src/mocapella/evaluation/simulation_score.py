@@ -1,0 +1,302 @@
+"""One method's scenes against the truth of one simulated room.
+
+Compared are skeletons at the frames of the main sensor, in the room's world. A method's world is brought there by where
+the method believes the main sensor to be and where it truly is; a person of whom a method without places of sensors has
+no view of the main sensor, by another of the person's views.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from mocapella.conventions import NS_PER_S
+from mocapella.evaluation.identity import IdentityFrame, hota, identity_switches, idf1, similarity
+from mocapella.geometry.rigid import apply, inverse
+from mocapella.model.observations import JointState
+from mocapella.model.scene import Person, Scene
+from mocapella.model.truth import Truth
+from mocapella.sources.simulate import Room, SimulatedFrame
+
+Float64 = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Figures = dict[str, float | None]
+
+SHARED_WALKING: Final = 8.0
+"""After so much of it the calibration is asked for [s]."""
+WALKING: Final = 0.3
+"""Faster than this somebody walks [m/s]."""
+IN_VIEW_FOR: Final = 0.5
+"""Who has been seen for so long is to be found [s]."""
+UNSEEN_FOR: Final = 0.25
+"""Who was not seen for longer is to be found no more [s]."""
+LOST_AFTER: Final = 1.0
+"""Who is to be found and is not for longer is lost [s]."""
+ALIKE: Final = 0.5
+"""This similar, a found person is the true one; see `mocapella.evaluation.identity.similarity`."""
+FRESH: Final = 0.05
+"""A sensor's frame is compared with a fused skeleton of up to so much later [s]."""
+IDENTITY_EVERY: Final = 3
+"""Frames of the main sensor."""
+
+
+class _SensorNow(msgspec.Struct, frozen=True, eq=False):
+    """A sensor's newest frame against the truth of its instant.
+
+    Attributes:
+        room_ns: when.
+        people: (bodies,) who is in it.
+        errors: (bodies, joints) with the sensor's own labels, in its true place [m]; NaN where not tracked.
+        hidden: (bodies, joints) whether the sensor only inferred the joint.
+    """
+
+    room_ns: int
+    people: tuple[int, ...]
+    errors: Float64
+    hidden: Bools
+
+
+class _Mean:
+    """A mean of errors."""
+
+    def __init__(self) -> None:
+        self.sum, self.count = 0.0, 0
+
+    def add(self, values: Float64) -> None:
+        self.sum += float(values.sum())
+        self.count += values.size
+
+    @property
+    def value(self) -> float | None:
+        return self.sum / self.count if self.count else None
+
+
+class Score:
+    """`update` after each frame, `figures` at the end."""
+
+    def __init__(self, room: Room) -> None:
+        self.sensors = room.sensor_names
+        self.main = self.sensors[0]
+        self._T_world_sensor = {sensor.name: sensor.T_world_sensor for sensor in room.settings.sensors}
+        self._latency_s = {sensor.name: sensor.latency_s for sensor in room.settings.sensors}
+        self._mirror = np.array(room.topology.mirror)
+        self._root = room.topology.parts["root"]
+        self._middle = _middle(room)
+        self._now: dict[str, _SensorNow] = {}
+        # calibration
+        self._shared_s = dict.fromkeys(self.sensors, 0.0)
+        self._rig: dict[str, tuple[float, float] | None] = dict.fromkeys(self.sensors)
+        self._rig_then: dict[str, tuple[float, float] | None] = {}
+        self._offsets_s: dict[str, float | None] = dict.fromkeys(self.sensors)
+        # people
+        self._before: Truth | None = None
+        self._since_ns: dict[int, int] = {}
+        self._seen_ns: dict[int, int] = {}
+        self._unfound_s: dict[int, float] = {}
+        self.lost: list[tuple[float, int]] = []
+        """(room time [s], person) of everybody who was lost."""
+        self.identity: list[IdentityFrame] = []
+        self._frames = 0
+        # joints
+        self._errors = {name: _Mean() for name in ("fused", "measured", "inferred", "hidden", "hidden_by_sensor")}
+        self._of_sensor = {name: (_Mean(), _Mean()) for name in self.sensors}
+        self._wrong_labels = _Mean()
+
+    def update(self, item: SimulatedFrame, scene: Scene, offsets: Mapping[str, float]) -> None:
+        """Take in a frame with its truth, and what the method made of it.
+
+        Args:
+            item: the frame.
+            scene: the method's.
+            offsets: by sensor, as `mocapella.tracker.protocol.SensorViews` declares them [s].
+        """
+        sensor, truth = item.frame.sensor, item.truth
+        self._now[sensor] = _sensor_now(item)
+        self._learn_rig(scene, offsets)
+        if sensor == self.main or self._shared_s[sensor] >= SHARED_WALKING:
+            for person in truth.body_people.tolist():
+                if truth.room_ns - self._seen_ns.get(person, -(10**18)) > UNSEEN_FOR * NS_PER_S:
+                    self._since_ns[person] = truth.room_ns
+                self._seen_ns[person] = truth.room_ns
+        if sensor == self.main:
+            if self._before is not None:
+                elapsed_s = (truth.room_ns - self._before.room_ns) / NS_PER_S
+                self._count_walking(truth, self._before, elapsed_s)
+                self._compare(scene, truth, elapsed_s)
+            self._before = truth
+
+    def figures(self) -> Figures:
+        """Everything; None where it is not known. docs/evaluation.md says what each is."""
+        others = [name for name in self.sensors if name != self.main]
+        errors = {name: mean.value for name, mean in self._errors.items()}
+        known = {name: sums for name, sums in self._of_sensor.items() if sums[0].count}
+        alone = {name: sums[0].sum / sums[0].count for name, sums in known.items()}
+        best = min(alone, key=lambda name: alone[name], default=None)
+        of_best = None if best is None else 100 * known[best][1].sum / known[best][0].sum
+        hidden = self._errors["hidden_by_sensor"]
+        return {
+            "sensors": float(len(self.sensors)),
+            "identity_switches": float(identity_switches(self.identity, ALIKE)),
+            "lost_people": float(len(self.lost)),
+            "hota": hota(self.identity).hota,
+            "idf1": idf1(self.identity, ALIKE),
+            **{f"{name}_cm": _times(100, value) for name, value in errors.items()},
+            "best_sensor_cm": None if best is None else 100 * alone[best],
+            "fused_of_best_sensor_percent": of_best,
+            "hidden_of_sensor_percent": 100 * self._errors["hidden"].sum / hidden.sum if hidden.count else None,
+            "wrong_left_right_percent": _times(100, self._wrong_labels.value),
+            "calibration_mm": _times(1000, _greatest(self._rig_then.get(name) for name in others)[0]),
+            "calibration_deg": _greatest(self._rig_then.get(name) for name in others)[1],
+            "calibration_end_mm": _times(1000, _greatest(self._rig[name] for name in others)[0]),
+            "calibration_end_deg": _greatest(self._rig[name] for name in others)[1],
+            "time_offset_ms": _times(1000, self._time_offset_s()),
+        }
+
+    def _learn_rig(self, scene: Scene, offsets: Mapping[str, float]) -> None:
+        places = _places(scene)
+        for name in self.sensors:
+            self._rig[name] = None
+            if name in places and self.main in places:
+                found = inverse(places[self.main]) @ places[name]
+                self._rig[name] = self._rig_error(found, name)
+            self._offsets_s[name] = offsets.get(name)
+
+    def _rig_error(self, T_main_sensor: Float64, sensor: str) -> tuple[float, float]:
+        """By how much a motion moves what this sensor says of the middle of the room [m], and turns it [deg]."""
+        T_main_world = inverse(self._T_world_sensor[self.main])
+        true = T_main_world @ self._T_world_sensor[sensor]
+        middle = apply(inverse(self._T_world_sensor[sensor]), self._middle[None])
+        moved = np.linalg.norm(apply(T_main_sensor, middle) - apply(true, middle))
+        R = T_main_sensor[:3, :3] @ true[:3, :3].T
+        sine = np.linalg.norm([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
+        return float(moved), float(np.degrees(np.arctan2(sine, (np.trace(R) - 1) / 2)))
+
+    def _time_offset_s(self) -> float | None:
+        """The greatest error of a sensor's offset from the main one's; None where one is not declared."""
+        if len(self.sensors) < 2 or None in self._offsets_s.values():
+            return None
+        # Captured so much later than at_ns says; at_ns is the capture and the latency.
+        wrong = {name: (value or 0.0) + self._latency_s[name] for name, value in self._offsets_s.items()}
+        return max(abs(value - wrong[self.main]) for value in wrong.values())
+
+    def _count_walking(self, truth: Truth, before: Truth, elapsed_s: float) -> None:
+        """How long each sensor has seen somebody walk whom a sensor that is tied to the main one saw too."""
+        moved = np.linalg.norm((truth.positions - before.positions)[:, self._root], axis=-1)
+        walking = set(np.flatnonzero(moved > WALKING * elapsed_s).tolist())
+        tied = [name for name in self._now if name == self.main or self._shared_s[name] >= SHARED_WALKING]
+        for name, now in self._now.items():
+            seen_too = {person for other in tied if other != name for person in self._now[other].people}
+            if name == self.main or not walking & set(now.people) & seen_too:
+                continue
+            self._shared_s[name] += elapsed_s
+            if self._shared_s[name] >= SHARED_WALKING and name not in self._rig_then:
+                self._rig_then[name] = self._rig[name]
+
+    def _compare(self, scene: Scene, truth: Truth, elapsed_s: float) -> None:
+        places = _places(scene) if scene.sensors else {}
+        T_true = [self._truth_from_method(person, places) for person in scene.people]
+        people = [(p, T) for p, T in zip(scene.people, T_true, strict=True) if T is not None]
+        found = np.array([apply(T, person.positions) for person, T in people]).reshape(-1, *truth.positions.shape[1:])
+        alike = similarity(truth.positions, found)
+        wanted = [
+            person
+            for person, seen_ns in self._seen_ns.items()
+            if truth.room_ns - seen_ns <= UNSEEN_FOR * NS_PER_S
+            and seen_ns - self._since_ns[person] >= IN_VIEW_FOR * NS_PER_S
+        ]
+        pairs = _matches(alike)
+        matched = {person for person, _ in pairs}
+        for person in truth.people.tolist():
+            unfound_s = self._unfound_s.get(person, 0.0)
+            late = person in wanted and person not in matched
+            self._unfound_s[person] = unfound_s + elapsed_s if late else 0.0
+            if unfound_s <= LOST_AFTER < self._unfound_s[person]:
+                self.lost.append((truth.room_ns / NS_PER_S, person))
+        for person, column in pairs:
+            self._compare_joints(person, found[column], people[column][0].states, truth)
+        if self._frames % IDENTITY_EVERY == 0:
+            # Who need not be found may be: such people count neither way.
+            spare = {column for person, column in pairs if person not in wanted}
+            columns = [c for c in range(len(people)) if c not in spare]
+            ids = tuple(people[c][0].id for c in columns)
+            self.identity.append(IdentityFrame(tuple(wanted), ids, alike[np.ix_(wanted, columns)]))
+        self._frames += 1
+
+    def _truth_from_method(self, person: Person, places: Mapping[str, Float64]) -> Float64 | None:
+        if self.main in places:
+            return self._T_world_sensor[self.main] @ inverse(places[self.main])
+        views = {view.sensor: view.T_world_sensor for view in person.views}
+        name = self.main if self.main in views else next(iter(views), None)
+        return None if name is None else self._T_world_sensor[name] @ inverse(views[name])
+
+    def _compare_joints(self, person: int, positions: Float64, states: NDArray[np.uint8], truth: Truth) -> None:
+        true, mirror = truth.positions[person], self._mirror
+        errors = np.linalg.norm(positions - true, axis=-1)
+        seen = np.isfinite(errors)
+        self._errors["fused"].add(errors[seen])
+        self._errors["measured"].add(errors[seen & (states == JointState.TRACKED)])
+        self._errors["inferred"].add(errors[seen & (states == JointState.INFERRED)])
+        swapped = np.linalg.norm(positions[mirror] - true, axis=-1)
+        sided = seen & np.isfinite(swapped) & (mirror != np.arange(len(mirror)))
+        if sided.any():
+            self._wrong_labels.add(np.array([swapped[sided].sum() < errors[sided].sum()], dtype=np.float64))
+        for name, now in self._now.items():
+            if person in now.people and truth.room_ns - now.room_ns <= FRESH * NS_PER_S:
+                body = now.people.index(person)
+                both = seen & np.isfinite(now.errors[body])
+                alone, fused = self._of_sensor[name]
+                alone.add(now.errors[body][both])
+                fused.add(errors[both])
+                hidden = both & now.hidden[body]
+                self._errors["hidden"].add(errors[hidden])
+                self._errors["hidden_by_sensor"].add(now.errors[body][hidden])
+
+
+def _sensor_now(item: SimulatedFrame) -> _SensorNow:
+    frame, truth = item.frame, item.truth
+    seen = apply(truth.T_world_sensor, frame.positions.astype(np.float64))
+    errors = np.linalg.norm(seen - truth.positions[truth.body_people], axis=-1)
+    return _SensorNow(
+        truth.room_ns, tuple(truth.body_people.tolist()), errors, np.asarray(frame.states == JointState.INFERRED)
+    )
+
+
+def _places(scene: Scene) -> dict[str, Float64]:
+    """Where a method has the sensors: as it says, or else as it has them for the first person."""
+    if scene.sensors:
+        return {place.sensor: place.T_world_sensor for place in scene.sensors if place.T_world_sensor is not None}
+    return {view.sensor: view.T_world_sensor for view in scene.people[0].views} if scene.people else {}
+
+
+def _matches(alike: Float64) -> list[tuple[int, int]]:
+    """(true person, found person), one to one, of those who are `ALIKE`: as many as can be, then the most alike."""
+    good = alike >= ALIKE
+    rows, columns = linear_sum_assignment(np.where(good, 10.0 + alike, 0.0), maximize=True)
+    return [(r, c) for r, c in zip(rows.tolist(), columns.tolist(), strict=True) if good[r, c]]
+
+
+def _middle(room: Room) -> Float64:
+    """(3,) mean place of everybody who is in reach of the main sensor [m]."""
+    settings = room.settings.sensors[0]
+    instants = np.linspace(0, room.duration_ns, 50, endpoint=False).astype(np.int64).tolist()
+    places = np.concatenate([room.positions_at(t)[:, 0] for t in instants])
+    near = np.linalg.norm(places - settings.T_world_sensor[:3, 3], axis=-1) < settings.range_m[1]
+    return np.asarray(places[near].mean(axis=0) if near.any() else places.mean(axis=0))
+
+
+def _greatest(errors: Iterable[tuple[float, float] | None]) -> tuple[float | None, float | None]:
+    """The greatest of each of two; None where one is not known, or there is none."""
+    of = list(errors)
+    known = [error for error in of if error is not None]
+    if not known or len(known) < len(of):
+        return None, None
+    return max(e[0] for e in known), max(e[1] for e in known)
+
+
+def _times(factor: float, value: float | None) -> float | None:
+    return None if value is None else factor * value
