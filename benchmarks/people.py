@@ -122,7 +122,7 @@ def chain_seconds(known: Mapping[str, Float64], arrivals: Sequence[Arrival]) -> 
     begin = time.perf_counter()
     for arrival, seen in zip(arrivals, bodies, strict=True):
         at_s = 1e-9 * arrival.at_ns
-        associate_and_fuse(tracks, people, arrival.frame, seen, known[seen.sensor], at_s, at_s)
+        associate_and_fuse(tracks, people, arrival.frame, seen, known[seen.sensor], at_s=at_s, now_s=at_s)
     return time.perf_counter() - begin
 
 

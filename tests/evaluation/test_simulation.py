@@ -278,7 +278,7 @@ def test_what_cannot_be_scored_is_refused_before_anything_is_done(options: dict[
 
 
 def test_means_and_the_worst_scene() -> None:
-    base = {name: 0.0 for name in TARGETS} | {"sensors": 2.0, "hota": 1.0}
+    base = dict.fromkeys(TARGETS, 0.0) | {"sensors": 2.0, "hota": 1.0}
     runs = {
         "a": [base | {"identity_switches": 1.0}, base | {"calibration_mm": 4.0}],
         "b": [base | {"calibration_mm": 30.0, "hota": 0.9}, base | {"time_offset_ms": None}],

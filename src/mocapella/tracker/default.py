@@ -210,7 +210,7 @@ class DefaultTracker:
         clock = self._calibration.state.sensors[sensor].clock
         at_s = sighting.at_ns / NS_PER_S - (clock.seconds if clock is not None and clock.known else 0.0)
         self._now_s = max(self._now_s, at_s)
-        associate_and_fuse(self._tracks, people, sighting.frame, bodies, T, at_s, self._now_s)
+        associate_and_fuse(self._tracks, people, sighting.frame, bodies, T, at_s=at_s, now_s=self._now_s)
 
     def _say_places(self) -> tuple[SensorPlace, ...]:
         return tuple(
@@ -297,7 +297,7 @@ class DefaultTracker:
 
 
 def associate_and_fuse(
-    tracks: Tracks, people: People, frame: BodyFrame, bodies: Bodies, T: Float64, at_s: float, now_s: float
+    tracks: Tracks, people: People, frame: BodyFrame, bodies: Bodies, T: Float64, *, at_s: float, now_s: float
 ) -> None:
     """Whose bodies these are, and everybody brought up to date.
 

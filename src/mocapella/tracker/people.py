@@ -210,12 +210,13 @@ class People:
 
     def remembered(self) -> tuple[Any, ...]:
         """All that it remembers, for `remember`."""
-        return self.numbers, self.sensors, self.memory, None if self._facing is None else self._facing.memory
+        facing = None if self._facing is None else self._facing.memory
+        return self.numbers, self.sensors, self.memory, facing, self.R_level
 
     def remember(self, memory: tuple[Any, ...]) -> None:
         """What `remembered` gave, and nothing else."""
-        self.numbers, self.sensors, self.memory, facing = memory
-        self.repairs = ()
+        self.numbers, self.sensors, self.memory, facing, self.R_level = memory
+        self.repairs, self.up = (), np.ascontiguousarray(self.R_level[1])
         if self._facing is not None:
             self._facing.memory = facing
 
@@ -256,7 +257,8 @@ class People:
         )  # fmt: skip
         m.view_id[rows, column] = sights.ids
         kernels.follow_labels(
-            rows, column, dts, s.view_age_s, self.mirror, s.swap_m, s.swap_s, m.view_at, m.view_positions, m.view_swapped, m.view_advantage,
+            rows, column, dts, s.view_age_s, self.mirror, s.swap_m, s.swap_s,
+            m.view_at, m.view_positions, m.view_swapped, m.view_advantage,
         )  # fmt: skip
         self._face(sights, rows, column, dts)
         measured = np.empty((len(rows), len(self.mirror), 3))
@@ -318,7 +320,9 @@ class People:
 
     def move(self, T_new_old: Float64) -> None:
         """Everything is told in another frame from now on."""
-        m, R = self.memory, T_new_old[:3, :3]
+        m, R = self.memory, np.ascontiguousarray(T_new_old[:3, :3])
+        self.R_level = self.R_level @ R.T
+        self.up = np.ascontiguousarray(self.R_level[1])
         for name in ("positions", "steady", "euro_positions", "view_positions"):
             getattr(m, name)[:] = apply(T_new_old, getattr(m, name))
         if self._model is not None:

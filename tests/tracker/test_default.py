@@ -1,0 +1,268 @@
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pytest
+from walking_people import BACK, FRONT, KINECT_V2, LEFT, MIRROR, SIDE, Sensor, Walker, errors, standing_at
+
+from mocapella.errors import SettingsError, WireError
+from mocapella.geometry.rigid import apply, inverse
+from mocapella.model.bodies import Bodies
+from mocapella.model.observations import Arrival, JointState, body_frame
+from mocapella.model.scene import Phase, Scene
+from mocapella.schema import encode_scene
+from mocapella.tracker import DefaultSettings, DefaultTracker, make_tracker
+from mocapella.tracker.people import SMOOTHING
+
+PLACES = {"front": FRONT, "side": SIDE}
+RATE = 30.0
+
+
+def seen(bodies: Bodies, t: float, sequence: int, ids: Mapping[int, int] | None = None) -> Arrival:
+    """A frame as it arrives; ``ids`` gives bodies other tracking ids."""
+    frame = body_frame(
+        bodies.sensor,
+        KINECT_V2,
+        time_ns=round(1e9 * t),
+        positions=bodies.positions,
+        states=bodies.states,
+        tracking_ids=[(ids or {}).get(body, body) for body in bodies.ids],
+        sequence=sequence,
+    )
+    return Arrival(frame, round(1e9 * t))
+
+
+def frames(
+    walkers: Mapping[int, Walker],
+    seconds: float,
+    places: Mapping[str, np.ndarray] = PLACES,
+    begin: float = 0.0,
+    **how: float,
+) -> list[Arrival]:
+    """What sensors see of people, in the order of capture."""
+    sensors = [Sensor(name, T, phase=i / RATE / len(places), **how) for i, (name, T) in enumerate(places.items())]  # type: ignore[arg-type]
+    out = []
+    for k in range(round(begin * RATE), round((begin + seconds) * RATE)):
+        for sensor in sensors:
+            t = k / RATE + sensor.phase
+            out.append(seen(sensor.see(dict(walkers), t), t, k))
+    return out
+
+
+def run(tracker: DefaultTracker, arrivals: Sequence[Arrival]) -> list[Scene]:
+    return [tracker.update(arrival) for arrival in arrivals]
+
+
+def in_world(scene: Scene, truth: np.ndarray) -> np.ndarray:
+    """The truth told in the world of the scene: its floor is found, so it may lie elsewhere than ours."""
+    place = next(place for place in scene.sensors if place.sensor == "front")
+    assert place.T_world_sensor is not None
+    return apply(place.T_world_sensor @ inverse(FRONT), truth)
+
+
+def told(places: Mapping[str, np.ndarray] = PLACES, settings: DefaultSettings | None = None) -> DefaultTracker:
+    """A tracker that is told where the sensors stand."""
+    tracker = DefaultTracker(settings, sensors_expected=len(places))
+    tracker.start_from(places)
+    return tracker
+
+
+def test_sensors_find_each_other_from_somebody_who_walks_and_the_skeleton_is_where_the_person_is() -> None:
+    tracker = DefaultTracker(sensors_expected=2)
+    walker = Walker()
+    arrivals = frames({1: walker}, 9.0, noise=0.01)
+    scenes = run(tracker, arrivals)
+    assert scenes[0].state.phase is Phase.WAITING_FOR_SENSORS
+    assert Phase.CALIBRATING in {scene.state.phase for scene in scenes}
+    assert scenes[-1].state.phase is Phase.TRACKING
+    found = {place.sensor: place.T_world_sensor for place in scenes[-1].sensors if place.T_world_sensor is not None}
+    metres, radians = errors(inverse(found["front"]) @ found["side"], inverse(FRONT) @ SIDE)
+    assert metres < 0.03
+    assert radians < np.radians(1.0)
+    (person,) = scenes[-1].people
+    off = np.linalg.norm(person.positions - in_world(scenes[-1], walker.at(arrivals[-1].at_ns / 1e9)), axis=-1)
+    assert np.median(off) < 0.05
+    assert person.sd is not None
+    assert (person.sd > 0).all()
+
+
+def test_the_same_frames_give_the_same_scenes_to_the_bit_and_a_snapshot_goes_on_alike() -> None:
+    arrivals = frames({1: Walker(), 2: Walker(centre=(0.8, 3.4), phase=2.0)}, 4.0, noise=0.01)
+    one, other = told(), told()
+    first = [encode_scene(scene) for scene in run(one, arrivals[:150])]
+    assert first == [encode_scene(scene) for scene in run(other, arrivals[:150])]
+    restored = DefaultTracker(sensors_expected=2)
+    restored.restore(one.snapshot())
+    rest = [encode_scene(scene) for scene in run(one, arrivals[150:])]
+    assert rest == [encode_scene(scene) for scene in run(restored, arrivals[150:])]
+    one.reset()
+    one.start_from(PLACES)
+    assert first == [encode_scene(scene) for scene in run(one, arrivals[:150])]
+
+
+def test_what_is_no_snapshot_is_refused() -> None:
+    with pytest.raises(WireError):
+        DefaultTracker().restore(b"\x93\x01\x02\x03")
+
+
+def test_people_keep_their_numbers_where_they_cross_and_where_a_sensor_swaps_its_ids() -> None:
+    places = {"front": FRONT, "side": SIDE, "left": LEFT}
+    people = {1: Walker(phase=0.0), 2: Walker(centre=(0.0, 3.5), phase=np.pi), 3: Walker(centre=(1.9, 3.2), speed=0.4)}
+    tracker = told(places)
+    numbers: dict[int, set[int]] = {1: set(), 2: set(), 3: set()}
+    for k, arrival in enumerate(frames(people, 8.0, places, noise=0.01)):
+        if arrival.frame.sensor == "front" and k > 300:
+            arrival.frame.tracking_ids[:] = [{1: 2, 2: 1}.get(int(body), body) for body in arrival.frame.tracking_ids]
+        scene = tracker.update(arrival)
+        for person in scene.people:
+            near = {
+                who: np.linalg.norm(in_world(scene, walker.at(arrival.at_ns / 1e9))[0] - person.positions[0])
+                for who, walker in people.items()
+            }
+            numbers[min(near, key=lambda who: near[who])].add(person.id)
+    assert all(len(given) == 1 for given in numbers.values()), numbers
+
+
+def test_somebody_whom_one_sensor_sees_is_a_person_and_who_is_seen_no_more_is_predicted_and_then_gone() -> None:
+    walker = Walker()
+    tracker = told()
+    run(tracker, frames({1: walker}, 2.0, noise=0.005))
+    alone = [arrival for arrival in frames({1: walker}, 1.0, begin=2.0, noise=0.005) if arrival.frame.sensor == "side"]
+    (person,) = run(tracker, alone)[-1].people
+    assert [view.sensor for view in person.views] == ["side"]
+    assert (person.states == JointState.TRACKED).all()
+    empty = frames({}, 2.0, begin=3.0)
+    scenes = run(tracker, empty)
+    sd = [scene.people[0].sd for scene in scenes[:20] if scene.people]
+    assert all((scene.people[0].states == JointState.INFERRED).all() for scene in scenes[10:20])
+    assert (sd[-1] > sd[8]).all()
+    assert not scenes[-1].people
+
+
+def test_a_joint_that_no_sensor_sees_is_inferred_with_growing_uncertainty_and_follows_the_body() -> None:
+    tracker, walker = told(), Walker()
+    hand = KINECT_V2.index("HandRight")
+    run(tracker, frames({1: walker}, 3.0, noise=0.005))
+    unsure = []
+    for arrival in frames({1: walker}, 0.6, begin=3.0, noise=0.005):
+        arrival.frame.states[:, hand] = JointState.NOT_TRACKED
+        arrival.frame.positions[:, hand] = np.nan
+        scene = tracker.update(arrival)
+        (person,) = scene.people
+        unsure.append(person.sd[hand])
+    assert person.states[hand] == JointState.INFERRED
+    assert unsure[-1] > 1.2 * unsure[2]
+    assert np.linalg.norm(person.positions[hand] - in_world(scene, walker.at(arrival.at_ns / 1e9))[hand]) < 0.3
+
+
+def test_a_sensor_that_mirrors_labels_is_repaired() -> None:
+    """Somebody who walks an eight is seen from behind half of the time, with the labels of a front view."""
+    tracker, walker = told(), Walker()
+    arrivals, wrong = frames({1: walker}, 9.0, noise=0.01), 0
+    shoulders = [KINECT_V2.index("ShoulderLeft"), KINECT_V2.index("ShoulderRight")]
+    for arrival in arrivals:
+        truth = walker.at(arrival.at_ns / 1e9)
+        across = apply(inverse(PLACES[arrival.frame.sensor]), truth)[shoulders, 0]
+        if across[0] > across[1]:  # from behind: a sensor calls the left side right
+            arrival.frame.positions[:] = arrival.frame.positions[:, MIRROR]
+        scene = tracker.update(arrival)
+        if scene.people and arrival.at_ns > 4e9:
+            left, right = scene.people[0].positions[shoulders]
+            true_left, true_right = in_world(scene, truth)[shoulders]
+            wrong += bool((left - right) @ (true_left - true_right) < 0)
+    assert wrong < 0.1 * len(arrivals)
+
+
+def test_bones_keep_their_lengths() -> None:
+    tracker = told()
+    parents, children = (list(ends) for ends in zip(*KINECT_V2.bones, strict=True))
+    lengths = []
+    for scene in run(tracker, frames({1: Walker()}, 5.0, noise=0.02))[120:]:
+        positions = scene.people[0].positions
+        lengths.append(np.linalg.norm(positions[parents] - positions[children], axis=-1))
+    spread = np.std(lengths, axis=0) / np.mean(lengths, axis=0)
+    assert spread.mean() < 0.03
+
+
+@pytest.mark.parametrize("smoothing", SMOOTHING)
+def test_each_way_of_smoothing_follows_and_steadies(smoothing: str) -> None:
+    settings = {"people": {"smoothing": smoothing, "facing": None}}
+    tracker = make_tracker("default", sensors_expected=2, settings=settings)
+    assert isinstance(tracker, DefaultTracker)
+    tracker.start_from(PLACES)
+    walker = Walker(speed=0.0)
+    off = []
+    for arrival, scene in zip(arrivals := frames({1: walker}, 4.0, noise=0.02), run(tracker, arrivals), strict=True):
+        if arrival.at_ns > 2e9:
+            off.append(scene.people[0].positions - in_world(scene, walker.at(arrival.at_ns / 1e9)))
+    assert np.sqrt(np.mean(np.square(off))) < 0.015
+
+
+def test_an_unknown_smoothing_is_refused_with_what_there_is() -> None:
+    with pytest.raises(SettingsError, match="did you mean kalman"):
+        make_tracker("default", settings={"people": {"smoothing": "kalmann"}})
+
+
+def test_frames_that_cannot_be_used_are_counted_and_change_nothing() -> None:
+    tracker = told()
+    arrivals = frames({1: Walker()}, 1.0, noise=0.01)
+    last = run(tracker, arrivals)[-1]
+    before = tracker.snapshot()
+    again = tracker.update(arrivals[-2])
+    assert tracker.report.rejected == {"repeats the time of the frame before": 1}
+    np.testing.assert_array_equal(again.people[0].positions, last.people[0].positions)
+    tracker._steps -= 1
+    tracker._rejected.clear()
+    assert tracker.snapshot() == before
+
+
+def spoilt(arrival: Arrival, how: str) -> Arrival:
+    frame = arrival.frame
+    if how == "joints at the origin":
+        frame.positions[:] = 0.0
+    elif how == "not finite":
+        frame.positions[:] = np.nan
+        frame.states[:] = JointState.NOT_TRACKED
+    elif how == "flickers":
+        nobody = np.empty((0, 25, 3))
+        empty = body_frame(frame.sensor, KINECT_V2, time_ns=frame.time_ns, positions=nobody)
+        return Arrival(empty, arrival.at_ns) if frame.sequence % 2 else arrival
+    elif how == "on a line":
+        frame.positions[..., 1:] = 1.0
+    elif how == "far away":
+        frame.positions[:] *= 1e6
+    return arrival
+
+
+@pytest.mark.parametrize("how", ["joints at the origin", "not finite", "flickers", "on a line", "far away"])
+def test_one_sensor_that_sends_nonsense_does_not_take_the_person_away(how: str) -> None:
+    tracker, walker = told(), Walker()
+    run(tracker, frames({1: walker}, 3.0, noise=0.01))
+    for arrival in frames({1: walker}, 2.0, begin=3.0, noise=0.01):
+        scene = tracker.update(spoilt(arrival, how) if arrival.frame.sensor == "side" else arrival)
+        truth = in_world(scene, walker.at(arrival.at_ns / 1e9))
+        assert any(np.linalg.norm(person.positions[0] - truth[0]) < 0.2 for person in scene.people)
+        assert all(np.isfinite(person.positions[person.states > 0]).all() for person in scene.people)
+
+
+def test_nobody_jumps_when_the_sensor_in_whose_space_all_is_told_goes_silent() -> None:
+    places = {"front": FRONT, "side": SIDE, "back": BACK}
+    walker, tracker = Walker(), told(places)
+    before = None
+    for arrival in frames({1: walker}, 8.0, places, noise=0.005):
+        if arrival.frame.sensor == "front" and arrival.at_ns > 3e9:
+            continue
+        scene = tracker.update(arrival)
+        if arrival.at_ns > 2e9:
+            (person,) = scene.people
+            if before is not None:
+                assert np.linalg.norm(person.positions[0] - before) < 0.08
+            before = person.positions[0]
+
+
+def test_one_sensor_alone_is_enough_to_track_and_says_that_it_is_alone() -> None:
+    tracker = DefaultTracker(sensors_expected=1)
+    scenes = run(tracker, frames({1: Walker()}, 2.0, {"front": standing_at(0, 0)}, noise=0.01))
+    assert scenes[-1].state.phase is Phase.TRACKING
+    assert len(scenes[-1].people) == 1
