@@ -44,7 +44,9 @@ def calibrated(  # noqa: PLR0917 - a pair of sensors, people, and for how long
     tracks = {s.name: {body: BodyTrack.empty(25) for body in walkers} for s in (a, b)}
     count = round(seconds * rate_hz)
     frames = sorted((begin + s.phase + i / rate_hz, s.name, s) for s in (a, b) for i in range(count))
-    for t, name, sensor in frames:
+    for i, (t, name, sensor) in enumerate(frames):
+        if i % 15 == 14:
+            pair.follow_clock(pair.estimate())
         seen = sensor.see(dict(walkers), t)
         for body, positions, states in zip(seen.ids, seen.positions, seen.states, strict=True):
             tracks[name][body].add(t + sensor.clock, positions, states, 0.2)
@@ -104,7 +106,7 @@ def test_labels_that_are_swapped_for_a_while_are_noticed_each_time() -> None:
 
 def test_the_moments_are_the_batch_of_all_frames_under_the_weights_that_were_used() -> None:
     """One frame after the other equals one fit of all, where nothing is forgotten and weights do not depend on it."""
-    still = PairSettings(memory_s=9e5, first_memory_s=9e5, residual_floor_m=1e3, full_speed_m_s=1e-6)
+    still = PairSettings(memory_s=9e5, first_memory_s=9e5, residual_floor_m=1e3, full_speed_m_s=1e-6, every_s=0.0)
     a, b = Sensor("a", FRONT, noise=0.02), Sensor("b", SIDE, noise=0.02)
     pair, A, B = PairCalibration(still), BodyTrack.empty(25), BodyTrack.empty(25)
     p, q = [], []
@@ -269,7 +271,7 @@ def test_eight_seconds_of_walking_are_enough_wherever_the_second_sensor_stands(T
 def test_settings_out_of_range_are_refused() -> None:
     for wrong in (
         {"memory_s": 0.0}, {"label_hysteresis_m": 0.01}, {"mirrored_weight": 1.5}, {"moved_factor": 0.5},
-        {"memory_growth": -1.0}, {"velocity_window_s": 0.5}, {"samples_wanted": 0},
+        {"memory_growth": -1.0}, {"velocity_window_s": 0.5}, {"every_s": 1.0}, {"samples_wanted": 0},
     ):  # fmt: skip
         with pytest.raises(SettingsError, match=next(iter(wrong))):
             PairSettings(**wrong)  # type: ignore[arg-type]

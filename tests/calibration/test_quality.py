@@ -10,7 +10,7 @@ from mocapella.calibration.time_offset import TimeOffset
 
 def estimate(problem: str = "", motion_s: float = 8.2) -> PairEstimate:
     offset = TimeOffset(0.0, 0.1, False)
-    return PairEstimate(np.eye(4), np.eye(6), 0.0123, np.radians(0.42), motion_s, 9.0, 0.05, offset, problem)
+    return PairEstimate(np.eye(4), np.eye(6), 0.0123, np.radians(0.42), motion_s, 9.0, 0.05, offset, offset, problem)
 
 
 def test_it_says_how_much_was_seen_and_how_sure_it_is() -> None:

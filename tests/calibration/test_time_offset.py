@@ -5,8 +5,7 @@ import pytest
 from test_pair_calibration import calibrated
 from walking_people import FRONT, SIDE, Sensor, Walker
 
-from mocapella.calibration.time_offset import TimeOffset, offset_by_speed
-from mocapella.errors import SettingsError
+from mocapella.calibration.time_offset import TimeOffset
 
 
 @pytest.mark.parametrize("clock", [-0.08, -0.02, 0.0, 0.004, 0.05, 0.12])
@@ -38,23 +37,3 @@ def test_somebody_who_goes_one_way_at_one_speed_says_nothing_of_it() -> None:
 
 def test_a_known_offset_is_told_in_milliseconds() -> None:
     assert str(TimeOffset(0.0204, 0.003, True)) == "+20 ± 6 ms"
-
-
-@pytest.mark.parametrize("clock", [-1.3, -0.2, 0.0, 0.7])
-def test_clocks_that_are_far_apart_are_brought_together_by_speeds_alone(clock: float) -> None:
-    t = np.arange(0, 25, 1 / 30)
-    rng = np.random.default_rng(3)
-    steps = np.interp(t, np.arange(0, 26, 0.7), rng.uniform(0, 1.2, 38))
-    found = offset_by_speed(t, steps, t + 0.011 + clock, np.interp(t + 0.011, t, steps))
-    assert found.known
-    assert found.seconds == pytest.approx(clock, abs=0.02)
-
-
-def test_even_or_short_motion_leaves_them_unknown() -> None:
-    t = np.arange(0, 25, 1 / 30)
-    assert not offset_by_speed(t, np.full(len(t), 0.7), t, np.full(len(t), 0.7)).known
-    beat = 0.6 + 0.3 * np.sin(2 * np.pi * 1.0 * t)  # the same again every second
-    assert not offset_by_speed(t, beat, t, beat).known
-    assert not offset_by_speed(t[:60], beat[:60], t[:60], beat[:60]).known
-    with pytest.raises(SettingsError, match="within"):
-        offset_by_speed(t, beat, t, beat, within=0.0)

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mocapella.calibration.rig import Rig
 from mocapella.errors import NotNowError, SettingsError, WireError
 from mocapella.live.session import Session
 from mocapella.model.observations import Arrival
@@ -110,3 +111,34 @@ def test_a_refused_setup_changes_nothing() -> None:
     with pytest.raises(SettingsError):
         session.carry_out("setup", {"method": "magic", "sensors_expected": 7})
     assert session.setup == Setup(sensors_expected=3)
+
+
+def test_a_rig_is_used_by_every_new_tracker_and_kept_in_the_memory_until_somebody_recalibrates() -> None:
+    walked = Session(Setup(method="default", sensors_expected=3))
+    assert walked.rig_now() is None
+    for arrival in arrivals():
+        walked.step(arrival)
+    rig = walked.rig_now()
+    assert rig is not None
+    assert len(rig.sensors) == 3
+    session = Session(Setup(method="default", sensors_expected=3), rig=rig)
+    for verb in ("stop", "start"):
+        session.carry_out(verb, {})
+    other = Session(Setup(method="default", sensors_expected=3))
+    other.carry_out("restore", session.memory())
+    for arrival in arrivals()[:120]:  # everybody stands: nothing but the rig can know
+        one, same = session.step(arrival), other.step(arrival)
+        assert one is not None
+        assert same is not None
+        assert encode_scene(one) == encode_scene(same)
+    assert one.state.phase == Phase.TRACKING
+    for each in (session, other):
+        each.carry_out("recalibrate", {})
+        assert each.rig is None
+        assert "rig" not in each.memory()
+
+
+def test_a_rig_is_refused_by_a_method_that_uses_none() -> None:
+    with pytest.raises(SettingsError, match="'stand-still' uses no rig; methods that do: default"):
+        Session(Setup(), rig=Rig(1, False, {}, []))
+    assert new().rig_now() is None

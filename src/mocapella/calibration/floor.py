@@ -105,8 +105,8 @@ class FloorFromFeet:
         ids = np.array(bodies.ids, dtype=np.uint64)
         feet = np.empty((len(ids), len(foot_joints), 3))
         _kernels().stand(
-            self.sums, self.back, self.plane, self.ids, self.feet, ids, feet, dt, np.ascontiguousarray(bodies.positions),
-            np.ascontiguousarray(bodies.states), root, head, foot_joints,
+            self.sums, self.back, self.plane, self.ids, self.feet, ids, feet, dt,
+            np.ascontiguousarray(bodies.positions), np.ascontiguousarray(bodies.states), root, head, foot_joints,
         )  # fmt: skip
         self.ids, self.feet, self.last = ids, feet, at
         if self.sums[0] > 1.05 * self.grown:

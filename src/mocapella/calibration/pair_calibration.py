@@ -308,7 +308,7 @@ def _estimates(pairs: Sequence[PairCalibration]) -> list[PairEstimate]:
     ]
 
 
-def _covariance(
+def _covariance(  # noqa: PLR0917 - of each pair, in the order in which they come about
     H: Float64, g: Float64, B: Float64, W: Float64, samples: Float64, residual: Float64, settings: PairSettings
 ) -> tuple[Float64, Float64]:
     """(pairs, 7, 7) of twist and offset, and (pairs,) by how much the offset is to change; its prior is
@@ -335,7 +335,7 @@ def _covariance(
     return np.asarray(covariance - gain[:, :, None] * covariance[:, 6, None, :]), np.asarray(step)
 
 
-def _problems(
+def _problems(  # noqa: PLR0917 - likewise
     M: Float64, samples: Float64, position_sd: Float64, rotation_sd: Float64, residual: Float64, settings: PairSettings
 ) -> list[str]:
     products = centred_products(M)

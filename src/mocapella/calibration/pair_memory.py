@@ -105,8 +105,10 @@ class BodyTrack:
             inferred_weight: what an inferred joint weighs; a tracked one weighs 1.
         """
         return bool(
-            _kernels().add_frame(self.times, self.points, self.weights, self.held, self.frozen_since, at, positions, states,
-                                 inferred_weight)
+            _kernels().add_frame(
+                self.times, self.points, self.weights, self.held, self.frozen_since, at, positions, states,
+                inferred_weight,
+            )
         )  # fmt: skip
 
     @property

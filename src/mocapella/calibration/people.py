@@ -187,7 +187,7 @@ class PeopleCalibration:
         if pose is not None and pose.height > 0 and sensor not in self._moved:
             self._poses[sensor] = pose
         self._newest[sensor], self._now = now, now
-        # What comes last is newest, a few tenths of a second aside: a sensor that comes later with older times is behind.
+        # What comes last is newest, a few tenths of a second aside: who comes later with older times is behind.
         self._behind[sensor] = max(self._newest.values()) - now
         weight = self.settings.pair.inferred_weight
         self._tracks[sensor].add(now, bodies.ids, bodies.positions, bodies.states, weight)

@@ -1,0 +1,76 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from test_people import ONE, two, walks
+
+from mocapella.calibration.people import PeopleCalibration
+from mocapella.calibration.rig import Rig, decode_rig, encode_rig, load_rig, save_rig
+from mocapella.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    calibration = PeopleCalibration()
+    walks(calibration, two(), ONE, 8)
+    return calibration.rig_now()
+
+
+def test_what_is_written_is_what_is_read(rig: Rig, tmp_path: Path) -> None:
+    path = tmp_path / "hall.json"
+    save_rig(path, rig)
+    assert load_rig(path) == rig
+    assert encode_rig(load_rig(path)) == path.read_bytes()
+    assert sorted(rig.sensors) == ["a", "b"]
+    assert rig.pairs[0].quality.startswith("a–b: ")
+    assert [file.name for file in tmp_path.iterdir()] == ["hall.json"]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda data: data.update(version=99), "version"),
+        (lambda data: data["sensors"].pop("a"), r"pairs\[0\]"),
+        (lambda data: data["sensors"]["a"]["T_world_sensor"][0].__setitem__(0, 2.0), "no rigid motion"),
+        (lambda data: data["sensors"]["a"].update(T_world_sensor=[[1.0]]), r"sensors.a.T_world_sensor"),
+        (lambda data: data["pairs"][0]["moments"].pop(), r"pairs\[0\].moments"),
+        (lambda data: data["pairs"][0]["moments"].__setitem__(0, 0.0), "no weight"),
+        (lambda data: data["pairs"][0]["T_a_b"][3].__setitem__(3, 2.0), "no rigid motion"),
+        (lambda data: data["sensors"].update({"a b/": data["sensors"]["a"]}), "a b/"),
+        (lambda data: data.pop("pairs"), "is no rig"),
+    ],
+)
+def test_a_file_that_is_no_rig_is_refused_with_its_name_and_the_field(
+    rig: Rig, tmp_path: Path, change: Any, said: str
+) -> None:
+    data = json.loads(encode_rig(rig))
+    change(data)
+    path = tmp_path / "hall.json"
+    path.write_text(json.dumps(data))
+    with pytest.raises(InputError, match=said) as caught:
+        load_rig(path)
+    assert "hall.json" in str(caught.value)
+
+
+def test_no_file_no_json_and_no_folder_are_said(rig: Rig, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be read"):
+        load_rig(tmp_path / "none.json")
+    with pytest.raises(InputError, match="is no rig"):
+        decode_rig(b"not json")
+    with pytest.raises(InputError, match="cannot be written"):
+        save_rig(tmp_path / "no" / "hall.json", rig)
+
+
+def test_a_rig_of_places_alone_is_enough_to_begin(rig: Rig) -> None:
+    places = Rig(rig.version, rig.floor_known, rig.sensors, [])
+    state = walks(PeopleCalibration(rig=places), two(), ONE, 0.2)
+    assert state.sensors["b"].trusted
+    np.testing.assert_allclose(
+        np.linalg.norm(state.sensors["b"].T_world_sensor[:3, 3] - state.sensors["a"].T_world_sensor[:3, 3]),
+        np.linalg.norm(np.subtract(*(np.array(rig.sensors[name].T_world_sensor)[:3, 3] for name in "ab"))),
+        atol=0.15,
+    )
