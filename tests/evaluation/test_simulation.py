@@ -138,7 +138,9 @@ def test_somebody_left_out_for_longer_than_a_second_is_lost_and_for_less_is_not(
 
 def test_a_phantom_costs_hota() -> None:
     def two(scene: Scene, at_s: float) -> Scene:
-        phantom = msgspec.structs.replace(scene.people[0], id=99, positions=scene.people[0].positions + [5.0, 0, 0])
+        phantom = msgspec.structs.replace(
+            scene.people[0], id=99, positions=scene.people[0].positions + np.array([5.0, 0, 0])
+        )
         return msgspec.structs.replace(scene, people=(*scene.people, phantom))
 
     figures = scored(wrong=two)
@@ -278,7 +280,7 @@ def test_what_cannot_be_scored_is_refused_before_anything_is_done(options: dict[
 
 
 def test_means_and_the_worst_scene() -> None:
-    base = {name: 0.0 for name in TARGETS} | {"sensors": 2.0, "hota": 1.0}
+    base = dict.fromkeys(TARGETS, 0.0) | {"sensors": 2.0, "hota": 1.0}
     runs = {
         "a": [base | {"identity_switches": 1.0}, base | {"calibration_mm": 4.0}],
         "b": [base | {"calibration_mm": 30.0, "hota": 0.9}, base | {"time_offset_ms": None}],

@@ -18,6 +18,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.association.proportions import sizes
 from mocapella.association.tracks import Track, Tracks, TrackSettings
 from mocapella.calibration.cold_start import ColdStart
 from mocapella.calibration.floor import FloorFromFeet
@@ -217,7 +218,8 @@ class DefaultTracker:
         expected = people.expected(self._now_s)
         middles = {person: points.positions[self._middle] for person, points in expected.items()}
         certain = {person: middle for person, middle in middles.items() if np.isfinite(middle).any()}
-        owners = self._tracks.update(sensor, bodies.ids, world[:, self._middle], certain, at_s)
+        lengths = sizes(bodies.positions, bodies.topology)
+        owners = self._tracks.update(sensor, bodies.ids, world[:, self._middle], certain, at_s, lengths)
         for stays, gone in self._tracks.merged:
             people.join(stays, gone)
         clipped = dict(zip(sighting.frame.tracking_ids.tolist(), sighting.frame.clipped_edges.tolist(), strict=True))
