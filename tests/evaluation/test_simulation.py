@@ -138,7 +138,9 @@ def test_somebody_left_out_for_longer_than_a_second_is_lost_and_for_less_is_not(
 
 def test_a_phantom_costs_hota() -> None:
     def two(scene: Scene, at_s: float) -> Scene:
-        phantom = msgspec.structs.replace(scene.people[0], id=99, positions=scene.people[0].positions + [5.0, 0, 0])
+        phantom = msgspec.structs.replace(
+            scene.people[0], id=99, positions=scene.people[0].positions + np.array([5.0, 0, 0])
+        )
         return msgspec.structs.replace(scene, people=(*scene.people, phantom))
 
     figures = scored(wrong=two)

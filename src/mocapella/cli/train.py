@@ -93,15 +93,33 @@ def sensor_errors(
 
     Example:  mocapella train sensor-errors shared/data/kinectmultitrack --out kinect_v2_measured.json
     """
-    from mocapella.evaluation.sensor_errors import measure
+    from mocapella.evaluation.sensor_errors import as_simulated, measure
     from mocapella.sources.simulate.measured import errors_to_json
 
     with console.status("reading …") as status:
         errors = measure(folder, lambda name: status.update(f"reading {name} …"))
-    measured_on = {**errors.measured_on, "command": "mocapella train sensor-errors DIR", "mocapella": __version__}
-    write_text(out, errors_to_json(msgspec.structs.replace(errors, measured_on=measured_on)))
+        measured_on = {**errors.measured_on, "command": "mocapella train sensor-errors DIR", "mocapella": __version__}
+        write_text(out, errors_to_json(msgspec.structs.replace(errors, measured_on=measured_on)))
+        status.update("simulating …")
+        simulated = as_simulated(errors)
     say(f"{out}: {out.stat().st_size} bytes, of {measured_on['sessions']} sessions")
-    write_json(json, {"out": str(out), "measured_on": measured_on})
+    write_json(json, {"out": str(out), "measured_on": measured_on, "simulated": simulated})
+    if json != "-":
+        Console().print(_placements(measured_on["by_placement"], simulated))
+
+
+def _placements(recorded: dict[str, Any], simulated: dict[str, Any]) -> Table:
+    table = Table(title="recorded / simulated", title_justify="left", box=SIMPLE_HEAD)
+    figures = {
+        "walk_dd_cm": "Walk Δd cm",
+        "mirrored_better_percent": "mirrored better %",
+        "stationary_jitter_mm": "jitter mm",
+    }
+    for words in ("", *figures.values()):
+        table.add_column(words, justify="right")
+    for placement, of in simulated.items():
+        table.add_row(placement, *(f"{recorded[placement][figure]:.1f} / {of[figure]:.1f}" for figure in figures))
+    return table
 
 
 def write_text(path: Path, text: str) -> None:

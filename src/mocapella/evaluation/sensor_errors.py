@@ -16,6 +16,7 @@ disagree; an error that both share stays unknown.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -26,25 +27,32 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 from scipy.special import ndtr, ndtri
 
+from mocapella.conventions import NS_PER_S
 from mocapella.errors import InputError
 from mocapella.evaluation.facing_sessions import AlignedViews, aligned_views, facing_session, reference_facings
 from mocapella.evaluation.fused_metrics import jitter
 from mocapella.evaluation.study_pairs import StudySession, study_sessions
 from mocapella.fusion.facing_model import shipped_model
 from mocapella.geometry.angles import wrap
+from mocapella.geometry.rigid import apply
 from mocapella.model.session import SCENARIOS
+from mocapella.sources.simulate import SensorSettings, SimulatedSensor, build_room, scene_settings
 from mocapella.sources.simulate.body import BODY, JOINT, body_model
 from mocapella.sources.simulate.measured import (
     BIAS_BINS,
+    KIND,
     SIDES_DEG,
     TURNED,
+    Errors,
     SensorErrors,
     bias_place,
     spline_weights,
+    toward_sensor,
     turned_about_spine,
     view_axes,
 )
 from mocapella.sources.simulate.occlusion import hidden, obstacles
+from mocapella.sources.simulate.scenarios import STILL_S
 
 Float64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -68,6 +76,13 @@ LOST_AFTER: Final = 0.12
 _WALK: Final = SCENARIOS["walk"]
 _STATIONARY: Final = SCENARIOS["stationary"]
 _BINS_DEG: Final = np.arange(0, 181, 15)
+_SHARES_DEG: Final = tuple(range(-150, 151, 30))
+"""Between them lie the bins of α at the first sensor, positive towards the second."""
+_STOOD: Final[dict[str, dict[str, Any]]] = {
+    "parallel": {"position": (-0.5, 1.0, 0.0)},
+    "45": {"position": (-1.98, 1.0, 0.82), "yaw_deg": 45.0},
+    "90": {"position": (-2.8, 1.0, 2.8), "yaw_deg": 90.0},
+}
 _MIRROR: Final = np.array(BODY.mirror)
 _LAGS: Final = np.array([0, 1, 2, 3, 4, 6, 8, 10, 12, 15, 20, 30, 45])
 _LAG_S: Final = 0.035
@@ -134,6 +149,53 @@ def measure(folder: Path, on_file: Any = lambda name: None) -> SensorErrors:
         loss_s=_rounded(np.quantile(losses, np.linspace(0.025, 0.975, 20)), 2) if losses else [],
         joint_lost=_joint_lost(sessions),
     )
+
+
+def as_simulated(errors: SensorErrors, seeds: Sequence[int] = (0, 1, 2)) -> dict[str, dict[str, Any]]:
+    """By placement what `SensorErrors.measured_on` has of the recordings, of simulated sensors that have these errors.
+
+    The simulated walk is another route. So frames count by α at the first sensor as the recorded ones do.
+    """
+    base = scene_settings("walk")
+    out: dict[str, dict[str, Any]] = {}
+    for placement, recorded in errors.measured_on["by_placement"].items():
+        distances, swapped, alphas, still = [], [], [], []
+        for seed in seeds:
+            sensors = (SensorSettings("first", errors=KIND), SensorSettings("second", errors=KIND, **_STOOD[placement]))
+            room = build_room(dataclasses.replace(base, sensors=sensors, seed=seed))
+            views = (SimulatedSensor(room, name, Errors(errors)).frames(0.0, room.duration_s) for name in (1, 2))
+            items = [pair for pair in zip(*views, strict=True) if pair[0].frame.bodies and pair[1].frame.bodies]
+            seen = np.array([[apply(i.truth.T_world_sensor, i.frame.positions[0]) for i in pair] for pair in items])
+            true = np.array([pair[0].truth.positions[0] for pair in items])
+            walks = np.array([pair[0].truth.room_ns for pair in items]) > STILL_S * NS_PER_S
+            straight, crossed = (
+                np.nanmean(np.linalg.norm(seen[:, 0] - other, axis=-1), axis=-1)
+                for other in (seen[:, 1], seen[:, 1][:, _MIRROR])
+            )
+            distances.append(straight[walks])
+            swapped.append((crossed < straight)[walks])
+            eyes = [item.truth.T_world_sensor[:3, 3] for item in items[0]]
+            toward = np.stack([toward_sensor(true, eye) for eye in eyes], axis=1)
+            alphas.append(_signed(wrap(_shoulder_yaw(true) - toward[:, 0]), toward)[walks])
+            still.append(1000 * jitter(seen[~walks][:, 0]))
+        weight = _weights(np.concatenate(alphas), recorded["walk_alpha_share"])
+        out[placement] = {
+            "walk_dd_cm": round(float(100 * np.average(np.concatenate(distances), weights=weight)), 2),
+            "mirrored_better_percent": round(float(100 * np.average(np.concatenate(swapped), weights=weight)), 2),
+            "stationary_jitter_mm": _mean(still),
+        }
+    return out
+
+
+def _signed(alpha: Float64, toward: Float64) -> Float64:
+    """α at the first sensor, positive where the person is turned to the side where the second one stands."""
+    return np.asarray(alpha * np.sign(np.median(wrap(toward[:, 1] - toward[:, 0]))))
+
+
+def _weights(alpha: Float64, share: Sequence[float]) -> Float64:
+    which = np.digitize(np.degrees(alpha), _SHARES_DEG)
+    there = np.bincount(which, minlength=len(share)) / len(alpha)
+    return (np.array(share) / np.maximum(there, 1e-9))[which]
 
 
 def mirrored_better(one: Float64, other: Float64) -> float:
@@ -377,6 +439,9 @@ def _statement(
         figures[placement] = {
             "sessions": len(of),
             "walk_dd_cm": _mean([np.linalg.norm(p[:, 0] - p[:, 1], axis=-1).mean() * 100 for p in walks]),
+            "walk_alpha_share": _rounded(
+                _alpha_share([_signed(v.alpha[v.walk, 0], v.raw.toward[v.walk]) for v, _ in of]), 3
+            ),
             "walk_rest_cm": _mean([np.linalg.norm(r[v.walk], axis=-1).mean() * 100 for v, r in of]),
             "mirrored_better_percent": _mean([100 * mirrored_better(p[:, 0], p[:, 1]) for p in walks]),
             "stationary_jitter_mm": _mean([1000 * jitter(p[:, k]) for p in still for k in range(2)]),
@@ -396,6 +461,12 @@ def _statement(
         "jitter_mm_by_distance_m": _by_distance(views),
         "by_placement": figures,
     }
+
+
+def _alpha_share(alphas: Sequence[Float64]) -> Float64:
+    """(bins,) share of the frames by α, mean over sessions."""
+    which = [np.digitize(np.degrees(alpha), _SHARES_DEG) for alpha in alphas]
+    return np.asarray(np.mean([np.bincount(w, minlength=len(_SHARES_DEG) + 1) / len(w) for w in which], axis=0))
 
 
 def _by_joint(views: Sequence[_Views]) -> dict[str, float]:

@@ -25,6 +25,7 @@ from mocapella.evaluation.simulation_score import Figures, Score
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Scene
 from mocapella.sources.simulate import Room, SimulatedFrame, SimulatedSensor, build_room, merge, settings_from
+from mocapella.sources.simulate.measured import KIND
 from mocapella.tracker import METHODS, make_tracker
 
 TARGETS: Final[Mapping[str, tuple[str, float]]] = {
@@ -63,7 +64,7 @@ def scene_room(name: str, seed: int) -> Room:
         SettingsError: no such scene; lists those there are.
     """
     settings = settings_from(_data(), name)
-    sensors = tuple(dataclasses.replace(sensor, errors="kinect-v2-measured") for sensor in settings.sensors)
+    sensors = tuple(dataclasses.replace(sensor, errors=KIND) for sensor in settings.sensors)
     return build_room(dataclasses.replace(settings, sensors=sensors, seed=seed))
 
 

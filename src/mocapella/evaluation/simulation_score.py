@@ -118,8 +118,12 @@ class Score:
         sensor, truth = item.frame.sensor, item.truth
         self._now[sensor] = _sensor_now(item)
         self._learn_rig(scene, offsets)
-        if sensor == self.main or self._shared_s[sensor] >= SHARED_WALKING:
+        tied = self._tied()
+        if sensor in tied or not tied:
+            everywhere = set.intersection(*(set(now.people) for now in self._now.values()))
             for person in truth.body_people.tolist():
+                if sensor not in tied and (person not in everywhere or len(self._now) < len(self.sensors)):
+                    continue
                 if truth.room_ns - self._seen_ns.get(person, -(10**18)) > UNSEEN_FOR * NS_PER_S:
                     self._since_ns[person] = truth.room_ns
                 self._seen_ns[person] = truth.room_ns
@@ -157,6 +161,11 @@ class Score:
             "time_offset_ms": _times(1000, self._time_offset_s()),
         }
 
+    def _tied(self) -> set[str]:
+        """Sensors that must be known by now; one is known only by another."""
+        tied = {name for name in self._now if self._shared_s[name] >= SHARED_WALKING}
+        return tied | {self.main} if tied or len(self.sensors) == 1 else tied
+
     def _learn_rig(self, scene: Scene, offsets: Mapping[str, float]) -> None:
         places = _places(scene)
         for name in self.sensors:
@@ -188,7 +197,7 @@ class Score:
         """How long each sensor has seen somebody walk whom a sensor that is tied to the main one saw too."""
         moved = np.linalg.norm((truth.positions - before.positions)[:, self._root], axis=-1)
         walking = set(np.flatnonzero(moved > WALKING * elapsed_s).tolist())
-        tied = [name for name in self._now if name == self.main or self._shared_s[name] >= SHARED_WALKING]
+        tied = [self.main, *self._tied()]
         for name, now in self._now.items():
             seen_too = {person for other in tied if other != name for person in self._now[other].people}
             if name == self.main or not walking & set(now.people) & seen_too:

@@ -17,6 +17,7 @@ from typing import Final
 
 import numpy as np
 
+from mocapella.association.proportions import sizes
 from mocapella.association.tracks import Track, Tracks, TrackSettings
 from mocapella.calibration.cold_start import ColdStart
 from mocapella.calibration.floor import Floor, FloorFromFeet
@@ -312,7 +313,8 @@ def associate_and_fuse(
     there = np.isfinite(expected[..., 0]).any(axis=-1).tolist()
     somewhere = {person: middle for person, middle, is_there in zip(known, expected, there, strict=True) if is_there}
     positions = apply(T, bodies.positions)
-    owners = tracks.update(bodies.sensor, bodies.ids, positions[:, people.middle], somewhere, at_s)
+    lengths = sizes(bodies.positions, bodies.topology)
+    owners = tracks.update(bodies.sensor, bodies.ids, positions[:, people.middle], somewhere, at_s, lengths)
     for stays, gone in tracks.merged:
         people.join(stays, gone)
     people.keep([track.person for track in tracks.tracks])

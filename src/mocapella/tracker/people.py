@@ -345,15 +345,18 @@ class People:
                 self._facing.forget(numbers)
 
     def join(self, stays: int, gone: int) -> None:
-        """Two turned out to be one: views that only one of them has are the other's from now on."""
+        """Two turned out to be one: everything is as with the one seen last, and the views are both's."""
         one, other = self._row_of(stays), self._row_of(gone)
         if other < 0:
             return
         if one >= 0:
-            newer = self.memory.view_at[other] > self.memory.view_at[one]
+            seen_s = self.memory.view_at
+            newer, last = seen_s[other] > seen_s[one], seen_s[other].max() > seen_s[one].max()
             for name, values in vars(self.memory).items():
                 if name.startswith("view_"):
                     values[one, newer] = values[other, newer]
+                elif last:
+                    values[one] = values[other]
             if self._facing is not None:
                 self._facing.join(stays, gone)
         self._take([number for number in self.numbers if number != gone])

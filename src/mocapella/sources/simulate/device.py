@@ -17,6 +17,7 @@ from mocapella.settings import check
 Float64 = NDArray[np.float64]
 
 ERRORS = ("model", "kinect-v2-measured")
+"""Where a sensor's errors may be from."""
 
 
 @dataclass(frozen=True)

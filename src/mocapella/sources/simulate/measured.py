@@ -31,6 +31,8 @@ from mocapella.sources.simulate.body import BODY, JOINT, facing
 Float64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
+KIND: Final = "kinect-v2-measured"
+"""`SensorSettings.errors` of a sensor that has them."""
 SIDES_DEG: Final = (60.0, 120.0)
 """|α| up to the first is a front, beyond the second a back, between them a side."""
 BIAS_BINS: Final = 12
@@ -98,11 +100,13 @@ class Errors:
         """
         self.data = data
         self.bias_m, self.sd_m = np.array(data.bias_m), np.array(data.sd_m)
-        self.white = np.array(data.white_m) / self.sd_m[:, 0, 0]
         rows = (data.mirrored, data.yaw_deg, data.yaw_sd_deg, data.mirrored_yaw_deg, data.mirrored_yaw_sd_deg)
         joints = len(BODY)
         if self.bias_m.shape != (joints, BIAS_BINS, 3) or self.sd_m.shape != (joints, 2, 3):
             raise ValueError("bias_m or sd_m has the wrong shape")
+        if len(data.white_m) != joints or (self.sd_m <= 0).any():
+            raise ValueError("white_m has the wrong length, or sd_m is 0 somewhere")
+        self.white = np.array(data.white_m) / self.sd_m[:, 0, 0]
         shares = (data.share, data.still_share)
         if {*map(len, rows)} != {len(data.alpha_deg)} or {*map(len, shares)} != {len(data.knots_s)}:
             raise ValueError("rows are not equally long")

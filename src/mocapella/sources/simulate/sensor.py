@@ -22,7 +22,7 @@ from mocapella.model.truth import Truth
 from mocapella.settings import check
 from mocapella.sources.simulate.body import ROOT, facing, joint_selection
 from mocapella.sources.simulate.device import axial_noise
-from mocapella.sources.simulate.measured import Course, measured_errors
+from mocapella.sources.simulate.measured import Course, Errors, measured_errors
 from mocapella.sources.simulate.occlusion import hidden
 from mocapella.sources.simulate.orientation import bone_ends, bone_orientations
 from mocapella.sources.simulate.room import Room
@@ -104,12 +104,13 @@ class SimulatedSensor:
     Args:
         room: where it stands.
         sensor: its name, or its number from 1.
+        errors: where its settings say ``kinect-v2-measured``: which; those that come with this version if not given.
 
     Raises:
         SettingsError: no such sensor, or the body has not all joints of the room's topology.
     """
 
-    def __init__(self, room: Room, sensor: int | str) -> None:
+    def __init__(self, room: Room, sensor: int | str, errors: Errors | None = None) -> None:
         index = room.sensor_index(sensor)
         self.room = room
         self.settings = room.settings.sensors[index]
@@ -120,8 +121,9 @@ class SimulatedSensor:
         self._bones = bone_ends(self.topology)
         self._key = np.array([room.settings.seed, index], dtype=np.uint64)
         self._bias = self._biases()
-        is_measured = self.settings.errors != "model"
-        self._course = Course(measured_errors(), self._key, len(self._bias)) if is_measured else None
+        self._course: Course | None = None
+        if self.settings.errors != "model":
+            self._course = Course(errors or measured_errors(), self._key, len(self._bias))
 
     @property
     def name(self) -> str:
