@@ -248,6 +248,12 @@ def test_a_replay_that_never_tracks_says_why(study_logs: Path, tmp_path: Path) -
     (row,) = json.loads((tmp_path / "out.json").read_text())
     assert "calibration never succeeded" in row["never_tracked"]
     assert f"short.csv: nobody was tracked: {row['never_tracked']}\n" in done.stderr
+    assert run(tmp_path, "replay", "short.csv", "--method", "default", "--json", "out.json").returncode == 0
+    (row,) = json.loads((tmp_path / "out.json").read_text())
+    assert [place["sensor"] for place in row["sensor_places"]] == ["front", "side"]
+    assert row["phase"] == "calibrating"
+    assert set(row["reason"].split("; ")) <= {said["condition"] for said in row["conditions"]}
+    assert row["reason"]
 
 
 def test_replaying_live_goes_through_nodes_and_bus(study_logs: Path, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import zenoh
 from programs import free_port, wait_until
 
 from mocapella.errors import AddressInUseError, NameTakenError, NoServerError
-from mocapella.live.server import Server, ServerSettings
+from mocapella.live.server import CONDITION_AGAIN_S, Server, ServerSettings
 from mocapella.model.observations import Arrival, BodyFrame, body_frame
 from mocapella.model.session import SensorHealth, Setup
 from mocapella.model.topology import topology
@@ -207,6 +207,30 @@ def test_opposite_commands_are_served_in_order_and_everybody_sees_the_last(
         assert server.status().running
     finally:
         other.close()
+
+
+def test_names_that_two_give_are_served_in_order(server: Server, reader: zenoh.Session, address: str) -> None:
+    other = open_reader(address)
+    try:
+        for session, name in ((reader, "Ada"), (other, "Grace"), (reader, "Edith")):
+            reply = send_command(session, "name", {"person": 3, "name": name})
+            assert reply.ok
+            assert reply.message == f"person 3 is called {name}"
+        refused = send_command(other, "name", {"person": 3, "name": "a\nb"})
+        assert not refused.ok
+        assert "on one line" in refused.message
+        assert server._session.names == {3: "Edith"}
+    finally:
+        other.close()
+
+
+def test_a_condition_is_told_of_when_it_comes_and_not_each_time(server: Server) -> None:
+    said = "left: it was moved"
+    for reason, now_s in ((said, 0.0), (f"{said}; right: silent", 1.0), ("", 2.0), (said, 3.0)):
+        server._note_conditions(reason, now_s)
+    assert server.status().notices == (said,)
+    server._note_conditions(said, CONDITION_AGAIN_S)
+    assert server.status().notices == (said, said)
 
 
 def test_a_setup_is_carried_out_or_refused_with_its_reason(server: Server, reader: zenoh.Session) -> None:

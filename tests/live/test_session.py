@@ -142,3 +142,62 @@ def test_a_rig_is_refused_by_a_method_that_uses_none() -> None:
     with pytest.raises(SettingsError, match="'stand-still' uses no rig; methods that do: default"):
         Session(Setup(), rig=Rig(1, False, {}, []))
     assert new().rig_now() is None
+
+
+def people_named(session: Session, arrival: Arrival) -> dict[int, str]:
+    scene = session.step(arrival)
+    assert scene is not None
+    return {person.id: person.name for person in scene.people}
+
+
+def test_a_name_stays_with_the_number_is_remembered_and_is_taken_away_by_an_empty_one() -> None:
+    session = new()
+    for arrival in arrivals()[:700]:
+        session.step(arrival)
+    assert people_named(session, arrivals()[700]) == {0: "", 1: ""}
+    assert session.carry_out("name", {"person": 1, "name": "Ada"}) == "person 1 is called Ada"
+    assert people_named(session, arrivals()[701]) == {0: "", 1: "Ada"}
+    other = new()
+    other.carry_out("restore", session.memory())
+    assert people_named(other, arrivals()[702]) == {0: "", 1: "Ada"}
+    session.carry_out("name", {"person": 1, "name": ""})
+    assert people_named(session, arrivals()[702]) == {0: "", 1: ""}
+    session.carry_out("name", {"person": 0, "name": "Grace"})
+    session.carry_out("recalibrate", {})
+    assert session.names == {0: "Grace"}
+
+
+def test_a_new_tracker_numbers_people_anew_and_nobody_has_a_name() -> None:
+    session = new()
+    for anew in (["stop", "start"], ["setup"]):
+        session.carry_out("name", {"person": 0, "name": "Ada"})
+        for verb in anew:
+            session.carry_out(verb, {})
+        assert session.names == {}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"person": -1, "name": "Ada"}, "person is -1; it must be a person's number"),
+        ({"person": 2**64, "name": "Ada"}, "person is 18446744073709551616"),
+        ({"person": "1", "name": "Ada"}, "name: .*int"),
+        ({"person": 1}, "name"),
+        ({"person": 1, "nam": "Ada"}, "did you mean name"),
+        ({"person": 1, "name": "a\nb"}, "on one line"),
+        ({"person": 1, "name": " Ada"}, "without space around"),
+        ({"person": 1, "name": "a" * 41}, "up to 40 characters"),
+        ({"person": 1, "name": "\ud800"}, "up to 40 characters on one line"),
+    ],
+)
+def test_a_name_that_cannot_be_shown_is_refused(arguments: dict[str, object], message: str) -> None:
+    session = new()
+    with pytest.raises(SettingsError, match=message):
+        session.carry_out("name", arguments)
+    assert session.names == {}
+
+
+def test_while_stopped_nobody_can_be_named() -> None:
+    session = Session(Setup(), running=False)
+    with pytest.raises(NotNowError, match="start first"):
+        session.carry_out("name", {"person": 1, "name": "Ada"})

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import json
+
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from schema.messages import small_scene
 
-from mocapella.live.summary import LatencyHistogram, Tally
-from mocapella.model.scene import Phase, TrackerState
+from mocapella.live.summary import MOST_CONDITIONS, LatencyHistogram, Tally
+from mocapella.model.scene import Phase, Scene, SensorPlace, TrackerState
 
 
 @given(st.lists(st.floats(2e-6, 50.0), min_size=1, max_size=300), st.sampled_from([50.0, 90.0, 99.0, 100.0]))
@@ -56,3 +60,55 @@ def test_a_run_that_never_tracked_names_what_was_missing_and_the_reason(phase: P
 
 def test_a_run_that_was_not_started_says_so() -> None:
     assert Tally().never_tracked(TrackerState(Phase.STOPPED)) == "tracking was not started"
+
+
+def scene_with(reason: str, places: tuple[SensorPlace, ...] = ()) -> Scene:
+    return msgspec.structs.replace(small_scene(0), state=TrackerState(Phase.TRACKING, reason=reason), sensors=places)
+
+
+def test_every_condition_is_told_of_with_its_times_also_when_another_holds_as_well() -> None:
+    tally = Tally(began_ns=10**9)
+    for second, reason in enumerate(["", "left: moved", "left: moved; asked for", "", "left: moved"]):
+        tally.scene(scene_with(reason), None, (second + 1) * 10**9)
+    row = tally.as_json(TrackerState(Phase.TRACKING, reason="left: moved"))
+    assert row["conditions"] == [
+        {"condition": "left: moved", "first_s": 1.0, "last_s": 4.0, "results": 3},
+        {"condition": "asked for", "first_s": 2.0, "last_s": 2.0, "results": 1},
+    ]
+    assert row["conditions_left_out"] == 0
+    assert (row["phase"], row["reason"]) == ("tracking", "left: moved")
+
+
+def test_of_many_conditions_the_newest_are_kept_and_the_others_counted() -> None:
+    tally = Tally()
+    for k in range(MOST_CONDITIONS + 7):
+        tally.scene(scene_with(f"a hand moved {k} cm"), None, k)
+    row = tally.as_json(TrackerState(Phase.CALIBRATING))
+    assert [said["condition"] for said in row["conditions"]] == [
+        f"a hand moved {k + 7} cm" for k in range(MOST_CONDITIONS)
+    ]
+    assert row["conditions_left_out"] == 7
+
+
+def test_where_the_sensors_are_is_told_of_and_null_where_it_is_not_known() -> None:
+    places = (
+        SensorPlace("front", np.eye(4), 0.012, np.radians(0.4), "12 mm, 0.4°"),
+        SensorPlace("left", None, problem="with front: walk"),
+        SensorPlace("right", None, problem="with front: walk"),
+    )
+    tally = Tally()
+    tally.scene(scene_with("", places), None, 0)
+    last = TrackerState(Phase.CALIBRATING, reason="left: with front: walk; right: with front: walk")
+    row = tally.as_json(last)
+    assert row["sensor_places"][0] == {
+        "sensor": "front",
+        "T_world_sensor": np.eye(4)[:3].tolist(),
+        "position_sd_mm": 12.0,
+        "rotation_sd_deg": 0.4,
+        "quality": "12 mm, 0.4°",
+        "problem": "",
+    }
+    unknown = row["sensor_places"][1]
+    assert [unknown[name] for name in ("T_world_sensor", "position_sd_mm", "rotation_sd_deg")] == [None] * 3
+    assert row["never_tracked"] == "calibration never succeeded; left, right: walk"
+    json.dumps(row, allow_nan=False)

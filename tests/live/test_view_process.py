@@ -111,6 +111,8 @@ def test_the_demo_is_shown_recorded_and_not_hurt_by_a_closed_browser(tmp_path: P
             expect_state(page, "Tracking")
             page.get_by_role("button", name="Record", exact=True).click()
             wait_until("the recording", lambda: _recording(session) > 0, timeout=120.0)
+            page.locator("label", has_text="Name").locator("xpath=../../..").locator("input").fill("Ada")
+            wait_until("the name in the view", lambda: _set_name(page), timeout=120.0)
             page.close()
             count = _recording(session)
             wait_until("it goes on without the browser", lambda: _recording(session) > count + 30, timeout=120.0)
@@ -119,8 +121,17 @@ def test_the_demo_is_shown_recorded_and_not_hurt_by_a_closed_browser(tmp_path: P
         assert demo.end() == 0, demo.output
     (take,) = (tmp_path / "takes").glob("*.mcap")
     assert read_take(take).clean
+    last = [scene for _, scene in read_take(take).scenes()][-1]
+    assert "Ada" in [person.name for person in last.people]
     (row,) = result(tmp_path, "replay", str(take))
     assert row["differing_scenes"] == 0
+
+
+def _set_name(page: Page) -> bool:
+    """Press the button, until what was typed has reached the view before it."""
+    page.get_by_role("button", name="Set name", exact=True).click()
+    page.wait_for_timeout(500)
+    return page.locator(".mocapella-people", has_text="Ada").is_visible()
 
 
 def _recording(session: object) -> int:

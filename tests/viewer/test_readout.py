@@ -3,15 +3,25 @@
 import dataclasses
 from html.parser import HTMLParser
 
+import msgspec
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from walkers import health, status
+from walkers import Room, health, status
 
-from mocapella.model.scene import Phase
+from mocapella.model.scene import Phase, SensorPlace
 from mocapella.model.session import RecordingHealth
 from mocapella.viewer.palette import SensorColours
-from mocapella.viewer.readout import notices_html, recording_html, sensors_html, stage_text, status_html
+from mocapella.viewer.readout import (
+    condition_lines,
+    notices_html,
+    people_html,
+    recording_html,
+    sensors_html,
+    stage_text,
+    status_html,
+)
 
 NASTY = "<script>alert(1)</script><img src=x onerror='alert(2)'>\"&"
 
@@ -45,7 +55,8 @@ def test_no_text_from_the_wire_becomes_markup(text):
     )
     html = (
         status_html(session)
-        + sensors_html(session, SensorColours())
+        + sensors_html(session, SensorColours(), {text: SensorPlace(text, np.eye(4), quality=text, problem=text)})
+        + people_html((msgspec.structs.replace(Room(1).scene(0.0, Room(1).frames(0.0)).people[0], name=text),))
         + recording_html(session.recording)
         + notices_html(session)
     )
@@ -121,6 +132,62 @@ def test_while_stopped_a_silent_sensor_is_no_matter_of_the_headline():
 )
 def test_an_empty_stage_says_why_it_is_empty(session, words):
     assert stage_text(session) == words
+
+
+CALIBRATING = "; ".join(f"{name}: with front: walk a few steps" for name in ("front", "left", "right"))
+
+
+@pytest.mark.parametrize(
+    ("session", "lines"),
+    [
+        (None, ()),
+        (status(), ()),
+        (status(running=False, phase="stopped", reason="asked for"), ()),
+        (status(reason="left: it was moved: walk"), ("left: it was moved: walk",)),
+        (status(phase="calibrating", reason=CALIBRATING), ("Calibrating", "all sensors: walk a few steps")),
+        (status(reason="a; b; c; d; e"), ("a", "b", "c", "and 2 more")),
+        (status(reason="x" * 200), ("x" * 109 + "…",)),
+    ],
+)
+def test_a_stage_with_people_says_what_is_wrong_in_few_lines(session, lines):
+    assert condition_lines(session) == lines
+
+
+def test_a_method_that_counts_no_frames_says_what_it_wants_on_the_empty_stage():
+    assert stage_text(status(phase="calibrating", frames_wanted=0, reason=CALIBRATING)) == (
+        "Calibrating: all sensors: walk a few steps"
+    )
+
+
+def test_tracking_is_green_only_while_no_condition_holds():
+    html = status_html(status(reason="left: it was moved: walk"))
+    assert GREEN not in html
+    assert "left: it was moved: walk" in Reader(html).text
+
+
+@pytest.mark.parametrize(
+    ("place", "words"),
+    [
+        (SensorPlace("front", np.eye(4), quality="12 mm, 0.4°"), ["place known to 12 mm, 0.4°"]),
+        (SensorPlace("front", np.eye(4)), ["reference for the others"]),
+        (SensorPlace("front", None, problem="with left: walk"), ["place not known", "walk"]),
+    ],
+)
+def test_how_well_a_sensors_place_is_known_is_said(place, words):
+    text = Reader(sensors_html(status(sensors=(health("front"),)), SensorColours(), {"front": place})).text
+    for word in words:
+        assert word in text
+    assert "with left" not in text
+    assert "place" not in Reader(sensors_html(status(sensors=(health("front"),)), SensorColours())).text
+
+
+def test_people_are_listed_by_name_and_number():
+    people = Room(2).scene(0.0, Room(2).frames(0.0)).people
+    text = Reader(people_html((msgspec.structs.replace(people[0], name="Ada"), people[1]))).text
+    assert "Ada" in text
+    assert "person 1 · 3 views" in text
+    assert "Person 2" in text
+    assert "Nobody is in view." in Reader(people_html(())).text
 
 
 def test_every_figure_of_a_sensor_is_shown():

@@ -128,6 +128,20 @@ def test_a_world_that_is_laid_anew_forgets_where_sensors_were():
     assert seen.world == 0
 
 
+def test_a_person_who_is_calibrated_anew_has_a_new_world_where_each_has_their_own():
+    room = Room()
+    scene = room.scene(1.0, room.frames(1.0))
+    T = rigid(0.5, (1.0, 0.0, 0.0))
+    views = tuple(
+        msgspec.structs.replace(view, T_world_sensor=T @ view.T_world_sensor) for view in scene.people[1].views
+    )
+    anew = (scene.people[0], msgspec.structs.replace(scene.people[1], views=views))
+    seen, _ = learned(scene, scene, msgspec.structs.replace(scene, people=scene.people[:1]), scene)
+    assert seen.world == 0
+    seen, _ = learned(scene, msgspec.structs.replace(scene, people=anew))
+    assert seen.world == 1
+
+
 def test_a_new_tracker_forgets_where_sensors_were():
     room = Room()
     seen, _ = learned(placed(room), placed(room))

@@ -511,7 +511,7 @@ def give_name(server, tabs, k, name):
 
 
 def test_a_name_that_one_browser_gives_is_seen_in_all_and_the_last_of_two_holds(server, tabs):
-    first, second = tabs
+    first = tabs[0]
     first.page.bring_to_front()
     server.change(running=True, phase="tracking")
     for panel in panels(server):
@@ -551,7 +551,7 @@ def test_trails_and_fields_of_view_are_shown_in_the_browser_that_wants_them(serv
 
     def walks_and_is_followed():
         step = server.scene.step + 1
-        people = tuple(msgspec.structs.replace(p, positions=p.positions + [0.02, 0, 0]) for p in server.scene.people)
+        people = tuple(msgspec.structs.replace(p, positions=p.positions + 0.02) for p in server.scene.people)
         at_ns = begun.at_ns + (step - begun.step) * 100_000_000
         server.scene = msgspec.structs.replace(begun, people=people, at_ns=at_ns, step=step)
         return drawn(stage(server)._trails) and drawn(stage(server)._field_lines)

@@ -28,7 +28,20 @@ SIZE: Final = 13
 """How many numbers there are."""
 
 (
-    TIME_CONSTANT, REST_SD, MISFIT, NU, LENGTH_MEMORY, LEAST_JOINTS, LOST_M, LOST_S, FORGET_AFTER, ADAPT, LEAST, MOST, POWER,
-    STAND_DIFFUSION, STAND_SPEED,
+    TIME_CONSTANT,
+    REST_SD,
+    MISFIT,
+    NU,
+    LENGTH_MEMORY,
+    LEAST_JOINTS,
+    LOST_M,
+    LOST_S,
+    FORGET_AFTER,
+    ADAPT,
+    LEAST,
+    MOST,
+    POWER,
+    STAND_DIFFUSION,
+    STAND_SPEED,
 ) = range(15)
 """The places of `ArticulatedModel.config`."""

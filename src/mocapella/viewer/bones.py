@@ -87,7 +87,7 @@ def doubt(sd: Any) -> Float32:
 
 
 def bone_strokes(
-    positions: Any, states: Any, topology: Topology, colours: Any, radii: Any, *, doubts: Any = 0.0
+    positions: Any, states: Any, topology: Topology, colours: Any, radii: Any, *, doubts: Any = None
 ) -> Strokes:
     """A stroke along +y of the mesh for every bone whose two joints are there.
 
@@ -100,7 +100,7 @@ def bone_strokes(
         topology: of all the skeletons.
         colours: (skeletons, 3), red, green and blue.
         radii: (skeletons,), of a tracked bone [m].
-        doubts: (skeletons, joints) of `doubt`, or one for all: a bone is as thin as its less sure joint makes it.
+        doubts: (skeletons, joints) of `doubt`, or None for no doubt: a bone is as thin as its less sure joint makes it.
     """
     p, s = np.asarray(positions, np.float32), np.asarray(states)
     bones = np.array(topology.bones)
@@ -109,9 +109,10 @@ def bone_strokes(
     weakest = np.minimum(s[:, bones[:, 0]], s[:, bones[:, 1]])
     there = np.isfinite(length) & (length > _SHORTEST) & (weakest != JointState.NOT_TRACKED)
     skeleton = np.nonzero(there)[0]
-    unsure = np.broadcast_to(np.asarray(doubts, np.float32), s.shape)
-    unsure = np.maximum(unsure[:, bones[:, 0]], unsure[:, bones[:, 1]])
-    radius = np.asarray(radii, np.float32)[skeleton] * _thickness(weakest[there], unsure[there])
+    radius = np.asarray(radii, np.float32)[skeleton] * _thickness(weakest[there])
+    if doubts is not None:
+        unsure = np.maximum(doubts[:, bones[:, 0]], doubts[:, bones[:, 1]])[there]
+        radius = np.minimum(radius, np.asarray(radii, np.float32)[skeleton] * _by_doubt(unsure))
     direction = along[there] / length[there][:, None]
     return Strokes(
         positions=start[there],
@@ -122,7 +123,7 @@ def bone_strokes(
     )
 
 
-def joint_strokes(positions: Any, states: Any, colours: Any, radii: Any, *, doubts: Any = 0.0) -> Strokes:
+def joint_strokes(positions: Any, states: Any, colours: Any, radii: Any, *, doubts: Any = None) -> Strokes:
     """A stroke of equal size along all axes for every joint that is there; an inferred or unsure joint is smaller.
 
     Args:
@@ -130,13 +131,14 @@ def joint_strokes(positions: Any, states: Any, colours: Any, radii: Any, *, doub
         states: (skeletons, joints), `JointState`.
         colours: (skeletons, 3), red, green and blue.
         radii: (joints,), of a tracked joint [m]; a radius of 0 leaves the joint out.
-        doubts: (skeletons, joints) of `doubt`, or one for all.
+        doubts: (skeletons, joints) of `doubt`, or None for no doubt.
     """
     p, s = np.asarray(positions, np.float32), np.asarray(states)
     size = np.broadcast_to(np.asarray(radii, np.float32), s.shape)
     there = _is_there(p, s) & (size > 0)
-    unsure = np.broadcast_to(np.asarray(doubts, np.float32), s.shape)
-    radius = size[there] * _thickness(s[there], unsure[there])
+    radius = size[there] * _thickness(s[there])
+    if doubts is not None:
+        radius = np.minimum(radius, size[there] * _by_doubt(doubts[there]))
     return _balls(p[there], radius, np.asarray(colours, np.uint8).reshape(-1, 3)[np.nonzero(there)[0]])
 
 
@@ -182,6 +184,9 @@ def from_up_to(direction: Any) -> Float32:
     return np.where(norm > 1e-6, q / np.maximum(norm, 1e-6), half_turn).astype(np.float32)
 
 
-def _thickness(states: NDArray[Any], doubts: Float32) -> Float32:
-    by_state = np.where(states == JointState.TRACKED, np.float32(1), np.float32(INFERRED_THICKNESS))
-    return np.asarray(np.minimum(by_state, 1 - (1 - UNSURE_THICKNESS) * doubts), np.float32)
+def _thickness(states: NDArray[Any]) -> Float32:
+    return np.where(states == JointState.TRACKED, np.float32(1), np.float32(INFERRED_THICKNESS))
+
+
+def _by_doubt(doubts: Float32) -> Float32:
+    return np.float32(1) - np.float32(1 - UNSURE_THICKNESS) * doubts

@@ -61,6 +61,7 @@ class Panel:
     ) -> None:
         self._client, self._commander, self._colours, self._aim = client, commander, colours, aim
         self._status: SessionStatus | None = None
+        self._begun = False
         self._chosen: str | None = None
         self._take = ""
         gui = client.gui
@@ -102,8 +103,9 @@ class Panel:
         can = allowed(status)
         self._setup.show(status, enabled=can.setup)
         self._show_perspectives(status)
-        if status is not None and status is self._status:
+        if self._begun and status is self._status:
             return
+        self._begun = True
         if status is not None and (name := take_name(self._name.value, self._status, status)) != self._name.value:
             self._name.value = name
         self._status = status
@@ -119,7 +121,7 @@ class Panel:
         self._notices.content = readout.notices_html(status)
         places = {place.sensor: place for place in scene.sensors} if scene else {}
         self._sensors.content = readout.sensors_html(status, self._colours, places)
-        self._people.show(scene.people if scene else (), enabled=can.name)
+        self._people.show(scene.people if scene and status else (), enabled=can.name)
 
     def _button(self, label: str, verb: str, icon: Any, colour: Any) -> viser.GuiButtonHandle:
         button = self._client.gui.add_button(label, disabled=True, icon=icon, color=colour)

@@ -128,10 +128,12 @@ class Perspectives:
         here = {place.sensor for place in scene.sensors}
         self.places = {name: T for name, T in (self.places | now).items() if name in here}
         people = {person.id for person in scene.people}
-        self._T_world_sensor = {key: T for key, T in self._T_world_sensor.items() if key[0] in people}
-        for person in scene.people:
-            for view in person.views:
-                self._T_world_sensor[person.id, view.sensor] = view.T_world_sensor
+        before = {key: T for key, T in self._T_world_sensor.items() if key[0] in people}
+        views = {(person.id, view.sensor): view.T_world_sensor for person in scene.people for view in person.views}
+        seen_again = {who for who, sensor in before.keys() & views.keys()}
+        if not now and any(_laid_anew(_of(who, before), _of(who, views)) for who in seen_again):
+            self.world += 1  # of a person, which is a world as well
+        self._T_world_sensor = before | views
 
     def from_world(self, person: Person, perspective: str) -> Float64 | None:
         """(4, 4), world to the perspective's camera space; None where the person cannot be placed in it.
@@ -144,6 +146,10 @@ class Perspectives:
         return None if T is None else inverse(T)
 
 
+def _of(who: int, views: Mapping[tuple[int, str], Float64]) -> dict[str, Float64]:
+    return {sensor: T for (person, sensor), T in views.items() if person == who}
+
+
 def _laid_anew(before: Mapping[str, Float64], now: Mapping[str, Float64]) -> bool:
     """Whether no sensor is where it was; one that alone was moved leaves the others where they were."""
     if not before or not now:
@@ -152,5 +158,7 @@ def _laid_anew(before: Mapping[str, Float64], now: Mapping[str, Float64]) -> boo
 
 
 def _near(a: Float64, b: Float64) -> bool:
+    if np.array_equal(a, b):
+        return True
     turn = np.arccos(np.clip((np.trace(a[:3, :3].T @ b[:3, :3]) - 1) / 2, -1.0, 1.0))
     return bool(np.linalg.norm(a[:3, 3] - b[:3, 3]) < _ANOTHER_WORLD_M and turn < _ANOTHER_WORLD_RAD)

@@ -82,7 +82,7 @@ def tracking_drawing(scene: Scene | None, perspective: str, seen: Perspectives, 
         fused.append(len(states))
         positions.append(apply(T_stage @ T, np.stack([person.positions, *(view.positions for view in views)])))
         states += [person.states, *(view.states for view in views)]
-        sds.append(np.full(len(scene.topology), np.nan, np.float32) if person.sd is None else person.sd)
+        sds.append(person.sd)
         colours += [FUSED, *([person_colour(person.id).paint] * len(views))]
         radii += [FUSED_RADIUS_M, *([POTENTIAL_RADIUS_M] * len(views))]
         tags += _person_tag(person, positions[-1][0], len(views))
@@ -92,11 +92,14 @@ def tracking_drawing(scene: Scene | None, perspective: str, seen: Perspectives, 
     bones = joints = halos = NO_STROKES
     if scene is not None and positions:  # all skeletons at once: one by one they would cost several times as much
         p, s, white = np.concatenate(positions), np.stack(states), [FUSED] * len(fused)
-        doubts = np.zeros(s.shape, np.float32)
-        doubts[fused] = doubt(sds)
+        doubts, of_fused = None, None
+        if any(sd is not None for sd in sds):
+            said = np.array([np.full(s.shape[1], np.nan) if sd is None else sd for sd in sds], np.float32)
+            halos = halo_strokes(p[fused], s[fused], said, white)
+            doubts, of_fused = np.zeros(s.shape, np.float32), doubt(said)
+            doubts[fused] = of_fused
         bones = bone_strokes(p, s, scene.topology, colours, radii, doubts=doubts)
-        joints = joint_strokes(p[fused], s[fused], white, _joint_radii(scene), doubts=doubts[fused])
-        halos = halo_strokes(p[fused], s[fused], sds, white)
+        joints = joint_strokes(p[fused], s[fused], white, _joint_radii(scene), doubts=of_fused)
     sensors = _sensor_marks(scene, perspective, seen, T_stage)
     for sensor, T in views_from.items():
         sensors.setdefault(sensor, SensorMark(T_stage @ T, Standing.GOOD, sensor))
