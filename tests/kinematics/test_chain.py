@@ -63,7 +63,7 @@ def stepped(body: Pose, i: int, step: float) -> Pose:
     return Pose(position, rotations, angles, body.lengths)
 
 
-@settings(max_examples=5)
+@settings(max_examples=5, deadline=None)
 @given(seeds)
 def test_twists_are_the_derivatives_of_the_joints(seed: int) -> None:
     body = pose(np.random.default_rng(seed))
@@ -82,7 +82,7 @@ def tree_problem(seed: int) -> tuple[Float64, ...]:
     return x, twists, rng.normal(0.0, 0.05, (JOINTS, 3)), weights, D, e, jacobian(x, twists)
 
 
-@settings(max_examples=20)
+@settings(max_examples=20, deadline=None)
 @given(seeds)
 def test_the_linear_time_solution_is_the_dense_one(seed: int) -> None:
     x, twists, residuals, weights, D, e, J = tree_problem(seed)
@@ -100,6 +100,7 @@ def test_the_linear_time_solution_is_the_dense_one(seed: int) -> None:
     np.testing.assert_allclose(coordinates, np.einsum("jki,il,jkl->j", J, covariance, J) / 3, rtol=1e-6)
 
 
+@settings(max_examples=30, deadline=None)
 @given(seeds)
 def test_the_variances_of_a_tree_of_independent_angles(seed: int) -> None:
     x, twists, _, _, D, _, J = tree_problem(seed)
@@ -108,6 +109,7 @@ def test_the_variances_of_a_tree_of_independent_angles(seed: int) -> None:
     np.testing.assert_allclose(out, np.einsum("jki,i,jki->j", J, 1.0 / D, J) / 3, rtol=1e-9)
 
 
+@settings(max_examples=30, deadline=None)
 @given(seeds, st.sampled_from([1e-9, 1e-3, 1.0, 3.0, np.pi - 1e-7]))
 def test_a_turn_and_the_turn_between_are_inverses(seed: int, angle: float) -> None:
     rng = np.random.default_rng(seed)
@@ -120,6 +122,7 @@ def test_a_turn_and_the_turn_between_are_inverses(seed: int, angle: float) -> No
     np.testing.assert_allclose(Rotation.from_rotvec(found).as_matrix(), Rotation.from_rotvec(vector).as_matrix(), atol=1e-6)
 
 
+@settings(max_examples=30, deadline=None)
 @given(seeds)
 def test_a_swing_turns_one_direction_to_the_other(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -132,6 +135,7 @@ def test_a_swing_turns_one_direction_to_the_other(seed: int) -> None:
         np.testing.assert_allclose(S.reshape(3, 3) @ S.reshape(3, 3).T, np.eye(3), atol=1e-12)
 
 
+@settings(max_examples=30, deadline=None)
 @given(seeds)
 def test_a_ball_is_brought_within_its_limits_and_stays_where_it_is_within(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -41,6 +41,8 @@ CALMING = 3
 """The power of the surprise with which the densities of acceleration fall."""
 MOST_SURPRISE = 4.0
 """That one joint counts with."""
+MEAN_DISTANCE = 1.6
+"""Of a point with normal noise from where it is, over the standard deviation of a coordinate: 2 √(2/π)."""
 AGREES = 0.5
 """Robust weight from which a joint counts as measured where it is."""
 LEAST_TORSO = 4
@@ -515,7 +517,7 @@ def _judge(config, row, measured, variances, origin, positions):  # type: ignore
             s = 0.0
             for k in range(3):
                 s += (measured[j, k] - origin[k] - positions[j, k]) ** 2
-            far += np.sqrt(s)
+            far += np.sqrt(s) - MEAN_DISTANCE * np.sqrt(variances[j])
             seen += 1
     if seen == 0:
         return
@@ -534,14 +536,20 @@ def move(layout, memory, T):  # type: ignore[no-untyped-def]
         memory: (people, memory_size), changed.
         T: (4, 4) `T_new_old`, rigid.
     """
-    b, v = layout[at.ROTATIONS], np.empty(3)
+    b = layout[at.ROTATIONS]
     for row in memory:
         for k in range(b, b + 3):
-            x, y, z = row[k], row[k + 3], row[k + 6]
-            for i in range(3):
-                row[k + 3 * i] = T[i, 0] * x + T[i, 1] * y + T[i, 2] * z
-        for start, shift in ((layout[at.ANGLES], 1.0), (layout[at.VELOCITIES], 0.0)):
-            for k in range(3):
-                v[k] = row[start + k]
-            for k in range(3):
-                row[start + k] = T[k, 0] * v[0] + T[k, 1] * v[1] + T[k, 2] * v[2] + shift * T[k, 3]
+            _turn(T, row, k, 3, 0.0)
+        _turn(T, row, layout[at.ANGLES], 1, 1.0)
+        _turn(T, row, layout[at.VELOCITIES], 1, 0.0)
+        for c in range(layout[at.CONTACTS], layout[at.SIZE], 6):
+            _turn(T, row, c, 1, 1.0)
+            _turn(T, row, c + 3, 1, 0.0)
+
+
+@njit(cache=True)
+def _turn(T, row, first, step, shift):  # type: ignore[no-untyped-def]
+    """Three numbers of a row, turned and shifted."""
+    x, y, z = row[first], row[first + step], row[first + 2 * step]
+    for i in range(3):
+        row[first + i * step] = T[i, 0] * x + T[i, 1] * y + T[i, 2] * z + shift * T[i, 3]

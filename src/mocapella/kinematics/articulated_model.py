@@ -41,7 +41,7 @@ class ArticulatedSettings:
         stand_diffusion: of a foot that stands [m²/s]; infinity: feet are not held.
         stand_speed: at which a foot is a quarter as sure to stand [m/s].
         least_joints: measured joints that a body is begun with; at least four of them of its torso.
-        lost_m: mean distance from measured to estimated joints, above which a body is taken for lost …
+        lost_m: mean distance from measured to estimated joints, beyond their noise, above which a body is lost …
         lost_s: … if it lasts for so long; then it is begun anew.
         forget_after_s: a body that was not seen for longer is no longer predicted.
     """
@@ -61,7 +61,7 @@ class ArticulatedSettings:
     stand_diffusion: float = 1e-4
     stand_speed: float = 0.25
     least_joints: int = 6
-    lost_m: float = 0.15
+    lost_m: float = 0.06
     lost_s: float = 0.3
     forget_after_s: float = 1.0
 
