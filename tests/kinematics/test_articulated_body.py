@@ -82,7 +82,7 @@ def test_a_memory_that_is_moved_goes_on_as_if_it_had_always_been_there(seed: int
 @given(seeds)
 def test_bones_have_their_learnt_lengths_and_joints_are_within_their_limits(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    body = ArticulatedBody(KINECT)
+    body, before = ArticulatedBody(KINECT), np.empty(0)
     at_s, seen = swaying(12, seed, noise=0.08)
     hinge = (MODEL.dof_kind >= ABOUT) & (MODEL.dof_kind < OF_BALL)
     for t, positions in zip(at_s, seen, strict=True):
@@ -124,7 +124,7 @@ def test_somebody_who_stands_still_becomes_steadier_than_what_is_seen() -> None:
 
 def test_more_noise_of_motion_is_less_late_and_less_steady() -> None:
     rng, at_s = np.random.default_rng(2), np.arange(60) / 30
-    truth = np.stack([standing() + (0.3 * np.sin(6 * t), 0, 0) for t in at_s])
+    truth = np.stack([standing() + np.array((0.3 * np.sin(6 * t), 0, 0)) for t in at_s])
     noise = rng.normal(0, 0.005, truth.shape)
     late, restless = [], []
     for factor in (0.003, 1.0):
@@ -138,10 +138,10 @@ def test_more_noise_of_motion_is_less_late_and_less_steady() -> None:
 
 
 def test_what_is_not_seen_follows_the_chain_and_becomes_less_sure() -> None:
-    body, at_s = ArticulatedBody(KINECT), np.arange(60) / 30
+    body, at_s, before = ArticulatedBody(KINECT), np.arange(60) / 30, np.empty(0)
     hidden = [KINECT.index(name) for name in ("ElbowLeft", "WristLeft", "HandLeft", "HandTipLeft", "ThumbLeft")]
     for k, t in enumerate(at_s):
-        truth = standing() + (0.3 * t, 0.0, 0.0)
+        truth = standing() + np.array((0.3 * t, 0.0, 0.0))
         seen = truth.copy()
         if k >= 40:
             seen[hidden] = np.nan
@@ -165,7 +165,9 @@ def test_a_prediction_changes_nothing_grows_less_sure_and_ends() -> None:
     assert means == sorted(means)
     assert np.isnan(body.predict(at_s[-1] + 1.5).positions).all()
     nothing = np.full((25, 3), np.nan)
-    np.testing.assert_allclose(body.update(nothing, VARIANCES, at_s[-1] + 0.2).positions, ahead[2].positions, atol=1e-12)
+    np.testing.assert_allclose(
+        body.update(nothing, VARIANCES, at_s[-1] + 0.2).positions, ahead[2].positions, atol=1e-12
+    )
 
 
 def test_a_memory_that_was_kept_goes_on_to_the_bit() -> None:
@@ -213,14 +215,16 @@ def test_bone_lengths_are_learnt() -> None:
     follow(body, np.arange(120) / 30, truth + rng.normal(0, 0.005, (120, 25, 3)))
     found = body.pose
     assert found is not None
-    assert bone_lengths(body.model, found)[wrist] == pytest.approx(np.linalg.norm(truth[wrist] - truth[elbow]), abs=0.01)
+    assert bone_lengths(body.model, found)[wrist] == pytest.approx(
+        np.linalg.norm(truth[wrist] - truth[elbow]), abs=0.01
+    )
 
 
 def test_a_foot_that_stands_is_held_and_one_that_walks_is_not() -> None:
     rng, at_s = np.random.default_rng(6), np.arange(90) / 30
     ankle = KINECT.index("AnkleLeft")
     for speed, held in ((0.0, True), (1.2, False)):
-        seen = np.stack([standing() + (speed * t, 0, 0) for t in at_s]) + rng.normal(0, 0.01, (90, 25, 3))
+        seen = np.stack([standing() + np.array((speed * t, 0, 0)) for t in at_s]) + rng.normal(0, 0.01, (90, 25, 3))
         slide = []
         for diffusion in (np.inf, 1e-4):
             found = follow(ArticulatedBody(KINECT, ArticulatedSettings(stand_diffusion=diffusion)), at_s, seen)
@@ -240,7 +244,9 @@ def test_angles_have_names_and_the_other_topology_its_model() -> None:
     found = own.pose
     assert found is not None
     np.testing.assert_allclose(joints(own.model, found), own.predict(0.0).positions, atol=1e-12)
-    assert hinge_angles(own.model, found)["left elbow flexion"] < 0 < hinge_angles(own.model, found)["right elbow flexion"]
+    assert (
+        hinge_angles(own.model, found)["left elbow flexion"] < 0 < hinge_angles(own.model, found)["right elbow flexion"]
+    )
     assert set(ball_rotations(own.model, found)) == {"root", "left shoulder", "right shoulder", "left hip", "right hip"}
     assert len(hinge_angles(own.model, found)) == DOFS - 6 - 3 * 4
 

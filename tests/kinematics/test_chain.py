@@ -11,7 +11,16 @@ from scipy.spatial.transform import Rotation
 
 from mocapella.kinematics.articulated_body import Pose, joints
 from mocapella.kinematics.articulated_model import OF_BALL, ROOT_DOFS
-from mocapella.kinematics.chain_kernels import forward, independent, limited, marginals, solve, swing, turn_between, turned
+from mocapella.kinematics.chain_kernels import (
+    forward,
+    independent,
+    limited,
+    marginals,
+    solve,
+    swing,
+    turn_between,
+    turned,
+)
 
 Float64 = NDArray[np.float64]
 JOINTS = len(KINECT)
@@ -119,7 +128,9 @@ def test_a_turn_and_the_turn_between_are_inverses(seed: int, angle: float) -> No
     turned(A, 0, *vector, B)
     np.testing.assert_allclose(B.reshape(3, 3), A.reshape(3, 3) @ Rotation.from_rotvec(vector).as_matrix(), atol=1e-12)
     found = np.array(turn_between(A, 0, B))
-    np.testing.assert_allclose(Rotation.from_rotvec(found).as_matrix(), Rotation.from_rotvec(vector).as_matrix(), atol=1e-6)
+    np.testing.assert_allclose(
+        Rotation.from_rotvec(found).as_matrix(), Rotation.from_rotvec(vector).as_matrix(), atol=1e-6
+    )
 
 
 @settings(max_examples=30, deadline=None)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.kinematics import articulated_memory as at
-from mocapella.kinematics.articulated_model import ABOUT, OF_BALL, ArticulatedModel, ArticulatedSettings, memory_size
+from mocapella.kinematics.articulated_model import ArticulatedModel, ArticulatedSettings, memory_size
 from mocapella.model.topology import Topology
 
 Float64 = NDArray[np.float64]

@@ -74,7 +74,7 @@ class ArticulatedSettings:
         check(0 < self.calm <= 1, "calm", self.calm, "above 0, at most 1")
         check(0 < self.rest_sd < 1e6, "rest_sd", self.rest_sd, "above 0 rad·√s")
         check(self.degrees_of_freedom > 0, "degrees_of_freedom", self.degrees_of_freedom, "above 0")
-        check(0 < self.stand_diffusion, "stand_diffusion", self.stand_diffusion, "above 0 m²/s; infinity: none stands")
+        check(self.stand_diffusion > 0, "stand_diffusion", self.stand_diffusion, "above 0 m²/s; infinity: none stands")
         check(0 < self.stand_speed < 1e6, "stand_speed", self.stand_speed, "above 0 m/s")
         check(self.least_joints >= 4, "least_joints", self.least_joints, "4 or more")
         check(0 < self.lost_m < 100, "lost_m", self.lost_m, "above 0 m")
