@@ -36,7 +36,13 @@ FIRST_SD = 0.5
 FIRST_SPEED_SD = 2.0
 """Of every velocity then [rad/s, m/s]."""
 CONTACT_S = 0.1
+"""Time constant of the velocity that says whether a foot stands [s]."""
+CALMING = 3
+"""The power of the surprise with which the densities of acceleration fall."""
 MOST_SURPRISE = 4.0
+"""That one joint counts with."""
+MEAN_DISTANCE = 1.6
+"""Of a point with normal noise from where it is, over the standard deviation of a coordinate: 2 √(2/π)."""
 AGREES = 0.5
 """Robust weight from which a joint counts as measured where it is."""
 LEAST_TORSO = 4
@@ -55,7 +61,7 @@ def _advance(layout, dof_kind, dof_values, joint_table, config, row, at_s):  # t
     row[at.AT] = at_s
     angles, velocities = row[layout[at.ANGLES] :], row[layout[at.VELOCITIES] :]
     p, c, v = row[layout[at.VARIANCE] :], row[layout[at.COVARIANCE] :], row[layout[at.SPEED_VARIANCE] :]
-    tau = config[at.TIME_CONSTANT]
+    tau = config[at.VELOCITY_MEMORY]
     b = dt / tau
     e = np.exp(-b)
     f = tau * (1.0 - e)
@@ -65,9 +71,9 @@ def _advance(layout, dof_kind, dof_values, joint_table, config, row, at_s):  # t
     else:
         qp, qv = dt * dt * dt / 3.0, dt
     qc = 0.5 * f * f
-    restless = min(max(row[at.RESTLESS], config[at.LEAST]), config[at.MOST]) ** config[at.POWER]
+    scale = min(max((row[at.RESTLESS] / config[at.FULL_SURPRISE]) ** CALMING, config[at.CALM]), 1.0)
     for i in range(n):
-        q = dof_values[i, 3] * restless
+        q = dof_values[i, 3] * scale
         p[i] = min(p[i] + 2.0 * f * c[i] + f * f * v[i] + q * qp, dof_values[i, 4])
         c[i] = e * (c[i] + f * v[i]) + q * qc
         v[i] = e * e * v[i] + q * qv
@@ -288,7 +294,7 @@ def _first_lengths(joint_table, joint_values, measured, variances, lengths):  # 
 @njit(cache=True)
 def _learn_lengths(layout, joint_table, config, row, dt, R, joint_values, measured, variances, robust):  # type: ignore[no-untyped-def]
     """Move bone lengths towards what is measured along the bones, by bounded steps: robust, and slow."""
-    memory, misfit = config[at.LENGTH_MEMORY], config[at.MISFIT] ** 2
+    memory = config[at.LENGTH_MEMORY]
     lengths, learnt = row[layout[at.BONES] :], row[layout[at.LEARNT] :]
     for j in range(len(joint_table)):
         parent = joint_table[j, 0]
@@ -303,7 +309,7 @@ def _learn_lengths(layout, joint_table, config, row, dt, R, joint_values, measur
             )
             along += bone * (measured[j, k] - measured[parent, k])
         i = joint_table[j, 4]
-        sd = np.sqrt(variances[j] + variances[parent] + 2.0 * misfit)
+        sd = np.sqrt(variances[j] + variances[parent] + joint_values[j, 11] + joint_values[parent, 11])
         counts = dt * min(1.0, 0.0009 / (sd * sd + 1e-12))
         learnt[i] = min(learnt[i] + counts, memory)
         gain = counts / (learnt[i] + LENGTH_PRIOR_S)
@@ -393,7 +399,7 @@ def correct(  # type: ignore[no-untyped-def]
     total, pull, pulled = np.zeros(n), 1.0 / config[at.REST_SD] ** 2 * dt, np.empty(n)
     residuals, weights, robust = np.empty((joints, 3)), np.zeros(joints), np.zeros(joints)
     P = row[layout[at.VARIANCE] : layout[at.COVARIANCE]]
-    misfit, nu = config[at.MISFIT] ** 2, config[at.NU]
+    nu = config[at.NU]
     body = row[layout[at.ROTATIONS] : layout[at.ROTATIONS] + 9].copy()
     _forward(layout, dof_kind, joint_table, joint_values, order, row, origin, positions, R, xi)
     independent(joint_table, order, xi, P, positions, C, variances)
@@ -408,7 +414,7 @@ def correct(  # type: ignore[no-untyped-def]
             for k in range(3):
                 residuals[j, k] = measured[j, k] - origin[k] - positions[j, k]
                 s += residuals[j, k] ** 2
-            r = measured_variances[j] + misfit
+            r = measured_variances[j] + joint_values[j, 11]
             if step == 0 or not known:
                 # Student's t about the prediction; about the estimate itself while the body is begun.
                 expected = r + (variances[j] if known else 0.0025)
@@ -441,7 +447,7 @@ def correct(  # type: ignore[no-untyped-def]
     if seen > 0:
         if known:
             _learn(layout, row, total, pulled, body)
-            row[at.RESTLESS] -= np.expm1(-dt / config[at.ADAPT]) * (surprise / seen - row[at.RESTLESS])
+            row[at.RESTLESS] -= np.expm1(-dt / config[at.SURPRISE_S]) * (surprise / seen - row[at.RESTLESS])
             _learn_lengths(layout, joint_table, config, row, dt, R, joint_values, measured, measured_variances, robust)
         else:
             for i in range(n):
@@ -511,7 +517,7 @@ def _judge(config, row, measured, variances, origin, positions):  # type: ignore
             s = 0.0
             for k in range(3):
                 s += (measured[j, k] - origin[k] - positions[j, k]) ** 2
-            far += np.sqrt(s)
+            far += np.sqrt(s) - MEAN_DISTANCE * np.sqrt(variances[j])
             seen += 1
     if seen == 0:
         return
@@ -530,14 +536,20 @@ def move(layout, memory, T):  # type: ignore[no-untyped-def]
         memory: (people, memory_size), changed.
         T: (4, 4) `T_new_old`, rigid.
     """
-    b, v = layout[at.ROTATIONS], np.empty(3)
+    b = layout[at.ROTATIONS]
     for row in memory:
         for k in range(b, b + 3):
-            x, y, z = row[k], row[k + 3], row[k + 6]
-            for i in range(3):
-                row[k + 3 * i] = T[i, 0] * x + T[i, 1] * y + T[i, 2] * z
-        for start, shift in ((layout[at.ANGLES], 1.0), (layout[at.VELOCITIES], 0.0)):
-            for k in range(3):
-                v[k] = row[start + k]
-            for k in range(3):
-                row[start + k] = T[k, 0] * v[0] + T[k, 1] * v[1] + T[k, 2] * v[2] + shift * T[k, 3]
+            _turn(T, row, k, 3, 0.0)
+        _turn(T, row, layout[at.ANGLES], 1, 1.0)
+        _turn(T, row, layout[at.VELOCITIES], 1, 0.0)
+        for c in range(layout[at.CONTACTS], layout[at.SIZE], 6):
+            _turn(T, row, c, 1, 1.0)
+            _turn(T, row, c + 3, 1, 0.0)
+
+
+@njit(cache=True)
+def _turn(T, row, first, step, shift):  # type: ignore[no-untyped-def]
+    """Three numbers of a row, turned and shifted."""
+    x, y, z = row[first], row[first + step], row[first + 2 * step]
+    for i in range(3):
+        row[first + i * step] = T[i, 0] * x + T[i, 1] * y + T[i, 2] * z + shift * T[i, 3]

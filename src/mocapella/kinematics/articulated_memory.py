@@ -3,7 +3,8 @@
 from typing import Final
 
 AT, SEEN, STARTED, LOST_SINCE, RESTLESS = 0, 1, 2, 3, 4
-"""The head: its instant [s], when it was last seen [s], 1 where a body was begun, since when it is lost or NaN [s]."""
+"""The head: its instant [s], when it was last seen [s], 1 where a body was begun, since when it is lost or NaN [s], and
+the surprise of late."""
 DOFS, BALLS, JOINTS, LENGTHS = 0, 1, 2, 3
 """Places in the layout: how many there are of what."""
 ANGLES: Final = 4
@@ -23,25 +24,23 @@ BONES: Final = 10
 LEARNT: Final = 11
 """(lengths,) for how long each was learnt [s]."""
 CONTACTS: Final = 12
-"""(contacts, 6) of the joints that may stand: where it was at the memory's instant [m], and its velocity of late [m/s]."""
+"""(contacts, 6) where a joint that may stand was at the memory's instant [m], and its velocity of late [m/s]."""
 SIZE: Final = 13
 """How many numbers there are."""
 
 (
-    TIME_CONSTANT,
+    VELOCITY_MEMORY,
     REST_SD,
-    MISFIT,
     NU,
     LENGTH_MEMORY,
     LEAST_JOINTS,
     LOST_M,
     LOST_S,
     FORGET_AFTER,
-    ADAPT,
-    LEAST,
-    MOST,
-    POWER,
+    SURPRISE_S,
+    FULL_SURPRISE,
+    CALM,
     STAND_DIFFUSION,
     STAND_SPEED,
-) = range(15)
+) = range(13)
 """The places of `ArticulatedModel.config`."""

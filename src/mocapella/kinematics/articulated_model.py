@@ -21,7 +21,8 @@ Int64 = NDArray[np.int64]
 class ArticulatedSettings:
     """How bodies move, and when one is found and lost.
 
-    The densities of the white acceleration are what trades steadiness for latency: higher follows faster.
+    The densities of the white acceleration are what trades steadiness for latency: higher follows faster. They hold for
+    a body that moves; at rest they are lowered.
 
     Attributes:
         root_acceleration: of the root along an axis [m²/s³].
@@ -30,45 +31,51 @@ class ArticulatedSettings:
         limb_turn: of a joint of an arm or a leg [rad²/s³].
         hand_turn: of a joint of a hand [rad²/s³].
         velocity_memory_s: time constant with which a velocity that nothing confirms fades.
+        surprise_s: time constant over which the surprise is averaged: the squared distance of measured joints from
+            their prediction, over what is expected of it.
+        full_surprise: from which the densities hold in full; below they fall with its third power …
+        calm: … down to this share.
         rest_sd: standard deviation, after one second, of the pull of every angle to its rest [rad·√s].
-        misfit_m: standard deviation of a joint off the chain, beside the measurement's own [m].
         degrees_of_freedom: of the Student-t weight of a joint; infinity trusts every measurement as it says.
         length_memory_s: how long bone lengths are learnt over.
+        stand_diffusion: of a foot that stands [m²/s]; infinity: feet are not held.
+        stand_speed: at which a foot is a quarter as sure to stand [m/s].
         least_joints: measured joints that a body is begun with; at least four of them of its torso.
-        lost_m: mean distance from measured to estimated joints, above which a body is taken for lost …
+        lost_m: mean distance from measured to estimated joints, beyond their noise, above which a body is lost …
         lost_s: … if it lasts for so long; then it is begun anew.
         forget_after_s: a body that was not seen for longer is no longer predicted.
     """
 
-    root_acceleration: float = 8.0
-    root_turn: float = 20.0
-    trunk_turn: float = 20.0
-    limb_turn: float = 100.0
-    hand_turn: float = 200.0
-    velocity_memory_s: float = 0.5
+    root_acceleration: float = 30.0
+    root_turn: float = 80.0
+    trunk_turn: float = 80.0
+    limb_turn: float = 400.0
+    hand_turn: float = 800.0
+    velocity_memory_s: float = 0.2
+    surprise_s: float = 0.1
+    full_surprise: float = 0.3
+    calm: float = 1e-3
     rest_sd: float = 1.0
-    misfit_m: float = 0.01
     degrees_of_freedom: float = 5.0
     length_memory_s: float = 20.0
+    stand_diffusion: float = 1e-4
+    stand_speed: float = 0.25
     least_joints: int = 6
-    lost_m: float = 0.15
+    lost_m: float = 0.06
     lost_s: float = 0.3
     forget_after_s: float = 1.0
-    adapt_s: float = 0.1
-    least: float = 0.03
-    most: float = 3.0
-    power: float = 2.0
-    stand_diffusion: float = 1e-4
-    stand_speed: float = 0.2
 
     def __post_init__(self) -> None:
         for name in ("root_acceleration", "root_turn", "trunk_turn", "limb_turn", "hand_turn"):
             check(0 < getattr(self, name) < 1e9, name, getattr(self, name), "above 0")
-        check(0 < self.velocity_memory_s < 1e6, "velocity_memory_s", self.velocity_memory_s, "above 0 s")
+        for name in ("velocity_memory_s", "surprise_s", "length_memory_s"):
+            check(0 < getattr(self, name) < 1e6, name, getattr(self, name), "above 0 s")
+        check(0 < self.full_surprise < 1e6, "full_surprise", self.full_surprise, "above 0")
+        check(0 < self.calm <= 1, "calm", self.calm, "above 0, at most 1")
         check(0 < self.rest_sd < 1e6, "rest_sd", self.rest_sd, "above 0 rad·√s")
-        check(0 <= self.misfit_m < 10, "misfit_m", self.misfit_m, "0 m or more")
         check(self.degrees_of_freedom > 0, "degrees_of_freedom", self.degrees_of_freedom, "above 0")
-        check(0 < self.length_memory_s < 1e6, "length_memory_s", self.length_memory_s, "above 0 s")
+        check(self.stand_diffusion > 0, "stand_diffusion", self.stand_diffusion, "above 0 m²/s; infinity: none stands")
+        check(0 < self.stand_speed < 1e6, "stand_speed", self.stand_speed, "above 0 m/s")
         check(self.least_joints >= 4, "least_joints", self.least_joints, "4 or more")
         check(0 < self.lost_m < 100, "lost_m", self.lost_m, "above 0 m")
         check(0 <= self.lost_s < 1e6, "lost_s", self.lost_s, "0 s or more")
@@ -93,8 +100,8 @@ class ArticulatedModel(msgspec.Struct, frozen=True, eq=False):
         dof_kind: (dofs,) `TRANSLATION`, `ABOUT` or `OF_BALL` plus its axis.
         dof_values: (dofs, 5) least and most angle, angle at rest [rad], density of its acceleration, largest variance.
         joint_table: (joints, 6) parent joint, first degree of freedom, how many, ball, length, contact; −1 for none.
-        joint_values: (joints, 11) unit direction at rest, length at rest as a fraction of stature, centre of the ball's
-            cone, its half angle, least and most twist [rad], whether it is of the torso.
+        joint_values: (joints, 12) unit direction at rest, length at rest as a fraction of stature, centre of the ball's
+            cone, its half angle, least and most twist [rad], whether it is of the torso, variance off the chain [m²].
         order: (joints,) a parent before its children.
         config: the settings that kernels read, in the order of `CONFIG`.
     """
@@ -128,8 +135,8 @@ class ArticulatedModel(msgspec.Struct, frozen=True, eq=False):
 
 
 CONFIG: Final = (
-    "velocity_memory_s", "rest_sd", "misfit_m", "degrees_of_freedom", "length_memory_s", "least_joints", "lost_m",
-    "lost_s", "forget_after_s", "adapt_s", "least", "most", "power", "stand_diffusion", "stand_speed",
+    "velocity_memory_s", "rest_sd", "degrees_of_freedom", "length_memory_s", "least_joints", "lost_m",
+    "lost_s", "forget_after_s", "surprise_s", "full_surprise", "calm", "stand_diffusion", "stand_speed",
 )  # fmt: skip
 
 
@@ -143,8 +150,9 @@ def pack(body: BodyModel, settings: ArticulatedSettings) -> ArticulatedModel:
     tree = body.topology
     joints, root = len(tree), tree.parts["root"]
     table = np.full((joints, 6), -1, dtype=np.int64)
-    values = np.zeros((joints, 11))
+    values = np.zeros((joints, 12))
     values[list(body.torso), 10] = 1.0
+    values[root, 11] = body.root_misfit_m**2
     values[root, 4:10] = 0.0, 0.0, 1.0, np.pi, -np.pi, np.pi
     kinds = [TRANSLATION + k for k in range(3)] + [OF_BALL + k for k in range(3)]
     density = {motion: getattr(settings, f"{motion}_turn") for motion in MOTIONS}
@@ -157,6 +165,7 @@ def pack(body: BodyModel, settings: ArticulatedSettings) -> ArticulatedModel:
     for parent, child in tree.bones:
         bone = body.bones[child]
         length = float(np.linalg.norm(bone.offset))
+        values[child, 11] = bone.misfit_m**2
         values[child, :4] = *(np.array(bone.offset) / length), length
         first = len(kinds)
         q = density[bone.motion]

@@ -83,17 +83,20 @@ class Bone:
     Attributes:
         offset: (3,) from the joint before it, in the rest pose, as a fraction of stature.
         motion: which density of acceleration moves it.
+        misfit_m: standard deviation of the measured joint off the chain, beside its noise [m].
         hinges: revolute joints in their order; none: rigid.
         ball: instead of them.
     """
 
     offset: tuple[float, float, float]
     motion: str
+    misfit_m: float = 0.01
     hinges: tuple[Hinge, ...] = ()
     ball: Ball | None = None
 
     def __post_init__(self) -> None:
         check(sum(c * c for c in self.offset) > 0.0, "offset", self.offset, "not zero")
+        check(0 <= self.misfit_m < 10, "misfit_m", self.misfit_m, "0 m or more")
         check(self.motion in MOTIONS, "motion", self.motion, "one of " + ", ".join(MOTIONS))
         check(len(self.hinges) <= 3, "hinges", len(self.hinges), "at most 3 for a bone")
         check(not (self.hinges and self.ball), "ball", self.ball, "absent where there are hinges")
@@ -119,12 +122,14 @@ class BodyModel:
         bones: by the joint that the bone ends at; every joint but the root.
         torso: the joints by which a body is first found.
         contacts: the joints that stand still while they carry the body.
+        root_misfit_m: as of a bone.
     """
 
     topology: Topology
     bones: Mapping[int, Bone]
     torso: tuple[int, ...]
     contacts: tuple[int, ...]
+    root_misfit_m: float = 0.01
 
 
 @cache
