@@ -17,7 +17,7 @@ TRACKED = 2
 
 
 @njit(cache=True)
-def stand(sums, back, plane, ids_before, feet_before, ids, feet, dt, positions, states, root, head, foot_joints):  # type: ignore[no-untyped-def]
+def stand(sums, back, plane, ids_before, feet_before, ids, feet, dt, positions, states, root, head, foot_joints):
     """Fill ``feet`` and add to ``sums`` and ``back``; all as in `floor.FloorFromFeet`.
 
     Args:
@@ -52,12 +52,12 @@ def stand(sums, back, plane, ids_before, feet_before, ids, feet, dt, positions, 
 
 
 @njit(cache=True)
-def _seen(p, state):  # type: ignore[no-untyped-def]
+def _seen(p, state):
     return state == TRACKED and np.isfinite(p).all() and (p != 0.0).any()
 
 
 @njit(cache=True)
-def _add(sums, plane, earlier, x, dt):  # type: ignore[no-untyped-def]
+def _add(sums, plane, earlier, x, dt):
     if not np.sqrt(((x - earlier) ** 2).sum()) <= STANDS_BELOW_M_S * dt:
         return
     weight = dt / STANCE_S

@@ -10,7 +10,7 @@ from numba import njit
 
 
 @njit(cache=True)
-def inverse_of_positive(A):  # type: ignore[no-untyped-def]
+def inverse_of_positive(A):
     """Of a symmetric positive definite (n, n) matrix, by its Cholesky factor (Golub and Van Loan, 4.2); NaN if it is
     none.
     """

@@ -45,7 +45,7 @@ FARTHEST = 0.3
 
 
 @njit(cache=True)
-def resample(times, points, weights, t, q, w):  # type: ignore[no-untyped-def]
+def resample(times, points, weights, t, q, w):
     """Interpolate (frames, joints, 3) at t into q (joints, 3) and w (joints,): 1 it did, 0 there is a gap, −1 not yet.
 
     Between frames that are farther apart than `LONGEST_STEP` is a gap.
@@ -74,7 +74,7 @@ def resample(times, points, weights, t, q, w):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def add_frame(times, points, weights, held, frozen_since, at, positions, states, inferred):  # type: ignore[no-untyped-def]
+def add_frame(times, points, weights, held, frozen_since, at, positions, states, inferred):
     """See `pair_memory.BodyTrack.add`."""
     begin, end = held
     if not np.isfinite(at) or (end > begin and at <= times[end - 1]):
@@ -105,7 +105,7 @@ def add_frame(times, points, weights, held, frozen_since, at, positions, states,
 
 
 @njit(cache=True)
-def add_bodies(times, points, weights, held, frozen_since, slots, at, positions, states, inferred):  # type: ignore[no-untyped-def]
+def add_bodies(times, points, weights, held, frozen_since, slots, at, positions, states, inferred):
     """Add one frame's bodies to their slots; since when none of them has moved at all [s], NaN where one has."""
     since = -np.inf if len(slots) else np.nan
     for i in range(len(slots)):
@@ -116,7 +116,7 @@ def add_bodies(times, points, weights, held, frozen_since, slots, at, positions,
 
 
 @njit(cache=True)
-def take_newest(  # type: ignore[no-untyped-def]
+def take_newest(
     M, B, T, S, body, a_times, a_points, a_weights, a_held, b_times, b_points, b_weights, b_held, mirror, cfg
 ):  # fmt: skip
     """Take in the newest frame of a that b's frames reach around, if it is new enough; whether there was one.
@@ -168,7 +168,7 @@ def take_newest(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _step(  # type: ignore[no-untyped-def]
+def _step(
     M, B, T, S, body, t, p, q, v, w, w_mirrored, mirror, memory, first_memory, growth, floor, mirrored_weight,
     hysteresis, full_speed, still, independent, factor, least_apart
 ):  # fmt: skip
@@ -238,7 +238,7 @@ def _step(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _apart(T, offset, p, q, v, labels, w, centre):  # type: ignore[no-untyped-def]
+def _apart(T, offset, p, q, v, labels, w, centre):
     """How far apart the two views of the body's centre are [m]; write a's into centre (3,)."""
     x, used = np.zeros(3), 0
     centre[:] = 0.0
@@ -261,7 +261,7 @@ def _apart(T, offset, p, q, v, labels, w, centre):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True)
-def _agrees(S, body, apart, t, dt, factor, least_apart):  # type: ignore[no-untyped-def]
+def _agrees(S, body, apart, t, dt, factor, least_apart):
     """Whether the centres are no farther apart than is usual for these sensors, and remember since when not."""
     body[APART] = apart
     usual = np.sqrt(S[APART_SQ] / S[COST_WEIGHT] + S[OWN_SD] ** 2)
@@ -275,7 +275,7 @@ def _agrees(S, body, apart, t, dt, factor, least_apart):  # type: ignore[no-unty
 
 
 @njit(cache=True)
-def _gradient(body, T, offset, p, q, v, labels, w):  # type: ignore[no-untyped-def]
+def _gradient(body, T, offset, p, q, v, labels, w):
     """Add Σ w Jᵀ (p − x) of this frame to that of the block; J as in `alignment.normal_equations`."""
     x, d, u = np.empty(3), np.empty(3), np.empty(3)
     for j in range(len(w)):
@@ -296,7 +296,7 @@ def _gradient(body, T, offset, p, q, v, labels, w):  # type: ignore[no-untyped-d
 
 
 @njit(cache=True)
-def _close_block(B, S, body, centre, independent):  # type: ignore[no-untyped-def]
+def _close_block(B, S, body, centre, independent):
     """When the body is somewhere else, what was seen since it was at the anchor counts as one independent sample."""
     away = 0.0
     for k in range(3):

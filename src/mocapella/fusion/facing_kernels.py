@@ -29,13 +29,13 @@ _SPEEDS = np.array(SPEEDS)
 
 
 @njit(cache=True)
-def wrap(angle):  # type: ignore[no-untyped-def]
+def wrap(angle):
     """See `mocapella.geometry.angles.wrap`."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
 @njit(cache=True)
-def turning(steps, tables, kernel):  # type: ignore[no-untyped-def]
+def turning(steps, tables, kernel):
     """Write the probability (BINS,) of having turned by so many bins after a while."""
     kernel[:] = 0.0
     for m in range(COS_AT - 1 - WAVES_AT):
@@ -45,7 +45,7 @@ def turning(steps, tables, kernel):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def turn_on(p, kernel, twice):  # type: ignore[no-untyped-def]
+def turn_on(p, kernel, twice):
     """See `mocapella.fusion.facing_grid.turned_on`; p (BINS,) is written over, twice (2 · BINS,) is room to work in."""
     twice[:BINS] = p
     twice[BINS:] = p
@@ -58,7 +58,7 @@ def turn_on(p, kernel, twice):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def add_turned(total, first, second, part, factor, by):  # type: ignore[no-untyped-def]
+def add_turned(total, first, second, part, factor, by):
     """Add factor · ((1 − part) · first + part · second), all (BINS,), turned by an angle, to a total."""
     place = by / BIN
     whole = np.floor(place)
@@ -74,7 +74,7 @@ def add_turned(total, first, second, part, factor, by):  # type: ignore[no-untyp
 
 
 @njit(cache=True)
-def most_likely(p):  # type: ignore[no-untyped-def]
+def most_likely(p):
     """See `mocapella.fusion.facing_grid.most_likely`."""
     best, most = 0, -1.0
     for i in range(BINS):
@@ -90,7 +90,7 @@ def most_likely(p):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def circular_sd(p, tables):  # type: ignore[no-untyped-def]
+def circular_sd(p, tables):
     """See `mocapella.fusion.facing_grid.circular_sd`; p must sum to 1."""
     c, s = 0.0, 0.0
     for i in range(BINS):
@@ -101,7 +101,7 @@ def circular_sd(p, tables):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def reported_yaw(positions, across):  # type: ignore[no-untyped-def]
+def reported_yaw(positions, across):
     """The yaw that labels say of a body (joints, 3), see `mocapella.fusion.facing_shape.view_of`; NaN where unknown.
 
     Args:
@@ -117,7 +117,7 @@ def reported_yaw(positions, across):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def shape_score(positions, yaw, terms, weights, trunk, classifier):  # type: ignore[no-untyped-def]
+def shape_score(positions, yaw, terms, weights, trunk, classifier):
     """The score of a body's shape, and how much of it was seen.
 
     Args:
@@ -148,9 +148,7 @@ def shape_score(positions, yaw, terms, weights, trunk, classifier):  # type: ign
 
 
 @njit(cache=True)
-def add_view(  # type: ignore[no-untyped-def]
-    evidence, positions, seen, toward, zero, scale, tables, joints, weights, classifier, settings
-):
+def add_view(evidence, positions, seen, toward, zero, scale, tables, joints, weights, classifier, settings):
     """Add what the yaw ``seen`` and the shape of a body say, see `mocapella.fusion.facing_training.evidence`."""
     place = seen / BIN + YAW_BINS / 2
     first = int(np.floor(place))
@@ -166,7 +164,7 @@ def add_view(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def add_motion(evidence, velocity, zero, factor, tables):  # type: ignore[no-untyped-def]
+def add_motion(evidence, velocity, zero, factor, tables):
     """Add what a velocity (3,) says, see `mocapella.fusion.facing_model.FacingModel.motion_evidence`."""
     speed = np.hypot(velocity[0], velocity[2])
     if not speed >= _SPEEDS[0]:
@@ -179,7 +177,7 @@ def add_motion(evidence, velocity, zero, factor, tables):  # type: ignore[no-unt
 
 
 @njit(cache=True)
-def believe(p, evidence):  # type: ignore[no-untyped-def]
+def believe(p, evidence):
     """See `mocapella.fusion.facing_training.believed`; p (BINS,) is written over."""
     most = evidence.max()
     total = 0.0
@@ -191,13 +189,13 @@ def believe(p, evidence):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def counts_for(now, last):  # type: ignore[no-untyped-def]
+def counts_for(now, last):
     """How much of a `STEP_S` what is said now stands for, from 0 to 1."""
     return min(max((now - last) / STEP_S, 0.0), 1.0)
 
 
 @njit(cache=True)
-def update(  # type: ignore[no-untyped-def]
+def update(
     slots, sensor, positions, toward, at, velocities, zero, p, at_s, told_s, mirrored,
     tables, joints, weights, classifier, settings, out,
 ):  # fmt: skip
@@ -246,7 +244,7 @@ def update(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def predict(slots, at, zero, p, at_s, tables, out):  # type: ignore[no-untyped-def]
+def predict(slots, at, zero, p, at_s, tables, out):
     """Yaw and standard deviation (2, bodies) at a time, for rows of the memory; a row −1 is nobody who is known."""
     twice, later, kernel = np.empty(2 * BINS), np.empty(BINS), np.empty(BINS)
     for n in range(len(slots)):

@@ -11,7 +11,7 @@ from numba import njit
 
 
 @njit(cache=True)
-def accumulate(M, p, q, v, w, order):  # type: ignore[no-untyped-def]
+def accumulate(M, p, q, v, w, order):
     """Add points to moments: p (n, 3) with q[order] and v[order], weights w (n,), none where w is not above 0."""
     for j in range(len(w)):
         u, o = w[j], order[j]
@@ -36,7 +36,7 @@ def accumulate(M, p, q, v, w, order):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def largest_eigenvector(N):  # type: ignore[no-untyped-def]
+def largest_eigenvector(N):
     """Of a symmetric (4, 4) matrix, which is overwritten; by cyclic Jacobi rotations (Golub and Van Loan, 8.5)."""
     V = np.eye(4)
     for _ in range(30):
@@ -73,7 +73,7 @@ def largest_eigenvector(N):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def align(M, offset, T):  # type: ignore[no-untyped-def]
+def align(M, offset, T):
     """Write the motion that fits the moments best into T (4, 4); see `alignment.align`."""
     W = M[0]
     mp, mq = M[1:4] / W, (M[4:7] + offset * M[16:19]) / W
@@ -105,7 +105,7 @@ def align(M, offset, T):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def residuals(T, offset, p, q, v, order, w, r):  # type: ignore[no-untyped-def]
+def residuals(T, offset, p, q, v, order, w, r):
     """Write |p − T (q + offset·v)[order]| into r (n,), 0 where w is not above 0; return the mean over the others."""
     total, count = 0.0, 0
     for j in range(len(r)):
@@ -124,7 +124,7 @@ def residuals(T, offset, p, q, v, order, w, r):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def update(M, keep, p, q, w, T):  # type: ignore[no-untyped-def]
+def update(M, keep, p, q, w, T):
     """Forget, accumulate and fit: one step of `alignment.RecursiveAlignment`."""
     M *= keep
     accumulate(M, p, q, np.zeros_like(q), w, np.arange(len(w)))

@@ -49,7 +49,7 @@ LEAST_TORSO = 4
 
 
 @njit(cache=True)
-def _advance(layout, dof_kind, dof_values, joint_table, config, row, at_s):  # type: ignore[no-untyped-def]
+def _advance(layout, dof_kind, dof_values, joint_table, config, row, at_s):
     """Predict a memory row to a later instant, in place: a velocity that fades, moved by white acceleration.
 
     Every degree of freedom is an integrated Ornstein–Uhlenbeck process (Bar-Shalom, Li, Kirubarajan, Estimation with
@@ -96,13 +96,13 @@ def _advance(layout, dof_kind, dof_values, joint_table, config, row, at_s):  # t
 
 
 @njit(cache=True)
-def _ball(layout, joint_table, j):  # type: ignore[no-untyped-def]
+def _ball(layout, joint_table, j):
     """The first of a ball's three degrees of freedom, and where its rotation is in the memory."""
     return joint_table[j, 1] + (3 if joint_table[j, 0] < 0 else 0), layout[at.ROTATIONS] + 9 * joint_table[j, 3]
 
 
 @njit(cache=True)
-def _forward(layout, dof_kind, joint_table, joint_values, order, row, origin, x, R, xi):  # type: ignore[no-untyped-def]
+def _forward(layout, dof_kind, joint_table, joint_values, order, row, origin, x, R, xi):
     """Forward kinematics of a memory row about its root, whose position is written into origin (3,)."""
     a = layout[at.ANGLES]
     for k in range(3):
@@ -115,7 +115,7 @@ def _forward(layout, dof_kind, joint_table, joint_values, order, row, origin, x,
 
 
 @njit(cache=True)
-def _rest(layout, dof_kind, dof_values, joint_table, row, out):  # type: ignore[no-untyped-def]
+def _rest(layout, dof_kind, dof_values, joint_table, row, out):
     """Write how far every angle is from its rest, (dofs,); 0 for the root, and the sine of the turn for balls."""
     angles = row[layout[at.ANGLES] :]
     for i in range(layout[at.DOFS]):
@@ -129,7 +129,7 @@ def _rest(layout, dof_kind, dof_values, joint_table, row, out):  # type: ignore[
 
 
 @njit(cache=True)
-def _pin(layout, dof_kind, dof_values, joint_table, joint_values, row, delta, D, e):  # type: ignore[no-untyped-def]
+def _pin(layout, dof_kind, dof_values, joint_table, joint_values, row, delta, D, e):
     """Hold what delta would move beyond its limits at them, in D and e (dofs,); whether there was any."""
     angles, pinned = row[layout[at.ANGLES] :], False
     for i in range(ROOT_DOFS, layout[at.DOFS]):
@@ -152,7 +152,7 @@ def _pin(layout, dof_kind, dof_values, joint_table, joint_values, row, delta, D,
 
 
 @njit(cache=True)
-def _move(layout, dof_kind, dof_values, joint_table, joint_values, row, delta):  # type: ignore[no-untyped-def]
+def _move(layout, dof_kind, dof_values, joint_table, joint_values, row, delta):
     """Apply a small motion (dofs,) to the pose of a memory row, and keep it within its limits."""
     angles, b = row[layout[at.ANGLES] :], layout[at.ROTATIONS]
     for k in range(3):
@@ -172,7 +172,7 @@ def _move(layout, dof_kind, dof_values, joint_table, joint_values, row, delta): 
 
 
 @njit(cache=True)
-def _begin(  # type: ignore[no-untyped-def]
+def _begin(
     layout, dof_kind, dof_values, joint_table, joint_values, order, config, row, at_s, measured, variances
 ):  # fmt: skip
     """Begin a body from measured joints; whether there are enough. Bone lengths that are known stay."""
@@ -247,7 +247,7 @@ def _begin(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _is_measured(measured, variances, j):  # type: ignore[no-untyped-def]
+def _is_measured(measured, variances, j):
     return (
         np.isfinite(measured[j, 0]) and np.isfinite(measured[j, 1]) and np.isfinite(measured[j, 2])
         and np.isfinite(variances[j])
@@ -255,7 +255,7 @@ def _is_measured(measured, variances, j):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _median(values, count):  # type: ignore[no-untyped-def]
+def _median(values, count):
     """The lower median of the first so many values, which are sorted in place; numpy's takes seconds to compile."""
     for i in range(1, count):
         k = i
@@ -266,13 +266,13 @@ def _median(values, count):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _fill(values, begin, end, value):  # type: ignore[no-untyped-def]
+def _fill(values, begin, end, value):
     for i in range(begin, end):
         values[i] = value
 
 
 @njit(cache=True)
-def _first_lengths(joint_table, joint_values, measured, variances, lengths):  # type: ignore[no-untyped-def]
+def _first_lengths(joint_table, joint_values, measured, variances, lengths):
     """The template's bones, scaled by the median of those that are measured."""
     ratios, seen = np.empty(len(joint_table)), 0
     for j in range(len(joint_table)):
@@ -292,7 +292,7 @@ def _first_lengths(joint_table, joint_values, measured, variances, lengths):  # 
 
 
 @njit(cache=True)
-def _learn_lengths(layout, joint_table, config, row, dt, R, joint_values, measured, variances, robust):  # type: ignore[no-untyped-def]
+def _learn_lengths(layout, joint_table, config, row, dt, R, joint_values, measured, variances, robust):
     """Move bone lengths towards what is measured along the bones, by bounded steps: robust, and slow."""
     memory = config[at.LENGTH_MEMORY]
     lengths, learnt = row[layout[at.BONES] :], row[layout[at.LEARNT] :]
@@ -322,7 +322,7 @@ LENGTH_PRIOR_S = 0.05
 
 
 @njit(cache=True)
-def _nowhere(positions, variances):  # type: ignore[no-untyped-def]
+def _nowhere(positions, variances):
     for j in range(len(variances)):
         variances[j] = np.nan
         for k in range(3):
@@ -330,7 +330,7 @@ def _nowhere(positions, variances):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def predict(  # type: ignore[no-untyped-def]
+def predict(
     layout, dof_kind, dof_values, joint_table, joint_values, order, config, row, at_s, positions, variances
 ):  # fmt: skip
     """Where a body is at an instant; whether it is known.
@@ -359,7 +359,7 @@ def predict(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def correct(  # type: ignore[no-untyped-def]
+def correct(
     layout, dof_kind, dof_values, joint_table, joint_values, order, config, row, at_s, measured,
     measured_variances, positions, variances,
 ):  # fmt: skip
@@ -466,7 +466,7 @@ def correct(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _stand(layout, config, row, contact, j, dt, origin, positions, residuals, weights):  # type: ignore[no-untyped-def]
+def _stand(layout, config, row, contact, j, dt, origin, positions, residuals, weights):
     """Add to a joint's measurement that it stays where it was, as surely as it has been slow."""
     c = layout[at.CONTACTS] + 6 * contact
     speed = row[c + 3] * row[c + 3] + row[c + 4] * row[c + 4] + row[c + 5] * row[c + 5]
@@ -480,7 +480,7 @@ def _stand(layout, config, row, contact, j, dt, origin, positions, residuals, we
 
 
 @njit(cache=True)
-def _follow_contact(row, c, dt, position, measured):  # type: ignore[no-untyped-def]
+def _follow_contact(row, c, dt, position, measured):
     """Remember where a joint is, and its velocity: as measured against where it was estimated, over `CONTACT_S`."""
     forget = 1.0 - np.exp(-dt / CONTACT_S) if dt > 0.0 else 0.0
     for k in range(3):
@@ -492,7 +492,7 @@ def _follow_contact(row, c, dt, position, measured):  # type: ignore[no-untyped-
 
 
 @njit(cache=True)
-def _learn(layout, row, total, posterior, body):  # type: ignore[no-untyped-def]
+def _learn(layout, row, total, posterior, body):
     """Velocities and variances after a step: every degree of freedom's velocity by its covariance with it."""
     velocities = row[layout[at.VELOCITIES] :]
     p, c, v = row[layout[at.VARIANCE] :], row[layout[at.COVARIANCE] :], row[layout[at.SPEED_VARIANCE] :]
@@ -509,7 +509,7 @@ def _learn(layout, row, total, posterior, body):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _judge(config, row, measured, variances, origin, positions):  # type: ignore[no-untyped-def]
+def _judge(config, row, measured, variances, origin, positions):
     """Remember since when the measured joints have been too far from the body."""
     far, seen = 0.0, 0
     for j in range(len(variances)):
@@ -528,7 +528,7 @@ def _judge(config, row, measured, variances, origin, positions):  # type: ignore
 
 
 @njit(cache=True)
-def move(layout, memory, T):  # type: ignore[no-untyped-def]
+def move(layout, memory, T):
     """Tell every body in another frame from now on.
 
     Args:
@@ -548,7 +548,7 @@ def move(layout, memory, T):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _turn(T, row, first, step, shift):  # type: ignore[no-untyped-def]
+def _turn(T, row, first, step, shift):
     """Three numbers of a row, turned and shifted."""
     x, y, z = row[first], row[first + step], row[first + 2 * step]
     for i in range(3):

@@ -27,7 +27,7 @@ _IDENTITY = np.eye(3).reshape(9)
 
 
 @njit(cache=True)
-def turned(B, b, x, y, z, out):  # type: ignore[no-untyped-def]
+def turned(B, b, x, y, z, out):
     """Write B[b : b + 9]·exp(x, y, z) into out (9,): rotations row by row, and a small turn about the own axes [rad].
 
     The exponential is Rodrigues' formula.
@@ -47,7 +47,7 @@ def turned(B, b, x, y, z, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def turn_between(A, a, B):  # type: ignore[no-untyped-def]
+def turn_between(A, a, B):
     """The vector (x, y, z) [rad] with A[a : a + 9]·exp(x, y, z) = B (9,); angles up to π, where one sign is taken."""
     r = np.empty(9)
     for i in range(3):
@@ -72,7 +72,7 @@ def turn_between(A, a, B):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def orthonormal(R):  # type: ignore[no-untyped-def]
+def orthonormal(R):
     """Take the rounding errors of many turns out of R (9,), in place: Gram–Schmidt on its columns."""
     n = 1.0 / np.sqrt(R[0] * R[0] + R[3] * R[3] + R[6] * R[6])
     ax, ay, az = n * R[0], n * R[3], n * R[6]
@@ -85,7 +85,7 @@ def orthonormal(R):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def swing(ox, oy, oz, dx, dy, dz, out):  # type: ignore[no-untyped-def]
+def swing(ox, oy, oz, dx, dy, dz, out):
     """Write the shortest rotation from the unit direction o to the unit direction d into out (9,)."""
     x, y, z = oy * dz - oz * dy, oz * dx - ox * dz, ox * dy - oy * dx
     sine, cosine = np.sqrt(x * x + y * y + z * z), ox * dx + oy * dy + oz * dz
@@ -97,7 +97,7 @@ def swing(ox, oy, oz, dx, dy, dz, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def limited(values, B, out):  # type: ignore[no-untyped-def]
+def limited(values, B, out):
     """Write the rotation B (9,) of a ball, brought within its limits, into out (9,); whether it was not.
 
     Swing and twist: the shortest turn of the bone from its rest direction to where it is, after a turn about itself.
@@ -134,7 +134,7 @@ def limited(values, B, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def forward(dof_kind, joint_table, joint_values, order, angles, balls, lengths, origin, x, R, xi):  # type: ignore[no-untyped-def]
+def forward(dof_kind, joint_table, joint_values, order, angles, balls, lengths, origin, x, R, xi):
     """Forward kinematics: write the joints x (joints, 3), told from the origin, and the twists xi (dofs, 6).
 
     Args:
@@ -204,7 +204,7 @@ def forward(dof_kind, joint_table, joint_values, order, angles, balls, lengths, 
 
 
 @njit(cache=True, error_model="numpy")
-def solve(joint_table, order, xi, D, e, x, residuals, weights, M, U, d, u, a, delta):  # type: ignore[no-untyped-def]
+def solve(joint_table, order, xi, D, e, x, residuals, weights, M, U, d, u, a, delta):
     """Write the best small motion delta (dofs,); the articulated-body algorithm, inwards and outwards.
 
     Args:
@@ -326,7 +326,7 @@ def solve(joint_table, order, xi, D, e, x, residuals, weights, M, U, d, u, a, de
 
 
 @njit(cache=True, error_model="numpy")
-def marginals(joint_table, order, xi, U, d, x, C, dofs, joints):  # type: ignore[no-untyped-def]
+def marginals(joint_table, order, xi, U, d, x, C, dofs, joints):
     """Write the marginal variances of an estimate: of its degrees of freedom and of its joints.
 
     With U = 0 and d = 1/P they are those of a tree whose degrees of freedom are independent, of variances P.
@@ -395,7 +395,7 @@ def marginals(joint_table, order, xi, U, d, x, C, dofs, joints):  # type: ignore
 
 
 @njit(cache=True)
-def independent(joint_table, order, xi, P, x, C, joints):  # type: ignore[no-untyped-def]
+def independent(joint_table, order, xi, P, x, C, joints):
     """The joint variances of `marginals` for degrees of freedom that are independent, of variances P (dofs,).
 
     Only the sums that the joints need are carried along: C (joints, 10) is written.
