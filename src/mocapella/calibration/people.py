@@ -60,7 +60,7 @@ class PeopleSettings:
         gone_after_s: a body that a sensor has not seen for so long is forgotten [s].
         clock_jump_s: a sensor whose frames come later than others' with times so much older has another clock [s].
         refresh_s: the places of all sensors are worked out anew so often [s] …
-        first_refresh_s: … and so often while there is a pair that has been seen for no longer than its memory.
+        first_refresh_s: … and so often at first, while a pair of sensors has hardly seen anybody walk.
         partners: with more than so many others, each sensor is refined against so many of those it is tied to best.
     """
 
@@ -347,13 +347,17 @@ class PeopleCalibration:
         known = [(key, pair, pair.calibration) for key, pair in self._pairs.items() if pair.calibration is not None]
         for (key, pair, calibration), estimate in zip(known, estimates([one[2] for one in known]), strict=True):
             pair.estimate = estimate
-            if estimate.motion_s < calibration.settings.memory_s and self._both_see(key):
-                self._refresh_s = self.settings.first_refresh_s
+            if self._both_see(key):
+                soon = max(self.settings.first_refresh_s, REFRESH_PART * estimate.motion_s)
+                self._refresh_s = min(self._refresh_s, soon)
             calibration.trust(estimate)
             calibration.follow_clock(estimate)
             a, b = (self._tracks[sensor].bodies for sensor in key)
             calibration.forget_bodies(lambda who, a=a, b=b: who[0] in a and who[1] in b)
-            if any(
+            if any(self._frozen(sensor) for sensor in key):
+                for body in calibration.bodies.values():  # a picture that stands still disagrees, and was not moved
+                    body[at.DISAGREES_SINCE] = np.nan
+            elif any(
                 np.isnan(body[at.DISAGREES_SINCE]) and now - body[at.STEP_AT] < self.settings.gone_after_s
                 for body in calibration.bodies.values()
             ):
@@ -558,6 +562,8 @@ def _in_one_place(T_a_b: Float64) -> bool:
     return bool(x * x + y * y + z * z < ONE_PLACE_M**2 and cosine > np.cos(ONE_PLACE_TURN))
 
 
+REFRESH_PART: Final = 0.05
+"""Of the motion that a pair of sensors has seen so far: after so much more everything is worked out anew."""
 MOST_JUDGED: Final = 16
 """Pairs of sensors whose hypotheses are compared at one refresh, in turn."""
 MOST_TURNS: Final = 3
