@@ -312,11 +312,13 @@ class PeopleCalibration:
         pair.cold.update(a, b, self._mirror)
 
     def _refresh(self, now: float, people: Mapping[BodyKey, int] | None) -> None:
+        paused = now - self._refreshed > self.settings.gone_after_s
         self._refreshed, self._refresh_s = now, self.settings.refresh_s
         for sensor, tracks in self._tracks.items():
             tracks.forget_before(self._newest[sensor] - self.settings.gone_after_s)
         for key, pair in self._pairs.items():
-            pair.seen_since = min(pair.seen_since, now) if self._both_see(key) else np.inf
+            since = now if paused else min(pair.seen_since, now)
+            pair.seen_since = since if self._both_see(key) else np.inf
         self._judge_hypotheses(now)
         self._judge_calibrations(now, people)
         self._find_moved(now)
