@@ -376,3 +376,15 @@ def test_the_state_is_a_value() -> None:
     assert isinstance(state.sensors["a"], CalibratedSensor)
     with pytest.raises(AttributeError):
         state.moved = 3  # type: ignore[misc]
+
+
+def test_a_pause_is_no_disagreement() -> None:
+    a, b = two()
+    calibration = PeopleCalibration()
+    calibration.start_from({"a": FRONT, "b": SIDE})
+    walks(calibration, (a, b), STANDING, 3)
+
+    def watch(t: float, state: PeopleState) -> None:
+        assert state.sensors["b"].trusted, t
+
+    walks(calibration, (a, b), STANDING, 1, 20.0, watch)

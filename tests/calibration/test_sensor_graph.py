@@ -4,10 +4,11 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mocapella.calibration import graph_kernels
 from mocapella.calibration.sensor_graph import SensorPair, place_sensors
 from mocapella.calibration.time_offset import TimeOffset
 from mocapella.geometry.rigid import inverse
-from mocapella.geometry.twists import exp_twist, log_motion
+from mocapella.geometry.twists import adjoint, exp_twist, log_motion
 
 NAMES = ("a", "b", "c", "d")
 UNKNOWN = TimeOffset(0.0, 0.1, False)
@@ -106,3 +107,18 @@ def test_clocks_are_chained_and_weighed_and_unknown_where_no_known_one_leads() -
     np.testing.assert_allclose(placed["c"].offset.sd, 0.004 * np.sqrt(2), rtol=0.01)
     assert placed["d"].offset is None
     assert placed["a"].offset == TimeOffset(0.0, 0.0, True)
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 1e-9, 1e-3, 1.0, 3.1]))
+@settings(max_examples=40, deadline=None)
+def test_the_compiled_twists_are_those_of_geometry(seed: int, angle: float) -> None:
+    rng = np.random.default_rng(seed)
+    axis = rng.normal(size=3)
+    twist = np.concatenate([rng.normal(size=3), angle * axis / np.linalg.norm(axis)])
+    T = exp_twist(twist)
+    np.testing.assert_allclose(graph_kernels._exp(twist), T, atol=1e-12)
+    np.testing.assert_allclose(graph_kernels._log(T), log_motion(T), atol=1e-8)
+    np.testing.assert_allclose(graph_kernels._adjoint(T), adjoint(T), atol=1e-12)
+    J = rng.normal(size=(9, 6))
+    np.testing.assert_allclose(graph_kernels.inverse_of_positive(J.T @ J) @ J.T @ J, np.eye(6), atol=1e-6)
+    assert np.isnan(graph_kernels.inverse_of_positive(-np.eye(3))).all()

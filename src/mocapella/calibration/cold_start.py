@@ -47,15 +47,13 @@ class ColdStart:
             mirror: (joints,) of the topology.
         """
         self.hypotheses = {key: known for key, known in self.hypotheses.items() if key[0] in a and key[1] in b}
-        for one in sorted(a):
-            for other in sorted(b):
-                for swapped in (False, True):
-                    key = (one, other, swapped)
-                    if key not in self.hypotheses:
-                        if len(self.hypotheses) >= MOST:
-                            continue
-                        self.hypotheses[key] = PairCalibration(self.settings, mirrored_at_first=swapped)
-                    self.hypotheses[key].update((one, other), a[one], b[other], mirror)
+        for key in ((one, other, swapped) for one in sorted(a) for other in sorted(b) for swapped in (False, True)):
+            if len(self.hypotheses) >= MOST:
+                break
+            if key not in self.hypotheses:
+                self.hypotheses[key] = PairCalibration(self.settings, mirrored_at_first=key[2])
+        for key, known in self.hypotheses.items():
+            known.update(key[:2], a[key[0]], b[key[1]], mirror)
 
     def likeliest(self) -> Likeliest | None:
         """The hypothesis that fits best; None before there is one that fits anything."""

@@ -60,7 +60,7 @@ class PeopleSettings:
         gone_after_s: a body that a sensor has not seen for so long is forgotten [s].
         clock_jump_s: a sensor whose frames come later than others' with times so much older has another clock [s].
         refresh_s: the places of all sensors are worked out anew so often [s] …
-        first_refresh_s: … and so often while there is a pair that has been seen for no longer than its memory.
+        first_refresh_s: … and so often at first, while a pair of sensors has hardly seen anybody walk.
         partners: with more than so many others, each sensor is refined against so many of those it is tied to best.
     """
 
@@ -140,6 +140,7 @@ class PeopleCalibration:
         self._refined: dict[str, tuple[Pair, ...]] = {}
         self._tried: dict[str, tuple[Pair, ...]] = {}
         self._turn = 0
+        self._judged = 0
         self._placed: dict[str, PlacedSensor] = {}
         self._moved: dict[str, float] = {}
         self._doubted: frozenset[str] = frozenset()
@@ -195,8 +196,9 @@ class PeopleCalibration:
         for key in self._refined[sensor]:
             if not 0 < self._pairs[key].due - now <= self.settings.pair.every_s:
                 self._refine(key, people, now)
-        first_view = bool(self._tried[sensor]) and self._try(self._tried[sensor])
-        if joins or first_view or not 0 <= now - self._refreshed < self._refresh_s:
+        if self._tried[sensor]:
+            self._try(self._tried[sensor])
+        if joins or not 0 <= now - self._refreshed < self._refresh_s:
             self._refresh(now, people)
         return self.state
 
@@ -299,23 +301,24 @@ class PeopleCalibration:
                 pair.due = now + self.settings.pair.every_s
                 return
 
-    def _try(self, keys: tuple[Pair, ...]) -> bool:
-        """Take the newest frames in for all hypotheses of one pair, in turn; whether that is its first estimate."""
+    def _try(self, keys: tuple[Pair, ...]) -> None:
+        """Take the newest frames in for all hypotheses of one pair, in turn."""
         self._turn += 1
         key = keys[self._turn % len(keys)]
         pair = self._pairs[key]
         if not self._both_see(key):
-            return False
+            return
         a, b = (self._tracks[sensor].bodies for sensor in key)
         pair.cold.update(a, b, self._mirror)
-        return pair.estimate is None and any(known.moments[0] > 0 for known in pair.cold.hypotheses.values())
 
     def _refresh(self, now: float, people: Mapping[BodyKey, int] | None) -> None:
+        paused = now - self._refreshed > self.settings.gone_after_s
         self._refreshed, self._refresh_s = now, self.settings.refresh_s
         for sensor, tracks in self._tracks.items():
             tracks.forget_before(self._newest[sensor] - self.settings.gone_after_s)
         for key, pair in self._pairs.items():
-            pair.seen_since = min(pair.seen_since, now) if self._both_see(key) else np.inf
+            since = now if paused else min(pair.seen_since, now)
+            pair.seen_since = since if self._both_see(key) else np.inf
         self._judge_hypotheses(now)
         self._judge_calibrations(now, people)
         self._find_moved(now)
@@ -330,7 +333,10 @@ class PeopleCalibration:
         self._place()
 
     def _judge_hypotheses(self, now: float) -> None:
-        found = [(key, pair.cold.likeliest()) for key, pair in self._pairs.items() if pair.cold.hypotheses]
+        tried = [(key, pair) for key, pair in self._pairs.items() if pair.cold.hypotheses]
+        self._judged += MOST_JUDGED
+        first = self._judged % len(tried) if len(tried) > MOST_JUDGED else 0
+        found = [(key, pair.cold.likeliest()) for key, pair in (tried[first:] + tried[:first])[:MOST_JUDGED]]
         likeliest = [(key, one) for key, one in found if one is not None]
         for (key, one), raw in zip(likeliest, estimates([one.pair for _, one in likeliest]), strict=True):
             pair, estimate = self._pairs[key], one.judged(raw)
@@ -343,13 +349,17 @@ class PeopleCalibration:
         known = [(key, pair, pair.calibration) for key, pair in self._pairs.items() if pair.calibration is not None]
         for (key, pair, calibration), estimate in zip(known, estimates([one[2] for one in known]), strict=True):
             pair.estimate = estimate
-            if estimate.motion_s < calibration.settings.memory_s and self._both_see(key):
-                self._refresh_s = self.settings.first_refresh_s
+            if self._both_see(key):
+                soon = max(self.settings.first_refresh_s, REFRESH_PART * estimate.motion_s)
+                self._refresh_s = min(self._refresh_s, soon)
             calibration.trust(estimate)
             calibration.follow_clock(estimate)
             a, b = (self._tracks[sensor].bodies for sensor in key)
             calibration.forget_bodies(lambda who, a=a, b=b: who[0] in a and who[1] in b)
-            if any(
+            if any(self._frozen(sensor) for sensor in key):
+                for body in calibration.bodies.values():  # a picture that stands still disagrees, and was not moved
+                    body[at.DISAGREES_SINCE] = np.nan
+            elif any(
                 np.isnan(body[at.DISAGREES_SINCE]) and now - body[at.STEP_AT] < self.settings.gone_after_s
                 for body in calibration.bodies.values()
             ):
@@ -425,6 +435,8 @@ class PeopleCalibration:
 
     def _begin_from_others(self, placed: Mapping[str, PlacedSensor]) -> None:
         """Two sensors that others tie to each other need no hypotheses; what they see together refines it."""
+        if len(placed) > self.settings.partners + 1:
+            return
         for (a, b), pair in self._pairs.items():
             one, other = placed[a], placed[b]
             tied = one.trusted and other.trusted and one.root == other.root
@@ -552,6 +564,10 @@ def _in_one_place(T_a_b: Float64) -> bool:
     return bool(x * x + y * y + z * z < ONE_PLACE_M**2 and cosine > np.cos(ONE_PLACE_TURN))
 
 
+REFRESH_PART: Final = 0.05
+"""Of the motion that a pair of sensors has seen so far: after so much more everything is worked out anew."""
+MOST_JUDGED: Final = 16
+"""Pairs of sensors whose hypotheses are compared at one refresh, in turn."""
 MOST_TURNS: Final = 3
 """Of people in a row who have no new frame; then the next frame goes on."""
 JUMPED_BACK_S: Final = 0.5

@@ -11,9 +11,9 @@ Source: F. Lu and E. Milios, "Globally consistent range scan alignment for envir
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import cache
-from typing import Final, cast
+from typing import Any, Final
 
 import msgspec
 import numpy as np
@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from mocapella.calibration.time_offset import TimeOffset
 from mocapella.geometry.rigid import inverse
-from mocapella.geometry.twists import adjoint, exp_twist, log_motion
 
 Float64 = NDArray[np.float64]
 
@@ -144,28 +143,12 @@ def _refine(T: dict[str, Float64], pairs: Sequence[SensorPair]) -> dict[str, Flo
     """
     place = {sensor: i for i, sensor in enumerate(T)}
     a, b = (np.array([place[getattr(pair, end)] for pair in pairs]) for end in ("a", "b"))
-    T_b_a = inverse(np.stack([pair.T_a_b for pair in pairs]))
-    weights = np.stack([_inverse()(np.ascontiguousarray(pair.covariance)) for pair in pairs])
+    weights = np.stack([_kernels().inverse_of_positive(np.ascontiguousarray(pair.covariance)) for pair in pairs])
     world, n = np.stack(list(T.values())), len(T)
-    for _ in range(MOST_STEPS):
-        T_a_root = inverse(world[a])
-        to_a = adjoint(T_a_root)
-        weighted = np.swapaxes(to_a, -1, -2) @ weights
-        W = weighted @ to_a
-        force = (weighted @ log_motion(T_a_root @ world[b] @ T_b_a)[..., None])[..., 0]
-        A, g = np.zeros((n, n, 6, 6)), np.zeros((n, 6))
-        for one, other, sign in ((a, a, 1), (b, b, 1), (a, b, -1), (b, a, -1)):
-            np.add.at(A, (one, other), sign * W)
-        np.add.at(g, a, force)
-        np.add.at(g, b, -force)
-        C = _inverse()(np.ascontiguousarray(A.transpose(0, 2, 1, 3).reshape(6 * n, 6 * n)[6:, 6:]))
-        step = (C @ g.reshape(-1)[6:]).reshape(-1, 6)
-        world[1:] = exp_twist(step) @ world[1:]
-        if np.abs(step).max() < SMALLEST_STEP:
-            break
+    T_a_b = np.stack([pair.T_a_b for pair in pairs])
+    C = _kernels().refine(world, a, b, T_a_b, weights, MOST_STEPS, SMALLEST_STEP)
     T.update(zip(T, world, strict=True))
     blocks = C.reshape(n - 1, 6, n - 1, 6)[np.arange(n - 1), :, np.arange(n - 1)]
-    blocks = (blocks + np.swapaxes(blocks, -1, -2)) / 2
     return dict(zip(T, (np.zeros((6, 6)), *blocks), strict=True))
 
 
@@ -187,15 +170,15 @@ def _offsets(root: str, pairs: Sequence[SensorPair]) -> dict[str, TimeOffset]:
         weight = 1.0 / max(pair.offset.sd, 1e-4) ** 2
         A += weight * np.outer(row, row)
         g += weight * pair.offset.seconds * row
-    C = _inverse()(A)
+    C = _kernels().inverse_of_positive(A)
     seconds = C @ g
     out = {sensor: TimeOffset(float(seconds[i]), float(np.sqrt(C[i, i])), True) for sensor, i in free.items()}
     return {root: TimeOffset(0.0, 0.0, True), **out}
 
 
 @cache
-def _inverse() -> Callable[[Float64], Float64]:
+def _kernels() -> Any:
     """Compiled; numba is imported when it is first needed."""
     from mocapella.calibration import graph_kernels
 
-    return cast(Callable[[Float64], Float64], graph_kernels.inverse_of_positive)
+    return graph_kernels

@@ -142,13 +142,17 @@ class DefaultTracker:
 
     def sensor_views(self) -> SensorViews:
         """What is known of the sensors now."""
+        rig = self._calibration.rig
+        told = {name: np.array(sensor.T_world_sensor) for name, sensor in rig.sensors.items()} if rig else {}
         if self._people is None:
-            rig = self._calibration.rig
-            known = rig.sensors if rig is not None else {}
-            return SensorViews({name: np.array(sensor.T_world_sensor) for name, sensor in known.items()})
+            return SensorViews(told)
         clocks = {name: sensor.clock for name, sensor in self._calibration.state.sensors.items()}
+        places = {name: self._T_world_root @ T for name, T in self._T_root_sensor.items()}
+        if self._root in told:  # of sensors that were not heard yet
+            T_world_rig = self._T_world_root @ inverse(told[self._root])
+            places |= {name: T_world_rig @ T for name, T in told.items() if name not in clocks}
         return SensorViews(
-            {name: self._T_world_root @ T for name, T in self._T_root_sensor.items()},
+            places,
             {name: -clock.seconds for name, clock in clocks.items() if clock is not None and clock.known},
             self._people.swapped(),
         )
