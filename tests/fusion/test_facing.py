@@ -55,8 +55,10 @@ class InNumpy:
             self.told_s |= dict.fromkeys(counts, self.at_s)
             self.p = believed(self.p, said)
         yaw, was = float(most_likely(self.p)), self.mirrored.get(sensor, False)
-        off = np.degrees(abs(wrap(view.reported - yaw)))
-        mirrored = was if np.isnan(off) else bool(off > (90 - s.hysteresis_deg if was else 90 + s.hysteresis_deg))
+        off, limit = np.degrees(abs(wrap(view.reported - yaw))), 90.0
+        if np.isnan(off):
+            off, limit = np.degrees(abs(wrap(toward - yaw))), s.mirrors_from_deg
+        mirrored = bool(off > (limit - s.hysteresis_deg if was else limit + s.hysteresis_deg))
         self.mirrored[sensor] = mirrored
         return yaw, float(circular_sd(self.p)), mirrored, float(wrap(view.reported + (np.pi if mirrored else 0.0)))
 
@@ -350,16 +352,38 @@ def test_the_best_view_is_from_ahead_or_behind_with_labels_that_agree() -> None:
     assert view_worth(0.0, np.pi / 4, np.pi / 4) == pytest.approx(0.5**3)
 
 
-def test_where_a_shoulder_is_not_seen_the_hips_say_the_yaw() -> None:
+def yaw_of(body: np.ndarray, left: str, right: str) -> float:
+    across = body[KINECT.index(left)] - body[KINECT.index(right)]
+    return float(np.arctan2(-across[2], across[0]))
+
+
+def test_what_is_seen_of_shoulders_and_hips_says_the_yaw() -> None:
     frames = frames_of(2, frames=1, people=1, missing=0.0)
-    frames.positions[..., KINECT.index("ShoulderLeft"), :] = np.nan
-    with_hips = frames.give(FacingFilter(KINECT))[0]
-    hips = frames.positions[0, 0, KINECT.index("HipLeft")] - frames.positions[0, 0, KINECT.index("HipRight")]
-    assert np.cos(2 * (with_hips.reported[0] - np.arctan2(-hips[2], hips[0]))) == pytest.approx(1.0)
-    frames.positions[..., KINECT.index("HipRight"), :] = np.nan
-    without = frames.give(FacingFilter(KINECT))[0]
-    assert np.isnan(without.reported[0])
-    assert not without.mirrored[0]
+    body = frames.positions[0, 0]
+    for left, right, lost in (
+        ("ShoulderLeft", "ShoulderRight", "ShoulderLeft"),
+        ("HipLeft", "HipRight", "HipRight"),
+        ("SpineShoulder", "ShoulderRight", "SpineShoulder"),
+        ("HipLeft", "SpineBase", "HipLeft"),
+    ):
+        said = frames.give(FacingFilter(KINECT))[0]
+        turned = np.pi if said.mirrored[0] else 0.0
+        assert wrap(said.reported[0] - turned - yaw_of(body, left, right)) == pytest.approx(0, abs=1e-9)
+        body[KINECT.index(lost)] = np.nan
+    assert np.isnan(frames.give(FacingFilter(KINECT))[0].reported[0])
+
+
+def test_a_view_that_does_not_say_its_yaw_is_mirrored_from_behind() -> None:
+    frames, facings = frames_of(2, frames=1, people=1, missing=0.0), FacingFilter(KINECT)
+    yaw = frames.give(facings)[0].yaw
+    nothing = np.full_like(frames.positions[0], np.nan)
+    for degrees, mirrored in ((0, False), (135, False), (145, True), (125, True), (115, False), (-145, True)):
+        now = facings.update(
+            "side", frames.people, nothing, yaw + np.radians(degrees), frames.at_s[0], frames.velocities[0]
+        )
+        assert now.mirrored.tolist() == [mirrored], degrees
+    blind = facings.update("side", frames.people, nothing, np.full(1, np.nan), frames.at_s[0], frames.velocities[0])
+    assert blind.mirrored.tolist() == [True]
 
 
 def test_shapes_learnt_on_other_joints_say_nothing() -> None:
@@ -396,7 +420,13 @@ def test_a_frame_of_another_form_is_refused_and_changes_nothing() -> None:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("yaw_weight", -0.1), ("shape_weight", 1.1), ("motion_weight", np.nan), ("hysteresis_deg", 90.0)],
+    [
+        ("yaw_weight", -0.1),
+        ("shape_weight", 1.1),
+        ("motion_weight", np.nan),
+        ("hysteresis_deg", 90.0),
+        ("mirrors_from_deg", 80.0),
+    ],
 )
 def test_settings_out_of_range_are_refused(name: str, value: float) -> None:
     with pytest.raises(SettingsError, match=name):
