@@ -58,6 +58,8 @@ def facing(
     from mocapella.fusion.facing_training import train
 
     chosen = participant_numbers(participants)
+    if not out.parent.is_dir():
+        raise SettingsError(f"--out {out}: no folder {out.parent}; name a file in a folder that exists")
     with console.status("reading …") as status:
         sessions = facing_sessions(folder, chosen, lambda name: status.update(f"reading {name} …"))
         if folds is not None:

@@ -43,17 +43,21 @@ class FacingSettings:
         motion_weight: of that of the motion. More makes whoever walks backward face the other way.
         hysteresis_deg: labels are swapped where they are farther than 90° and this from the facing, and back where they
             are nearer than 90° less this.
+        mirrors_from_deg: a view that does not say its yaw is taken for mirrored, with the same hysteresis, where the
+            person is turned away from the sensor by more.
     """
 
     yaw_weight: float = 0.1
     shape_weight: float = 0.2
     motion_weight: float = 0.1
     hysteresis_deg: float = 10.0
+    mirrors_from_deg: float = 130.0
 
     def __post_init__(self) -> None:
         for name in ("yaw_weight", "shape_weight", "motion_weight"):
             check(0 <= getattr(self, name) <= 1, name, getattr(self, name), "from 0 to 1")
         check(0 <= self.hysteresis_deg < 90, "hysteresis_deg", self.hysteresis_deg, "from 0° to below 90°")
+        check(90 <= self.mirrors_from_deg <= 180, "mirrors_from_deg", self.mirrors_from_deg, "from 90° to 180°")
 
 
 class FacingMemory(msgspec.Struct, eq=False):
@@ -94,7 +98,8 @@ class Facings(msgspec.Struct, frozen=True, eq=False):
         yaw: (people,) world, 0 along +z, π/2 along +x [rad].
         sd: (people,) circular standard deviation [rad].
         mirrored: (people,) whether this view's left and right must be swapped.
-        reported: (people,) the yaw that its labels say once they are [rad]; NaN where a shoulder is missing.
+        reported: (people,) the yaw that its labels say once they are [rad]; NaN where neither shoulder nor
+            hip is seen.
         repairs: what changed in ``mirrored`` by this frame.
     """
 
@@ -148,7 +153,8 @@ class FacingFilter:
         self.model = model or shipped_model()
         s = self.settings
         self._learnt = _learnt(self.model, topology)
-        self._weights = np.array([s.yaw_weight, s.shape_weight, s.motion_weight, np.radians(s.hysteresis_deg)])
+        angles = np.radians([s.hysteresis_deg, s.mirrors_from_deg])
+        self._weights = np.array([s.yaw_weight, s.shape_weight, s.motion_weight, *angles])
         self.reset()
 
     def reset(self) -> None:
@@ -266,8 +272,8 @@ class FacingFilter:
         return memory.sensors[sensor]
 
 
-def _learnt(model: FacingModel, topology: Topology) -> tuple[Float64, Int64, Float64, Float64]:
-    """What the kernels take of a model: tables, joints, the weights of features' sums, and the classifier."""
+def _learnt(model: FacingModel, topology: Topology) -> tuple[Float64, Int64, Int64, Float64, Float64]:
+    """What the kernels take of a model: tables, pairs, joints, the weights of features' sums, and the classifier."""
     k = _kernels()
     m = np.arange(BINS // 2 + 1)
     tables = np.zeros((k.TABLE_ROWS, BINS))
@@ -280,12 +286,12 @@ def _learnt(model: FacingModel, topology: Topology) -> tuple[Float64, Int64, Flo
     across = np.array(pairs_across(topology))
     sums, classifier = feature_sums(topology), model.classifier
     if sums is None or classifier is None or model.shape is None or model.topology != topology.name:
-        return tables, np.concatenate([across, [(0, 0)]]), np.empty(0), np.empty(0)
+        return tables, across, np.zeros((1, 2), dtype=np.int64), np.empty(0), np.empty(0)
     tables[k.SHAPE_AT : k.MOTION_AT] = model.shape.T
     terms = np.argwhere(sums != 0)
-    joints = np.concatenate([across, [(topology.index("Head"), topology.index("SpineBase"))], terms])
+    joints = np.concatenate([[(topology.index("Head"), topology.index("SpineBase"))], terms])
     numbers = np.concatenate([classifier.mean, classifier.spread, classifier.weights, [MOST_SPREADS]])
-    return tables, joints, sums[sums != 0], numbers
+    return tables, across, joints, sums[sums != 0], numbers
 
 
 @cache

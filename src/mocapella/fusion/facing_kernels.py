@@ -156,7 +156,7 @@ def add_view(evidence, positions, seen, toward, zero, scale, tables, joints, wei
     add_turned(evidence, a, b, place - first, settings[0] * scale, toward - zero)
     if len(weights) == 0:
         return
-    score, share = shape_score(positions, toward + seen, joints[3:], weights, joints[2], classifier)
+    score, share = shape_score(positions, toward + seen, joints[1:], weights, joints[0], classifier)
     place = (min(max(score, -MOST_SCORE), MOST_SCORE) / MOST_SCORE + 1.0) * (SHAPE_BINS - 1) / 2
     first = min(int(np.floor(place)), SHAPE_BINS - 2)
     a, b = tables[SHAPE_AT + first], tables[SHAPE_AT + first + 1]
@@ -197,7 +197,7 @@ def counts_for(now, last):
 @njit(cache=True)
 def update(
     slots, sensor, positions, toward, at, velocities, zero, p, at_s, told_s, mirrored,
-    tables, joints, weights, classifier, settings, out,
+    tables, across, joints, weights, classifier, settings, out,
 ):  # fmt: skip
     """See `mocapella.fusion.facing.FacingFilter.update`.
 
@@ -206,9 +206,9 @@ def update(
         positions: (bodies, joints, 3), toward: (bodies,), at: [s], velocities: (bodies, 3).
         zero: yaw of the first bin.
         p, at_s, told_s, mirrored: the memory, written over.
-        tables, joints, weights, classifier: what was learnt; joints (3 + n, 2) are the shoulders and hips, the trunk,
-            and the terms.
-        settings: (4,) weights of yaw, shape and motion, and the hysteresis.
+        tables, across, joints, weights, classifier: what was learnt; across (pairs, 2) are the joints that say the yaw,
+            joints (1 + n, 2) the trunk and the terms.
+        settings: (5,) weights of yaw, shape and motion, the hysteresis, and from where on backs are mirrored.
         out: (4, bodies) yaw, standard deviation, yaw of the repaired labels, and 1 where the mirroring changed.
     """
     twice, evidence, kernel, of_kernel = np.empty(2 * BINS), np.empty(BINS), np.empty(BINS), -1.0
@@ -222,7 +222,7 @@ def update(
                 turning(steps, tables, kernel)
                 of_kernel = steps
             turn_on(p[slot], kernel, twice)
-        reported = reported_yaw(positions[n], joints[:2])
+        reported = reported_yaw(positions[n], across)
         if np.isfinite(reported) and np.isfinite(toward[n]):
             evidence[:] = 0.0
             seen = (reported - toward[n] + np.pi / 2) % np.pi - np.pi / 2
@@ -234,9 +234,11 @@ def update(
             told_s[slot, 0] = told_s[slot, 1 + sensor] = now
             believe(p[slot], evidence)
         yaw, was = wrap(most_likely(p[slot]) + zero), mirrored[slot, sensor]
-        off = abs(wrap(reported - yaw))
+        off, limit = abs(wrap(reported - yaw)), np.pi / 2
+        if np.isnan(off):
+            off, limit = abs(wrap(toward[n] - yaw)), settings[4]
         if np.isfinite(off):
-            mirrored[slot, sensor] = off > np.pi / 2 + (-settings[3] if was else settings[3])
+            mirrored[slot, sensor] = off > limit + (-settings[3] if was else settings[3])
         out[0, n] = yaw
         out[1, n] = circular_sd(p[slot], tables)
         out[2, n] = wrap(reported + np.pi) if mirrored[slot, sensor] else reported

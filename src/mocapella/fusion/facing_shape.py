@@ -44,8 +44,8 @@ class View(msgspec.Struct, frozen=True, eq=False):
     """What views say of a person; (...,) are the leading axes.
 
     Attributes:
-        reported: (...,) yaw that the sensor's own labels say, world [rad]; NaN where a shoulder and a hip are
-            missing.
+        reported: (...,) yaw that the sensor's own labels say, world [rad]; NaN where none of `pairs_across`
+            is seen.
         seen: (...,) the same from the direction towards the sensor, folded into [−π/2, π/2): labels do not matter.
         features: (..., `FEATURES`) in lengths head–SpineBase; NaN where a joint is missing.
     """
@@ -72,12 +72,18 @@ def view_of(positions: Float64, toward_sensor: Float64, topology: Topology) -> V
     return View(reported, seen, _features(positions, toward_sensor + seen, topology))
 
 
-def pairs_across(topology: Topology) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Left and right: of the shoulders, and of the hips, which say the yaw where a shoulder is not seen."""
-    joints, parts = topology.joints, topology.parts
-    shoulders = (parts["shoulder_left"], parts["shoulder_right"])
-    hips = ("HipLeft", "HipRight")
-    return shoulders, (topology.index(hips[0]), topology.index(hips[1])) if set(hips) <= set(joints) else shoulders
+def pairs_across(topology: Topology) -> list[tuple[int, int]]:
+    """Left and right joints that say the yaw, in the order in which they are asked.
+
+    The shoulders; where one of them is not seen, the hips; then one shoulder or hip and the spine between them, since
+    who is seen from the side hides the other.
+    """
+    parents = {child: parent for parent, child in topology.bones}
+    pairs = [(topology.parts["shoulder_left"], topology.parts["shoulder_right"])]
+    if {"HipLeft", "HipRight"} <= set(topology.joints):
+        pairs.append((topology.index("HipLeft"), topology.index("HipRight")))
+    halves = [half for left, right in pairs for half in ((left, parents[left]), (parents[right], right))]
+    return pairs + halves
 
 
 def _features(positions: Float64, yaw: Float64, topology: Topology) -> Float64:

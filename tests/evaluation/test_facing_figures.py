@@ -1,0 +1,122 @@
+"""How good facings are: on the real logs for people left out, and in simulated rooms from all sides."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from programs import result, run
+
+from mocapella.errors import InputError, SettingsError
+from mocapella.evaluation.facing_sessions import FacingSession, facing_sessions, figures, split
+from mocapella.evaluation.facing_simulation import simulated_figures
+from mocapella.fusion.facing import FacingFilter
+from mocapella.fusion.facing_model import read_model
+from mocapella.fusion.facing_shape import View
+from mocapella.fusion.facing_training import FacingSequence
+from mocapella.model.topology import topology
+from mocapella.sources.simulate import load_scene
+
+KINECT = topology("kinect_v2")
+
+
+@pytest.fixture(scope="module")
+def trained(study_logs: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """The folder in which `mocapella train facing` was run on two people, and what it said."""
+    folder = tmp_path_factory.mktemp("facing")
+    line = ("train", "facing", str(study_logs), "--out", "model.json", "--participants", "4,7", "--folds", "2")
+    return folder, result(folder, *line)
+
+
+def test_people_who_were_left_out_face_where_they_should(trained: tuple[Path, dict[str, Any]]) -> None:
+    _, said = trained
+    left_out = said["left_out"]
+    assert left_out["default"]["sessions"] == said["trained_on"]["sessions"] == 6
+    # One person taught what the other is judged by: looser than what ten people reach (docs/methods/facing.md).
+    default, front = left_out["default"], left_out["front sensor"]
+    assert 1 < default["against_motion_percent"] < front["against_motion_percent"] / 2
+    assert default["steps_wrong_percent"] <= 0.5
+    assert default["backward_kept_percent"] >= 90
+    assert default["walk_differs_percent"] < left_out["yaw"]["walk_differs_percent"]
+
+
+def test_the_file_says_what_it_learnt_from(trained: tuple[Path, dict[str, Any]]) -> None:
+    folder, said = trained
+    model = read_model(folder / "model.json")
+    assert model.trained_on == said["trained_on"] == json.loads((folder / "model.json").read_text())["trained_on"]
+    assert model.trained_on["participants"] == [4, 7]
+    assert model.trained_on["command"].endswith("--participants 4,7")
+
+
+def test_where_the_model_cannot_be_written_is_said_before_the_work(study_logs: Path, tmp_path: Path) -> None:
+    done = run(tmp_path, "train", "facing", str(study_logs), "--out", "no/m.json")
+    assert done.returncode == 1
+    assert "--out no/m.json: no folder no; name a file in a folder that exists" in done.stderr
+
+
+def test_logs_of_two_people_teach_no_facing(study_logs: Path) -> None:
+    with pytest.raises(InputError, match="nothing to learn facing from"):
+        facing_sessions(study_logs, {22})
+
+
+def session(participant: int, frames: int = 300) -> FacingSession:
+    """A third each of Stationary, Steps and Walk; on Walk, motion goes along +x, the sensor is along +z."""
+    at_s = np.arange(frames) / 30
+    task = np.repeat([1, 2, 3], frames // 3)
+    nothing = np.full(frames, np.nan)
+    view = View(nothing[:, None], nothing[:, None], np.full((frames, 1, 10), np.nan))
+    return FacingSession(
+        participant=participant,
+        name=f"{participant}",
+        sequence=FacingSequence(at_s, view, np.zeros((frames, 1)), np.zeros((frames, 3)), nothing),
+        task=task,
+        toward_front=np.zeros(frames),
+        heading=np.where(task == 3, np.pi / 2, np.nan),
+        front_labels=np.zeros(frames),
+        mean_labels=np.zeros(frames),
+    )
+
+
+def test_figures_count_what_they_say() -> None:
+    one = session(1)
+    walk = one.task == 3
+    true = np.where(walk, np.pi / 2, 0.0)
+    true[200:220] = -np.pi / 2  # a fifth of Walk backward, which begins with a reversal that nobody made
+    perfect = figures([one], [true], [true])
+    assert perfect.against_motion_percent == pytest.approx(20.0)
+    assert perfect.backward_kept_percent == 100.0
+    assert (perfect.steps_wrong_percent, perfect.stationary_wrong_percent, perfect.walk_differs_percent) == (0, 0, 0)
+    assert perfect.reversals_per_min == pytest.approx(60 / (99 / 30))
+    follows = figures([one], [np.where(walk, np.pi / 2, np.pi)], [true])
+    assert follows.against_motion_percent == follows.backward_kept_percent == 0.0
+    assert (follows.steps_wrong_percent, follows.stationary_wrong_percent) == (100.0, 100.0)
+    assert follows.walk_differs_percent == pytest.approx(20.0)
+
+
+def test_everybody_is_left_out_once_and_too_many_folds_are_refused() -> None:
+    sessions = [session(n, 30) for n in (3, 5, 8, 9, 9)]
+    assert sorted(n for fold in split(sessions, 3) for n in fold) == [3, 5, 8, 9]
+    for folds in (1, 5):
+        with pytest.raises(SettingsError, match=f"{folds} folds of 4 participants"):
+            split(sessions, folds)
+
+
+@pytest.mark.parametrize(("scene", "seconds"), [("walk", 22.0), ("exchange", 14.0), ("crowd", 8.0)])
+def test_in_simulated_rooms_hardly_any_label_stays_wrong(scene: str, seconds: float) -> None:
+    found = simulated_figures(load_scene(scene), FacingFilter(KINECT), seconds)
+    assert found.wrong_as_reported_percent > 2
+    assert found.wrong_percent <= 1.0
+    assert found.facing_wrong_percent <= 1.0
+    assert found.off_deg < 20
+
+
+def test_the_figures_of_a_simulated_room_can_be_bad() -> None:
+    backward = msgspec.structs.replace(FacingFilter(KINECT).model, shape=None, classifier=None)
+    backward = msgspec.structs.replace(backward, motion=np.roll(backward.motion, 24, axis=1))
+    found = simulated_figures(load_scene("walk"), FacingFilter(KINECT, model=backward), 22.0)
+    assert found.wrong_percent > 10
+    assert found.facing_wrong_percent > 10

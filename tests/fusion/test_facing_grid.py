@@ -1,0 +1,58 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from mocapella.fusion.facing_grid import BIN, BINS, YAWS, circular_sd, most_likely, turned, turned_on, unknown
+from mocapella.geometry.angles import wrap
+
+some = arrays(np.float64, BINS, elements=st.floats(1e-6, 1.0)).map(lambda p: p / p.sum())
+whiles = st.floats(0, 50)
+
+
+@given(some, whiles, whiles)
+def test_two_whiles_in_turn_are_one_of_both(p: np.ndarray, first: float, then: float) -> None:
+    np.testing.assert_allclose(turned_on(turned_on(p, first), then), turned_on(p, first + then), atol=1e-10)
+
+
+@given(some, whiles)
+def test_time_widens_and_keeps_the_sum(p: np.ndarray, steps: float) -> None:
+    after = turned_on(p, steps)
+    assert after.min() > 0
+    assert after.sum() == pytest.approx(1.0, abs=1e-9)
+    assert circular_sd(after) >= circular_sd(p) - 1e-6
+    assert np.ptp(after) <= np.ptp(p) + 1e-12
+
+
+def test_after_long_silence_every_direction_is_alike() -> None:
+    np.testing.assert_allclose(turned_on(np.eye(BINS)[7], 5000.0), unknown(), atol=1e-9)
+
+
+def test_no_time_changes_nothing_and_the_spread_of_a_turn_is_that_of_two_bins() -> None:
+    sure = np.eye(BINS)[24]
+    np.testing.assert_allclose(turned_on(sure, 0.0), sure, atol=1e-11)
+    bins = np.arange(BINS) - 24
+    for steps in (0.1, 1.0, 3.0):
+        assert turned_on(sure, steps) @ bins**2 == pytest.approx(2 * steps, rel=0.01)
+
+
+@given(some, st.integers(-60, 60), st.floats(-10, 10))
+def test_turning_is_a_shift_and_can_be_undone(p: np.ndarray, bins: int, by: float) -> None:
+    np.testing.assert_allclose(turned(p, bins * BIN), np.roll(p, bins), atol=1e-9)
+    assert turned(p, by).sum() == pytest.approx(1.0)
+
+
+@given(st.floats(-np.pi, np.pi), st.floats(5, 40), st.integers(-60, 60))
+def test_a_hump_is_found_where_it_is(yaw: float, concentration: float, bins: int) -> None:
+    p = np.exp(concentration * np.cos(YAWS - yaw))
+    assert abs(wrap(most_likely(p) - yaw)) < BIN / 2
+    assert wrap(most_likely(turned(p, bins * BIN)) - most_likely(p) - bins * BIN) == pytest.approx(0, abs=1e-6)
+    assert circular_sd(p) == pytest.approx(concentration**-0.5, rel=0.15)
+
+
+def test_of_two_opposite_humps_the_larger_one_is_taken_and_not_their_middle() -> None:
+    p = np.exp(20 * np.cos(YAWS - 0.3)) + 0.9 * np.exp(20 * np.cos(YAWS - 0.3 - np.pi))
+    assert most_likely(p) == pytest.approx(0.3, abs=0.02)

@@ -1,0 +1,179 @@
+"""What is known of views by their facing: tables, files, shapes, and how it is learnt."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fusion.facing_bodies import ACROSS_X, KINECT, MIRROR
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mocapella.errors import InputError, SettingsError
+from mocapella.fusion import facing_model
+from mocapella.fusion.facing import FacingSettings
+from mocapella.fusion.facing_grid import BINS, YAWS, most_likely
+from mocapella.fusion.facing_model import from_json, read_model, shipped_model, to_json, untrained
+from mocapella.fusion.facing_shape import FEATURES, View, fit_classifier, view_of
+from mocapella.fusion.facing_training import FacingSequence, TrainingSettings, posteriors, train
+from mocapella.geometry.angles import wrap
+from mocapella.geometry.rigid import rotation_about_y
+
+angles = st.floats(-np.pi, np.pi)
+few = settings(max_examples=25, deadline=None)
+
+
+def a_body(seed: int) -> np.ndarray:
+    return np.random.default_rng(seed).normal(size=(len(KINECT), 3)) * [0.2, 0.4, 0.2]
+
+
+@given(st.integers(0, 999), angles, angles, st.floats(0.8, 1.2))
+@few
+def test_what_a_view_says_is_measured_from_the_sensor(seed: int, toward: float, angle: float, scale: float) -> None:
+    body = a_body(seed)
+    one = view_of(body, np.array(toward), KINECT)
+    moved = scale * body @ rotation_about_y(angle).T + [3.0, -1.0, 2.0]
+    other = view_of(moved, np.array(toward + angle), KINECT)
+    assert wrap(other.reported - one.reported - angle) == pytest.approx(0, abs=1e-7)
+    assert other.seen == pytest.approx(one.seen, abs=1e-7)
+    both = np.isfinite(one.features) & np.isfinite(other.features)  # a trunk may have become too long for anybody's
+    np.testing.assert_allclose(other.features[both], one.features[both], atol=1e-6)
+
+
+@given(st.integers(0, 999), angles)
+@few
+def test_labels_and_sides_do_not_matter_to_the_shape(seed: int, toward: float) -> None:
+    body = a_body(seed)
+    one = view_of(body, np.array(toward), KINECT)
+    swapped = view_of(body[MIRROR], np.array(toward), KINECT)
+    assert swapped.seen == pytest.approx(one.seen, abs=1e-9)
+    np.testing.assert_allclose(swapped.features, one.features, atol=1e-9)
+    mirrored = view_of(body * ACROSS_X, np.array(-toward), KINECT)
+    np.testing.assert_allclose(mirrored.features, one.features, atol=1e-9)
+    assert mirrored.seen == pytest.approx(-one.seen, abs=1e-9)
+
+
+def test_a_missing_joint_takes_its_features_away_and_no_others() -> None:
+    body = a_body(1)
+    body[KINECT.index("Head")] = [0.0, 0.6, 0.0]
+    body[KINECT.index("SpineBase")] = 0.0
+    body[KINECT.index("FootLeft")] = np.nan
+    features = view_of(body, np.array(0.0), KINECT).features
+    assert [name for name, x in zip(FEATURES, features, strict=True) if np.isnan(x)] == ["feet before the ankles"]
+
+
+@pytest.mark.parametrize("model", [shipped_model(), untrained()], ids=["shipped", "untrained"])
+def test_tables_are_probabilities_and_their_own_mirror_images(model: Any) -> None:
+    back = -np.arange(BINS) % BINS
+    np.testing.assert_allclose(np.exp(model.yaw).sum(axis=1), 1, atol=0.02)
+    np.testing.assert_allclose(model.yaw[back][:, -np.arange(model.yaw.shape[1])], model.yaw, atol=1e-9)
+    np.testing.assert_allclose(model.motion[:, back], model.motion, atol=1e-9)
+    ahead = np.cos(YAWS) > 0
+    assert (np.exp(model.motion)[:, ahead].sum(axis=1) > 0.7).all()
+    if model.shape is not None:
+        np.testing.assert_allclose(np.exp(model.shape).sum(axis=1), 1, atol=0.02)
+        np.testing.assert_allclose(model.shape[back], model.shape, atol=1e-9)
+
+
+def test_the_shipped_model_is_small_and_says_what_it_was_trained_on() -> None:
+    model = shipped_model()
+    assert len(to_json(model)) < 10_000
+    assert model.trained_on["participants"] == list(range(10))
+    assert "KinectMultiTrack" in model.trained_on["recordings"]
+    assert "mocapella train facing" in model.trained_on["command"]
+
+
+def test_a_model_survives_its_file(tmp_path: Path) -> None:
+    text = to_json(shipped_model())
+    (tmp_path / "m.json").write_text(text, encoding="utf-8")
+    assert to_json(read_model(tmp_path / "m.json")) == text
+
+
+def test_without_a_file_the_shipped_model_is_the_untrained_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(facing_model, "files", lambda package: tmp_path)
+    assert shipped_model.__wrapped__() is untrained()
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "said"),
+    [
+        ("features", ["knees"], "features are not those of this version"),
+        ("yaw", [[0.0]], "a table has the wrong number of rows or columns"),
+        ("weights", [0.0], "the wrong number of weights"),
+        ("spread", [0.0] * len(FEATURES), "a spread that is none"),
+        ("motion", "fast", "Expected `array`, got `str`"),
+        ("extra", 1, "unknown field `extra`"),
+    ],
+)
+def test_a_file_that_is_no_model_is_refused(field: str, value: Any, said: str) -> None:
+    data = {**json.loads(to_json(shipped_model())), field: value}
+    with pytest.raises(InputError, match=f"a.json: is no model of facing: .*{said}.*mocapella train facing"):
+        from_json(json.dumps(data), "a.json")
+
+
+def test_a_file_that_is_not_there_and_an_untrained_model_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"none\.json: cannot be read"):
+        read_model(tmp_path / "none.json")
+    with pytest.raises(ValueError, match="an untrained model is no file"):
+        to_json(untrained())
+
+
+def test_a_classifier_tells_apart_what_can_be_told_apart() -> None:
+    rng = np.random.default_rng(0)
+    faces = rng.random(400) < 0.3
+    features = rng.normal(size=(400, len(FEATURES))) + np.where(faces[:, None], 3.0, 0.0) * (np.arange(10) == 3)
+    classifier = fit_classifier(features, faces, 0.01)
+    score, seen = classifier.score(features)
+    assert ((score > 0) == faces).mean() > 0.9
+    assert np.abs(classifier.weights[:20]).argmax() == 3
+    assert (seen == 1).all()
+    score, seen = classifier.score(np.full(len(FEATURES), np.nan))
+    assert (float(score), float(seen)) == (classifier.weights[-1], 0.0)
+
+
+def sequences(seed: int, people: int = 3, known: bool = True) -> list[FacingSequence]:
+    """People who turn before two sensors that report half of their angle and fold it; shapes say back or front."""
+    rng = np.random.default_rng(seed)
+    found = []
+    for _ in range(people):
+        n = 400
+        at_s = np.arange(n) / 29
+        yaw = np.where(at_s < 5, 0.0, 1.5 * (at_s - 5))
+        toward = np.tile([0.0, 0.8], (n, 1))
+        alpha = wrap(yaw[:, None] - toward)
+        folded = wrap(2 * alpha) / 4 + 0.05 * rng.normal(size=alpha.shape)
+        features = rng.normal(size=(n, 2, len(FEATURES))) + np.cos(alpha)[..., None]
+        view = View(toward + folded, folded, features)
+        asked = np.where((at_s < 5) & known, 0.0, np.nan)
+        found.append(FacingSequence(at_s, view, toward, np.full((n, 3), np.nan), asked))
+    return found
+
+
+def test_a_facing_that_nobody_wrote_down_is_learnt() -> None:
+    model = train(sequences(0), KINECT.name)
+    for sequence, p in zip(sequences(1), posteriors(sequences(1), model, FacingSettings()), strict=True):
+        true = np.where(sequence.at_s < 5, 0.0, 1.5 * (sequence.at_s - 5))
+        assert (np.abs(wrap(most_likely(p) - true)) < np.pi / 2)[30:].mean() > 0.98
+
+
+def test_learning_says_what_it_lacks() -> None:
+    with pytest.raises(InputError, match="no facing is known"):
+        train(sequences(0, people=1, known=False), KINECT.name)
+    still = [
+        FacingSequence(
+            at_s=s.at_s[:140],
+            view=View(s.view.reported[:140], s.view.seen[:140], s.view.features[:140]),
+            toward_sensor=s.toward_sensor[:140],
+            velocity=s.velocity[:140],
+            known_yaw=s.known_yaw[:140],
+        )
+        for s in sequences(0, people=1)
+    ]
+    with pytest.raises(InputError, match="0 of a back; add recordings in which people turn all the way round"):
+        train(still, KINECT.name)
+    for name, value in (("sure", 0.3), ("penalty", 0.0), ("yaw_floor", 0.0), ("front_deg", 130.0), ("yaw_rounds", 0)):
+        with pytest.raises(SettingsError, match=name):
+            TrainingSettings(**{name: value})
