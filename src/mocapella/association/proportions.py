@@ -69,14 +69,14 @@ def known_size(known: Float64) -> bool:
 
 
 def size_difference(one: Float64, other: Float64) -> float:
-    """Mean squared difference of the lengths that both have, in standard deviations; infinite where fewer than half.
+    """Mean squared difference of the lengths that both have, in standard deviations; infinite where fewer than a third.
 
     Args:
         one, other: (lengths,) [m].
     """
     squared = ((one - other) / SD_M) ** 2
     both = np.isfinite(squared)
-    return float(squared[both].mean()) if 2 * both.sum() >= len(squared) else float("inf")
+    return float(squared[both].mean()) if 3 * both.sum() >= len(squared) else float("inf")
 
 
 @cache

@@ -36,11 +36,13 @@ class TrackSettings:
         forget_after_s: who was not seen for longer is gone, and will be somebody new.
         same_within_m: two of whom no sensor sees both, and who stay closer than this, are one person.
         same_after_s: for how long they must.
+        by_place_s: who was not seen for longer is not known again by the place alone, if the body's lengths are
+            known.
         size_after_s: while somebody who was known is missing, who is new is told of when seen for so long, and then is
-            the missing one whose body's lengths are nearest, if near enough.
+            the missing one whose lengths are nearest, if near enough.
         fastest_m_s: nobody gets farther than this while missing, beyond the gate.
-        same_size: mean squared difference of the lengths, in standard deviations, up to which that is. On the
-            KinectMultiTrack logs 90 % of the people themselves are nearer, and 30 % of others.
+        same_size: mean squared difference of the lengths, in standard deviations, up to which that is; twice as much
+            where the place fits.
     """
 
     gate_m: float = 0.6
@@ -48,12 +50,13 @@ class TrackSettings:
     speed_m_s: float = 1.5
     widest_gate_m: float = 2.0
     confirm_after_s: float = 0.15
-    forget_after_s: float = 30.0
+    forget_after_s: float = 60.0
     same_within_m: float = 0.3
     same_after_s: float = 0.5
-    size_after_s: float = 0.8
+    by_place_s: float = 2.0
+    size_after_s: float = 1.2
     fastest_m_s: float = 3.0
-    same_size: float = 1.5
+    same_size: float = 2.0
 
     def __post_init__(self) -> None:
         check(0 < self.gate_m < 100, "gate_m", self.gate_m, "above 0 m")
@@ -64,6 +67,7 @@ class TrackSettings:
         check(0 < self.forget_after_s < 1e6, "forget_after_s", self.forget_after_s, "above 0 s")
         check(0 <= self.same_within_m < 100, "same_within_m", self.same_within_m, "0 m or more")
         check(0 <= self.same_after_s < 60, "same_after_s", self.same_after_s, "0 s or more")
+        check(0 <= self.by_place_s < 1e6, "by_place_s", self.by_place_s, "0 s or more")
         check(0 <= self.size_after_s < 60, "size_after_s", self.size_after_s, "0 s or more")
         check(0 <= self.fastest_m_s < 100, "fastest_m_s", self.fastest_m_s, "0 m/s or more")
         check(0 <= self.same_size < 1e6, "same_size", self.same_size, "0 or more")
@@ -195,7 +199,8 @@ class Tracks:
             gates = np.minimum(s.gate_m + s.speed_m_s * unseen_s, s.widest_gate_m)
             held = np.array([[track.bodies.get(sensor) == body for track in known] for body in ids])
             cost = apart - s.stay_bonus_m * held + 0.5 * (gates - s.gate_m)  # who is seen comes before who is lost
-            allowed = (apart <= gates) | (held & unplaced[:, None])
+            by_size = np.array([lengths is not None and known_size(t.size) for t in known]) & (unseen_s > s.by_place_s)
+            allowed = ((apart <= gates) & ~by_size) | (held & unplaced[:, None])
             for body, column in assign(np.where(np.isfinite(cost), cost, s.gate_m), allowed):
                 people[body] = known[column]
         found = {track.person: track for track in known}
@@ -231,12 +236,7 @@ class Tracks:
             waits_s = s.size_after_s if any(known_size(m.size) for m in missing.values()) else s.confirm_after_s
             if new.confirmed or not new.bodies or new.seen_s - new.since_s < waits_s:
                 continue
-            difference = {
-                person: size_difference(new.size[0], gone.size[0])
-                for person, gone in missing.items()
-                if distances(new.middle[None], gone.middle[None])[0, 0]
-                <= s.gate_m + s.fastest_m_s * (new.since_s - gone.seen_s)
-            }
+            difference = {person: self._difference(new, gone) for person, gone in missing.items()}
             nearest = min(difference, key=lambda person: difference[person], default=None)
             if nearest is None or difference[nearest] > s.same_size:
                 tracks[new.person] = msgspec.structs.replace(new, confirmed=True)
@@ -248,6 +248,15 @@ class Tracks:
                 new, person=nearest, since_s=back.since_s, confirmed=True, size=back.size
             )
         self.tracks = tuple(track for _, track in sorted(tracks.items()))
+
+    def _difference(self, new: Track, gone: Track) -> float:
+        """Of their lengths: infinite where nobody gets so far, half where the place fits."""
+        s, away_s = self.settings, new.since_s - gone.seen_s
+        apart = float(distances(new.middle[None], gone.middle[None])[0, 0])
+        difference = size_difference(new.size[0], gone.size[0])
+        if apart > s.gate_m + s.fastest_m_s * away_s:
+            return float("inf")
+        return difference / 2 if apart <= min(s.gate_m + s.speed_m_s * away_s, s.widest_gate_m) else difference
 
     def _join(self, at_s: float) -> None:
         """Make one of two who have been in one place for long enough, where no sensor says that they are two."""

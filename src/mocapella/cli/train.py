@@ -115,6 +115,7 @@ def _placements(recorded: dict[str, Any], simulated: dict[str, Any]) -> Table:
     figures = {
         "walk_dd_cm": "Walk Δd cm",
         "mirrored_better_percent": "mirrored better %",
+        "bone_length_variation_percent": "bone length variation %",
         "stationary_jitter_mm": "jitter mm",
     }
     for words in ("", *figures.values()):

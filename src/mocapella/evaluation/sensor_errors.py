@@ -30,7 +30,7 @@ from scipy.special import ndtr, ndtri
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import InputError
 from mocapella.evaluation.facing_sessions import AlignedViews, aligned_views, facing_session, reference_facings
-from mocapella.evaluation.fused_metrics import jitter
+from mocapella.evaluation.fused_metrics import bone_length_variation, jitter
 from mocapella.evaluation.study_pairs import StudySession, study_sessions
 from mocapella.fusion.facing_model import shipped_model
 from mocapella.geometry.angles import wrap
@@ -140,6 +140,7 @@ def measure(folder: Path, on_file: Any = lambda name: None) -> SensorErrors:
         **yaw,
         bias_m=_rounded(bias, 4),
         sd_m=_rounded(sd, 4),
+        correlation=_rounded(_correlation(views, rests, sd), 3),
         white_m=_rounded(_white(views, sd, still), 4),
         knots_s=list(KNOTS_S),
         share=_rounded(share, 3),
@@ -159,7 +160,7 @@ def as_simulated(errors: SensorErrors, seeds: Sequence[int] = (0, 1, 2)) -> dict
     base = scene_settings("walk")
     out: dict[str, dict[str, Any]] = {}
     for placement, recorded in errors.measured_on["by_placement"].items():
-        distances, swapped, alphas, still = [], [], [], []
+        distances, swapped, alphas, still, bones = [], [], [], [], []
         for seed in seeds:
             sensors = (SensorSettings("first", errors=KIND), SensorSettings("second", errors=KIND, **_STOOD[placement]))
             room = build_room(dataclasses.replace(base, sensors=sensors, seed=seed))
@@ -177,11 +178,13 @@ def as_simulated(errors: SensorErrors, seeds: Sequence[int] = (0, 1, 2)) -> dict
             eyes = [item.truth.T_world_sensor[:3, 3] for item in items[0]]
             toward = np.stack([toward_sensor(true, eye) for eye in eyes], axis=1)
             alphas.append(_signed(wrap(_shoulder_yaw(true) - toward[:, 0]), toward)[walks])
+            bones.append(100 * bone_length_variation(seen[walks][:, 0]))
             still.append(1000 * jitter(seen[~walks][:, 0]))
         weight = _weights(np.concatenate(alphas), recorded["walk_alpha_share"])
         out[placement] = {
             "walk_dd_cm": round(float(100 * np.average(np.concatenate(distances), weights=weight)), 2),
             "mirrored_better_percent": round(float(100 * np.average(np.concatenate(swapped), weights=weight)), 2),
+            "bone_length_variation_percent": _mean(bones),
             "stationary_jitter_mm": _mean(still),
         }
     return out
@@ -343,6 +346,23 @@ def _spread(views: Sequence[_Views], rests: Sequence[Float64]) -> Float64:
     return sd
 
 
+def _variance(view: _Views, chosen: Bools, sd: Float64) -> Float64:
+    """(chosen frames, joints) of the rest, as ``sd`` has it of both views [m²]."""
+    side = np.digitize(np.degrees(np.abs(view.alpha[chosen])), SIDES_DEG)[..., None]
+    return np.asarray((sd[np.arange(len(BODY)), view.hidden[chosen].astype(int), side] ** 2).sum(axis=1))
+
+
+def _correlation(views: Sequence[_Views], rests: Sequence[Float64], sd: Float64) -> Float64:
+    """(25, 25) of the rest in Walk, its three coordinates alike, left and right alike."""
+    total = np.zeros((len(BODY), len(BODY)))
+    for view, rest in zip(views, rests, strict=True):
+        unit = np.clip(rest[view.walk] / np.sqrt(_variance(view, view.walk, sd))[..., None], -3, 3)
+        total += np.einsum("nic,njc->ij", unit, unit, optimize=True)
+    total += total[np.ix_(_MIRROR, _MIRROR)]
+    spread = np.sqrt(np.diag(total))
+    return np.asarray(total / spread / spread[:, None])
+
+
 def autocovariance(rests: Sequence[Float64]) -> Float64:
     """(lags,) of sequences (frames, joints, 3), at the lags `_LAGS` [m²]."""
     total, count = np.zeros(len(_LAGS)), np.zeros(len(_LAGS))
@@ -368,8 +388,7 @@ def _still_shares(views: Sequence[_Views], rests: Sequence[Float64], sd: Float64
     for view, rest in zip(views, rests, strict=True):
         chosen = view.raw.task == _STATIONARY
         still.append(rest[chosen] - rest[chosen].mean(axis=0))
-        side = np.digitize(np.degrees(np.abs(view.alpha[chosen])), SIDES_DEG)[..., None]
-        expected.append((sd[np.arange(len(BODY)), view.hidden[chosen].astype(int), side] ** 2).sum(axis=1).mean())
+        expected.append(_variance(view, chosen, sd).mean())
     return _shares(still) / np.average(expected, weights=[len(rest) for rest in still])
 
 
@@ -443,6 +462,7 @@ def _statement(
                 _alpha_share([_signed(v.alpha[v.walk, 0], v.raw.toward[v.walk]) for v, _ in of]), 3
             ),
             "walk_rest_cm": _mean([np.linalg.norm(r[v.walk], axis=-1).mean() * 100 for v, r in of]),
+            "bone_length_variation_percent": _mean([100 * bone_length_variation(p[:, 0]) for p in walks]),
             "mirrored_better_percent": _mean([100 * mirrored_better(p[:, 0], p[:, 1]) for p in walks]),
             "stationary_jitter_mm": _mean([1000 * jitter(p[:, k]) for p in still for k in range(2)]),
         }

@@ -60,6 +60,7 @@ class SensorErrors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         mirrored_yaw_deg, mirrored_yaw_sd_deg: likewise where they are swapped.
         bias_m: (25, `BIAS_BINS`, 3) to the side, up, towards the sensor; see `view_axes`.
         sd_m: (25, 2, 3) of each coordinate: visible or hidden; front, side, back.
+        correlation: (25, 25) of the joints' noise, but for what is white.
         white_m: (25,) beside it, of a visible joint from the front; elsewhere it is greater by as much as ``sd_m``.
         knots_s: (parts,) spacing of the splines' knots.
         share: (parts,) of the splines' variance, of who moves.
@@ -79,6 +80,7 @@ class SensorErrors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     mirrored_yaw_sd_deg: list[float]
     bias_m: list[list[list[float]]]
     sd_m: list[list[list[float]]]
+    correlation: list[list[float]]
     white_m: list[float]
     knots_s: list[float]
     share: list[float]
@@ -104,6 +106,12 @@ class Errors:
         joints = len(BODY)
         if self.bias_m.shape != (joints, BIAS_BINS, 3) or self.sd_m.shape != (joints, 2, 3):
             raise ValueError("bias_m or sd_m has the wrong shape")
+        correlation = np.array(data.correlation)
+        if correlation.shape != (joints, joints) or np.abs(correlation - correlation.T).max() > 1e-6:
+            raise ValueError("correlation has the wrong shape")
+        values, vectors = np.linalg.eigh(correlation)
+        self.mix = vectors * np.sqrt(np.maximum(values, 0.0))
+        self.mix /= np.linalg.norm(self.mix, axis=1, keepdims=True)  # rounding leaves a diagonal that is not quite 1
         if len(data.white_m) != joints or (self.sd_m <= 0).any():
             raise ValueError("white_m has the wrong length, or sd_m is 0 somewhere")
         self.white = np.array(data.white_m) / self.sd_m[:, 0, 0]
@@ -124,7 +132,7 @@ class Errors:
         d, moves = self.data, np.interp(speed, SPEEDS, (0.0, 1.0))[:, None]
         share = moves * np.array(d.share) + (1 - moves) * np.array(d.still_share)
         mixed = np.einsum("nk,kni->ni", np.sqrt(share), splines[:-1])
-        joints = mixed[:, :-2].reshape(white.shape) + self.white[:, None] * white
+        joints = self.mix @ mixed[:, :-2].reshape(white.shape) + self.white[:, None] * white
         return joints, mixed[:, -2], np.asarray(ndtr(splines[-1, :, -1]))
 
     def put_on(
