@@ -27,7 +27,7 @@ from mocapella.kinematics.chain_kernels import (
 
 PINNED = 1e12
 """Information that holds a degree of freedom at its limit [1/rad²]."""
-LARGE_STEP = 0.2
+LARGE_STEP = 0.5
 """After a step with a larger angle the linearisation is made anew [rad]."""
 FIRST_STEPS = 12
 """Gauss–Newton steps that a body is begun with."""
