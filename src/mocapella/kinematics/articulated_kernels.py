@@ -39,7 +39,7 @@ CONTACT_S = 0.1
 """Time constant of the velocity that says whether a foot stands [s]."""
 CALMING = 3
 """The power of the surprise with which the densities of acceleration fall."""
-MOST_SURPRISE = 4.0
+MOST_SURPRISE = 1.0
 """That one joint counts with."""
 MEAN_DISTANCE = 1.6
 """Of a point with normal noise from where it is, over the standard deviation of a coordinate: 2 √(2/π)."""
@@ -419,7 +419,7 @@ def correct(  # type: ignore[no-untyped-def]
                 s += residuals[j, k] ** 2
             jumps = layout[at.JUMPS] + 4 * j
             if step == 0 and known:
-                _learn_noise(row, jumps, residuals[j], -np.expm1(-dt / config[at.NOISE_S]))
+                _learn_noise(row, jumps, residuals, j, -np.expm1(-dt / config[at.NOISE_S]))
             r = measured_variances[j] + joint_values[j, 11] + row[jumps + 3]
             if step == 0 or not known:
                 # Student's t about the prediction; about the estimate itself while the body is begun.
@@ -472,7 +472,7 @@ def correct(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _learn_noise(row, jumps, residual, forget):  # type: ignore[no-untyped-def]
+def _learn_noise(row, jumps, residuals, j, forget):  # type: ignore[no-untyped-def]
     """A joint's noise from the successive differences of its innovations.
 
     Half their mean square is the variance of what is white in them, whatever changes slowly (J. von Neumann et al.,
@@ -481,10 +481,10 @@ def _learn_noise(row, jumps, residual, forget):  # type: ignore[no-untyped-def]
     if np.isfinite(row[jumps]):
         s = 0.0
         for k in range(3):
-            s += (residual[k] - row[jumps + k]) ** 2
+            s += (residuals[j, k] - row[jumps + k]) ** 2
         row[jumps + 3] += forget * (s / 6.0 - row[jumps + 3])
     for k in range(3):
-        row[jumps + k] = residual[k]
+        row[jumps + k] = residuals[j, k]
 
 
 @njit(cache=True)

@@ -52,7 +52,7 @@ class ArticulatedSettings:
     trunk_turn: float = 80.0
     limb_turn: float = 400.0
     hand_turn: float = 800.0
-    velocity_memory_s: float = 0.2
+    velocity_memory_s: float = 0.1
     surprise_s: float = 0.1
     full_surprise: float = 0.3
     calm: float = 1e-3
@@ -61,7 +61,7 @@ class ArticulatedSettings:
     degrees_of_freedom: float = 5.0
     length_memory_s: float = 20.0
     stand_diffusion: float = 1e-4
-    stand_speed: float = 0.25
+    stand_speed: float = 0.3
     least_joints: int = 6
     lost_m: float = 0.06
     lost_s: float = 0.3
