@@ -26,8 +26,8 @@ LEARNT: Final = 11
 CONTACTS: Final = 12
 """(contacts, 6) where a joint that may stand was at the memory's instant [m], and its velocity of late [m/s]."""
 JUMPS: Final = 13
-"""(joints, 4) how far a joint was measured from its prediction the last time [m], NaN where it was not, and the variance
-of a coordinate that follows from how much this changes from frame to frame [m²]."""
+"""(joints, 4) how far a joint was measured from its prediction the last time [m], NaN where it was not, and the
+variance of a coordinate that follows from how much this changes from frame to frame [m²]."""
 SIZE: Final = 14
 """How many numbers there are."""
 
