@@ -1,4 +1,4 @@
-"""What an articulated body costs, and what it makes of real walks beside the raw joints and the Kalman filter.
+"""What an articulated body costs, and what it makes of real walks beside the filters of `smoothing`.
 
 The real rows are of the study logs: the front sensor's own view, and the mean of both sensors' views (the other brought
 over by the rigid motion that fits Stationary and Steps, its left and right exchanged where that is nearer by 2 cm).
@@ -23,6 +23,7 @@ from mocapella.geometry.rigid import apply
 from mocapella.kinematics.articulated_body import ArticulatedBody
 from mocapella.model.topology import topology
 from mocapella.smoothing.kalman import KalmanSettings, correct, predict, unknown
+from mocapella.smoothing.one_euro import OneEuro
 
 Float64 = NDArray[np.float64]
 Method = Callable[[Float64, Float64], Float64]
@@ -152,7 +153,17 @@ def articulated(at_s: Float64, joints: Float64) -> Float64:
     return np.array([body.update(x, variances, float(t)).positions for t, x in zip(at_s, joints, strict=True)])
 
 
-METHODS: Final[dict[str, Method]] = {"raw": lambda at_s, joints: joints, "kalman": kalman, "articulated": articulated}
+def one_euro(at_s: Float64, joints: Float64) -> Float64:
+    smooth = OneEuro()
+    return np.array([smooth.update(x, float(t)) for t, x in zip(at_s, joints, strict=True)])
+
+
+METHODS: Final[dict[str, Method]] = {
+    "raw": lambda at_s, joints: joints,
+    "1-euro": one_euro,
+    "kalman": kalman,
+    "articulated": articulated,
+}
 
 
 def figures(task: int, at_s: Float64, raw: Float64, joints: Float64) -> Iterator[tuple[str, float]]:

@@ -47,7 +47,7 @@ def inverse_of_positive(A):
 
 
 @njit(cache=True)
-def refine(world, a, b, T_a_b, weights, most_steps, smallest_step):  # type: ignore[no-untyped-def]  # noqa: PLR0917
+def refine(world, a, b, T_a_b, weights, most_steps, smallest_step):  # noqa: PLR0917
     """Gauss–Newton over all pairs; see `sensor_graph`. Improves ``world`` in place but for its first.
 
     Args:
@@ -85,7 +85,7 @@ def refine(world, a, b, T_a_b, weights, most_steps, smallest_step):  # type: ign
 
 
 @njit(cache=True)
-def _inverse(T):  # type: ignore[no-untyped-def]
+def _inverse(T):
     out = np.eye(4)
     for i in range(3):
         for k in range(3):
@@ -95,12 +95,12 @@ def _inverse(T):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _cross(x):  # type: ignore[no-untyped-def]
+def _cross(x):
     return np.array([[0.0, -x[2], x[1]], [x[2], 0.0, -x[0]], [-x[1], x[0], 0.0]])
 
 
 @njit(cache=True)
-def _adjoint(T):  # type: ignore[no-untyped-def]
+def _adjoint(T):
     out, R = np.zeros((6, 6)), np.ascontiguousarray(T[:3, :3])
     out[:3, :3] = R
     out[3:, 3:] = R
@@ -109,7 +109,7 @@ def _adjoint(T):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _exp(twist):  # type: ignore[no-untyped-def]
+def _exp(twist):
     """As `twists.exp_twist`."""
     angle = np.sqrt((twist[3:] ** 2).sum())
     K = _cross(twist[3:])
@@ -124,7 +124,7 @@ def _exp(twist):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _log(T):  # type: ignore[no-untyped-def]
+def _log(T):
     """As `twists.log_motion`: by the longest column of 4 q qᵀ of the unit quaternion q."""
     R = T[:3, :3]
     trace = R[0, 0] + R[1, 1] + R[2, 2]

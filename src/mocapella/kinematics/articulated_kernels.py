@@ -27,7 +27,7 @@ from mocapella.kinematics.chain_kernels import (
 
 PINNED = 1e12
 """Information that holds a degree of freedom at its limit [1/rad²]."""
-LARGE_STEP = 0.2
+LARGE_STEP = 0.5
 """After a step with a larger angle the linearisation is made anew [rad]."""
 FIRST_STEPS = 12
 """Gauss–Newton steps that a body is begun with."""
@@ -39,7 +39,7 @@ CONTACT_S = 0.1
 """Time constant of the velocity that says whether a foot stands [s]."""
 CALMING = 3
 """The power of the surprise with which the densities of acceleration fall."""
-MOST_SURPRISE = 4.0
+MOST_SURPRISE = 1.0
 """That one joint counts with."""
 MEAN_DISTANCE = 1.6
 """Of a point with normal noise from where it is, over the standard deviation of a coordinate: 2 √(2/π)."""
@@ -242,6 +242,8 @@ def _begin(
     _fill(row, layout[at.SPEED_VARIANCE], layout[at.ROTATIONS], FIRST_SPEED_SD**2)
     row[at.AT] = row[at.SEEN] = at_s
     row[at.RESTLESS] = 1.0
+    for c in range(layout[at.JUMPS], layout[at.SIZE], 4):
+        row[c], row[c + 3] = np.nan, 0.0
     row[at.STARTED], row[at.LOST_SINCE] = 1.0, np.nan
     return True
 
@@ -408,13 +410,17 @@ def correct(
         seen = 0
         for j in range(joints):
             if not _is_measured(measured, measured_variances, j):
+                row[layout[at.JUMPS] + 4 * j] = np.nan
                 continue
             seen += 1
             s = 0.0
             for k in range(3):
                 residuals[j, k] = measured[j, k] - origin[k] - positions[j, k]
                 s += residuals[j, k] ** 2
-            r = measured_variances[j] + joint_values[j, 11]
+            jumps = layout[at.JUMPS] + 4 * j
+            if step == 0 and known:
+                _learn_noise(row, jumps, residuals, j, -np.expm1(-dt / config[at.NOISE_S]))
+            r = measured_variances[j] + joint_values[j, 11] + row[jumps + 3]
             if step == 0 or not known:
                 # Student's t about the prediction; about the estimate itself while the body is begun.
                 expected = r + (variances[j] if known else 0.0025)
@@ -463,6 +469,22 @@ def correct(
                 measured[j] if _is_measured(measured, measured_variances, j) else positions[j],
             )  # fmt: skip
     return True
+
+
+@njit(cache=True)
+def _learn_noise(row, jumps, residuals, j, forget):
+    """A joint's noise from the successive differences of its innovations.
+
+    Half their mean square is the variance of what is white in them, whatever changes slowly (J. von Neumann et al.,
+    The Mean Square Successive Difference, Annals of Mathematical Statistics 12, 1941).
+    """
+    if np.isfinite(row[jumps]):
+        s = 0.0
+        for k in range(3):
+            s += (residuals[j, k] - row[jumps + k]) ** 2
+        row[jumps + 3] += forget * (s / 6.0 - row[jumps + 3])
+    for k in range(3):
+        row[jumps + k] = residuals[j, k]
 
 
 @njit(cache=True)
@@ -542,9 +564,11 @@ def move(layout, memory, T):
             _turn(T, row, k, 3, 0.0)
         _turn(T, row, layout[at.ANGLES], 1, 1.0)
         _turn(T, row, layout[at.VELOCITIES], 1, 0.0)
-        for c in range(layout[at.CONTACTS], layout[at.SIZE], 6):
+        for c in range(layout[at.CONTACTS], layout[at.JUMPS], 6):
             _turn(T, row, c, 1, 1.0)
             _turn(T, row, c + 3, 1, 0.0)
+        for c in range(layout[at.JUMPS], layout[at.SIZE], 4):
+            _turn(T, row, c, 1, 0.0)
 
 
 @njit(cache=True)

@@ -25,22 +25,14 @@ LEARNT: Final = 11
 """(lengths,) for how long each was learnt [s]."""
 CONTACTS: Final = 12
 """(contacts, 6) where a joint that may stand was at the memory's instant [m], and its velocity of late [m/s]."""
-SIZE: Final = 13
+JUMPS: Final = 13
+"""(joints, 4) how far a joint was measured from its prediction the last time [m], NaN where it was not, and the
+variance of a coordinate that follows from how much this changes from frame to frame [m²]."""
+SIZE: Final = 14
 """How many numbers there are."""
 
 (
-    VELOCITY_MEMORY,
-    REST_SD,
-    NU,
-    LENGTH_MEMORY,
-    LEAST_JOINTS,
-    LOST_M,
-    LOST_S,
-    FORGET_AFTER,
-    SURPRISE_S,
-    FULL_SURPRISE,
-    CALM,
-    STAND_DIFFUSION,
-    STAND_SPEED,
-) = range(13)
+    VELOCITY_MEMORY, REST_SD, NU, LENGTH_MEMORY, LEAST_JOINTS, LOST_M, LOST_S, FORGET_AFTER, SURPRISE_S, FULL_SURPRISE,
+    CALM, STAND_DIFFUSION, STAND_SPEED, NOISE_S,
+) = range(14)  # fmt: skip
 """The places of `ArticulatedModel.config`."""

@@ -35,6 +35,7 @@ class ArticulatedSettings:
             their prediction, over what is expected of it.
         full_surprise: from which the densities hold in full; below they fall with its third power …
         calm: … down to this share.
+        noise_s: time constant over which each joint's noise is learnt.
         rest_sd: standard deviation, after one second, of the pull of every angle to its rest [rad·√s].
         degrees_of_freedom: of the Student-t weight of a joint; infinity trusts every measurement as it says.
         length_memory_s: how long bone lengths are learnt over.
@@ -51,15 +52,16 @@ class ArticulatedSettings:
     trunk_turn: float = 80.0
     limb_turn: float = 400.0
     hand_turn: float = 800.0
-    velocity_memory_s: float = 0.2
+    velocity_memory_s: float = 0.1
     surprise_s: float = 0.1
     full_surprise: float = 0.3
     calm: float = 1e-3
+    noise_s: float = 0.3
     rest_sd: float = 1.0
     degrees_of_freedom: float = 5.0
     length_memory_s: float = 20.0
     stand_diffusion: float = 1e-4
-    stand_speed: float = 0.25
+    stand_speed: float = 0.3
     least_joints: int = 6
     lost_m: float = 0.06
     lost_s: float = 0.3
@@ -68,7 +70,7 @@ class ArticulatedSettings:
     def __post_init__(self) -> None:
         for name in ("root_acceleration", "root_turn", "trunk_turn", "limb_turn", "hand_turn"):
             check(0 < getattr(self, name) < 1e9, name, getattr(self, name), "above 0")
-        for name in ("velocity_memory_s", "surprise_s", "length_memory_s"):
+        for name in ("velocity_memory_s", "surprise_s", "noise_s", "length_memory_s"):
             check(0 < getattr(self, name) < 1e6, name, getattr(self, name), "above 0 s")
         check(0 < self.full_surprise < 1e6, "full_surprise", self.full_surprise, "above 0")
         check(0 < self.calm <= 1, "calm", self.calm, "above 0, at most 1")
@@ -136,7 +138,7 @@ class ArticulatedModel(msgspec.Struct, frozen=True, eq=False):
 
 CONFIG: Final = (
     "velocity_memory_s", "rest_sd", "degrees_of_freedom", "length_memory_s", "least_joints", "lost_m",
-    "lost_s", "forget_after_s", "surprise_s", "full_surprise", "calm", "stand_diffusion", "stand_speed",
+    "lost_s", "forget_after_s", "surprise_s", "full_surprise", "calm", "stand_diffusion", "stand_speed", "noise_s",
 )  # fmt: skip
 
 
@@ -196,6 +198,6 @@ HEAD: Final = 8
 
 
 def _layout(dofs: int, balls: int, joints: int, lengths: int, contacts: int) -> Int64:
-    sizes = [HEAD, dofs, dofs, dofs, dofs, dofs, 9 * balls, lengths, lengths, 6 * contacts]
+    sizes = [HEAD, dofs, dofs, dofs, dofs, dofs, 9 * balls, lengths, lengths, 6 * contacts, 4 * joints]
     starts = np.cumsum([0, *sizes])
     return np.array([dofs, balls, joints, lengths, *starts[1:]], dtype=np.int64)
