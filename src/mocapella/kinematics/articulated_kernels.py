@@ -52,8 +52,7 @@ LEAST_TORSO = 4
 def _advance(layout, dof_kind, dof_values, joint_table, config, row, at_s):
     """Predict a memory row to a later instant, in place: a velocity that fades, moved by white acceleration.
 
-    Every degree of freedom is an integrated Ornstein–Uhlenbeck process (Bar-Shalom, Li, Kirubarajan, Estimation with
-    Applications to Tracking and Navigation, 2001, section 8.2.3, Singer's model for the velocity).
+    Every degree of freedom is an integrated Ornstein–Uhlenbeck process, with its exact covariance.
     """
     n, dt = layout[at.DOFS], at_s - row[at.AT]
     if not dt > 0.0:
