@@ -24,7 +24,8 @@ from mocapella.calibration.floor import Floor, FloorFromFeet, floor_of_pose, mea
 from mocapella.calibration.moved_sensor import disagrees_for, moved_sensors
 from mocapella.calibration.pair_calibration import (
     MIRRORED_STREAM,
-    NOT_ONE_BODY,
+    WALK,
+    WALK_ACROSS,
     PairCalibration,
     PairEstimate,
     PairSettings,
@@ -92,6 +93,7 @@ class PairOfSensors:
         cold: what else it could be; without hypotheses while nothing speaks against what is believed.
         told: ``rig`` while all that is known is what a rig said; ``others`` while it is what other sensors say of these
             two; empty once people have shown it.
+        shown: whether people have shown it once: then it is used also while it is less sure again.
         matched: tracking ids in a and b of bodies that are one person.
         turn: counts up; whose turn it is among them.
         due: when it is refined again [s].
@@ -104,6 +106,7 @@ class PairOfSensors:
     calibration: PairCalibration | None
     cold: ColdStart
     told: str = ""
+    shown: bool = False
     matched: tuple[tuple[int, int], ...] = ()
     turn: int = 0
     due: float = -np.inf
@@ -117,7 +120,9 @@ class PairOfSensors:
         """Whether the place of one beside the other is used."""
         if self.calibration is None or self.estimate is None:
             return False
-        return self.estimate.trusted or (self.told == "rig" and self.estimate.problem not in WRONG_PROBLEMS)
+        problem = self.estimate.problem
+        unsure = problem in (WALK, WALK_ACROSS)
+        return not problem or (self.shown and unsure) or (self.told == "rig" and problem != MIRRORED_STREAM)
 
 
 class PeopleCalibration:
@@ -365,7 +370,7 @@ class PeopleCalibration:
             ):
                 pair.agreed_at = now
                 if estimate.trusted:
-                    pair.told = ""
+                    pair.told, pair.shown = "", True
             if people is None:
                 pair.matched = nearest_bodies(calibration.T_a_b, a, b, self.settings.match_within_m)
 
@@ -382,6 +387,7 @@ class PeopleCalibration:
         if pair.calibration is not None and not pair.told:
             self._note_moved(moved_sensors([key], self._agreeing(now), sorted(self._tracks)), now)
         pair.calibration, pair.cold, pair.told = found, ColdStart(self.settings.pair), ""
+        pair.shown = True
         pair.agreed_at = now
         self._completed += 1
 
@@ -582,8 +588,6 @@ TOLD_SD_M: Final = 0.15
 """What is expected of a place that somebody told [m] …"""
 TOLD_SD: Final = np.radians(10.0)
 """… and of the direction [rad], until people have shown it."""
-WRONG_PROBLEMS: Final = frozenset({NOT_ONE_BODY, MIRRORED_STREAM})
-"""A pair of sensors with one of these is not used, whatever a rig says."""
 _TOLD: Final = np.diag([TOLD_SD_M**2 / 3] * 3 + [TOLD_SD**2 / 3] * 3)
 _HALVES: Final = np.repeat(np.eye(2), 3, axis=0)
 """Sums the translation's and the rotation's part of six numbers."""
