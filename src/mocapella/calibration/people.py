@@ -100,7 +100,7 @@ class PairOfSensors:
         trying: whether the hypotheses are tried.
         agreed_at: when somebody was last where both say [s].
         seen_since: since when both see somebody without a break [s].
-        estimate: of the last refresh.
+        estimate: of the last refresh at which there was something new; judged_steps: how many steps it was made of.
     """
 
     calibration: PairCalibration | None
@@ -114,6 +114,7 @@ class PairOfSensors:
     agreed_at: float = -np.inf
     seen_since: float = np.inf
     estimate: PairEstimate | None = None
+    judged_steps: float = -1.0
 
     @property
     def trusted(self) -> bool:
@@ -331,8 +332,6 @@ class PeopleCalibration:
         for key, pair in self._pairs.items():
             doubtful = self._doubtful(pair, now) and not _agree_elsewhere(key, agreeing)
             pair.trying = pair.calibration is None or doubtful
-            if not pair.trying:
-                pair.cold.hypotheses.clear()
         unchecked = [key for key, pair in self._pairs.items() if pair.trying and pair.told and pair.calibration]
         self._doubted = frozenset(moved_sensors(unchecked, agreeing, sorted(self._tracks)))
         self._place()
@@ -351,28 +350,39 @@ class PeopleCalibration:
                 pair.estimate = estimate
 
     def _judge_calibrations(self, now: float, people: Mapping[BodyKey, int] | None) -> None:
+        if people is None:
+            self._match()
         known = [(key, pair, pair.calibration) for key, pair in self._pairs.items() if pair.calibration is not None]
-        for (key, pair, calibration), estimate in zip(known, estimates([one[2] for one in known]), strict=True):
-            pair.estimate = estimate
-            if self._both_see(key):
-                soon = max(self.settings.first_refresh_s, REFRESH_PART * estimate.motion_s)
-                self._refresh_s = min(self._refresh_s, soon)
-            calibration.trust(estimate)
-            calibration.follow_clock(estimate)
+        for key, _, calibration in known:
             a, b = (self._tracks[sensor].bodies for sensor in key)
             calibration.forget_bodies(lambda who, a=a, b=b: who[0] in a and who[1] in b)
-            if any(self._frozen(sensor) for sensor in key):
+            if self._frozen(key[0]) or self._frozen(key[1]):
                 for body in calibration.bodies.values():  # a picture that stands still disagrees, and was not moved
                     body[at.DISAGREES_SINCE] = np.nan
-            elif any(
+        news = [one for one in known if one[1].estimate is None or one[2].scalars[at.STEPS] != one[1].judged_steps]
+        for (key, pair, calibration), estimate in zip(news, estimates([one[2] for one in news]), strict=True):
+            pair.estimate, pair.judged_steps = estimate, float(calibration.scalars[at.STEPS])
+            calibration.trust(estimate)
+            calibration.follow_clock(estimate)
+            if not self._both_see(key):
+                continue
+            soon = max(self.settings.first_refresh_s, REFRESH_PART * estimate.motion_s)
+            self._refresh_s = min(self._refresh_s, soon)
+            if any(
                 np.isnan(body[at.DISAGREES_SINCE]) and now - body[at.STEP_AT] < self.settings.gone_after_s
                 for body in calibration.bodies.values()
             ):
                 pair.agreed_at = now
                 if estimate.trusted:
                     pair.told, pair.shown = "", True
-            if people is None:
-                pair.matched = nearest_bodies(calibration.T_a_b, a, b, self.settings.match_within_m)
+
+    def _match(self) -> None:
+        """Who is who, where nobody says it: the nearest."""
+        for key in sorted({key for keys in self._refined.values() for key in keys}):
+            pair = self._pairs[key]
+            if pair.calibration is not None:
+                a, b = (self._tracks[sensor].bodies for sensor in key)
+                pair.matched = nearest_bodies(pair.calibration.T_a_b, a, b, self.settings.match_within_m)
 
     def _doubtful(self, pair: PairOfSensors, now: float) -> bool:
         """Both see somebody, and for long nobody has been where both say."""
@@ -387,8 +397,7 @@ class PeopleCalibration:
         if pair.calibration is not None and not pair.told:
             self._note_moved(moved_sensors([key], self._agreeing(now), sorted(self._tracks)), now)
         pair.calibration, pair.cold, pair.told = found, ColdStart(self.settings.pair), ""
-        pair.shown = True
-        pair.agreed_at = now
+        pair.shown, pair.judged_steps, pair.agreed_at = True, -1.0, now
         self._completed += 1
 
     def _find_moved(self, now: float) -> None:
@@ -426,6 +435,10 @@ class PeopleCalibration:
             del self._moved[sensor]
         self._begin_from_others(placed)
         self._choose_pairs(self._partners(placed, edges))
+        tried = {key for keys in self._tried.values() for key in keys}
+        for key, pair in self._pairs.items():
+            if key not in tried:
+                pair.cold.hypotheses.clear()
         worlds = {root: self._world(root, placed) for root in dict.fromkeys(place.root for place in placed.values())}
         self.state = PeopleState(
             sensors=self._sensors(placed, {root: T for root, (T, _) in worlds.items()}),
