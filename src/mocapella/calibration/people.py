@@ -24,7 +24,8 @@ from mocapella.calibration.floor import Floor, FloorFromFeet, floor_of_pose, mea
 from mocapella.calibration.moved_sensor import disagrees_for, moved_sensors
 from mocapella.calibration.pair_calibration import (
     MIRRORED_STREAM,
-    NOT_ONE_BODY,
+    WALK,
+    WALK_ACROSS,
     PairCalibration,
     PairEstimate,
     PairSettings,
@@ -92,18 +93,20 @@ class PairOfSensors:
         cold: what else it could be; without hypotheses while nothing speaks against what is believed.
         told: ``rig`` while all that is known is what a rig said; ``others`` while it is what other sensors say of these
             two; empty once people have shown it.
+        shown: whether people have shown it once: then it is used also while it is less sure again.
         matched: tracking ids in a and b of bodies that are one person.
         turn: counts up; whose turn it is among them.
         due: when it is refined again [s].
         trying: whether the hypotheses are tried.
         agreed_at: when somebody was last where both say [s].
         seen_since: since when both see somebody without a break [s].
-        estimate: of the last refresh.
+        estimate: of the last refresh at which there was something new; judged_steps: how many steps it was made of.
     """
 
     calibration: PairCalibration | None
     cold: ColdStart
     told: str = ""
+    shown: bool = False
     matched: tuple[tuple[int, int], ...] = ()
     turn: int = 0
     due: float = -np.inf
@@ -111,13 +114,16 @@ class PairOfSensors:
     agreed_at: float = -np.inf
     seen_since: float = np.inf
     estimate: PairEstimate | None = None
+    judged_steps: float = -1.0
 
     @property
     def trusted(self) -> bool:
         """Whether the place of one beside the other is used."""
         if self.calibration is None or self.estimate is None:
             return False
-        return self.estimate.trusted or (self.told == "rig" and self.estimate.problem not in WRONG_PROBLEMS)
+        problem = self.estimate.problem
+        unsure = problem in (WALK, WALK_ACROSS)
+        return not problem or (self.shown and unsure) or (self.told == "rig" and problem != MIRRORED_STREAM)
 
 
 class PeopleCalibration:
@@ -326,8 +332,6 @@ class PeopleCalibration:
         for key, pair in self._pairs.items():
             doubtful = self._doubtful(pair, now) and not _agree_elsewhere(key, agreeing)
             pair.trying = pair.calibration is None or doubtful
-            if not pair.trying:
-                pair.cold.hypotheses.clear()
         unchecked = [key for key, pair in self._pairs.items() if pair.trying and pair.told and pair.calibration]
         self._doubted = frozenset(moved_sensors(unchecked, agreeing, sorted(self._tracks)))
         self._place()
@@ -346,28 +350,39 @@ class PeopleCalibration:
                 pair.estimate = estimate
 
     def _judge_calibrations(self, now: float, people: Mapping[BodyKey, int] | None) -> None:
+        if people is None:
+            self._match()
         known = [(key, pair, pair.calibration) for key, pair in self._pairs.items() if pair.calibration is not None]
-        for (key, pair, calibration), estimate in zip(known, estimates([one[2] for one in known]), strict=True):
-            pair.estimate = estimate
-            if self._both_see(key):
-                soon = max(self.settings.first_refresh_s, REFRESH_PART * estimate.motion_s)
-                self._refresh_s = min(self._refresh_s, soon)
-            calibration.trust(estimate)
-            calibration.follow_clock(estimate)
+        for key, _, calibration in known:
             a, b = (self._tracks[sensor].bodies for sensor in key)
             calibration.forget_bodies(lambda who, a=a, b=b: who[0] in a and who[1] in b)
-            if any(self._frozen(sensor) for sensor in key):
+            if self._frozen(key[0]) or self._frozen(key[1]):
                 for body in calibration.bodies.values():  # a picture that stands still disagrees, and was not moved
                     body[at.DISAGREES_SINCE] = np.nan
-            elif any(
+        news = [one for one in known if one[1].estimate is None or one[2].scalars[at.STEPS] != one[1].judged_steps]
+        for (key, pair, calibration), estimate in zip(news, estimates([one[2] for one in news]), strict=True):
+            pair.estimate, pair.judged_steps = estimate, float(calibration.scalars[at.STEPS])
+            calibration.trust(estimate)
+            calibration.follow_clock(estimate)
+            if not self._both_see(key):
+                continue
+            soon = max(self.settings.first_refresh_s, REFRESH_PART * estimate.motion_s)
+            self._refresh_s = min(self._refresh_s, soon)
+            if any(
                 np.isnan(body[at.DISAGREES_SINCE]) and now - body[at.STEP_AT] < self.settings.gone_after_s
                 for body in calibration.bodies.values()
             ):
                 pair.agreed_at = now
                 if estimate.trusted:
-                    pair.told = ""
-            if people is None:
-                pair.matched = nearest_bodies(calibration.T_a_b, a, b, self.settings.match_within_m)
+                    pair.told, pair.shown = "", True
+
+    def _match(self) -> None:
+        """Who is who, where nobody says it: the nearest."""
+        for key in sorted({key for keys in self._refined.values() for key in keys}):
+            pair = self._pairs[key]
+            if pair.calibration is not None:
+                a, b = (self._tracks[sensor].bodies for sensor in key)
+                pair.matched = nearest_bodies(pair.calibration.T_a_b, a, b, self.settings.match_within_m)
 
     def _doubtful(self, pair: PairOfSensors, now: float) -> bool:
         """Both see somebody, and for long nobody has been where both say."""
@@ -382,7 +397,7 @@ class PeopleCalibration:
         if pair.calibration is not None and not pair.told:
             self._note_moved(moved_sensors([key], self._agreeing(now), sorted(self._tracks)), now)
         pair.calibration, pair.cold, pair.told = found, ColdStart(self.settings.pair), ""
-        pair.agreed_at = now
+        pair.shown, pair.judged_steps, pair.agreed_at = True, -1.0, now
         self._completed += 1
 
     def _find_moved(self, now: float) -> None:
@@ -420,6 +435,10 @@ class PeopleCalibration:
             del self._moved[sensor]
         self._begin_from_others(placed)
         self._choose_pairs(self._partners(placed, edges))
+        tried = {key for keys in self._tried.values() for key in keys}
+        for key, pair in self._pairs.items():
+            if key not in tried:
+                pair.cold.hypotheses.clear()
         worlds = {root: self._world(root, placed) for root in dict.fromkeys(place.root for place in placed.values())}
         self.state = PeopleState(
             sensors=self._sensors(placed, {root: T for root, (T, _) in worlds.items()}),
@@ -582,8 +601,6 @@ TOLD_SD_M: Final = 0.15
 """What is expected of a place that somebody told [m] …"""
 TOLD_SD: Final = np.radians(10.0)
 """… and of the direction [rad], until people have shown it."""
-WRONG_PROBLEMS: Final = frozenset({NOT_ONE_BODY, MIRRORED_STREAM})
-"""A pair of sensors with one of these is not used, whatever a rig says."""
 _TOLD: Final = np.diag([TOLD_SD_M**2 / 3] * 3 + [TOLD_SD**2 / 3] * 3)
 _HALVES: Final = np.repeat(np.eye(2), 3, axis=0)
 """Sums the translation's and the rotation's part of six numbers."""
