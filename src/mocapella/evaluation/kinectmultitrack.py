@@ -303,9 +303,10 @@ def _lag(session: StudySession, output: Output, pairs: Pairs) -> float:
     """Of the fused skeleton behind the mean of the two views, which is made of the pair's own frames [s]."""
     fused_at, fused = output.fused(pairs)
     _, raw = AsLogged(session).fused(pairs)
-    if len(fused) != len(raw) or not np.isfinite(fused).any(axis=(1, 2)).all():
+    if len(fused) != len(raw):
         return float("nan")
-    at_s, fused, raw = fused_metrics.rising(fused_at, fused, raw)
+    there = np.isfinite(fused).any(axis=(1, 2))  # somebody who is new is told of a moment later
+    at_s, fused, raw = fused_metrics.rising(fused_at[there], fused[there], raw[there])
     return fused_metrics.lag(fused, raw, at_s)
 
 

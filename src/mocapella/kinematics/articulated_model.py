@@ -54,7 +54,7 @@ class ArticulatedSettings:
     hand_turn: float = 800.0
     velocity_memory_s: float = 0.1
     surprise_s: float = 0.1
-    full_surprise: float = 0.3
+    full_surprise: float = 0.1
     calm: float = 1e-3
     noise_s: float = 0.3
     rest_sd: float = 1.0

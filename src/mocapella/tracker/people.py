@@ -68,7 +68,7 @@ class PeopleSettings:
     smoothing: str = "articulated"
     view_age_s: float = 0.12
     facing: FacingSettings | None = field(default_factory=FacingSettings)
-    noise_gain: float = 30.0
+    noise_gain: float = 5.0
     noise_memory_s: float = 1.0
     turn_s: float = 0.1
     least_worth: float = 0.02
