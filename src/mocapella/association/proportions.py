@@ -42,6 +42,7 @@ def sizes(positions: Float64, topology: Topology) -> Float64:
     return np.asarray(lengths.reshape(len(positions), len(LENGTHS), 2).mean(axis=-1))
 
 
+@cache
 def unknown_size() -> Float64:
     """(2, lengths): mean, and how many values it is of."""
     return np.stack([np.full(len(LENGTHS), np.nan), np.zeros(len(LENGTHS))])
@@ -51,16 +52,16 @@ def learn_size(known: Float64, seen: Float64, most: int = 300) -> Float64:
     """The running mean with another value; the newest counts at least 1/``most``.
 
     Args:
-        known: (2, lengths) mean and count.
-        seen: (lengths,) [m]; NaN where not seen.
+        known: (..., 2, lengths) mean and count.
+        seen: (..., lengths) [m]; NaN where not seen.
         most: values that the mean is over.
     """
-    mean, count = known
+    mean, count = known[..., 0, :], known[..., 1, :]
     new = np.isfinite(seen)
-    step = np.clip(seen - mean, -MOST * SD_M, MOST * SD_M)
+    step = np.minimum(np.maximum(seen - mean, -MOST * SD_M), MOST * SD_M)
     count = np.minimum(count + new, most)
     mean = np.where(new, np.where(np.isfinite(mean), mean + step / np.maximum(count, 1), seen), mean)
-    return np.stack([mean, count])
+    return np.stack([mean, count], axis=-2)
 
 
 def known_size(known: Float64) -> bool:

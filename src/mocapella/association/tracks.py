@@ -204,12 +204,15 @@ class Tracks:
             for body, column in assign(np.where(np.isfinite(cost), cost, s.gate_m), allowed):
                 people[body] = known[column]
         found = {track.person: track for track in known}
+        sizes = None
+        if lengths is not None and ids:
+            sizes = learn_size(np.stack([unknown_size() if track is None else track.size for track in people]), lengths)
         for body, (tracking_id, track) in enumerate(zip(ids, people, strict=True)):
             if track is None and unplaced[body]:
                 continue
-            person = _seen(track or self._somebody(at_s), (sensor, tracking_id), middles[body], at_s)
-            if lengths is not None:
-                person = msgspec.structs.replace(person, size=learn_size(person.size, lengths[body]))
+            before = track or self._somebody(at_s)
+            size = before.size if sizes is None else sizes[body]
+            person = _seen(before, (sensor, tracking_id), middles[body], at_s, size)
             people[body], found[person.person] = person, person
         seen = {track.person for track in people if track is not None}
         self.tracks = tuple(
@@ -299,7 +302,7 @@ def _patience_s(track: Track, settings: TrackSettings) -> float:
     return settings.forget_after_s if track.confirmed else 2.0 * _RECENT_S
 
 
-def _seen(track: Track, body: BodyKey, middle: Float64, at_s: float) -> Track:
+def _seen(track: Track, body: BodyKey, middle: Float64, at_s: float, size: Float64) -> Track:
     sensor, tracking_id = body
     at_s = max(at_s, track.seen_s)  # frames of several sensors come a little out of order
     if len(track.middle) == len(middle):
@@ -310,6 +313,7 @@ def _seen(track: Track, body: BodyKey, middle: Float64, at_s: float) -> Track:
         bodies={**track.bodies, sensor: tracking_id},
         seen_by_s={**track.seen_by_s, sensor: at_s},
         middle=middle,
+        size=size,
     )
 
 

@@ -94,6 +94,7 @@ class DefaultTracker:
         self._T_root_sensor: dict[str, Float64] = {}
         self._T_world_root = np.eye(4)
         self._people: People | None = None
+        self._known: PeopleState | None = None
         self._now_s = 0.0
         self._steps = 0
         self._rejected: Counter[str] = Counter()
@@ -105,7 +106,7 @@ class DefaultTracker:
         """Begin the calibration again; the next scene says why."""
         self._calibration.rig = None
         self._calibration.reset()
-        self._T_root_sensor, self._root = {}, ""
+        self._T_root_sensor, self._root, self._known = {}, "", None
         self._state = TrackerState(Phase.CALIBRATING, reason=reason)
 
     def snapshot(self) -> bytes:
@@ -121,7 +122,7 @@ class DefaultTracker:
         vars(self).update(own)
         vars(self._arrivals).update(arrivals)
         vars(self._tracks).update(tracks)
-        self._people = None
+        self._people, self._known = None, None
         if people is not None:
             self._people = People(self.settings.people, people[0])
             self._people.remember(people[1])
@@ -173,7 +174,6 @@ class DefaultTracker:
         sighting = heard.newest[heard.sensor]
         self._calibrate(sighting)
         self._track(sighting, self._people)
-        self._places = self._say_places()
         self._state = self._stand(heard)
         self._shown = self._show(heard, self._people)
         return self._scene(arrival)
@@ -186,7 +186,9 @@ class DefaultTracker:
         frame = sighting.frame
         pose = self._poses.get(frame.sensor, SensorPose(frame.tilt, max(0.0, frame.height)))
         state = self._calibration.update(sighting.bodies, sighting.at_ns, owners, pose)
-        sensors = state.sensors
+        if state is self._known:
+            return
+        self._known, sensors = state, state.sensors
         trusted: dict[str, int] = {}
         for sensor in sensors.values():
             trusted[sensor.root] = trusted.get(sensor.root, 0) + sensor.trusted
@@ -205,6 +207,7 @@ class DefaultTracker:
             self._root = root
         if self._people is not None:
             self._people.level(self._T_world_root[:3, :3])
+        self._places = self._say_places()
 
     def _track(self, sighting: Sighting, people: People) -> None:
         """Whose bodies these are, and everybody brought up to date; nothing where the sensor's place is not known."""

@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from mocapella.errors import one_of
 from mocapella.fusion.facing import FacingFilter, FacingSettings, Repair
 from mocapella.fusion.weighted_mean import FusionSettings
-from mocapella.geometry.angles import wrap
 from mocapella.geometry.rigid import apply
 from mocapella.kinematics.articulated_model import ArticulatedModel, ArticulatedSettings, memory_size
 from mocapella.model.bodies import BodyKey
@@ -279,18 +278,14 @@ class People:
         if self._facing is None or not len(rows):
             m.view_mirrored[rows, column] = m.view_swapped[rows, column]
             return
-        R = self.R_level
-        bodies = sights.positions @ R.T
-        sight = (sights.sensor_position - m.view_positions[rows, column, self._root]) @ R.T
-        toward = np.arctan2(sight[:, 0], sight[:, 2])
-        velocities = m.velocities[rows, self._root] @ R.T
+        bodies, toward, velocities = _kernels().to_level(
+            self.R_level, sights.positions, sights.sensor_position, self._root, rows, m.velocities
+        )
         facings = self._facing.update(sights.sensor, sights.people, bodies, toward, sights.at_s, velocities)
-        changed = m.view_mirrored[rows, column] != facings.mirrored
-        m.yaw[rows], m.view_mirrored[rows, column] = facings.yaw, facings.mirrored
-        m.view_toward[rows, column], m.view_reported[rows, column] = toward, facings.reported
-        off = np.nan_to_num(wrap(facings.yaw - facings.reported))
-        before = np.where(changed, off, m.view_turn[rows, column])
-        m.view_turn[rows, column] = before - np.expm1(-dts / self.settings.turn_s) * wrap(off - before)
+        _kernels().turn_views(
+            rows, column, dts, self.settings.turn_s, facings.yaw, facings.mirrored, facings.reported, toward,
+            m.yaw, m.view_mirrored, m.view_toward, m.view_reported, m.view_turn,
+        )  # fmt: skip
         self.repairs = facings.repairs
 
     def _smooth(self, rows: Rows, measured: Float64, measured_variances: Float64, at_s: float) -> None:

@@ -20,7 +20,10 @@ _LONGEST_STEP_S = 0.2
 _NOT_TRACKED, _INFERRED = int(JointState.NOT_TRACKED), int(JointState.INFERRED)
 
 
-__all__ = ["bring", "expect", "follow_labels", "infer", "make", "move", "pose_people", "see", "smooth_people"]
+__all__ = [
+    "bring", "expect", "follow_labels", "infer", "make", "move", "pose_people", "see", "smooth_people", "to_level",
+    "turn_views",
+]  # fmt: skip
 
 
 @njit(cache=True)
@@ -144,6 +147,46 @@ def follow_labels(
         if view_advantage[r, column] > swap_m:
             view_swapped[r, column] = not view_swapped[r, column]
             view_advantage[r, column] = -view_advantage[r, column]
+
+
+@njit(cache=True)
+def to_level(R, positions, sensor_position, root, rows, velocities):
+    """In a space with y up: bodies, the yaw from each to the sensor [rad], and the velocities of their persons."""
+    bodies, joints = positions.shape[:2]
+    level, toward, speeds = np.empty((bodies, joints, 3)), np.empty(bodies), np.empty((bodies, 3))
+    for b in range(bodies):
+        for j in range(joints):
+            for k in range(3):
+                level[b, j, k] = (
+                    R[k, 0] * positions[b, j, 0] + R[k, 1] * positions[b, j, 1] + R[k, 2] * positions[b, j, 2]
+                )
+        sight = np.empty(3)
+        for k in range(3):
+            sight[k] = -level[b, root, k]
+            speeds[b, k] = 0.0
+            for i in range(3):
+                sight[k] += R[k, i] * sensor_position[i]
+                speeds[b, k] += R[k, i] * velocities[rows[b], root, i]
+        toward[b] = np.arctan2(sight[0], sight[2])
+    return level, toward, speeds
+
+
+@njit(cache=True)
+def turn_views(
+    rows, column, dts, turn_s, yaws, mirrored, reported, toward,
+    yaw, view_mirrored, view_toward, view_reported, view_turn,
+):  # fmt: skip
+    """Keep what the facing says of a frame's views, and how far torso and arms are turned towards it."""
+    for b in range(len(rows)):
+        r = rows[b]
+        off = (yaws[b] - reported[b] + np.pi) % (2 * np.pi) - np.pi
+        if not np.isfinite(off):
+            off = 0.0
+        before = view_turn[r, column] if view_mirrored[r, column] == mirrored[b] else off
+        more = (off - before + np.pi) % (2 * np.pi) - np.pi
+        view_turn[r, column] = before - np.expm1(-dts[b] / turn_s) * more
+        yaw[r], view_mirrored[r, column] = yaws[b], mirrored[b]
+        view_toward[r, column], view_reported[r, column] = toward[b], reported[b]
 
 
 @njit(cache=True)
