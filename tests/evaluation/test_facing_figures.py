@@ -26,21 +26,22 @@ KINECT = topology("kinect_v2")
 
 @pytest.fixture(scope="module")
 def trained(study_logs: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
-    """The folder in which `mocapella train facing` was run on two people, and what it said."""
+    """The folder in which `mocapella train facing` was run on three people, and what it said."""
     folder = tmp_path_factory.mktemp("facing")
-    line = ("train", "facing", str(study_logs), "--out", "model.json", "--participants", "4,7", "--folds", "2")
+    line = ("train", "facing", str(study_logs), "--out", "model.json", "--participants", "2,4,7", "--folds", "3")
     return folder, result(folder, *line)
 
 
 def test_people_who_were_left_out_face_where_they_should(trained: tuple[Path, dict[str, Any]]) -> None:
     _, said = trained
     left_out = said["left_out"]
-    assert left_out["default"]["sessions"] == said["trained_on"]["sessions"] == 6
-    # One person taught what the other is judged by: looser than what ten people reach (docs/methods/facing.md).
+    assert left_out["default"]["sessions"] == said["trained_on"]["sessions"] == 9
+    # Two people taught what the third is judged by; docs/methods/facing.md has the figures of all.
     default, front = left_out["default"], left_out["front sensor"]
     assert 1 < default["against_motion_percent"] < front["against_motion_percent"] / 2
+    assert default["reversals_per_min"] <= 1
     assert default["steps_wrong_percent"] <= 0.5
-    assert default["backward_kept_percent"] >= 90
+    assert default["backward_kept_percent"] >= 95
     assert default["walk_differs_percent"] < left_out["yaw"]["walk_differs_percent"]
 
 
@@ -48,8 +49,8 @@ def test_the_file_says_what_it_learnt_from(trained: tuple[Path, dict[str, Any]])
     folder, said = trained
     model = read_model(folder / "model.json")
     assert model.trained_on == said["trained_on"] == json.loads((folder / "model.json").read_text())["trained_on"]
-    assert model.trained_on["participants"] == [4, 7]
-    assert model.trained_on["command"].endswith("--participants 4,7")
+    assert model.trained_on["participants"] == [2, 4, 7]
+    assert model.trained_on["command"].endswith("--participants 2,4,7")
 
 
 def test_where_the_model_cannot_be_written_is_said_before_the_work(study_logs: Path, tmp_path: Path) -> None:
@@ -105,7 +106,7 @@ def test_everybody_is_left_out_once_and_too_many_folds_are_refused() -> None:
             split(sessions, folds)
 
 
-@pytest.mark.parametrize(("scene", "seconds"), [("walk", 22.0), ("exchange", 14.0), ("crowd", 8.0)])
+@pytest.mark.parametrize(("scene", "seconds"), [("walk", 17.0), ("exchange", 12.0), ("crowd", 6.0)])
 def test_in_simulated_rooms_hardly_any_label_stays_wrong(scene: str, seconds: float) -> None:
     found = simulated_figures(load_scene(scene), FacingFilter(KINECT), seconds)
     assert found.wrong_as_reported_percent > 2
@@ -117,6 +118,6 @@ def test_in_simulated_rooms_hardly_any_label_stays_wrong(scene: str, seconds: fl
 def test_the_figures_of_a_simulated_room_can_be_bad() -> None:
     backward = msgspec.structs.replace(FacingFilter(KINECT).model, shape=None, classifier=None)
     backward = msgspec.structs.replace(backward, motion=np.roll(backward.motion, 24, axis=1))
-    found = simulated_figures(load_scene("walk"), FacingFilter(KINECT, model=backward), 22.0)
+    found = simulated_figures(load_scene("exchange"), FacingFilter(KINECT, model=backward), 12.0)
     assert found.wrong_percent > 10
     assert found.facing_wrong_percent > 10

@@ -4,11 +4,12 @@ import re
 from pathlib import Path
 
 import pytest
-from conftest import ROOT
 from take_making import frame_bytes, info, scene_bytes, small_take
 
 from mocapella.recording import take
 from mocapella.recording.take_file import channel_kind
+
+ROOT = Path(__file__).resolve().parents[2]
 
 PAGE = (ROOT / "docs" / "takes.md").read_text(encoding="utf-8")
 

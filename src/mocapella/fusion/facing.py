@@ -12,6 +12,7 @@ hysteresis. See docs/methods/facing.md.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -192,16 +193,19 @@ class FacingFilter:
         shapes = (positions.shape, toward.shape, velocities.shape)
         if shapes != ((bodies, len(self.topology), 3), (bodies,), (bodies, 3)):
             raise ValueError(f"arrays of {bodies} people and {len(self.topology)} joints were expected, not {shapes}")
-        if not np.isfinite(at_s):
+        if not math.isfinite(at_s):
             raise ValueError(f"a frame at {at_s} s; the time must be finite")
         memory, slots, column = self.memory, self._slots(people, at_s), self._column(sensor)
         out = np.empty((4, bodies))
-        _kernels().update(
+        changed = _kernels().update(
             slots, column, positions, toward, float(at_s), velocities, memory.zero, memory.p, memory.at_s,
             memory.told_s, memory.mirrored, *self._learnt, self._weights, out,
         )  # fmt: skip
         mirrored = memory.mirrored[slots, column]
-        repairs = tuple(Repair(people[n], sensor, float(at_s), bool(mirrored[n])) for n in np.flatnonzero(out[3]))
+        repairs: tuple[Repair, ...] = ()
+        if changed:
+            which = np.flatnonzero(out[3]).tolist()
+            repairs = tuple(Repair(people[n], sensor, float(at_s), bool(mirrored[n])) for n in which)
         return Facings(out[0], out[1], mirrored, out[2], repairs)
 
     def predicted(self, people: Sequence[int], at_s: float) -> PredictedFacings:

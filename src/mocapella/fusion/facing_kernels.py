@@ -210,8 +210,12 @@ def update(
             joints (1 + n, 2) the trunk and the terms.
         settings: (5,) weights of yaw, shape and motion, the hysteresis, and from where on backs are mirrored.
         out: (4, bodies) yaw, standard deviation, yaw of the repaired labels, and 1 where the mirroring changed.
+
+    Returns:
+        of how many it did.
     """
     twice, evidence, kernel, of_kernel = np.empty(2 * BINS), np.empty(BINS), np.empty(BINS), -1.0
+    changed = 0
     for n in range(len(slots)):
         slot = slots[n]
         now = max(at, at_s[slot])
@@ -243,6 +247,8 @@ def update(
         out[1, n] = circular_sd(p[slot], tables)
         out[2, n] = wrap(reported + np.pi) if mirrored[slot, sensor] else reported
         out[3, n] = 1.0 if mirrored[slot, sensor] != was else 0.0
+        changed += mirrored[slot, sensor] != was
+    return changed
 
 
 @njit(cache=True)
