@@ -236,12 +236,16 @@ class Tracks:
             if track.confirmed and not track.bodies and at_s - track.seen_s > _RECENT_S
         }
         for new in self.tracks:
-            waits_s = s.size_after_s if any(known_size(m.size) for m in missing.values()) else s.confirm_after_s
-            if new.confirmed or not new.bodies or new.seen_s - new.since_s < waits_s:
+            seen_for_s = new.seen_s - new.since_s
+            if new.confirmed or not new.bodies or seen_for_s < s.confirm_after_s:
                 continue
-            difference = {person: self._difference(new, gone) for person, gone in missing.items()}
-            nearest = min(difference, key=lambda person: difference[person], default=None)
-            if nearest is None or difference[nearest] > s.same_size:
+            difference = sorted((self._difference(new, gone), person) for person, gone in missing.items())
+            least, nearest = difference[0] if difference else (np.inf, -1)
+            sure = 2 * least <= min([s.same_size, *(other for other, _ in difference[1:])])
+            sized = any(known_size(gone.size) for gone in missing.values())
+            if sized and not sure and seen_for_s < s.size_after_s:
+                continue
+            if least > s.same_size:
                 tracks[new.person] = msgspec.structs.replace(new, confirmed=True)
                 continue
             back = missing.pop(nearest)

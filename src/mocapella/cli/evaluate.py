@@ -62,22 +62,25 @@ def kinectmultitrack(
         raise typer.Exit(1)
 
 
-_SIMULATION = {
-    "fused_cm": ("fused", "cm"),
-    "best_sensor_cm": ("best sensor", "cm"),
-    "fused_of_best_sensor_percent": ("of it", "%"),
-    "hidden_of_sensor_percent": ("hidden", "%"),
-    "inferred_cm": ("inferred", "cm"),
-    "identity_switches": ("switches", ""),
-    "lost_people": ("lost", ""),
-    "hota": ("HOTA", ""),
-    "idf1": ("IDF1", ""),
-    "wrong_left_right_percent": ("L/R", "%"),
-    "calibration_mm": ("rig 8 s", "mm"),
-    "calibration_deg": ("", "°"),
-    "calibration_end_mm": ("rig end", "mm"),
-    "calibration_end_deg": ("", "°"),
-    "time_offset_ms": ("offset", "ms"),
+_JOINTS = {
+    "fused_cm": "fused\ncm",
+    "fused_labels_aside_cm": "labels\naside cm",
+    "best_sensor_cm": "best\nsensor cm",
+    "fused_of_best_sensor_percent": "fused\nof it %",
+    "hidden_of_sensor_percent": "hidden\n%",
+    "inferred_cm": "inferred\ncm",
+    "wrong_left_right_percent": "L/R\n%",
+}
+_WHO_AND_WHERE = {
+    "identity_switches": "switches",
+    "lost_people": "lost",
+    "hota": "HOTA",
+    "idf1": "IDF1",
+    "calibration_mm": "rig 8 s\nmm",
+    "calibration_deg": "\n°",
+    "calibration_end_mm": "end\nmm",
+    "calibration_end_deg": "\n°",
+    "time_offset_ms": "offset\nms",
 }
 
 
@@ -124,14 +127,14 @@ def _names(text: str) -> list[str]:
 def show_simulation(result: dict[str, Any], out: Console) -> None:
     """The tables for a person."""
     for method, scored in result["methods"].items():
-        title = f"{method}: means of {len(result['seeds'])} seeds"
-        table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=0, show_edge=False)
-        table.add_column("", no_wrap=True)
-        for words, unit in _SIMULATION.values():
-            table.add_column(f"{words}\n{unit}", justify="right", no_wrap=True)
-        for scene, of in scored["scenes"].items():
-            table.add_row(scene, *(_cell(of["mean"][figure]) for figure in _SIMULATION))
-        out.print(table)
+        out.print(f"\n[bold]{method}[/bold]  mean of seeds {', '.join(map(str, result['seeds']))}", highlight=False)
+        for columns in (_JOINTS, _WHO_AND_WHERE):
+            table = Table(box=SIMPLE_HEAD, padding=0, show_edge=False)
+            for words in ("", *columns.values()):
+                table.add_column(words, justify="right" if words else "left", no_wrap=True)
+            for scene, of in scored["scenes"].items():
+                table.add_row(scene, *(_cell(of["mean"][figure]) for figure in columns))
+            out.print(table)
         for figure, worst in scored["worst"].items():
             target = result["targets"][figure]
             judged = {True: "met", False: "[red]not met[/red]", None: "not known"}[worst["met"]]
@@ -141,8 +144,8 @@ def show_simulation(result: dict[str, Any], out: Console) -> None:
                 f"  {figure}: {_cell(worst['value'])} ({where}; {sign} {target['limit']:g}) {judged}", highlight=False
             )
     out.print(
-        "of it: fused error of the best sensor's; hidden: of that sensor's, joints that it infers; "
-        "rig: worst sensor, after 8 s of shared walking and at the end",
+        "labels aside: as if left and right were right; of it: of the best sensor's error; hidden: of that of the\n"
+        "sensor, joints that it infers; rig: worst sensor, after 8 s of shared walking and at the end",
         highlight=False,
     )
 

@@ -198,7 +198,7 @@ def _signed(alpha: Float64, toward: Float64) -> Float64:
 def _weights(alpha: Float64, share: Sequence[float]) -> Float64:
     which = np.digitize(np.degrees(alpha), _SHARES_DEG)
     there = np.bincount(which, minlength=len(share)) / len(alpha)
-    return (np.array(share) / np.maximum(there, 1e-9))[which]
+    return np.asarray((np.array(share) / np.maximum(there, 1e-9))[which])
 
 
 def mirrored_better(one: Float64, other: Float64) -> float:
@@ -389,7 +389,7 @@ def _still_shares(views: Sequence[_Views], rests: Sequence[Float64], sd: Float64
         chosen = view.raw.task == _STATIONARY
         still.append(rest[chosen] - rest[chosen].mean(axis=0))
         expected.append(_variance(view, chosen, sd).mean())
-    return _shares(still) / np.average(expected, weights=[len(rest) for rest in still])
+    return np.asarray(_shares(still) / np.average(expected, weights=[len(rest) for rest in still]))
 
 
 def _white(views: Sequence[_Views], sd: Float64, share: Float64) -> Float64:
@@ -406,7 +406,7 @@ def _white(views: Sequence[_Views], sd: Float64, share: Float64) -> Float64:
         part * float(np.array([6.0, -8.0, 2.0]) @ _knot_autocorrelation(knot, np.arange(3) * _LAG_S))
         for knot, part in zip(KNOTS_S, share, strict=True)
     )
-    return np.sqrt(np.maximum(measured - smooth * sd[:, 0, 0] ** 2, 0.0) / 6)
+    return np.asarray(np.sqrt(np.maximum(measured - smooth * sd[:, 0, 0] ** 2, 0.0) / 6))
 
 
 def _knot_autocorrelation(knot_s: float, lag_s: Float64) -> Float64:

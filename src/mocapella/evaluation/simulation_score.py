@@ -103,7 +103,10 @@ class Score:
         self.identity: list[IdentityFrame] = []
         self._frames = 0
         # joints
-        self._errors = {name: _Mean() for name in ("fused", "measured", "inferred", "hidden", "hidden_by_sensor")}
+        self._errors = {
+            name: _Mean()
+            for name in ("fused", "fused_labels_aside", "measured", "inferred", "hidden", "hidden_by_sensor")
+        }
         self._of_sensor = {name: (_Mean(), _Mean()) for name in self.sensors}
         self._wrong_labels = _Mean()
 
@@ -252,8 +255,10 @@ class Score:
         self._errors["inferred"].add(errors[seen & (states == JointState.INFERRED)])
         swapped = np.linalg.norm(positions[mirror] - true, axis=-1)
         sided = seen & np.isfinite(swapped) & (mirror != np.arange(len(mirror)))
+        is_wrong = bool(swapped[sided].sum() < errors[sided].sum())
         if sided.any():
-            self._wrong_labels.add(np.array([swapped[sided].sum() < errors[sided].sum()], dtype=np.float64))
+            self._wrong_labels.add(np.array([is_wrong], dtype=np.float64))
+        self._errors["fused_labels_aside"].add(np.where(sided, swapped, errors)[seen] if is_wrong else errors[seen])
         for name, now in self._now.items():
             if person in now.people and truth.room_ns - now.room_ns <= FRESH * NS_PER_S:
                 body = now.people.index(person)
