@@ -1,7 +1,8 @@
 """The hot steps of `mocapella.fusion.facing`, compiled; importing this module imports numba.
 
 The same in numpy, for many frames at once, is in `mocapella.fusion.facing_training`, and tests compare the two. What
-was learnt comes as one array, see `mocapella.fusion.facing.Tables`; angles are radians.
+was learnt comes as arrays, see `mocapella.fusion.facing._learnt`; angles are radians. Constants of other modules are
+compiled in, and numba's cache asks for changes of this file only: who changes one of them changes this file too.
 """
 
 # ruff: noqa: PLR0917 - compiled: arrays come by position
