@@ -34,6 +34,7 @@ from mocapella.cli.common import (
     say_if_never_tracked,
     take_file,
     warn_if_open,
+    working,
     write_json,
 )
 from mocapella.cli.node import READY
@@ -79,7 +80,10 @@ def live_session(
     """A server and its view (unless ``view_port`` is None), which ``stop`` ends; all closed at the end."""
     from mocapella.live.launch import Children, check_port_free
     from mocapella.live.server import Server
+    from mocapella.tracker import make_ready
 
+    with working(f"making the method {settings.setup.method} ready …", status=0):
+        make_ready(settings.setup.method)
     # Two threads that compute (the tracker's and the recorder's) share one interpreter; the default of 5 ms between
     # switches would be half of the latency that a result may have.
     sys.setswitchinterval(0.0005)

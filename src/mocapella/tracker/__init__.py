@@ -13,6 +13,7 @@ from mocapella.model.session import SensorPose
 from mocapella.settings import check, parse
 from mocapella.tracker.default import DefaultSettings, DefaultTracker
 from mocapella.tracker.protocol import Tracker, TrackerReport
+from mocapella.tracker.ready import make_ready
 from mocapella.tracker.stand_still import StandStillTracker, StandStillTrackerSettings
 
 __all__ = [
@@ -23,6 +24,7 @@ __all__ = [
     "StandStillTrackerSettings",
     "Tracker",
     "TrackerReport",
+    "make_ready",
     "make_tracker",
 ]
 
