@@ -42,17 +42,16 @@ def _practice() -> Iterator[Arrival]:
     for k in range(round(_PRACTICE_S * _RATE_HZ)):
         for i, T_world_sensor in enumerate(places):
             t = (k + i / len(places)) / _RATE_HZ
-            people = [(0, 0.0), (1, np.pi)] if not 2.0 < t < 4.0 else [(0, 0.0)]
+            angles = [t] if 2.0 < t < 4.0 else [t, t + np.pi]
             world = [
-                apply(rigid(rotation_about_y(t + phase), (0.7 * np.sin(t + phase), 1.0, 3.0 + 0.7 * np.cos(t + phase))), rest)
-                for _, phase in people
-            ]  # fmt: skip
+                apply(rigid(rotation_about_y(a), (0.7 * np.sin(a), 1.0, 3.0 + 0.7 * np.cos(a))), rest) for a in angles
+            ]
             frame = body_frame(
                 f"practice-{i}",
                 tree,
                 time_ns=round(1e9 * t),
                 positions=apply(inverse(T_world_sensor), np.array(world)),
-                tracking_ids=[number for number, _ in people],
+                tracking_ids=range(len(angles)),
                 sequence=k,
             )
             yield Arrival(frame, round(1e9 * t))
