@@ -1,9 +1,8 @@
 """How large somebody is, as far as a sensor's skeleton tells: to know again who left and came back.
 
 Lengths do not depend on where a sensor stands, nor on whether it mixes up left and right. On the KinectMultiTrack logs
-(ten participants, 25 sessions) the lengths of one second tell which of two people it is in 97 % of the cases against
-the whole of that session, and in 83 % against another session with the sensors elsewhere; docs/evaluation.md, *Who
-comes back*.
+those of one second are nearer to the person's own than to another's in 95 % of the comparisons within a session, and in
+83 % with another session of the same person (`mocapella train sensor-errors`, ``told_apart_by_lengths``).
 """
 
 from __future__ import annotations

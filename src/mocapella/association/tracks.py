@@ -42,7 +42,8 @@ class TrackSettings:
             the missing one whose lengths are nearest, if near enough.
         fastest_m_s: nobody gets farther than this while missing, beyond the gate.
         same_size: mean squared difference of the lengths, in standard deviations, up to which that is; twice as much
-            where the place fits.
+            where the place fits. On the KinectMultiTrack logs 93 % of the people are nearer to themselves in the same
+            session, and 38 % of others are, too (``told_apart_by_lengths``).
     """
 
     gate_m: float = 0.6

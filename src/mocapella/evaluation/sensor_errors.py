@@ -27,6 +27,8 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 from scipy.special import ndtr, ndtri
 
+from mocapella.association.proportions import size_difference, sizes
+from mocapella.association.tracks import TrackSettings
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import InputError
 from mocapella.evaluation.facing_sessions import AlignedViews, aligned_views, facing_session, reference_facings
@@ -480,13 +482,53 @@ def _statement(
         "jitter_mm_by_joint": _by_joint(views),
         "jitter_mm_by_distance_m": _by_distance(views),
         "by_placement": figures,
+        "told_apart_by_lengths": told_apart(
+            [(view.participant, _lengths(view)) for view in views], TrackSettings().same_size
+        ),
     }
+
+
+def _lengths(view: _Views) -> Float64:
+    moving = view.raw.positions[view.raw.task != _STATIONARY]
+    return np.stack([sizes(moving[:, k], BODY) for k in range(2)], axis=1)
 
 
 def _alpha_share(alphas: Sequence[Float64]) -> Float64:
     """(bins,) share of the frames by α, mean over sessions."""
     which = [np.digitize(np.degrees(alpha), _SHARES_DEG) for alpha in alphas]
     return np.asarray(np.mean([np.bincount(w, minlength=len(_SHARES_DEG) + 1) / len(w) for w in which], axis=0))
+
+
+def told_apart(lengths: Sequence[tuple[int, Float64]], near: float, window: int = 30) -> dict[str, float]:
+    """How well the lengths of a body tell who it is (`mocapella.association.proportions`).
+
+    Args:
+        lengths: of each session the participant, and (frames, views, lengths) [m].
+        near: a difference up to this is taken for the same person.
+        window: frames that are compared with whole sessions.
+
+    Returns:
+        For the same session (the window is one of its frames) and for another one of the same person: in how many
+        percent the window is nearer to it than to another person's, and is near; and how often it is near another's.
+        Nothing of a single person.
+    """
+    if len({person for person, _ in lengths}) < 2:
+        return {}
+    whole = [np.nanmean(frames, axis=(0, 1)) for _, frames in lengths]
+    hits: dict[str, list[float]] = {name: [] for name in ("same_nearer", "other_session_nearer", "same_near")}
+    hits |= {"other_session_near": [], "other_person_near": []}
+    for i, (person, frames) in enumerate(lengths):
+        for start in range(0, len(frames) - window, 3 * window):
+            seen = np.nanmean(frames[start : start + window], axis=(0, 1))
+            d = np.array([size_difference(seen, mean) for mean in whole])
+            strangers = np.array([who != person for who, _ in lengths])
+            own = [k for k, (who, _) in enumerate(lengths) if who == person and k != i]
+            hits["same_nearer"].append(float((d[i] < d[strangers]).mean()))
+            hits["same_near"].append(float(d[i] <= near))
+            hits["other_person_near"].append(float((d[strangers] <= near).mean()))
+            hits["other_session_nearer"] += [float((d[k] < d[strangers]).mean()) for k in own]
+            hits["other_session_near"] += [float(d[k] <= near) for k in own]
+    return {f"{name}_percent": round(100 * float(np.mean(of)), 1) for name, of in hits.items() if of}
 
 
 def _by_joint(views: Sequence[_Views]) -> dict[str, float]:

@@ -1,0 +1,111 @@
+"""What the logs say of a sensor's errors: that the measuring finds what was put in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from evaluation.sessions import log_of
+
+from mocapella.association.proportions import SD_M
+from mocapella.errors import InputError
+from mocapella.evaluation import sensor_errors
+from mocapella.evaluation.facing_sessions import AlignedViews
+from mocapella.evaluation.sensor_errors import autocovariance, measure, mirrored_better, told_apart
+from mocapella.recording.study_log import write_study_log
+from mocapella.sources.simulate.body import BODY, JOINT
+from mocapella.sources.simulate.measured import BIAS_BINS, Errors, bias_place, view_axes
+
+MIRROR = list(BODY.mirror)
+RNG = np.random.default_rng(5)
+
+
+def views(bias: np.ndarray, noise: float = 0.0, frames: int = 600) -> sensor_errors._Views:
+    """Two views 70° apart of somebody who turns around in Walk, with that bias."""
+    alpha = np.linspace(-np.pi, np.pi, frames)
+    both = np.stack([alpha, (alpha - np.radians(70) + np.pi) % (2 * np.pi) - np.pi], axis=1)
+    toward = np.tile([0.3, 0.3 + np.radians(70)], (frames, 1))
+    seen = RNG.normal(size=(frames, 1, 25, 3)) + np.zeros((1, 2, 1, 1))
+    for k in range(2):
+        first, second, part = bias_place(both[:, k])
+        of_frame = (1 - part)[:, None] * bias[:, first] + part[:, None] * bias[:, second]
+        seen[:, k] += np.einsum("nik,jnk->nji", view_axes(toward[:, k]), of_frame[..., :])
+    seen += noise * RNG.normal(size=seen.shape)
+    nothing = np.zeros((frames, 2), dtype=bool)
+    raw = AlignedViews(np.zeros((frames, 2)), np.full(frames, 3), seen, seen, np.zeros((2, 3)), toward)
+    return sensor_errors._Views("x", 0, raw, both, both, nothing, seen, np.zeros((frames, 2, 25), dtype=bool))
+
+
+def mirrored_bias() -> np.ndarray:
+    """(25, bins, 3) that is its own mirror image."""
+    bias = 0.05 * RNG.normal(size=(25, BIAS_BINS, 3))
+    other = bias[MIRROR][:, (-np.arange(BIAS_BINS)) % BIAS_BINS] * [-1, 1, 1]
+    return (bias + other) / 2
+
+
+def test_the_bias_between_two_views_is_found_again() -> None:
+    of = views(mirrored_bias())
+    before = np.linalg.norm(of.positions[:, 0] - of.positions[:, 1], axis=-1).mean()
+    rest = sensor_errors._rest(of, sensor_errors._bias([of]))
+    assert np.linalg.norm(rest, axis=-1).mean() < 0.2 * before
+
+
+def test_noise_without_bias_is_as_wide_as_it_was_made() -> None:
+    of = views(np.zeros((25, BIAS_BINS, 3)), noise=0.03, frames=3000)
+    sd = sensor_errors._spread([of], [sensor_errors._rest(of, np.zeros((25, BIAS_BINS, 3)))])
+    assert sd[:, 0] == pytest.approx(0.03, rel=0.15)
+    correlation = sensor_errors._correlation([of], [of.positions[:, 0] - of.positions[:, 1]], sd)
+    assert np.abs(correlation - np.eye(25) - np.diag(np.diag(correlation) - 1)).max() < 0.1
+
+
+def test_white_noise_has_no_memory_and_splines_have_that_of_their_knots() -> None:
+    covariance = autocovariance([0.02 * RNG.normal(size=(20_000, 2, 3))])
+    assert covariance[0] == pytest.approx(0.02**2, rel=0.03)
+    assert np.abs(covariance[1:]).max() < 0.02 * covariance[0]
+    known = sensor_errors._knot_autocorrelation(0.4, np.array([0.0, 0.2, 0.4, 1.7]))
+    assert known[0] == pytest.approx(1)
+    assert (np.diff(known) < 0).all()
+    assert known[-1] == pytest.approx(0, abs=1e-9)
+
+
+def test_people_of_different_lengths_are_told_apart_and_twins_are_not() -> None:
+    def session(person: int, size: float) -> tuple[int, np.ndarray]:
+        return person, 0.3 * size + SD_M * RNG.normal(size=(120, 2, 6))
+
+    apart = told_apart([session(0, 1.0), session(1, 2.0), session(0, 1.0)], near=2.0)
+    assert apart["same_nearer_percent"] == apart["other_session_nearer_percent"] == 100
+    assert apart["other_person_near_percent"] == 0
+    twins = told_apart([session(0, 1.0), session(1, 1.0)], near=2.0)
+    assert twins["other_person_near_percent"] == 100
+    assert told_apart([session(0, 1.0), session(0, 1.0)], near=2.0) == {}
+
+
+def test_views_with_swapped_labels_are_nearer_mirrored() -> None:
+    body = np.zeros((4, 25, 3))
+    body[:, JOINT["HandLeft"]], body[:, JOINT["HandRight"]] = [1, 0, 0], [-1, 0, 0]
+    assert mirrored_better(body, body) == 0
+    half = np.where(np.arange(4)[:, None, None] < 2, body, body[:, MIRROR])
+    assert mirrored_better(body, half) == 0.5
+
+
+def test_a_real_log_gives_a_table_that_a_sensor_can_use(study_logs: Path, tmp_path: Path) -> None:
+    name = "Study_4_Kinect_0_Time_1_17_51_PM.csv.gz"
+    (tmp_path / name).symlink_to(study_logs / name)
+    errors = measure(tmp_path)
+    used = Errors(errors)
+    assert errors.measured_on["participants"] == [4]
+    assert set(errors.measured_on["by_placement"]) == {"parallel"}
+    assert 0.5 < errors.measured_on["by_placement"]["parallel"]["stationary_jitter_mm"] < 40
+    assert max(errors.yaw_deg) < 110
+    assert errors.mirrored[0] < 0.05
+    assert errors.mirrored[-1] > 0.8
+    assert 0.003 < np.median(used.sd_m[:, 0, 0]) < 0.06
+
+
+def test_a_folder_without_somebody_in_all_three_tasks_is_refused(tmp_path: Path) -> None:
+    log = log_of(frames=60)
+    log.scenario_id[:] = 3
+    write_study_log(tmp_path / "Study_7_Kinect_2_Time_1.csv.gz", log.rows())
+    with pytest.raises(InputError, match="Stationary, Steps and Walk"):
+        measure(tmp_path)
