@@ -12,7 +12,18 @@ from programs import free_port, result, run
 from typer.main import get_command
 
 from mocapella import __version__
-from mocapella.cli import demo, doctor, export, node, record, replay, serve, view  # noqa: F401  (they register)
+from mocapella.cli import (  # noqa: F401  (they register)
+    demo,
+    doctor,
+    evaluate,
+    export,
+    node,
+    record,
+    replay,
+    serve,
+    train,
+    view,
+)
 from mocapella.cli.app import app
 from mocapella.schema import SCHEMA_VERSION
 from mocapella.sources.simulate import scene_summaries
@@ -29,7 +40,9 @@ VERBS = [
     ["view"],
     ["doctor"],
     ["evaluate", "kinectmultitrack"],
+    ["evaluate", "simulation"],
     ["train", "facing"],
+    ["train", "sensor-errors"],
 ]
 READ_BY_PROGRAMS = [verb for verb in VERBS if verb != ["view"]]
 SCREEN = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
@@ -62,7 +75,7 @@ def test_every_verb_is_in_this_list(tmp_path: Path) -> None:
             groups[verb[0]].add(verb[1])
     for group, names in groups.items():
         shown = run(tmp_path, *group.split(), "--help").stdout
-        assert set(re.findall(r"^│ ([a-z]+) ", shown, flags=re.MULTILINE)) == names
+        assert set(re.findall(r"^│ ([a-z][a-z-]*) ", shown, flags=re.MULTILINE)) == names
 
 
 def test_the_version_is_ours_and_the_schemas(tmp_path: Path) -> None:

@@ -30,7 +30,9 @@ _PLACEMENTS = ("parallel", "45", "90")
 @evaluate_app.command()
 def kinectmultitrack(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the KinectMultiTrack study logs.")],
-    methods: Annotated[str, typer.Option(help="Tracking methods, with commas between them.")] = "stand-still",
+    methods: Annotated[
+        str, typer.Option(metavar="NAME,NAME,…", help="Tracking methods, with commas between them.")
+    ] = "stand-still",
     participants: Participants = None,
     json: JsonOut = None,
 ) -> None:
@@ -86,7 +88,9 @@ _WHO_AND_WHERE = {
 
 @evaluate_app.command()
 def simulation(
-    methods: Annotated[str, typer.Option(help="Tracking methods, with commas between them.")] = "stand-still,default",
+    methods: Annotated[
+        str, typer.Option(metavar="NAME,NAME,…", help="Tracking methods, with commas between them.")
+    ] = "stand-still,default",
     scenes: Annotated[
         str | None, typer.Option(metavar="NAME,NAME,…", help="Which scenes; all where left out, `help` lists them.")
     ] = None,

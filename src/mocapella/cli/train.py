@@ -30,12 +30,6 @@ _CAPTION = (
 )
 
 
-@train_app.callback()
-def _train() -> None:
-    # Keeps `facing` a verb: without it typer takes a group's only command for the group itself.
-    pass
-
-
 @train_app.command("facing")
 def facing(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the KinectMultiTrack study logs.")],
@@ -43,7 +37,9 @@ def facing(
     participants: Participants = None,
     folds: Annotated[
         int | None,
-        typer.Option(min=2, help="Print figures of people left out: train on all but every n-th, test on those."),
+        typer.Option(
+            metavar="N", min=2, help="Print figures of people left out: train on all but every n-th, test on those."
+        ),
     ] = None,
     json: JsonOut = None,
 ) -> None:
