@@ -55,6 +55,7 @@ class PeopleSettings:
         noise_gain: how much a joint's own noise in a view, which is learnt, adds to its variance.
         noise_memory_s: time constant with which it is learnt [s].
         turn_s: time constant with which a view's torso and arms follow the facing [s].
+        sure_sd: of a facing that may change labels; from here to twice as much, less and less is turned [rad].
         least_worth: of a view that looks along the shoulders, against one from the front.
         swap_m: how much nearer a view must be to the person with left and right swapped, before they are.
         swap_s: time constant over which that is judged.
@@ -70,6 +71,7 @@ class PeopleSettings:
     noise_gain: float = 5.0
     noise_memory_s: float = 1.0
     turn_s: float = 0.1
+    sure_sd: float = 0.6
     least_worth: float = 0.02
     swap_m: float = 0.02
     swap_s: float = 0.1
@@ -283,7 +285,8 @@ class People:
         )
         facings = self._facing.update(sights.sensor, sights.people, bodies, toward, sights.at_s, velocities)
         _kernels().turn_views(
-            rows, column, dts, self.settings.turn_s, facings.yaw, facings.mirrored, facings.reported, toward,
+            rows, column, dts, self.settings.turn_s, self.settings.sure_sd, facings.yaw, facings.sd,
+            facings.mirrored, facings.reported, toward,
             m.yaw, m.view_mirrored, m.view_toward, m.view_reported, m.view_turn,
         )  # fmt: skip
         self.repairs = facings.repairs

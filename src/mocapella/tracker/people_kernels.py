@@ -173,20 +173,28 @@ def to_level(R, positions, sensor_position, root, rows, velocities):
 
 @njit(cache=True)
 def turn_views(
-    rows, column, dts, turn_s, yaws, mirrored, reported, toward,
+    rows, column, dts, turn_s, sure_sd, yaws, sds, mirrored, reported, toward,
     yaw, view_mirrored, view_toward, view_reported, view_turn,
 ):  # fmt: skip
-    """Keep what the facing says of a frame's views, and how far torso and arms are turned towards it."""
+    """Keep what the facing says of a frame's views, and how far torso and arms are turned towards it.
+
+    A facing that is not sure, ``sure_sd`` [rad], changes no labels, and turns nobody the less sure it is.
+    """
     for b in range(len(rows)):
         r = rows[b]
-        off = (yaws[b] - reported[b] + np.pi) % (2 * np.pi) - np.pi
+        sure = min(1.0, max(0.0, 2.0 - sds[b] / sure_sd))
+        changed = mirrored[b] != view_mirrored[r, column]
+        if changed and sds[b] <= sure_sd:
+            view_mirrored[r, column] = mirrored[b]
+        said = reported[b] + (np.pi if mirrored[b] != view_mirrored[r, column] else 0.0)
+        off = sure * ((yaws[b] - said + np.pi) % (2 * np.pi) - np.pi)
         if not np.isfinite(off):
             off = 0.0
-        before = view_turn[r, column] if view_mirrored[r, column] == mirrored[b] else off
+        before = off if changed and view_mirrored[r, column] == mirrored[b] else view_turn[r, column]
         more = (off - before + np.pi) % (2 * np.pi) - np.pi
         view_turn[r, column] = before - np.expm1(-dts[b] / turn_s) * more
-        yaw[r], view_mirrored[r, column] = yaws[b], mirrored[b]
-        view_toward[r, column], view_reported[r, column] = toward[b], reported[b]
+        yaw[r] = yaws[b]
+        view_toward[r, column], view_reported[r, column] = toward[b], said
 
 
 @njit(cache=True)
