@@ -148,8 +148,9 @@ def show_simulation(result: dict[str, Any], out: Console) -> None:
                 f"  {figure}: {_cell(worst['value'])} ({where}; {sign} {target['limit']:g}) {judged}", highlight=False
             )
     out.print(
-        "labels aside: as if left and right were right; of it: of the best sensor's error; hidden: of that of the\n"
-        "sensor, joints that it infers; rig: worst sensor, after 8 s of shared walking and at the end",
+        "labels aside: as if left and right were right; of it: of the best sensor's\n"
+        "error; hidden: of a sensor's error, joints that it infers; rig: worst sensor,\n"
+        "after 8 s of shared walking, and at the end",
         highlight=False,
     )
 
