@@ -60,8 +60,8 @@ class ArticulatedSettings:
     rest_sd: float = 1.0
     degrees_of_freedom: float = 5.0
     length_memory_s: float = 20.0
-    stand_diffusion: float = 1e-4
-    stand_speed: float = 0.3
+    stand_diffusion: float = 1e-5
+    stand_speed: float = 0.4
     least_joints: int = 6
     lost_m: float = 0.06
     lost_s: float = 0.3
