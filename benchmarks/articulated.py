@@ -141,7 +141,7 @@ def relabelled(own: Float64, theirs: Float64) -> Float64:
 
 
 def kalman(at_s: Float64, joints: Float64) -> Float64:
-    settings, points, out = KalmanSettings(), unknown((25,), float(at_s[0])), []
+    settings, points, out = KalmanSettings(), unknown(25, float(at_s[0])), []
     for t, x in zip(at_s, joints, strict=True):
         points = correct(predict(points, float(t), settings), x, np.full(25, SD_M**2), settings)
         out.append(points.positions.copy())

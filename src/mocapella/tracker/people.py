@@ -54,7 +54,7 @@ class PeopleSettings:
         facing: how it is found which way people face; None does without: labels are those on which the sensors agree.
         noise_gain: how much a joint's own noise in a view, which is learnt, adds to its variance.
         noise_memory_s: time constant with which it is learnt [s].
-        turn_s: time constant with which a view's torso and arms follow the facing [s].
+        turn_s: time constant with which a view's shoulders and hips follow the facing [s].
         sure_sd: of a facing that may change labels; from here to twice as much, less and less is turned [rad].
         least_worth: of a view that looks along the shoulders, against one from the front.
         swap_m: how much nearer a view must be to the person with left and right swapped, before they are.
@@ -72,7 +72,7 @@ class PeopleSettings:
     noise_memory_s: float = 1.0
     turn_s: float = 0.1
     sure_sd: float = 0.6
-    least_worth: float = 0.02
+    least_worth: float = 0.2
     swap_m: float = 0.02
     swap_s: float = 0.1
 
@@ -104,7 +104,7 @@ class PeopleMemory:
         yaw: (people,) which way they face; NaN where not known [rad].
         view_toward: (people, sensors) yaw from the person to the sensor [rad].
         view_reported: (people, sensors) the yaw that its labels say once they are repaired [rad].
-        view_turn: (people, sensors) by how much its torso and arms are turned [rad].
+        view_turn: (people, sensors) by how much its shoulders and hips are turned [rad].
         view_offsets: (people, sensors, joints, 3) from the person, slowly learnt; in the person's labels [m].
     """
 
@@ -194,7 +194,7 @@ class People:
         self.mirror = np.array(topology.mirror, dtype=np.int64)
         self.middle = np.flatnonzero(self.mirror == np.arange(len(topology))).astype(np.int64)
         self._root = topology.parts["root"]
-        self._turned = _above_the_legs(topology)
+        self._turned = _shoulders_and_hips(topology)
         self._model = ArticulatedModel.of(topology, settings.body) if settings.smoothing == "articulated" else None
         self._facing = None if settings.facing is None else FacingFilter(topology, settings.facing)
         self.reset()
@@ -383,13 +383,10 @@ class People:
         self.numbers = numbers
 
 
-def _above_the_legs(topology: Topology) -> Bools:
-    """(joints,) the torso, the head and the arms: what does not hang on a hip."""
-    below = np.zeros(len(topology), dtype=np.bool_)
-    hips = [i for i, name in enumerate(topology.joints) if name.startswith("Hip") and topology.mirror[i] != i]
-    for parent, child in topology.bones:
-        below[child] = parent in hips or below[parent]
-    return ~below
+def _shoulders_and_hips(topology: Topology) -> Bools:
+    """(joints,) those that say the yaw, which sensors guess rather than see: no others are moved by turning it."""
+    sided = np.array(topology.mirror) != np.arange(len(topology))
+    return np.array([name.startswith(("Shoulder", "Hip")) for name in topology.joints]) & sided
 
 
 class Sights(msgspec.Struct, frozen=True, eq=False):

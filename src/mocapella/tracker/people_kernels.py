@@ -176,7 +176,7 @@ def turn_views(
     rows, column, dts, turn_s, sure_sd, yaws, sds, mirrored, reported, toward,
     yaw, view_mirrored, view_toward, view_reported, view_turn,
 ):  # fmt: skip
-    """Keep what the facing says of a frame's views, and how far torso and arms are turned towards it.
+    """Keep what the facing says of a frame's views, and how far shoulders and hips are turned towards it.
 
     A facing that is not sure, ``sure_sd`` [rad], changes no labels, and turns nobody the less sure it is.
     """
