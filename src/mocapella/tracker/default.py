@@ -51,6 +51,8 @@ class DefaultSettings:
         tracks: who is who.
         people: how their views become skeletons.
         silent_after_s: a sensor without a frame for so long is not waited for.
+        keep_root_s: the sensor in whose space people are told is kept for so long while others are tied to each other,
+            but not yet to it.
         shown_for_s: somebody whom no sensor sees is shown, as predicted, for so long.
     """
 
@@ -59,6 +61,7 @@ class DefaultSettings:
     people: PeopleSettings = field(default_factory=PeopleSettings)
     silent_after_s: float = 1.0
     shown_for_s: float = 1.0
+    keep_root_s: float = 15.0
 
 
 _NEEDED_PARTS: Final = ("root",)
@@ -96,6 +99,7 @@ class DefaultTracker:
         self._people: People | None = None
         self._known: PeopleState | None = None
         self._now_s = 0.0
+        self._outvoted_s: float | None = None
         self._steps = 0
         self._rejected: Counter[str] = Counter()
         self._state = TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=self._sensors_expected)
@@ -189,25 +193,46 @@ class DefaultTracker:
         if state is self._known:
             return
         self._known, sensors = state, state.sensors
-        trusted: dict[str, int] = {}
-        for sensor in sensors.values():
-            trusted[sensor.root] = trusted.get(sensor.root, 0) + sensor.trusted
-        root = max(trusted, key=lambda name: (trusted[name], name == self._root))
-        self._T_world_root = sensors[root].T_world_sensor
-        to_root = inverse(self._T_world_root)
-        self._T_root_sensor = {
-            name: to_root @ sensor.T_world_sensor
-            for name, sensor in sensors.items()
-            if sensor.root == root and sensor.trusted
-        }
+        root = self._choose_root(sensors)
         if root != self._root:
-            if self._root and self._people is not None and self._root in self._T_root_sensor:
-                self._people.move(self._T_root_sensor[self._root])
-                self._tracks.move(self._T_root_sensor[self._root])
+            if self._root in sensors and self._people is not None and sensors[self._root].trusted:
+                T_root_old = inverse(sensors[root].T_world_sensor) @ sensors[self._root].T_world_sensor
+                self._people.move(T_root_old)
+                self._tracks.move(T_root_old)
             self._root = root
+        self._T_root_sensor = {root: np.eye(4)}
+        if sensors[root].trusted:  # else its own place may be in doubt, and it goes on alone where it was
+            self._T_world_root = sensors[root].T_world_sensor
+            to_root = inverse(self._T_world_root)
+            self._T_root_sensor |= {
+                name: to_root @ sensor.T_world_sensor
+                for name, sensor in sensors.items()
+                if sensor.root == sensors[root].root and sensor.trusted
+            }
         if self._people is not None:
             self._people.level(self._T_world_root[:3, :3])
         self._places = self._say_places()
+
+    def _choose_root(self, sensors: Mapping[str, CalibratedSensor]) -> str:
+        """In whose camera space everything is told: it stays until more sensors are tied to each other without it."""
+        tied: dict[str, list[str]] = {}
+        for name, sensor in sensors.items():
+            if sensor.trusted:
+                tied.setdefault(sensor.root, []).append(name)
+        most = max(tied.values(), key=len, default=[])
+        if self._root not in sensors:
+            return most[0] if most else next(iter(sensors))
+        own = tied.get(sensors[self._root].root, [])
+        if len(most) < 2 or (self._root in own and len(own) == len(most)):
+            self._outvoted_s = None
+            return self._root
+        # Who is seen now would be lost; mostly the root is tied to the others a little later.
+        self._outvoted_s = self._now_s if self._outvoted_s is None else self._outvoted_s
+        seen = any(track.bodies for track in self._tracks.tracks)
+        if self._root not in own and seen and self._now_s - self._outvoted_s < self.settings.keep_root_s:
+            return self._root
+        self._outvoted_s = None
+        return most[0]
 
     def _track(self, sighting: Sighting, people: People) -> None:
         """Whose bodies these are, and everybody brought up to date; nothing where the sensor's place is not known."""
@@ -342,7 +367,7 @@ def associate_and_fuse(
 
 
 _OWN_MEMORY: Final = (
-    *("_now_s", "_steps", "_rejected", "_state", "_shown", "_places"),
+    *("_now_s", "_outvoted_s", "_steps", "_rejected", "_state", "_shown", "_places"),
     *("_root", "_T_root_sensor", "_T_world_root"),
 )
 _REMEMBERED: Final = (
