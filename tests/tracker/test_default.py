@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from walking_people import BACK, FRONT, KINECT_V2, LEFT, MIRROR, SIDE, Sensor, Walker, errors, standing_at
 
+from mocapella.calibration.people_state import CalibratedSensor
 from mocapella.errors import SettingsError, WireError
 from mocapella.geometry.rigid import apply, inverse
 from mocapella.model.bodies import Bodies
@@ -266,3 +267,23 @@ def test_one_sensor_alone_is_enough_to_track_and_says_that_it_is_alone() -> None
     scenes = run(tracker, frames({1: Walker()}, 2.0, {"front": standing_at(0, 0)}, noise=0.01))
     assert scenes[-1].state.phase is Phase.TRACKING
     assert len(scenes[-1].people) == 1
+
+
+def test_people_stay_in_the_space_of_the_sensor_that_sees_them_while_others_are_tied_without_it() -> None:
+    tracker = DefaultTracker(sensors_expected=3)
+    run(tracker, frames({1: Walker(speed=0.0)}, 1.0, {"front": FRONT}))
+    assert [person.id for person in tracker._shown] == [0]
+    alone = {name: placed(name, root="side") for name in ("back", "side")} | {"front": placed("front", trusted=False)}
+    assert tracker._choose_root(alone) == "front"
+    tracker._now_s += DefaultSettings().keep_root_s
+    assert tracker._choose_root(alone) == "back"
+    tied = {name: placed(name, root="side") for name in ("back", "front", "side")}
+    assert tracker._choose_root(tied) == "front"
+    nobody = DefaultTracker(sensors_expected=3)
+    run(nobody, frames({}, 1.0, {"front": FRONT}))
+    assert nobody._choose_root(alone) == "back"
+
+
+def placed(name: str, root: str = "", trusted: bool = True) -> CalibratedSensor:
+    """A sensor at the origin of its root's world."""
+    return CalibratedSensor(name, np.eye(4), np.eye(6), root or name, None, trusted, "", "")
