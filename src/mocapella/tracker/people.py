@@ -386,7 +386,7 @@ class People:
 def _shoulders_and_hips(topology: Topology) -> Bools:
     """(joints,) those that say the yaw, which sensors guess rather than see: no others are moved by turning it."""
     sided = np.array(topology.mirror) != np.arange(len(topology))
-    return np.array([name.startswith(("Shoulder", "Hip")) for name in topology.joints]) & sided
+    return np.asarray(np.array([name.startswith(("Shoulder", "Hip")) for name in topology.joints]) & sided)
 
 
 class Sights(msgspec.Struct, frozen=True, eq=False):
