@@ -585,8 +585,9 @@ def test_a_perspective_moves_the_camera_of_its_own_browser_to_the_sensor(server,
     wanted = [0.0, server.frames["left"].height, 0.0]
     until(first, lambda: np.allclose(cameras(server)[0], wanted, atol=1e-2), "the camera is at the sensor")
     assert cameras(server)[1] == pytest.approx(before[1], abs=1e-2)
-    for aim in ("Tracking", "Sensors", "Sensor's eyes"):
-        first.button(aim).click()
+    for aim, far in (("Tracking", True), ("Sensors", True), ("Sensor's eyes", False)):
+        first.button(aim).click()  # each is waited for: one that comes late would undo what follows
+        until(first, lambda far=far: (cameras(server)[0, 2] < -1) == far, f"the camera is where {aim} wants it")
     first.choose("Perspective", "free")
     until(first, lambda: cameras(server)[0, 2] < -1, "the camera is before the stages")
     first.button("Sensor's eyes").click()

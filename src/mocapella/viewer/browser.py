@@ -24,6 +24,8 @@ from mocapella.viewer.trails import TrailChoice, Trails
 
 _FOV = np.radians(36.0)
 _ELEVATION = np.radians(13.0)
+_ASIDE = 1e-3
+"""[m]."""
 _SETTLED = 30
 """Calls after a move of ours in which the browser may still report where its camera was before."""
 
@@ -123,5 +125,8 @@ class Browser:
         camera = self._client.camera
         camera.fov = look.fov
         camera.up_direction = (0.0, 1.0, 0.0)
-        camera.position = look.position
-        camera.look_at = look.target
+        # What the camera is at already is not sent; but what is known of it is the browser's last report, from before
+        # moves that are on their way. So it is put beside its place first: then the place itself is always sent.
+        for aside in (_ASIDE, 0.0):
+            camera.position = np.asarray(look.position) + aside
+            camera.look_at = np.asarray(look.target) + aside
