@@ -13,8 +13,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from mocapella.errors import SettingsError
-from mocapella.fusion.facing import FacingFilter, FacingMemory, FacingSettings, view_worth
+from mocapella.fusion.facing import FacingFilter, FacingMemory, FacingSettings
 from mocapella.fusion.facing_grid import BIN, STEP_S, circular_sd, most_likely, turned_on, unknown
+from mocapella.fusion.facing_kernels import view_worth
 from mocapella.fusion.facing_model import FacingModel, shipped_model, untrained
 from mocapella.fusion.facing_shape import view_of
 from mocapella.fusion.facing_training import believed, evidence
@@ -345,9 +346,8 @@ def test_a_views_worth_is_from_nothing_to_one(seed: int, yaw: float, toward: flo
 
 
 def test_the_best_view_is_from_ahead_or_behind_with_labels_that_agree() -> None:
-    worth = view_worth(
-        0.3, np.array([0.3, 0.3 + np.pi, 0.3 + np.pi / 2, 0.3, 0.3]), 0.3 + np.array([0, 0, 0, 2, np.nan])
-    )
+    toward = (0.3, 0.3 + np.pi, 0.3 + np.pi / 2, 0.3, 0.3)
+    worth = [view_worth(0.3, a, 0.3 + b) for a, b in zip(toward, (0.0, 0.0, 0.0, 2.0, np.nan), strict=True)]
     np.testing.assert_allclose(worth, [1, 1, 0, 0, 0], atol=1e-12)
     assert view_worth(0.0, np.pi / 4, np.pi / 4) == pytest.approx(0.5**3)
 

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mocapella.errors import SettingsError
+from mocapella.geometry import alignment_kernels
 from mocapella.geometry.alignment import (
     MOMENTS,
-    RecursiveAlignment,
     align,
     moments,
     normal_equations,
@@ -87,16 +87,26 @@ def test_recursive_is_the_batch_of_all_frames_with_weights_that_fade(seed: int, 
     rng = np.random.default_rng(seed)
     p, q = (np.stack([cloud(rng) for _ in range(frames)]) for _ in range(2))
     w = rng.uniform(0, 1, (frames, 25))
-    recursive = RecursiveAlignment()
+    M, T = np.zeros(MOMENTS), np.full((4, 4), np.nan)
     for i in range(frames):
-        T = recursive.update(p[i], q[i], w[i], keep)
+        forget_add_fit(M, T, p[i], q[i], w[i], keep)
     fading = w * keep ** np.arange(frames)[::-1, None]
     batch = moments(p.reshape(-1, 3), q.reshape(-1, 3), fading.reshape(-1))
-    np.testing.assert_allclose(recursive.moments, batch, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(M, batch, rtol=1e-12, atol=1e-12)
     # The motion itself, where it is determined: unrelated clouds can have a double eigenvalue.
     well = robustly_determined(batch)
     if well:
         np.testing.assert_allclose(T, align(batch), atol=1e-12 / well)
+
+
+def forget_add_fit(  # noqa: PLR0917 - as the kernels take them
+    M: np.ndarray, T: np.ndarray, p: np.ndarray, q: np.ndarray, w: np.ndarray, keep: float
+) -> None:
+    """A step of the compiled refinement, as the calibration of a pair takes it: in place."""
+    M *= keep
+    alignment_kernels.accumulate(M, p, q, np.zeros_like(q), w, np.arange(len(w)))
+    if M[0] > 0:
+        alignment_kernels.align(M, 0.0, T)
 
 
 def robustly_determined(M: np.ndarray) -> float:
@@ -118,9 +128,9 @@ def test_recursive_equals_batch_to_1e_12_on_a_walk_of_ten_minutes() -> None:
     q = body + np.stack([np.sin(t / 3), 0 * t, np.cos(t / 5)], axis=-1)[:, None] + rng.normal(size=(frames, 25, 3)) / 50
     p = apply(T_true, q) + rng.normal(size=q.shape) / 50
     w = rng.uniform(0, 1, (frames, 25))
-    recursive = RecursiveAlignment()
+    M, T = np.zeros(MOMENTS), np.full((4, 4), np.nan)
     for i in range(frames):
-        T = recursive.update(p[i], q[i], w[i], keep)
+        forget_add_fit(M, T, p[i], q[i], w[i], keep)
     fading = (w * keep ** np.arange(frames)[::-1, None]).reshape(-1)
     np.testing.assert_allclose(T, align(moments(p.reshape(-1, 3), q.reshape(-1, 3), fading)), atol=1e-12)
 

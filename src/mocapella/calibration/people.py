@@ -238,16 +238,6 @@ class PeopleCalibration:
         ]
         return Rig(VERSION, self.state.floor_known, sensors, pairs)
 
-    def swapped_bodies(self) -> frozenset[BodyKey]:
-        """Bodies whose left and right are taken for each other by what the first sensor of a pair sees of them."""
-        return frozenset(
-            (key[1], who[1])
-            for key, pair in self._pairs.items()
-            if pair.calibration is not None
-            for who, body in pair.calibration.bodies.items()
-            if body[at.MIRRORED] > 0
-        )
-
     def _seconds(self, at_ns: int) -> float:
         if self._zero_ns is None:
             self._zero_ns = at_ns

@@ -118,20 +118,6 @@ class PredictedFacings(msgspec.Struct, frozen=True, eq=False):
     sd: Float64
 
 
-def view_worth(yaw: Any, toward_sensor: Any, reported: Any) -> Float64:
-    """What a view is worth in the fusion, from 0 to 1: cos²α · cos⁴ of how far its repaired labels are off.
-
-    A sensor that looks along the shoulders guesses the farther one, and labels that stick say so by their yaw.
-
-    Args:
-        yaw: (...,) of the person [rad].
-        toward_sensor: (...,) yaw from the person to the sensor [rad]; α is the angle between the two.
-        reported: (...,) of the repaired labels, see `Facings` [rad]; where NaN, the view is worth nothing.
-    """
-    off = np.maximum(np.cos(np.asarray(reported) - yaw), 0.0)
-    return np.asarray(np.nan_to_num(np.cos(np.asarray(toward_sensor) - yaw) ** 2 * off**4))
-
-
 class FacingFilter:
     """The facings of all people over time.
 

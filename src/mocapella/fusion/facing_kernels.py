@@ -36,6 +36,19 @@ def wrap(angle):
 
 
 @njit(cache=True)
+def view_worth(yaw, toward, reported):
+    """What a view is worth in the fusion, from 0 to 1: cos²α · cos⁴ of how far its repaired labels are off.
+
+    A sensor that looks along the shoulders guesses the farther one, and labels that stick say so by their yaw. α is the
+    angle between the person's yaw and that to the sensor; a view whose yaw is not known (NaN) is worth nothing.
+    """
+    off = np.cos(reported - yaw)
+    if not (np.isfinite(off) and np.isfinite(toward)):
+        return 0.0
+    return np.cos(toward - yaw) ** 2 * max(0.0, off) ** 4
+
+
+@njit(cache=True)
 def turning(steps, tables, kernel):
     """Write the probability (BINS,) of having turned by so many bins after a while."""
     kernel[:] = 0.0

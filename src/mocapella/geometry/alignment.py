@@ -18,9 +18,7 @@ rotation of it. Robust weights: P. Huber, *Robust Statistics* (1981), section 7.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache
-from typing import Any, Final, Literal, cast
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -260,41 +258,3 @@ def robust_align(
         if not (np.abs(T - before) > 1e-12).any():
             break
     return T
-
-
-class RecursiveAlignment:
-    """A weighted alignment that forgets exponentially; a frame costs as much as its own points, whatever came before.
-
-    Attributes:
-        T: (4, 4) ``T_p_q``, NaN before the first points.
-        moments: (`MOMENTS`,).
-    """
-
-    def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget everything."""
-        self.moments = np.zeros(MOMENTS)
-        self.T = np.full((4, 4), np.nan)
-
-    def update(self, p: Float64, q: Float64, weights: Float64, keep: float) -> Float64:
-        """Multiply what was by ``keep``, add the points, and fit.
-
-        Args:
-            p, q: (n, 3); weights: (n,). As in `moments`, but coordinates must be finite where the weight is above 0.
-            keep: from 0 to 1: exp(−Δt/τ) forgets with the time constant τ.
-
-        Returns:
-            `T`.
-        """
-        _update()(self.moments, keep, p, q, weights, self.T)
-        return self.T
-
-
-@cache
-def _update() -> Callable[..., None]:
-    """Compiled; numba is imported when it is first needed."""
-    from mocapella.geometry import alignment_kernels
-
-    return cast(Callable[..., None], alignment_kernels.update)

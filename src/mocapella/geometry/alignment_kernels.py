@@ -121,12 +121,3 @@ def residuals(T, offset, p, q, v, order, w, r):
         total += r[j]
         count += 1
     return total / count if count else 0.0
-
-
-@njit(cache=True)
-def update(M, keep, p, q, w, T):
-    """Forget, accumulate and fit: one step of `alignment.RecursiveAlignment`."""
-    M *= keep
-    accumulate(M, p, q, np.zeros_like(q), w, np.arange(len(w)))
-    if M[0] > 0.0:
-        align(M, 0.0, T)

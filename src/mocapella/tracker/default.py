@@ -2,8 +2,9 @@
 
     T, offsets  = calibrate(bodies)             one motion and clock offset for each sensor, shared by all people
     people      = associate(bodies, expected)   global assignment to where everybody is expected
-    skeletons   = fuse(views)                   each view by what it is worth; labels repaired between the sensors
-    steady      = smooth(skeletons)             the prediction is part of the estimate
+    labels      = facing(views)                 which way everybody faces, and which views are mirrored
+    measured    = fuse(views)                   each view by what it is worth
+    steady      = body(measured)                the prediction is part of the estimate
 
 See docs/methods/default.md.
 """
@@ -37,6 +38,7 @@ from mocapella.model.memory import pack, unpack
 from mocapella.model.observations import Arrival, BodyFrame
 from mocapella.model.scene import Float64, Person, Phase, PotentialSkeleton, Scene, SensorPlace, TrackerState
 from mocapella.model.session import SensorPose
+from mocapella.settings import check
 from mocapella.tracker.arrivals import Arrivals, Heard, Sighting
 from mocapella.tracker.people import People, PeopleMemory, PeopleSettings, Sights
 from mocapella.tracker.protocol import SensorViews, TrackerReport
@@ -62,6 +64,11 @@ class DefaultSettings:
     silent_after_s: float = 1.0
     shown_for_s: float = 1.0
     keep_root_s: float = 15.0
+
+    def __post_init__(self) -> None:
+        for name in ("silent_after_s", "shown_for_s"):
+            check(0 < getattr(self, name) <= 3600, name, getattr(self, name), "above 0 and at most 3600 s")
+        check(0 <= self.keep_root_s <= 3600, "keep_root_s", self.keep_root_s, "from 0 to 3600 s")
 
 
 _NEEDED_PARTS: Final = ("root",)

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.errors import one_of
-from mocapella.fusion.facing import FacingFilter, FacingSettings, Repair
+from mocapella.fusion.facing import FacingFilter, FacingSettings
 from mocapella.fusion.weighted_mean import FusionSettings
 from mocapella.geometry.rigid import apply
 from mocapella.kinematics.articulated_model import ArticulatedModel, ArticulatedSettings, memory_size
@@ -79,6 +79,11 @@ class PeopleSettings:
     def __post_init__(self) -> None:
         known = self.smoothing in SMOOTHING
         check(known, "smoothing", self.smoothing, one_of(self.smoothing, SMOOTHING))
+        for name in ("view_age_s", "noise_memory_s", "turn_s", "sure_sd", "swap_s"):
+            check(0 < getattr(self, name) < 1e6, name, getattr(self, name), "above 0")
+        for name in ("noise_gain", "swap_m"):
+            check(0 <= getattr(self, name) < 1e6, name, getattr(self, name), "0 or more")
+        check(0 < self.least_worth <= 1, "least_worth", self.least_worth, "above 0, up to 1")
 
 
 @dataclass
@@ -205,7 +210,6 @@ class People:
         self.numbers: list[int] = []
         self.sensors: list[str] = []
         self.memory = PeopleMemory.empty(0, 0, len(self.mirror), 0 if self._model is None else memory_size(self._model))
-        self.repairs: tuple[Repair, ...] = ()
         if self._facing is not None:
             self._facing.reset()
 
@@ -217,7 +221,7 @@ class People:
     def remember(self, memory: tuple[Any, ...]) -> None:
         """What `remembered` gave, and nothing else."""
         self.numbers, self.sensors, self.memory, facing, self.R_level = memory
-        self.repairs, self.up = (), np.ascontiguousarray(self.R_level[1])
+        self.up = np.ascontiguousarray(self.R_level[1])
         if self._facing is not None:
             self._facing.memory = facing
 
@@ -276,7 +280,7 @@ class People:
 
     def _face(self, sights: Sights, rows: Rows, column: int, dts: Float64) -> None:
         """Which way everybody faces, and whether this view has left and right mirrored."""
-        m, self.repairs = self.memory, ()
+        m = self.memory
         if self._facing is None or not len(rows):
             m.view_mirrored[rows, column] = m.view_swapped[rows, column]
             return
@@ -289,7 +293,6 @@ class People:
             facings.mirrored, facings.reported, toward,
             m.yaw, m.view_mirrored, m.view_toward, m.view_reported, m.view_turn,
         )  # fmt: skip
-        self.repairs = facings.repairs
 
     def _smooth(self, rows: Rows, measured: Float64, measured_variances: Float64, at_s: float) -> None:
         s, m, kernels = self.settings, self.memory, _kernels()

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from mocapella.fusion.facing_kernels import view_worth, wrap
 from mocapella.fusion.view_kernels import follow_offsets, fuse, joint_variances, sd_at
 from mocapella.kinematics import articulated_kernels
 from mocapella.kinematics.articulated_kernels import move
@@ -187,25 +188,13 @@ def turn_views(
         if changed and sds[b] <= sure_sd:
             view_mirrored[r, column] = mirrored[b]
         said = reported[b] + (np.pi if mirrored[b] != view_mirrored[r, column] else 0.0)
-        off = sure * ((yaws[b] - said + np.pi) % (2 * np.pi) - np.pi)
+        off = sure * wrap(yaws[b] - said)
         if not np.isfinite(off):
             off = 0.0
         before = off if changed and view_mirrored[r, column] == mirrored[b] else view_turn[r, column]
-        more = (off - before + np.pi) % (2 * np.pi) - np.pi
-        view_turn[r, column] = before - np.expm1(-dts[b] / turn_s) * more
+        view_turn[r, column] = before - np.expm1(-dts[b] / turn_s) * wrap(off - before)
         yaw[r] = yaws[b]
         view_toward[r, column], view_reported[r, column] = toward[b], said
-
-
-@njit(cache=True)
-def worth_of(yaw, toward, reported, least):
-    """`mocapella.fusion.facing.view_worth`, not below ``least``; 1 where the facing is not known."""
-    if not np.isfinite(yaw):
-        return 1.0
-    off = np.cos(reported - yaw)
-    if not (np.isfinite(off) and np.isfinite(toward)):
-        return least
-    return max(least, np.cos(toward - yaw) ** 2 * max(0.0, off) ** 4)
 
 
 @njit(cache=True)
@@ -249,7 +238,9 @@ def make(
                 continue
             age = max(0.0, age)
             used[count] = c
-            value = worth_of(yaw[r], view_toward[r, c], view_reported[r, c], least_worth)
+            value = 1.0
+            if np.isfinite(yaw[r]):
+                value = max(least_worth, view_worth(yaw[r], view_toward[r, c], view_reported[r, c]))
             for j in range(joints):
                 m = mirror[j] if view_mirrored[r, c] else j
                 for k in range(3):
