@@ -8,7 +8,7 @@ those of one second are nearer to the person's own than to another's in 95 % of 
 from __future__ import annotations
 
 from functools import cache
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,33 +34,16 @@ MOST: Final = 3.0
 
 def sizes(positions: Float64, topology: Topology) -> Float64:
     """(bodies, lengths) of bodies (bodies, joints, 3) [m]; NaN where a joint is missing, or the topology has none."""
-    ends = _ends(topology.joints)
-    if ends is None:
-        return np.full((len(positions), len(LENGTHS)), np.nan)
-    lengths = np.linalg.norm(positions[:, ends[:, 0]] - positions[:, ends[:, 1]], axis=-1)
-    return np.asarray(lengths.reshape(len(positions), len(LENGTHS), 2).mean(axis=-1))
+    ends, lengths = ends_of_lengths(topology.joints), np.full((len(positions), len(LENGTHS)), np.nan)
+    if ends is not None:
+        _kernels().measure(np.ascontiguousarray(positions, dtype=np.float64), ends, lengths)
+    return lengths
 
 
 @cache
 def unknown_size() -> Float64:
-    """(2, lengths): mean, and how many values it is of."""
+    """(2, lengths): running mean [m], and how many values it is of."""
     return np.stack([np.full(len(LENGTHS), np.nan), np.zeros(len(LENGTHS))])
-
-
-def learn_size(known: Float64, seen: Float64, most: int = 300) -> Float64:
-    """The running mean with another value; the newest counts at least 1/``most``.
-
-    Args:
-        known: (..., 2, lengths) mean and count.
-        seen: (..., lengths) [m]; NaN where not seen.
-        most: values that the mean is over.
-    """
-    mean, count = known[..., 0, :], known[..., 1, :]
-    new = np.isfinite(seen)
-    step = np.minimum(np.maximum(seen - mean, -MOST * SD_M), MOST * SD_M)
-    count = np.minimum(count + new, most)
-    mean = np.where(new, np.where(np.isfinite(mean), mean + step / np.maximum(count, 1), seen), mean)
-    return np.stack([mean, count], axis=-2)
 
 
 def known_size(known: Float64) -> bool:
@@ -80,7 +63,7 @@ def size_difference(one: Float64, other: Float64) -> float:
 
 
 @cache
-def _ends(joints: tuple[str, ...]) -> NDArray[np.intp] | None:
+def ends_of_lengths(joints: tuple[str, ...]) -> NDArray[np.int64] | None:
     """(2 · lengths, 2) joints; a length in the middle twice."""
     rows = []
     for one, other in LENGTHS:
@@ -89,4 +72,12 @@ def _ends(joints: tuple[str, ...]) -> NDArray[np.intp] | None:
             if not set(names) <= set(joints):
                 return None
             rows.append([joints.index(name) for name in names])
-    return np.array(rows)
+    return np.array(rows, dtype=np.int64)
+
+
+@cache
+def _kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.association import track_kernels
+
+    return track_kernels

@@ -8,19 +8,24 @@ that mixes up left and right does not make somebody else of a person.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from itertools import combinations
+from typing import Any, Final
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.association.proportions import known_size, learn_size, size_difference, unknown_size
+from mocapella.association.proportions import known_size, size_difference, unknown_size
 from mocapella.geometry.rigid import apply
 from mocapella.model.bodies import BodyKey
 from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -74,30 +79,62 @@ class TrackSettings:
         check(0 <= self.same_size < 1e6, "same_size", self.same_size, "0 or more")
 
 
-class Track(msgspec.Struct, frozen=True, eq=False):
-    """One person, as far as identity goes.
+class TrackMemory(msgspec.Struct, eq=False):
+    """All who are known: a row for each, in the order of their numbers; a column for each sensor.
 
     Attributes:
-        person: number of the person; never given to somebody else.
-        since_s, seen_s: first and last seen, on the common clock.
-        confirmed: whether the person is told of.
-        bodies: tracking id by sensor, of the sensors that saw the person within the last `_RECENT_S`.
-        seen_by_s: when each of those did.
-        middle: (middle joints, 3) where the person was last seen, world [m].
-        size: (2, lengths) of `mocapella.association.proportions.learn_size`.
+        person: (tracks,) number of the person; never given to somebody else.
+        since_s, seen_s: (tracks,) first and last seen, on the common clock [s].
+        confirmed: (tracks,) whether the person is told of.
+        middle: (tracks, middle joints, 3) where the person was last seen, world [m].
+        size: (tracks, 2, lengths) of `mocapella.association.proportions.learn_size`.
+        body: (tracks, sensors) tracking id under which a sensor saw the person last …
+        body_s: (tracks, sensors) … and when [s]; −inf where it does not see the person.
     """
 
-    person: int
-    since_s: float
-    seen_s: float
-    confirmed: bool
-    bodies: Mapping[str, int]
-    seen_by_s: Mapping[str, float]
+    person: Int64
+    since_s: Float64
+    seen_s: Float64
+    confirmed: Bools
     middle: Float64
     size: Float64
+    body: Int64
+    body_s: Float64
+
+    @classmethod
+    def empty(cls, tracks: int, sensors: int, joints: int) -> TrackMemory:
+        """Rows of whom nothing is known."""
+        return cls(
+            np.zeros(tracks, dtype=np.int64),
+            np.zeros(tracks),
+            np.full(tracks, -np.inf),
+            np.zeros(tracks, dtype=np.bool_),
+            np.full((tracks, joints, 3), np.nan),
+            np.tile(unknown_size(), (tracks, 1, 1)),
+            np.zeros((tracks, sensors), dtype=np.int64),
+            np.full((tracks, sensors), -np.inf),
+        )
+
+    def taken(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> TrackMemory:
+        """These rows, as a memory of its own."""
+        return TrackMemory(*(getattr(self, name)[rows] for name in self.__struct_fields__))
+
+    def with_more(self, tracks: int = 0, sensors: int = 0) -> TrackMemory:
+        """With so many rows and columns more."""
+        old, (rows, columns) = self, self.body.shape
+        new = TrackMemory.empty(rows + tracks, columns + sensors, self.middle.shape[1])
+        for name in self.__struct_fields__:
+            kept = (slice(rows), slice(columns)) if name.startswith("body") else slice(rows)
+            getattr(new, name)[kept] = getattr(old, name)
+        return new
+
+    @property
+    def present(self) -> Bools:
+        """(tracks,) whether a sensor sees them."""
+        return np.asarray(np.isfinite(self.body_s).any(axis=1))
 
 
-_RECENT_S = 0.25
+_RECENT_S: Final = 0.25
 """A sensor that has not seen a person for so long does not see them."""
 
 
@@ -111,40 +148,34 @@ def distances(bodies: Float64, people: Float64) -> Float64:
     Returns:
         (n, m) [m]; infinite where two have no joint in common.
     """
-    apart = np.sqrt(((bodies[:, None] - people[None, :]) ** 2).sum(axis=-1))
-    common = np.isfinite(apart)
-    counts = common.sum(axis=-1)
-    total = np.where(common, apart, 0.0).sum(axis=-1)
-    return np.where(counts > 0, total / np.maximum(counts, 1), np.inf)
+    out = np.empty((len(bodies), len(people)))
+    _kernels().distances(np.ascontiguousarray(bodies), np.ascontiguousarray(people), out)
+    return out
 
 
-def assign(cost: Float64, allowed: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Rows and columns in pairs, as many as are allowed and of those the ones that cost least together.
+def assign(cost: Float64, allowed: Bools) -> Int64:
+    """(n,) the column of each row, −1 for none: as many as are allowed, and of those the ones that cost least together.
 
     Args:
         cost: (n, m).
         allowed: (n, m).
-
-    Returns:
-        (row, column), by rows.
     """
-    if not allowed.any():
-        return []
-    if cost.shape == (1, 1):
-        return [(0, 0)]
     from scipy.optimize import linear_sum_assignment
 
-    finite = cost[allowed]
-    too_much = 1.0 + min(cost.shape) * (float(finite.max()) - min(0.0, float(finite.min())) + 1.0)
-    rows, columns = linear_sum_assignment(np.where(allowed, cost, too_much))
-    return [(r, c) for r, c in zip(rows.tolist(), columns.tolist(), strict=True) if allowed[r, c]]
+    columns = np.full(len(cost), -1, dtype=np.int64)
+    if allowed.any():
+        finite = cost[allowed]
+        too_much = 1.0 + min(cost.shape) * (float(finite.max()) - min(0.0, float(finite.min())) + 1.0)
+        rows, chosen = linear_sum_assignment(np.where(allowed, cost, too_much))
+        columns[rows] = np.where(allowed[rows, chosen], chosen, -1)
+    return columns
 
 
 class Tracks:
     """Everybody who is known. The same frames in the same order give the same people.
 
     Attributes:
-        tracks: in the order of the people's numbers, also those who are lost for now and those not confirmed yet.
+        memory: everybody, also those who are lost for now and those not confirmed yet.
         merged: (kept, given up) numbers of those who turned out to be one person in the last update.
     """
 
@@ -154,181 +185,179 @@ class Tracks:
 
     def reset(self) -> None:
         """Forget everybody; the numbers begin at 0."""
-        self.tracks: tuple[Track, ...] = ()
+        self.memory = TrackMemory.empty(0, 0, 0)
+        self.sensors: list[str] = []
         self.merged: tuple[tuple[int, int], ...] = ()
         self._next = 0
         self._close_since_s: dict[tuple[int, int], float] = {}
 
+    @property
+    def people(self) -> list[int]:
+        """Numbers of everybody, by row."""
+        return list(self.memory.person.tolist())
+
+    def owners(self) -> dict[BodyKey, int]:
+        """The person of each body that a sensor sees."""
+        m = self.memory
+        rows, columns = np.nonzero(np.isfinite(m.body_s))
+        bodies, people = m.body[rows, columns].tolist(), m.person[rows].tolist()
+        return {(self.sensors[c], body): who for c, body, who in zip(columns, bodies, people, strict=True)}
+
     def move(self, T_new_old: Float64) -> None:
         """Everything is told in another frame from now on."""
-        self.tracks = tuple(
-            msgspec.structs.replace(track, middle=apply(T_new_old, track.middle)) for track in self.tracks
-        )
+        self.memory.middle = apply(T_new_old, self.memory.middle)
 
     def update(  # noqa: PLR0917 - one frame, as it comes
         self,
         sensor: str,
         ids: Sequence[int],
         middles: Float64,
-        expected: Mapping[int, Float64],
+        expected: Float64 | None,
         at_s: float,
         lengths: Float64 | None = None,
-    ) -> tuple[int, ...]:
+    ) -> Int64:
         """Give one frame's bodies to people.
 
         Args:
             sensor: whose frame it is.
             ids: (bodies,) its tracking ids.
             middles: (bodies, middle joints, 3), world [m].
-            expected: by person, (middle joints, 3) where they are expected now [m]; who is not in it is expected where
-                they were last seen.
+            expected: (tracks, middle joints, 3) where everybody in `memory` is expected now [m]; who is NaN is expected
+                where they were last seen, and so is everybody where None is given.
             at_s: when the frame was captured, on the common clock.
             lengths: (bodies, lengths) of `mocapella.association.proportions.sizes` [m]; without them nobody who comes
                 back elsewhere is known again.
 
         Returns:
-            (bodies,) the person of each; −1 for a body of whose middle nothing is seen, where it is nobody known.
+            (bodies,) the row of each in `memory`; −1 for a body of whose middle nothing is seen, where it is nobody
+            known.
         """
-        s = self.settings
-        known = [track for track in self.tracks if at_s - track.seen_s <= _patience_s(track, s)]
-        people: list[Track | None] = [None] * len(ids)
-        unplaced = ~np.isfinite(middles).all(axis=-1).any(axis=-1)
-        if known and ids:
-            where = np.stack([expected.get(track.person, track.middle) for track in known])
-            apart = distances(middles, where)
-            unseen_s = np.array([max(0.0, at_s - track.seen_s - _RECENT_S) for track in known])
-            gates = np.minimum(s.gate_m + s.speed_m_s * unseen_s, s.widest_gate_m)
-            held = np.array([[track.bodies.get(sensor) == body for track in known] for body in ids])
-            cost = apart - s.stay_bonus_m * held + 0.5 * (gates - s.gate_m)  # who is seen comes before who is lost
-            by_size = np.array([lengths is not None and known_size(t.size) for t in known]) & (unseen_s > s.by_place_s)
-            allowed = ((apart <= gates) & ~by_size) | (held & unplaced[:, None])
-            for body, column in assign(np.where(np.isfinite(cost), cost, s.gate_m), allowed):
-                people[body] = known[column]
-        found = {track.person: track for track in known}
-        sizes = None
-        if lengths is not None and ids:
-            sizes = learn_size(np.stack([unknown_size() if track is None else track.size for track in people]), lengths)
-        for body, (tracking_id, track) in enumerate(zip(ids, people, strict=True)):
-            if track is None and unplaced[body]:
-                continue
-            before = track or self._somebody(at_s)
-            size = before.size if sizes is None else sizes[body]
-            person = _seen(before, (sensor, tracking_id), middles[body], at_s, size)
-            people[body], found[person.person] = person, person
-        seen = {track.person for track in people if track is not None}
-        self.tracks = tuple(
-            track if track.person in seen else _without(track, sensor, at_s) for _, track in sorted(found.items())
-        )
+        if self.memory.middle.shape[1] != middles.shape[1]:
+            self.memory = TrackMemory.empty(0, len(self.sensors), middles.shape[1])
+        column, numbers = self._column(sensor), np.array(ids, dtype=np.uint64).astype(np.int64)
+        lengths = np.empty((0, 0)) if lengths is None else lengths
+        where = np.empty((len(self.memory.person), 0, 3)) if expected is None else expected
+        rows, unplaced = self._assign(column, numbers, middles, where, at_s, lengths)
+        new = np.flatnonzero((rows < 0) & ~unplaced)
+        if len(new):
+            rows[new] = len(self.memory.person) + np.arange(len(new))
+            self.memory = self.memory.with_more(tracks=len(new))
+            m = self.memory
+            m.person[rows[new]] = self._next + np.arange(len(new))
+            m.since_s[rows[new]] = at_s
+            self._next += len(new)
+        s, m = self.settings, self.memory
+        found = _kernels().take(
+            at_s, column, numbers, middles, lengths, rows, s.same_within_m, s.confirm_after_s,
+            m.since_s, m.seen_s, m.confirmed, m.middle, m.size, m.body, m.body_s,
+        )  # fmt: skip
+        self.merged = ()
+        if not found:
+            self._close_since_s = {}
+            return rows
+        people = np.where(rows < 0, -1, m.person[rows])
         self._join(at_s)
         self._know_again(at_s)
-        kept = {gone: stays for stays, gone in self.merged}
-        return tuple(-1 if track is None else kept.get(track.person, track.person) for track in people)
+        for stays, gone in self.merged:
+            people[people == gone] = stays
+        return np.where(people < 0, -1, np.searchsorted(self.memory.person, people)).astype(np.int64)
 
-    def _somebody(self, at_s: float) -> Track:
-        self._next += 1
-        return Track(self._next - 1, at_s, at_s, False, {}, {}, np.empty((0, 3)), unknown_size())
+    def _column(self, sensor: str) -> int:
+        if sensor not in self.sensors:
+            self.sensors = [*self.sensors, sensor]
+            self.memory = self.memory.with_more(sensors=1)
+        return self.sensors.index(sensor)
+
+    def _assign(  # noqa: PLR0917
+        self, column: int, ids: Int64, middles: Float64, expected: Float64, at_s: float, lengths: Float64
+    ) -> tuple[Int64, Bools]:
+        """(bodies,) rows, −1 for nobody, and whether nothing of the middle is seen; who is lost for too long is gone."""
+        s, m = self.settings, self.memory
+        gates = (s.gate_m, s.stay_bonus_m, s.speed_m_s, s.widest_gate_m, s.by_place_s, s.forget_after_s)
+        shape = len(ids), len(m.person)
+        cost, allowed = np.empty(shape), np.empty(shape, dtype=np.bool_)
+        rows, unplaced = np.empty(len(ids), dtype=np.int64), np.empty(len(ids), dtype=np.bool_)
+        outcome = _kernels().costs(
+            at_s, column, ids, middles, expected, len(lengths) > 0, gates, m.seen_s, m.confirmed, m.middle, m.size,
+            m.body, m.body_s, cost, allowed, unplaced, rows,
+        )  # fmt: skip
+        if outcome == _kernels().EXPIRED:
+            patience_s = np.where(m.confirmed, s.forget_after_s, 2.0 * _RECENT_S)
+            stays = at_s - m.seen_s <= patience_s
+            self.memory = m.taken(stays)
+            return self._assign(column, ids, middles, expected[stays], at_s, lengths)
+        if outcome == _kernels().AMBIGUOUS:
+            rows = assign(cost, allowed)
+        return rows, unplaced
 
     def _know_again(self, at_s: float) -> None:
         """Tell of those who are new for long enough, or find out that they are somebody who was missing."""
-        s, tracks = self.settings, {track.person: track for track in self.tracks}
-        missing = {
-            track.person: track
-            for track in self.tracks
-            if track.confirmed and not track.bodies and at_s - track.seen_s > _RECENT_S
-        }
-        for new in self.tracks:
-            seen_for_s = new.seen_s - new.since_s
-            if new.confirmed or not new.bodies or seen_for_s < s.confirm_after_s:
-                continue
-            difference = sorted((self._difference(new, gone), person) for person, gone in missing.items())
+        s, m = self.settings, self.memory
+        present = m.present
+        missing = np.flatnonzero(m.confirmed & ~present & (at_s - m.seen_s > _RECENT_S)).tolist()
+        kept = np.ones(len(m.person), dtype=np.bool_)
+        seen_for_s = m.seen_s - m.since_s
+        for new in np.flatnonzero(present & ~m.confirmed & (seen_for_s >= s.confirm_after_s)).tolist():
+            difference = sorted((self._difference(new, gone), gone) for gone in missing)
             least, nearest = difference[0] if difference else (np.inf, -1)
             sure = 2 * least <= min([s.same_size, *(other for other, _ in difference[1:])])
-            sized = any(known_size(gone.size) for gone in missing.values())
-            if sized and not sure and seen_for_s < s.size_after_s:
+            sized = any(known_size(m.size[gone]) for gone in missing)
+            if sized and not sure and seen_for_s[new] < s.size_after_s:
                 continue
+            m.confirmed[new] = True
             if least > s.same_size:
-                tracks[new.person] = msgspec.structs.replace(new, confirmed=True)
                 continue
-            back = missing.pop(nearest)
-            self.merged = (*self.merged, (nearest, new.person))
-            del tracks[new.person]
-            tracks[nearest] = msgspec.structs.replace(
-                new, person=nearest, since_s=back.since_s, confirmed=True, size=back.size
-            )
-        self.tracks = tuple(track for _, track in sorted(tracks.items()))
+            missing.remove(nearest)
+            self.merged = (*self.merged, (int(m.person[nearest]), int(m.person[new])))
+            kept[new] = False
+            for values in (m.seen_s, m.middle, m.body, m.body_s):
+                values[nearest] = values[new]
+        self._keep(kept)
 
-    def _difference(self, new: Track, gone: Track) -> float:
+    def _keep(self, kept: Bools) -> None:
+        if not kept.all():
+            self.memory = self.memory.taken(kept)
+
+    def _difference(self, new: int, gone: int) -> float:
         """Of their lengths: infinite where nobody gets so far, half where the place fits."""
-        s, away_s = self.settings, new.since_s - gone.seen_s
-        apart = float(distances(new.middle[None], gone.middle[None])[0, 0])
-        difference = size_difference(new.size[0], gone.size[0])
+        s, m = self.settings, self.memory
+        away_s = float(m.since_s[new] - m.seen_s[gone])
+        apart = float(_kernels().apart(m.middle[new], m.middle[gone]))
+        difference = size_difference(m.size[new, 0], m.size[gone, 0])
         if apart > s.gate_m + s.fastest_m_s * away_s:
             return float("inf")
         return difference / 2 if apart <= min(s.gate_m + s.speed_m_s * away_s, s.widest_gate_m) else difference
 
     def _join(self, at_s: float) -> None:
         """Make one of two who have been in one place for long enough, where no sensor says that they are two."""
-        s, merged = self.settings, []
-        present = [track for track in self.tracks if track.bodies]
+        s, m = self.settings, self.memory
         close: dict[tuple[int, int], float] = {}
-        for i, one in enumerate(present):
-            for other in present[i + 1 :]:
-                if set(one.bodies) & set(other.bodies):
-                    continue
-                if distances(one.middle[None], other.middle[None])[0, 0] > s.same_within_m:
-                    continue
-                pair = one.person, other.person
-                close[pair] = self._close_since_s.get(pair, at_s)
-                if at_s - close[pair] >= s.same_after_s:
-                    merged.append((one, other))
-        self._close_since_s = close
-        gone: set[int] = set()
-        by_person = {track.person: track for track in self.tracks}
-        pairs = []
-        for one, other in merged:
-            if {one.person, other.person} & gone:
+        kept = np.ones(len(m.person), dtype=np.bool_)
+        sees = np.isfinite(m.body_s)
+        merged = []
+        for one, other in combinations(np.flatnonzero(sees.any(axis=1)).tolist(), 2):
+            share = (sees[one] & sees[other]).any()
+            if share or _kernels().apart(m.middle[one], m.middle[other]) > s.same_within_m:
                 continue
-            gone.add(other.person)
-            pairs.append((one.person, other.person))
-            by_person[one.person] = msgspec.structs.replace(
-                one,
-                since_s=min(one.since_s, other.since_s),
-                seen_s=max(one.seen_s, other.seen_s),
-                confirmed=one.confirmed or other.confirmed,
-                bodies={**one.bodies, **other.bodies},
-                seen_by_s={**one.seen_by_s, **other.seen_by_s},
-                size=one.size if one.confirmed or not other.confirmed else other.size,
-            )
-        self.merged = tuple(pairs)
-        self.tracks = tuple(track for person, track in by_person.items() if person not in gone)
+            pair = int(m.person[one]), int(m.person[other])
+            close[pair] = self._close_since_s.get(pair, at_s)
+            if at_s - close[pair] >= s.same_after_s and kept[one] and kept[other]:
+                kept[other] = False
+                merged.append(pair)
+                if m.confirmed[other] and not m.confirmed[one]:
+                    m.size[one] = m.size[other]
+                m.since_s[one] = min(m.since_s[one], m.since_s[other])
+                m.seen_s[one] = max(m.seen_s[one], m.seen_s[other])
+                m.confirmed[one] |= m.confirmed[other]
+                m.body[one, sees[other]] = m.body[other, sees[other]]
+                m.body_s[one, sees[other]] = m.body_s[other, sees[other]]
+        self._close_since_s, self.merged = close, tuple(merged)
+        self._keep(kept)
 
 
-def _patience_s(track: Track, settings: TrackSettings) -> float:
-    return settings.forget_after_s if track.confirmed else 2.0 * _RECENT_S
+@cache
+def _kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.association import track_kernels
 
-
-def _seen(track: Track, body: BodyKey, middle: Float64, at_s: float, size: Float64) -> Track:
-    sensor, tracking_id = body
-    at_s = max(at_s, track.seen_s)  # frames of several sensors come a little out of order
-    if len(track.middle) == len(middle):
-        middle = np.where(np.isfinite(middle), middle, track.middle)
-    return msgspec.structs.replace(
-        track,
-        seen_s=at_s,
-        bodies={**track.bodies, sensor: tracking_id},
-        seen_by_s={**track.seen_by_s, sensor: at_s},
-        middle=middle,
-        size=size,
-    )
-
-
-def _without(track: Track, sensor: str, at_s: float) -> Track:
-    """The track after a frame of a sensor that does not show the person; who is silent is forgotten, too."""
-    gone = [name for name, seen_s in track.seen_by_s.items() if name == sensor or at_s - seen_s > _RECENT_S]
-    if not gone:
-        return track
-    return msgspec.structs.replace(
-        track,
-        bodies={name: body for name, body in track.bodies.items() if name not in gone},
-        seen_by_s={name: seen_s for name, seen_s in track.seen_by_s.items() if name not in gone},
-    )
+    return track_kernels

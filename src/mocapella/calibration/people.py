@@ -10,7 +10,7 @@ second everything is put together.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Final
@@ -46,6 +46,7 @@ from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
 Pair = tuple[str, str]
+WhoIsWho = Callable[[], Mapping[BodyKey, int]]
 
 
 @dataclass(frozen=True)
@@ -169,7 +170,7 @@ class PeopleCalibration:
         self,
         bodies: Bodies,
         at_ns: int,
-        people: Mapping[BodyKey, int] | None = None,
+        people: WhoIsWho | None = None,
         pose: SensorPose | None = None,
     ) -> PeopleState:
         """Take one sensor's newest bodies in.
@@ -177,7 +178,7 @@ class PeopleCalibration:
         Args:
             bodies: that it tracks.
             at_ns: when it captured them, on the common clock.
-            people: who is who, as far as it is known: bodies with one number are one person. None = find it out.
+            people: tells who is who, as far as it is known: bodies with one number are one person. None = find it out.
             pose: the sensor's tilt and height where they are given; a height of 0 is none.
 
         Returns:
@@ -279,14 +280,14 @@ class PeopleCalibration:
         one, other = (self._tracks[sensor].bodies for sensor in key)
         return bool(one) and bool(other) and not self._frozen(key[0]) and not self._frozen(key[1])
 
-    def _refine(self, key: Pair, people: Mapping[BodyKey, int] | None, now: float) -> None:
+    def _refine(self, key: Pair, people: WhoIsWho | None, now: float) -> None:
         """Take in one person's newest frame, if there is one: everybody in turn."""
         pair = self._pairs[key]
         if pair.calibration is None or not self._both_see(key):
             return
         a, b = (self._tracks[sensor].bodies for sensor in key)
         if people is not None:
-            pair.matched = same_people(key, a, b, people)
+            pair.matched = same_people(key, a, b, people())
         bodies = [
             who for who in dict.fromkeys((*pair.matched, *pair.calibration.bodies)) if who[0] in a and who[1] in b
         ]
@@ -307,7 +308,7 @@ class PeopleCalibration:
         a, b = (self._tracks[sensor].bodies for sensor in key)
         pair.cold.update(a, b, self._mirror)
 
-    def _refresh(self, now: float, people: Mapping[BodyKey, int] | None) -> None:
+    def _refresh(self, now: float, people: WhoIsWho | None) -> None:
         paused = now - self._refreshed > self.settings.gone_after_s
         self._refreshed, self._refresh_s = now, self.settings.refresh_s
         for sensor, tracks in self._tracks.items():
@@ -339,7 +340,7 @@ class PeopleCalibration:
             elif pair.calibration is None:
                 pair.estimate = estimate
 
-    def _judge_calibrations(self, now: float, people: Mapping[BodyKey, int] | None) -> None:
+    def _judge_calibrations(self, now: float, people: WhoIsWho | None) -> None:
         if people is None:
             self._match()
         known = [(key, pair, pair.calibration) for key, pair in self._pairs.items() if pair.calibration is not None]

@@ -18,8 +18,7 @@ from typing import Final
 
 import numpy as np
 
-from mocapella.association.proportions import sizes
-from mocapella.association.tracks import Track, Tracks, TrackSettings
+from mocapella.association.tracks import TrackMemory, Tracks, TrackSettings
 from mocapella.calibration.cold_start import ColdStart
 from mocapella.calibration.floor import Floor, FloorFromFeet
 from mocapella.calibration.pair_calibration import PairCalibration, PairEstimate, PairSettings
@@ -111,13 +110,14 @@ class DefaultTracker:
         self._rejected: Counter[str] = Counter()
         self._state = TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=self._sensors_expected)
         self._shown: tuple[Person, ...] = ()
+        self._views: dict[int, dict[str, PotentialSkeleton]] | None = None
         self._places: tuple[SensorPlace, ...] = ()
 
     def recalibrate(self, reason: str) -> None:
         """Begin the calibration again; the next scene says why."""
         self._calibration.rig = None
         self._calibration.reset()
-        self._T_root_sensor, self._root, self._known = {}, "", None
+        self._T_root_sensor, self._known, self._outvoted_s = {}, None, None
         self._state = TrackerState(Phase.CALIBRATING, reason=reason)
 
     def snapshot(self) -> bytes:
@@ -183,23 +183,22 @@ class DefaultTracker:
         if self._people is None:
             self._people = People(self.settings.people, heard.newest[heard.sensor].frame.topology)
         sighting = heard.newest[heard.sensor]
-        self._calibrate(sighting)
+        self._calibrate(sighting, heard)
         self._track(sighting, self._people)
         self._state = self._stand(heard)
         self._shown = self._show(heard, self._people)
         return self._scene(arrival)
 
-    def _calibrate(self, sighting: Sighting) -> None:
+    def _calibrate(self, sighting: Sighting, heard: Heard) -> None:
         """Learn from the frame where the sensors are. Everything else is told in the frame of the first of them."""
-        owners = {
-            (sensor, body): track.person for track in self._tracks.tracks for sensor, body in track.bodies.items()
-        }
         frame = sighting.frame
         pose = self._poses.get(frame.sensor, SensorPose(frame.tilt, max(0.0, frame.height)))
-        state = self._calibration.update(sighting.bodies, sighting.at_ns, owners, pose)
+        state = self._calibration.update(sighting.bodies, sighting.at_ns, self._tracks.owners, pose)
         if state is self._known:
             return
-        self._known, sensors = state, state.sensors
+        self._known, sensors, self._views = state, state.sensors, None
+        if self._root in heard.newest and self._root not in sensors:
+            return  # the calibration began again, and its next frame is still to come
         root = self._choose_root(sensors)
         if root != self._root:
             if self._root in sensors and self._people is not None and sensors[self._root].trusted:
@@ -235,7 +234,7 @@ class DefaultTracker:
             return self._root
         # Who is seen now would be lost; mostly the root is tied to the others a little later.
         self._outvoted_s = self._now_s if self._outvoted_s is None else self._outvoted_s
-        seen = any(track.bodies for track in self._tracks.tracks)
+        seen = self._tracks.memory.present.any()
         if self._root not in own and seen and self._now_s - self._outvoted_s < self.settings.keep_root_s:
             return self._root
         self._outvoted_s = None
@@ -275,50 +274,46 @@ class DefaultTracker:
 
     def _show(self, heard: Heard, people: People) -> tuple[Person, ...]:
         """Everybody who is confirmed and was seen lately, with the views that are not too old."""
-        memory = people.memory
-        columns = [
-            (column, sensor)
-            for column, sensor in enumerate(people.sensors)
-            if sensor in heard.newest and sensor in self._T_root_sensor
-        ]
-        views = self._make_views(columns, people, heard)
-        positions = apply(self._T_world_root, memory.steady)
+        memory, tracks = people.memory, self._tracks.memory
+        views = self._follow_views(heard, people)
+        positions, states = apply(self._T_world_root, memory.steady), memory.states.copy()
         sd = np.sqrt(memory.doubts).astype(np.float32)
+        shown = tracks.confirmed & (self._now_s - tracks.seen_s <= self.settings.shown_for_s)
         return tuple(
-            Person(track.person, positions[row], memory.states[row].copy(), views[row], sd[row])
-            for track in self._tracks.tracks
-            if track.confirmed and self._now_s - track.seen_s <= self.settings.shown_for_s
-            for row in people.rows_of(track.person)
+            Person(people.numbers[row], positions[row], states[row], tuple(views[row].values()), sd[row])
+            for row in np.flatnonzero(shown).tolist()
         )
 
-    def _make_views(
-        self, columns: list[tuple[int, str]], people: People, heard: Heard
-    ) -> list[tuple[PotentialSkeleton, ...]]:
-        """Of each row of people, in the order of the sensors' names."""
-        memory, now = people.memory, self._now_s
-        positions, states = apply(self._T_world_root, memory.view_positions), memory.view_states.copy()
-        fresh = (now - memory.view_at <= self.settings.people.view_age_s).tolist()
-        ids = memory.view_id.tolist()
-        views: list[list[PotentialSkeleton]] = [[] for _ in people.numbers]
-        for column, sensor in sorted(columns, key=lambda item: item[1]):
-            frame = heard.newest[sensor].frame
-            pose = self._poses.get(sensor, frame)
-            T = self._T_world_root @ self._T_root_sensor[sensor]
-            for row, of_person in enumerate(views):
-                if fresh[row][column]:
-                    of_person.append(
-                        PotentialSkeleton(
-                            sensor,
-                            ids[row][column],
-                            frame.time_ns,
-                            pose.tilt,
-                            pose.height,
-                            T,
-                            positions[row, column],
-                            states[row, column],
+    def _follow_views(self, heard: Heard, people: People) -> list[dict[str, PotentialSkeleton]]:
+        """Of each row of people the views that are not too old, in the order of the sensors' names.
+
+        Only those of the newest frame are made anew, unless a place has changed, or two have become one.
+        """
+        memory = people.memory
+        known = {} if self._views is None else self._views
+        before = [known.get(number, {}) for number in people.numbers]
+        anew = self._views is None or bool(self._tracks.merged)
+        views: list[dict[str, PotentialSkeleton]] = [{} for _ in people.numbers]
+        fresh = (self._now_s - memory.view_at <= self.settings.people.view_age_s).tolist()
+        for column, sensor in sorted(enumerate(people.sensors), key=lambda item: item[1]):
+            if sensor not in heard.newest or sensor not in self._T_root_sensor:
+                continue
+            if anew or sensor == heard.sensor:
+                frame, T = heard.newest[sensor].frame, self._T_world_root @ self._T_root_sensor[sensor]
+                pose, ids = self._poses.get(sensor, frame), memory.view_id[:, column].tolist()
+                positions = apply(self._T_world_root, memory.view_positions[:, column])
+                states = memory.view_states[:, column].copy()
+                for row, of_person in enumerate(views):
+                    if fresh[row][column]:
+                        of_person[sensor] = PotentialSkeleton(
+                            sensor, ids[row], frame.time_ns, pose.tilt, pose.height, T, positions[row], states[row]
                         )
-                    )
-        return [tuple(of_person) for of_person in views]
+            else:
+                for row, of_person in enumerate(views):
+                    if fresh[row][column] and sensor in before[row]:
+                        of_person[sensor] = before[row][sensor]
+        self._views = dict(zip(people.numbers, views, strict=True))
+        return views
 
     def _scene(self, arrival: Arrival) -> Scene:
         frame, step = arrival.frame, self._steps
@@ -347,34 +342,26 @@ def associate_and_fuse(
         T: (4, 4) from its camera space to the space of the people.
         at_s, now_s: when it was captured, and the newest capture there was, on the common clock [s].
     """
-    known = [track.person for track in tracks.tracks]
-    expected = people.expected(known, now_s)
-    there = np.isfinite(expected[..., 0]).any(axis=-1).tolist()
-    somewhere = {person: middle for person, middle, is_there in zip(known, expected, there, strict=True) if is_there}
-    positions = apply(T, bodies.positions)
-    lengths = sizes(bodies.positions, bodies.topology)
-    owners = tracks.update(bodies.sensor, bodies.ids, positions[:, people.middle], somewhere, at_s, lengths)
+    prepared = people.prepare(bodies, T, now_s)
+    rows = tracks.update(bodies.sensor, bodies.ids, prepared.middles, prepared.expected, at_s, prepared.lengths)
     for stays, gone in tracks.merged:
         people.join(stays, gone)
-    people.keep([track.person for track in tracks.tracks])
-    shown = [i for i, person in enumerate(owners) if person >= 0]
-    clipped = dict(zip(frame.tracking_ids.tolist(), frame.clipped_edges.tolist(), strict=True))
-    sights = Sights(
-        bodies.sensor,
-        [owners[i] for i in shown],
-        [bodies.ids[i] for i in shown],
-        at_s,
-        positions[shown],
-        bodies.states[shown],
-        bodies.positions[shown],
-        T[:3, 3],
-        np.array([bool(clipped[bodies.ids[i]]) for i in shown], dtype=np.bool_),
-    )
-    people.update(sights, now_s)
+    people.arrange(tracks.people)
+    ids, positions, states, own = bodies.ids, prepared.positions, bodies.states, bodies.positions
+    if not (shown := rows >= 0).all():
+        rows, ids, positions, states, own = (
+            rows[shown], np.array(ids)[shown], positions[shown], states[shown], own[shown]
+        )  # fmt: skip
+    clipped = np.zeros(len(rows), dtype=np.bool_)
+    if frame.clipped_edges.any():
+        edges = dict(zip(frame.tracking_ids.tolist(), frame.clipped_edges.tolist(), strict=True))
+        clipped[:] = [edges[body] > 0 for body in ids]
+    there = np.ascontiguousarray(T[:3, 3])
+    people.update(Sights(bodies.sensor, rows, ids, at_s, positions, states, own, there, clipped), now_s)
 
 
 _OWN_MEMORY: Final = (
-    *("_now_s", "_outvoted_s", "_steps", "_rejected", "_state", "_shown", "_places"),
+    *("_now_s", "_outvoted_s", "_steps", "_rejected", "_state", "_shown", "_views", "_places"),
     *("_root", "_T_root_sensor", "_T_world_root"),
 )
 _REMEMBERED: Final = (
@@ -404,7 +391,7 @@ _REMEMBERED: Final = (
     PotentialSkeleton,
     SensorPlace,
     Sighting,
-    Track,
+    TrackMemory,
     TrackerState,
     TrackSettings,
 )

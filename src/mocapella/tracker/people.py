@@ -20,12 +20,13 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.association.proportions import LENGTHS, ends_of_lengths
 from mocapella.errors import one_of
 from mocapella.fusion.facing import FacingFilter, FacingSettings
 from mocapella.fusion.weighted_mean import FusionSettings
 from mocapella.geometry.rigid import apply
 from mocapella.kinematics.articulated_model import ArticulatedModel, ArticulatedSettings, memory_size
-from mocapella.model.bodies import BodyKey
+from mocapella.model.bodies import Bodies, BodyKey
 from mocapella.model.topology import Topology
 from mocapella.settings import check
 from mocapella.smoothing.kalman import KalmanSettings
@@ -127,7 +128,7 @@ class PeopleMemory:
     euro_velocities: Float64
     euro_seen_s: Float64
     view_at: Float64
-    view_id: NDArray[np.int64]
+    view_id: NDArray[np.uint64]
     view_positions: Float64
     view_states: UInt8
     view_variances: Float64
@@ -160,7 +161,7 @@ class PeopleMemory:
             euro_velocities=np.full((*P, joints, 3), np.nan),
             euro_seen_s=np.full((*P, joints), -np.inf),
             view_at=np.full(V, -np.inf),
-            view_id=np.zeros(V, dtype=np.int64),
+            view_id=np.zeros(V, dtype=np.uint64),
             view_positions=np.full((*V, joints, 3), np.nan),
             view_states=np.zeros((*V, joints), dtype=np.uint8),
             view_variances=np.full((*V, joints), np.inf),
@@ -199,6 +200,13 @@ class People:
         self.mirror = np.array(topology.mirror, dtype=np.int64)
         self.middle = np.flatnonzero(self.mirror == np.arange(len(topology))).astype(np.int64)
         self._root = topology.parts["root"]
+        ends = ends_of_lengths(topology.joints)
+        self._ends = np.empty((0, 2), dtype=np.int64) if ends is None else ends
+        motion = settings.motion
+        self._numbers = np.array(
+            [motion.acceleration_density, motion.forget_after_s, settings.noise_gain, settings.noise_memory_s]
+            + [settings.view_age_s, settings.swap_m, settings.swap_s]
+        )
         self._turned = _shoulders_and_hips(topology)
         self._model = ArticulatedModel.of(topology, settings.body) if settings.smoothing == "articulated" else None
         self._facing = None if settings.facing is None else FacingFilter(topology, settings.facing)
@@ -225,19 +233,27 @@ class People:
         if self._facing is not None:
             self._facing.memory = facing
 
-    def expected(self, numbers: Sequence[int], at_s: float) -> Float64:
-        """(people, middle joints, 3) where people will be, of the joints in the middle [m]; NaN where nobody knows."""
-        m = self.memory
-        rows = np.array([self._row_of(number) for number in numbers], dtype=np.int64)
-        out = np.full((len(rows), len(self.middle), 3), np.nan)
-        known = rows >= 0
-        found = np.empty((int(known.sum()), *out.shape[1:]))
-        _kernels().expect(
-            rows[known], self.middle, m.at_s, at_s, m.positions, m.velocities, m.seen_s,
-            self.settings.motion.forget_after_s, found,
+    def prepare(self, bodies: Bodies, T: Float64, at_s: float) -> Prepared:
+        """What association asks for.
+
+        Args:
+            bodies: that a sensor shows.
+            T: (4, 4) from its camera space to the space of the people.
+            at_s: the instant for which people are expected.
+        """
+        m, count, joints = self.memory, len(bodies.ids), len(self.mirror)
+        prepared = Prepared(
+            np.empty((count, joints, 3)),
+            np.empty((count, len(self.middle), 3)),
+            np.full((count, len(LENGTHS)), np.nan),
+            np.empty((len(self.numbers), len(self.middle), 3)),
+        )
+        _kernels().prepare(
+            np.ascontiguousarray(T), np.ascontiguousarray(bodies.positions), self._ends, self.middle, at_s,
+            self.settings.motion.forget_after_s, m.at_s, m.positions, m.velocities, m.seen_s,
+            prepared.positions, prepared.middles, prepared.lengths, prepared.expected,
         )  # fmt: skip
-        out[known] = found
-        return out
+        return prepared
 
     def update(self, sights: Sights, at_s: float) -> None:
         """Take in one frame: whom it shows, and how.
@@ -246,62 +262,34 @@ class People:
             sights: see there.
             at_s: the newest capture there was so far, on the common clock; everybody is brought there [s].
         """
-        s, kernels = self.settings, _kernels()
-        rows, column = self._places(sights.people), self._column(sights.sensor)
-        m, motion, fusion = self.memory, s.motion, s.fusion.vector
-        everybody = np.arange(len(self.numbers))
-        kernels.bring(
-            everybody, at_s, m.at_s, m.positions, m.velocities, m.variances, m.seen_s,
-            motion.acceleration_density, motion.forget_after_s,
-        )  # fmt: skip
-        dts = np.minimum(sights.at_s - m.view_at[rows, column], 1.0)
-        kernels.see(
-            rows, column, sights.at_s, sights.positions, sights.states, sights.own_positions, sights.clipped, fusion,
-            s.noise_gain, s.noise_memory_s, m.velocities,
-            m.view_at, m.view_positions, m.view_states, m.view_variances, m.view_noise,
+        s, kernels, rows, column = self.settings, _kernels(), sights.rows, self._column(sights.sensor)
+        m, fusion = self.memory, s.fusion.vector
+        bodies, toward, velocities, dts = kernels.observe(
+            rows, column, at_s, sights.at_s, self._numbers, fusion, self.mirror, self._root, self.R_level,
+            sights.positions, sights.states, sights.own_positions, sights.sensor_position, sights.clipped,
+            m.at_s, m.positions, m.velocities, m.variances, m.seen_s,
+            m.view_at, m.view_positions, m.view_states, m.view_variances, m.view_noise, m.view_swapped,
+            m.view_advantage,
         )  # fmt: skip
         m.view_id[rows, column] = sights.ids
-        kernels.follow_labels(
-            rows, column, dts, s.view_age_s, self.mirror, s.swap_m, s.swap_s,
-            m.view_at, m.view_positions, m.view_swapped, m.view_advantage,
-        )  # fmt: skip
-        self._face(sights, rows, column, dts)
-        measured = np.empty((len(rows), len(self.mirror), 3))
-        doubts = np.empty((len(rows), len(self.mirror)))
-        kernels.make(
-            rows, len(self.sensors), at_s, s.view_age_s, self.mirror, self._turned, self.up, self._root, s.least_worth,
-            fusion, motion.speed_sd**2, m.yaw,
-            m.at_s, m.positions, m.velocities, m.variances, m.seen_s, m.states, m.fused_s,
-            m.view_at, m.view_positions, m.view_states, m.view_variances, m.view_mirrored,
-            m.view_toward, m.view_reported, m.view_turn, m.view_offsets, measured, doubts,
-        )  # fmt: skip
-        kernels.infer(everybody, at_s, s.view_age_s, m.positions, m.states, m.view_at)
-        self._smooth(rows, measured, doubts, at_s)
-
-    def _face(self, sights: Sights, rows: Rows, column: int, dts: Float64) -> None:
-        """Which way everybody faces, and whether this view has left and right mirrored."""
-        m = self.memory
-        if self._facing is None or not len(rows):
+        if self._facing is None:
             m.view_mirrored[rows, column] = m.view_swapped[rows, column]
-            return
-        bodies, toward, velocities = _kernels().to_level(
-            self.R_level, sights.positions, sights.sensor_position, self._root, rows, m.velocities
-        )
-        facings = self._facing.update(sights.sensor, sights.people, bodies, toward, sights.at_s, velocities)
-        _kernels().turn_views(
-            rows, column, dts, self.settings.turn_s, self.settings.sure_sd, facings.yaw, facings.sd,
-            facings.mirrored, facings.reported, toward,
-            m.yaw, m.view_mirrored, m.view_toward, m.view_reported, m.view_turn,
+        elif len(rows):
+            people = [self.numbers[row] for row in rows.tolist()]
+            f = self._facing.update(sights.sensor, people, bodies, toward, sights.at_s, velocities)
+            kernels.turn_views(
+                rows, column, dts, s.turn_s, s.sure_sd, f.yaw, f.sd, f.mirrored, f.reported, toward,
+                m.yaw, m.view_mirrored, m.view_toward, m.view_reported, m.view_turn,
+            )  # fmt: skip
+        measured, doubts = kernels.make(
+            rows, len(self.sensors), at_s, s.view_age_s, self.mirror, self._turned, self.up, self._root, s.least_worth,
+            fusion, s.motion.speed_sd**2, m.yaw,
+            m.at_s, m.positions, m.velocities, m.variances, m.seen_s, m.states, m.fused_s, m.steady, m.doubts,
+            m.view_at, m.view_positions, m.view_states, m.view_variances, m.view_mirrored,
+            m.view_toward, m.view_reported, m.view_turn, m.view_offsets,
         )  # fmt: skip
-
-    def _smooth(self, rows: Rows, measured: Float64, measured_variances: Float64, at_s: float) -> None:
-        s, m, kernels = self.settings, self.memory, _kernels()
-        m.steady[:] = m.positions
-        m.doubts[:] = m.variances[..., 0]
         if self._model is not None:
-            kernels.pose_people(
-                rows, self._model.arrays, m.body, measured, measured_variances, at_s, m.steady, m.doubts
-            )
+            kernels.pose_people(rows, self._model.arrays, m.body, measured, doubts, at_s, m.steady, m.doubts)
         if s.smoothing == "one-euro":
             e = s.one_euro
             kernels.smooth_people(
@@ -314,10 +302,6 @@ class People:
         m = self.memory
         rows, columns = np.nonzero(m.view_swapped & np.isfinite(m.view_at))
         return frozenset((self.sensors[c], int(m.view_id[r, c])) for r, c in zip(rows, columns, strict=True))
-
-    def rows_of(self, number: int) -> tuple[int, ...]:
-        """The person's row, if there is one."""
-        return (self.numbers.index(number),) if number in self.numbers else ()
 
     def move(self, T_new_old: Float64) -> None:
         """Everything is told in another frame from now on."""
@@ -336,42 +320,33 @@ class People:
         turned = R_level @ self.R_level.T
         if self._facing is not None:
             self._facing.rotate(float(np.arctan2(turned[0, 2], turned[0, 0])))
-        self.R_level, self.up = R_level, np.ascontiguousarray(R_level[1])
+        self.R_level = np.ascontiguousarray(R_level)
+        self.up = np.ascontiguousarray(R_level[1])
 
-    def keep(self, numbers: Sequence[int]) -> None:
-        """Forget everybody else."""
-        if not set(self.numbers) <= set(numbers):
-            self._take([number for number in self.numbers if number in set(numbers)])
-            if self._facing is not None:
-                self._facing.forget(numbers)
+    def arrange(self, numbers: Sequence[int]) -> None:
+        """A row for each of these people, in this order: those who are known and after them who is new, nobody else."""
+        if self.numbers == numbers:
+            return
+        known = set(self.numbers)
+        kept = [self.numbers.index(number) for number in numbers if number in known]
+        self.memory = self.memory.taken(kept, len(numbers), len(self.sensors))
+        if len(kept) < len(known) and self._facing is not None:
+            self._facing.forget(numbers)
+        self.numbers = list(numbers)
 
     def join(self, stays: int, gone: int) -> None:
         """Two turned out to be one: everything is as with the one seen last, and the views are both's."""
-        one, other = self._row_of(stays), self._row_of(gone)
-        if other < 0:
-            return
-        if one >= 0:
-            seen_s = self.memory.view_at
-            newer, last = seen_s[other] > seen_s[one], seen_s[other].max() > seen_s[one].max()
-            for name, values in vars(self.memory).items():
-                if name.startswith("view_"):
-                    values[one, newer] = values[other, newer]
-                elif last:
-                    values[one] = values[other]
-            if self._facing is not None:
-                self._facing.join(stays, gone)
-        self._take([number for number in self.numbers if number != gone])
-
-    def _row_of(self, number: int) -> int:
-        return next(iter(self.rows_of(number)), -1)
-
-    def _places(self, numbers: Sequence[int]) -> Rows:
-        """The rows of people, who may be new."""
-        new = [number for number in numbers if number not in self.numbers]
-        if new:
-            self.memory = self.memory.taken(range(len(self.numbers)), len(self.numbers) + len(new), len(self.sensors))
-            self.numbers = [*self.numbers, *new]
-        return np.array([self.numbers.index(number) for number in numbers], dtype=np.int64)
+        one, other = self.numbers.index(stays), self.numbers.index(gone)
+        seen_s = self.memory.view_at
+        newer, last = seen_s[other] > seen_s[one], seen_s[other].max() > seen_s[one].max()
+        for name, values in vars(self.memory).items():
+            if name.startswith("view_"):
+                values[one, newer] = values[other, newer]
+            elif last:
+                values[one] = values[other]
+        if self._facing is not None:
+            self._facing.join(stays, gone)
+        self.arrange([number for number in self.numbers if number != gone])
 
     def _column(self, sensor: str) -> int:
         if sensor not in self.sensors:
@@ -380,11 +355,6 @@ class People:
             self.memory = self.memory.taken(rows, len(rows), len(self.sensors))
         return self.sensors.index(sensor)
 
-    def _take(self, numbers: list[int]) -> None:
-        rows = [self.numbers.index(number) for number in numbers]
-        self.memory = self.memory.taken(rows, len(rows), len(self.sensors))
-        self.numbers = numbers
-
 
 def _shoulders_and_hips(topology: Topology) -> Bools:
     """(joints,) those that say the yaw, which sensors guess rather than see: no others are moved by turning it."""
@@ -392,12 +362,28 @@ def _shoulders_and_hips(topology: Topology) -> Bools:
     return np.asarray(np.array([name.startswith(("Shoulder", "Hip")) for name in topology.joints]) & sided)
 
 
+class Prepared(msgspec.Struct, frozen=True, eq=False):
+    """A frame's bodies as association needs them.
+
+    Attributes:
+        positions: (bodies, joints, 3) in the space of the people [m].
+        middles: (bodies, middle joints, 3) of them those in the middle, which have no left and right.
+        lengths: (bodies, lengths) of `mocapella.association.proportions` [m].
+        expected: (people, middle joints, 3) where everybody's are expected [m]; NaN where nobody knows.
+    """
+
+    positions: Float64
+    middles: Float64
+    lengths: Float64
+    expected: Float64
+
+
 class Sights(msgspec.Struct, frozen=True, eq=False):
     """What a frame shows of people.
 
     Attributes:
         sensor: whose frame it is.
-        people: (bodies,) numbers of the persons, each once.
+        rows: (bodies,) of the persons in the memory, each once.
         ids: (bodies,) tracking ids.
         at_s: when it was captured, on the common clock.
         positions: (bodies, joints, 3) [m]; NaN where not tracked.
@@ -408,7 +394,7 @@ class Sights(msgspec.Struct, frozen=True, eq=False):
     """
 
     sensor: str
-    people: Sequence[int]
+    rows: Rows
     ids: Sequence[int]
     at_s: float
     positions: Float64

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from mocapella.association.track_kernels import measure
 from mocapella.fusion.facing_kernels import view_worth, wrap
 from mocapella.fusion.view_kernels import follow_offsets, fuse, joint_variances, sd_at
 from mocapella.kinematics import articulated_kernels
@@ -21,32 +22,74 @@ _LONGEST_STEP_S = 0.2
 _NOT_TRACKED, _INFERRED = int(JointState.NOT_TRACKED), int(JointState.INFERRED)
 
 
-__all__ = [
-    "bring", "expect", "follow_labels", "infer", "make", "move", "pose_people", "see", "smooth_people", "to_level",
-    "turn_views",
-]  # fmt: skip
+__all__ = ["make", "move", "observe", "pose_people", "prepare", "smooth_people", "turn_views"]
 
 
 @njit(cache=True)
-def expect(rows, middle, at_s, now_s, positions, velocities, seen_s, forget_after_s, out):
-    """Where the middles of people are at ``now_s``, into ``out`` (rows, middle, 3); NaN where not known."""
-    for i in range(len(rows)):
-        r = rows[i]
+def prepare(
+    T, bodies, ends, middle, now_s, forget_after_s, at_s, positions, velocities, seen_s,
+    world, middles, lengths, expected,
+):  # fmt: skip
+    """What association asks for of a frame's bodies, see `Prepared`."""
+    for b in range(len(bodies)):
+        for j in range(bodies.shape[1]):
+            for k in range(3):
+                world[b, j, k] = (
+                    T[k, 0] * bodies[b, j, 0] + T[k, 1] * bodies[b, j, 1] + T[k, 2] * bodies[b, j, 2] + T[k, 3]
+                )
+        for m in range(len(middle)):
+            middles[b, m] = world[b, middle[m]]
+    if len(ends):
+        measure(bodies, ends, lengths)
+    expect(middle, at_s, now_s, positions, velocities, seen_s, forget_after_s, expected)
+
+
+@njit(cache=True)
+def observe(
+    rows, column, now_s, captured_s, numbers, fusion, mirror, root, R_level,
+    seen, seen_states, own_positions, sensor_position, clipped,
+    at_s, positions, velocities, variances, seen_s,
+    view_at, view_positions, view_states, view_variances, view_noise, view_swapped, view_advantage,
+):  # fmt: skip
+    """Everybody at ``now_s``, and a frame's bodies as the newest views of people.
+
+    Returns:
+        What `to_level` returns, and the time since the person's view before (bodies,), at most a second.
+    """
+    density, forget_after_s, noise_gain, noise_memory_s, view_age_s, swap_m, swap_s = numbers
+    bring(now_s, at_s, positions, velocities, variances, seen_s, density, forget_after_s)
+    dts = np.empty(len(rows))
+    for b in range(len(rows)):
+        dts[b] = min(captured_s - view_at[rows[b], column], 1.0)
+    see(
+        rows, column, captured_s, seen, seen_states, own_positions, clipped, fusion, noise_gain, noise_memory_s,
+        velocities, view_at, view_positions, view_states, view_variances, view_noise,
+    )  # fmt: skip
+    follow_labels(
+        rows, column, dts, view_age_s, mirror, swap_m, swap_s, view_at, view_positions, view_swapped, view_advantage
+    )
+    level, toward, speeds = to_level(R_level, seen, sensor_position, root, rows, velocities)
+    return level, toward, speeds, dts
+
+
+@njit(cache=True)
+def expect(middle, at_s, now_s, positions, velocities, seen_s, forget_after_s, out):
+    """Where the middles of people are at ``now_s``, into ``out`` (people, middle, 3); NaN where not known."""
+    for r in range(len(at_s)):
         dt = max(0.0, now_s - at_s[r])
         for m in range(len(middle)):
             j = middle[m]
             if now_s - seen_s[r, j] > forget_after_s:
-                out[i, m] = np.nan
+                out[r, m] = np.nan
             else:
                 for k in range(3):
-                    out[i, m, k] = positions[r, j, k] + dt * velocities[r, j, k]
+                    out[r, m, k] = positions[r, j, k] + dt * velocities[r, j, k]
 
 
 @njit(cache=True)
-def bring(rows, now_s, at_s, positions, velocities, variances, seen_s, density, forget_after_s):
-    """Everybody in ``rows`` predicted to ``now_s``; nobody goes back in time."""
-    for i in range(len(rows)):
-        r = rows[i]
+def bring(now_s, at_s, positions, velocities, variances, seen_s, density, forget_after_s):
+    """Everybody predicted to ``now_s``; nobody goes back in time."""
+    for r in range(len(at_s)):
         dt = now_s - at_s[r]
         if dt > 0.0:
             predict(positions[r], velocities[r], variances[r], seen_s[r], dt, now_s, density, forget_after_s)
@@ -217,13 +260,17 @@ def turn(body, turned, root, up, angle):
 @njit(cache=True)
 def make(
     rows, columns, now_s, view_age_s, mirror, turned, up, root, least_worth, fusion, speed_variance, yaw,
-    at_s, positions, velocities, variances, seen_s, states, fused_s,
+    at_s, positions, velocities, variances, seen_s, states, fused_s, steady, steady_variances,
     view_at, view_positions, view_states, view_variances, view_mirrored, view_toward, view_reported,
     view_turn, view_offsets,
-    measured, measured_variances,
 ):  # fmt: skip
-    """Make one skeleton of each person's views: fused into ``measured``, and the points corrected by it."""
+    """Make one skeleton of each person's views, correct the points by it, and take those for steady.
+
+    Returns:
+        What was fused of those in the frame: (rows, joints, 3), and its variances (rows, joints).
+    """
     joints = len(mirror)
+    measured, measured_variances = np.empty((len(rows), joints, 3)), np.empty((len(rows), joints))
     views = np.empty((columns, joints, 3))
     worth = np.empty((columns, joints))
     offsets = np.empty((columns, joints, 3))
@@ -272,13 +319,18 @@ def make(
                 m = mirror[j] if view_mirrored[r, used[n]] else j
                 best = max(best, view_states[r, used[n], m])
             states[r, j] = best
+    infer(now_s, view_age_s, positions, states, view_at)
+    for r in range(len(positions)):
+        for j in range(joints):
+            steady[r, j] = positions[r, j]
+            steady_variances[r, j] = variances[r, j, 0]
+    return measured, measured_variances
 
 
 @njit(cache=True)
-def infer(rows, now_s, view_age_s, positions, states, view_at):
+def infer(now_s, view_age_s, positions, states, view_at):
     """What nobody sees is predicted, and told as inferred for as long as it is."""
-    for i in range(len(rows)):
-        r = rows[i]
+    for r in range(len(positions)):
         seen = False
         for c in range(view_at.shape[1]):
             seen = seen or now_s - view_at[r, c] <= view_age_s

@@ -1,0 +1,169 @@
+"""The hot steps of `mocapella.association.tracks`, compiled and in place; importing this module imports numba.
+
+Arrays are as `mocapella.association.tracks.TrackMemory` describes them: a row for each track, a column for each sensor.
+"""
+
+# ruff: noqa: PLR0917 - compiled: arrays come by position
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from mocapella.association.proportions import MOST, SD_M
+
+EXPIRED, DECIDED, AMBIGUOUS = -1, 0, 1
+"""What `costs` found."""
+MAY_BE_ONE, MAY_BE_KNOWN = 1, 2
+"""What `take` found, to be looked at more closely; added."""
+
+_MOST_VALUES = 300
+_RECENT_S = 0.25
+
+
+@njit(cache=True)
+def apart(one, other):
+    """Mean distance of the joints that both have [m]; infinite where they have none in common."""
+    total, count = 0.0, 0
+    for j in range(min(len(one), len(other))):
+        square = 0.0
+        for k in range(3):
+            square += (one[j, k] - other[j, k]) ** 2
+        if np.isfinite(square):
+            total += np.sqrt(square)
+            count += 1
+    return total / count if count > 0 else np.inf
+
+
+@njit(cache=True)
+def distances(bodies, people, out):
+    """Of each body to each person, into ``out`` (bodies, people)."""
+    for b in range(len(bodies)):
+        for p in range(len(people)):
+            out[b, p] = apart(bodies[b], people[p])
+
+
+@njit(cache=True)
+def measure(positions, ends, lengths):
+    """Lengths of bodies (bodies, joints, 3) between pairs of joints, left and right in turn, into (bodies, lengths)."""
+    for b in range(len(lengths)):
+        for i in range(lengths.shape[1]):
+            total = 0.0
+            for side in range(2):
+                one, other = ends[2 * i + side]
+                square = 0.0
+                for k in range(3):
+                    square += (positions[b, one, k] - positions[b, other, k]) ** 2
+                total += np.sqrt(square)
+            lengths[b, i] = 0.5 * total
+
+
+@njit(cache=True)
+def learn_size(size, seen):
+    """`mocapella.association.proportions.learn_size` of one body, in place."""
+    for i in range(len(seen)):
+        if not np.isfinite(seen[i]):
+            continue
+        size[1, i] = min(size[1, i] + 1.0, _MOST_VALUES)
+        if np.isfinite(size[0, i]):
+            step = min(max(seen[i] - size[0, i], -MOST * SD_M[i]), MOST * SD_M[i])
+            size[0, i] += step / size[1, i]
+        else:
+            size[0, i] = seen[i]
+
+
+@njit(cache=True)
+def known_size(size):
+    """Whether half of the lengths have been seen."""
+    count = 0
+    for i in range(size.shape[1]):
+        count += size[1, i] > 0.0
+    return 2 * count >= size.shape[1]
+
+
+@njit(cache=True)
+def costs(
+    at_s, column, ids, middles, expected, sized, gates, seen_s, confirmed, middle, size, body, body_s,
+    cost, allowed, unplaced, rows,
+):  # fmt: skip
+    """What it costs to take each body of a frame for each person, and whether that is allowed.
+
+    Returns:
+        `EXPIRED` where somebody is to be forgotten first, `DECIDED` where there is no choice, with the row of each body
+        in ``rows``, or `AMBIGUOUS`.
+    """
+    gate, stay_bonus, speed, widest, by_place_s, forget_after_s = gates
+    bodies, people = cost.shape
+    for p in range(people):
+        if at_s - seen_s[p] > (forget_after_s if confirmed[p] else 2.0 * _RECENT_S):
+            return EXPIRED
+    taken = np.zeros(people, dtype=np.int64)
+    choice = False
+    for b in range(bodies):
+        unplaced[b] = True
+        for j in range(middles.shape[1]):
+            if np.isfinite(middles[b, j, 0]) and np.isfinite(middles[b, j, 1]) and np.isfinite(middles[b, j, 2]):
+                unplaced[b] = False
+        rows[b] = -1
+        for p in range(people):
+            there = middle[p]
+            for j in range(expected.shape[1]):
+                if np.isfinite(expected[p, j, 0]):
+                    there = expected[p]
+            away = apart(middles[b], there)
+            unseen = max(0.0, at_s - seen_s[p] - _RECENT_S)
+            widened = min(gate + speed * unseen, widest)
+            held = np.isfinite(body_s[p, column]) and body[p, column] == ids[b]
+            value = away - (stay_bonus if held else 0.0) + 0.5 * (widened - gate)  # who is seen before who is lost
+            cost[b, p] = value if np.isfinite(value) else gate
+            by_size = sized and unseen > by_place_s and known_size(size[p])
+            allowed[b, p] = (away <= widened and not by_size) or (held and unplaced[b])
+            if allowed[b, p]:
+                choice = choice or rows[b] >= 0 or taken[p] > 0
+                rows[b] = p
+                taken[p] += 1
+    return AMBIGUOUS if choice else DECIDED
+
+
+@njit(cache=True)
+def take(
+    at_s, column, ids, middles, lengths, rows, same_within_m, confirm_after_s,
+    since_s, seen_s, confirmed, middle, size, body, body_s,
+):  # fmt: skip
+    """Take the bodies of a frame for the people in ``rows``; −1 for nobody.
+
+    Returns:
+        Whether there are two who may be one (`MAY_BE_ONE`), and somebody new of whom to tell (`MAY_BE_KNOWN`).
+    """
+    tracks, sensors = body_s.shape
+    shown = np.zeros(tracks, dtype=np.bool_)
+    for b in range(len(rows)):
+        r = rows[b]
+        if r < 0:
+            continue
+        shown[r] = True
+        seen_s[r] = max(at_s, seen_s[r])  # frames of several sensors come a little out of order
+        body[r, column], body_s[r, column] = ids[b], seen_s[r]
+        for j in range(middle.shape[1]):
+            if np.isfinite(middles[b, j, 0]) and np.isfinite(middles[b, j, 1]) and np.isfinite(middles[b, j, 2]):
+                middle[r, j] = middles[b, j]
+        if len(lengths):
+            learn_size(size[r], lengths[b])
+    found = 0
+    present = np.zeros(tracks, dtype=np.bool_)
+    for r in range(tracks):
+        for c in range(sensors):
+            if not shown[r] and (c == column or at_s - body_s[r, c] > _RECENT_S):
+                body_s[r, c] = -np.inf
+            present[r] = present[r] or np.isfinite(body_s[r, c])
+        if present[r] and not confirmed[r] and seen_s[r] - since_s[r] >= confirm_after_s:
+            found |= MAY_BE_KNOWN
+    for r in range(tracks):
+        for other in range(r + 1, tracks):
+            if not present[r] or not present[other]:
+                continue
+            share = False
+            for c in range(sensors):
+                share = share or (np.isfinite(body_s[r, c]) and np.isfinite(body_s[other, c]))
+            if not share and apart(middle[r], middle[other]) <= same_within_m:
+                found |= MAY_BE_ONE
+    return found
