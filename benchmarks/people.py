@@ -117,7 +117,7 @@ def tracker_seconds(known: Mapping[str, Float64], arrivals: Sequence[Arrival]) -
 def chain_seconds(known: Mapping[str, Float64], arrivals: Sequence[Arrival]) -> float:
     """Of the stages associate, fuse and 1-euro alone."""
     tracks = Tracks()
-    people = People(PeopleSettings(smoothing="one-euro"), arrivals[0].frame.topology)
+    people = People(PeopleSettings(smoothing="one-euro", facing=None), arrivals[0].frame.topology)
     bodies = [tracked_bodies(arrival.frame) for arrival in arrivals]
     begin = time.perf_counter()
     for arrival, seen in zip(arrivals, bodies, strict=True):

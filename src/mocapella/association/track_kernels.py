@@ -11,7 +11,7 @@ from numba import njit
 
 from mocapella.association.proportions import MOST, SD_M
 
-EXPIRED, DECIDED, AMBIGUOUS = -1, 0, 1
+EXPIRED, EVERYBODY, DECIDED, AMBIGUOUS = -1, 0, 1, 2
 """What `costs` found."""
 MAY_BE_ONE, MAY_BE_KNOWN = 1, 2
 """What `take` found, to be looked at more closely; added."""
@@ -88,16 +88,16 @@ def costs(
     """What it costs to take each body of a frame for each person, and whether that is allowed.
 
     Returns:
-        `EXPIRED` where somebody is to be forgotten first, `DECIDED` where there is no choice, with the row of each body
-        in ``rows``, or `AMBIGUOUS`.
+        `EXPIRED` where somebody is to be forgotten first, `AMBIGUOUS` where two bodies want the same row; else `DECIDED`,
+        with the row of each body in ``rows`` and −1 for nobody, or `EVERYBODY` where each has one.
     """
     gate, stay_bonus, speed, widest, by_place_s, forget_after_s = gates
     bodies, people = cost.shape
     for p in range(people):
         if at_s - seen_s[p] > (forget_after_s if confirmed[p] else 2.0 * _RECENT_S):
             return EXPIRED
-    taken = np.zeros(people, dtype=np.int64)
-    choice = False
+    taken = np.zeros(people, dtype=np.bool_)
+    choice, everybody = False, True
     for b in range(bodies):
         unplaced[b] = True
         for j in range(middles.shape[1]):
@@ -117,11 +117,15 @@ def costs(
             cost[b, p] = value if np.isfinite(value) else gate
             by_size = sized and unseen > by_place_s and known_size(size[p])
             allowed[b, p] = (away <= widened and not by_size) or (held and unplaced[b])
-            if allowed[b, p]:
-                choice = choice or rows[b] >= 0 or taken[p] > 0
+            if allowed[b, p] and (rows[b] < 0 or cost[b, p] < cost[b, rows[b]]):
                 rows[b] = p
-                taken[p] += 1
-    return AMBIGUOUS if choice else DECIDED
+        everybody = everybody and rows[b] >= 0
+        if rows[b] >= 0:  # nothing costs less than what is best for everybody
+            choice = choice or taken[rows[b]]
+            taken[rows[b]] = True
+    if choice:
+        return AMBIGUOUS
+    return EVERYBODY if everybody else DECIDED
 
 
 @njit(cache=True)

@@ -8,6 +8,7 @@ that mixes up left and right does not make somebody else of a person.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -20,7 +21,6 @@ from numpy.typing import NDArray
 
 from mocapella.association.proportions import known_size, size_difference, unknown_size
 from mocapella.geometry.rigid import apply
-from mocapella.model.bodies import BodyKey
 from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
@@ -196,12 +196,16 @@ class Tracks:
         """Numbers of everybody, by row."""
         return list(self.memory.person.tolist())
 
-    def owners(self) -> dict[BodyKey, int]:
-        """The person of each body that a sensor sees."""
-        m = self.memory
-        rows, columns = np.nonzero(np.isfinite(m.body_s))
-        bodies, people = m.body[rows, columns].tolist(), m.person[rows].tolist()
-        return {(self.sensors[c], body): who for c, body, who in zip(columns, bodies, people, strict=True)}
+    def owners(self, sensor: str) -> dict[int, int]:
+        """The person of each body that the sensor sees."""
+        if sensor not in self.sensors:
+            return {}
+        m, column = self.memory, self.sensors.index(sensor)
+        bodies, people = m.body[:, column].tolist(), m.person.tolist()
+        return {
+            body: person for body, person, at_s in zip(bodies, people, m.body_s[:, column].tolist(), strict=True)
+            if at_s > -math.inf
+        }  # fmt: skip
 
     def move(self, T_new_old: Float64) -> None:
         """Everything is told in another frame from now on."""
@@ -237,8 +241,8 @@ class Tracks:
         column, numbers = self._column(sensor), np.array(ids, dtype=np.uint64).astype(np.int64)
         lengths = np.empty((0, 0)) if lengths is None else lengths
         where = np.empty((len(self.memory.person), 0, 3)) if expected is None else expected
-        rows, unplaced = self._assign(column, numbers, middles, where, at_s, lengths)
-        new = np.flatnonzero((rows < 0) & ~unplaced)
+        rows, unplaced, nobody = self._assign(column, numbers, middles, where, at_s, lengths)
+        new = np.flatnonzero((rows < 0) & ~unplaced) if nobody else ()
         if len(new):
             rows[new] = len(self.memory.person) + np.arange(len(new))
             self.memory = self.memory.with_more(tracks=len(new))
@@ -270,8 +274,12 @@ class Tracks:
 
     def _assign(  # noqa: PLR0917
         self, column: int, ids: Int64, middles: Float64, expected: Float64, at_s: float, lengths: Float64
-    ) -> tuple[Int64, Bools]:
-        """(bodies,) rows, −1 for nobody, and whether nothing of the middle is seen; who is lost for too long is gone."""
+    ) -> tuple[Int64, Bools, bool]:
+        """Who is lost for too long is gone.
+
+        Returns:
+            (bodies,) rows, −1 for nobody; (bodies,) whether nothing of the middle is seen; whether anybody is nobody.
+        """
         s, m = self.settings, self.memory
         gates = (s.gate_m, s.stay_bonus_m, s.speed_m_s, s.widest_gate_m, s.by_place_s, s.forget_after_s)
         shape = len(ids), len(m.person)
@@ -288,7 +296,7 @@ class Tracks:
             return self._assign(column, ids, middles, expected[stays], at_s, lengths)
         if outcome == _kernels().AMBIGUOUS:
             rows = assign(cost, allowed)
-        return rows, unplaced
+        return rows, unplaced, outcome != _kernels().EVERYBODY
 
     def _know_again(self, at_s: float) -> None:
         """Tell of those who are new for long enough, or find out that they are somebody who was missing."""

@@ -40,13 +40,14 @@ from mocapella.calibration.shared_people import nearest_bodies, same_people
 from mocapella.conventions import NS_PER_S
 from mocapella.geometry.rigid import inverse
 from mocapella.geometry.twists import adjoint
-from mocapella.model.bodies import Bodies, BodyKey
+from mocapella.model.bodies import Bodies
 from mocapella.model.session import SensorPose
 from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
 Pair = tuple[str, str]
-WhoIsWho = Callable[[], Mapping[BodyKey, int]]
+WhoIsWho = Callable[[str], Mapping[int, int]]
+"""The person of each tracking id of a sensor."""
 
 
 @dataclass(frozen=True)
@@ -287,7 +288,7 @@ class PeopleCalibration:
             return
         a, b = (self._tracks[sensor].bodies for sensor in key)
         if people is not None:
-            pair.matched = same_people(key, a, b, people())
+            pair.matched = same_people(a, b, people(key[0]), people(key[1]))
         bodies = [
             who for who in dict.fromkeys((*pair.matched, *pair.calibration.bodies)) if who[0] in a and who[1] in b
         ]

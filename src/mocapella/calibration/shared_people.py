@@ -9,18 +9,16 @@ from numpy.typing import NDArray
 
 from mocapella.calibration.pair_memory import BodyTrack
 from mocapella.geometry.rigid import apply
-from mocapella.model.bodies import BodyKey
 
 Float64 = NDArray[np.float64]
 
 
 def same_people(
-    key: tuple[str, str], a: Iterable[int], b: Iterable[int], people: Mapping[BodyKey, int]
+    a: Iterable[int], b: Iterable[int], people_of_a: Mapping[int, int], people_of_b: Mapping[int, int]
 ) -> tuple[tuple[int, int], ...]:
-    """Tracking ids in two sensors of bodies that have one number."""
-    of_b = {people[key[1], body]: body for body in b if (key[1], body) in people}
-    numbers = ((body, people.get((key[0], body))) for body in a)
-    return tuple((body, of_b[number]) for body, number in numbers if number is not None and number in of_b)
+    """Tracking ids in two sensors of bodies that are one person."""
+    of_b = {people_of_b[body]: body for body in b if body in people_of_b}
+    return tuple((body, of_b[people_of_a[body]]) for body in a if people_of_a.get(body) in of_b)
 
 
 def nearest_bodies(

@@ -12,8 +12,9 @@ See docs/methods/default.md.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -31,7 +32,7 @@ from mocapella.calibration.sensor_graph import PlacedSensor
 from mocapella.calibration.time_offset import TimeOffset
 from mocapella.conventions import NS_PER_S
 from mocapella.fusion.facing import FacingMemory
-from mocapella.geometry.rigid import apply, inverse
+from mocapella.geometry.rigid import inverse
 from mocapella.model.bodies import Bodies
 from mocapella.model.memory import pack, unpack
 from mocapella.model.observations import Arrival, BodyFrame
@@ -39,7 +40,7 @@ from mocapella.model.scene import Float64, Person, Phase, PotentialSkeleton, Sce
 from mocapella.model.session import SensorPose
 from mocapella.settings import check
 from mocapella.tracker.arrivals import Arrivals, Heard, Sighting
-from mocapella.tracker.people import People, PeopleMemory, PeopleSettings, Sights
+from mocapella.tracker.people import People, PeopleMemory, PeopleSettings, Sights, Told
 from mocapella.tracker.protocol import SensorViews, TrackerReport
 
 
@@ -112,6 +113,7 @@ class DefaultTracker:
         self._shown: tuple[Person, ...] = ()
         self._views: dict[int, dict[str, PotentialSkeleton]] | None = None
         self._places: tuple[SensorPlace, ...] = ()
+        self._conditions = ""
 
     def recalibrate(self, reason: str) -> None:
         """Begin the calibration again; the next scene says why."""
@@ -133,11 +135,12 @@ class DefaultTracker:
         vars(self).update(own)
         vars(self._arrivals).update(arrivals)
         vars(self._tracks).update(tracks)
-        self._people, self._known = None, None
+        self._people = None
         if people is not None:
             self._people = People(self.settings.people, people[0])
             self._people.remember(people[1])
         vars(self._calibration).update(calibration)
+        self._known = self._calibration.state
 
     def start_from(self, T_world_sensor: Mapping[str, Float64]) -> None:
         """A rig that is known before the first frame: used for a sensor until its own place is known better."""
@@ -197,6 +200,7 @@ class DefaultTracker:
         if state is self._known:
             return
         self._known, sensors, self._views = state, state.sensors, None
+        self._conditions = "; ".join(state.conditions)
         if self._root in heard.newest and self._root not in sensors:
             return  # the calibration began again, and its next frame is still to come
         root = self._choose_root(sensors)
@@ -268,50 +272,45 @@ class DefaultTracker:
         missing = self._sensors_expected - len(heard.newest)
         if missing > 0:
             return TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=missing)
-        untied = [sensor for sensor in heard.newest if sensor not in self._T_root_sensor]
-        reason = "; ".join(self._calibration.state.conditions)
-        return TrackerState(Phase.CALIBRATING if untied else Phase.TRACKING, reason=reason)
+        tied = all(sensor in self._T_root_sensor for sensor in heard.newest)
+        return TrackerState(Phase.TRACKING if tied else Phase.CALIBRATING, reason=self._conditions)
 
     def _show(self, heard: Heard, people: People) -> tuple[Person, ...]:
         """Everybody who is confirmed and was seen lately, with the views that are not too old."""
-        memory, tracks = people.memory, self._tracks.memory
-        views = self._follow_views(heard, people)
-        positions, states = apply(self._T_world_root, memory.steady), memory.states.copy()
-        sd = np.sqrt(memory.doubts).astype(np.float32)
+        tracks, told = self._tracks.memory, people.told(self._T_world_root, self._now_s)
+        views, states = self._follow_views(heard, people, told), people.memory.states.copy()
         shown = tracks.confirmed & (self._now_s - tracks.seen_s <= self.settings.shown_for_s)
         return tuple(
-            Person(people.numbers[row], positions[row], states[row], tuple(views[row].values()), sd[row])
-            for row in np.flatnonzero(shown).tolist()
+            Person(number, told.positions[row], states[row], tuple(views[row].values()), told.sd[row])
+            for row, (number, is_shown) in enumerate(zip(people.numbers, shown.tolist(), strict=True))
+            if is_shown
         )
 
-    def _follow_views(self, heard: Heard, people: People) -> list[dict[str, PotentialSkeleton]]:
-        """Of each row of people the views that are not too old, in the order of the sensors' names.
+    def _follow_views(self, heard: Heard, people: People, told: Told) -> list[dict[str, PotentialSkeleton]]:
+        """Of each row of people the views that are in use, in the order of the sensors' names.
 
         Only those of the newest frame are made anew, unless a place has changed, or two have become one.
         """
-        memory = people.memory
-        known = {} if self._views is None else self._views
-        before = [known.get(number, {}) for number in people.numbers]
+        memory, fresh = people.memory, told.fresh.tolist()
         anew = self._views is None or bool(self._tracks.merged)
-        views: list[dict[str, PotentialSkeleton]] = [{} for _ in people.numbers]
-        fresh = (self._now_s - memory.view_at <= self.settings.people.view_age_s).tolist()
-        for column, sensor in sorted(enumerate(people.sensors), key=lambda item: item[1]):
-            if sensor not in heard.newest or sensor not in self._T_root_sensor:
+        known = self._views if self._views is not None and not anew else {}
+        views = [known.get(number, {}).copy() for number in people.numbers]
+        for column, sensor in enumerate(people.sensors):
+            usable = sensor in heard.newest and sensor in self._T_root_sensor
+            for of_person, is_fresh in zip(views, fresh, strict=True):
+                if not (usable and is_fresh[column]):
+                    of_person.pop(sensor, None)
+            if not usable or not (anew or sensor == heard.sensor):
                 continue
-            if anew or sensor == heard.sensor:
-                frame, T = heard.newest[sensor].frame, self._T_world_root @ self._T_root_sensor[sensor]
-                pose, ids = self._poses.get(sensor, frame), memory.view_id[:, column].tolist()
-                positions = apply(self._T_world_root, memory.view_positions[:, column])
-                states = memory.view_states[:, column].copy()
-                for row, of_person in enumerate(views):
-                    if fresh[row][column]:
-                        of_person[sensor] = PotentialSkeleton(
-                            sensor, ids[row], frame.time_ns, pose.tilt, pose.height, T, positions[row], states[row]
-                        )
-            else:
-                for row, of_person in enumerate(views):
-                    if fresh[row][column] and sensor in before[row]:
-                        of_person[sensor] = before[row][sensor]
+            frame, T = heard.newest[sensor].frame, self._T_world_root @ self._T_root_sensor[sensor]
+            pose, ids = self._poses.get(sensor, frame), memory.view_id[:, column].tolist()
+            states = memory.view_states[:, column].copy()
+            for row, of_person in enumerate(views):
+                if fresh[row][column]:
+                    of_person[sensor] = PotentialSkeleton(
+                        sensor, ids[row], frame.time_ns, pose.tilt, pose.height, T, told.views[row, column], states[row]
+                    )
+        views = [of_person if _in_order(of_person) else dict(sorted(of_person.items())) for of_person in views]
         self._views = dict(zip(people.numbers, views, strict=True))
         return views
 
@@ -329,6 +328,10 @@ class DefaultTracker:
             people=self._shown,
             sensors=self._places,
         )
+
+
+def _in_order(names: Iterable[str]) -> bool:
+    return all(one < other for one, other in pairwise(names))
 
 
 def associate_and_fuse(
@@ -361,7 +364,7 @@ def associate_and_fuse(
 
 
 _OWN_MEMORY: Final = (
-    *("_now_s", "_outvoted_s", "_steps", "_rejected", "_state", "_shown", "_views", "_places"),
+    *("_now_s", "_outvoted_s", "_steps", "_rejected", "_state", "_shown", "_views", "_places", "_conditions"),
     *("_root", "_T_root_sensor", "_T_world_root"),
 )
 _REMEMBERED: Final = (

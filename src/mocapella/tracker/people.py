@@ -297,6 +297,14 @@ class People:
                 e.min_cutoff_hz, e.beta_per_m, e.speed_cutoff_hz, e.forget_after_s, s.view_age_s, m.steady,
             )  # fmt: skip
 
+    def told(self, T: Float64, at_s: float) -> Told:
+        """Everybody as told in another space, to which ``T`` (4, 4) moves, with the views that are in use at a time."""
+        m = self.memory
+        told = _kernels().tell(
+            np.ascontiguousarray(T), at_s, self.settings.view_age_s, m.steady, m.doubts, m.view_at, m.view_positions
+        )
+        return Told(*told)
+
     def swapped(self) -> frozenset[BodyKey]:
         """The views whose left and right are to be swapped so that the sensors agree."""
         m = self.memory
@@ -376,6 +384,22 @@ class Prepared(msgspec.Struct, frozen=True, eq=False):
     middles: Float64
     lengths: Float64
     expected: Float64
+
+
+class Told(msgspec.Struct, frozen=True, eq=False):
+    """Everybody, by row.
+
+    Attributes:
+        positions: (people, joints, 3) [m].
+        sd: (people, joints) float32, of a coordinate [m].
+        views: (people, sensors, joints, 3) as each sensor saw them [m]; only of those in use.
+        fresh: (people, sensors) whether that view is in use.
+    """
+
+    positions: Float64
+    sd: NDArray[np.float32]
+    views: Float64
+    fresh: Bools
 
 
 class Sights(msgspec.Struct, frozen=True, eq=False):

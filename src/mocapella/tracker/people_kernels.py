@@ -22,7 +22,16 @@ _LONGEST_STEP_S = 0.2
 _NOT_TRACKED, _INFERRED = int(JointState.NOT_TRACKED), int(JointState.INFERRED)
 
 
-__all__ = ["make", "move", "observe", "pose_people", "prepare", "smooth_people", "turn_views"]
+__all__ = ["make", "move", "observe", "pose_people", "prepare", "smooth_people", "tell", "turn_views"]
+
+
+@njit(cache=True)
+def move_points(T, points, out):
+    """Points (n, 3) moved, into ``out``."""
+    for j in range(len(points)):
+        x, y, z = points[j, 0], points[j, 1], points[j, 2]
+        for k in range(3):
+            out[j, k] = T[k, 0] * x + T[k, 1] * y + T[k, 2] * z + T[k, 3]
 
 
 @njit(cache=True)
@@ -32,11 +41,7 @@ def prepare(
 ):  # fmt: skip
     """What association asks for of a frame's bodies, see `Prepared`."""
     for b in range(len(bodies)):
-        for j in range(bodies.shape[1]):
-            for k in range(3):
-                world[b, j, k] = (
-                    T[k, 0] * bodies[b, j, 0] + T[k, 1] * bodies[b, j, 1] + T[k, 2] * bodies[b, j, 2] + T[k, 3]
-                )
+        move_points(T, bodies[b], world[b])
         for m in range(len(middle)):
             middles[b, m] = world[b, middle[m]]
     if len(ends):
@@ -382,3 +387,25 @@ def smooth_people(
         for j in range(steady.shape[1]):
             if at_s - euro_seen_s[r, j] <= view_age_s:
                 steady[r, j] = euro_positions[r, j]
+
+
+@njit(cache=True)
+def tell(T, now_s, view_age_s, steady, doubts, view_at, view_positions):
+    """What is told of people, in the space to which ``T`` moves.
+
+    Returns:
+        (people, joints, 3) where they are; (people, joints) float32 standard deviations; (people, sensors, joints, 3)
+        the views; (people, sensors) whether they are in use.
+    """
+    people, sensors, joints = view_positions.shape[:3]
+    positions, sd = np.empty((people, joints, 3)), np.empty((people, joints), dtype=np.float32)
+    views, fresh = np.empty((people, sensors, joints, 3)), np.empty((people, sensors), dtype=np.bool_)
+    for r in range(people):
+        move_points(T, steady[r], positions[r])
+        for j in range(joints):
+            sd[r, j] = np.sqrt(doubts[r, j])
+        for c in range(sensors):
+            fresh[r, c] = now_s - view_at[r, c] <= view_age_s
+            if fresh[r, c]:
+                move_points(T, view_positions[r, c], views[r, c])
+    return positions, sd, views, fresh
