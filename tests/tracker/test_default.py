@@ -287,3 +287,42 @@ def test_people_stay_in_the_space_of_the_sensor_that_sees_them_while_others_are_
 def placed(name: str, root: str = "", trusted: bool = True) -> CalibratedSensor:
     """A sensor at the origin of its root's world."""
     return CalibratedSensor(name, np.eye(4), np.eye(6), root or name, None, trusted, "", "")
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("silent_after_s", 0),
+        ("shown_for_s", 3601),
+        ("keep_root_s", -1),
+        ("people.view_age_s", 0),
+        ("people.noise_memory_s", 0),
+        ("people.turn_s", -0.1),
+        ("people.sure_sd", 0),
+        ("people.swap_s", 0),
+        ("people.noise_gain", -1),
+        ("people.swap_m", -0.01),
+        ("people.least_worth", 0),
+        ("people.least_worth", 1.1),
+        ("people.smoothing", "none"),
+        ("tracks.gate_m", 0),
+    ],
+)
+def test_settings_out_of_range_are_refused_by_name(name: str, value: float | str) -> None:
+    *group, field = name.split(".")
+    settings = {group[0]: {field: value}} if group else {field: value}
+    with pytest.raises(SettingsError, match=field):
+        make_tracker("default", sensors_expected=1, settings=settings)
+
+
+def test_a_calibration_that_begins_again_makes_nobody_new_whichever_sensor_speaks_first() -> None:
+    tracker, walker = told(), Walker()
+    before = run(tracker, frames({1: walker}, 3.0, noise=0.005))
+    tracker.recalibrate("asked for")
+    later = frames({1: walker}, 12.0, begin=3.0, noise=0.005)
+    first_of_side = next(i for i, arrival in enumerate(later) if arrival.frame.sensor == "side")
+    scenes = run(tracker, later[first_of_side:])
+    assert {person.id for scene in [*before[-1:], *scenes] for person in scene.people} == {0}
+    assert all(len(scene.people) == 1 for scene in scenes)
+    assert scenes[1].state.phase is Phase.CALIBRATING
+    assert scenes[-1].state.phase is Phase.TRACKING

@@ -3,7 +3,7 @@
 Arrays are as `mocapella.association.tracks.TrackMemory` describes them: a row for each track, a column for each sensor.
 """
 
-# ruff: noqa: PLR0917 - compiled: arrays come by position
+# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, loops stand in one place
 from __future__ import annotations
 
 import numpy as np
@@ -88,8 +88,8 @@ def costs(
     """What it costs to take each body of a frame for each person, and whether that is allowed.
 
     Returns:
-        `EXPIRED` where somebody is to be forgotten first, `AMBIGUOUS` where two bodies want the same row; else `DECIDED`,
-        with the row of each body in ``rows`` and −1 for nobody, or `EVERYBODY` where each has one.
+        `EXPIRED` where somebody is to be forgotten first, `AMBIGUOUS` where two bodies want the same row; else, with
+        the row of each body in ``rows`` and −1 for nobody, `DECIDED`, or `EVERYBODY` where each has one.
     """
     gate, stay_bonus, speed, widest, by_place_s, forget_after_s = gates
     bodies, people = cost.shape

@@ -255,9 +255,8 @@ class Tracks:
             at_s, column, numbers, middles, lengths, rows, s.same_within_m, s.confirm_after_s,
             m.since_s, m.seen_s, m.confirmed, m.middle, m.size, m.body, m.body_s,
         )  # fmt: skip
-        self.merged = ()
         if not found:
-            self._close_since_s = {}
+            self._close_since_s, self.merged = {}, ()
             return rows
         people = np.where(rows < 0, -1, m.person[rows])
         self._join(at_s)

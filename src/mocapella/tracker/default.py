@@ -12,7 +12,7 @@ See docs/methods/default.md.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Final
@@ -350,11 +350,11 @@ def associate_and_fuse(
     for stays, gone in tracks.merged:
         people.join(stays, gone)
     people.arrange(tracks.people)
-    ids, positions, states, own = bodies.ids, prepared.positions, bodies.states, bodies.positions
+    ids: Sequence[int] = bodies.ids
+    positions, states, own = prepared.positions, bodies.states, bodies.positions
     if not (shown := rows >= 0).all():
-        rows, ids, positions, states, own = (
-            rows[shown], np.array(ids)[shown], positions[shown], states[shown], own[shown]
-        )  # fmt: skip
+        ids = [body for body, is_shown in zip(ids, shown.tolist(), strict=True) if is_shown]
+        rows, positions, states, own = rows[shown], positions[shown], states[shown], own[shown]
     clipped = np.zeros(len(rows), dtype=np.bool_)
     if frame.clipped_edges.any():
         edges = dict(zip(frame.tracking_ids.tolist(), frame.clipped_edges.tolist(), strict=True))

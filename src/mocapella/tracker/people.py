@@ -203,9 +203,9 @@ class People:
         ends = ends_of_lengths(topology.joints)
         self._ends = np.empty((0, 2), dtype=np.int64) if ends is None else ends
         motion = settings.motion
-        self._numbers = np.array(
-            [motion.acceleration_density, motion.forget_after_s, settings.noise_gain, settings.noise_memory_s]
-            + [settings.view_age_s, settings.swap_m, settings.swap_s]
+        self._numbers = (
+            *(motion.acceleration_density, motion.forget_after_s, settings.noise_gain, settings.noise_memory_s),
+            *(settings.view_age_s, settings.swap_m, settings.swap_s),
         )
         self._turned = _shoulders_and_hips(topology)
         self._model = ArticulatedModel.of(topology, settings.body) if settings.smoothing == "articulated" else None
