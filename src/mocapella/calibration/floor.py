@@ -6,6 +6,7 @@ upright to a few degrees, which settles what the plane leaves open as long as ev
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, Final
@@ -164,14 +165,13 @@ def mean_floor(floors: list[tuple[Float64, Floor]]) -> Floor:
     Returns:
         The floor in the root's frame.
     """
-    ups, heights, directions, levels = [], [], [], []
-    for T, floor in floors:
-        up = T[:3, :3] @ floor.up
-        ups.append(up)
-        heights.append(floor.height - up @ T[:3, 3])
-        directions.append(1.0 / max(floor.up_sd, 1e-3) ** 2)
-        levels.append(1.0 / max(floor.height_sd, 1e-3) ** 2)
-    up = np.average(ups, axis=0, weights=directions)
-    up /= np.linalg.norm(up)
-    height = float(np.average(heights, weights=levels))
-    return Floor(up, height, float(np.sum(directions) ** -0.5), float(np.sum(levels) ** -0.5))
+    T = np.stack([place for place, _ in floors])
+    own_up = np.stack([floor.up for _, floor in floors])
+    told = np.array([(floor.height, floor.up_sd, floor.height_sd) for _, floor in floors])
+    weights = np.maximum(told[:, 1:], 1e-3) ** -2
+    total = weights.sum(axis=0)
+    ups = (T[:, :3, :3] @ own_up[..., None])[..., 0]
+    up = weights[:, 0] @ ups
+    up /= math.sqrt(up @ up)
+    height = weights[:, 1] @ (told[:, 0] - (ups * T[:, :3, 3]).sum(axis=1)) / total[1]
+    return Floor(up, float(height), float(total[0] ** -0.5), float(total[1] ** -0.5))

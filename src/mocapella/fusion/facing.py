@@ -173,9 +173,9 @@ class FacingFilter:
             ValueError: an array has another shape, or the time is not finite.
         """
         bodies = len(people)
-        positions, toward, velocities = (
-            np.ascontiguousarray(array, dtype=np.float64) for array in (positions, toward_sensor, velocities)
-        )
+        positions = np.ascontiguousarray(positions, dtype=np.float64)
+        toward = np.ascontiguousarray(toward_sensor, dtype=np.float64)
+        velocities = np.ascontiguousarray(velocities, dtype=np.float64)
         shapes = (positions.shape, toward.shape, velocities.shape)
         if shapes != ((bodies, len(self.topology), 3), (bodies,), (bodies, 3)):
             raise ValueError(f"arrays of {bodies} people and {len(self.topology)} joints were expected, not {shapes}")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
@@ -44,9 +46,9 @@ class Bodies(msgspec.Struct, frozen=True, eq=False):
 def tracked_bodies(frame: BodyFrame) -> Bodies:
     """The tracked bodies of a frame, sorted by id, so that what follows does not depend on the order in the frame."""
     ids: list[int] = frame.tracking_ids.tolist()
-    tracked: list[bool] = frame.tracked.tolist()
-    rows = sorted((i for i, is_tracked in enumerate(tracked) if is_tracked), key=ids.__getitem__)
     positions, states = frame.positions, frame.states
-    if rows != list(range(len(ids))):
-        positions, states = positions[rows], states[rows]
-    return Bodies(frame.sensor, frame.topology, tuple(ids[i] for i in rows), positions.astype(np.float64), states)
+    if not frame.tracked.all() or any(one > other for one, other in pairwise(ids)):
+        tracked: list[bool] = frame.tracked.tolist()
+        rows = sorted((i for i, is_tracked in enumerate(tracked) if is_tracked), key=ids.__getitem__)
+        ids, positions, states = [ids[i] for i in rows], positions[rows], states[rows]
+    return Bodies(frame.sensor, frame.topology, tuple(ids), positions.astype(np.float64), states)

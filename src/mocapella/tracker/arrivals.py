@@ -61,10 +61,12 @@ class Arrivals:
         self.topology = frame.topology
         self._last[frame.sensor] = Sighting(frame, arrival.at_ns, bodies)
         self._now_ns = arrival.at_ns if self._now_ns is None else max(self._now_ns, arrival.at_ns)
+        if last is None:
+            self._last = dict(sorted(self._last.items()))
         spoke_since = self._now_ns - self._silent_after_ns
         newest = {
             sensor: sighting
-            for sensor, sighting in sorted(self._last.items())
+            for sensor, sighting in self._last.items()
             if sighting.at_ns >= spoke_since or sensor == frame.sensor
         }
         return Heard("", frame.sensor, node_changed, newest)
