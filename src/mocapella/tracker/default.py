@@ -298,7 +298,7 @@ class DefaultTracker:
         memory, now = people.memory, self._now_s
         positions, states = apply(self._T_world_root, memory.view_positions), memory.view_states.copy()
         fresh = (now - memory.view_at <= self.settings.people.view_age_s).tolist()
-        ids = memory.view_id.tolist()
+        ids, mirrored = memory.view_id.tolist(), memory.view_mirrored.tolist()
         views: list[list[PotentialSkeleton]] = [[] for _ in people.numbers]
         for column, sensor in sorted(columns, key=lambda item: item[1]):
             frame = heard.newest[sensor].frame
@@ -316,6 +316,7 @@ class DefaultTracker:
                             T,
                             positions[row, column],
                             states[row, column],
+                            mirrored[row][column],
                         )
                     )
         return [tuple(of_person) for of_person in views]
