@@ -1,4 +1,4 @@
-"""What all tests share: the real recordings, and how to skip by name where they are not there."""
+"""What all tests share: the real recordings, how to skip by name where they are not there, and two workers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,24 @@ settings.register_profile("same", deadline=None, derandomize=True)
 settings.register_profile("explore", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
+COMPILING = ("test_ready.py",)
+"""Files whose tests compile what many others use, and are run first."""
 ROOT = Path(__file__).resolve().parent.parent
+
+
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """Two workers for all tests or a folder of them; none where files, tests or words are chosen: it begins sooner."""
+    chosen = config.option.keyword or any(".py" in argument for argument in config.args)
+    return 0 if chosen else 2
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What keeps real time stays together, on one worker; what compiles for both comes first on the other."""
+    for item in items:
+        if item.get_closest_marker("real_time"):
+            item.add_marker(pytest.mark.xdist_group("real-time"))
+    items.sort(key=lambda item: item.path.name not in COMPILING)
 
 
 def recordings() -> Path:

@@ -190,15 +190,16 @@ def test_people_are_listed_by_name_and_number():
     assert "Nobody is in view." in Reader(people_html(())).text
 
 
-def test_whose_labels_are_swapped_is_shown_beside_the_sensor_and_explained_only_then():
+def test_whose_labels_are_swapped_is_shown_beside_the_sensor_and_moves_nothing():
     people = Room(2).scene(0.0, Room(2).frames(0.0)).people
     front, *others = people[0].views
     swapped = msgspec.structs.replace(people[0], views=(msgspec.structs.replace(front, mirrored=True), *others))
-    text = Reader(people_html((swapped, people[1]))).text
-    assert f"{front.sensor} ⇄ · {others[0].sensor}" in text
-    assert text.count("⇄") == 2
-    assert "left/right labels swapped" in text
-    assert "⇄" not in Reader(people_html(people)).text
+    html, plain = people_html((swapped, people[1])), people_html(people)
+    assert f"{front.sensor} ⇄ · {others[0].sensor}" in Reader(html).text
+    assert "⇄ left/right labels swapped" in Reader(html).text
+    assert [Reader(html).text.count("⇄"), Reader(plain).text.count("⇄")] == [2, 1]
+    assert html.count("<div") == plain.count("<div")
+    assert "⇄" not in people_html(())
 
 
 def test_every_figure_of_a_sensor_is_shown():

@@ -160,8 +160,8 @@ def people_html(people: tuple[Person, ...]) -> str:
         f'<div style="font-size:12px;color:{_GREY};overflow-wrap:anywhere">{_seen_by(person)}</div>'
         for person in people
     )
-    if any(view.mirrored for person in people for view in person.views):
-        rows += f'<div style="font-size:12px;color:{_AMBER}">{_SWAPPED} left/right labels swapped, repaired</div>'
+    if people:  # always, so that what stands below does not move when labels are swapped
+        rows += f'<div style="font-size:12px;color:{_GREY}">{_SWAPPED} left/right labels swapped, and repaired</div>'
     return f'<div class="mocapella-people">{_note(rows or "Nobody is in view.", "inherit" if people else _GREY)}</div>'
 
 
