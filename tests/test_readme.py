@@ -17,8 +17,6 @@ from programs import wait_until
 from mocapella.wire.reader import send_command
 from mocapella.wire.session import DEFAULT_ADDRESS, open_reader
 
-pytestmark = pytest.mark.real_time
-
 ROOT = Path(__file__).resolve().parent.parent
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
 COMMANDS = [

@@ -11,8 +11,6 @@ from programs import Program, free_port, result, run, wait_until
 
 from mocapella.recording.take_reader import read_take
 
-pytestmark = pytest.mark.real_time
-
 
 @pytest.fixture
 def server(tmp_path: Path) -> Iterator[tuple[Program, str]]:

@@ -13,8 +13,6 @@ import pytest
 from mocapella.model.observations import BodyFrame
 from mocapella.sources.bridge import Bridge, BridgeSettings
 
-pytestmark = pytest.mark.real_time
-
 ROOT = Path(__file__).resolve().parents[2]
 FRAMES = 12
 

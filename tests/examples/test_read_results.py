@@ -6,10 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
 from programs import Program, free_port, wait_until
-
-pytestmark = pytest.mark.real_time
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "01_read_results.py"
 

@@ -16,8 +16,6 @@ from mocapella.model.observations import body_frame
 from mocapella.model.topology import topology
 from mocapella.wire.node import NodeLink
 
-pytestmark = pytest.mark.real_time
-
 
 class Source:
     """Three frames, all due when the run begins."""

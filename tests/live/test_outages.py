@@ -20,8 +20,6 @@ from mocapella.recording.take_reader import read_take
 from mocapella.wire.reader import send_command
 from mocapella.wire.session import open_reader
 
-pytestmark = pytest.mark.real_time
-
 
 class Served:
     """A server in a process of its own, and a way to ask it how it is."""

@@ -19,8 +19,6 @@ from mocapella.recording.study_log import read_study_log
 from mocapella.recording.take_reader import Take, read_take
 from mocapella.sources.study_replay import StudyReplay
 
-pytestmark = pytest.mark.real_time
-
 LOG = "Study_7_Kinect_2_Time_3_11_06_PM.csv.gz"
 ROWS = 1301
 SENSORS = ("front", "side")

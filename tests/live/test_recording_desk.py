@@ -26,8 +26,6 @@ from mocapella.schema import encode_frame
 from mocapella.wire.keys import NodeKey
 from mocapella.wire.server import OnFrame
 
-pytestmark = pytest.mark.real_time
-
 NODE = NodeKey("front", 1)
 POSITIONS = np.random.default_rng(0).normal(size=(1, 25, 3)).astype(np.float32)
 

@@ -25,8 +25,6 @@ from mocapella.wire.reader import Newest, send_command
 from mocapella.wire.server import ServerLink
 from mocapella.wire.session import open_node, open_reader
 
-pytestmark = pytest.mark.real_time
-
 POSITIONS = np.random.default_rng(0).normal(size=(2, 25, 3)).astype(np.float32)
 
 

@@ -26,8 +26,6 @@ from mocapella.wire.node import NodeLink
 from mocapella.wire.reader import Newest, send_command
 from mocapella.wire.session import open_node, open_reader
 
-pytestmark = pytest.mark.real_time
-
 POSITIONS = np.random.default_rng(0).normal(size=(1, 25, 3)).astype(np.float32)
 NODE = keys.NodeKey("front", 7)
 

@@ -19,8 +19,6 @@ from mocapella.wire.session import open_reader
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
-pytestmark = pytest.mark.real_time
-
 CHROMIUM = shutil.which("chromium")
 LONGER_THAN_THE_BUS_WAITS_S = 6.0
 """Between two attempts to reach a server that is gone, the bus waits up to 4 s."""
@@ -111,7 +109,7 @@ def test_the_demo_is_shown_recorded_and_not_hurt_by_a_closed_browser(tmp_path: P
         try:
             page = open_page(browser, page_port)
             expect_state(page, "Calibrating")
-            page.locator(".mocapella-people", has_text="front · left · right").wait_for()
+            page.locator(".mocapella-people", has_text="Person 0").wait_for()
             page.get_by_role("button", name="Record", exact=True).click()
             wait_until("the recording", lambda: _recording(session) > 0, timeout=120.0)
             page.locator("label", has_text="Name").locator("xpath=../../..").locator("input").fill("Ada")

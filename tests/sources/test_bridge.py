@@ -18,8 +18,6 @@ from mocapella.schema import encode_frame
 from mocapella.schema.delimited import delimited
 from mocapella.sources.bridge import Bridge, BridgeSettings
 
-pytestmark = pytest.mark.real_time
-
 PATIENCE_S = 20.0
 """How long a test waits for what must come; nothing waits this long when all is well."""
 

@@ -34,7 +34,6 @@ ARTIFACTS = Path(__file__).resolve().parents[2] / "artifacts"
 WAIT_MS = 45_000
 
 pytestmark = [
-    pytest.mark.real_time,
     pytest.mark.skipif(CHROMIUM is None, reason="needs chromium on the PATH"),
     # viser warns when something is shown to a browser in the instant in which it leaves; nothing is lost by it.
     pytest.mark.filterwarnings("ignore:Queued a .* on a closed connection:UserWarning"),

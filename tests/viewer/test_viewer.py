@@ -10,8 +10,6 @@ from mocapella.model.session import CommandReply
 from mocapella.viewer import Viewer
 from mocapella.viewer.stages import SensorsStage
 
-pytestmark = pytest.mark.real_time
-
 
 def obey(verb, arguments):
     return CommandReply(True)
