@@ -1,19 +1,56 @@
-"""What all tests share: the real recordings, and how to skip by name where they are not there."""
+"""What all tests share: the real recordings, how to skip by name where they are not there, and two workers."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
+from xdist.scheduler import LoadScopeScheduling
 
 # The same examples every time, so that a change is judged by itself; `explore` tries others. A first call may compile.
 settings.register_profile("same", deadline=None, derandomize=True)
 settings.register_profile("explore", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
-ROOT = Path(__file__).resolve().parent.parent
+REAL_TIME = (
+    *("cli/test_record.py", "cli/test_running.py", "examples/", "live/", "sources/test_bridge.py", "test_readme.py"),
+    *("viewer/test_view_in_browser.py", "viewer/test_viewer.py"),
+)
+"""Tests of programs, servers and a browser that keep real time: never two at once."""
+COMPILING = ("tracker/test_ready.py",)
+"""Tests that compile what others use: first of all."""
+TESTS = Path(__file__).resolve().parent
+ROOT = TESTS.parent
+
+
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """Two workers for all tests or a folder of them; none where files, tests or words are chosen: it begins sooner."""
+    chosen = config.option.keyword or any(".py" in argument for argument in config.args)
+    return 0 if chosen else 2
+
+
+class RealTimeApart(LoadScopeScheduling):
+    """One worker has all that keeps real time, from the beginning; the other everything else, test by test."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        return "real time" if nodeid.removeprefix("tests/").startswith(REAL_TIME) else nodeid
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> RealTimeApart:
+    """Group tests without their marks, which only the workers know."""
+    return RealTimeApart(config, log)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What compiles comes first; what keeps real time has a mark."""
+    for item in items:
+        if item.path.relative_to(TESTS).as_posix().startswith(REAL_TIME):
+            item.add_marker("real_time")
+    items.sort(key=lambda item: not item.path.relative_to(TESTS).as_posix().startswith(COMPILING))
 
 
 def recordings() -> Path:

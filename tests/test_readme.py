@@ -12,6 +12,10 @@ import time
 from pathlib import Path
 
 import pytest
+from programs import wait_until
+
+from mocapella.wire.reader import send_command
+from mocapella.wire.session import DEFAULT_ADDRESS, open_reader
 
 ROOT = Path(__file__).resolve().parent.parent
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -52,6 +56,15 @@ def wait_for(text: str, log: Path, process: subprocess.Popen[bytes], timeout: fl
         time.sleep(0.1)
 
 
+def wait_for_tracking() -> None:
+    """The README says when to record."""
+    session = open_reader(DEFAULT_ADDRESS)
+    try:
+        wait_until("tracking", lambda: send_command(session, "status").status.phase == "tracking", timeout=90.0)
+    finally:
+        session.close()
+
+
 def end(process: subprocess.Popen[bytes]) -> int:
     """Ctrl-C: uv passes it on."""
     process.send_signal(signal.SIGINT)
@@ -85,6 +98,8 @@ def test_the_commands_run_as_they_are_printed(tmp_path: Path) -> None:
             if command == "uv run pytest":
                 continue
             log = tmp_path / f"{number}.log"
+            if command.startswith("uv run mocapella record"):
+                wait_for_tracking()
             # The benchmarks are of the source tree, like the tests: they are run where the README lies.
             process = start(command, ROOT if "-m benchmarks" in command else tmp_path, log)
             if command in GO_ON:

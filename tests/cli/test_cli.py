@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 
 import pytest
-from programs import free_port, result, run
+from programs import result, run
 from typer.main import get_command
 
 from mocapella import __version__
@@ -196,33 +196,6 @@ def test_an_unknown_sensor_is_named_with_those_there_are(study_logs: Path, tmp_p
     assert "side" in done.stderr
 
 
-def test_a_take_that_was_cut_off_says_what_is_left(study_logs: Path, tmp_path: Path) -> None:
-    made = result(tmp_path, "demo", "--headless", "--seconds", "9", "--record", "whole", "--scene", "stand")
-    assert made["frames_in"] > 0
-    again = run(tmp_path, "replay", "whole")
-    assert f"all {made['frames_out']} results identical to the live run" in again.stderr
-    whole = (tmp_path / "whole.mcap").read_bytes()
-    (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) * 2 // 3])
-    (row,) = result(tmp_path, "replay", "cut.mcap")
-    assert not row["clean"]
-    assert row["problems"]
-    assert row["frames_out"] > 0
-    taken = run(tmp_path, "demo", "--headless", "--seconds", "1", "--record", "whole.mcap")
-    assert taken.returncode == 1
-    assert (tmp_path / "whole.mcap").read_bytes() == whole
-
-
-def test_the_demos_summary_is_what_a_script_can_check(tmp_path: Path) -> None:
-    summary = result(tmp_path, "demo", "--headless", "--seconds", "18")
-    assert {row["name"] for row in summary["sensors"]} == {"front", "left", "right"}
-    assert summary["frames_in"] == summary["frames_out"] > 0
-    assert summary["most_people"] == 2
-    assert set(summary["latency_ms"]) == {"p50", "p90", "p99", "max"}
-    phases = [change["phase"] for change in summary["state_changes"]]
-    assert phases[:3] == ["waiting for sensors", "calibrating", "tracking"]
-    assert isinstance(summary["drops"], int)
-
-
 def test_a_real_log_is_replayed_and_the_results_are_json(study_logs: Path, tmp_path: Path) -> None:
     (row,) = result(tmp_path, "replay", str(study_logs / "Study_7_Kinect_2_Time_3_11_06_PM.csv.gz"))
     assert row["sensors"] == ["front", "side"]
@@ -257,11 +230,11 @@ def test_json_goes_to_a_file_too(tmp_path: Path) -> None:
 def test_a_replay_that_never_tracks_says_why(study_logs: Path, tmp_path: Path) -> None:
     source = study_logs / "Study_7_Kinect_2_Time_3_11_06_PM.csv.gz"
     (tmp_path / "short.csv").write_text("\n".join(gzip.decompress(source.read_bytes()).decode().splitlines()[:61]))
-    done = run(tmp_path, "replay", "short.csv", "--json", "out.json")
+    done = run(tmp_path, "replay", "short.csv", "--method", "stand-still", "--json", "out.json")
     (row,) = json.loads((tmp_path / "out.json").read_text())
     assert "calibration never succeeded" in row["never_tracked"]
     assert f"short.csv: nobody was tracked: {row['never_tracked']}\n" in done.stderr
-    assert run(tmp_path, "replay", "short.csv", "--method", "default", "--json", "out.json").returncode == 0
+    assert run(tmp_path, "replay", "short.csv", "--json", "out.json").returncode == 0
     (row,) = json.loads((tmp_path / "out.json").read_text())
     assert [place["sensor"] for place in row["sensor_places"]] == ["front", "side"]
     assert row["phase"] == "calibrating"
@@ -269,24 +242,13 @@ def test_a_replay_that_never_tracks_says_why(study_logs: Path, tmp_path: Path) -
     assert row["reason"]
 
 
-def test_replaying_live_goes_through_nodes_and_bus(study_logs: Path, tmp_path: Path) -> None:
-    short = tmp_path / "short.csv"
-    source = study_logs / "Study_7_Kinect_2_Time_3_11_06_PM.csv.gz"
-    short.write_text("\n".join(gzip.decompress(source.read_bytes()).decode().splitlines()[:301]))
-    done = run(tmp_path, "replay", "short.csv", "--live", "--no-view", "--port", str(free_port()), "--json", "-")
-    assert done.returncode == 0, done.stderr
-    (row,) = json.loads(done.stdout)
-    assert {sensor["name"] for sensor in row["sensors"]} == {"front", "side"}
-    assert row["frames_in"] > 0
-    assert f"sensors: 2, frames in: {row['frames_in']}, " in done.stderr
-
-
 def test_settings_of_the_method_are_checked_by_name_and_range(study_logs: Path, tmp_path: Path) -> None:
     log = str(study_logs / "Study_7_Kinect_2_Time_3_11_06_PM.csv.gz")
-    (sooner,) = result(tmp_path, "replay", log, "--set", "frames=30", "--set", "compare_with=first")
-    (later,) = result(tmp_path, "replay", log)
+    verb = ["replay", log, "--method", "stand-still"]
+    (sooner,) = result(tmp_path, *verb, "--set", "frames=30", "--set", "compare_with=first")
+    (later,) = result(tmp_path, *verb)
     assert sooner["state_changes"][-1]["at_s"] < later["state_changes"][-1]["at_s"]
     for wrong, words in {"framse=3": "did you mean frames", "frames=0": "from 1 to", "frames": "NAME=VALUE"}.items():
-        refused = run(tmp_path, "replay", log, "--set", wrong)
+        refused = run(tmp_path, *verb, "--set", wrong)
         assert refused.returncode == 1
         assert words in SCREEN.sub("", refused.stderr)

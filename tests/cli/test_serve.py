@@ -88,7 +88,7 @@ def test_where_nobody_walked_nothing_is_saved_and_that_is_said(
     [
         (["--rig", "none.json"], "none.json: cannot be read"),
         (["--save-rig", "no-folder/hall.json"], "--save-rig no-folder/hall.json: cannot be written there"),
-        (["--rig", "hall.json"], "'stand-still' uses no rig"),
+        (["--rig", "hall.json", "--method", "stand-still"], "'stand-still' uses no rig"),
     ],
 )
 def test_a_rig_that_cannot_be_used_ends_the_command_before_it_begins(

@@ -25,7 +25,7 @@ def test_it_prints_heads_of_a_running_server(tmp_path: Path) -> None:
     assert len(EXAMPLE.read_text().splitlines()) < 40
     port = free_port()
     with Program(tmp_path, "demo", "demo", "--headless", "--port", str(port), "--scene", "stand") as demo:
-        wait_until("tracking", demo.said("tracking"), timeout=60.0)
+        wait_until("the sensors deliver", demo.said("calibrating"), timeout=120.0)
         done = read(port)
         assert demo.end() == 0
     assert done.returncode == 0, done.stderr

@@ -112,3 +112,31 @@ def test_where_the_sensors_are_is_told_of_and_null_where_it_is_not_known() -> No
     assert [unknown[name] for name in ("T_world_sensor", "position_sd_mm", "rotation_sd_deg")] == [None] * 3
     assert row["never_tracked"] == "calibration never succeeded; left, right: walk"
     json.dumps(row, allow_nan=False)
+
+
+def scene_of(sensor: str, mirrored: list[bool]) -> Scene:
+    """Made by a frame of that sensor, with these of its views of people mirrored; those of the others always are."""
+    scene = small_scene(len(mirrored))
+    people = tuple(
+        msgspec.structs.replace(
+            person,
+            views=tuple(
+                msgspec.structs.replace(view, mirrored=swapped if view.sensor == sensor else True)
+                for view in person.views
+            ),
+        )
+        for person, swapped in zip(scene.people, mirrored, strict=True)
+    )
+    return msgspec.structs.replace(scene, sensor=sensor, people=people)
+
+
+def test_repaired_labels_are_counted_by_sensor_each_view_once_and_each_time_that_it_begins() -> None:
+    tally = Tally()
+    for mirrored in ([False, True], [True, True], [True], [False, False], [True, False]):
+        tally.scene(scene_of("front", mirrored), None, 0)
+    tally.scene(scene_of("left", [False]), None, 0)
+    assert tally.as_json(TrackerState(Phase.TRACKING))["labels_repaired"] == [
+        {"sensor": "front", "views": 9, "swapped": 5, "repairs": 3},
+        {"sensor": "left", "views": 1, "swapped": 0, "repairs": 0},
+    ]
+    json.dumps(tally.as_json(TrackerState(Phase.TRACKING)))

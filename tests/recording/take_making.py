@@ -22,7 +22,7 @@ STEP = SECOND // 30
 
 def info(started_ns: int = 0, **settings: Any) -> TakeInfo:
     return TakeInfo(
-        setup=Setup(sensors_expected=2, participant=7, placement="right-90", scenario="walk"),
+        setup=Setup("stand-still", sensors_expected=2, participant=7, placement="right-90", scenario="walk"),
         started_unix_ns=1_700_000_000 * SECOND + started_ns,
         started_ns=started_ns,
         method_settings=settings or {"frames": 120},

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 import study_examples as examples
@@ -140,7 +141,7 @@ def export(path: Path, scenes: list[Scene], **options: Any) -> ExportReport:
 @pytest.mark.parametrize("name", ["log.csv", "log.csv.gz"])
 def test_what_is_exported_is_read_with_the_same_points(tmp_path: Path, name: str) -> None:
     report = export(tmp_path / name, [two_views()] * 3, reference="b")
-    assert report == ExportReport(results=3, written=3, rows=6, without_reference=0)
+    assert report == ExportReport(results=3, written=3, rows=6, without_reference=0, mirrored=0)
     log = read_study_log(tmp_path / name)
     for i, row in enumerate(rows(two_views(), "b") * 3):
         np.testing.assert_array_equal(log.positions[i], row.positions)
@@ -153,13 +154,21 @@ def test_only_every_nth_result_is_written_and_what_is_no_result_does_not_count(t
     nobody = scene()
     scenes = [calibrating, *[two_views(), nobody] * 5]
     report = export(tmp_path / "log.csv", scenes, every=2)
-    assert report == ExportReport(results=5, written=3, rows=6, without_reference=0)
+    assert report == ExportReport(results=5, written=3, rows=6, without_reference=0, mirrored=0)
     assert read_study_log(tmp_path / "log.csv").tracker_time_ms[::2].tolist() == [1001, 1005, 1009]
 
 
 def test_people_without_the_reference_are_counted(tmp_path: Path) -> None:
     alone = scene((view("b", joints(), np.eye(4)),))
     assert export(tmp_path / "log.csv", [two_views(), alone], reference="a").without_reference == 1
+
+
+def test_rows_keep_the_sensors_labels_and_those_that_were_swapped_are_counted(tmp_path: Path) -> None:
+    one, other = two_views().people[0].views
+    swapped = scene((one, msgspec.structs.replace(other, mirrored=True)))
+    assert export(tmp_path / "log.csv", [two_views(), swapped, swapped]).mirrored == 2
+    as_they_are = read_study_log(tmp_path / "log.csv").positions
+    np.testing.assert_array_equal(as_they_are[:2], as_they_are[2:4])
 
 
 def test_what_cannot_be_exported_leaves_nothing(tmp_path: Path) -> None:

@@ -83,15 +83,15 @@ def small_scene(people: int = 1) -> Scene:
     kind = topology("kinect_v2")
     rng = np.random.default_rng(3)
 
-    def view(sensor: str) -> PotentialSkeleton:
-        positions = rng.normal(size=(len(kind), 3))
-        return PotentialSkeleton(sensor, 7, 11, 0.25, 1.5, np.eye(4), positions, np.full(len(kind), 2, np.uint8))
+    def view(sensor: str, *, mirrored: bool = False) -> PotentialSkeleton:
+        positions, states = rng.normal(size=(len(kind), 3)), np.full(len(kind), 2, np.uint8)
+        return PotentialSkeleton(sensor, 7, 11, 0.25, 1.5, np.eye(4), positions, states, mirrored)
 
     def person(identity: int) -> Person:
         positions, states = rng.normal(size=(len(kind), 3)), np.full(len(kind), 2, np.uint8)
         sd = np.full(len(kind), 0.01, np.float32)
         positions[3], states[3], sd[3] = np.nan, 0, np.nan
-        return Person(identity, positions, states, (view("front"), view("left")), sd, "Zoë")
+        return Person(identity, positions, states, (view("front"), view("left", mirrored=True)), sd, "Zoë")
 
     state = TrackerState(Phase.CALIBRATING, 1, 2, 3, "somebody moved")
     places = (SensorPlace("front", np.eye(4), 0.01, 0.002, "good"), SensorPlace("left", None, problem="walk"))

@@ -157,22 +157,28 @@ def test_a_joint_that_no_sensor_sees_is_inferred_with_growing_uncertainty_and_fo
     assert np.linalg.norm(person.positions[hand] - in_world(scene, walker.at(arrival.at_ns / 1e9))[hand]) < 0.3
 
 
-def test_a_sensor_that_mirrors_labels_is_repaired() -> None:
+def test_a_sensor_that_mirrors_labels_is_repaired_and_told_of() -> None:
     """Somebody who walks an eight is seen from behind half of the time, with the labels of a front view."""
     tracker, walker = told(), Walker()
-    arrivals, wrong = frames({1: walker}, 9.0, noise=0.01), 0
+    arrivals, wrong, told_wrong, mirrored = frames({1: walker}, 9.0, noise=0.01), 0, 0, []
     shoulders = [KINECT_V2.index("ShoulderLeft"), KINECT_V2.index("ShoulderRight")]
     for arrival in arrivals:
         truth = walker.at(arrival.at_ns / 1e9)
         across = apply(inverse(PLACES[arrival.frame.sensor]), truth)[shoulders, 0]
-        if across[0] > across[1]:  # from behind: a sensor calls the left side right
+        from_behind = bool(across[0] > across[1])
+        if from_behind:  # a sensor calls the left side right
             arrival.frame.positions[:] = arrival.frame.positions[:, MIRROR]
         scene = tracker.update(arrival)
         if scene.people and arrival.at_ns > 4e9:
+            view = scene.people[0].view_of(arrival.frame.sensor)
+            mirrored.append(view.mirrored)
+            told_wrong += view.mirrored != from_behind
             left, right = scene.people[0].positions[shoulders]
             true_left, true_right = in_world(scene, truth)[shoulders]
             wrong += bool((left - right) @ (true_left - true_right) < 0)
     assert wrong < 0.1 * len(arrivals)
+    assert told_wrong < 0.1 * len(mirrored)
+    assert set(mirrored) == {False, True}
 
 
 def test_bones_keep_their_lengths() -> None:

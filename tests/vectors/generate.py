@@ -88,7 +88,7 @@ def scene_one_person() -> Scene:
     quarter_turn = np.array([[0.0, 0, 1, 0.5], [0, 1, 0, 0.25], [-1, 0, 0, 2], [0, 0, 0, 1]])
     views = (
         PotentialSkeleton("front", 7, 66_666_667, -0.125, 1.5, np.eye(4), positions, states),
-        PotentialSkeleton("left.2", 8, 70_000_000, 0.0, 0.0, quarter_turn, positions + 0.25, states),
+        PotentialSkeleton("left.2", 8, 70_000_000, 0.0, 0.0, quarter_turn, positions + 0.25, states, mirrored=True),
     )
     sd = np.where(joint == 24, np.nan, joint / 256).astype(np.float32)
     people = (Person(1, positions, states, views, sd, "Ada"),)
@@ -174,6 +174,7 @@ def _scene_values(scene: Scene) -> dict[str, Any]:
                         "T_world_sensor": _lists(view.T_world_sensor[:3]),
                         "positions_m": _lists(view.positions),
                         "joint_states": view.states.tolist(),
+                        "mirrored": view.mirrored,
                     }
                     for view in person.views
                 ],

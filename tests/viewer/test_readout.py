@@ -190,6 +190,18 @@ def test_people_are_listed_by_name_and_number():
     assert "Nobody is in view." in Reader(people_html(())).text
 
 
+def test_whose_labels_are_swapped_is_shown_beside_the_sensor_and_moves_nothing():
+    people = Room(2).scene(0.0, Room(2).frames(0.0)).people
+    front, *others = people[0].views
+    swapped = msgspec.structs.replace(people[0], views=(msgspec.structs.replace(front, mirrored=True), *others))
+    html, plain = people_html((swapped, people[1])), people_html(people)
+    assert f"{front.sensor} ⇄ · {others[0].sensor}" in Reader(html).text
+    assert "⇄ left/right labels swapped" in Reader(html).text
+    assert [Reader(html).text.count("⇄"), Reader(plain).text.count("⇄")] == [2, 1]
+    assert html.count("<div") == plain.count("<div")
+    assert "⇄" not in people_html(())
+
+
 def test_every_figure_of_a_sensor_is_shown():
     row = health("front", bodies=2, rate_hz=29.97, latency=0.0021, dropped=3, rejected=1, local=True)
     text = Reader(sensors_html(status(sensors=(row,)), SensorColours())).text

@@ -197,6 +197,17 @@ def working(text: str, *, status: int) -> Iterator[None]:
         raise typer.Exit(status) from None
 
 
+def get_ready(method: str, *, status: int = 0) -> None:
+    """Compile what the method needs before the first frame, and say so; Ctrl-C ends the command with that status."""
+    from mocapella.tracker import make_ready
+
+    def tell() -> None:
+        say(f"compiling the method {method} for this machine: this once, for about half a minute")
+
+    with working(f"making the method {method} ready …", status=status):
+        make_ready(method, tell)
+
+
 def take_file(path: Path) -> Path:
     """Where ``--record`` puts a take: its name is what `take_path` makes of it, as with `mocapella record`.
 

@@ -29,7 +29,7 @@ from mocapella.cli.common import (
 @app.command()
 def demo(
     scene: SceneName = "obstacle",
-    method: Method = "stand-still",
+    method: Method = "default",
     seconds: Seconds = None,
     no_view: NoView = False,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the view's URL, open no browser.")] = False,

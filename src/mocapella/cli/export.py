@@ -64,6 +64,8 @@ def csv(
     with working(f"writing {target} …", status=INTERRUPTED):
         report = export_study_log(_timed_scenes(source), target, setup=setup, every=every, reference=reference)
     say(f"{report.rows} rows of {report.written} results in {target}")
+    if report.mirrored:
+        say(f"left and right were swapped in {report.mirrored} of them; rows are as the sensor labels them")
     for problem in source.problems:
         say(f"{take.name}: {problem}")
     write_json(json, {"path": str(target), **msgspec.to_builtins(report), "take_problems": list(source.problems)})

@@ -25,6 +25,7 @@ from mocapella.cli.common import (
     RecordTo,
     ViewPort,
     exit_by,
+    get_ready,
     method_settings,
     say,
     say_if_never_tracked,
@@ -92,8 +93,12 @@ def replay(
 
 def _replay_fast(file: Path, open_it: Callable[[], Recording]) -> dict[str, Any]:
     began = time.perf_counter()
-    with working(f"tracking {file.name} …", status=INTERRUPTED):
+    with working(f"reading {file.name} …", status=INTERRUPTED):
         recording = open_it()
+    read_s = time.perf_counter() - began
+    get_ready(recording.setup.method, status=INTERRUPTED)
+    began = time.perf_counter() - read_s
+    with working(f"tracking {file.name} …", status=INTERRUPTED):
         replayed = recording.replay(lambda scene: None)
     took = time.perf_counter() - began
     row = {

@@ -28,13 +28,13 @@ from mocapella.cli.common import (
     ViewPort,
     console,
     exit_by,
+    get_ready,
     method_settings,
     recording_row,
     say,
     say_if_never_tracked,
     take_file,
     warn_if_open,
-    working,
     write_json,
 )
 from mocapella.cli.node import READY
@@ -80,16 +80,18 @@ def live_session(
     """A server and its view (unless ``view_port`` is None), which ``stop`` ends; all closed at the end."""
     from mocapella.live.launch import Children, check_port_free
     from mocapella.live.server import Server
-    from mocapella.tracker import make_ready
+    from mocapella.live.session import Session
 
-    with working(f"making the method {settings.setup.method} ready …", status=0):
-        make_ready(settings.setup.method)
+    if view_port is not None:
+        check_port_free(VIEW_HOST, view_port, "--view-port")
+    host, _, port = settings.listen.removeprefix("tcp/").rpartition(":")
+    check_port_free(host, int(port), "--port")
+    Session(settings.setup, settings.method_settings, rig=settings.rig)  # refuses what cannot be used
+    get_ready(settings.setup.method)
     # Two threads that compute (the tracker's and the recorder's) share one interpreter; the default of 5 ms between
     # switches would be half of the latency that a result may have.
     sys.setswitchinterval(0.0005)
     with ExitStack() as stack:
-        if view_port is not None:
-            check_port_free(VIEW_HOST, view_port, "--view-port")
         server = Server(settings, say=say)
         stack.callback(server.close)
         view = stack.enter_context(Children())
@@ -168,7 +170,7 @@ def serve(
     sensors: Annotated[
         int, typer.Option(metavar="NUMBER", min=1, help="How many sensors to wait for before calibrating.")
     ] = 1,
-    method: Method = "stand-still",
+    method: Method = "default",
     settings: MethodSettings = None,
     record: RecordTo = None,
     takes: Annotated[
@@ -185,7 +187,7 @@ def serve(
         typer.Option(
             metavar="FILE",
             help="Begin from where the sensors were, as --save-rig kept it. What people do is checked against it: "
-            "where it does not fit, that is said and found anew. Needs --method default.",
+            "where it does not fit, that is said and found anew. Not for --method stand-still.",
         ),
     ] = None,
     save_rig: Annotated[

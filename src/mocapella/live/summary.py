@@ -54,6 +54,19 @@ class Condition:
 
 
 @dataclass
+class Labels:
+    """Of one sensor's views of people: how many there were, in how many the labels were swapped, how often that began.
+
+    ``swapped_now`` has the persons in whose newest view they are.
+    """
+
+    views: int = 0
+    swapped: int = 0
+    repairs: int = 0
+    swapped_now: frozenset[int] = frozenset()
+
+
+@dataclass
 class Tally:
     """Counts of a run, kept while it goes on.
 
@@ -71,6 +84,7 @@ class Tally:
     conditions: dict[str, Condition] = field(default_factory=dict)
     conditions_left_out: int = 0
     places: tuple[SensorPlace, ...] = ()
+    labels: dict[str, Labels] = field(default_factory=dict)
     times: deque[int] = field(default_factory=lambda: deque(maxlen=1024))
 
     def scene(self, scene: Scene, latency: float | None, done_ns: int) -> None:
@@ -80,12 +94,25 @@ class Tally:
         self.most_people = max(self.most_people, self.people_now)
         self.times.append(done_ns)
         self.places = scene.sensors
+        self._note_labels(scene)
         if self.began_ns is None:
             self.began_ns = done_ns
         if scene.state.reason:
             self._note_conditions(scene.state.reason, (done_ns - self.began_ns) / NS_PER_S)
         if latency is not None:
             self.latencies.add(latency)
+
+    def _note_labels(self, scene: Scene) -> None:
+        """Of the views that this result's own frame made; the others were counted with theirs."""
+        found = ((person.id, person.view_of(scene.sensor)) for person in scene.people)
+        views = {person: view.mirrored for person, view in found if view is not None}
+        if views:
+            labels = self.labels.setdefault(scene.sensor, Labels())
+            now = frozenset(person for person, mirrored in views.items() if mirrored)
+            labels.views += len(views)
+            labels.swapped += len(now)
+            labels.repairs += len(now - labels.swapped_now)
+            labels.swapped_now = now
 
     def _note_conditions(self, reason: str, at_s: float) -> None:
         for text in reason.split("; "):
@@ -155,6 +182,10 @@ class Tally:
             ],
             "conditions_left_out": self.conditions_left_out,
             "sensor_places": [_place_row(place) for place in self.places],
+            "labels_repaired": [
+                {"sensor": sensor, "views": of.views, "swapped": of.swapped, "repairs": of.repairs}
+                for sensor, of in sorted(self.labels.items())
+            ],
             "never_tracked": self.never_tracked(last),
         }
 

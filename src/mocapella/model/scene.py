@@ -55,8 +55,9 @@ class PotentialSkeleton(msgspec.Struct, frozen=True, eq=False):
         tilt: of that sensor, upwards positive [rad].
         height: of that sensor over the floor [m].
         T_world_sensor: (4, 4), from that sensor's camera space to the world of this person.
-        positions: (joints, 3), world [m]; NaN where not tracked.
+        positions: (joints, 3), world [m], with the sensor's own labels; NaN where not tracked.
         states: (joints,), `JointState`.
+        mirrored: whether the method holds its left and right labels for swapped, and repaired them in the person.
     """
 
     sensor: str
@@ -67,6 +68,7 @@ class PotentialSkeleton(msgspec.Struct, frozen=True, eq=False):
     T_world_sensor: Float64
     positions: Float64
     states: UInt8
+    mirrored: bool = False
 
 
 class Person(msgspec.Struct, frozen=True, eq=False):

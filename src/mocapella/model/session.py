@@ -76,7 +76,7 @@ class Setup:
         sensors: pose by sensor name; overrides what the frames say.
     """
 
-    method: str = "stand-still"
+    method: str = "default"
     sensors_expected: int = 1
     participant: int = NOT_AVAILABLE
     placement: str = ""

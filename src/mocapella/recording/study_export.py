@@ -31,12 +31,14 @@ class ExportReport(msgspec.Struct, frozen=True):
         rows: of the file.
         without_reference: people of the written results whom the reference sensor did not see: their rows are in the
             camera space of their first view.
+        mirrored: rows whose left and right labels the method held for swapped; they are as the sensor says them.
     """
 
     results: int
     written: int
     rows: int
     without_reference: int
+    mirrored: int
 
 
 def rows_of(
@@ -124,7 +126,7 @@ def export_study_log(
     check(every >= 1, "every", every, "1 or more")
     log = _Counting(setup, reference, every, dict(kinect_ids or {}))
     rows = write_study_log(path, log.rows(scenes, path))
-    return ExportReport(log.results, log.written, rows, log.without_reference)
+    return ExportReport(log.results, log.written, rows, log.without_reference, log.mirrored)
 
 
 class _Counting:
@@ -134,7 +136,7 @@ class _Counting:
         self._options: dict[str, Any] = {"setup": setup, "reference": reference, "kinect_ids": kinect_ids}
         self._reference, self._every = reference, every
         self._sensors: set[str] = set()
-        self.results = self.written = self.without_reference = 0
+        self.results = self.written = self.without_reference = self.mirrored = 0
 
     def rows(self, scenes: Iterable[tuple[Scene, int]], path: Path | str) -> Iterator[StudyRow]:
         for scene, tracker_time_ms in scenes:
@@ -153,6 +155,7 @@ class _Counting:
             seen_by = {view.sensor for view in person.views}
             self._sensors |= seen_by
             self.without_reference += self._reference is not None and self._reference not in seen_by
+            self.mirrored += sum(view.mirrored for view in person.views)
 
     def _check(self, path: Path | str) -> None:
         if not self.results:

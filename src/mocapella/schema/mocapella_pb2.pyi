@@ -46,7 +46,7 @@ class BodyFrame(_message.Message):
     def __init__(self, schema_version: _Optional[int] = ..., sensor: _Optional[str] = ..., node_id: _Optional[int] = ..., sequence: _Optional[int] = ..., time_ns: _Optional[int] = ..., sent_ns: _Optional[int] = ..., topology: _Optional[str] = ..., depth_width_px: _Optional[int] = ..., depth_height_px: _Optional[int] = ..., tilt_rad: _Optional[float] = ..., height_m: _Optional[float] = ..., tracking_ids: _Optional[bytes] = ..., tracked: _Optional[bytes] = ..., clipped_edges: _Optional[bytes] = ..., joint_states: _Optional[bytes] = ..., positions_m: _Optional[bytes] = ..., depth_px: _Optional[bytes] = ..., orientations: _Optional[bytes] = ...) -> None: ...
 
 class PotentialSkeleton(_message.Message):
-    __slots__ = ("sensor", "tracking_id", "time_ns", "tilt_rad", "height_m", "T_world_sensor", "positions_m", "joint_states")
+    __slots__ = ("sensor", "tracking_id", "time_ns", "tilt_rad", "height_m", "T_world_sensor", "positions_m", "joint_states", "mirrored")
     SENSOR_FIELD_NUMBER: _ClassVar[int]
     TRACKING_ID_FIELD_NUMBER: _ClassVar[int]
     TIME_NS_FIELD_NUMBER: _ClassVar[int]
@@ -55,6 +55,7 @@ class PotentialSkeleton(_message.Message):
     T_WORLD_SENSOR_FIELD_NUMBER: _ClassVar[int]
     POSITIONS_M_FIELD_NUMBER: _ClassVar[int]
     JOINT_STATES_FIELD_NUMBER: _ClassVar[int]
+    MIRRORED_FIELD_NUMBER: _ClassVar[int]
     sensor: str
     tracking_id: int
     time_ns: int
@@ -63,7 +64,8 @@ class PotentialSkeleton(_message.Message):
     T_world_sensor: bytes
     positions_m: bytes
     joint_states: bytes
-    def __init__(self, sensor: _Optional[str] = ..., tracking_id: _Optional[int] = ..., time_ns: _Optional[int] = ..., tilt_rad: _Optional[float] = ..., height_m: _Optional[float] = ..., T_world_sensor: _Optional[bytes] = ..., positions_m: _Optional[bytes] = ..., joint_states: _Optional[bytes] = ...) -> None: ...
+    mirrored: bool
+    def __init__(self, sensor: _Optional[str] = ..., tracking_id: _Optional[int] = ..., time_ns: _Optional[int] = ..., tilt_rad: _Optional[float] = ..., height_m: _Optional[float] = ..., T_world_sensor: _Optional[bytes] = ..., positions_m: _Optional[bytes] = ..., joint_states: _Optional[bytes] = ..., mirrored: bool = ...) -> None: ...
 
 class Person(_message.Message):
     __slots__ = ("id", "positions_m", "joint_states", "views", "joint_sd_m", "name")

@@ -178,6 +178,7 @@ def _encode_view(view: PotentialSkeleton) -> Any:
         T_world_sensor=view.T_world_sensor[:3].astype(F8, copy=False).tobytes(),
         positions_m=view.positions.astype(F8, copy=False).tobytes(),
         joint_states=view.states.tobytes(),
+        mirrored=view.mirrored,
     )
 
 
@@ -192,4 +193,5 @@ def _decode_view(view: Any, kind: Topology) -> PotentialSkeleton:
         transform(view.T_world_sensor, "PotentialSkeleton.T_world_sensor"),
         points(view.positions_m, (len(kind), 3), "PotentialSkeleton.positions_m"),
         choices(view.joint_states, STATES, len(kind), "PotentialSkeleton.joint_states"),
+        view.mirrored,
     )

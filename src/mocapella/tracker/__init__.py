@@ -1,6 +1,6 @@
 """The tracker: a frame in, a scene out. No clock, thread, file or socket, so a replay gives the same scenes to the bit.
 
-A method is a name in `METHODS`. The first is the KinectMultiTrack thesis' own, ``stand-still``.
+A method is a name in `METHODS`: ``default``, and the KinectMultiTrack thesis' own, ``stand-still``.
 """
 
 from __future__ import annotations

@@ -304,12 +304,14 @@ class DefaultTracker:
                 continue
             frame, T = heard.newest[sensor].frame, self._T_world_root @ self._T_root_sensor[sensor]
             pose, ids = self._poses.get(sensor, frame), memory.view_id[:, column].tolist()
+            mirrored = memory.view_mirrored[:, column].tolist()
             states = memory.view_states[:, column].copy()
             for row, of_person in enumerate(views):
                 if fresh[row][column]:
                     of_person[sensor] = PotentialSkeleton(
-                        sensor, ids[row], frame.time_ns, pose.tilt, pose.height, T, told.views[row, column], states[row]
-                    )
+                        sensor, ids[row], frame.time_ns, pose.tilt, pose.height, T,
+                        told.views[row, column], states[row], mirrored[row],
+                    )  # fmt: skip
         views = [of_person if _in_order(of_person) else dict(sorted(of_person.items())) for of_person in views]
         self._views = dict(zip(people.numbers, views, strict=True))
         return views

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from functools import cache
-from typing import Final
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, Final
 
 import numpy as np
 
@@ -18,17 +18,46 @@ _PRACTICE_S: Final = 6.0
 _RATE_HZ: Final = 30
 
 
-@cache
-def make_ready(method: str) -> None:
-    """Compile what a method needs, once a process: half a minute the first time on a machine, then about a second.
+_READY: Final[set[str]] = set()
+
+
+def make_ready(method: str, on_compiling: Callable[[], None] = lambda: None) -> None:
+    """Compile what a method needs, the first time on a machine; load what is compiled, the first time in a process.
 
     A tracker that is given its first frames would compile in the middle of them, while others come in.
+
+    Args:
+        method: key of `METHODS`.
+        on_compiling: called once when there is something to compile, before that is done.
     """
-    if method == "default":
+    if method != "default" or method in _READY:
+        return
+    with _told_of_compiling(on_compiling):
         tracker = DefaultTracker(sensors_expected=3)
         for arrival in _practice():
             tracker.update(arrival)
         tracker.restore(tracker.snapshot())
+    _READY.add(method)
+
+
+@contextmanager
+def _told_of_compiling(tell: Callable[[], None]) -> Iterator[None]:
+    """``tell`` is called when numba begins to compile the first time; loading what it has kept is no such time."""
+    from numba.core import event
+
+    class First(event.Listener):
+        told = False
+
+        def on_start(self, event: Any) -> None:
+            if not self.told:
+                self.told = True
+                tell()
+
+        def on_end(self, event: Any) -> None:
+            pass
+
+    with event.install_listener("numba:compile", First()):
+        yield
 
 
 def _practice() -> Iterator[Arrival]:

@@ -22,6 +22,7 @@ _PHASE_COLOUR: dict[str, str] = {
 }
 _NEWEST_NOTICES = 4
 _MOST_LINES, _LONGEST_LINE = 3, 110
+_SWAPPED = "⇄"
 _SMALL = "font-size:13px;line-height:1.45"
 NO_SENSOR = "No sensor delivers"
 NO_PLACES: Mapping[str, SensorPlace] = MappingProxyType({})
@@ -149,16 +150,24 @@ def _to_go(status: SessionStatus) -> str:
 
 
 def people_html(people: tuple[Person, ...]) -> str:
-    """Everybody who is there, in their colours, by how many sensors each is seen."""
+    """Everybody who is there, in their colours, by which sensors each is seen, and which of these swap labels."""
     rows = "".join(
         f'<div style="display:flex;justify-content:space-between;gap:10px"><span style="overflow-wrap:anywhere">'
         f'<span style="color:{person_colour(person.id).css}">●</span> '
         f"<b>{escape(person.name or f'Person {person.id}')}</b></span>"
         f'<span style="color:{_GREY};white-space:nowrap">{f"person {person.id} · " if person.name else ""}'
         f"{_plural(len(person.views), 'view', 'views')}</span></div>"
+        f'<div style="font-size:12px;color:{_GREY};overflow-wrap:anywhere">{_seen_by(person)}</div>'
         for person in people
     )
+    if people:  # always, so that what stands below does not move when labels are swapped
+        rows += f'<div style="font-size:12px;color:{_GREY}">{_SWAPPED} left/right labels swapped, and repaired</div>'
     return f'<div class="mocapella-people">{_note(rows or "Nobody is in view.", "inherit" if people else _GREY)}</div>'
+
+
+def _seen_by(person: Person) -> str:
+    sign = f' <span style="color:{_AMBER}">{_SWAPPED}</span>'
+    return " · ".join(escape(view.sensor) + (sign if view.mirrored else "") for view in person.views)
 
 
 def _sensor_row(row: SensorHealth, colour: Rgb, place: SensorPlace | None) -> str:

@@ -51,7 +51,7 @@ class PoseField:
 class SetupFields:
     """What stands in the form, in the units that a person types."""
 
-    method: str = "stand-still"
+    method: str = Setup.method
     sensors_expected: int = 1
     participant: str = ""
     placement: str = NONE

@@ -15,7 +15,7 @@ import viser
 from mocapella.errors import AddressInUseError, SettingsError
 from mocapella.model.observations import BodyFrame
 from mocapella.model.scene import Scene
-from mocapella.model.session import SessionStatus
+from mocapella.model.session import SessionStatus, Setup
 from mocapella.viewer.browser import Browser, Known
 from mocapella.viewer.commands import Command, Commander
 from mocapella.viewer.panel import WIDTH_PX
@@ -52,7 +52,7 @@ class Viewer:
         SettingsError: an address that this machine cannot listen at.
     """
 
-    def __init__(self, host: str, port: int, *, command: Command, methods: Sequence[str] = ("stand-still",)) -> None:
+    def __init__(self, host: str, port: int, *, command: Command, methods: Sequence[str] = (Setup.method,)) -> None:
         _check_free(host, port)
         with _unprinted():
             self._server = _Server(host=host, port=port, label="Mocapella", verbose=False)

@@ -1,0 +1,41 @@
+"""A method that was made ready compiles nothing more while people are tracked, and who waits for it is told."""
+
+from __future__ import annotations
+
+import numba
+from tracker.test_default import frames, told
+from walking_people import Walker
+
+from mocapella.tracker import make_ready
+from mocapella.tracker.ready import _told_of_compiling
+
+
+def test_once_it_is_ready_nothing_is_compiled_while_people_are_tracked() -> None:
+    make_ready("default")
+    compiled: list[str] = []
+    walker = Walker()
+    with _told_of_compiling(lambda: compiled.append("something")):
+        tracker = told()
+        for arrival in frames({1: walker}, 3.0, noise=0.01):
+            tracker.update(arrival)
+        tracker.recalibrate("asked for")
+        tracker.restore(tracker.snapshot())
+        for arrival in frames({1: walker, 2: Walker()}, 3.0, begin=3.0, noise=0.01):
+            tracker.update(arrival)
+    assert compiled == []
+
+
+def test_who_waits_is_told_once_and_only_where_something_is_compiled() -> None:
+    @numba.njit
+    def new(x):  # type: ignore[no-untyped-def]
+        return x + 1
+
+    said: list[int] = []
+    with _told_of_compiling(lambda: said.append(1)):
+        assert said == []
+        new(1)
+        new(1.0)
+    assert said == [1]
+    with _told_of_compiling(lambda: said.append(2)):
+        new(2)
+    assert said == [1]
