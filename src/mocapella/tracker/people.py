@@ -51,6 +51,7 @@ class PeopleSettings:
         body: the articulated body.
         smoothing: which of `SMOOTHING` makes the skeleton steady.
         view_age_s: a view older than this is no longer used.
+        speed_memory_s: time constant with which a joint that nobody sees comes to rest [s].
         facing: how it is found which way people face; None does without: labels are those on which the sensors agree.
         noise_gain: how much a joint's own noise in a view, which is learnt, adds to its variance.
         noise_memory_s: time constant with which it is learnt [s].
@@ -67,6 +68,7 @@ class PeopleSettings:
     body: ArticulatedSettings = field(default_factory=ArticulatedSettings)
     smoothing: str = "articulated"
     view_age_s: float = 0.12
+    speed_memory_s: float = 0.2
     facing: FacingSettings | None = field(default_factory=FacingSettings)
     noise_gain: float = 5.0
     noise_memory_s: float = 1.0
@@ -79,7 +81,7 @@ class PeopleSettings:
     def __post_init__(self) -> None:
         known = self.smoothing in SMOOTHING
         check(known, "smoothing", self.smoothing, one_of(self.smoothing, SMOOTHING))
-        for name in ("view_age_s", "noise_memory_s", "turn_s", "sure_sd", "swap_s"):
+        for name in ("view_age_s", "speed_memory_s", "noise_memory_s", "turn_s", "sure_sd", "swap_s"):
             check(0 < getattr(self, name) < 1e6, name, getattr(self, name), "above 0")
         for name in ("noise_gain", "swap_m"):
             check(0 <= getattr(self, name) < 1e6, name, getattr(self, name), "0 or more")
@@ -252,7 +254,7 @@ class People:
         everybody = np.arange(len(self.numbers))
         kernels.bring(
             everybody, at_s, m.at_s, m.positions, m.velocities, m.variances, m.seen_s,
-            motion.acceleration_density, motion.forget_after_s,
+            motion.acceleration_density, motion.forget_after_s, s.view_age_s, s.speed_memory_s,
         )  # fmt: skip
         dts = np.minimum(sights.at_s - m.view_at[rows, column], 1.0)
         kernels.see(

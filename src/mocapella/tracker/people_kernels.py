@@ -43,14 +43,24 @@ def expect(rows, middle, at_s, now_s, positions, velocities, seen_s, forget_afte
 
 
 @njit(cache=True)
-def bring(rows, now_s, at_s, positions, velocities, variances, seen_s, density, forget_after_s):
-    """Everybody in ``rows`` predicted to ``now_s``; nobody goes back in time."""
+def bring(
+    rows, now_s, at_s, positions, velocities, variances, seen_s, density, forget_after_s, view_age_s, speed_memory_s
+):  # fmt: skip
+    """Everybody in ``rows`` predicted to ``now_s``; nobody goes back in time.
+
+    A joint that is no longer seen comes to rest, for a sensor's last frames of somebody who disappears behind somebody
+    else often run away with the joints.
+    """
     for i in range(len(rows)):
         r = rows[i]
         dt = now_s - at_s[r]
         if dt > 0.0:
             predict(positions[r], velocities[r], variances[r], seen_s[r], dt, now_s, density, forget_after_s)
             at_s[r] = now_s
+            fading = np.exp(-dt / speed_memory_s)
+            for j in range(len(seen_s[r])):
+                if now_s - seen_s[r, j] > view_age_s:
+                    velocities[r, j] *= fading
 
 
 @njit(cache=True)
