@@ -72,7 +72,7 @@ class PeopleSettings:
     facing: FacingSettings | None = field(default_factory=FacingSettings)
     noise_gain: float = 5.0
     noise_memory_s: float = 1.0
-    turn_s: float = 0.1
+    turn_s: float = 0.05
     sure_sd: float = 0.6
     least_worth: float = 0.2
     swap_m: float = 0.02
@@ -111,7 +111,7 @@ class PeopleMemory:
         yaw: (people,) which way they face; NaN where not known [rad].
         view_toward: (people, sensors) yaw from the person to the sensor [rad].
         view_reported: (people, sensors) the yaw that its labels say once they are repaired [rad].
-        view_turn: (people, sensors) by how much its shoulders and hips are turned [rad].
+        view_turn: (people, sensors, 2) by how much its shoulders, and its hips, are turned [rad].
         view_offsets: (people, sensors, joints, 3) from the person, slowly learnt; in the person's labels [m].
     """
 
@@ -173,7 +173,7 @@ class PeopleMemory:
             yaw=np.full(P, np.nan),
             view_toward=np.full(V, np.nan),
             view_reported=np.full(V, np.nan),
-            view_turn=np.zeros(V),
+            view_turn=np.zeros((*V, 2)),
             view_offsets=np.zeros((*V, joints, 3)),
         )
 
@@ -201,7 +201,7 @@ class People:
         self.mirror = np.array(topology.mirror, dtype=np.int64)
         self.middle = np.flatnonzero(self.mirror == np.arange(len(topology))).astype(np.int64)
         self._root = topology.parts["root"]
-        self._turned = _shoulders_and_hips(topology)
+        self._lines, self._line_of = _shoulders_and_hips(topology)
         self._model = ArticulatedModel.of(topology, settings.body) if settings.smoothing == "articulated" else None
         self._facing = None if settings.facing is None else FacingFilter(topology, settings.facing)
         self.reset()
@@ -271,7 +271,7 @@ class People:
         measured = np.empty((len(rows), len(self.mirror), 3))
         doubts = np.empty((len(rows), len(self.mirror)))
         kernels.make(
-            rows, len(self.sensors), at_s, s.view_age_s, self.mirror, self._turned, self.up, self._root, s.least_worth,
+            rows, len(self.sensors), at_s, s.view_age_s, self.mirror, self._line_of, self.up, self._root, s.least_worth,
             fusion, motion.speed_sd**2, m.yaw,
             m.at_s, m.positions, m.velocities, m.variances, m.seen_s, m.states, m.fused_s,
             m.view_at, m.view_positions, m.view_states, m.view_variances, m.view_mirrored,
@@ -291,8 +291,8 @@ class People:
         )
         facings = self._facing.update(sights.sensor, sights.people, bodies, toward, sights.at_s, velocities)
         _kernels().turn_views(
-            rows, column, dts, self.settings.turn_s, self.settings.sure_sd, facings.yaw, facings.sd,
-            facings.mirrored, facings.reported, toward,
+            rows, column, dts, self.settings.turn_s, self.settings.sure_sd, bodies, self._lines,
+            facings.yaw, facings.sd, facings.mirrored, facings.reported, toward,
             m.yaw, m.view_mirrored, m.view_toward, m.view_reported, m.view_turn,
         )  # fmt: skip
 
@@ -388,10 +388,19 @@ class People:
         self.numbers = numbers
 
 
-def _shoulders_and_hips(topology: Topology) -> Bools:
-    """(joints,) those that say the yaw, which sensors guess rather than see: no others are moved by turning it."""
-    sided = np.array(topology.mirror) != np.arange(len(topology))
-    return np.asarray(np.array([name.startswith(("Shoulder", "Hip")) for name in topology.joints]) & sided)
+def _shoulders_and_hips(topology: Topology) -> tuple[Rows, Rows]:
+    """The lines that say the yaw, which sensors guess rather than see: no other joints are moved by turning it.
+
+    Returns:
+        (2, 2) left and right of the shoulders, and of the hips, or of the shoulders again where there are none; and
+        (joints,) the line of each joint, −1 of none.
+    """
+    parts, joints = topology.parts, topology.joints
+    shoulders = (parts["shoulder_left"], parts["shoulder_right"])
+    there = {"HipLeft", "HipRight"} <= set(joints)
+    hips = (topology.index("HipLeft"), topology.index("HipRight")) if there else shoulders
+    line_of = [0 if joint in shoulders else 1 if joint in hips else -1 for joint in range(len(joints))]
+    return np.array([shoulders, hips]), np.array(line_of)
 
 
 class Sights(msgspec.Struct, frozen=True, eq=False):
