@@ -18,6 +18,15 @@ def test_only_tracked_bodies_count_and_their_order_is_that_of_their_ids() -> Non
     assert seen.states.shape == (2, 25)
 
 
+def test_some_of_the_bodies_keep_their_order() -> None:
+    positions = np.arange(3 * 25 * 3, dtype=np.float64).reshape(3, 25, 3)
+    seen = tracked_bodies(body_frame("front", KINECT, time_ns=1, positions=positions, tracking_ids=[4, 7, 9]))
+    some = seen.only(np.array([True, False, True]))
+    assert some.keys == (("front", 4), ("front", 9))
+    np.testing.assert_array_equal(some.positions, positions[[0, 2]])
+    assert some.states.shape == (2, 25)
+
+
 def test_a_body_is_named_in_few_digits() -> None:
     assert body_name(3) == "body 3"
     assert body_name(72057594037944007) == "body …007"

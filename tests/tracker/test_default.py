@@ -141,6 +141,18 @@ def test_somebody_whom_one_sensor_sees_is_a_person_and_who_is_seen_no_more_is_pr
     assert not scenes[-1].people
 
 
+def test_a_body_that_is_thrown_about_as_it_is_lost_does_not_take_the_person_along() -> None:
+    walker, rng = Walker(), np.random.default_rng(5)
+    tracker = told()
+    run(tracker, frames({1: walker}, 2.0, noise=0.005))
+    place = tracker.update(frames({1: walker}, 0.02, begin=2.0)[0]).people[0].positions
+    for k, arrival in enumerate(frames({1: walker}, 0.3, begin=2.05)):
+        arrival.frame.positions[:] += (0.04 * k if k < 3 else rng.uniform(0.3, 1.0)) * np.float32(1)
+        tracker.update(arrival)
+    (person,) = run(tracker, frames({}, 0.5, begin=2.4))[-1].people
+    assert np.linalg.norm(person.positions - place, axis=-1).max() < 0.5
+
+
 def test_a_joint_that_no_sensor_sees_is_inferred_with_growing_uncertainty_and_follows_the_body() -> None:
     tracker, walker = told(), Walker()
     hand = KINECT_V2.index("HandRight")

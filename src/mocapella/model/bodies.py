@@ -42,6 +42,11 @@ class Bodies(msgspec.Struct, frozen=True, eq=False):
         """(bodies,) what identifies each."""
         return tuple((self.sensor, body) for body in self.ids)
 
+    def only(self, kept: NDArray[np.bool_]) -> Bodies:
+        """Those of the bodies; kept (bodies,)."""
+        ids = tuple(body for body, stays in zip(self.ids, kept.tolist(), strict=True) if stays)
+        return Bodies(self.sensor, self.topology, ids, self.positions[kept], self.states[kept])
+
 
 def tracked_bodies(frame: BodyFrame) -> Bodies:
     """The tracked bodies of a frame, sorted by id, so that what follows does not depend on the order in the frame."""

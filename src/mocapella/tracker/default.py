@@ -17,8 +17,10 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Final
 
+import msgspec
 import numpy as np
 
+from mocapella.association.jumps import Jumps, JumpSettings, SeenBody
 from mocapella.association.tracks import TrackMemory, Tracks, TrackSettings
 from mocapella.calibration.cold_start import ColdStart
 from mocapella.calibration.floor import Floor, FloorFromFeet
@@ -50,6 +52,7 @@ class DefaultSettings:
 
     Attributes:
         calibration: where the sensors are.
+        jumps: which bodies are nobody.
         tracks: who is who.
         people: how their views become skeletons.
         silent_after_s: a sensor without a frame for so long is not waited for.
@@ -59,6 +62,7 @@ class DefaultSettings:
     """
 
     calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
+    jumps: JumpSettings = field(default_factory=JumpSettings)
     tracks: TrackSettings = field(default_factory=TrackSettings)
     people: PeopleSettings = field(default_factory=PeopleSettings)
     silent_after_s: float = 1.0
@@ -92,12 +96,14 @@ class DefaultTracker:
         self._poses = dict(sensors or {})
         self._sensors_expected = sensors_expected
         self._arrivals = Arrivals(self.settings.silent_after_s, _NEEDED_PARTS)
+        self._jumps = Jumps(self.settings.jumps)
         self._tracks = Tracks(self.settings.tracks)
         self.reset()
 
     def reset(self) -> None:
         """Forget everything, as if newly made."""
         self._arrivals.reset()
+        self._jumps.reset()
         self._tracks.reset()
         self._calibration.reset()
         self._root = ""
@@ -126,14 +132,15 @@ class DefaultTracker:
         """See `Tracker`."""
         own = {name: getattr(self, name) for name in _OWN_MEMORY}
         people = None if self._people is None else (self._people.topology, self._people.remembered())
-        parts = [own, vars(self._arrivals), vars(self._tracks), people, vars(self._calibration)]
+        parts = [own, vars(self._arrivals), vars(self._jumps), vars(self._tracks), people, vars(self._calibration)]
         return pack(parts, _REMEMBERED)
 
     def restore(self, data: bytes) -> None:
         """See `Tracker`."""
-        own, arrivals, tracks, people, calibration = unpack(data, _REMEMBERED)
+        own, arrivals, jumps, tracks, people, calibration = unpack(data, _REMEMBERED)
         vars(self).update(own)
         vars(self._arrivals).update(arrivals)
+        vars(self._jumps).update(jumps)
         vars(self._tracks).update(tracks)
         self._people = None
         if people is not None:
@@ -185,12 +192,20 @@ class DefaultTracker:
             return self._scene(arrival)
         if self._people is None:
             self._people = People(self.settings.people, heard.newest[heard.sensor].frame.topology)
-        sighting = heard.newest[heard.sensor]
+        sighting = self._without_jumps(heard.newest[heard.sensor], self._people)
         self._calibrate(sighting, heard)
         self._track(sighting, self._people)
         self._state = self._stand(heard)
         self._shown = self._show(heard, self._people)
         return self._scene(arrival)
+
+    def _without_jumps(self, sighting: Sighting, people: People) -> Sighting:
+        """What the frame shows, without the bodies that cannot be where they are told to be."""
+        bodies = sighting.bodies
+        there = self._jumps.update(
+            bodies.sensor, bodies.ids, bodies.positions[:, people.middle], sighting.at_ns / NS_PER_S
+        )
+        return sighting if there.all() else msgspec.structs.replace(sighting, bodies=bodies.only(there))
 
     def _calibrate(self, sighting: Sighting, heard: Heard) -> None:
         """Learn from the frame where the sensors are. Everything else is told in the frame of the first of them."""
@@ -376,6 +391,7 @@ _REMEMBERED: Final = (
     ColdStart,
     Floor,
     FloorFromFeet,
+    JumpSettings,
     PairCalibration,
     PairEstimate,
     PairOfSensors,
@@ -394,6 +410,7 @@ _REMEMBERED: Final = (
     FacingMemory,
     PeopleMemory,
     PotentialSkeleton,
+    SeenBody,
     SensorPlace,
     Sighting,
     TrackMemory,

@@ -52,6 +52,7 @@ class PeopleSettings:
         body: the articulated body.
         smoothing: which of `SMOOTHING` makes the skeleton steady.
         view_age_s: a view older than this is no longer used.
+        speed_memory_s: time constant with which a joint that nobody sees comes to rest [s].
         facing: how it is found which way people face; None does without: labels are those on which the sensors agree.
         noise_gain: how much a joint's own noise in a view, which is learnt, adds to its variance.
         noise_memory_s: time constant with which it is learnt [s].
@@ -68,10 +69,11 @@ class PeopleSettings:
     body: ArticulatedSettings = field(default_factory=ArticulatedSettings)
     smoothing: str = "articulated"
     view_age_s: float = 0.12
+    speed_memory_s: float = 0.2
     facing: FacingSettings | None = field(default_factory=FacingSettings)
     noise_gain: float = 5.0
     noise_memory_s: float = 1.0
-    turn_s: float = 0.1
+    turn_s: float = 0.05
     sure_sd: float = 0.6
     least_worth: float = 0.2
     swap_m: float = 0.02
@@ -80,7 +82,7 @@ class PeopleSettings:
     def __post_init__(self) -> None:
         known = self.smoothing in SMOOTHING
         check(known, "smoothing", self.smoothing, one_of(self.smoothing, SMOOTHING))
-        for name in ("view_age_s", "noise_memory_s", "turn_s", "sure_sd", "swap_s"):
+        for name in ("view_age_s", "speed_memory_s", "noise_memory_s", "turn_s", "sure_sd", "swap_s"):
             check(0 < getattr(self, name) < 1e6, name, getattr(self, name), "above 0")
         for name in ("noise_gain", "swap_m"):
             check(0 <= getattr(self, name) < 1e6, name, getattr(self, name), "0 or more")
@@ -110,7 +112,7 @@ class PeopleMemory:
         yaw: (people,) which way they face; NaN where not known [rad].
         view_toward: (people, sensors) yaw from the person to the sensor [rad].
         view_reported: (people, sensors) the yaw that its labels say once they are repaired [rad].
-        view_turn: (people, sensors) by how much its shoulders and hips are turned [rad].
+        view_turn: (people, sensors, 2) by how much its shoulders, and its hips, are turned [rad].
         view_offsets: (people, sensors, joints, 3) from the person, slowly learnt; in the person's labels [m].
     """
 
@@ -172,7 +174,7 @@ class PeopleMemory:
             yaw=np.full(P, np.nan),
             view_toward=np.full(V, np.nan),
             view_reported=np.full(V, np.nan),
-            view_turn=np.zeros(V),
+            view_turn=np.zeros((*V, 2)),
             view_offsets=np.zeros((*V, joints, 3)),
         )
 
@@ -205,9 +207,9 @@ class People:
         motion = settings.motion
         self._numbers = (
             *(motion.acceleration_density, motion.forget_after_s, settings.noise_gain, settings.noise_memory_s),
-            *(settings.view_age_s, settings.swap_m, settings.swap_s),
+            *(settings.view_age_s, settings.swap_m, settings.swap_s, settings.speed_memory_s),
         )
-        self._turned = _shoulders_and_hips(topology)
+        self._lines, self._line_of = _shoulders_and_hips(topology)
         self._model = ArticulatedModel.of(topology, settings.body) if settings.smoothing == "articulated" else None
         self._facing = None if settings.facing is None else FacingFilter(topology, settings.facing)
         self.reset()
@@ -278,11 +280,12 @@ class People:
             people = [self.numbers[row] for row in rows.tolist()]
             f = self._facing.update(sights.sensor, people, bodies, toward, sights.at_s, velocities)
             kernels.turn_views(
-                rows, column, dts, s.turn_s, s.sure_sd, f.yaw, f.sd, f.mirrored, f.reported, toward,
+                rows, column, dts, s.turn_s, s.sure_sd, bodies, self._lines,
+                f.yaw, f.sd, f.mirrored, f.reported, toward,
                 m.yaw, m.view_mirrored, m.view_toward, m.view_reported, m.view_turn,
             )  # fmt: skip
         measured, doubts = kernels.make(
-            rows, len(self.sensors), at_s, s.view_age_s, self.mirror, self._turned, self.up, self._root, s.least_worth,
+            rows, len(self.sensors), at_s, s.view_age_s, self.mirror, self._line_of, self.up, self._root, s.least_worth,
             fusion, s.motion.speed_sd**2, m.yaw,
             m.at_s, m.positions, m.velocities, m.variances, m.seen_s, m.states, m.fused_s, m.steady, m.doubts,
             m.view_at, m.view_positions, m.view_states, m.view_variances, m.view_mirrored,
@@ -364,10 +367,19 @@ class People:
         return self.sensors.index(sensor)
 
 
-def _shoulders_and_hips(topology: Topology) -> Bools:
-    """(joints,) those that say the yaw, which sensors guess rather than see: no others are moved by turning it."""
-    sided = np.array(topology.mirror) != np.arange(len(topology))
-    return np.asarray(np.array([name.startswith(("Shoulder", "Hip")) for name in topology.joints]) & sided)
+def _shoulders_and_hips(topology: Topology) -> tuple[Rows, Rows]:
+    """The lines that say the yaw, which sensors guess rather than see: no other joints are moved by turning it.
+
+    Returns:
+        (2, 2) left and right of the shoulders, and of the hips, or of the shoulders again where there are none; and
+        (joints,) the line of each joint, −1 of none.
+    """
+    parts, joints = topology.parts, topology.joints
+    shoulders = (parts["shoulder_left"], parts["shoulder_right"])
+    there = {"HipLeft", "HipRight"} <= set(joints)
+    hips = (topology.index("HipLeft"), topology.index("HipRight")) if there else shoulders
+    line_of = [0 if joint in shoulders else 1 if joint in hips else -1 for joint in range(len(joints))]
+    return np.array([shoulders, hips]), np.array(line_of)
 
 
 class Prepared(msgspec.Struct, frozen=True, eq=False):

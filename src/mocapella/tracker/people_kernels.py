@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from mocapella.association.track_kernels import measure
-from mocapella.fusion.facing_kernels import view_worth, wrap
+from mocapella.fusion.facing_kernels import reported_yaw, view_worth, wrap
 from mocapella.fusion.view_kernels import follow_offsets, fuse, joint_variances, sd_at
 from mocapella.kinematics import articulated_kernels
 from mocapella.kinematics.articulated_kernels import move
@@ -61,8 +61,8 @@ def observe(
     Returns:
         What `to_level` returns, and the time since the person's view before (bodies,), at most a second.
     """
-    density, forget_after_s, noise_gain, noise_memory_s, view_age_s, swap_m, swap_s = numbers
-    bring(now_s, at_s, positions, velocities, variances, seen_s, density, forget_after_s)
+    density, forget_after_s, noise_gain, noise_memory_s, view_age_s, swap_m, swap_s, speed_memory_s = numbers
+    bring(now_s, at_s, positions, velocities, variances, seen_s, density, forget_after_s, view_age_s, speed_memory_s)
     dts = np.empty(len(rows))
     for b in range(len(rows)):
         dts[b] = min(captured_s - view_at[rows[b], column], 1.0)
@@ -92,13 +92,23 @@ def expect(middle, at_s, now_s, positions, velocities, seen_s, forget_after_s, o
 
 
 @njit(cache=True)
-def bring(now_s, at_s, positions, velocities, variances, seen_s, density, forget_after_s):
-    """Everybody predicted to ``now_s``; nobody goes back in time."""
+def bring(
+    now_s, at_s, positions, velocities, variances, seen_s, density, forget_after_s, view_age_s, speed_memory_s
+):  # fmt: skip
+    """Everybody predicted to ``now_s``; nobody goes back in time.
+
+    A joint that is no longer seen comes to rest, for a sensor's last frames of somebody who disappears behind somebody
+    else often run away with the joints.
+    """
     for r in range(len(at_s)):
         dt = now_s - at_s[r]
         if dt > 0.0:
             predict(positions[r], velocities[r], variances[r], seen_s[r], dt, now_s, density, forget_after_s)
             at_s[r] = now_s
+            fading = np.exp(-dt / speed_memory_s)
+            for j in range(len(seen_s[r])):
+                if now_s - seen_s[r, j] > view_age_s:
+                    velocities[r, j] *= fading
 
 
 @njit(cache=True)
@@ -222,12 +232,14 @@ def to_level(R, positions, sensor_position, root, rows, velocities):
 
 @njit(cache=True)
 def turn_views(
-    rows, column, dts, turn_s, sure_sd, yaws, sds, mirrored, reported, toward,
+    rows, column, dts, turn_s, sure_sd, bodies, lines, yaws, sds, mirrored, reported, toward,
     yaw, view_mirrored, view_toward, view_reported, view_turn,
 ):  # fmt: skip
     """Keep what the facing says of a frame's views, and how far shoulders and hips are turned towards it.
 
-    A facing that is not sure, ``sure_sd`` [rad], changes no labels, and turns nobody the less sure it is.
+    Each of the ``lines`` (lines, 2) of a left and a right joint is turned by how far it is off itself, for a sensor is
+    not wrong by the same angle in both. A facing that is not sure, ``sure_sd`` [rad], changes no labels, and turns
+    nobody the less sure it is.
     """
     for b in range(len(rows)):
         r = rows[b]
@@ -235,25 +247,32 @@ def turn_views(
         changed = mirrored[b] != view_mirrored[r, column]
         if changed and sds[b] <= sure_sd:
             view_mirrored[r, column] = mirrored[b]
+        changed = changed and view_mirrored[r, column] == mirrored[b]
         said = reported[b] + (np.pi if mirrored[b] != view_mirrored[r, column] else 0.0)
-        off = sure * wrap(yaws[b] - said)
-        if not np.isfinite(off):
-            off = 0.0
-        before = off if changed and view_mirrored[r, column] == mirrored[b] else view_turn[r, column]
-        view_turn[r, column] = before - np.expm1(-dts[b] / turn_s) * wrap(off - before)
+        for n in range(len(lines)):
+            of_line = reported_yaw(bodies[b], lines[n : n + 1])
+            of_line = of_line + (np.pi if view_mirrored[r, column] else 0.0) if np.isfinite(of_line) else said
+            off = sure * wrap(yaws[b] - of_line)
+            if not np.isfinite(off):
+                off = 0.0
+            before = off if changed else view_turn[r, column, n]
+            view_turn[r, column, n] = before - np.expm1(-dts[b] / turn_s) * wrap(off - before)
         yaw[r] = yaws[b]
         view_toward[r, column], view_reported[r, column] = toward[b], said
 
 
 @njit(cache=True)
-def turn(body, turned, root, up, angle):
-    """Turn the joints in ``turned`` about the vertical through the root, in place (Rodrigues)."""
-    if angle == 0.0 or not np.isfinite(body[root, 0]):
+def turn(body, line_of, root, up, angles):
+    """Turn each joint by the angle of its line about the vertical through the root, in place (Rodrigues).
+
+    ``line_of`` (joints,) says which of the ``angles`` [rad] that is; −1: none.
+    """
+    if not np.isfinite(body[root, 0]):
         return
-    sine, versine = np.sin(angle), 1.0 - np.cos(angle)
-    for j in range(len(turned)):
-        if not turned[j]:
+    for j in range(len(line_of)):
+        if line_of[j] < 0 or angles[line_of[j]] == 0.0:
             continue
+        sine, versine = np.sin(angles[line_of[j]]), 1.0 - np.cos(angles[line_of[j]])
         x, y, z = body[j, 0] - body[root, 0], body[j, 1] - body[root, 1], body[j, 2] - body[root, 2]
         along = up[0] * x + up[1] * y + up[2] * z
         a, b, c = up[1] * z - up[2] * y, up[2] * x - up[0] * z, up[0] * y - up[1] * x
@@ -264,7 +283,7 @@ def turn(body, turned, root, up, angle):
 
 @njit(cache=True)
 def make(
-    rows, columns, now_s, view_age_s, mirror, turned, up, root, least_worth, fusion, speed_variance, yaw,
+    rows, columns, now_s, view_age_s, mirror, line_of, up, root, least_worth, fusion, speed_variance, yaw,
     at_s, positions, velocities, variances, seen_s, states, fused_s, steady, steady_variances,
     view_at, view_positions, view_states, view_variances, view_mirrored, view_toward, view_reported,
     view_turn, view_offsets,
@@ -300,7 +319,7 @@ def make(
                     views[count, j, k] = view_positions[r, c, m, k] + (moved if np.isfinite(moved) else 0.0)
                     offsets[count, j, k] = view_offsets[r, c, j, k]
                 worth[count, j] = (view_variances[r, c, m] + (age_speed * age) ** 2) / value
-            turn(views[count], turned, root, up, view_turn[r, c])
+            turn(views[count], line_of, root, up, view_turn[r, c])
             count += 1
         if count == 0:
             continue
