@@ -9,15 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.association.tracks import distances
 from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
+UInt64 = NDArray[np.uint64]
 Bools = NDArray[np.bool_]
 
 
@@ -42,25 +44,39 @@ class JumpSettings:
             check(0 <= getattr(self, name) < 1e6, name, getattr(self, name), "0 or more")
 
 
-class SeenBody(msgspec.Struct, frozen=True, eq=False):
-    """Where a sensor last saw a body that did not jump.
+class SeenBodies(msgspec.Struct, frozen=True, eq=False):
+    """Where a sensor last saw bodies that did not jump.
 
     Attributes:
-        at_s: when.
-        middle: (middle joints, 3) in its own camera space [m].
-        jumped: whether the body has jumped since.
+        ids: (bodies,) tracking ids.
+        at_s: (bodies,) when; −inf for a body whose middle was never seen.
+        middle: (bodies, middle joints, 3) in its own camera space [m].
+        jumped: (bodies,) whether the body has jumped since.
     """
 
-    at_s: float
+    ids: UInt64
+    at_s: Float64
     middle: Float64
-    jumped: bool = False
+    jumped: Bools
+
+    @classmethod
+    def new(cls, ids: UInt64, joints: int) -> SeenBodies:
+        """Bodies that were never seen."""
+        n = len(ids)
+        return cls(ids, np.full(n, -np.inf), np.full((n, joints, 3), np.nan), np.zeros(n, dtype=np.bool_))
+
+    def with_these(self, ids: UInt64, kept: Bools) -> SeenBodies:
+        """The ``kept`` ones, and those of ``ids`` that are not among them."""
+        new = SeenBodies.new(ids[~np.isin(ids, self.ids[kept])], self.middle.shape[1])
+        parts = ((getattr(self, name)[kept], getattr(new, name)) for name in self.__struct_fields__)
+        return SeenBodies(*(np.concatenate(pair) for pair in parts))
 
 
 class Jumps:
     """Which bodies cannot be where their sensor reports them. The same frames in the same order give the same answers.
 
     Attributes:
-        seen: by sensor and tracking id.
+        seen: by sensor.
     """
 
     def __init__(self, settings: JumpSettings | None = None) -> None:
@@ -69,7 +85,7 @@ class Jumps:
 
     def reset(self) -> None:
         """Forget everybody."""
-        self.seen: dict[str, dict[int, SeenBody]] = {}
+        self.seen: dict[str, SeenBodies] = {}
 
     def update(self, sensor: str, ids: Sequence[int], middles: Float64, at_s: float) -> Bools:
         """Whether each body is where its sensor saw it, or another one (it may swap ids), just before.
@@ -83,24 +99,22 @@ class Jumps:
         Returns:
             (bodies,) false for a body that jumped; true for one that is new.
         """
-        s = self.settings
-        # Either way, for a sensor's clock may jump.
-        before = {body: seen for body, seen in self.seen.get(sensor, {}).items() if abs(at_s - seen.at_s) <= s.doubt_s}
-        there = np.ones(len(ids), dtype=np.bool_)
-        placed = np.isfinite(middles).all(axis=-1).any(axis=-1)
-        known = placed & np.array([body in before for body in ids], dtype=np.bool_)
-        if known.any():
-            longest = [s.longest_step_s if seen.jumped else s.doubt_s for seen in before.values()]
-            steps_s = np.minimum([abs(at_s - seen.at_s) for seen in before.values()], longest)
-            apart = distances(middles[known], np.stack([seen.middle for seen in before.values()]))
-            there[known] = (apart <= s.step_m + s.fastest_m_s * steps_s).any(axis=1)
-        now = {
-            body: SeenBody(at_s, middle) for body, middle, ok in zip(ids, middles, there & placed, strict=True) if ok
-        }
-        away = {
-            body: msgspec.structs.replace(before[body], jumped=True)
-            for body, ok in zip(ids, there, strict=True)
-            if not ok
-        }
-        self.seen[sensor] = before | now | away
+        s, numbers, there = self.settings, np.array(ids, dtype=np.uint64), np.empty(len(ids), dtype=np.bool_)
+        seen = self.seen.get(sensor)
+        if seen is None:
+            seen = self.seen[sensor] = SeenBodies.new(numbers, middles.shape[1])
+        middles = np.ascontiguousarray(middles)
+        limits = s.step_m, s.fastest_m_s, s.longest_step_s, s.doubt_s
+        changed = _kernels().stay(at_s, numbers, middles, limits, seen.ids, seen.at_s, seen.middle, seen.jumped, there)
+        if changed:  # Times may go back, for a sensor's clock may jump.
+            seen = self.seen[sensor] = seen.with_these(numbers, np.abs(at_s - seen.at_s) <= s.doubt_s)
+        _kernels().follow(at_s, numbers, middles, there, seen.ids, seen.at_s, seen.middle, seen.jumped)
         return there
+
+
+@cache
+def _kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.association import track_kernels
+
+    return track_kernels

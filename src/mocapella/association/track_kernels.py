@@ -35,6 +35,15 @@ def apart(one, other):
 
 
 @njit(cache=True)
+def is_placed(middle):
+    """Whether a joint of the middle is seen."""
+    for j in range(len(middle)):
+        if np.isfinite(middle[j, 0]) and np.isfinite(middle[j, 1]) and np.isfinite(middle[j, 2]):
+            return True
+    return False
+
+
+@njit(cache=True)
 def distances(bodies, people, out):
     """Of each body to each person, into ``out`` (bodies, people)."""
     for b in range(len(bodies)):
@@ -99,10 +108,7 @@ def costs(
     taken = np.zeros(people, dtype=np.bool_)
     choice, everybody = False, True
     for b in range(bodies):
-        unplaced[b] = True
-        for j in range(middles.shape[1]):
-            if np.isfinite(middles[b, j, 0]) and np.isfinite(middles[b, j, 1]) and np.isfinite(middles[b, j, 2]):
-                unplaced[b] = False
+        unplaced[b] = not is_placed(middles[b])
         rows[b] = -1
         for p in range(people):
             there = middle[p]
@@ -171,3 +177,45 @@ def take(
             if not share and apart(middle[r], middle[other]) <= same_within_m:
                 found |= MAY_BE_ONE
     return found
+
+
+@njit(cache=True)
+def place_of(number, ids):
+    """Where the number is among the ids; −1 for nowhere."""
+    for i in range(len(ids)):
+        if ids[i] == number:
+            return i
+    return -1
+
+
+@njit(cache=True)
+def stay(at_s, ids, middles, limits, known_ids, known_at_s, known_middle, known_jumped, there):
+    """Which bodies are where one was just before, into ``there``; whether one is new, or was not seen for long.
+
+    Arrays are as `mocapella.association.jumps.SeenBodies` describes them.
+    """
+    step_m, fastest_m_s, longest_step_s, doubt_s = limits
+    changed = False
+    for i in range(len(known_ids)):
+        changed = changed or not abs(at_s - known_at_s[i]) <= doubt_s
+    for b in range(len(ids)):
+        own = place_of(ids[b], known_ids)
+        changed = changed or own < 0
+        there[b] = own < 0 or abs(at_s - known_at_s[own]) > doubt_s or not is_placed(middles[b])
+        for i in range(len(known_ids)):
+            away_s = abs(at_s - known_at_s[i])
+            if not there[b] and away_s <= doubt_s:
+                longest_s = longest_step_s if known_jumped[i] else doubt_s
+                there[b] = apart(middles[b], known_middle[i]) <= step_m + fastest_m_s * min(away_s, longest_s)
+    return changed
+
+
+@njit(cache=True)
+def follow(at_s, ids, middles, there, known_ids, known_at_s, known_middle, known_jumped):
+    """Keep where bodies are that did not jump, and which did."""
+    for b in range(len(ids)):
+        i = place_of(ids[b], known_ids)
+        if not there[b]:
+            known_jumped[i] = True
+        elif is_placed(middles[b]):
+            known_at_s[i], known_middle[i], known_jumped[i] = at_s, middles[b], False

@@ -20,7 +20,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from mocapella.association.jumps import Jumps, JumpSettings, SeenBody
+from mocapella.association.jumps import Jumps, JumpSettings, SeenBodies
 from mocapella.association.tracks import TrackMemory, Tracks, TrackSettings
 from mocapella.calibration.cold_start import ColdStart
 from mocapella.calibration.floor import Floor, FloorFromFeet
@@ -410,7 +410,7 @@ _REMEMBERED: Final = (
     FacingMemory,
     PeopleMemory,
     PotentialSkeleton,
-    SeenBody,
+    SeenBodies,
     SensorPlace,
     Sighting,
     TrackMemory,
