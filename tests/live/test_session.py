@@ -31,7 +31,7 @@ def new() -> Session:
 
 
 @given(at=st.integers(0, 1250))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=6, deadline=None)
 def test_a_session_that_restores_another_goes_on_alike_to_the_bit(at: int) -> None:
     first, second = new(), new()
     for arrival in arrivals()[:at]:
