@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 import signal
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -13,15 +15,21 @@ from hypothesis import strategies as st
 from mocapella.cli.common import (
     DEFAULT_ADDRESS,
     exit_by,
+    get_ready,
     method_settings,
     recording_row,
     take_file,
     warn_if_open,
     working,
 )
+from mocapella.cli.demo import demo
+from mocapella.cli.serve import serve
 from mocapella.errors import RecordingError, SettingsError
-from mocapella.model.session import RecordingHealth
+from mocapella.model.session import RecordingHealth, Setup
 from mocapella.recording.disk import take_path
+from mocapella.tracker import METHODS, DefaultSettings, make_tracker
+from mocapella.tracker.people import PeopleSettings
+from mocapella.viewer.setup_form import SetupFields
 from mocapella.wire import session
 
 
@@ -82,3 +90,33 @@ def test_work_that_is_interrupted_is_an_exit_status_and_a_line(
     assert ended.value.exit_code == 130
     assert "stopped before the end" in capsys.readouterr().err
     assert signal.getsignal(number) is before
+
+
+@pytest.mark.parametrize("compiles", [True, False])
+def test_who_waits_for_a_method_to_be_compiled_is_told(
+    compiles: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made: list[str] = []
+
+    def make(method: str, on_compiling: Callable[[], None]) -> None:
+        made.append(method)
+        if compiles:
+            on_compiling()
+
+    monkeypatch.setattr("mocapella.tracker.make_ready", make)
+    get_ready("default")
+    assert made == ["default"]
+    assert ("compiling the method default for this machine" in capsys.readouterr().err) == compiles
+
+
+def test_the_method_where_none_is_named_is_the_same_everywhere() -> None:
+    of_verbs = {inspect.signature(verb).parameters["method"].default for verb in (demo, serve)}
+    assert of_verbs | {SetupFields().method, Setup().method} == {"default"}
+    assert "default" in METHODS
+
+
+def test_a_dot_leads_into_a_group_of_settings() -> None:
+    given = method_settings(["people.smoothing=kalman", "people.fusion.age_speed=0.5", "keep_root_s=2"])
+    assert given == {"people": {"smoothing": "kalman", "fusion": {"age_speed": 0.5}}, "keep_root_s": 2}
+    settings = make_tracker("default", settings=method_settings(["people.smoothing=kalman"])).settings
+    assert settings == DefaultSettings(people=PeopleSettings(smoothing="kalman"))

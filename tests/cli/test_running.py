@@ -4,29 +4,30 @@ from __future__ import annotations
 
 import gzip
 import json
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import pytest
 from programs import free_port, result, run
 
 
-def test_a_take_that_was_cut_off_says_what_is_left(study_logs: Path, tmp_path: Path) -> None:
-    made = result(tmp_path, "demo", "--headless", "--seconds", "9", "--record", "whole", "--scene", "stand")
-    assert made["frames_in"] > 0
-    again = run(tmp_path, "replay", "whole")
-    assert f"all {made['frames_out']} results identical to the live run" in again.stderr
-    whole = (tmp_path / "whole.mcap").read_bytes()
-    (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) * 2 // 3])
-    (row,) = result(tmp_path, "replay", "cut.mcap")
-    assert not row["clean"]
-    assert row["problems"]
-    assert row["frames_out"] > 0
-    taken = run(tmp_path, "demo", "--headless", "--seconds", "1", "--record", "whole.mcap")
-    assert taken.returncode == 1
-    assert (tmp_path / "whole.mcap").read_bytes() == whole
+@dataclass(frozen=True)
+class Recorded:
+    """A demo that was recorded, and what it said at its end."""
+
+    folder: Path
+    summary: dict[str, Any]
 
 
-def test_the_demos_summary_is_what_a_script_can_check(tmp_path: Path) -> None:
-    summary = result(tmp_path, "demo", "--headless", "--seconds", "18")
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    folder = tmp_path_factory.mktemp("demo")
+    return Recorded(folder, result(folder, "demo", "--headless", "--seconds", "18", "--record", "whole"))
+
+
+def test_the_demos_summary_is_what_a_script_can_check(demo: Recorded) -> None:
+    summary = demo.summary
     assert {row["name"] for row in summary["sensors"]} == {"front", "left", "right"}
     assert summary["frames_in"] == summary["frames_out"] > 0
     assert summary["most_people"] == 2
@@ -34,6 +35,24 @@ def test_the_demos_summary_is_what_a_script_can_check(tmp_path: Path) -> None:
     phases = [change["phase"] for change in summary["state_changes"]]
     assert phases[:3] == ["waiting for sensors", "calibrating", "tracking"]
     assert isinstance(summary["drops"], int)
+
+
+def test_a_take_replays_as_it_was_and_is_never_recorded_over(demo: Recorded) -> None:
+    whole = (demo.folder / "whole.mcap").read_bytes()
+    again = run(demo.folder, "replay", "whole")
+    assert f"all {demo.summary['frames_out']} results identical to the live run" in again.stderr
+    taken = run(demo.folder, "demo", "--headless", "--seconds", "1", "--record", "whole.mcap")
+    assert taken.returncode == 1
+    assert (demo.folder / "whole.mcap").read_bytes() == whole
+
+
+def test_a_take_that_was_cut_off_says_what_is_left(demo: Recorded, tmp_path: Path) -> None:
+    whole = (demo.folder / "whole.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 3])
+    (row,) = result(tmp_path, "replay", "cut.mcap")
+    assert not row["clean"]
+    assert row["problems"]
+    assert 0 < row["frames_out"] < demo.summary["frames_out"]
 
 
 def test_replaying_live_goes_through_nodes_and_bus(study_logs: Path, tmp_path: Path) -> None:

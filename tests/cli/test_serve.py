@@ -89,12 +89,18 @@ def test_where_nobody_walked_nothing_is_saved_and_that_is_said(
         (["--rig", "none.json"], "none.json: cannot be read"),
         (["--save-rig", "no-folder/hall.json"], "--save-rig no-folder/hall.json: cannot be written there"),
         (["--rig", "hall.json", "--method", "stand-still"], "'stand-still' uses no rig"),
+        (["--method", "defalt"], "did you mean default?"),
+        (["--set", "silent_after=2"], "did you mean silent_after_s?"),
+        (["--set", "people.smoothnig=kalman"], "did you mean smoothing?"),
+        (["--set", "people=1", "--set", "people.swap_m=1"], "people has a value already"),
+        (["--interface", "192.0.2.1"], "choose another with --port"),
     ],
 )
-def test_a_rig_that_cannot_be_used_ends_the_command_before_it_begins(
+def test_what_cannot_be_used_ends_the_command_before_it_begins(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], said: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("mocapella.tracker.make_ready", lambda *_: pytest.fail("compiled before it was refused"))
     save_rig("hall.json", Rig(VERSION, True, {}, []))
     result = CliRunner().invoke(app, ["serve", "--no-view", "--port", str(free_port()), *arguments])
     assert isinstance(result.exception, MocapellaError)

@@ -18,6 +18,8 @@ from mocapella.model.observations import BodyFrame
 from mocapella.recording.study_log import read_study_log
 from mocapella.recording.take_reader import Take, read_take
 from mocapella.sources.study_replay import StudyReplay
+from mocapella.wire.reader import send_command
+from mocapella.wire.session import open_reader
 
 LOG = "Study_7_Kinect_2_Time_3_11_06_PM.csv.gz"
 ROWS = 1301
@@ -101,12 +103,24 @@ def runs(study_logs: Path, tmp_path_factory: pytest.TempPathFactory) -> Runs:
         programs.append(servers[1])
         for node in nodes:
             assert node.process.wait(150.0) == 0, node.output
+        wait_until("the server is through", lambda: answered_for(ports[0]) >= sum(published(undisturbed).values()))
         for server in servers:
             assert server.end() == 0, server.output
     finally:
         for program in programs:
             program.__exit__(None, None, None)
     return Runs(log, undisturbed, killed)
+
+
+def answered_for(port: int) -> int:
+    """Of the frames that were published, those that the server has tracked or knows to be passed over."""
+    session = open_reader(f"tcp/127.0.0.1:{port}")
+    try:
+        status = send_command(session, "status").status
+    finally:
+        session.close()
+    assert status is not None
+    return sum(sensor.frames + sensor.dropped for sensor in status.sensors)
 
 
 def published(folder: Path) -> dict[str, Any]:

@@ -131,7 +131,8 @@ def participant_numbers(text: str | None, option: str = "--participants") -> lis
 
 
 def method_settings(pairs: list[str] | None) -> dict[str, Any]:
-    """``["frames=60", "compare_with=first"]`` as a mapping; the method itself checks names and ranges.
+    """``["frames=60", "people.smoothing=kalman"]`` as a mapping, a dot leading into another; the method checks names
+    and ranges.
 
     Raises:
         SettingsError: one is not of the form NAME=VALUE, or is a number that a take could not keep.
@@ -141,10 +142,18 @@ def method_settings(pairs: list[str] | None) -> dict[str, Any]:
         name, equals, text = pair.partition("=")
         if not equals or not name:
             raise SettingsError(f"--set {pair!r} cannot be used; write it as NAME=VALUE, such as frames=60")
+        *groups, last = name.split(".")
+        where = found
+        for group in groups:
+            where = where.setdefault(group, {})
+            if not isinstance(where, dict):
+                raise SettingsError(
+                    f"--set {pair!r} cannot be used: {group} has a value already; leave one of them out"
+                )
         try:
-            found[name] = json.loads(text, parse_float=_finite, parse_constant=_finite)
+            where[last] = json.loads(text, parse_float=_finite, parse_constant=_finite)
         except json.JSONDecodeError:
-            found[name] = text
+            where[last] = text
     return found
 
 
@@ -202,7 +211,7 @@ def get_ready(method: str, *, status: int = 0) -> None:
     from mocapella.tracker import make_ready
 
     def tell() -> None:
-        say(f"compiling the method {method} for this machine: this once, for about half a minute")
+        say(f"compiling the method {method} for this machine: this once, for about a minute")
 
     with working(f"making the method {method} ready …", status=status):
         make_ready(method, tell)

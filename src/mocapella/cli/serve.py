@@ -85,7 +85,8 @@ def live_session(
     if view_port is not None:
         check_port_free(VIEW_HOST, view_port, "--view-port")
     host, _, port = settings.listen.removeprefix("tcp/").rpartition(":")
-    check_port_free(host, int(port), "--port")
+    if ":" not in host:  # IPv6: the server says it, a little later
+        check_port_free(host, int(port), "--port")
     Session(settings.setup, settings.method_settings, rig=settings.rig)  # refuses what cannot be used
     get_ready(settings.setup.method)
     # Two threads that compute (the tracker's and the recorder's) share one interpreter; the default of 5 ms between
