@@ -112,7 +112,8 @@ class PeopleMemory:
         view_toward: (people, sensors) yaw from the person to the sensor [rad].
         view_reported: (people, sensors) the yaw that its labels say once they are repaired [rad].
         view_turn: (people, sensors, 2) by how much its shoulders, and its hips, are turned [rad].
-        view_offsets: (people, sensors, joints, 3) from the person, slowly learnt; in the person's labels [m].
+        view_offsets: (people, sensors, joints, 3) from the person, slowly learnt; in the person's
+            labels; NaN where the view has not been used yet [m].
     """
 
     at_s: Float64
@@ -174,7 +175,7 @@ class PeopleMemory:
             view_toward=np.full(V, np.nan),
             view_reported=np.full(V, np.nan),
             view_turn=np.zeros((*V, 2)),
-            view_offsets=np.zeros((*V, joints, 3)),
+            view_offsets=np.full((*V, joints, 3), np.nan),
         )
 
     def taken(self, rows: Sequence[int], people: int, sensors: int) -> PeopleMemory:
@@ -293,7 +294,7 @@ class People:
         _kernels().turn_views(
             rows, column, dts, self.settings.turn_s, self.settings.sure_sd, bodies, self._lines,
             facings.yaw, facings.sd, facings.mirrored, facings.reported, toward,
-            m.yaw, m.view_mirrored, m.view_toward, m.view_reported, m.view_turn,
+            m.yaw, m.view_mirrored, m.view_toward, m.view_reported, m.view_turn, m.view_offsets,
         )  # fmt: skip
 
     def _smooth(self, rows: Rows, measured: Float64, measured_variances: Float64, at_s: float) -> None:
