@@ -185,13 +185,14 @@ def to_level(R, positions, sensor_position, root, rows, velocities):
 @njit(cache=True)
 def turn_views(
     rows, column, dts, turn_s, sure_sd, bodies, lines, yaws, sds, mirrored, reported, toward,
-    yaw, view_mirrored, view_toward, view_reported, view_turn, view_offsets,
+    speeds, still_m_s, yaw, view_mirrored, view_toward, view_reported, view_turn, view_offsets,
 ):  # fmt: skip
     """Keep what the facing says of a frame's views, and how far shoulders and hips are turned towards it.
 
     Each of the ``lines`` (lines, 2) of a left and a right joint is turned by how far it is off itself, for a sensor is
     not wrong by the same angle in both. A facing that is not sure, ``sure_sd`` [rad], changes no labels, and turns
-    nobody the less sure it is. Where labels are changed, the view goes on where the person is.
+    nobody the less sure it is. Labels of somebody who stands, slower than ``still_m_s``, change because they were
+    wrong: then the view goes on where the person is, and glides to where it is.
     """
     for b in range(len(rows)):
         r = rows[b]
@@ -200,7 +201,7 @@ def turn_views(
         if changed and sds[b] <= sure_sd:
             view_mirrored[r, column] = mirrored[b]
         changed = changed and view_mirrored[r, column] == mirrored[b]
-        if changed:
+        if changed and np.sqrt((speeds[b] ** 2).sum()) < still_m_s:
             view_offsets[r, column] = np.nan
         said = reported[b] + (np.pi if mirrored[b] != view_mirrored[r, column] else 0.0)
         for n in range(len(lines)):
