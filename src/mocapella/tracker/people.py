@@ -57,6 +57,7 @@ class PeopleSettings:
         noise_gain: how much a joint's own noise in a view, which is learnt, adds to its variance.
         noise_memory_s: time constant with which it is learnt [s].
         turn_s: time constant with which a view's shoulders and hips follow the facing [s].
+        still_m_s: the speed of somebody who stands is below this.
         sure_sd: of a facing that may change labels; from here to twice as much, less and less is turned [rad].
         least_worth: of a view that looks along the shoulders, against one from the front.
         swap_m: how much nearer a view must be to the person with left and right swapped, before they are.
@@ -74,6 +75,7 @@ class PeopleSettings:
     noise_gain: float = 5.0
     noise_memory_s: float = 1.0
     turn_s: float = 0.05
+    still_m_s: float = 0.1
     sure_sd: float = 0.6
     least_worth: float = 0.2
     swap_m: float = 0.02
@@ -82,7 +84,7 @@ class PeopleSettings:
     def __post_init__(self) -> None:
         known = self.smoothing in SMOOTHING
         check(known, "smoothing", self.smoothing, one_of(self.smoothing, SMOOTHING))
-        for name in ("view_age_s", "speed_memory_s", "noise_memory_s", "turn_s", "sure_sd", "swap_s"):
+        for name in ("view_age_s", "speed_memory_s", "noise_memory_s", "turn_s", "still_m_s", "sure_sd", "swap_s"):
             check(0 < getattr(self, name) < 1e6, name, getattr(self, name), "above 0")
         for name in ("noise_gain", "swap_m"):
             check(0 <= getattr(self, name) < 1e6, name, getattr(self, name), "0 or more")
@@ -113,7 +115,8 @@ class PeopleMemory:
         view_toward: (people, sensors) yaw from the person to the sensor [rad].
         view_reported: (people, sensors) the yaw that its labels say once they are repaired [rad].
         view_turn: (people, sensors, 2) by how much its shoulders, and its hips, are turned [rad].
-        view_offsets: (people, sensors, joints, 3) from the person, slowly learnt; in the person's labels [m].
+        view_offsets: (people, sensors, joints, 3) from the person, slowly learnt; in the person's
+            labels; NaN where it is to begin where the person is [m].
     """
 
     at_s: Float64
@@ -281,8 +284,8 @@ class People:
             f = self._facing.update(sights.sensor, people, bodies, toward, sights.at_s, velocities)
             kernels.turn_views(
                 rows, column, dts, s.turn_s, s.sure_sd, bodies, self._lines,
-                f.yaw, f.sd, f.mirrored, f.reported, toward,
-                m.yaw, m.view_mirrored, m.view_toward, m.view_reported, m.view_turn,
+                f.yaw, f.sd, f.mirrored, f.reported, toward, velocities, s.still_m_s,
+                m.yaw, m.view_mirrored, m.view_toward, m.view_reported, m.view_turn, m.view_offsets,
             )  # fmt: skip
         measured, doubts = kernels.make(
             rows, len(self.sensors), at_s, s.view_age_s, self.mirror, self._line_of, self.up, self._root, s.least_worth,

@@ -233,13 +233,14 @@ def to_level(R, positions, sensor_position, root, rows, velocities):
 @njit(cache=True)
 def turn_views(
     rows, column, dts, turn_s, sure_sd, bodies, lines, yaws, sds, mirrored, reported, toward,
-    yaw, view_mirrored, view_toward, view_reported, view_turn,
+    speeds, still_m_s, yaw, view_mirrored, view_toward, view_reported, view_turn, view_offsets,
 ):  # fmt: skip
     """Keep what the facing says of a frame's views, and how far shoulders and hips are turned towards it.
 
     Each of the ``lines`` (lines, 2) of a left and a right joint is turned by how far it is off itself, for a sensor is
     not wrong by the same angle in both. A facing that is not sure, ``sure_sd`` [rad], changes no labels, and turns
-    nobody the less sure it is.
+    nobody the less sure it is. Labels of somebody who stands, slower than ``still_m_s``, change because they were
+    wrong: then the view goes on where the person is, and glides to where it is.
     """
     for b in range(len(rows)):
         r = rows[b]
@@ -248,6 +249,8 @@ def turn_views(
         if changed and sds[b] <= sure_sd:
             view_mirrored[r, column] = mirrored[b]
         changed = changed and view_mirrored[r, column] == mirrored[b]
+        if changed and np.sqrt((speeds[b] ** 2).sum()) < still_m_s:
+            view_offsets[r, column] = np.nan
         said = reported[b] + (np.pi if mirrored[b] != view_mirrored[r, column] else 0.0)
         for n in range(len(lines)):
             of_line = reported_yaw(bodies[b], lines[n : n + 1])
@@ -279,6 +282,15 @@ def turn(body, line_of, root, up, angles):
         body[j, 0] += sine * a + versine * (along * up[0] - x)
         body[j, 1] += sine * b + versine * (along * up[1] - y)
         body[j, 2] += sine * c + versine * (along * up[2] - z)
+
+
+@njit(cache=True)
+def begin_offsets(offsets, view, expected):
+    """Offsets (joints, 3) that are not known yet: with them, a view begins where the person is expected."""
+    for j in range(len(offsets)):
+        if np.isnan(offsets[j, 0]):
+            away = view[j] - expected[j]
+            offsets[j] = away if np.isfinite(away).all() else np.zeros(3)
 
 
 @njit(cache=True)
@@ -320,6 +332,7 @@ def make(
                     offsets[count, j, k] = view_offsets[r, c, j, k]
                 worth[count, j] = (view_variances[r, c, m] + (age_speed * age) ** 2) / value
             turn(views[count], line_of, root, up, view_turn[r, c])
+            begin_offsets(offsets[count], views[count], positions[r])
             count += 1
         if count == 0:
             continue
