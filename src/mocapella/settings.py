@@ -7,7 +7,9 @@ suggestion, because a misspelt setting that is silently ignored costs a study.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+import json
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
 import msgspec
@@ -51,3 +53,37 @@ def _refuse_ignored(given: Any, taken: Any, where: str) -> None:
     elif isinstance(given, list | tuple) and isinstance(taken, list | tuple):
         for inner, value in zip(given, taken, strict=True):
             _refuse_ignored(inner, value, where)
+
+
+def settings_of_pairs(pairs: Sequence[str] | None) -> dict[str, Any]:
+    """``["frames=60", "people.smoothing=kalman"]`` as a mapping, a dot leading into another; the method checks names
+    and ranges.
+
+    Raises:
+        SettingsError: one is not of the form NAME=VALUE, or is a number that a take could not keep.
+    """
+    found: dict[str, Any] = {}
+    for pair in pairs or []:
+        name, equals, text = pair.partition("=")
+        if not equals or not name:
+            raise SettingsError(f"setting {pair!r} cannot be used; write it as NAME=VALUE, such as frames=60")
+        *groups, last = name.split(".")
+        where = found
+        for group in groups:
+            where = where.setdefault(group, {})
+            if not isinstance(where, dict):
+                raise SettingsError(
+                    f"setting {pair!r} cannot be used: {group} has a value already; leave one of them out"
+                )
+        try:
+            where[last] = json.loads(text, parse_float=_finite, parse_constant=_finite)
+        except json.JSONDecodeError:
+            where[last] = text
+    return found
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise SettingsError(f"setting: {text} cannot be kept in a take; leave the setting out where it has no limit")
+    return value

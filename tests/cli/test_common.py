@@ -16,7 +16,6 @@ from mocapella.cli.common import (
     DEFAULT_ADDRESS,
     exit_by,
     get_ready,
-    method_settings,
     recording_row,
     take_file,
     warn_if_open,
@@ -27,6 +26,7 @@ from mocapella.cli.serve import serve
 from mocapella.errors import RecordingError, SettingsError
 from mocapella.model.session import RecordingHealth, Setup
 from mocapella.recording.disk import take_path
+from mocapella.settings import settings_of_pairs
 from mocapella.tracker import METHODS, DefaultSettings, make_tracker
 from mocapella.tracker.people import PeopleSettings
 from mocapella.viewer.setup_form import SetupFields
@@ -64,7 +64,7 @@ def test_a_take_with_a_problem_is_an_exit_status_and_any_other_is_none() -> None
 def test_a_number_that_a_take_could_not_keep_is_refused(text: str) -> None:
     """JSON has none of them: a take made with one could not be replayed."""
     with pytest.raises(SettingsError, match="leave the setting out"):
-        method_settings([f"max_distance_m={text}"])
+        settings_of_pairs([f"max_distance_m={text}"])
 
 
 @given(st.from_regex(r"[A-Za-z0-9_-]{1,20}", fullmatch=True), st.sampled_from([".", "takes", "/data/study 7"]))
@@ -116,7 +116,7 @@ def test_the_method_where_none_is_named_is_the_same_everywhere() -> None:
 
 
 def test_a_dot_leads_into_a_group_of_settings() -> None:
-    given = method_settings(["people.smoothing=kalman", "people.fusion.age_speed=0.5", "keep_root_s=2"])
+    given = settings_of_pairs(["people.smoothing=kalman", "people.fusion.age_speed=0.5", "keep_root_s=2"])
     assert given == {"people": {"smoothing": "kalman", "fusion": {"age_speed": 0.5}}, "keep_root_s": 2}
-    settings = make_tracker("default", settings=method_settings(["people.smoothing=kalman"])).settings
+    settings = make_tracker("default", settings=settings_of_pairs(["people.smoothing=kalman"])).settings
     assert settings == DefaultSettings(people=PeopleSettings(smoothing="kalman"))

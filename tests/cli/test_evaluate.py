@@ -74,6 +74,8 @@ def test_a_row_that_fails_is_said() -> None:
         (["nowhere"], ["nowhere", "no such folder"]),
         (["."], ["has no study logs", "Study_P_Kinect_C_"]),
         (["logs", "--methods", "stand-stil"], ["unknown tracking method", "did you mean stand-still"]),
+        (["logs", "--methods", "default:people.smoothing=kalmann"], ["smoothing", "did you mean kalman"]),
+        (["logs", "--methods", "default:smoothing"], ["smoothing", "NAME=VALUE"]),
         (["logs", "--methods", ","], ["no method to score", "stand-still"]),
         (["logs", "--participants", "8"], ["has no participant 8", "it has 7"]),
         (["logs", "--participants", "seven"], ["--participants 'seven'", "0,1,20"]),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import sys
 from collections.abc import Iterator
@@ -128,40 +127,6 @@ def participant_numbers(text: str | None, option: str = "--participants") -> lis
     if not all(part.isdecimal() for part in parts):
         raise SettingsError(f"{option} {text!r} cannot be used; write numbers with commas, such as 0,1,20")
     return [int(part) for part in parts]
-
-
-def method_settings(pairs: list[str] | None) -> dict[str, Any]:
-    """``["frames=60", "people.smoothing=kalman"]`` as a mapping, a dot leading into another; the method checks names
-    and ranges.
-
-    Raises:
-        SettingsError: one is not of the form NAME=VALUE, or is a number that a take could not keep.
-    """
-    found: dict[str, Any] = {}
-    for pair in pairs or []:
-        name, equals, text = pair.partition("=")
-        if not equals or not name:
-            raise SettingsError(f"--set {pair!r} cannot be used; write it as NAME=VALUE, such as frames=60")
-        *groups, last = name.split(".")
-        where = found
-        for group in groups:
-            where = where.setdefault(group, {})
-            if not isinstance(where, dict):
-                raise SettingsError(
-                    f"--set {pair!r} cannot be used: {group} has a value already; leave one of them out"
-                )
-        try:
-            where[last] = json.loads(text, parse_float=_finite, parse_constant=_finite)
-        except json.JSONDecodeError:
-            where[last] = text
-    return found
-
-
-def _finite(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise SettingsError(f"--set: {text} cannot be kept in a take; leave the setting out where it has no limit")
-    return value
 
 
 def warn_if_open(what: str, host: str, port: int) -> None:

@@ -24,15 +24,16 @@ _FUSED = {
     "label_flips_per_min": "label flips /min",
     "lag_ms": "lag ms",
 }
+METHODS_HELP = (
+    "Tracking methods, with commas between them; settings of one after colons, as in default:people.smoothing=kalman."
+)
 _PLACEMENTS = ("parallel", "45", "90")
 
 
 @evaluate_app.command()
 def kinectmultitrack(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the KinectMultiTrack study logs.")],
-    methods: Annotated[
-        str, typer.Option(metavar="NAME,NAME,…", help="Tracking methods, with commas between them.")
-    ] = "stand-still",
+    methods: Annotated[str, typer.Option(metavar="NAME,NAME,…", help=METHODS_HELP)] = "stand-still",
     participants: Participants = None,
     json: JsonOut = None,
 ) -> None:
@@ -88,9 +89,7 @@ _WHO_AND_WHERE = {
 
 @evaluate_app.command()
 def simulation(
-    methods: Annotated[
-        str, typer.Option(metavar="NAME,NAME,…", help="Tracking methods, with commas between them.")
-    ] = "stand-still,default",
+    methods: Annotated[str, typer.Option(metavar="NAME,NAME,…", help=METHODS_HELP)] = "stand-still,default",
     scenes: Annotated[
         str | None, typer.Option(metavar="NAME,NAME,…", help="Which scenes; all where left out, `help` lists them.")
     ] = None,

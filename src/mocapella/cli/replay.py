@@ -26,7 +26,6 @@ from mocapella.cli.common import (
     ViewPort,
     exit_by,
     get_ready,
-    method_settings,
     say,
     say_if_never_tracked,
     take_file,
@@ -34,6 +33,7 @@ from mocapella.cli.common import (
     write_json,
 )
 from mocapella.errors import SettingsError
+from mocapella.settings import settings_of_pairs
 
 if TYPE_CHECKING:
     from mocapella.cli.recordings import Recording
@@ -76,7 +76,7 @@ def replay(
     rows: list[dict[str, Any]] = []
     with stop_on_signals() if live else nullcontext() as stop:
         for file in files:
-            open_it = partial(open_recording, file, placement, method, method_settings(settings))
+            open_it = partial(open_recording, file, placement, method, settings_of_pairs(settings))
             if stop is None:
                 row = _replay_fast(file, open_it)
             elif not stop.is_set():

@@ -29,7 +29,6 @@ from mocapella.cli.common import (
     console,
     exit_by,
     get_ready,
-    method_settings,
     recording_row,
     say,
     say_if_never_tracked,
@@ -39,6 +38,7 @@ from mocapella.cli.common import (
 )
 from mocapella.cli.node import READY
 from mocapella.errors import MocapellaError, SettingsError
+from mocapella.settings import settings_of_pairs
 
 if TYPE_CHECKING:
     from mocapella.calibration.rig import Rig
@@ -224,7 +224,7 @@ def serve(
         takes=takes,
         setup=Setup(method=method, sensors_expected=sensors),
         running=not wait,
-        method_settings=method_settings(settings),
+        method_settings=settings_of_pairs(settings),
         reserve_bytes=round(reserve_gib * GIB),
         rig=None if rig is None else load_rig(rig),
     )

@@ -2,23 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 from mocapella.errors import SettingsError, one_of
 from mocapella.evaluation.protocol import ScoredTracker
+from mocapella.settings import settings_of_pairs
 from mocapella.tracker import METHODS, make_tracker
 
 AS_LOGGED: Final = "stand-still"
 """The thesis' own method: the logged rows are its output, and are scored as they are."""
 
 
-def scored_tracker(method: str, settings: Mapping[str, Any] | None = None) -> Callable[[int], ScoredTracker]:
-    """How to make a new tracker of that method for so many sensors.
+def method_with_settings(text: str) -> tuple[str, dict[str, Any]]:
+    """``default:people.smoothing=kalman:keep_root_s=2`` as the method's name and its settings; a row is a text.
+
+    Raises:
+        SettingsError: no such method, or a setting is not NAME=VALUE; says what would work.
+    """
+    method, *pairs = text.split(":")
+    if method not in METHODS:
+        raise SettingsError(f"unknown tracking method {method!r}; known: {one_of(method, METHODS)}")
+    return method, settings_of_pairs(pairs)
+
+
+def scored_tracker(text: str) -> Callable[[int], ScoredTracker]:
+    """How to make a new tracker of a method, with settings of its own if need be, for so many sensors.
 
     Raises:
         SettingsError: no such method or setting, or it does not say what a scoring needs.
     """
+    method, settings = method_with_settings(text)
 
     def make(sensors: int) -> ScoredTracker:
         tracker = make_tracker(method, sensors_expected=sensors, settings=settings)
@@ -34,15 +48,13 @@ def check_methods(methods: Sequence[str], *, some: bool = False) -> None:
     """Refuse a method that is unknown or cannot be scored; nothing has been read then.
 
     Args:
-        methods: by name.
+        methods: by name, as `method_with_settings` takes them.
         some: whether there are others to score, so that these may be none.
 
     Raises:
         SettingsError: says which can.
     """
     for method in methods:
-        if method not in METHODS:
-            raise SettingsError(f"unknown tracking method {method!r}; known: {one_of(method, METHODS)}")
         if method != AS_LOGGED:
             scored_tracker(method)
     if not methods and not some:

@@ -20,6 +20,7 @@ import numpy as np
 
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import SettingsError, one_of
+from mocapella.evaluation.methods import method_with_settings
 from mocapella.evaluation.protocol import ScoredTracker
 from mocapella.evaluation.simulation_score import Figures, Score
 from mocapella.model.observations import Arrival
@@ -83,7 +84,9 @@ def evaluate(
     """Score methods on scenes.
 
     Args:
-        methods: by name. scenes: names, all where not given. seeds: of the scenes' noise.
+        methods: by name, with settings if need be, see `method_with_settings`.
+        scenes: names, all where not given.
+        seeds: of the scenes' noise.
         on_run: called with what is done next.
 
     Returns:
@@ -93,12 +96,15 @@ def evaluate(
         SettingsError: an unknown method or scene, or none.
     """
     names = list(scene_summaries()) if scenes is None else list(scenes)
-    for what, chosen, known in (("method", methods, list(METHODS)), ("scene", names, list(scene_summaries()))):
-        for name in chosen:
-            if name not in known:
-                raise SettingsError(f"unknown {what} {name!r}; known: {one_of(name, known)}")
+    for name in names:
+        if name not in scene_summaries():
+            raise SettingsError(f"unknown scene {name!r}; known: {one_of(name, scene_summaries())}")
+    for what, chosen, known in (("method", methods, METHODS), ("scene", names, scene_summaries())):
         if not chosen:
             raise SettingsError(f"no {what} to score; known: {', '.join(known)}")
+    for method in methods:  # refuses what cannot be used before the first room is made
+        name, settings = method_with_settings(method)
+        make_tracker(name, settings=settings)
     if not seeds or min(seeds) < 0:
         raise SettingsError(f"seeds {list(seeds)} cannot be used; give one or more of 0, 1, 2, …")
     result: dict[str, Any] = {"seeds": list(seeds), "scenes": {name: scene_summaries()[name] for name in names}}
@@ -112,7 +118,8 @@ def evaluate(
                 done += 1
                 on_run(f"{method}, {name}, seed {seed} ({done} of {total})")
                 room = scene_room(name, seed)
-                tracker = make_tracker(method, sensors_expected=len(room.sensor_names))
+                method_name, settings = method_with_settings(method)
+                tracker = make_tracker(method_name, sensors_expected=len(room.sensor_names), settings=settings)
                 runs.setdefault(name, []).append(run(tracker, room))
         result["methods"][method] = summary(runs)
     return result
