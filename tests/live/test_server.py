@@ -25,6 +25,8 @@ from mocapella.wire.reader import Newest, send_command
 from mocapella.wire.server import ServerLink
 from mocapella.wire.session import open_node, open_reader
 
+SETUP = Setup("stand-still")
+"""A method that loads nothing at its first frame: these tests count frames."""
 POSITIONS = np.random.default_rng(0).normal(size=(2, 25, 3)).astype(np.float32)
 
 
@@ -35,7 +37,7 @@ def address() -> str:
 
 @pytest.fixture
 def server(address: str, tmp_path: Path) -> Iterator[Server]:
-    running = Server(ServerSettings(address, takes=tmp_path / "takes"))
+    running = Server(ServerSettings(address, takes=tmp_path / "takes", setup=SETUP))
     yield running
     running.close()
 
@@ -63,7 +65,7 @@ def publish(link: NodeLink, count: int, begin: int = 0, every: float = 0.005) ->
 
 def test_a_port_in_use_is_named(server: Server, address: str) -> None:
     with pytest.raises(AddressInUseError, match=address.rpartition(":")[2]):
-        Server(ServerSettings(address))
+        Server(ServerSettings(address, setup=SETUP))
 
 
 def test_nobody_at_the_address_is_said_and_does_not_hang(address: str) -> None:
@@ -74,7 +76,7 @@ def test_nobody_at_the_address_is_said_and_does_not_hang(address: str) -> None:
 def test_a_node_that_starts_before_the_server_is_served(address: str, tmp_path: Path) -> None:
     with NodeLink(address, "front") as link:
         assert not link.join(0.2)
-        running = Server(ServerSettings(address))
+        running = Server(ServerSettings(address, setup=SETUP))
         try:
             wait_until("the node joins", lambda: link.join(0.5))
             publish(link, 5)
@@ -100,7 +102,7 @@ def test_a_second_node_under_a_name_is_refused_and_seen(server: Server, address:
 
 def test_two_servers_on_one_machine_never_see_each_others_sensors(server: Server, address: str) -> None:
     other_address = f"tcp/127.0.0.1:{free_port()}"
-    other = Server(ServerSettings(other_address))
+    other = Server(ServerSettings(other_address, setup=SETUP))
     try:
         with NodeLink(address, "here") as here, NodeLink(other_address, "there") as there:
             wait_until("both join", lambda: here.join() and there.join())
@@ -287,7 +289,7 @@ def test_a_take_has_every_frame_and_names_are_checked(
 
 def test_an_unwritable_place_is_refused_before_anything_starts(address: str, tmp_path: Path) -> None:
     (tmp_path / "takes").write_text("a file where the folder should be")
-    running = Server(ServerSettings(address, takes=tmp_path / "takes"))
+    running = Server(ServerSettings(address, takes=tmp_path / "takes", setup=SETUP))
     session = open_reader(address)
     try:
         refused = send_command(session, "record", {"name": "one"})

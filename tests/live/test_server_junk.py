@@ -17,7 +17,7 @@ from mocapella.cli.recordings import open_recording
 from mocapella.live.server import Server, ServerSettings
 from mocapella.live.session import Session
 from mocapella.model.observations import body_frame
-from mocapella.model.session import SensorHealth
+from mocapella.model.session import SensorHealth, Setup
 from mocapella.model.topology import topology
 from mocapella.recording.take_reader import read_take
 from mocapella.schema import encode_frame
@@ -37,7 +37,7 @@ def address() -> str:
 
 @pytest.fixture
 def server(address: str, tmp_path: Path) -> Iterator[Server]:
-    running = Server(ServerSettings(address, takes=tmp_path / "takes", reserve_bytes=0))
+    running = Server(ServerSettings(address, takes=tmp_path / "takes", reserve_bytes=0, setup=Setup("stand-still")))
     yield running
     running.close()
 
@@ -187,7 +187,7 @@ def test_a_take_begins_with_the_memory_of_its_first_step_whoever_begins_it(
 
 def test_a_take_cannot_begin_after_the_last_one_was_closed(address: str, tmp_path: Path) -> None:
     """Otherwise its thread would keep the process for ever, and its file would have no end."""
-    running = Server(ServerSettings(address, takes=tmp_path, reserve_bytes=0))
+    running = Server(ServerSettings(address, takes=tmp_path, reserve_bytes=0, setup=Setup("stand-still")))
     session = open_reader(address)
     try:
         stop = threading.Event()

@@ -281,7 +281,7 @@ def test_the_setup_form_sends_what_was_typed(server, tab):
     tab.choose("Placement", "right-45")
     tab.choose("Scenario", "walk")
     tab.field(HEIGHT_LABEL, LEFT).fill("1.4")
-    typed = SetupFields("stand-still", 3, "7", "right-45", "walk")
+    typed = SetupFields("default", 3, "7", "right-45", "walk")
     poses = {name: PoseField(0.0, 1.4 if name == "left" else HEIGHT_M) for name in server.room.names}
     typed = dataclasses.replace(typed, poses=poses)
     until(tab, lambda: panels(server)[0]._setup._read() == typed, "all that was typed has arrived")
@@ -289,7 +289,7 @@ def test_the_setup_form_sends_what_was_typed(server, tab):
     tab.button("Apply setup").click()
     tab.expect_enabled("Apply setup", enabled=False)
     assert [verb for verb, _ in server.commands] == ["setup"]
-    wanted = Setup("stand-still", 3, 7, "right-45", "walk", {"left": SensorPose(0.0, 1.4)})
+    wanted = Setup("default", 3, 7, "right-45", "walk", {"left": SensorPose(0.0, 1.4)})
     assert server.status.setup == wanted
     server.answers = False
     tab.page.locator("label", has_text="Participant").locator("xpath=../../..").locator("input[disabled]").wait_for()
