@@ -22,8 +22,8 @@ _NOT_TRACKED, _INFERRED = int(JointState.NOT_TRACKED), int(JointState.INFERRED)
 
 
 __all__ = [
-    "bring", "expect", "follow_labels", "infer", "make", "move", "pose_people", "see", "smooth_people", "to_level",
-    "turn_views",
+    "begin_offsets", "bring", "expect", "follow_labels", "infer", "make", "move", "pose_people", "see",
+    "smooth_people", "to_level", "turn", "turn_views",
 ]  # fmt: skip
 
 
