@@ -22,7 +22,10 @@ _LONGEST_STEP_S = 0.2
 _NOT_TRACKED, _INFERRED = int(JointState.NOT_TRACKED), int(JointState.INFERRED)
 
 
-__all__ = ["make", "move", "observe", "pose_people", "prepare", "smooth_people", "tell", "turn_views"]
+__all__ = [
+    "begin_offsets", "bring", "make", "move", "observe", "pose_people", "prepare", "smooth_people", "tell", "turn",
+    "turn_views",
+]  # fmt: skip
 
 
 @njit(cache=True)

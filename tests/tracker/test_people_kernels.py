@@ -1,0 +1,92 @@
+"""Steps between a frame and a person: who is no longer seen, who is turned, whose labels change."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mocapella.geometry.angles import wrap
+from mocapella.tracker import people_kernels as kernels
+
+DT = 1 / 30
+LINES = np.array([[1, 2], [3, 4]])
+"""Left and right of the shoulders, and of the hips, of a body of five joints; the first is the root."""
+UP = np.array([0.0, 1.0, 0.0])
+angles = st.floats(-3.0, 3.0)
+
+
+def moved(seconds: float, speed_memory_s: float) -> float:
+    """How far a joint goes that was last seen at 1 m/s [m]."""
+    at_s, positions, velocities = np.zeros(1), np.zeros((1, 1, 3)), np.array([[[1.0, 0.0, 0.0]]])
+    variances, seen_s = np.full((1, 1, 3), 1e-4), np.zeros((1, 1))
+    for k in range(1, round(seconds / DT) + 1):
+        kernels.bring(k * DT, at_s, positions, velocities, variances, seen_s, 8.0, 10.0, 0.12, speed_memory_s)
+    return float(positions[0, 0, 0])
+
+
+def test_who_is_no_longer_seen_comes_to_rest() -> None:
+    assert moved(0.1, 0.2) == pytest.approx(0.1)  # a view is used for so long
+    assert 0.25 < moved(3.0, 0.2) < 0.12 + 2 * DT + 0.2
+    assert moved(3.0, 1e9) == pytest.approx(3.0)
+
+
+def body(shoulders: float, hips: float) -> np.ndarray:
+    """(5, 3) whose lines face so [rad]."""
+    across = [np.array([np.cos(yaw), 0.0, -np.sin(yaw)]) for yaw in (shoulders, hips)]
+    sides = [side * width * line for line, width in zip(across, (0.2, 0.1), strict=True) for side in (1, -1)]
+    return np.vstack([np.zeros(3), *sides])
+
+
+class View:
+    """One view of one person, and what is kept of it."""
+
+    def __init__(self) -> None:
+        self.yaw, self.mirrored = np.zeros(1), np.zeros((1, 1), dtype=np.bool_)
+        self.toward, self.reported, self.turn = np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1, 2))
+        self.offsets = np.zeros((1, 1, 5, 3))
+
+    def face(self, joints: np.ndarray, yaw: float, sd: float = 0.3, mirrored: bool = False, speed: float = 0.0) -> None:
+        reported = np.arctan2(-(joints[1] - joints[2])[2], (joints[1] - joints[2])[0]) + np.pi * mirrored
+        kernels.turn_views(
+            np.arange(1), 0, np.full(1, DT), 0.05, 0.6, joints[None], LINES, np.array([yaw]), np.array([sd]),
+            np.array([mirrored]), np.array([reported]), np.zeros(1), np.array([[speed, 0.0, 0.0]]), 0.1,
+            self.yaw, self.mirrored, self.toward, self.reported, self.turn, self.offsets,
+        )  # fmt: skip
+
+
+@settings(deadline=None)
+@given(angles, angles, angles, st.booleans())
+def test_shoulders_and_hips_both_come_to_face_as_the_person_does(
+    shoulders: float, hips: float, yaw: float, mirrored: bool
+) -> None:
+    view, joints = View(), body(shoulders, hips)
+    for _ in range(60):
+        view.face(joints, yaw, mirrored=mirrored)
+    turned = joints[[0, 2, 1, 4, 3]] if mirrored else joints.copy()
+    kernels.turn(turned, np.array([-1, 0, 0, 1, 1]), 0, UP, view.turn[0, 0])
+    for left, right in LINES:
+        across = turned[left] - turned[right]
+        assert abs(wrap(np.arctan2(-across[2], across[0]) - yaw)) < 1e-3
+
+
+def test_a_facing_that_is_not_sure_turns_nobody_and_changes_no_labels() -> None:
+    view = View()
+    view.face(body(0.5, 0.2), 1.5, sd=1.2, mirrored=True)
+    assert not view.turn.any()
+    assert not view.mirrored.any()
+
+
+@pytest.mark.parametrize(("speed", "glides"), [(0.0, True), (0.09, True), (0.5, False)])
+def test_where_labels_change_the_view_goes_on_where_the_person_stands(speed: float, glides: bool) -> None:
+    view = View()
+    view.face(body(0.0, 0.0), np.pi, mirrored=True, speed=speed)
+    assert view.mirrored.all()
+    assert np.isnan(view.offsets).all() == glides
+    expected, seen = np.ones((5, 3)), np.full((5, 3), 1.2)
+    seen[2] = np.nan
+    kernels.begin_offsets(view.offsets[0, 0], seen, expected)
+    known = np.array([0, 1, 3, 4])
+    np.testing.assert_allclose(view.offsets[0, 0, known], 0.2 if glides else 0.0)
+    np.testing.assert_array_equal(view.offsets[0, 0, 2], 0.0)
