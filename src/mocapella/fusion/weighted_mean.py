@@ -43,7 +43,7 @@ class FusionSettings:
     inferred_factor: float = 5.0
     clipped_factor: float = 2.0
     degrees_of_freedom: float = 5.0
-    offset_s: float = 1.0
+    offset_s: float = 0.3
     age_speed_m_s: float = 0.5
 
     def __post_init__(self) -> None:
