@@ -13,8 +13,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.calibration import pair_memory as at
 from mocapella.calibration.pair_calibration import PairCalibration, PairEstimate, PairSettings
 from mocapella.calibration.pair_memory import BodyTrack
+from mocapella.calibration.shared_people import mutually_nearest, newest_centres
 
 Hypothesis = tuple[int, int, bool]
 """a's tracking id, b's, and whether left and right are swapped at first."""
@@ -23,6 +25,10 @@ RIVALS_FACTOR = 0.7
 """A hypothesis wins when its residual is no more than this part of every rival's."""
 SWAPPED_FACTOR = 1.25
 """Swapped labels must fit better by this."""
+TOGETHER_M = 0.35
+"""Bodies whose middles are nearer in both sensors are one person …"""
+OTHERS = 2
+"""… and so many others must be, for one of them to be believed."""
 MOST = 72
 """Hypotheses; six people seen by both sensors have as many. Of more people, those with the lowest ids begin."""
 
@@ -73,6 +79,36 @@ class ColdStart:
             if other[:2] != key[:2] and (other[0] == key[0] or other[1] == key[1])
         ]
         return Likeliest(self.hypotheses[key], min(rivals, default=np.inf))
+
+    def agreed(
+        self, a: Mapping[int, BodyTrack], b: Mapping[int, BodyTrack], believed: PairCalibration | None
+    ) -> PairCalibration | None:
+        """The estimate that puts most people where both sensors see them now, if it is clear which that is.
+
+        Where there are many, whoever crosses their ways makes it long unclear from one body alone who is who. But one
+        motion is that of all: a wrong one puts others together by accident, and hardly two.
+
+        Args:
+            a, b: the bodies that each sensor sees, by tracking id.
+            believed: what was said before; it stays where nothing else is clearly better.
+        """
+        s = self.settings
+        known = {
+            key: pair
+            for key, pair in self.hypotheses.items()
+            if pair.scalars[at.STEPS] > 0 and pair.residual <= s.residual_allowed_m
+        }
+        if not known or min(len(a), len(b)) < OTHERS + 1:
+            return believed
+        tried = [*known.values()] if believed is None else [*known.values(), believed]
+        T, ours, theirs = np.stack([pair.T_a_b for pair in tried]), newest_centres(a), newest_centres(b)
+        together = mutually_nearest(T, ours, theirs, TOGETHER_M).sum(axis=(1, 2)).tolist()
+        counts = dict(zip(known, together, strict=False))
+        key = max(counts, key=lambda key: (counts[key], -known[key].residual))
+        rivals = [n for other, n in counts.items() if other != key and (other[0] == key[0]) != (other[1] == key[1])]
+        swapped = counts.get((*key[:2], not key[2]), 0)
+        known_count = together[-1] if believed is not None else 0
+        return known[key] if counts[key] > max([OTHERS, swapped, known_count, *rivals]) else believed
 
 
 class Likeliest(msgspec.Struct, frozen=True, eq=False):

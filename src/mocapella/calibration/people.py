@@ -24,6 +24,7 @@ from mocapella.calibration.floor import Floor, FloorFromFeet, floor_of_pose, mea
 from mocapella.calibration.moved_sensor import disagrees_for, moved_sensors
 from mocapella.calibration.pair_calibration import (
     MIRRORED_STREAM,
+    NOT_ONE_BODY,
     WALK,
     WALK_ACROSS,
     PairCalibration,
@@ -117,6 +118,11 @@ class PairOfSensors:
     seen_since: float = np.inf
     estimate: PairEstimate | None = None
     judged_steps: float = -1.0
+
+    @property
+    def unproven(self) -> bool:
+        """Whether it is only a hypothesis on which people agree: refined by everybody, and used when that is sure."""
+        return self.calibration is not None and not self.shown and not self.told
 
     @property
     def trusted(self) -> bool:
@@ -287,7 +293,7 @@ class PeopleCalibration:
         if pair.calibration is None or not self._both_see(key):
             return
         a, b = (self._tracks[sensor].bodies for sensor in key)
-        if people is not None:
+        if people is not None and pair.trusted:
             pair.matched = same_people(a, b, people(key[0]), people(key[1]))
         bodies = [
             who for who in dict.fromkeys((*pair.matched, *pair.calibration.bodies)) if who[0] in a and who[1] in b
@@ -323,7 +329,7 @@ class PeopleCalibration:
         agreeing = self._agreeing(now)
         for key, pair in self._pairs.items():
             doubtful = self._doubtful(pair, now) and not _agree_elsewhere(key, agreeing)
-            pair.trying = pair.calibration is None or doubtful
+            pair.trying = pair.calibration is None or doubtful or pair.unproven
         unchecked = [key for key, pair in self._pairs.items() if pair.trying and pair.told and pair.calibration]
         self._doubted = frozenset(moved_sensors(unchecked, agreeing, sorted(self._tracks)))
         self._place()
@@ -338,12 +344,17 @@ class PeopleCalibration:
             pair, estimate = self._pairs[key], one.judged(raw)
             if estimate.trusted:
                 self._believe(key, one.pair, now)
-            elif pair.calibration is None:
+                continue
+            if pair.calibration is None:
                 pair.estimate = estimate
+            if pair.calibration is None or pair.unproven:
+                a, b = (self._tracks[sensor].bodies for sensor in key)
+                agreed = pair.cold.agreed(a, b, pair.calibration)
+                if agreed is not pair.calibration:
+                    pair.calibration, pair.judged_steps, pair.agreed_at = agreed, -1.0, now
 
     def _judge_calibrations(self, now: float, people: WhoIsWho | None) -> None:
-        if people is None:
-            self._match()
+        self._match(people is None)
         known = [(key, pair, pair.calibration) for key, pair in self._pairs.items() if pair.calibration is not None]
         for key, _, calibration in known:
             a, b = (self._tracks[sensor].bodies for sensor in key)
@@ -354,6 +365,9 @@ class PeopleCalibration:
         news = [one for one in known if one[1].estimate is None or one[2].scalars[at.STEPS] != one[1].judged_steps]
         for (key, pair, calibration), estimate in zip(news, estimates([one[2] for one in news]), strict=True):
             pair.estimate, pair.judged_steps = estimate, float(calibration.scalars[at.STEPS])
+            if pair.unproven and estimate.problem in (NOT_ONE_BODY, MIRRORED_STREAM):
+                pair.calibration, pair.matched = None, ()
+                continue
             calibration.trust(estimate)
             calibration.follow_clock(estimate)
             if not self._both_see(key):
@@ -368,11 +382,11 @@ class PeopleCalibration:
                 if estimate.trusted:
                     pair.told, pair.shown = "", True
 
-    def _match(self) -> None:
-        """Who is who, where nobody says it: the nearest."""
+    def _match(self, all_pairs: bool) -> None:
+        """Who is who, where nobody says it, or not of sensors whose place is not used yet: the nearest."""
         for key in sorted({key for keys in self._refined.values() for key in keys}):
             pair = self._pairs[key]
-            if pair.calibration is not None:
+            if pair.calibration is not None and (all_pairs or not pair.trusted):
                 a, b = (self._tracks[sensor].bodies for sensor in key)
                 pair.matched = nearest_bodies(pair.calibration.T_a_b, a, b, self.settings.match_within_m)
 
@@ -386,7 +400,7 @@ class PeopleCalibration:
     def _believe(self, key: Pair, found: PairCalibration, now: float) -> None:
         """A hypothesis has won; where another estimate was believed, a sensor was moved, or the rig was wrong."""
         pair = self._pairs[key]
-        if pair.calibration is not None and not pair.told:
+        if pair.calibration is not None and not pair.told and not pair.unproven:
             self._note_moved(moved_sensors([key], self._agreeing(now), sorted(self._tracks)), now)
         pair.calibration, pair.cold, pair.told = found, ColdStart(self.settings.pair), ""
         pair.shown, pair.judged_steps, pair.agreed_at = True, -1.0, now

@@ -11,6 +11,7 @@ from mocapella.calibration.pair_memory import BodyTrack
 from mocapella.geometry.rigid import apply
 
 Float64 = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
 
 def same_people(
@@ -25,19 +26,34 @@ def nearest_bodies(
     T_a_b: Float64, a: Mapping[int, BodyTrack], b: Mapping[int, BodyTrack], within_m: float
 ) -> tuple[tuple[int, int], ...]:
     """Tracking ids in two sensors of bodies of which each is the other's nearest, and near enough."""
-    if not a or not b:
-        return ()
     ours, theirs = sorted(a), sorted(b)
-    there = np.array([_newest_centre(b[body]) for body in theirs])
-    distance = np.linalg.norm(
-        np.array([_newest_centre(a[body]) for body in ours])[:, None] - apply(T_a_b, there)[None], axis=-1
-    )
-    distance = np.nan_to_num(distance, nan=np.inf)
-    return tuple(
-        (body, theirs[k])
-        for i, body in enumerate(ours)
-        if distance[i, k := int(distance[i].argmin())] <= within_m and int(distance[:, k].argmin()) == i
-    )
+    (pairs,) = mutually_nearest(T_a_b[None], newest_centres(a), newest_centres(b), within_m)
+    return tuple((ours[i], theirs[k]) for i, k in np.argwhere(pairs).tolist())
+
+
+def mutually_nearest(T_a_b: Float64, a: Float64, b: Float64, within_m: float) -> Bools:
+    """Which points of two sensors are each the other's nearest, and near enough.
+
+    Args:
+        T_a_b: (tried, 4, 4) places of b beside a.
+        a: (n, 3) in a's frame [m]; NaN where not known.
+        b: (m, 3) in b's.
+        within_m: near enough.
+
+    Returns:
+        (tried, n, m).
+    """
+    distance = np.linalg.norm(a[:, None] - apply(T_a_b, b[None])[:, None], axis=-1)
+    distance = np.where(np.isfinite(distance), distance, np.inf)
+    if not distance.size:
+        return np.zeros(distance.shape, dtype=np.bool_)
+    nearest = (distance == distance.min(axis=1, keepdims=True)) & (distance == distance.min(axis=2, keepdims=True))
+    return np.asarray(nearest & (distance <= within_m))
+
+
+def newest_centres(bodies: Mapping[int, BodyTrack]) -> Float64:
+    """(bodies, 3) by id, the middle of the joints that were seen last [m]; NaN where there are none."""
+    return np.array([_newest_centre(bodies[body]) for body in sorted(bodies)]).reshape(-1, 3)
 
 
 def _newest_centre(track: BodyTrack) -> Float64:
