@@ -1,0 +1,97 @@
+"""Two sensors from nothing, before many people: what puts all of them together is believed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from walking_people import FRONT, KINECT_V2, MIRROR, RATE_HZ, SIDE, Sensor, Walker, errors
+
+from mocapella.calibration.cold_start import ColdStart
+from mocapella.calibration.pair_calibration import PairCalibration, PairSettings
+from mocapella.calibration.pair_memory import SensorTracks
+from mocapella.calibration.people import PeopleCalibration
+from mocapella.calibration.shared_people import mutually_nearest
+from mocapella.geometry.rigid import apply, inverse, rigid, rotation_about_y
+
+T_A_B = inverse(FRONT) @ SIDE
+points = arrays(np.float64, st.tuples(st.integers(0, 5), st.just(3)), elements=st.floats(-2, 2))
+
+
+@given(points, points, st.floats(-3, 3), st.floats(0.01, 1))
+def test_each_is_near_one_only_and_the_frame_does_not_matter(
+    a: np.ndarray, b: np.ndarray, yaw: float, within_m: float
+) -> None:
+    T = rigid(rotation_about_y(yaw), (1.0, 0.0, -2.0))
+    straight = mutually_nearest(np.eye(4)[None], a, b, within_m)
+    turned = mutually_nearest(inverse(T)[None], a, apply(T, b) if len(b) else b, within_m + 1e-9)
+    distance = np.linalg.norm(a[:, None] - b[None], axis=-1)
+    assert (distance[straight[0]] <= within_m).all()
+    if len(np.unique(distance.round(6))) == distance.size:
+        assert straight.sum(axis=1).max(initial=0) <= 1
+        assert straight.sum(axis=2).max(initial=0) <= 1
+        assert (straight <= turned).all()
+
+
+def seen(people: Mapping[int, Walker], seconds: float = 1.0) -> tuple[ColdStart, SensorTracks, SensorTracks]:
+    """What two sensors make of people who stand or walk, each with its own ids."""
+    cold, tracks = ColdStart(PairSettings()), [SensorTracks.empty(len(KINECT_V2)) for _ in range(2)]
+    for k in range(round(seconds * RATE_HZ)):
+        for sensor, of, first in ((Sensor("a", FRONT), tracks[0], 0), (Sensor("b", SIDE), tracks[1], 50)):
+            bodies = sensor.see({first + body: who for body, who in people.items()}, k / RATE_HZ)
+            of.add(k / RATE_HZ, bodies.ids, bodies.positions, bodies.states, 0.2)
+        cold.update(tracks[0].bodies, tracks[1].bodies, MIRROR)
+    return cold, *tracks
+
+
+def stands(x: float, z: float = 2.8) -> Walker:
+    return Walker((x, z), speed=0.0)
+
+
+def test_people_who_stand_unevenly_say_who_is_who() -> None:
+    cold, a, b = seen({0: stands(-0.9), 1: stands(0.2, 3.3), 2: stands(0.8, 2.4)})
+    agreed = cold.agreed(a.bodies, b.bodies, None)
+    assert agreed is not None
+    assert errors(agreed.T_a_b, T_A_B)[0] < 0.05
+    assert cold.agreed(a.bodies, b.bodies, agreed) is agreed
+
+
+def test_an_even_row_and_a_pair_leave_it_open() -> None:
+    for row in ((-0.9, 0.0, 0.9), (-0.7, 0.4)):
+        cold, a, b = seen({body: stands(x) for body, x in enumerate(row)})
+        assert cold.agreed(a.bodies, b.bodies, None) is None
+
+
+def test_what_was_believed_wrongly_gives_way_to_what_puts_more_together() -> None:
+    cold, a, b = seen({0: stands(-0.9), 1: stands(0.2, 3.3), 2: stands(0.8, 2.4)})
+    wrong = PairCalibration.begun_from(T_A_B @ rigid(np.eye(3), (0.0, 0.0, 1.0)), PairSettings())
+    agreed = cold.agreed(a.bodies, b.bodies, wrong)
+    assert agreed is not None
+    assert agreed is not wrong
+
+
+@pytest.mark.parametrize("renewed_s", [1.3, 1e9])
+def test_five_who_cross_place_two_sensors_in_seconds_though_their_ids_never_last(renewed_s: float) -> None:
+    rng = np.random.default_rng(3)
+    crowd = {
+        k: Walker((x, z), phase=1.7 * k, speed=0.6 + 0.1 * k)
+        for k, (x, z) in enumerate([(-0.8, 2.6), (0.7, 2.4), (0.1, 3.4), (-0.5, 3.7), (0.9, 3.2)])
+    }
+    a, b = Sensor("a", FRONT, noise=0.01), Sensor("b", SIDE, noise=0.01, phase=0.011)
+    names = {sensor: rng.permutation(10_000) for sensor in "ab"}
+    calibration = PeopleCalibration()
+    for k in range(round(7 * RATE_HZ)):
+        for sensor in (a, b):
+            t = sensor.phase + k / RATE_HZ
+            age = int(t / renewed_s)
+            bodies = sensor.see({int(names[sensor.name][10 * age + who]): at for who, at in crowd.items()}, t)
+            state = calibration.update(bodies, round(1e9 * (100 + t)))
+    assert calibration.tied == {"a", "b"}
+    one, other = (state.sensors[name].T_world_sensor for name in "ab")
+    metres, radians = errors(inverse(one) @ other, T_A_B)
+    assert metres < 0.02
+    assert radians < np.radians(0.6)
