@@ -55,6 +55,8 @@ CLOCK_MEMORY = 30.0
 """Time constant of what is remembered of the clocks, of shared motion [s]."""
 CLOCK_FARTHEST = 0.15
 """Joints that the two sensors see move so differently since then have jumped, or are others' [m]."""
+CLOCK_FASTEST = 3.0
+"""Nor does a joint change its velocity so much meanwhile [m/s]."""
 
 
 @njit(cache=True)
@@ -213,7 +215,7 @@ def _learn_clock(body, T, a_times, a_points, a_weights, b_times, b_points, b_wei
         weight = min(w[j], w_b[o])
         if weight <= 0.0:
             continue
-        rr, zr, uu = 0.0, 0.0, 0.0
+        rr, zr, uu, fastest = 0.0, 0.0, 0.0, 0.0
         for k in range(3):
             r, u = p[j, k], 0.0
             for m in range(3):
@@ -222,7 +224,8 @@ def _learn_clock(body, T, a_times, a_points, a_weights, b_times, b_points, b_wei
             rr += r * r
             zr += 0.5 * (u_a[j, k] + u) * r
             uu += u_a[j, k] * u
-        if rr < CLOCK_FARTHEST * CLOCK_FARTHEST:
+            fastest = max(fastest, abs(u_a[j, k]), abs(u))
+        if rr < CLOCK_FARTHEST * CLOCK_FARTHEST and fastest < CLOCK_FASTEST:
             body[BLOCK_A] += weight * uu
             body[BLOCK_G] += weight * zr
 
