@@ -160,8 +160,8 @@ class PairCalibration:
     Attributes:
         settings: as it was made.
         T_a_b: (4, 4), from past frames only; NaN before there was one.
-        moments, scatter, scalars, clock, bodies: see `pair_memory` and `geometry.alignment`; ``bodies`` by what `update` is
-            given as ``who``.
+        moments, scatter, scalars, clock, bodies: see `pair_memory` and `geometry.alignment`; ``bodies`` by what `update`
+            is given as ``who``.
     """
 
     settings: PairSettings = field(default_factory=PairSettings)
@@ -208,8 +208,8 @@ class PairCalibration:
             body = self.bodies[who] = new_body(mirrored=self.mirrored_at_first)
         return bool(
             _take_newest()(
-                self.moments, self.scatter, self.T_a_b, self.scalars, self.clock, body,
-                a.times, a.points, a.weights, a.held, b.times, b.points, b.weights, b.held, mirror, self.settings.vector,
+                self.moments, self.scatter, self.T_a_b, self.scalars, self.clock, body, a.times, a.points, a.weights,
+                a.held, b.times, b.points, b.weights, b.held, mirror, self.settings.vector,
             )
         )  # fmt: skip
 

@@ -3,7 +3,7 @@
 All memory is in arrays, whose places have the names below. Times are seconds on the common clock.
 """
 
-# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0912, PLR0915, PLR0917 - compiled: arrays come by position, and loops are written out
 from __future__ import annotations
 
 import numpy as np

@@ -38,7 +38,7 @@ FOLLOWED: Final = 14
 """`BLOCKS_CLOSED` when b's clock was last followed."""
 PAIR_SCALARS: Final = 15
 
-# Of the two clocks, in an array of its own: sums over blocks of a = Σ u·u and g = Σ z·r of `time_offset`; they fade.
+# Of the two clocks, in an array of its own: over blocks, a = Σ u_a·u_b and g = Σ z·r of `time_offset`; they fade.
 CLOCK_A: Final = 0
 CLOCK_G: Final = 1
 CLOCK_AA: Final = 2

@@ -6,11 +6,11 @@ With q(t + δ) ≈ q + δ v, two views of a joint move differently over a short 
 
 Differences leave out where the sensors are, what a sensor gets wrong for long, and what somebody does who walks one
 way at one speed, which says nothing of a clock. Least squares, δ = Σ u_b·r / Σ u_b·u_b, comes out too small: most of
-u_b is noise. That of the two sensors is independent, so δ = Σ z·r / Σ u_a·u_b does not: the other sensor is the
-*instrument* (J. Durbin, "Errors in variables", 1954). Weights do not depend on the residual, or they would hold on to the
-offset of before. The error is from the scatter of Σ (z·r − δ u_a·u_b) over the blocks of `pair_calibration`. While it is
-too large the offset is *unknown*, with a bound. (Estimates from windows of a few seconds were wrong by up to 135 ms on
-real sensors.)
+u_b is noise. That of the two sensors is independent, so that δ = Σ z·r / Σ u_a·u_b is right: one sensor is the
+*instrument* for the other (J. Durbin, "Errors in variables", Rev. Int. Stat. Inst. 22, 1954). Weights do not depend on
+the residual, or they would hold on to the offset of before. The error is from the scatter of z·r − δ u_a·u_b, summed
+over the blocks of `pair_calibration`. While it is too large the offset is *unknown*, with a bound. (Estimates from
+windows of a few seconds were wrong by up to 135 ms on real sensors.)
 """
 
 from __future__ import annotations
@@ -21,14 +21,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.calibration import pair_memory as at
-
 Float64 = NDArray[np.float64]
 
 OFFSET_PRIOR_SD: Final = 0.1
 """Before anything is known: how far two clocks are apart that the network has brought together [s]."""
 BLOCKS_WANTED: Final = 3.0
-"""Of fewer independent blocks (Kish's count, (Σa)²/Σa²) the scatter says nothing, and Σ u·z may be noise alone."""
+"""Of fewer independent blocks (Kish's count, (Σa)²/Σa²) the scatter says nothing, and Σ u_a·u_b may be noise alone."""
 
 
 def offset_of(clock: Float64) -> tuple[Float64, Float64]:
