@@ -160,8 +160,8 @@ class PairCalibration:
     Attributes:
         settings: as it was made.
         T_a_b: (4, 4), from past frames only; NaN before there was one.
-        moments, scatter, scalars, clock, bodies: see `pair_memory` and `geometry.alignment`; ``bodies`` by what `update`
-            is given as ``who``.
+        moments, scatter, scalars, clock, bodies: see `pair_memory` and `geometry.alignment`; ``bodies`` by the ``who``
+            that `update` is given.
     """
 
     settings: PairSettings = field(default_factory=PairSettings)
@@ -372,7 +372,7 @@ REACH_M: Final = 1.0
 """So far from where people were, they may be next [m]."""
 M_ESTIMATE: Final = 1.5
 """The weights 1/r are those of the estimate itself, which makes H too large for 3-D points by up to 3/2 each time."""
-RESAMPLE_BEYOND: Final = 0.02
+RESAMPLE_BEYOND: Final = 0.01
 """Beyond this offset, frames are interpolated where they belong instead of moved along their velocity [s]."""
 ON_A_LINE_M: Final = 0.03
 """Points that scatter less across their line do not determine the rotation about it [m]."""

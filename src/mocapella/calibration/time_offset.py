@@ -40,7 +40,7 @@ def offset_of(clock: Float64) -> tuple[Float64, Float64]:
     known = blocks > BLOCKS_WANTED
     a, blocks = np.where(known, a, 1.0), np.where(known, blocks, 2.0)
     offset = np.where(known, g / a, 0.0)
-    scatter = np.maximum(gg - 2 * offset * ag + offset**2 * aa, 0.0) * blocks / (blocks - 1)
+    scatter = np.maximum(gg - 2 * offset * ag + offset**2 * aa, 0.0) * (blocks + 2) / (blocks - 1)
     information = np.where(known, a**2 / np.maximum(scatter, 1e-12 * a**2), 0.0)
     return offset, np.asarray((information + 1 / OFFSET_PRIOR_SD**2) ** -0.5)
 
