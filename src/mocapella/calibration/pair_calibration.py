@@ -45,7 +45,7 @@ class PairSettings:
         mirrored_weight: what a view counts whose labels are swapped.
         inferred_weight: what a joint counts that a sensor only infers.
         full_speed_m_s: somebody who moves as fast counts by the full time [m/s].
-        still_fraction: and somebody who stands still, by this part of it.
+        still_fraction: and somebody who stands still, by this part of it; by less, the longer it lasts.
         velocity_window_s: a joint's velocity is over so long before and after [s].
         independent_after_m: so far away, what a sensor gets wrong is taken to be something else [m].
         samples_wanted: so many independent samples, before an estimate is trusted.

@@ -40,11 +40,14 @@ from mocapella.calibration.pair_memory import (
     RESIDUAL,
     STEP_AT,
     STEPS,
+    STOOD,
 )
 from mocapella.geometry.alignment_kernels import accumulate, align, residuals
 
 LONGEST_STEP = 0.2
 """A frame counts for no more time than this [s]."""
+STANDS_FOR = 20.0
+"""However long somebody stands in one place, it counts no more than so long at `PairSettings.still_fraction` [s]."""
 TRACKED = 2
 """`JointState.TRACKED`."""
 FARTHEST = 0.3
@@ -275,7 +278,7 @@ def _step(
         for j in range(joints):
             w[j] = w_mirrored[j]
 
-    # Standing still says nothing new: how long a frame counts goes by how far the body moves.
+    # Standing still says less and less that is new: how long a frame counts goes by how far the body moves.
     speed_sq, used = 0.0, 0
     for j in range(joints):
         used += w[j] > 0.0
@@ -285,7 +288,10 @@ def _step(
             if w[j] > 0.0:
                 u += v[labels[j], k]
         speed_sq += (u / max(used, 1)) ** 2
-    counts = dt * max(still, min(1.0, np.sqrt(speed_sq) / full_speed))
+    moves = min(1.0, np.sqrt(speed_sq) / full_speed)
+    stands = still * (STANDS_FOR / (STANDS_FOR + body[STOOD])) ** 2
+    body[STOOD] += dt * (1.0 - moves)
+    counts = dt * max(stands, moves)
     if not started:
         counts = 0.03 * still
     mean = residuals(T, offset, p, q, v, labels, w, r) if started else 0.0
@@ -404,4 +410,4 @@ def _close_block(B, S, clock, body, centre, independent):
         body[ANCHOR + k] = centre[k]
     for k in range(7):
         body[GRADIENT + k] = 0.0
-    body[BLOCK_A] = body[BLOCK_G] = 0.0
+    body[BLOCK_A] = body[BLOCK_G] = body[STOOD] = 0.0

@@ -68,7 +68,9 @@ STEP_AT: Final = 17
 BLOCK_A: Final = 18
 """The block's part of `CLOCK_A`; the next: of `CLOCK_G`."""
 BLOCK_G: Final = 19
-BODY_SCALARS: Final = 20
+STOOD: Final = 20
+"""For how long it stood since the block began [s]."""
+BODY_SCALARS: Final = 21
 
 FRAMES_KEPT: Final = 48
 """Of every body: as many as a sensor of 120 Hz gives in 0.4 s."""
