@@ -70,7 +70,7 @@ class PairSettings:
     mirrored_weight: float = 0.3
     inferred_weight: float = 0.2
     full_speed_m_s: float = 0.3
-    still_fraction: float = 0.4
+    still_fraction: float = 0.8
     velocity_window_s: float = 0.067
     independent_after_m: float = 0.3
     samples_wanted: int = 3
