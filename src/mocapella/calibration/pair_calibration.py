@@ -243,6 +243,8 @@ class PairCalibration:
         if closed == self.scalars[at.FOLLOWED]:
             return
         self.scalars[at.FOLLOWED] = closed
+        if estimate.offset_now.sd >= OFFSET_PRIOR_SD:  # too few frames yet since it was moved far
+            return
         prior, seen = self.settings.offset_expected_s**2, estimate.offset_now.sd**2
         offset = estimate.offset_now.seconds * prior / (prior + seen) - self.scalars[at.REFERENCE_OFFSET]
         if abs(offset) > RESAMPLE_BEYOND:
@@ -253,8 +255,6 @@ class PairCalibration:
             self.scalars[[at.BLOCKS, at.COST, at.COST_WEIGHT, at.APART_SQ, *CENTRES]] *= fade
             self.scalars[at.BLOCKS_SQ] *= fade * fade
             self.clock[:] = moved_clock(self.clock, offset)
-            self.clock[: at.CLOCK_AA] *= fade
-            self.clock[at.CLOCK_AA :] *= fade * fade
             self.scalars[at.REFERENCE_OFFSET] += offset
             offset = 0.0
         self.scalars[at.OFFSET] = offset

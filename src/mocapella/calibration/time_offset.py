@@ -27,6 +27,8 @@ OFFSET_PRIOR_SD: Final = 0.1
 """Before anything is known: how far two clocks are apart that the network has brought together [s]."""
 BLOCKS_WANTED: Final = 3.0
 """Of fewer independent blocks (Kish's count, (Σa)²/Σa²) the scatter says nothing, and Σ u_a·u_b may be noise alone."""
+MOVE_TRUSTED: Final = 0.05
+"""Sums of frames that were brought to a time so wrong count 1/e [s]."""
 
 
 def offset_of(clock: Float64) -> tuple[Float64, Float64]:
@@ -46,9 +48,14 @@ def offset_of(clock: Float64) -> tuple[Float64, Float64]:
 
 
 def moved_clock(clock: Float64, by: float) -> Float64:
-    """The same sums once frames are brought to a time that is later by so much [s]."""
+    """The same sums once frames are brought to a time that is later by so much [s]; what was moved far counts less.
+
+    Of a swing of 2 Hz, 50 ms are a tenth of a period: beyond, it is no longer as if velocities were constant.
+    """
     a, g, aa, ag, gg = clock
-    return np.array([a, g - by * a, aa, ag - by * aa, gg - 2 * by * ag + by * by * aa])
+    fade = np.exp(-((by / MOVE_TRUSTED) ** 2))
+    moved = np.array([a, g - by * a, aa, ag - by * aa, gg - 2 * by * ag + by * by * aa])
+    return np.asarray(moved * np.array([fade, fade, fade**2, fade**2, fade**2]))
 
 
 class TimeOffset(msgspec.Struct, frozen=True):
