@@ -88,3 +88,11 @@ def test_somebody_who_goes_one_way_at_one_speed_says_nothing_of_it() -> None:
 
 def test_a_known_offset_is_told_in_milliseconds() -> None:
     assert str(TimeOffset(0.0204, 0.003, True)) == "+20 ± 6 ms"
+
+
+def test_a_clock_of_which_nothing_is_known_any_more_is_left_where_it_was() -> None:
+    pair = calibrated(Sensor("a", FRONT), Sensor("b", SIDE, clock=0.05), {0: Walker()}, 10)
+    pair.scalars[at.REFERENCE_OFFSET], pair.scalars[at.OFFSET], pair.scalars[at.FOLLOWED] = 0.05, 0.0, -1.0
+    pair.clock[:] = 0.0
+    pair.follow_clock(pair.estimate())
+    assert pair.scalars[at.REFERENCE_OFFSET] + pair.scalars[at.OFFSET] == 0.05
