@@ -106,7 +106,9 @@ def test_labels_that_are_swapped_for_a_while_are_noticed_each_time() -> None:
 
 def test_the_moments_are_the_batch_of_all_frames_under_the_weights_that_were_used() -> None:
     """One frame after the other equals one fit of all, where nothing is forgotten and weights do not depend on it."""
-    still = PairSettings(memory_s=9e5, first_memory_s=9e5, residual_floor_m=1e3, full_speed_m_s=1e-6, every_s=0.0)
+    still = PairSettings(
+        memory_s=9e5, first_memory_s=9e5, residual_floor_m=1e3, full_speed_m_s=1e-6, still_fraction=0.05, every_s=0.0
+    )
     a, b = Sensor("a", FRONT, noise=0.02), Sensor("b", SIDE, noise=0.02)
     pair, A, B = PairCalibration(still), BodyTrack.empty(25), BodyTrack.empty(25)
     p, q = [], []

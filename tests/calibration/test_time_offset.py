@@ -2,10 +2,61 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from test_pair_calibration import calibrated
 from walking_people import FRONT, SIDE, Sensor, Walker
 
-from mocapella.calibration.time_offset import TimeOffset
+from mocapella.calibration import pair_memory as at
+from mocapella.calibration.time_offset import OFFSET_PRIOR_SD, TimeOffset, moved_clock, offset_of
+
+
+def sums(u: np.ndarray, r: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Of blocks (blocks, joints)."""
+    a, g = (z * u).sum(axis=1), (z * r).sum(axis=1)
+    return np.array([a.sum(), g.sum(), a @ a, a @ g, g @ g])
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(-0.1, 0.1), st.floats(-0.1, 0.1))
+def test_without_noise_the_offset_is_exact_and_follows_the_time_that_frames_are_brought_to(
+    seed: int, offset: float, by: float
+) -> None:
+    u = np.random.default_rng(seed).normal(size=(12, 75))
+    clock = sums(u, offset * u, u)
+    found, sd = offset_of(clock)
+    assert found == pytest.approx(offset, abs=1e-9)
+    assert sd < 1e-3
+    moved, moved_sd = offset_of(moved_clock(clock, by))
+    assert moved == pytest.approx(offset - by, abs=1e-9)
+    assert moved_sd == pytest.approx(sd, abs=1e-3)
+    assert moved_clock(clock, by)[at.CLOCK_A] <= clock[at.CLOCK_A]
+
+
+def test_the_other_sensor_as_instrument_leaves_no_bias_and_the_bound_is_true() -> None:
+    rng, errors = np.random.default_rng(0), []
+    for _ in range(200):
+        u = rng.normal(size=(15, 75))
+        u_a, u_b = u + 1.5 * rng.normal(size=u.shape), u + 1.5 * rng.normal(size=u.shape)
+        r = 0.05 * u + 0.03 * rng.normal(size=u.shape)
+        found, sd = offset_of(sums(u_b, r, u_a))
+        errors.append((float(found) - 0.05, float(sd)))
+    error, sd = np.array(errors).T
+    assert abs(error.mean()) < 0.001
+    assert 0.8 < np.sqrt(np.mean((error / sd) ** 2)) < 1.3
+
+
+def test_too_few_blocks_or_none_say_nothing() -> None:
+    u = np.random.default_rng(0).normal(size=(3, 75))
+    for clock in (np.zeros(at.CLOCK_SUMS), sums(u, 0.05 * u, u), sums(u, 0.05 * u, -u)):
+        found, sd = offset_of(clock)
+        assert (float(found), float(sd)) == (0.0, pytest.approx(OFFSET_PRIOR_SD))
+
+
+def test_offsets_are_found_where_most_of_the_motion_seen_is_noise() -> None:
+    a, b = Sensor("a", FRONT, noise=0.03), Sensor("b", SIDE, noise=0.03, phase=0.013, clock=0.05)
+    estimate = calibrated(a, b, {0: Walker()}, 30).estimate()
+    assert estimate.offset_now.seconds == pytest.approx(0.05, abs=2 * estimate.offset_now.sd)
+    assert estimate.offset_now.sd < 0.015
 
 
 @pytest.mark.parametrize("clock", [-0.08, -0.02, 0.0, 0.004, 0.05, 0.12])
@@ -37,3 +88,11 @@ def test_somebody_who_goes_one_way_at_one_speed_says_nothing_of_it() -> None:
 
 def test_a_known_offset_is_told_in_milliseconds() -> None:
     assert str(TimeOffset(0.0204, 0.003, True)) == "+20 ± 6 ms"
+
+
+def test_a_clock_of_which_nothing_is_known_any_more_is_left_where_it_was() -> None:
+    pair = calibrated(Sensor("a", FRONT), Sensor("b", SIDE, clock=0.05), {0: Walker()}, 10)
+    pair.scalars[at.REFERENCE_OFFSET], pair.scalars[at.OFFSET], pair.scalars[at.FOLLOWED] = 0.05, 0.0, -1.0
+    pair.clock[:] = 0.0
+    pair.follow_clock(pair.estimate())
+    assert pair.scalars[at.REFERENCE_OFFSET] + pair.scalars[at.OFFSET] == 0.05

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from mocapella.calibration import pair_memory as at
 from mocapella.calibration.pair_memory import BodyTrack, new_body
-from mocapella.calibration.time_offset import TimeOffset
+from mocapella.calibration.time_offset import OFFSET_PRIOR_SD, TimeOffset, moved_clock, offset_of
 from mocapella.geometry.alignment import MOMENTS, centred_products, cross_matrix, moments, normal_equations, shifted
 from mocapella.geometry.rigid import apply
 from mocapella.settings import check
@@ -45,7 +45,7 @@ class PairSettings:
         mirrored_weight: what a view counts whose labels are swapped.
         inferred_weight: what a joint counts that a sensor only infers.
         full_speed_m_s: somebody who moves as fast counts by the full time [m/s].
-        still_fraction: and somebody who stands still, by this part of it.
+        still_fraction: and somebody who stands still, by this part of it; by less, the longer it lasts.
         velocity_window_s: a joint's velocity is over so long before and after [s].
         independent_after_m: so far away, what a sensor gets wrong is taken to be something else [m].
         samples_wanted: so many independent samples, before an estimate is trusted.
@@ -70,7 +70,7 @@ class PairSettings:
     mirrored_weight: float = 0.3
     inferred_weight: float = 0.2
     full_speed_m_s: float = 0.3
-    still_fraction: float = 0.05
+    still_fraction: float = 0.8
     velocity_window_s: float = 0.067
     independent_after_m: float = 0.3
     samples_wanted: int = 3
@@ -160,8 +160,8 @@ class PairCalibration:
     Attributes:
         settings: as it was made.
         T_a_b: (4, 4), from past frames only; NaN before there was one.
-        moments, scatter, scalars, bodies: see `pair_memory` and `geometry.alignment`; ``bodies`` by what `update` is
-            given as ``who``.
+        moments, scatter, scalars, clock, bodies: see `pair_memory` and `geometry.alignment`; ``bodies`` by the ``who``
+            that `update` is given.
     """
 
     settings: PairSettings = field(default_factory=PairSettings)
@@ -169,6 +169,7 @@ class PairCalibration:
     moments: Float64 = field(default_factory=lambda: np.zeros(MOMENTS))
     scatter: Float64 = field(default_factory=lambda: np.zeros((7, 7)))
     scalars: Float64 = field(default_factory=lambda: np.zeros(at.PAIR_SCALARS))
+    clock: Float64 = field(default_factory=lambda: np.zeros(at.CLOCK_SUMS))
     bodies: dict[Any, Float64] = field(default_factory=dict)
     mirrored_at_first: bool = False
 
@@ -207,8 +208,8 @@ class PairCalibration:
             body = self.bodies[who] = new_body(mirrored=self.mirrored_at_first)
         return bool(
             _take_newest()(
-                self.moments, self.scatter, self.T_a_b, self.scalars, body, a.times, a.points, a.weights, a.held,
-                b.times, b.points, b.weights, b.held, mirror, self.settings.vector,
+                self.moments, self.scatter, self.T_a_b, self.scalars, self.clock, body, a.times, a.points, a.weights,
+                a.held, b.times, b.points, b.weights, b.held, mirror, self.settings.vector,
             )
         )  # fmt: skip
 
@@ -242,6 +243,8 @@ class PairCalibration:
         if closed == self.scalars[at.FOLLOWED]:
             return
         self.scalars[at.FOLLOWED] = closed
+        if estimate.offset_now.sd >= OFFSET_PRIOR_SD:  # too few frames yet since it was moved far
+            return
         prior, seen = self.settings.offset_expected_s**2, estimate.offset_now.sd**2
         offset = estimate.offset_now.seconds * prior / (prior + seen) - self.scalars[at.REFERENCE_OFFSET]
         if abs(offset) > RESAMPLE_BEYOND:
@@ -251,6 +254,7 @@ class PairCalibration:
             self.scatter *= fade * fade
             self.scalars[[at.BLOCKS, at.COST, at.COST_WEIGHT, at.APART_SQ, *CENTRES]] *= fade
             self.scalars[at.BLOCKS_SQ] *= fade * fade
+            self.clock[:] = moved_clock(self.clock, offset)
             self.scalars[at.REFERENCE_OFFSET] += offset
             offset = 0.0
         self.scalars[at.OFFSET] = offset
@@ -271,23 +275,24 @@ def _nothing(pair: PairCalibration) -> PairEstimate:
 
 def _estimates(pairs: Sequence[PairCalibration]) -> list[PairEstimate]:
     settings = pairs[0].settings
-    M, T, S, B = (
+    M, T, S, B, K = (
         np.stack(arrays)
-        for arrays in zip(*((pair.moments, pair.T_a_b, pair.scalars, pair.scatter) for pair in pairs), strict=True)
+        for arrays in zip(
+            *((pair.moments, pair.T_a_b, pair.scalars, pair.scatter, pair.clock) for pair in pairs), strict=True
+        )
     )
-    H, g = normal_equations(M, T, S[:, at.OFFSET])
+    H, _ = normal_equations(M, T, S[:, at.OFFSET])
     blocks, squares = S[:, at.BLOCKS], S[:, at.BLOCKS_SQ]
     samples = np.where(squares > 0, blocks * blocks / np.where(squares > 0, squares, 1.0), 0.0)
     residual = S[:, at.COST] / S[:, at.COST_WEIGHT]
-    covariance, step = _covariance(H, g, B, M[:, 0], samples, residual, settings)
+    seconds, offset_sd = offset_of(K)
+    C = _covariance(H, B, M[:, 0], samples, residual, offset_sd, settings)
     at_people = np.concatenate([np.broadcast_to(np.eye(3), (len(pairs), 3, 3)), -cross_matrix(
         S[:, at.CENTRE : at.CENTRE + 3] / S[:, at.COST_WEIGHT, None])], axis=-1)  # fmt: skip
-    C = covariance[:, :6, :6]
     position_sd = np.sqrt(np.einsum("pij,pjk,pik->p", at_people, C, at_people))
     rotation_sd = np.sqrt(C[:, 3, 3] + C[:, 4, 4] + C[:, 5, 5])
-    offset_sd = np.sqrt(covariance[:, 6, 6])
     offset_known = (2 * offset_sd <= settings.offset_bound_wanted_s) & (samples >= settings.samples_wanted)
-    seconds = S[:, at.OFFSET] + S[:, at.REFERENCE_OFFSET] + step
+    seconds += S[:, at.REFERENCE_OFFSET]
     problems = _problems(M, samples, position_sd, rotation_sd, residual, settings)
     return [
         PairEstimate(
@@ -309,11 +314,9 @@ def _estimates(pairs: Sequence[PairCalibration]) -> list[PairEstimate]:
 
 
 def _covariance(  # noqa: PLR0917 - of each pair, in the order in which they come about
-    H: Float64, g: Float64, B: Float64, W: Float64, samples: Float64, residual: Float64, settings: PairSettings
-) -> tuple[Float64, Float64]:
-    """(pairs, 7, 7) of twist and offset, and (pairs,) by how much the offset is to change; its prior is
-    `OFFSET_PRIOR_SD`.
-    """
+    H: Float64, B: Float64, W: Float64, samples: Float64, residual: Float64, offset_sd: Float64, settings: PairSettings
+) -> Float64:
+    """(pairs, 6, 6) of the twist, where the offset is known to ``offset_sd`` (pairs,) [s]."""
     samples = np.maximum(samples, 0.5)
     error = np.maximum(residual, 0.5 * settings.residual_floor_m)
     # In units in which H is near the identity: metres, radians and seconds are not alike.
@@ -330,9 +333,8 @@ def _covariance(  # noqa: PLR0917 - of each pair, in the order in which they com
     scatter = (n * seen + PRIOR_SAMPLES * expected) / (n + PRIOR_SAMPLES)
     covariance = M_ESTIMATE * half @ scatter @ np.swapaxes(half, -1, -2)
     covariance = (covariance + np.swapaxes(covariance, -1, -2)) / 2
-    gain = covariance[:, :, 6] / (covariance[:, 6, 6, None] + OFFSET_PRIOR_SD**2)
-    step = (half @ (unit * g)[..., None])[:, 6, 0]
-    return np.asarray(covariance - gain[:, :, None] * covariance[:, 6, None, :]), np.asarray(step)
+    gain = covariance[:, :, 6] / (covariance[:, 6, 6] + offset_sd**2)[:, None]
+    return np.asarray((covariance - gain[:, :, None] * covariance[:, 6, None, :])[:, :6, :6])
 
 
 def _problems(  # noqa: PLR0917 - likewise
@@ -370,9 +372,7 @@ REACH_M: Final = 1.0
 """So far from where people were, they may be next [m]."""
 M_ESTIMATE: Final = 1.5
 """The weights 1/r are those of the estimate itself, which makes H too large for 3-D points by up to 3/2 each time."""
-OFFSET_PRIOR_SD: Final = 0.1
-"""Before anything is known: how far two clocks are apart that the network has brought together [s]."""
-RESAMPLE_BEYOND: Final = 0.02
+RESAMPLE_BEYOND: Final = 0.01
 """Beyond this offset, frames are interpolated where they belong instead of moved along their velocity [s]."""
 ON_A_LINE_M: Final = 0.03
 """Points that scatter less across their line do not determine the rotation about it [m]."""

@@ -3,7 +3,7 @@
 All memory is in arrays, whose places have the names below. Times are seconds on the common clock.
 """
 
-# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0912, PLR0915, PLR0917 - compiled: arrays come by position, and loops are written out
 from __future__ import annotations
 
 import numpy as np
@@ -15,10 +15,17 @@ from mocapella.calibration.pair_memory import (
     ANCHORED,
     APART,
     APART_SQ,
+    BLOCK_A,
+    BLOCK_G,
     BLOCKS,
     BLOCKS_CLOSED,
     BLOCKS_SQ,
     CENTRE,
+    CLOCK_A,
+    CLOCK_AA,
+    CLOCK_AG,
+    CLOCK_G,
+    CLOCK_GG,
     COST,
     COST_WEIGHT,
     DISAGREES_SINCE,
@@ -33,15 +40,26 @@ from mocapella.calibration.pair_memory import (
     RESIDUAL,
     STEP_AT,
     STEPS,
+    STOOD,
 )
 from mocapella.geometry.alignment_kernels import accumulate, align, residuals
 
 LONGEST_STEP = 0.2
 """A frame counts for no more time than this [s]."""
+STANDS_FOR = 20.0
+"""However long somebody stands in one place, it counts no more than so long at `PairSettings.still_fraction` [s]."""
 TRACKED = 2
 """`JointState.TRACKED`."""
 FARTHEST = 0.3
 """Residuals count as no more than this in the statistics [m]."""
+CLOCK_LAG = 0.1
+"""Offsets of clocks are judged by how joints moved since so long ago [s]."""
+CLOCK_MEMORY = 30.0
+"""Time constant of what is remembered of the clocks, of shared motion [s]."""
+CLOCK_FARTHEST = 0.15
+"""Joints that the two sensors see move so differently since then have jumped, or are others' [m]."""
+CLOCK_FASTEST = 3.0
+"""Nor does a joint change its velocity so much meanwhile [m/s]."""
 
 
 @njit(cache=True)
@@ -117,12 +135,13 @@ def add_bodies(times, points, weights, held, frozen_since, slots, at, positions,
 
 @njit(cache=True)
 def take_newest(
-    M, B, T, S, body, a_times, a_points, a_weights, a_held, b_times, b_points, b_weights, b_held, mirror, cfg
+    M, B, T, S, clock, body, a_times, a_points, a_weights, a_held, b_times, b_points, b_weights, b_held, mirror, cfg
 ):  # fmt: skip
     """Take in the newest frame of a that b's frames reach around, if it is new enough; whether there was one.
 
     Args:
-        M: (50,) moments; B: (7, 7) of the gradients; T: (4, 4); S: the pair's scalars; body: this pair of bodies'.
+        M: (50,) moments; B: (7, 7) of the gradients; T: (4, 4); S: the pair's scalars; clock: its sums of that name;
+            body: this pair of bodies'.
         a_times, a_points, a_weights, a_held, and the same of b: as in `pair_memory.BodyTrack`.
         mirror: (joints,).
         cfg: the settings, in the order of `PairSettings.vector`.
@@ -143,33 +162,97 @@ def take_newest(
     t = a_times[i]
     at = t + S[REFERENCE_OFFSET]
     body[LAST] = t
-    before, v, q = np.empty((joints, 3)), np.empty((joints, 3)), np.empty((joints, 3))
-    w_before, w_after, w_q = np.empty(joints), np.empty(joints), np.empty(joints)
-    if (
-        resample(b_times, b_points, b_weights, at + half, v, w_after) != 1
-        or resample(b_times, b_points, b_weights, at - half, before, w_before) != 1
-        or resample(b_times, b_points, b_weights, at, q, w_q) != 1
-    ):
+    v, q, w_q = np.empty((joints, 3)), np.empty((joints, 3)), np.empty(joints)
+    if not _moving(b_times, b_points, b_weights, at, half, q, v, w_q):
         return False
     w, w_mirrored = np.empty(joints), np.empty(joints)
-    for j in range(joints):
-        w_q[j] = min(w_q[j], w_before[j], w_after[j])
-        for k in range(3):
-            v[j, k] = (v[j, k] - before[j, k]) / (2.0 * half)
     used = 0
     for j in range(joints):
         w[j], w_mirrored[j] = min(a_weights[i, j], w_q[j]), min(a_weights[i, j], w_q[mirror[j]])
         used += w[j] > 0.0
     if used < 4:
         return False
-    _step(M, B, T, S, body, t, a_points[i], q, v, w, w_mirrored, mirror, memory, first_memory, growth, floor,
+    if M[0] > 0.0:
+        a_held_times, a_held_points, a_held_weights = (
+            a_times[a_held[0] : i + 1], a_points[a_held[0] : i + 1], a_weights[a_held[0] : i + 1]
+        )  # fmt: skip
+        _learn_clock(body, T, a_held_times, a_held_points, a_held_weights, b_times, b_points, b_weights, t - half,
+                     S[REFERENCE_OFFSET], half, mirror)  # fmt: skip
+    _step(M, B, T, S, clock, body, t, a_points[i], q, v, w, w_mirrored, mirror, memory, first_memory, growth, floor,
           mirrored_weight, hysteresis, full_speed, still, independent, factor, least_apart)  # fmt: skip
     return True
 
 
 @njit(cache=True)
+def _moving(times, points, weights, at, half, q, v, w):
+    """Write where joints are at a time, their velocities (joints, 3) and weights (joints,); whether that is known."""
+    before, w_before, w_after = np.empty_like(q), np.empty_like(w), np.empty_like(w)
+    if (
+        resample(times, points, weights, at + half, v, w_after) != 1
+        or resample(times, points, weights, at - half, before, w_before) != 1
+        or resample(times, points, weights, at, q, w) != 1
+    ):
+        return False
+    for j in range(len(w)):
+        w[j] = min(w[j], w_before[j], w_after[j])
+        for k in range(3):
+            v[j, k] = (v[j, k] - before[j, k]) / (2.0 * half)
+    return True
+
+
+@njit(cache=True)
+def _learn_clock(body, T, a_times, a_points, a_weights, b_times, b_points, b_weights, t, offset, half, mirror):
+    """Add Σ w u_a·u_b and Σ w z·r at one time to those of the block; see `time_offset`."""
+    n = len(mirror)
+    p, q, u_a, u_b, w = (
+        np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty(n)
+    )  # fmt: skip
+    w_b = np.empty(n)
+    if not (
+        _changes(a_times, a_points, a_weights, t, half, p, u_a, w)
+        and _changes(b_times, b_points, b_weights, t + offset, half, q, u_b, w_b)
+    ):
+        return
+    for j in range(n):
+        o = mirror[j] if body[MIRRORED] > 0.0 else j
+        weight = min(w[j], w_b[o])
+        if weight <= 0.0:
+            continue
+        rr, zr, uu, fastest = 0.0, 0.0, 0.0, 0.0
+        for k in range(3):
+            r, u = p[j, k], 0.0
+            for m in range(3):
+                r -= T[k, m] * q[o, m]
+                u += T[k, m] * u_b[o, m]
+            rr += r * r
+            zr += 0.5 * (u_a[j, k] + u) * r
+            uu += u_a[j, k] * u
+            fastest = max(fastest, abs(u_a[j, k]), abs(u))
+        if rr < CLOCK_FARTHEST * CLOCK_FARTHEST and fastest < CLOCK_FASTEST:
+            body[BLOCK_A] += weight * uu
+            body[BLOCK_G] += weight * zr
+
+
+@njit(cache=True)
+def _changes(times, points, weights, t, half, x, v, w):
+    """Write by how much joints and their velocities (joints, 3) changed in the last `CLOCK_LAG`; whether known."""
+    x_before, v_before, w_before = np.empty_like(x), np.empty_like(v), np.empty_like(w)
+    if not (
+        _moving(times, points, weights, t, half, x, v, w)
+        and _moving(times, points, weights, t - CLOCK_LAG, half, x_before, v_before, w_before)
+    ):
+        return False
+    for j in range(len(w)):
+        w[j] = min(w[j], w_before[j])
+        for k in range(3):
+            x[j, k] -= x_before[j, k]
+            v[j, k] -= v_before[j, k]
+    return True
+
+
+@njit(cache=True)
 def _step(
-    M, B, T, S, body, t, p, q, v, w, w_mirrored, mirror, memory, first_memory, growth, floor, mirrored_weight,
+    M, B, T, S, clock, body, t, p, q, v, w, w_mirrored, mirror, memory, first_memory, growth, floor, mirrored_weight,
     hysteresis, full_speed, still, independent, factor, least_apart
 ):  # fmt: skip
     joints, offset, started = len(w), S[OFFSET], M[0] > 0.0
@@ -195,7 +278,7 @@ def _step(
         for j in range(joints):
             w[j] = w_mirrored[j]
 
-    # Standing still says nothing new: how long a frame counts goes by how far the body moves.
+    # Standing still says less and less that is new: how long a frame counts goes by how far the body moves.
     speed_sq, used = 0.0, 0
     for j in range(joints):
         used += w[j] > 0.0
@@ -205,7 +288,10 @@ def _step(
             if w[j] > 0.0:
                 u += v[labels[j], k]
         speed_sq += (u / max(used, 1)) ** 2
-    counts = dt * max(still, min(1.0, np.sqrt(speed_sq) / full_speed))
+    moves = min(1.0, np.sqrt(speed_sq) / full_speed)
+    stands = still * (STANDS_FOR / (STANDS_FOR + body[STOOD])) ** 2
+    body[STOOD] += dt * (1.0 - moves)
+    counts = dt * max(stands, moves)
     if not started:
         counts = 0.03 * still
     mean = residuals(T, offset, p, q, v, labels, w, r) if started else 0.0
@@ -219,6 +305,9 @@ def _step(
     for k in (BLOCKS, COST, COST_WEIGHT, APART_SQ):
         S[k] *= keep
     S[BLOCKS_SQ] *= keep * keep
+    keep_clock = np.exp(-counts / CLOCK_MEMORY)
+    clock[:CLOCK_AA] *= keep_clock
+    clock[CLOCK_AA:] *= keep_clock * keep_clock
     S[COST_WEIGHT] += counts
     S[COST] += counts * min(mean, FARTHEST)
     S[APART_SQ] += counts * min(apart, FARTHEST) ** 2 if started else 0.0
@@ -231,7 +320,7 @@ def _step(
         w[j] *= counts * scale / (max(r[j], floor) if started else floor)
     if started:
         _gradient(body, T, offset, p, q, v, labels, w)
-        _close_block(B, S, body, centre, independent)
+        _close_block(B, S, clock, body, centre, independent)
     accumulate(M, p, q, v, w, labels)
     if M[0] > 0.0:
         align(M, offset, T)
@@ -296,7 +385,7 @@ def _gradient(body, T, offset, p, q, v, labels, w):
 
 
 @njit(cache=True)
-def _close_block(B, S, body, centre, independent):
+def _close_block(B, S, clock, body, centre, independent):
     """When the body is somewhere else, what was seen since it was at the anchor counts as one independent sample."""
     away = 0.0
     for k in range(3):
@@ -307,6 +396,12 @@ def _close_block(B, S, body, centre, independent):
         for a in range(7):
             for b in range(7):
                 B[a, b] += body[GRADIENT + a] * body[GRADIENT + b]
+        a, g = body[BLOCK_A], body[BLOCK_G]
+        clock[CLOCK_A] += a
+        clock[CLOCK_G] += g
+        clock[CLOCK_AA] += a * a
+        clock[CLOCK_AG] += a * g
+        clock[CLOCK_GG] += g * g
         S[BLOCKS] += 1.0
         S[BLOCKS_SQ] += 1.0
         S[BLOCKS_CLOSED] += 1.0
@@ -315,3 +410,4 @@ def _close_block(B, S, body, centre, independent):
         body[ANCHOR + k] = centre[k]
     for k in range(7):
         body[GRADIENT + k] = 0.0
+    body[BLOCK_A] = body[BLOCK_G] = body[STOOD] = 0.0

@@ -38,6 +38,15 @@ FOLLOWED: Final = 14
 """`BLOCKS_CLOSED` when b's clock was last followed."""
 PAIR_SCALARS: Final = 15
 
+# Of the two clocks, in an array of its own: over blocks, a = Σ u_a·u_b and g = Σ z·r of `time_offset`; they fade.
+CLOCK_A: Final = 0
+CLOCK_G: Final = 1
+CLOCK_AA: Final = 2
+"""Σ a² over the blocks; the next two: Σ a g, Σ g²."""
+CLOCK_AG: Final = 3
+CLOCK_GG: Final = 4
+CLOCK_SUMS: Final = 5
+
 # Of a pair of bodies.
 LAST: Final = 0
 """The newest frame of a that is done [s]."""
@@ -56,7 +65,12 @@ AGREED: Final = 16
 """For how long they were not, in all [s]."""
 STEP_AT: Final = 17
 """Time of the last frame that was used [s]."""
-BODY_SCALARS: Final = 18
+BLOCK_A: Final = 18
+"""The block's part of `CLOCK_A`; the next: of `CLOCK_G`."""
+BLOCK_G: Final = 19
+STOOD: Final = 20
+"""For how long it stood since the block began [s]."""
+BODY_SCALARS: Final = 21
 
 FRAMES_KEPT: Final = 48
 """Of every body: as many as a sensor of 120 Hz gives in 0.4 s."""

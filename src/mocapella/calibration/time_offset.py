@@ -1,15 +1,61 @@
 """The constant offset between two sensors' clocks, from the motion of people.
 
-With q(t + δ) ≈ q + δ v, δ is a seventh unknown beside the six of the motion, and the same moments hold all that is
-needed for it (`geometry.alignment`). Somebody who walks one way at one speed says nothing of it: there an offset looks
-like a translation. So the estimate is over all motion that is remembered, its error is that of the joint solution, and
-while that is too large the offset is *unknown*, with a bound. (Estimates from windows of a few seconds were wrong by up
-to 135 ms on real sensors.)
+With q(t + δ) ≈ q + δ v, two views of a joint move differently over a short while (`pair_kernels.CLOCK_LAG`) by
+
+    r = Δp − R Δq = δ u + noise        u_a = Δv_p, u_b = R Δv_q, z = (u_a + u_b) / 2
+
+Differences leave out where the sensors are, what a sensor gets wrong for long, and what somebody does who walks one
+way at one speed, which says nothing of a clock. Least squares, δ = Σ u_b·r / Σ u_b·u_b, comes out too small: most of
+u_b is noise. That of the two sensors is independent, so that δ = Σ z·r / Σ u_a·u_b is right: one sensor is the
+*instrument* for the other (J. Durbin, "Errors in variables", Rev. Int. Stat. Inst. 22, 1954). Weights do not depend on
+the residual, or they would hold on to the offset of before. The error is from the scatter of z·r − δ u_a·u_b, summed
+over the blocks of `pair_calibration`. While it is too large the offset is *unknown*, with a bound. (Estimates from
+windows of a few seconds were wrong by up to 135 ms on real sensors.)
 """
 
 from __future__ import annotations
 
+from typing import Final
+
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+Float64 = NDArray[np.float64]
+
+OFFSET_PRIOR_SD: Final = 0.1
+"""Before anything is known: how far two clocks are apart that the network has brought together [s]."""
+BLOCKS_WANTED: Final = 3.0
+"""Of fewer independent blocks (Kish's count, (Σa)²/Σa²) the scatter says nothing, and Σ u_a·u_b may be noise alone."""
+MOVE_TRUSTED: Final = 0.05
+"""Sums of frames that were brought to a time so wrong count 1/e [s]."""
+
+
+def offset_of(clock: Float64) -> tuple[Float64, Float64]:
+    """(...,) the offset of b's clock against the one that frames are brought to, and its standard deviation [s].
+
+    Args:
+        clock: (..., `pair_memory.CLOCK_SUMS`).
+    """
+    a, g, aa, ag, gg = np.moveaxis(clock, -1, 0)
+    blocks = np.where(a > 0, a * a / np.where(aa > 0, aa, 1.0), 0.0)
+    known = blocks > BLOCKS_WANTED
+    a, blocks = np.where(known, a, 1.0), np.where(known, blocks, 2.0)
+    offset = np.where(known, g / a, 0.0)
+    scatter = np.maximum(gg - 2 * offset * ag + offset**2 * aa, 0.0) * (blocks + 2) / (blocks - 1)
+    information = np.where(known, a**2 / np.maximum(scatter, 1e-12 * a**2), 0.0)
+    return offset, np.asarray((information + 1 / OFFSET_PRIOR_SD**2) ** -0.5)
+
+
+def moved_clock(clock: Float64, by: float) -> Float64:
+    """The same sums once frames are brought to a time that is later by so much [s]; what was moved far counts less.
+
+    Of a swing of 2 Hz, 50 ms are a tenth of a period: beyond, it is no longer as if velocities were constant.
+    """
+    a, g, aa, ag, gg = clock
+    fade = np.exp(-((by / MOVE_TRUSTED) ** 2))
+    moved = np.array([a, g - by * a, aa, ag - by * aa, gg - 2 * by * ag + by * by * aa])
+    return np.asarray(moved * np.array([fade, fade, fade**2, fade**2, fade**2]))
 
 
 class TimeOffset(msgspec.Struct, frozen=True):
