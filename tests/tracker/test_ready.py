@@ -6,8 +6,17 @@ import numba
 from tracker.test_default import frames, told
 from walking_people import Walker
 
+from mocapella.model.observations import Arrival
+from mocapella.schema import decode_frame, encode_frame
 from mocapella.tracker import make_ready
 from mocapella.tracker.ready import _told_of_compiling
+
+
+def as_it_comes(arrival: Arrival) -> Arrival:
+    """A frame's arrays are those of a message, which cannot be written."""
+    frame = decode_frame(encode_frame(arrival.frame))
+    assert not frame.states.flags.writeable
+    return Arrival(frame, arrival.at_ns)
 
 
 def test_once_it_is_ready_nothing_is_compiled_while_people_are_tracked() -> None:
@@ -17,11 +26,11 @@ def test_once_it_is_ready_nothing_is_compiled_while_people_are_tracked() -> None
     with _told_of_compiling(lambda: compiled.append("something")):
         tracker = told()
         for arrival in frames({1: walker}, 3.0, noise=0.01):
-            tracker.update(arrival)
+            tracker.update(as_it_comes(arrival))
         tracker.recalibrate("asked for")
         tracker.restore(tracker.snapshot())
         for arrival in frames({1: walker, 2: Walker()}, 3.0, begin=3.0, noise=0.01):
-            tracker.update(arrival)
+            tracker.update(as_it_comes(arrival))
     assert compiled == []
 
 

@@ -56,4 +56,5 @@ def tracked_bodies(frame: BodyFrame) -> Bodies:
         tracked: list[bool] = frame.tracked.tolist()
         rows = sorted((i for i, is_tracked in enumerate(tracked) if is_tracked), key=ids.__getitem__)
         ids, positions, states = [ids[i] for i in rows], positions[rows], states[rows]
-    return Bodies(frame.sensor, frame.topology, tuple(ids), positions.astype(np.float64), states)
+    # Arrays of their own: those of a message cannot be written, which to a compiler is another type.
+    return Bodies(frame.sensor, frame.topology, tuple(ids), positions.astype(np.float64), states.copy())
