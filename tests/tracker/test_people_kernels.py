@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from walking_people import KINECT_V2
 
 from mocapella.geometry.angles import wrap
+from mocapella.geometry.rigid import apply, rigid, rotation_about_y
 from mocapella.tracker import people_kernels as kernels
+from mocapella.tracker.people import People, PeopleSettings
 
 DT = 1 / 30
 LINES = np.array([[1, 2], [3, 4]])
@@ -90,3 +93,25 @@ def test_where_labels_change_the_view_goes_on_where_the_person_stands(speed: flo
     known = np.array([0, 1, 3, 4])
     np.testing.assert_allclose(view.offsets[0, 0, known], 0.2 if glides else 0.0)
     np.testing.assert_array_equal(view.offsets[0, 0, 2], 0.0)
+
+
+@given(st.booleans(), st.floats(-0.3, 0.3), st.floats(-0.5, 0.5))
+def test_a_sensor_whose_place_becomes_better_known_moves_its_views_and_nobody_jumps(
+    mirrored: bool, yaw: float, x: float
+) -> None:
+    people = People(PeopleSettings(), KINECT_V2)
+    people.sensors, people.numbers = ["front", "side"], [7]
+    people.memory = people.memory.taken([], 1, 2)
+    m, rng = people.memory, np.random.default_rng(0)
+    m.view_positions[:] = rng.normal(size=m.view_positions.shape)
+    m.view_positions[0, 1, 3] = np.nan
+    m.view_mirrored[0, 1] = mirrored
+    labels = people.mirror if mirrored else slice(None)
+    T = rigid(rotation_about_y(yaw), (x, 0.0, 0.1))
+    before = m.view_positions[0].copy()
+    people.place_anew("side", T)
+    people.place_anew("nobody's", T)
+    np.testing.assert_allclose(m.view_positions[0, 1], apply(T, before[1]))
+    np.testing.assert_allclose((m.view_positions[0, 1][labels] - m.view_offsets[0, 1]), before[1][labels], atol=1e-12)
+    np.testing.assert_array_equal(m.view_positions[0, 0], before[0])
+    assert (m.view_offsets[0, 0] == 0).all()

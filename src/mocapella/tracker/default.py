@@ -224,8 +224,8 @@ class DefaultTracker:
                 T_root_old = inverse(sensors[root].T_world_sensor) @ sensors[self._root].T_world_sensor
                 self._people.move(T_root_old)
                 self._tracks.move(T_root_old)
-            self._root = root
-        self._T_root_sensor = {root: np.eye(4)}
+            self._root, self._T_root_sensor = root, {}
+        before, self._T_root_sensor = self._T_root_sensor, {root: np.eye(4)}
         if sensors[root].trusted:  # else its own place may be in doubt, and it goes on alone where it was
             self._T_world_root = sensors[root].T_world_sensor
             to_root = inverse(self._T_world_root)
@@ -235,6 +235,9 @@ class DefaultTracker:
                 if sensor.root == sensors[root].root and sensor.trusted
             }
         if self._people is not None:
+            for name, T in self._T_root_sensor.items():
+                if name in before and not np.array_equal(T, before[name]):
+                    self._people.place_anew(name, T @ inverse(before[name]))
             self._people.level(self._T_world_root[:3, :3])
         self._places = self._say_places()
 

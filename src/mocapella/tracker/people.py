@@ -329,6 +329,17 @@ class People:
         for name in ("velocities", "euro_velocities", "view_offsets"):
             getattr(m, name)[:] = getattr(m, name) @ R.T
 
+    def place_anew(self, sensor: str, T_new_old: Float64) -> None:
+        """A sensor's place has become better known: its views are there now, and people glide instead of jumping."""
+        if sensor not in self.sensors:
+            return
+        m, column = self.memory, self.sensors.index(sensor)
+        before = m.view_positions[:, column]
+        after = apply(T_new_old, before)
+        shift = np.nan_to_num(after - before)
+        m.view_offsets[:, column] += np.where(m.view_mirrored[:, column, None, None], shift[:, self.mirror], shift)
+        m.view_positions[:, column] = after
+
     def level(self, R_level: Float64) -> None:
         """The rotation from the space of the people to one in which y is up has become known, or better known."""
         turned = R_level @ self.R_level.T
