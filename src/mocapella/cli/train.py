@@ -79,6 +79,76 @@ def facing(
         Console().print(_table(figures, folds))
 
 
+@train_app.command("bias")
+def bias(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the KinectMultiTrack study logs.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="The model to write; a file of that name is replaced.")],
+    participants: Participants = None,
+    folds: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", min=2, help="Keep what is learnt without every n-th person too, and print figures of those."
+        ),
+    ] = None,
+    json: JsonOut = None,
+) -> None:
+    """Learn how far off a sensor reports each joint, by how the person is turned towards it.
+
+    docs/methods/joint-bias.md describes the method, and what the shipped model was trained on. Only a model with folds
+    can be scored on people whom it was trained on.
+
+    Example:  mocapella train bias shared/data/kinectmultitrack --out joint_bias.json --folds 5
+    """
+    from mocapella.evaluation.bias_sessions import bias_sessions, learn, left_out
+    from mocapella.evaluation.facing_sessions import split
+    from mocapella.evaluation.study_tables import rounded
+    from mocapella.fusion.joint_bias import read_model, to_json
+
+    chosen = participant_numbers(participants)
+    if not out.parent.is_dir():
+        raise SettingsError(f"--out {out}: no folder {out.parent}; name a file in a folder that exists")
+    with console.status("reading …") as status:
+        sessions = bias_sessions(folder, chosen, lambda name: status.update(f"tracking {name} …"))
+        parts = [] if folds is None else split(sessions, folds)
+        status.update("training …")
+        model = learn(sessions, parts)
+        options = "" if chosen is None else f" --participants {participants}"
+        options += "" if folds is None else f" --folds {folds}"
+        statement = {**model.trained_on, "command": "mocapella train bias DIR" + options, "mocapella": __version__}
+        write_text(out, to_json(msgspec.structs.replace(model, trained_on=statement)))
+        figures = {}
+        if parts:
+            model = read_model(out)  # what is tried is what was written, to its last digit
+            figures = rounded(left_out(sessions, model, lambda name: status.update(f"tracking {name} with it …")))
+    say(f"{out}: {out.stat().st_size} bytes, of {len(sessions)} sessions of {len(statement['participants'])} people")
+    write_json(json, {"out": str(out), "trained_on": statement, "left_out": figures})
+    if figures and json != "-":
+        Console().print(_nearer(figures, folds))
+
+
+def _nearer(figures: dict[str, Any], folds: int | None) -> Table:
+    """Δd without and with a bias, by row and placement, and the fused skeleton."""
+    title = f"people left out: {folds} folds; without → with the bias"
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=0)
+    placements = [name for name in ("parallel", "45", "90") if any(name in row for row in figures["with"].values())]
+    for words in ("mean Δd, cm", *placements, "torso: " + placements[0], *placements[1:]):
+        table.add_column(words, justify="right", no_wrap=True)
+    for row in (name for name in figures["with"] if name != "fused"):
+        cells = [
+            " → ".join(f"{figures[which][row][placement][figure]['mean']:.2f}" for which in ("without", "with"))
+            if placement in figures["with"][row]
+            else "–"
+            for figure in ("dd_cm", "torso_dd_cm")
+            for placement in placements
+        ]
+        table.add_row(row, *cells)
+    for figure, value in figures["with"]["fused"].items():
+        before = figures["without"]["fused"][figure]
+        if figure != "sessions" and None not in (before, value):
+            table.add_row(figure, f"{before:.2f} → {value:.2f}")
+    return table
+
+
 @train_app.command("sensor-errors")
 def sensor_errors(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the KinectMultiTrack study logs.")],

@@ -1,5 +1,6 @@
 """The joint bias of `mocapella.fusion.joint_bias`, compiled; importing this module imports numba."""
 
+# ruff: noqa: PLR0917 - compiled: arrays come by position
 from __future__ import annotations
 
 import numpy as np

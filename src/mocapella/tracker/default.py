@@ -387,7 +387,7 @@ def _in_order(names: Iterable[str]) -> bool:
     return all(one < other for one, other in pairwise(names))
 
 
-def associate_and_fuse(
+def associate_and_fuse(  # noqa: PLR0917 - one frame, as it comes
     tracks: Tracks,
     people: People,
     frame: BodyFrame,
