@@ -87,7 +87,7 @@ def train(sessions: Sequence[ViewPairs], tree: Topology, settings: BiasTrainingS
     for _ in range(settings.rounds):
         apart, designs = [], []
         for session, (of_view, R) in zip(sessions, views, strict=True):
-            T = _second_to_first(session, of_view, R, weights)
+            T = second_to_first(session, of_view, R, weights)
             apart.append(session.positions[:, 0] - apply(T, session.positions[:, 1]))
             axes = (R[:, 0], -T[:3, :3] @ R[:, 1])
             design = sum(a[:, :, None, :] * of_view[:, v, None, :, None] for v, a in enumerate(axes))
@@ -103,7 +103,7 @@ def _known(session: ViewPairs) -> ViewPairs:
     )
 
 
-def _second_to_first(session: ViewPairs, of_view: Float64, R: Float64, weights: Float64) -> Float64:
+def second_to_first(session: ViewPairs, of_view: Float64, R: Float64, weights: Float64) -> Float64:
     """(4, 4) from the second sensor's space to the first's, fitted to the views without their bias."""
     bias = np.tensordot(of_view, weights, axes=1)
     first, second = np.moveaxis(session.positions - bias @ np.swapaxes(R, -1, -2), 1, 0).reshape(2, -1, 3)
