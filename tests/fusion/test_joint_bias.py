@@ -105,7 +105,7 @@ def test_weights_are_made_symmetric_once_and_for_all(seed: int) -> None:
 # Learning
 
 
-def sessions(weights: np.ndarray, seed: int, count: int = 3, noise: float = 0.01, frames: int = 400) -> list[ViewPairs]:
+def sessions(weights: np.ndarray, seed: int, count: int = 3, noise: float = 0.01, frames: int = 250) -> list[ViewPairs]:
     """Two sensors, somewhere else in each session, that see somebody who turns about and walks; biased by weights."""
     rng = np.random.default_rng(seed)
     out = []

@@ -4,8 +4,9 @@ In the axes of the body (x to its left, y up, z ahead), with α the facing from 
 
     b(α) = Σₕ cos hα · aₕ + sin hα · cₕ        h = 1 … `HARMONICS`
 
-where the coefficients of the first `LOW` harmonics are linear in the distance and in the velocity, ahead and to the
-left. Left and right are each other's mirror image: b of a left joint at α is that of the right joint at −α, mirrored.
+where the coefficients are linear in the velocity, ahead and to the left, and those of the first `FAR` harmonics in the
+distance too. Left and right are each other's mirror image: b of a left joint at α is that of the right joint at −α,
+mirrored.
 
 The body's axes are taken because two views show nothing but the difference of two biases: what is the same in the body
 from wherever it is seen is where the joint is, and no error. Without a constant, b has a mean of 0 over α, always.
@@ -33,17 +34,17 @@ from mocapella.model.topology import Topology, topology
 Float64 = NDArray[np.float64]
 
 HARMONICS: Final = 3
-LOW: Final = 1
+FAR: Final = 1
 MIDDLE_M: Final = 2.5
 """The distance from which others count [m]."""
 NEAREST_M, FARTHEST_M = 1.0, 4.5
 """Nearer and farther count as this, for nobody was seen there [m]."""
 FASTEST_M_S: Final = 1.5
 """Faster counts as this [m/s]."""
-TERMS: Final = 2 * HARMONICS + 6 * LOW
+TERMS: Final = 2 * (3 * HARMONICS + FAR)
 MIRRORED_AXES: Final = np.array([-1.0, 1.0, 1.0])
 _OF_HARMONIC: Final = np.array([1.0, -1.0])
-PARITY: Final = np.concatenate([np.tile(_OF_HARMONIC, HARMONICS + 2 * LOW), np.tile(-_OF_HARMONIC, LOW)])
+PARITY: Final = np.concatenate([np.tile(_OF_HARMONIC, 2 * HARMONICS + FAR), np.tile(-_OF_HARMONIC, HARMONICS)])
 """(TERMS,) what becomes of each term in the mirror."""
 _DECIMALS: Final = 4
 
@@ -60,9 +61,10 @@ def terms(alpha: Float64, distance_m: Float64, ahead_m_s: Float64, left_m_s: Flo
     slower = FASTEST_M_S / np.maximum(speed, FASTEST_M_S)
     far = np.clip(distance_m, NEAREST_M, FARTHEST_M) - MIDDLE_M
     waves = [wave(h * alpha) for h in range(1, HARMONICS + 1) for wave in (np.cos, np.sin)]
-    low = waves[: 2 * LOW]
-    linear = [by * wave for by in (far, slower * ahead_m_s, slower * left_m_s) for wave in low]
-    return np.stack([*waves, *linear], axis=-1)
+    ahead, left = slower * ahead_m_s, slower * left_m_s
+    distant = [far * wave for wave in waves[: 2 * FAR]]
+    moving = [by * wave for by in (ahead, left) for wave in waves]
+    return np.stack([*waves, *distant, *moving], axis=-1)
 
 
 def body_view(facing: Float64, position: Float64, velocity: Float64) -> tuple[Float64, Float64]:
@@ -153,7 +155,8 @@ class _Fold(msgspec.Struct, forbid_unknown_fields=True):
 
 def _names() -> list[str]:
     of = [f"{wave} {h}α" for h in range(1, HARMONICS + 1) for wave in ("cos", "sin")]
-    return of + [f"{by} · {wave}" for by in ("distance", "ahead", "left") for wave in of[: 2 * LOW]]
+    distant = [f"distance · {wave}" for wave in of[: 2 * FAR]]
+    return of + distant + [f"{by} · {wave}" for by in ("ahead", "left") for wave in of]
 
 
 def _stored(tree: Topology) -> list[int]:

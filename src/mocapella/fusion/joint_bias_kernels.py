@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from mocapella.fusion.joint_bias import FARTHEST_M, FASTEST_M_S, HARMONICS, LOW, MIDDLE_M, NEAREST_M, TERMS
+from mocapella.fusion.joint_bias import FAR, FARTHEST_M, FASTEST_M_S, HARMONICS, MIDDLE_M, NEAREST_M, TERMS
 
 
 @njit(cache=True)
@@ -17,10 +17,12 @@ def terms_of(alpha, distance_m, ahead_m_s, left_m_s):
         out[2 * h], out[2 * h + 1] = np.cos((h + 1) * alpha), np.sin((h + 1) * alpha)
     slower = FASTEST_M_S / max(np.sqrt(ahead_m_s**2 + left_m_s**2), FASTEST_M_S)
     far = min(max(distance_m, NEAREST_M), FARTHEST_M) - MIDDLE_M
-    for i in range(2 * LOW):
-        out[2 * HARMONICS + i] = far * out[i]
-        out[2 * HARMONICS + 2 * LOW + i] = slower * ahead_m_s * out[i]
-        out[2 * HARMONICS + 4 * LOW + i] = slower * left_m_s * out[i]
+    waves, moving = 2 * HARMONICS, 2 * (HARMONICS + FAR)
+    for i in range(2 * FAR):
+        out[waves + i] = far * out[i]
+    for i in range(waves):
+        out[moving + i] = slower * ahead_m_s * out[i]
+        out[moving + waves + i] = slower * left_m_s * out[i]
     return out
 
 

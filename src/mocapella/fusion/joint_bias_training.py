@@ -54,7 +54,7 @@ class BiasTrainingSettings:
         least_m: shorter differences count as this.
     """
 
-    ridge: float = 0.01
+    ridge: float = 0.03
     rounds: int = 3
     steps: int = 4
     least_m: float = 0.02
