@@ -123,30 +123,35 @@ def bias(
     say(f"{out}: {out.stat().st_size} bytes, of {len(sessions)} sessions of {len(statement['participants'])} people")
     write_json(json, {"out": str(out), "trained_on": statement, "left_out": figures})
     if figures and json != "-":
-        Console().print(_nearer(figures, folds))
+        _show_nearer(figures, folds, Console())
 
 
-def _nearer(figures: dict[str, Any], folds: int | None) -> Table:
+def _show_nearer(figures: dict[str, Any], folds: int | None, out: Console) -> None:
     """Δd without and with a bias, by row and placement, and the fused skeleton."""
-    title = f"people left out: {folds} folds; without → with the bias"
-    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=0)
     placements = [name for name in ("parallel", "45", "90") if any(name in row for row in figures["with"].values())]
-    for words in ("mean Δd, cm", *placements, "torso: " + placements[0], *placements[1:]):
-        table.add_column(words, justify="right", no_wrap=True)
+    title = f"people left out: {folds} folds; mean Δd, cm"
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=0, show_edge=False)
+    table.add_column("", no_wrap=True)
+    table.add_column("bias", no_wrap=True)
+    for words in (*placements, *(f"torso {name}" for name in placements)):
+        table.add_column(words, justify="right")
     for row in (name for name in figures["with"] if name != "fused"):
-        cells = [
-            " → ".join(f"{figures[which][row][placement][figure]['mean']:.2f}" for which in ("without", "with"))
-            if placement in figures["with"][row]
-            else "–"
-            for figure in ("dd_cm", "torso_dd_cm")
-            for placement in placements
-        ]
-        table.add_row(row, *cells)
-    for figure, value in figures["with"]["fused"].items():
-        before = figures["without"]["fused"][figure]
-        if figure != "sessions" and None not in (before, value):
-            table.add_row(figure, f"{before:.2f} → {value:.2f}")
-    return table
+        for which in ("without", "with"):
+            scored = figures[which][row]
+            cells = [
+                f"{scored[placement][figure]['mean']:.2f}" if placement in scored else "–"
+                for figure in ("dd_cm", "torso_dd_cm")
+                for placement in placements
+            ]
+            table.add_row(row if which == "without" else "", which, *cells)
+    out.print(table)
+    fused = Table(title="fused skeleton", title_justify="left", box=SIMPLE_HEAD, padding=0, show_edge=False)
+    for words in ("", "without", "with"):
+        fused.add_column(words, justify="right" if words else "left")
+    for figure in figures["with"]["fused"]:
+        values = [figures[which]["fused"][figure] for which in ("without", "with")]
+        fused.add_row(figure, *("–" if value is None else f"{value:.2f}" for value in values))
+    out.print(fused)
 
 
 @train_app.command("sensor-errors")
