@@ -28,7 +28,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, A
     folder = tmp_path_factory.mktemp("bias")
     (folder / "logs").mkdir()
     for participant in (7, 8):
-        log = log_of(seed=participant)
+        log = log_of(frames=150, seed=participant)
         log = msgspec.structs.replace(log, study_id=np.full_like(log.study_id, participant))
         write_study_log(folder / "logs" / f"Study_{participant}_Kinect_2_Time_1.csv.gz", log.rows())
     return folder, result(folder, "train", "bias", "logs", "--out", "model.json", "--folds", "2")
