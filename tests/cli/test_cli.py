@@ -41,6 +41,7 @@ VERBS = [
     ["doctor"],
     ["evaluate", "kinectmultitrack"],
     ["evaluate", "simulation"],
+    ["train", "bias"],
     ["train", "facing"],
     ["train", "sensor-errors"],
 ]

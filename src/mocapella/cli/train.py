@@ -79,6 +79,81 @@ def facing(
         Console().print(_table(figures, folds))
 
 
+@train_app.command("bias")
+def bias(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the KinectMultiTrack study logs.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="The model to write; a file of that name is replaced.")],
+    participants: Participants = None,
+    folds: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", min=2, help="Keep what is learnt without every n-th person too, and print figures of those."
+        ),
+    ] = None,
+    json: JsonOut = None,
+) -> None:
+    """Learn how far off a sensor reports each joint, by how the person is turned towards it.
+
+    docs/methods/joint-bias.md describes the method, and what the shipped model was trained on. Only a model with folds
+    can be scored on people whom it was trained on.
+
+    Example:  mocapella train bias shared/data/kinectmultitrack --out joint_bias.json --folds 5
+    """
+    from mocapella.evaluation.bias_sessions import bias_sessions, learn, left_out
+    from mocapella.evaluation.facing_sessions import split
+    from mocapella.evaluation.study_tables import rounded
+    from mocapella.fusion.joint_bias import read_model, to_json
+
+    chosen = participant_numbers(participants)
+    if not out.parent.is_dir():
+        raise SettingsError(f"--out {out}: no folder {out.parent}; name a file in a folder that exists")
+    with console.status("reading …") as status:
+        sessions = bias_sessions(folder, chosen, lambda name: status.update(f"tracking {name} …"))
+        parts = [] if folds is None else split(sessions, folds)
+        status.update("training …")
+        model = learn(sessions, parts)
+        options = "" if chosen is None else f" --participants {participants}"
+        options += "" if folds is None else f" --folds {folds}"
+        statement = {**model.trained_on, "command": "mocapella train bias DIR" + options, "mocapella": __version__}
+        write_text(out, to_json(msgspec.structs.replace(model, trained_on=statement)))
+        figures = {}
+        if parts:
+            model = read_model(out)  # what is tried is what was written, to its last digit
+            figures = rounded(left_out(sessions, model, lambda name: status.update(f"tracking {name} with it …")))
+    say(f"{out}: {out.stat().st_size} bytes, of {len(sessions)} sessions of {len(statement['participants'])} people")
+    write_json(json, {"out": str(out), "trained_on": statement, "left_out": figures})
+    if figures and json != "-":
+        _show_nearer(figures, folds, Console())
+
+
+def _show_nearer(figures: dict[str, Any], folds: int | None, out: Console) -> None:
+    """Δd without and with a bias, by row and placement, and the fused skeleton."""
+    placements = [name for name in ("parallel", "45", "90") if any(name in row for row in figures["with"].values())]
+    title = f"people left out: {folds} folds; mean Δd, cm"
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=0, show_edge=False)
+    table.add_column("", no_wrap=True)
+    table.add_column("bias", no_wrap=True)
+    for words in (*placements, *(f"torso {name}" for name in placements)):
+        table.add_column(words, justify="right")
+    for row in (name for name in figures["with"] if name != "fused"):
+        for which in ("without", "with"):
+            scored = figures[which][row]
+            cells = [
+                f"{scored[placement][figure]['mean']:.2f}" if placement in scored else "–"
+                for figure in ("dd_cm", "torso_dd_cm")
+                for placement in placements
+            ]
+            table.add_row(row if which == "without" else "", which, *cells)
+    out.print(table)
+    fused = Table(title="fused skeleton", title_justify="left", box=SIMPLE_HEAD, padding=0, show_edge=False)
+    for words in ("", "without", "with"):
+        fused.add_column(words, justify="right" if words else "left")
+    for figure in figures["with"]["fused"]:
+        values = [figures[which]["fused"][figure] for which in ("without", "with")]
+        fused.add_row(figure, *("–" if value is None else f"{value:.2f}" for value in values))
+    out.print(fused)
+
+
 @train_app.command("sensor-errors")
 def sensor_errors(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the KinectMultiTrack study logs.")],

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import msgspec
 import numpy as np
@@ -191,6 +191,14 @@ def _velocity(at_s: Float64, points: Float64, before_s: float, after_s: float) -
     return np.asarray((at(at_s + after_s) - at(at_s - before_s)) / (before_s + after_s))
 
 
+class OfParticipant(Protocol):
+    """A session of one participant."""
+
+    @property
+    def participant(self) -> int:
+        """Study_Id."""
+
+
 class FacingFigures(msgspec.Struct, frozen=True):
     """How good facings are, over all frames of all sessions.
 
@@ -306,7 +314,7 @@ def left_out(
     return {name: figures(tested, yaws, references) for name, yaws in (plain | estimates).items()}
 
 
-def split(sessions: Iterable[FacingSession], folds: int) -> list[set[int]]:
+def split(sessions: Iterable[OfParticipant], folds: int) -> list[set[int]]:
     """The participants in so many folds: every n-th of them.
 
     Raises:

@@ -22,7 +22,7 @@ from mocapella.evaluation.interactions import (
     people_of_run,
 )
 from mocapella.evaluation.methods import AS_LOGGED, check_methods, scored_tracker
-from mocapella.evaluation.protocol import ScoredTracker
+from mocapella.evaluation.protocol import LearntFromStudies, ScoredTracker
 from mocapella.evaluation.scored_views import Views, known_before, logged_views, views_of
 from mocapella.evaluation.study_pairs import TASKS, Frames, Pairs, StudySession, study_sessions
 from mocapella.evaluation.study_tables import Count, Scored, count, differences, row
@@ -38,7 +38,8 @@ WALK, STEPS, STATIONARY = (SCENARIOS[name] for name in ("walk", "steps", "statio
 SCORED: Final = {
     AS_LOGGED: "the rows as they were logged: they are the output of the thesis' own method, one motion per person",
     "": "raw joints × one rigid motion per sensor, shared by all people and known before either frame of the pair, "
-    "+ the joint bias declared before the first frame; begun from the rig of the thesis' calibration; "
+    "+ the joint bias declared before the first frame, learnt without the participant who is scored; "
+    "begun from the rig of the thesis' calibration; "
     "both views brought to the earlier one's instant where the method declares time offsets; "
     "dx_cm … torso_dd_cm with labels repaired as decided before the pair's frames, raw_labels as the sensors gave them",
 }
@@ -130,7 +131,18 @@ class AsRun:
         self.wander_m_per_min = max(run.wander_m_per_min for run in runs)
 
     def _run_over(self, frames: Frames, make: Callable[[int], ScoredTracker]) -> CausalRun:
-        return run_causally(make, self.session.replay.sensors, frames.arrivals, self._rig)
+        def left_out(sensors: int) -> ScoredTracker:
+            tracker = make(sensors)
+            if isinstance(tracker, LearntFromStudies):
+                tracker.leave_out(self.session.participant)
+            return tracker
+
+        return run_causally(left_out, self.session.replay.sensors, frames.arrivals, self._rig)
+
+    @property
+    def whole(self) -> CausalRun:
+        """Over all frames of the session."""
+        return self._run
 
     def views(self, scoring: str, pairs: Pairs) -> Views:
         """See `Output`."""

@@ -43,8 +43,9 @@ class JointBias(Protocol):
 class ScoredTracker(Protocol):
     """A tracker whose knowledge of the sensors can be asked for after every frame."""
 
-    joint_bias: JointBias | None
-    """Read once, before the first frame."""
+    @property
+    def joint_bias(self) -> JointBias | None:
+        """Read once, before the first frame."""
 
     def start_from(self, T_world_sensor: Mapping[str, Float64]) -> None:
         """A rig that is known before the first frame; a method is free not to believe it."""
@@ -54,6 +55,18 @@ class ScoredTracker(Protocol):
 
     def sensor_views(self) -> SensorViews:
         """What is known now."""
+
+
+@runtime_checkable
+class LearntFromStudies(Protocol):
+    """A tracker of which a part was learnt from the very logs it may be scored on."""
+
+    def leave_out(self, participant: int) -> None:
+        """Use what was learnt without this participant; called before the first frame.
+
+        Raises:
+            SettingsError: nothing was learnt without this one.
+        """
 
 
 def check_rigid(T: Float64, what: str) -> Float64:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from mocapella.errors import EvaluationError
 from mocapella.evaluation.causal_run import CausalRun
 from mocapella.evaluation.fused_metrics import facing_yaw
+from mocapella.evaluation.protocol import JointBias
 from mocapella.evaluation.study_pairs import Frames, Pairs, StudySession
 from mocapella.geometry import angles, rigid
 from mocapella.model.topology import topology
@@ -73,25 +74,32 @@ def views_of(session: StudySession, run: CausalRun, pairs: Pairs, known: Int64, 
         known: (pairs,) entry of the run whose motions and offsets are applied.
         labels: (pairs,) entry whose label swaps are applied.
     """
+    seen = seen_views(session, run, pairs, known, labels)
+    joints = seen.joints
+    if run.joint_bias is not None:
+        names = np.array(run.sensors)[session.sensor[pairs.rows]]
+        joints = joints + _bias(run.joint_bias, names, seen, asked_about(session, pairs, seen))
+    views = rigid.apply(seen.T, joints)
+    mirrored = views[:, :, TOPOLOGY.mirror]
+    minutes = max(float(np.ptp(session.at_s[pairs.rows])) / 60, 1e-9)
+    return Views(
+        views,
+        np.where(seen.swapped[..., None, None], mirrored, views),
+        swaps_per_min=_changes(seen.swapped, pairs.person) / minutes,
+    )
+
+
+def seen_views(session: StudySession, run: CausalRun, pairs: Pairs, known: Int64, labels: Int64) -> SeenViews:
+    """The views of `views_of` before any bias is added, and what is known of them."""
     sensor = session.sensor[pairs.rows]
-    T = run.T_reference_sensor[known[:, None], sensor]
-    joints = _at_one_instant(session, pairs, run.time_offset_s[known[:, None], sensor])
     swapped = np.array(
         [
             [(run.sensors[s], person) in run.swapped[k] for s in both]
             for k, both, person in zip(labels.tolist(), sensor.tolist(), pairs.person.tolist(), strict=True)
         ]
     ).reshape(-1, 2)
-    if run.joint_bias is not None:
-        joints = joints + _bias(session, run, pairs, seen=_Seen(joints, T, swapped))
-    views = rigid.apply(T, joints)
-    mirrored = views[:, :, TOPOLOGY.mirror]
-    minutes = max(float(np.ptp(session.at_s[pairs.rows])) / 60, 1e-9)
-    return Views(
-        views,
-        np.where(swapped[..., None, None], mirrored, views),
-        swaps_per_min=_changes(swapped, pairs.person) / minutes,
-    )
+    joints = _at_one_instant(session, pairs, run.time_offset_s[known[:, None], sensor])
+    return SeenViews(joints, run.T_reference_sensor[known[:, None], sensor], swapped)
 
 
 def _changes(swapped: Bool, person: Int64) -> int:
@@ -131,20 +139,38 @@ def _at_one_instant(session: StudySession, pairs: Pairs, offset_s: Float64) -> F
     return out
 
 
-class _Seen(msgspec.Struct, frozen=True, eq=False):
-    """Of both views of every pair: ``joints`` in their own camera spaces, their motions ``T``, and label swaps."""
+class SeenViews(msgspec.Struct, frozen=True, eq=False):
+    """Both views of every pair.
+
+    Attributes:
+        joints: (pairs, 2, joints, 3) with the sensors' labels, their own camera spaces [m].
+        T: (pairs, 2, 4, 4) from there to the reference sensor's camera space.
+        swapped: (pairs, 2) whether left and right are to be swapped.
+    """
 
     joints: Float64
     T: Float64
     swapped: Bool
 
 
-def _bias(session: StudySession, run: CausalRun, pairs: Pairs, seen: _Seen) -> Float64:
-    """(pairs, 2, joints, 3) the declared bias of each view, from the person fused of both views."""
-    assert run.joint_bias is not None
-    joints, T, swapped = seen.joints, seen.T, seen.swapped
-    views = rigid.apply(T, joints)
-    views = np.where(swapped[..., None, None], views[:, :, TOPOLOGY.mirror], views)
+class Asked(msgspec.Struct, frozen=True, eq=False):
+    """With what a joint bias is asked for each view, see `mocapella.evaluation.protocol.JointBias`.
+
+    Attributes:
+        facing: (pairs, 2) [rad]; NaN where there is no person to fuse.
+        position: (pairs, 2, 3) [m].
+        velocity: (pairs, 2, 3) [m/s].
+    """
+
+    facing: Float64
+    position: Float64
+    velocity: Float64
+
+
+def asked_about(session: StudySession, pairs: Pairs, seen: SeenViews) -> Asked:
+    """Of the person fused of both views, as each sensor has it: the mean of the views, labels repaired."""
+    views = rigid.apply(seen.T, seen.joints)
+    views = np.where(seen.swapped[..., None, None], views[:, :, TOPOLOGY.mirror], views)
     fused = views.mean(axis=1)
     at_s = session.at_s[pairs.rows].max(axis=1)
     velocity = np.zeros((len(pairs), 3))
@@ -153,21 +179,25 @@ def _bias(session: StudySession, run: CausalRun, pairs: Pairs, seen: _Seen) -> F
         before = mine[np.maximum(np.searchsorted(at_s[mine], at_s[mine] - VELOCITY_OVER, side="right") - 1, 0)]
         step_s = at_s[mine] - at_s[before]
         moved = fused[mine, _ROOT] - fused[before, _ROOT]
-        velocity[mine] = np.where((step_s > 0)[:, None], moved / np.where(step_s > 0, step_s, 1)[:, None], 0.0)
-    out = np.zeros_like(joints)
-    sensor = session.sensor[pairs.rows]
-    for pair, which in np.ndindex(len(pairs), 2):
-        T_sensor_reference = rigid.inverse(T[pair, which])
-        person = rigid.apply(T_sensor_reference, fused[pair])
-        if not np.isfinite(person).all():
-            continue
-        sight = np.arctan2(-person[_ROOT, 0], -person[_ROOT, 2])
-        facing = float(angles.wrap(facing_yaw(person) - sight))
-        name = run.sensors[sensor[pair, which]]
+        moving = (step_s > 0)[:, None] & np.isfinite(moved)
+        velocity[mine] = np.where(moving, moved / np.where(step_s > 0, step_s, 1)[:, None], 0.0)
+    T_sensor_reference = rigid.inverse(seen.T)
+    person_there = rigid.apply(T_sensor_reference, fused[:, None])
+    root = person_there[..., _ROOT, :]
+    facing = angles.wrap(facing_yaw(person_there) - np.arctan2(-root[..., 0], -root[..., 2]))
+    there = (T_sensor_reference[..., :3, :3] @ velocity[:, None, :, None])[..., 0]
+    return Asked(facing, root, there)
+
+
+def _bias(joint_bias: JointBias, names: NDArray[np.str_], seen: SeenViews, asked: Asked) -> Float64:
+    """(pairs, 2, joints, 3) the declared bias of each view, in its labels; 0 where there is nobody to ask about."""
+    out = np.zeros_like(seen.joints)
+    for view in zip(*np.nonzero(np.isfinite(asked.facing)), strict=True):
+        name = str(names[view])
         added = np.asarray(
-            run.joint_bias(name, facing, person[_ROOT], T_sensor_reference[:3, :3] @ velocity[pair]), dtype=np.float64
+            joint_bias(name, float(asked.facing[view]), asked.position[view], asked.velocity[view]), dtype=np.float64
         )
-        if added.shape != joints.shape[2:] or not np.isfinite(added).all():
+        if added.shape != seen.joints.shape[2:] or not np.isfinite(added).all():
             raise EvaluationError(f"the joint bias of {name} is not (joints, 3) finite numbers")
-        out[pair, which] = added[list(TOPOLOGY.mirror)] if swapped[pair, which] else added
+        out[view] = added[list(TOPOLOGY.mirror)] if seen.swapped[view] else added
     return out

@@ -33,7 +33,9 @@ from mocapella.calibration.rig import Rig, RigPair, RigSensor
 from mocapella.calibration.sensor_graph import PlacedSensor
 from mocapella.calibration.time_offset import TimeOffset
 from mocapella.conventions import NS_PER_S
+from mocapella.errors import one_of
 from mocapella.fusion.facing import FacingMemory
+from mocapella.fusion.joint_bias import JointBiasModel, shipped_model
 from mocapella.geometry.rigid import inverse
 from mocapella.model.bodies import Bodies
 from mocapella.model.memory import pack, unpack
@@ -44,6 +46,9 @@ from mocapella.settings import check
 from mocapella.tracker.arrivals import Arrivals, Heard, Sighting
 from mocapella.tracker.people import People, PeopleMemory, PeopleSettings, Sights, Told
 from mocapella.tracker.protocol import SensorViews, TrackerReport
+
+JOINT_BIAS: Final = ("learnt", "none")
+"""What is taken off the views: what was learnt with this version, or nothing."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,8 @@ class DefaultSettings:
         tracks: who is who.
         people: how their views become skeletons.
         silent_after_s: a sensor without a frame for so long is not waited for.
+        joint_bias: ``learnt`` takes off what sensors are known to be wrong by, depending on how people are turned;
+            ``none`` does not.
         keep_root_s: the sensor in whose space people are told is kept for so long while others are tied to each other,
             but not yet to it.
         shown_for_s: somebody whom no sensor sees is shown, as predicted, for so long.
@@ -68,10 +75,13 @@ class DefaultSettings:
     silent_after_s: float = 1.0
     shown_for_s: float = 1.0
     keep_root_s: float = 15.0
+    joint_bias: str = "learnt"
 
     def __post_init__(self) -> None:
         for name in ("silent_after_s", "shown_for_s"):
             check(0 < getattr(self, name) <= 3600, name, getattr(self, name), "above 0 and at most 3600 s")
+        known = self.joint_bias in JOINT_BIAS
+        check(known, "joint_bias", self.joint_bias, one_of(self.joint_bias, JOINT_BIAS))
         check(0 <= self.keep_root_s <= 3600, "keep_root_s", self.keep_root_s, "from 0 to 3600 s")
 
 
@@ -79,10 +89,13 @@ _NEEDED_PARTS: Final = ("root",)
 
 
 class DefaultTracker:
-    """See the module."""
+    """See the module.
 
-    joint_bias = None
-    """None is declared."""
+    Attributes:
+        joint_bias: what is taken off the views of sensors with those joints, or None; read with every frame.
+    """
+
+    joint_bias: JointBiasModel | None
 
     def __init__(
         self,
@@ -92,6 +105,7 @@ class DefaultTracker:
         sensors: Mapping[str, SensorPose] | None = None,
     ) -> None:
         self.settings = settings or DefaultSettings()
+        self.joint_bias = shipped_model() if self.settings.joint_bias == "learnt" else None
         self._calibration = PeopleCalibration(self.settings.calibration)
         self._poses = dict(sensors or {})
         self._sensors_expected = sensors_expected
@@ -193,8 +207,9 @@ class DefaultTracker:
         if self._people is None:
             self._people = People(self.settings.people, heard.newest[heard.sensor].frame.topology)
         sighting = self._without_jumps(heard.newest[heard.sensor], self._people)
-        self._calibrate(sighting, heard)
-        self._track(sighting, self._people)
+        corrections = self._corrections(sighting, self._people)
+        self._calibrate(sighting, heard, corrections)
+        self._track(sighting, self._people, corrections)
         self._state = self._stand(heard)
         self._shown = self._show(heard, self._people)
         return self._scene(arrival)
@@ -207,11 +222,33 @@ class DefaultTracker:
         )
         return sighting if there.all() else msgspec.structs.replace(sighting, bodies=bodies.only(there))
 
-    def _calibrate(self, sighting: Sighting, heard: Heard) -> None:
+    def leave_out(self, participant: int) -> None:
+        """Use what was learnt without this participant of the KinectMultiTrack studies; for scoring."""
+        if self.joint_bias is not None:
+            self.joint_bias = self.joint_bias.without(participant)
+
+    def _corrections(self, sighting: Sighting, people: People) -> Float64 | None:
+        """What to add to the joints of the bodies in the sensor's own space [m], by what was known before the frame."""
+        bodies, model = sighting.bodies, self.joint_bias
+        T = self._T_root_sensor.get(bodies.sensor)
+        if model is None or T is None or model.topology != people.topology.name:
+            return None
+        at_s = self._common_s(sighting)
+        return people.corrections(model, bodies, self._tracks.owners(bodies.sensor), T, max(self._now_s, at_s))
+
+    def _common_s(self, sighting: Sighting) -> float:
+        """When a frame was captured, on the common clock [s]."""
+        clock = self._calibration.state.sensors[sighting.bodies.sensor].clock
+        return sighting.at_ns / NS_PER_S - (clock.seconds if clock is not None and clock.known else 0.0)
+
+    def _calibrate(self, sighting: Sighting, heard: Heard, corrections: Float64 | None) -> None:
         """Learn from the frame where the sensors are. Everything else is told in the frame of the first of them."""
         frame = sighting.frame
         pose = self._poses.get(frame.sensor, SensorPose(frame.tilt, max(0.0, frame.height)))
-        state = self._calibration.update(sighting.bodies, sighting.at_ns, self._tracks.owners, pose)
+        bodies = sighting.bodies
+        if corrections is not None:
+            bodies = msgspec.structs.replace(bodies, positions=bodies.positions + corrections)
+        state = self._calibration.update(bodies, sighting.at_ns, self._tracks.owners, pose)
         if state is self._known:
             return
         self._known, sensors, self._views = state, state.sensors, None
@@ -262,16 +299,15 @@ class DefaultTracker:
         self._outvoted_s = None
         return most[0]
 
-    def _track(self, sighting: Sighting, people: People) -> None:
+    def _track(self, sighting: Sighting, people: People, corrections: Float64 | None) -> None:
         """Whose bodies these are, and everybody brought up to date; nothing where the sensor's place is not known."""
         bodies, sensor = sighting.bodies, sighting.bodies.sensor
         T = self._T_root_sensor.get(sensor)
         if T is None:
             return
-        clock = self._calibration.state.sensors[sensor].clock
-        at_s = sighting.at_ns / NS_PER_S - (clock.seconds if clock is not None and clock.known else 0.0)
+        at_s = self._common_s(sighting)
         self._now_s = max(self._now_s, at_s)
-        associate_and_fuse(self._tracks, people, sighting.frame, bodies, T, at_s=at_s, now_s=self._now_s)
+        associate_and_fuse(self._tracks, people, sighting.frame, bodies, T, corrections, at_s=at_s, now_s=self._now_s)
 
     def _say_places(self) -> tuple[SensorPlace, ...]:
         return tuple(
@@ -354,8 +390,16 @@ def _in_order(names: Iterable[str]) -> bool:
     return all(one < other for one, other in pairwise(names))
 
 
-def associate_and_fuse(
-    tracks: Tracks, people: People, frame: BodyFrame, bodies: Bodies, T: Float64, *, at_s: float, now_s: float
+def associate_and_fuse(  # noqa: PLR0917 - one frame, as it comes
+    tracks: Tracks,
+    people: People,
+    frame: BodyFrame,
+    bodies: Bodies,
+    T: Float64,
+    corrections: Float64 | None = None,
+    *,
+    at_s: float,
+    now_s: float,
 ) -> None:
     """Whose bodies these are, and everybody brought up to date.
 
@@ -363,6 +407,7 @@ def associate_and_fuse(
         tracks, people: who is known, and how they move.
         frame, bodies: what a sensor shows.
         T: (4, 4) from its camera space to the space of the people.
+        corrections: (bodies, joints, 3) to be added to the joints against the sensor's bias, camera space [m].
         at_s, now_s: when it was captured, and the newest capture there was, on the common clock [s].
     """
     prepared = people.prepare(bodies, T, now_s)
@@ -372,15 +417,16 @@ def associate_and_fuse(
     people.arrange(tracks.people)
     ids: Sequence[int] = bodies.ids
     positions, states, own = prepared.positions, bodies.states, bodies.positions
+    bias = np.zeros_like(positions) if corrections is None else corrections @ T[:3, :3].T
     if not (shown := rows >= 0).all():
         ids = [body for body, is_shown in zip(ids, shown.tolist(), strict=True) if is_shown]
-        rows, positions, states, own = rows[shown], positions[shown], states[shown], own[shown]
+        rows, positions, states, own, bias = rows[shown], positions[shown], states[shown], own[shown], bias[shown]
     clipped = np.zeros(len(rows), dtype=np.bool_)
     if frame.clipped_edges.any():
         edges = dict(zip(frame.tracking_ids.tolist(), frame.clipped_edges.tolist(), strict=True))
         clipped[:] = [edges[body] > 0 for body in ids]
     there = np.ascontiguousarray(T[:3, 3])
-    people.update(Sights(bodies.sensor, rows, ids, at_s, positions, states, own, there, clipped), now_s)
+    people.update(Sights(bodies.sensor, rows, ids, at_s, positions, states, own, bias, there, clipped), now_s)
 
 
 _OWN_MEMORY: Final = (

@@ -11,7 +11,7 @@ calls, however many bodies it shows.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, Final
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from mocapella.association.proportions import LENGTHS, ends_of_lengths
 from mocapella.errors import one_of
 from mocapella.fusion.facing import FacingFilter, FacingSettings
+from mocapella.fusion.joint_bias import JointBiasModel
 from mocapella.fusion.weighted_mean import FusionSettings
 from mocapella.geometry.rigid import apply
 from mocapella.kinematics.articulated_model import ArticulatedModel, ArticulatedSettings, memory_size
@@ -107,6 +108,7 @@ class PeopleMemory:
         view_at: (people, sensors) when the newest view was captured, on the common clock [s]; −inf where there is none.
         view_id: (people, sensors) its tracking id.
         view_positions, view_states, view_variances: (people, sensors, joints, ...) with the sensor's own labels [m].
+        view_bias: (people, sensors, joints, 3) what is to be added to them against the sensor's bias [m].
         view_noise: (people, sensors, joints) variance of a coordinate by which its joints jump, slowly learnt [m²].
         view_mirrored: (people, sensors) whether left and right are swapped in it.
         view_swapped: (people, sensors) whether left and right are to be swapped so that it agrees with the others.
@@ -138,6 +140,7 @@ class PeopleMemory:
     view_states: UInt8
     view_variances: Float64
     view_noise: Float64
+    view_bias: Float64
     view_mirrored: Bools
     view_swapped: Bools
     view_advantage: Float64
@@ -171,6 +174,7 @@ class PeopleMemory:
             view_states=np.zeros((*V, joints), dtype=np.uint8),
             view_variances=np.full((*V, joints), np.inf),
             view_noise=np.zeros((*V, joints)),
+            view_bias=np.zeros((*V, joints, 3)),
             view_mirrored=np.zeros(V, dtype=np.bool_),
             view_swapped=np.zeros(V, dtype=np.bool_),
             view_advantage=np.zeros(V),
@@ -260,6 +264,33 @@ class People:
         )  # fmt: skip
         return prepared
 
+    def corrections(
+        self, model: JointBiasModel, bodies: Bodies, owners: Mapping[int, int], T: Float64, at_s: float
+    ) -> Float64:
+        """What to add to the joints of a frame's bodies against the sensor's bias, as far as people are known.
+
+        Args:
+            model: of the same joints.
+            bodies: that the sensor shows.
+            owners: the person's number of each of its bodies, by tracking id.
+            T: (4, 4) from its camera space to the space of the people.
+            at_s: the newest capture there was, on the common clock [s].
+
+        Returns:
+            (bodies, joints, 3) in its camera space, with its labels [m]; 0 of who is not known.
+        """
+        m, out = self.memory, np.zeros(bodies.positions.shape)
+        if bodies.sensor not in self.sensors or not bodies.ids:
+            return out
+        row_of = {number: row for row, number in enumerate(self.numbers)}
+        rows = np.array([row_of.get(owners.get(body, -1), -1) for body in bodies.ids], dtype=np.int64)
+        _bias_kernels().corrections(
+            rows, self.sensors.index(bodies.sensor), model.flat, np.ascontiguousarray(T), self.R_level, at_s,
+            self.settings.view_age_s, self.mirror, self._lines, self._root,
+            m.positions, m.velocities, m.view_at, m.view_positions, m.view_swapped, out,
+        )  # fmt: skip
+        return out
+
     def update(self, sights: Sights, at_s: float) -> None:
         """Take in one frame: whom it shows, and how.
 
@@ -271,9 +302,9 @@ class People:
         m, fusion = self.memory, s.fusion.vector
         bodies, toward, velocities, dts = kernels.observe(
             rows, column, at_s, sights.at_s, self._numbers, fusion, self.mirror, self._root, self.R_level,
-            sights.positions, sights.states, sights.own_positions, sights.sensor_position, sights.clipped,
+            sights.positions, sights.states, sights.own_positions, sights.bias, sights.sensor_position, sights.clipped,
             m.at_s, m.positions, m.velocities, m.variances, m.seen_s,
-            m.view_at, m.view_positions, m.view_states, m.view_variances, m.view_noise, m.view_swapped,
+            m.view_at, m.view_positions, m.view_states, m.view_variances, m.view_noise, m.view_bias, m.view_swapped,
             m.view_advantage,
         )  # fmt: skip
         m.view_id[rows, column] = sights.ids
@@ -291,7 +322,7 @@ class People:
             rows, len(self.sensors), at_s, s.view_age_s, self.mirror, self._line_of, self.up, self._root, s.least_worth,
             fusion, s.motion.speed_sd**2, m.yaw,
             m.at_s, m.positions, m.velocities, m.variances, m.seen_s, m.states, m.fused_s, m.steady, m.doubts,
-            m.view_at, m.view_positions, m.view_states, m.view_variances, m.view_mirrored,
+            m.view_at, m.view_positions, m.view_states, m.view_variances, m.view_bias, m.view_mirrored,
             m.view_toward, m.view_reported, m.view_turn, m.view_offsets,
         )  # fmt: skip
         if self._model is not None:
@@ -326,7 +357,7 @@ class People:
             getattr(m, name)[:] = apply(T_new_old, getattr(m, name))
         if self._model is not None:
             _kernels().move(self._model.layout, m.body, T_new_old)
-        for name in ("velocities", "euro_velocities", "view_offsets"):
+        for name in ("velocities", "euro_velocities", "view_offsets", "view_bias"):
             getattr(m, name)[:] = getattr(m, name) @ R.T
 
     def place_anew(self, sensor: str, T_new_old: Float64) -> None:
@@ -439,6 +470,7 @@ class Sights(msgspec.Struct, frozen=True, eq=False):
         positions: (bodies, joints, 3) [m]; NaN where not tracked.
         states: (bodies, joints) `JointState`.
         own_positions: (bodies, joints, 3) the same in the sensor's own camera space, which say how far away it is [m].
+        bias: (bodies, joints, 3) what is to be added to the positions against the sensor's bias [m].
         sensor_position: (3,) [m].
         clipped: (bodies,) whether the body is cut off at an edge of the picture.
     """
@@ -450,6 +482,7 @@ class Sights(msgspec.Struct, frozen=True, eq=False):
     positions: Float64
     states: UInt8
     own_positions: Float64
+    bias: Float64
     sensor_position: Float64
     clipped: Bools
 
@@ -460,3 +493,11 @@ def _kernels() -> Any:
     from mocapella.tracker import people_kernels
 
     return people_kernels
+
+
+@cache
+def _bias_kernels() -> Any:
+    """Likewise; needed only where a joint bias is known."""
+    from mocapella.fusion import joint_bias_kernels
+
+    return joint_bias_kernels

@@ -55,9 +55,9 @@ def prepare(
 @njit(cache=True)
 def observe(
     rows, column, now_s, captured_s, numbers, fusion, mirror, root, R_level,
-    seen, seen_states, own_positions, sensor_position, clipped,
+    seen, seen_states, own_positions, bias, sensor_position, clipped,
     at_s, positions, velocities, variances, seen_s,
-    view_at, view_positions, view_states, view_variances, view_noise, view_swapped, view_advantage,
+    view_at, view_positions, view_states, view_variances, view_noise, view_bias, view_swapped, view_advantage,
 ):  # fmt: skip
     """Everybody at ``now_s``, and a frame's bodies as the newest views of people.
 
@@ -70,8 +70,8 @@ def observe(
     for b in range(len(rows)):
         dts[b] = min(captured_s - view_at[rows[b], column], 1.0)
     see(
-        rows, column, captured_s, seen, seen_states, own_positions, clipped, fusion, noise_gain, noise_memory_s,
-        velocities, view_at, view_positions, view_states, view_variances, view_noise,
+        rows, column, captured_s, seen, seen_states, own_positions, bias, clipped, fusion, noise_gain, noise_memory_s,
+        velocities, view_at, view_positions, view_states, view_variances, view_noise, view_bias,
     )  # fmt: skip
     follow_labels(
         rows, column, dts, view_age_s, mirror, swap_m, swap_s, view_at, view_positions, view_swapped, view_advantage
@@ -144,8 +144,8 @@ def learn_noise(before, dt, seen, states, velocities, memory_s, noise):
 
 @njit(cache=True)
 def see(
-    rows, column, captured_s, seen, seen_states, own_positions, clipped, fusion, noise_gain, noise_memory_s, velocities,
-    view_at, view_positions, view_states, view_variances, view_noise,
+    rows, column, captured_s, seen, seen_states, own_positions, bias, clipped, fusion, noise_gain, noise_memory_s,
+    velocities, view_at, view_positions, view_states, view_variances, view_noise, view_bias,
 ):  # fmt: skip
     """Take in a frame's bodies as the newest views of people."""
     for b in range(len(rows)):
@@ -158,6 +158,7 @@ def see(
             )  # fmt: skip
         view_at[r, column] = captured_s
         view_positions[r, column] = seen[b]
+        view_bias[r, column] = bias[b]
         view_states[r, column] = seen_states[b]
         sd = sd_at(fusion[0], distance_of(own_positions[b]), clipped[b], fusion[2])
         joint_variances(seen_states[b], sd, fusion[1], 0.0, view_variances[r, column])
@@ -300,7 +301,7 @@ def begin_offsets(offsets, view, expected):
 def make(
     rows, columns, now_s, view_age_s, mirror, line_of, up, root, least_worth, fusion, speed_variance, yaw,
     at_s, positions, velocities, variances, seen_s, states, fused_s, steady, steady_variances,
-    view_at, view_positions, view_states, view_variances, view_mirrored, view_toward, view_reported,
+    view_at, view_positions, view_states, view_variances, view_bias, view_mirrored, view_toward, view_reported,
     view_turn, view_offsets,
 ):  # fmt: skip
     """Make one skeleton of each person's views, correct the points by it, and take those for steady.
@@ -331,7 +332,8 @@ def make(
                 m = mirror[j] if view_mirrored[r, c] else j
                 for k in range(3):
                     moved = age * velocities[r, j, k]
-                    views[count, j, k] = view_positions[r, c, m, k] + (moved if np.isfinite(moved) else 0.0)
+                    seen = view_positions[r, c, m, k] + (view_bias[r, c, m, k] if line_of[j] < 0 else 0.0)
+                    views[count, j, k] = seen + (moved if np.isfinite(moved) else 0.0)
                     offsets[count, j, k] = view_offsets[r, c, j, k]
                 worth[count, j] = (view_variances[r, c, m] + (age_speed * age) ** 2) / value
             turn(views[count], line_of, root, up, view_turn[r, c])

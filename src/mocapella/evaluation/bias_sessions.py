@@ -1,0 +1,153 @@
+"""The study logs as what a joint bias is learnt from, and how much nearer views are with it.
+
+See docs/methods/joint-bias.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+
+from mocapella.errors import InputError
+from mocapella.evaluation.kinectmultitrack import AsRun, Tally
+from mocapella.evaluation.scored_views import TOPOLOGY, asked_about, known_before, seen_views
+from mocapella.evaluation.study_pairs import StudySession, study_sessions
+from mocapella.fusion.joint_bias import JointBiasModel, LeftOut
+from mocapella.fusion.joint_bias_training import ViewPairs, train
+from mocapella.model.session import SCENARIOS
+from mocapella.tracker.default import DefaultSettings, DefaultTracker
+
+TASKS: Final = {SCENARIOS["stationary"]: 0.2, SCENARIOS["steps"]: 0.5, SCENARIOS["walk"]: 1.0}
+"""How much each task of a session counts, however long it is."""
+EVERY: Final = 4
+"""Neighbouring frames say the same: every fourth is learnt from."""
+ROWS: Final = ("walk", "walk-frozen", "walk-cold", "steps-second-half")
+"""Of the tables, those that say whether a bias helps."""
+
+
+class BiasSession(msgspec.Struct, frozen=True, eq=False):
+    """One participant with the sensors in one placement.
+
+    Attributes:
+        study: the file.
+        plain: the method `default` over it, without a bias.
+        views: what is learnt from it.
+    """
+
+    study: StudySession
+    plain: AsRun
+    views: ViewPairs
+
+    @property
+    def participant(self) -> int:
+        """Study_Id."""
+        return self.study.participant
+
+
+def make_tracker(model: JointBiasModel | None) -> Callable[[int], DefaultTracker]:
+    """How to make the method `default` with this bias, whatever ships."""
+
+    def make(sensors: int) -> DefaultTracker:
+        tracker = DefaultTracker(DefaultSettings(joint_bias="none"), sensors_expected=sensors)
+        tracker.joint_bias = model
+        return tracker
+
+    return make
+
+
+def bias_session(study: StudySession) -> BiasSession | None:
+    """A study log as what is learnt from; None where it has not one person in Walk, or only one sensor.
+
+    Labels, time offsets, facings and places are those that the method `default` without a bias knew at each frame;
+    the sensors' motions are fitted anew in training.
+    """
+    pairs = study.pairs.where(np.isin(study.pairs.task, list(TASKS)))
+    if study.two_people or len(study.replay.sensors) != 2 or SCENARIOS["walk"] not in pairs.task:
+        return None
+    plain = AsRun(study, make_tracker(None))
+    pairs = pairs.where(study.sensor[pairs.rows].sum(axis=1) == 1)
+    kept = np.zeros(len(pairs), dtype=np.bool_)
+    kept[::EVERY] = True
+    known = known_before(study.frames, pairs)
+    seen = seen_views(study, plain.whole, pairs, known, known)
+    asked = asked_about(study, pairs, seen)  # of all pairs: velocities are from those before
+    order = study.sensor[pairs.rows].argsort(axis=1)
+    agreed = np.where(seen.swapped[..., None, None], seen.joints[:, :, TOPOLOGY.mirror], seen.joints)
+    views = {"positions": agreed, "facing": asked.facing, "position": asked.position, "velocity": asked.velocity}
+    each = np.arange(len(pairs))[:, None]
+    weight = np.zeros(len(pairs))
+    for task, share in TASKS.items():
+        of_task = pairs.task == task
+        weight[of_task] = share / max(of_task.sum(), 1)
+    ordered = {name: values[each, order][kept] for name, values in views.items()}
+    return BiasSession(study, plain, ViewPairs(weight=weight[kept], **ordered))
+
+
+def bias_sessions(
+    folder: Path, participants: Collection[int] | None = None, on_file: Callable[[str], None] = lambda name: None
+) -> list[BiasSession]:
+    """All study logs of a folder that are a `bias_session`.
+
+    Args:
+        folder, participants, on_file: as in `mocapella.evaluation.study_pairs.study_sessions`.
+
+    Raises:
+        InputError, SettingsError: as there; and where no log is one.
+    """
+    found = [bias_session(study) for study in study_sessions(folder, participants, on_file)]
+    sessions = [session for session in found if session is not None]
+    if not sessions:
+        raise InputError(
+            "has nothing to learn a joint bias from", file=folder, fix="it wants logs of one person's Walk, two sensors"
+        )
+    return sessions
+
+
+def trained_on(sessions: Sequence[BiasSession]) -> dict[str, Any]:
+    """What a model of these sessions was trained on, for `JointBiasModel.trained_on`."""
+    return {
+        "recordings": "study logs of KinectMultiTrack, 2015 (MIT): one room, one route",
+        "participants": sorted({session.participant for session in sessions}),
+        "sessions": len(sessions),
+        "frames": sum(len(session.views.weight) for session in sessions),
+        "views": "two Kinect v2, parallel, 45° and 90° apart",
+    }
+
+
+def learn(sessions: Sequence[BiasSession], folds: Sequence[set[int]]) -> JointBiasModel:
+    """A model of all sessions, with what is learnt without each fold of participants."""
+    without = [
+        LeftOut(tuple(sorted(fold)), train([s.views for s in sessions if s.participant not in fold], TOPOLOGY))
+        for fold in folds
+    ]
+    whole = train([session.views for session in sessions], TOPOLOGY)
+    return JointBiasModel(TOPOLOGY.name, whole, trained_on(sessions), tuple(without))
+
+
+def left_out(
+    sessions: Sequence[BiasSession], model: JointBiasModel, on_step: Callable[[str], None] = lambda text: None
+) -> dict[str, Any]:
+    """Rows of the tables with and without a bias; `AsRun` tries what was learnt without the participant.
+
+    Returns:
+        ``without`` and ``with``, each by `ROWS` and placement as in docs/evaluation.md, and the fused skeleton's
+        figures as ``fused``.
+    """
+    logged, tallies = Tally(), {"without": Tally(), "with": Tally()}
+    for session in sessions:
+        study = session.study
+        on_step(study.name)
+        tallies["without"].add(study, session.plain)
+        logged.add(study, session.plain)
+        tallies["with"].add(study, AsRun(study, make_tracker(model)))
+    counts = logged.counts()
+    out: dict[str, Any] = {}
+    for name, tally in tallies.items():
+        scored = tally.as_json("", counts)
+        out[name] = {row: scored["tasks"][row] for row in ROWS if row in scored["tasks"]}
+        out[name]["fused"] = scored["fused"]["all"]
+    return out

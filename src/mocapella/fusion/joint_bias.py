@@ -1,0 +1,255 @@
+"""How far off a depth sensor reports each joint, by how the person is turned towards it.
+
+In the axes of the body (x to its left, y up, z ahead), with α the facing from the direction towards the sensor,
+
+    b(α) = Σₕ cos hα · aₕ + sin hα · cₕ        h = 1 … `HARMONICS`
+
+where the coefficients are linear in the velocity, ahead and to the left, and those of the first `FAR` harmonics in the
+distance too. Left and right are each other's mirror image: b of a left joint at α is that of the right joint at −α,
+mirrored.
+
+The body's axes are taken because two views show nothing but the difference of two biases: what is the same in the body
+from wherever it is seen is where the joint is, and no error. Without a constant, b has a mean of 0 over α, always.
+
+The shipped weights are learnt (`mocapella.fusion.joint_bias_training`); nothing else needs them.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Mapping, Sequence
+from functools import cache, cached_property
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import InputError, SettingsError
+from mocapella.geometry.rigid import rotation_about_y
+from mocapella.model.topology import Topology, topology
+
+Float64 = NDArray[np.float64]
+
+HARMONICS: Final = 3
+FAR: Final = 1
+MIDDLE_M: Final = 2.5
+"""The distance from which others count [m]."""
+NEAREST_M, FARTHEST_M = 1.0, 4.5
+"""Nearer and farther count as this, for nobody was seen there [m]."""
+FASTEST_M_S: Final = 1.5
+"""Faster counts as this [m/s]."""
+TERMS: Final = 2 * (3 * HARMONICS + FAR)
+MIRRORED_AXES: Final = np.array([-1.0, 1.0, 1.0])
+_OF_HARMONIC: Final = np.array([1.0, -1.0])
+PARITY: Final = np.concatenate([np.tile(_OF_HARMONIC, 2 * HARMONICS + FAR), np.tile(-_OF_HARMONIC, HARMONICS)])
+"""(TERMS,) what becomes of each term in the mirror."""
+_DECIMALS: Final = 4
+
+
+def terms(alpha: Float64, distance_m: Float64, ahead_m_s: Float64, left_m_s: Float64) -> Float64:
+    """(..., TERMS) of views.
+
+    Args:
+        alpha: (...,) the facing from the direction towards the sensor [rad].
+        distance_m: (...,) horizontal.
+        ahead_m_s, left_m_s: (...,) velocity along the body's axes.
+    """
+    speed = np.hypot(ahead_m_s, left_m_s)
+    slower = FASTEST_M_S / np.maximum(speed, FASTEST_M_S)
+    far = np.clip(distance_m, NEAREST_M, FARTHEST_M) - MIDDLE_M
+    waves = [wave(h * alpha) for h in range(1, HARMONICS + 1) for wave in (np.cos, np.sin)]
+    ahead, left = slower * ahead_m_s, slower * left_m_s
+    distant = [far * wave for wave in waves[: 2 * FAR]]
+    moving = [by * wave for by in (ahead, left) for wave in waves]
+    return np.stack([*waves, *distant, *moving], axis=-1)
+
+
+def body_view(facing: Float64, position: Float64, velocity: Float64) -> tuple[Float64, Float64]:
+    """`terms` (..., TERMS) of views, and the rotations (..., 3, 3) from the body's axes to the sensor's.
+
+    Args:
+        facing: (...,) yaw against the line of sight; 0 = towards the sensor [rad].
+        position: (..., 3) of the person, the sensor's space, y up [m].
+        velocity: (..., 3) likewise [m/s].
+    """
+    yaw = facing + np.arctan2(-position[..., 0], -position[..., 2])
+    sine, cosine = np.sin(yaw), np.cos(yaw)
+    ahead = velocity[..., 0] * sine + velocity[..., 2] * cosine
+    left = velocity[..., 0] * cosine - velocity[..., 2] * sine
+    return terms(facing, np.hypot(position[..., 0], position[..., 2]), ahead, left), rotation_about_y(yaw)
+
+
+def mirrored(weights: Float64, mirror: Sequence[int]) -> Float64:
+    """Weights (TERMS, joints, 3) of the mirror image; those of a body are their own."""
+    return np.asarray(PARITY[:, None, None] * MIRRORED_AXES * weights[:, list(mirror)])
+
+
+class LeftOut(msgspec.Struct, frozen=True, eq=False):
+    """What was learnt without some people: their participant numbers, and weights as in `JointBiasModel`."""
+
+    participants: tuple[int, ...]
+    weights: Float64
+
+
+class JointBiasModel(msgspec.Struct, frozen=True, eq=False, dict=True):
+    """See the module.
+
+    Attributes:
+        topology: of the joints that it was learnt on.
+        weights: (TERMS, joints, 3) of the bias, the body's axes [m].
+        trained_on: what and how, for people to read.
+        left_out: the same learnt without some of the people each time, so that it can be tried on them.
+    """
+
+    topology: str
+    weights: Float64
+    trained_on: Mapping[str, Any] = {}
+    left_out: tuple[LeftOut, ...] = ()
+
+    def __call__(self, sensor: str, facing: float, position: Float64, velocity: Float64) -> Float64:
+        """What to add to the joints of a view, (joints, 3); see `mocapella.evaluation.protocol.JointBias`."""
+        del sensor  # it is learnt of a kind of sensor, not of one
+        of_view, R = body_view(np.asarray(facing), np.asarray(position), np.asarray(velocity))
+        return np.asarray(-np.tensordot(of_view, self.weights, axes=1) @ R.T)
+
+    @cached_property
+    def flat(self) -> Float64:
+        """(TERMS, joints · 3) of what to add, for the kernel."""
+        return np.ascontiguousarray(-self.weights.reshape(TERMS, -1))
+
+    def without(self, participant: int) -> JointBiasModel:
+        """What was learnt without a participant: this model, where it was learnt without that one anyway.
+
+        Raises:
+            SettingsError: it was learnt of that participant among all others, and never without.
+        """
+        if participant not in self.trained_on.get("participants", ()):
+            return self
+        for fold in self.left_out:
+            if participant in fold.participants:
+                others = [p for p in self.trained_on["participants"] if p not in fold.participants]
+                return JointBiasModel(self.topology, fold.weights, {**self.trained_on, "participants": others})
+        raise SettingsError(
+            f"the joint bias was learnt of participant {participant} and never without; "
+            "make it with `mocapella train bias --folds 5`"
+        )
+
+
+class _File(msgspec.Struct, forbid_unknown_fields=True):
+    """The file: a `JointBiasModel`, of whose joints there are only the left and the middle ones."""
+
+    trained_on: dict[str, Any]
+    topology: str
+    terms: list[str]
+    weights: dict[str, list[list[float]]]
+    left_out: list[_Fold]
+
+
+class _Fold(msgspec.Struct, forbid_unknown_fields=True):
+    participants: list[int]
+    weights: dict[str, list[list[float]]]
+
+
+def _names() -> list[str]:
+    of = [f"{wave} {h}α" for h in range(1, HARMONICS + 1) for wave in ("cos", "sin")]
+    distant = [f"distance · {wave}" for wave in of[: 2 * FAR]]
+    return of + distant + [f"{by} · {wave}" for by in ("ahead", "left") for wave in of]
+
+
+def _stored(tree: Topology) -> list[int]:
+    """The joints of which a file has weights: the others are their mirror images."""
+    right = {max(j, m) for j, m in enumerate(tree.mirror) if j != m}
+    return [j for j in range(len(tree)) if j not in right]
+
+
+def to_json(model: JointBiasModel) -> str:
+    """The text of a file for `read_model`: all of the model, to a tenth of a millimetre."""
+    tree = topology(model.topology)
+
+    def by_joint(weights: Float64, indent: str) -> str:
+        rows = {tree.joints[j]: np.round(weights[:, j], _DECIMALS).tolist() for j in _stored(tree)}
+        lines = [f"{indent}{json.dumps(name)}: {json.dumps(row, separators=(',', ':'))}" for name, row in rows.items()]
+        return "{\n" + ",\n".join(lines) + "\n" + indent[1:] + "}"
+
+    folds = [
+        f' {{"participants": {json.dumps(list(fold.participants))}, "weights": {by_joint(fold.weights, "  ")}}}'
+        for fold in model.left_out
+    ]
+    return (
+        "{\n"
+        f'"trained_on": {json.dumps(dict(model.trained_on), indent=1, ensure_ascii=False)},\n'
+        f'"topology": {json.dumps(model.topology)},\n'
+        f'"terms": {json.dumps(_names(), ensure_ascii=False)},\n'
+        f'"weights": {by_joint(model.weights, " ")},\n'
+        '"left_out": [\n' + ",\n".join(folds) + "\n]\n}\n"
+    )
+
+
+def from_json(text: bytes | str, file: object) -> JointBiasModel:
+    """The model of a file's text.
+
+    Raises:
+        InputError: it is not such a file; names ``file``.
+    """
+    fix = "make it with `mocapella train bias`"
+    try:
+        data = msgspec.json.decode(text, type=_File)
+        if data.terms != _names():
+            raise ValueError("terms are not those of this version")
+        tree = topology(data.topology)
+        weights = _weights(data.weights, tree)
+        folds = tuple(LeftOut(tuple(fold.participants), _weights(fold.weights, tree)) for fold in data.left_out)
+        _check_folds(folds, data.trained_on.get("participants", []))
+    except (msgspec.DecodeError, SettingsError, ValueError) as error:
+        raise InputError(f"is no model of joint bias: {error}", file=file, fix=fix) from error
+    return JointBiasModel(data.topology, weights, data.trained_on, folds)
+
+
+def _weights(rows: Mapping[str, list[list[float]]], tree: Topology) -> Float64:
+    stored, weights = _stored(tree), np.zeros((TERMS, len(tree), 3))
+    wanted = [tree.joints[j] for j in stored]
+    if sorted(rows) != sorted(wanted):
+        raise ValueError(f"joints are not those of {tree.name}: {', '.join(sorted(set(rows) ^ set(wanted)))}")
+    for j in stored:
+        of_joint = rows[tree.joints[j]]
+        if [len(row) for row in of_joint] != [3] * TERMS:
+            raise ValueError(f"{tree.joints[j]} has not {TERMS} rows of 3 weights")
+        weights[:, j] = of_joint
+    image = mirrored(weights, tree.mirror)
+    right = [j for j in range(len(tree)) if j not in stored]
+    weights[:, right] = image[:, right]
+    return symmetric(weights, tree.mirror)
+
+
+def symmetric(weights: Float64, mirror: Sequence[int]) -> Float64:
+    """The nearest weights that are their own mirror image."""
+    return (weights + mirrored(weights, mirror)) / 2
+
+
+def _check_folds(folds: Collection[LeftOut], participants: Collection[int]) -> None:
+    left = [participant for fold in folds for participant in fold.participants]
+    if folds and sorted(left) != sorted(participants):
+        raise ValueError(f"left out were {sorted(left)}, where it was trained on {sorted(participants)}")
+
+
+def read_model(path: Path) -> JointBiasModel:
+    """The model in a file that `mocapella train bias` wrote.
+
+    Raises:
+        InputError: it cannot be read, or is none.
+    """
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", file=path, fix="check the name and the folder") from error
+    return from_json(text, path)
+
+
+@cache
+def shipped_model() -> JointBiasModel | None:
+    """The model that comes with this version; None where its file is not there."""
+    source = files("mocapella.fusion").joinpath("data", "joint_bias.json")
+    return from_json(source.read_bytes(), source) if source.is_file() else None

@@ -1,0 +1,87 @@
+"""The joint bias of `mocapella.fusion.joint_bias`, compiled; importing this module imports numba."""
+
+# ruff: noqa: PLR0917 - compiled: arrays come by position
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from mocapella.fusion.joint_bias import FAR, FARTHEST_M, FASTEST_M_S, HARMONICS, MIDDLE_M, NEAREST_M, TERMS
+
+
+@njit(cache=True)
+def terms_of(alpha, distance_m, ahead_m_s, left_m_s):
+    """`mocapella.fusion.joint_bias.terms` of one view, (TERMS,)."""
+    out = np.empty(TERMS)
+    for h in range(HARMONICS):
+        out[2 * h], out[2 * h + 1] = np.cos((h + 1) * alpha), np.sin((h + 1) * alpha)
+    slower = FASTEST_M_S / max(np.sqrt(ahead_m_s**2 + left_m_s**2), FASTEST_M_S)
+    far = min(max(distance_m, NEAREST_M), FARTHEST_M) - MIDDLE_M
+    waves, moving = 2 * HARMONICS, 2 * (HARMONICS + FAR)
+    for i in range(2 * FAR):
+        out[waves + i] = far * out[i]
+    for i in range(waves):
+        out[moving + i] = slower * ahead_m_s * out[i]
+        out[moving + waves + i] = slower * left_m_s * out[i]
+    return out
+
+
+@njit(cache=True)
+def across_body(view_positions, view_at, view_swapped, lines, now_s, view_age_s):
+    """(3,) from right to left of a person, the sum over the views in use, with labels on which they agree."""
+    across = np.zeros(3)
+    for c in range(len(view_at)):
+        if now_s - view_at[c] > view_age_s:
+            continue
+        sign = -1.0 if view_swapped[c] else 1.0
+        for n in range(len(lines)):
+            line = view_positions[c, lines[n, 0]] - view_positions[c, lines[n, 1]]
+            if np.isfinite(line).all():
+                across += sign * line
+    return across
+
+
+@njit(cache=True)
+def corrections(
+    rows, column, weights, T, R_level, now_s, view_age_s, mirror, lines, root,
+    positions, velocities, view_at, view_positions, view_swapped, out,
+):  # fmt: skip
+    """What to add to the joints of a frame's bodies, in the sensor's space and with its labels [m].
+
+    Args:
+        rows: (bodies,) of the persons whose bodies they are taken for; −1 of nobody, who gets none.
+        column: of the sensor; the other arrays are of `mocapella.tracker.people.PeopleMemory`.
+        weights: (TERMS, joints · 3) of `JointBiasModel.flat`.
+        T: (4, 4) from the sensor's space to that of the people.
+        R_level: (3, 3) from there to a space with y up.
+        out: (bodies, joints, 3).
+    """
+    out[:] = 0.0
+    R = R_level @ np.ascontiguousarray(T[:3, :3])
+    for b in range(len(rows)):
+        r = rows[b]
+        if r < 0:
+            continue
+        across = R_level @ across_body(view_positions[r], view_at[r], view_swapped[r], lines, now_s, view_age_s)
+        place = R_level @ (positions[r, root] - T[:3, 3])
+        moving = R_level @ velocities[r, root]
+        known = np.isfinite(place).all() and np.isfinite(moving).all()
+        if not known or (across[0] == 0.0 and across[2] == 0.0):
+            continue
+        yaw = np.arctan2(-across[2], across[0])
+        sine, cosine = np.sin(yaw), np.cos(yaw)
+        of_view = terms_of(
+            yaw - np.arctan2(-place[0], -place[2]),
+            np.sqrt(place[0] ** 2 + place[2] ** 2),
+            moving[0] * sine + moving[2] * cosine,
+            moving[0] * cosine - moving[2] * sine,
+        )
+        joints = of_view @ weights
+        swapped = view_swapped[r, column]
+        for j in range(len(mirror)):
+            k = 3 * (mirror[j] if swapped else j)
+            x = cosine * joints[k] + sine * joints[k + 2]
+            y = joints[k + 1]
+            z = cosine * joints[k + 2] - sine * joints[k]
+            for i in range(3):
+                out[b, j, i] = R[0, i] * x + R[1, i] * y + R[2, i] * z

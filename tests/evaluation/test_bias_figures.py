@@ -1,0 +1,107 @@
+"""``mocapella train bias``, and that nobody is scored with what was learnt from them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from evaluation.reference_methods import Method
+from evaluation.sessions import KINECT, log_of, session_of
+from programs import result, run
+
+from mocapella.errors import InputError
+from mocapella.evaluation.bias_sessions import ROWS, bias_session, bias_sessions, make_tracker
+from mocapella.evaluation.fused_metrics import facing_yaw
+from mocapella.evaluation.kinectmultitrack import AsRun
+from mocapella.fusion.joint_bias import TERMS, JointBiasModel, LeftOut, read_model, symmetric
+from mocapella.geometry.angles import wrap
+from mocapella.recording.study_log import write_study_log
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """The folder in which `mocapella train bias` was run on logs of two people, and what it said."""
+    folder = tmp_path_factory.mktemp("bias")
+    (folder / "logs").mkdir()
+    for participant in (7, 8):
+        log = log_of(frames=150, seed=participant)
+        log = msgspec.structs.replace(log, study_id=np.full_like(log.study_id, participant))
+        write_study_log(folder / "logs" / f"Study_{participant}_Kinect_2_Time_1.csv.gz", log.rows())
+    return folder, result(folder, "train", "bias", "logs", "--out", "model.json", "--folds", "2")
+
+
+def test_the_file_says_what_it_learnt_from_and_has_what_is_learnt_without_each(
+    trained: tuple[Path, dict[str, Any]],
+) -> None:
+    folder, said = trained
+    model = read_model(folder / "model.json")
+    assert model.trained_on == said["trained_on"] == json.loads((folder / "model.json").read_text())["trained_on"]
+    assert model.trained_on["participants"] == [7, 8]
+    assert model.trained_on["command"] == "mocapella train bias DIR --folds 2"
+    assert [fold.participants for fold in model.left_out] == [(7,), (8,)]
+
+
+def test_it_prints_rows_of_people_left_out_with_and_without(trained: tuple[Path, dict[str, Any]]) -> None:
+    _, said = trained
+    for which in ("with", "without"):
+        for row in ROWS:
+            scored = said["left_out"][which][row]["90"]
+            assert scored["participants"] == 2
+            assert not scored["problem"]
+        assert said["left_out"][which]["fused"]["sessions"] == 2
+    dd = {which: said["left_out"][which]["walk"]["90"]["dd_cm"]["mean"] for which in ("with", "without")}
+    assert dd["with"] != dd["without"]
+    assert dd["with"] < dd["without"] + 0.3  # these sensors have no bias
+
+
+def test_where_the_model_cannot_be_written_is_said_before_the_work(tmp_path: Path) -> None:
+    done = run(tmp_path, "train", "bias", "logs", "--out", "no/m.json")
+    assert done.returncode == 1
+    assert "--out no/m.json: no folder no; name a file in a folder that exists" in done.stderr
+
+
+def test_logs_of_two_people_teach_no_bias(study_logs: Path) -> None:
+    with pytest.raises(InputError, match="nothing to learn a joint bias from"):
+        bias_sessions(study_logs, {22})
+
+
+def test_what_is_learnt_from_is_the_two_views_in_one_order_with_facings() -> None:
+    session = bias_session(session_of(noise=0.005))
+    assert session is not None
+    views = session.views
+    known = np.isfinite(views.facing).all(axis=1)
+    assert known.mean() > 0.9
+    assert views.weight.sum() == pytest.approx((1.0 + 0.5 + 0.2) / 4, rel=0.05)
+    # Each view by itself says about the same as both together.
+    sight = np.arctan2(-views.position[..., 0], -views.position[..., 2])
+    alone = wrap(facing_yaw(views.positions) - sight)
+    assert np.abs(wrap(alone - views.facing))[known].max() < 0.15
+
+
+class Taught(Method):
+    """Says who was left out before its first frame."""
+
+    left_out: list[int] = []  # noqa: RUF012
+
+    def leave_out(self, participant: int) -> None:
+        assert self.step == 0
+        Taught.left_out.append(participant)
+
+
+def test_a_method_is_told_who_is_scored_before_each_run() -> None:
+    Taught.left_out = []
+    AsRun(session_of(frames=30), Taught)
+    assert Taught.left_out == [7, 7]  # all frames, and Walk's alone
+
+
+def test_a_participant_is_scored_with_what_was_learnt_without() -> None:
+    weights = symmetric(0.01 * np.random.default_rng(0).normal(size=(TERMS, 25, 3)), KINECT.mirror)
+    folds = (LeftOut((6,), weights), LeftOut((7,), -weights))
+    model = JointBiasModel("kinect_v2", weights, {"participants": [6, 7]}, folds)
+    run_of_seven = AsRun(session_of(frames=30), make_tracker(model)).whole
+    assert isinstance(run_of_seven.joint_bias, JointBiasModel)
+    np.testing.assert_array_equal(run_of_seven.joint_bias.weights, -weights)
