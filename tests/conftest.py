@@ -10,6 +10,8 @@ import pytest
 from hypothesis import settings
 from xdist.scheduler import LoadScopeScheduling
 
+from mocapella.tracker import make_ready
+
 # The same examples every time, so that a change is judged by itself; `explore` tries others. A first call may compile.
 settings.register_profile("same", deadline=None, derandomize=True)
 settings.register_profile("explore", deadline=None)
@@ -24,6 +26,8 @@ REAL_TIME = (
 """Tests of programs, servers and a browser that keep real time: never two at once."""
 COMPILING = ("tracker/test_ready.py",)
 """Tests that compile what others use: first of all."""
+BROWSER = ("viewer/test_view_in_browser.py", "viewer/test_viewer.py")
+"""Tests that keep real time and need nothing compiled: first of those, for the other worker compiles meanwhile."""
 TESTS = Path(__file__).resolve().parent
 ROOT = TESTS.parent
 
@@ -48,11 +52,21 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> RealTimeApar
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What compiles comes first; what keeps real time has a mark."""
+    """What compiles comes first, then what needs nothing compiled; what keeps real time has a mark."""
     for item in items:
-        if item.path.relative_to(TESTS).as_posix().startswith(REAL_TIME):
+        if _place(item).startswith(REAL_TIME):
             item.add_marker("real_time")
-    items.sort(key=lambda item: not item.path.relative_to(TESTS).as_posix().startswith(COMPILING))
+    items.sort(key=lambda item: (not _place(item).startswith(COMPILING), not _place(item).startswith(BROWSER)))
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """A program that is waited for does not compile meanwhile."""
+    if item.get_closest_marker("real_time") and not _place(item).startswith(BROWSER):
+        make_ready("default")
+
+
+def _place(item: pytest.Item) -> str:
+    return item.path.relative_to(TESTS).as_posix()
 
 
 def recordings() -> Path:
