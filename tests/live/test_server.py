@@ -378,3 +378,32 @@ def test_the_record_path_begins_with_what_is_published_from_now_on(address: str)
     finally:
         server.close()
     assert got == list(range(300, 310))
+
+
+def test_what_a_halted_server_says_is_what_its_take_has_though_frames_go_on_coming(
+    server: Server, address: str, tmp_path: Path
+) -> None:
+    stop = threading.Event()
+
+    def go_on(link: NodeLink) -> None:
+        k = 0
+        while not stop.is_set():
+            link.publish(frame(k))
+            k += 1
+            time.sleep(0.002)
+
+    with NodeLink(address, "front") as link:
+        wait_until("the node joins", link.join)
+        server.record_to(tmp_path / "take.mcap")
+        node = threading.Thread(target=go_on, args=(link,))
+        node.start()
+        try:
+            wait_until("frames come", lambda: server.tally.frames_in > 50)
+            server.halt()
+            said = server.tally.frames_in, server.tally.scenes_out, server.status().scenes
+            health = server.close()
+        finally:
+            stop.set()
+            node.join()
+    assert (server.tally.frames_in, server.tally.scenes_out, server.status().scenes) == said
+    assert health.scenes == said[1]

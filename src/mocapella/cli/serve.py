@@ -246,6 +246,7 @@ def serve(
 
 def finish(server: Server) -> dict[str, Any]:
     """Close the server and say what the session came to; returns that, and how its take ended, as for ``--json``."""
+    server.halt()  # or the take could have a result more than the summary
     summary = _summary(server)
     recording = recording_row(server.close())
     say(

@@ -383,12 +383,16 @@ class Server:
             next_take=free_name(self._settings.takes, take),
         )
 
-    def close(self) -> RecordingHealth:
-        """End the take properly, leave the bus, and return how the last take ended."""
+    def halt(self) -> None:
+        """Track nothing more: what `status` and `tally` say from now on is what the session came to."""
         self._ended.set()
         self._inbox.wake()
         for thread in self._threads:  # no command may begin another take after this one
             thread.join()
+
+    def close(self) -> RecordingHealth:
+        """End the take properly, leave the bus, and return how the last take ended."""
+        self.halt()
         health = self._desk.finish()
         for thread in self._finishing:
             thread.join()
