@@ -1,8 +1,8 @@
 """Bodies that jump: a sensor's last frames of somebody who disappears behind somebody else.
 
-While people walk, the middle of a body moves by at most 11 cm from one frame of a Kinect to the next (99.9 % of the
-KinectMultiTrack logs' Walk). Just before it loses somebody, it reports under the same id a body that is thrown about by
-decimetres to metres a frame. Such a body is nobody, and must not tell where the person went.
+While people walk, the middle of a body moves by centimetres from one frame of a sensor to the next. Just before it
+loses somebody, it reports under the same id a body that is thrown about by decimetres to metres a frame. Such a body is
+nobody, and must not tell where the person went.
 """
 
 from __future__ import annotations

@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 from mocapella.association.proportions import MOST, SD_M
+from mocapella.association.tracks import RECENT_S
 
 EXPIRED, EVERYBODY, DECIDED, AMBIGUOUS = -1, 0, 1, 2
 """What `costs` found."""
@@ -17,7 +18,6 @@ MAY_BE_ONE, MAY_BE_KNOWN = 1, 2
 """What `take` found, to be looked at more closely; added."""
 
 _MOST_VALUES = 300
-_RECENT_S = 0.25
 
 
 @njit(cache=True)
@@ -103,7 +103,7 @@ def costs(
     gate, stay_bonus, speed, widest, by_place_s, forget_after_s = gates
     bodies, people = cost.shape
     for p in range(people):
-        if at_s - seen_s[p] > (forget_after_s if confirmed[p] else 2.0 * _RECENT_S):
+        if at_s - seen_s[p] > (forget_after_s if confirmed[p] else 2.0 * RECENT_S):
             return EXPIRED
     taken = np.zeros(people, dtype=np.bool_)
     choice, everybody = False, True
@@ -116,7 +116,7 @@ def costs(
                 if np.isfinite(expected[p, j, 0]):
                     there = expected[p]
             away = apart(middles[b], there)
-            unseen = max(0.0, at_s - seen_s[p] - _RECENT_S)
+            unseen = max(0.0, at_s - seen_s[p] - RECENT_S)
             widened = min(gate + speed * unseen, widest)
             held = np.isfinite(body_s[p, column]) and body[p, column] == ids[b]
             value = away - (stay_bonus if held else 0.0) + 0.5 * (widened - gate)  # who is seen before who is lost
@@ -162,7 +162,7 @@ def take(
     present = np.zeros(tracks, dtype=np.bool_)
     for r in range(tracks):
         for c in range(sensors):
-            if not shown[r] and (c == column or at_s - body_s[r, c] > _RECENT_S):
+            if not shown[r] and (c == column or at_s - body_s[r, c] > RECENT_S):
                 body_s[r, c] = -np.inf
             present[r] = present[r] or np.isfinite(body_s[r, c])
         if present[r] and not confirmed[r] and seen_s[r] - since_s[r] >= confirm_after_s:

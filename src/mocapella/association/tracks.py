@@ -121,11 +121,11 @@ class TrackMemory(msgspec.Struct, eq=False):
 
     def with_more(self, tracks: int = 0, sensors: int = 0) -> TrackMemory:
         """With so many rows and columns more."""
-        old, (rows, columns) = self, self.body.shape
+        rows, columns = self.body.shape
         new = TrackMemory.empty(rows + tracks, columns + sensors, self.middle.shape[1])
         for name in self.__struct_fields__:
             kept = (slice(rows), slice(columns)) if name.startswith("body") else slice(rows)
-            getattr(new, name)[kept] = getattr(old, name)
+            getattr(new, name)[kept] = getattr(self, name)
         return new
 
     @property
@@ -134,7 +134,7 @@ class TrackMemory(msgspec.Struct, eq=False):
         return np.asarray(np.isfinite(self.body_s).any(axis=1))
 
 
-_RECENT_S: Final = 0.25
+RECENT_S: Final = 0.25
 """A sensor that has not seen a person for so long does not see them."""
 
 
@@ -289,7 +289,7 @@ class Tracks:
             m.body, m.body_s, cost, allowed, unplaced, rows,
         )  # fmt: skip
         if outcome == _kernels().EXPIRED:
-            patience_s = np.where(m.confirmed, s.forget_after_s, 2.0 * _RECENT_S)
+            patience_s = np.where(m.confirmed, s.forget_after_s, 2.0 * RECENT_S)
             stays = at_s - m.seen_s <= patience_s
             self.memory = m.taken(stays)
             return self._assign(column, ids, middles, expected[stays], at_s, lengths)
@@ -301,7 +301,7 @@ class Tracks:
         """Tell of those who are new for long enough, or find out that they are somebody who was missing."""
         s, m = self.settings, self.memory
         present = m.present
-        missing = np.flatnonzero(m.confirmed & ~present & (at_s - m.seen_s > _RECENT_S)).tolist()
+        missing = np.flatnonzero(m.confirmed & ~present & (at_s - m.seen_s > RECENT_S)).tolist()
         kept = np.ones(len(m.person), dtype=np.bool_)
         seen_for_s = m.seen_s - m.since_s
         for new in np.flatnonzero(present & ~m.confirmed & (seen_for_s >= s.confirm_after_s)).tolist():

@@ -16,6 +16,11 @@ from mocapella.cli.app import train_app
 from mocapella.cli.common import JsonOut, Participants, console, participant_numbers, say, write_json
 from mocapella.errors import SettingsError
 
+StudyFolder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the KinectMultiTrack study logs.")]
+ModelFile = Annotated[
+    Path, typer.Option("--out", metavar="FILE", help="The model to write; a file of that name is replaced.")
+]
+
 _COLUMNS = {
     "against_motion_percent": "against",
     "reversals_per_min": "reversals",
@@ -32,8 +37,8 @@ _CAPTION = (
 
 @train_app.command("facing")
 def facing(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the KinectMultiTrack study logs.")],
-    out: Annotated[Path, typer.Option(metavar="FILE", help="The model to write; a file of that name is replaced.")],
+    folder: StudyFolder,
+    out: ModelFile,
     participants: Participants = None,
     folds: Annotated[
         int | None,
@@ -54,8 +59,7 @@ def facing(
     from mocapella.fusion.facing_training import train
 
     chosen = participant_numbers(participants)
-    if not out.parent.is_dir():
-        raise SettingsError(f"--out {out}: no folder {out.parent}; name a file in a folder that exists")
+    _check_folder_of(out)
     with console.status("reading …") as status:
         sessions = facing_sessions(folder, chosen, lambda name: status.update(f"reading {name} …"))
         if folds is not None:
@@ -81,8 +85,8 @@ def facing(
 
 @train_app.command("bias")
 def bias(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the KinectMultiTrack study logs.")],
-    out: Annotated[Path, typer.Option(metavar="FILE", help="The model to write; a file of that name is replaced.")],
+    folder: StudyFolder,
+    out: ModelFile,
     participants: Participants = None,
     folds: Annotated[
         int | None,
@@ -105,8 +109,7 @@ def bias(
     from mocapella.fusion.joint_bias import read_model, to_json
 
     chosen = participant_numbers(participants)
-    if not out.parent.is_dir():
-        raise SettingsError(f"--out {out}: no folder {out.parent}; name a file in a folder that exists")
+    _check_folder_of(out)
     with console.status("reading …") as status:
         sessions = bias_sessions(folder, chosen, lambda name: status.update(f"tracking {name} …"))
         parts = [] if folds is None else split(sessions, folds)
@@ -156,7 +159,7 @@ def _show_nearer(figures: dict[str, Any], folds: int | None, out: Console) -> No
 
 @train_app.command("sensor-errors")
 def sensor_errors(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the KinectMultiTrack study logs.")],
+    folder: StudyFolder,
     out: Annotated[Path, typer.Option(metavar="FILE", help="The table to write; a file of that name is replaced.")],
     json: JsonOut = None,
 ) -> None:
@@ -194,6 +197,11 @@ def _placements(recorded: dict[str, Any], simulated: dict[str, Any]) -> Table:
     for placement, of in simulated.items():
         table.add_row(placement, *(f"{recorded[placement][figure]:.1f} / {of[figure]:.1f}" for figure in figures))
     return table
+
+
+def _check_folder_of(out: Path) -> None:
+    if not out.parent.is_dir():
+        raise SettingsError(f"--out {out}: no folder {out.parent}; name a file in a folder that exists")
 
 
 def write_text(path: Path, text: str) -> None:

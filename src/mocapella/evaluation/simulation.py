@@ -102,26 +102,25 @@ def evaluate(
     for what, chosen, known in (("method", methods, METHODS), ("scene", names, scene_summaries())):
         if not chosen:
             raise SettingsError(f"no {what} to score; known: {', '.join(known)}")
-    for method in methods:  # refuses what cannot be used before the first room is made
-        name, settings = method_with_settings(method)
-        make_tracker(name, settings=settings)
+    chosen_methods = {text: method_with_settings(text) for text in methods}
+    for method, settings in chosen_methods.values():  # refuses what cannot be used before the first room is made
+        make_tracker(method, settings=settings)
     if not seeds or min(seeds) < 0:
         raise SettingsError(f"seeds {list(seeds)} cannot be used; give one or more of 0, 1, 2, …")
     result: dict[str, Any] = {"seeds": list(seeds), "scenes": {name: scene_summaries()[name] for name in names}}
     result["targets"] = {name: {"over_scenes": kind, "limit": limit} for name, (kind, limit) in TARGETS.items()}
     result["methods"] = {}
-    total, done = len(methods) * len(names) * len(seeds), 0
-    for method in methods:
+    total, done = len(chosen_methods) * len(names) * len(seeds), 0
+    for text, (method, settings) in chosen_methods.items():
         runs: dict[str, list[Figures]] = {}
         for name in names:
             for seed in seeds:
                 done += 1
-                on_run(f"{method}, {name}, seed {seed} ({done} of {total})")
+                on_run(f"{text}, {name}, seed {seed} ({done} of {total})")
                 room = scene_room(name, seed)
-                method_name, settings = method_with_settings(method)
-                tracker = make_tracker(method_name, sensors_expected=len(room.sensor_names), settings=settings)
+                tracker = make_tracker(method, sensors_expected=len(room.sensor_names), settings=settings)
                 runs.setdefault(name, []).append(run(tracker, room))
-        result["methods"][method] = summary(runs)
+        result["methods"][text] = summary(runs)
     return result
 
 

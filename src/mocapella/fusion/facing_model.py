@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from mocapella.errors import InputError
 from mocapella.fusion.facing_grid import BIN, BINS, YAWS, turned
 from mocapella.fusion.facing_shape import FEATURES, ShapeClassifier
+from mocapella.fusion.model_file import model_bytes
 from mocapella.geometry.angles import wrap
 
 Float64 = NDArray[np.float64]
@@ -221,11 +222,7 @@ def read_model(path: Path) -> FacingModel:
     Raises:
         InputError: it cannot be read, or is none.
     """
-    try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", file=path, fix="check the name and the folder") from error
-    return from_json(text, path)
+    return from_json(model_bytes(path), path)
 
 
 @cache

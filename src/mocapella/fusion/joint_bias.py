@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.errors import InputError, SettingsError
+from mocapella.fusion.model_file import model_bytes
 from mocapella.geometry.rigid import rotation_about_y
 from mocapella.model.topology import Topology, topology
 
@@ -241,11 +242,7 @@ def read_model(path: Path) -> JointBiasModel:
     Raises:
         InputError: it cannot be read, or is none.
     """
-    try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", file=path, fix="check the name and the folder") from error
-    return from_json(text, path)
+    return from_json(model_bytes(path), path)
 
 
 @cache
