@@ -1,0 +1,88 @@
+"""A camera's lens: from points in its own space to pixels, and back to rays.
+
+The model is that of D. Brown, *Close-Range Camera Calibration* (Photogrammetric Engineering 37(8), 1971), with three
+radial and two tangential coefficients, in the order k1 k2 p1 p2 k3 that is customary since J.-Y. Bouguet's toolbox.
+
+A lens is one array of nine numbers: focal lengths fx fy [px], centre cx cy [px], k1 k2 p1 p2 k3. The pixel (0, 0) is
+the middle of the first one.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float64 = NDArray[np.float64]
+
+
+def distort(normalised: Any, lens: Float64) -> Float64:
+    """Where the lens shows a direction.
+
+    Args:
+        normalised: (..., 2) x/z and y/z.
+        lens: (9,).
+
+    Returns:
+        (..., 2) [px]; NaN beyond the radius from which the model shows directions where others are, too.
+    """
+    x, y = np.moveaxis(np.asarray(normalised, dtype=np.float64), -1, 0)
+    fx, fy, cx, cy, k1, k2, p1, p2, k3 = lens
+    r2 = x * x + y * y
+    radial = np.where(r2 <= farthest_r2(lens), 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3)), np.nan)
+    u = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
+    v = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+    return np.stack([fx * u + cx, fy * v + cy], axis=-1)
+
+
+def project(points: Any, lens: Float64) -> Float64:
+    """Where points are seen.
+
+    Args:
+        points: (..., 3) in the camera's space [m]: x right, y down, z out of the lens.
+        lens: (9,).
+
+    Returns:
+        (..., 2) [px]; NaN behind the camera, and as in `distort`.
+    """
+    points = np.asarray(points, dtype=np.float64)
+    z = np.where(points[..., 2:] > 0, points[..., 2:], np.nan)
+    return distort(points[..., :2] / z, lens)
+
+
+def undistort(pixels: Any, lens: Float64) -> Float64:
+    """The direction that a pixel shows, by Newton's method: points are undistorted, never images.
+
+    Args:
+        pixels: (..., 2) [px].
+        lens: (9,).
+
+    Returns:
+        (..., 2) x/z and y/z; NaN where the lens shows nothing, or the pixel is NaN.
+    """
+    pixels = np.asarray(pixels, dtype=np.float64)
+    flat = np.ascontiguousarray(pixels.reshape(-1, 2))
+    out = np.empty_like(flat)
+    _kernels().undistort_points(np.ascontiguousarray(lens, dtype=np.float64), farthest_r2(lens), flat, out)
+    return out.reshape(pixels.shape)
+
+
+def farthest_r2(lens: Float64) -> float:
+    """The squared radius x² + y² up to which the radial part grows; beyond, the model folds back into the picture.
+
+    It is the least positive root of d(r·radial)/dr = 1 + 3 k1 r² + 5 k2 r⁴ + 7 k3 r⁶; infinite where there is none.
+    """
+    k1, k2, k3 = lens[4], lens[5], lens[8]
+    roots = np.roots([7.0 * k3, 5.0 * k2, 3.0 * k1, 1.0])
+    real = roots.real[(abs(roots.imag) < 1e-12 * abs(roots)) & (roots.real > 0)]
+    return float(real.min()) if len(real) else np.inf
+
+
+@cache
+def _kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.geometry import lens_kernels
+
+    return lens_kernels

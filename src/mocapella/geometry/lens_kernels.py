@@ -1,0 +1,57 @@
+"""The lens of `mocapella.geometry.lens`, compiled, a point at a time; importing this module imports numba."""
+
+# ruff: noqa: PLR0917 - compiled: arrays come by position
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+STEPS = 20
+"""Newton's method needs about 4; what takes more does not come back."""
+
+
+@njit(cache=True)
+def distort(x, y, k1, k2, p1, p2, k3):
+    """(x', y') and the derivatives (∂x'/∂x, ∂x'/∂y = ∂y'/∂x, ∂y'/∂y) of `lens.distort`."""
+    r2 = x * x + y * y
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    slope = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3))  # ∂radial/∂x = slope · x
+    u = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
+    v = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+    uu = radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x
+    uv = slope * x * y + 2.0 * p1 * x + 2.0 * p2 * y
+    vv = radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x
+    return u, v, uu, uv, vv
+
+
+@njit(cache=True)
+def undistort(u, v, k1, k2, p1, p2, k3, farthest_r2):
+    """(x, y) with distort(x, y) = (u, v); NaN where there is none within the radius up to which the lens is one."""
+    x, y = u, v
+    for _ in range(STEPS):
+        at_u, at_v, uu, uv, vv = distort(x, y, k1, k2, p1, p2, k3)
+        du, dv = u - at_u, v - at_v
+        if abs(du) < 1e-13 and abs(dv) < 1e-13:
+            break
+        det = uu * vv - uv * uv
+        if not abs(det) > 1e-12:
+            return math.nan, math.nan
+        x += (vv * du - uv * dv) / det
+        y += (uu * dv - uv * du) / det
+        r2 = x * x + y * y
+        if r2 > farthest_r2 > 0.0:  # Newton's step may pass the edge on its way to a point inside
+            shrink = math.sqrt(farthest_r2 / r2)
+            x, y = shrink * x, shrink * y
+    at_u, at_v, _, _, _ = distort(x, y, k1, k2, p1, p2, k3)
+    if abs(at_u - u) < 1e-9 and abs(at_v - v) < 1e-9:
+        return x, y
+    return math.nan, math.nan
+
+
+@njit(cache=True)
+def undistort_points(lens, farthest_r2, pixels, out):
+    """`lens.undistort`, (points, 2)."""
+    for i in range(len(pixels)):
+        u, v = (pixels[i, 0] - lens[2]) / lens[0], (pixels[i, 1] - lens[3]) / lens[1]
+        out[i, 0], out[i, 1] = undistort(u, v, lens[4], lens[5], lens[6], lens[7], lens[8], farthest_r2)
