@@ -22,6 +22,7 @@ from mocapella.geometry.rigid import apply
 from mocapella.model.session import RecordingHealth, SensorPose, Setup
 from mocapella.viewer.layout import SENSORS_SCALE, Look, lane_origins
 from mocapella.viewer.palette import SENSORS, person_colour
+from mocapella.viewer.panel import Aim
 from mocapella.viewer.perspective import Floors, Perspectives
 from mocapella.viewer.setup_form import PoseField, SetupFields
 from mocapella.viewer.setup_panel import HEIGHT_LABEL, TILT_LABEL
@@ -594,3 +595,22 @@ def test_a_perspective_moves_the_camera_of_its_own_browser_to_the_sensor(server,
     first.expect_value("Perspective", "front")
     wanted = [0.0, server.frames["front"].height, 0.0]
     until(first, lambda: np.allclose(cameras(server)[0], wanted, atol=1e-2), "the camera is at the default sensor")
+
+
+def test_a_perspective_that_is_chosen_while_the_view_is_drawn_has_its_own_eyes(server, tabs):
+    first, _ = tabs
+    first.page.bring_to_front()
+    first.choose("Perspective", "free")
+    until(first, lambda: cameras(server)[0, 2] < -1, "the camera is before the stages")
+    _, browser = min(server.viewer._browsers.items())
+    draw = browser._stage.draw
+
+    def chosen_meanwhile(*args, **kwargs):
+        browser._stage.draw = draw
+        browser._panel._chosen = "front"
+        browser._want(Aim.EYES)
+        draw(*args, **kwargs)
+
+    browser._stage.draw = chosen_meanwhile
+    wanted = [0.0, server.frames["front"].height, 0.0]
+    until(first, lambda: np.allclose(cameras(server)[0], wanted, atol=1e-2), "the camera is at the sensor")

@@ -71,6 +71,7 @@ class Browser:
         """Show the newest: ``draw`` makes the Tracking stage of a perspective."""
         with self._client.atomic():
             self._panel.show(status, scene)
+            wish, self._wish = self._wish, None  # before the perspective: a callback sets it first, and then the wish
             perspective = self._panel.perspective
             self._stage.draw(
                 draw(perspective),
@@ -81,7 +82,7 @@ class Browser:
                 fields=self._panel.fields,
             )
             self._draw_trails(perspective, self._panel.trails if scene is not None else TrailChoice())
-            self._move_camera(perspective, self._known.floors)
+            self._move_camera(perspective, self._known.floors, wish)
 
     def _draw_trails(self, perspective: str, shown: TrailChoice) -> None:
         seen, T_stage = self._known.seen, self._known.floors.level(perspective)
@@ -95,13 +96,12 @@ class Browser:
     def _want(self, aim: Aim) -> None:
         self._wish = aim
 
-    def _move_camera(self, perspective: str, floors: Floors) -> None:
+    def _move_camera(self, perspective: str, floors: Floors, wish: Aim | None) -> None:
         self._calls_since_move += 1
         camera = self._client.camera
         width, tall = max(camera.image_width, 1), max(camera.image_height, 1)
         lanes = len(self._colours.sensors)
         fits = (lanes, width / tall)
-        wish, self._wish = self._wish, None
         if wish is None and (fits == self._framed or self._touched() or self._aim is Aim.EYES):
             return
         self._aim = wish or self._aim

@@ -63,6 +63,7 @@ class Panel:
         self._status: SessionStatus | None = None
         self._begun = False
         self._chosen: str | None = None
+        self._shown_perspective = ""
         self._take = ""
         gui = client.gui
         self._watchdog = Watchdog(gui)
@@ -172,9 +173,11 @@ class Panel:
     def _show_perspectives(self, status: SessionStatus | None) -> None:
         options = perspectives(status, self._colours.sensors)
         if options != self._perspective.options:
-            self._perspective.options = options
-        if self.perspective in options:
-            self._perspective.value = self.perspective
+            self._perspective.options, self._shown_perspective = options, ""
+        now = self.perspective
+        # Only when it has changed: what was chosen in the browser just now is not here yet, and must not be undone.
+        if now in options and now != self._shown_perspective:
+            self._perspective.value = self._shown_perspective = now
 
     def _send_name(self, arguments: dict[str, Any]) -> None:
         self._commander.send("name", arguments, self._client)
