@@ -14,8 +14,8 @@ from mocapella.association.tracks import RECENT_S
 
 EXPIRED, EVERYBODY, DECIDED, AMBIGUOUS = -1, 0, 1, 2
 """What `costs` found."""
-MAY_BE_ONE, MAY_BE_KNOWN = 1, 2
-"""What `take` found, to be looked at more closely; added."""
+MAY_BE_ONE, MAY_BE_KNOWN, FORGOTTEN = 1, 2, 4
+"""What `take` found; added."""
 
 _MOST_VALUES = 300
 
@@ -142,10 +142,12 @@ def take(
     """Take the bodies of a frame for the people in ``rows``; −1 for nobody.
 
     Returns:
-        Whether there are two who may be one (`MAY_BE_ONE`), and somebody new of whom to tell (`MAY_BE_KNOWN`).
+        Whether there are two who may be one (`MAY_BE_ONE`), and somebody new of whom to tell (`MAY_BE_KNOWN`); whether
+        another sensor has not seen somebody for so long that it does not see them (`FORGOTTEN`).
     """
     tracks, sensors = body_s.shape
     shown = np.zeros(tracks, dtype=np.bool_)
+    found = 0
     for b in range(len(rows)):
         r = rows[b]
         if r < 0:
@@ -158,12 +160,12 @@ def take(
                 middle[r, j] = middles[b, j]
         if len(lengths):
             learn_size(size[r], lengths[b])
-    found = 0
     present = np.zeros(tracks, dtype=np.bool_)
     for r in range(tracks):
         for c in range(sensors):
-            if not shown[r] and (c == column or at_s - body_s[r, c] > RECENT_S):
+            if not shown[r] and np.isfinite(body_s[r, c]) and (c == column or at_s - body_s[r, c] > RECENT_S):
                 body_s[r, c] = -np.inf
+                found |= 0 if c == column else FORGOTTEN
             present[r] = present[r] or np.isfinite(body_s[r, c])
         if present[r] and not confirmed[r] and seen_s[r] - since_s[r] >= confirm_after_s:
             found |= MAY_BE_KNOWN
@@ -177,6 +179,17 @@ def take(
             if not share and apart(middle[r], middle[other]) <= same_within_m:
                 found |= MAY_BE_ONE
     return found
+
+
+@njit(cache=True)
+def rows_of(ids, column, body, body_s):
+    """(bodies,) the row of whoever a sensor's bodies are, −1 of nobody."""
+    rows = np.full(len(ids), -1, dtype=np.int64)
+    for b in range(len(ids)):
+        for r in range(len(body)):
+            if body[r, column] == ids[b] and np.isfinite(body_s[r, column]):
+                rows[b] = r
+    return rows
 
 
 @njit(cache=True)

@@ -8,8 +8,7 @@ that mixes up left and right does not make somebody else of a person.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import combinations
@@ -190,22 +189,30 @@ class Tracks:
         self.merged: tuple[tuple[int, int], ...] = ()
         self._next = 0
         self._close_since_s: dict[tuple[int, int], float] = {}
+        self._owners: dict[str, dict[int, int]] = {}
 
     @property
     def people(self) -> list[int]:
         """Numbers of everybody, by row."""
         return list(self.memory.person.tolist())
 
-    def owners(self, sensor: str) -> dict[int, int]:
-        """The person of each body that the sensor sees."""
+    def owners(self, sensor: str) -> Mapping[int, int]:
+        """The person of each body that the sensor sees; the same object for as long as nobody's change."""
+        if sensor not in self._owners:
+            self._owners[sensor] = {}
+            if sensor in self.sensors:
+                m, column = self.memory, self.sensors.index(sensor)
+                seen = np.isfinite(m.body_s[:, column])
+                bodies, people = m.body[seen, column].astype(np.uint64).tolist(), m.person[seen].tolist()
+                self._owners[sensor] = dict(zip(bodies, people, strict=True))
+        return self._owners[sensor]
+
+    def rows(self, sensor: str, ids: Sequence[int]) -> Int64:
+        """(bodies,) the row in `memory` of whoever the sensor's bodies are; −1 of nobody known."""
         if sensor not in self.sensors:
-            return {}
-        m, column = self.memory, self.sensors.index(sensor)
-        bodies, people = m.body[:, column].tolist(), m.person.tolist()
-        return {
-            body: person for body, person, at_s in zip(bodies, people, m.body_s[:, column].tolist(), strict=True)
-            if at_s > -math.inf
-        }  # fmt: skip
+            return np.full(len(ids), -1, dtype=np.int64)
+        m, numbers = self.memory, np.array(ids, dtype=np.uint64).astype(np.int64)
+        return np.asarray(_kernels().rows_of(numbers, self.sensors.index(sensor), m.body, m.body_s))
 
     def move(self, T_new_old: Float64) -> None:
         """Everything is told in another frame from now on."""
@@ -255,7 +262,13 @@ class Tracks:
             at_s, column, numbers, middles, lengths, rows, s.same_within_m, s.confirm_after_s,
             m.since_s, m.seen_s, m.confirmed, m.middle, m.size, m.body, m.body_s,
         )  # fmt: skip
-        if not found:
+        if found & _kernels().FORGOTTEN:
+            self._owners = {}
+        if nobody:
+            self._owners.pop(sensor, None)
+        elif (owners := dict(zip(ids, m.person[rows].tolist(), strict=True))) != self._owners.get(sensor):
+            self._owners[sensor] = owners
+        if not found & (_kernels().MAY_BE_ONE | _kernels().MAY_BE_KNOWN):
             self._close_since_s, self.merged = {}, ()
             return rows
         people = np.where(rows < 0, -1, m.person[rows])
@@ -263,6 +276,7 @@ class Tracks:
         self._know_again(at_s)
         for stays, gone in self.merged:
             people[people == gone] = stays
+            self._owners = {}
         return np.where(people < 0, -1, np.searchsorted(self.memory.person, people)).astype(np.int64)
 
     def _column(self, sensor: str) -> int:

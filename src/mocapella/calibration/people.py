@@ -87,6 +87,9 @@ class PeopleSettings:
         check(self.partners >= 1, "partners", self.partners, "1 or more")
 
 
+_NOBODYS: Final[tuple[Mapping[int, int], Mapping[int, int]]] = ({}, {})
+
+
 @dataclass
 class PairOfSensors:
     """Two sensors: the estimate that is believed, or the hypotheses that are tried.
@@ -98,6 +101,7 @@ class PairOfSensors:
             two; empty once people have shown it.
         shown: whether people have shown it once: then it is used also while it is less sure again.
         matched: tracking ids in a and b of bodies that are one person.
+        owners: what that was last made of, where somebody says who is who.
         turn: counts up; whose turn it is among them.
         due: when it is refined again [s].
         trying: whether the hypotheses are tried.
@@ -111,6 +115,7 @@ class PairOfSensors:
     told: str = ""
     shown: bool = False
     matched: tuple[tuple[int, int], ...] = ()
+    owners: tuple[Mapping[int, int], Mapping[int, int]] = _NOBODYS
     turn: int = 0
     due: float = -np.inf
     trying: bool = True
@@ -294,7 +299,9 @@ class PeopleCalibration:
             return
         a, b = (self._tracks[sensor].bodies for sensor in key)
         if people is not None and pair.trusted:
-            pair.matched = same_people(a, b, people(key[0]), people(key[1]))
+            one, other = people(key[0]), people(key[1])
+            if one is not pair.owners[0] or other is not pair.owners[1]:
+                pair.owners, pair.matched = (one, other), same_people(one, other)
         bodies = [
             who for who in dict.fromkeys((*pair.matched, *pair.calibration.bodies)) if who[0] in a and who[1] in b
         ]
@@ -366,7 +373,7 @@ class PeopleCalibration:
         for (key, pair, calibration), estimate in zip(news, estimates([one[2] for one in news]), strict=True):
             pair.estimate, pair.judged_steps = estimate, float(calibration.scalars[at.STEPS])
             if pair.unproven and estimate.problem in (NOT_ONE_BODY, MIRRORED_STREAM):
-                pair.calibration, pair.matched = None, ()
+                pair.calibration, pair.matched, pair.owners = None, (), _NOBODYS
                 continue
             calibration.trust(estimate)
             calibration.follow_clock(estimate)
@@ -388,6 +395,7 @@ class PeopleCalibration:
             pair = self._pairs[key]
             if pair.calibration is not None and (all_pairs or not pair.trusted):
                 a, b = (self._tracks[sensor].bodies for sensor in key)
+                pair.owners = _NOBODYS
                 pair.matched = nearest_bodies(pair.calibration.T_a_b, a, b, self.settings.match_within_m)
 
     def _doubtful(self, pair: PairOfSensors, now: float) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +14,10 @@ Float64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 
-def same_people(
-    a: Iterable[int], b: Iterable[int], people_of_a: Mapping[int, int], people_of_b: Mapping[int, int]
-) -> tuple[tuple[int, int], ...]:
+def same_people(people_of_a: Mapping[int, int], people_of_b: Mapping[int, int]) -> tuple[tuple[int, int], ...]:
     """Tracking ids in two sensors of bodies that are one person."""
-    of_b = {people_of_b[body]: body for body in b if body in people_of_b}
-    return tuple((body, of_b[people_of_a[body]]) for body in a if people_of_a.get(body) in of_b)
+    of_b = {person: body for body, person in people_of_b.items()}
+    return tuple((body, of_b[person]) for body, person in people_of_a.items() if person in of_b)
 
 
 def nearest_bodies(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +50,7 @@ def tracked_bodies(frame: BodyFrame) -> Bodies:
     """The tracked bodies of a frame, sorted by id, so that what follows does not depend on the order in the frame."""
     ids: list[int] = frame.tracking_ids.tolist()
     positions, states = frame.positions, frame.states
-    if not frame.tracked.all() or any(one > other for one, other in pairwise(ids)):
+    if not frame.tracked.all() or ids != sorted(ids):
         tracked: list[bool] = frame.tracked.tolist()
         rows = sorted((i for i, is_tracked in enumerate(tracked) if is_tracked), key=ids.__getitem__)
         ids, positions, states = [ids[i] for i in rows], positions[rows], states[rows]

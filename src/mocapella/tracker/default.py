@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import pairwise
 from typing import Final
 
@@ -234,7 +235,8 @@ class DefaultTracker:
         if model is None or T is None or model.topology != people.topology.name:
             return None
         at_s = self._common_s(sighting)
-        return people.corrections(model, bodies, self._tracks.owners(bodies.sensor), T, max(self._now_s, at_s))
+        rows = self._tracks.rows(bodies.sensor, bodies.ids)
+        return people.corrections(model, bodies, rows, T, max(self._now_s, at_s))
 
     def _common_s(self, sighting: Sighting) -> float:
         """When a frame was captured, on the common clock [s]."""
@@ -244,7 +246,7 @@ class DefaultTracker:
     def _calibrate(self, sighting: Sighting, heard: Heard, corrections: Float64 | None) -> None:
         """Learn from the frame where the sensors are. Everything else is told in the frame of the first of them."""
         frame = sighting.frame
-        pose = self._poses.get(frame.sensor, SensorPose(frame.tilt, max(0.0, frame.height)))
+        pose = self._poses.get(frame.sensor) or _told_pose(frame.tilt, max(0.0, frame.height))
         bodies = sighting.bodies
         if corrections is not None:
             bodies = msgspec.structs.replace(bodies, positions=bodies.positions + corrections)
@@ -384,6 +386,12 @@ class DefaultTracker:
             people=self._shown,
             sensors=self._places,
         )
+
+
+@lru_cache(maxsize=64)
+def _told_pose(tilt: float, height: float) -> SensorPose:
+    """A frame says it anew each time."""
+    return SensorPose(tilt, height)
 
 
 def _in_order(names: Iterable[str]) -> bool:

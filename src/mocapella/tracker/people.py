@@ -11,7 +11,7 @@ calls, however many bodies it shows.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, Final
@@ -264,15 +264,13 @@ class People:
         )  # fmt: skip
         return prepared
 
-    def corrections(
-        self, model: JointBiasModel, bodies: Bodies, owners: Mapping[int, int], T: Float64, at_s: float
-    ) -> Float64:
+    def corrections(self, model: JointBiasModel, bodies: Bodies, rows: Rows, T: Float64, at_s: float) -> Float64:
         """What to add to the joints of a frame's bodies against the sensor's bias, as far as people are known.
 
         Args:
             model: of the same joints.
             bodies: that the sensor shows.
-            owners: the person's number of each of its bodies, by tracking id.
+            rows: (bodies,) of whoever they were taken for before; −1 of nobody.
             T: (4, 4) from its camera space to the space of the people.
             at_s: the newest capture there was, on the common clock [s].
 
@@ -282,8 +280,6 @@ class People:
         m, out = self.memory, np.zeros(bodies.positions.shape)
         if bodies.sensor not in self.sensors or not bodies.ids:
             return out
-        row_of = {number: row for row, number in enumerate(self.numbers)}
-        rows = np.array([row_of.get(owners.get(body, -1), -1) for body in bodies.ids], dtype=np.int64)
         _bias_kernels().corrections(
             rows, self.sensors.index(bodies.sensor), model.flat, np.ascontiguousarray(T), self.R_level, at_s,
             self.settings.view_age_s, self.mirror, self._lines, self._root,
