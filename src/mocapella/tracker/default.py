@@ -12,10 +12,9 @@ See docs/methods/default.md.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from itertools import pairwise
 from typing import Final
 
 import msgspec
@@ -347,30 +346,43 @@ class DefaultTracker:
 
         Only those of the newest frame are made anew, unless a place has changed, or two have become one.
         """
-        memory, fresh = people.memory, told.fresh.tolist()
+        fresh = told.fresh.tolist()
         anew = self._views is None or bool(self._tracks.merged)
         known = self._views if self._views is not None and not anew else {}
-        views = [known.get(number, {}).copy() for number in people.numbers]
-        for column, sensor in enumerate(people.sensors):
-            usable = sensor in heard.newest and sensor in self._T_root_sensor
-            for of_person, is_fresh in zip(views, fresh, strict=True):
-                if not (usable and is_fresh[column]):
-                    of_person.pop(sensor, None)
-            if not usable or not (anew or sensor == heard.sensor):
-                continue
-            frame, T = heard.newest[sensor].frame, self._T_world_root @ self._T_root_sensor[sensor]
-            pose, ids = self._poses.get(sensor, frame), memory.view_id[:, column].tolist()
-            mirrored = memory.view_mirrored[:, column].tolist()
-            states = memory.view_states[:, column].copy()
-            for row, of_person in enumerate(views):
-                if fresh[row][column]:
-                    of_person[sensor] = PotentialSkeleton(
-                        sensor, ids[row], frame.time_ns, pose.tilt, pose.height, T,
-                        told.views[row, column], states[row], mirrored[row],
-                    )  # fmt: skip
-        views = [of_person if _in_order(of_person) else dict(sorted(of_person.items())) for of_person in views]
+        usable = [
+            (
+                sensor,
+                column,
+                self._views_of(sensor, column, heard, people, told) if anew or sensor == heard.sensor else (),
+            )
+            for sensor, column in sorted(zip(people.sensors, range(len(people.sensors)), strict=True))
+            if sensor in heard.newest and sensor in self._T_root_sensor
+        ]
+        views = []
+        for row, (number, is_fresh) in enumerate(zip(people.numbers, fresh, strict=True)):
+            before = known.get(number, {})
+            views.append(
+                {
+                    sensor: newest[row] if newest else before[sensor]
+                    for sensor, column, newest in usable
+                    if is_fresh[column] and (newest or sensor in before)
+                }
+            )
         self._views = dict(zip(people.numbers, views, strict=True))
         return views
+
+    def _views_of(self, sensor: str, column: int, heard: Heard, people: People, told: Told) -> list[PotentialSkeleton]:
+        """Of each row of people the sensor's newest view."""
+        frame, memory = heard.newest[sensor].frame, people.memory
+        T, pose = self._T_world_root @ self._T_root_sensor[sensor], self._poses.get(sensor, frame)
+        views = zip(
+            memory.view_id[:, column].tolist(), told.views[:, column], memory.view_states[:, column].copy(),
+            memory.view_mirrored[:, column].tolist(), strict=True,
+        )  # fmt: skip
+        return [
+            PotentialSkeleton(sensor, body, frame.time_ns, pose.tilt, pose.height, T, positions, states, mirrored)
+            for body, positions, states, mirrored in views
+        ]
 
     def _scene(self, arrival: Arrival) -> Scene:
         frame, step = arrival.frame, self._steps
@@ -392,10 +404,6 @@ class DefaultTracker:
 def _told_pose(tilt: float, height: float) -> SensorPose:
     """A frame says it anew each time."""
     return SensorPose(tilt, height)
-
-
-def _in_order(names: Iterable[str]) -> bool:
-    return all(one < other for one, other in pairwise(names))
 
 
 def associate_and_fuse(  # noqa: PLR0917 - one frame, as it comes

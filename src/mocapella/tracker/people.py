@@ -361,11 +361,9 @@ class People:
         if sensor not in self.sensors:
             return
         m, column = self.memory, self.sensors.index(sensor)
-        before = m.view_positions[:, column]
-        after = apply(T_new_old, before)
-        shift = np.nan_to_num(after - before)
-        m.view_offsets[:, column] += np.where(m.view_mirrored[:, column, None, None], shift[:, self.mirror], shift)
-        m.view_positions[:, column] = after
+        _kernels().place_anew(
+            column, np.ascontiguousarray(T_new_old), self.mirror, m.view_mirrored, m.view_positions, m.view_offsets
+        )
 
     def level(self, R_level: Float64) -> None:
         """The rotation from the space of the people to one in which y is up has become known, or better known."""

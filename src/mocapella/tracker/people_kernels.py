@@ -427,6 +427,26 @@ def smooth_people(
 
 
 @njit(cache=True)
+def place_anew(column, T_new_old, mirror, view_mirrored, view_positions, view_offsets):
+    """`People.place_anew`: views are moved, and what they are off the person by now is an offset that fades."""
+    shift = np.empty((len(mirror), 3))
+    for p in range(len(view_positions)):
+        view = view_positions[p, column]
+        for j in range(len(mirror)):
+            for k in range(3):
+                x = T_new_old[k, 3]
+                for i in range(3):
+                    x += T_new_old[k, i] * view[j, i]
+                shift[j, k] = x - view[j, k]
+        for j in range(len(mirror)):
+            told = mirror[j] if view_mirrored[p, column] else j
+            for k in range(3):
+                if np.isfinite(shift[told, k]):
+                    view_offsets[p, column, j, k] += shift[told, k]
+                view[j, k] += shift[j, k]
+
+
+@njit(cache=True)
 def tell(T, now_s, view_age_s, steady, doubts, view_at, view_positions):
     """What is told of people, in the space to which ``T`` moves.
 
