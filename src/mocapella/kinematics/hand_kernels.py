@@ -32,6 +32,8 @@ DIGIT = 38
 _TOLERANCE = 1e-9
 _B_STEPS = 24
 _NEWTON = 40
+STARTS = 5
+_DIRECTIONS = 8
 
 
 @njit(cache=True)
@@ -128,17 +130,21 @@ def _second_flexion(row, squared):
 def closed_form(row, x, y, z, out):
     """Write f, a, m, b (4,) that put the tip at a point of the digit's frame within the limits; whether there are any.
 
+    For a digit that does not abduct: as near to it as its plane is.
+
     The digit bends in the plane through y and the point; in it the third joint follows the second. Where that breaks a
     limit and the third joint is free, its flexion nearest to following that does not is taken.
     """
     r, w = math.hypot(x, z), -y
+    if row[AX] == 0.0:  # what is off the plane stays off
+        r = x * math.sin(row[A0]) + z * math.cos(row[A0])
     squared = r * r + w * w
     followed = _second_flexion(row, squared)
     for side in range(2):
         u, a = (r, math.atan2(x, z)) if side == 0 else (-r, math.atan2(-x, -z))
         if row[AX] == 0.0:
-            if abs(a - row[A0]) > 1e-7:
-                continue
+            if side == 1:
+                break
             a = row[A0]
         elif abs(a - row[A0]) > row[AX] * (1.0 + _TOLERANCE):
             continue
@@ -287,49 +293,47 @@ def _descend(row, x, y, z, v, low, high, work):
 def limited_search(row, x, y, z, out, work):
     """Write f, a, m, b (4,) within the limits that bring the tip as near to a point as they can.
 
-    Newton's method from the four best of a coarse grid.
+    Newton's method from the best points of a coarse grid, one for each direction in the cone
+    (or, for a digit that does not abduct, for each bend).
 
     Args:
-        work: (24, 4) scratch.
+        work: (25, 4) scratch.
     """
-    low, high, v, best, starts = work[11], work[12], work[13], work[14], work[16:20]
+    low, high, v, best, starts, values = work[11], work[12], work[13], work[14], work[15:23], work[23:25].reshape(8)
     low[0], low[1], low[2], low[3] = 0.0, row[PHI_MIN], 0.0, 0.0
     high[0], high[1], high[2], high[3] = 1.0, row[PHI_MAX], row[M_MAX], row[B_MAX]
-    free = row[COUPLED] == 0.0
-    values = work[15]
-    for k in range(4):
+    for k in range(_DIRECTIONS):
         values[k] = math.inf
+    bends = 3 if row[COUPLED] == 0.0 else 1
     whole = row[FMIN] < row[F0]
-    directions = 1 if row[AX] == 0.0 and not whole else (8 if whole else 5)
-    for i in range(directions):
-        if directions == 1:
-            v[1] = 0.5 * math.pi
-        else:
-            v[1] = 2.0 * math.pi * i / 8.0 - math.pi if whole else math.pi * i / 4.0
-        for s in range(3):
-            v[0] = 0.15 + 0.425 * s
-            for k in range(4):
-                v[2] = row[M_MAX] * (0.05 + 0.3 * k)
-                for j in range(3 if free else 1):
-                    v[3] = row[B_MAX] * (0.1 + 0.4 * j)
-                    value = _energy(row, x, y, z, v)
-                    if value >= values[3]:
-                        continue
-                    at = 3
-                    while at > 0 and values[at - 1] > value:
-                        values[at] = values[at - 1]
-                        for c in range(4):
-                            starts[at, c] = starts[at - 1, c]
-                        at -= 1
-                    values[at] = value
-                    for c in range(4):
-                        starts[at, c] = v[c]
-    least = math.inf
+    directions = 1 if row[AX] == 0.0 else (_DIRECTIONS if whole else 5)
     for k in range(4):
-        if values[k] == math.inf:
-            break
+        m = row[M_MAX] * (0.05 + 0.3 * k)
+        for j in range(bends):
+            b = row[B_MAX] * (0.1 + 0.4 * j) if bends > 1 else row[RATIO] * m
+            ahead = row[L1] + row[L2] * math.cos(m) + row[L3] * math.cos(m + b)
+            down = row[L2] * math.sin(m) + row[L3] * math.sin(m + b)
+            for i in range(directions):
+                phi = 0.25 * math.pi * i - (math.pi if whole else 0.0) if directions > 1 else 0.5 * math.pi
+                sine, cosine = math.sin(phi), math.cos(phi)
+                for n in range(3):
+                    s = 0.15 + 0.425 * n
+                    f, a = row[F0] + row[FX] * s * sine, row[A0] + row[AX] * s * cosine
+                    u, w = ahead * math.cos(f) - down * math.sin(f), ahead * math.sin(f) + down * math.cos(f)
+                    value = (u * math.sin(a) - x) ** 2 + (w + y) ** 2 + (u * math.cos(a) - z) ** 2
+                    c = i if directions > 1 else k
+                    if value < values[c]:
+                        values[c] = value
+                        starts[c, 0], starts[c, 1], starts[c, 2], starts[c, 3] = s, phi, m, b
+    least = math.inf
+    for _ in range(STARTS):
+        nearest = 0
+        for i in range(1, _DIRECTIONS):
+            if values[i] < values[nearest]:
+                nearest = i
+        values[nearest] = math.inf
         for c in range(4):
-            v[c] = starts[k, c]
+            v[c] = starts[nearest, c]
         value = _descend(row, x, y, z, v, low, high, work)
         if value < least:
             least = value
@@ -351,7 +355,7 @@ def hand_closed_form(digits, targets, angles, errors, reached):
         errors: (5,) distances that remain [m], out; NaN without a target.
         reached: (5,) whether the closed form was within the limits, out.
     """
-    work = np.empty((24, 4))
+    work = np.empty((25, 4))
     for i in range(5):
         row, out = digits[i], angles[i]
         x, y, z = to_digit(row, targets[i, 0], targets[i, 1], targets[i, 2])
