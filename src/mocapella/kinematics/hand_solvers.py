@@ -10,6 +10,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 from types import ModuleType
 from typing import Any, Final, Protocol
@@ -19,7 +21,9 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
+from mocapella.errors import SettingsError, one_of
 from mocapella.model.hand import ANGLES, DIGIT_ANGLES, HandModel, HandShape
+from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
 
@@ -131,6 +135,67 @@ class ClosedForm(_Solver):
         iterations[:] = ~reached & np.isfinite(errors)
 
 
+@dataclass(frozen=True)
+class IterativeSettings:
+    """When an iterative solver stops.
+
+    Attributes:
+        tolerance_m: a tip this near to its target is there.
+        most_iterations: of a digit.
+        damping_m: λ of the damped least squares.
+    """
+
+    tolerance_m: float = 1e-4
+    most_iterations: int = 100
+    damping_m: float = 0.005
+
+    def __post_init__(self) -> None:
+        check(0 < self.tolerance_m < 1, "tolerance_m", self.tolerance_m, "above 0 m")
+        check(1 <= self.most_iterations <= 100_000, "most_iterations", self.most_iterations, "1 to 100000")
+        check(0 < self.damping_m < 1, "damping_m", self.damping_m, "above 0 m")
+
+
+class _Iterative(_Solver):
+    """From the start, until the tips are there or it has taken too long."""
+
+    kind: str
+
+    def __init__(self, model: HandModel, shape: HandShape, settings: IterativeSettings | None = None) -> None:
+        super().__init__(model, shape)
+        self.settings = settings or IterativeSettings()
+
+    def _solve(self, targets: Float64, angles: Float64, errors: Float64, iterations: NDArray[np.int64]) -> None:
+        s, k = self.settings, kernels()
+        kind = getattr(k, self.kind)
+        k.hand_iterative(
+            self.digits, targets, angles, errors, iterations, kind, s.tolerance_m, s.most_iterations, s.damping_m
+        )
+
+
+class Fabrik(_Iterative):
+    """Forward and backward reaching, with a rotor and hinges that are held within their limits."""
+
+    name, kind = "FABRIK", "FABRIK"
+
+
+class JacobianTranspose(_Iterative):
+    """Along the gradient, with the step that would be best were the tip's motion linear."""
+
+    name, kind = "Jacobian transpose", "TRANSPOSE"
+
+
+class PseudoInverse(_Iterative):
+    """The smallest step that would reach the target were the tip's motion linear."""
+
+    name, kind = "pseudo-inverse", "PSEUDO_INVERSE"
+
+
+class DampedLeastSquares(_Iterative):
+    """The same, but calm near singular poses."""
+
+    name, kind = "damped least squares", "DAMPED"
+
+
 @cache
 def kernels() -> ModuleType:
     """Compiled; numba is imported when it is first needed."""
@@ -139,4 +204,18 @@ def kernels() -> ModuleType:
     return hand_kernels
 
 
-SOLVERS: Final[dict[str, type[_Solver]]] = {ClosedForm.name: ClosedForm}
+SOLVERS: Final[dict[str, Callable[[HandModel, HandShape], HandSolver]]] = {
+    solver.name: solver for solver in (ClosedForm, Fabrik, JacobianTranspose, PseudoInverse, DampedLeastSquares)
+}
+"""What makes each."""
+
+
+def hand_solver(name: str, model: HandModel, shape: HandShape) -> HandSolver:
+    """The solver of that name.
+
+    Raises:
+        SettingsError: no such solver; lists those there are.
+    """
+    if name not in SOLVERS:
+        raise SettingsError(f"unknown hand solver {name!r}; known: {one_of(name, SOLVERS)}")
+    return SOLVERS[name](model, shape)
