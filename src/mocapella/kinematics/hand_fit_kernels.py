@@ -1,0 +1,401 @@
+"""A whole hand from its markers: the pose that fits them and what is known beforehand best; compiled.
+
+It minimises, over the palm's motion and the free angles z,
+
+    Σ (p − x(T, z))ᵀ W (p − x(T, z))  +  (z − z₀)ᵀ Λ (z − z₀)  +  Σ (change since the prediction)² / variance
+
+by Levenberg's and Marquardt's method, with a steep penalty outside the limits; in the end the angles are brought within
+them. Residuals and derivatives are told in the palm's frame. Importing this module imports numba.
+"""
+
+# ruff: noqa: PLR0912, PLR0915, PLR0917 - compiled: arrays come by position, and loops are written out
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from mocapella.kinematics.chain_kernels import orthonormal, turn_between, turned
+from mocapella.kinematics.hand_kernels import (
+    A0,
+    AX,
+    B_MAX,
+    BASE,
+    F0,
+    FMIN,
+    FRAME,
+    FX,
+    L1,
+    M_MAX,
+    limit,
+)
+
+_LIMIT_SD = 0.01  # of the penalty outside the limits [rad], of the cone over its half axes
+
+
+@njit(cache=True)
+def digit_points(row, mirror, q, x, axes):
+    """Write a digit's joints x (4, 3) and axes (5, 3) in the palm's frame, of angles q (5,): f, a, m, b, c.
+
+    The axes of f and a go through the first joint, of m and c through the second, of b through the third.
+    """
+    sf, cf, sa, ca = math.sin(q[0]), math.cos(q[0]), math.sin(q[1]), math.cos(q[1])
+    sc, cc = math.sin(q[4]), math.cos(q[4])
+    turn = mirror  # an axis is a pseudovector
+    for k in range(3):
+        X, Y, Z = row[FRAME + 3 * k], row[FRAME + 3 * k + 1], row[FRAME + 3 * k + 2]
+        side = mirror if k == 0 else 1.0
+        across, ahead = ca * X - sa * Z, sa * X + ca * Z
+        up, along = cf * Y + sf * ahead, cf * ahead - sf * Y
+        second, bone = cc * across - sc * along, sc * across + cc * along
+        axes[0, k], axes[1, k], axes[4, k] = turn * side * across, turn * side * Y, turn * side * up
+        axes[2, k] = axes[3, k] = turn * side * second
+        x[0, k] = side * row[BASE + k]
+        x[1, k] = x[0, k] + side * row[L1] * along
+        x[2, k] = x[1, k] + side * row[L1 + 1] * (math.cos(q[2]) * bone - math.sin(q[2]) * up)
+        x[3, k] = x[2, k] + side * row[L1 + 2] * (math.cos(q[2] + q[3]) * bone - math.sin(q[2] + q[3]) * up)
+
+
+@njit(cache=True)
+def digit_angles(z, columns, gains, digit, q):
+    """Write a digit's angles f, a, m, b, c (5,) of the free ones z."""
+    for k in range(5):
+        column = columns[digit, k]
+        q[k] = gains[digit, k] * z[column] if column >= 0 else 0.0
+
+
+@njit(cache=True)
+def _columns_of(digit, joint, x, axes, columns, gains, J, at):
+    """Write the derivatives J (11, 3) of a digit's joint and their places at (11,): the palm's six, then the angles'."""
+    px, py, pz = x[joint, 0], x[joint, 1], x[joint, 2]
+    J[:6] = 0.0
+    for k in range(6):
+        at[k] = k
+    J[0, 0] = J[1, 1] = J[2, 2] = 1.0
+    J[3, 1], J[3, 2] = -pz, py
+    J[4, 0], J[4, 2] = pz, -px
+    J[5, 0], J[5, 1] = -py, px
+    n = 6
+    for k in range(5):
+        column = columns[digit, k]
+        origin = 0 if k < 2 else (2 if k == 3 else 1)
+        if column < 0 or joint <= origin:
+            continue
+        dx, dy, dz = px - x[origin, 0], py - x[origin, 1], pz - x[origin, 2]
+        wx, wy, wz = axes[k, 0], axes[k, 1], axes[k, 2]
+        g = gains[digit, k]
+        J[n, 0], J[n, 1], J[n, 2] = g * (wy * dz - wz * dy), g * (wz * dx - wx * dz), g * (wx * dy - wy * dx)
+        at[n] = 6 + column
+        n += 1
+    return n
+
+
+@njit(cache=True)
+def _add(J, at, n, W, rx, ry, rz, H, g):
+    """Add a point's JᵀWJ and JᵀWr; its rᵀWr."""
+    for i in range(n):
+        vx = J[i, 0] * W[0] + J[i, 1] * W[3] + J[i, 2] * W[6]
+        vy = J[i, 0] * W[1] + J[i, 1] * W[4] + J[i, 2] * W[7]
+        vz = J[i, 0] * W[2] + J[i, 1] * W[5] + J[i, 2] * W[8]
+        g[at[i]] += vx * rx + vy * ry + vz * rz
+        for k in range(n):
+            H[at[i], at[k]] += vx * J[k, 0] + vy * J[k, 1] + vz * J[k, 2]
+    return (
+        rx * (W[0] * rx + W[1] * ry + W[2] * rz)
+        + ry * (W[3] * rx + W[4] * ry + W[5] * rz)
+        + rz * (W[6] * rx + W[7] * ry + W[8] * rz)
+    )
+
+
+@njit(cache=True)
+def _measured(digits, mirror, layout, points, information, columns, gains, R, t, z, H, g, work):
+    """Add what the markers say to H and g; the sum of their squared weighted residuals."""
+    q, x, axes, J = work[0, :5], work[1:5, :3], work[5:10, :3], work[10:21, :3]
+    W, at = work[21, :9], np.empty(11, dtype=np.int64)
+    cost = 0.0
+    for i in range(len(points)):
+        if information[i, 0, 0] == 0.0:
+            continue
+        if i < 5:
+            digit_angles(z, columns, gains, i, q)
+            digit_points(digits[i], mirror, q, x, axes)
+            n = _columns_of(i, 3, x, axes, columns, gains, J, at)
+        else:
+            x[3, 0], x[3, 1], x[3, 2] = mirror * layout[i - 5, 0], layout[i - 5, 1], layout[i - 5, 2]
+            x[0] = x[1] = x[2] = x[3]
+            n = _columns_of(0, 3, x, axes, columns, gains, J, at)
+            n = 6
+        dx, dy, dz = points[i, 0] - t[0], points[i, 1] - t[1], points[i, 2] - t[2]
+        rx = R[0] * dx + R[3] * dy + R[6] * dz - x[3, 0]
+        ry = R[1] * dx + R[4] * dy + R[7] * dz - x[3, 1]
+        rz = R[2] * dx + R[5] * dy + R[8] * dz - x[3, 2]
+        for a in range(3):
+            for b in range(3):
+                value = 0.0
+                for c in range(3):
+                    for d in range(3):
+                        value += R[3 * c + a] * information[i, c, d] * R[3 * d + b]
+                W[3 * a + b] = value
+        cost += _add(J, at, n, W, rx, ry, rz, H, g)
+    return cost
+
+
+@njit(cache=True)
+def _expected(prior_mean, prior, predicted_R, predicted_t, predicted_z, certainty, R, t, z, H, g):
+    """Add what is known beforehand to H and g; its cost."""
+    n, cost = len(z), 0.0
+    for i in range(n):
+        v = 0.0
+        for k in range(n):
+            v += prior[i, k] * (z[k] - prior_mean[k])
+            H[6 + i, 6 + k] += prior[i, k]
+        g[6 + i] -= v
+        cost += v * (z[i] - prior_mean[i])
+        w, d = certainty[6 + i], z[i] - predicted_z[i]
+        H[6 + i, 6 + i] += w
+        g[6 + i] -= w * d
+        cost += w * d * d
+    if certainty[0] > 0.0 or certainty[3] > 0.0:
+        d = np.empty(6)
+        d[3], d[4], d[5] = turn_between(predicted_R, 0, R)
+        dx, dy, dz = t[0] - predicted_t[0], t[1] - predicted_t[1], t[2] - predicted_t[2]
+        for k in range(3):
+            d[k] = R[k] * dx + R[3 + k] * dy + R[6 + k] * dz
+        for k in range(6):
+            H[k, k] += certainty[k]
+            g[k] -= certainty[k] * d[k]
+            cost += certainty[k] * d[k] * d[k]
+    return cost
+
+
+@njit(cache=True)
+def _penalty(digits, columns, gains, z, c_max, H, g):
+    """Add the penalty outside the limits to H and g; its cost."""
+    cost, w, q = 0.0, 1.0 / _LIMIT_SD**2, np.empty(5)
+    for i in range(5):
+        row = digits[i]
+        digit_angles(z, columns, gains, i, q)
+        f, a = q[0] - row[F0], q[1] - row[A0]
+        fc, ac = columns[i, 0], columns[i, 1]
+        s = (f / row[FX]) ** 2 + ((a / row[AX]) ** 2 if row[AX] > 0.0 else 0.0)
+        if s > 1.0:
+            s = math.sqrt(s)
+            df, da = f / (row[FX] ** 2 * s), a / (row[AX] ** 2 * s) if row[AX] > 0.0 else 0.0
+            cost += w * (s - 1.0) ** 2
+            g[6 + fc] -= w * (s - 1.0) * df
+            H[6 + fc, 6 + fc] += w * df * df
+            if ac >= 0:
+                g[6 + ac] -= w * (s - 1.0) * da
+                H[6 + ac, 6 + ac] += w * da * da
+                H[6 + fc, 6 + ac] += w * df * da
+                H[6 + ac, 6 + fc] += w * df * da
+        for k in range(5):
+            column = columns[i, k]
+            if k == 1 or column < 0:
+                continue
+            low = row[FMIN] if k == 0 else (-c_max if k == 4 else 0.0)
+            high = math.inf if k == 0 else (row[M_MAX] if k == 2 else (row[B_MAX] if k == 3 else c_max))
+            over = max(q[k] - high, 0.0) + min(q[k] - low, 0.0)
+            if over != 0.0:
+                cost += w * over * over
+                g[6 + column] -= w * over * gains[i, k]
+                H[6 + column, 6 + column] += w * gains[i, k] ** 2
+    return cost
+
+
+@njit(cache=True)
+def factorise(H, damping, M):
+    """Write the Cholesky factor of H with its diagonal raised; whether there is one."""
+    n = len(H)
+    for i in range(n):
+        for k in range(i + 1):
+            e = H[i, k] * (1.0 + damping) if i == k else H[i, k]
+            for j in range(k):
+                e -= M[i, j] * M[k, j]
+            if i == k:
+                if not e > 0.0:
+                    return False
+                M[i, i] = math.sqrt(e)
+            else:
+                M[i, k] = e / M[k, k]
+    return True
+
+
+@njit(cache=True)
+def substitute(M, d):
+    """Solve M Mᵀ x = d, in place."""
+    n = len(d)
+    for i in range(n):
+        for j in range(i):
+            d[i] -= M[i, j] * d[j]
+        d[i] /= M[i, i]
+    for i in range(n - 1, -1, -1):
+        for j in range(i + 1, n):
+            d[i] -= M[j, i] * d[j]
+        d[i] /= M[i, i]
+
+
+@njit(cache=True)
+def within(digits, columns, gains, z, c_max):
+    """Bring the free angles within the limits, in place."""
+    q, out = np.empty(5), np.empty(4)
+    for i in range(5):
+        digit_angles(z, columns, gains, i, q)
+        limit(digits[i], q[0], q[1], q[2], q[3], out)
+        for k in range(5):
+            column = columns[i, k]
+            if column >= 0 and gains[i, k] == 1.0:
+                z[column] = out[k] if k < 4 else min(max(q[4], -c_max), c_max)
+
+
+@njit(cache=True)
+def fit(
+    digits, mirror, layout, points, information, columns, gains, c_max, prior_mean, prior,
+    predicted_R, predicted_t, predicted_z, certainty, R, t, z, iterations,
+):  # fmt: skip
+    """Fit a hand from R (9,), t (3,), z (n,), in place; the cost.
+
+    Args:
+        digits: (5, `DIGIT`) of `hand_kernels`.
+        mirror: -1 for a left hand, else 1.
+        layout: (k, 3) the base's markers in the palm's frame of a right hand [m].
+        points: (5 + k, 3) tips, then the base's markers [m].
+        information: (5 + k, 3, 3) inverse covariances [1/m²]; 0 where a marker does not count.
+        columns, gains: (5, 5) of a digit's angles f, a, m, b, c: which free angle times what; -1: held at 0.
+        c_max: limit of c [rad].
+        prior_mean, prior: (n,), (n, n) what is usual, and the inverse of its covariance.
+        predicted_R, predicted_t, predicted_z, certainty: what was predicted, and (6 + n,) the inverse variances of the
+            palm's twist and of the angles.
+        iterations: at most.
+    """
+    n = 6 + len(z)
+    H, g, M, d = np.empty((n, n)), np.empty(n), np.empty((n, n)), np.empty(n)
+    work = np.empty((22, 9))
+    new_R, new_t, new_z = np.empty(9), np.empty(3), np.empty(n - 6)
+    spare, spare_g = np.empty((n, n)), np.empty(n)
+
+    H[:], g[:] = 0.0, 0.0
+    cost = _measured(digits, mirror, layout, points, information, columns, gains, R, t, z, H, g, work)
+    cost += _expected(prior_mean, prior, predicted_R, predicted_t, predicted_z, certainty, R, t, z, H, g)
+    cost += _penalty(digits, columns, gains, z, c_max, H, g)
+    damping = 1e-6
+    for _ in range(iterations):
+        for i in range(6):
+            H[i, i] += 1e-9
+        if not factorise(H, damping, M):
+            damping = max(10.0 * damping, 1e-6)
+            continue
+        for i in range(n):
+            d[i] = g[i]
+        substitute(M, d)
+        most = 0.0
+        for i in range(3, n):
+            most = max(most, abs(d[i]))
+        if most > 0.5:
+            for i in range(n):
+                d[i] *= 0.5 / most
+        turned(R, 0, d[3], d[4], d[5], new_R)
+        orthonormal(new_R)
+        for k in range(3):
+            new_t[k] = t[k] + R[3 * k] * d[0] + R[3 * k + 1] * d[1] + R[3 * k + 2] * d[2]
+        for k in range(n - 6):
+            new_z[k] = z[k] + d[6 + k]
+        spare[:], spare_g[:] = 0.0, 0.0
+        there = _measured(
+            digits, mirror, layout, points, information, columns, gains, new_R, new_t, new_z, spare, spare_g, work
+        )
+        there += _expected(
+            prior_mean, prior, predicted_R, predicted_t, predicted_z, certainty, new_R, new_t, new_z, spare, spare_g
+        )
+        there += _penalty(digits, columns, gains, new_z, c_max, spare, spare_g)
+        if there < cost:
+            gained, cost = cost - there, there
+            R[:], t[:], z[:] = new_R, new_t, new_z
+            H[:], g[:] = spare, spare_g
+            damping = max(0.1 * damping, 1e-9)
+            if gained < 1e-6 * (1.0 + cost):
+                break
+        else:
+            damping = max(10.0 * damping, 1e-6)
+            if damping > 1e6 or most < 1e-9:
+                break
+    within(digits, columns, gains, z, c_max)
+    return cost
+
+
+@njit(cache=True)
+def describe(
+    digits, mirror, layout, points, information, columns, gains, prior, certainty, R, t, z, x, sd, share, variances,
+    residuals,
+):  # fmt: skip
+    """Where the landmarks are, how sure, and how much of that is not the markers' of this instant.
+
+    With the inverse covariances H_m of the markers and H_p of what is usual, P = (H_m + H_p)⁻¹ = P H_m P + P H_p P: the
+    second is the part of the variance that is owed to habit and limits.
+
+    Args:
+        x: (21, 3) world, out [m].
+        sd: (21,) standard deviation of a coordinate, from all there is, out [m].
+        share: (21,) part of the variance owed to what is usual, out.
+        variances: (6 + n,) of the palm's twist and of the free angles, from all there is, out.
+        residuals: (5 + k,) distances of the markers, out [m]; NaN where a marker has no finite place.
+
+    Returns:
+        Whether there is such a covariance.
+    """
+    n = 6 + len(z)
+    Hm, H, M, g = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
+    work, at = np.empty((22, 9)), np.empty(11, dtype=np.int64)
+    q, joints, axes, J = work[0, :5], work[1:5, :3], work[5:10, :3], work[10:21, :3]
+    _measured(digits, mirror, layout, points, information, columns, gains, R, t, z, Hm, g, work)
+    P = np.empty((2, n, n))
+    for case in range(2):  # without the prediction, and with it
+        H[:] = Hm
+        H[6:, 6:] += prior
+        for i in range(n):
+            H[i, i] += 1e-6 if case == 0 else 1e-6 + certainty[i]
+        if not factorise(H, 1e-12, M):
+            return False
+        for i in range(n):
+            g[:] = 0.0
+            g[i] = 1.0
+            substitute(M, g)
+            P[case, i] = g
+    measured = P[0] @ Hm @ P[0]
+    for i in range(n):
+        variances[i] = P[1, i, i]
+    for landmark in range(21):
+        digit = (landmark - 1) // 4
+        joint = (landmark - 1) % 4
+        if landmark == 0:
+            joints[0] = 0.0
+            count = _columns_of(0, 0, joints, axes, columns, gains, J, at)
+        else:
+            if joint == 0:
+                digit_angles(z, columns, gains, digit, q)
+                digit_points(digits[digit], mirror, q, joints, axes)
+            count = _columns_of(digit, joint, joints, axes, columns, gains, J, at)
+        all_of, of_markers, total = 0.0, 0.0, 0.0
+        for c in range(3):
+            x[landmark, c] = t[c]
+            for k in range(3):
+                x[landmark, c] += R[3 * c + k] * joints[joint if landmark > 0 else 0, k]
+            for i in range(count):
+                for k in range(count):
+                    product = J[i, c] * J[k, c]
+                    all_of += product * P[1, at[i], at[k]]
+                    of_markers += product * measured[at[i], at[k]]
+                    total += product * P[0, at[i], at[k]]
+        sd[landmark] = math.sqrt(all_of / 3.0)
+        share[landmark] = 1.0 - of_markers / total
+    for i in range(len(points)):
+        if i < 5:
+            px, py, pz = x[4 * i + 4, 0], x[4 * i + 4, 1], x[4 * i + 4, 2]
+        else:
+            lx, ly, lz = mirror * layout[i - 5, 0], layout[i - 5, 1], layout[i - 5, 2]
+            px = t[0] + R[0] * lx + R[1] * ly + R[2] * lz
+            py = t[1] + R[3] * lx + R[4] * ly + R[5] * lz
+            pz = t[2] + R[6] * lx + R[7] * ly + R[8] * lz
+        residuals[i] = math.sqrt((points[i, 0] - px) ** 2 + (points[i, 1] - py) ** 2 + (points[i, 2] - pz) ** 2)
+    return True

@@ -1,0 +1,527 @@
+"""One digit's inverse kinematics, compiled: closed form with a limited search, FABRIK, and the Jacobian's methods.
+
+A digit is solved in the frame of its first joint, where its tip at flexion f, abduction a, flexion m of the second and b
+of the third joint is (u·sin a, −w, u·cos a) with
+
+    u = l₁·cos f + l₂·cos(f + m) + l₃·cos(f + m + b),   w likewise with sines:
+
+a plane chain in a plane that turns about y. Importing this module imports numba. The rows of numbers are made by
+`mocapella.kinematics.hand_solvers`.
+"""
+
+# ruff: noqa: PLR0912, PLR0915, PLR0917 - compiled: arrays come by position, and loops are written out
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+# A digit's row of numbers.
+L1, L2, L3 = 0, 1, 2
+BASE = 3  # (3,) in the palm's frame
+FRAME = 6  # (9,) R_palm_digit, row by row
+F0, A0, FX, AX, FMIN = 15, 16, 17, 18, 19  # centre and half axes of the cone, least flexion [rad]
+PHI_MIN, PHI_MAX = 20, 21  # of the direction in the cone
+M_MAX, B_MAX = 22, 23  # [rad]; least is 0
+RATIO, COUPLED = 24, 25  # of the third flexion to the second; whether it is held to it
+POLY = 26  # (8,) squared distance of the tip as a polynomial of cos(m/3)
+NATURAL = 34  # (4,) f, a, m, b at rest [rad]
+DIGIT = 38
+
+_TOLERANCE = 1e-9
+_B_STEPS = 24
+_NEWTON = 40
+STARTS = 5
+_DIRECTIONS = 8
+
+
+@njit(cache=True)
+def to_digit(row, x, y, z):
+    """A point of the palm's frame [m] in the digit's."""
+    x, y, z = x - row[BASE], y - row[BASE + 1], z - row[BASE + 2]
+    return (
+        row[FRAME] * x + row[FRAME + 3] * y + row[FRAME + 6] * z,
+        row[FRAME + 1] * x + row[FRAME + 4] * y + row[FRAME + 7] * z,
+        row[FRAME + 2] * x + row[FRAME + 5] * y + row[FRAME + 8] * z,
+    )
+
+
+@njit(cache=True)
+def tip(row, f, a, m, b):
+    """Where the tip is, in the digit's frame [m]."""
+    u = row[L1] * math.cos(f) + row[L2] * math.cos(f + m) + row[L3] * math.cos(f + m + b)
+    w = row[L1] * math.sin(f) + row[L2] * math.sin(f + m) + row[L3] * math.sin(f + m + b)
+    return u * math.sin(a), -w, u * math.cos(a)
+
+
+@njit(cache=True)
+def missed(row, x, y, z, f, a, m, b):
+    """How far the tip is from a point [m]."""
+    tx, ty, tz = tip(row, f, a, m, b)
+    return math.sqrt((tx - x) ** 2 + (ty - y) ** 2 + (tz - z) ** 2)
+
+
+@njit(cache=True)
+def in_cone(row, f, a):
+    """Whether flexion and abduction are within the elliptic cone, to a rounding error."""
+    if f < row[FMIN] - _TOLERANCE:
+        return False
+    s = ((f - row[F0]) / row[FX]) ** 2
+    if row[AX] > 0.0:
+        s += ((a - row[A0]) / row[AX]) ** 2
+    elif abs(a - row[A0]) > 1e-7:
+        return False
+    return s <= 1.0 + _TOLERANCE
+
+
+@njit(cache=True)
+def limit(row, f, a, m, b, out):
+    """Write the angles brought within the limits into out (4,)."""
+    f, a = max(f, row[FMIN]), a - row[A0]
+    f -= row[F0]
+    if row[AX] > 0.0:
+        s = math.sqrt((f / row[FX]) ** 2 + (a / row[AX]) ** 2)
+    else:
+        s, a = abs(f) / row[FX], 0.0
+    s = max(s, 1.0)
+    out[0], out[1] = row[F0] + f / s, row[A0] + a / s
+    out[2] = min(max(m, 0.0), row[M_MAX])
+    out[3] = row[RATIO] * out[2] if row[COUPLED] > 0.0 else min(max(b, 0.0), row[B_MAX])
+
+
+@njit(cache=True)
+def wrapped(angle):
+    """The angle within ±π."""
+    if angle > math.pi:
+        return angle - 2.0 * math.pi
+    if angle < -math.pi:
+        return angle + 2.0 * math.pi
+    return angle
+
+
+@njit(cache=True)
+def _second_flexion(row, squared):
+    """The flexion of the second joint at which a coupled digit's tip has that squared distance; NaN where none has.
+
+    The squared distance is a polynomial of c = cos(m/3), convex and rising between the limits: Newton's method from
+    the chord overshoots once and then falls onto the root.
+    """
+    low, high, c_min = 0.0, 0.0, math.cos(row[M_MAX] / 3.0)
+    for k in range(7, -1, -1):
+        low, high = low * c_min + row[POLY + k], high + row[POLY + k]
+    slack = 1e-9 * high
+    if not (low - slack <= squared <= high + slack):
+        return math.nan
+    c = c_min + (1.0 - c_min) * (squared - low) / (high - low)
+    for _ in range(12):
+        value, slope = row[POLY + 7], 0.0
+        for k in range(6, -1, -1):
+            slope = slope * c + value
+            value = value * c + row[POLY + k]
+        step = (value - squared) / slope
+        c -= step
+        if abs(step) < 1e-14:
+            break
+    return 3.0 * math.acos(min(max(c, c_min), 1.0))
+
+
+@njit(cache=True)
+def closed_form(row, x, y, z, out):
+    """Write f, a, m, b (4,) that put the tip at a point of the digit's frame within the limits; whether there are any.
+
+    For a digit that does not abduct: as near to it as its plane is.
+
+    The digit bends in the plane through y and the point; in it the third joint follows the second. Where that breaks a
+    limit and the third joint is free, its flexion nearest to following that does not is taken.
+    """
+    r, w = math.hypot(x, z), -y
+    if row[AX] == 0.0:  # what is off the plane stays off
+        r = x * math.sin(row[A0]) + z * math.cos(row[A0])
+    squared = r * r + w * w
+    followed = _second_flexion(row, squared)
+    for side in range(2):
+        u, a = (r, math.atan2(x, z)) if side == 0 else (-r, math.atan2(-x, -z))
+        if row[AX] == 0.0:
+            if side == 1:
+                break
+            a = row[A0]
+        elif abs(a - row[A0]) > row[AX] * (1.0 + _TOLERANCE):
+            continue
+        direction = math.atan2(w, u)
+        if not math.isnan(followed):
+            m, b = followed, row[RATIO] * followed
+            ahead = row[L1] + row[L2] * math.cos(m) + row[L3] * math.cos(m + b)
+            down = row[L2] * math.sin(m) + row[L3] * math.sin(m + b)
+            f = wrapped(direction - math.atan2(down, ahead))
+            if in_cone(row, f, a):
+                out[0], out[1], out[2], out[3] = f, a, m, b
+                return True
+        if row[COUPLED] > 0.0:
+            continue
+        best = math.inf
+        for k in range(_B_STEPS + 1):
+            b = row[B_MAX] * k / _B_STEPS
+            far = math.sqrt(row[L2] ** 2 + row[L3] ** 2 + 2.0 * row[L2] * row[L3] * math.cos(b))
+            cosine = (squared - row[L1] ** 2 - far * far) / (2.0 * row[L1] * far)
+            if not -1.0 <= cosine <= 1.0:
+                continue
+            bend = math.acos(cosine)
+            m = bend - math.atan2(row[L3] * math.sin(b), row[L2] + row[L3] * math.cos(b))
+            if not 0.0 <= m <= row[M_MAX] or abs(b - row[RATIO] * m) >= best:
+                continue
+            f = wrapped(direction - math.atan2(far * math.sin(bend), row[L1] + far * cosine))
+            if in_cone(row, f, a):
+                best = abs(b - row[RATIO] * m)
+                out[0], out[1], out[2], out[3] = f, a, m, b
+        if best < math.inf:
+            return True
+    return False
+
+
+@njit(cache=True)
+def _energy(row, x, y, z, v):
+    """Half the squared distance of the tip from a point, at v = (s, φ, m, b): see `_derivatives`."""
+    f = row[F0] + row[FX] * v[0] * math.sin(v[1])
+    a = row[A0] + row[AX] * v[0] * math.cos(v[1])
+    b = row[RATIO] * v[2] if row[COUPLED] > 0.0 else v[3]
+    tx, ty, tz = tip(row, f, a, v[2], b)
+    return 0.5 * ((tx - x) ** 2 + (ty - y) ** 2 + (tz - z) ** 2)
+
+
+@njit(cache=True)
+def _derivatives(row, x, y, z, v, g, H):
+    """Write gradient (4,) and Hessian (4, 4) of `_energy`.
+
+    The cone is f = f₀ + F·s·sin φ, a = a₀ + A·s·cos φ with s ≤ 1, so that all limits are those of single variables.
+    """
+    sine, cosine, s = math.sin(v[1]), math.cos(v[1]), v[0]
+    F, A = row[FX], row[AX]
+    f, a, m = row[F0] + F * s * sine, row[A0] + A * s * cosine, v[2]
+    coupled = row[COUPLED] > 0.0
+    ratio = row[RATIO]
+    b = ratio * m if coupled else v[3]
+    u3, w3 = row[L3] * math.cos(f + m + b), row[L3] * math.sin(f + m + b)
+    u2, w2 = u3 + row[L2] * math.cos(f + m), w3 + row[L2] * math.sin(f + m)
+    u1, w1 = u2 + row[L1] * math.cos(f), w2 + row[L1] * math.sin(f)
+    q, turned = x * math.sin(a) + z * math.cos(a), x * math.cos(a) - z * math.sin(a)
+    du, dw = u1 - q, w1 + y
+    # By f, m and b: the first derivatives of (u, w) are (−w, u) of what the joint moves, the second −(u, w) of what
+    # the outer of both joints moves.
+    gf, gm, gb = -du * w1 + dw * u1, -du * w2 + dw * u2, -du * w3 + dw * u3
+    ff = w1 * w1 + u1 * u1 - du * u1 - dw * w1
+    fm = w1 * w2 + u1 * u2 - du * u2 - dw * w2
+    fb = w1 * w3 + u1 * u3 - du * u3 - dw * w3
+    mm = w2 * w2 + u2 * u2 - du * u2 - dw * w2
+    mb = w2 * w3 + u2 * u3 - du * u3 - dw * w3
+    bb = w3 * w3 + u3 * u3 - du * u3 - dw * w3
+    ga, aa = -u1 * turned, u1 * q
+    af, am, ab = w1 * turned, w2 * turned, w3 * turned
+    if coupled:
+        mm += 2.0 * ratio * mb + ratio * ratio * bb
+        gm, fm, am = gm + ratio * gb, fm + ratio * fb, am + ratio * ab
+    fs, fp, as_, ap = F * sine, F * s * cosine, A * cosine, -A * s * sine
+    g[0], g[1], g[2], g[3] = gf * fs + ga * as_, gf * fp + ga * ap, gm, gb
+    H[0, 0] = ff * fs * fs + 2.0 * af * fs * as_ + aa * as_ * as_
+    H[1, 1] = ff * fp * fp + 2.0 * af * fp * ap + aa * ap * ap - gf * F * s * sine - ga * A * s * cosine
+    H[0, 1] = ff * fs * fp + af * (fs * ap + fp * as_) + aa * as_ * ap + gf * F * cosine - ga * A * sine
+    H[0, 2], H[1, 2], H[2, 2] = fm * fs + am * as_, fm * fp + am * ap, mm
+    H[0, 3], H[1, 3], H[2, 3], H[3, 3] = fb * fs + ab * as_, fb * fp + ab * ap, mb, bb
+    for i in range(4):
+        for k in range(i):
+            H[i, k] = H[k, i]
+
+
+@njit(cache=True)
+def _descend(row, x, y, z, v, low, high, work):
+    """Go down from v (4,) to a local best between the bounds, in place: Newton's method, damped until it falls."""
+    g, H, M, d, t = work[0], work[1:5], work[5:9], work[9], work[10]
+    n = 3 if row[COUPLED] > 0.0 else 4
+    value, damping = _energy(row, x, y, z, v), 1e-9
+    for _ in range(_NEWTON):
+        _derivatives(row, x, y, z, v, g, H)
+        slope = 0.0
+        for i in range(n):
+            free = not ((v[i] <= low[i] and g[i] > 0.0) or (v[i] >= high[i] and g[i] < 0.0))
+            t[i] = 1.0 if free else 0.0
+            slope += t[i] * abs(g[i])
+        if slope < 1e-13:
+            break
+        fell = False
+        for _ in range(12):
+            positive = True
+            for i in range(n):  # Cholesky's factor of the free rows, forward and backward
+                d[i] = -g[i] * t[i]
+                for k in range(i + 1):
+                    e = H[i, k] * t[i] * t[k]
+                    if i == k:
+                        e = e + damping * (abs(H[i, i]) + 1e-5) + 1e-15 if t[i] > 0.0 else 1.0
+                    for j in range(k):
+                        e -= M[i, j] * M[k, j]
+                    if i == k:
+                        positive = positive and e > 0.0
+                        M[i, i] = math.sqrt(max(e, 1e-30))
+                    else:
+                        M[i, k] = e / M[k, k]
+                for j in range(i):
+                    d[i] -= M[i, j] * d[j]
+                d[i] /= M[i, i]
+            if positive:
+                for i in range(n - 1, -1, -1):
+                    for j in range(i + 1, n):
+                        d[i] -= M[j, i] * d[j]
+                    d[i] /= M[i, i]
+                for i in range(n):
+                    d[i] = min(max(v[i] + d[i], low[i]), high[i])
+                there = _energy(row, x, y, z, d)
+                if there < value:
+                    fell = True
+                    break
+            damping = max(10.0 * damping, 1e-3)
+        if not fell:
+            break
+        gained, value = value - there, there
+        damping *= 0.1
+        for i in range(n):
+            v[i] = d[i]
+        if gained < 1e-12 * value + 1e-18:
+            break
+    return value
+
+
+@njit(cache=True)
+def limited_search(row, x, y, z, out, work):
+    """Write f, a, m, b (4,) within the limits that bring the tip as near to a point as they can.
+
+    Newton's method from the best points of a coarse grid, one for each direction in the cone
+    (or, for a digit that does not abduct, for each bend).
+
+    Args:
+        work: (25, 4) scratch.
+    """
+    low, high, v, best, starts, values = work[11], work[12], work[13], work[14], work[15:23], work[23:25].reshape(8)
+    low[0], low[1], low[2], low[3] = 0.0, row[PHI_MIN], 0.0, 0.0
+    high[0], high[1], high[2], high[3] = 1.0, row[PHI_MAX], row[M_MAX], row[B_MAX]
+    for k in range(_DIRECTIONS):
+        values[k] = math.inf
+    bends = 3 if row[COUPLED] == 0.0 else 1
+    whole = row[FMIN] < row[F0]
+    if whole:
+        low[0] = -1.0
+    directions = 1 if row[AX] == 0.0 else (_DIRECTIONS if whole else 5)
+    for k in range(4):
+        m = row[M_MAX] * (0.05 + 0.3 * k)
+        for j in range(bends):
+            b = row[B_MAX] * (0.1 + 0.4 * j) if bends > 1 else row[RATIO] * m
+            ahead = row[L1] + row[L2] * math.cos(m) + row[L3] * math.cos(m + b)
+            down = row[L2] * math.sin(m) + row[L3] * math.sin(m + b)
+            for i in range(directions):
+                phi = 0.25 * math.pi * i - (math.pi if whole else 0.0) if directions > 1 else 0.5 * math.pi
+                sine, cosine = math.sin(phi), math.cos(phi)
+                for n in range(3):
+                    s = 0.15 + 0.425 * n
+                    f, a = row[F0] + row[FX] * s * sine, row[A0] + row[AX] * s * cosine
+                    u, w = ahead * math.cos(f) - down * math.sin(f), ahead * math.sin(f) + down * math.cos(f)
+                    value = (u * math.sin(a) - x) ** 2 + (w + y) ** 2 + (u * math.cos(a) - z) ** 2
+                    c = i if directions > 1 else k
+                    if value < values[c]:
+                        values[c] = value
+                        starts[c, 0], starts[c, 1], starts[c, 2], starts[c, 3] = s, phi, m, b
+    least = math.inf
+    for _ in range(STARTS):
+        nearest = 0
+        for i in range(1, _DIRECTIONS):
+            if values[i] < values[nearest]:
+                nearest = i
+        values[nearest] = math.inf
+        for c in range(4):
+            v[c] = starts[nearest, c]
+        for _ in range(2):
+            value = _descend(row, x, y, z, v, low, high, work)
+            if value < least:
+                least = value
+                for c in range(4):
+                    best[c] = v[c]
+            if whole or v[0] > 1e-6:
+                break
+            v[0], v[1] = 0.05, math.pi - v[1]  # where all directions meet it could not turn
+    f = row[F0] + row[FX] * best[0] * math.sin(best[1])
+    a = row[A0] + row[AX] * best[0] * math.cos(best[1])
+    limit(row, f, a, best[2], best[3], out)
+
+
+@njit(cache=True)
+def hand_closed_form(digits, targets, angles, errors, reached):
+    """Bring five tips to targets in the palm's frame.
+
+    Args:
+        digits: (5, `DIGIT`).
+        targets: (5, 3) [m], of a right hand; where one is not finite its digit stays as it is, within limits.
+        angles: (5, 4) f, a, m, b [rad], in and out.
+        errors: (5,) distances that remain [m], out; NaN without a target.
+        reached: (5,) whether the closed form was within the limits, out.
+    """
+    work = np.empty((25, 4))
+    for i in range(5):
+        row, out = digits[i], angles[i]
+        x, y, z = to_digit(row, targets[i, 0], targets[i, 1], targets[i, 2])
+        reached[i] = False
+        if not (abs(x) < 1e3 and abs(y) < 1e3 and abs(z) < 1e3):
+            errors[i] = math.nan
+            for k in range(4):
+                if not abs(out[k]) < 1e3:
+                    out[k] = row[NATURAL + k]
+            limit(row, out[0], out[1], out[2], out[3], out)
+            continue
+        if closed_form(row, x, y, z, out):
+            reached[i] = True
+            limit(row, out[0], out[1], out[2], out[3], out)
+        else:
+            limited_search(row, x, y, z, out, work)
+        errors[i] = missed(row, x, y, z, out[0], out[1], out[2], out[3])
+
+
+@njit(cache=True)
+def fabrik(row, x, y, z, out, tolerance, iterations):
+    """FABRIK with a rotor (the cone) at the base and hinges after it, from out (4,), in place; how many iterations.
+
+    Aristidou and Lasenby 2011, algorithm 1 and section 4: the limits are imposed in every backward pass. The digit's
+    hinges are parallel, so after the rotor's turn to the target all happens in one plane.
+    """
+    f, a, m, b = out[0], out[1], out[2], out[3]
+    azimuth = math.atan2(x, z) if z >= 0.0 else math.atan2(-x, -z)
+    u1, w1 = row[L1] * math.cos(f), row[L1] * math.sin(f)
+    u2, w2 = u1 + row[L2] * math.cos(f + m), w1 + row[L2] * math.sin(f + m)
+    length = row[L1] + row[L2] + row[L3]
+    for k in range(iterations):
+        limit(row, f, azimuth, m, b, out)
+        a = out[1]
+        tu, tw = x * math.sin(a) + z * math.cos(a), -y
+        far = math.hypot(tu, tw)
+        if far >= length:  # not reachable: stretch towards it
+            u1, w1 = row[L1] * tu / far, row[L1] * tw / far
+            u2, w2 = (row[L1] + row[L2]) * tu / far, (row[L1] + row[L2]) * tw / far
+        else:
+            d = max(math.hypot(u2 - tu, w2 - tw), 1e-12)
+            u2, w2 = tu + row[L3] * (u2 - tu) / d, tw + row[L3] * (w2 - tw) / d
+            d = max(math.hypot(u1 - u2, w1 - w2), 1e-12)
+            u1, w1 = u2 + row[L2] * (u1 - u2) / d, w2 + row[L2] * (w1 - w2) / d
+        limit(row, math.atan2(w1, u1), azimuth, 0.0, 0.0, out)
+        f, a = out[0], out[1]
+        u1, w1 = row[L1] * math.cos(f), row[L1] * math.sin(f)
+        m = min(max(wrapped(math.atan2(w2 - w1, u2 - u1) - f), 0.0), row[M_MAX])
+        u2, w2 = u1 + row[L2] * math.cos(f + m), w1 + row[L2] * math.sin(f + m)
+        limit(row, f, a, m, wrapped(wrapped(math.atan2(tw - w2, tu - u2) - f) - m), out)
+        b = out[3]
+        if missed(row, x, y, z, f, a, m, b) < tolerance:
+            return k + 1
+    return iterations
+
+
+TRANSPOSE, PSEUDO_INVERSE, DAMPED = 0, 1, 2
+
+
+@njit(cache=True)
+def follow_jacobian(row, x, y, z, out, kind, tolerance, iterations, damping_m, work):
+    """The Jacobian's methods (Buss 2004, sections 3 to 6) from out (4,), in place, angles clamped; how many iterations.
+
+    Args:
+        kind: `TRANSPOSE`, `PSEUDO_INVERSE` or `DAMPED`.
+        damping_m: λ of the damped least squares [m].
+        work: (25, 4) scratch.
+    """
+    J, A, e, d = work[0:4], work[4:8], work[8], work[9]  # J's rows are the angles' columns
+    coupled = row[COUPLED] > 0.0
+    for k in range(iterations):
+        f, a, m, b = out[0], out[1], out[2], out[3]
+        tx, ty, tz = tip(row, f, a, m, b)
+        e[0], e[1], e[2] = x - tx, y - ty, z - tz
+        if e[0] * e[0] + e[1] * e[1] + e[2] * e[2] < tolerance * tolerance:
+            return k
+        u3, w3 = row[L3] * math.cos(f + m + b), row[L3] * math.sin(f + m + b)
+        u2, w2 = u3 + row[L2] * math.cos(f + m), w3 + row[L2] * math.sin(f + m)
+        u1, w1 = u2 + row[L1] * math.cos(f), w2 + row[L1] * math.sin(f)
+        sine, cosine = math.sin(a), math.cos(a)
+        J[0, 0], J[0, 1], J[0, 2] = -w1 * sine, -u1, -w1 * cosine
+        J[1, 0], J[1, 1], J[1, 2] = u1 * cosine, 0.0, -u1 * sine
+        J[2, 0], J[2, 1], J[2, 2] = -w2 * sine, -u2, -w2 * cosine
+        J[3, 0], J[3, 1], J[3, 2] = -w3 * sine, -u3, -w3 * cosine
+        if row[AX] == 0.0:
+            J[1, :3] = 0.0
+        if coupled:
+            for c in range(3):
+                J[2, c] += row[RATIO] * J[3, c]
+                J[3, c] = 0.0
+        for i in range(3):  # A = J Jᵀ
+            for c in range(3):
+                A[i, c] = 0.0
+                for j in range(4):
+                    A[i, c] += J[j, i] * J[j, c]
+        if kind == TRANSPOSE:
+            over, under = 0.0, 1e-30
+            for i in range(3):
+                d[i] = A[i, 0] * e[0] + A[i, 1] * e[1] + A[i, 2] * e[2]
+                over, under = over + e[i] * d[i], under + d[i] * d[i]
+            for i in range(3):
+                d[i] = e[i] * over / under
+        else:
+            extra = damping_m * damping_m if kind == DAMPED else 1e-12 * (A[0, 0] + A[1, 1] + A[2, 2])
+            for i in range(3):
+                A[i, i] += extra
+            _solve_three(A, e, d)
+        most = 1e-30
+        for j in range(4):
+            work[10, j] = J[j, 0] * d[0] + J[j, 1] * d[1] + J[j, 2] * d[2]
+            most = max(most, abs(work[10, j]))
+        part = min(1.0, 0.5 / most)  # half a radian at once
+        f, a, m, b = f + part * work[10, 0], a + part * work[10, 1], m + part * work[10, 2], b + part * work[10, 3]
+        limit(row, f, a, m, b, out)
+    return iterations
+
+
+@njit(cache=True)
+def _solve_three(A, e, d):
+    """Write the solution of A d = e for a symmetric (3, 3) matrix, by its adjugate."""
+    c00 = A[1, 1] * A[2, 2] - A[1, 2] * A[1, 2]
+    c01 = A[0, 2] * A[1, 2] - A[0, 1] * A[2, 2]
+    c02 = A[0, 1] * A[1, 2] - A[0, 2] * A[1, 1]
+    determinant = A[0, 0] * c00 + A[0, 1] * c01 + A[0, 2] * c02
+    c11 = A[0, 0] * A[2, 2] - A[0, 2] * A[0, 2]
+    c12 = A[0, 1] * A[0, 2] - A[0, 0] * A[1, 2]
+    c22 = A[0, 0] * A[1, 1] - A[0, 1] * A[0, 1]
+    scale = 1.0 / determinant if abs(determinant) > 1e-300 else 0.0
+    d[0] = scale * (c00 * e[0] + c01 * e[1] + c02 * e[2])
+    d[1] = scale * (c01 * e[0] + c11 * e[1] + c12 * e[2])
+    d[2] = scale * (c02 * e[0] + c12 * e[1] + c22 * e[2])
+
+
+FABRIK = 3
+
+
+@njit(cache=True)
+def hand_iterative(digits, targets, angles, errors, iterations, kind, tolerance, most, damping_m):
+    """As `hand_closed_form`, by an iterative method.
+
+    Args:
+        iterations: (5,) how many it took, out.
+        kind: `FABRIK`, or as in `follow_jacobian`.
+        tolerance: good enough [m].
+        most: iterations.
+    """
+    work = np.empty((25, 4))
+    for i in range(5):
+        row, out = digits[i], angles[i]
+        x, y, z = to_digit(row, targets[i, 0], targets[i, 1], targets[i, 2])
+        iterations[i] = 0
+        for k in range(4):
+            if not abs(out[k]) < 1e3:
+                out[k] = row[NATURAL + k]
+        limit(row, out[0], out[1], out[2], out[3], out)
+        if not (abs(x) < 1e3 and abs(y) < 1e3 and abs(z) < 1e3):
+            errors[i] = math.nan
+            continue
+        if kind == FABRIK:
+            iterations[i] = fabrik(row, x, y, z, out, tolerance, most)
+        else:
+            iterations[i] = follow_jacobian(row, x, y, z, out, kind, tolerance, most, damping_m, work)
+        errors[i] = missed(row, x, y, z, out[0], out[1], out[2], out[3])

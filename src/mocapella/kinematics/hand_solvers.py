@@ -1,0 +1,221 @@
+"""Five fingertips → the angles of five digits, within their limits: solvers behind one interface.
+
+- `ClosedForm` solves a digit in its plane, and what cannot be reached by a small limited search. It is what the tracker
+  uses.
+- `Fabrik`: A. Aristidou, J. Lasenby, "FABRIK: A fast, iterative solver for the Inverse Kinematics problem", Graphical
+  Models 73 (2011) 243.
+- `JacobianTranspose`, `PseudoInverse`, `DampedLeastSquares`: S. Buss, "Introduction to Inverse Kinematics with Jacobian
+  Transpose, Pseudoinverse and Damped Least Squares methods" (2004), sections 3 to 6.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from types import ModuleType
+from typing import Any, Final, Protocol
+
+import msgspec
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+
+from mocapella.errors import SettingsError, one_of
+from mocapella.model.hand import ANGLES, DIGIT_ANGLES, HandModel, HandShape
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+
+
+class Fingers(msgspec.Struct, frozen=True, eq=False):
+    """What a solver found.
+
+    Attributes:
+        angles: (..., 21) in the order of `ANGLES` [rad], always within the limits.
+        errors_m: (..., 5) how far the tips stay from their targets; NaN where there was none.
+        measured: (..., 5) whether a digit had a target; the others stay as they were.
+        iterations: (..., 5) of an iterative solver; 0 of a closed form that was within the limits.
+    """
+
+    angles: Float64
+    errors_m: Float64
+    measured: NDArray[np.bool_]
+    iterations: NDArray[np.int64]
+
+
+class HandSolver(Protocol):
+    """Brings fingertips to where they were seen."""
+
+    name: str
+
+    def solve(self, targets: Any, start: Any = None) -> Fingers:
+        """Find the angles.
+
+        Args:
+            targets: (..., 5, 3) fingertips in the palm's frame [m]; NaN where one is not seen.
+            start: (..., 21) angles to begin with and to stay at where there is no target; natural where not given.
+        """
+        ...  # pragma: no cover
+
+
+def digit_rows(model: HandModel, shape: HandShape) -> Float64:
+    """(5, `DIGIT`) what the kernels know of a hand; of a right one, for the kernels solve mirror images of left hands."""
+    k = kernels()
+    rows = np.zeros((5, k.DIGIT))
+    for i, (row, digit, cone) in enumerate(zip(rows, model.digits, model.cones, strict=True)):
+        row[k.L1 : k.L3 + 1] = shape.lengths[i]
+        row[k.BASE : k.BASE + 3] = shape.bases[i]
+        row[k.FRAME : k.FRAME + 9] = model.frames[i].reshape(9)
+        row[k.F0], row[k.A0], row[k.FX], row[k.AX], row[k.FMIN] = cone
+        whole = cone[4] < cone[0]
+        row[k.PHI_MIN], row[k.PHI_MAX] = (-10 * np.pi, 10 * np.pi) if whole else (0.0, np.pi)
+        if cone[3] == 0.0:
+            row[k.PHI_MIN] = row[k.PHI_MAX] = 0.5 * np.pi
+        row[k.M_MAX], row[k.B_MAX] = np.radians([digit.middle_deg[1], digit.last_deg[1]])
+        row[k.RATIO], row[k.COUPLED] = model.coupling[i], model.coupled[i]
+        row[k.POLY : k.POLY + 8] = _squared_distance(shape.lengths[i], digit.coupling_thirds)
+        row[k.NATURAL : k.NATURAL + 4] = model.natural[DIGIT_ANGLES[i, :4]]
+    return rows
+
+
+def _squared_distance(lengths: Float64, thirds: int) -> Float64:
+    """(8,) the tip's squared distance as a polynomial of cos(m/3) where the third joint flexes by thirds·m/3.
+
+    cos(k t) is Chebyshev's polynomial T_k of cos t.
+    """
+    one, two, three = lengths
+    coefficients = np.zeros(8)
+    coefficients[0] = one**2 + two**2 + three**2
+    for k, product in ((3, one * two), (thirds, two * three), (3 + thirds, one * three)):
+        coefficients[k] += 2 * product
+    powers = chebyshev.cheb2poly(coefficients)
+    return np.concatenate([powers, np.zeros(8 - len(powers))])
+
+
+class _Solver:
+    """What all solvers share: arrays in and out, one kernel for a hand."""
+
+    name: str
+
+    def __init__(self, model: HandModel, shape: HandShape) -> None:
+        self.model, self.shape = model, shape
+        self.digits = digit_rows(model, shape)
+
+    def solve(self, targets: Any, start: Any = None) -> Fingers:
+        """As `HandSolver.solve` says."""
+        targets = np.asarray(targets, dtype=np.float64) * self.shape.mirror
+        batch = targets.shape[:-2]
+        begin = self.model.natural if start is None else np.asarray(start, dtype=np.float64)
+        angles = self.model.limited(np.broadcast_to(begin, (*batch, len(ANGLES)))).reshape(-1, len(ANGLES))
+        flat = np.ascontiguousarray(targets).reshape(-1, 5, 3)
+        rows = np.ascontiguousarray(angles[:, DIGIT_ANGLES[:, :4]])
+        errors, iterations = np.empty((len(flat), 5)), np.zeros((len(flat), 5), dtype=np.int64)
+        for k in range(len(flat)):
+            self._solve(flat[k], rows[k], errors[k], iterations[k])
+        # The kernels solve a thumb whose second joint does not abduct.
+        angles[:, DIGIT_ANGLES[0, 4]] = 0.0
+        angles[:, DIGIT_ANGLES[:, :4]] = rows
+        errors = errors.reshape(*batch, 5)
+        measured = np.isfinite(errors)
+        return Fingers(angles.reshape(*batch, len(ANGLES)), errors, measured, iterations.reshape(*batch, 5))
+
+    def _solve(self, targets: Float64, angles: Float64, errors: Float64, iterations: NDArray[np.int64]) -> None:
+        raise NotImplementedError
+
+
+class ClosedForm(_Solver):
+    """In the digit's plane; unreachable targets by a limited search. The start matters only where there is no target."""
+
+    name = "closed form"
+
+    def _solve(self, targets: Float64, angles: Float64, errors: Float64, iterations: NDArray[np.int64]) -> None:
+        reached = np.empty(5, dtype=np.bool_)
+        kernels().hand_closed_form(self.digits, targets, angles, errors, reached)
+        iterations[:] = ~reached & np.isfinite(errors)
+
+
+@dataclass(frozen=True)
+class IterativeSettings:
+    """When an iterative solver stops.
+
+    Attributes:
+        tolerance_m: a tip this near to its target is there.
+        most_iterations: of a digit.
+        damping_m: λ of the damped least squares.
+    """
+
+    tolerance_m: float = 1e-4
+    most_iterations: int = 100
+    damping_m: float = 0.005
+
+    def __post_init__(self) -> None:
+        check(0 < self.tolerance_m < 1, "tolerance_m", self.tolerance_m, "above 0 m")
+        check(1 <= self.most_iterations <= 100_000, "most_iterations", self.most_iterations, "1 to 100000")
+        check(0 < self.damping_m < 1, "damping_m", self.damping_m, "above 0 m")
+
+
+class _Iterative(_Solver):
+    """From the start, until the tips are there or it has taken too long."""
+
+    kind: str
+
+    def __init__(self, model: HandModel, shape: HandShape, settings: IterativeSettings | None = None) -> None:
+        super().__init__(model, shape)
+        self.settings = settings or IterativeSettings()
+
+    def _solve(self, targets: Float64, angles: Float64, errors: Float64, iterations: NDArray[np.int64]) -> None:
+        s, k = self.settings, kernels()
+        kind = getattr(k, self.kind)
+        k.hand_iterative(
+            self.digits, targets, angles, errors, iterations, kind, s.tolerance_m, s.most_iterations, s.damping_m
+        )
+
+
+class Fabrik(_Iterative):
+    """Forward and backward reaching, with a rotor and hinges that are held within their limits."""
+
+    name, kind = "FABRIK", "FABRIK"
+
+
+class JacobianTranspose(_Iterative):
+    """Along the gradient, with the step that would be best were the tip's motion linear."""
+
+    name, kind = "Jacobian transpose", "TRANSPOSE"
+
+
+class PseudoInverse(_Iterative):
+    """The smallest step that would reach the target were the tip's motion linear."""
+
+    name, kind = "pseudo-inverse", "PSEUDO_INVERSE"
+
+
+class DampedLeastSquares(_Iterative):
+    """The same, but calm near singular poses."""
+
+    name, kind = "damped least squares", "DAMPED"
+
+
+@cache
+def kernels() -> ModuleType:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.kinematics import hand_kernels
+
+    return hand_kernels
+
+
+SOLVERS: Final[dict[str, Callable[[HandModel, HandShape], HandSolver]]] = {
+    solver.name: solver for solver in (ClosedForm, Fabrik, JacobianTranspose, PseudoInverse, DampedLeastSquares)
+}
+"""What makes each."""
+
+
+def hand_solver(name: str, model: HandModel, shape: HandShape) -> HandSolver:
+    """The solver of that name.
+
+    Raises:
+        SettingsError: no such solver; lists those there are.
+    """
+    if name not in SOLVERS:
+        raise SettingsError(f"unknown hand solver {name!r}; known: {one_of(name, SOLVERS)}")
+    return SOLVERS[name](model, shape)

@@ -1,0 +1,475 @@
+"""Five fingertips and the base's markers → a hand, instant after instant, with what is measured and how sure.
+
+Six markers do not determine a hand. With three or more on the base the palm's place is measured; with fewer it comes from
+the fit, and what the markers alone do not say comes from what is usual: a hand at rest, fingers that follow their
+neighbours, and how the hand moved until now. `hand_fit_kernels` says what is minimised, and how the states are told.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cache
+from types import ModuleType
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import InputError
+from mocapella.geometry.alignment import align, moments
+from mocapella.geometry.rigid import apply, inverse, rigid
+from mocapella.kinematics.hand_chain import hand_chain, palm_landmarks
+from mocapella.kinematics.hand_solvers import ClosedForm
+from mocapella.model.hand import ANGLES, DIGIT_ANGLES, DIGITS, LANDMARKS, TIPS, Hand, HandModel, HandShape
+from mocapella.model.observations import JointState
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+
+_COLUMN_ORDER: Final = (0, 1, 2, 3, 4)
+_POSES_DEG: Final = ((0.0, 0.0), (25.0, 35.0), (45.0, 70.0), (75.0, 90.0))
+"""Flexion of the first and the second joint of hands that a search without a previous one begins with."""
+
+
+@dataclass(frozen=True)
+class HandSettings:
+    """How far hands are from rest, how fast they move, and when a marker is not believed.
+
+    Attributes:
+        marker_sd_m: of a coordinate of a marker, where none is given.
+        flexion_sd_deg, abduction_sd_deg: of the fingers' angles around rest.
+        thumb_sd_deg: of the thumb's angles around rest.
+        coupling_sd_deg: of a third joint from following the second, where it is not held to it.
+        angle_rate_deg_s: how unsure a predicted angle becomes.
+        palm_rate_m_s, palm_rate_deg_s: likewise the palm's place and direction.
+        velocity_memory_s: velocities fade with it while nothing is seen.
+        outlier_sd: a marker that is farther from the hand, in its standard deviations, is left out.
+        tracked_share: a landmark is tracked where the markers account for more of its variance than that.
+        inferred_beyond_m: and where its standard deviation is below that.
+        forget_after_s: a hand that was not seen for longer is forgotten.
+        most_iterations: of the fit.
+    """
+
+    marker_sd_m: float = 0.001
+    flexion_sd_deg: float = 40.0
+    abduction_sd_deg: float = 8.0
+    thumb_sd_deg: float = 20.0
+    coupling_sd_deg: float = 12.0
+    angle_rate_deg_s: float = 250.0
+    palm_rate_m_s: float = 0.4
+    palm_rate_deg_s: float = 120.0
+    velocity_memory_s: float = 0.1
+    outlier_sd: float = 8.0
+    tracked_share: float = 0.5
+    inferred_beyond_m: float = 0.02
+    forget_after_s: float = 0.5
+    most_iterations: int = 20
+
+    def __post_init__(self) -> None:
+        for name in ("marker_sd_m", "palm_rate_m_s", "inferred_beyond_m", "velocity_memory_s", "forget_after_s"):
+            check(0 < getattr(self, name) < 1e3, name, getattr(self, name), "above 0, below 1000")
+        for name in ("flexion_sd_deg", "abduction_sd_deg", "thumb_sd_deg", "coupling_sd_deg"):
+            check(0 < getattr(self, name) <= 360, name, getattr(self, name), "above 0, at most 360")
+        for name in ("angle_rate_deg_s", "palm_rate_deg_s"):
+            check(0 < getattr(self, name) < 1e5, name, getattr(self, name), "above 0")
+        check(self.outlier_sd >= 1, "outlier_sd", self.outlier_sd, "1 or more")
+        check(0 < self.tracked_share < 1, "tracked_share", self.tracked_share, "between 0 and 1")
+        check(1 <= self.most_iterations <= 1000, "most_iterations", self.most_iterations, "1 to 1000")
+
+
+@dataclass
+class HandReport:
+    """What became of the frames and markers.
+
+    Attributes:
+        frames: that came.
+        fitted: with a hand that was fitted to markers.
+        predicted: with a hand that was predicted only.
+        lost: without a hand.
+        found: how often a hand was found anew.
+        markers: that were seen, of all frames.
+        rejected: of these, too far from the hand, by marker: tips, then the base's.
+        missing: not seen, likewise.
+    """
+
+    frames: int = 0
+    fitted: int = 0
+    predicted: int = 0
+    lost: int = 0
+    found: int = 0
+    markers: int = 0
+    rejected: list[int] = field(default_factory=list)
+    missing: list[int] = field(default_factory=list)
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """The hand at its last instant, and how it moves."""
+
+    at_s: float
+    seen_s: float
+    T: Float64
+    z: Float64
+    variances: Float64
+    velocity: Float64
+
+
+class HandTracker:
+    """The memory of one hand. The same inputs give the same outputs, to the bit."""
+
+    def __init__(
+        self, model: HandModel, shape: HandShape, base_markers: Any, settings: HandSettings | None = None
+    ) -> None:
+        """Track a person's hand.
+
+        Args:
+            model, shape: whose.
+            base_markers: (k, 3) places of the base's markers in the palm's frame of a right hand [m], k ≥ 1; of a left
+                hand mirrored.
+            settings: the defaults where not given.
+
+        Raises:
+            SettingsError: no base marker, or one that is not on a hand.
+        """
+        layout = np.ascontiguousarray(base_markers, dtype=np.float64)
+        good = layout.ndim == 2 and layout.shape[1:] == (3,) and len(layout) >= 1 and (np.abs(layout) < 0.5).all()
+        check(bool(good), "base_markers", np.shape(base_markers), "(k, 3), k ≥ 1, each within 0.5 m of the wrist")
+        self.model, self.shape, self.layout = model, shape, layout
+        self.settings = settings or HandSettings()
+        self.solver = ClosedForm(model, shape)
+        self.chain = hand_chain(model, shape)
+        self.columns, self.gains, angle_of = _free_angles(model)
+        self._angle_of = angle_of
+        self._mean = model.natural[angle_of]
+        self._prior = _prior(model, self.settings, self.columns)
+        self._c_max = float(model.limits[DIGIT_ANGLES[0, 4], 1])
+        self._mirror = float(shape.mirror[0])
+        self._templates = self._poses()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything, as if newly made."""
+        self._state: _State | None = None
+        markers = 5 + len(self.layout)
+        self.report = HandReport(rejected=[0] * markers, missing=[0] * markers)
+
+    def update(self, points: Any, at_s: float, uncertainty: Any = None) -> Hand:
+        """Take in what was measured at an instant.
+
+        Args:
+            points: (5 + k, 3) fingertips from the thumb to the little finger, then the base's markers, world [m]; NaN
+                where one is not seen.
+            at_s: when they were captured [s]; where it is before the last, the last is taken.
+            uncertainty: (5 + k,) standard deviations of a coordinate [m] or (5 + k, 3, 3) covariances [m²]; the
+                settings' where not given. A marker whose own is not above 0 and finite does not count.
+
+        Returns:
+            The hand at that instant; unseen landmarks too.
+
+        Raises:
+            InputError: arrays of another shape, or a time that is none.
+        """
+        points, information, at_s = self._checked(points, at_s, uncertainty)
+        seen = information[:, 0, 0] > 0
+        self._count(seen)
+        before = self._predicted(at_s)
+        if before is None:
+            fitted = self._found(points, information, at_s)
+        elif seen.any():
+            fitted = self._followed(before, points, information)
+        else:
+            fitted = None
+        if fitted is None and before is None:
+            self.report.lost += 1
+            self._state = None
+            return _nobody(at_s, self.shape, len(points))
+        if fitted is None:
+            assert before is not None
+            self.report.predicted += 1
+            self._state, information = before, np.zeros_like(information)
+        else:
+            self.report.fitted += 1
+            self._state, information = fitted
+        return self._described(self._state, before, points, information, bool(seen.any()))
+
+    def _checked(self, points: Any, at_s: float, uncertainty: Any) -> tuple[Float64, Float64, float]:
+        """Points, inverse covariances (0 where a marker does not count), and the time."""
+        n = 5 + len(self.layout)
+        points = np.ascontiguousarray(points, dtype=np.float64)
+        if points.shape != (n, 3):
+            fix = f"give ({n}, 3): five fingertips and {n - 5} of the base"
+            raise InputError("are no markers of this hand", field="points", value=points.shape, fix=fix)
+        if not np.isfinite(at_s):
+            raise InputError("is no time", field="at_s", value=at_s, fix="give seconds")
+        if uncertainty is None:
+            uncertainty = np.full(n, self.settings.marker_sd_m)
+        given = np.asarray(uncertainty, dtype=np.float64)
+        if given.shape not in ((n,), (n, 3, 3)):
+            fix = f"give ({n},) standard deviations or ({n}, 3, 3) covariances"
+            raise InputError("are none of these markers", field="uncertainty", value=given.shape, fix=fix)
+        with np.errstate(invalid="ignore"):
+            covariances = given[:, None, None] ** 2 * np.eye(3) if given.ndim == 1 else given
+            least = given if given.ndim == 1 else np.diagonal(given, axis1=1, axis2=2).min(axis=-1)
+        usable = np.isfinite(points).all(axis=-1) & (np.abs(points) < 1e6).all(axis=-1)
+        usable &= np.isfinite(covariances).all(axis=(-1, -2)) & (least > 0)
+        information = np.zeros((n, 3, 3))
+        for i in np.flatnonzero(usable):
+            symmetric = 0.5 * (covariances[i] + covariances[i].T)
+            values, vectors = np.linalg.eigh(symmetric)
+            if values[0] > 0:
+                information[i] = (vectors / values) @ vectors.T
+        last = self._state.at_s if self._state is not None else at_s
+        return points, information, max(float(at_s), last)
+
+    def _count(self, seen: NDArray[np.bool_]) -> None:
+        self.report.frames += 1
+        self.report.markers += int(seen.sum())
+        for i in np.flatnonzero(~seen):
+            self.report.missing[i] += 1
+
+    def _predicted(self, at_s: float) -> _State | None:
+        """The hand as it would have moved on; None where there was none or for too long."""
+        last, s = self._state, self.settings
+        if last is None or at_s - last.seen_s > s.forget_after_s:
+            return None
+        dt = at_s - last.at_s
+        part = s.velocity_memory_s * -np.expm1(-dt / s.velocity_memory_s)
+        step = part * last.velocity
+        R, z = np.ascontiguousarray(last.T[:3, :3]).reshape(9), last.z + step[6:]
+        turned = np.empty(9)
+        _fitting().turned(R, 0, step[3], step[4], step[5], turned)
+        T = rigid(turned.reshape(3, 3), last.T[:3, 3] + last.T[:3, :3] @ step[:3])
+        _fitting().within(self.solver.digits, self.columns, self.gains, z, self._c_max)
+        rates = np.full(6 + len(z), np.radians(s.angle_rate_deg_s))
+        rates[:3], rates[3:6] = s.palm_rate_m_s, np.radians(s.palm_rate_deg_s)
+        variances = last.variances + (rates * dt) ** 2
+        variances[6:] = np.minimum(variances[6:], np.radians(90.0) ** 2)
+        velocity = last.velocity * np.exp(-dt / s.velocity_memory_s)
+        return _State(at_s, last.seen_s, T, z, variances, velocity)
+
+    def _followed(self, before: _State, points: Float64, information: Float64) -> tuple[_State, Float64] | None:
+        """The hand near the predicted one; found anew where that cannot be."""
+        certainty = 1.0 / np.maximum(before.variances, 1e-12)
+        starts = [(before.T, before.z)]
+        direct = self._direct(points, information, before.z)
+        if direct is not None:
+            starts.append(direct)
+        fitted, kept = self._without_outliers(before, certainty, starts, points, information)
+        dt = before.at_s - self._state.at_s if self._state is not None else 0.0
+        velocity = before.velocity
+        if dt > 0 and self._state is not None:
+            last = self._state
+            moved = inverse(last.T) @ fitted[0]
+            turn = np.array(_fitting().turn_between(np.eye(3).reshape(9), 0, np.ascontiguousarray(moved[:3, :3]).reshape(9)))
+            measured = np.concatenate([moved[:3, 3], turn, fitted[1] - last.z]) / dt
+            part = 1.0 - np.exp(-dt / (0.5 * self.settings.velocity_memory_s))
+            velocity = last.velocity + part * (measured - last.velocity)
+        if not kept[:, 0, 0].any():
+            return None
+        return _State(before.at_s, before.at_s, *fitted, before.variances, velocity), kept
+
+    def _found(self, points: Float64, information: Float64, at_s: float) -> tuple[_State, Float64] | None:
+        """A hand where there was none: three tips or more and one of the base's markers."""
+        seen = information[:, 0, 0] > 0
+        if seen[:5].sum() < 3 or not seen[5:].any():
+            return None
+        starts = []
+        for z, markers in self._templates:
+            T = align(moments(points[seen], markers[seen], np.trace(information[seen], axis1=1, axis2=2)))
+            if np.isfinite(T).all():
+                starts.append((T, z))
+        direct = self._direct(points, information, self._mean)
+        if direct is not None:
+            starts.append(direct)
+        n = 6 + len(self._mean)
+        nothing = _State(at_s, at_s, np.eye(4), self._mean, np.full(n, np.inf), np.zeros(n))
+        fitted, kept = self._without_outliers(nothing, np.zeros(n), starts, points, information)
+        self.report.found += 1
+        return _State(at_s, at_s, *fitted, np.zeros(n), np.zeros(n)), kept
+
+    def _direct(self, points: Float64, information: Float64, z: Float64) -> tuple[Float64, Float64] | None:
+        """The palm aligned to three or more base markers, and the fingers in closed form."""
+        base = information[5:, 0, 0] > 0
+        if base.sum() < 3:
+            return None
+        weights = np.trace(information[5:], axis1=1, axis2=2)[base]
+        layout = self.layout[base] * self.shape.mirror
+        # The part across the longest direction: what keeps the palm from turning about it.
+        spread = np.linalg.svd(layout - layout.mean(axis=0), compute_uv=False)
+        if spread[1] < 0.005:
+            return None
+        T = align(moments(points[5:][base], layout, weights))
+        tips = np.where((information[:5, 0, 0] > 0)[:, None], points[:5], np.nan)
+        start = self._angles(z)
+        found = self.solver.solve(apply(inverse(T), tips), start)
+        return T, found.angles[self._angle_of]
+
+    def _without_outliers(
+        self, before: _State, certainty: Float64, starts: list[tuple[Float64, Float64]], points: Float64, info: Float64
+    ) -> tuple[tuple[Float64, Float64], Float64]:
+        """The best fit; a marker that is too far from it is left out, the farthest first."""
+        kept = info.copy()
+        best = self._best(before, certainty, starts, points, kept)
+        for _ in range(2):
+            residuals = points - self._markers(*best)
+            squared = np.einsum("ni,nij,nj->n", np.nan_to_num(residuals), kept, np.nan_to_num(residuals))
+            worst = int(np.argmax(squared))
+            if squared[worst] <= self.settings.outlier_sd**2 or (kept[:, 0, 0] > 0).sum() <= 4:
+                break
+            without = kept.copy()
+            without[worst] = 0.0
+            again = self._best(before, certainty, [*starts, best], points, without)
+            kept, best = without, again
+            self.report.rejected[worst] += 1
+        return best, kept
+
+    def _best(
+        self, before: _State, certainty: Float64, starts: list[tuple[Float64, Float64]], points: Float64, info: Float64
+    ) -> tuple[Float64, Float64]:
+        least, best = np.inf, starts[0]
+        predicted_R = np.ascontiguousarray(before.T[:3, :3]).reshape(9)
+        predicted_t = np.ascontiguousarray(before.T[:3, 3])
+        clean = np.nan_to_num(points)
+        for T, z in starts:
+            R, t, angles = np.ascontiguousarray(T[:3, :3]).reshape(9).copy(), T[:3, 3].copy(), z.copy()
+            cost = _fitting().fit(
+                self.solver.digits, self._mirror, self.layout, clean, info, self.columns, self.gains, self._c_max,
+                self._mean, self._prior, predicted_R, predicted_t, before.z, certainty, R, t, angles,
+                self.settings.most_iterations,
+            )  # fmt: skip
+            if cost < least:
+                least, best = cost, (rigid(R.reshape(3, 3), t), angles)
+        return best
+
+    def _markers(self, T: Float64, z: Float64) -> Float64:
+        """(5 + k, 3) where the markers would be."""
+        tips = palm_landmarks(self.chain, self._angles(z))[list(TIPS)]
+        return apply(T, np.concatenate([tips, self.layout * self.shape.mirror]))
+
+    def _angles(self, z: Float64) -> Float64:
+        """(21,) angles of the free ones."""
+        out = np.zeros(len(ANGLES))
+        for digit in range(5):
+            for k in _COLUMN_ORDER:
+                if self.columns[digit, k] >= 0:
+                    out[DIGIT_ANGLES[digit, k]] = self.gains[digit, k] * z[self.columns[digit, k]]
+        return out
+
+    def _poses(self) -> list[tuple[Float64, Float64]]:
+        """Free angles and markers of the hands that a search begins with."""
+        out = []
+        for first, second in _POSES_DEG:
+            angles = self.model.natural.copy()
+            for row in DIGIT_ANGLES[1:]:
+                angles[row[0]], angles[row[2]] = np.radians([first, second])
+            z = self.model.limited(angles)[self._angle_of]
+            out.append((z, self._markers(np.eye(4), z)))
+        return out
+
+    def _described(
+        self, state: _State, before: _State | None, points: Float64, information: Float64, seen: bool
+    ) -> Hand:
+        x, sd, share = np.empty((len(LANDMARKS), 3)), np.empty(len(LANDMARKS)), np.empty(len(LANDMARKS))
+        variances, residuals = np.empty(6 + len(state.z)), np.empty(len(points))
+        certainty = np.zeros(len(variances)) if before is None else 1.0 / np.maximum(before.variances, 1e-12)
+        R = np.ascontiguousarray(state.T[:3, :3]).reshape(9)
+        t = np.ascontiguousarray(state.T[:3, 3])
+        _fitting().describe(
+            self.solver.digits, self._mirror, self.layout, np.nan_to_num(points), information, self.columns, self.gains,
+            self._prior, certainty, R, t, state.z, x, sd, share, variances, residuals,
+        )  # fmt: skip
+        self._state = _State(state.at_s, state.seen_s, state.T, state.z, variances, state.velocity)
+        s = self.settings
+        tracked = (share < 1.0 - s.tracked_share) & (sd < s.inferred_beyond_m) & seen
+        states = np.where(tracked, JointState.TRACKED, JointState.INFERRED).astype(np.uint8)
+        angles_sd = np.zeros(len(ANGLES))
+        for digit in range(5):
+            for k in _COLUMN_ORDER:
+                column = self.columns[digit, k]
+                if column >= 0:
+                    angles_sd[DIGIT_ANGLES[digit, k]] = self.gains[digit, k] * np.sqrt(variances[6 + column])
+        residuals[~np.isfinite(points).all(axis=-1)] = np.nan
+        return Hand(
+            state.at_s, self.shape.handedness, x, states, sd, self._angles(state.z), angles_sd, state.T, residuals
+        )
+
+
+def base_layout(shape: HandShape, markers: int, height_m: float = 0.0) -> Float64:
+    """Usual places of the base's markers: the wrist; then the knuckles of index, little and middle finger.
+
+    Args:
+        shape: whose.
+        markers: 1 to 4.
+        height_m: over the joints, on the back of the hand.
+
+    Returns:
+        (markers, 3) in the palm's frame of a right hand [m].
+
+    Raises:
+        SettingsError: another number of markers.
+    """
+    check(1 <= markers <= 4, "markers", markers, "1 to 4")
+    order = [DIGITS.index(name) for name in ("index", "little", "middle")]
+    places = np.concatenate([np.zeros((1, 3)), shape.bases[order]])[:markers]
+    return np.asarray(places + [0.0, height_m, 0.0])
+
+
+def _free_angles(model: HandModel) -> tuple[NDArray[np.int64], Float64, NDArray[np.int64]]:
+    """Which free angle each of a digit's five follows and how much, (5, 5) both; and where the free ones are in `ANGLES`."""
+    columns, gains, angle_of = np.full((5, 5), -1, dtype=np.int64), np.ones((5, 5)), []
+    for digit in range(5):
+        for k in _COLUMN_ORDER:
+            angle = int(DIGIT_ANGLES[digit, k])
+            if angle < 0 or (k in (1, 4) and model.limits[angle, 0] == model.limits[angle, 1]):
+                continue
+            if k == 3 and model.coupled[digit]:
+                columns[digit, k], gains[digit, k] = columns[digit, 2], model.coupling[digit]
+                continue
+            columns[digit, k] = len(angle_of)
+            angle_of.append(angle)
+    return columns, gains, np.array(angle_of, dtype=np.int64)
+
+
+def _prior(model: HandModel, s: HandSettings, columns: NDArray[np.int64]) -> Float64:
+    """(n, n) the inverse covariance of the free angles around rest, with fingers that follow their neighbours."""
+    n = int(columns.max()) + 1
+    out = np.zeros((n, n))
+
+    def expect(weights: dict[int, float], sd_deg: float) -> None:
+        row = np.zeros(n)
+        for column, weight in weights.items():
+            row[column] = weight
+        out[:] += np.outer(row, row) / np.radians(sd_deg) ** 2
+
+    for digit in range(5):
+        flexion, abduction, middle, last, second = columns[digit]
+        around = (s.thumb_sd_deg, s.thumb_sd_deg) if digit == 0 else (s.flexion_sd_deg, s.abduction_sd_deg)
+        expect({flexion: 1.0}, around[0])
+        expect({middle: 1.0}, around[0])
+        if abduction >= 0:
+            expect({abduction: 1.0}, around[1])
+        if second >= 0:
+            expect({second: 1.0}, s.abduction_sd_deg)
+        if not model.coupled[digit]:
+            expect({last: 1.0, middle: -float(model.coupling[digit])}, s.coupling_sd_deg)
+    for k, sd_deg in enumerate(model.neighbours_deg):
+        for joint, factor in ((0, 1.0), (2, 1.5)):
+            expect({columns[k + 1, joint]: 1.0, columns[k + 2, joint]: -1.0}, factor * sd_deg)
+    return out
+
+
+def _nobody(at_s: float, shape: HandShape, markers: int) -> Hand:
+    nan = np.full
+    return Hand(
+        at_s, shape.handedness, nan((len(LANDMARKS), 3), np.nan),
+        np.full(len(LANDMARKS), JointState.NOT_TRACKED, dtype=np.uint8), nan(len(LANDMARKS), np.nan),
+        nan(len(ANGLES), np.nan), nan(len(ANGLES), np.nan), nan((4, 4), np.nan), nan(markers, np.nan),
+    )  # fmt: skip
+
+
+@cache
+def _fitting() -> ModuleType:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.kinematics import hand_fit_kernels
+
+    return hand_fit_kernels

@@ -1,0 +1,360 @@
+"""What a hand is: landmarks, joints with their limits, one person's bones, and a hand that was found.
+
+Landmarks are in the order of MediaPipe's hand: the wrist, then of the thumb CMC, MCP, IP and tip, then of index, middle,
+ring and little finger MCP, PIP, DIP and tip. `hands/human.toml` says what a hand is made of and where its numbers come
+from; the palm's frame is described there.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from importlib.resources import files
+from typing import Final, Literal
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import SettingsError, one_of
+from mocapella.settings import check, parse
+
+Float64 = NDArray[np.float64]
+Handedness = Literal["left", "right"]
+ConstraintSet = Literal["full", "thesis"]
+
+DIGITS: Final = ("thumb", "index", "middle", "ring", "little")
+WRIST: Final = 0
+TIPS: Final = (4, 8, 12, 16, 20)
+BASES: Final = (1, 5, 9, 13, 17)
+"""The digits' first joints: the thumb's CMC, the fingers' MCP."""
+LANDMARKS: Final = (
+    "wrist",
+    *(f"thumb {joint}" for joint in ("CMC", "MCP", "IP", "tip")),
+    *(f"{finger} {joint}" for finger in DIGITS[1:] for joint in ("MCP", "PIP", "DIP", "tip")),
+)
+PARENTS: Final = (-1, *(0 if i % 4 == 0 else i for i in range(20)))
+"""Of each landmark: where its bone begins."""
+ANGLES: Final = (
+    *("thumb CMC flexion", "thumb CMC abduction", "thumb MCP flexion", "thumb MCP abduction", "thumb IP flexion"),
+    *(
+        f"{finger} {angle}"
+        for finger in DIGITS[1:]
+        for angle in ("MCP flexion", "MCP abduction", "PIP flexion", "DIP flexion")
+    ),
+)
+DIGIT_ANGLES: Final = np.array(
+    [[0, 1, 2, 4, 3], *([5 + 4 * k, 6 + 4 * k, 7 + 4 * k, 8 + 4 * k, -1] for k in range(4))], dtype=np.int64
+)
+"""(5, 5) where in `ANGLES` a digit's are: flexion and abduction of its base, flexion of its second and third joint,
+abduction of its second (-1: has none)."""
+_EPSILON: Final = 1e-9
+
+
+@dataclass(frozen=True)
+class Digit:
+    """A digit as the hand's file describes it; the words are explained there."""
+
+    base: tuple[float, float, float]
+    bone: tuple[float, float, float]
+    bends_towards: tuple[float, float, float]
+    lengths: tuple[float, float, float]
+    centre_deg: tuple[float, float]
+    flexion_deg: tuple[float, float]
+    abduction_deg: tuple[float, float]
+    middle_deg: tuple[float, float]
+    last_deg: tuple[float, float]
+    coupling_thirds: int
+    natural_deg: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        check(min(self.lengths) > 0, "lengths", self.lengths, "above 0")
+        check(float(np.linalg.norm(np.cross(self.bone, self.bends_towards))) > 1e-6, "bends_towards",
+              self.bends_towards, "no multiple of bone")  # fmt: skip
+        for name, (least, most), centre in (
+            ("flexion_deg", self.flexion_deg, self.centre_deg[0]),
+            ("abduction_deg", self.abduction_deg, self.centre_deg[1]),
+        ):
+            check(-120 <= least <= centre <= most <= 120, name, (least, most), f"around {centre}, within ±120")
+            symmetric = math.isclose(most - centre, centre - least) or least == centre
+            check(symmetric, name, (least, most), f"as far to both sides of {centre}, or begin there")
+        check(self.abduction_deg[0] + self.abduction_deg[1] == 2 * self.centre_deg[1], "abduction_deg",
+              self.abduction_deg, "as far to both sides of its centre")  # fmt: skip
+        for name, (least, most) in (("middle_deg", self.middle_deg), ("last_deg", self.last_deg)):
+            check(least == 0 < most <= 120, name, (least, most), "from 0 to at most 120")
+        check(1 <= self.coupling_thirds <= 4, "coupling_thirds", self.coupling_thirds, "1 to 4")
+        most = self.middle_deg[1] * self.coupling_thirds / 3
+        check(most <= self.last_deg[1], "coupling_thirds", self.coupling_thirds, "within last_deg")
+
+
+@dataclass(frozen=True)
+class HandModel:
+    """A hand's joints, axes, parents, limits and proportions; a value that any method may use.
+
+    Attributes:
+        name: of the file.
+        constraints: ``full``: 21 joint angles. ``thesis``: 15, because DIP = 2/3·PIP, the middle finger does not
+            abduct, nor does the thumb's MCP.
+        hand_length_m, hand_breadth_m: of the reference hand.
+        digits: thumb to little finger.
+        thumb_mcp_abduction_deg: limits.
+        neighbours_deg: standard deviations of the differences between neighbouring fingers' flexions.
+    """
+
+    name: str
+    constraints: ConstraintSet
+    hand_length_m: float
+    hand_breadth_m: float
+    digits: tuple[Digit, Digit, Digit, Digit, Digit]
+    thumb_mcp_abduction_deg: tuple[float, float]
+    neighbours_deg: tuple[float, float, float]
+
+    @property
+    def coupled(self) -> tuple[bool, ...]:
+        """(5,) whether a digit's third joint strictly follows its second."""
+        return (False, *[self.constraints == "thesis"] * 4)
+
+    @property
+    def coupling(self) -> Float64:
+        """(5,) flexion of the third joint over that of the second, of a hand at ease."""
+        return np.array([digit.coupling_thirds / 3 for digit in self.digits])
+
+    @cached_property
+    def frames(self) -> Float64:
+        """(5, 3, 3) ``R_palm_digit`` at angles 0: z along the bone, -y to where it bends, x its axis of flexion."""
+        frames = np.empty((5, 3, 3))
+        for frame, digit in zip(frames, self.digits, strict=True):
+            z = np.array(digit.bone) / np.linalg.norm(digit.bone)
+            y = np.dot(digit.bends_towards, z) * z - digit.bends_towards
+            y /= np.linalg.norm(y)
+            frame[:] = np.stack([np.cross(y, z), y, z], axis=-1)
+        return frames
+
+    @cached_property
+    def cones(self) -> Float64:
+        """(5, 5) of the digits' bases [rad]: centre of flexion and abduction, half axes of both, least flexion."""
+        rows = []
+        for i, digit in enumerate(self.digits):
+            abduction = digit.abduction_deg[1] - digit.centre_deg[1]
+            if self.constraints == "thesis" and i == DIGITS.index("middle"):
+                abduction = 0.0
+            flexion = digit.flexion_deg[1] - digit.centre_deg[0]
+            rows.append([*digit.centre_deg, flexion, abduction, digit.flexion_deg[0]])
+        return np.radians(rows)
+
+    @cached_property
+    def limits(self) -> Float64:
+        """(21, 2) least and most of each angle [rad]; the bases' two angles are limited together, by `cones`."""
+        out = np.zeros((len(ANGLES), 2))
+        for row, digit, (f0, a0, F, A, least) in zip(DIGIT_ANGLES, self.digits, self.cones, strict=True):
+            out[row[0]] = least, f0 + F
+            out[row[1]] = a0 - A, a0 + A
+            out[row[2]], out[row[3]] = np.radians(digit.middle_deg), np.radians(digit.last_deg)
+        if self.constraints == "full":
+            out[DIGIT_ANGLES[0, 4]] = np.radians(self.thumb_mcp_abduction_deg)
+        return out
+
+    @cached_property
+    def natural(self) -> Float64:
+        """(21,) angles of a hand at rest [rad]."""
+        out = np.zeros(len(ANGLES))
+        for row, digit in zip(DIGIT_ANGLES, self.digits, strict=True):
+            flexion, abduction, middle = digit.natural_deg
+            out[row[:4]] = np.radians([flexion, abduction, middle, middle * digit.coupling_thirds / 3])
+        return out
+
+    def within(self, angles: Float64, tolerance: float = 1e-9) -> NDArray[np.bool_]:
+        """Whether a hand keeps all limits, the cones and the strict couplings too.
+
+        Args:
+            angles: (..., 21) [rad].
+            tolerance: [rad].
+
+        Returns:
+            (...,); False where an angle is not finite.
+        """
+        angles = np.asarray(angles, dtype=np.float64)
+        ok = ((angles >= self.limits[:, 0] - tolerance) & (angles <= self.limits[:, 1] + tolerance)).all(axis=-1)
+        for row, (f0, a0, F, A, _), coupled, ratio in zip(
+            DIGIT_ANGLES, self.cones, self.coupled, self.coupling, strict=True
+        ):
+            f, a = (angles[..., row[0]] - f0) / F, (angles[..., row[1]] - a0) / max(A, _EPSILON)
+            ok &= np.hypot(f, np.where(A > 0, a, 0.0)) <= 1.0 + tolerance / min(F, A or F)
+            if coupled:
+                ok &= np.abs(angles[..., row[3]] - ratio * angles[..., row[2]]) <= tolerance
+        return np.asarray(ok)
+
+    def limited(self, angles: Float64) -> Float64:
+        """The angles brought within the limits, straight to the cones' centres; what is not finite becomes natural.
+
+        Args:
+            angles: (..., 21) [rad].
+
+        Returns:
+            (..., 21).
+        """
+        angles = np.asarray(angles, dtype=np.float64)
+        out = np.clip(np.where(np.isfinite(angles), angles, self.natural), self.limits[:, 0], self.limits[:, 1])
+        for row, (f0, a0, F, A, _), coupled, ratio in zip(
+            DIGIT_ANGLES, self.cones, self.coupled, self.coupling, strict=True
+        ):
+            f, a = out[..., row[0]] - f0, out[..., row[1]] - a0
+            s = np.maximum(np.hypot(f / F, a / A if A > 0 else np.zeros_like(a)), 1.0)
+            out[..., row[0]], out[..., row[1]] = f0 + f / s, a0 + a / s
+            if coupled:
+                out[..., row[3]] = ratio * out[..., row[2]]
+        return out
+
+    def shape(
+        self,
+        handedness: Handedness,
+        *,
+        hand_length_m: float | None = None,
+        hand_breadth_m: float | None = None,
+        person: str = "",
+    ) -> HandShape:
+        """A hand of the reference's proportions.
+
+        Args:
+            handedness: left or right.
+            hand_length_m: from the wrist to the tip of the middle finger; the reference's where not given.
+            hand_breadth_m: across the knuckles; in proportion to the length where not given.
+            person: whose.
+
+        Raises:
+            SettingsError: a hand of no human size.
+        """
+        length = self.hand_length_m if hand_length_m is None else hand_length_m
+        breadth = self.hand_breadth_m * length / self.hand_length_m if hand_breadth_m is None else hand_breadth_m
+        check(0.05 <= length <= 0.35, "hand_length_m", length, "0.05 to 0.35 m")
+        check(0.02 <= breadth <= 0.2, "hand_breadth_m", breadth, "0.02 to 0.2 m")
+        lengths = length * np.array([digit.lengths for digit in self.digits])
+        bases = np.array([digit.base for digit in self.digits]) * [breadth, length, length]
+        return HandShape(handedness, lengths, bases, person)
+
+    def with_constraints(self, constraints: ConstraintSet) -> HandModel:
+        """The same hand with the other set.
+
+        Raises:
+            SettingsError: no such set.
+        """
+        check(constraints in ("full", "thesis"), "constraints", constraints, "full or thesis")
+        return replace(self, constraints=constraints)
+
+
+class HandShape(msgspec.Struct, frozen=True, eq=False):
+    """One person's hand. Places are those of a right hand, of a left hand too: see the palm's frame.
+
+    Attributes:
+        handedness: left or right.
+        lengths: (5, 3) of the digits' bones from the base outwards [m].
+        bases: (5, 3) of the digits' first joints in the palm's frame [m].
+        person: whose.
+        lengths_sd: (5, 3) how sure [m]; None where they are not measured.
+    """
+
+    handedness: Handedness
+    lengths: Float64
+    bases: Float64
+    person: str = ""
+    lengths_sd: Float64 | None = None
+
+    def __post_init__(self) -> None:
+        check(self.handedness in ("left", "right"), "handedness", self.handedness, "left or right")
+        for name, array, least in (("lengths", self.lengths, 0.0), ("bases", self.bases, -0.5)):
+            good = array.shape == (5, 3) and bool(((array > least) & (array < 0.5)).all())
+            check(good, name, array.tolist(), f"(5, 3) between {least} and 0.5 m")
+
+    @property
+    def mirror(self) -> Float64:
+        """(3,) what places of a right hand are multiplied with."""
+        return np.array([-1.0 if self.handedness == "left" else 1.0, 1.0, 1.0])
+
+
+class HandPose(msgspec.Struct, frozen=True, eq=False):
+    """How a hand is held.
+
+    Attributes:
+        angles: (..., 21) in the order of `ANGLES` [rad].
+        T_world_palm: (..., 4, 4).
+    """
+
+    angles: Float64
+    T_world_palm: Float64
+
+
+class Hand(msgspec.Struct, frozen=True, eq=False):
+    """A hand at an instant, with what was measured and how sure.
+
+    Attributes:
+        at_s: when [s].
+        handedness: left or right.
+        landmarks: (21, 3), world [m]; NaN where the hand is not known.
+        states: (21,) `JointState`: tracked where the markers of this instant determine the landmark, inferred where
+            limits, proportions, habit or earlier instants do.
+        sd_m: (21,) standard deviation of a coordinate [m].
+        angles: (21,) in the order of `ANGLES` [rad].
+        angles_sd: (21,) [rad].
+        T_world_palm: (4, 4).
+        residuals_m: (markers,) distance of each marker from the hand; NaN where it was not seen.
+    """
+
+    at_s: float
+    handedness: Handedness
+    landmarks: Float64
+    states: NDArray[np.uint8]
+    sd_m: Float64
+    angles: Float64
+    angles_sd: Float64
+    T_world_palm: Float64
+    residuals_m: Float64
+
+
+@cache
+def hand_model(constraints: ConstraintSet = "thesis", name: str = "human") -> HandModel:
+    """The hand of that name.
+
+    Raises:
+        SettingsError: no such hand or set of constraints; says which there are.
+    """
+    folder = files("mocapella.model").joinpath("hands")
+    names = sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+    if name not in names:
+        raise SettingsError(f"unknown hand {name!r}; known: {one_of(name, names)}")
+    model = hand_model_from_toml(folder.joinpath(f"{name}.toml").read_text(encoding="utf-8"))
+    return model.with_constraints(constraints)
+
+
+def hand_model_from_toml(text: str) -> HandModel:
+    """Read a hand and check that it is one; of all 21 angles.
+
+    Raises:
+        SettingsError: a key or digit that is unknown or missing, or a value out of range.
+    """
+    data = tomllib.loads(text)
+    known = ("name", "hand_length_m", "hand_breadth_m", "thumb_mcp_abduction_deg", "digits", "neighbours_deg")
+    _same_keys(data, known, "hand")
+    _same_keys(data["digits"], DIGITS, "hand, digits")
+    pairs = [f"{one}_{other}" for one, other in zip(DIGITS[1:-1], DIGITS[2:], strict=True)]
+    _same_keys(data["neighbours_deg"], pairs, "hand, neighbours_deg")
+    thumb, index, middle, ring, little = (
+        parse(Digit, data["digits"][name], where=f"hand, digit {name}") for name in DIGITS
+    )
+    least, most = (float(limit) for limit in data["thumb_mcp_abduction_deg"])
+    check(-90 <= least <= 0 <= most <= 90, "thumb_mcp_abduction_deg", (least, most), "around 0, within ±90")
+    one, two, three = (float(data["neighbours_deg"][pair]) for pair in pairs)
+    check(min(one, two, three) > 0, "neighbours_deg", (one, two, three), "above 0")
+    length, breadth = float(data["hand_length_m"]), float(data["hand_breadth_m"])
+    digits = (thumb, index, middle, ring, little)
+    return HandModel(data["name"], "full", length, breadth, digits, (least, most), (one, two, three))
+
+
+def _same_keys(data: dict[str, object], known: tuple[str, ...] | list[str], where: str) -> None:
+    for key in data:
+        if key not in known:
+            raise SettingsError(f"{where}: unknown key {key!r}; known: {one_of(key, known)}")
+    for key in known:
+        if key not in data:
+            raise SettingsError(f"{where}: {key} is missing; there must be {', '.join(known)}")

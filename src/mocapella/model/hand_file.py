@@ -1,0 +1,101 @@
+"""One person's hand as a JSON file: written whole or not at all, read with every number checked."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from mocapella.errors import InputError, SettingsError
+from mocapella.model.hand import DIGITS, Handedness, HandShape
+
+VERSION: Final = 1
+"""Of the file's layout."""
+_FIX: Final = "measure the hand anew and save it"
+
+
+class _File(msgspec.Struct, forbid_unknown_fields=True):
+    version: int
+    person: str
+    handedness: Handedness
+    lengths_m: dict[str, list[float]]
+    bases_m: dict[str, list[float]]
+    lengths_sd_m: dict[str, list[float]] | None = None
+
+
+def encode_hand_shape(shape: HandShape) -> bytes:
+    """As JSON, to be read by people too."""
+    sd = None if shape.lengths_sd is None else _named(shape.lengths_sd)
+    file = _File(VERSION, shape.person, shape.handedness, _named(shape.lengths), _named(shape.bases), sd)
+    return msgspec.json.format(msgspec.json.encode(file), indent=1)
+
+
+def decode_hand_shape(data: bytes, *, file: object = None) -> HandShape:
+    """A hand of JSON.
+
+    Raises:
+        InputError: it is none, of another version, or a number in it cannot be; names the field.
+    """
+    try:
+        read = msgspec.json.decode(data, type=_File)
+    except msgspec.DecodeError as error:
+        raise InputError(f"is no hand: {error}", file=file, fix=_FIX) from None
+    if read.version != VERSION:
+        fix = f"this program reads version {VERSION}: {_FIX}"
+        raise InputError("is a hand of another version", file=file, field="version", value=read.version, fix=fix)
+    lengths, bases = _array(read.lengths_m, "lengths_m", file), _array(read.bases_m, "bases_m", file)
+    sd = None if read.lengths_sd_m is None else _array(read.lengths_sd_m, "lengths_sd_m", file)
+    try:
+        return HandShape(read.handedness, lengths, bases, read.person, sd)
+    except SettingsError as error:
+        raise InputError(str(error), file=file, fix=_FIX) from None
+
+
+def save_hand_shape(path: Path | str, shape: HandShape) -> None:
+    """Write a hand; the file appears complete or stays as it was.
+
+    Raises:
+        InputError: it cannot be written there.
+    """
+    path = Path(path)
+    try:
+        fd, name = tempfile.mkstemp(prefix=".hand.", dir=path.parent)
+        try:
+            with os.fdopen(fd, "wb") as file:
+                file.write(encode_hand_shape(shape))
+                file.flush()
+                os.fsync(file.fileno())
+            Path(name).chmod(0o644)
+            Path(name).replace(path)
+        finally:
+            Path(name).unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot be written: {error.strerror}", file=path, fix="choose another folder") from error
+
+
+def load_hand_shape(path: Path | str) -> HandShape:
+    """Read a hand.
+
+    Raises:
+        InputError: there is no such file, or it is no hand.
+    """
+    try:
+        data = Path(path).read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", file=path, fix="measure the hand first") from error
+    return decode_hand_shape(data, file=path)
+
+
+def _named(rows: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> dict[str, list[float]]:
+    return {name: [round(value, 6) for value in row.tolist()] for name, row in zip(DIGITS, rows, strict=True)}
+
+
+def _array(named: dict[str, list[float]], field: str, file: object) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    for name in DIGITS:
+        if len(named.get(name, ())) != 3 or not np.isfinite(named[name]).all():
+            raise InputError("is not three finite numbers", file=file, field=f"{field}.{name}", fix=_FIX)
+    return np.array([named[name] for name in DIGITS])

@@ -1,0 +1,104 @@
+"""A clean picture → what a cheap colour camera makes of it: blur, Bayer mosaic, noise, gain, gamma, shared chroma.
+
+The picture is the light that falls on the sensor, linear, 1 where a white surface is in full light. What comes out is
+the 8-bit image a program receives. Whoever renders a picture (discs, a hand) uses the same imperfections.
+
+Noise: photon noise, whose variance grows with the signal, and read noise, which does not, before demosaicking (EMVA
+standard 1288, section 2). Demosaicking is bilinear, so that noise and chroma are smeared over neighbours as in a camera.
+Gamma is that of sRGB (IEC 61966-2-1). Chroma is averaged over 2 × 2 pixels (4:2:0), as JPEG and most video do; the
+coding itself (blocks of 8 × 8) is not modelled.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.settings import check
+
+Float32 = NDArray[np.float32]
+UInt8 = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class CameraImageSettings:
+    """What a camera does to a picture.
+
+    Attributes:
+        exposure: full signal of the sensor over white in full light; above 1 white clips.
+        lens_blur_px: standard deviation of the lens' blur.
+        photons: electrons at full signal; fewer make more photon noise.
+        read_noise: standard deviation in parts of the full signal.
+        bayer: whether the sensor sees one colour a pixel (RGGB).
+        white_balance: gains of (red, green, blue) after the sensor.
+        saturation: how far colours are pulled from grey; 1 leaves them.
+        shared_chroma: whether 2 × 2 pixels share their chroma.
+    """
+
+    exposure: float = 0.8
+    lens_blur_px: float = 0.6
+    photons: float = 6000.0
+    read_noise: float = 0.004
+    bayer: bool = True
+    white_balance: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    saturation: float = 1.0
+    shared_chroma: bool = True
+
+    def __post_init__(self) -> None:
+        check(0.01 <= self.exposure <= 100, "exposure", self.exposure, "from 0.01 to 100")
+        check(0 <= self.lens_blur_px <= 5, "lens_blur_px", self.lens_blur_px, "from 0 to 5 px")
+        check(10 <= self.photons <= 1e6, "photons", self.photons, "from 10 to 1000000")
+        check(0 <= self.read_noise <= 0.2, "read_noise", self.read_noise, "from 0 to 0.2")
+        check(all(0.1 <= g <= 10 for g in self.white_balance), "white_balance", self.white_balance, "from 0.1 to 10")
+        check(0 <= self.saturation <= 3, "saturation", self.saturation, "from 0 to 3")
+
+
+def camera_image(linear: Float32, settings: CameraImageSettings, rng: np.random.Generator) -> UInt8:
+    """What the camera gives for a picture.
+
+    Args:
+        linear: (height, width, 3) red, green, blue; even height and width.
+        settings: of the camera.
+        rng: of the noise; the same state gives the same image to the bit.
+
+    Returns:
+        (height, width, 3) blue, green, red: OpenCV's order.
+    """
+    height, width = linear.shape[:2]
+    check(height % 2 == 0 and width % 2 == 0, "size of the picture", (width, height), "even")
+    noise = rng.standard_normal((height, width), dtype=np.float32)
+    image = np.empty((height, width, 3), np.uint8)
+    s = settings
+    _kernels().expose(
+        np.ascontiguousarray(linear, np.float32), noise, _taps(s.lens_blur_px), s.exposure, s.photons, s.read_noise,
+        s.bayer, np.array(s.white_balance), s.saturation, s.shared_chroma, _gamma(), image,
+    )  # fmt: skip
+    return image
+
+
+@cache
+def _taps(sd_px: float) -> Float32:
+    """One side of a normalised Gaussian, centre first."""
+    reach = max(1, int(np.ceil(3 * sd_px)))
+    taps = np.exp(-0.5 * (np.arange(reach + 1) / max(sd_px, 1e-3)) ** 2)
+    return np.asarray(taps / (taps[0] + 2 * taps[1:].sum()), np.float32)
+
+
+@cache
+def _gamma() -> Float32:
+    """(4097,) 8-bit values of sRGB for linear 0 … 1."""
+    x = np.linspace(0, 1, 4097)
+    coded = np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 1e-9) ** (1 / 2.4) - 0.055)
+    return np.asarray(255 * coded, np.float32)
+
+
+@cache
+def _kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.sources.simulate import camera_image_kernels
+
+    return camera_image_kernels

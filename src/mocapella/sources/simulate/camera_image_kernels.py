@@ -1,0 +1,102 @@
+"""The loops of `mocapella.sources.simulate.camera_image`, compiled; importing this module imports numba."""
+
+# ruff: noqa: PLR0917 - compiled: arrays come by position
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True)
+def blurred(x, taps):
+    """(h, w, 3) convolved with a symmetric kernel along rows and columns; the border is repeated."""
+    h, w, _ = x.shape
+    half, out = np.empty_like(x), np.empty_like(x)
+    for r in range(h):
+        for c in range(w):
+            for k in range(3):
+                s = taps[0] * x[r, c, k]
+                for d in range(1, len(taps)):
+                    s += taps[d] * (x[r, max(c - d, 0), k] + x[r, min(c + d, w - 1), k])
+                half[r, c, k] = s
+    for r in range(h):
+        for c in range(w):
+            for k in range(3):
+                s = taps[0] * half[r, c, k]
+                for d in range(1, len(taps)):
+                    s += taps[d] * (half[max(r - d, 0), c, k] + half[min(r + d, h - 1), c, k])
+                out[r, c, k] = s
+    return out
+
+
+@njit(cache=True)
+def demosaicked(raw):
+    """Bilinear: (h, w) RGGB → (h, w, 3). A missing colour is the mean of the neighbours in the 3 × 3 that have it."""
+    h, w = raw.shape
+    out = np.empty((h, w, 3), np.float32)
+    for r in range(h):
+        for c in range(w):
+            for k in range(3):
+                s, n = np.float32(0.0), 0
+                own = (r % 2) + (c % 2)
+                if own == k:
+                    out[r, c, k] = raw[r, c]
+                    continue
+                for i in range(max(r - 1, 0), min(r + 2, h)):
+                    for j in range(max(c - 1, 0), min(c + 2, w)):
+                        if (i % 2) + (j % 2) == k:
+                            s += raw[i, j]
+                            n += 1
+                out[r, c, k] = s / n
+    return out
+
+
+@njit(cache=True)
+def expose(linear, noise, taps, exposure, photons, read_noise, bayer, white_balance, saturation, shared, gamma, image):
+    """Write `camera_image` of (h, w, 3) float32 into image (h, w, 3) uint8."""
+    h, w, _ = linear.shape
+    light = blurred(linear, taps) if taps[0] < 0.999 else linear
+    if bayer:
+        raw = np.empty((h, w), np.float32)
+        for r in range(h):
+            for c in range(w):
+                s = exposure * light[r, c, (r % 2) + (c % 2)]
+                s += noise[r, c] * np.sqrt(read_noise * read_noise + max(s, 0.0) / photons)
+                raw[r, c] = min(max(s, 0.0), 1.0)
+        seen = demosaicked(raw)
+    else:
+        seen = np.empty((h, w, 3), np.float32)
+        for r in range(h):
+            for c in range(w):
+                for k in range(3):
+                    s = exposure * light[r, c, k]
+                    s += noise[r, (c + 7 * k) % w] * np.sqrt(read_noise * read_noise + max(s, 0.0) / photons)
+                    seen[r, c, k] = min(max(s, 0.0), 1.0)
+    coded, top = np.empty((h, w, 3), np.float32), len(gamma) - 1
+    for r in range(h):
+        for c in range(w):
+            red, green, blue = (
+                white_balance[0] * seen[r, c, 0],
+                white_balance[1] * seen[r, c, 1],
+                white_balance[2] * seen[r, c, 2],
+            )
+            grey = 0.2126 * red + 0.7152 * green + 0.0722 * blue
+            coded[r, c, 0] = gamma[int(top * min(max(grey + saturation * (red - grey), 0.0), 1.0))]
+            coded[r, c, 1] = gamma[int(top * min(max(grey + saturation * (green - grey), 0.0), 1.0))]
+            coded[r, c, 2] = gamma[int(top * min(max(grey + saturation * (blue - grey), 0.0), 1.0))]
+    for r in range(0, h, 2):
+        for c in range(0, w, 2):
+            u = v = 0.0  # blue and red less the luma of ITU-R BT.601
+            for i in range(r, r + 2):
+                for j in range(c, c + 2):
+                    y = 0.299 * coded[i, j, 0] + 0.587 * coded[i, j, 1] + 0.114 * coded[i, j, 2]
+                    u += 0.25 * (coded[i, j, 2] - y)
+                    v += 0.25 * (coded[i, j, 0] - y)
+            for i in range(r, r + 2):
+                for j in range(c, c + 2):
+                    y = 0.299 * coded[i, j, 0] + 0.587 * coded[i, j, 1] + 0.114 * coded[i, j, 2]
+                    if not shared:
+                        u, v = coded[i, j, 2] - y, coded[i, j, 0] - y
+                    image[i, j, 0] = np.uint8(min(max(y + u + 0.5, 0.0), 255.0))
+                    image[i, j, 1] = np.uint8(min(max(y - (0.114 * u + 0.299 * v) / 0.587 + 0.5, 0.0), 255.0))
+                    image[i, j, 2] = np.uint8(min(max(y + v + 0.5, 0.0), 255.0))

@@ -1,0 +1,316 @@
+"""Painted fingertips on a hand before a cluttered wall, in moving light: images with exact centres of the markers.
+
+    scene = load_marker_scene("desk", seed=1)
+    shot = scene.at(2.5)
+    shot.image, shot.centres_px, shot.visible
+
+The hand is flat: tapered capsules for arm and fingers, an ellipse for the palm, and an ellipse of paint on every
+fingertip and on the hand's base. All are shaded as rounded bodies, with highlights, under light whose strength, colour
+and direction change. Edges are anti-aliased by exact distances. The picture is exposed for a time, row by row where the
+shutter rolls, and given to `camera_image`. Coordinates are OpenCV's: the middle of the first pixel is (0, 0).
+
+A scene is a table of ``data/marker_scenes.toml``. What it has by chance (the wall, how the hand moves) comes from the
+seed, as does the noise; the same scene, seed and time give the same image to the bit.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.resources import files
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import SettingsError, one_of
+from mocapella.settings import check, parse
+from mocapella.sources.simulate.camera_image import CameraImageSettings, camera_image
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+
+CAPSULE, ELLIPSE = 0.0, 1.0
+SUB_TIMES: Final = 4
+"""Instants of one exposure that are averaged."""
+_STEP_S: Final = 1e-4
+_FINGERS: Final = (  # base x, y; direction from straight up, to the right [deg]; length; widths at base and tip
+    (-0.47, -0.45, -52.0, 0.66, 0.15, 0.115),
+    (-0.37, -0.98, -14.0, 0.80, 0.12, 0.095),
+    (-0.12, -1.06, -3.0, 0.92, 0.12, 0.098),
+    (0.13, -1.03, 6.0, 0.86, 0.115, 0.094),
+    (0.36, -0.90, 17.0, 0.66, 0.10, 0.085),
+)
+"""Thumb to little finger, in widths of the palm; y down, the wrist at (0, 0)."""
+_BASE: Final = (0.0, -0.35)
+
+
+@dataclass(frozen=True)
+class Paint:
+    """A marker's colour: its name, how much of red, green and blue light it reflects, and how shiny it is."""
+
+    name: str
+    albedo: tuple[float, float, float]
+    gloss: float = 0.25
+
+    def __post_init__(self) -> None:
+        check(all(0 <= a <= 1 for a in self.albedo), f"albedo of {self.name}", self.albedo, "from 0 to 1")
+        check(0 <= self.gloss <= 2, f"gloss of {self.name}", self.gloss, "from 0 to 2")
+
+
+@dataclass(frozen=True)
+class MarkerSceneSettings:
+    """What there is to see.
+
+    Attributes:
+        paints: of thumb to little finger and of the hand's base.
+        size_px: (width, height) of the image.
+        palm_px: width of the palm; 90 px is a hand half a metre before the thesis' camera.
+        palm_change: by which part it grows and shrinks, as the hand comes nearer and goes away.
+        travel_px: how far the hand goes from the middle, in x and y.
+        sway_hz: how often it goes to and fro.
+        turn_deg: how far it turns.
+        curl: by which part the fingers get shorter when they bend.
+        skin: what skin reflects of red, green, blue.
+        skin_gloss: how shiny skin is.
+        clutter: how colourful the wall is, 0 … 1.
+        brightness_change: the light's strength goes to and fro by this factor.
+        colour_change: by this part the light gets redder and bluer.
+        shading: the part of the light that comes from one direction.
+        light_hz: how often the light changes.
+        exposure_s: for how long a row is exposed.
+        readout_s: from the first row to the last; 0 is a global shutter.
+        hides: whether something passes before the hand.
+        hand: whether the hand is there at all.
+        camera: what the camera does to the picture.
+    """
+
+    paints: tuple[Paint, ...]
+    size_px: tuple[int, int] = (640, 480)
+    palm_px: float = 90.0
+    palm_change: float = 0.15
+    travel_px: tuple[float, float] = (170.0, 70.0)
+    sway_hz: float = 0.5
+    turn_deg: float = 30.0
+    curl: float = 0.3
+    skin: tuple[float, float, float] = (0.52, 0.31, 0.22)
+    skin_gloss: float = 0.12
+    clutter: float = 0.5
+    brightness_change: float = 1.3
+    colour_change: float = 0.06
+    shading: float = 0.5
+    light_hz: float = 0.2
+    exposure_s: float = 0.006
+    readout_s: float = 0.0
+    hides: bool = False
+    hand: bool = True
+    camera: CameraImageSettings = field(default_factory=CameraImageSettings)
+
+    def __post_init__(self) -> None:
+        check(len(self.paints) == 6, "paints", len(self.paints), "six: five fingertips and the hand's base")
+        width, height = self.size_px
+        even = width % 2 == 0 and height % 2 == 0
+        check(even and 32 <= width <= 8192 and 32 <= height <= 8192, "size_px", self.size_px, "even, 32 to 8192")
+        check(10 <= self.palm_px <= 1000, "palm_px", self.palm_px, "from 10 to 1000 px")
+        check(0 <= self.palm_change < 0.9, "palm_change", self.palm_change, "from 0 to 0.9")
+        check(0 <= self.curl < 0.9, "curl", self.curl, "from 0 to 0.9")
+        check(0 <= self.clutter <= 1, "clutter", self.clutter, "from 0 to 1")
+        check(1 <= self.brightness_change <= 10, "brightness_change", self.brightness_change, "from 1 to 10")
+        check(0 <= self.colour_change < 0.9, "colour_change", self.colour_change, "from 0 to 0.9")
+        check(0 <= self.shading <= 1, "shading", self.shading, "from 0 to 1")
+        check(0 <= self.exposure_s <= 1, "exposure_s", self.exposure_s, "from 0 to 1 s")
+        check(0 <= self.readout_s <= 1, "readout_s", self.readout_s, "from 0 to 1 s")
+
+
+@dataclass(frozen=True)
+class MarkerShot:
+    """An image and what is true of it.
+
+    Attributes:
+        at_s: the middle of the first row's exposure.
+        image: (height, width, 3) uint8, blue, green, red.
+        centres_px: (markers, 2) x, y, at the middle of the exposure of the row that the centre is on.
+        visible: (markers,) which part of the marker's area is in the image and not hidden.
+        radii_px: (markers,) square root of the product of the half axes.
+    """
+
+    at_s: float
+    image: UInt8
+    centres_px: Float64
+    visible: Float64
+    radii_px: Float64
+
+
+class MarkerScene:
+    """A scene that can be photographed at any time."""
+
+    def __init__(self, settings: MarkerSceneSettings, seed: int = 0) -> None:
+        self.settings, self.seed = settings, seed
+        rng = np.random.default_rng([seed, 1])
+        self._phases = rng.uniform(0, 2 * math.pi, 24)
+        self._rates = rng.uniform(0.8, 1.25, 24)
+        self._wall = wall(settings.size_px, settings.clutter, rng)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the markers, in the order of a shot's arrays."""
+        return tuple(paint.name for paint in self.settings.paints)
+
+    def at(self, at_s: float) -> MarkerShot:
+        """The image whose first row's exposure has its middle at ``at_s`` [s]."""
+        s = self.settings
+        width, height = s.size_px
+        shapes = self.shapes(at_s)
+        rates = (self.shapes(at_s + _STEP_S) - self.shapes(at_s - _STEP_S)) / (2 * _STEP_S)
+        linear = np.empty((height, width, 3), np.float32)
+        strength, colour, direction = self.light(at_s)
+        seen = np.zeros(len(s.paints))
+        _kernels().photograph(
+            self._wall, shapes, rates, (np.arange(SUB_TIMES) + 0.5) / SUB_TIMES * s.exposure_s - 0.5 * s.exposure_s,
+            s.readout_s / height, strength * colour, direction, s.shading, linear, seen,
+        )  # fmt: skip
+        painted = shapes[:, MARKER] >= 0
+        order = np.argsort(shapes[painted, MARKER])
+        ellipses, moving = shapes[painted][order], rates[painted][order]
+        centres = np.full((len(s.paints), 2), np.nan)
+        radii = np.full(len(s.paints), np.nan)
+        if len(ellipses):
+            late_s = s.readout_s / height * ellipses[:, 1] / (1 - s.readout_s / height * moving[:, 1])
+            centres = ellipses[:, :2] + late_s[:, None] * moving[:, :2]
+            radii = np.sqrt(ellipses[:, 2] * ellipses[:, 3])
+        image = camera_image(linear, s.camera, np.random.default_rng([self.seed, 2, round(1e6 * at_s)]))
+        return MarkerShot(at_s, image, centres, seen / np.maximum(math.pi * np.nan_to_num(radii) ** 2, 1e-9), radii)
+
+    def light(self, at_s: float) -> tuple[float, Float64, Float64]:
+        """Strength, colour (3,) and direction (3,) towards the light, in the camera's image: x right, y down, z to it."""
+        s = self.settings
+        swing = [math.sin(2 * math.pi * s.light_hz * self._rates[k] * at_s + self._phases[k]) for k in range(5)]
+        colour = np.array([1 + s.colour_change * swing[1], 1.0, 1 - s.colour_change * swing[1]])
+        towards = np.array([0.6 * swing[2], -0.4 + 0.4 * swing[3], 1.0])
+        return s.brightness_change ** swing[0], colour, towards / np.linalg.norm(towards)
+
+    def shapes(self, at_s: float) -> Float64:
+        """(shapes, 13) what lies on the wall at a time, from back to front; the columns are those of the kernel."""
+        s = self.settings
+        if not s.hand:
+            return np.zeros((0, COLUMNS))
+
+        def swing(k: int, hz: float) -> float:
+            return math.sin(2 * math.pi * hz * self._rates[k] * at_s + self._phases[k])
+
+        width, height = s.size_px
+        palm = s.palm_px * (1 + s.palm_change * swing(5, 0.6 * s.sway_hz))
+        wrist = np.array(
+            [
+                0.5 * width + s.travel_px[0] * swing(6, s.sway_hz),
+                0.5 * height + 0.9 * s.palm_px + s.travel_px[1] * swing(7, 1.3 * s.sway_hz),
+            ]
+        )
+        turn = math.radians(s.turn_deg) * swing(8, 0.8 * s.sway_hz)
+        c, d = math.cos(turn), math.sin(turn)
+
+        def place(x: float, y: float) -> tuple[float, float]:
+            return wrist[0] + palm * (c * x - d * y), wrist[1] + palm * (d * x + c * y)
+
+        def capsule(a: tuple[float, float], b: tuple[float, float], ra: float, rb: float) -> list[float]:
+            return [*place(*a), *place(*b), palm * ra, palm * rb, CAPSULE, *s.skin, s.skin_gloss, 12.0, -1.0]
+
+        def ellipse(at: tuple[float, float], half: tuple[float, float], angle: float, paint: Paint, k: int) -> list[float]:
+            size = (palm * half[0], palm * half[1], angle + turn, 0.0)
+            return [*place(*at), *size, ELLIPSE, *paint.albedo, paint.gloss, 30.0, float(k)]
+
+        shapes = [capsule((0.0, 2.5), (0.0, 0.0), 0.36, 0.29), capsule((0.0, -0.25), (0.0, -0.62), 0.42, 0.47)]
+        for k, (x, y, degrees, length, base, tip) in enumerate(_FINGERS):
+            angle = math.radians(degrees + 6 * swing(9 + k, 1.7 * s.sway_hz))
+            long = length * (1 - s.curl * (0.5 + 0.5 * swing(14 + k, 1.4 * s.sway_hz)))
+            end = (x + long * math.sin(angle), y - long * math.cos(angle))
+            shapes.append(capsule((x, y), end, base, tip))
+            shapes.append(ellipse(end, (1.02 * tip, 1.3 * tip), angle, s.paints[k], k))
+        shapes.append(ellipse(_BASE, (0.13, 0.13), 0.0, s.paints[5], 5))
+        if s.hides:  # a grey stick, from above
+            x = 0.5 * width + 0.45 * width * swing(20, 0.7 * s.sway_hz)
+            stick = [x, -60.0, x + 40.0, 0.75 * height, 22.0, 18.0, CAPSULE, 0.2, 0.2, 0.21, 0.3, 20.0, -1.0]
+            shapes.append(stick)
+        return np.array(shapes)
+
+
+MARKER, COLUMNS = 12, 13
+
+
+def wall(size_px: tuple[int, int], clutter: float, rng: np.random.Generator) -> Float32:
+    """(height, width, 3) what a wall with things on it reflects of red, green and blue: smooth noise and rectangles."""
+    width, height = size_px
+    picture = np.full((height, width, 3), 0.30)
+    for cells in (4, 12, 50):
+        coarse = rng.normal(0, 1, (cells, cells, 1)) + 0.25 * clutter * rng.normal(0, 1, (cells, cells, 3))
+        picture *= np.exp(0.22 * _stretched(coarse, height, width))
+    for _ in range(round(30 * clutter)):  # books, boxes, pictures
+        w, h = rng.integers(width // 30, width // 5), rng.integers(height // 30, height // 4)
+        x, y = rng.integers(0, width - w), rng.integers(0, height - h)
+        grey = rng.uniform(0.05, 0.6)
+        picture[y : y + h, x : x + w] = grey * np.exp(0.45 * clutter * rng.normal(0, 1, 3))
+        for line in range(y + 2, y + h - 1, max(4, h // 6)):  # print on them
+            picture[line : line + 1, x + 2 : x + w - 2] *= 0.6
+    picture *= np.exp(0.05 * rng.normal(0, 1, (height, width, 1)))
+    return np.asarray(np.clip(picture, 0.01, 0.9), np.float32)
+
+
+def _stretched(coarse: Float64, height: int, width: int) -> Float64:
+    """(n, n, 3) interpolated linearly to (height, width, 3)."""
+    n = len(coarse)
+    r, c = np.linspace(0, n - 1.001, height), np.linspace(0, n - 1.001, width)
+    i, j = r.astype(int), c.astype(int)
+    u, v = (r - i)[:, None, None], (c - j)[None, :, None]
+    top = (1 - v) * coarse[i][:, j] + v * coarse[i][:, j + 1]
+    low = (1 - v) * coarse[i + 1][:, j] + v * coarse[i + 1][:, j + 1]
+    return np.asarray((1 - u) * top + u * low)
+
+
+def marker_scene_names() -> tuple[str, ...]:
+    """The scenes there are."""
+    return tuple(_data()["scenes"])
+
+
+def marker_scene_settings(name: str) -> MarkerSceneSettings:
+    """What the scene of that name is made of, to be changed with `dataclasses.replace`.
+
+    Raises:
+        SettingsError: no such scene; lists those there are.
+    """
+    data = _data()
+    if name not in data["scenes"]:
+        raise SettingsError(f"unknown scene {name!r}; known: {one_of(name, data['scenes'])}")
+    return scene_of(data, name)
+
+
+def scene_of(data: Mapping[str, Any], name: str) -> MarkerSceneSettings:
+    """The settings of a scene in a file's tables ``common`` and ``scenes``."""
+    scene = {**data["common"], **data["scenes"][name]}
+    return parse(MarkerSceneSettings, scene, where=f"scene {name}")
+
+
+def load_marker_scene(name: str, *, seed: int = 0) -> MarkerScene:
+    """The scene of that name.
+
+    Raises:
+        SettingsError: no such scene; lists those there are.
+    """
+    return MarkerScene(marker_scene_settings(name), seed)
+
+
+@cache
+def _data() -> dict[str, Any]:
+    text = files("mocapella.sources.simulate").joinpath("data", "marker_scenes.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text)
+
+
+@cache
+def _kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.sources.simulate import marker_scene_kernels
+
+    return marker_scene_kernels
