@@ -17,7 +17,7 @@ TEXT = files("mocapella.kinematics").joinpath("models", "kinect_v2.toml").read_t
 
 
 def test_every_topology_has_a_body_model_whose_sides_are_alike() -> None:
-    assert body_model_names() == topology_names()
+    assert set(body_model_names()) == set(topology_names()) - {"hand"}
     for name in body_model_names():
         body, tree = body_model(name), topology(name)
         model = ArticulatedModel.of(tree)

@@ -17,7 +17,10 @@ PAGE = (ROOT / "docs" / "takes.md").read_text(encoding="utf-8")
 def test_the_table_names_every_channel_and_its_encoding() -> None:
     rows = dict(re.findall(r"^\| `(/[a-z]+)(?:/<sensor>)?` \| (\w+)", PAGE, re.MULTILINE))
     topics = [take.FRAMES, take.SCENES, take.TRUTH, take.COMMANDS, take.STATUS, take.CLOCK, take.RUNS]
-    assert rows == {topic.rstrip("/"): {"json": "JSON"}.get(e := channel_kind(topic).encoding, e) for topic in topics}
+    assert rows == {
+        topic.rstrip("/"): {"json": "JSON"}.get(e := channel_kind(topic, frame_bytes("front", 0)).encoding, e)
+        for topic in topics
+    }
 
 
 def test_the_code_of_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,8 +8,19 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
+from mocapella.model.markers import MarkerFrame, marker_frame
 from mocapella.model.observations import BodyFrame, body_frame
-from mocapella.model.scene import Person, Phase, PotentialSkeleton, Scene, SensorPlace, TrackerState
+from mocapella.model.scene import (
+    Person,
+    Phase,
+    PotentialSkeleton,
+    Scene,
+    SensorPlace,
+    TrackedHand,
+    TrackedObject,
+    TrackedPoints,
+    TrackerState,
+)
 from mocapella.model.topology import Topology, topology, topology_names
 from mocapella.schema import encode_frame
 from mocapella.schema import mocapella_pb2 as pb
@@ -56,6 +67,30 @@ def frames(draw: st.DrawFn) -> BodyFrame:
     )
 
 
+@st.composite
+def marker_frames(draw: st.DrawFn) -> MarkerFrame:
+    """Any frame that a camera may publish: 0 to 12 markers, some of which are not seen."""
+    names = draw(st.lists(st.text(min_size=1, max_size=12), unique=True, max_size=12))
+    width, height = draw(st.integers(1, 4096)), draw(st.integers(1, 4096))
+    n = len(names)
+    positions = draw(arrays.arrays(np.float32, (n, 2), elements=st.floats(0, 1, width=32))) * [width - 1, height - 1]
+    positions[draw(arrays.arrays(np.bool_, n))] = np.nan
+    one = arrays.arrays(np.float32, n, elements=st.floats(0, 1, width=32))
+    return marker_frame(
+        draw(SENSOR_NAMES),
+        names,
+        time_ns=draw(INT64),
+        sent_ns=draw(INT64),
+        size_px=(width, height),
+        positions_px=positions,
+        sd_px=draw(one),
+        areas_px=draw(one),
+        confidences=draw(one),
+        node_id=draw(UINT64),
+        sequence=draw(UINT64),
+    )
+
+
 def plain_frame(bodies: int = 2, kind: Topology | None = None) -> BodyFrame:
     """A frame with everything, all tracked."""
     kind = kind or topology("kinect_v2")
@@ -96,3 +131,23 @@ def small_scene(people: int = 1) -> Scene:
     state = TrackerState(Phase.CALIBRATING, 1, 2, 3, "somebody moved")
     places = (SensorPlace("front", np.eye(4), 0.01, 0.002, "good"), SensorPlace("left", None, problem="walk"))
     return Scene(5, 6, "front", 2**64 - 1, 8, kind, state, tuple(person(i) for i in range(people)), places)
+
+
+def hands_scene() -> Scene:
+    """A hand that holds a cup, another that is lost, and the points they are made of."""
+    rng = np.random.default_rng(4)
+    states, sd = np.full(21, 2, np.uint8), np.full(21, 0.001, np.float32)
+    states[3] = 1
+    T = np.eye(4)
+    T[:3, 3] = 0.25
+    hand = TrackedHand(3, True, rng.normal(size=(21, 3)), states, sd, rng.uniform(-1, 1, 21), T, "cup")
+    nan = np.full((21, 3), np.nan)
+    lost = TrackedHand(4, False, nan, np.zeros(21, np.uint8), nan[:, 0].astype(np.float32), nan[:, 0].copy(), None)
+    positions = np.array([[0.1, 0.2, 0.3], [np.nan] * 3])
+    points = TrackedPoints(
+        ("red", "blue"), positions, np.array([0.001, np.nan], np.float32), np.array([2, 0], np.uint8)
+    )
+    square = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]])
+    objects = (TrackedObject("ball", None, np.empty((0, 3)), 0), TrackedObject("cup", T, square, 2))
+    state = TrackerState(Phase.TRACKING)
+    return Scene(7, 8, "left", 9, 10, topology("hand"), state, (), (), (hand, lost), points, objects)

@@ -19,7 +19,12 @@ FOLDER = Path(__file__).resolve().parent.parent / "vectors"
 NAMES = sorted(path.stem for path in FOLDER.glob("*.bin"))
 MESSAGES = [name for name in NAMES if not name.startswith("stream")]
 FRAMES = [name for name in NAMES if name.startswith("frame")]
-DECODERS: dict[str, Any] = {"BodyFrame": decode_frame, "Scene": decode_scene, "Truth": decode_truth}
+DECODERS: dict[str, Any] = {
+    "BodyFrame": decode_frame,
+    "MarkerFrame": decode_frame,
+    "Scene": decode_scene,
+    "Truth": decode_truth,
+}
 
 
 def read(name: str) -> tuple[bytes, dict[str, Any]]:

@@ -13,8 +13,19 @@ from typing import Any
 
 import numpy as np
 
-from mocapella.model.observations import BodyFrame, JointState, body_frame
-from mocapella.model.scene import Person, Phase, PotentialSkeleton, Scene, SensorPlace, TrackerState
+from mocapella.model.markers import MarkerFrame, marker_frame
+from mocapella.model.observations import BodyFrame, Frame, JointState, body_frame
+from mocapella.model.scene import (
+    Person,
+    Phase,
+    PotentialSkeleton,
+    Scene,
+    SensorPlace,
+    TrackedHand,
+    TrackedObject,
+    TrackedPoints,
+    TrackerState,
+)
 from mocapella.model.topology import topology
 from mocapella.model.truth import Truth
 from mocapella.schema import encode_frame, encode_scene, encode_truth
@@ -78,6 +89,41 @@ def frame_nobody() -> BodyFrame:
     return body_frame("front", topology("kinect_v2"), time_ns=0, positions=[], node_id=NODE_ID)
 
 
+def markers_two_of_three() -> MarkerFrame:
+    """A camera that sees two of three markers."""
+    return marker_frame(
+        "left",
+        ["thumb", "index", "base"],
+        time_ns=33_333_333,
+        sent_ns=5_000_000_123,
+        size_px=(640, 480),
+        positions_px=[[319.5, 239.25], [np.nan, np.nan], [0.0, 479.0]],
+        sd_px=[0.125, np.nan, 0.5],
+        areas_px=[210.0, 0.0, 64.5],
+        confidences=[1.0, 0.0, 0.75],
+        node_id=NODE_ID,
+        sequence=3,
+    )
+
+
+def scene_one_hand() -> Scene:
+    """A left hand that holds a cup, made of two markers, of which one camera pair sees one."""
+    landmark = np.arange(21)
+    landmarks = np.stack([landmark / 128, landmark / 256, 0.5 + landmark / 64], axis=-1)
+    states = np.where(landmark % 4 == 0, 2, 1).astype(np.uint8)
+    sd, angles = (landmark / 1024).astype(np.float32), landmark / 32
+    quarter_turn = np.array([[0.0, 0, 1, 0.5], [0, 1, 0, 0.25], [-1, 0, 0, 2], [0, 0, 0, 1]])
+    hand = TrackedHand(2, True, landmarks, states, sd, angles, quarter_turn, "cup")
+    places = np.array([[0.125, 0.25, 0.5], [np.nan] * 3])
+    points = TrackedPoints(
+        ("thumb", "index"), places, np.array([0.001953125, np.nan], np.float32), np.array([2, 0], np.uint8)
+    )
+    outline = np.array([[0.0, 0, 0], [0.0625, 0, 0], [0.0625, 0.0625, 0]])
+    cup = TrackedObject("cup", quarter_turn, outline, 2)
+    state = TrackerState(Phase.TRACKING)
+    return Scene(4, 5_000_000_000, "left", NODE_ID, 3, topology("hand"), state, (), (), (hand,), points, (cup,))
+
+
 def scene_one_person() -> Scene:
     """One person, seen by two sensors; the last joint by none."""
     kind = topology("kinect_v2")
@@ -106,18 +152,20 @@ def truth_two_people() -> Truth:
     return Truth("front", 2, 10**9, kind, np.array([0, 5]), positions, np.eye(4), np.array([5]), np.array([True]))
 
 
-def values(message: BodyFrame | Scene | Truth) -> dict[str, Any]:
+def values(message: Frame | Scene | Truth) -> dict[str, Any]:
     """The fields of a message by their names in the schema."""
-    read = {BodyFrame: _frame_values, Scene: _scene_values, Truth: _truth_values}[type(message)]
+    kinds = {BodyFrame: _frame_values, MarkerFrame: _marker_values, Scene: _scene_values, Truth: _truth_values}
+    read = kinds[type(message)]
     return {"message": type(message).__name__, **read(message)}
 
 
 def vectors() -> dict[str, tuple[bytes, dict[str, Any]]]:
     """Every vector: its bytes and its values, by the name of its files."""
-    frames = {make.__name__: make() for make in (frame_skeleton, frame_everything, frame_nobody)}
+    kinds = (frame_skeleton, frame_everything, frame_nobody, markers_two_of_three)
+    frames = {make.__name__: make() for make in kinds}
     found = {name: (encode_frame(frame), values(frame)) for name, frame in frames.items()}
-    scene, truth = scene_one_person(), truth_two_people()
-    found["scene_one_person"] = encode_scene(scene), values(scene)
+    scenes, truth = {make.__name__: make() for make in (scene_one_person, scene_one_hand)}, truth_two_people()
+    found |= {name: (encode_scene(scene), values(scene)) for name, scene in scenes.items()}
     found["truth_two_people"] = encode_truth(truth), values(truth)
     stream = b"".join(delimited(encode_frame(frames[name])) for name in ("frame_nobody", "frame_skeleton"))
     found["stream_two_frames"] = stream, {"stream": ["frame_nobody", "frame_skeleton"]}
@@ -144,6 +192,24 @@ def _frame_values(frame: BodyFrame) -> dict[str, Any]:
         "positions_m": _lists(frame.positions),
         "depth_px": _lists(frame.depth_px),
         "orientations": _lists(frame.orientations),
+    }
+
+
+def _marker_values(frame: MarkerFrame) -> dict[str, Any]:
+    return {
+        "schema_version": 1,
+        "sensor": frame.sensor,
+        "node_id": str(frame.node_id),
+        "sequence": str(frame.sequence),
+        "time_ns": str(frame.time_ns),
+        "sent_ns": str(frame.sent_ns),
+        "width_px": frame.size_px[0],
+        "height_px": frame.size_px[1],
+        "names": list(frame.names),
+        "positions_px": _lists(frame.positions_px),
+        "sd_px": _lists(frame.sd_px),
+        "areas_px": _lists(frame.areas_px),
+        "confidences": _lists(frame.confidences),
     }
 
 
@@ -191,6 +257,36 @@ def _scene_values(scene: Scene) -> dict[str, Any]:
                 "problem": place.problem,
             }
             for place in scene.sensors
+        ],
+        "hands": [
+            {
+                "id": str(hand.id),
+                "left": hand.left,
+                "landmarks_m": _lists(hand.landmarks),
+                "landmark_states": hand.states.tolist(),
+                "landmark_sd_m": _lists(hand.sd),
+                "angles_rad": _lists(hand.angles),
+                "T_world_palm": None if hand.T_world_palm is None else _lists(hand.T_world_palm[:3]),
+                "holds": hand.holds,
+            }
+            for hand in scene.hands
+        ],
+        "points": None
+        if scene.points is None
+        else {
+            "names": list(scene.points.names),
+            "positions_m": _lists(scene.points.positions),
+            "sd_m": _lists(scene.points.sd),
+            "cameras": scene.points.cameras.tolist(),
+        },
+        "objects": [
+            {
+                "name": thing.name,
+                "T_world_object": None if thing.T_world_object is None else _lists(thing.T_world_object[:3]),
+                "outline_m": _lists(thing.outline),
+                "state": thing.state,
+            }
+            for thing in scene.objects
         ],
     }
 

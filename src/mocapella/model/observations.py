@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.errors import SettingsError
+from mocapella.model.markers import MarkerFrame
 from mocapella.model.topology import Topology
 
 Float32 = NDArray[np.float32]
@@ -175,11 +176,15 @@ def body_frame(
     )
 
 
+Frame = BodyFrame | MarkerFrame
+"""What a sensor publishes."""
+
+
 class Arrival(msgspec.Struct, frozen=True, eq=False):
     """A frame and when it was captured on the one clock that all sensors are brought to.
 
     ``at_ns`` is all that a tracker learns of time, and it is recorded: a replay gives the same numbers.
     """
 
-    frame: BodyFrame
+    frame: Frame
     at_ns: int

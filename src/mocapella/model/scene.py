@@ -1,4 +1,4 @@
-"""What the tracker says there is: people, and for each the views it was made of."""
+"""What the tracker says there is: people and the views they were made of, hands, and things."""
 
 from __future__ import annotations
 
@@ -125,6 +125,62 @@ class SensorPlace(msgspec.Struct, frozen=True, eq=False):
     problem: str = ""
 
 
+class TrackedHand(msgspec.Struct, frozen=True, eq=False):
+    """A hand; landmarks and angles are in the order of `mocapella.model.hand`.
+
+    Attributes:
+        id: stays the same for as long as it is the same hand.
+        left: whether it is a left one.
+        landmarks: (21, 3), world [m]; NaN where not known.
+        states: (21,) `JointState`: tracked = the markers of this instant determine it; inferred; not tracked.
+        sd: (21,) float32, standard deviation of a coordinate [m]; NaN where not known.
+        angles: (21,) [rad]; NaN where not known.
+        T_world_palm: (4, 4); None where not known.
+        holds: name of the object in it; empty where there is none.
+    """
+
+    id: int
+    left: bool
+    landmarks: Float64
+    states: UInt8
+    sd: Float32
+    angles: Float64
+    T_world_palm: Float64 | None
+    holds: str = ""
+
+
+class TrackedPoints(msgspec.Struct, frozen=True, eq=False):
+    """Points that several cameras see.
+
+    Attributes:
+        names: (points,).
+        positions: (points, 3), world [m]; NaN where not known.
+        sd: (points,) float32, standard deviation of a coordinate [m]; NaN where not known.
+        cameras: (points,) uint8, how many agree.
+    """
+
+    names: tuple[str, ...]
+    positions: Float64
+    sd: Float32
+    cameras: UInt8
+
+
+class TrackedObject(msgspec.Struct, frozen=True, eq=False):
+    """A rigid thing.
+
+    Attributes:
+        name: its own.
+        T_world_object: (4, 4); None where it has not been seen.
+        outline: (k, 3) a closed line in its own frame, to be drawn [m].
+        state: `JointState`: tracked; inferred = as last seen, or in the hand; not tracked.
+    """
+
+    name: str
+    T_world_object: Float64 | None
+    outline: Float64
+    state: int
+
+
 class Scene(msgspec.Struct, frozen=True, eq=False):
     """The result of one step, and which frame made it, so that it can be made again.
 
@@ -136,6 +192,9 @@ class Scene(msgspec.Struct, frozen=True, eq=False):
         state: where the tracker stands.
         people: in the order of their ids.
         sensors: by name; empty where the method gives a sensor no place of its own.
+        hands: in the order of their ids.
+        points: of which hands and objects were made; None where the method makes none.
+        objects: by name.
     """
 
     step: int
@@ -147,3 +206,6 @@ class Scene(msgspec.Struct, frozen=True, eq=False):
     state: TrackerState
     people: tuple[Person, ...]
     sensors: tuple[SensorPlace, ...] = ()
+    hands: tuple[TrackedHand, ...] = ()
+    points: TrackedPoints | None = None
+    objects: tuple[TrackedObject, ...] = ()

@@ -14,6 +14,7 @@ from mocapella import __version__
 from mocapella.recording import take
 from mocapella.recording.mcap_file import McapFile
 from mocapella.recording.take import Run
+from mocapella.schema import message_of
 from mocapella.schema import mocapella_pb2 as pb
 
 
@@ -29,7 +30,7 @@ class TakeFile(McapFile):
         """Add a message to one of the channels of a take."""
         channel = self._channel_of.get(topic)
         if channel is None:
-            channel = self._channel_of[topic] = self._open(topic)
+            channel = self._channel_of[topic] = self._open(topic, data)
         published = log_ns if publish_ns is None else publish_ns
         self.add_message(channel, data, log_ns=log_ns, publish_ns=published, sequence=sequence)
 
@@ -38,8 +39,8 @@ class TakeFile(McapFile):
         self.add_metadata(take.RUN_METADATA, take.run_metadata(run))
         self.add(take.RUNS, take.encode_run(run), run.info.started_ns, run.number)
 
-    def _open(self, topic: str) -> int:
-        kind = channel_kind(topic)
+    def _open(self, topic: str, data: bytes) -> int:
+        kind = channel_kind(topic, data)
         schema = self._schema_of.get(kind.schema_name)
         if schema is None:
             schema = self.add_schema(kind.schema_name, kind.schema_encoding, kind.schema)
@@ -57,11 +58,12 @@ class ChannelKind:
     schema: bytes
 
 
-def channel_kind(topic: str) -> ChannelKind:
-    """How the messages of a topic are written."""
-    for prefix, message in ((take.FRAMES, "BodyFrame"), (take.TRUTH, "Truth")):
-        if topic.startswith(prefix):
-            return _protobuf(message)
+def channel_kind(topic: str, data: bytes) -> ChannelKind:
+    """How the messages of a topic are written; ``data`` is the first of them."""
+    if topic.startswith(take.FRAMES):
+        return _protobuf(message_of(data))
+    if topic.startswith(take.TRUTH):
+        return _protobuf("Truth")
     if topic == take.SCENES:
         return _protobuf("Scene")
     names = {take.RUNS: "Run", take.COMMANDS: "Command", take.STATUS: "SessionStatus", take.CLOCK: "ClockProbes"}

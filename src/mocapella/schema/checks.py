@@ -20,6 +20,10 @@ from mocapella.model.topology import Topology, topology, topology_names
 SCHEMA_VERSION: Final = 1
 MAX_BODIES: Final = 1024
 """A frame that claims more is refused before anything is allocated for it."""
+MAX_POINTS: Final = 1024
+"""Markers of a camera, or points of a scene."""
+MAX_NAME: Final = 80
+"""Characters of a marker's or an object's name."""
 MAX_MESSAGE_BYTES: Final = 16 * 1024 * 1024
 MAX_SCENE_BYTES: Final = 4 * 1024 * 1024
 """A scene nests messages, each of which takes some forty times its bytes in memory."""
@@ -103,6 +107,27 @@ def points(data: bytes, shape: tuple[int, ...], field: str) -> NDArray[np.float6
     if far.size:
         raise WireError(f"{field} has a {far[0]:g}; coordinates are within ±{MAX_COORDINATE:g} m, or NaN")
     return values
+
+
+def deviations(data: bytes, count: int, field: str) -> NDArray[np.float32]:
+    """float32 standard deviations: each NaN, which is not known, or 0 or more."""
+    sd = array(data, F4, (count,), field)
+    if (sd < 0).any() or np.isinf(sd).any():
+        raise WireError(f"{field} has a value that is no standard deviation; 0 or more is wanted, or NaN")
+    return sd
+
+
+def names(given: Any, field: str) -> tuple[str, ...]:
+    """Names of points: each once, none empty or longer than `MAX_NAME`, and not more than `MAX_POINTS`."""
+    if len(given) > MAX_POINTS:
+        raise WireError(f"{field} has {len(given)} names; at most {MAX_POINTS} are read")
+    told = tuple(given)
+    for name in told:
+        if not 0 < len(name) <= MAX_NAME:
+            raise WireError(f"{field} has the name {name[:MAX_NAME]!r}; 1 to {MAX_NAME} characters are wanted")
+    if len(set(told)) != len(told):
+        raise WireError(f"{field} has a name twice; each is wanted once")
+    return told
 
 
 def transform(data: bytes, field: str) -> NDArray[np.float64]:

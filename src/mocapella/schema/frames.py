@@ -15,7 +15,8 @@ from numpy import frombuffer, logical_not, vdot
 from numpy.typing import NDArray
 
 from mocapella.errors import WireError
-from mocapella.model.observations import BodyFrame
+from mocapella.model.markers import MarkerFrame
+from mocapella.model.observations import BodyFrame, Frame
 from mocapella.model.topology import Topology
 from mocapella.schema import mocapella_pb2 as pb
 from mocapella.schema.checks import (
@@ -33,6 +34,7 @@ from mocapella.schema.checks import (
     sensor_name,
     sensor_pose,
 )
+from mocapella.schema.markers import encode_marker_frame, marker_frame_of
 
 _BOOL: Final = np.dtype("?")
 _EDGES: Final = bytes(range(16))
@@ -45,10 +47,19 @@ _FURTHEST: Final = MAX_COORDINATE**2
 _INFINITE: Final = math.inf
 _PI: Final = math.pi
 _MESSAGE: Final = pb.BodyFrame
+_MARKERS: Final = pb.MarkerFrame
 
 
-def encode_frame(frame: BodyFrame) -> bytes:
+def message_of(data: bytes) -> str:
+    """Name of the message that a frame's bytes are."""
+    told = not _MESSAGE.FromString(data).topology and _MARKERS.FromString(data).width_px
+    return "MarkerFrame" if told else "BodyFrame"
+
+
+def encode_frame(frame: Frame) -> bytes:
     """Write a frame. What is not tracked is written as 0 and read back as NaN."""
+    if isinstance(frame, MarkerFrame):
+        return encode_marker_frame(frame)
     states = frame.states.tobytes()
     gone = logical_not(frame.states.reshape(-1)).nonzero()[0] if 0 in states else None
     message = _MESSAGE(
@@ -74,8 +85,8 @@ def encode_frame(frame: BodyFrame) -> bytes:
     return message.SerializeToString()
 
 
-def decode_frame(data: bytes) -> BodyFrame:
-    """Read a frame and check it.
+def decode_frame(data: bytes) -> Frame:
+    """Read a frame, of bodies or of markers, and check it.
 
     Raises:
         SchemaVersionError: it is of another schema version; names both.
@@ -83,6 +94,8 @@ def decode_frame(data: bytes) -> BodyFrame:
             names the field and what it wants.
     """
     m = parse(_MESSAGE, data, MAX_MESSAGE_BYTES)
+    if not m.topology and (markers := _MARKERS.FromString(data)).width_px:
+        return marker_frame_of(markers)
     kind = known_topology(m.topology)
     joints = len(kind.joints)
     ids, tracked, edges, states = m.tracking_ids, m.tracked, m.clipped_edges, m.joint_states

@@ -45,6 +45,36 @@ class BodyFrame(_message.Message):
     orientations: bytes
     def __init__(self, schema_version: _Optional[int] = ..., sensor: _Optional[str] = ..., node_id: _Optional[int] = ..., sequence: _Optional[int] = ..., time_ns: _Optional[int] = ..., sent_ns: _Optional[int] = ..., topology: _Optional[str] = ..., depth_width_px: _Optional[int] = ..., depth_height_px: _Optional[int] = ..., tilt_rad: _Optional[float] = ..., height_m: _Optional[float] = ..., tracking_ids: _Optional[bytes] = ..., tracked: _Optional[bytes] = ..., clipped_edges: _Optional[bytes] = ..., joint_states: _Optional[bytes] = ..., positions_m: _Optional[bytes] = ..., depth_px: _Optional[bytes] = ..., orientations: _Optional[bytes] = ...) -> None: ...
 
+class MarkerFrame(_message.Message):
+    __slots__ = ("schema_version", "sensor", "node_id", "sequence", "time_ns", "sent_ns", "width_px", "height_px", "names", "positions_px", "sd_px", "areas_px", "confidences")
+    SCHEMA_VERSION_FIELD_NUMBER: _ClassVar[int]
+    SENSOR_FIELD_NUMBER: _ClassVar[int]
+    NODE_ID_FIELD_NUMBER: _ClassVar[int]
+    SEQUENCE_FIELD_NUMBER: _ClassVar[int]
+    TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    SENT_NS_FIELD_NUMBER: _ClassVar[int]
+    WIDTH_PX_FIELD_NUMBER: _ClassVar[int]
+    HEIGHT_PX_FIELD_NUMBER: _ClassVar[int]
+    NAMES_FIELD_NUMBER: _ClassVar[int]
+    POSITIONS_PX_FIELD_NUMBER: _ClassVar[int]
+    SD_PX_FIELD_NUMBER: _ClassVar[int]
+    AREAS_PX_FIELD_NUMBER: _ClassVar[int]
+    CONFIDENCES_FIELD_NUMBER: _ClassVar[int]
+    schema_version: int
+    sensor: str
+    node_id: int
+    sequence: int
+    time_ns: int
+    sent_ns: int
+    width_px: int
+    height_px: int
+    names: _containers.RepeatedScalarFieldContainer[str]
+    positions_px: bytes
+    sd_px: bytes
+    areas_px: bytes
+    confidences: bytes
+    def __init__(self, schema_version: _Optional[int] = ..., sensor: _Optional[str] = ..., node_id: _Optional[int] = ..., sequence: _Optional[int] = ..., time_ns: _Optional[int] = ..., sent_ns: _Optional[int] = ..., width_px: _Optional[int] = ..., height_px: _Optional[int] = ..., names: _Optional[_Iterable[str]] = ..., positions_px: _Optional[bytes] = ..., sd_px: _Optional[bytes] = ..., areas_px: _Optional[bytes] = ..., confidences: _Optional[bytes] = ...) -> None: ...
+
 class PotentialSkeleton(_message.Message):
     __slots__ = ("sensor", "tracking_id", "time_ns", "tilt_rad", "height_m", "T_world_sensor", "positions_m", "joint_states", "mirrored")
     SENSOR_FIELD_NUMBER: _ClassVar[int]
@@ -99,8 +129,52 @@ class SensorPlace(_message.Message):
     problem: str
     def __init__(self, sensor: _Optional[str] = ..., T_world_sensor: _Optional[bytes] = ..., position_sd_m: _Optional[float] = ..., rotation_sd_rad: _Optional[float] = ..., quality: _Optional[str] = ..., problem: _Optional[str] = ...) -> None: ...
 
+class Hand(_message.Message):
+    __slots__ = ("id", "left", "landmarks_m", "landmark_states", "landmark_sd_m", "angles_rad", "T_world_palm", "holds")
+    ID_FIELD_NUMBER: _ClassVar[int]
+    LEFT_FIELD_NUMBER: _ClassVar[int]
+    LANDMARKS_M_FIELD_NUMBER: _ClassVar[int]
+    LANDMARK_STATES_FIELD_NUMBER: _ClassVar[int]
+    LANDMARK_SD_M_FIELD_NUMBER: _ClassVar[int]
+    ANGLES_RAD_FIELD_NUMBER: _ClassVar[int]
+    T_WORLD_PALM_FIELD_NUMBER: _ClassVar[int]
+    HOLDS_FIELD_NUMBER: _ClassVar[int]
+    id: int
+    left: bool
+    landmarks_m: bytes
+    landmark_states: bytes
+    landmark_sd_m: bytes
+    angles_rad: bytes
+    T_world_palm: bytes
+    holds: str
+    def __init__(self, id: _Optional[int] = ..., left: bool = ..., landmarks_m: _Optional[bytes] = ..., landmark_states: _Optional[bytes] = ..., landmark_sd_m: _Optional[bytes] = ..., angles_rad: _Optional[bytes] = ..., T_world_palm: _Optional[bytes] = ..., holds: _Optional[str] = ...) -> None: ...
+
+class Points(_message.Message):
+    __slots__ = ("names", "positions_m", "sd_m", "cameras")
+    NAMES_FIELD_NUMBER: _ClassVar[int]
+    POSITIONS_M_FIELD_NUMBER: _ClassVar[int]
+    SD_M_FIELD_NUMBER: _ClassVar[int]
+    CAMERAS_FIELD_NUMBER: _ClassVar[int]
+    names: _containers.RepeatedScalarFieldContainer[str]
+    positions_m: bytes
+    sd_m: bytes
+    cameras: bytes
+    def __init__(self, names: _Optional[_Iterable[str]] = ..., positions_m: _Optional[bytes] = ..., sd_m: _Optional[bytes] = ..., cameras: _Optional[bytes] = ...) -> None: ...
+
+class Object(_message.Message):
+    __slots__ = ("name", "T_world_object", "outline_m", "state")
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    T_WORLD_OBJECT_FIELD_NUMBER: _ClassVar[int]
+    OUTLINE_M_FIELD_NUMBER: _ClassVar[int]
+    STATE_FIELD_NUMBER: _ClassVar[int]
+    name: str
+    T_world_object: bytes
+    outline_m: bytes
+    state: int
+    def __init__(self, name: _Optional[str] = ..., T_world_object: _Optional[bytes] = ..., outline_m: _Optional[bytes] = ..., state: _Optional[int] = ...) -> None: ...
+
 class Scene(_message.Message):
-    __slots__ = ("schema_version", "step", "at_ns", "sensor", "node_id", "sequence", "topology", "phase", "sensors_missing", "frames_remaining", "frames_wanted", "reason", "people", "sensors")
+    __slots__ = ("schema_version", "step", "at_ns", "sensor", "node_id", "sequence", "topology", "phase", "sensors_missing", "frames_remaining", "frames_wanted", "reason", "people", "sensors", "hands", "points", "objects")
     SCHEMA_VERSION_FIELD_NUMBER: _ClassVar[int]
     STEP_FIELD_NUMBER: _ClassVar[int]
     AT_NS_FIELD_NUMBER: _ClassVar[int]
@@ -115,6 +189,9 @@ class Scene(_message.Message):
     REASON_FIELD_NUMBER: _ClassVar[int]
     PEOPLE_FIELD_NUMBER: _ClassVar[int]
     SENSORS_FIELD_NUMBER: _ClassVar[int]
+    HANDS_FIELD_NUMBER: _ClassVar[int]
+    POINTS_FIELD_NUMBER: _ClassVar[int]
+    OBJECTS_FIELD_NUMBER: _ClassVar[int]
     schema_version: int
     step: int
     at_ns: int
@@ -129,7 +206,10 @@ class Scene(_message.Message):
     reason: str
     people: _containers.RepeatedCompositeFieldContainer[Person]
     sensors: _containers.RepeatedCompositeFieldContainer[SensorPlace]
-    def __init__(self, schema_version: _Optional[int] = ..., step: _Optional[int] = ..., at_ns: _Optional[int] = ..., sensor: _Optional[str] = ..., node_id: _Optional[int] = ..., sequence: _Optional[int] = ..., topology: _Optional[str] = ..., phase: _Optional[str] = ..., sensors_missing: _Optional[int] = ..., frames_remaining: _Optional[int] = ..., frames_wanted: _Optional[int] = ..., reason: _Optional[str] = ..., people: _Optional[_Iterable[_Union[Person, _Mapping]]] = ..., sensors: _Optional[_Iterable[_Union[SensorPlace, _Mapping]]] = ...) -> None: ...
+    hands: _containers.RepeatedCompositeFieldContainer[Hand]
+    points: Points
+    objects: _containers.RepeatedCompositeFieldContainer[Object]
+    def __init__(self, schema_version: _Optional[int] = ..., step: _Optional[int] = ..., at_ns: _Optional[int] = ..., sensor: _Optional[str] = ..., node_id: _Optional[int] = ..., sequence: _Optional[int] = ..., topology: _Optional[str] = ..., phase: _Optional[str] = ..., sensors_missing: _Optional[int] = ..., frames_remaining: _Optional[int] = ..., frames_wanted: _Optional[int] = ..., reason: _Optional[str] = ..., people: _Optional[_Iterable[_Union[Person, _Mapping]]] = ..., sensors: _Optional[_Iterable[_Union[SensorPlace, _Mapping]]] = ..., hands: _Optional[_Iterable[_Union[Hand, _Mapping]]] = ..., points: _Optional[_Union[Points, _Mapping]] = ..., objects: _Optional[_Iterable[_Union[Object, _Mapping]]] = ...) -> None: ...
 
 class Truth(_message.Message):
     __slots__ = ("schema_version", "sensor", "sequence", "room_ns", "topology", "people", "positions_m", "T_world_sensor", "body_people", "mirrored")

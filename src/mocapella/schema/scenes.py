@@ -23,12 +23,21 @@ from mocapella.schema.checks import (
     STATES,
     array,
     choices,
+    deviations,
     known_topology,
     parse,
     points,
     sensor_name,
     sensor_pose,
     transform,
+)
+from mocapella.schema.hands import (
+    decode_hand,
+    decode_object,
+    decode_points,
+    encode_hand,
+    encode_object,
+    encode_points,
 )
 
 _PHASES: Final = {phase.value: phase for phase in Phase}
@@ -62,6 +71,9 @@ def encode_scene(scene: Scene) -> bytes:
             for person in scene.people
         ],
         sensors=[_encode_place(place) for place in scene.sensors],
+        hands=[encode_hand(hand) for hand in scene.hands],
+        points=None if scene.points is None else encode_points(scene.points),
+        objects=[encode_object(thing) for thing in scene.objects],
     )
     return message.SerializeToString()
 
@@ -90,7 +102,20 @@ def decode_scene(data: bytes) -> Scene:
     )
     state = TrackerState(_PHASES[m.phase], m.sensors_missing, m.frames_remaining, m.frames_wanted, m.reason)
     places = tuple(map(_decode_place, m.sensors))
-    return Scene(m.step, m.at_ns, sensor_name(m.sensor), m.node_id, m.sequence, kind, state, people, places)
+    return Scene(
+        m.step,
+        m.at_ns,
+        sensor_name(m.sensor),
+        m.node_id,
+        m.sequence,
+        kind,
+        state,
+        people,
+        places,
+        tuple(map(decode_hand, m.hands)),
+        decode_points(m.points) if m.HasField("points") else None,
+        tuple(map(decode_object, m.objects)),
+    )
 
 
 def encode_truth(truth: Truth) -> bytes:
@@ -133,12 +158,7 @@ def decode_truth(data: bytes) -> Truth:
 
 
 def _decode_sd(data: bytes, kind: Topology) -> NDArray[np.float32] | None:
-    if not data:
-        return None
-    sd = array(data, F4, (len(kind),), "Person.joint_sd_m")
-    if (sd < 0).any() or np.isinf(sd).any():
-        raise WireError("Person.joint_sd_m has a value that is no standard deviation; 0 or more is wanted, or NaN")
-    return sd
+    return deviations(data, len(kind), "Person.joint_sd_m") if data else None
 
 
 def _encode_place(place: SensorPlace) -> Any:

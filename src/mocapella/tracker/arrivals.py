@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Final
 
 import msgspec
 
@@ -10,6 +11,8 @@ from mocapella.conventions import NS_PER_S
 from mocapella.model.bodies import Bodies, tracked_bodies
 from mocapella.model.observations import Arrival, BodyFrame
 from mocapella.model.topology import Topology
+
+NO_BODIES: Final = "it sends markers, of which this method makes no people: set up the method hands"
 
 
 class Sighting(msgspec.Struct, frozen=True, eq=False):
@@ -53,6 +56,8 @@ class Arrivals:
     def update(self, arrival: Arrival) -> Heard:
         """Take a frame in, unless there is a problem with it."""
         frame = arrival.frame
+        if not isinstance(frame, BodyFrame):
+            return Heard(NO_BODIES, frame.sensor, False, {})
         bodies = tracked_bodies(frame)
         last = self._last.get(frame.sensor)
         node_changed = last is not None and last.frame.node_id != frame.node_id

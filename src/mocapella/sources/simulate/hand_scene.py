@@ -149,7 +149,9 @@ class HandSceneSettings:
 
     def __post_init__(self) -> None:
         names = [camera.name for camera in self.cameras]
-        check(len(names) >= 1 and len(set(names)) == len(names), "cameras", names, "at least one, each with its own name")
+        check(
+            len(names) >= 1 and len(set(names)) == len(names), "cameras", names, "at least one, each with its own name"
+        )
         wanted = "six to eight: five fingertips and one to three of the hand's base"
         check(6 <= len(self.paints) <= 5 + len(BASE_MARKERS), "paints", len(self.paints), wanted)
         paints = [paint.name for paint in self.paints]

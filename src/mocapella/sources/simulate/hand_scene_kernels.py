@@ -4,7 +4,7 @@ A part of the hand is a capsule, a row of 13 numbers in the camera's space: ends
 reflects of red, green, blue; gloss; exponent of the highlight; which marker it is, or -1.
 """
 
-# ruff: noqa: PLR0912, PLR0914, PLR0915, PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
 from __future__ import annotations
 
 import math
@@ -26,7 +26,7 @@ def hit(ax, ay, az, bx, by, bz, radius, dx, dy):
     aa = ax * ax + ay * ay + az * az
     # |p - axis|² = radius² with p = z·d: a quadratic equation in z.
     A, B = uu * dd - ud * ud, uu * da - ud * ua
-    if A > 1e-12 * uu:
+    if 1e-12 * uu < A:
         root = B * B - A * (uu * (aa - radius * radius) - ua * ua)
         if root < 0.0:
             return math.inf, 0.0
@@ -105,7 +105,15 @@ def photograph(wall, rays, parts, rates, pixel_of, exposure_s, readout_s, light,
                 for s in range(SAMPLES):
                     e = ends[(s + x + 2 * y) % SAMPLES, i]
                     z, u = hit(
-                        e[0], e[1], e[2], e[3], e[4], e[5], parts[i, 6], float(rays[y, x, s, 0]), float(rays[y, x, s, 1])
+                        e[0],
+                        e[1],
+                        e[2],
+                        e[3],
+                        e[4],
+                        e[5],
+                        parts[i, 6],
+                        float(rays[y, x, s, 0]),
+                        float(rays[y, x, s, 1]),
                     )
                     if not 0.0 < z < math.inf:
                         continue
@@ -137,6 +145,8 @@ def photograph(wall, rays, parts, rates, pixel_of, exposure_s, readout_s, light,
                 if p[12] < 0:  # skin is not of one colour; the pattern goes with the hand
                     grain += 0.05 * math.sin(900.0 * u * p[6] + 5.0 * nx + i) * math.sin(7.0 * ny + 300.0 * u * p[6])
                 for k in range(3):
-                    linear[y, x, k] += (light[k] * (lit * grain * p[7 + k] + glance) - flat * light[k] * wall[y, x, k]) / SAMPLES
+                    linear[y, x, k] += (
+                        light[k] * (lit * grain * p[7 + k] + glance) - flat * light[k] * wall[y, x, k]
+                    ) / SAMPLES
                 if p[12] >= 0:
                     seen[int(p[12])] += 1.0

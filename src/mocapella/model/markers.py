@@ -1,0 +1,106 @@
+"""What one camera saw of coloured markers at one instant: positions in its picture, and no picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import SettingsError
+from mocapella.model.topology import Topology, topology
+
+Float32 = NDArray[np.float32]
+
+
+class MarkerFrame(msgspec.Struct, frozen=True, eq=False):
+    """The markers that one camera saw at one instant; identified like a `mocapella.model.observations.BodyFrame`.
+
+    Attributes:
+        sensor: the camera's name.
+        node_id: random number of the process that serves the camera, new at each start.
+        sequence: 0, 1, 2, … of that process.
+        time_ns: when its first row was captured, the middle of the exposure, on the *camera's own* clock.
+        sent_ns: when the node published it, on the node's monotonic clock; 0 where there was no node.
+        size_px: (width, height) of the picture.
+        names: (markers,) of the colours that are looked for.
+        positions_px: (markers, 2) x, y, with the lens' distortion; the middle of the first pixel is (0, 0). NaN where
+            the marker is not seen.
+        sd_px: (markers,) standard deviation of a coordinate; NaN where not seen.
+        areas_px: (markers,) pixels; 0 where not seen.
+        confidences: (markers,) from 0 to 1, that it is the marker.
+    """
+
+    sensor: str
+    node_id: int
+    sequence: int
+    time_ns: int
+    sent_ns: int
+    size_px: tuple[int, int]
+    names: tuple[str, ...]
+    positions_px: Float32
+    sd_px: Float32
+    areas_px: Float32
+    confidences: Float32
+
+    @property
+    def key(self) -> tuple[str, int, int]:
+        """What identifies the frame: (sensor, node_id, sequence)."""
+        return self.sensor, self.node_id, self.sequence
+
+    @property
+    def topology(self) -> Topology:
+        """Of what is made of markers."""
+        return topology("hand")
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """(markers,) which are seen."""
+        return np.asarray(np.isfinite(self.positions_px).all(axis=-1))
+
+    @property
+    def bodies(self) -> int:
+        """How many markers are seen: what a table of sensors shows."""
+        return int(self.seen.sum())
+
+
+def marker_frame(
+    sensor: str,
+    names: Sequence[str],
+    *,
+    time_ns: int,
+    size_px: tuple[int, int],
+    positions_px: Any,
+    sd_px: Any = 0.3,
+    areas_px: Any = 0.0,
+    confidences: Any = 1.0,
+    node_id: int = 0,
+    sequence: int = 0,
+    sent_ns: int = 0,
+) -> MarkerFrame:
+    """A `MarkerFrame` of array-likes; single numbers hold for all markers that are seen.
+
+    Raises:
+        SettingsError: two markers of one name, or a shape that does not fit their number.
+    """
+    n = len(names)
+    if len(set(names)) != n:
+        raise SettingsError(f"markers {', '.join(names)}: each name may be there once")
+    positions = np.array(positions_px, dtype=np.float32)
+    if positions.shape != (n, 2):
+        raise SettingsError(f"positions_px has the shape {positions.shape}; {n} markers want {(n, 2)}")
+    seen = np.isfinite(positions).all(axis=-1)
+    positions[~seen] = np.nan
+
+    def filled(value: Any, where_not: float, what: str) -> Float32:
+        array = np.array(value, dtype=np.float32)
+        if array.shape not in ((), (n,)):
+            raise SettingsError(f"{what} has the shape {array.shape}; {n} markers want one number or ({n},)")
+        return np.where(seen, array, np.float32(where_not))
+
+    return MarkerFrame(
+        sensor, node_id, sequence, int(time_ns), int(sent_ns), size_px, tuple(names), positions,
+        filled(sd_px, np.nan, "sd_px"), filled(areas_px, 0.0, "areas_px"), filled(confidences, 0.0, "confidences"),
+    )  # fmt: skip

@@ -1,0 +1,88 @@
+"""Marker frames to bytes and back, with everything that is not ours refused at the door."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import WireError
+from mocapella.model.markers import MarkerFrame
+from mocapella.schema import mocapella_pb2 as pb
+from mocapella.schema.checks import F4, SCHEMA_VERSION, array, deviations, names, sensor_name
+
+MAX_SIDE_PX: Final = 65_536
+
+
+def encode_marker_frame(frame: MarkerFrame) -> bytes:
+    """Write a frame; the same numbers give the same bytes."""
+    return pb.MarkerFrame(
+        schema_version=SCHEMA_VERSION,
+        sensor=frame.sensor,
+        node_id=frame.node_id,
+        sequence=frame.sequence,
+        time_ns=frame.time_ns,
+        sent_ns=frame.sent_ns,
+        width_px=frame.size_px[0],
+        height_px=frame.size_px[1],
+        names=frame.names,
+        positions_px=_packed(frame.positions_px),
+        sd_px=_packed(frame.sd_px),
+        areas_px=_packed(frame.areas_px),
+        confidences=_packed(frame.confidences),
+    ).SerializeToString()
+
+
+def marker_frame_of(m: pb.MarkerFrame) -> MarkerFrame:
+    """Check a message and make a frame of it.
+
+    Raises:
+        WireError: a field is too long, of the wrong length or out of range; names the field and what it wants.
+    """
+    told = names(m.names, "MarkerFrame.names")
+    n, size = len(told), (m.width_px, m.height_px)
+    if not (0 < size[0] <= MAX_SIDE_PX and 0 < size[1] <= MAX_SIDE_PX):
+        wanted = f"1 to {MAX_SIDE_PX} pixels each"
+        raise WireError(f"MarkerFrame.width_px and height_px are {size[0]} and {size[1]}; they want {wanted}")
+    positions = array(m.positions_px, F4, (n, 2), "MarkerFrame.positions_px")
+    outside = (positions < -0.5) | (positions > np.array(size) - 0.5)
+    if outside.any() or np.isinf(positions).any():
+        x, y = positions[np.flatnonzero((outside | np.isinf(positions)).any(axis=1))[0]]
+        raise WireError(
+            f"MarkerFrame.positions_px has ({x:g}, {y:g}), which is not in a picture of {size[0]} × {size[1]}; "
+            "write NaN where a marker is not seen"
+        )
+    seen = np.isfinite(positions).all(axis=-1)
+    if not np.array_equal(seen, np.isfinite(positions).any(axis=-1)):
+        raise WireError("MarkerFrame.positions_px has a point with one coordinate; write NaN for both, or neither")
+    return MarkerFrame(
+        sensor_name(m.sensor),
+        m.node_id,
+        m.sequence,
+        m.time_ns,
+        m.sent_ns,
+        size,
+        told,
+        positions,
+        deviations(m.sd_px, n, "MarkerFrame.sd_px") if m.sd_px else _filled(seen, np.nan, np.nan),
+        _within(m.areas_px, seen, float(size[0] * size[1]), 0.0, "areas_px"),
+        _within(m.confidences, seen, 1.0, 1.0, "confidences"),
+    )
+
+
+def _packed(values: NDArray[np.float32]) -> bytes:
+    return values.astype(F4, copy=False).tobytes()
+
+
+def _filled(seen: NDArray[np.bool_], value: float, else_value: float) -> NDArray[np.float32]:
+    return np.where(seen, np.float32(value), np.float32(else_value))
+
+
+def _within(data: bytes, seen: NDArray[np.bool_], most: float, default: float, field: str) -> NDArray[np.float32]:
+    if not data:
+        return _filled(seen, default, 0.0)
+    values = array(data, F4, seen.shape, f"MarkerFrame.{field}")
+    if not ((values >= 0) & (values <= most)).all():  # NaN compares false
+        raise WireError(f"MarkerFrame.{field} has a value that is not from 0 to {most:g}")
+    return values
