@@ -7,7 +7,8 @@ from collections import deque
 from dataclasses import dataclass, field
 
 from mocapella.errors import WireError
-from mocapella.model.observations import BodyFrame
+from mocapella.model.markers import MarkerFrame
+from mocapella.model.observations import Frame
 from mocapella.model.session import SensorHealth, Setup
 from mocapella.wire.clock import ClockEstimate, SensorClock
 from mocapella.wire.keys import NodeKey
@@ -29,7 +30,7 @@ class _Seat:
     local: bool = False
     clock: SensorClock = field(default_factory=SensorClock)
     offset: ClockEstimate | None = None
-    last_frame: BodyFrame | None = None
+    last_frame: Frame | None = None
     heard_ns: int = 0
     silent: bool = False
     frames: int = 0
@@ -95,7 +96,7 @@ class Roster:
         if self.holds(node):
             self._seats[node.sensor].offset = offset
 
-    def arrived(self, frame: BodyFrame, node: NodeKey, arrived_ns: int) -> int:
+    def arrived(self, frame: Frame, node: NodeKey, arrived_ns: int) -> int:
         """A frame of the node that holds the name; returns its capture time on the server's clock [ns].
 
         Raises:
@@ -106,7 +107,7 @@ class Roster:
             last = seat.last_frame.sequence
             if frame.sequence <= last:
                 raise WireError(
-                    f"BodyFrame.sequence is {frame.sequence} after {last}; count the frames 0, 1, 2, …, "
+                    f"{type(frame).__name__}.sequence is {frame.sequence} after {last}; count the frames 0, 1, 2, …, "
                     "and take a new node id at each start"
                 )
             seat.skipped += frame.sequence - last - 1
@@ -202,7 +203,8 @@ def _health(seat: _Seat, now_ns: int, setup: Setup, stored: int, lost: int) -> S
         clock_bound=seat.offset.bound if seat.offset else None,
         stored=stored,
         lost=lost,
-        tilt=pose.tilt if pose else (frame.tilt if frame else 0.0),
-        height=pose.height if pose else (frame.height if frame else 0.0),
+        tilt=pose.tilt if pose else getattr(frame, "tilt", 0.0),  # a camera of markers says nothing of it
+        height=pose.height if pose else getattr(frame, "height", 0.0),
         problem=problem,
+        markers=isinstance(frame, MarkerFrame),
     )

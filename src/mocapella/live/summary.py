@@ -78,6 +78,8 @@ class Tally:
     scenes_out: int = 0
     most_people: int = 0
     people_now: int = 0
+    hands_now: int = 0
+    most_hands: int = 0
     state_changes: list[dict[str, Any]] = field(default_factory=list)
     latencies: LatencyHistogram = field(default_factory=LatencyHistogram)
     began_ns: int | None = None
@@ -92,6 +94,8 @@ class Tally:
         self.scenes_out += 1
         self.people_now = len(scene.people)
         self.most_people = max(self.most_people, self.people_now)
+        self.hands_now = sum(np.isfinite(hand.landmarks).any() for hand in scene.hands)
+        self.most_hands = max(self.most_hands, self.hands_now)
         self.times.append(done_ns)
         self.places = scene.sensors
         self._note_labels(scene)
@@ -169,6 +173,8 @@ class Tally:
             "rejected": self.rejected,
             "people": self.people_now,
             "most_people": self.most_people,
+            "hands": self.hands_now,
+            "most_hands": self.most_hands,
             "latency_ms": self.latency_ms(),
             "state_changes": self.state_changes,
             "conditions": [

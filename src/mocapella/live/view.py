@@ -14,7 +14,7 @@ from typing import Any, Generic, TypeVar
 import zenoh
 
 from mocapella.errors import NoServerError
-from mocapella.model.observations import BodyFrame
+from mocapella.model.observations import Frame
 from mocapella.model.scene import Scene
 from mocapella.model.session import CommandReply, SessionStatus
 from mocapella.tracker import METHODS
@@ -53,11 +53,11 @@ class Picture:
     def __init__(self) -> None:
         self._scene: Held[Scene] = Held()
         self._status: Held[SessionStatus] = Held()
-        self._frames: dict[str, Held[BodyFrame]] = {}
+        self._frames: dict[str, Held[Frame]] = {}
 
     def update(
-        self, scene: Scene | None, frames: dict[str, BodyFrame], status: SessionStatus | None, now_s: float
-    ) -> tuple[Scene | None, dict[str, BodyFrame], SessionStatus | None]:
+        self, scene: Scene | None, frames: dict[str, Frame], status: SessionStatus | None, now_s: float
+    ) -> tuple[Scene | None, dict[str, Frame], SessionStatus | None]:
         """Take in what is new; returns what is to be drawn."""
         for sensor in frames:
             self._frames.setdefault(sensor, Held())
@@ -97,7 +97,7 @@ class Link:
         self._thread = threading.Thread(target=self._reach, name="reach server")
         self._thread.start()
 
-    def newest(self) -> tuple[Scene | None, dict[str, BodyFrame], SessionStatus | None]:
+    def newest(self) -> tuple[Scene | None, dict[str, Frame], SessionStatus | None]:
         """What has come since the last call; nothing while no server was reached."""
         newest = self._newest
         return (None, {}, None) if newest is None else (newest.scene(), newest.frames(), newest.status())

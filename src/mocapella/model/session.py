@@ -99,7 +99,7 @@ class SensorHealth:
         connected: its node is alive on the bus.
         silent: connected or not, no frame has come for longer than the limit.
         local: the node runs on the server's machine.
-        bodies: people in its newest frame.
+        bodies: people in its newest frame, or markers.
         rate_hz: frames a second, over the last seconds.
         latency: from publish to result, median of the last seconds [s]; None where unknown.
         frames: live frames tracked.
@@ -112,6 +112,7 @@ class SensorHealth:
         tilt: as set up, or else as its frames say, upwards positive [rad].
         height: likewise, over the floor [m]; 0 where unknown.
         problem: what is wrong with it, for a person; empty when nothing is.
+        markers: whether it is a camera that sends markers.
     """
 
     name: str
@@ -132,6 +133,7 @@ class SensorHealth:
     tilt: float
     height: float
     problem: str = ""
+    markers: bool = False
 
 
 @dataclass(frozen=True)
@@ -166,7 +168,7 @@ class SessionStatus:
         revision: grows by one with every command carried out, so that two views can tell which came last.
         running: whether frames are tracked.
         phase, sensors_missing, frames_remaining, frames_wanted, reason: as in `mocapella.model.scene.TrackerState`.
-        people: in the newest scene.
+        people, hands: in the newest scene.
         scenes: results so far.
         scenes_hz: results a second, over the last seconds.
         setup: what was set up last.
@@ -195,6 +197,7 @@ class SessionStatus:
     uptime: float
     version: str
     next_take: str = ""
+    hands: int = 0
 
 
 @dataclass(frozen=True)

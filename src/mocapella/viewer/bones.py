@@ -123,6 +123,22 @@ def bone_strokes(
     )
 
 
+def line_strokes(points: Any, colour: Any, radius: float) -> Strokes:
+    """A stroke for each piece of a line through points (n, 3) [m]."""
+    p = np.asarray(points, np.float32)
+    along = p[1:] - p[:-1]
+    length = np.linalg.norm(along, axis=-1)
+    there = np.isfinite(length) & (length > _SHORTEST)
+    size = np.full(int(there.sum()), radius, np.float32)
+    return Strokes(
+        positions=p[:-1][there],
+        wxyzs=from_up_to(along[there] / length[there][:, None]),
+        scales=np.stack([size, length[there], size], axis=-1).astype(np.float32),
+        colours=np.tile(np.asarray(colour, np.uint8), (len(size), 1)),
+        opacities=np.ones(len(size), np.float32),
+    )
+
+
 def joint_strokes(positions: Any, states: Any, colours: Any, radii: Any, *, doubts: Any = None) -> Strokes:
     """A stroke of equal size along all axes for every joint that is there; an inferred or unsure joint is smaller.
 

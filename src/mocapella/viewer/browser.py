@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import viser
 
-from mocapella.model.observations import BodyFrame
+from mocapella.model.observations import BodyFrame, Frame
 from mocapella.model.scene import Person, Scene
 from mocapella.model.session import SessionStatus
 from mocapella.model.topology import UNKNOWN_FIELD_OF_VIEW_DEG
@@ -40,7 +40,7 @@ class Known:
     seen: Perspectives = field(default_factory=Perspectives)
     trails: Trails = field(default_factory=Trails)
 
-    def learn(self, scene: Scene | None, frames: Mapping[str, BodyFrame], status: SessionStatus | None) -> None:
+    def learn(self, scene: Scene | None, frames: Mapping[str, Frame], status: SessionStatus | None) -> None:
         """Take up the newest."""
         self.colours.learn({row.name for row in status.sensors} if status else set())
         self.colours.learn(set(frames))
@@ -51,6 +51,8 @@ class Known:
         poses = status.setup.sensors if status else {}
         for name, frame in frames.items():
             self.fields[name] = frame.topology.field_of_view_deg
+            if not isinstance(frame, BodyFrame):
+                continue
             self.floors.learn_frame(frame, poses.get(name))
 
 

@@ -41,7 +41,12 @@ def status_html(status: SessionStatus | None) -> str:
             title, colour, people = NO_SENSOR, _RED, 0
     elif status.phase == Phase.TRACKING and _conditions(status, silent):
         colour = _AMBER
-    facts = f"{_plural(people, 'person', 'people')} · {sensors} · {status.scenes_hz:.0f} results/s"
+    who = (
+        _plural(status.hands, "hand", "hands")
+        if status.setup.method == "hands"
+        else _plural(people, "person", "people")
+    )
+    facts = f"{who} · {sensors} · {status.scenes_hz:.0f} results/s"
     return _headline(title, colour, _detail(status, silent), facts)
 
 
@@ -174,7 +179,8 @@ def _sensor_row(row: SensorHealth, colour: Rgb, place: SensorPlace | None) -> st
     health, health_colour = _health(row)
     where = " (this machine)" if row.local else ""
     dropped = row.dropped + row.rejected
-    facts = [_plural(row.bodies, "person", "people"), f"{row.rate_hz:.1f} Hz"]
+    seen = _plural(row.bodies, "marker", "markers") if row.markers else _plural(row.bodies, "person", "people")
+    facts = [seen, f"{row.rate_hz:.1f} Hz"]
     if row.latency is not None and not row.silent:
         facts.append(f"latency {row.latency * 1000:.1f} ms")
     losses = [f'<span style="color:{_AMBER if dropped else "inherit"}">{dropped} dropped</span>']

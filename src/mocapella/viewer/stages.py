@@ -11,7 +11,8 @@ import viser
 from numpy.typing import NDArray
 
 from mocapella.geometry.rigid import apply, inverse
-from mocapella.model.observations import BodyFrame
+from mocapella.model.markers import MarkerFrame
+from mocapella.model.observations import BodyFrame, Frame
 from mocapella.model.scene import Person, Scene
 from mocapella.model.topology import UNKNOWN_FIELD_OF_VIEW_DEG
 from mocapella.viewer import layout
@@ -26,6 +27,7 @@ from mocapella.viewer.bones import (
     joint_strokes,
 )
 from mocapella.viewer.drawing import FloorNode, LineNode, SensorNode, StrokeNode, Tag, TagNodes
+from mocapella.viewer.hands import hands_drawing, lane_picture
 from mocapella.viewer.layout import SENSORS_SCALE
 from mocapella.viewer.meshes import ball_mesh, bone_mesh
 from mocapella.viewer.palette import FUSED, SensorColours, person_colour
@@ -49,7 +51,7 @@ class TrackingDrawing:
     """The Tracking stage of one perspective, ready to be drawn, in the view's own space.
 
     ``halos`` are about the joints that are unsure. ``unseen`` is what people are called whom the perspective's sensor
-    never saw, who therefore cannot be placed in it.
+    never saw, who therefore cannot be placed in it. ``scale``: how many times larger than they are things are drawn.
     """
 
     bones: Strokes
@@ -58,6 +60,7 @@ class TrackingDrawing:
     tags: list[Tag]
     sensors: dict[str, SensorMark]
     unseen: tuple[str, ...]
+    scale: float = 1.0
 
 
 def tracking_drawing(scene: Scene | None, perspective: str, seen: Perspectives, floors: Floors) -> TrackingDrawing:
@@ -69,6 +72,9 @@ def tracking_drawing(scene: Scene | None, perspective: str, seen: Perspectives, 
         seen: from where each person was seen; has learned the scene.
         floors: how high the perspective is over the floor.
     """
+    if scene is not None and scene.topology.name == "hand":
+        shown = hands_drawing(scene)
+        return TrackingDrawing(shown.bones, shown.joints, shown.halos, shown.tags, shown.sensors, (), shown.scale)
     positions, states, sds, colours, radii = [], [], [], [], []
     fused, tags, unseen = [], [], []
     views_from: dict[str, Float64] = {}
@@ -127,6 +133,8 @@ def _joint_radii(scene: Scene) -> Float32:
 
 def tracking_title(drawing: TrackingDrawing, perspective: str) -> str:
     """What stands before the Tracking stage: whose perspective it is, and who cannot be shown in it."""
+    if drawing.scale != 1.0:
+        return f"Tracking · {drawing.scale:.1f} times as large"
     title = "Tracking · free" if perspective == FREE else f"Tracking · seen from {perspective}"
     if drawing.unseen and drawing.sensors[perspective].standing is Standing.UNKNOWN:
         return f"{title} (not calibrated yet: look from another sensor, or free)"
@@ -236,24 +244,30 @@ class SensorsStage:
     def __init__(self, scene: viser.SceneApi, colours: SensorColours, fields: Fields) -> None:
         self._scene, self._colours, self._fields = scene, colours, fields
         self._bones = StrokeNode(scene, "/sensors/bones", bone_mesh(), shadow=False)
+        self._balls = StrokeNode(scene, "/sensors/markers", ball_mesh(), shadow=False)
         self._tags = TagNodes(scene, "/sensors/names", size=0.9)
         self._title = TagNodes(scene, "/sensors/title", size=_TITLE_SIZE, anchor="bottom-left")
         self._floors: list[FloorNode] = []
         self._sensors: dict[str, SensorNode] = {}
 
-    def draw(self, frames: Mapping[str, BodyFrame], floors: Floors) -> None:
+    def draw(self, frames: Mapping[str, Frame], floors: Floors) -> None:
         """Show each sensor's newest frame; the lane of a sensor without one is empty."""
         sensors = self._colours.sensors
         origins = layout.lane_origins(len(sensors))
-        bones, tags = [], []
+        bones, balls, tags = [], [], []
         for lane, (sensor, origin) in enumerate(zip(sensors, origins, strict=True)):
             frame = frames.get(sensor)
             T_lane = floors.level(sensor)
             self._place_lane(lane, sensor, origin, T_lane)
             tags.append(Tag(sensor, tuple(origin.tolist())))
-            if frame is not None and frame.bodies:
+            if isinstance(frame, MarkerFrame):
+                edge, markers = lane_picture(frame, origin, self._colours.of(sensor))
+                bones.append(edge)
+                balls.append(markers)
+            elif frame is not None and frame.bodies:
                 bones.append(lane_bones(frame, T_lane, origin, self._colours))
         self._bones.draw(join(bones))
+        self._balls.draw(join(balls))
         self._tags.draw(tags)
         self._title.draw([Tag("Sensors", layout.title_place(layout.sensors_box(len(sensors))))] if sensors else [])
 

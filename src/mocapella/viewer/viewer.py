@@ -13,7 +13,7 @@ import numpy as np
 import viser
 
 from mocapella.errors import AddressInUseError, SettingsError
-from mocapella.model.observations import BodyFrame
+from mocapella.model.observations import Frame
 from mocapella.model.scene import Scene
 from mocapella.model.session import SessionStatus, Setup
 from mocapella.viewer.browser import Browser, Known
@@ -72,7 +72,7 @@ class Viewer:
         host = self._server.get_host()
         return f"http://{f'[{host}]' if ':' in host else host}:{self._server.get_port()}"
 
-    def show(self, scene: Scene | None, frames: Mapping[str, BodyFrame], status: SessionStatus | None) -> None:
+    def show(self, scene: Scene | None, frames: Mapping[str, Frame], status: SessionStatus | None) -> None:
         """Show the newest of everything in every browser; next to nothing is done while there is none.
 
         Call it steadily, at up to 30 Hz, also when nothing is new: that is when browsers that came are served.

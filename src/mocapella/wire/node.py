@@ -21,7 +21,7 @@ import zenoh
 from zenoh import ext
 
 from mocapella.errors import NameTakenError
-from mocapella.model.observations import BodyFrame
+from mocapella.model.observations import Frame
 from mocapella.model.truth import Truth
 from mocapella.schema import encode_frame, encode_truth
 from mocapella.wire import keys
@@ -80,7 +80,7 @@ class NodeLink:
         )
         self._alive = self._session.liveliness().declare_token(alive)
 
-    def publish(self, frame: BodyFrame, truth: Truth | None = None) -> BodyFrame:
+    def publish(self, frame: Frame, truth: Truth | None = None) -> Frame:
         """Number, stamp and publish a frame on both paths, and what a simulation knows beside it."""
         stamped = msgspec.structs.replace(
             frame,

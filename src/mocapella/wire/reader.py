@@ -10,7 +10,7 @@ import msgspec
 import zenoh
 
 from mocapella.errors import NoServerError, WireError
-from mocapella.model.observations import BodyFrame
+from mocapella.model.observations import Frame
 from mocapella.model.scene import Scene
 from mocapella.model.session import CommandReply, SessionStatus
 from mocapella.schema import decode_frame, decode_scene
@@ -45,7 +45,7 @@ class Newest:
         data, self._status = self._status, None
         return None if data is None else self._read(_decode_status, data)
 
-    def frames(self) -> dict[str, BodyFrame]:
+    def frames(self) -> dict[str, Frame]:
         """The newest frame of each sensor that has sent one since the last call."""
         fresh, self._frames = self._frames, {}
         read = {sensor: self._read(decode_frame, data) for sensor, data in fresh.items()}

@@ -1,0 +1,203 @@
+"""Hands on the Tracking stage: several times as large as they are, with their markers, cameras and what they hold.
+
+The stage's space has the cameras in front: whoever looks at it sees the hand as the cameras do.
+"""
+
+from __future__ import annotations
+
+import colorsys
+import hashlib
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry.rigid import rotation_about_y
+from mocapella.model.hand import DIGIT_ANGLES, hand_model
+from mocapella.model.markers import MarkerFrame
+from mocapella.model.observations import JointState
+from mocapella.model.scene import Scene, TrackedHand
+from mocapella.viewer import layout
+from mocapella.viewer.bones import Strokes, bone_strokes, halo_strokes, join, joint_strokes, line_strokes
+from mocapella.viewer.drawing import Tag
+from mocapella.viewer.palette import AMBER, FUSED, Rgb
+from mocapella.viewer.sensor_marks import SensorMark, standing, words
+
+Float64 = NDArray[np.float64]
+
+LARGEST_SCALE: Final = 6.0
+_CAMERAS_WITHIN_M: Final = 3.0
+"""On the stage, from its middle."""
+_AHEAD_M: Final = 0.5
+"""Where cameras look that are parallel."""
+_BONE_M, _JOINT_M, _MARKER_M, _OUTLINE_M = 0.004, 0.0055, 0.0068, 0.002
+_AT_LIMIT: Final = np.radians(2.0)
+_OVER: Final = np.array([0.0, 0.18, 0.0])
+_NAMED: Final = {
+    **{"red": (230, 60, 60), "green": (70, 200, 90), "blue": (70, 110, 255), "yellow": (245, 215, 60)},
+    **{"magenta": (235, 70, 190), "cyan": (70, 215, 230), "orange": (255, 150, 50), "purple": (160, 90, 230)},
+    **{"pink": (255, 140, 190), "white": (240, 240, 240), "black": (60, 60, 60), "brown": (150, 100, 60)},
+}
+
+
+@dataclass(frozen=True, eq=False)
+class StageOfHands:
+    """From the world to the stage: p_stage = scale · R · (p_world − centre) + middle.
+
+    Attributes:
+        R: (3, 3).
+        centre: (3,) of the world [m].
+        scale: how many times larger.
+    """
+
+    R: Float64
+    centre: Float64
+    scale: float
+
+    @classmethod
+    def of(cls, scene: Scene) -> StageOfHands:
+        """The stage whose middle is where the cameras look, or else the middle of what is seen."""
+        places = np.array([place.T_world_sensor for place in scene.sensors if place.T_world_sensor is not None])
+        if not len(places):
+            seen = np.array([hand.landmarks for hand in scene.hands]).reshape(-1, 3)
+            seen = seen[np.isfinite(seen).all(axis=-1)]
+            return cls(np.eye(3), seen.mean(axis=0) if len(seen) else np.zeros(3), LARGEST_SCALE)
+        axes, at = places[:, :3, 2], places[:, :3, 3]
+        # Nearest to all optical axes; cameras that look the same way are held to what is half a metre ahead.
+        across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+        ahead = (at + _AHEAD_M * axes).mean(axis=0)
+        centre = np.linalg.solve(
+            across.sum(axis=0) + 0.02 * np.eye(3), np.einsum("cij,cj->i", across, at) + 0.02 * ahead
+        )
+        forward = axes.sum(axis=0)
+        farthest = float(np.linalg.norm(at - centre, axis=-1).max())
+        scale = min(LARGEST_SCALE, _CAMERAS_WITHIN_M / max(farthest, 1e-3))
+        return cls(rotation_about_y(-np.arctan2(forward[0], forward[2])), centre, scale)
+
+    def place(self, points: Float64) -> Float64:
+        """(..., 3) on the stage."""
+        return self.scale * (points - self.centre) @ self.R.T + layout.stage_centre()
+
+    def place_sensor(self, T_world_sensor: Float64) -> Float64:
+        """(4, 4) on the stage."""
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = self.R @ T_world_sensor[:3, :3], self.place(T_world_sensor[:3, 3])
+        return T
+
+
+@dataclass(frozen=True, eq=False)
+class HandsDrawing:
+    """What is drawn of hands, in the view's own space; halos are about landmarks that are unsure."""
+
+    bones: Strokes
+    joints: Strokes
+    halos: Strokes
+    tags: list[Tag]
+    sensors: dict[str, SensorMark]
+    scale: float
+
+
+def hands_drawing(scene: Scene) -> HandsDrawing:
+    """What a scene of hands shows."""
+    stage = StageOfHands.of(scene)
+    bones, joints, halos, tags = [], [], [], []
+    hands = [hand for hand in scene.hands if np.isfinite(hand.landmarks).all(axis=-1).any()]
+    if hands:
+        p = stage.place(np.stack([hand.landmarks for hand in hands]))
+        s, white = np.stack([hand.states for hand in hands]), [FUSED] * len(hands)
+        bones.append(bone_strokes(p, s, scene.topology, white, [stage.scale * _BONE_M] * len(hands)))
+        joints.append(joint_strokes(p, s, white, np.full(s.shape[1], stage.scale * _JOINT_M)))
+        halos.append(halo_strokes(p, s, stage.scale * np.stack([hand.sd for hand in hands]), white))
+        limited = np.stack([at_limit(hand) for hand in hands])
+        joints.append(
+            joint_strokes(p, np.where(limited, s, 0), [AMBER.paint] * len(hands),
+                          np.full(s.shape[1], 1.25 * stage.scale * _JOINT_M))
+        )  # fmt: skip
+        tags += [_hand_tag(hand, where) for hand, where in zip(hands, p, strict=True)]
+    if scene.points is not None and len(scene.points.names):
+        p = stage.place(scene.points.positions)
+        seen = np.where(scene.points.cameras >= 2, JointState.TRACKED, JointState.INFERRED)
+        colours = [marker_colour(name).paint for name in scene.points.names]
+        joints.append(joint_strokes(p[:, None], seen[:, None], colours, [stage.scale * _MARKER_M]))
+    for thing in scene.objects:
+        if thing.T_world_object is None or len(thing.outline) < 2:
+            continue
+        line = thing.outline @ thing.T_world_object[:3, :3].T + thing.T_world_object[:3, 3]
+        closed = stage.place(np.concatenate([line, line[:1]]))
+        bones.append(line_strokes(closed, AMBER.paint, stage.scale * _OUTLINE_M))
+        top = closed[np.argmax(closed[:, 1])] + _OVER
+        tags.append(Tag(thing.name, tuple(top.tolist())))
+    return HandsDrawing(join(bones), join(joints), join(halos), tags, _marks(scene, stage), stage.scale)
+
+
+def at_limit(hand: TrackedHand) -> NDArray[np.bool_]:
+    """(21,) the landmarks whose joint is at an end of one of its ranges, from which it cannot go on."""
+    limits, angles = hand_model("full").limits, hand.angles
+    at_end = (angles >= limits[:, 1] - _AT_LIMIT) | ((angles <= limits[:, 0] + _AT_LIMIT) & (limits[:, 0] < 0))
+    at_end &= limits[:, 1] > limits[:, 0]
+    out = np.zeros(21, dtype=np.bool_)
+    for digit, (flexion, abduction, middle, last, second_abduction) in enumerate(DIGIT_ANGLES):
+        base = 1 + 4 * digit
+        out[base] = at_end[flexion] or at_end[abduction]
+        out[base + 1] = at_end[middle] or (second_abduction >= 0 and at_end[second_abduction])
+        out[base + 2] = at_end[last]
+    return out
+
+
+def _hand_tag(hand: TrackedHand, where: Float64) -> Tag:
+    top = where[np.isfinite(where).all(axis=-1)]
+    measured = int((hand.states == JointState.TRACKED).sum())
+    holds = f" · holds {hand.holds}" if hand.holds else ""
+    text = f"{'Left' if hand.left else 'Right'} hand · {measured} of {len(hand.states)} measured{holds}"
+    return Tag(text, tuple((top[np.argmax(top[:, 1])] + _OVER).tolist()))
+
+
+def _marks(scene: Scene, stage: StageOfHands) -> dict[str, SensorMark]:
+    made, aside = {}, 0
+    for place in scene.sensors:
+        how = standing(place, False)
+        if place.T_world_sensor is None:
+            where, aside = layout.aside(aside), aside + 1
+        else:
+            where = stage.place_sensor(place.T_world_sensor)
+        made[place.sensor] = SensorMark(where, how, words(place, how))
+    return made
+
+
+def marker_colour(name: str) -> Rgb:
+    """The colour that a marker is called, or else one that its name always gets."""
+    for word in name.lower().replace("-", " ").split():
+        if word in _NAMED:
+            return Rgb(*_NAMED[word])
+    hue = int.from_bytes(hashlib.blake2s(name.encode(), digest_size=2).digest()) / 65536
+    return Rgb(*(round(255 * channel) for channel in colorsys.hsv_to_rgb(hue, 0.6, 0.95)))
+
+
+def lane_picture(frame: MarkerFrame, origin: Float64, colour: Rgb) -> tuple[Strokes, Strokes]:
+    """A camera's picture as it stands in its lane: its edge, and the markers in it, at their sizes.
+
+    Args:
+        frame: what the camera saw.
+        origin: (3,) where the lane begins [m].
+        colour: the camera's own.
+    """
+    width, height = frame.size_px
+    wide = 0.85 * layout.LANE_WIDTH_M * layout.SENSORS_SCALE
+    px = wide / width
+    high = px * height
+
+    def stand(points: Float64) -> Float64:
+        x, y = 0.5 * wide - px * points[..., 0], 0.1 + high - px * points[..., 1]
+        return origin + np.stack([x, y, np.full(x.shape, 0.35 * layout.LANE_DEPTH_M * layout.SENSORS_SCALE)], axis=-1)
+
+    corners = np.array([[0, 0], [width, 0], [width, height], [0, height], [0, 0]], dtype=np.float64)
+    edge = line_strokes(stand(corners), colour.paint, 0.008)
+    p = stand(frame.positions_px.astype(np.float64))
+    radii = px * np.maximum(np.sqrt(np.maximum(frame.areas_px, 0.0) / np.pi), 0.006 * width)
+    states = np.where(frame.seen, JointState.TRACKED, JointState.NOT_TRACKED)
+    balls = [
+        joint_strokes(p[None, i : i + 1], states[None, i : i + 1], [marker_colour(name).paint], radii[i : i + 1])
+        for i, name in enumerate(frame.names)
+    ]
+    return edge, join(balls)
