@@ -112,7 +112,9 @@ def views(lenses: Any, T_camera_world: Any) -> Views:
 DEFAULT = TriangulationSettings()
 
 
-def triangulate(pixels: Any, cameras: Views, sd_px: Any = 1.0, settings: TriangulationSettings = DEFAULT) -> Triangulated:
+def triangulate(
+    pixels: Any, cameras: Views, sd_px: Any = 1.0, settings: TriangulationSettings = DEFAULT
+) -> Triangulated:
     """Points from where cameras see them at one instant.
 
     Args:

@@ -15,31 +15,32 @@ from numba import njit
 from mocapella.geometry.lens_kernels import distort
 from mocapella.geometry.lens_kernels import undistort as undistort_fully
 
+COMPILED = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "nsz", "arcp"}}
 SEEN, ONE_VIEW, PARALLEL, BEHIND, INCONSISTENT = 0, 1, 2, 3, 4
 STEPS = 12
 """Gauss–Newton needs two or three; what takes more is not a point."""
 REFITS = 4
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**COMPILED)
 def undistort(views, n, u, v):
-    """The direction (x, y) of a normalised pixel: three Newton steps, and as many as it takes where they do not do."""
+    """The direction (x, y) of a normalised pixel: two Newton steps, which do for a start, or as many as it takes."""
     k1, k2, p1, p2, k3 = views[n, 4], views[n, 5], views[n, 6], views[n, 7], views[n, 8]
     if k1 == 0.0 and k2 == 0.0 and p1 == 0.0 and p2 == 0.0 and k3 == 0.0:
         return u, v
-    x, y, du, dv = u, v, 1.0, 1.0
-    for _ in range(3):
+    x, y, dx, dy = u, v, 1.0, 1.0
+    for _ in range(2):
         at_u, at_v, uu, uv, vv = distort(x, y, k1, k2, p1, p2, k3)
         du, dv = u - at_u, v - at_v
         scale = 1.0 / (uu * vv - uv * uv)
-        x += scale * (vv * du - uv * dv)
-        y += scale * (uu * dv - uv * du)
-    if abs(du) < 1e-4 and abs(dv) < 1e-4 and x * x + y * y <= views[n, 9]:
+        dx, dy = scale * (vv * du - uv * dv), scale * (uu * dv - uv * du)
+        x, y = x + dx, y + dy
+    if abs(dx) < 1e-2 and abs(dy) < 1e-2 and x * x + y * y <= views[n, 9]:
         return x, y
     return undistort_fully(u, v, k1, k2, p1, p2, k3, views[n, 9])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**COMPILED)
 def offset(views, n, X, Y, Z, u, v):
     """(dx, dy) [px] from where a point is seen to the pixel (u, v); infinite where it is not seen."""
     z = views[n, 16] * X + views[n, 17] * Y + views[n, 18] * Z + views[n, 21]
@@ -54,7 +55,7 @@ def offset(views, n, X, Y, Z, u, v):
     return u - (views[n, 0] * at_u + views[n, 2]), v - (views[n, 1] * at_v + views[n, 3])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**COMPILED)
 def linearised(views, n, X, Y, Z, u, v):
     """`offset`, and the derivatives by X, Y, Z of where the point is seen: of its column (3) and its row (3)."""
     z = views[n, 16] * X + views[n, 17] * Y + views[n, 18] * Z + views[n, 21]
@@ -74,7 +75,7 @@ def linearised(views, n, X, Y, Z, u, v):
     )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**COMPILED)
 def inverse(a, b, c, d, e, f):
     """Of the symmetric [[a, b, c], [b, d, e], [c, e, f]], its six numbers in the same order."""
     A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
@@ -82,7 +83,7 @@ def inverse(a, b, c, d, e, f):
     return scale * A, scale * B, scale * C, scale * (a * f - c * c), scale * (b * c - a * e), scale * (a * d - b * b)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**COMPILED)
 def linear(views, rays, weights):
     """Where the rays of the views with a weight meet, in the least squares of x·z' − x' (and y) [m]: a start."""
     a = b = c = d = e = f = gx = gy = gz = 0.0
@@ -107,13 +108,14 @@ def linear(views, rays, weights):
     return A * gx + B * gy + C * gz, B * gx + D * gy + E * gz, C * gx + E * gy + F * gz
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**COMPILED)
 def refine(views, pixels, at, weights, X, Y, Z, give_up):
     """Gauss–Newton on the distorted pixels of the views with a weight 1/sd²; halved steps where one leads uphill.
 
+    It gives up where the sum of squares [sd²] begins above 16 times ``give_up``, or is above 4 times that after a step.
+
     Returns:
-        X, Y, Z, whether they are where it is least, and the six numbers of the covariance there. It ends early where
-        after two steps the sum of squares [sd²] is above ``give_up``.
+        X, Y, Z, whether they are where it is least, and the six numbers of the covariance there.
     """
     before, sx, sy, sz = math.inf, 0.0, 0.0, 0.0
     A = B = C = D = E = F = 0.0
@@ -133,24 +135,24 @@ def refine(views, pixels, at, weights, X, Y, Z, give_up):
                 gx += w * (px * du + qx * dv)
                 gy += w * (py * du + qy * dv)
                 gz += w * (pz * du + qz * dv)
-        if not cost < math.inf and step == 0:
+        if step == 0 and not cost <= 16.0 * give_up:
             break
         if not cost <= before * (1.0 + 1e-9) + 1e-9:
             sx, sy, sz = 0.5 * sx, 0.5 * sy, 0.5 * sz
             X, Y, Z = X - sx, Y - sy, Z - sz
             continue
-        if step >= 2 and cost > give_up:
+        if step >= 1 and cost > 4.0 * give_up:
             break
         before = cost
         A, B, C, D, E, F = inverse(a, b, c, d, e, f)
         sx, sy, sz = A * gx + B * gy + C * gz, B * gx + D * gy + E * gz, C * gx + E * gy + F * gz
         X, Y, Z = X + sx, Y + sy, Z + sz
-        if gx * sx + gy * sy + gz * sz < 1e-8:  # the square of the step in units of its own uncertainty
+        if gx * sx + gy * sy + gz * sz < 1e-5:  # the square of the step in units of its own uncertainty
             return X, Y, Z, True, A, B, C, D, E, F
     return X, Y, Z, False, A, B, C, D, E, F
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**COMPILED)
 def direction(views, n, x, y):
     """Of a ray in the world, not normalised: R_world_camera (x, y, 1)."""
     return (
@@ -160,7 +162,7 @@ def direction(views, n, x, y):
     )
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**COMPILED)
 def wide(views, rays, weights, least_sin2):
     """Whether two rays of the views with a weight meet at an angle that is large enough."""
     for i in range(len(weights)):
@@ -177,8 +179,8 @@ def wide(views, rays, weights, least_sin2):
     return False
 
 
-@njit(cache=True, error_model="numpy")
-def meeting(views, rays, weights, m, n, least_sin2):
+@njit(**COMPILED)
+def meeting(views, rays, weights, m, n, gate2, least_sin2):
     """Where two rays are nearest, by the sd of each at its distance; a state, and the point.
 
     Source: Hartley and Sturm: Triangulation (CVIU 68(2), 1997), section 3 for the midpoint of the common normal.
@@ -194,6 +196,10 @@ def meeting(views, rays, weights, m, n, least_sin2):
     s, t = (da * bb - db * ab) / sin2, (da * ab - db * aa) / sin2
     if not (s > 0.0 and t > 0.0):  # a ray's third number in its camera's space is 1, so these are depths
         return BEHIND, 0.0, 0.0, 0.0
+    gx, gy, gz = dx - s * ax + t * bx, dy - s * ay + t * by, dz - s * az + t * bz
+    reach = s * math.sqrt(aa / weights[m]) / views[m, 0] + t * math.sqrt(bb / weights[n]) / views[n, 0]
+    if gx * gx + gy * gy + gz * gz > 9.0 * gate2 * reach * reach:  # a lens may magnify, hence the 3 standing for 1
+        return INCONSISTENT, 0.0, 0.0, 0.0
     p, q = weights[m] / (s * s), weights[n] / (t * t)
     p, q = p / (p + q), q / (p + q)
     return (
@@ -204,7 +210,7 @@ def meeting(views, rays, weights, m, n, least_sin2):
     )
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**COMPILED)
 def truncated(views, pixels, at, weights, X, Y, Z, gate2, best, kept):
     """The sum of the squared residuals [sd²], each at most the gate's; it ends where that is above ``best``.
 
@@ -226,7 +232,7 @@ def truncated(views, pixels, at, weights, X, Y, Z, gate2, best, kept):
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**COMPILED)
 def two_or_more(kept):
     """Whether two views or more have a weight."""
     count = 0
@@ -236,47 +242,58 @@ def two_or_more(kept):
     return count >= 2
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**COMPILED)
 def consensus(views, pixels, at, rays, weights, gate2, least_sin2, kept, tried):
-    """The point whose truncated error is least, of those that follow from any two views and a refit on what agrees.
+    """The point whose truncated error is least, of those that follow from any two views, refitted on what agrees.
 
-    Every pair is tried, so nothing depends on chance; a pair that is the best so far is refitted, as in Chum, Matas,
+    Every pair is tried, so nothing depends on chance. The best is refitted while that makes it better: Chum, Matas,
     Kittler: Locally Optimized RANSAC (DAGM 2003), section 2.
 
     Returns:
-        Why there is none, or `SEEN` and X, Y, Z; ``kept`` has the weights of the views that agree.
+        Why there is none, or `SEEN`; X, Y, Z and the covariance; ``kept`` has the weights of the views that agree.
     """
-    raw, best, state = math.inf, math.inf, PARALLEL
-    bx = by = bz = math.nan
+    best, state = math.inf, PARALLEL
+    X = Y = Z = A = B = C = D = E = F = math.nan
     for i in range(len(weights)):
         for j in range(i):
             if not (weights[i] > 0.0 and weights[j] > 0.0):
                 continue
-            why, X, Y, Z = meeting(views, rays, weights, i, j, least_sin2)
+            why, x, y, z = meeting(views, rays, weights, i, j, gate2, least_sin2)
             if why != SEEN:
-                if state == PARALLEL or state == BEHIND:
-                    state = max(state, why)
+                state = max(state, why)
                 continue
             state = INCONSISTENT
-            score = truncated(views, pixels, at, weights, X, Y, Z, gate2, raw, tried)
-            if not score < raw or not two_or_more(tried):
-                continue
-            raw = score
-            for _ in range(REFITS):
-                X, Y, Z, well, _a, _b, _c, _d, _e, _f = refine(views, pixels, at, tried, X, Y, Z, math.inf)
-                if not well:
-                    break
-                score = truncated(views, pixels, at, weights, X, Y, Z, gate2, math.inf, tried)
-                if not (score < best and two_or_more(tried)):
-                    break
-                best, bx, by, bz = score, X, Y, Z
+            score = truncated(views, pixels, at, weights, x, y, z, gate2, best, tried)
+            if score < best and two_or_more(tried):
+                best, X, Y, Z = score, x, y, z
                 kept[:] = tried
-    if best < math.inf:
-        return SEEN, bx, by, bz
-    return state, math.nan, math.nan, math.nan
+    if not best < math.inf:
+        return state, X, Y, Z, A, B, C, D, E, F
+    best, state = math.inf, INCONSISTENT
+    for _ in range(REFITS):
+        x, y, z, well, a, b, c, d, e, f = refine(views, pixels, at, kept, X, Y, Z, math.inf)
+        if not well:
+            break
+        score = truncated(views, pixels, at, weights, x, y, z, gate2, math.inf, tried)
+        if not (score < best and two_or_more(tried)):
+            break
+        best, state, X, Y, Z, A, B, C, D, E, F = score, SEEN, x, y, z, a, b, c, d, e, f
+        if same(kept, tried):
+            break
+        kept[:] = tried
+    return state, X, Y, Z, A, B, C, D, E, F
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**COMPILED)
+def same(kept, tried):
+    """Whether the same views have a weight."""
+    for k in range(len(kept)):
+        if (kept[k] > 0.0) != (tried[k] > 0.0):
+            return False
+    return True
+
+
+@njit(**COMPILED)
 def triangulate(views, pixels, sd, gate, least_sin2, points, covariances, residuals, used, states):
     """`triangulation.triangulate`: pixels (points, views, 2), sd (points, views); writes the last five."""
     count = pixels.shape[1]
@@ -285,53 +302,51 @@ def triangulate(views, pixels, sd, gate, least_sin2, points, covariances, residu
     for i in range(len(pixels)):
         seen = 0
         for k in range(count):
-            weights[k] = 0.0
+            weights[k], residuals[i, k] = 0.0, math.nan
             u, v, s = pixels[i, k, 0], pixels[i, k, 1], sd[i, k]
             if s > 0.0 and math.isfinite(u + v + s):
                 x, y = undistort(views, k, (u - views[k, 2]) / views[k, 0], (v - views[k, 3]) / views[k, 1])
                 if x == x:
                     rays[k, 0], rays[k, 1], weights[k] = x, y, 1.0 / (s * s)
                     seen += 1
-        X = Y = Z = math.nan
-        A = B = C = D = E = F = math.nan
-        state = ONE_VIEW
+        X = Y = Z = A = B = C = D = E = F = math.nan
+        state, well = ONE_VIEW, False
         if seen >= 2:
             X, Y, Z = linear(views, rays, weights)
-            X, Y, Z, well, A, B, C, D, E, F = refine(views, pixels, i, weights, X, Y, Z, 4.0 * seen * gate2)
-            state = INCONSISTENT
-            if well:
-                score = truncated(views, pixels, i, weights, X, Y, Z, gate2, math.inf, kept)
-                state = SEEN
-                for k in range(count):
-                    if weights[k] > 0.0 and not kept[k] > 0.0:
-                        state = INCONSISTENT
-            if state != SEEN:
-                state, X, Y, Z = consensus(
+            X, Y, Z, well, A, B, C, D, E, F = refine(views, pixels, i, weights, X, Y, Z, seen * gate2)
+            state = SEEN
+            well = well and squares(views, pixels, i, weights, X, Y, Z, residuals) <= gate2
+            if not well:
+                state, X, Y, Z, A, B, C, D, E, F = consensus(
                     views, pixels, i, rays, weights, gate2, least_sin2, kept, tried
                 )
-                if state == SEEN:
-                    X, Y, Z, well, A, B, C, D, E, F = refine(views, pixels, i, kept, X, Y, Z, math.inf)
-                    score = truncated(views, pixels, i, weights, X, Y, Z, gate2, math.inf, tried)
-                    if not (well and score < math.inf):
-                        state = INCONSISTENT
+            else:
+                kept[:] = weights
             if state == SEEN and not wide(views, rays, kept, least_sin2):
                 state = PARALLEL
         states[i] = state
-        if state == SEEN:
-            points[i, 0], points[i, 1], points[i, 2] = X, Y, Z
-            covariances[i, 0, 0], covariances[i, 0, 1], covariances[i, 0, 2] = A, B, C
-            covariances[i, 1, 0], covariances[i, 1, 1], covariances[i, 1, 2] = B, D, E
-            covariances[i, 2, 0], covariances[i, 2, 1], covariances[i, 2, 2] = C, E, F
-            for k in range(count):
+        if state != SEEN:
+            X = Y = Z = A = B = C = D = E = F = math.nan
+        elif not well:
+            squares(views, pixels, i, weights, X, Y, Z, residuals)
+        points[i, 0], points[i, 1], points[i, 2] = X, Y, Z
+        covariances[i, 0, 0], covariances[i, 0, 1], covariances[i, 0, 2] = A, B, C
+        covariances[i, 1, 0], covariances[i, 1, 1], covariances[i, 1, 2] = B, D, E
+        covariances[i, 2, 0], covariances[i, 2, 1], covariances[i, 2, 2] = C, E, F
+        for k in range(count):
+            used[i, k] = state == SEEN and kept[k] > 0.0
+            if state != SEEN:
                 residuals[i, k] = math.nan
-                used[i, k] = kept[k] > 0.0
-                if weights[k] > 0.0:
-                    du, dv = offset(views, k, X, Y, Z, pixels[i, k, 0], pixels[i, k, 1])
-                    residuals[i, k] = math.sqrt(du * du + dv * dv)
-        else:
-            for r in range(3):
-                points[i, r] = math.nan
-                for c in range(3):
-                    covariances[i, r, c] = math.nan
-            for k in range(count):
-                residuals[i, k], used[i, k] = math.nan, False
+
+
+@njit(**COMPILED)
+def squares(views, pixels, at, weights, X, Y, Z, residuals):
+    """Write the residual of each view [px]; return the largest square of those with a weight [sd²]."""
+    largest = 0.0
+    for k in range(len(weights)):
+        if weights[k] > 0.0:
+            du, dv = offset(views, k, X, Y, Z, pixels[at, k, 0], pixels[at, k, 1])
+            square = du * du + dv * dv
+            residuals[at, k] = math.sqrt(square)
+            largest = max(largest, weights[k] * square)
+    return largest
