@@ -8,6 +8,7 @@ ends, the rotation R_camera_world by rows (9), the translation (3), and the came
 from __future__ import annotations
 
 import math
+from typing import Any, Final
 
 import numpy as np
 from numba import njit
@@ -15,7 +16,7 @@ from numba import njit
 from mocapella.geometry.lens_kernels import distort
 from mocapella.geometry.lens_kernels import undistort as undistort_fully
 
-COMPILED = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "nsz", "arcp"}}
+COMPILED: Final[dict[str, Any]] = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "nsz", "arcp"}}
 SEEN, ONE_VIEW, PARALLEL, BEHIND, INCONSISTENT = 0, 1, 2, 3, 4
 STEPS = 12
 """Gauss–Newton needs two or three; what takes more is not a point."""
@@ -287,10 +288,10 @@ def consensus(views, pixels, at, rays, weights, gate2, least_sin2, kept, tried):
 @njit(**COMPILED)
 def same(kept, tried):
     """Whether the same views have a weight."""
+    equal = True
     for k in range(len(kept)):
-        if (kept[k] > 0.0) != (tried[k] > 0.0):
-            return False
-    return True
+        equal &= (kept[k] > 0.0) == (tried[k] > 0.0)
+    return equal
 
 
 @njit(**COMPILED)
@@ -306,7 +307,7 @@ def triangulate(views, pixels, sd, gate, least_sin2, points, covariances, residu
             u, v, s = pixels[i, k, 0], pixels[i, k, 1], sd[i, k]
             if s > 0.0 and math.isfinite(u + v + s):
                 x, y = undistort(views, k, (u - views[k, 2]) / views[k, 0], (v - views[k, 3]) / views[k, 1])
-                if x == x:
+                if not math.isnan(x):
                     rays[k, 0], rays[k, 1], weights[k] = x, y, 1.0 / (s * s)
                     seen += 1
         X = Y = Z = A = B = C = D = E = F = math.nan
