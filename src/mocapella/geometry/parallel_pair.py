@@ -144,3 +144,45 @@ def swapped(disparity_px: Any) -> bool:
     disparity = np.asarray(disparity_px, dtype=np.float64)
     there = disparity[np.isfinite(disparity)]
     return bool((there < 0).sum() > 0.5 * len(there)) if len(there) else False
+
+
+class DistanceTable(msgspec.Struct, frozen=True, eq=False):
+    """Measured distances beside what the pair makes of them.
+
+    Attributes:
+        law: fitted.
+        measured_m, disparity_px: (rows,).
+        calculated_m: by the formula.
+        corrected_m: by the law.
+        expected_error_m: of one pixel.
+    """
+
+    law: PowerLaw
+    measured_m: Float64
+    disparity_px: Float64
+    calculated_m: Float64
+    corrected_m: Float64
+    expected_error_m: Float64
+
+    @property
+    def mean_error(self) -> float:
+        """Mean of |calculated − measured| / measured."""
+        return float(np.mean(np.abs(self.calculated_m - self.measured_m) / self.measured_m))
+
+    @property
+    def corrected_mean_error(self) -> float:
+        """Mean of |corrected − measured| / measured."""
+        return float(np.mean(np.abs(self.corrected_m - self.measured_m) / self.measured_m))
+
+    def rows_cm(self) -> Float64:
+        """(rows, 5): measured [cm], disparity [px], calculated, corrected and expected error [cm]."""
+        lengths = (self.calculated_m, self.corrected_m, self.expected_error_m)
+        return np.stack([100 * self.measured_m, self.disparity_px, *(100 * length for length in lengths)], axis=-1)
+
+
+def distance_table(depth_m: Any, disparity_px: Any, pair: ParallelPair) -> DistanceTable:
+    """Fit a law and compare; raises as `fit`."""
+    law = fit(depth_m, disparity_px)
+    depth, disparity = np.asarray(depth_m, dtype=np.float64), np.asarray(disparity_px, dtype=np.float64)
+    error = pair.expected_error(depth)
+    return DistanceTable(law, depth, disparity, pair.depth(disparity), law.depth(disparity), error)
