@@ -79,7 +79,7 @@ def test_the_covariance_says_how_far_off_points_are_that_move_as_the_filter_says
     rig, rng, density, count, step = pair(readout_s=0.0), np.random.default_rng(2), 0.3, 400, 1 / 60
     settings = MarkerRaysSettings(acceleration_density=density, gate_sd=20)
     rays = MarkerRays(rig, count, settings)
-    x = rng.uniform(-0.1, 0.1, (count, 3)) + [0, 0, 0.5]
+    x = rng.uniform(-0.1, 0.1, (count, 3)) + np.array([0, 0, 0.5])
     v = np.zeros((count, 3))
     noise = np.linalg.cholesky(density * np.array([[step**3 / 3, step**2 / 2], [step**2 / 2, step]]))
     for i in range(24):
@@ -164,7 +164,7 @@ def test_a_row_is_captured_later_and_a_clock_that_is_ahead_says_more() -> None:
 
 def test_what_is_not_of_the_rig_is_refused() -> None:
     rays = MarkerRays(pair(), 5)
-    with pytest.raises(SettingsError, match="'rihgt' is not of the rig.*did you mean right"):
+    with pytest.raises(SettingsError, match=r"'rihgt' is not of the rig.*did you mean right"):
         rays.update("rihgt", np.zeros((5, 2)), 1.0, 0.0)
     with pytest.raises(SettingsError, match="5 points"):
         rays.update("right", np.zeros((4, 2)), 1.0, 0.0)

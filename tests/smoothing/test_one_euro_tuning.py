@@ -12,7 +12,7 @@ from mocapella.smoothing.one_euro_tuning import HIGHEST_HZ, jitter, lag, spread,
 AT_S = np.arange(240) / 60
 RNG = np.random.default_rng(3)
 NOISE = RNG.normal(0, 0.001, (240, 2, 3))
-STILL = (AT_S, NOISE + [0.1, 0.2, 0.5])
+STILL = (AT_S, NOISE + np.array([0.1, 0.2, 0.5]))
 SWING = np.stack([0.3 * np.sin(2 * np.pi * (1.2 * AT_S[:, None] + [0, 0.3]) + phase) for phase in (0, 1, 2)], axis=-1)
 FAST = (AT_S, SWING + RNG.normal(0, 0.001, SWING.shape))
 START = OneEuroSettings(per_component=True)

@@ -59,9 +59,8 @@ def one_euro(
         )
     s = tuned.settings
     say(f"step 1, at rest: jitter {scale * tuned.raw_jitter:.3f} {unit} without a filter")
-    say(
-        f"  minimum cutoff {s.min_cutoff_hz:.4g} Hz, beta 0: {scale * tuned.jitter_at_rest:.3f} {unit}, {_goal(tuned.jitter_reached)}"
-    )
+    cutoff = f"minimum cutoff {s.min_cutoff_hz:.4g} Hz, beta 0"
+    say(f"  {cutoff}: {scale * tuned.jitter_at_rest:.3f} {unit}, {_goal(tuned.jitter_reached)}")
     say(f"step 2, in motion: {1000 * tuned.lag_without_beta_s:.1f} ms late with beta 0")
     say(f"  beta {s.beta_per_m:.4g} Hz/({at_rest.unit}/s): {1000 * tuned.lag_s:.1f} ms, {_goal(tuned.lag_reached)}")
     say(f"with both: jitter at rest {scale * tuned.jitter:.3f} {unit}")

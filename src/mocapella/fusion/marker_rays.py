@@ -151,7 +151,8 @@ class MarkerRays:
     @property
     def report(self) -> RayReport:
         """Counts since the last `reset`."""
-        return RayReport(*map(int, self._counted), self._frames_late)
+        received, used, refused, late, begun, forgotten = map(int, self._counted)
+        return RayReport(received, used, refused, late, begun, forgotten, self._frames_late)
 
     def update(self, camera: str, pixels: Any, sd_px: Any, at_s: float) -> MarkerPoints:
         """Take a camera's frame in, and say where the markers are at the newest instant that any camera has seen.

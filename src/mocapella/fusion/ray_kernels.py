@@ -69,7 +69,7 @@ def correct(x, P, views, k, u, v, variance, gate2):
 @njit(cache=True, error_model="numpy")
 def absorb(j, states, covariances, begins, counts, times, cameras, pixels, variances, used_s, views, q, gate2):
     """Take the oldest observation of point j out of its memory and into what is known at that instant."""
-    if begins[j] == begins[j]:
+    if not math.isnan(begins[j]):
         predict(states[j], covariances[j], times[j, 0] - begins[j], q)
         k = cameras[j, 0]
         if correct(states[j], covariances[j], views, k, pixels[j, 0, 0], pixels[j, 0, 1], variances[j, 0], gate2):
@@ -137,7 +137,7 @@ def observe(
         times[j, i], cameras[j, i], variances[j, i] = t, camera, variances_now[j]
         pixels[j, i, 0], pixels[j, i, 1] = pixels_now[j, 0], pixels_now[j, 1]
         counts[j] += 1
-        if not begins[j] == begins[j]:
+        if math.isnan(begins[j]):
             if begin(
                 j, states, covariances, begins, counts, times, cameras, pixels, variances, views,
                 together_s, image_speed_px, speed_sd, gate, least_sin2,
@@ -187,7 +187,7 @@ def tell(
     for j in range(len(begins)):
         kinds[j] = LOST
         positions[j], velocities[j], uncertain[j] = math.nan, math.nan, math.nan
-        if not begins[j] == begins[j]:
+        if math.isnan(begins[j]):
             continue
         x, P = states[j].copy(), covariances[j].copy()
         follow(j, x, P, begins[j], counts[j], times, cameras, pixels, variances, used_s, views, q, gate**2)

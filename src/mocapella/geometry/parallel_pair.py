@@ -1,9 +1,9 @@
 """Depth from two parallel cameras: the formula of a pinhole pair, and a correction fitted to measured distances.
 
-D = B·x₀ / (2·tan(φ₀/2)·(X_L − X_R)), with the baseline B, the width of the picture x₀ [px] and its view angle φ₀ (Mrovlje,
-Vrančić: Distance measuring based on stereoscopic pictures, 9th International PhD Workshop on Systems and Control, 2008,
-section 2). *Disparity* here is a positive number: the column [px] in the right picture minus that in the left one, left
-and right as somebody says who stands before the cameras. Where it is negative, the cameras are swapped.
+D = B·x₀ / (2·tan(φ₀/2)·(X_L − X_R)), with the baseline B, the width of the picture x₀ [px] and its view angle φ₀
+(Mrovlje, Vrančić: Distance measuring based on stereoscopic pictures, 9th International PhD Workshop on Systems and
+Control, 2008, section 2). *Disparity* here is a positive number: the column [px] in the right picture minus that in
+the left one, left and right as somebody says who stands before the cameras. Where it is negative, they are swapped.
 """
 
 from __future__ import annotations
@@ -97,12 +97,12 @@ class PowerLaw(msgspec.Struct, frozen=True):
     def depth(self, disparity_px: Any) -> Float64:
         """(...,) [m] of disparities (...,) [px]; NaN where one is 0 or less."""
         disparity = np.asarray(disparity_px, dtype=np.float64)
-        return 0.01 * self.k_cm * np.where(disparity > 0, disparity, np.nan) ** self.z
+        return np.asarray(0.01 * self.k_cm * np.where(disparity > 0, disparity, np.nan) ** self.z)
 
     def expected_error(self, disparity_px: Any, pixels: float = 1.0) -> Float64:
         """(...,) [m] that so many pixels of disparity make of the depth, |∂D/∂x|."""
         disparity = np.asarray(disparity_px, dtype=np.float64)
-        return np.abs(self.z * self.depth(disparity) / disparity) * pixels
+        return np.asarray(np.abs(self.z * self.depth(disparity) / disparity) * pixels)
 
 
 def fit(depth_m: Any, disparity_px: Any) -> PowerLaw:

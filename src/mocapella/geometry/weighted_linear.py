@@ -1,8 +1,9 @@
 """The customary linear triangulation: weighted rows, and cameras dropped until the rest agrees in the mean.
 
-Of each camera two rows of the homogeneous equations u·p₃ − p₁ and v·p₃ − p₂ (Hartley, Zisserman: Multiple View Geometry,
-2nd ed. 2004, section 12.2), weighted by the confidence of its detection; if the mean distance of the projections is too
-large, the point is found anew without each of the cameras, then without each two, and so on, and the best is kept.
+Of each camera two rows of the homogeneous equations u·p₃ − p₁ and v·p₃ − p₂ (Hartley, Zisserman: Multiple View
+Geometry, 2nd ed. 2004, section 12.2), weighted by the confidence of its detection; if the mean distance of the
+projections is too large, the point is found anew without each of the cameras, then without each two, and so on, and the
+best is kept.
 `triangulation.triangulate` is more accurate and says how sure it is; this is for comparison with tools that do so.
 """
 

@@ -2,7 +2,7 @@
 
 Source: Casiez, Roussel, Vogel: 1€ Filter: A Simple Speed-based Low-pass Filter for Noisy Input in Interactive Systems
 (CHI 2012), section 3 and its appendix A. Theirs filters one number; here the speed that opens the filter is that of
-the point, so that the result does not depend on where the axes lie, or, if so wished, that of each coordinate, as theirs.
+the point, so that the result does not depend on where the axes lie, or, if so wished, that of each coordinate.
 """
 
 from __future__ import annotations

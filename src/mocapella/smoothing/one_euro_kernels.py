@@ -19,10 +19,10 @@ def gain(cutoff_hz, dt):
 @njit(cache=True)
 def seen(measured, j):
     """Whether all of a point is there."""
+    there = True
     for k in range(measured.shape[1]):
-        if not np.isfinite(measured[j, k]):
-            return False
-    return True
+        there &= np.isfinite(measured[j, k])
+    return there
 
 
 @njit(cache=True)
