@@ -27,6 +27,8 @@ from mocapella.settings import check
 Float64 = NDArray[np.float64]
 
 _COLUMN_ORDER: Final = (0, 1, 2, 3, 4)
+_DOUBTFUL: Final = 4.0
+"""Standard deviations of a marker beyond which a fit is tried from another start, too."""
 _POSES_DEG: Final = ((0.0, 0.0), (25.0, 35.0), (45.0, 70.0), (75.0, 90.0))
 """Flexion of the first and the second joint of hands that a search without a previous one begins with."""
 
@@ -210,14 +212,16 @@ class HandTracker:
         with np.errstate(invalid="ignore"):
             covariances = given[:, None, None] ** 2 * np.eye(3) if given.ndim == 1 else given
             least = given if given.ndim == 1 else np.diagonal(given, axis1=1, axis2=2).min(axis=-1)
-        usable = np.isfinite(points).all(axis=-1) & (np.abs(points) < 1e6).all(axis=-1)
-        usable &= np.isfinite(covariances).all(axis=(-1, -2)) & (least > 0)
+            usable = (np.abs(points) < 1e6).all(axis=-1) & np.isfinite(covariances).all(axis=(-1, -2)) & (least > 0)
         information = np.zeros((n, 3, 3))
-        for i in np.flatnonzero(usable):
-            symmetric = 0.5 * (covariances[i] + covariances[i].T)
-            values, vectors = np.linalg.eigh(symmetric)
-            if values[0] > 0:
-                information[i] = (vectors / values) @ vectors.T
+        if given.ndim == 1:
+            information[usable] = np.eye(3) / given[usable, None, None] ** 2
+        else:
+            symmetric = 0.5 * (covariances + np.swapaxes(covariances, 1, 2))
+            values, vectors = np.linalg.eigh(np.where(usable[:, None, None], symmetric, np.eye(3)))
+            usable &= values[:, 0] > 1e-9 * values[:, 2]
+            inverses = (vectors / np.maximum(values, 1e-300)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+            information[usable] = inverses[usable]
         last = self._state.at_s if self._state is not None else at_s
         return points, information, max(float(at_s), last)
 
@@ -250,11 +254,7 @@ class HandTracker:
     def _followed(self, before: _State, points: Float64, information: Float64) -> tuple[_State, Float64] | None:
         """The hand near the predicted one; found anew where that cannot be."""
         certainty = 1.0 / np.maximum(before.variances, 1e-12)
-        starts = [(before.T, before.z)]
-        direct = self._direct(points, information, before.z)
-        if direct is not None:
-            starts.append(direct)
-        fitted, kept = self._without_outliers(before, certainty, starts, points, information)
+        fitted, kept = self._without_outliers(before, certainty, points, information)
         dt = before.at_s - self._state.at_s if self._state is not None else 0.0
         velocity = before.velocity
         if dt > 0 and self._state is not None:
@@ -283,7 +283,7 @@ class HandTracker:
             starts.append(direct)
         n = 6 + len(self._mean)
         nothing = _State(at_s, at_s, np.eye(4), self._mean, np.full(n, np.inf), np.zeros(n))
-        fitted, kept = self._without_outliers(nothing, np.zeros(n), starts, points, information)
+        fitted, kept = self._without_outliers(nothing, np.zeros(n), points, information, starts)
         self.report.found += 1
         return _State(at_s, at_s, *fitted, np.zeros(n), np.zeros(n)), kept
 
@@ -305,23 +305,46 @@ class HandTracker:
         return T, found.angles[self._angle_of]
 
     def _without_outliers(
-        self, before: _State, certainty: Float64, starts: list[tuple[Float64, Float64]], points: Float64, info: Float64
+        self,
+        before: _State,
+        certainty: Float64,
+        points: Float64,
+        information: Float64,
+        starts: list[tuple[Float64, Float64]] | None = None,
     ) -> tuple[tuple[Float64, Float64], Float64]:
-        """The best fit; a marker that is too far from it is left out, the farthest first."""
-        kept = info.copy()
-        best = self._best(before, certainty, starts, points, kept)
+        """The best fit; a marker that is too far from it is left out, the farthest first.
+
+        Where the fit from the prediction is bad, the fingers in closed form are a start, too.
+        """
+        starts = starts or [(before.T, before.z)]
+        best = self._best(before, certainty, starts, points, information)
+        squared = self._misfits(best, points, information)
+        if squared.max() > _DOUBTFUL**2 and len(starts) == 1:
+            direct = self._direct(points, information, before.z)
+            if direct is not None:
+                starts = [best, direct]
+                best = self._best(before, certainty, starts, points, information)
+                squared = self._misfits(best, points, information)
+        kept = information.copy()
         for _ in range(2):
-            residuals = points - self._markers(*best)
-            squared = np.einsum("ni,nij,nj->n", np.nan_to_num(residuals), kept, np.nan_to_num(residuals))
             worst = int(np.argmax(squared))
             if squared[worst] <= self.settings.outlier_sd**2 or (kept[:, 0, 0] > 0).sum() <= 4:
                 break
-            without = kept.copy()
-            without[worst] = 0.0
-            again = self._best(before, certainty, [*starts, best], points, without)
-            kept, best = without, again
+            kept[worst] = 0.0
             self.report.rejected[worst] += 1
+            best = self._best(before, certainty, [*starts, best], points, kept)
+            squared = self._misfits(best, points, kept)
         return best, kept
+
+    def _misfits(self, pose: tuple[Float64, Float64], points: Float64, information: Float64) -> Float64:
+        """(5 + k,) squared distances of the markers, in their standard deviations."""
+        T, z = pose
+        out = np.empty(len(points))
+        _fitting().misfits(
+            self.solver.digits, self._mirror, self.layout, np.nan_to_num(points), information, self.columns, self.gains,
+            np.ascontiguousarray(T[:3, :3]).reshape(9), np.ascontiguousarray(T[:3, 3]), z, out,
+        )  # fmt: skip
+        return out
 
     def _best(
         self, before: _State, certainty: Float64, starts: list[tuple[Float64, Float64]], points: Float64, info: Float64
