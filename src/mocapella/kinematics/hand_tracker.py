@@ -53,14 +53,14 @@ class HandSettings:
     """
 
     marker_sd_m: float = 0.001
-    flexion_sd_deg: float = 40.0
+    flexion_sd_deg: float = 60.0
     abduction_sd_deg: float = 8.0
     thumb_sd_deg: float = 20.0
     coupling_sd_deg: float = 12.0
-    angle_rate_deg_s: float = 250.0
+    angle_rate_deg_s: float = 200.0
     palm_rate_m_s: float = 0.4
-    palm_rate_deg_s: float = 120.0
-    velocity_memory_s: float = 0.1
+    palm_rate_deg_s: float = 90.0
+    velocity_memory_s: float = 0.3
     outlier_sd: float = 8.0
     tracked_share: float = 0.5
     inferred_beyond_m: float = 0.02
