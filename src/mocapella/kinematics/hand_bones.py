@@ -3,11 +3,12 @@
 With three or more markers on the base, so that the palm's place is measured at every instant, somebody shows
 
 - ``flat``: the flat hand, fingers straight and along the palm;
-- ``knuckles``: straight fingers that bend at the knuckles, forth and back, as far as they go; the straight thumb circles;
+- ``knuckles``: straight fingers that bend at the knuckles, forth and back, as far as they go;
 - ``hook``: knuckles straight, fingers that curl and open.
 
 A fingertip then moves on an arc around its knuckle, whose radius is the length of the finger, and on a curl that tells
-how it is divided. The thumb's length is measured; how it is divided stays in the proportions of the start. Nobody holds a joint quite straight: how far each was bent meanwhile is estimated, too, and its
+how it is divided. The thumb's first joint turns by some 50° only, too little for an arc to tell its length: it keeps its
+proportion to the fingers, and says so in its uncertainty. Nobody holds a joint quite straight: how far each was bent meanwhile is estimated, too, and its
 uncertainty is part of that of the lengths.
 """
 
@@ -45,6 +46,7 @@ class BonesSettings:
         base_sd_m: of a coordinate of a digit's first joint around that of the start.
         held_sd_deg: how far a joint that is to be straight is bent throughout.
         unsteady_sd_deg: how it varies meanwhile.
+        thumb_sd: of the thumb's bones in proportion to the fingers, as a part of them.
         least_frames: of each phase, with the base and the finger seen.
         least_knuckles_deg, least_hook_deg: by which the first and the second joint of each finger are to move.
         most_finger_sd_m: of the length of a whole finger.
@@ -54,7 +56,8 @@ class BonesSettings:
     length_sd: float = 0.15
     base_sd_m: float = 0.008
     held_sd_deg: float = 4.0
-    unsteady_sd_deg: float = 2.0
+    unsteady_sd_deg: float = 1.0
+    thumb_sd: float = 0.06
     least_frames: int = 20
     least_knuckles_deg: float = 40.0
     least_hook_deg: float = 50.0
@@ -62,7 +65,8 @@ class BonesSettings:
     most_iterations: int = 40
 
     def __post_init__(self) -> None:
-        check(0 < self.length_sd < 1, "length_sd", self.length_sd, "between 0 and 1")
+        for name in ("length_sd", "thumb_sd"):
+            check(0 < getattr(self, name) < 1, name, getattr(self, name), "between 0 and 1")
         for name in ("base_sd_m", "most_finger_sd_m"):
             check(0 < getattr(self, name) < 0.1, name, getattr(self, name), "above 0, below 0.1 m")
         for name in ("held_sd_deg", "unsteady_sd_deg"):
@@ -80,8 +84,8 @@ class Bones(msgspec.Struct, frozen=True, eq=False):
         shape: the hand, with the standard deviations of its lengths.
         base_markers: (k, 3) where the base's markers are on it, as `HandTracker` wants them [m].
         finger_sd_m: (5,) of the digits' whole lengths.
-        knuckles_deg, hook_deg: (5,) by how much the first and the second joint moved.
-        frames: (5,) how many instants counted for each digit.
+        knuckles_deg, hook_deg: (4,) by how much the fingers' first and second joints moved.
+        frames: (4,) how many instants counted for each finger.
         residual_m: root mean square distance of the tips from the hand.
     """
 
@@ -124,20 +128,24 @@ def measure_bones(
     check(0 < sd_m < 0.1, "sd_m", sd_m, "above 0, below 0.1 m")
     points, layout, names = _checked(points, base_markers, phases)
     layout, tips = _in_palm(points, layout, start, s)
-    fits = []
-    for digit in range(5):
-        fits.append(_DigitFit(model, start, digit, tips[:, digit], _whitening(tips[:, digit], layout, sd_m), names, s))
+    fits = [
+        _DigitFit(model, start, digit, tips[:, digit], _whitening(tips[:, digit], layout, sd_m), names, s)
+        for digit in range(1, 5)
+    ]
     for fit in fits:
         fit.run()
-    for fit in fits[1:]:
         fit.refuse_what_does_not_tell()
-    lengths = np.array([fit.shared[:3] for fit in fits])
-    bases = np.array([fit.shared[3:6] for fit in fits])
-    covariances = [fit.covariance[:3, :3] for fit in fits]
+    scale = np.mean([fit.shared[:3].sum() for fit in fits]) / start.lengths[1:].sum(axis=1).mean()
+    thumb = scale * start.lengths[0]
+    covariances = [np.diag((s.thumb_sd * thumb) ** 2), *(fit.covariance[:3, :3] for fit in fits)]
     shape = HandShape(
-        start.handedness, lengths, bases, start.person, np.sqrt(np.array([np.diag(C) for C in covariances]))
+        start.handedness,
+        np.array([thumb, *(fit.shared[:3] for fit in fits)]),
+        np.array([scale * start.bases[0], *(fit.shared[3:6] for fit in fits)]),
+        start.person,
+        np.sqrt(np.array([np.diag(C) for C in covariances])),
     )
-    residuals = np.concatenate([fit.residuals().ravel() for fit in fits])
+    residuals = np.concatenate([fit.residuals() for fit in fits])
     return Bones(
         shape=shape,
         base_markers=layout,
@@ -145,7 +153,7 @@ def measure_bones(
         knuckles_deg=np.array([fit.moved("knuckles", 0) for fit in fits]),
         hook_deg=np.array([fit.moved("hook", 2) for fit in fits]),
         frames=np.array([len(fit.angles) for fit in fits]),
-        residual_m=float(np.sqrt(3 * np.mean(residuals**2))),
+        residual_m=float(np.sqrt((residuals**2).sum(axis=-1).mean())),
     )
 
 
@@ -213,9 +221,7 @@ class _DigitFit:
         names: NDArray[np.str_],
         s: BonesSettings,
     ) -> None:
-        thumb = digit == 0
-        # Nobody holds the thumb's first joint while it bends: three free angles fit any three coordinates.
-        seen = np.isfinite(tips).all(axis=-1) & ~(thumb & (names == "hook"))
+        seen = np.isfinite(tips).all(axis=-1)
         self.name, self.s, self.whitening = DIGITS[digit], s, whitening[seen]
         self.frame, self.ratio = model.frames[digit], float(model.coupling[digit])
         self.tips, self.names = tips[seen], names[seen]
@@ -226,13 +232,13 @@ class _DigitFit:
         is_hook, is_flat = self.names == "hook", self.names == "flat"
         unsteady, free = np.radians(s.unsteady_sd_deg), np.radians(_FREE_DEG)
         # Standard deviations of the angles around what is held, and whether it is.
-        self.holds_first = np.zeros(len(self.names), dtype=np.bool_) if thumb else is_hook | is_flat
+        self.holds_first = is_hook | is_flat
         self.holds_second = ~is_hook
         self.first_sd = np.where(self.holds_first, unsteady, free)
         self.second_sd = np.where(self.holds_second, unsteady, free)
-        self.last_sd = np.full(len(self.names), np.radians(s.unsteady_sd_deg if thumb else 0.1))
+        self.last_sd = np.full(len(self.names), np.radians(0.1))  # the coupling is believed
         self.angles = np.zeros((len(self.names), 4))
-        self.angles[:, 0] = 0.0 if thumb else np.where(self.names == "knuckles", 0.7, 0.0)
+        self.angles[:, 0] = np.where(self.names == "knuckles", 0.7, 0.0)
         self.angles[:, 2] = np.where(is_hook, 0.8, 0.0)
         self.angles[:, 3] = self.ratio * self.angles[:, 2]
         self.covariance = np.diag(self.prior_sd**2)

@@ -31,6 +31,7 @@ from mocapella.kinematics.hand_kernels import (
     limit,
 )
 
+_WEAK = 0.01  # part of the information of what is usual that counts for the markers alone
 _LIMIT_SD = 0.01  # of the penalty outside the limits [rad], of the cone over its half axes
 
 
@@ -332,18 +333,17 @@ def fit(
 
 @njit(cache=True)
 def describe(
-    digits, mirror, layout, points, information, columns, gains, prior, certainty, R, t, z, x, sd, share, variances,
+    digits, mirror, layout, points, information, columns, gains, prior, certainty, R, t, z, x, sd, alone, variances,
     residuals,
 ):  # fmt: skip
-    """Where the landmarks are, how sure, and how much of that is not the markers' of this instant.
+    """Where the landmarks are, how sure, and how sure the markers of this instant alone would be.
 
-    With the inverse covariances H_m of the markers and H_p of what is usual, P = (H_m + H_p)⁻¹ = P H_m P + P H_p P: the
-    second is the part of the variance that is owed to habit and limits.
+    Alone: with what is usual weakened to a hundredth of its information, and without the prediction.
 
     Args:
         x: (21, 3) world, out [m].
         sd: (21,) standard deviation of a coordinate, from all there is, out [m].
-        share: (21,) part of the variance owed to what is usual, out.
+        alone: (21,) likewise, from the markers alone, out [m].
         variances: (6 + n,) of the palm's twist and of the free angles, from all there is, out.
         residuals: (5 + k,) distances of the markers, out [m]; NaN where a marker has no finite place.
 
@@ -355,11 +355,12 @@ def describe(
     q, joints, axes, J = np.empty(5), np.empty((4, 3)), np.empty((5, 3)), np.empty((11, 3))
     at = np.empty(11, dtype=np.int64)
     _measured(digits, mirror, layout, points, information, columns, gains, R, t, z, Hm, g)
-    P, measured = np.empty((2, n, n)), np.zeros((n, n))
-    for case in range(2):  # without the prediction, and with it
+    P = np.empty((2, n, n))
+    for case in range(2):  # the markers alone, and all there is
+        weight = _WEAK if case == 0 else 1.0
         for i in range(n):
             for k in range(n):
-                H[i, k] = Hm[i, k] + (prior[i - 6, k - 6] if i >= 6 and k >= 6 else 0.0)
+                H[i, k] = Hm[i, k] + (weight * prior[i - 6, k - 6] if i >= 6 and k >= 6 else 0.0)
             H[i, i] += 1e-6 if case == 0 else 1e-6 + certainty[i]
         if not factorise(H, 1e-12, M):
             return False
@@ -371,13 +372,6 @@ def describe(
                 P[case, i, k] = g[k]
     for i in range(n):
         variances[i] = P[1, i, i]
-        for k in range(n):
-            g[k] = 0.0
-            for j in range(n):
-                g[k] += P[0, i, j] * Hm[j, k]
-        for k in range(n):
-            for j in range(n):
-                measured[i, k] += g[j] * P[0, j, k]
     for landmark in range(21):
         digit, joint = (landmark - 1) // 4, (landmark - 1) % 4 if landmark > 0 else 0
         if landmark == 0:
@@ -388,7 +382,7 @@ def describe(
                 digit_angles(z, columns, gains, digit, q)
                 digit_points(digits[digit], mirror, q, joints, axes)
             count = _columns_of(digit, joint, joints, axes, columns, gains, J, at)
-        all_of, of_markers, total = 0.0, 0.0, 0.0
+        all_of, of_markers = 0.0, 0.0
         for c in range(3):
             x[landmark, c] = t[c]
             for k in range(3):
@@ -397,10 +391,9 @@ def describe(
                 for k in range(count):
                     product = J[i, c] * J[k, c]
                     all_of += product * P[1, at[i], at[k]]
-                    of_markers += product * measured[at[i], at[k]]
-                    total += product * P[0, at[i], at[k]]
+                    of_markers += product * P[0, at[i], at[k]]
         sd[landmark] = math.sqrt(all_of / 3.0)
-        share[landmark] = 1.0 - of_markers / total
+        alone[landmark] = math.sqrt(of_markers / 3.0)
     for i in range(len(points)):
         if i < 5:
             px, py, pz = x[4 * i + 4, 0], x[4 * i + 4, 1], x[4 * i + 4, 2]

@@ -46,8 +46,7 @@ class HandSettings:
         palm_rate_m_s, palm_rate_deg_s: likewise the palm's place and direction.
         velocity_memory_s: velocities fade with it while nothing is seen.
         outlier_sd: a marker that is farther from the hand, in its standard deviations, is left out.
-        tracked_share: a landmark is tracked where the markers account for more of its variance than that.
-        inferred_beyond_m: and where its standard deviation is below that.
+        tracked_sd_m: a landmark is tracked where the markers of the instant alone would tell it as surely as that.
         forget_after_s: a hand that was not seen for longer is forgotten.
         most_iterations: of the fit.
     """
@@ -62,20 +61,18 @@ class HandSettings:
     palm_rate_deg_s: float = 90.0
     velocity_memory_s: float = 0.3
     outlier_sd: float = 8.0
-    tracked_share: float = 0.5
-    inferred_beyond_m: float = 0.02
+    tracked_sd_m: float = 0.015
     forget_after_s: float = 0.5
     most_iterations: int = 20
 
     def __post_init__(self) -> None:
-        for name in ("marker_sd_m", "palm_rate_m_s", "inferred_beyond_m", "velocity_memory_s", "forget_after_s"):
+        for name in ("marker_sd_m", "palm_rate_m_s", "tracked_sd_m", "velocity_memory_s", "forget_after_s"):
             check(0 < getattr(self, name) < 1e3, name, getattr(self, name), "above 0, below 1000")
         for name in ("flexion_sd_deg", "abduction_sd_deg", "thumb_sd_deg", "coupling_sd_deg"):
             check(0 < getattr(self, name) <= 360, name, getattr(self, name), "above 0, at most 360")
         for name in ("angle_rate_deg_s", "palm_rate_deg_s"):
             check(0 < getattr(self, name) < 1e5, name, getattr(self, name), "above 0")
         check(self.outlier_sd >= 1, "outlier_sd", self.outlier_sd, "1 or more")
-        check(0 < self.tracked_share < 1, "tracked_share", self.tracked_share, "between 0 and 1")
         check(1 <= self.most_iterations <= 1000, "most_iterations", self.most_iterations, "1 to 1000")
 
 
@@ -392,18 +389,17 @@ class HandTracker:
     def _described(
         self, state: _State, before: _State | None, points: Float64, information: Float64, seen: bool
     ) -> Hand:
-        x, sd, share = np.empty((len(LANDMARKS), 3)), np.empty(len(LANDMARKS)), np.empty(len(LANDMARKS))
+        x, sd, alone = np.empty((len(LANDMARKS), 3)), np.empty(len(LANDMARKS)), np.empty(len(LANDMARKS))
         variances, residuals = np.empty(6 + len(state.z)), np.empty(len(points))
         certainty = np.zeros(len(variances)) if before is None else 1.0 / np.maximum(before.variances, 1e-12)
         R = np.ascontiguousarray(state.T[:3, :3]).reshape(9)
         t = np.ascontiguousarray(state.T[:3, 3])
         _fitting().describe(
             self.solver.digits, self._mirror, self.layout, np.nan_to_num(points), information, self.columns, self.gains,
-            self._prior, certainty, R, t, state.z, x, sd, share, variances, residuals,
+            self._prior, certainty, R, t, state.z, x, sd, alone, variances, residuals,
         )  # fmt: skip
         self._state = _State(state.at_s, state.seen_s, state.T, state.z, variances, state.velocity)
-        s = self.settings
-        tracked = (share < 1.0 - s.tracked_share) & (sd < s.inferred_beyond_m) & seen
+        tracked = (alone <= self.settings.tracked_sd_m) & seen
         states = np.where(tracked, JointState.TRACKED, JointState.INFERRED).astype(np.uint8)
         angles_sd = np.zeros(len(ANGLES))
         for digit in range(5):
