@@ -183,7 +183,9 @@ def motions(quick: bool) -> Iterator[Row]:
     """Finger angles on random smooth motions of hand and palm, with markers that are noisy."""
     for markers in (3, 1):
         for noise_mm in NOISES_MM:
-            found = [follow(markers, noise_mm / 1000, seed, 90 if quick else 600) for seed in range(1, 2 if quick else 7)]
+            found = [
+                follow(markers, noise_mm / 1000, seed, 90 if quick else 600) for seed in range(1, 2 if quick else 7)
+            ]
             angle, worst, landmark, palm, said = (float(np.mean(column)) for column in zip(*found, strict=True))
             name = f"hand: {markers} base marker{'s' * (markers > 1)}, noise {noise_mm:g} mm"
             yield measured(f"{name}, finger angle, median", angle, "°", goal=at_most(5))
@@ -246,7 +248,9 @@ def gestures(quick: bool) -> Iterator[Row]:
             yield measured(f"{name}, a bone, rms", float(np.sqrt(np.mean(chosen**2))), "mm")
             whole = float(np.sqrt(np.mean(chosen.sum(axis=-1) ** 2)))
             yield measured(f"{name}, the whole digit, rms", whole, "mm")
-            yield measured(f"{name}, the whole digit, standard deviation said", float(np.mean(np.array(said)[:, digits])), "mm")
+            yield measured(
+                f"{name}, the whole digit, standard deviation said", float(np.mean(np.array(said)[:, digits])), "mm"
+            )
 
 
 def random_angles(model: HandModel, rng: np.random.Generator, hands: int) -> Float64:

@@ -46,7 +46,7 @@ class BonesSettings:
         base_sd_m: of a coordinate of a digit's first joint around that of the start.
         held_sd_deg: how far a joint that is to be straight is bent throughout.
         unsteady_sd_deg: how it varies meanwhile.
-        thumb_sd: of the thumb's bones in proportion to the fingers, as a part of them.
+        thumb_sd: of the thumb's bones in proportion to the fingers, as a part of them, all alike.
         least_frames: of each phase, with the base and the finger seen.
         least_knuckles_deg, least_hook_deg: by which the first and the second joint of each finger are to move.
         most_finger_sd_m: of the length of a whole finger.
@@ -57,7 +57,7 @@ class BonesSettings:
     base_sd_m: float = 0.008
     held_sd_deg: float = 4.0
     unsteady_sd_deg: float = 1.0
-    thumb_sd: float = 0.06
+    thumb_sd: float = 0.08
     least_frames: int = 20
     least_knuckles_deg: float = 40.0
     least_hook_deg: float = 50.0
@@ -137,7 +137,7 @@ def measure_bones(
         fit.refuse_what_does_not_tell()
     scale = np.mean([fit.shared[:3].sum() for fit in fits]) / start.lengths[1:].sum(axis=1).mean()
     thumb = scale * start.lengths[0]
-    covariances = [np.diag((s.thumb_sd * thumb) ** 2), *(fit.covariance[:3, :3] for fit in fits)]
+    covariances = [np.outer(s.thumb_sd * thumb, s.thumb_sd * thumb), *(fit.covariance[:3, :3] for fit in fits)]
     shape = HandShape(
         start.handedness,
         np.array([thumb, *(fit.shared[:3] for fit in fits)]),
@@ -328,7 +328,9 @@ class _DigitFit:
         first = angles[:, 0] - np.where(self.holds_first, shared[6], 0.0)
         second = angles[:, 2] - np.where(self.holds_second, shared[7], 0.0)
         last = angles[:, 3] - self.ratio * angles[:, 2]
-        sd = np.stack([self.first_sd, np.full(len(angles), np.radians(_FREE_DEG)), self.second_sd, self.last_sd], axis=-1)
+        sd = np.stack(
+            [self.first_sd, np.full(len(angles), np.radians(_FREE_DEG)), self.second_sd, self.last_sd], axis=-1
+        )
         return np.stack([first, angles[:, 1], second, last], axis=-1) / sd, sd
 
     def _cost(self, shared: Float64, angles: Float64) -> float:

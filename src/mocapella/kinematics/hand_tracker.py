@@ -257,7 +257,9 @@ class HandTracker:
         if dt > 0 and self._state is not None:
             last = self._state
             moved = inverse(last.T) @ fitted[0]
-            turn = np.array(_fitting().turn_between(np.eye(3).reshape(9), 0, np.ascontiguousarray(moved[:3, :3]).reshape(9)))
+            turn = np.array(
+                _fitting().turn_between(np.eye(3).reshape(9), 0, np.ascontiguousarray(moved[:3, :3]).reshape(9))
+            )
             measured = np.concatenate([moved[:3, 3], turn, fitted[1] - last.z]) / dt
             part = 1.0 - np.exp(-dt / (0.5 * self.settings.velocity_memory_s))
             velocity = last.velocity + part * (measured - last.velocity)
