@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import settings
 from xdist.scheduler import LoadScopeScheduling
@@ -87,6 +88,31 @@ def study_logs() -> Path:
 def mocap_files() -> Path:
     """BVH, C3D and TRC files of other people's tools."""
     folder = recordings() / "mocap_files"
+    if not folder.is_dir():
+        pytest.skip(f"needs the recordings in {folder} (MOCAPELLA_DATA names another place)")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def one_euro_vectors() -> Any:
+    """(1200, 4): the times, the signal, the noisy signal and the result of the 1-euro filter's authors."""
+    return np.loadtxt(_recorded("one_euro_filter_vectors") / "groundTruth.csv", delimiter=",", skiprows=1)
+
+
+@pytest.fixture(scope="session")
+def holistic() -> Path:
+    """Four webcams, and what MediaPipe Holistic saw in them."""
+    return _recorded("mediapipe_holistic_4cam")
+
+
+@pytest.fixture(scope="session")
+def single_person() -> Path:
+    """Four cameras, what OpenPose saw in them, and Pose2Sim's result."""
+    return _recorded("pose2sim_single_person")
+
+
+def _recorded(name: str) -> Path:
+    folder = recordings() / name
     if not folder.is_dir():
         pytest.skip(f"needs the recordings in {folder} (MOCAPELLA_DATA names another place)")
     return folder

@@ -84,3 +84,43 @@ def test_after_a_long_gap_it_begins_anew_and_after_a_short_one_it_goes_on() -> N
 def test_settings_out_of_range_are_refused(name: str) -> None:
     with pytest.raises(SettingsError, match=name):
         OneEuroSettings(**{name: 0.0})
+
+
+@given(paths, gaps)
+def test_per_component_a_coordinate_does_not_know_of_the_others(path: np.ndarray, gone: np.ndarray) -> None:
+    settings = OneEuroSettings(per_component=True)
+    path = blanked(path, gone)
+    alone = np.concatenate([filtered(path[..., k : k + 1], settings) for k in range(3)], axis=-1)
+    np.testing.assert_allclose(filtered(path, settings), alone, rtol=1e-13, atol=1e-13)
+
+
+@given(paths, gaps)
+def test_in_one_dimension_the_speed_of_the_point_is_that_of_the_coordinate(path: np.ndarray, gone: np.ndarray) -> None:
+    path = blanked(path, gone)[..., :1]
+    both = (filtered(path, OneEuroSettings(per_component=mode)) for mode in (False, True))
+    np.testing.assert_allclose(*both, rtol=1e-12, atol=1e-12)
+
+
+@given(paths)
+def test_a_point_in_a_plane_is_filtered_as_in_space(path: np.ndarray) -> None:
+    path[..., 2] = 0.0
+    np.testing.assert_array_equal(filtered(path[..., :2]), filtered(path)[..., :2])
+
+
+def test_per_component_a_gap_and_a_repeated_time_are_as_by_point() -> None:
+    one_euro = OneEuro(OneEuroSettings(per_component=True))
+    origin, away = np.zeros((2, 2)), np.ones((2, 2))
+    one_euro.update(origin, 0.0)
+    half = np.array([[1.0, 1.0], [np.nan, 1.0]])
+    first = one_euro.update(half, 0.1)
+    assert (first[0] < 1).all()
+    assert np.isnan(first[1]).all()
+    np.testing.assert_array_equal(one_euro.update(5 * away, 0.1)[0], first[0])
+    np.testing.assert_array_equal(one_euro.update(5 * away, 0.4), 5 * away)
+
+
+def test_the_authors_own_vectors(one_euro_vectors: np.ndarray) -> None:
+    settings = OneEuroSettings(min_cutoff_hz=1.0, beta_per_m=0.1, speed_cutoff_hz=1.0, per_component=True)
+    one_euro = OneEuro(settings)
+    result = [one_euro.update(np.array([x]), t)[0] for t, _, x, _ in one_euro_vectors]
+    np.testing.assert_allclose(result, one_euro_vectors[:, 3], atol=1e-4)

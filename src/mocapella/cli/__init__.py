@@ -21,7 +21,21 @@ def main() -> None:
     # What takes any time to import comes after it, so that Ctrl-C finds a handler.
     import typer
 
-    from mocapella.cli import demo, doctor, evaluate, export, node, record, replay, serve, train, view  # noqa: F401
+    from mocapella.cli import (  # noqa: F401
+        demo,
+        depth,
+        doctor,
+        evaluate,
+        export,
+        node,
+        record,
+        replay,
+        serve,
+        train,
+        triangulate,
+        tune,
+        view,
+    )
     from mocapella.cli.app import app
     from mocapella.errors import MocapellaError
 

@@ -31,6 +31,7 @@ from mocapella.kinematics.hand_kernels import (
     limit,
 )
 
+_WEAK = 0.01  # part of the information of what is usual that counts for the markers alone
 _LIMIT_SD = 0.01  # of the penalty outside the limits [rad], of the cone over its half axes
 
 
@@ -69,14 +70,17 @@ def digit_angles(z, columns, gains, digit, q):
 def _columns_of(digit, joint, x, axes, columns, gains, J, at):
     """Write the derivatives J (11, 3) of a digit's joint and their places at (11,): the palm's six, then the angles'."""
     px, py, pz = x[joint, 0], x[joint, 1], x[joint, 2]
-    J[:6] = 0.0
     for k in range(6):
         at[k] = k
+        for c in range(3):
+            J[k, c] = 0.0
     J[0, 0] = J[1, 1] = J[2, 2] = 1.0
     J[3, 1], J[3, 2] = -pz, py
     J[4, 0], J[4, 2] = pz, -px
     J[5, 0], J[5, 1] = -py, px
     n = 6
+    if digit < 0:  # of the palm
+        return n
     for k in range(5):
         column = columns[digit, k]
         origin = 0 if k < 2 else (2 if k == 3 else 1)
@@ -109,10 +113,10 @@ def _add(J, at, n, W, rx, ry, rz, H, g):
 
 
 @njit(cache=True)
-def _measured(digits, mirror, layout, points, information, columns, gains, R, t, z, H, g, work):
+def _measured(digits, mirror, layout, points, information, columns, gains, R, t, z, H, g):
     """Add what the markers say to H and g; the sum of their squared weighted residuals."""
-    q, x, axes, J = work[0, :5], work[1:5, :3], work[5:10, :3], work[10:21, :3]
-    W, at = work[21, :9], np.empty(11, dtype=np.int64)
+    q, x, axes, J = np.empty(5), np.empty((4, 3)), np.empty((5, 3)), np.empty((11, 3))
+    W, at = np.empty(9), np.empty(11, dtype=np.int64)
     cost = 0.0
     for i in range(len(points)):
         if information[i, 0, 0] == 0.0:
@@ -123,9 +127,7 @@ def _measured(digits, mirror, layout, points, information, columns, gains, R, t,
             n = _columns_of(i, 3, x, axes, columns, gains, J, at)
         else:
             x[3, 0], x[3, 1], x[3, 2] = mirror * layout[i - 5, 0], layout[i - 5, 1], layout[i - 5, 2]
-            x[0] = x[1] = x[2] = x[3]
-            n = _columns_of(0, 3, x, axes, columns, gains, J, at)
-            n = 6
+            n = _columns_of(-1, 3, x, axes, columns, gains, J, at)
         dx, dy, dz = points[i, 0] - t[0], points[i, 1] - t[1], points[i, 2] - t[2]
         rx = R[0] * dx + R[3] * dy + R[6] * dz - x[3, 0]
         ry = R[1] * dx + R[4] * dy + R[7] * dz - x[3, 1]
@@ -250,6 +252,13 @@ def within(digits, columns, gains, z, c_max):
 
 
 @njit(cache=True)
+def _copy(one, other):
+    """Write a vector into another; a slice takes numba longer to compile."""
+    for k in range(len(one)):
+        other[k] = one[k]
+
+
+@njit(cache=True)
 def fit(
     digits, mirror, layout, points, information, columns, gains, c_max, prior_mean, prior,
     predicted_R, predicted_t, predicted_z, certainty, R, t, z, iterations,
@@ -271,21 +280,38 @@ def fit(
     """
     n = 6 + len(z)
     H, g, M, d = np.empty((n, n)), np.empty(n), np.empty((n, n)), np.empty(n)
-    work = np.empty((22, 9))
     new_R, new_t, new_z = np.empty(9), np.empty(3), np.empty(n - 6)
-    spare, spare_g = np.empty((n, n)), np.empty(n)
-
-    H[:], g[:] = 0.0, 0.0
-    cost = _measured(digits, mirror, layout, points, information, columns, gains, R, t, z, H, g, work)
-    cost += _expected(prior_mean, prior, predicted_R, predicted_t, predicted_z, certainty, R, t, z, H, g)
-    cost += _penalty(digits, columns, gains, z, c_max, H, g)
-    damping = 1e-6
-    for _ in range(iterations):
-        for i in range(6):
-            H[i, i] += 1e-9
-        if not factorise(H, damping, M):
+    _copy(R, new_R)
+    _copy(t, new_t)
+    _copy(z, new_z)
+    damping, cost, most = 1e-6, math.inf, 1.0
+    for k in range(iterations + 1):
+        spare, spare_g = np.zeros((n, n)), np.zeros(n)
+        there = _measured(
+            digits, mirror, layout, points, information, columns, gains, new_R, new_t, new_z, spare, spare_g
+        )
+        there += _expected(
+            prior_mean, prior, predicted_R, predicted_t, predicted_z, certainty, new_R, new_t, new_z, spare, spare_g
+        )
+        there += _penalty(digits, columns, gains, new_z, c_max, spare, spare_g)
+        if there < cost:
+            gained, cost = cost - there, there
+            _copy(new_R, R)
+            _copy(new_t, t)
+            _copy(new_z, z)
+            H, g = spare, spare_g
+            for i in range(6):
+                H[i, i] += 1e-9
+            if k > 0:
+                damping = max(0.1 * damping, 1e-9)
+                if gained < 1e-6 * (1.0 + cost):
+                    break
+        else:
             damping = max(10.0 * damping, 1e-6)
-            continue
+            if damping > 1e6 or most < 1e-9:
+                break
+        while damping < 1e6 and not factorise(H, damping, M):
+            damping = max(10.0 * damping, 1e-6)
         for i in range(n):
             d[i] = g[i]
         substitute(M, d)
@@ -301,43 +327,23 @@ def fit(
             new_t[k] = t[k] + R[3 * k] * d[0] + R[3 * k + 1] * d[1] + R[3 * k + 2] * d[2]
         for k in range(n - 6):
             new_z[k] = z[k] + d[6 + k]
-        spare[:], spare_g[:] = 0.0, 0.0
-        there = _measured(
-            digits, mirror, layout, points, information, columns, gains, new_R, new_t, new_z, spare, spare_g, work
-        )
-        there += _expected(
-            prior_mean, prior, predicted_R, predicted_t, predicted_z, certainty, new_R, new_t, new_z, spare, spare_g
-        )
-        there += _penalty(digits, columns, gains, new_z, c_max, spare, spare_g)
-        if there < cost:
-            gained, cost = cost - there, there
-            R[:], t[:], z[:] = new_R, new_t, new_z
-            H[:], g[:] = spare, spare_g
-            damping = max(0.1 * damping, 1e-9)
-            if gained < 1e-6 * (1.0 + cost):
-                break
-        else:
-            damping = max(10.0 * damping, 1e-6)
-            if damping > 1e6 or most < 1e-9:
-                break
     within(digits, columns, gains, z, c_max)
     return cost
 
 
 @njit(cache=True)
 def describe(
-    digits, mirror, layout, points, information, columns, gains, prior, certainty, R, t, z, x, sd, share, variances,
+    digits, mirror, layout, points, information, columns, gains, prior, certainty, R, t, z, x, sd, alone, variances,
     residuals,
 ):  # fmt: skip
-    """Where the landmarks are, how sure, and how much of that is not the markers' of this instant.
+    """Where the landmarks are, how sure, and how sure the markers of this instant alone would be.
 
-    With the inverse covariances H_m of the markers and H_p of what is usual, P = (H_m + H_p)⁻¹ = P H_m P + P H_p P: the
-    second is the part of the variance that is owed to habit and limits.
+    Alone: with what is usual weakened to a hundredth of its information, and without the prediction.
 
     Args:
         x: (21, 3) world, out [m].
         sd: (21,) standard deviation of a coordinate, from all there is, out [m].
-        share: (21,) part of the variance owed to what is usual, out.
+        alone: (21,) likewise, from the markers alone, out [m].
         variances: (6 + n,) of the palm's twist and of the free angles, from all there is, out.
         residuals: (5 + k,) distances of the markers, out [m]; NaN where a marker has no finite place.
 
@@ -346,49 +352,48 @@ def describe(
     """
     n = 6 + len(z)
     Hm, H, M, g = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
-    work, at = np.empty((22, 9)), np.empty(11, dtype=np.int64)
-    q, joints, axes, J = work[0, :5], work[1:5, :3], work[5:10, :3], work[10:21, :3]
-    _measured(digits, mirror, layout, points, information, columns, gains, R, t, z, Hm, g, work)
+    q, joints, axes, J = np.empty(5), np.empty((4, 3)), np.empty((5, 3)), np.empty((11, 3))
+    at = np.empty(11, dtype=np.int64)
+    _measured(digits, mirror, layout, points, information, columns, gains, R, t, z, Hm, g)
     P = np.empty((2, n, n))
-    for case in range(2):  # without the prediction, and with it
-        H[:] = Hm
-        H[6:, 6:] += prior
+    for case in range(2):  # the markers alone, and all there is
+        weight = _WEAK if case == 0 else 1.0
         for i in range(n):
+            for k in range(n):
+                H[i, k] = Hm[i, k] + (weight * prior[i - 6, k - 6] if i >= 6 and k >= 6 else 0.0)
             H[i, i] += 1e-6 if case == 0 else 1e-6 + certainty[i]
         if not factorise(H, 1e-12, M):
             return False
         for i in range(n):
-            g[:] = 0.0
-            g[i] = 1.0
+            for k in range(n):
+                g[k] = 1.0 if k == i else 0.0
             substitute(M, g)
-            P[case, i] = g
-    measured = P[0] @ Hm @ P[0]
+            for k in range(n):
+                P[case, i, k] = g[k]
     for i in range(n):
         variances[i] = P[1, i, i]
     for landmark in range(21):
-        digit = (landmark - 1) // 4
-        joint = (landmark - 1) % 4
+        digit, joint = (landmark - 1) // 4, (landmark - 1) % 4 if landmark > 0 else 0
         if landmark == 0:
-            joints[0] = 0.0
-            count = _columns_of(0, 0, joints, axes, columns, gains, J, at)
+            joints[0, 0] = joints[0, 1] = joints[0, 2] = 0.0
+            count = _columns_of(-1, 0, joints, axes, columns, gains, J, at)
         else:
             if joint == 0:
                 digit_angles(z, columns, gains, digit, q)
                 digit_points(digits[digit], mirror, q, joints, axes)
             count = _columns_of(digit, joint, joints, axes, columns, gains, J, at)
-        all_of, of_markers, total = 0.0, 0.0, 0.0
+        all_of, of_markers = 0.0, 0.0
         for c in range(3):
             x[landmark, c] = t[c]
             for k in range(3):
-                x[landmark, c] += R[3 * c + k] * joints[joint if landmark > 0 else 0, k]
+                x[landmark, c] += R[3 * c + k] * joints[joint, k]
             for i in range(count):
                 for k in range(count):
                     product = J[i, c] * J[k, c]
                     all_of += product * P[1, at[i], at[k]]
-                    of_markers += product * measured[at[i], at[k]]
-                    total += product * P[0, at[i], at[k]]
+                    of_markers += product * P[0, at[i], at[k]]
         sd[landmark] = math.sqrt(all_of / 3.0)
-        share[landmark] = 1.0 - of_markers / total
+        alone[landmark] = math.sqrt(of_markers / 3.0)
     for i in range(len(points)):
         if i < 5:
             px, py, pz = x[4 * i + 4, 0], x[4 * i + 4, 1], x[4 * i + 4, 2]
@@ -399,3 +404,16 @@ def describe(
             pz = t[2] + R[6] * lx + R[7] * ly + R[8] * lz
         residuals[i] = math.sqrt((points[i, 0] - px) ** 2 + (points[i, 1] - py) ** 2 + (points[i, 2] - pz) ** 2)
     return True
+
+
+@njit(cache=True)
+def misfits(digits, mirror, layout, points, information, columns, gains, R, t, z, squared):
+    """Write the squared distances of the markers from a hand, in their own standard deviations, into squared (5 + k,)."""
+    n = 6 + len(z)
+    H, g, alone = np.zeros((n, n)), np.zeros(n), np.zeros_like(information)
+    for i in range(len(points)):
+        for a in range(3):
+            for b in range(3):
+                alone[i, a, b] = information[i, a, b]
+        squared[i] = _measured(digits, mirror, layout, points, alone, columns, gains, R, t, z, H, g)
+        alone[i, 0, 0] = 0.0

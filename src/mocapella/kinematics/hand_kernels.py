@@ -447,7 +447,7 @@ def follow_jacobian(row, x, y, z, out, kind, tolerance, iterations, damping_m, w
         J[2, 0], J[2, 1], J[2, 2] = -w2 * sine, -u2, -w2 * cosine
         J[3, 0], J[3, 1], J[3, 2] = -w3 * sine, -u3, -w3 * cosine
         if row[AX] == 0.0:
-            J[1, :3] = 0.0
+            J[1, 0] = J[1, 1] = J[1, 2] = 0.0
         if coupled:
             for c in range(3):
                 J[2, c] += row[RATIO] * J[3, c]

@@ -27,6 +27,8 @@ from mocapella.settings import check
 Float64 = NDArray[np.float64]
 
 _COLUMN_ORDER: Final = (0, 1, 2, 3, 4)
+_DOUBTFUL: Final = 4.0
+"""Standard deviations of a marker beyond which a fit is tried from another start, too."""
 _POSES_DEG: Final = ((0.0, 0.0), (25.0, 35.0), (45.0, 70.0), (75.0, 90.0))
 """Flexion of the first and the second joint of hands that a search without a previous one begins with."""
 
@@ -44,36 +46,33 @@ class HandSettings:
         palm_rate_m_s, palm_rate_deg_s: likewise the palm's place and direction.
         velocity_memory_s: velocities fade with it while nothing is seen.
         outlier_sd: a marker that is farther from the hand, in its standard deviations, is left out.
-        tracked_share: a landmark is tracked where the markers account for more of its variance than that.
-        inferred_beyond_m: and where its standard deviation is below that.
+        tracked_sd_m: a landmark is tracked where the markers of the instant alone would tell it as surely as that.
         forget_after_s: a hand that was not seen for longer is forgotten.
         most_iterations: of the fit.
     """
 
     marker_sd_m: float = 0.001
-    flexion_sd_deg: float = 40.0
+    flexion_sd_deg: float = 60.0
     abduction_sd_deg: float = 8.0
     thumb_sd_deg: float = 20.0
     coupling_sd_deg: float = 12.0
-    angle_rate_deg_s: float = 250.0
+    angle_rate_deg_s: float = 200.0
     palm_rate_m_s: float = 0.4
-    palm_rate_deg_s: float = 120.0
-    velocity_memory_s: float = 0.1
+    palm_rate_deg_s: float = 90.0
+    velocity_memory_s: float = 0.3
     outlier_sd: float = 8.0
-    tracked_share: float = 0.5
-    inferred_beyond_m: float = 0.02
+    tracked_sd_m: float = 0.015
     forget_after_s: float = 0.5
     most_iterations: int = 20
 
     def __post_init__(self) -> None:
-        for name in ("marker_sd_m", "palm_rate_m_s", "inferred_beyond_m", "velocity_memory_s", "forget_after_s"):
+        for name in ("marker_sd_m", "palm_rate_m_s", "tracked_sd_m", "velocity_memory_s", "forget_after_s"):
             check(0 < getattr(self, name) < 1e3, name, getattr(self, name), "above 0, below 1000")
         for name in ("flexion_sd_deg", "abduction_sd_deg", "thumb_sd_deg", "coupling_sd_deg"):
             check(0 < getattr(self, name) <= 360, name, getattr(self, name), "above 0, at most 360")
         for name in ("angle_rate_deg_s", "palm_rate_deg_s"):
             check(0 < getattr(self, name) < 1e5, name, getattr(self, name), "above 0")
         check(self.outlier_sd >= 1, "outlier_sd", self.outlier_sd, "1 or more")
-        check(0 < self.tracked_share < 1, "tracked_share", self.tracked_share, "between 0 and 1")
         check(1 <= self.most_iterations <= 1000, "most_iterations", self.most_iterations, "1 to 1000")
 
 
@@ -210,14 +209,16 @@ class HandTracker:
         with np.errstate(invalid="ignore"):
             covariances = given[:, None, None] ** 2 * np.eye(3) if given.ndim == 1 else given
             least = given if given.ndim == 1 else np.diagonal(given, axis1=1, axis2=2).min(axis=-1)
-        usable = np.isfinite(points).all(axis=-1) & (np.abs(points) < 1e6).all(axis=-1)
-        usable &= np.isfinite(covariances).all(axis=(-1, -2)) & (least > 0)
+            usable = (np.abs(points) < 1e6).all(axis=-1) & np.isfinite(covariances).all(axis=(-1, -2)) & (least > 0)
         information = np.zeros((n, 3, 3))
-        for i in np.flatnonzero(usable):
-            symmetric = 0.5 * (covariances[i] + covariances[i].T)
-            values, vectors = np.linalg.eigh(symmetric)
-            if values[0] > 0:
-                information[i] = (vectors / values) @ vectors.T
+        if given.ndim == 1:
+            information[usable] = np.eye(3) / given[usable, None, None] ** 2
+        else:
+            symmetric = 0.5 * (covariances + np.swapaxes(covariances, 1, 2))
+            values, vectors = np.linalg.eigh(np.where(usable[:, None, None], symmetric, np.eye(3)))
+            usable &= values[:, 0] > 1e-9 * values[:, 2]
+            inverses = (vectors / np.maximum(values, 1e-300)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+            information[usable] = inverses[usable]
         last = self._state.at_s if self._state is not None else at_s
         return points, information, max(float(at_s), last)
 
@@ -250,17 +251,15 @@ class HandTracker:
     def _followed(self, before: _State, points: Float64, information: Float64) -> tuple[_State, Float64] | None:
         """The hand near the predicted one; found anew where that cannot be."""
         certainty = 1.0 / np.maximum(before.variances, 1e-12)
-        starts = [(before.T, before.z)]
-        direct = self._direct(points, information, before.z)
-        if direct is not None:
-            starts.append(direct)
-        fitted, kept = self._without_outliers(before, certainty, starts, points, information)
+        fitted, kept = self._without_outliers(before, certainty, points, information)
         dt = before.at_s - self._state.at_s if self._state is not None else 0.0
         velocity = before.velocity
         if dt > 0 and self._state is not None:
             last = self._state
             moved = inverse(last.T) @ fitted[0]
-            turn = np.array(_fitting().turn_between(np.eye(3).reshape(9), 0, np.ascontiguousarray(moved[:3, :3]).reshape(9)))
+            turn = np.array(
+                _fitting().turn_between(np.eye(3).reshape(9), 0, np.ascontiguousarray(moved[:3, :3]).reshape(9))
+            )
             measured = np.concatenate([moved[:3, 3], turn, fitted[1] - last.z]) / dt
             part = 1.0 - np.exp(-dt / (0.5 * self.settings.velocity_memory_s))
             velocity = last.velocity + part * (measured - last.velocity)
@@ -283,7 +282,7 @@ class HandTracker:
             starts.append(direct)
         n = 6 + len(self._mean)
         nothing = _State(at_s, at_s, np.eye(4), self._mean, np.full(n, np.inf), np.zeros(n))
-        fitted, kept = self._without_outliers(nothing, np.zeros(n), starts, points, information)
+        fitted, kept = self._without_outliers(nothing, np.zeros(n), points, information, starts)
         self.report.found += 1
         return _State(at_s, at_s, *fitted, np.zeros(n), np.zeros(n)), kept
 
@@ -305,23 +304,46 @@ class HandTracker:
         return T, found.angles[self._angle_of]
 
     def _without_outliers(
-        self, before: _State, certainty: Float64, starts: list[tuple[Float64, Float64]], points: Float64, info: Float64
+        self,
+        before: _State,
+        certainty: Float64,
+        points: Float64,
+        information: Float64,
+        starts: list[tuple[Float64, Float64]] | None = None,
     ) -> tuple[tuple[Float64, Float64], Float64]:
-        """The best fit; a marker that is too far from it is left out, the farthest first."""
-        kept = info.copy()
-        best = self._best(before, certainty, starts, points, kept)
+        """The best fit; a marker that is too far from it is left out, the farthest first.
+
+        Where the fit from the prediction is bad, the fingers in closed form are a start, too.
+        """
+        starts = starts or [(before.T, before.z)]
+        best = self._best(before, certainty, starts, points, information)
+        squared = self._misfits(best, points, information)
+        if squared.max() > _DOUBTFUL**2 and len(starts) == 1:
+            direct = self._direct(points, information, before.z)
+            if direct is not None:
+                starts = [best, direct]
+                best = self._best(before, certainty, starts, points, information)
+                squared = self._misfits(best, points, information)
+        kept = information.copy()
         for _ in range(2):
-            residuals = points - self._markers(*best)
-            squared = np.einsum("ni,nij,nj->n", np.nan_to_num(residuals), kept, np.nan_to_num(residuals))
             worst = int(np.argmax(squared))
             if squared[worst] <= self.settings.outlier_sd**2 or (kept[:, 0, 0] > 0).sum() <= 4:
                 break
-            without = kept.copy()
-            without[worst] = 0.0
-            again = self._best(before, certainty, [*starts, best], points, without)
-            kept, best = without, again
+            kept[worst] = 0.0
             self.report.rejected[worst] += 1
+            best = self._best(before, certainty, [*starts, best], points, kept)
+            squared = self._misfits(best, points, kept)
         return best, kept
+
+    def _misfits(self, pose: tuple[Float64, Float64], points: Float64, information: Float64) -> Float64:
+        """(5 + k,) squared distances of the markers, in their standard deviations."""
+        T, z = pose
+        out = np.empty(len(points))
+        _fitting().misfits(
+            self.solver.digits, self._mirror, self.layout, np.nan_to_num(points), information, self.columns, self.gains,
+            np.ascontiguousarray(T[:3, :3]).reshape(9), np.ascontiguousarray(T[:3, 3]), z, out,
+        )  # fmt: skip
+        return out
 
     def _best(
         self, before: _State, certainty: Float64, starts: list[tuple[Float64, Float64]], points: Float64, info: Float64
@@ -369,18 +391,17 @@ class HandTracker:
     def _described(
         self, state: _State, before: _State | None, points: Float64, information: Float64, seen: bool
     ) -> Hand:
-        x, sd, share = np.empty((len(LANDMARKS), 3)), np.empty(len(LANDMARKS)), np.empty(len(LANDMARKS))
+        x, sd, alone = np.empty((len(LANDMARKS), 3)), np.empty(len(LANDMARKS)), np.empty(len(LANDMARKS))
         variances, residuals = np.empty(6 + len(state.z)), np.empty(len(points))
         certainty = np.zeros(len(variances)) if before is None else 1.0 / np.maximum(before.variances, 1e-12)
         R = np.ascontiguousarray(state.T[:3, :3]).reshape(9)
         t = np.ascontiguousarray(state.T[:3, 3])
         _fitting().describe(
             self.solver.digits, self._mirror, self.layout, np.nan_to_num(points), information, self.columns, self.gains,
-            self._prior, certainty, R, t, state.z, x, sd, share, variances, residuals,
+            self._prior, certainty, R, t, state.z, x, sd, alone, variances, residuals,
         )  # fmt: skip
         self._state = _State(state.at_s, state.seen_s, state.T, state.z, variances, state.velocity)
-        s = self.settings
-        tracked = (share < 1.0 - s.tracked_share) & (sd < s.inferred_beyond_m) & seen
+        tracked = (alone <= self.settings.tracked_sd_m) & seen
         states = np.where(tracked, JointState.TRACKED, JointState.INFERRED).astype(np.uint8)
         angles_sd = np.zeros(len(ANGLES))
         for digit in range(5):

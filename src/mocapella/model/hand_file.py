@@ -94,7 +94,9 @@ def _named(rows: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> dict[str,
     return {name: [round(value, 6) for value in row.tolist()] for name, row in zip(DIGITS, rows, strict=True)}
 
 
-def _array(named: dict[str, list[float]], field: str, file: object) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+def _array(
+    named: dict[str, list[float]], field: str, file: object
+) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
     for name in DIGITS:
         if len(named.get(name, ())) != 3 or not np.isfinite(named[name]).all():
             raise InputError("is not three finite numbers", file=file, field=f"{field}.{name}", fix=_FIX)

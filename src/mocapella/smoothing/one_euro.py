@@ -2,7 +2,7 @@
 
 Source: Casiez, Roussel, Vogel: 1€ Filter: A Simple Speed-based Low-pass Filter for Noisy Input in Interactive Systems
 (CHI 2012), section 3 and its appendix A. Theirs filters one number; here the speed that opens the filter is that of
-the point, not of each coordinate, so that the result does not depend on where the axes lie.
+the point, so that the result does not depend on where the axes lie, or, if so wished, that of each coordinate.
 """
 
 from __future__ import annotations
@@ -25,15 +25,18 @@ class OneEuroSettings:
 
     Attributes:
         min_cutoff_hz: cutoff at rest; lower is steadier.
-        beta_per_m: how much the cutoff rises with speed [Hz/(m/s)]; higher is less late.
+        beta_per_m: how much the cutoff rises with speed [Hz/(m/s)], or for each pixel a second where the points are in
+            pixels; higher is less late.
         speed_cutoff_hz: cutoff of the low pass on the velocity.
         forget_after_s: a joint that was not seen for longer begins anew.
+        per_component: each coordinate is filtered by its own speed, as in the paper; otherwise by that of its point.
     """
 
     min_cutoff_hz: float = 1.0
     beta_per_m: float = 10.0
     speed_cutoff_hz: float = 1.0
     forget_after_s: float = 0.25
+    per_component: bool = False
 
     def __post_init__(self) -> None:
         check(0 < self.min_cutoff_hz < 1e6, "min_cutoff_hz", self.min_cutoff_hz, "above 0 Hz")
@@ -59,23 +62,25 @@ class OneEuro:
         """Filter one instant.
 
         Args:
-            positions: (..., 3) [m], of the same shape every time; NaN where a point is not seen.
+            positions: (..., dimensions) [m], or [px] with settings of that unit, of the same shape every time; NaN
+                where a point is not seen.
             at_s: when they were captured [s]; not before the last.
 
         Returns:
-            (..., 3), NaN where a point is not seen.
+            (..., dimensions), NaN where a point is not seen.
         """
+        measured = np.ascontiguousarray(positions, dtype=np.float64)
         if self._positions is None:
-            self._positions = np.full(positions.shape, np.nan)
-            self._velocities = np.zeros(positions.shape)
-            self._seen_s = np.full(positions.shape[:-1], -np.inf)
-        s = self.settings
-        _kernels().smooth(
-            self._positions.reshape(-1, 3), self._velocities.reshape(-1, 3), self._seen_s.reshape(-1),
-            np.ascontiguousarray(positions, dtype=np.float64).reshape(-1, 3), at_s,
+            dimensions = measured.shape[-1]
+            self._positions = np.full((measured.size // dimensions, dimensions), np.nan)
+            self._velocities = np.zeros(self._positions.shape)
+            self._seen_s = np.full(len(self._positions), -np.inf)
+        s, out = self.settings, np.empty(self._positions.shape)
+        (_kernels().smooth_components if s.per_component else _kernels().smooth_points)(
+            self._positions, self._velocities, self._seen_s, measured.reshape(out.shape), out, at_s,
             s.min_cutoff_hz, s.beta_per_m, s.speed_cutoff_hz, s.forget_after_s,
         )  # fmt: skip
-        return np.where(np.isfinite(positions).all(axis=-1)[..., None], self._positions, np.nan)
+        return out.reshape(measured.shape)
 
 
 @cache

@@ -17,10 +17,20 @@ def gain(cutoff_hz, dt):
 
 
 @njit(cache=True)
+def seen(measured, j):
+    """Whether all of a point is there."""
+    there = True
+    for k in range(measured.shape[1]):
+        there &= np.isfinite(measured[j, k])
+    return there
+
+
+@njit(cache=True)
 def smooth(positions, velocities, seen_s, measured, at_s, min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s):
-    """`OneEuro.update` of (points, 3); what is not seen stays as it was."""
+    """`OneEuro.update` of (points, dimensions), by the speed of each point; what is not seen stays as it was."""
+    dimensions = positions.shape[1]
     for j in range(len(seen_s)):
-        if not (np.isfinite(measured[j, 0]) and np.isfinite(measured[j, 1]) and np.isfinite(measured[j, 2])):
+        if not seen(measured, j):
             continue
         dt = at_s - seen_s[j]
         if dt > forget_after_s:  # the first time, too
@@ -28,10 +38,70 @@ def smooth(positions, velocities, seen_s, measured, at_s, min_cutoff_hz, beta_pe
             velocities[j] = 0.0
         elif dt > 0.0:
             part, speed = gain(speed_cutoff_hz, dt), 0.0
-            for k in range(3):
+            for k in range(dimensions):
                 velocities[j, k] += part * ((measured[j, k] - positions[j, k]) / dt - velocities[j, k])
                 speed += velocities[j, k] ** 2
             part = gain(min_cutoff_hz + beta_per_m * math.sqrt(speed), dt)
-            for k in range(3):
+            for k in range(dimensions):
                 positions[j, k] += part * (measured[j, k] - positions[j, k])
         seen_s[j] = at_s
+
+
+@njit(cache=True)
+def smooth_points(
+    positions, velocities, seen_s, measured, out, at_s, min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s
+):
+    """`smooth`, and what is seen into ``out``."""
+    smooth(positions, velocities, seen_s, measured, at_s, min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s)
+    for j in range(len(seen_s)):
+        there = seen(measured, j)
+        for k in range(positions.shape[1]):
+            out[j, k] = positions[j, k] if there else math.nan
+
+
+@njit(cache=True, error_model="numpy")
+def smooth_components(
+    positions, velocities, seen_s, measured, out, at_s, min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s
+):
+    """`smooth_points`, by the speed of each coordinate."""
+    dimensions, since, together = positions.shape[1], seen_s[0] if len(seen_s) else at_s, True
+    for j in range(len(seen_s)):
+        together &= seen_s[j] == since
+    x, v, m, y = positions.ravel(), velocities.ravel(), measured.ravel(), out.ravel()
+    sum_of_zeros = 0.0
+    for i in range(len(m)):
+        sum_of_zeros += 0.0 * m[i]  # NaN where one is not finite
+    dt = at_s - since
+    if together and sum_of_zeros == 0.0 and 0.0 < dt <= forget_after_s:
+        # The usual case, in which nothing depends on the point: the processor takes several at a time.
+        smooth_all(x, v, m, y, dt, min_cutoff_hz, beta_per_m, gain(speed_cutoff_hz, dt))
+        seen_s[:] = at_s
+        return
+    for j in range(len(seen_s)):
+        begin, end = j * dimensions, (j + 1) * dimensions
+        if not seen(measured, j):
+            y[begin:end] = math.nan
+            continue
+        dt = at_s - seen_s[j]
+        if dt > forget_after_s:
+            x[begin:end] = m[begin:end]
+            v[begin:end] = 0.0
+            y[begin:end] = m[begin:end]
+        elif dt > 0.0:
+            part = gain(speed_cutoff_hz, dt)
+            smooth_all(x[begin:end], v[begin:end], m[begin:end], y[begin:end], dt, min_cutoff_hz, beta_per_m, part)
+        else:
+            y[begin:end] = x[begin:end]
+        seen_s[j] = at_s
+
+
+@njit(cache=True, error_model="numpy")
+def smooth_all(x, v, m, y, dt, min_cutoff_hz, beta_per_m, part):
+    """Numbers x with velocities v towards the measured m, in place and into y; ``part`` is the velocity's gain."""
+    rate, turn = 1.0 / dt, 2.0 * math.pi * dt
+    for i in range(len(m)):
+        moved = m[i] - x[i]
+        speed = v[i] + part * (moved * rate - v[i])
+        r = turn * (min_cutoff_hz + beta_per_m * abs(speed))
+        place = x[i] + r / (r + 1.0) * moved
+        v[i], x[i], y[i] = speed, place, place

@@ -1,0 +1,113 @@
+"""Named points in space as files: our own CSV, and TRC of OpenSim and other programs of biomechanics."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import InputError, SettingsError, one_of
+from mocapella.model.point_tracks import SpaceTracks
+
+Float64 = NDArray[np.float64]
+
+COLUMNS: Final = ("frame", "time_s", "point", "x_m", "y_m", "z_m", "sd_m", "views", "residual_px")
+UP: Final = {"y": (0, 1, 2), "z": (1, 2, 0), "-y": (0, 1, 2)}
+"""Which axes of the world become X, Y, Z of a TRC, whose Y is up: of a world whose z is up they are y, z and x."""
+
+
+def write_space_tracks(tracks: SpaceTracks, path: Path, *, up: str = "y", hz: float | None = None) -> None:
+    """Write a file; its suffix says of which kind. It appears complete or not at all.
+
+    Args:
+        tracks: a CSV has only points that are known, a TRC leaves the others empty.
+        path: ends with .csv or .trc.
+        up: which axis of the world is up: y, z, or -y of a world that is a camera's space. A CSV is in the axes of the
+            rig whatever is up.
+        hz: frames a second, where the tracks have no times.
+
+    Raises:
+        SettingsError: another suffix or axis, a rate that is not above 0, or the file cannot be written.
+    """
+    writers: dict[str, Callable[[], str]] = {
+        ".csv": lambda: as_csv(tracks, hz),
+        ".trc": lambda: as_trc(tracks, path.name, up, hz),
+    }
+    suffix = path.suffix.lower()
+    if suffix not in writers:
+        raise SettingsError(
+            f"--out {path}: no file of the kind {suffix!r}; end its name with {one_of(suffix, writers)}"
+        )
+    if up not in UP:
+        raise SettingsError(f"up is {up!r}; it must be one of {', '.join(UP)}")
+    if hz is not None and not 0 < hz < 1e6:
+        raise SettingsError(f"hz is {hz!r}; it must be above 0")
+    text = writers[suffix]()
+    part = path.with_name(f".{path.name}.part")
+    try:
+        part.write_text(text, encoding="utf-8", newline="")
+        part.replace(path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise SettingsError(f"--out {path}: {error.strerror}; name a file in a folder that exists") from error
+
+
+def as_csv(tracks: SpaceTracks, hz: float | None = None) -> str:
+    """`COLUMNS`, a row for each point that is known."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    at_s = times(tracks, hz)
+    for i, frame in enumerate(tracks.frames):
+        for p in np.flatnonzero(np.isfinite(tracks.positions[i]).all(axis=-1)):
+            place = [f"{value:.6f}" for value in tracks.positions[i, p]]
+            sd = tracks.sds[i, p]
+            writer.writerow(
+                [
+                    int(frame),
+                    "" if np.isnan(at_s[i]) else f"{at_s[i]:.6f}",
+                    tracks.points[p],
+                    *place,
+                    "" if np.isnan(sd) else f"{sd:.6f}",
+                    int(tracks.views[i, p]),
+                    f"{tracks.residuals_px[i, p]:.3f}",
+                ]
+            )
+    return out.getvalue()
+
+
+def as_trc(tracks: SpaceTracks, name: str, up: str = "y", hz: float | None = None) -> str:
+    """A TRC in metres with Y up.
+
+    Raises:
+        InputError: the tracks have no times, and no rate is given.
+    """
+    at_s = times(tracks, hz)
+    if not np.isfinite(at_s).all() or len(at_s) < 1:
+        raise InputError("a TRC needs times, and the points have none", fix="give the rate of their frames with --hz")
+    rate = hz or (1.0 / float(np.median(np.diff(at_s))) if len(at_s) > 1 else 1.0)
+    count, points = len(at_s), len(tracks.points)
+    rate_text = f"{rate:.6g}"
+    lines = [
+        f"PathFileType\t4\t(X/Y/Z)\t{name}",
+        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
+        f"{rate_text}\t{rate_text}\t{count}\t{points}\tm\t{rate_text}\t{int(tracks.frames[0])}\t{count}",
+        "Frame#\tTime\t" + "\t\t\t".join(tracks.points) + "\t\t",
+        "\t\t" + "\t".join(f"{axis}{p}" for p in range(1, points + 1) for axis in "XYZ"),
+    ]
+    sign = np.array([1.0, -1.0, -1.0]) if up == "-y" else 1.0
+    places = tracks.positions[..., list(UP[up])] * sign
+    for i in range(count):
+        cells = ["" if np.isnan(value) else f"{value:.6f}" for value in places[i].ravel()]
+        lines.append("\t".join([str(int(tracks.frames[i])), f"{at_s[i] - at_s[0]:.6f}", *cells]))
+    return "\n".join(lines) + "\n"
+
+
+def times(tracks: SpaceTracks, hz: float | None) -> Float64:
+    """(frames,) of the tracks, or, with a rate, of their frame numbers [s]."""
+    return tracks.frames / hz if hz is not None else tracks.at_s

@@ -1,0 +1,231 @@
+"""Markers in space from cameras that are not synchronised and read their rows one after the other.
+
+A camera's pixel of a marker is an observation at its own instant: the frame's time, later by the part of the readout
+that its row takes, on the rig's clock. Every marker has an extended Kalman filter of its position and velocity (white
+acceleration: Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and Navigation, 2001, sections 6.2.2
+and 10.3) which takes the pixels of all cameras in the order of their instants: so nothing is triangulated from places
+where the marker was at different times, and a marker that one camera has lost goes on along the other's ray, less and
+less certain. Observations are kept for a while and used anew with each that comes, so that one that comes late is put
+where it belongs.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cache
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import SettingsError, one_of
+from mocapella.geometry.triangulation import Views, views
+from mocapella.model.camera import CameraRig, PlacedCamera
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+MEMORY = 16
+"""Observations of a marker that are kept at most."""
+
+
+class RayState(IntEnum):
+    """How a marker is known."""
+
+    TRACKED = 0
+    """Two cameras or more have seen it lately."""
+    INFERRED = 1
+    """One has, or none; it is where its motion leads."""
+    LOST = 2
+    """It is not known: NaN."""
+
+
+@dataclass(frozen=True)
+class MarkerRaysSettings:
+    """How markers move, and when cameras are believed.
+
+    Attributes:
+        acceleration_density: of the white acceleration [m²/s³].
+        speed_sd: of a new marker's speed along an axis [m/s].
+        gate_sd: a pixel farther from its prediction than so many standard deviations is refused.
+        keep_s: how much later than others an observation may come [s].
+        together_s: a new marker begins with observations of two cameras that are no farther apart in time [s].
+        image_speed_px: by which they may differ then, for each second between them [px/s].
+        least_angle_rad: at which their rays must meet.
+        alone_s: with one camera only for so long, a marker is inferred [s].
+        forget_after_s: seen by none for so long, it is lost [s].
+        largest_sd_m: inferred and less certain than that, it is lost.
+    """
+
+    acceleration_density: float = 20.0
+    speed_sd: float = 2.0
+    gate_sd: float = 5.0
+    keep_s: float = 0.06
+    together_s: float = 0.05
+    image_speed_px: float = 1500.0
+    least_angle_rad: float = math.radians(0.5)
+    alone_s: float = 0.08
+    forget_after_s: float = 0.3
+    largest_sd_m: float = 0.1
+
+    def __post_init__(self) -> None:
+        check(0 < self.acceleration_density < 1e9, "acceleration_density", self.acceleration_density, "above 0 m²/s³")
+        check(0 < self.speed_sd < 1e3, "speed_sd", self.speed_sd, "above 0 m/s")
+        check(0 < self.gate_sd < 1e6, "gate_sd", self.gate_sd, "above 0")
+        check(0 <= self.keep_s < 1e3, "keep_s", self.keep_s, "0 s or more")
+        check(0 <= self.together_s < 1e3, "together_s", self.together_s, "0 s or more")
+        check(0 <= self.image_speed_px < 1e9, "image_speed_px", self.image_speed_px, "0 px/s or more")
+        check(0 <= self.least_angle_rad < math.pi / 2, "least_angle_rad", self.least_angle_rad, "0 to below π/2")
+        check(0 < self.alone_s < 1e3, "alone_s", self.alone_s, "above 0 s")
+        check(0 < self.forget_after_s < 1e3, "forget_after_s", self.forget_after_s, "above 0 s")
+        check(0 < self.largest_sd_m < 1e3, "largest_sd_m", self.largest_sd_m, "above 0 m")
+
+
+class MarkerPoints(msgspec.Struct, frozen=True, eq=False):
+    """Markers at one instant.
+
+    Attributes:
+        at_s: the instant, on the rig's clock [s].
+        points: (points, 3) in the world [m]; NaN where lost.
+        velocities: (points, 3) [m/s].
+        covariances: (points, 3, 3) of the points [m²].
+        states: (points,) a `RayState`.
+    """
+
+    at_s: float
+    points: Float64
+    velocities: Float64
+    covariances: Float64
+    states: NDArray[np.uint8]
+
+
+class RayReport(msgspec.Struct, frozen=True):
+    """What became of the observations so far.
+
+    Attributes:
+        received: with a pixel, an sd and a time.
+        used, refused, late: by the filters; beyond the gate; older than what is kept.
+        begun, forgotten: how often a marker was found, and lost.
+        frames_late: frames of a camera before one that it had sent already.
+    """
+
+    received: int
+    used: int
+    refused: int
+    late: int
+    begun: int
+    forgotten: int
+    frames_late: int
+
+
+class MarkerRays:
+    """The markers of one rig.
+
+    Memory, a row for each marker: ``_states`` (position, velocity) and ``_covariances`` (6, 6) at the instant
+    ``_begins`` (NaN where nothing is known), the observations after it in the order of their times, and when each
+    camera was last believed.
+    """
+
+    def __init__(self, rig: CameraRig, points: int, settings: MarkerRaysSettings | None = None) -> None:
+        self.settings = settings or MarkerRaysSettings()
+        self.rig = rig
+        self._order = list(rig.cameras)
+        self._views = views_of(rig)
+        self._points = points
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything, as if newly made."""
+        n, cameras = self._points, len(self._order)
+        self._states, self._covariances = np.zeros((n, 6)), np.zeros((n, 6, 6))
+        self._begins, self._counts = np.full(n, np.nan), np.zeros(n, dtype=np.int64)
+        self._times, self._cameras = np.zeros((n, MEMORY)), np.zeros((n, MEMORY), dtype=np.int64)
+        self._pixels, self._variances = np.zeros((n, MEMORY, 2)), np.zeros((n, MEMORY))
+        self._used_s, self._refused = np.full((n, cameras), -np.inf), np.zeros(n, dtype=np.int64)
+        self._counted = np.zeros(6, dtype=np.int64)
+        self._frames_late = 0
+        self._newest_s, self._frame_s = -math.inf, np.full(cameras, -np.inf)
+
+    @property
+    def report(self) -> RayReport:
+        """Counts since the last `reset`."""
+        received, used, refused, late, begun, forgotten = map(int, self._counted)
+        return RayReport(received, used, refused, late, begun, forgotten, self._frames_late)
+
+    def update(self, camera: str, pixels: Any, sd_px: Any, at_s: float) -> MarkerPoints:
+        """Take a camera's frame in, and say where the markers are at the newest instant that any camera has seen.
+
+        Args:
+            camera: its name in the rig.
+            pixels: (points, 2) [px] in its picture; NaN where a marker is not seen.
+            sd_px: of a coordinate, a number or (points,) [px].
+            at_s: when its first row was captured, on the camera's clock [s].
+
+        Raises:
+            SettingsError: there is no such camera, or the pixels are of another number of points.
+        """
+        if camera not in self.rig.cameras:
+            raise SettingsError(f"camera {camera!r} is not of the rig; known: {one_of(camera, self._order)}")
+        seen = np.ascontiguousarray(pixels, dtype=np.float64)
+        if seen.shape != (self._points, 2):
+            raise SettingsError(
+                f"pixels of the shape {seen.shape}; there are {self._points} points: ({self._points}, 2)"
+            )
+        k, s = self._order.index(camera), self.settings
+        if at_s <= self._frame_s[k]:
+            self._frames_late += 1
+        self._frame_s[k] = max(self._frame_s[k], at_s)
+        times = captured(self.rig.cameras[camera], seen[:, 1], at_s)
+        variances = np.empty(self._points)
+        variances[:] = np.square(sd_px)
+        _kernels().observe(
+            k, seen, variances, times, *self._arrays, self._views.numbers, self._counted,
+            s.acceleration_density, s.gate_sd, s.keep_s, s.together_s, s.image_speed_px, s.speed_sd,
+            math.sin(s.least_angle_rad) ** 2,
+        )  # fmt: skip
+        there = times[np.isfinite(times)]
+        if len(there):
+            self._newest_s = max(self._newest_s, float(there.max()))
+        return self.at(self._newest_s)
+
+    def at(self, at_s: float) -> MarkerPoints:
+        """Where the markers are at an instant of the rig's clock, of all that was seen."""
+        n, s = self._points, self.settings
+        points, velocities, covariances = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
+        states = np.empty(n, dtype=np.uint8)
+        _kernels().tell(
+            at_s, *self._arrays, self._views.numbers, self._counted,
+            s.acceleration_density, s.gate_sd, s.alone_s, s.forget_after_s, s.largest_sd_m,
+            points, velocities, covariances, states,
+        )  # fmt: skip
+        return MarkerPoints(at_s, points, velocities, covariances, states)
+
+    @property
+    def _arrays(self) -> tuple[Any, ...]:
+        return (
+            self._states, self._covariances, self._begins, self._counts, self._times, self._cameras, self._pixels,
+            self._variances, self._used_s, self._refused,
+        )  # fmt: skip
+
+
+def captured(camera: PlacedCamera, rows_px: Any, at_s: float) -> Float64:
+    """When rows (...,) [px] of a frame were captured, on the rig's clock [s]; ``at_s`` is of the first, on its own."""
+    height = camera.camera.size_px[1]
+    rows = np.asarray(rows_px, dtype=np.float64)
+    return np.asarray(at_s - camera.clock_s + rows * (camera.camera.readout_s / max(height - 1, 1)))
+
+
+def views_of(rig: CameraRig) -> Views:
+    """The cameras of a rig as `geometry.triangulation` takes them, in its order."""
+    cameras = list(rig.cameras.values())
+    return views([c.camera.lens for c in cameras], [c.T_camera_world for c in cameras])
+
+
+@cache
+def _kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.fusion import ray_kernels
+
+    return ray_kernels

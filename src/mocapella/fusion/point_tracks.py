@@ -1,0 +1,131 @@
+"""What cameras saw of named points becomes points in space, frame by frame, by a chosen method."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import one_of
+from mocapella.geometry.triangulation import PointState, Triangulated, TriangulationSettings, triangulate, views
+from mocapella.geometry.weighted_linear import WeightedLinearSettings, weighted_linear
+from mocapella.model.camera import CameraRig
+from mocapella.model.point_tracks import SpaceTracks, ViewedTracks, match_cameras
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+
+METHODS: Final = {
+    "robust": "least squares of the distorted pixels; of cameras that disagree, those that agree best",
+    "weighted-linear": "linear, weighted by confidence; cameras are dropped until the mean error is small",
+    "linear": "linear, weighted by confidence, of all cameras; no point where the mean error is large",
+}
+
+
+@dataclass(frozen=True)
+class TracksSettings:
+    """How points become one.
+
+    Attributes:
+        method: of `METHODS`.
+        sd_px: of a coordinate of a detection whose confidence is 1; for others it is divided by the confidence's root.
+            Of the method robust.
+        gate_sd: see `TriangulationSettings`.
+        least_confidence: a detection is used where its confidence is above that.
+        largest_error_px: see `WeightedLinearSettings`; of the two linear methods.
+    """
+
+    method: str = "robust"
+    sd_px: float = 3.0
+    gate_sd: float = 4.0
+    least_confidence: float = 0.3
+    largest_error_px: float = 15.0
+
+    def __post_init__(self) -> None:
+        check(self.method in METHODS, "method", self.method, f"one of {one_of(self.method, METHODS)}")
+        check(0 < self.sd_px < 1e6, "sd_px", self.sd_px, "above 0 px")
+        TriangulationSettings(gate_sd=self.gate_sd)
+        WeightedLinearSettings(self.least_confidence, self.largest_error_px)
+
+
+class TracksReport(msgspec.Struct, frozen=True):
+    """What became of the points.
+
+    Attributes:
+        frames, points: how many, and of how many names.
+        counted: of frames × points, how many came to each `PointState`, by its name in lower case.
+        residual_px: root mean square over the cameras that were used.
+        cameras: for each of the rig's names, what is said of it.
+    """
+
+    frames: int
+    points: int
+    counted: Mapping[str, int]
+    residual_px: float
+    cameras: Mapping[str, CameraReport]
+
+
+class CameraReport(msgspec.Struct, frozen=True):
+    """A camera's part in it.
+
+    Attributes:
+        seen: detections that are confident enough, of points that became one.
+        rejected_share: of these, that did not agree.
+        residual_px: root mean square of those that did.
+    """
+
+    seen: int
+    rejected_share: float
+    residual_px: float
+
+
+def triangulate_tracks(
+    tracks: ViewedTracks, rig: CameraRig, settings: TracksSettings | None = None
+) -> tuple[SpaceTracks, TracksReport]:
+    """Points in the world of the rig.
+
+    Raises:
+        InputError: the rig has no such camera.
+    """
+    s = settings or TracksSettings()
+    names = match_cameras(tracks.cameras, rig.cameras)
+    placed = [rig.cameras[name] for name in names]
+    lenses, T = np.array([c.camera.lens for c in placed]), np.array([c.T_camera_world for c in placed])
+    pixels, confidences = np.moveaxis(tracks.pixels, 1, 2), np.moveaxis(tracks.confidences, 1, 2)
+    confident = (confidences > s.least_confidence) & np.isfinite(pixels).all(axis=-1)
+    if s.method == "robust":
+        sd = np.where(confident, s.sd_px / np.sqrt(np.maximum(confidences, 1e-9)), np.nan)
+        found = triangulate(pixels, views(lenses, T), sd, TriangulationSettings(gate_sd=s.gate_sd))
+    else:
+        linear = WeightedLinearSettings(s.least_confidence, s.largest_error_px, s.method == "weighted-linear")
+        found = weighted_linear(pixels, confidences, lenses, T, linear)
+    clocks = np.array([c.clock_s for c in placed])
+    at_s = np.array(
+        [np.median(row[there]) if (there := np.isfinite(row)).any() else np.nan for row in tracks.at_s - clocks]
+    )
+    squares = np.where(found.used, found.residuals_px**2, 0.0)
+    count = found.used.sum(axis=-1)
+    with np.errstate(invalid="ignore"):
+        residuals = np.sqrt(squares.sum(axis=-1) / np.where(count > 0, count, np.nan))
+        sds = np.sqrt(np.trace(found.covariances, axis1=-2, axis2=-1) / 3.0)
+    space = SpaceTracks(tracks.points, tracks.frames, at_s, found.points, sds, residuals, count, found.states)
+    return space, _report(found, confident, names)
+
+
+def _report(found: Triangulated, confident: NDArray[np.bool_], names: list[str]) -> TracksReport:
+    good = found.states == PointState.SEEN
+    cameras = {}
+    for k, name in enumerate(names):
+        seen, used = confident[..., k] & good, found.used[..., k]
+        share = float(1.0 - used.sum() / seen.sum()) if seen.any() else 0.0
+        cameras[name] = CameraReport(int(seen.sum()), share, _rms(found.residuals_px[..., k][used]))
+    counted = {state.name.lower(): int((found.states == state).sum()) for state in PointState}
+    return TracksReport(len(good), good.shape[1], counted, _rms(found.residuals_px[found.used]), cameras)
+
+
+def _rms(values: Float64) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0

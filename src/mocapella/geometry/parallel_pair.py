@@ -1,0 +1,188 @@
+"""Depth from two parallel cameras: the formula of a pinhole pair, and a correction fitted to measured distances.
+
+D = B·x₀ / (2·tan(φ₀/2)·(X_L − X_R)), with the baseline B, the width of the picture x₀ [px] and its view angle φ₀
+(Mrovlje, Vrančić: Distance measuring based on stereoscopic pictures, 9th International PhD Workshop on Systems and
+Control, 2008, section 2). *Disparity* here is a positive number: the column [px] in the right picture minus that in
+the left one, left and right as somebody says who stands before the cameras. Where it is negative, they are swapped.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import InputError
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ParallelPair:
+    """Two equal cameras, side by side, which look the same way.
+
+    Attributes:
+        baseline_m: from one centre to the other [m].
+        width_px: of the picture.
+        view_angle_rad: of the whole width.
+    """
+
+    baseline_m: float
+    width_px: float
+    view_angle_rad: float
+
+    def __post_init__(self) -> None:
+        check(0 < self.baseline_m < 1e3, "baseline_m", self.baseline_m, "above 0 m")
+        check(0 < self.width_px < 1e6, "width_px", self.width_px, "above 0 px")
+        check(0 < self.view_angle_rad < math.pi, "view_angle_rad", self.view_angle_rad, "between 0 and π")
+
+    @property
+    def focal_px(self) -> float:
+        """x₀ / (2·tan(φ₀/2)) [px]."""
+        return self.width_px / (2.0 * math.tan(self.view_angle_rad / 2.0))
+
+    def depth(self, disparity_px: Any) -> Float64:
+        """(...,) [m] of disparities (...,) [px]; NaN where one is 0 or less, see `swapped`."""
+        disparity = np.asarray(disparity_px, dtype=np.float64)
+        return self.baseline_m * self.focal_px / np.where(disparity > 0, disparity, np.nan)
+
+    def disparity(self, depth_m: Any) -> Float64:
+        """(...,) [px] of depths (...,) [m]."""
+        return self.baseline_m * self.focal_px / np.asarray(depth_m, dtype=np.float64)
+
+    def expected_error(self, depth_m: Any, pixels: float = 1.0) -> Float64:
+        """ΔD = D²/B·tan Δφ (...,) [m], where Δφ is the view angle of so many pixels, φ₀/x₀ each (section 2 there)."""
+        angle = pixels * self.view_angle_rad / self.width_px
+        return np.asarray(depth_m, dtype=np.float64) ** 2 / self.baseline_m * math.tan(angle)
+
+    def points(self, one: Any, other: Any, depth_m: Any, height_px: float) -> Float64:
+        """Points midway between the cameras' centres.
+
+        Args:
+            one, other: (..., 2) [px] in the two rectified pictures; the order does not matter.
+            depth_m: (...,), of whichever method.
+            height_px: of the picture.
+
+        Returns:
+            (..., 3) [m] in the space of a camera in the middle: x right, y down, z out of the lens.
+        """
+        middle = (np.asarray(one, dtype=np.float64) + np.asarray(other, dtype=np.float64)) / 2.0
+        depth = np.asarray(depth_m, dtype=np.float64)[..., None]
+        centre = np.array([(self.width_px - 1.0) / 2.0, (height_px - 1.0) / 2.0])
+        return np.concatenate([(middle - centre) / self.focal_px * depth, depth], axis=-1)
+
+
+def view_angle_of(depth_m: Any, disparity_px: Any, baseline_m: float, width_px: float) -> float:
+    """The view angle [rad] with which the formula gives these depths (rows,) of these disparities, in the median."""
+    focal = np.median(np.asarray(depth_m) * np.asarray(disparity_px)) / baseline_m
+    return 2.0 * math.atan(width_px / (2.0 * float(focal)))
+
+
+class PowerLaw(msgspec.Struct, frozen=True):
+    """D = k·xᶻ of a disparity x [px].
+
+    Attributes:
+        k_cm: the distance at one pixel of disparity [cm], as it is usually written down.
+        z: the exponent; −1 of ideal cameras.
+    """
+
+    k_cm: float
+    z: float
+
+    def depth(self, disparity_px: Any) -> Float64:
+        """(...,) [m] of disparities (...,) [px]; NaN where one is 0 or less."""
+        disparity = np.asarray(disparity_px, dtype=np.float64)
+        return np.asarray(0.01 * self.k_cm * np.where(disparity > 0, disparity, np.nan) ** self.z)
+
+    def expected_error(self, disparity_px: Any, pixels: float = 1.0) -> Float64:
+        """(...,) [m] that so many pixels of disparity make of the depth, |∂D/∂x|."""
+        disparity = np.asarray(disparity_px, dtype=np.float64)
+        return np.asarray(np.abs(self.z * self.depth(disparity) / disparity) * pixels)
+
+
+def fit(depth_m: Any, disparity_px: Any) -> PowerLaw:
+    """k and z of measured distances: a straight line in logarithms, least squares.
+
+    Args:
+        depth_m: (rows,) measured with a ruler [m].
+        disparity_px: (rows,) [px].
+
+    Raises:
+        InputError: fewer than three distances, one that is not positive, cameras swapped (negative disparities), or
+            disparities that do not differ.
+    """
+    depth, disparity = np.asarray(depth_m, dtype=np.float64), np.asarray(disparity_px, dtype=np.float64)
+    if len(depth) < 3:
+        raise InputError(f"{len(depth)} rows", fix="measure three distances or more")
+    for row, value in enumerate(depth, start=1):
+        if not 0 < value < math.inf:
+            raise InputError("not a distance", row=row, value=float(value), fix="give a number above 0")
+    if swapped(disparity):
+        raise InputError(
+            "most disparities are negative: the cameras are swapped",
+            value=float(np.median(disparity)),
+            fix="exchange left and right",
+        )
+    for row, value in enumerate(disparity, start=1):
+        if not 0 < value < math.inf:
+            raise InputError("not a disparity", row=row, value=float(value), fix="give pixels above 0")
+    x, y = np.log(disparity), np.log(100.0 * depth)
+    spread = x - x.mean()
+    if not (spread**2).sum() > 1e-9:
+        raise InputError("all disparities are alike", fix="measure at distances that differ")
+    z = float((spread * y).sum() / (spread**2).sum())
+    return PowerLaw(float(np.exp(y.mean() - z * x.mean())), z)
+
+
+def swapped(disparity_px: Any) -> bool:
+    """Whether most of the disparities that are there are negative: the cameras are called by each other's name."""
+    disparity = np.asarray(disparity_px, dtype=np.float64)
+    there = disparity[np.isfinite(disparity)]
+    return bool((there < 0).sum() > 0.5 * len(there)) if len(there) else False
+
+
+class DistanceTable(msgspec.Struct, frozen=True, eq=False):
+    """Measured distances beside what the pair makes of them.
+
+    Attributes:
+        law: fitted.
+        measured_m, disparity_px: (rows,).
+        calculated_m: by the formula.
+        corrected_m: by the law.
+        expected_error_m: of one pixel.
+    """
+
+    law: PowerLaw
+    measured_m: Float64
+    disparity_px: Float64
+    calculated_m: Float64
+    corrected_m: Float64
+    expected_error_m: Float64
+
+    @property
+    def mean_error(self) -> float:
+        """Mean of |calculated − measured| / measured."""
+        return float(np.mean(np.abs(self.calculated_m - self.measured_m) / self.measured_m))
+
+    @property
+    def corrected_mean_error(self) -> float:
+        """Mean of |corrected − measured| / measured."""
+        return float(np.mean(np.abs(self.corrected_m - self.measured_m) / self.measured_m))
+
+    def rows_cm(self) -> Float64:
+        """(rows, 5): measured [cm], disparity [px], calculated, corrected and expected error [cm]."""
+        lengths = (self.calculated_m, self.corrected_m, self.expected_error_m)
+        return np.stack([100 * self.measured_m, self.disparity_px, *(100 * length for length in lengths)], axis=-1)
+
+
+def distance_table(depth_m: Any, disparity_px: Any, pair: ParallelPair) -> DistanceTable:
+    """Fit a law and compare; raises as `fit`."""
+    law = fit(depth_m, disparity_px)
+    depth, disparity = np.asarray(depth_m, dtype=np.float64), np.asarray(disparity_px, dtype=np.float64)
+    error = pair.expected_error(depth)
+    return DistanceTable(law, depth, disparity, pair.depth(disparity), law.depth(disparity), error)

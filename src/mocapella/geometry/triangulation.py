@@ -1,0 +1,153 @@
+"""Where points are that several cameras see, how sure that is, and which cameras agree.
+
+Of the pixels of two cameras or more, the point is the one whose distorted projections are nearest to them in the
+least squares of their standard deviations (Hartley, Zisserman: Multiple View Geometry, 2nd ed. 2004, sections 12.2 and
+12.4 for start and cost; A6.1 for Gauss–Newton). Where not all of the cameras agree with it, every pair of them is
+tried, and the point is that with the least truncated error; the number of cameras is small, so nothing is drawn at
+random and the same pixels give the same point to the bit.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cache
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry.lens import farthest_r2
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+VIEW_NUMBERS = 25
+
+
+class PointState(IntEnum):
+    """What came of a point; all but `SEEN` have NaN for it."""
+
+    SEEN = 0
+    """Two cameras or more agree."""
+    ONE_VIEW = 1
+    """Seen by one camera only, or by none."""
+    PARALLEL = 2
+    """The rays are so nearly parallel that the depth would be a guess."""
+    BEHIND = 3
+    """The rays meet behind a camera."""
+    INCONSISTENT = 4
+    """No two cameras agree within the gate."""
+
+
+@dataclass(frozen=True)
+class TriangulationSettings:
+    """Who agrees with whom.
+
+    Attributes:
+        gate_sd: a camera whose pixel is farther from the projection than so many of its standard deviations is not
+            used; of correct ones with Gaussian errors that is one in 3,000 at 4. Infinity uses every camera.
+        least_angle_rad: at which two of the rays must meet.
+    """
+
+    gate_sd: float = 4.0
+    least_angle_rad: float = math.radians(0.5)
+
+    def __post_init__(self) -> None:
+        check(self.gate_sd > 0, "gate_sd", self.gate_sd, "above 0")
+        check(0 <= self.least_angle_rad < math.pi / 2, "least_angle_rad", self.least_angle_rad, "0 to below π/2")
+
+
+class Views(msgspec.Struct, frozen=True, eq=False):
+    """Cameras as the kernels take them; made once for a rig by `views`.
+
+    Attributes:
+        numbers: (views, 25): the lens (9), `lens.farthest_r2`, R_camera_world by rows (9), the translation (3), the
+            centre in the world (3).
+    """
+
+    numbers: Float64
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+
+class Triangulated(msgspec.Struct, frozen=True, eq=False):
+    """Points, and how they came about.
+
+    Attributes:
+        points: (..., 3) in the world [m]; NaN where the state is not `PointState.SEEN`.
+        covariances: (..., 3, 3) [m²], of the standard deviations that were given; NaN as the points.
+        residuals_px: (..., views) from the pixel to the projection, also of cameras that were not used; infinite where
+            the point is not in front of a camera, NaN where it is not seen.
+        used: (..., views) whether the camera agreed.
+        states: (...,) a `PointState`.
+    """
+
+    points: Float64
+    covariances: Float64
+    residuals_px: Float64
+    used: NDArray[np.bool_]
+    states: NDArray[np.uint8]
+
+
+def views(lenses: Any, T_camera_world: Any) -> Views:
+    """Cameras of a rig.
+
+    Args:
+        lenses: (views, 9) of `mocapella.geometry.lens`.
+        T_camera_world: (views, 4, 4).
+    """
+    lenses, T = np.asarray(lenses, dtype=np.float64), np.asarray(T_camera_world, dtype=np.float64)
+    numbers = np.empty((len(lenses), VIEW_NUMBERS))
+    numbers[:, :9] = lenses
+    numbers[:, 9] = [farthest_r2(lens) for lens in lenses]
+    numbers[:, 10:19] = T[:, :3, :3].reshape(-1, 9)
+    numbers[:, 19:22] = T[:, :3, 3]
+    numbers[:, 22:] = -np.einsum("vij,vi->vj", T[:, :3, :3], T[:, :3, 3])
+    return Views(numbers)
+
+
+DEFAULT = TriangulationSettings()
+
+
+def triangulate(
+    pixels: Any, cameras: Views, sd_px: Any = 1.0, settings: TriangulationSettings = DEFAULT
+) -> Triangulated:
+    """Points from where cameras see them at one instant.
+
+    Args:
+        pixels: (..., views, 2) [px]; NaN where a camera does not see the point.
+        cameras: of `views`.
+        sd_px: standard deviation of a pixel's coordinates [px], broadcast to (..., views); a camera whose sd is NaN or
+            infinite is not used.
+        settings: see there.
+    """
+    pixels = np.ascontiguousarray(pixels, dtype=np.float64)
+    batch, count = pixels.shape[:-2], len(cameras.numbers)
+    flat = pixels.reshape(-1, count, 2)
+    sd = np.empty((len(flat), count))
+    sd.reshape(*batch, count)[...] = sd_px
+    points, covariances = np.empty((len(flat), 3)), np.empty((len(flat), 3, 3))
+    residuals, used = np.empty((len(flat), count)), np.empty((len(flat), count), dtype=np.bool_)
+    states = np.empty(len(flat), dtype=np.uint8)
+    _kernels().triangulate(
+        cameras.numbers, flat, sd, settings.gate_sd, math.sin(settings.least_angle_rad) ** 2,
+        points, covariances, residuals, used, states,
+    )  # fmt: skip
+    return Triangulated(
+        points.reshape(*batch, 3),
+        covariances.reshape(*batch, 3, 3),
+        residuals.reshape(*batch, count),
+        used.reshape(*batch, count),
+        states.reshape(batch),
+    )
+
+
+@cache
+def _kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.geometry import triangulation_kernels
+
+    return triangulation_kernels

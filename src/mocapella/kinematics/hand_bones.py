@@ -1,0 +1,359 @@
+"""A person's bones from a short gesture: least squares over all instants, with the proportions of hands as a prior.
+
+With three or more markers on the base, so that the palm's place is measured at every instant, somebody shows
+
+- ``flat``: the flat hand, fingers straight and along the palm;
+- ``knuckles``: straight fingers that bend at the knuckles, forth and back, as far as they go;
+- ``hook``: knuckles straight, fingers that curl and open.
+
+A fingertip then moves on an arc around its knuckle, whose radius is the length of the finger, and on a curl that tells
+how it is divided. The thumb's first joint turns by some 50° only, too little for an arc to tell its length: it keeps its
+proportion to the fingers, and says so in its uncertainty. Nobody holds a joint quite straight: how far each was bent meanwhile is estimated, too, and its
+uncertainty is part of that of the lengths.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final, Literal, get_args
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import InputError
+from mocapella.geometry.alignment import align, cross_matrix, moments
+from mocapella.geometry.rigid import apply, inverse
+from mocapella.model.hand import DIGITS, HandModel, HandShape
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+GesturePhase = Literal["flat", "knuckles", "hook"]
+PHASES: Final[tuple[str, ...]] = get_args(GesturePhase)
+
+_SHARED: Final = 8  # three lengths, the base's place, flexions that were held: of the first and of the second joint
+_FREE_DEG: Final = 1000.0
+"""Standard deviation of an angle that the phase leaves free. Were it that of hands, all instants together would claim to
+know how far the joint moved on average, which lengthens the bones."""
+
+
+@dataclass(frozen=True)
+class BonesSettings:
+    """What is taken for known, and what is asked of a gesture.
+
+    Attributes:
+        length_sd: of a bone's length around that of the start, as a part of it.
+        base_sd_m: of a coordinate of a digit's first joint around that of the start.
+        held_sd_deg: how far a joint that is to be straight is bent throughout.
+        unsteady_sd_deg: how it varies meanwhile.
+        thumb_sd: of the thumb's bones in proportion to the fingers, as a part of them, all alike.
+        least_frames: of each phase, with the base and the finger seen.
+        least_knuckles_deg, least_hook_deg: by which the first and the second joint of each finger are to move.
+        most_finger_sd_m: of the length of a whole finger.
+        most_iterations: of the fit.
+    """
+
+    length_sd: float = 0.15
+    base_sd_m: float = 0.008
+    held_sd_deg: float = 4.0
+    unsteady_sd_deg: float = 1.0
+    thumb_sd: float = 0.08
+    least_frames: int = 20
+    least_knuckles_deg: float = 40.0
+    least_hook_deg: float = 50.0
+    most_finger_sd_m: float = 0.005
+    most_iterations: int = 40
+
+    def __post_init__(self) -> None:
+        for name in ("length_sd", "thumb_sd"):
+            check(0 < getattr(self, name) < 1, name, getattr(self, name), "between 0 and 1")
+        for name in ("base_sd_m", "most_finger_sd_m"):
+            check(0 < getattr(self, name) < 0.1, name, getattr(self, name), "above 0, below 0.1 m")
+        for name in ("held_sd_deg", "unsteady_sd_deg"):
+            check(0 < getattr(self, name) < 90, name, getattr(self, name), "above 0, below 90")
+        for name in ("least_knuckles_deg", "least_hook_deg"):
+            check(0 <= getattr(self, name) < 90, name, getattr(self, name), "0 or more, below 90")
+        check(self.least_frames >= 3, "least_frames", self.least_frames, "3 or more")
+        check(1 <= self.most_iterations <= 1000, "most_iterations", self.most_iterations, "1 to 1000")
+
+
+class Bones(msgspec.Struct, frozen=True, eq=False):
+    """A measured hand.
+
+    Attributes:
+        shape: the hand, with the standard deviations of its lengths.
+        base_markers: (k, 3) where the base's markers are on it, as `HandTracker` wants them [m].
+        finger_sd_m: (5,) of the digits' whole lengths.
+        knuckles_deg, hook_deg: (4,) by how much the fingers' first and second joints moved.
+        frames: (4,) how many instants counted for each finger.
+        residual_m: root mean square distance of the tips from the hand.
+    """
+
+    shape: HandShape
+    base_markers: Float64
+    finger_sd_m: Float64
+    knuckles_deg: Float64
+    hook_deg: Float64
+    frames: NDArray[np.int64]
+    residual_m: float
+
+
+def measure_bones(
+    model: HandModel,
+    start: HandShape,
+    base_markers: Any,
+    points: Any,
+    phases: Any,
+    *,
+    sd_m: float = 0.001,
+    settings: BonesSettings | None = None,
+) -> Bones:
+    """Measure a hand from the gesture.
+
+    Args:
+        model: its proportions and couplings.
+        start: a hand of about that size: whose, which hand, and the prior's lengths and places.
+        base_markers: (k, 3), k ≥ 3, about where the base's markers are, as `HandTracker` wants them [m]. Together with
+            them the palm's frame is defined.
+        points: (n, 5 + k, 3) fingertips and the base's markers [m]; NaN where one is not seen.
+        phases: (n,) which of `PHASES` was shown.
+        sd_m: standard deviation of a coordinate of a marker [m].
+        settings: the defaults where not given.
+
+    Raises:
+        InputError: arrays of another shape, too few base markers, or a gesture that does not tell; says which finger,
+            and what to do.
+    """
+    s = settings or BonesSettings()
+    check(0 < sd_m < 0.1, "sd_m", sd_m, "above 0, below 0.1 m")
+    points, layout, names = _checked(points, base_markers, phases)
+    layout, tips = _in_palm(points, layout, start, s)
+    fits = [
+        _DigitFit(model, start, digit, tips[:, digit], _whitening(tips[:, digit], layout, sd_m), names, s)
+        for digit in range(1, 5)
+    ]
+    for fit in fits:
+        fit.run()
+        fit.refuse_what_does_not_tell()
+    scale = np.mean([fit.shared[:3].sum() for fit in fits]) / start.lengths[1:].sum(axis=1).mean()
+    thumb = scale * start.lengths[0]
+    covariances = [np.outer(s.thumb_sd * thumb, s.thumb_sd * thumb), *(fit.covariance[:3, :3] for fit in fits)]
+    shape = HandShape(
+        start.handedness,
+        np.array([thumb, *(fit.shared[:3] for fit in fits)]),
+        np.array([scale * start.bases[0], *(fit.shared[3:6] for fit in fits)]),
+        start.person,
+        np.sqrt(np.array([np.diag(C) for C in covariances])),
+    )
+    residuals = np.concatenate([fit.residuals() for fit in fits])
+    return Bones(
+        shape=shape,
+        base_markers=layout,
+        finger_sd_m=np.sqrt([C.sum() for C in covariances]),
+        knuckles_deg=np.array([fit.moved("knuckles", 0) for fit in fits]),
+        hook_deg=np.array([fit.moved("hook", 2) for fit in fits]),
+        frames=np.array([len(fit.angles) for fit in fits]),
+        residual_m=float(np.sqrt((residuals**2).sum(axis=-1).mean())),
+    )
+
+
+def _checked(points: Any, base_markers: Any, phases: Any) -> tuple[Float64, Float64, NDArray[np.str_]]:
+    points, layout = np.asarray(points, dtype=np.float64), np.asarray(base_markers, dtype=np.float64)
+    names = np.asarray(phases, dtype=np.str_)
+    if layout.ndim != 2 or layout.shape[1:] != (3,) or len(layout) < 3 or not np.isfinite(layout).all():
+        fix = "put three or more markers on the back of the hand for the gesture; one is enough afterwards"
+        raise InputError("do not tell how the palm lies", field="base_markers", value=layout.shape, fix=fix)
+    wanted = (len(names), 5 + len(layout), 3)
+    if names.ndim != 1 or points.shape != wanted:
+        fix = f"give {wanted}: instants, five fingertips and {len(layout)} of the base"
+        raise InputError("are no markers of this hand", field="points", value=points.shape, fix=fix)
+    for name in np.unique(names):
+        if name not in PHASES:
+            fix = "take one of " + ", ".join(PHASES)
+            raise InputError("is no part of the gesture", field="phases", value=str(name), fix=fix)
+    return np.where(np.isfinite(points).all(axis=-1)[..., None], points, np.nan), layout, names
+
+
+def _in_palm(points: Float64, layout: Float64, start: HandShape, s: BonesSettings) -> tuple[Float64, Float64]:
+    """The base's markers as they lie together, and (n, 5, 3) the tips in the palm's frame of a right hand."""
+    base = points[:, 5:] * start.mirror
+    whole = np.isfinite(base).all(axis=(1, 2))
+    if whole.sum() < s.least_frames:
+        fix = f"show all markers of the base in {s.least_frames} instants or more"
+        raise InputError("is seen too rarely", field="base", value=int(whole.sum()), fix=fix)
+    mean = layout
+    for _ in range(5):
+        T = align(moments(mean, base[whole]))
+        mean = np.asarray(apply(T, base[whole]).mean(axis=0))
+    mean = apply(align(moments(layout, mean)), mean)
+    if np.linalg.svd(mean - mean.mean(axis=0), compute_uv=False)[1] < 0.005:
+        fix = "put them apart in two directions, such as on the wrist and on two knuckles"
+        raise InputError("lie in a line", field="base_markers", fix=fix)
+    T = np.full((len(points), 4, 4), np.nan)
+    T[whole] = align(moments(mean, base[whole]))
+    return mean, apply(T, points[:, :5] * start.mirror)
+
+
+def _whitening(tips: Float64, layout: Float64, sd_m: float) -> Float64:
+    """(n, 3, 3) what makes a tip's error of unit variance: its own noise, and that of the palm it is told in.
+
+    The palm comes from the base's markers, of the same noise; a small turn of it moves a tip by the lever between.
+    """
+    H = np.zeros((6, 6))
+    for x in layout:
+        J = np.concatenate([np.eye(3), -cross_matrix(x)], axis=1)
+        H += J.T @ J
+    J = np.concatenate([np.broadcast_to(np.eye(3), (len(tips), 3, 3)), -cross_matrix(np.nan_to_num(tips))], axis=-1)
+    covariances = sd_m**2 * (np.eye(3) + J @ np.linalg.inv(H) @ np.swapaxes(J, 1, 2))
+    return np.linalg.inv(np.linalg.cholesky(covariances))
+
+
+class _DigitFit:
+    """One digit: what all instants share, and its angles (f, a, m, b) at each."""
+
+    def __init__(
+        self,
+        model: HandModel,
+        start: HandShape,
+        digit: int,
+        tips: Float64,
+        whitening: Float64,
+        names: NDArray[np.str_],
+        s: BonesSettings,
+    ) -> None:
+        seen = np.isfinite(tips).all(axis=-1)
+        self.name, self.s, self.whitening = DIGITS[digit], s, whitening[seen]
+        self.frame, self.ratio = model.frames[digit], float(model.coupling[digit])
+        self.tips, self.names = tips[seen], names[seen]
+        self.prior = np.concatenate([start.lengths[digit], start.bases[digit], [0.0, 0.0]])
+        held = np.radians(s.held_sd_deg)
+        self.prior_sd = np.concatenate([s.length_sd * start.lengths[digit], [s.base_sd_m] * 3, [held, held]])
+        self.shared = self.prior.copy()
+        is_hook, is_flat = self.names == "hook", self.names == "flat"
+        unsteady, free = np.radians(s.unsteady_sd_deg), np.radians(_FREE_DEG)
+        # Standard deviations of the angles around what is held, and whether it is.
+        self.holds_first = is_hook | is_flat
+        self.holds_second = ~is_hook
+        self.first_sd = np.where(self.holds_first, unsteady, free)
+        self.second_sd = np.where(self.holds_second, unsteady, free)
+        self.last_sd = np.full(len(self.names), np.radians(0.1))  # the coupling is believed
+        self.angles = np.zeros((len(self.names), 4))
+        self.angles[:, 0] = np.where(self.names == "knuckles", 0.7, 0.0)
+        self.angles[:, 2] = np.where(is_hook, 0.8, 0.0)
+        self.angles[:, 3] = self.ratio * self.angles[:, 2]
+        self.covariance = np.diag(self.prior_sd**2)
+
+    def run(self) -> None:
+        """Levenberg's and Marquardt's method; the angles of each instant are eliminated (Schur's complement)."""
+        damping, cost = 1e-3, self._cost(self.shared, self.angles)
+        for _ in range(self.s.most_iterations):
+            A, B, C, gs, gf = self._equations()
+            damped = C + damping * np.einsum("nij,ij->nij", C, np.eye(4))
+            CB = np.linalg.solve(damped, np.swapaxes(B, 1, 2))
+            Cg = np.linalg.solve(damped, gf[..., None])[..., 0]
+            S = A + damping * np.diag(np.diag(A)) - np.einsum("nij,njk->ik", B, CB)
+            step = np.linalg.solve(S, gs - np.einsum("nij,nj->i", B, Cg))
+            turns = Cg - np.einsum("nij,j->ni", CB, step)
+            shared, angles = self.shared + step, self.angles + np.clip(turns, -0.5, 0.5)
+            there = self._cost(shared, angles)
+            if there < cost and (shared[:3] > 0).all():
+                gained, cost, self.shared, self.angles = cost - there, there, shared, angles
+                damping = max(0.2 * damping, 1e-9)
+                if gained < 1e-8 * (1.0 + cost):
+                    break
+            else:
+                damping *= 5.0
+                if damping > 1e8:
+                    break
+        A, B, C, _, _ = self._equations()
+        self.covariance = np.linalg.inv(A - np.einsum("nij,njk->ik", B, np.linalg.solve(C, np.swapaxes(B, 1, 2))))
+
+    def residuals(self) -> Float64:
+        """(n, 3) tips from where they would be [m]."""
+        return self.tips - self._tips(self.shared, self.angles)[0]
+
+    def moved(self, phase: str, angle: int) -> float:
+        """By how much an angle moved in a phase [degrees], a tenth of the instants left out."""
+        values = self.angles[self.names == phase, angle]
+        if len(values) == 0:
+            return 0.0
+        low, high = np.quantile(values, [0.05, 0.95])
+        return float(np.degrees(high - low))
+
+    def refuse_what_does_not_tell(self) -> None:
+        """Raise an `InputError` that says what to do, unless the gesture determines this finger."""
+        s = self.s
+        for phase in PHASES:
+            count = int((self.names == phase).sum())
+            if count < s.least_frames:
+                fix = f"show its tip and the base in {s.least_frames} instants or more of it"
+                raise InputError(f"is seen too rarely in the part {phase!r}", field=self.name, value=count, fix=fix)
+        for phase, angle, least, what in (
+            ("knuckles", 0, s.least_knuckles_deg, "bend the straight finger at the knuckle"),
+            ("hook", 2, s.least_hook_deg, "keep the knuckle straight and curl the finger"),
+        ):
+            moved = self.moved(phase, angle)
+            if moved < least:
+                fix = f"{what} by {least:g}° or more, forth and back"
+                problem = f"moves by {moved:.0f}° only in the part {phase!r}"
+                raise InputError(problem, field=self.name, fix=fix)
+        sd = float(np.sqrt(self.covariance[:3, :3].sum()))
+        if sd > s.most_finger_sd_m:
+            fix = "repeat the gesture slowly, farther, and with markers that are steadier"
+            raise InputError(f"is known to {1000 * sd:.1f} mm only", field=self.name, fix=fix)
+
+    def _tips(self, shared: Float64, angles: Float64) -> tuple[Float64, Float64, Float64]:
+        """(n, 3) tips, and their derivatives by lengths, base and held angles (n, 3, 8) and by the angles (n, 3, 4)."""
+        f, a = angles[:, 0], angles[:, 1]
+        along = np.cumsum(np.stack([f, angles[:, 2], angles[:, 3]], axis=-1), axis=-1)
+        u, w = np.cos(along) * shared[:3], np.sin(along) * shared[:3]
+        sine, cosine = np.sin(a), np.cos(a)
+
+        def world(u: Float64, w: Float64) -> Float64:
+            return np.asarray(np.stack([u * sine, -w, u * cosine], axis=-1) @ self.frame.T)
+
+        by_shared = np.zeros((len(angles), 3, _SHARED))
+        by_angles = np.empty((len(angles), 3, 4))
+        for k in range(3):
+            by_shared[:, :, k] = world(np.cos(along[:, k]), np.sin(along[:, k]))
+        by_shared[:, :, 3:6] = np.eye(3)
+        U, W = u.sum(axis=-1), w.sum(axis=-1)
+        by_angles[:, :, 1] = np.stack([U * cosine, np.zeros_like(U), -U * sine], axis=-1) @ self.frame.T
+        for angle, first in ((0, 0), (2, 1), (3, 2)):
+            by_angles[:, :, angle] = world(-w[:, first:].sum(axis=-1), u[:, first:].sum(axis=-1))
+        return shared[3:6] + world(U, W), by_shared, by_angles
+
+    def _expected(self, shared: Float64, angles: Float64) -> tuple[Float64, Float64]:
+        """(n, 4) how far the angles are from what the phase asks for, over (n, 4) the standard deviations."""
+        first = angles[:, 0] - np.where(self.holds_first, shared[6], 0.0)
+        second = angles[:, 2] - np.where(self.holds_second, shared[7], 0.0)
+        last = angles[:, 3] - self.ratio * angles[:, 2]
+        sd = np.stack(
+            [self.first_sd, np.full(len(angles), np.radians(_FREE_DEG)), self.second_sd, self.last_sd], axis=-1
+        )
+        return np.stack([first, angles[:, 1], second, last], axis=-1) / sd, sd
+
+    def _cost(self, shared: Float64, angles: Float64) -> float:
+        r = np.einsum("nij,nj->ni", self.whitening, self.tips - self._tips(shared, angles)[0])
+        e, _ = self._expected(shared, angles)
+        d = (shared - self.prior) / self.prior_sd
+        return float((r**2).sum() + (e**2).sum() + (d**2).sum())
+
+    def _equations(self) -> tuple[Float64, Float64, Float64, Float64, Float64]:
+        """Gauss–Newton: A (8, 8) of what is shared, B (n, 8, 4), C (n, 4, 4) of the angles, and the right-hand sides."""
+        tips, Js, Jf = self._tips(self.shared, self.angles)
+        Js, Jf = self.whitening @ Js, self.whitening @ Jf
+        r = np.einsum("nij,nj->ni", self.whitening, self.tips - tips)
+        e, sd = self._expected(self.shared, self.angles)
+        n = len(self.angles)
+        Es, Ef = np.zeros((n, 4, _SHARED)), np.zeros((n, 4, 4))
+        Ef[:, range(4), range(4)] = 1.0 / sd
+        Ef[:, 3, 2] = -self.ratio / sd[:, 3]
+        Es[:, 0, 6] = np.where(self.holds_first, -1.0, 0.0) / sd[:, 0]
+        Es[:, 2, 7] = np.where(self.holds_second, -1.0, 0.0) / sd[:, 2]
+        Js, Jf = np.concatenate([Js, Es], axis=1), np.concatenate([Jf, Ef], axis=1)
+        r = np.concatenate([r, -e], axis=1)
+        A = np.einsum("nki,nkj->ij", Js, Js) + np.diag(self.prior_sd**-2.0)
+        B, C = np.einsum("nki,nkj->nij", Js, Jf), np.einsum("nki,nkj->nij", Jf, Jf)
+        gs = np.einsum("nki,nk->i", Js, r) - (self.shared - self.prior) / self.prior_sd**2
+        return A, B, C, gs, np.einsum("nki,nk->ni", Jf, r)

@@ -1,0 +1,95 @@
+"""Points over time, in the pictures of several cameras and in space, as files carry them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import InputError
+
+Float64 = NDArray[np.float64]
+
+
+class ViewedTracks(msgspec.Struct, frozen=True, eq=False):
+    """What cameras saw of named points, frame by frame.
+
+    Attributes:
+        cameras, points: their names.
+        frames: (frames,) their numbers in the file, rising.
+        at_s: (frames, cameras) when each was captured [s]; NaN where the file does not say.
+        pixels: (frames, cameras, points, 2) [px]; NaN where not seen.
+        confidences: (frames, cameras, points) 0 to 1, as whoever found them says; 1 where the file has none.
+        notes: what was left out or chosen while it was read, a line each.
+    """
+
+    cameras: tuple[str, ...]
+    points: tuple[str, ...]
+    frames: NDArray[np.int64]
+    at_s: Float64
+    pixels: Float64
+    confidences: Float64
+    notes: tuple[str, ...] = ()
+
+
+class SpaceTracks(msgspec.Struct, frozen=True, eq=False):
+    """Named points in the world, frame by frame.
+
+    Attributes:
+        points: their names.
+        frames: (frames,) their numbers.
+        at_s: (frames,) [s].
+        positions: (frames, points, 3) [m]; NaN where not known.
+        sds: (frames, points) root of the mean variance of a coordinate [m]; NaN where it is not known.
+        residuals_px: (frames, points) root mean square over the cameras that were used.
+        views: (frames, points) how many cameras were.
+        states: (frames, points) a `geometry.triangulation.PointState`.
+    """
+
+    points: tuple[str, ...]
+    frames: NDArray[np.int64]
+    at_s: Float64
+    positions: Float64
+    sds: Float64
+    residuals_px: Float64
+    views: NDArray[np.int64]
+    states: NDArray[np.uint8]
+
+
+def match_cameras(seen: Sequence[str], rig: Iterable[str], *, file: object = None) -> list[str]:
+    """The rig's name of each camera of a file: the same, or the same but for case, ``_json``, ``cam`` and zeros.
+
+    Raises:
+        InputError: one has none, or two have the same.
+    """
+    names = list(rig)
+    short: dict[str, list[str]] = {}
+    for name in names:
+        short.setdefault(_plain(name), []).append(name)
+    found = []
+    for name in seen:
+        candidates = [name] if name in names else short.get(_plain(name), [])
+        if len(candidates) != 1:
+            raise InputError(
+                "the rig has no such camera" if not candidates else f"the rig has several: {', '.join(candidates)}",
+                file=file,
+                field="camera",
+                value=name,
+                fix=f"the rig's are {', '.join(names)}; name the points' cameras like them",
+            )
+        found += candidates
+    for name in found:
+        if found.count(name) > 1:
+            both = [a for a, b in zip(seen, found, strict=True) if b == name]
+            raise InputError(
+                "two cameras of the points are the same of the rig", file=file, value=both, fix="rename one"
+            )
+    return found
+
+
+def _plain(name: str) -> str:
+    short = re.sub(r"[^a-z0-9]", "", name.lower().removesuffix("_json"))
+    return re.sub(r"^(camera|cam|port)?0*(?=.)", "", short)

@@ -1,0 +1,49 @@
+"""Distances measured with a ruler, and the disparities seen there, as a CSV."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import InputError
+
+Float64 = NDArray[np.float64]
+COLUMNS = ("distance_cm", "disparity_px")
+
+
+def read_measured_distances(path: Path) -> tuple[Float64, Float64]:
+    """Distances [m] and disparities [px], (rows,) each, of a CSV with `COLUMNS` in any order.
+
+    Raises:
+        InputError: names file, row, field and value.
+    """
+    values: list[list[float]] = []
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.DictReader(file)
+            missing = [column for column in COLUMNS if column not in (reader.fieldnames or [])]
+            if missing:
+                raise InputError(
+                    "a column is missing", file=path, row=1, field=missing[0], fix=f"give {', '.join(COLUMNS)}"
+                )
+            for row, cells in enumerate(reader, start=2):
+                values.append([_number(path, row, column, cells[column]) for column in COLUMNS])
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"cannot be read: {error}", file=path, fix="give a CSV in UTF-8") from error
+    table = np.array(values).reshape(-1, 2)
+    return table[:, 0] / 100.0, table[:, 1]
+
+
+def _number(path: Path, row: int, field: str, text: str | None) -> float:
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value) or (field == "distance_cm" and value <= 0):
+        wanted = "a number above 0" if field == "distance_cm" else "a number of pixels"
+        raise InputError(f"not {wanted}", file=path, row=row, field=field, value=text, fix="correct or remove the row")
+    return value

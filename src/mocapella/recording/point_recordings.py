@@ -1,0 +1,82 @@
+"""A short recording of points, in space or in one camera's picture, as a filter is tuned with."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import InputError
+
+Float64 = NDArray[np.float64]
+SPACE, PICTURE = ("x_m", "y_m", "z_m"), ("x_px", "y_px")
+
+
+class PointRecording(msgspec.Struct, frozen=True, eq=False):
+    """Points over time.
+
+    Attributes:
+        at_s: (frames,) rising [s].
+        points: (frames, points, 2 or 3) [px] or [m]; NaN where not seen.
+        unit: ``px`` or ``m``.
+    """
+
+    at_s: Float64
+    points: Float64
+    unit: str
+
+
+def read_point_recording(path: Path) -> PointRecording:
+    """A CSV with ``time_s, point`` and ``x_m, y_m, z_m`` or ``x_px, y_px``: what `mocapella triangulate` writes, or 2D.
+
+    Raises:
+        InputError: names file, row, field and value; of two cameras in one file, too.
+    """
+    found: dict[tuple[float, str], list[float]] = {}
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.DictReader(file)
+            columns = reader.fieldnames or []
+            fields = next((names for names in (SPACE, PICTURE) if set(names) <= set(columns)), None)
+            if fields is None or not {"time_s", "point"} <= set(columns):
+                wanted = "time_s, point and x_m, y_m, z_m or x_px, y_px"
+                raise InputError(
+                    "columns are missing", file=path, row=1, value=", ".join(columns), fix=f"give {wanted}"
+                )
+            camera = None
+            for row, cells in enumerate(reader, start=2):
+                if camera is not None and cells.get("camera", camera) != camera:
+                    raise InputError(
+                        "of another camera", file=path, row=row, field="camera", value=cells["camera"],
+                        fix="give a file of one camera",
+                    )  # fmt: skip
+                camera = cells.get("camera")
+                at_s, *place = (_number(path, row, field, cells[field]) for field in ("time_s", *fields))
+                key = at_s, cells["point"]
+                if key in found:
+                    raise InputError("the point is there twice", file=path, row=row, field="point", value=key[1])
+                found[key] = place
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"cannot be read: {error}", file=path, fix="give a CSV in UTF-8") from error
+    times, names = sorted({at_s for at_s, _ in found}), sorted({name for _, name in found})
+    points = np.full((len(times), len(names), len(fields)), np.nan)
+    rows, places = ({value: i for i, value in enumerate(values)} for values in (times, names))
+    for (at_s, name), place in found.items():
+        points[rows[at_s], places[name]] = place
+    return PointRecording(np.array(times), points, "m" if fields is SPACE else "px")
+
+
+def _number(path: Path, row: int, field: str, text: str | None) -> float:
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(
+            "not a number", file=path, row=row, field=field, value=text, fix="leave the row out if not seen"
+        )
+    return value

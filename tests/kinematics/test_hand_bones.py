@@ -1,0 +1,138 @@
+"""Bones from a gesture: found, with how sure; and a gesture that does not tell is refused with what to do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hands import RIGHT, THESIS, markers
+from scipy.spatial.transform import Rotation
+
+from mocapella.errors import InputError, SettingsError
+from mocapella.geometry.rigid import rigid
+from mocapella.kinematics.hand_bones import PHASES, BonesSettings, measure_bones
+from mocapella.kinematics.hand_tracker import base_layout
+from mocapella.model.hand import DIGIT_ANGLES, HandShape
+
+FRAMES = 40
+LAYOUT = base_layout(RIGHT, 3)
+
+
+def gesture(
+    shape: HandShape, rng: np.random.Generator, noise: float = 0.0, knuckles: float = 75, hook: float = 95, held: float = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    phases, points = np.repeat(PHASES, FRAMES), []
+    layout = base_layout(shape, 3)
+    for k, phase in enumerate(phases):
+        swing = 0.5 - 0.5 * np.cos(4 * np.pi * (k % FRAMES) / FRAMES)
+        angles = np.zeros(21)
+        for row in DIGIT_ANGLES[1:]:
+            angles[row[0]] = np.radians(knuckles * swing if phase == "knuckles" else held)
+            angles[row[2]] = np.radians(hook * swing if phase == "hook" else held)
+            angles[row[3]] = 2 / 3 * angles[row[2]]
+        T = rigid(Rotation.from_rotvec(0.3 * np.sin(0.05 * k + np.arange(3))).as_matrix(), 0.1 * np.cos([0.03 * k, 1, 2]))
+        points.append(markers(THESIS, shape, layout, angles, T))
+    clean = np.array(points)
+    return clean + rng.normal(0, noise, clean.shape) if noise else clean, phases
+
+
+def somebody(side: str, rng: np.random.Generator) -> HandShape:
+    start = THESIS.shape(side)  # type: ignore[arg-type]
+    lengths = start.lengths * rng.uniform(0.9, 1.1, (5, 1)) * rng.uniform(0.96, 1.04, (5, 3))
+    return HandShape(start.handedness, lengths, start.bases, "Ada")
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_bones_are_found_and_the_uncertainty_is_true(side: str) -> None:
+    scores = []
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        truth, start = somebody(side, rng), THESIS.shape(side, person="Ada")  # type: ignore[arg-type]
+        points, phases = gesture(truth, rng, noise=0.0005, held=2)
+        bones = measure_bones(THESIS, start, LAYOUT, points, phases, sd_m=0.0005)
+        error = bones.shape.lengths - truth.lengths
+        assert np.abs(error[1:].sum(axis=1)).max() < 0.004
+        assert bones.shape.lengths_sd is not None
+        scores.append(error[1:] / bones.shape.lengths_sd[1:])
+        assert (bones.shape.handedness, bones.shape.person) == (side, "Ada")
+        assert bones.residual_m < 0.002
+        assert (bones.knuckles_deg > 60).all()
+        assert (bones.hook_deg > 70).all()
+    assert np.sqrt(np.mean(np.square(scores))) < 2
+
+
+def test_the_thumb_keeps_its_proportion_and_says_that_it_is_not_measured() -> None:
+    rng = np.random.default_rng(0)
+    bigger = THESIS.shape("right", hand_length_m=1.1 * THESIS.hand_length_m)
+    points, phases = gesture(bigger, rng)
+    bones = measure_bones(THESIS, RIGHT, LAYOUT, points, phases)
+    np.testing.assert_allclose(bones.shape.lengths[0], bigger.lengths[0], rtol=0.03)
+    assert bones.finger_sd_m[0] > 2 * bones.finger_sd_m[1:].max()
+
+
+def test_more_noise_leaves_more_uncertainty() -> None:
+    points, phases = gesture(RIGHT, np.random.default_rng(1))
+    one, other = (measure_bones(THESIS, RIGHT, LAYOUT, points, phases, sd_m=sd).finger_sd_m for sd in (0.0005, 0.002))
+    assert (other[1:] > 1.5 * one[1:]).all()
+
+
+def test_the_bases_markers_are_found_where_they_are() -> None:
+    points, phases = gesture(RIGHT, np.random.default_rng(2))
+    bones = measure_bones(THESIS, RIGHT, LAYOUT + [[0.002, 0, 0], [0, 0, 0], [0, 0, 0]], points, phases)
+    between = [np.linalg.norm(x[:, None] - x[None], axis=-1) for x in (bones.base_markers, LAYOUT)]
+    np.testing.assert_allclose(between[0], between[1], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("motion", "message"),
+    [
+        ({"knuckles": 15}, "index.*moves by 1[0-9]° only in the part 'knuckles'; bend the straight finger"),
+        ({"hook": 20}, "index.*only in the part 'hook'; keep the knuckle straight"),
+    ],
+)
+def test_a_gesture_that_is_too_small_is_refused_and_says_what_to_do(motion: dict[str, float], message: str) -> None:
+    points, phases = gesture(RIGHT, np.random.default_rng(3), **motion)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=message):
+        measure_bones(THESIS, RIGHT, LAYOUT, points, phases)
+
+
+def test_what_is_seen_too_rarely_is_named() -> None:
+    points, phases = gesture(RIGHT, np.random.default_rng(4))
+    hidden = points.copy()
+    hidden[phases == "hook", 3] = np.nan
+    with pytest.raises(InputError, match="ring.*too rarely in the part 'hook'"):
+        measure_bones(THESIS, RIGHT, LAYOUT, hidden, phases)
+    hidden[10:, 6] = np.nan
+    with pytest.raises(InputError, match="base: 10: is seen too rarely"):
+        measure_bones(THESIS, RIGHT, LAYOUT, hidden, phases)
+
+
+def test_a_result_that_is_not_sure_is_refused() -> None:
+    points, phases = gesture(RIGHT, np.random.default_rng(5))
+    with pytest.raises(InputError, match="index: is known to .* mm only; repeat"):
+        measure_bones(THESIS, RIGHT, LAYOUT, points, phases, sd_m=0.02)
+
+
+def test_one_base_marker_or_three_in_a_line_do_not_tell_how_the_palm_lies() -> None:
+    points, phases = gesture(RIGHT, np.random.default_rng(6))
+    with pytest.raises(InputError, match="three or more markers on the back of the hand"):
+        measure_bones(THESIS, RIGHT, LAYOUT[:1], points[:, :6], phases)
+    line = points.copy()
+    line[:, 7] = 0.5 * (line[:, 5] + line[:, 6])
+    with pytest.raises(InputError, match="lie in a line"):
+        measure_bones(THESIS, RIGHT, np.array([LAYOUT[0], LAYOUT[1], LAYOUT[:2].mean(axis=0)]), line, phases)
+
+
+def test_wrong_arrays_and_names_are_refused() -> None:
+    points, phases = gesture(RIGHT, np.random.default_rng(7))
+    with pytest.raises(InputError, match="points"):
+        measure_bones(THESIS, RIGHT, LAYOUT, points[:, :7], phases)
+    with pytest.raises(InputError, match="'fist': is no part of the gesture; take one of flat, knuckles, hook"):
+        measure_bones(THESIS, RIGHT, LAYOUT, points, np.where(phases == "hook", "fist", phases))
+    with pytest.raises(SettingsError, match="sd_m"):
+        measure_bones(THESIS, RIGHT, LAYOUT, points, phases, sd_m=0)
+
+
+@pytest.mark.parametrize("name", list(BonesSettings.__dataclass_fields__))
+def test_settings_out_of_range_are_refused(name: str) -> None:
+    with pytest.raises(SettingsError, match=name):
+        BonesSettings(**{name: -1})

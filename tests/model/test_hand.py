@@ -1,0 +1,146 @@
+from __future__ import annotations
+
+import json
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from mocapella.errors import InputError, SettingsError
+from mocapella.model.hand import ANGLES, DIGIT_ANGLES, LANDMARKS, PARENTS, HandShape, hand_model, hand_model_from_toml
+from mocapella.model.hand_file import decode_hand_shape, encode_hand_shape, load_hand_shape, save_hand_shape
+
+TEXT = files("mocapella.model").joinpath("hands", "human.toml").read_text(encoding="utf-8")
+anything = arrays(np.float64, 21, elements=st.floats(allow_nan=True, allow_infinity=True))
+
+
+@pytest.mark.parametrize("constraints", ["full", "thesis"])
+@given(anything)
+def test_whatever_comes_in_is_brought_within_the_limits(constraints: str, angles: np.ndarray) -> None:
+    model = hand_model(constraints)  # type: ignore[arg-type]
+    limited = model.limited(angles)
+    assert model.within(limited)
+    np.testing.assert_allclose(model.limited(limited), limited, atol=1e-12)
+    assert not model.within(np.where(np.arange(21) == 4, np.nan, limited))
+
+
+def test_the_thesis_has_fifteen_angles_and_the_whole_hand_twenty_one() -> None:
+    for constraints, free in (("full", 21), ("thesis", 15)):
+        model = hand_model(constraints)  # type: ignore[arg-type]
+        turning = (model.limits[:, 0] < model.limits[:, 1]).sum() - sum(model.coupled)
+        assert turning == free
+    assert (len(ANGLES), len(LANDMARKS), len(PARENTS)) == (21, 21, 21)
+    assert len(set(DIGIT_ANGLES.ravel()) - {-1}) == 21
+
+
+def test_limits_are_those_of_the_thesis() -> None:
+    limits = dict(zip(ANGLES, np.degrees(hand_model("thesis").limits).round(9).tolist(), strict=True))
+    assert limits["index MCP flexion"] == [0, 90]
+    assert limits["ring PIP flexion"] == [0, 110]
+    assert limits["little DIP flexion"] == [0, 90]
+    assert limits["index MCP abduction"] == [-15, 15]
+    assert limits["middle MCP abduction"] == [0, 0]
+    assert limits["thumb MCP abduction"] == [0, 0]
+
+
+@pytest.mark.parametrize(
+    ("flexion", "abduction", "within"),
+    [(0, 15, True), (0, 15.1, False), (45, 12.9, True), (45, 13.1, False), (90, 0, True), (89, 4, False), (-0.1, 0, False)],
+)
+def test_the_limit_of_a_two_axis_joint_is_a_cone_with_an_elliptic_section(
+    flexion: float, abduction: float, within: bool
+) -> None:
+    model = hand_model("full")
+    angles = model.natural.copy()
+    angles[DIGIT_ANGLES[1, :2]] = np.radians([flexion, abduction])
+    assert bool(model.within(angles)) is within
+    angles[DIGIT_ANGLES[1, 1]] *= -1
+    assert bool(model.within(angles)) is within
+
+
+def test_a_broken_coupling_is_outside_the_limits_of_the_thesis_only() -> None:
+    angles = hand_model("full").natural.copy()
+    angles[ANGLES.index("ring DIP flexion")] += 0.1
+    assert hand_model("full").within(angles)
+    assert not hand_model("thesis").within(angles)
+
+
+def test_a_shape_scales_with_length_and_breadth() -> None:
+    model = hand_model()
+    one, two = model.shape("left", hand_length_m=0.1), model.shape("left", hand_length_m=0.2, hand_breadth_m=0.09)
+    np.testing.assert_allclose(two.lengths, 2 * one.lengths)
+    np.testing.assert_allclose(two.bases[:, 1:], 2 * one.bases[:, 1:])
+    np.testing.assert_allclose(two.bases[1, 0], 0.29 * 0.09)
+    for wrong in ({"hand_length_m": 2.0}, {"hand_breadth_m": 0.0}, {"hand_length_m": float("nan")}):
+        with pytest.raises(SettingsError, match="hand_"):
+            model.shape("left", **wrong)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("middle_deg = [0, 60]", "middle_deg = [5, 60]", "middle_deg"),
+        ("last_deg = [0, 90]", "last_deg = [0, 60]", "coupling_thirds"),
+        ("abduction_deg = [-15, 15]", "abduction_deg = [-15, 20]", "abduction_deg"),
+        ("flexion_deg = [0, 90]", "flexion_deg = [10, 90]", "flexion_deg"),
+        ("lengths = [0.265", "lengths = [-0.265", "lengths"),
+        ("bends_towards = [0, -1, 0]", "bends_towards = [0, 0, 2]", "bends_towards"),
+        ("coupling_thirds = 2", "coupling_thirds = 9", "coupling_thirds"),
+        ("[digits.index]", "[digits.indx]", "did you mean index"),
+        ("natural_deg = [25", "naturl_deg = [25", "did you mean natural_deg"),
+        ("middle_ring = 15", "middle_ring = 0", "neighbours_deg"),
+        ("ring_little = 20", "", "ring_little is missing"),
+        ("hand_length_m = 0.189", "hand_lenght_m = 0.189", "did you mean hand_length_m"),
+        ("= [-10, 10]", "= [10, 20]", "thumb_mcp_abduction_deg"),
+    ],
+)
+def test_a_wrong_file_is_refused_and_says_where(old: str, new: str, message: str) -> None:
+    assert old in TEXT
+    with pytest.raises(SettingsError, match=message):
+        hand_model_from_toml(TEXT.replace(old, new, 1))
+
+
+def test_an_unknown_hand_or_set_is_refused() -> None:
+    with pytest.raises(SettingsError, match="known: human"):
+        hand_model("full", "humna")
+    with pytest.raises(SettingsError, match="full or thesis"):
+        hand_model("some")  # type: ignore[arg-type]
+
+
+def test_a_hand_is_saved_and_read_again(tmp_path: Path) -> None:
+    shape = hand_model().shape("left", hand_length_m=0.2, person="Ada")
+    measured = HandShape(shape.handedness, shape.lengths, shape.bases, shape.person, 0.1 * shape.lengths)
+    path = tmp_path / "hand.json"
+    save_hand_shape(path, measured)
+    read = load_hand_shape(path)
+    assert (read.handedness, read.person) == ("left", "Ada")
+    np.testing.assert_allclose(read.lengths, measured.lengths, atol=1e-6)
+    np.testing.assert_allclose(read.bases, measured.bases, atol=1e-6)
+    np.testing.assert_allclose(read.lengths_sd, measured.lengths_sd, atol=1e-6)
+    assert [file.name for file in tmp_path.iterdir()] == ["hand.json"]
+    assert decode_hand_shape(encode_hand_shape(shape)).lengths_sd is None
+
+
+def test_a_file_that_is_no_hand_says_what_and_where(tmp_path: Path) -> None:
+    good = json.loads(encode_hand_shape(hand_model().shape("left")))
+    wrong = {
+        "version": (good | {"version": 2}, "field version: 2.*reads version 1"),
+        "side": (good | {"handedness": "both"}, "is no hand"),
+        "extra": (good | {"more": 1}, "is no hand"),
+        "digit": (good | {"lengths_m": {"thumb": [0.1, 0.1, 0.1]}}, "lengths_m.index"),
+        "size": (good | {"lengths_m": good["lengths_m"] | {"ring": [0.1, -0.1, 0.1]}}, "lengths is"),
+    }
+    for name, (data, message) in wrong.items():
+        path = tmp_path / f"{name}.json"
+        path.write_text(json.dumps(data), encoding="utf-8")
+        with pytest.raises(InputError, match=message) as caught:
+            load_hand_shape(path)
+        assert str(path) in str(caught.value)
+    with pytest.raises(InputError, match="measure the hand first"):
+        load_hand_shape(tmp_path / "absent.json")
+    with pytest.raises(InputError, match="choose another folder"):
+        save_hand_shape(tmp_path / "absent" / "hand.json", hand_model().shape("left"))

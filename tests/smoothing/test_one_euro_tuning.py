@@ -1,0 +1,95 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mocapella.errors import InputError, SettingsError
+from mocapella.smoothing.one_euro import OneEuroSettings
+from mocapella.smoothing.one_euro_tuning import HIGHEST_HZ, jitter, lag, spread, tune
+
+AT_S = np.arange(240) / 60
+RNG = np.random.default_rng(3)
+NOISE = RNG.normal(0, 0.001, (240, 2, 3))
+STILL = (AT_S, NOISE + np.array([0.1, 0.2, 0.5]))
+SWING = np.stack([0.3 * np.sin(2 * np.pi * (1.2 * AT_S[:, None] + [0, 0.3]) + phase) for phase in (0, 1, 2)], axis=-1)
+FAST = (AT_S, SWING + RNG.normal(0, 0.001, SWING.shape))
+START = OneEuroSettings(per_component=True)
+
+
+def test_both_goals_are_reached_and_no_more_than_that() -> None:
+    tuned = tune(STILL, FAST, 0.0006, 0.02, START)
+    assert tuned.jitter_reached
+    assert tuned.lag_reached
+    assert tuned.jitter_at_rest == pytest.approx(0.0006, rel=0.02)
+    assert tuned.lag_s == pytest.approx(0.02, rel=0.02)
+    assert tuned.lag_without_beta_s > 0.04
+    assert tuned.raw_jitter == pytest.approx(0.001 * np.sqrt(3), rel=0.05)
+    assert tuned.settings.per_component
+    assert jitter(STILL, replace(tuned.settings, beta_per_m=0.0)) == tuned.jitter_at_rest
+    assert lag(FAST, tuned.settings) == tuned.lag_s
+
+
+def test_a_goal_that_is_met_without_a_filter_leaves_it_open() -> None:
+    tuned = tune(STILL, FAST, 0.01, 0.02, START)
+    assert (tuned.settings.min_cutoff_hz, tuned.settings.beta_per_m) == (HIGHEST_HZ, 0.0)
+
+
+def test_goals_out_of_reach_are_said() -> None:
+    """Of a speed that is smoothed for hours, no beta opens the filter."""
+    tuned = tune(STILL, FAST, 1e-7, 0.01, replace(START, speed_cutoff_hz=1e-6))
+    assert (tuned.jitter_reached, tuned.lag_reached) == (False, False)
+
+
+def test_the_lag_of_a_delayed_recording_is_its_delay(monkeypatch: pytest.MonkeyPatch) -> None:
+    from mocapella.smoothing import one_euro_tuning
+
+    def delayed(at_s: np.ndarray, points: np.ndarray, _settings: OneEuroSettings) -> np.ndarray:
+        return np.stack(
+            [[np.interp(at_s - 0.037, at_s, points[:, p, d]) for d in range(3)] for p in range(2)], axis=0
+        ).transpose(2, 0, 1)
+
+    monkeypatch.setattr(one_euro_tuning, "filtered", delayed)
+    assert lag((AT_S, SWING), START) == pytest.approx(0.037, abs=0.001)
+
+
+def test_frames_without_a_point_are_left_out() -> None:
+    gone = RNG.random((240, 2)) < 0.1
+    tuned = tune(
+        (AT_S, np.where(gone[..., None], np.nan, STILL[1])),
+        (AT_S, np.where(gone[..., None], np.nan, FAST[1])),
+        0.0006,
+        0.02,
+        START,
+    )
+    assert tuned.jitter_reached
+    assert tuned.lag_reached
+
+
+def test_the_spread_of_what_stands_is_zero() -> None:
+    assert spread(np.ones((5, 2, 3))) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("still", "fast", "said"),
+    [
+        ((AT_S[:30], STILL[1][:30]), FAST, "still recording is too short"),
+        (STILL, (AT_S[:0], FAST[1][:0]), "fast recording is too short"),
+        (STILL, (AT_S[::-1] + 9, FAST[1]), "too short|do not rise"),
+        ((np.r_[AT_S[:-1], AT_S[-2] + 1e-9 * 0], STILL[1]), FAST, "do not rise"),
+        ((AT_S, STILL[1] * np.nan), FAST, "hardly sees"),
+        (STILL, (AT_S, np.zeros((240, 2, 3))), "nothing moves"),
+    ],
+)
+def test_recordings_of_no_use_are_refused(
+    still: tuple[np.ndarray, np.ndarray], fast: tuple[np.ndarray, np.ndarray], said: str
+) -> None:
+    with pytest.raises(InputError, match=said):
+        tune(still, fast, 0.0006, 0.02)
+
+
+@pytest.mark.parametrize(("jitter_goal", "lag_goal_s"), [(0.0, 0.1), (0.1, 0.0)])
+def test_goals_out_of_range_are_refused(jitter_goal: float, lag_goal_s: float) -> None:
+    with pytest.raises(SettingsError, match="goal"):
+        tune(STILL, FAST, jitter_goal, lag_goal_s)
