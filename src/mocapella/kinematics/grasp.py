@@ -1,0 +1,88 @@
+"""Whether a hand holds a thing: the thumb and another finger touch it, and it stays held until they clearly do not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry.rigid import apply, inverse
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class GraspSettings:
+    """How near is touching.
+
+    Attributes:
+        touch_m: a fingertip that is nearer to the surface touches it …
+        leave_m: … and does so until it is farther away than this.
+        after_s: touched for so long, the thing is held; not touched for so long, it is let go.
+    """
+
+    touch_m: float = 0.015
+    leave_m: float = 0.03
+    after_s: float = 0.1
+
+    def __post_init__(self) -> None:
+        check(0 < self.touch_m < 1, "touch_m", self.touch_m, "above 0, below 1 m")
+        check(self.touch_m <= self.leave_m < 1, "leave_m", self.leave_m, f"from {self.touch_m:g} to below 1 m")
+        check(0 <= self.after_s <= 10, "after_s", self.after_s, "from 0 to 10 s")
+
+
+def distance_to_box(points: Float64, T_world_object: Float64, half_m: Float64) -> Float64:
+    """How far points are from the surface of a box; negative inside.
+
+    Args:
+        points: (..., 3), world [m].
+        T_world_object: (4, 4) of the box, whose middle is its origin.
+        half_m: (3,) half its sides [m].
+
+    Returns:
+        (...,) [m].
+    """
+    beyond = np.abs(apply(inverse(T_world_object), points)) - half_m
+    outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=-1)
+    return np.asarray(outside + np.minimum(beyond.max(axis=-1), 0.0))
+
+
+class Grasp:
+    """One hand and one thing.
+
+    Attributes:
+        touching: (5,) which fingertips touch it, the thumb's first.
+        held: whether it is held.
+    """
+
+    def __init__(self, settings: GraspSettings | None = None) -> None:
+        self.settings = settings or GraspSettings()
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing is touched."""
+        self.touching = np.zeros(5, dtype=np.bool_)
+        self.held = False
+        self._since_s: float | None = None
+
+    def update(self, distances: Float64, at_s: float) -> bool:
+        """Whether the thing is held now.
+
+        Args:
+            distances: (5,) of the fingertips from its surface, the thumb's first [m]; a NaN changes nothing for that
+                finger.
+            at_s: when [s].
+        """
+        s = self.settings
+        with np.errstate(invalid="ignore"):
+            self.touching = (distances <= s.touch_m) | (self.touching & ~(distances > s.leave_m))
+        wanted = bool(self.touching[0] and self.touching[1:].any())
+        if wanted == self.held:
+            self._since_s = None
+        elif self._since_s is None or at_s < self._since_s:
+            self._since_s = at_s
+        if self._since_s is not None and at_s - self._since_s >= s.after_s:
+            self.held, self._since_s = wanted, None
+        return self.held
