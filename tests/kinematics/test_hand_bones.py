@@ -20,18 +20,16 @@ LAYOUT = base_layout(RIGHT, 3)
 def gesture(
     shape: HandShape, rng: np.random.Generator, noise: float = 0.0, knuckles: float = 75, hook: float = 95, held: float = 0
 ) -> tuple[np.ndarray, np.ndarray]:
-    phases, points = np.repeat(PHASES, FRAMES), []
+    phases, k = np.repeat(PHASES, FRAMES), np.arange(3 * FRAMES)
     layout = base_layout(shape, 3)
-    for k, phase in enumerate(phases):
-        swing = 0.5 - 0.5 * np.cos(4 * np.pi * (k % FRAMES) / FRAMES)
-        angles = np.zeros(21)
-        for row in DIGIT_ANGLES[1:]:
-            angles[row[0]] = np.radians(knuckles * swing if phase == "knuckles" else held)
-            angles[row[2]] = np.radians(hook * swing if phase == "hook" else held)
-            angles[row[3]] = 2 / 3 * angles[row[2]]
-        T = rigid(Rotation.from_rotvec(0.3 * np.sin(0.05 * k + np.arange(3))).as_matrix(), 0.1 * np.cos([0.03 * k, 1, 2]))
-        points.append(markers(THESIS, shape, layout, angles, T))
-    clean = np.array(points)
+    swing, angles = 0.5 - 0.5 * np.cos(4 * np.pi * k / FRAMES), np.zeros((len(k), 21))
+    for row in DIGIT_ANGLES[1:]:
+        angles[:, row[0]] = np.radians(np.where(phases == "knuckles", knuckles * swing, held))
+        angles[:, row[2]] = np.radians(np.where(phases == "hook", hook * swing, held))
+        angles[:, row[3]] = 2 / 3 * angles[:, row[2]]
+    turns = 0.3 * np.sin(0.05 * k[:, None] + np.arange(3))
+    T = rigid(Rotation.from_rotvec(turns).as_matrix(), 0.1 * np.cos(0.03 * k[:, None] + np.arange(3)))
+    clean = markers(THESIS, shape, layout, angles, T)
     return clean + rng.normal(0, noise, clean.shape) if noise else clean, phases
 
 
