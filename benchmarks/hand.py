@@ -1,7 +1,7 @@
-"""What a hand costs and how well it is met: fingertips reached, noisy and unreachable ones beside a general solver, all
+"""What a hand costs and how well it is met: tips reached, noisy and unreachable ones beside a general solver, all
 solvers in one table, and finger angles on random motions with one and with three markers on the base.
 
-The goals that say "of the best of 20 starts" compare with scipy's `least_squares` in the same bounds. The settings of the
+The residuals "over the best of 20 starts" are beside scipy's `least_squares` in the same bounds. The settings of the
 tracker were chosen with other seeds than those here.
 """
 
@@ -169,7 +169,9 @@ def one_by_one(name: str, digits: Float64, natural: Float64, tips: Float64) -> C
     k, stop = kernels(), IterativeSettings()
     angles, errors = natural.copy(), np.empty(5)
     reached, iterations = np.empty(5, dtype=np.bool_), np.empty(5, dtype=np.int64)
-    kind = {"FABRIK": k.FABRIK, "Jacobian transpose": k.TRANSPOSE, "pseudo-inverse": k.PSEUDO_INVERSE}.get(name, k.DAMPED)
+    kind = {"FABRIK": k.FABRIK, "Jacobian transpose": k.TRANSPOSE, "pseudo-inverse": k.PSEUDO_INVERSE}.get(
+        name, k.DAMPED
+    )
 
     def solve() -> None:
         for target in tips:
@@ -213,7 +215,7 @@ def motions(quick: bool) -> Iterator[Row]:
 
 
 def follow(markers: int, noise_m: float, seed: int, frames: int) -> tuple[float, float, float, float, float]:
-    """Median and p95 error of finger angles [°], landmarks [mm], the palm's direction [°], and the share tracked [%]."""
+    """Median and p95 error of finger angles [°], landmarks [mm], the palm's direction [°], and the share tracked."""
     model = hand_model()
     shape = model.shape("right" if seed % 2 else "left")
     layout = base_layout(shape, markers)

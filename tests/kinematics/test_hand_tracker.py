@@ -149,7 +149,7 @@ def test_a_moving_hand_goes_on_while_nothing_is_seen_and_is_forgotten() -> None:
     tracker = HandTracker(THESIS, RIGHT, THREE, HandSettings(forget_after_s=0.3))
     points = markers(THESIS, RIGHT, THREE, THESIS.natural, np.eye(4))
     for k in range(30):
-        tracker.update(points + [0.01 * k, 0, 0], k / 60)
+        tracker.update(points + np.array([0.01 * k, 0, 0]), k / 60)
     nothing = np.full((8, 3), np.nan)
     hand = tracker.update(nothing, 32 / 60)
     assert hand.landmarks[0, 0] == pytest.approx(0.32, abs=0.01)

@@ -8,8 +8,8 @@ With three or more markers on the base, so that the palm's place is measured at 
 
 A fingertip then moves on an arc around its knuckle, whose radius is the length of the finger, and on a curl that tells
 how it is divided. The thumb's first joint turns by some 50° only, too little for an arc to tell its length: it keeps
-its proportion to the fingers, and says so in its uncertainty. Nobody holds a joint quite straight: how far each was bent meanwhile is estimated, too, and its
-uncertainty is part of that of the lengths.
+its proportion to the fingers, and says so in its uncertainty. Nobody holds a joint quite straight: how far each was bent
+meanwhile is estimated, too, and its uncertainty is part of that of the lengths.
 """
 
 from __future__ import annotations
@@ -211,7 +211,7 @@ def _whitening(tips: Float64, layout: Float64, sd_m: float) -> Float64:
 class _DigitFit:
     """One digit: what all instants share, and its angles (f, a, m, b) at each."""
 
-    def __init__(
+    def __init__(  # noqa: PLR0917 - of this module
         self,
         model: HandModel,
         start: HandShape,
@@ -342,7 +342,7 @@ class _DigitFit:
         return float((r**2).sum() + (e**2).sum() + (d**2).sum())
 
     def _equations(self) -> tuple[Float64, Float64, Float64, Float64, Float64]:
-        """Gauss–Newton: A (8, 8) of what is shared, B (n, 8, 4), C (n, 4, 4) of the angles, and the right-hand sides."""
+        """Gauss–Newton: A (8, 8) of what is shared, B (n, 8, 4), C (n, 4, 4) of the angles, and right-hand sides."""
         tips, Js, Jf = self._tips(self.shared, self.angles)
         Js, Jf = self.whitening @ Js, self.whitening @ Jf
         r = np.einsum("nij,nj->ni", self.whitening, self.tips - tips)

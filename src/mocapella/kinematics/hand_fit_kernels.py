@@ -68,7 +68,7 @@ def digit_angles(z, columns, gains, digit, q):
 
 @njit(cache=True)
 def _columns_of(digit, joint, x, axes, columns, gains, J, at):
-    """Write the derivatives J (11, 3) of a digit's joint and their places at (11,): the palm's six, then the angles'."""
+    """Write the derivatives J (11, 3) of a digit's joint and their places at (11,): the palm's six, then angles'."""
     px, py, pz = x[joint, 0], x[joint, 1], x[joint, 2]
     for k in range(6):
         at[k] = k
@@ -408,7 +408,7 @@ def describe(
 
 @njit(cache=True)
 def misfits(digits, mirror, layout, points, information, columns, gains, R, t, z, squared):
-    """Write the squared distances of the markers from a hand, in their own standard deviations, into squared (5 + k,)."""
+    """Write the squared distances of the markers from a hand, in their standard deviations, into squared (5 + k,)."""
     n = 6 + len(z)
     H, g, alone = np.zeros((n, n)), np.zeros(n), np.zeros_like(information)
     for i in range(len(points)):

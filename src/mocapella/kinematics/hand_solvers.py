@@ -125,7 +125,7 @@ class _Solver:
 
 
 class ClosedForm(_Solver):
-    """In the digit's plane; unreachable targets by a limited search. The start matters only where there is no target."""
+    """In the digit's plane; unreachable targets by a limited search. The start matters where there is no target."""
 
     name = "closed form"
 

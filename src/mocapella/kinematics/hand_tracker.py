@@ -1,7 +1,7 @@
 """Five fingertips and the base's markers → a hand, instant after instant, with what is measured and how sure.
 
-Six markers do not determine a hand. With three or more on the base the palm's place is measured; with fewer it comes from
-the fit, and what the markers alone do not say comes from what is usual: a hand at rest, fingers that follow their
+Six markers do not determine a hand. With three or more on the base the palm's place is measured; with fewer it comes
+from the fit, and what the markers alone do not say comes from what is usual: a hand at rest, fingers that follow their
 neighbours, and how the hand moved until now. `hand_fit_kernels` says what is minimised, and how the states are told.
 """
 
@@ -432,11 +432,11 @@ def base_layout(shape: HandShape, markers: int, height_m: float = 0.0) -> Float6
     check(1 <= markers <= 4, "markers", markers, "1 to 4")
     order = [DIGITS.index(name) for name in ("index", "little", "middle")]
     places = np.concatenate([np.zeros((1, 3)), shape.bases[order]])[:markers]
-    return np.asarray(places + [0.0, height_m, 0.0])
+    return np.asarray(places + np.array([0.0, height_m, 0.0]))
 
 
 def _free_angles(model: HandModel) -> tuple[NDArray[np.int64], Float64, NDArray[np.int64]]:
-    """Which free angle each of a digit's five follows and how much, (5, 5) both; and where the free ones are in `ANGLES`."""
+    """Which free angle each of a digit's five follows, how much, (5, 5) both; and where the free ones are in `ANGLES`."""
     columns, gains = np.full((5, 5), -1, dtype=np.int64), np.ones((5, 5))
     angle_of: list[int] = []
     for digit in range(5):
