@@ -436,7 +436,7 @@ def base_layout(shape: HandShape, markers: int, height_m: float = 0.0) -> Float6
 
 
 def _free_angles(model: HandModel) -> tuple[NDArray[np.int64], Float64, NDArray[np.int64]]:
-    """Which free angle each of a digit's five follows, how much, (5, 5) both; and where the free ones are in `ANGLES`."""
+    """Which free angle each of a digit's five follows and how much, (5, 5); where the free ones are in `ANGLES`."""
     columns, gains = np.full((5, 5), -1, dtype=np.int64), np.ones((5, 5))
     angle_of: list[int] = []
     for digit in range(5):

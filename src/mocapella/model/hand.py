@@ -1,8 +1,8 @@
 """What a hand is: landmarks, joints with their limits, one person's bones, and a hand that was found.
 
 Landmarks are in the order of MediaPipe's hand: the wrist, then of the thumb CMC, MCP, IP and tip, then of index,
-middle, ring and little finger MCP, PIP, DIP and tip. `hands/human.toml` says what a hand is made of and where its numbers come
-from; the palm's frame is described there.
+middle, ring and little finger MCP, PIP, DIP and tip. `hands/human.toml` says what a hand is made of and where its
+numbers come from; the palm's frame is described there.
 """
 
 from __future__ import annotations
