@@ -8,8 +8,8 @@ With three or more markers on the base, so that the palm's place is measured at 
 
 A fingertip then moves on an arc around its knuckle, whose radius is the length of the finger, and on a curl that tells
 how it is divided. The thumb's first joint turns by some 50° only, too little for an arc to tell its length: it keeps
-its proportion to the fingers, and says so in its uncertainty. Nobody holds a joint quite straight: how far each was bent
-meanwhile is estimated, too, and its uncertainty is part of that of the lengths.
+its proportion to the fingers, and says so in its uncertainty. Nobody holds a joint quite straight: how far each was
+bent meanwhile is estimated, too, and its uncertainty is part of that of the lengths.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ PHASES: Final[tuple[str, ...]] = get_args(GesturePhase)
 
 _SHARED: Final = 8  # three lengths, the base's place, flexions that were held: of the first and of the second joint
 _FREE_DEG: Final = 1000.0
-"""Standard deviation of an angle that the phase leaves free. Were it that of hands, all instants together would claim to
-know how far the joint moved on average, which lengthens the bones."""
+"""Standard deviation of an angle that the phase leaves free. Were it that of hands, all instants together would claim
+to know how far the joint moved on average, which lengthens the bones."""
 
 
 @dataclass(frozen=True)
