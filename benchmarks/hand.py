@@ -62,12 +62,12 @@ def cost(quick: bool) -> Iterator[Row]:
         for _ in range(times):
             solve(digits, targets, angles, errors, reached)
 
-    rng, times = np.random.default_rng(1), 20 if quick else 200
+    rng, times = np.random.default_rng(1), 5 if quick else 50
     constraints: tuple[ConstraintSet, ...] = ("thesis", "full")
     for chosen in constraints:
         model = hand_model(chosen)
         shape = model.shape("right")
-        digits, tips = digit_rows(model, shape), reached_tips(model, shape, rng, 20 if quick else 200)
+        digits, tips = digit_rows(model, shape), reached_tips(model, shape, rng, 20 if quick else 100)
         noisy = tips + rng.normal(0, 0.005, tips.shape)
         for what, targets, goal in (("reachable", tips, at_most(5)), ("noise 5 mm", noisy, None)):
             angles, errors, reached = np.zeros((5, 4)), np.empty(5), np.empty(5, dtype=np.bool_)

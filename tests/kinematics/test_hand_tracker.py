@@ -222,6 +222,20 @@ def test_settings_out_of_range_are_refused(name: str) -> None:
         HandSettings(**{name: 0})
 
 
+@pytest.mark.parametrize("sd", [1e-300, 1e-9, 1e-3, 10.0, 1e150])
+def test_however_sure_or_unsure_the_markers_there_is_a_hand_within_limits(sd: float) -> None:
+    rng = np.random.default_rng(10)
+    for layout in (THREE, ONE):
+        tracker = HandTracker(THESIS, RIGHT, layout)
+        points = markers(THESIS, RIGHT, layout, bent(rng), np.eye(4)) + rng.normal(0, 0.002, (5 + len(layout), 3))
+        hand = still(tracker, points, 3, sd)
+        if np.isfinite(hand.landmarks).all():
+            assert THESIS.within(hand.angles)
+            assert np.isfinite(hand.sd_m).all()
+        else:
+            assert (hand.states == JointState.NOT_TRACKED).all()
+
+
 @pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf])
 def test_a_marker_of_no_certainty_does_not_count(bad: float) -> None:
     points = markers(THESIS, RIGHT, THREE, THESIS.natural, np.eye(4))
