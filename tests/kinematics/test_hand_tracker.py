@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hands import LEFT, RIGHT, THESIS, markers, random_angles, random_motion
+from hands import FULL, LEFT, RIGHT, THESIS, markers, random_angles, random_motion
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -267,3 +267,18 @@ def test_the_fits_derivatives_are_those_of_the_chain() -> None:
                 if row[k] >= 0:
                     velocity = np.cross(axes[k], joints[3] - joints[origin])
                     np.testing.assert_allclose(velocity, J[TIPS[digit], :, 6 + row[k]], atol=1e-12)
+
+
+def test_all_twenty_one_angles_can_be_free_and_what_a_tip_does_not_say_is_less_sure() -> None:
+    rng = np.random.default_rng(11)
+    angles = FULL.limited(bent(rng))
+    points = markers(FULL, LEFT, THREE, angles, random_motion(rng))
+    full, thesis = (still(HandTracker(model, LEFT, THREE), points, 3) for model in (FULL, THESIS))
+    np.testing.assert_allclose(full.landmarks[list(TIPS)], points[:5], atol=1e-3)
+    assert FULL.within(full.angles)
+    assert (full.angles_sd > 0).all()
+    distal = DIGIT_ANGLES[1:, 3]
+    assert (full.angles_sd[distal] > 2 * thesis.angles_sd[distal]).all()
+    wild = HandTracker(FULL, LEFT, THREE)
+    for k in range(5):
+        assert FULL.within(wild.update(points + rng.normal(0, 0.03, points.shape), k / 60).angles)
