@@ -7,6 +7,7 @@ not calibrate, and is told which sensors' tracks belong together. `uv run --grou
 
 from __future__ import annotations
 
+import logging
 import math
 import statistics
 import time
@@ -137,6 +138,8 @@ def peers_chain(known: Mapping[str, Float64]) -> Callable[[Sequence[Arrival]], f
     except ImportError:
         warnings.warn("no peers: uv run --group peers python -m benchmarks people", stacklevel=2)
         return None
+
+    logging.getLogger().addFilter(lambda record: "scalar distance function" not in record.getMessage())
 
     def seconds(arrivals: Sequence[Arrival]) -> float:
         trackers = {name: Tracker(distance_function="mean_euclidean", distance_threshold=1.0) for name in known}

@@ -21,7 +21,7 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def wait_until(what: str, holds: Callable[[], bool], timeout: float = 30.0) -> None:
+def wait_until(what: str, holds: Callable[[], bool], timeout: float = 90.0) -> None:
     """Poll until it holds; a deadline far beyond what it takes, so that only a hang fails."""
     deadline = time.monotonic() + timeout
     while not holds():

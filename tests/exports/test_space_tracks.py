@@ -45,9 +45,7 @@ def test_a_trc_has_every_frame_and_what_is_not_known_is_empty() -> None:
     assert places(trc)[1][1] == "0.500000"
 
 
-@pytest.mark.parametrize(
-    ("up", "wanted"), [("y", [1, 2, 3]), ("z", [2, 3, 1]), ("-y", [1, -2, -3])]
-)
+@pytest.mark.parametrize(("up", "wanted"), [("y", [1, 2, 3]), ("z", [2, 3, 1]), ("-y", [1, -2, -3])])
 def test_a_trc_has_y_up_and_stays_right_handed(up: str, wanted: list[float]) -> None:
     assert [float(cell) for cell in places(as_trc(TRACKS, "x.trc", up))[0][2:5]] == wanted
     axes = msgspec.structs.replace(TRACKS, points=("x", "y", "z"), frames=np.array([0]), at_s=np.array([0.0]),
@@ -61,7 +59,7 @@ def test_without_times_a_rate_gives_them() -> None:
     assert as_csv(timeless).splitlines()[1].split(",")[1] == ""
     assert as_csv(timeless, hz=10).splitlines()[1].split(",")[1] == "0.300000"
     assert places(as_trc(timeless, "x.trc", hz=10))[1][1] == "0.200000"
-    with pytest.raises(InputError, match="needs times.*--hz"):
+    with pytest.raises(InputError, match=r"needs times.*--hz"):
         as_trc(timeless, "x.trc")
 
 

@@ -62,3 +62,10 @@ def test_leading_axes_are_batches() -> None:
     pixels = np.random.default_rng(1).uniform(0, 480, (2, 3, 2))
     assert undistort(pixels, BARREL).shape == pixels.shape
     np.testing.assert_array_equal(undistort(pixels, BARREL)[1, 2], undistort(pixels[1, 2], BARREL))
+
+
+def test_a_coefficient_of_next_to_nothing_folds_nothing() -> None:
+    lens = PINHOLE.copy()
+    lens[8] = -5e-324
+    assert farthest_r2(lens) == np.inf
+    assert distort([0.5, 0.5], lens).tolist() == distort([0.5, 0.5], PINHOLE).tolist()

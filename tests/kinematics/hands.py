@@ -33,6 +33,7 @@ def tips(model: HandModel, shape: HandShape, angles: Float64) -> Float64:
 
 
 def markers(model: HandModel, shape: HandShape, layout: Float64, angles: Float64, T: Float64) -> Float64:
-    """(5 + k, 3) world."""
+    """(..., 5 + k, 3) world."""
     x = landmarks(hand_chain(model, shape), HandPose(angles, T))
-    return np.concatenate([x[list(TIPS)], apply(T, layout * shape.mirror)])
+    base = apply(T, np.broadcast_to(layout * shape.mirror, (*T.shape[:-2], *layout.shape)))
+    return np.concatenate([x[..., list(TIPS), :], base], axis=-2)

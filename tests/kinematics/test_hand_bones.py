@@ -17,21 +17,24 @@ FRAMES = 40
 LAYOUT = base_layout(RIGHT, 3)
 
 
-def gesture(
-    shape: HandShape, rng: np.random.Generator, noise: float = 0.0, knuckles: float = 75, hook: float = 95, held: float = 0
+def gesture(  # noqa: PLR0917 - of these tests
+    shape: HandShape,
+    rng: np.random.Generator,
+    noise: float = 0.0,
+    knuckles: float = 75,
+    hook: float = 95,
+    held: float = 0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    phases, points = np.repeat(PHASES, FRAMES), []
+    phases, k = np.repeat(PHASES, FRAMES), np.arange(3 * FRAMES)
     layout = base_layout(shape, 3)
-    for k, phase in enumerate(phases):
-        swing = 0.5 - 0.5 * np.cos(4 * np.pi * (k % FRAMES) / FRAMES)
-        angles = np.zeros(21)
-        for row in DIGIT_ANGLES[1:]:
-            angles[row[0]] = np.radians(knuckles * swing if phase == "knuckles" else held)
-            angles[row[2]] = np.radians(hook * swing if phase == "hook" else held)
-            angles[row[3]] = 2 / 3 * angles[row[2]]
-        T = rigid(Rotation.from_rotvec(0.3 * np.sin(0.05 * k + np.arange(3))).as_matrix(), 0.1 * np.cos([0.03 * k, 1, 2]))
-        points.append(markers(THESIS, shape, layout, angles, T))
-    clean = np.array(points)
+    swing, angles = 0.5 - 0.5 * np.cos(4 * np.pi * k / FRAMES), np.zeros((len(k), 21))
+    for row in DIGIT_ANGLES[1:]:
+        angles[:, row[0]] = np.radians(np.where(phases == "knuckles", knuckles * swing, held))
+        angles[:, row[2]] = np.radians(np.where(phases == "hook", hook * swing, held))
+        angles[:, row[3]] = 2 / 3 * angles[:, row[2]]
+    turns = 0.3 * np.sin(0.05 * k[:, None] + np.arange(3))
+    T = rigid(Rotation.from_rotvec(turns).as_matrix(), 0.1 * np.cos(0.03 * k[:, None] + np.arange(3)))
+    clean = markers(THESIS, shape, layout, angles, T)
     return clean + rng.normal(0, noise, clean.shape) if noise else clean, phases
 
 
@@ -77,7 +80,7 @@ def test_more_noise_leaves_more_uncertainty() -> None:
 
 def test_the_bases_markers_are_found_where_they_are() -> None:
     points, phases = gesture(RIGHT, np.random.default_rng(2))
-    bones = measure_bones(THESIS, RIGHT, LAYOUT + [[0.002, 0, 0], [0, 0, 0], [0, 0, 0]], points, phases)
+    bones = measure_bones(THESIS, RIGHT, LAYOUT + np.array([[0.002, 0, 0], [0, 0, 0], [0, 0, 0]]), points, phases)
     between = [np.linalg.norm(x[:, None] - x[None], axis=-1) for x in (bones.base_markers, LAYOUT)]
     np.testing.assert_allclose(between[0], between[1], atol=1e-6)
 
@@ -99,7 +102,7 @@ def test_what_is_seen_too_rarely_is_named() -> None:
     points, phases = gesture(RIGHT, np.random.default_rng(4))
     hidden = points.copy()
     hidden[phases == "hook", 3] = np.nan
-    with pytest.raises(InputError, match="ring.*too rarely in the part 'hook'"):
+    with pytest.raises(InputError, match=r"ring.*too rarely in the part 'hook'"):
         measure_bones(THESIS, RIGHT, LAYOUT, hidden, phases)
     hidden[10:, 6] = np.nan
     with pytest.raises(InputError, match="base: 10: is seen too rarely"):
@@ -108,7 +111,7 @@ def test_what_is_seen_too_rarely_is_named() -> None:
 
 def test_a_result_that_is_not_sure_is_refused() -> None:
     points, phases = gesture(RIGHT, np.random.default_rng(5))
-    with pytest.raises(InputError, match="index: is known to .* mm only; repeat"):
+    with pytest.raises(InputError, match=r"index: is known to .* mm only; repeat"):
         measure_bones(THESIS, RIGHT, LAYOUT, points, phases, sd_m=0.02)
 
 

@@ -73,7 +73,11 @@ def test_batches_are_many_hands() -> None:
 def test_flexion_bends_fingers_into_the_palm_and_abduction_spreads_them_to_the_thumb() -> None:
     chain = CHAINS["right"]
     straight = palm_landmarks(chain, np.zeros(21))
-    for name, (axis, sign) in {"index MCP flexion": (1, -1), "ring PIP flexion": (1, -1), "little MCP abduction": (0, 1)}.items():
+    for name, (axis, sign) in {
+        "index MCP flexion": (1, -1),
+        "ring PIP flexion": (1, -1),
+        "little MCP abduction": (0, 1),
+    }.items():
         angles = np.zeros(21)
         angles[ANGLES.index(name)] = 0.2
         tip = LANDMARKS.index(name.split()[0] + " tip")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hands import LEFT, RIGHT, THESIS, markers, random_angles, random_motion
+from hands import FULL, LEFT, RIGHT, THESIS, markers, random_angles, random_motion
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -149,7 +149,7 @@ def test_a_moving_hand_goes_on_while_nothing_is_seen_and_is_forgotten() -> None:
     tracker = HandTracker(THESIS, RIGHT, THREE, HandSettings(forget_after_s=0.3))
     points = markers(THESIS, RIGHT, THREE, THESIS.natural, np.eye(4))
     for k in range(30):
-        tracker.update(points + [0.01 * k, 0, 0], k / 60)
+        tracker.update(points + np.array([0.01 * k, 0, 0]), k / 60)
     nothing = np.full((8, 3), np.nan)
     hand = tracker.update(nothing, 32 / 60)
     assert hand.landmarks[0, 0] == pytest.approx(0.32, abs=0.01)
@@ -222,6 +222,20 @@ def test_settings_out_of_range_are_refused(name: str) -> None:
         HandSettings(**{name: 0})
 
 
+@pytest.mark.parametrize("sd", [1e-300, 1e-9, 1e-3, 10.0, 1e150])
+def test_however_sure_or_unsure_the_markers_there_is_a_hand_within_limits(sd: float) -> None:
+    rng = np.random.default_rng(10)
+    for layout in (THREE, ONE):
+        tracker = HandTracker(THESIS, RIGHT, layout)
+        points = markers(THESIS, RIGHT, layout, bent(rng), np.eye(4)) + rng.normal(0, 0.002, (5 + len(layout), 3))
+        hand = still(tracker, points, 3, sd)
+        if np.isfinite(hand.landmarks).all():
+            assert THESIS.within(hand.angles)
+            assert np.isfinite(hand.sd_m).all()
+        else:
+            assert (hand.states == JointState.NOT_TRACKED).all()
+
+
 @pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf])
 def test_a_marker_of_no_certainty_does_not_count(bad: float) -> None:
     points = markers(THESIS, RIGHT, THREE, THESIS.natural, np.eye(4))
@@ -253,3 +267,18 @@ def test_the_fits_derivatives_are_those_of_the_chain() -> None:
                 if row[k] >= 0:
                     velocity = np.cross(axes[k], joints[3] - joints[origin])
                     np.testing.assert_allclose(velocity, J[TIPS[digit], :, 6 + row[k]], atol=1e-12)
+
+
+def test_all_twenty_one_angles_can_be_free_and_what_a_tip_does_not_say_is_less_sure() -> None:
+    rng = np.random.default_rng(11)
+    angles = FULL.limited(bent(rng))
+    points = markers(FULL, LEFT, THREE, angles, random_motion(rng))
+    full, thesis = (still(HandTracker(model, LEFT, THREE), points, 3) for model in (FULL, THESIS))
+    np.testing.assert_allclose(full.landmarks[list(TIPS)], points[:5], atol=1e-3)
+    assert FULL.within(full.angles)
+    assert (full.angles_sd > 0).all()
+    distal = DIGIT_ANGLES[1:, 3]
+    assert (full.angles_sd[distal] > 2 * thesis.angles_sd[distal]).all()
+    wild = HandTracker(FULL, LEFT, THREE)
+    for k in range(5):
+        assert FULL.within(wild.update(points + rng.normal(0, 0.03, points.shape), k / 60).angles)

@@ -49,7 +49,15 @@ def test_limits_are_those_of_the_thesis() -> None:
 
 @pytest.mark.parametrize(
     ("flexion", "abduction", "within"),
-    [(0, 15, True), (0, 15.1, False), (45, 12.9, True), (45, 13.1, False), (90, 0, True), (89, 4, False), (-0.1, 0, False)],
+    [
+        (0, 15, True),
+        (0, 15.1, False),
+        (45, 12.9, True),
+        (45, 13.1, False),
+        (90, 0, True),
+        (89, 4, False),
+        (-0.1, 0, False),
+    ],
 )
 def test_the_limit_of_a_two_axis_joint_is_a_cone_with_an_elliptic_section(
     flexion: float, abduction: float, within: bool

@@ -13,7 +13,10 @@ from mocapella.recording.measured_distances import read_measured_distances
 from mocapella.recording.point_recordings import read_point_recording
 from mocapella.recording.viewed_tracks import BODY_25, BODY_25B, read_viewed_tracks
 
-OWN = "frame,camera,point,x_px,y_px,confidence,time_s\n7,left,tip,1.5,2,0.5,0.1\n7,right,tip,3,4,1,0.11\n9,left,tip,5,6,0,\n"
+OWN = (
+    "frame,camera,point,x_px,y_px,confidence,time_s\n7,left,tip,1.5,2,0.5,0.1\n7,right,tip,3,4,1,0.11\n"
+    "9,left,tip,5,6,0,\n"
+)
 
 
 def written(folder: Path, name: str, text: str) -> Path:

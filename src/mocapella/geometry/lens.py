@@ -10,12 +10,15 @@ the middle of the first one.
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 Float64 = NDArray[np.float64]
+
+_NOTHING: Final = 1e-9
+"""A coefficient below it does nothing within any picture."""
 
 
 def distort(normalised: Any, lens: Float64) -> Float64:
@@ -74,8 +77,9 @@ def farthest_r2(lens: Float64) -> float:
 
     It is the least positive root of d(r·radial)/dr = 1 + 3 k1 r² + 5 k2 r⁴ + 7 k3 r⁶; infinite where there is none.
     """
-    k1, k2, k3 = lens[4], lens[5], lens[8]
-    roots = np.roots([7.0 * k3, 5.0 * k2, 3.0 * k1, 1.0])
+    coefficients = np.array([7.0 * lens[8], 5.0 * lens[5], 3.0 * lens[4], 1.0])
+    coefficients[np.abs(coefficients) < _NOTHING] = 0.0  # it would fold at right angles to the axis, or overflow
+    roots = np.roots(coefficients)
     real = roots.real[(abs(roots.imag) < 1e-12 * abs(roots)) & (roots.real > 0)]
     return float(real.min()) if len(real) else np.inf
 

@@ -78,8 +78,13 @@ class ParallelPair:
 
 
 def view_angle_of(depth_m: Any, disparity_px: Any, baseline_m: float, width_px: float) -> float:
-    """The view angle [rad] with which the formula gives these depths (rows,) of these disparities, in the median."""
-    focal = np.median(np.asarray(depth_m) * np.asarray(disparity_px)) / baseline_m
+    """The view angle [rad] with which the formula gives these depths (rows,) of these disparities, in the median.
+
+    Raises:
+        InputError: as `fit`.
+    """
+    depth, disparity = _checked(depth_m, disparity_px)
+    focal = np.median(depth * disparity) / baseline_m
     return 2.0 * math.atan(width_px / (2.0 * float(focal)))
 
 
@@ -116,6 +121,23 @@ def fit(depth_m: Any, disparity_px: Any) -> PowerLaw:
         InputError: fewer than three distances, one that is not positive, cameras swapped (negative disparities), or
             disparities that do not differ.
     """
+    depth, disparity = _checked(depth_m, disparity_px)
+    x, y = np.log(disparity), np.log(100.0 * depth)
+    spread = x - x.mean()
+    if not (spread**2).sum() > 1e-9:
+        raise InputError("all disparities are alike", fix="measure at distances that differ")
+    z = float((spread * y).sum() / (spread**2).sum())
+    return PowerLaw(float(np.exp(y.mean() - z * x.mean())), z)
+
+
+def swapped(disparity_px: Any) -> bool:
+    """Whether most of the disparities that are there are negative: the cameras are called by each other's name."""
+    disparity = np.asarray(disparity_px, dtype=np.float64)
+    there = disparity[np.isfinite(disparity)]
+    return bool((there < 0).sum() > 0.5 * len(there)) if len(there) else False
+
+
+def _checked(depth_m: Any, disparity_px: Any) -> tuple[Float64, Float64]:
     depth, disparity = np.asarray(depth_m, dtype=np.float64), np.asarray(disparity_px, dtype=np.float64)
     if len(depth) < 3:
         raise InputError(f"{len(depth)} rows", fix="measure three distances or more")
@@ -131,19 +153,7 @@ def fit(depth_m: Any, disparity_px: Any) -> PowerLaw:
     for row, value in enumerate(disparity, start=1):
         if not 0 < value < math.inf:
             raise InputError("not a disparity", row=row, value=float(value), fix="give pixels above 0")
-    x, y = np.log(disparity), np.log(100.0 * depth)
-    spread = x - x.mean()
-    if not (spread**2).sum() > 1e-9:
-        raise InputError("all disparities are alike", fix="measure at distances that differ")
-    z = float((spread * y).sum() / (spread**2).sum())
-    return PowerLaw(float(np.exp(y.mean() - z * x.mean())), z)
-
-
-def swapped(disparity_px: Any) -> bool:
-    """Whether most of the disparities that are there are negative: the cameras are called by each other's name."""
-    disparity = np.asarray(disparity_px, dtype=np.float64)
-    there = disparity[np.isfinite(disparity)]
-    return bool((there < 0).sum() > 0.5 * len(there)) if len(there) else False
+    return depth, disparity
 
 
 class DistanceTable(msgspec.Struct, frozen=True, eq=False):

@@ -7,9 +7,9 @@ With three or more markers on the base, so that the palm's place is measured at 
 - ``hook``: knuckles straight, fingers that curl and open.
 
 A fingertip then moves on an arc around its knuckle, whose radius is the length of the finger, and on a curl that tells
-how it is divided. The thumb's first joint turns by some 50° only, too little for an arc to tell its length: it keeps its
-proportion to the fingers, and says so in its uncertainty. Nobody holds a joint quite straight: how far each was bent meanwhile is estimated, too, and its
-uncertainty is part of that of the lengths.
+how it is divided. The thumb's first joint turns by some 50° only, too little for an arc to tell its length: it keeps
+its proportion to the fingers, and says so in its uncertainty. Nobody holds a joint quite straight: how far each was
+bent meanwhile is estimated, too, and its uncertainty is part of that of the lengths.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from mocapella.errors import InputError
 from mocapella.geometry.alignment import align, cross_matrix, moments
-from mocapella.geometry.rigid import apply, inverse
+from mocapella.geometry.rigid import apply
 from mocapella.model.hand import DIGITS, HandModel, HandShape
 from mocapella.settings import check
 
@@ -33,8 +33,8 @@ PHASES: Final[tuple[str, ...]] = get_args(GesturePhase)
 
 _SHARED: Final = 8  # three lengths, the base's place, flexions that were held: of the first and of the second joint
 _FREE_DEG: Final = 1000.0
-"""Standard deviation of an angle that the phase leaves free. Were it that of hands, all instants together would claim to
-know how far the joint moved on average, which lengthens the bones."""
+"""Standard deviation of an angle that the phase leaves free. Were it that of hands, all instants together would claim
+to know how far the joint moved on average, which lengthens the bones."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def measure_bones(
     shape = HandShape(
         start.handedness,
         np.array([thumb, *(fit.shared[:3] for fit in fits)]),
-        np.array([scale * start.bases[0], *(fit.shared[3:6] for fit in fits)]),
+        np.array([scale * start.bases[0], *(fit.frame @ fit.shared[3:6] for fit in fits)]),
         start.person,
         np.sqrt(np.array([np.diag(C) for C in covariances])),
     )
@@ -205,13 +205,13 @@ def _whitening(tips: Float64, layout: Float64, sd_m: float) -> Float64:
         H += J.T @ J
     J = np.concatenate([np.broadcast_to(np.eye(3), (len(tips), 3, 3)), -cross_matrix(np.nan_to_num(tips))], axis=-1)
     covariances = sd_m**2 * (np.eye(3) + J @ np.linalg.inv(H) @ np.swapaxes(J, 1, 2))
-    return np.linalg.inv(np.linalg.cholesky(covariances))
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariances)))
 
 
 class _DigitFit:
     """One digit: what all instants share, and its angles (f, a, m, b) at each."""
 
-    def __init__(
+    def __init__(  # noqa: PLR0917 - of this module
         self,
         model: HandModel,
         start: HandShape,
@@ -222,10 +222,12 @@ class _DigitFit:
         s: BonesSettings,
     ) -> None:
         seen = np.isfinite(tips).all(axis=-1)
-        self.name, self.s, self.whitening = DIGITS[digit], s, whitening[seen]
+        self.name, self.s = DIGITS[digit], s
         self.frame, self.ratio = model.frames[digit], float(model.coupling[digit])
-        self.tips, self.names = tips[seen], names[seen]
-        self.prior = np.concatenate([start.lengths[digit], start.bases[digit], [0.0, 0.0]])
+        # All in the digit's frame, turned once.
+        self.whitening = np.asarray(whitening[seen] @ self.frame)
+        self.tips, self.names = np.asarray(tips[seen] @ self.frame), names[seen]
+        self.prior = np.concatenate([start.lengths[digit], start.bases[digit] @ self.frame, [0.0, 0.0]])
         held = np.radians(s.held_sd_deg)
         self.prior_sd = np.concatenate([s.length_sd * start.lengths[digit], [s.base_sd_m] * 3, [held, held]])
         self.shared = self.prior.copy()
@@ -309,19 +311,19 @@ class _DigitFit:
         u, w = np.cos(along) * shared[:3], np.sin(along) * shared[:3]
         sine, cosine = np.sin(a), np.cos(a)
 
-        def world(u: Float64, w: Float64) -> Float64:
-            return np.asarray(np.stack([u * sine, -w, u * cosine], axis=-1) @ self.frame.T)
+        def along_plane(u: Float64, w: Float64) -> Float64:
+            return np.stack([u * sine, -w, u * cosine], axis=-1)
 
         by_shared = np.zeros((len(angles), 3, _SHARED))
         by_angles = np.empty((len(angles), 3, 4))
         for k in range(3):
-            by_shared[:, :, k] = world(np.cos(along[:, k]), np.sin(along[:, k]))
+            by_shared[:, :, k] = along_plane(np.cos(along[:, k]), np.sin(along[:, k]))
         by_shared[:, :, 3:6] = np.eye(3)
         U, W = u.sum(axis=-1), w.sum(axis=-1)
-        by_angles[:, :, 1] = np.stack([U * cosine, np.zeros_like(U), -U * sine], axis=-1) @ self.frame.T
+        by_angles[:, :, 1] = np.stack([U * cosine, np.zeros_like(U), -U * sine], axis=-1)
         for angle, first in ((0, 0), (2, 1), (3, 2)):
-            by_angles[:, :, angle] = world(-w[:, first:].sum(axis=-1), u[:, first:].sum(axis=-1))
-        return shared[3:6] + world(U, W), by_shared, by_angles
+            by_angles[:, :, angle] = along_plane(-w[:, first:].sum(axis=-1), u[:, first:].sum(axis=-1))
+        return shared[3:6] + along_plane(U, W), by_shared, by_angles
 
     def _expected(self, shared: Float64, angles: Float64) -> tuple[Float64, Float64]:
         """(n, 4) how far the angles are from what the phase asks for, over (n, 4) the standard deviations."""
@@ -340,7 +342,7 @@ class _DigitFit:
         return float((r**2).sum() + (e**2).sum() + (d**2).sum())
 
     def _equations(self) -> tuple[Float64, Float64, Float64, Float64, Float64]:
-        """Gauss–Newton: A (8, 8) of what is shared, B (n, 8, 4), C (n, 4, 4) of the angles, and the right-hand sides."""
+        """Gauss–Newton: A (8, 8) of what is shared, B (n, 8, 4), C (n, 4, 4) of the angles, and right-hand sides."""
         tips, Js, Jf = self._tips(self.shared, self.angles)
         Js, Jf = self.whitening @ Js, self.whitening @ Jf
         r = np.einsum("nij,nj->ni", self.whitening, self.tips - tips)

@@ -40,15 +40,16 @@ class HandChain:
     def moves(self) -> NDArray[np.bool_]:
         """(21, 21) whether a landmark is moved by an angle."""
         out = np.zeros((len(LANDMARKS), len(ANGLES)), dtype=np.bool_)
-        for landmark, angle in enumerate(self.last):
+        for landmark, last in enumerate(self.last):
+            angle = int(last)
             while angle >= 0:
                 out[landmark, angle] = True
-                angle = self.parents[angle]
+                angle = int(self.parents[angle])
         return out
 
 
 def hand_chain(model: HandModel, shape: HandShape) -> HandChain:
-    """The chain of a person's hand. At each two-axis joint abduction comes first, about an axis fixed in the bone before."""
+    """The chain of a person's hand. At a two-axis joint abduction comes first, about an axis of the bone before."""
     twists, at_zero = np.zeros((len(ANGLES), 6)), np.zeros((len(LANDMARKS), 3))
     parents, last = np.full(len(ANGLES), -1), np.full(len(LANDMARKS), -1)
     mirror = shape.mirror

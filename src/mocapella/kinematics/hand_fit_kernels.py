@@ -8,7 +8,7 @@ by Levenberg's and Marquardt's method, with a steep penalty outside the limits; 
 them. Residuals and derivatives are told in the palm's frame. Importing this module imports numba.
 """
 
-# ruff: noqa: PLR0912, PLR0915, PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
 from __future__ import annotations
 
 import math
@@ -68,7 +68,7 @@ def digit_angles(z, columns, gains, digit, q):
 
 @njit(cache=True)
 def _columns_of(digit, joint, x, axes, columns, gains, J, at):
-    """Write the derivatives J (11, 3) of a digit's joint and their places at (11,): the palm's six, then the angles'."""
+    """Write the derivatives J (11, 3) of a digit's joint and their places at (11,): the palm's six, then angles'."""
     px, py, pz = x[joint, 0], x[joint, 1], x[joint, 2]
     for k in range(6):
         at[k] = k
@@ -285,7 +285,7 @@ def fit(
     _copy(t, new_t)
     _copy(z, new_z)
     damping, cost, most = 1e-6, math.inf, 1.0
-    for k in range(iterations + 1):
+    for turn in range(iterations + 1):
         spare, spare_g = np.zeros((n, n)), np.zeros(n)
         there = _measured(
             digits, mirror, layout, points, information, columns, gains, new_R, new_t, new_z, spare, spare_g
@@ -302,7 +302,7 @@ def fit(
             H, g = spare, spare_g
             for i in range(6):
                 H[i, i] += 1e-9
-            if k > 0:
+            if turn > 0:
                 damping = max(0.1 * damping, 1e-9)
                 if gained < 1e-6 * (1.0 + cost):
                     break
@@ -408,7 +408,7 @@ def describe(
 
 @njit(cache=True)
 def misfits(digits, mirror, layout, points, information, columns, gains, R, t, z, squared):
-    """Write the squared distances of the markers from a hand, in their own standard deviations, into squared (5 + k,)."""
+    """Write the squared distances of the markers from a hand, in their standard deviations, into squared (5 + k,)."""
     n = 6 + len(z)
     H, g, alone = np.zeros((n, n)), np.zeros(n), np.zeros_like(information)
     for i in range(len(points)):

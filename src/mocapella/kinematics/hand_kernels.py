@@ -1,7 +1,7 @@
 """One digit's inverse kinematics, compiled: closed form with a limited search, FABRIK, and the Jacobian's methods.
 
-A digit is solved in the frame of its first joint, where its tip at flexion f, abduction a, flexion m of the second and b
-of the third joint is (u·sin a, −w, u·cos a) with
+A digit is solved in the frame of its first joint, where its tip at flexion f, abduction a, flexion m of the second and
+b of the third joint is (u·sin a, −w, u·cos a) with
 
     u = l₁·cos f + l₂·cos(f + m) + l₃·cos(f + m + b),   w likewise with sines:
 
@@ -9,7 +9,7 @@ a plane chain in a plane that turns about y. Importing this module imports numba
 `mocapella.kinematics.hand_solvers`.
 """
 
-# ruff: noqa: PLR0912, PLR0915, PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
 from __future__ import annotations
 
 import math

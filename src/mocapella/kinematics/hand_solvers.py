@@ -60,7 +60,7 @@ class HandSolver(Protocol):
 
 
 def digit_rows(model: HandModel, shape: HandShape) -> Float64:
-    """(5, `DIGIT`) what the kernels know of a hand; of a right one, for the kernels solve mirror images of left hands."""
+    """(5, `DIGIT`) what the kernels know of a hand; they solve a left one as its mirror image."""
     k = kernels()
     rows = np.zeros((5, k.DIGIT))
     for i, (row, digit, cone) in enumerate(zip(rows, model.digits, model.cones, strict=True)):
@@ -89,7 +89,7 @@ def _squared_distance(lengths: Float64, thirds: int) -> Float64:
     coefficients[0] = one**2 + two**2 + three**2
     for k, product in ((3, one * two), (thirds, two * three), (3 + thirds, one * three)):
         coefficients[k] += 2 * product
-    powers = chebyshev.cheb2poly(coefficients)
+    powers = np.asarray(chebyshev.cheb2poly(coefficients))  # type: ignore[no-untyped-call]
     return np.concatenate([powers, np.zeros(8 - len(powers))])
 
 
@@ -125,7 +125,7 @@ class _Solver:
 
 
 class ClosedForm(_Solver):
-    """In the digit's plane; unreachable targets by a limited search. The start matters only where there is no target."""
+    """In the digit's plane; unreachable targets by a limited search. The start matters where there is no target."""
 
     name = "closed form"
 

@@ -1,7 +1,7 @@
 """Five fingertips and the base's markers → a hand, instant after instant, with what is measured and how sure.
 
-Six markers do not determine a hand. With three or more on the base the palm's place is measured; with fewer it comes from
-the fit, and what the markers alone do not say comes from what is usual: a hand at rest, fingers that follow their
+Six markers do not determine a hand. With three or more on the base the palm's place is measured; with fewer it comes
+from the fit, and what the markers alone do not say comes from what is usual: a hand at rest, fingers that follow their
 neighbours, and how the hand moved until now. `hand_fit_kernels` says what is minimised, and how the states are told.
 """
 
@@ -27,6 +27,8 @@ from mocapella.settings import check
 Float64 = NDArray[np.float64]
 
 _COLUMN_ORDER: Final = (0, 1, 2, 3, 4)
+_LEAST_SD_M: Final = 1e-6
+"""Nothing is surer than that, so that the equations can be solved."""
 _DOUBTFUL: Final = 4.0
 """Standard deviations of a marker beyond which a fit is tried from another start, too."""
 _POSES_DEG: Final = ((0.0, 0.0), (25.0, 35.0), (45.0, 70.0), (75.0, 90.0))
@@ -212,12 +214,12 @@ class HandTracker:
             usable = (np.abs(points) < 1e6).all(axis=-1) & np.isfinite(covariances).all(axis=(-1, -2)) & (least > 0)
         information = np.zeros((n, 3, 3))
         if given.ndim == 1:
-            information[usable] = np.eye(3) / given[usable, None, None] ** 2
+            information[usable] = np.eye(3) / np.maximum(given[usable, None, None], _LEAST_SD_M) ** 2
         else:
             symmetric = 0.5 * (covariances + np.swapaxes(covariances, 1, 2))
             values, vectors = np.linalg.eigh(np.where(usable[:, None, None], symmetric, np.eye(3)))
             usable &= values[:, 0] > 1e-9 * values[:, 2]
-            inverses = (vectors / np.maximum(values, 1e-300)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+            inverses = (vectors / np.maximum(values, _LEAST_SD_M**2)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
             information[usable] = inverses[usable]
         last = self._state.at_s if self._state is not None else at_s
         return points, information, max(float(at_s), last)
@@ -396,10 +398,11 @@ class HandTracker:
         certainty = np.zeros(len(variances)) if before is None else 1.0 / np.maximum(before.variances, 1e-12)
         R = np.ascontiguousarray(state.T[:3, :3]).reshape(9)
         t = np.ascontiguousarray(state.T[:3, 3])
-        _fitting().describe(
+        sure = _fitting().describe(
             self.solver.digits, self._mirror, self.layout, np.nan_to_num(points), information, self.columns, self.gains,
             self._prior, certainty, R, t, state.z, x, sd, alone, variances, residuals,
         )  # fmt: skip
+        assert sure, "information is bounded, and so is the prior"
         self._state = _State(state.at_s, state.seen_s, state.T, state.z, variances, state.velocity)
         tracked = (alone <= self.settings.tracked_sd_m) & seen
         states = np.where(tracked, JointState.TRACKED, JointState.INFERRED).astype(np.uint8)
@@ -432,12 +435,13 @@ def base_layout(shape: HandShape, markers: int, height_m: float = 0.0) -> Float6
     check(1 <= markers <= 4, "markers", markers, "1 to 4")
     order = [DIGITS.index(name) for name in ("index", "little", "middle")]
     places = np.concatenate([np.zeros((1, 3)), shape.bases[order]])[:markers]
-    return np.asarray(places + [0.0, height_m, 0.0])
+    return np.asarray(places + np.array([0.0, height_m, 0.0]))
 
 
 def _free_angles(model: HandModel) -> tuple[NDArray[np.int64], Float64, NDArray[np.int64]]:
-    """Which free angle each of a digit's five follows and how much, (5, 5) both; and where the free ones are in `ANGLES`."""
-    columns, gains, angle_of = np.full((5, 5), -1, dtype=np.int64), np.ones((5, 5)), []
+    """Which free angle each of a digit's five follows and how much, (5, 5); where the free ones are in `ANGLES`."""
+    columns, gains = np.full((5, 5), -1, dtype=np.int64), np.ones((5, 5))
+    angle_of: list[int] = []
     for digit in range(5):
         for k in _COLUMN_ORDER:
             angle = int(DIGIT_ANGLES[digit, k])

@@ -1,8 +1,8 @@
 """What a hand is: landmarks, joints with their limits, one person's bones, and a hand that was found.
 
-Landmarks are in the order of MediaPipe's hand: the wrist, then of the thumb CMC, MCP, IP and tip, then of index, middle,
-ring and little finger MCP, PIP, DIP and tip. `hands/human.toml` says what a hand is made of and where its numbers come
-from; the palm's frame is described there.
+Landmarks are in the order of MediaPipe's hand: the wrist, then of the thumb CMC, MCP, IP and tip, then of index,
+middle, ring and little finger MCP, PIP, DIP and tip. `hands/human.toml` says what a hand is made of and where its
+numbers come from; the palm's frame is described there.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import tomllib
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from importlib.resources import files
+from itertools import pairwise
 from typing import Final, Literal
 
 import msgspec
@@ -337,7 +338,7 @@ def hand_model_from_toml(text: str) -> HandModel:
     known = ("name", "hand_length_m", "hand_breadth_m", "thumb_mcp_abduction_deg", "digits", "neighbours_deg")
     _same_keys(data, known, "hand")
     _same_keys(data["digits"], DIGITS, "hand, digits")
-    pairs = [f"{one}_{other}" for one, other in zip(DIGITS[1:-1], DIGITS[2:], strict=True)]
+    pairs = [f"{one}_{other}" for one, other in pairwise(DIGITS[1:])]
     _same_keys(data["neighbours_deg"], pairs, "hand, neighbours_deg")
     thumb, index, middle, ring, little = (
         parse(Digit, data["digits"][name], where=f"hand, digit {name}") for name in DIGITS

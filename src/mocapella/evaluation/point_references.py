@@ -1,0 +1,136 @@
+"""Triangulated points beside what other tools made of the same detections: Caliscope and Pose2Sim."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import InputError
+from mocapella.fusion.point_tracks import TracksSettings, triangulate_tracks
+from mocapella.model.point_tracks import SpaceTracks
+from mocapella.recording.foreign_rigs import load_camera_rig
+from mocapella.recording.viewed_tracks import read_viewed_tracks
+
+Float64 = NDArray[np.float64]
+
+LINEAR_HOLISTIC: Final = TracksSettings("linear", largest_error_px=40.0)
+WEIGHTED_LINEAR: Final = TracksSettings("weighted-linear")
+HANDS: Final = (100, 200)
+"""Caliscope numbers the right and left hand's 21 landmarks from these; the body's 33 from 0."""
+HAND_BONES: Final = tuple(
+    (0 if joint == 1 else 4 * finger + joint - 1, 4 * finger + joint) for finger in range(5) for joint in range(1, 5)
+)
+"""Of the 21 landmarks: the wrist, and four of each finger."""
+BODY_LANDMARKS, HAND_LANDMARKS = 33, 21
+
+
+class Agreement(msgspec.Struct, frozen=True):
+    """Points beside a reference's.
+
+    Attributes:
+        compared: points that both have.
+        reference: points that the reference has.
+        median_mm, p95_mm: of the distances.
+        within_1_mm: share of the reference's points that we have, and no farther than that.
+    """
+
+    compared: int
+    reference: int
+    median_mm: float
+    p95_mm: float
+    within_1_mm: float
+
+
+class Steadiness(msgspec.Struct, frozen=True):
+    """Median over the bones of both hands of the coefficient of variation of a bone's length.
+
+    Attributes:
+        ours: of all our points.
+        reference: of all the reference's.
+        reference_where_ours: of the reference's points that we have, too.
+    """
+
+    ours: float
+    reference: float
+    reference_where_ours: float
+
+
+def agreement(ours: Float64, reference: Float64) -> Agreement:
+    """Points (..., 3) [m] beside a reference's (..., 3); NaN where there is none."""
+    there = np.isfinite(reference).all(axis=-1)
+    distances = 1000.0 * np.linalg.norm(ours - reference, axis=-1)[there]
+    both = distances[np.isfinite(distances)]
+    median, p95 = np.percentile(both, [50, 95])
+    return Agreement(len(both), int(there.sum()), float(median), float(p95), float((distances <= 1.0).mean()))
+
+
+def holistic(folder: Path, settings: TracksSettings = LINEAR_HOLISTIC) -> tuple[Agreement, Steadiness]:
+    """Hands and body of ``mediapipe_holistic_4cam`` beside Caliscope's.
+
+    Raises:
+        InputError: a file is missing or none of these.
+    """
+    recording = folder / "recording_1" / "HOLISTIC"
+    tracks = read_viewed_tracks([recording / "xy_HOLISTIC.csv"])
+    space, _ = triangulate_tracks(tracks, load_camera_rig(folder / "config.toml"), settings)
+    reference = caliscope_points(recording / "xyz_HOLISTIC.csv", space)
+    numbers = np.array([int(name) for name in space.points])
+    chosen = (numbers < BODY_LANDMARKS) | np.isin(numbers, [b + i for b in HANDS for i in range(HAND_LANDMARKS)])
+    ours = space.positions
+    shared = np.where(np.isfinite(ours), reference, np.nan)
+    steady = Steadiness(*(variation(points, numbers) for points in (ours, reference, shared)))
+    return agreement(ours[:, chosen], reference[:, chosen]), steady
+
+
+def variation(points: Float64, numbers: NDArray[np.int64]) -> float:
+    """Of points (frames, points, 3) with Caliscope's numbers, as `Steadiness` says."""
+    places = {int(number): p for p, number in enumerate(numbers)}
+    found = []
+    for base in HANDS:
+        for a, b in HAND_BONES:
+            lengths = np.linalg.norm(points[:, places[base + a]] - points[:, places[base + b]], axis=-1)
+            found.append(np.nanstd(lengths) / np.nanmean(lengths))
+    return float(np.median(found))
+
+
+def caliscope_points(path: Path, space: SpaceTracks) -> Float64:
+    """(frames, points, 3) of Caliscope's CSV of points in space, in the order of ``space``; NaN where it has none."""
+    frames, points = ({value: i for i, value in enumerate(values)} for values in (space.frames.tolist(), space.points))
+    result = np.full(space.positions.shape, np.nan)
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            for row in csv.DictReader(file):
+                if row["point_id"] in points:
+                    place = frames[int(row["sync_index"])], points[row["point_id"]]
+                    result[place] = [float(row[f"{axis}_coord"]) for axis in "xyz"]
+    except (OSError, KeyError, ValueError) as error:
+        raise InputError(f"not Caliscope's points: {error}", file=path, fix="give its xyz CSV") from error
+    return result
+
+
+def single_person(folder: Path, settings: TracksSettings = WEIGHTED_LINEAR) -> Agreement:
+    """All points of ``pose2sim_single_person`` beside Pose2Sim's raw TRC.
+
+    Raises:
+        InputError: a file is missing or none of these.
+    """
+    tracks = read_viewed_tracks(sorted((folder / "pose-associated").glob("*_json")))
+    space, _ = triangulate_tracks(tracks, load_camera_rig(folder / "calibration" / "Calib_qualisys.toml"), settings)
+    (path,) = (p for p in (folder / "pose-3d").glob("*.trc") if "filt" not in p.name)
+    names, reference = trc_points(path)
+    ours = space.positions[: len(reference), [space.points.index(name) for name in names]]
+    return agreement(ours, reference[..., [2, 0, 1]])  # its Y is the world's z
+
+
+def trc_points(path: Path) -> tuple[list[str], Float64]:
+    """The names of a TRC's markers and their points (frames, markers, 3), in its unit."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    names = [name for name in lines[3].split("\t")[2:] if name]
+    cells = [line.split("\t")[2 : 2 + 3 * len(names)] for line in lines[5:] if line.strip()]
+    points = np.array([[float(cell) if cell.strip() else np.nan for cell in row] for row in cells])
+    return names, points.reshape(len(cells), len(names), 3)
