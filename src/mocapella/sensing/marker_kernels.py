@@ -26,6 +26,9 @@ _COS = np.cos(2 * np.pi * np.arange(RAYS) / RAYS)
 _SIN = np.sin(2 * np.pi * np.arange(RAYS) / RAYS)
 
 
+_2, _3, _7, _248 = np.uint16(2), np.uint16(3), np.uint16(7), np.uint16(248)
+
+
 @njit(cache=True)
 def _root(parent, i):
     while parent[i] != i:
@@ -47,14 +50,14 @@ def pieces(image, table, x0, y0, x1, y1, only, index, labels, runs, parent, foun
     Returns:
         How many; -1 - how many where there are more runs than room, the rest of the image not being looked at.
     """
-    width, count, full = x1 - x0, 0, False
+    width, count, full, stride, flat = x1 - x0, 0, False, image.shape[1], image.reshape(-1)
     words = labels.view(np.uint64)
     before, before_end = 0, 0
     for y in range(y0, y1):
-        line = image[y]
-        for i in range(width):
-            b, g, r = line[x0 + i, 0], line[x0 + i, 1], line[x0 + i, 2]
-            index[i] = np.uint16((b >> 3) | ((g & 248) << 2) | ((r & 248) << 7))
+        line = flat[3 * (y * stride + x0) : 3 * (y * stride + x1)]
+        for i in range(width):  # apart from the look-up, so that the compiler makes vectors of it: 16-bit numbers only
+            b, g, r = np.uint16(line[3 * i]), np.uint16(line[3 * i + 1]), np.uint16(line[3 * i + 2])
+            index[i] = (b >> _3) | ((g & _248) << _2) | ((r & _248) << _7)
         for i in range(width):
             labels[i] = table[index[i]]
         blocks = (width + 7) >> 3
