@@ -25,7 +25,7 @@ Mask = NDArray[np.bool_]
 
 LIKE: Final = 0.3
 """How far in u and v a region's pixels may be from its middle."""
-LEAST_PX: Final = 20
+LEAST_PX: Final = 12
 LARGEST_SHARE: Final = 0.1
 COLOURLESS: Final = 0.25
 """Nearer to grey than this is no colour."""
