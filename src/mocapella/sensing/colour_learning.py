@@ -24,11 +24,12 @@ UInt8 = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
 LIKE: Final = 0.3
-"""How far in u and v a region's pixels may be from its middle."""
+"""How far in u and v, across its hue, a region's pixels may be from its middle."""
 LEAST_PX: Final = 12
 LARGEST_SHARE: Final = 0.1
 COLOURLESS: Final = 0.25
 """Nearer to grey than this is no colour."""
+_SEED_PX: Final = 4
 _EDGE_PX: Final = 8
 """So far around a marker nothing is learnt of the background."""
 
@@ -119,30 +120,59 @@ def grow(image: UInt8, click: tuple[float, float], name: str) -> Mask:
     if not (0 <= x < width and 0 <= y < height):
         fix = f"click into the image, which is {width} × {height} px"
         raise InputError("lies outside the image", field=name, value=click, fix=fix)
-    patch = image[max(y - 2, 0) : y + 3, max(x - 2, 0) : x + 3].reshape(-1, 3)
-    middle, luma = np.median(chromaticity(patch), axis=0), float(np.median(brightness(patch)))
+    at, light = _smooth(chromaticity(image), x, y), brightness(image)
+    middle, luma = _seed(at, light, x, y, strongest=name != SKIN)
     if name != SKIN and np.linalg.norm(middle) < COLOURLESS:
         fix = "click on the coloured middle of the marker, beside a reflection"
         raise InputError("has hardly any colour there", field=name, value=click, fix=fix)
-    at, light = chromaticity(image), brightness(image)
+    at = chromaticity(image)
+    region: Mask = np.zeros((height, width), np.bool_)
     for _ in range(2):
-        like = (np.linalg.norm(at - middle, axis=-1) < LIKE) & (light > 0.4 * luma) & (light < 2.5 * luma)
+        like = _like(at, middle) & (light > 0.4 * luma) & (light < 2.5 * luma)
         labels, _ = ndimage.label(like)
-        near = labels[max(y - 2, 0) : y + 3, max(x - 2, 0) : x + 3]
+        near = labels[max(y - 4, 0) : y + 5, max(x - 4, 0) : x + 5]
         near = near[near > 0]
         if not len(near):
-            break
-        region: Mask = labels == np.bincount(near).argmax()
+            fix = "click on the middle of the marker"
+            raise InputError("no pixels of one colour are there", field=name, value=click, fix=fix)
+        region = labels == np.bincount(near).argmax()
         middle = np.median(at[region], axis=0)
-    if not len(near):
-        fix = "click on the middle of the marker"
-        raise InputError("no pixels of one colour are there", field=name, value=click, fix=fix)
     if name != SKIN and region.mean() > LARGEST_SHARE:
         raise InputError(
             f"the like-coloured region there covers {100 * region.mean():.0f} % of the image", field=name, value=click,
             fix="click on the marker; if it was, its colour is that of what is behind it: choose another colour",
         )  # fmt: skip
     return np.asarray(ndimage.binary_fill_holes(region))
+
+
+def _smooth(at: Float64, x: int, y: int) -> Float64:
+    """Medians of 5 × 5 within reach of the seed; as it was elsewhere."""
+    out = at.copy()
+    part = (slice(max(y - 2 * _SEED_PX, 0), y + 2 * _SEED_PX), slice(max(x - 2 * _SEED_PX, 0), x + 2 * _SEED_PX))
+    for k in range(2):
+        out[(*part, k)] = ndimage.median_filter(at[(*part, k)], 5)
+    return out
+
+
+def _seed(at: Float64, light: Float64, x: int, y: int, *, strongest: bool) -> tuple[Float64, float]:
+    """Chromaticity and luma to grow from: those clicked at, or the strongest of that hue nearby, if it was a reflection."""
+    part = (slice(max(y - _SEED_PX, 0), y + _SEED_PX + 1), slice(max(x - _SEED_PX, 0), x + _SEED_PX + 1))
+    clicked, near = at[y, x], at[part].reshape(-1, 2)
+    strength = np.linalg.norm(near, axis=-1)
+    cosine = near @ clicked / np.maximum(strength * np.linalg.norm(clicked), 1e-9)
+    strength[cosine < 0.9] = -1.0
+    best = int(np.argmax(strength))
+    if not strongest or strength[best] < 0:
+        return clicked, float(light[y, x])
+    return near[best], float(light[part].reshape(-1)[best])
+
+
+def _like(at: Float64, middle: Float64) -> Mask:
+    """Which chromaticities are near a middle, or between it and white, where a reflection's are."""
+    size = max(float(np.linalg.norm(middle)), 1e-9)
+    along = at @ middle / size
+    across = np.abs(at @ np.array([-middle[1], middle[0]]) / size)
+    return np.asarray((across < LIKE) & (along > min(0.5 * size, size - LIKE)) & (along < size + max(LIKE, 0.3 * size)))
 
 
 def _inside(region: Mask) -> Mask:

@@ -98,7 +98,8 @@ def classify(profile: ColourProfile, bgr: NDArray[Any], settings: TableSettings 
     best = np.argmax(likely, axis=-1)
     top = np.take_along_axis(likely, best[..., None], axis=-1)[..., 0]
     np.put_along_axis(likely, best[..., None], 0.0, axis=-1)
-    sure = (top > s.margin * no_marker(profile, at, noise)) & (top > s.margin_of_others * likely.max(axis=-1))
+    areas = np.array([colour.area_px for colour in profile.colours])[best]
+    sure = (top > s.margin * no_marker(profile, at, noise, areas)) & (top > s.margin_of_others * likely.max(axis=-1))
     return np.where(sure, best + 1, 0).astype(np.uint8)
 
 
@@ -118,22 +119,25 @@ def gaussian(at: Float64, seen: Chromaticities, noise: Float64 | float = 0.0) ->
     return np.asarray(np.exp(-0.5 * (vv * x * x - 2 * uv * x * y + uu * y * y) / det) / (2 * np.pi * np.sqrt(det)))
 
 
-def no_marker(profile: ColourProfile, at: Float64, noise: Float64) -> Float64:
-    """(...) density of what is no marker."""
+def no_marker(profile: ColourProfile, at: Float64, noise: Float64, areas_px: Float64) -> Float64:
+    """(...) density of what is no marker, beside that of markers of these areas (...).
+
+    The wall counts by its pixels: a thing as large as the marker is as likely met as the marker is.
+    """
     counts = np.array(profile.background.counts, np.float64)
-    total = counts.sum()
+    per_image = profile.size_px[0] * profile.size_px[1] / max(counts.sum(), 1)
     bin_width = 2 * SPAN / BINS
-    density = ndimage.gaussian_filter(counts, 0.7, mode="constant") / max(total, 1) / bin_width**2
+    density = ndimage.gaussian_filter(counts, 0.7, mode="constant") * per_image / bin_width**2
     places = np.moveaxis((at + SPAN) / bin_width - 0.5, -1, 0)
-    wall = ndimage.map_coordinates(density, places, order=1, mode="nearest")
+    wall = ndimage.map_coordinates(density, places, order=1, mode="nearest") / areas_px
     if profile.skin is None:
-        return np.asarray(0.7 * wall + 0.3 * _ANYTHING)
+        return np.asarray(wall + 0.5 * _ANYTHING)
     u, v = profile.skin.mean
     skin = np.mean([
         gaussian(at, Chromaticities((t * u, t * v), profile.skin.covariance, profile.skin.luma, 1), noise)
         for t in _GLANCES
     ], axis=0)  # fmt: skip
-    return np.asarray(0.5 * wall + 0.25 * skin + 0.25 * _ANYTHING)
+    return np.asarray(wall + 0.25 * skin + 0.25 * _ANYTHING)
 
 
 def separability(profile: ColourProfile, settings: TableSettings | None = None) -> Separability:
