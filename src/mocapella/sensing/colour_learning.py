@@ -80,7 +80,7 @@ def learn_colours(
         marked = np.zeros(sample.image.shape[:2], np.bool_)
         for name, click in sample.clicks.items():
             region = grow(sample.image, click, name)
-            inner = _inside(region)
+            inner = inside(region)
             if inner.sum() < LEAST_PX:
                 raise InputError(
                     f"only {inner.sum()} pixels of one colour are there", field=name, value=click,
@@ -175,7 +175,7 @@ def _like(at: Float64, middle: Float64) -> Mask:
     return np.asarray((across < LIKE) & (along > min(0.5 * size, size - LIKE)) & (along < size + max(LIKE, 0.3 * size)))
 
 
-def _inside(region: Mask) -> Mask:
+def inside(region: Mask) -> Mask:
     """A region without its edge, two pixels of it, or one where little would be left."""
     inner = np.asarray(ndimage.binary_erosion(region, iterations=2))
     return inner if inner.sum() >= LEAST_PX else np.asarray(ndimage.binary_erosion(region))

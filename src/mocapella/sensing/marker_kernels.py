@@ -16,7 +16,7 @@ from numba import njit
 
 from mocapella.sensing.marker_memory import (
     AREA, CANDIDATES, CONFIDENCE, ELONGATION, FOUND, MERGED, OUT, REJECTED_BIG, REJECTED_SHAPE, REJECTED_SMALL, SD, SEEN_S,
-    VX, VY, X, Y,
+    USUAL, VX, VY, X, Y,
 )  # fmt: skip
 
 LABEL, SIZE, SX, SY, SXX, SXY, SYY, X0, Y0, X1, Y1 = range(11)
@@ -234,25 +234,28 @@ def centre(image, light, x, y, xx, xy, yy, out):
 
 
 @njit(cache=True, error_model="numpy")
-def choose(found, count, label, x0, y0, predicted, px, py, area_before, limits, shape, mine, counts):
+def choose(found, count, label, x0, y0, predicted, px, py, area_before, usual, limits, shape, mine, counts):
     """Which piece is the marker: its number, or -1.
 
     Args:
         found, count: pieces whose sums are from (x0, y0).
-        predicted: whether (px, py) is where it should be; area_before: its area when last seen, or 0.
-        limits: (5,) least area, greatest area, greatest elongation, least fill, window [px].
+        predicted: whether (px, py) is where it should be; area_before: its area when last seen, or 0;
+            usual: when it was learnt.
+        limits: least area, greatest area, greatest elongation, least fill, window [px], two of `tell`, and how many times
+            smaller or larger than usual it may be.
         shape: (7,) scratch; mine: (11,) the piece with what a highlight cut from it.
         counts: (OUT,) numbers of candidates and rejected.
     """
     best, best_score, plausible = -1, -1e300, 0.0
+    least, most = max(limits[0], usual / limits[7]), min(limits[1], usual * limits[7])
     for turn in range(2):
         for p in range(count):
             if found[p, LABEL] != label:
                 continue
             n = found[p, SIZE]
-            if n < limits[0] or n > limits[1]:
+            if n < least or n > most:
                 if turn == 0:
-                    counts[REJECTED_SMALL if n < limits[0] else REJECTED_BIG] += 1.0
+                    counts[REJECTED_SMALL if n < least else REJECTED_BIG] += 1.0
                 continue
             shape_of(found[p], shape)
             if shape[5] > limits[2] or shape[6] < limits[3]:
@@ -263,16 +266,14 @@ def choose(found, count, label, x0, y0, predicted, px, py, area_before, limits, 
                 if n >= plausible:
                     counts[CANDIDATES] += 1.0
                 continue
-            score = math.log(n) * 0.5 + math.log(shape[6])
-            if area_before > 0.0:
-                score = math.log(shape[6]) - abs(math.log(n / area_before))
+            score = math.log(shape[6]) - abs(math.log(n / (area_before if area_before > 0.0 else usual)))
             if predicted:
                 score -= math.hypot(shape[0] + x0 - px, shape[1] + y0 - py) / limits[4]
             if score > best_score:
                 best, best_score = p, score
         if best < 0:
             return best
-        plausible = max(0.25 * found[best, SIZE], limits[0])
+        plausible = max(0.25 * found[best, SIZE], least)
     mine[:] = found[best]
     for p in range(count):  # pieces a highlight has cut off
         if p == best or found[p, LABEL] != label or found[p, SIZE] > found[best, SIZE]:
@@ -292,9 +293,34 @@ def choose(found, count, label, x0, y0, predicted, px, py, area_before, limits, 
 
 
 @njit(cache=True, error_model="numpy")
-def tell(image, light, mine, x0, y0, area_before, limits, shape, out):
+def fill(image, table, label, mine, x0, y0):
+    """Moments of a piece with its holes and notches, which reflections make: all between its pixels in a row or column."""
+    left, top = int(mine[X0]), int(mine[Y0])
+    w, h = int(mine[X1]) - left + 1, int(mine[Y1]) - top + 1
+    begin, end, high, low = np.full(h, w), np.full(h, -1), np.full(w, h), np.full(w, -1)
+    for y in range(h):
+        for x in range(w):
+            if table_label(image, table, top + y, left + x) == label:
+                begin[y], end[y] = min(begin[y], x), x
+                high[x], low[x] = min(high[x], y), y
+    mine[SIZE : SYY + 1] = 0.0
+    for y in range(h):
+        for x in range(w):
+            if begin[y] <= x <= end[y] or high[x] <= y <= low[x]:
+                u, v = float(left + x - x0), float(top + y - y0)
+                mine[SIZE] += 1.0
+                mine[SX] += u
+                mine[SY] += v
+                mine[SXX] += u * u
+                mine[SXY] += u * v
+                mine[SYY] += v * v
+
+
+@njit(cache=True, error_model="numpy")
+def tell(image, table, light, mine, x0, y0, area_before, limits, shape, out):
     """Write what is told of a chosen piece into out (OUT,)."""
     h, w, _ = image.shape
+    fill(image, table, mine[LABEL], mine, x0, y0)
     shape_of(mine, shape)
     sub = np.empty(4)
     x, y = shape[0] + x0, shape[1] + y0
@@ -317,7 +343,7 @@ def follow(image, table, light, memory, at_s, whole, limits, grow_px_s2, forget_
 
     Args:
         whole: whether the whole image is looked at anyway.
-        limits: (7,) of `choose`, then floor and scale of the standard deviation.
+        limits: (8,) of `choose`; the sixth and seventh are floor and scale of a centre's standard deviation.
         grow_px_s2: the acceleration by which a prediction can be wrong [px/s²]; forget_s: after which it is none.
 
     Returns:
@@ -344,13 +370,13 @@ def follow(image, table, light, memory, at_s, whole, limits, grow_px_s2, forget_
                 out[k] = 0.0
                 if count < 0:
                     break
-                best = choose(found, count, k + 1, x0, y0, True, px, py, memory[k, AREA], limits, shape, mine, out[k])
+                best = choose(found, count, k + 1, x0, y0, True, px, py, memory[k, AREA], memory[k, USUAL], limits, shape, mine, out[k])
                 if best < 0:
                     half *= 2.0
                     continue
                 inner = (mine[X0] > x0 or x0 == 0) and (mine[X1] < x1 - 1 or x1 == w)
                 if inner and (mine[Y0] > y0 or y0 == 0) and (mine[Y1] < y1 - 1 or y1 == h):
-                    tell(image, light, mine, x0, y0, memory[k, AREA], limits, shape, out[k])
+                    tell(image, table, light, mine, x0, y0, memory[k, AREA], limits, shape, out[k])
                     break
                 half *= 2.0
             if out[k, FOUND] == 0.0:
@@ -369,8 +395,8 @@ def follow(image, table, light, memory, at_s, whole, limits, grow_px_s2, forget_
             if known:
                 px, py, area = memory[k, X] + age * memory[k, VX], memory[k, Y] + age * memory[k, VY], memory[k, AREA]
             out[k] = 0.0
-            if choose(found, count, k + 1, 0, 0, known, px, py, area, limits, shape, mine, out[k]) >= 0:
-                tell(image, light, mine, 0, 0, area, limits, shape, out[k])
+            if choose(found, count, k + 1, 0, 0, known, px, py, area, memory[k, USUAL], limits, shape, mine, out[k]) >= 0:
+                tell(image, table, light, mine, 0, 0, area, limits, shape, out[k])
     for k in range(len(out)):
         if out[k, FOUND] > 0.0:
             age = at_s - memory[k, SEEN_S]

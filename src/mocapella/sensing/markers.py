@@ -43,7 +43,9 @@ class MarkerSettings:
         acceleration_px_s2: by which a prediction may be wrong; the window grows by half of it times the age squared.
         forget_s: a marker unseen for longer has no prediction.
         whole_image_s: so often the whole image is looked at though nothing is lost.
+        light_s: so often the light is looked at.
         least_px, largest_share: a marker's area, in pixels and as part of the image.
+        area_range: how many times smaller or larger than learnt it may be; 10 is three times as far or near.
         largest_elongation: long axis over short axis; a painted fingertip in motion blur stays below.
         least_fill: area over that of the ellipse with the same moments.
         sd_floor_px, sd_scale: a centre's standard deviation is that floor and, in squares, this times the edge's roughness.
@@ -54,12 +56,14 @@ class MarkerSettings:
     acceleration_px_s2: float = 20_000.0
     forget_s: float = 0.5
     whole_image_s: float = 1.0
+    light_s: float = 1.0
     least_px: float = 12.0
     largest_share: float = 0.1
+    area_range: float = 10.0
     largest_elongation: float = 4.0
     least_fill: float = 0.6
-    sd_floor_px: float = 0.04
-    sd_scale: float = 0.3
+    sd_floor_px: float = 0.08
+    sd_scale: float = 0.6
     brighter: float = 1.5
     chroma_drift: float = 0.2
     table: TableSettings = TableSettings()
@@ -69,8 +73,10 @@ class MarkerSettings:
         check(0 <= self.acceleration_px_s2 <= 1e9, "acceleration_px_s2", self.acceleration_px_s2, "0 px/s² or more")
         check(0 <= self.forget_s <= 1e6, "forget_s", self.forget_s, "0 s or more")
         check(0 <= self.whole_image_s <= 1e6, "whole_image_s", self.whole_image_s, "0 s or more")
+        check(0 <= self.light_s <= 1e6, "light_s", self.light_s, "0 s or more")
         check(1 <= self.least_px <= 1e6, "least_px", self.least_px, "1 px or more")
         check(0 < self.largest_share <= 1, "largest_share", self.largest_share, "above 0, at most 1")
+        check(1 < self.area_range <= 1e6, "area_range", self.area_range, "above 1")
         check(self.largest_elongation >= 1, "largest_elongation", self.largest_elongation, "1 or more")
         check(0 <= self.least_fill < 1, "least_fill", self.least_fill, "from 0 to below 1")
         check(0 < self.sd_floor_px <= 100, "sd_floor_px", self.sd_floor_px, "above 0 px")
@@ -90,7 +96,7 @@ class MarkerReport:
         found: images in which the marker was.
         ambiguous: images in which more than one piece could have been it, and the likeliest was taken.
         merged, too_small, too_big, wrong_shape: pieces of its colour that were put together, and rejected, by reason.
-        brightness: of the image over that of the profile's, the last time the whole was looked at; 1 is as learnt.
+        brightness: of the image over that of the profile's, the last time the light was looked at; 1 is as learnt.
         chroma_shift: how far u or v of the image are from the profile's.
         light: what is wrong with the light, in a sentence; empty where nothing is.
     """
@@ -117,11 +123,11 @@ class MarkerDetector:
         self.profile, self.settings, self.node_id = profile, settings or MarkerSettings(), node_id
         s, (width, height) = self.settings, profile.size_px
         self._table = lookup_table(profile, s.table)
-        self._light = linear_light()
+        self._linear = linear_light()
         self._limits = np.array(
             [
                 *(s.least_px, s.largest_share * width * height, s.largest_elongation, s.least_fill),
-                *(s.window_px, s.sd_floor_px, s.sd_scale),
+                *(s.window_px, s.sd_floor_px, s.sd_scale, s.area_range),
             ]
         )
         self._room = room(width, RUNS)
@@ -132,7 +138,8 @@ class MarkerDetector:
         """Forget everything, as if newly made."""
         self._memory = np.zeros((len(self.profile.colours), at.MEMORY))
         self._memory[:, at.SEEN_S] = -np.inf
-        self._whole_s = -np.inf
+        self._memory[:, at.USUAL] = [colour.area_px for colour in self.profile.colours]
+        self._whole_s = self._light_s = -np.inf
         self._sums = np.zeros((len(self.profile.colours), at.OUT))
         self._ambiguous = np.zeros(len(self.profile.colours), np.int64)
         self._images = self._whole = self._overflows = 0
@@ -155,7 +162,7 @@ class MarkerDetector:
             profile.check_camera(profile.camera, (image.shape[1], image.shape[0]))
         image = np.ascontiguousarray(image)
         said = _kernels().follow(
-            image, self._table, self._light, self._memory, at_s, at_s - self._whole_s >= s.whole_image_s, self._limits,
+            image, self._table, self._linear, self._memory, at_s, at_s - self._whole_s >= s.whole_image_s, self._limits,
             s.acceleration_px_s2, s.forget_s, *self._room, self._out,
         )  # fmt: skip
         out, sequence = self._out, self._images
@@ -165,9 +172,10 @@ class MarkerDetector:
         if said:
             self._whole += 1
             self._overflows += said == 3
-            if at_s - self._whole_s >= s.whole_image_s:
-                self._whole_s = at_s
-                self._look_at_light(image)
+            self._whole_s = at_s
+        if at_s - self._light_s >= s.light_s:
+            self._light_s = at_s
+            self._compare_light(image)
         values = out.astype(np.float32)
         gone = out[:, at.FOUND] == 0
         if gone.any():
@@ -189,7 +197,7 @@ class MarkerDetector:
             candidates=np.minimum(out[:, at.CANDIDATES], 255).astype(np.uint8),
         )
 
-    def _look_at_light(self, image: UInt8) -> None:
+    def _compare_light(self, image: UInt8) -> None:
         luma, u, v = light_of(image[LIGHT_STEP // 2 :: LIGHT_STEP, LIGHT_STEP // 2 :: LIGHT_STEP])
         was = self.profile.background
         self._brightness = (luma + 1) / (was.luma + 1)
