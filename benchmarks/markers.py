@@ -77,8 +77,8 @@ def cost(quick: bool) -> Iterator[Row]:
     shots += shots[::-1]  # to and fro, so that nothing jumps
     cv2 = opencv()
     repeat, number = (3, 32) if quick else (9, 320)
-    for where, whole_s, roi in (("whole image 640 × 480", 0.0, False), (f"{ROI_PX}-px regions", 1e9, True)):
-        detector = MarkerDetector(made.profile, MarkerSettings(whole_image_s=whole_s, light_s=1e9))
+    for where, whole_s, roi in (("whole image 640 × 480", 0.0, False), (f"{ROI_PX}-px regions", 1e6, True)):
+        detector = MarkerDetector(made.profile, MarkerSettings(whole_image_s=whole_s, light_s=1e6))
         state = [0]
 
         def ours(detector: MarkerDetector = detector, state: list[int] = state) -> None:
