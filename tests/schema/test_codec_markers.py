@@ -152,6 +152,6 @@ def test_a_scene_whose_hands_cannot_be_is_refused(part: str, field: str, value: 
 def test_a_marker_frame_says_how_many_markers_are_seen() -> None:
     frame = marker_frame("left", ["red", "blue"], time_ns=1, size_px=(640, 480), positions_px=[[1, 2], [NAN, 3]])
     assert frame.bodies == 1
-    assert frame.seen.tolist() == [True, False]
+    assert frame.found.tolist() == [True, False]
     assert np.isnan(frame.positions_px[1]).all()
     assert msgspec.structs.replace(frame, sequence=3).key == ("left", 0, 3)

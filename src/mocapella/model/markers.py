@@ -31,6 +31,8 @@ class MarkerFrame(msgspec.Struct, frozen=True, eq=False):
         sd_px: (markers,) standard deviation of a coordinate; NaN where not seen.
         areas_px: (markers,) pixels; 0 where not seen.
         confidences: (markers,) from 0 to 1, that it is the marker.
+        elongations: (markers,) long axis over short axis, NaN where not seen; it stays with the node, as the next.
+        candidates: (markers,) how many pieces of the picture could have been it; 255 stands for more, too.
     """
 
     sensor: str
@@ -44,6 +46,8 @@ class MarkerFrame(msgspec.Struct, frozen=True, eq=False):
     sd_px: Float32
     areas_px: Float32
     confidences: Float32
+    elongations: Float32 | None = None
+    candidates: NDArray[np.uint8] | None = None
 
     @property
     def key(self) -> tuple[str, int, int]:
@@ -56,14 +60,14 @@ class MarkerFrame(msgspec.Struct, frozen=True, eq=False):
         return topology("hand")
 
     @property
-    def seen(self) -> NDArray[np.bool_]:
+    def found(self) -> NDArray[np.bool_]:
         """(markers,) which are seen."""
         return np.asarray(np.isfinite(self.positions_px).all(axis=-1))
 
     @property
     def bodies(self) -> int:
         """How many markers are seen: what a table of sensors shows."""
-        return int(self.seen.sum())
+        return int(self.found.sum())
 
 
 def marker_frame(

@@ -195,7 +195,7 @@ def lane_picture(frame: MarkerFrame, origin: Float64, colour: Rgb) -> tuple[Stro
     edge = line_strokes(stand(corners), colour.paint, 0.008)
     p = stand(frame.positions_px.astype(np.float64))
     radii = px * np.maximum(np.sqrt(np.maximum(frame.areas_px, 0.0) / np.pi), 0.006 * width)
-    states = np.where(frame.seen, JointState.TRACKED, JointState.NOT_TRACKED)
+    states = np.where(frame.found, JointState.TRACKED, JointState.NOT_TRACKED)
     balls = [
         joint_strokes(p[None, i : i + 1], states[None, i : i + 1], [marker_colour(name).paint], radii[i : i + 1])
         for i, name in enumerate(frame.names)

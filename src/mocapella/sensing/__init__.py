@@ -1,0 +1,1 @@
+"""Pixels → observations: pure functions on images, and a small object where something is followed over time."""

@@ -1,0 +1,230 @@
+"""What one camera's colours are: learnt once by pointing at them, kept as JSON, turned into a look-up table at the start.
+
+Colours are told apart by chromaticity in logarithms, u = ln (R + 8)/(G + 8), v = ln (B + 8)/(G + 8), of 8-bit values:
+more or less light multiplies all three and moves neither, and gamma only scales both.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import InputError, MocapellaError, SettingsError
+from mocapella.model.observations import check_sensor_name
+from mocapella.settings import check, parse
+
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+
+VERSION: Final = 1
+"""Of the file's layout."""
+OFFSET: Final = 8.0
+"""Added to a value before the logarithm, so that a dark pixel's noise is no colour."""
+BINS: Final = 56
+SPAN: Final = 3.5
+"""The histogram of chromaticities has BINS × BINS cells from -SPAN to SPAN; no 8-bit pixel lies outside."""
+SKIN: Final = "skin"
+"""The name that points at skin instead of a marker."""
+
+
+def chromaticity(bgr: NDArray[Any]) -> Float64:
+    """(..., 3) 8-bit blue, green, red → (..., 2) u, v."""
+    logs = np.log(np.asarray(bgr, np.float64) + OFFSET)
+    return np.stack([logs[..., 2] - logs[..., 1], logs[..., 0] - logs[..., 1]], axis=-1)
+
+
+def brightness(bgr: NDArray[Any]) -> Float64:
+    """(..., 3) 8-bit blue, green, red → (...) luma of ITU-R BT.601, 0 … 255."""
+    return np.asarray(np.asarray(bgr, np.float64) @ np.array([0.114, 0.587, 0.299]))
+
+
+@dataclass(frozen=True)
+class CameraControls:
+    """How the camera was set, in its driver's own numbers; None where it has no such control.
+
+    Attributes:
+        automatic: names of the automatic modes that could not be switched off; none is best.
+    """
+
+    exposure: float | None = None
+    gain: float | None = None
+    white_balance: float | None = None
+    saturation: float | None = None
+    contrast: float | None = None
+    automatic: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Chromaticities:
+    """Where pixels of one kind lie: their mean (u, v) and covariance (uu, uv, vv), luma of 5, 50 and 95 %, how many."""
+
+    mean: tuple[float, float]
+    covariance: tuple[float, float, float]
+    luma: tuple[float, float, float]
+    pixels: int
+
+    def __post_init__(self) -> None:
+        check(bool(np.isfinite(self.mean).all()), "mean", self.mean, "two finite numbers")
+        uu, uv, vv = self.covariance
+        definite = bool(np.isfinite(self.covariance).all()) and uu > 0 and uu * vv > uv * uv
+        check(definite, "covariance", self.covariance, "uu, uv, vv of a positive definite matrix")
+        low, middle, high = self.luma
+        check(0 <= low <= middle <= high <= 255, "luma", self.luma, "three rising numbers from 0 to 255")
+        check(self.pixels > 0, "pixels", self.pixels, "1 or more")
+
+
+@dataclass(frozen=True)
+class Colour:
+    """A marker's colour.
+
+    Attributes:
+        name: of the marker.
+        seen: what its pixels are like.
+        area_px: how large the marker was where it was pointed at.
+    """
+
+    name: str
+    seen: Chromaticities
+    area_px: float
+
+    def __post_init__(self) -> None:
+        check(bool(self.name) and self.name != SKIN, "name", self.name, f"a name, and not {SKIN!r}")
+        check(0 < self.area_px < 1e9, "area_px", self.area_px, "above 0 px")
+
+
+@dataclass(frozen=True)
+class Background:
+    """What is no marker.
+
+    Attributes:
+        counts: (BINS, BINS) numbers of pixels by u and v.
+        luma: their median.
+        chromaticity: (u, v), their medians; those drift when the light changes its colour.
+    """
+
+    counts: tuple[tuple[int, ...], ...]
+    luma: float
+    chromaticity: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        square = len(self.counts) == BINS and all(len(row) == BINS for row in self.counts)
+        check(square, "counts", f"{len(self.counts)} rows", f"{BINS} rows of {BINS}")
+        check(all(n >= 0 for row in self.counts for n in row), "counts", "below 0", "0 or more")
+        check(0 <= self.luma <= 255, "luma", self.luma, "from 0 to 255")
+        check(bool(np.isfinite(self.chromaticity).all()), "chromaticity", self.chromaticity, "two finite numbers")
+
+
+@dataclass(frozen=True)
+class ColourProfile:
+    """All that was learnt of the colours before one camera.
+
+    Attributes:
+        camera: the camera's name.
+        size_px: (width, height) of its images.
+        colours: 1 to 100, in the order of their labels, which begin with 1.
+        background: what is no marker.
+        skin: what skin is like; None where nobody pointed at it.
+        controls: how the camera was set.
+        version: of the file's layout.
+    """
+
+    camera: str
+    size_px: tuple[int, int]
+    colours: tuple[Colour, ...]
+    background: Background
+    skin: Chromaticities | None = None
+    controls: CameraControls = field(default_factory=CameraControls)
+    version: int = VERSION
+
+    def __post_init__(self) -> None:
+        check(self.version == VERSION, "version", self.version, f"{VERSION}: learn the colours anew and save")
+        check_sensor_name(self.camera)
+        check(min(self.size_px) >= 2, "size_px", self.size_px, "at least 2 × 2")
+        check(1 <= len(self.colours) <= 100, "colours", len(self.colours), "1 to 100")
+        names = self.names
+        check(len(set(names)) == len(names), "colours", names, "of different names")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the markers, in the order of their labels."""
+        return tuple(colour.name for colour in self.colours)
+
+    def check_camera(self, camera: str, size_px: tuple[int, int]) -> None:
+        """Refuse another camera or size of image than this was learnt from.
+
+        Raises:
+            SettingsError: it is another; says which it is.
+        """
+        learn = "load that camera's profile, or learn the colours anew"
+        if camera != self.camera:
+            raise SettingsError(f"the colours are of the camera {self.camera!r}, not of {camera!r}; {learn}")
+        if tuple(size_px) != tuple(self.size_px):
+            was, now = (f"{w} × {h}" for w, h in (self.size_px, size_px))
+            raise SettingsError(
+                f"the colours of {camera!r} were learnt at {was} px, its images have {now} px; set it to {was}, "
+                "or learn the colours anew"
+            )
+
+
+def encode_profile(profile: ColourProfile) -> bytes:
+    """As JSON, to be read by people too."""
+    return msgspec.json.encode(asdict(profile)) + b"\n"
+
+
+def decode_profile(data: bytes, *, file: object = None) -> ColourProfile:
+    """A profile of JSON.
+
+    Raises:
+        InputError: it is none; names the field, its value and what would be right.
+    """
+    fix = "learn the colours anew and save"
+    try:
+        read = msgspec.json.decode(data, type=dict[str, Any])
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"is no colour profile: {error}", file=file, fix=fix) from None
+    try:
+        return parse(ColourProfile, read, where="colour profile")
+    except MocapellaError as error:
+        raise InputError(str(error), file=file, fix=fix) from None
+
+
+def save_profile(path: Path | str, profile: ColourProfile) -> None:
+    """Write a profile; the file appears complete or stays as it was.
+
+    Raises:
+        InputError: it cannot be written there.
+    """
+    path = Path(path)
+    try:
+        fd, name = tempfile.mkstemp(prefix=".profile.", dir=path.parent)
+        try:
+            with os.fdopen(fd, "wb") as file:
+                file.write(encode_profile(profile))
+                file.flush()
+                os.fsync(file.fileno())
+            Path(name).chmod(0o644)
+            Path(name).replace(path)
+        finally:
+            Path(name).unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot be written: {error.strerror}", file=path, fix="choose another folder") from error
+
+
+def load_profile(path: Path | str) -> ColourProfile:
+    """Read a profile.
+
+    Raises:
+        InputError: there is no such file, or it is no profile.
+    """
+    try:
+        data = Path(path).read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", file=path, fix="learn the colours first") from error
+    return decode_profile(data, file=path)

@@ -1,0 +1,253 @@
+"""Colour markers in an image: where they are, how sure, and what was rejected.
+
+    detector = MarkerDetector(profile)
+    frame, report = detector.update(image, at_s), detector.report
+
+Every marker is looked for in a window around where a constant velocity in the image takes it; when one is not there,
+the whole image is searched at once. `docs/markers.md` says how a marker is told from what only looks like one.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.conventions import NS_PER_S
+from mocapella.model.markers import MarkerFrame
+from mocapella.sensing import marker_memory as at
+from mocapella.sensing.colour_learning import check_image, light_of
+from mocapella.sensing.colour_profile import ColourProfile
+from mocapella.sensing.colour_table import TableSettings, lookup_table
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+
+RUNS: Final = 20_000
+"""Of one image; a noisy image that has more is not read to its end, which is counted."""
+LIGHT_STEP: Final = 16
+"""Every so many pixels of every so many rows the light is looked at, whenever the whole image is."""
+
+
+@dataclass(frozen=True)
+class MarkerSettings:
+    """How markers are looked for.
+
+    Attributes:
+        window_px: side of the window around where a marker should be; the thesis' 40.
+        acceleration_px_s2: by which a prediction may be wrong; the window grows by half of it times the age squared.
+        forget_s: a marker unseen for longer has no prediction.
+        whole_image_s: so often the whole image is looked at though nothing is lost.
+        light_s: so often the light is looked at.
+        least_px, largest_share: a marker's area, in pixels and as part of the image.
+        area_range: how many times smaller or larger than learnt it may be; 10 is three times as far or near.
+        largest_elongation: long axis over short axis; a painted fingertip in motion blur stays below.
+        least_fill: area over that of the ellipse with the same moments.
+        sd_floor_px, sd_scale: a centre's standard deviation is that floor and, in squares, this times the edge's roughness.
+        brighter, chroma_drift: beyond which change of the light the report says so: a factor in 8-bit values, and of u, v.
+    """
+
+    window_px: float = 40.0
+    acceleration_px_s2: float = 20_000.0
+    forget_s: float = 0.5
+    whole_image_s: float = 1.0
+    light_s: float = 1.0
+    least_px: float = 12.0
+    largest_share: float = 0.1
+    area_range: float = 10.0
+    largest_elongation: float = 4.0
+    least_fill: float = 0.6
+    sd_floor_px: float = 0.08
+    sd_scale: float = 0.6
+    brighter: float = 1.5
+    chroma_drift: float = 0.2
+    table: TableSettings = TableSettings()
+
+    def __post_init__(self) -> None:
+        check(8 <= self.window_px <= 4000, "window_px", self.window_px, "from 8 to 4000 px")
+        check(0 <= self.acceleration_px_s2 <= 1e9, "acceleration_px_s2", self.acceleration_px_s2, "0 px/s² or more")
+        check(0 <= self.forget_s <= 1e6, "forget_s", self.forget_s, "0 s or more")
+        check(0 <= self.whole_image_s <= 1e6, "whole_image_s", self.whole_image_s, "0 s or more")
+        check(0 <= self.light_s <= 1e6, "light_s", self.light_s, "0 s or more")
+        check(1 <= self.least_px <= 1e6, "least_px", self.least_px, "1 px or more")
+        check(0 < self.largest_share <= 1, "largest_share", self.largest_share, "above 0, at most 1")
+        check(1 < self.area_range <= 1e6, "area_range", self.area_range, "above 1")
+        check(self.largest_elongation >= 1, "largest_elongation", self.largest_elongation, "1 or more")
+        check(0 <= self.least_fill < 1, "least_fill", self.least_fill, "from 0 to below 1")
+        check(0 < self.sd_floor_px <= 100, "sd_floor_px", self.sd_floor_px, "above 0 px")
+        check(0 <= self.sd_scale <= 100, "sd_scale", self.sd_scale, "from 0 to 100")
+        check(self.brighter > 1, "brighter", self.brighter, "above 1")
+        check(self.chroma_drift > 0, "chroma_drift", self.chroma_drift, "above 0")
+
+
+@dataclass(frozen=True)
+class MarkerReport:
+    """What happened to the images since the detector was made or reset; arrays over markers.
+
+    Attributes:
+        images: how many came in.
+        whole_images: of how many all was looked at.
+        overflows: how many had more pieces than room, so that their end was not read.
+        found: images in which the marker was.
+        ambiguous: images in which more than one piece could have been it, and the likeliest was taken.
+        merged, too_small, too_big, wrong_shape: pieces of its colour that were put together, and rejected, by reason.
+        brightness: of the image over that of the profile's, the last time the light was looked at; 1 is as learnt.
+        chroma_shift: how far u or v of the image are from the profile's.
+        light: what is wrong with the light, in a sentence; empty where nothing is.
+    """
+
+    names: tuple[str, ...]
+    images: int
+    whole_images: int
+    overflows: int
+    found: NDArray[np.int64]
+    ambiguous: NDArray[np.int64]
+    merged: NDArray[np.int64]
+    too_small: NDArray[np.int64]
+    too_big: NDArray[np.int64]
+    wrong_shape: NDArray[np.int64]
+    brightness: float
+    chroma_shift: float
+    light: str
+
+
+class MarkerDetector:
+    """Follows the markers of a profile through the images of its camera."""
+
+    def __init__(self, profile: ColourProfile, settings: MarkerSettings | None = None, *, node_id: int = 0) -> None:
+        self.profile, self.settings, self.node_id = profile, settings or MarkerSettings(), node_id
+        s, (width, height) = self.settings, profile.size_px
+        self._table = lookup_table(profile, s.table)
+        self._linear = linear_light()
+        self._limits = np.array(
+            [
+                *(s.least_px, s.largest_share * width * height, s.largest_elongation, s.least_fill),
+                *(s.window_px, s.sd_floor_px, s.sd_scale, s.area_range),
+            ]
+        )
+        self._room = room(width, RUNS)
+        self._out = np.zeros((len(profile.colours), at.OUT))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything, as if newly made."""
+        self._memory = np.zeros((len(self.profile.colours), at.MEMORY))
+        self._memory[:, at.SEEN_S] = -np.inf
+        self._memory[:, at.USUAL] = [colour.area_px for colour in self.profile.colours]
+        self._whole_s = self._light_s = -np.inf
+        self._sums = np.zeros((len(self.profile.colours), at.OUT))
+        self._ambiguous = np.zeros(len(self.profile.colours), np.int64)
+        self._images = self._whole = self._overflows = 0
+        self._brightness, self._chroma_shift = 1.0, 0.0
+
+    def update(self, image: UInt8, at_s: float) -> MarkerFrame:
+        """The markers in the next image.
+
+        Args:
+            image: (height, width, 3) uint8 blue, green, red, of the profile's size.
+            at_s: when it was captured [s]; not before the last.
+
+        Raises:
+            SettingsError: the image is none, or of another size than the profile was learnt at.
+        """
+        profile, s = self.profile, self.settings
+        width, height = profile.size_px
+        if image.shape != (height, width, 3) or image.dtype != np.uint8:
+            check_image(image)
+            profile.check_camera(profile.camera, (image.shape[1], image.shape[0]))
+        image = np.ascontiguousarray(image)
+        said = _kernels().follow(
+            image, self._table, self._linear, self._memory, at_s, at_s - self._whole_s >= s.whole_image_s, self._limits,
+            s.acceleration_px_s2, s.forget_s, *self._room, self._out,
+        )  # fmt: skip
+        out, sequence = self._out, self._images
+        self._images += 1
+        self._sums += out
+        self._ambiguous += out[:, at.CANDIDATES] > 1.5
+        if said:
+            self._whole += 1
+            self._overflows += said == 3
+            self._whole_s = at_s
+        if at_s - self._light_s >= s.light_s:
+            self._light_s = at_s
+            self._compare_light(image)
+        values = out.astype(np.float32)
+        gone = out[:, at.FOUND] == 0
+        if gone.any():
+            values[gone] = 0
+            values[gone, : at.ELONGATION + 1] = np.nan
+        return MarkerFrame(
+            sensor=profile.camera,
+            node_id=self.node_id,
+            sequence=sequence,
+            time_ns=round(at_s * NS_PER_S),
+            sent_ns=0,
+            size_px=profile.size_px,
+            names=profile.names,
+            positions_px=values[:, :2],
+            sd_px=values[:, at.SD],
+            areas_px=values[:, at.AREA],
+            elongations=values[:, at.ELONGATION],
+            confidences=values[:, at.CONFIDENCE],
+            candidates=np.minimum(out[:, at.CANDIDATES], 255).astype(np.uint8),
+        )
+
+    def _compare_light(self, image: UInt8) -> None:
+        luma, u, v = light_of(image[LIGHT_STEP // 2 :: LIGHT_STEP, LIGHT_STEP // 2 :: LIGHT_STEP])
+        was = self.profile.background
+        self._brightness = (luma + 1) / (was.luma + 1)
+        self._chroma_shift = max(abs(u - was.chromaticity[0]), abs(v - was.chromaticity[1]))
+
+    @property
+    def report(self) -> MarkerReport:
+        """What happened since the beginning."""
+        sums, s = self._sums, self.settings
+        light = ""
+        if abs(math.log(self._brightness)) > math.log(s.brighter):
+            light = f"images are {self._brightness:.1f} times as bright as when the colours were learnt"
+        elif self._chroma_shift > s.chroma_drift:
+            light = f"the light has another colour than when the colours were learnt, by {self._chroma_shift:.2f}"
+        if light:
+            light += "; light the room as then, set the camera as the profile says, or learn the colours anew"
+        return MarkerReport(
+            names=self.profile.names,
+            images=self._images,
+            whole_images=self._whole,
+            overflows=self._overflows,
+            found=sums[:, at.FOUND].astype(np.int64),
+            ambiguous=self._ambiguous.copy(),
+            merged=sums[:, at.MERGED].astype(np.int64),
+            too_small=sums[:, at.REJECTED_SMALL].astype(np.int64),
+            too_big=sums[:, at.REJECTED_BIG].astype(np.int64),
+            wrong_shape=sums[:, at.REJECTED_SHAPE].astype(np.int64),
+            brightness=self._brightness,
+            chroma_shift=self._chroma_shift,
+            light=light,
+        )
+
+
+def linear_light() -> Float64:
+    """(256,) linear light of 8-bit values, after sRGB (IEC 61966-2-1); near enough for other cameras' gamma."""
+    x = np.arange(256) / 255
+    return np.asarray(np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4))
+
+
+def room(width: int, runs: int) -> tuple[NDArray[Any], ...]:
+    """What the kernels write into: a row's indices and labels, runs, their parents, and pieces."""
+    labels = np.zeros(8 * (width // 8 + 2), np.uint8)
+    return (
+        np.empty(width, np.uint16), labels, np.empty((runs, 4), np.int64), np.empty(runs, np.int64), np.empty((runs, 11)),
+    )  # fmt: skip
+
+
+@cache
+def _kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.sensing import marker_kernels
+
+    return marker_kernels
