@@ -87,13 +87,26 @@ class Adjusted:
         bundle: see there.
         residual_px: (n, 2) seen minus expected.
         sigma_px: standard deviation of a coordinate, robust.
-        covariance: (cameras, 15, 15) of each camera's parameters; 0 of those that were held.
+        dispersion: by how much the views as wholes are off more than their corners by themselves, in variances; 1 or more.
+        covariance: (cameras, 15, cameras, 15) of all cameras' parameters; 0 of those that were held.
     """
 
     bundle: Bundle
     residual_px: Float64
     sigma_px: float
+    dispersion: float
     covariance: Float64
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """What does not change while a minimum is searched for."""
+
+    corners: Corners
+    free: Bool
+    free_boards: Bool
+    prior: LensPrior
+    sigma: float
 
 
 def adjust(corners: Corners, start: Bundle, free: Bool, free_boards: Bool, prior: LensPrior) -> Adjusted:
@@ -109,19 +122,18 @@ def adjust(corners: Corners, start: Bundle, free: Bool, free_boards: Bool, prior
     Returns:
         the least cost that was found. Its residuals say whether it is any good.
     """
-    bundle = start
-    residual = _residual(corners, bundle)
-    sigma = _sigma(residual, 0.0)
     unknown = int(free.sum() + 6 * free_boards.sum())
-    spare = min(0.9, unknown / residual.size)
+    spare = min(0.9, unknown / corners.pixel.size)
+    problem = _Problem(corners, free, free_boards, prior, _sigma(_residual(corners, start), 0.0))
+    bundle = start
     for _ in range(ROUNDS):
-        bundle = _descend(corners, bundle, free, free_boards, prior, sigma)
-        residual = _residual(corners, bundle)
-        before, sigma = sigma, _sigma(residual, spare)
-        if abs(sigma - before) <= 0.01 * sigma:
+        bundle = _descend(problem, bundle)
+        sigma = _sigma(_residual(corners, bundle), spare)
+        settled = abs(sigma - problem.sigma) <= 0.01 * sigma
+        problem = replace(problem, sigma=sigma)
+        if settled:
             break
-    covariance = _covariance(corners, bundle, free, free_boards, prior, sigma, spare)
-    return Adjusted(bundle, residual, sigma, covariance)
+    return Adjusted(bundle, _residual(corners, bundle), problem.sigma, *_covariance(problem, bundle, spare))
 
 
 def _sigma(residual: Float64, spare: float) -> float:
@@ -133,15 +145,19 @@ def _sigma(residual: Float64, spare: float) -> float:
     return max(LEAST_SIGMA_PX, float(np.sqrt(np.median(r2) / (2 * np.log(2)) / (1 - spare))))
 
 
-def _expected(corners: Corners, bundle: Bundle) -> tuple[Float64, Float64, Float64, Float64]:
-    """Points in the cameras' spaces, pixels, and both derivatives of these."""
-    p_world = _move(bundle.T_world_board[corners.board], corners.corner_m)
-    p_camera = _move(bundle.T_camera_world[corners.camera], p_world)
-    return p_camera, *project_with_jacobian(p_camera, bundle.lenses[corners.camera])
+def _expected(corners: Corners, bundle: Bundle) -> tuple[Float64, Float64, Float64, Float64, Float64]:
+    """Points in the cameras' spaces, pixels, both derivatives of these, and ``R_camera_board``."""
+    first = _begins(corners)
+    T = bundle.T_camera_world[corners.camera[first]] @ bundle.T_world_board[corners.board[first]]
+    T = np.repeat(T, np.diff(np.r_[first, len(corners.board)]), axis=0)
+    p_camera = (T[:, :3, :3] @ corners.corner_m[:, :, None])[:, :, 0] + T[:, :3, 3]
+    return p_camera, *project_with_jacobian(p_camera, bundle.lenses[corners.camera]), T[:, :3, :3]
 
 
-def _move(T: Float64, points: Float64) -> Float64:
-    return np.asarray((T[:, :3, :3] @ points[:, :, None])[:, :, 0] + T[:, :3, 3])
+def _begins(corners: Corners) -> Int64:
+    """The first corner of each view."""
+    changes = (np.diff(corners.camera) != 0) | (np.diff(corners.board) != 0)
+    return np.flatnonzero(np.r_[True, changes])
 
 
 def _residual(corners: Corners, bundle: Bundle) -> Float64:
@@ -149,23 +165,22 @@ def _residual(corners: Corners, bundle: Bundle) -> Float64:
     return np.nan_to_num(corners.pixel - _expected(corners, bundle)[1], nan=1e6)
 
 
-def _cost(residual: Float64, bundle: Bundle, prior: LensPrior, sigma: float) -> float:
-    r2 = (residual**2).sum(axis=1) / sigma**2
-    off = bundle.lenses - prior.mean
-    return float(CAUCHY**2 * np.log1p(r2 / CAUCHY**2).sum() + np.einsum("ci,cij,cj", off, prior.precision, off))
+def _cost(problem: _Problem, bundle: Bundle) -> float:
+    r2 = (_residual(problem.corners, bundle) ** 2).sum(axis=1) / problem.sigma**2
+    off = bundle.lenses - problem.prior.mean
+    prior = np.einsum("ci,cij,cj", off, problem.prior.precision, off)
+    return float(CAUCHY**2 * np.log1p(r2 / CAUCHY**2).sum() + prior)
 
 
-def _descend(
-    corners: Corners, bundle: Bundle, free: Bool, free_boards: Bool, prior: LensPrior, sigma: float
-) -> Bundle:
+def _descend(problem: _Problem, bundle: Bundle) -> Bundle:
     """Levenberg–Marquardt with one noise level."""
     damping = 1e-4
-    cost = _cost(_residual(corners, bundle), bundle, prior, sigma)
+    cost = _cost(problem, bundle)
     for _ in range(STEPS):
-        normal = _normal_equations(corners, bundle, free, free_boards, prior, sigma)
+        normal = _normal_equations(problem, bundle)
         while damping < 1e8:
-            tried = _step(bundle, normal, free, damping)
-            tried_cost = _cost(_residual(corners, tried), tried, prior, sigma)
+            tried = _step(problem, bundle, normal, damping)
+            tried_cost = _cost(problem, tried)
             if tried_cost <= cost:
                 break
             damping *= 10
@@ -187,6 +202,9 @@ class _Normal:
         boards: (boards, 6, 6).
         mixed: (15 cameras, boards, 6).
         of_cameras, of_boards: the right sides.
+        views: how many there are.
+        pull: the sum over the views of gᵀ H⁻¹ g, how far each view alone would move the board: 6 a view if all views
+            were free and all errors independent.
     """
 
     cameras: Float64
@@ -194,39 +212,38 @@ class _Normal:
     mixed: Float64
     of_cameras: Float64
     of_boards: Float64
+    views: int
+    pull: float
 
 
-def _normal_equations(
-    corners: Corners, bundle: Bundle, free: Bool, free_boards: Bool, prior: LensPrior, sigma: float
-) -> _Normal:
+def _normal_equations(problem: _Problem, bundle: Bundle) -> _Normal:
+    corners, free, free_boards = problem.corners, problem.free, problem.free_boards
     cameras, boards = len(bundle.lenses), len(bundle.T_world_board)
-    p_camera, pixel, by_point, by_lens = _expected(corners, bundle)
+    p_camera, pixel, by_point, by_lens, R = _expected(corners, bundle)
     residual = corners.pixel - pixel
-    weight = 1.0 / (1.0 + (residual**2).sum(axis=1) / (CAUCHY * sigma) ** 2)
-    R = (bundle.T_camera_world[corners.camera] @ bundle.T_world_board[corners.board])[:, :3, :3]
+    weight = 1.0 / (1.0 + (residual**2).sum(axis=1) / (CAUCHY * problem.sigma) ** 2)
     by_board = by_point @ R
     J = np.concatenate(
         [by_point, -by_point @ cross_matrix(p_camera), by_lens, by_board, -by_board @ cross_matrix(corners.corner_m)],
         axis=-1,
     )  # the motions are exp(x) T_camera_world and T_world_board exp(x)
-    held = np.concatenate(
-        [~free[corners.camera], np.repeat(~free_boards[corners.board], 6).reshape(-1, 6)], axis=1
-    )  # fmt: skip
-    J = np.where(held[:, None], 0.0, J) / sigma
+    J /= problem.sigma
     Hcc, Hcb = np.zeros((cameras, CAMERA, CAMERA)), np.zeros((cameras, CAMERA, boards, 6))
     Hbb, gc, gb = np.zeros((boards, 6, 6)), np.zeros((cameras, CAMERA)), np.zeros((boards, 6))
-    begins = np.flatnonzero(np.r_[True, np.diff(corners.camera * boards + corners.board) != 0])
+    begins, pull = _begins(corners), 0.0
     for begin, end in zip(begins, np.r_[begins[1:], len(pixel)], strict=True):
         c, b, some = corners.camera[begin], corners.board[begin], slice(begin, end)
         j = J[some].reshape(-1, CAMERA + 6)
         jw = j * np.repeat(weight[some], 2)[:, None]
-        H, g = jw.T @ j, jw.T @ (residual[some].ravel() / sigma)
-        Hcc[c] += H[:CAMERA, :CAMERA]
-        Hcb[c, :, b] += H[:CAMERA, CAMERA:]
-        Hbb[b] += H[CAMERA:, CAMERA:]
-        gc[c] += g[:CAMERA]
-        gb[b] += g[CAMERA:]
-    lens_free = free[:, LENS]
+        H, g = jw.T @ j, jw.T @ (residual[some].ravel() / problem.sigma)
+        pull += g[CAMERA:] @ np.linalg.pinv(H[CAMERA:, CAMERA:], hermitian=True) @ g[CAMERA:]
+        mine, theirs = free[c], np.repeat(free_boards[b], 6)
+        Hcc[c] += H[:CAMERA, :CAMERA] * np.outer(mine, mine)
+        Hcb[c, :, b] += H[:CAMERA, CAMERA:] * np.outer(mine, theirs)
+        Hbb[b] += H[CAMERA:, CAMERA:] * np.outer(theirs, theirs)
+        gc[c] += g[:CAMERA] * mine
+        gb[b] += g[CAMERA:] * theirs
+    lens_free, prior = free[:, LENS], problem.prior
     Hcc[:, LENS, LENS] += np.where(lens_free[:, :, None] & lens_free[:, None, :], prior.precision, 0.0)
     gc[:, LENS] -= np.where(lens_free, np.einsum("cij,cj->ci", prior.precision, bundle.lenses - prior.mean), 0.0)
     Hcc += np.einsum("ci,ij->cij", ~free, np.eye(CAMERA))
@@ -234,45 +251,58 @@ def _normal_equations(
     whole = np.zeros((cameras, CAMERA, cameras, CAMERA))
     whole[np.arange(cameras), :, np.arange(cameras)] = Hcc
     size = cameras * CAMERA
-    return _Normal(whole.reshape(size, size), Hbb, Hcb.reshape(size, boards, 6), gc.ravel(), gb)
-
-
-def _step(bundle: Bundle, normal: _Normal, free: Bool, damping: float) -> Bundle:
-    """Marquardt's damping by the diagonal, the boards eliminated."""
-    cameras = len(bundle.lenses)
-    boards = normal.boards * (1 + damping * np.eye(6))
-    size = len(normal.cameras)
-    solved = np.linalg.solve(boards, np.moveaxis(normal.mixed, 0, -1))  # (boards, 6, size)
-    S = normal.cameras * (1 + damping * np.eye(size))
-    S -= normal.mixed.reshape(size, -1) @ solved.reshape(-1, size)
-    of_boards = np.linalg.solve(boards, normal.of_boards[..., None])[..., 0]
-    right = normal.of_cameras - normal.mixed.reshape(size, -1) @ of_boards.ravel()
-    scale = 1.0 / np.sqrt(np.diag(normal.cameras))  # px and rad differ by 10⁶ in their squares
-    x = scale * np.linalg.lstsq(S * np.outer(scale, scale), scale * right, rcond=1e-14)[0]
-    y = of_boards - solved @ x
-    x = np.where(free, x.reshape(cameras, CAMERA), 0.0)
-    return replace(
-        bundle,
-        T_camera_world=exp_twist(x[:, POSE]) @ bundle.T_camera_world,
-        lenses=bundle.lenses + x[:, LENS],
-        T_world_board=bundle.T_world_board @ exp_twist(y),
+    return _Normal(
+        whole.reshape(size, size), Hbb, Hcb.reshape(size, boards, 6), gc.ravel(), gb, len(begins), float(pull)
     )
 
 
-def _covariance(
-    corners: Corners, bundle: Bundle, free: Bool, free_boards: Bool, prior: LensPrior, sigma: float, spare: float
-) -> Float64:
-    """Of an M-estimator with independent, equal errors: E[ψ²]/E[ψ']² (JᵀJ)⁻¹ (Huber 1981, 7.6), marginal per camera."""
-    cameras = len(bundle.lenses)
-    normal = _normal_equations(corners, bundle, free, free_boards, prior, sigma)
+def _reduced(normal: _Normal, damping: float) -> tuple[Float64, Float64, Float64, Float64]:
+    """The boards eliminated, damped by the diagonal (Marquardt).
+
+    Returns:
+        the cameras' equations, scaled, because pixels and radians differ by 10⁶ in their squares; the scale; the boards'
+        equations; and (boards, 6, 15 cameras) these solved for what they share with the cameras.
+    """
     size = len(normal.cameras)
-    solved = np.linalg.solve(normal.boards, np.moveaxis(normal.mixed, 0, -1))
-    S = normal.cameras - normal.mixed.reshape(size, -1) @ solved.reshape(-1, size)
+    boards = normal.boards * (1 + damping * np.eye(6))
+    solved = np.linalg.solve(boards, np.moveaxis(normal.mixed, 0, -1))
+    S = normal.cameras * (1 + damping * np.eye(size)) - normal.mixed.reshape(size, -1) @ solved.reshape(-1, size)
     scale = 1.0 / np.sqrt(np.diag(normal.cameras))
-    inverse = np.linalg.pinv(S * np.outer(scale, scale), rcond=1e-14, hermitian=True) * np.outer(scale, scale)
-    r2 = (_residual(corners, bundle) ** 2).sum(axis=1) / sigma**2
+    return S * np.outer(scale, scale), scale, boards, solved
+
+
+def _step(problem: _Problem, bundle: Bundle, normal: _Normal, damping: float) -> Bundle:
+    S, scale, boards, solved = _reduced(normal, damping)
+    of_boards = np.linalg.solve(boards, normal.of_boards[..., None])[..., 0]
+    right = normal.of_cameras - normal.mixed.reshape(len(S), -1) @ of_boards.ravel()
+    x = scale * np.linalg.lstsq(S, scale * right, rcond=1e-14)[0]
+    y = of_boards - solved @ x
+    x = np.where(problem.free, x.reshape(-1, CAMERA), 0.0)
+    return Bundle(
+        exp_twist(x[:, POSE]) @ bundle.T_camera_world,
+        bundle.lenses + x[:, LENS],
+        bundle.T_world_board @ exp_twist(y),
+    )
+
+
+def _covariance(problem: _Problem, bundle: Bundle, spare: float) -> tuple[float, Float64]:
+    """The dispersion and the covariance of an M-estimator: E[ψ²]/E[ψ']² (JᵀJ)⁻¹ (Huber 1981, 7.6), times what views as wholes are off more than that.
+
+    Cameras that are not triggered together see a board that is carried about at slightly different times, so a view's
+    corners are off together. The views' pull on their boards says by how much.
+    """
+    cameras = len(bundle.lenses)
+    normal = _normal_equations(problem, bundle)
+    S, scale, _, _ = _reduced(normal, 0.0)
+    inverse_S = np.linalg.pinv(S, rcond=1e-14, hermitian=True) * np.outer(scale, scale)
+    r2 = (_residual(problem.corners, bundle) ** 2).sum(axis=1) / problem.sigma**2
     weight = 1.0 / (1.0 + r2 / CAUCHY**2)
     slope = weight - r2 / CAUCHY**2 * weight**2  # the mean of ψ' along and across the residual
-    factor = 0.5 * (weight**2 * r2).mean() * weight.mean() / slope.mean() ** 2 / (1 - spare)
-    blocks = inverse.reshape(cameras, CAMERA, cameras, CAMERA)[np.arange(cameras), :, np.arange(cameras)]
-    return np.where(free[:, :, None] & free[:, None, :], factor * blocks, 0.0)
+    independent = 0.5 * (weight**2 * r2).mean() / slope.mean() ** 2 / (1 - spare)
+    free_views = 6 * normal.views - 6 * problem.free_boards.sum() - problem.free[:, POSE].sum()
+    dispersion = 1.0
+    if free_views > 0:
+        dispersion = max(1.0, normal.pull / free_views * weight.mean() / (0.5 * (weight**2 * r2).mean()))
+    free = problem.free.ravel()
+    covariance = np.where(free[:, None] & free, independent * weight.mean() * dispersion * inverse_S, 0.0)
+    return float(dispersion), covariance.reshape(cameras, CAMERA, cameras, CAMERA)

@@ -80,7 +80,7 @@ def one_camera(views: Sequence[BoardView], board: Board, known: Camera | None = 
     prior = lens_prior(size[None], lens[:1])
     found = adjust(corners, start, free, np.ones(len(views), dtype=bool), prior)
     return OneCamera(
-        found.bundle.lenses[0], list(found.bundle.T_world_board), found.sigma_px, found.covariance[0, LENS, LENS]
+        found.bundle.lenses[0], list(found.bundle.T_world_board), found.sigma_px, found.covariance[0, LENS, 0, LENS]
     )
 
 
