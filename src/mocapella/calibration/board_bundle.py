@@ -28,6 +28,8 @@ CAUCHY: Final = 3.0
 """A corner that is off by so many standard deviations counts half."""
 LEAST_SIGMA_PX: Final = 1e-4
 """Exact corners, of a simulation, would have priors count for nothing and sums overflow."""
+SETTLED: Final = 1e-4
+"""The cost is in variances: what is gained still is a hundredth of a standard deviation."""
 STEPS: Final = 60
 """Levenberg–Marquardt steps for one noise level; about ten are needed."""
 ROUNDS: Final = 12
@@ -188,7 +190,7 @@ def _descend(problem: _Problem, bundle: Bundle) -> Bundle:
             return bundle
         bundle, gain, cost = tried, cost - tried_cost, tried_cost
         damping = max(damping / 10, 1e-12)
-        if gain <= 1e-10 * cost + 1e-12:
+        if gain <= SETTLED:
             return bundle
     return bundle
 
@@ -202,9 +204,7 @@ class _Normal:
         boards: (boards, 6, 6).
         mixed: (15 cameras, boards, 6).
         of_cameras, of_boards: the right sides.
-        views: how many there are.
-        pull: the sum over the views of gᵀ H⁻¹ g, how far each view alone would move the board: 6 a view if all views
-            were free and all errors independent.
+        pulls: (views, 6) and (views, 6, 6) the side and the equations of each view by itself, for the board.
     """
 
     cameras: Float64
@@ -212,8 +212,7 @@ class _Normal:
     mixed: Float64
     of_cameras: Float64
     of_boards: Float64
-    views: int
-    pull: float
+    pulls: tuple[Float64, Float64]
 
 
 def _normal_equations(problem: _Problem, bundle: Bundle) -> _Normal:
@@ -230,13 +229,14 @@ def _normal_equations(problem: _Problem, bundle: Bundle) -> _Normal:
     J /= problem.sigma
     Hcc, Hcb = np.zeros((cameras, CAMERA, CAMERA)), np.zeros((cameras, CAMERA, boards, 6))
     Hbb, gc, gb = np.zeros((boards, 6, 6)), np.zeros((cameras, CAMERA)), np.zeros((boards, 6))
-    begins, pull = _begins(corners), 0.0
-    for begin, end in zip(begins, np.r_[begins[1:], len(pixel)], strict=True):
+    begins = _begins(corners)
+    pulls = np.zeros((len(begins), 6)), np.zeros((len(begins), 6, 6))
+    for view, (begin, end) in enumerate(zip(begins, np.r_[begins[1:], len(pixel)], strict=True)):
         c, b, some = corners.camera[begin], corners.board[begin], slice(begin, end)
         j = J[some].reshape(-1, CAMERA + 6)
         jw = j * np.repeat(weight[some], 2)[:, None]
         H, g = jw.T @ j, jw.T @ (residual[some].ravel() / problem.sigma)
-        pull += g[CAMERA:] @ np.linalg.pinv(H[CAMERA:, CAMERA:], hermitian=True) @ g[CAMERA:]
+        pulls[0][view], pulls[1][view] = g[CAMERA:], H[CAMERA:, CAMERA:]
         mine, theirs = free[c], np.repeat(free_boards[b], 6)
         Hcc[c] += H[:CAMERA, :CAMERA] * np.outer(mine, mine)
         Hcb[c, :, b] += H[:CAMERA, CAMERA:] * np.outer(mine, theirs)
@@ -251,9 +251,7 @@ def _normal_equations(problem: _Problem, bundle: Bundle) -> _Normal:
     whole = np.zeros((cameras, CAMERA, cameras, CAMERA))
     whole[np.arange(cameras), :, np.arange(cameras)] = Hcc
     size = cameras * CAMERA
-    return _Normal(
-        whole.reshape(size, size), Hbb, Hcb.reshape(size, boards, 6), gc.ravel(), gb, len(begins), float(pull)
-    )
+    return _Normal(whole.reshape(size, size), Hbb, Hcb.reshape(size, boards, 6), gc.ravel(), gb, pulls)
 
 
 def _reduced(normal: _Normal, damping: float) -> tuple[Float64, Float64, Float64, Float64]:
@@ -299,10 +297,13 @@ def _covariance(problem: _Problem, bundle: Bundle, spare: float) -> tuple[float,
     weight = 1.0 / (1.0 + r2 / CAUCHY**2)
     slope = weight - r2 / CAUCHY**2 * weight**2  # the mean of ψ' along and across the residual
     independent = 0.5 * (weight**2 * r2).mean() / slope.mean() ** 2 / (1 - spare)
-    free_views = 6 * normal.views - 6 * problem.free_boards.sum() - problem.free[:, POSE].sum()
+    of_view, H_view = normal.pulls
+    # How far each view by itself would move its board: 6 a view if all were free and all errors independent.
+    pull = float(np.einsum("vi,vij,vj", of_view, np.linalg.pinv(H_view, hermitian=True), of_view))
+    free_views = 6 * len(of_view) - 6 * int(problem.free_boards.sum()) - int(problem.free[:, POSE].sum())
     dispersion = 1.0
     if free_views > 0:
-        dispersion = max(1.0, normal.pull / free_views * weight.mean() / (0.5 * (weight**2 * r2).mean()))
+        dispersion = max(1.0, pull / free_views * weight.mean() / (0.5 * (weight**2 * r2).mean()))
     free = problem.free.ravel()
     covariance = np.where(free[:, None] & free, independent * weight.mean() * dispersion * inverse_S, 0.0)
     return float(dispersion), covariance.reshape(cameras, CAMERA, cameras, CAMERA)

@@ -134,6 +134,9 @@ def calibrate_cameras(
     )
     _check(kept, names, board, known)
     found = _solve(kept, board, instants, known, origin)
+    for name, one in found.single.items():
+        if name not in known:
+            _check_focal(name, one)
     cameras = _placed(found, kept, known, origin)
     shared = _shared_instants(kept, instants)
     hints = coverage(kept, board, names, instants, lens_known=list(known))
@@ -192,9 +195,6 @@ def _solve(
     single = {
         name: one_camera([view for view in kept if view.camera == name], board, known.get(name)) for name in names
     }
-    for name, one in single.items():
-        if name not in known:
-            _check_focal(name, one)
     bundle, corners, order = joint_start(kept, instants, single, board)
     free, free_boards = np.ones((len(names), CAMERA), dtype=bool), np.ones(len(order), dtype=bool)
     free[:, LENS] = np.array([name not in known for name in names])[:, None]

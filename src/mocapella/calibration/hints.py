@@ -17,7 +17,7 @@ Float64 = NDArray[np.float64]
 GRID: Final = (4, 3)
 """Fields of the picture, columns and rows, in which corners are counted."""
 ENOUGH_VIEWS: Final = 10
-SMALL: Final = 0.03
+SMALL: Final = 0.01
 """Share of the picture under the board below which little of the lens is seen and depth is uncertain."""
 TILTED: Final = 0.12
 """Change of scale across the board, relative; about 25° at arm's length."""
