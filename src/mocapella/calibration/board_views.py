@@ -195,5 +195,3 @@ def joint_start(
         board_poses(poses, T_camera_first, board.corners_m, instants),
     )
     return bundle, corners, instants
-
-

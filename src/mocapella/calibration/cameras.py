@@ -130,7 +130,8 @@ def calibrate_cameras(
     known = known or {}
     names = sorted({view.camera for view in views})
     kept = sorted(
-        (view for view in views if usable(view, board)), key=lambda view: (view.camera, instants[view.camera, view.frame])
+        (view for view in views if usable(view, board)),
+        key=lambda view: (view.camera, instants[view.camera, view.frame]),
     )
     _check(kept, names, board, known)
     found = _solve(kept, board, instants, known, origin)
@@ -147,9 +148,7 @@ def calibrate_cameras(
         len(shared),
         found.adjusted.sigma_px,
         found.adjusted.dispersion,
-        corner_quality(
-            kept, instants, cameras, board, CameraNoise(found.adjusted.sigma_px, found.adjusted.covariance)
-        ),
+        corner_quality(kept, instants, cameras, board, CameraNoise(found.adjusted.sigma_px, found.adjusted.covariance)),
         _halves(kept, board, instants, known, shared),
         hints,
     )

@@ -99,7 +99,9 @@ def _of_pictures(name: str, views: Sequence[BoardView]) -> list[Hint]:
         text = f"camera {name}: pictures are blurred (edges {np.nanmedian(edges):.0f} px wide): move slower, more light"
         hints.append(Hint("blurred", name, f"{text}, or focus"))
     if max(_share(view) for view in views) < SMALL:
-        hints.append(Hint("small board", name, f"camera {name}: the board is too small in all pictures: hold it nearer"))
+        hints.append(
+            Hint("small board", name, f"camera {name}: the board is too small in all pictures: hold it nearer")
+        )
     return hints
 
 

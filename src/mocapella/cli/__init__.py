@@ -21,7 +21,7 @@ def main() -> None:
     # What takes any time to import comes after it, so that Ctrl-C finds a handler.
     import typer
 
-    from mocapella.cli import demo, doctor, evaluate, export, node, record, replay, serve, train, view  # noqa: F401
+    from mocapella.cli import calibrate, demo, doctor, evaluate, export, node, record, replay, serve, train, view  # noqa: F401
     from mocapella.cli.app import app
     from mocapella.errors import MocapellaError
 

@@ -121,7 +121,9 @@ def _ours(data: Mapping[str, Any], path: object) -> CameraRig:
             if key not in table:
                 raise InputError("is missing", file=path, field=f"{where}.{key}", fix=_ANEW)
         read = _Table(table, where, path)
-        lens = np.concatenate([read.array("focal_px", (2,)), read.array("centre_px", (2,)), read.array("distortion", (5,))])
+        lens = np.concatenate(
+            [read.array("focal_px", (2,)), read.array("centre_px", (2,)), read.array("distortion", (5,))]
+        )
         covariance = read.array("covariance", (6, 6)) if "covariance" in table else np.full((6, 6), np.nan)
         camera = Camera(name, read.size("size_px"), _checked_lens(lens, where, path), read.seconds("readout_s"))
         T = _motion(read.array("T_camera_world", (4, 4)), f"{where}.T_camera_world", path)
@@ -164,7 +166,9 @@ def _rig(tables: Mapping[str, Any], path: object) -> CameraRig:
             raise InputError("is no rotation", file=path, field=f"{name}.rotation", value=turned.tolist(), fix=fix)
         t = read.array("translation", None).ravel()
         if len(t) != 3:
-            raise InputError("is no place", file=path, field=f"{name}.translation", value=t.tolist(), fix="3 numbers, in m")
+            raise InputError(
+                "is no place", file=path, field=f"{name}.translation", value=t.tolist(), fix="3 numbers, in m"
+            )
         T = _motion(rigid(R, t), f"{name}.rotation", path)
         camera = Camera(name, read.size("size"), _checked_lens(lens, name, path))
         cameras[name] = PlacedCamera(camera, T, np.full((6, 6), np.nan))
@@ -187,7 +191,11 @@ class _Table:
         if (shape is not None and array.shape != shape) or not np.isfinite(array).all():
             wanted = "numbers" if shape is None else " × ".join(map(str, shape)) + " numbers"
             raise InputError(
-                "cannot be used", file=self.path, field=f"{self.where}.{key}", value=self.table[key], fix=f"it has {wanted}"
+                "cannot be used",
+                file=self.path,
+                field=f"{self.where}.{key}",
+                value=self.table[key],
+                fix=f"it has {wanted}",
             )
         return array
 

@@ -1,0 +1,1 @@
+"""Pixels to observations: pure functions on images."""
