@@ -89,7 +89,7 @@ class Adjusted:
         bundle: see there.
         residual_px: (n, 2) seen minus expected.
         sigma_px: standard deviation of a coordinate, robust.
-        dispersion: by how much the views as wholes are off more than their corners by themselves, in variances; 1 or more.
+        dispersion: by how much views as wholes are off more than corners by themselves, in variances; 1 or more.
         covariance: (cameras, 15, cameras, 15) of all cameras' parameters; 0 of those that were held.
     """
 
@@ -258,15 +258,15 @@ def _reduced(normal: _Normal, damping: float) -> tuple[Float64, Float64, Float64
     """The boards eliminated, damped by the diagonal (Marquardt).
 
     Returns:
-        the cameras' equations, scaled, because pixels and radians differ by 10⁶ in their squares; the scale; the boards'
-        equations; and (boards, 6, 15 cameras) these solved for what they share with the cameras.
+        the cameras' equations, scaled, because pixels and radians differ by 10⁶ in their squares; the scale; the
+        boards' equations; and (boards, 6, 15 cameras) these solved for what they share with the cameras.
     """
     size = len(normal.cameras)
     boards = normal.boards * (1 + damping * np.eye(6))
     solved = np.linalg.solve(boards, np.moveaxis(normal.mixed, 0, -1))
     S = normal.cameras * (1 + damping * np.eye(size)) - normal.mixed.reshape(size, -1) @ solved.reshape(-1, size)
     scale = 1.0 / np.sqrt(np.diag(normal.cameras))
-    return S * np.outer(scale, scale), scale, boards, solved
+    return np.asarray(S * np.outer(scale, scale)), scale, boards, solved
 
 
 def _step(problem: _Problem, bundle: Bundle, normal: _Normal, damping: float) -> Bundle:
@@ -284,7 +284,7 @@ def _step(problem: _Problem, bundle: Bundle, normal: _Normal, damping: float) ->
 
 
 def _covariance(problem: _Problem, bundle: Bundle, spare: float) -> tuple[float, Float64]:
-    """The dispersion and the covariance of an M-estimator: E[ψ²]/E[ψ']² (JᵀJ)⁻¹ (Huber 1981, 7.6), times what views as wholes are off more than that.
+    """The dispersion and the covariance of an M-estimator: E[ψ²]/E[ψ']² (JᵀJ)⁻¹ (Huber 1981, 7.6).
 
     Cameras that are not triggered together see a board that is carried about at slightly different times, so a view's
     corners are off together. The views' pull on their boards says by how much.

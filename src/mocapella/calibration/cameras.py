@@ -1,8 +1,8 @@
 """Where cameras stand and how they see, from views of a board that is carried about before them.
 
-First each camera alone: its lens by its own views (`board_views`, Zhang 2000), to which it does not matter when other
-cameras looked. Then all together (`board_bundle`): lenses are known as well as the first step knows them, and places and
-lenses are adjusted to the views that cameras share. Priors keep what no view determines near what lenses are like.
+First each camera alone: its lens by its own views (`board_views`, Zhang 2000), for which it does not matter when
+other cameras looked. Then all together (`board_bundle`): places and lenses are adjusted to the views that cameras share,
+with what the first step knows of the lenses as a prior. What no view determines stays near what lenses are like.
 """
 
 from __future__ import annotations
@@ -181,8 +181,8 @@ def _check(kept: Sequence[BoardView], names: Sequence[str], board: Board, known:
             )
     if board.turnable and len(names) > 1:
         raise CalibrationError(
-            f"a chessboard of {board.columns} × {board.rows} squares looks the same when turned by 180°, so cameras that "
-            "face it from different sides cannot agree on its corners: take one with an odd and an even number of "
+            f"a chessboard of {board.columns} × {board.rows} squares looks the same when turned by 180°, so cameras "
+            "that face it from different sides cannot agree on its corners: take one with an odd and an even number of "
             "squares, or a ChArUco board"
         )
 
@@ -225,8 +225,8 @@ def _check_focal(name: str, one: OneCamera) -> None:
     spread = float(np.sqrt(one.covariance[0, 0])) / one.lens[0]
     if not spread < SURE_FOCAL:
         raise CalibrationError(
-            f"camera {name}: its pictures leave the focal length uncertain by {100 * spread:.0f} %, as where the board is "
-            "parallel to the picture in all of them: tilt the board more, forwards, backwards and to both sides"
+            f"camera {name}: its pictures leave the focal length uncertain by {100 * spread:.0f} %, as where the board "
+            "is parallel to the picture in all of them: tilt the board more, forwards, backwards and to both sides"
         )
 
 

@@ -1,5 +1,6 @@
-"""How good cameras are together, in millimetres: corners are triangulated one by one, without the board's shape, and the
-distances between them compared with the board's.
+"""How good cameras are together, in millimetres.
+
+Corners are triangulated one by one, without the board's shape, and distances between them compared with the board's.
 """
 
 from __future__ import annotations
@@ -52,8 +53,8 @@ class CornerQuality:
         scale_percent: by how much distances come out too long, in the median.
         reprojection_median_px, reprojection_rms_px: from a corner to where its triangulated point is expected; the
             distance, not a coordinate's.
-        predicted_rms_mm: what distance_rms_mm is expected to be by the covariance of the cameras and the noise of corners;
-            NaN where these are not known.
+        predicted_rms_mm: what distance_rms_mm is expected to be by the covariance of the cameras and the noise of
+            corners; NaN where these are not known.
     """
 
     points: int
@@ -91,7 +92,7 @@ def corner_quality(
             row[names.index(view.camera)] = pixel
     seen = {key: row for key, row in rows.items() if np.isfinite(row[:, 0]).sum() >= 2}
     if not seen:
-        return CornerQuality(0, 0, *[nan] * 6)
+        return CornerQuality(0, 0, nan, nan, nan, nan, nan, nan)
     pixels = np.array(list(seen.values()))
     placed = [cameras[name] for name in names]
     points, expected = triangulate(pixels, placed)
@@ -102,7 +103,7 @@ def corner_quality(
     at = board.corners_m[corners]
     d, d0 = np.linalg.norm(points[i] - points[j], axis=1), np.linalg.norm(at[i] - at[j], axis=1)
     if not len(d):
-        return CornerQuality(len(points), 0, *[nan] * 3, *_median_and_rms(residual), nan)
+        return CornerQuality(len(points), 0, nan, nan, nan, *_median_and_rms(residual), nan)
     predicted = nan if noise is None else _predicted_rms(points, pixels, placed, (i, j), noise)
     median, rms = _median_and_rms(abs(d - d0))
     scale = float(100 * np.median(d / d0 - 1))
@@ -166,7 +167,7 @@ def _pictures(points: Float64, cameras: Sequence[PlacedCamera]) -> tuple[Float64
 def _predicted_rms(
     points: Float64, pixels: Float64, cameras: Sequence[PlacedCamera], pairs: Pairs, noise: CameraNoise
 ) -> float:
-    """Root mean square error of distances: what cameras that are a little off, and corners, do to them at first order."""
+    """Root mean square error of distances, at first order, by cameras that are a little off and by corners."""
     size = 15
     information = np.zeros((len(points), 3, 3))
     by_cameras = np.zeros((len(points), 3, len(cameras) * size))

@@ -1,4 +1,4 @@
-"""What to film next, and what is wrong: advice of a calibration as values, the same for a terminal, a view and a log."""
+"""What to film next, and what is wrong: advice as values, the same for a terminal, a view and a log."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from mocapella.geometry.homography import homography
 from mocapella.model.board import Board, BoardView
-
-Float64 = NDArray[np.float64]
 
 GRID: Final = (4, 3)
 """Fields of the picture, columns and rows, in which corners are counted."""
@@ -120,10 +118,11 @@ def _of_lens(name: str, views: Sequence[BoardView], board: Board) -> list[Hint]:
         hints.append(Hint("no tilt", name, text))
     empty = field_counts(views) == 0
     places = [(0, 0, "top left"), (0, -1, "top right"), (-1, 0, "bottom left"), (-1, -1, "bottom right")]
-    for row, column, where in places:
-        if empty[row, column]:
-            text = f"camera {name}: corner of the picture still empty ({where}): hold the board there"
-            hints.append(Hint("empty field", name, text))
+    missing = [where for row, column, where in places if empty[row, column]]
+    if missing:
+        which = "corner of the picture" if len(missing) == 1 else "corners of the picture"
+        text = f"camera {name}: {which} still empty ({', '.join(missing)}): hold the board there"
+        hints.append(Hint("empty field", name, text))
     return hints
 
 

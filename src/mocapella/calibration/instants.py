@@ -38,7 +38,7 @@ def pair_instants(
             f"frames {1e3 * tolerance_s:.1f} ms apart cannot be taken as of one instant with one every "
             f"{1e3 * shortest:.1f} ms: choose less than half of that"
         )
-    frames = sorted((at, name, k) for name, times in times_s.items() for k, at in enumerate(times) if at == at)
+    frames = sorted((at, name, k) for name, times in times_s.items() for k, at in enumerate(times) if np.isfinite(at))
     found: dict[tuple[str, int], int] = {}
     instant, began, names = -1, -np.inf, set[str]()
     for at, name, k in frames:

@@ -1,7 +1,7 @@
 """Whether two cameras side by side look the same way, and which one to turn.
 
-The formula of depth by disparity holds for parallel axes and rows at one height. What is off is said as the angles by which
-to turn the second camera, and as the vertical disparity that a far point has in pixels.
+The formula of depth by disparity holds for parallel axes and rows at one height. What is off is said as the angles by
+which to turn the second camera, and as the vertical disparity that a far point has in pixels.
 """
 
 from __future__ import annotations

@@ -148,8 +148,8 @@ def _lenses(cameras: Mapping[str, Any], inputs: Mapping[str, str], path: Path) -
     missing = [name for name in inputs if name not in cameras]
     if missing:
         raise SettingsError(
-            f"--intrinsics {path}: has no camera {missing[0]!r}; it has {one_of(missing[0], cameras)}: name the videos so "
-            "(NAME=VIDEO)"
+            f"--intrinsics {path}: has no camera {missing[0]!r}; it has {one_of(missing[0], cameras)}: name the videos "
+            "so (NAME=VIDEO)"
         )
     return found
 
@@ -333,8 +333,8 @@ def show(found: CameraCalibration, out: Console) -> None:
     pair = pair_of(found)
     if pair is not None:
         out.print(
-            f"pair: axes {pair['axes_deg']:.2f}° apart, baseline {1e3 * pair['baseline_m']:.1f} mm, vertical disparity up "
-            f"to {pair['vertical_px']:.1f} px",
+            f"pair: axes {pair['axes_deg']:.2f}° apart, baseline {1e3 * pair['baseline_m']:.1f} mm, vertical disparity "
+            f"up to {pair['vertical_px']:.1f} px",
             highlight=False,
         )
         for advice in pair["advice"]:

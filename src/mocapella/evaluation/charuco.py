@@ -1,4 +1,4 @@
-"""How good a calibration of real webcams is: made of one half of their pictures, scored on the other by the board itself.
+"""How good a calibration of real webcams is: made of half of their pictures, scored on the others by the board.
 
 The scored half is triangulated corner by corner, without the board's shape; the distances between the corners of an
 instant are then compared with the board's. Every corner counts that two cameras or more saw.

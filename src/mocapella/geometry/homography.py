@@ -17,7 +17,7 @@ Float64 = NDArray[np.float64]
 
 
 def homography(plane: Float64, picture: Float64) -> Float64:
-    """The map of a plane to its picture that fits best, by the direct linear transformation of centred and scaled points.
+    """The map of a plane to its picture: the direct linear transformation of centred and scaled points.
 
     Args:
         plane: (n, 2), n ≥ 4, no three of four on a line.

@@ -4,8 +4,8 @@ Ours is written and read back to the bit. `load_camera_rig` recognises by itself
 
 - ours, with ``format = "mocapella camera rig"``;
 - Caliscope's ``camera_array.toml`` (a table ``cameras``) and ``config.toml`` (tables ``cam_…``);
-- Pose2Sim's ``Calib_*.toml``, also as it makes them of Qualisys, OpenCap or Vicon (a table for each camera, with a rotation
-  vector).
+- Pose2Sim's ``Calib_*.toml``, also as it makes them of Qualisys, OpenCap or Vicon (a table for each camera, with a
+  rotation vector).
 
 Others' worlds are kept as they are: only in ours is y known to be up.
 """
@@ -94,7 +94,7 @@ def load_camera_rig(path: Path | str) -> CameraRig:
     raise InputError(
         "holds no cameras that are known here",
         file=path,
-        fix="name a rig of mocapella calibrate, Caliscope's camera_array.toml or config.toml, or Pose2Sim's Calib_*.toml",
+        fix="take one of mocapella calibrate, Caliscope's camera_array.toml or config.toml, or Pose2Sim's Calib_….toml",
     )
 
 
@@ -147,34 +147,36 @@ def _rig(tables: Mapping[str, Any], path: object) -> CameraRig:
             if table.get(key) is None:
                 fix = "finish the calibration in the program that wrote it"
                 raise InputError("is missing", file=path, field=f"{name}.{key}", fix=fix)
-        read = _Table(table, name, path)
-        K = read.array("matrix", (3, 3))
-        if K[0, 1] or not np.array_equal(K[2], [0, 0, 1]):
-            raise InputError("is no camera matrix without skew", file=path, field=f"{name}.matrix", value=K.tolist())
-        distortions = read.array("distortions", None).ravel()
-        if len(distortions) not in (4, 5):
-            fix = "four (k1 k2 p1 p2) or five (and k3)"
-            raise InputError("are not as many as are known here", file=path, field=f"{name}.distortions", fix=fix)
-        lens = np.concatenate([[K[0, 0], K[1, 1], K[0, 2], K[1, 2]], distortions, np.zeros(5 - len(distortions))])
-        turned = read.array("rotation", None)
-        if turned.size == 3:
-            R = exp_twist(np.r_[np.zeros(3), turned.ravel()])[:3, :3]
-        elif turned.shape == (3, 3):
-            R = turned
-        else:
-            fix = "a vector of 3 or a matrix of 3 × 3 numbers"
-            raise InputError("is no rotation", file=path, field=f"{name}.rotation", value=turned.tolist(), fix=fix)
-        t = read.array("translation", None).ravel()
-        if len(t) != 3:
-            raise InputError(
-                "is no place", file=path, field=f"{name}.translation", value=t.tolist(), fix="3 numbers, in m"
-            )
-        T = _motion(rigid(R, t), f"{name}.rotation", path)
-        camera = Camera(name, read.size("size"), _checked_lens(lens, name, path))
-        cameras[name] = PlacedCamera(camera, T, np.full((6, 6), np.nan))
+        cameras[name] = _foreign(name, table, path)
     if not cameras:
         raise InputError("all its cameras are ignored", file=path, fix="name a rig with a camera")
     return CameraRig(cameras)
+
+
+def _foreign(name: str, table: Mapping[str, Any], path: object) -> PlacedCamera:
+    read = _Table(table, name, path)
+    K = read.array("matrix", (3, 3))
+    if K[0, 1] or not np.array_equal(K[2], [0, 0, 1]):
+        raise InputError("is no camera matrix without skew", file=path, field=f"{name}.matrix", value=K.tolist())
+    distortions = read.array("distortions", None).ravel()
+    if len(distortions) not in (4, 5):
+        fix = "four (k1 k2 p1 p2) or five (and k3)"
+        raise InputError("are not as many as are known here", file=path, field=f"{name}.distortions", fix=fix)
+    lens = np.concatenate([[K[0, 0], K[1, 1], K[0, 2], K[1, 2]], distortions, np.zeros(5 - len(distortions))])
+    turned = read.array("rotation", None)
+    if turned.size == 3:
+        R = exp_twist(np.r_[np.zeros(3), turned.ravel()])[:3, :3]
+    elif turned.shape == (3, 3):
+        R = turned
+    else:
+        fix = "a vector of 3 or a matrix of 3 × 3 numbers"
+        raise InputError("is no rotation", file=path, field=f"{name}.rotation", value=turned.tolist(), fix=fix)
+    t = read.array("translation", None).ravel()
+    if len(t) != 3:
+        raise InputError("is no place", file=path, field=f"{name}.translation", value=t.tolist(), fix="3 numbers, in m")
+    T = _motion(rigid(R, t), f"{name}.rotation", path)
+    camera = Camera(name, read.size("size"), _checked_lens(lens, name, path))
+    return PlacedCamera(camera, T, np.full((6, 6), np.nan))
 
 
 class _Table:

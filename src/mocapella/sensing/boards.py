@@ -115,7 +115,7 @@ def _charuco_detector(board: Board) -> Any:
 
 
 def _corners_of_chessboard(gray: UInt8, board: Board) -> tuple[NDArray[np.int64], Float64] | None:
-    """By sectors (Duda and Frese 2018), which are sub-pixel; ordered so that the first square is black where that says it."""
+    """Sub-pixel corners (Duda and Frese 2018); the first square is black where that says which is the first."""
     shape = (board.columns - 1, board.rows - 1)
     found, corners = cv2.findChessboardCornersSB(gray, shape, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
     if not found:
@@ -146,7 +146,7 @@ def _spacing(ids: NDArray[np.int64], corners: Float64, board: Board) -> Float64:
 
 
 def edge_width(gray: UInt8, corners: Float64, spacing: Float64) -> float:
-    """How wide the edges at the corners are: contrast divided by the steepest slope, in the median over the corners [px].
+    """How wide the edges at the corners are: contrast by the steepest slope, in the median over the corners [px].
 
     A step that a Gaussian of standard deviation s has blurred is √(2π) s wide.
     """
@@ -184,11 +184,8 @@ def why_not_found(images: Sequence[UInt8], board: Board) -> str:
             if inverted != board.inverted and _finds(gray, board):
                 return f"found no {wanted}, but one{said}"
             if _finds(np.ascontiguousarray(gray[:, ::-1]), board) and board.kind == "charuco":
-                return f"found no {wanted}, but one in the mirrored picture: switch off mirroring in the camera's program{said}"
-            if board.kind == "chessboard":
-                other = _other_chessboard(gray, board)
-            else:
-                other = _other_dictionary(gray, board)
+                return f"found no {wanted}, but one in the mirrored picture: switch off the camera's mirroring{said}"
+            other = (_other_chessboard if board.kind == "chessboard" else _other_dictionary)(gray, board)
             if other:
                 return f"found no corner of {wanted}; {other}{said}"
     return f"found no corner of {wanted}, nor any other board: is it in the picture, whole, flat, lit and sharp?"

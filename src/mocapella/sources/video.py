@@ -53,7 +53,7 @@ def parse_frames(text: str | None) -> Frames:
     return Frames(int(first or 0), int(end) if end else None, int(step or 1))
 
 
-def pictures(path: Path | str, frames: Frames = Frames()) -> Iterator[tuple[int, UInt8]]:  # noqa: B008 - frozen
+def pictures(path: Path | str, frames: Frames = Frames()) -> Iterator[tuple[int, UInt8]]:
     """The frames of a video, of one image, or of a folder's images by name, with their numbers from 0.
 
     Yields:
@@ -159,9 +159,9 @@ class LiveCameras:
 def read_timestamps(path: Path | str, cameras: Sequence[str]) -> dict[str, list[float]]:
     """When each frame of each camera was captured.
 
-    A CSV file with a column ``camera`` (or ``cam_id``, ``port``), one ``time_s`` (or ``frame_time``) and, where rows are
-    missing or out of order, ``frame`` (or ``frame_index``); otherwise a camera's rows are its frames in the order of their
-    times. A camera ``1`` of the file is ``1`` or ``cam_1`` of the rig.
+    A CSV file with a column ``camera`` (or ``cam_id``, ``port``), one ``time_s`` (or ``frame_time``) and, where rows
+    are missing or out of order, ``frame`` (or ``frame_index``); otherwise a camera's rows are its frames in the order
+    of their times. A camera ``1`` of the file is ``1`` or ``cam_1`` of the rig.
 
     Returns:
         by camera [s]; NaN of a frame that has no row.
