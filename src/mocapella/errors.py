@@ -13,6 +13,7 @@ MocapellaError                what we raise on purpose; the message says what wo
 ├── RecordingError            a take could not be started or went wrong
 │   ├── TakeExistsError       the name is taken; nothing is ever overwritten
 │   └── DiskFullError         less room than the reserve
+├── CalibrationError          what was seen does not say where cameras are or how they see
 ├── EvaluationError           what a method says cannot be scored
 └── NotNowError               a command that cannot be used in the present state
 """
@@ -94,6 +95,10 @@ class TakeExistsError(RecordingError):
 
 class DiskFullError(RecordingError):
     """There is less free space than the reserve."""
+
+
+class CalibrationError(MocapellaError):
+    """What was seen does not say where cameras are or how they see; the message says what to film."""
 
 
 class EvaluationError(MocapellaError):

@@ -6,8 +6,6 @@ in between. A rig that is loaded is believed at first, and checked against what 
 
 from __future__ import annotations
 
-import os
-import tempfile
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,6 +18,7 @@ from mocapella.calibration.pair_calibration import PairCalibration, PairSettings
 from mocapella.errors import InputError, SettingsError
 from mocapella.geometry.alignment import MOMENTS
 from mocapella.model.observations import check_sensor_name
+from mocapella.model.whole_file import write_whole
 
 Float64 = NDArray[np.float64]
 
@@ -151,20 +150,7 @@ def save_rig(path: Path | str, rig: Rig) -> None:
     Raises:
         InputError: it cannot be written there.
     """
-    path = Path(path)
-    try:
-        fd, name = tempfile.mkstemp(prefix=".rig.", dir=path.parent)
-        try:
-            with os.fdopen(fd, "wb") as file:
-                file.write(encode_rig(rig))
-                file.flush()
-                os.fsync(file.fileno())
-            Path(name).chmod(0o644)
-            Path(name).replace(path)
-        finally:
-            Path(name).unlink(missing_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror}", file=path, fix="choose another folder") from error
+    write_whole(path, encode_rig(rig))
 
 
 def load_rig(path: Path | str) -> Rig:

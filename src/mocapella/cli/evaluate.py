@@ -232,3 +232,46 @@ def _fused(result: dict[str, Any]) -> Table:
 
 def _cell(value: float | None) -> str:
     return "–" if value is None else f"{value:.2f}"
+
+
+@evaluate_app.command()
+def charuco(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the four webcams' recording.")],
+    json: JsonOut = None,
+) -> None:
+    """Calibrate real webcams on the odd frames of a board's videos, and score the even ones by its true distances.
+
+    docs/cameras.md says how everything is scored.
+
+    Example:  mocapella evaluate charuco shared/data/charuco_4cam --json out.json
+    """
+    from mocapella.evaluation.charuco import evaluate
+    from mocapella.evaluation.study_tables import rounded
+
+    with console.status("reading …") as status:
+        result = rounded(evaluate(folder, lambda text: status.update(f"{text} …")))
+    write_json(json, result)
+    if json != "-":
+        show_charuco(result, Console())
+
+
+def show_charuco(result: dict[str, Any], out: Console) -> None:
+    """The table for a person."""
+    table = Table(title="even frames, corner by corner", title_justify="left", box=SIMPLE_HEAD, padding=0)
+    rows = {
+        "points": "corners",
+        "distances": "distances",
+        "distance_rms_mm": "distance RMSE mm",
+        "distance_median_mm": "distance median mm",
+        "scale_percent": "scale %",
+        "reprojection_median_px": "reprojection median px",
+        "reprojection_rms_px": "reprojection RMS px",
+    }
+    for words in ("", "odd frames", "recording's own"):
+        table.add_column(words, justify="right" if words else "left")
+    for key, words in rows.items():
+        table.add_row(words, *(f"{result['scored'][who][key]:g}" for who in ("ours", "reference")))
+    out.print(table)
+    for name, target in result["targets"].items():
+        judged = "met" if target["met"] else "[red]not met[/red]"
+        out.print(f"  {rows[name]} ≤ {target['limit']:g}: {judged}", highlight=False)

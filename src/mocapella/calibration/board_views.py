@@ -1,0 +1,197 @@
+"""Where to begin: a lens from each camera's own views of a board, then the cameras' places from views they share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.calibration.board_bundle import CAMERA, LENS, Bundle, Corners, adjust
+from mocapella.calibration.lens_prior import lens_prior
+from mocapella.errors import CalibrationError
+from mocapella.geometry.homography import focal_length, homography, plane_pose
+from mocapella.geometry.lens import undistort
+from mocapella.geometry.rigid import apply, inverse
+from mocapella.model.board import Board, BoardView
+from mocapella.model.camera import Camera
+
+Float64 = NDArray[np.float64]
+
+LEAST_CORNERS: Final = 6
+"""In a view, on two rows and two columns: fewer leave a pose to chance."""
+LEAST_VIEWS: Final = 3
+"""Of a camera whose lens is searched for; Zhang's section 3.1 needs as many."""
+CANDIDATES: Final = 40
+"""Of the motion between two cameras, each from one instant."""
+
+
+def usable(view: BoardView, board: Board) -> bool:
+    """Whether a view says where the board is: enough corners, and not all on a line."""
+    rows, columns = np.divmod(view.ids, board.columns - 1)
+    return len(view.ids) >= LEAST_CORNERS and len(set(rows.tolist())) > 1 and len(set(columns.tolist())) > 1
+
+
+@dataclass(frozen=True)
+class OneCamera:
+    """A camera by its own views alone.
+
+    Attributes:
+        lens: (9,).
+        T_camera_board: a view's, in the order of the views.
+        sigma_px: of a corner's coordinate.
+        covariance: (9, 9) of the lens; 0 where it was known.
+    """
+
+    lens: Float64
+    T_camera_board: list[Float64]
+    sigma_px: float
+    covariance: Float64
+
+
+def one_camera(views: Sequence[BoardView], board: Board, known: Camera | None = None) -> OneCamera:
+    """A camera's lens, where it is not known, and where the board was in each of its views.
+
+    Raises:
+        CalibrationError: there are too few views for a lens.
+    """
+    name, size = views[0].camera, np.array(views[0].size_px, dtype=np.float64)
+    plane = board.corners_m[:, :2]
+    if known is not None:
+        lens = known.lens
+    else:
+        if len(views) < LEAST_VIEWS:
+            raise CalibrationError(
+                f"camera {name} sees the board in {len(views)} pictures, and a lens needs {LEAST_VIEWS} at the very "
+                "least: film the board longer, or give its lens with --intrinsics"
+            )
+        centre = (size - 1) / 2
+        f = focal_length([homography(plane[view.ids], view.corners_px) for view in views], centre)
+        f = f if 0.2 * size[0] < f < 10 * size[0] else 0.9 * size[0]
+        lens = np.array([f, f, *centre, 0, 0, 0, 0, 0])
+    poses = [plane_pose(plane[view.ids], _directions(view, lens)) for view in views]
+    corners = stacked([(0, i, view) for i, view in enumerate(views)], board)
+    free = np.zeros((1, CAMERA), dtype=bool)
+    free[:, LENS] = known is None
+    start = Bundle(np.eye(4)[None], lens[None], np.array(poses))
+    prior = lens_prior(size[None], lens[:1])
+    found = adjust(corners, start, free, np.ones(len(views), dtype=bool), prior)
+    return OneCamera(
+        found.bundle.lenses[0], list(found.bundle.T_world_board), found.sigma_px, found.covariance[0, LENS, 0, LENS]
+    )
+
+
+def _directions(view: BoardView, lens: Float64) -> Float64:
+    """Without distortion where the lens shows nothing at a corner."""
+    direct = undistort(view.corners_px, lens)
+    return np.where(np.isfinite(direct), direct, (view.corners_px - lens[2:4]) / lens[:2])
+
+
+def stacked(views: Sequence[tuple[int, int, BoardView]], board: Board) -> Corners:
+    """All corners of views, each with the index of its camera and of its board's pose."""
+    counts = [len(view.ids) for _, _, view in views]
+    return Corners(
+        np.repeat([camera for camera, _, _ in views], counts),
+        np.repeat([pose for _, pose, _ in views], counts),
+        np.concatenate([board.corners_m[view.ids] for _, _, view in views]),
+        np.concatenate([view.corners_px for _, _, view in views]),
+    )
+
+
+Poses = Mapping[str, Mapping[int, Float64]]
+"""``T_camera_board`` by camera and instant."""
+
+
+def motion_between(a: Mapping[int, Float64], b: Mapping[int, Float64], corners_m: Float64) -> tuple[Float64, float]:
+    """``T_a_b`` of two cameras that saw the board together: that of the instant which fits the others best.
+
+    A board that is small in the picture may be taken for its mirror image in depth; the median over the instants does
+    not care for a minority of those.
+
+    Returns:
+        the motion, and the median distance [m] between the corners as both cameras have them.
+    """
+    shared = sorted(set(a) & set(b))
+    of_a, of_b = np.array([a[i] for i in shared]), np.array([b[i] for i in shared])
+    seen_a, seen_b = apply(of_a, corners_m), apply(of_b, corners_m)
+    tried = np.unique(np.linspace(0, len(shared) - 1, CANDIDATES).astype(int))
+    candidates = of_a[tried] @ inverse(of_b[tried])
+    off = [np.median(np.linalg.norm(apply(T, seen_b) - seen_a, axis=-1).max(axis=-1)) for T in candidates]
+    best = int(np.argmin(off))
+    return candidates[best], float(off[best])
+
+
+def places(poses: Poses, corners_m: Float64) -> dict[str, Float64]:
+    """``T_camera_first`` of every camera through a tree of those that share most instants; the first one is the root.
+
+    Raises:
+        CalibrationError: a camera shares no instant with those that lead to the first.
+    """
+    names = list(poses)
+    shared = {(a, b): len(set(poses[a]) & set(poses[b])) for a, b in combinations(names, 2)}
+    found = {names[0]: np.eye(4)}
+    while len(found) < len(names):
+        edges = [
+            (count, a, b) if a in found else (count, b, a)
+            for (a, b), count in shared.items()
+            if (a in found) != (b in found) and count
+        ]
+        if not edges:
+            lost = [name for name in names if name not in found]
+            raise CalibrationError(
+                f"{_cameras(lost)} never sees the board at the same instant as {_cameras(list(found))}: hold the board "
+                "where both see it, and check that all videos begin together (or give --timestamps)"
+            )
+        _, a, b = max(edges, key=lambda edge: edge[0])
+        T_b_a = motion_between(poses[b], poses[a], corners_m)[0]
+        found[b] = T_b_a @ found[a]
+    return found
+
+
+def _cameras(names: Sequence[str]) -> str:
+    return f"camera {names[0]}" if len(names) == 1 else f"cameras {', '.join(names)}: none"
+
+
+def board_poses(
+    poses: Poses, T_camera_first: Mapping[str, Float64], corners_m: Float64, instants: Sequence[int]
+) -> Float64:
+    """``T_first_board`` (instants, 4, 4): of each instant's views, that on which the others agree best."""
+    out = np.empty((len(instants), 4, 4))
+    for k, instant in enumerate(instants):
+        candidates = np.array(
+            [inverse(T_camera_first[name]) @ of[instant] for name, of in poses.items() if instant in of]
+        )
+        seen = apply(candidates, corners_m)
+        off = np.linalg.norm(seen[:, None] - seen[None], axis=-1).mean(axis=-1)
+        out[k] = candidates[off.sum(axis=1).argmin()]
+    return out
+
+
+def joint_start(
+    views: Sequence[BoardView],
+    instant_of: Mapping[tuple[str, int], int],
+    single: Mapping[str, OneCamera],
+    board: Board,
+) -> tuple[Bundle, Corners, list[int]]:
+    """Everything in the first camera's space, and the instants in the order of the boards."""
+    names = list(single)
+    seen: dict[str, int] = dict.fromkeys(names, 0)
+    poses: dict[str, dict[int, Float64]] = {name: {} for name in names}
+    for view in views:
+        poses[view.camera][instant_of[view.camera, view.frame]] = single[view.camera].T_camera_board[seen[view.camera]]
+        seen[view.camera] += 1
+    T_camera_first = places(poses, board.corners_m)
+    instants = sorted({instant for of in poses.values() for instant in of})
+    at = {instant: k for k, instant in enumerate(instants)}
+    corners = stacked(
+        [(names.index(view.camera), at[instant_of[view.camera, view.frame]], view) for view in views], board
+    )
+    bundle = Bundle(
+        np.array([T_camera_first[name] for name in names]),
+        np.array([single[name].lens for name in names]),
+        board_poses(poses, T_camera_first, board.corners_m, instants),
+    )
+    return bundle, corners, instants

@@ -1,0 +1,191 @@
+"""How good cameras are together, in millimetres.
+
+Corners are triangulated one by one, without the board's shape, and distances between them compared with the board's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry.alignment import cross_matrix
+from mocapella.geometry.lens import undistort
+from mocapella.geometry.lens_jacobian import project_with_jacobian
+from mocapella.model.board import Board, BoardView
+from mocapella.model.camera import PlacedCamera
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+STEPS: Final = 5
+"""Of Gauss and Newton, from a linear triangulation that is a fraction of a per cent off."""
+
+
+Pairs = tuple[Int64, Int64]
+
+
+@dataclass(frozen=True)
+class CameraNoise:
+    """How sure cameras are, and corners.
+
+    Attributes:
+        sigma_px: of a corner's coordinate.
+        covariance: (cameras, 15, cameras, 15) of `board_bundle`.
+    """
+
+    sigma_px: float
+    covariance: Float64
+
+
+@dataclass(frozen=True)
+class CornerQuality:
+    """What triangulated corners say.
+
+    Attributes:
+        points: corners that two cameras or more saw.
+        distances: between all pairs of the corners of one instant.
+        distance_rms_mm: of measured minus true distance.
+        distance_median_mm: of its absolute value.
+        scale_percent: by how much distances come out too long, in the median.
+        reprojection_median_px, reprojection_rms_px: from a corner to where its triangulated point is expected; the
+            distance, not a coordinate's.
+        predicted_rms_mm: what distance_rms_mm is expected to be by the covariance of the cameras and the noise of
+            corners; NaN where these are not known.
+    """
+
+    points: int
+    distances: int
+    distance_rms_mm: float
+    distance_median_mm: float
+    scale_percent: float
+    reprojection_median_px: float
+    reprojection_rms_px: float
+    predicted_rms_mm: float
+
+
+def corner_quality(
+    views: Sequence[BoardView],
+    instant_of: Mapping[tuple[str, int], int],
+    cameras: Mapping[str, PlacedCamera],
+    board: Board,
+    noise: CameraNoise | None = None,
+) -> CornerQuality:
+    """Triangulate every corner that two cameras or more saw at an instant; all count.
+
+    Args:
+        views: of all cameras.
+        instant_of: by camera and frame.
+        cameras: by name.
+        board: whose distances are true.
+        noise: of the cameras in the order of their names, where it is known.
+    """
+    nan = float("nan")
+    names = list(cameras)
+    rows: dict[tuple[int, int], Float64] = {}
+    for view in views:
+        for corner, pixel in zip(view.ids.tolist(), view.corners_px, strict=True):
+            row = rows.setdefault((instant_of[view.camera, view.frame], corner), np.full((len(names), 2), np.nan))
+            row[names.index(view.camera)] = pixel
+    seen = {key: row for key, row in rows.items() if np.isfinite(row[:, 0]).sum() >= 2}
+    if not seen:
+        return CornerQuality(0, 0, nan, nan, nan, nan, nan, nan)
+    pixels = np.array(list(seen.values()))
+    placed = [cameras[name] for name in names]
+    points, expected = triangulate(pixels, placed)
+    residual = np.linalg.norm(pixels - expected, axis=-1)
+    residual = residual[np.isfinite(residual)]
+    instants, corners = np.array(list(seen)).T
+    i, j = (np.concatenate(side) for side in zip(*map(_pairs, _groups(instants)), strict=True))
+    at = board.corners_m[corners]
+    d, d0 = np.linalg.norm(points[i] - points[j], axis=1), np.linalg.norm(at[i] - at[j], axis=1)
+    if not len(d):
+        return CornerQuality(len(points), 0, nan, nan, nan, *_median_and_rms(residual), nan)
+    predicted = nan if noise is None else _predicted_rms(points, pixels, placed, (i, j), noise)
+    median, rms = _median_and_rms(abs(d - d0))
+    scale = float(100 * np.median(d / d0 - 1))
+    return CornerQuality(
+        len(points), len(d), 1e3 * rms, 1e3 * median, scale, *_median_and_rms(residual), 1e3 * predicted
+    )
+
+
+def _median_and_rms(values: Float64) -> tuple[float, float]:
+    return float(np.median(values)), float(np.sqrt((values**2).mean()))
+
+
+def _groups(instants: Int64) -> list[Int64]:
+    return [np.flatnonzero(instants == instant) for instant in np.unique(instants)]
+
+
+def _pairs(group: Int64) -> Pairs:
+    i, j = np.triu_indices(len(group), 1)
+    return group[i], group[j]
+
+
+def triangulate(pixels: Float64, cameras: Sequence[PlacedCamera]) -> tuple[Float64, Float64]:
+    """Points whose pictures are nearest to what was seen, in pixels: linear first, then by Gauss and Newton.
+
+    Args:
+        pixels: (points, cameras, 2) [px]; NaN where not seen, and seen by two at least.
+        cameras: of a rig.
+
+    Returns:
+        (points, 3) in the world [m], and (points, cameras, 2) where they are expected [px]; NaN where not seen.
+    """
+    rows = np.zeros((len(pixels), 2 * len(cameras), 4))
+    for c, placed in enumerate(cameras):
+        direct = undistort(pixels[:, c], placed.camera.lens)
+        T = placed.T_camera_world
+        rows[:, 2 * c : 2 * c + 2] = np.nan_to_num(direct[:, :, None] * T[2] - T[:2])
+    h = np.linalg.svd(rows)[2][:, -1]
+    points = h[:, :3] / h[:, 3:]
+    for _ in range(STEPS):
+        expected, J = _pictures(points, cameras)
+        off = np.nan_to_num(pixels - expected)
+        J = np.where(np.isfinite(pixels - expected)[..., None], J, 0.0)
+        H = np.einsum("ncij,ncik->njk", J, J)
+        g = np.einsum("ncij,nci->nj", J, off)
+        points += np.linalg.solve(H + 1e-12 * np.eye(3), g[..., None])[..., 0]
+    expected = _pictures(points, cameras)[0]
+    return points, np.where(np.isfinite(pixels), expected, np.nan)
+
+
+def _pictures(points: Float64, cameras: Sequence[PlacedCamera]) -> tuple[Float64, Float64]:
+    """(points, cameras, 2) [px] and (points, cameras, 2, 3) by the point in the world."""
+    expected, by_point = [], []
+    for placed in cameras:
+        R, t = placed.T_camera_world[:3, :3], placed.T_camera_world[:3, 3]
+        pixel, J, _ = project_with_jacobian(points @ R.T + t, placed.camera.lens)
+        expected.append(pixel)
+        by_point.append(J @ R)
+    return np.stack(expected, axis=1), np.stack(by_point, axis=1)
+
+
+def _predicted_rms(
+    points: Float64, pixels: Float64, cameras: Sequence[PlacedCamera], pairs: Pairs, noise: CameraNoise
+) -> float:
+    """Root mean square error of distances, at first order, by cameras that are a little off and by corners."""
+    size = 15
+    information = np.zeros((len(points), 3, 3))
+    by_cameras = np.zeros((len(points), 3, len(cameras) * size))
+    for c, placed in enumerate(cameras):
+        some = np.isfinite(pixels[:, c, 0])
+        R, t = placed.T_camera_world[:3, :3], placed.T_camera_world[:3, 3]
+        p = points[some] @ R.T + t
+        _, J, by_lens = project_with_jacobian(p, placed.camera.lens)
+        by_camera = np.concatenate([J, -J @ cross_matrix(p), by_lens], axis=-1)
+        by_world = np.swapaxes(J @ R, 1, 2)
+        information[some] += by_world @ np.swapaxes(by_world, 1, 2)
+        by_cameras[some, :, size * c : size * (c + 1)] -= by_world @ by_camera
+    spread = np.linalg.inv(information)
+    by_cameras = spread @ by_cameras
+    i, j = pairs
+    along = points[i] - points[j]
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    of_corners = noise.sigma_px**2 * np.einsum("na,nab,nb->n", along, spread[i] + spread[j], along)
+    moved = np.einsum("na,nab->nb", along, by_cameras[i] - by_cameras[j])
+    covariance = noise.covariance.reshape(moved.shape[1], -1)
+    return float(np.sqrt((of_corners + ((moved @ covariance) * moved).sum(axis=1)).mean()))

@@ -1,0 +1,154 @@
+"""What to film next, and what is wrong: advice as values, the same for a terminal, a view and a log."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final, Literal
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry.homography import homography
+from mocapella.model.board import Board, BoardView
+
+GRID: Final = (4, 3)
+"""Fields of the picture, columns and rows, in which corners are counted."""
+ENOUGH_VIEWS: Final = 10
+SMALL: Final = 0.01
+"""Share of the picture under the board below which little of the lens is seen and depth is uncertain."""
+TILTED: Final = 0.12
+"""Change of scale across the board, relative; about 25° at arm's length."""
+BLURRED_PX: Final = 8.0
+"""Width of an edge; a sharp one is 2 to 3 px wide."""
+ENOUGH_SHARED: Final = 5
+
+Cause = Literal[
+    "few views", "empty field", "no tilt", "small board", "blurred", "never together", "seldom together", "not seen"
+]
+
+
+class Hint(msgspec.Struct, frozen=True):
+    """One piece of advice.
+
+    Attributes:
+        cause: by which a program can tell it.
+        camera: name; empty where it is about all.
+        text: for a person.
+    """
+
+    cause: Cause
+    camera: str
+    text: str
+
+
+def field_counts(views: Sequence[BoardView]) -> NDArray[np.int64]:
+    """How many corners one camera's views have in each field of the picture, (rows, columns)."""
+    counts = np.zeros(GRID[::-1], dtype=np.int64)
+    for view in views:
+        x, y = (view.corners_px + 0.5).T / np.array(view.size_px)[:, None]
+        column = np.clip((x * GRID[0]).astype(int), 0, GRID[0] - 1)
+        row = np.clip((y * GRID[1]).astype(int), 0, GRID[1] - 1)
+        np.add.at(counts, (row, column), 1)
+    return counts
+
+
+def coverage(
+    views: Sequence[BoardView],
+    board: Board,
+    cameras: Sequence[str],
+    instant_of: Mapping[tuple[str, int], int] | None = None,
+    *,
+    lens_known: Sequence[str] = (),
+) -> list[Hint]:
+    """What is missing yet, the worst first. Cheap enough to be asked after every picture.
+
+    Args:
+        views: of all cameras so far.
+        board: see there.
+        cameras: the names of all, also of those that saw nothing.
+        instant_of: by camera and frame; the frame's number where not given.
+        lens_known: cameras whose lens is not searched for, which need no tilt and no corners everywhere.
+    """
+    hints: list[Hint] = []
+    of = {name: [view for view in views if view.camera == name] for name in cameras}
+    for name, mine in of.items():
+        if not mine:
+            hints.append(Hint("not seen", name, f"camera {name} has not seen the board: hold it where it sees it"))
+            continue
+        hints += _of_pictures(name, mine)
+        if name not in lens_known:
+            hints += _of_lens(name, mine, board)
+    instants = {
+        name: {view.frame if instant_of is None else instant_of[name, view.frame] for view in mine}
+        for name, mine in of.items()
+        if mine
+    }
+    order: list[Cause] = ["not seen", "never together", "few views"]
+    hints += _of_rig(instants)
+    return sorted(hints, key=lambda hint: order.index(hint.cause) if hint.cause in order else len(order))
+
+
+def _of_pictures(name: str, views: Sequence[BoardView]) -> list[Hint]:
+    hints = []
+    edges = np.array([view.edge_px for view in views])
+    blurred = np.nanmedian(edges) > BLURRED_PX if np.isfinite(edges).any() else False
+    if blurred:
+        text = f"camera {name}: pictures are blurred (edges {np.nanmedian(edges):.0f} px wide): move slower, more light"
+        hints.append(Hint("blurred", name, f"{text}, or focus"))
+    if max(_share(view) for view in views) < SMALL:
+        hints.append(
+            Hint("small board", name, f"camera {name}: the board is too small in all pictures: hold it nearer")
+        )
+    return hints
+
+
+def _share(view: BoardView) -> float:
+    """Of the picture, the rectangle around the corners."""
+    width, height = np.ptp(view.corners_px, axis=0) if len(view.ids) else (0.0, 0.0)
+    return float(width * height / (view.size_px[0] * view.size_px[1]))
+
+
+def _of_lens(name: str, views: Sequence[BoardView], board: Board) -> list[Hint]:
+    hints = []
+    if len(views) < ENOUGH_VIEWS:
+        hints.append(Hint("few views", name, f"camera {name}: {len(views)} pictures of {ENOUGH_VIEWS}: go on filming"))
+    if len(views) >= 3 and max(tilt(view, board) for view in views) < TILTED:
+        text = f"camera {name}: tilt the board more, forwards, backwards and to both sides"
+        hints.append(Hint("no tilt", name, text))
+    empty = field_counts(views) == 0
+    places = [(0, 0, "top left"), (0, -1, "top right"), (-1, 0, "bottom left"), (-1, -1, "bottom right")]
+    missing = [where for row, column, where in places if empty[row, column]]
+    if missing:
+        which = "corner of the picture" if len(missing) == 1 else "corners of the picture"
+        text = f"camera {name}: {which} still empty ({', '.join(missing)}): hold the board there"
+        hints.append(Hint("empty field", name, text))
+    return hints
+
+
+def tilt(view: BoardView, board: Board) -> float:
+    """By which share the scale changes across the board in a picture: 0 where it is parallel to the picture."""
+    rows, columns = np.divmod(view.ids, board.columns - 1)
+    if len(view.ids) < 4 or len(set(rows.tolist())) < 2 or len(set(columns.tolist())) < 2:
+        return 0.0
+    plane = board.corners_m[view.ids, :2]
+    H = homography(plane, view.corners_px)
+    depth = plane @ H[2, :2] + 1.0  # up to a factor
+    return float(depth.max() / depth.min() - 1.0) if depth.min() > 0 else 0.0
+
+
+def _of_rig(instants: Mapping[str, set[int]]) -> list[Hint]:
+    hints: list[Hint] = []
+    names = list(instants)
+    for name in names:
+        shared = {other: len(instants[name] & instants[other]) for other in names if other != name}
+        if not shared:
+            continue
+        other, most = max(shared.items(), key=lambda item: item[1])
+        if most == 0:
+            text = f"camera {name} never sees the board together with another: hold it where two cameras see it"
+            hints.append(Hint("never together", name, text))
+        elif most < ENOUGH_SHARED:
+            text = f"camera {name} saw the board only {most} times together with another ({other}): more of these"
+            hints.append(Hint("seldom together", name, text))
+    return hints

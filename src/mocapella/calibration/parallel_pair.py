@@ -1,0 +1,91 @@
+"""Whether two cameras side by side look the same way, and which one to turn.
+
+The formula of depth by disparity holds for parallel axes and rows at one height. What is off is said as the angles by
+which to turn the second camera, and as the vertical disparity that a far point has in pixels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry.lens import undistort
+from mocapella.geometry.rigid import inverse
+from mocapella.model.camera import PlacedCamera
+
+Float64 = NDArray[np.float64]
+
+LITTLE_PX: Final = 1.0
+"""Vertical disparity that a marker's height hides."""
+
+
+@dataclass(frozen=True)
+class PairAlignment:
+    """Two cameras, as the first one sees it: x right, y down, z forwards.
+
+    Attributes:
+        baseline_m: between them.
+        axes_deg: between the optical axes.
+        turn_right_deg: by which the second camera looks too far to the left: turn it right by so much (yaw).
+        turn_down_deg: by which it looks too high (pitch).
+        roll_clockwise_deg: by which it is to be rolled clockwise, as seen from behind it.
+        higher_mm: by which the second one stands too high.
+        ahead_mm: by which it stands too far forward.
+        vertical_px: vertical disparity of far points at the middle, the four corners of the picture: the greatest.
+        swapped: whether the second camera stands to the left of the first.
+    """
+
+    baseline_m: float
+    axes_deg: float
+    turn_right_deg: float
+    turn_down_deg: float
+    roll_clockwise_deg: float
+    higher_mm: float
+    ahead_mm: float
+    vertical_px: float
+    swapped: bool
+
+    def advice(self, first: str, second: str) -> list[str]:
+        """What to do, in words; nothing where the pair is well aligned."""
+        out = []
+        if self.swapped:
+            out.append(f"{second} stands to the left of {first}: exchange them")
+        if self.vertical_px <= LITTLE_PX:
+            return out
+        turns = [
+            (self.turn_right_deg, "right", "left"),
+            (self.turn_down_deg, "down", "up"),
+            (self.roll_clockwise_deg, "clockwise, seen from behind it", "counter-clockwise, seen from behind it"),
+        ]
+        for angle, one_way, other_way in turns:
+            if abs(angle) >= 0.05:
+                out.append(f"turn {second} {one_way if angle > 0 else other_way} by {abs(angle):.1f}°")
+        return out
+
+
+def align_pair(first: PlacedCamera, second: PlacedCamera) -> PairAlignment:
+    """Compare the second camera with the first; the first stays as it is."""
+    T_first_second = first.T_camera_world @ inverse(second.T_camera_world)
+    R, t = T_first_second[:3, :3], T_first_second[:3, 3]
+    axis = R[:, 2]
+    width, height = first.camera.size_px
+    x, y = np.array([0, 0.5, 1])[:, None] * (width - 1), np.array([0, 0.5, 1])[None] * (height - 1)
+    rows = np.stack(np.broadcast_arrays(x, y), axis=-1).reshape(-1, 2)[[0, 2, 4, 6, 8]]
+    far = undistort(rows, first.camera.lens)
+    far = np.column_stack([far, np.ones(len(far))])
+    seen = far @ R  # in the second camera's space: Rᵀ far
+    vertical = second.camera.lens[1] * (seen[:, 1] / seen[:, 2] - far[:, 1])
+    return PairAlignment(
+        float(np.linalg.norm(t)),
+        float(np.degrees(np.arccos(np.clip(axis[2], -1, 1)))),
+        float(np.degrees(np.arctan2(-axis[0], axis[2]))),
+        float(np.degrees(np.arctan2(-axis[1], np.hypot(axis[0], axis[2])))),
+        float(np.degrees(np.arctan2(-R[1, 0], R[0, 0]))),
+        float(-1e3 * t[1]),
+        float(1e3 * t[2]),
+        float(abs(vertical).max()) if np.isfinite(vertical).all() else float("nan"),
+        bool(t[0] < 0),
+    )

@@ -1,0 +1,341 @@
+"""``mocapella calibrate``: where cameras stand and how they see, from a board that is carried about before them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import msgspec
+import numpy as np
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from mocapella.cli import INTERRUPTED
+from mocapella.cli.app import app
+from mocapella.cli.common import JsonOut, console, say, working, write_json
+from mocapella.errors import CalibrationError, SettingsError, one_of
+
+if TYPE_CHECKING:
+    from mocapella.calibration.cameras import CameraCalibration
+    from mocapella.model.board import Board, BoardView
+    from mocapella.model.camera import Camera
+
+ALONE_FROM = 1_000_000
+"""Numbers of the frames that only their own camera saw."""
+NEARLY_PARALLEL_DEG = 20.0
+"""Two cameras whose axes lie closer are looked at as a parallel pair."""
+LIVE_INTERVAL_S = 0.5
+"""Between two pictures of live cameras that are looked at: the board has moved by then."""
+
+
+@app.command()
+def calibrate(
+    videos: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="[NAME=]VIDEO…",
+            help="A video, image or folder of images for each camera, or camera:0, camera:1 … for live ones. A camera "
+            "is called as its file, or NAME.",
+        ),
+    ],
+    board: Annotated[Path, typer.Option(metavar="BOARD.toml", help="The board: docs/cameras.md says how to write it.")],
+    out: Annotated[Path, typer.Option(metavar="RIG.toml", help="The rig to write; a file of that name is replaced.")],
+    timestamps: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="CSV: when each frame was captured. Without it, equal numbers are one instant."
+        ),
+    ] = None,
+    tolerance_ms: Annotated[
+        float | None,
+        typer.Option(metavar="MS", min=0, help="Frames so close are of one instant; a third of an interval."),
+    ] = None,
+    intrinsics: Annotated[
+        Path | None, typer.Option(metavar="RIG.toml", help="Take the lenses of this rig, and leave them as they are.")
+    ] = None,
+    alone: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=VIDEO", help="More pictures of the board, for that camera's lens only; repeatable."),
+    ] = None,
+    frames: Annotated[str | None, typer.Option(metavar="odd|even|FROM:TO:STEP", help="Which frames to use.")] = None,
+    origin: Annotated[
+        int | None, typer.Option(metavar="FRAME", help="The world is the board in this frame, lying on the floor.")
+    ] = None,
+    upright: Annotated[bool, typer.Option("--upright", help="The board of --origin hung on a wall.")] = False,
+    seconds: Annotated[float, typer.Option(metavar="SECONDS", min=1, help="How long to film live cameras.")] = 60.0,
+    json: JsonOut = None,
+) -> None:
+    """Find where cameras stand and how their lenses see, and say how good it is in millimetres.
+
+    docs/cameras.md says how to print a board, how to film, and what the messages mean.
+
+    Example:  mocapella calibrate left.mp4 right.mp4 --board board.toml --out rig.toml
+    """
+    from mocapella.calibration.cameras import Origin, calibrate_cameras
+    from mocapella.model.board import load_board
+    from mocapella.model.camera_rig_file import load_camera_rig, save_camera_rig
+    from mocapella.sources.video import LIVE, parse_frames
+
+    if not out.parent.is_dir():
+        raise SettingsError(f"--out {out}: there is no folder {out.parent}; name a file in one that exists")
+    chosen = load_board(board)
+    inputs = named_inputs(videos)
+    wanted = parse_frames(frames)
+    known = {} if intrinsics is None else _lenses(load_camera_rig(intrinsics).cameras, inputs, intrinsics)
+    live = [name for name, path in inputs.items() if path.startswith(LIVE)]
+    if live and len(live) < len(inputs):
+        raise SettingsError(
+            "live cameras and videos cannot be calibrated together; film with all, or give videos of all"
+        )
+    with working("looking for the board …", status=INTERRUPTED):
+        if live:
+            views, instants = film(inputs, chosen, seconds, list(known))
+        else:
+            views, counts = look(inputs, chosen, wanted, str(board))
+            instants = _instants(views, timestamps, tolerance_ms, counts)
+        extra = []
+        for name, path in [_named(text) for text in alone or []]:
+            if name not in inputs:
+                raise SettingsError(f"--alone {name}: no such camera; there are {one_of(name, inputs)}")
+            seen, _ = look({name: path}, chosen, wanted, str(board))
+            extra += [msgspec.structs.replace(view, frame=ALONE_FROM + len(extra) + k) for k, view in enumerate(seen)]
+        instants |= {(view.camera, view.frame): view.frame for view in extra}
+        paired = [view for view in views if (view.camera, view.frame) in instants]
+    place = None if origin is None else Origin(_instant_of(origin, instants), upright)
+    with working("calibrating …", status=INTERRUPTED):
+        found = calibrate_cameras(paired + extra, chosen, instants, known=known, origin=place)
+    save_camera_rig(out, found.rig)
+    result = as_result(found)
+    write_json(json, result | {"rig": str(out)})
+    if json != "-":
+        show(found, Console())
+    for hint in found.hints:
+        say(hint.text)
+    say(f"{out}: {len(found.rig.cameras)} cameras")
+
+
+def named_inputs(texts: Sequence[str]) -> dict[str, str]:
+    """Paths by camera name.
+
+    Raises:
+        SettingsError: a name that cannot be used, or one twice.
+    """
+    found: dict[str, str] = {}
+    for text in texts:
+        name, path = _named(text)
+        if name in found:
+            raise SettingsError(f"two cameras are called {name!r}; write NAME=VIDEO to tell them apart")
+        found[name] = path
+    return found
+
+
+def _named(text: str) -> tuple[str, str]:
+    from mocapella.model.observations import check_sensor_name
+
+    name, equals, path = text.partition("=")
+    if not equals:
+        name, path = Path(text).stem.replace(":", "_"), text
+    return check_sensor_name(name), path
+
+
+def _lenses(cameras: Mapping[str, Any], inputs: Mapping[str, str], path: Path) -> dict[str, Camera]:
+    found = {name: cameras[name].camera for name in inputs if name in cameras}
+    missing = [name for name in inputs if name not in cameras]
+    if missing:
+        raise SettingsError(
+            f"--intrinsics {path}: has no camera {missing[0]!r}; it has {one_of(missing[0], cameras)}: name the videos "
+            "so (NAME=VIDEO)"
+        )
+    return found
+
+
+def look(
+    inputs: Mapping[str, str], board: Board, wanted: Any, board_file: str
+) -> tuple[list[BoardView], dict[str, int]]:
+    """The board in all pictures of all cameras, and how many pictures each has.
+
+    Raises:
+        CalibrationError: a camera never sees it; says what its pictures show instead.
+    """
+    from mocapella.sensing.boards import BoardDetector, why_not_found
+    from mocapella.sources.video import pictures
+
+    views, counts = [], {}
+    for name, path in inputs.items():
+        detector, without = BoardDetector(board), []
+        for frame, image in pictures(path, wanted):
+            counts[name] = frame + 1
+            view = detector.update(image, name, frame)
+            if view is not None:
+                views.append(view)
+            elif len(without) < 3 and not detector.report.found:
+                without.append(image)
+        report = detector.report
+        if not report.found:
+            raise CalibrationError(f"camera {name}: {why_not_found(without, board)} ({board_file})")
+        console.print(
+            f"{name}: the board in {report.found} of {report.pictures} pictures, {report.corners} corners", markup=False
+        )
+    return views, counts
+
+
+def film(
+    inputs: Mapping[str, str], board: Board, seconds: float, lens_known: Sequence[str]
+) -> tuple[list[BoardView], dict[tuple[str, int], int]]:
+    """Look at live cameras for a while, and say meanwhile what is missing."""
+    import time
+
+    from mocapella.calibration.hints import coverage
+    from mocapella.sensing.boards import BoardDetector
+    from mocapella.sources.video import LIVE, LiveCameras
+
+    numbers = {name: _number(path.removeprefix(LIVE)) for name, path in inputs.items()}
+    cameras, detectors = LiveCameras(numbers), {name: BoardDetector(board) for name in inputs}
+    views: list[BoardView] = []
+    begin = looked = time.monotonic()
+    frame, said = 0, ""
+    try:
+        while looked - begin < seconds:
+            seen = cameras.read()
+            if time.monotonic() - looked < LIVE_INTERVAL_S:
+                continue
+            looked = time.monotonic()
+            found = [detectors[name].update(image, name, frame) for name, (_, image) in seen.items()]
+            views += [view for view in found if view is not None]
+            frame += 1
+            hints = coverage(views, board, list(inputs), lens_known=lens_known)
+            if hints and hints[0].text != said:
+                said = hints[0].text
+                say(said)
+    finally:
+        cameras.close()
+    for name, lost in cameras.lost.items():
+        if lost:
+            say(f"camera {name} gave no picture {lost} times")
+    return views, {(view.camera, view.frame): view.frame for view in views}
+
+
+def _number(text: str) -> int:
+    if not text.isdecimal():
+        raise SettingsError(f"camera:{text} cannot be used; write camera:0 for the first camera of this machine")
+    return int(text)
+
+
+def _instants(
+    views: Sequence[BoardView], timestamps: Path | None, tolerance_ms: float | None, counts: Mapping[str, int]
+) -> dict[tuple[str, int], int]:
+    from mocapella.calibration.instants import pair_instants
+    from mocapella.sources.video import read_timestamps
+
+    if timestamps is None:
+        if tolerance_ms is not None:
+            raise SettingsError("--tolerance-ms has no meaning without --timestamps; give both or none")
+        return {(view.camera, view.frame): view.frame for view in views}
+    times = read_timestamps(timestamps, list(counts))
+    for name, count in counts.items():
+        if len(times[name]) < count:
+            say(f"{timestamps}: {len(times[name])} times for {count} frames of {name}; the rest is left out")
+    return pair_instants(times, None if tolerance_ms is None else tolerance_ms / 1e3)
+
+
+def _instant_of(frame: int, instants: Mapping[tuple[str, int], int]) -> int:
+    found = [instant for (_, number), instant in instants.items() if number == frame]
+    if not found:
+        raise SettingsError(f"--origin {frame}: no camera has that frame; take one in which the board was seen")
+    return found[0]
+
+
+def as_result(found: CameraCalibration) -> dict[str, Any]:
+    """Everything, for JSON; what is not known is null."""
+    names = list(found.rig.cameras)
+    cameras = {}
+    for name in names:
+        placed = found.rig.cameras[name]
+        cameras[name] = asdict(found.cameras[name]) | {
+            "size_px": list(placed.camera.size_px),
+            "lens": placed.camera.lens.tolist(),
+            "T_camera_world": placed.T_camera_world.tolist(),
+            "distance_to_first_m": distance(found, names[0], name),
+        }
+    return _finite(
+        {
+            "cameras": cameras,
+            "instants": found.instants,
+            "shared_instants": found.shared_instants,
+            "sigma_px": found.sigma_px,
+            "dispersion": found.dispersion,
+            "fit": asdict(found.fit),
+            "left_out": None if found.left_out is None else [asdict(half) for half in found.left_out],
+            "pair": pair_of(found),
+            "hints": [msgspec.to_builtins(hint) for hint in found.hints],
+        }
+    )
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_finite(inner) for inner in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def distance(found: CameraCalibration, a: str, b: str) -> float:
+    """Between two cameras [m]."""
+    T_a, T_b = (found.rig.cameras[name].T_camera_world for name in (a, b))
+    at_a, at_b = (-T[:3, :3].T @ T[:3, 3] for T in (T_a, T_b))
+    return float(np.linalg.norm(at_a - at_b))
+
+
+def pair_of(found: CameraCalibration) -> dict[str, Any] | None:
+    """How well two cameras that look the same way are aligned; None of others."""
+    from mocapella.calibration.parallel_pair import align_pair
+
+    if len(found.rig.cameras) != 2:
+        return None
+    (first, a), (second, b) = found.rig.cameras.items()
+    pair = align_pair(a, b)
+    if pair.axes_deg > NEARLY_PARALLEL_DEG:
+        return None
+    return asdict(pair) | {"first": first, "second": second, "advice": pair.advice(first, second)}
+
+
+def show(found: CameraCalibration, out: Console) -> None:
+    """The tables for a person."""
+    table = Table(box=SIMPLE_HEAD, padding=0, show_edge=False)
+    table.add_column("camera", no_wrap=True)
+    for words in ("views", "fields\n%", "own\npx", "all\npx", "place\n± mm", "turn\n± °", "focal\n± %", "from 1st\nm"):
+        table.add_column(words, justify="right", no_wrap=True)
+    names = list(found.rig.cameras)
+    for name, of in found.cameras.items():
+        figures = (of.own_px, of.reprojection_px, of.position_sd_mm, of.rotation_sd_deg, of.focal_sd_percent)
+        table.add_row(
+            name, str(of.views), f"{100 * of.fields:.0f}", *(f"{value:.2f}" for value in figures),
+            f"{distance(found, names[0], name):.3f}",
+        )  # fmt: skip
+    out.print(table)
+    fit = found.fit
+    if fit.points:
+        out.print(
+            f"{fit.points} corners of {found.shared_instants} instants triangulated one by one: distances within "
+            f"{fit.distance_rms_mm:.2f} mm (RMS), reprojection {fit.reprojection_median_px:.2f} px (median)",
+            highlight=False,
+        )
+    if found.left_out:
+        halves = " and ".join(f"{half.distance_rms_mm:.2f}" for half in found.left_out)
+        expected = " and ".join(f"{half.predicted_rms_mm:.2f}" for half in found.left_out)
+        out.print(f"each half by the other: {halves} mm (RMS; expected {expected})", highlight=False)
+    pair = pair_of(found)
+    if pair is not None:
+        out.print(
+            f"pair: axes {pair['axes_deg']:.2f}° apart, baseline {1e3 * pair['baseline_m']:.1f} mm, vertical disparity "
+            f"up to {pair['vertical_px']:.1f} px",
+            highlight=False,
+        )
+        for advice in pair["advice"]:
+            out.print(f"  {advice}", highlight=False)

@@ -1,0 +1,139 @@
+"""What a calibration board is, and what a camera sees of one."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import InputError, SettingsError
+from mocapella.settings import check, parse
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+DICTIONARIES: Final = (
+    *(f"DICT_{bits}X{bits}_{count}" for bits in (4, 5, 6, 7) for count in (50, 100, 250, 1000)),
+    "DICT_ARUCO_ORIGINAL",
+    *(f"DICT_APRILTAG_{name}" for name in ("16H5", "25H9", "36H10", "36H11")),
+)
+"""Of ArUco markers."""
+
+
+@dataclass(frozen=True)
+class Board:
+    """A flat board of squares, black where row + column is even, whose inner corners are found in pictures.
+
+    Its own space has the origin at the outer corner of the first square, x along the columns, y along the rows and z
+    into the board, so that whoever looks at it sees x to the right and y down.
+
+    Attributes:
+        kind: ``chessboard``, or ``charuco`` with a marker in every white square.
+        columns: squares in a row.
+        rows: squares in a column.
+        square_m: side of a square, as measured on the print.
+        marker_ratio: side of a marker by that of a square, of a ChArUco board.
+        dictionary: of the markers.
+        inverted: printed with black and white exchanged.
+        legacy: a ChArUco board of a program from before OpenCV 4.6: with an even number of rows, its first square is
+            white.
+    """
+
+    kind: Literal["chessboard", "charuco"]
+    columns: int
+    rows: int
+    square_m: float
+    marker_ratio: float = 0.75
+    dictionary: str = "DICT_4X4_1000"
+    inverted: bool = False
+    legacy: bool = False
+
+    def __post_init__(self) -> None:
+        check(3 <= self.columns <= 100, "columns", self.columns, "3 to 100 squares")
+        check(3 <= self.rows <= 100, "rows", self.rows, "3 to 100 squares")
+        check(0.001 <= self.square_m <= 10, "square_m", self.square_m, "0.001 to 10 m, as measured on the print")
+        check(0.2 <= self.marker_ratio < 1, "marker_ratio", self.marker_ratio, "0.2 or more and below 1")
+        check(self.dictionary in DICTIONARIES, "dictionary", self.dictionary, f"one of {', '.join(DICTIONARIES)}")
+
+    @property
+    def corners(self) -> int:
+        """How many inner corners there are."""
+        return (self.columns - 1) * (self.rows - 1)
+
+    @cached_property
+    def corners_m(self) -> Float64:
+        """(corners, 3) in the board's own space, in the order of their ids: along a row first, then row by row."""
+        y, x = np.mgrid[1 : self.rows, 1 : self.columns].reshape(2, -1) * self.square_m
+        return np.column_stack([x, y, np.zeros(len(x))]).astype(np.float64)
+
+    @property
+    def turnable(self) -> bool:
+        """Whether it looks the same when turned by 180°, so that no picture says which corner is the first."""
+        return self.kind == "chessboard" and (self.columns + self.rows) % 2 == 0
+
+
+class BoardView(msgspec.Struct, frozen=True, eq=False):
+    """What one camera saw of a board in one picture.
+
+    Attributes:
+        camera: name.
+        frame: number of the picture in its video, from 0.
+        size_px: (width, height) of the picture.
+        ids: (n,) of the corners that were found, rising.
+        corners_px: (n, 2) [px], refined; the pixel (0, 0) is the middle of the first one.
+        edge_px: how wide the edges beside the corners are, in the median [px]: large where the picture is blurred; NaN
+            where that was not measured.
+    """
+
+    camera: str
+    frame: int
+    size_px: tuple[int, int]
+    ids: Int64
+    corners_px: Float64
+    edge_px: float = float("nan")
+
+
+_CALISCOPE: Final = {"square_size_override_cm", "square_size_overide_cm"}
+_KEYS: Final = "kind, columns, rows, square_m, and of a ChArUco board marker_ratio, dictionary, inverted, legacy"
+
+
+def load_board(path: Path | str) -> Board:
+    """Read a board's TOML file; Caliscope's ``charuco.toml`` is understood, too.
+
+    Raises:
+        InputError: there is no such file, it is no TOML, or something in it cannot be; says what can.
+    """
+    try:
+        data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", file=path, fix=f"write one with {_KEYS}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"is no TOML: {error}", file=path, fix=f"write one with {_KEYS}") from None
+    if _CALISCOPE & set(data) and "kind" not in data:
+        data = _of_caliscope(data, path)
+    for key in ("kind", "columns", "rows", "square_m"):
+        if key not in data:
+            raise InputError("is missing", file=path, field=key, fix=f"a board has {_KEYS}")
+    try:
+        return parse(Board, data, where=str(path))
+    except SettingsError as error:
+        text = str(error).removeprefix(f"{path}: ")
+        raise InputError(text, file=path, fix=f"a board has {_KEYS}") from None
+
+
+def _of_caliscope(data: Mapping[str, Any], path: Path | str) -> dict[str, Any]:
+    """The same board in our words; the size of the paper follows from the squares and says nothing more."""
+    try:
+        side_cm = next(float(data[key]) for key in _CALISCOPE if key in data)
+        given = {key: data[key] for key in ("columns", "rows", "dictionary", "inverted") if key in data}
+        return {"kind": "charuco", "square_m": side_cm / 100, "marker_ratio": float(data["aruco_scale"]), **given}
+    except (KeyError, TypeError, ValueError) as error:
+        fix = "it has columns, rows, dictionary, aruco_scale and square_size_override_cm"
+        raise InputError(f"is no charuco.toml of Caliscope: {error}", file=path, fix=fix) from None

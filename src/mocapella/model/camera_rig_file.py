@@ -1,0 +1,252 @@
+"""A camera rig as a file: our own TOML, and those of other programs.
+
+Ours is written and read back to the bit. `load_camera_rig` recognises by itself what a file is:
+
+- ours, with ``format = "mocapella camera rig"``;
+- Caliscope's ``camera_array.toml`` (a table ``cameras``) and ``config.toml`` (tables ``cam_…``);
+- Pose2Sim's ``Calib_*.toml``, also as it makes them of Qualisys, OpenCap or Vicon (a table for each camera, with a
+  rotation vector).
+
+Others' worlds are kept as they are: only in ours is y known to be up.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import InputError, SettingsError
+from mocapella.geometry.rigid import rigid
+from mocapella.geometry.twists import exp_twist
+from mocapella.model.camera import Camera, CameraRig, PlacedCamera
+from mocapella.model.observations import check_sensor_name
+from mocapella.model.whole_file import write_whole
+
+Float64 = NDArray[np.float64]
+
+FORMAT: Final = "mocapella camera rig"
+VERSION: Final = 1
+"""Of the file's layout."""
+_ANEW: Final = "calibrate anew: mocapella calibrate"
+_FIELDS: Final = ("size_px", "focal_px", "centre_px", "distortion", "T_camera_world")
+_OPTIONAL: Final = ("covariance", "readout_s", "clock_s")
+
+
+def save_camera_rig(path: Path | str, rig: CameraRig) -> None:
+    """Write a rig; the file appears complete or stays as it was.
+
+    Raises:
+        InputError: it cannot be written there.
+    """
+    write_whole(path, encode_camera_rig(rig).encode())
+
+
+def _table(placed: PlacedCamera) -> dict[str, Any]:
+    camera = placed.camera
+    lens = [float(value) for value in camera.lens]
+    table: dict[str, Any] = {
+        "size_px": list(camera.size_px),
+        "focal_px": lens[:2],
+        "centre_px": lens[2:4],
+        "distortion": lens[4:],
+        "readout_s": float(camera.readout_s),
+        "clock_s": float(placed.clock_s),
+        "T_camera_world": np.asarray(placed.T_camera_world, dtype=np.float64).tolist(),
+    }
+    if np.isfinite(placed.covariance).all():
+        table["covariance"] = np.asarray(placed.covariance, dtype=np.float64).tolist()
+    return table
+
+
+def load_camera_rig(path: Path | str) -> CameraRig:
+    """Read a rig, ours or one of those above.
+
+    Raises:
+        InputError: there is no such file, or it is none of them; names the field, its value and what to do.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", file=path, fix=_ANEW) from error
+    except UnicodeDecodeError:
+        raise InputError("is no text", file=path, fix="name a rig's TOML file") from None
+    return decode_camera_rig(text, file=path)
+
+
+def encode_camera_rig(rig: CameraRig) -> str:
+    """As TOML, to be read by people too."""
+    import tomli_w
+
+    cameras = {name: _table(placed) for name, placed in rig.cameras.items()}
+    return tomli_w.dumps({"format": FORMAT, "version": VERSION, "cameras": cameras}, multiline_strings=False)
+
+
+def decode_camera_rig(text: str, *, file: object = None) -> CameraRig:
+    """A rig of TOML, ours or one of those above.
+
+    Raises:
+        InputError: as `load_camera_rig`.
+    """
+    path = file
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"is no TOML: {error}", file=path, fix=_ANEW) from None
+    if "format" in data:
+        return _ours(data, path)
+    tables = data.get("cameras")
+    if isinstance(tables, dict) and tables:
+        return _rig({f"cam_{name}" if name.isdecimal() else name: table for name, table in tables.items()}, path)
+    tables = {name: table for name, table in data.items() if isinstance(table, dict) and "matrix" in table}
+    if tables:
+        return _rig(tables, path)
+    raise InputError(
+        "holds no cameras that are known here",
+        file=path,
+        fix="take one of mocapella calibrate, Caliscope's camera_array.toml or config.toml, or Pose2Sim's Calib_….toml",
+    )
+
+
+def _ours(data: Mapping[str, Any], path: object) -> CameraRig:
+    if data["format"] != FORMAT:
+        raise InputError("is something else", file=path, field="format", value=data["format"], fix=f"it is {FORMAT!r}")
+    if data.get("version") != VERSION:
+        fix = f"this program reads version {VERSION}: calibrate anew"
+        raise InputError("is of another version", file=path, field="version", value=data.get("version"), fix=fix)
+    tables = data.get("cameras")
+    if not isinstance(tables, dict) or not tables:
+        raise InputError("has no cameras", file=path, field="cameras", fix=_ANEW)
+    cameras = {}
+    for name, table in tables.items():
+        where = f"cameras.{name}"
+        _check_name(name, where, path)
+        if not isinstance(table, dict):
+            raise InputError("is no table", file=path, field=where, value=table, fix=_ANEW)
+        for key in table:
+            if key not in _FIELDS + _OPTIONAL:
+                known = ", ".join(_FIELDS + _OPTIONAL)
+                raise InputError("is not known", file=path, field=f"{where}.{key}", fix=f"a camera has {known}")
+        for key in _FIELDS:
+            if key not in table:
+                raise InputError("is missing", file=path, field=f"{where}.{key}", fix=_ANEW)
+        read = _Table(table, where, path)
+        lens = np.concatenate(
+            [read.array("focal_px", (2,)), read.array("centre_px", (2,)), read.array("distortion", (5,))]
+        )
+        covariance = read.array("covariance", (6, 6)) if "covariance" in table else np.full((6, 6), np.nan)
+        camera = Camera(name, read.size("size_px"), _checked_lens(lens, where, path), read.seconds("readout_s"))
+        T = _motion(read.array("T_camera_world", (4, 4)), f"{where}.T_camera_world", path)
+        cameras[name] = PlacedCamera(camera, T, covariance, read.seconds("clock_s"))
+    return CameraRig(cameras)
+
+
+def _rig(tables: Mapping[str, Any], path: object) -> CameraRig:
+    """Of Caliscope's and Pose2Sim's tables: both give OpenCV's matrix, distortions, rotation and translation."""
+    cameras = {}
+    for name, table in tables.items():
+        _check_name(name, name, path)
+        if not isinstance(table, dict):
+            raise InputError("is no table", file=path, field=name, value=table, fix=_ANEW)
+        if table.get("ignore") is True:
+            continue
+        if table.get("fisheye") is True:
+            fix = "calibrate this camera with mocapella calibrate"
+            raise InputError("is of a lens model that is not known here", file=path, field=f"{name}.fisheye", fix=fix)
+        for key in ("size", "matrix", "distortions", "rotation", "translation"):
+            if table.get(key) is None:
+                fix = "finish the calibration in the program that wrote it"
+                raise InputError("is missing", file=path, field=f"{name}.{key}", fix=fix)
+        cameras[name] = _foreign(name, table, path)
+    if not cameras:
+        raise InputError("all its cameras are ignored", file=path, fix="name a rig with a camera")
+    return CameraRig(cameras)
+
+
+def _foreign(name: str, table: Mapping[str, Any], path: object) -> PlacedCamera:
+    read = _Table(table, name, path)
+    K = read.array("matrix", (3, 3))
+    if K[0, 1] or not np.array_equal(K[2], [0, 0, 1]):
+        raise InputError("is no camera matrix without skew", file=path, field=f"{name}.matrix", value=K.tolist())
+    distortions = read.array("distortions", None).ravel()
+    if len(distortions) not in (4, 5):
+        fix = "four (k1 k2 p1 p2) or five (and k3)"
+        raise InputError("are not as many as are known here", file=path, field=f"{name}.distortions", fix=fix)
+    lens = np.concatenate([[K[0, 0], K[1, 1], K[0, 2], K[1, 2]], distortions, np.zeros(5 - len(distortions))])
+    turned = read.array("rotation", None)
+    if turned.size == 3:
+        R = exp_twist(np.r_[np.zeros(3), turned.ravel()])[:3, :3]
+    elif turned.shape == (3, 3):
+        R = turned
+    else:
+        fix = "a vector of 3 or a matrix of 3 × 3 numbers"
+        raise InputError("is no rotation", file=path, field=f"{name}.rotation", value=turned.tolist(), fix=fix)
+    t = read.array("translation", None).ravel()
+    if len(t) != 3:
+        raise InputError("is no place", file=path, field=f"{name}.translation", value=t.tolist(), fix="3 numbers, in m")
+    T = _motion(rigid(R, t), f"{name}.rotation", path)
+    camera = Camera(name, read.size("size"), _checked_lens(lens, name, path))
+    return PlacedCamera(camera, T, np.full((6, 6), np.nan))
+
+
+class _Table:
+    """Reading one camera's table."""
+
+    def __init__(self, table: Mapping[str, Any], where: str, path: object) -> None:
+        self.table, self.where, self.path = table, where, path
+
+    def array(self, key: str, shape: tuple[int, ...] | None) -> Float64:
+        try:
+            array = np.array(self.table[key], dtype=np.float64)
+        except (TypeError, ValueError):
+            array = np.full(1, np.nan)
+        if (shape is not None and array.shape != shape) or not np.isfinite(array).all():
+            wanted = "numbers" if shape is None else " × ".join(map(str, shape)) + " numbers"
+            raise InputError(
+                "cannot be used",
+                file=self.path,
+                field=f"{self.where}.{key}",
+                value=self.table[key],
+                fix=f"it has {wanted}",
+            )
+        return array
+
+    def size(self, key: str) -> tuple[int, int]:
+        width, height = self.array(key, (2,))
+        if not (width >= 1 and height >= 1 and width == int(width) and height == int(height)):
+            raise InputError(
+                "is no size of a picture",
+                file=self.path,
+                field=f"{self.where}.{key}",
+                value=self.table[key],
+                fix="width and height in whole pixels",
+            )
+        return int(width), int(height)
+
+    def seconds(self, key: str) -> float:
+        return float(self.array(key, ())) if key in self.table else 0.0
+
+
+def _check_name(name: str, where: str, path: object) -> None:
+    try:
+        check_sensor_name(name)
+    except SettingsError as error:
+        raise InputError(str(error), file=path, field=where) from None
+
+
+def _checked_lens(lens: Float64, where: str, path: object) -> Float64:
+    if not (lens[:2] > 0).all():
+        raise InputError("no focal length is 0 or less", file=path, field=where, value=lens[:2].tolist(), fix=_ANEW)
+    return lens
+
+
+def _motion(T: Float64, field: str, path: object) -> Float64:
+    R = T[:3, :3]
+    rigid_motion = np.allclose(R @ R.T, np.eye(3), atol=1e-4) and np.linalg.det(R) > 0
+    if not rigid_motion or not np.allclose(T[3], [0, 0, 0, 1]):
+        raise InputError("is no rigid motion", file=path, field=field, value=T.tolist(), fix=_ANEW)
+    return T

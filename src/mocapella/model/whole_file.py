@@ -1,0 +1,31 @@
+"""Files that appear complete or stay as they were."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+from mocapella.errors import InputError
+
+
+def write_whole(path: Path | str, data: bytes) -> None:
+    """Write a file; another program that reads it meanwhile, or a crash, finds all of it or none.
+
+    Raises:
+        InputError: it cannot be written there.
+    """
+    path = Path(path)
+    try:
+        fd, name = tempfile.mkstemp(prefix=f".{path.stem}.", dir=path.parent)
+        try:
+            with os.fdopen(fd, "wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            Path(name).chmod(0o644)
+            Path(name).replace(path)
+        finally:
+            Path(name).unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot be written: {error.strerror}", file=path, fix="choose another folder") from error

@@ -1,0 +1,241 @@
+"""Boards in pictures: which corners are where, and why there are none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry.homography import homography
+from mocapella.model.board import DICTIONARIES, Board, BoardView
+
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+
+FEW_MARKERS: Final = 4
+"""Of a dictionary in a picture: fewer are found by chance, above all of small dictionaries."""
+
+
+@dataclass
+class BoardReport:
+    """What became of a camera's pictures.
+
+    Attributes:
+        pictures: how many were looked at.
+        found: how many show the board.
+        corners: in all of them.
+    """
+
+    pictures: int = 0
+    found: int = 0
+    corners: int = 0
+
+
+class BoardDetector:
+    """Finds one board in pictures of any camera; ``report`` counts."""
+
+    def __init__(self, board: Board) -> None:
+        self.board = board
+        self.report = BoardReport()
+        self._charuco = _charuco_detector(board) if board.kind == "charuco" else None
+
+    def update(self, image: UInt8, camera: str, frame: int) -> BoardView | None:
+        """The corners in one picture.
+
+        Args:
+            image: (height, width) gray or (height, width, 3) BGR.
+            camera: its name.
+            frame: number of the picture.
+
+        Returns:
+            None where there is no corner.
+        """
+        gray = _gray(image, self.board.inverted)
+        self.report.pictures += 1
+        found = (
+            self._corners_of_charuco(gray) if self._charuco is not None else _corners_of_chessboard(gray, self.board)
+        )
+        if found is None:
+            return None
+        ids, corners = found
+        self.report.found += 1
+        self.report.corners += len(ids)
+        size = (gray.shape[1], gray.shape[0])
+        return BoardView(
+            camera, frame, size, ids, corners, edge_width(gray, corners, _spacing(ids, corners, self.board))
+        )
+
+    def _corners_of_charuco(self, gray: UInt8) -> tuple[NDArray[np.int64], Float64] | None:
+        assert self._charuco is not None
+        corners, ids, _, _ = self._charuco.detectBoard(gray)
+        if ids is None or not len(ids):
+            return None
+        order = np.argsort(ids.ravel())
+        return ids.ravel()[order].astype(np.int64), corners.reshape(-1, 2)[order].astype(np.float64)
+
+
+def _gray(image: UInt8, inverted: bool) -> UInt8:
+    gray = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    return np.ascontiguousarray(255 - gray if inverted else gray)
+
+
+def charuco_board(board: Board) -> Any:
+    """OpenCV's value of a ChArUco board, to draw or find it."""
+    markers = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
+    drawn = cv2.aruco.CharucoBoard(
+        (board.columns, board.rows), board.square_m, board.square_m * board.marker_ratio, markers
+    )
+    drawn.setLegacyPattern(board.legacy)
+    return drawn
+
+
+def draw_board(board: Board, square_px: int) -> UInt8:
+    """The board's picture for printing, a white margin of half a square around it.
+
+    Returns:
+        (height, width) gray.
+    """
+    margin = square_px // 2
+    if board.kind == "charuco":
+        size = (board.columns * square_px, board.rows * square_px)
+        image = charuco_board(board).generateImage(size, marginSize=0)
+    else:
+        dark = np.add.outer(np.arange(board.rows), np.arange(board.columns)) % 2 == 0
+        image = np.kron(np.where(dark, 0, 255).astype(np.uint8), np.ones((square_px, square_px), dtype=np.uint8))
+    image = np.pad(image, margin, constant_values=255)
+    return 255 - image if board.inverted else image
+
+
+def _charuco_detector(board: Board) -> Any:
+    return cv2.aruco.CharucoDetector(charuco_board(board))
+
+
+def _corners_of_chessboard(gray: UInt8, board: Board) -> tuple[NDArray[np.int64], Float64] | None:
+    """Sub-pixel corners (Duda and Frese 2018); the first square is black where that says which is the first."""
+    shape = (board.columns - 1, board.rows - 1)
+    found, corners = cv2.findChessboardCornersSB(gray, shape, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
+    if not found:
+        return None
+    corners = corners.reshape(-1, 2).astype(np.float64)
+    if not board.turnable and _first_square_is_light(gray, corners, board):
+        corners = corners[::-1].copy()
+    return np.arange(board.corners), corners
+
+
+def _first_square_is_light(gray: UInt8, corners: Float64, board: Board) -> bool:
+    """Whether the squares that are black on the board are the lighter ones, by the middles of the inner squares."""
+    H = homography(board.corners_m[:, :2], corners)
+    row, column = np.mgrid[1 : board.rows - 1, 1 : board.columns - 1].reshape(2, -1)
+    middle = np.column_stack([column + 0.5, row + 0.5, np.ones(len(row))]) * [board.square_m, board.square_m, 1]
+    x, y = ((middle @ H.T)[:, :2] / (middle @ H.T)[:, 2:]).round().astype(int).T
+    value = gray[np.clip(y, 0, gray.shape[0] - 1), np.clip(x, 0, gray.shape[1] - 1)].astype(np.float64)
+    dark = (row + column) % 2 == 0
+    return bool(value[dark].mean() > value[~dark].mean())
+
+
+def _spacing(ids: NDArray[np.int64], corners: Float64, board: Board) -> Float64:
+    """Of each corner to its nearest found neighbour on the board, (n,) [px]; NaN where it has none."""
+    row, column = np.divmod(ids, board.columns - 1)
+    next_to = abs(row[:, None] - row) + abs(column[:, None] - column) == 1
+    distance = np.where(next_to, np.linalg.norm(corners[:, None] - corners, axis=-1), np.inf).min(axis=1)
+    return np.where(np.isfinite(distance), distance, np.nan)
+
+
+def edge_width(gray: UInt8, corners: Float64, spacing: Float64) -> float:
+    """How wide the edges at the corners are: contrast by the steepest slope, in the median over the corners [px].
+
+    A step that a Gaussian of standard deviation s has blurred is √(2π) s wide.
+    """
+    widths = []
+    for (x, y), space in zip(corners, spacing, strict=True):
+        reach = int(0.4 * space) if np.isfinite(space) else 0
+        left, top = round(x) - reach, round(y) - reach
+        right, bottom = left + 2 * reach + 1, top + 2 * reach + 1
+        if reach < 2 or left < 0 or top < 0 or right > gray.shape[1] or bottom > gray.shape[0]:
+            continue
+        patch = gray[top:bottom, left:right].astype(np.float64)
+        low, high = np.percentile(patch, [5, 95])
+        down, across = np.gradient(patch)
+        slope = np.percentile(np.hypot(down, across), 98)
+        if slope > 0:
+            widths.append((high - low) / slope)
+    return float(np.median(widths)) if widths else float("nan")
+
+
+def why_not_found(images: Sequence[UInt8], board: Board) -> str:
+    """What the pictures show instead of the board, as far as can be told; slow, for when nothing was found.
+
+    Returns:
+        one line, which says what to change.
+    """
+    wanted = _describe(board)
+    for image in images:
+        for inverted in (board.inverted, not board.inverted):
+            gray = _gray(image, inverted)
+            said = (
+                ""
+                if inverted == board.inverted
+                else f" with black and white exchanged: set inverted = {_toml(inverted)}"
+            )
+            if inverted != board.inverted and _finds(gray, board):
+                return f"found no {wanted}, but one{said}"
+            if _finds(np.ascontiguousarray(gray[:, ::-1]), board) and board.kind == "charuco":
+                return f"found no {wanted}, but one in the mirrored picture: switch off the camera's mirroring{said}"
+            other = (_other_chessboard if board.kind == "chessboard" else _other_dictionary)(gray, board)
+            if other:
+                return f"found no corner of {wanted}; {other}{said}"
+    return f"found no corner of {wanted}, nor any other board: is it in the picture, whole, flat, lit and sharp?"
+
+
+def _toml(value: bool) -> str:
+    return "true" if value else "false"
+
+
+def _describe(board: Board) -> str:
+    name = "chessboard" if board.kind == "chessboard" else board.dictionary
+    return f"{name} board of {board.columns} × {board.rows} squares"
+
+
+def _finds(gray: UInt8, board: Board) -> bool:
+    if board.kind == "chessboard":
+        return _corners_of_chessboard(gray, board) is not None
+    ids = _charuco_detector(board).detectBoard(gray)[1]
+    return ids is not None and len(ids) >= FEW_MARKERS
+
+
+def _other_dictionary(gray: UInt8, board: Board) -> str:
+    best, most, highest = "", 0, 0
+    for name in (board.dictionary, *DICTIONARIES):
+        markers = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+        ids = cv2.aruco.ArucoDetector(markers).detectMarkers(gray)[1]
+        # Of dictionaries that contain one another, the smallest that finds as many is named.
+        if ids is not None and len(np.unique(ids)) > most:
+            best, most, highest = name, len(np.unique(ids)), int(ids.max())
+    if most < FEW_MARKERS:
+        return ""
+    if best == board.dictionary:
+        needed = board.columns * board.rows // 2
+        return (
+            f"its markers are there ({most}, the highest number {highest}; this board has 0 to {needed - 1}), but in "
+            "another order: are columns and rows right, or is it a legacy = true board?"
+        )
+    return f"of {best} there are {most} markers: is that the board? Then set dictionary = {best!r}".replace("'", '"')
+
+
+def _other_chessboard(gray: UInt8, board: Board) -> str:
+    for columns in range(max(board.columns, board.rows) + 2, 3, -1):
+        for rows in range(columns, 3, -1):
+            if {columns, rows} == {board.columns, board.rows}:
+                continue
+            if cv2.findChessboardCornersSB(gray, (columns - 1, rows - 1))[0]:
+                inner = (
+                    " (columns and rows count squares, not inner corners)"
+                    if {columns - 1, rows - 1} == {board.columns, board.rows}
+                    else ""
+                )
+                return f"there is one of {columns} × {rows} squares: set columns and rows so{inner}"
+    return ""

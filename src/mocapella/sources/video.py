@@ -1,0 +1,206 @@
+"""Pictures of videos, image files, folders of images and live cameras, and the times at which they were captured."""
+
+from __future__ import annotations
+
+import csv
+import re
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import InputError, SettingsError
+
+UInt8 = NDArray[np.uint8]
+
+IMAGES: Final = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
+LIVE: Final = "camera:"
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Which frames of a video are wanted: those from ``first``, below ``end``, every ``step``-th."""
+
+    first: int = 0
+    end: int | None = None
+    step: int = 1
+
+    def wants(self, frame: int) -> bool:
+        """Whether a frame is one of them."""
+        inside = frame >= self.first and (self.end is None or frame < self.end)
+        return inside and (frame - self.first) % self.step == 0
+
+
+def parse_frames(text: str | None) -> Frames:
+    """``odd``, ``even``, or ``FROM:TO:STEP``, any part of which may be left out.
+
+    Raises:
+        SettingsError: it is something else.
+    """
+    if text is None:
+        return Frames()
+    if text in ("odd", "even"):
+        return Frames(int(text == "odd"), None, 2)
+    match = re.fullmatch(r"(\d*):(\d*)(?::(\d*))?", text)
+    if not match or match[3] == "0":
+        raise SettingsError(f"frames {text!r} cannot be used; write odd, even or FROM:TO:STEP, such as 100:400:5")
+    first, end, step = match.groups()
+    return Frames(int(first or 0), int(end) if end else None, int(step or 1))
+
+
+def pictures(path: Path | str, frames: Frames = Frames()) -> Iterator[tuple[int, UInt8]]:
+    """The frames of a video, of one image, or of a folder's images by name, with their numbers from 0.
+
+    Yields:
+        number, and (height, width, 3) BGR.
+
+    Raises:
+        InputError: it cannot be read, or has no picture.
+    """
+    path = Path(path)
+    if path.is_dir():
+        files = sorted(file for file in path.iterdir() if file.suffix.lower() in IMAGES)
+        if not files:
+            raise InputError("is a folder without images", file=path, fix=f"put images there ({', '.join(IMAGES)})")
+        yield from ((k, read_image(file)) for k, file in enumerate(files) if frames.wants(k))
+    elif path.suffix.lower() in IMAGES:
+        yield 0, read_image(path)
+    else:
+        yield from _video(path, frames)
+
+
+def read_image(path: Path) -> UInt8:
+    """(height, width, 3) BGR.
+
+    Raises:
+        InputError: it is none.
+    """
+    if not path.is_file():
+        raise InputError("is not there", file=path, fix="name a file that exists")
+    image = cv2.imdecode(np.frombuffer(path.read_bytes(), dtype=np.uint8), cv2.IMREAD_COLOR)
+    if image is None:
+        raise InputError("is no image that can be read", file=path, fix=f"make it one of {', '.join(IMAGES)}")
+    return np.asarray(image, dtype=np.uint8)
+
+
+def _video(path: Path, frames: Frames) -> Iterator[tuple[int, UInt8]]:
+    if not path.is_file():
+        raise InputError("is not there", file=path, fix="name a video, an image or a folder of images")
+    capture = cv2.VideoCapture(str(path))
+    try:
+        frame = 0
+        while (frames.end is None or frame < frames.end) and capture.grab():
+            if frames.wants(frame):
+                read, image = capture.retrieve()
+                if not read:
+                    break
+                yield frame, image
+            frame += 1
+        if frame == 0:
+            raise InputError("is no video that can be read", file=path, fix="make it an MP4 (H.264) or AVI")
+    finally:
+        capture.release()
+
+
+class LiveCameras:
+    """Cameras of this machine, read together: all are told to grab before any picture is decoded.
+
+    Args:
+        numbers: of the cameras, as the system counts them, by name.
+        open_capture: what opens one; a test gives its own.
+        clock: seconds, of one clock for all cameras.
+    """
+
+    def __init__(
+        self,
+        numbers: Mapping[str, int],
+        *,
+        open_capture: Callable[[int], Any] = cv2.VideoCapture,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.lost: dict[str, int] = dict.fromkeys(numbers, 0)
+        """How often a camera gave no picture."""
+        self._clock = clock
+        self._captures: dict[str, Any] = {}
+        for name, number in numbers.items():
+            capture = open_capture(number)
+            self._captures[name] = capture
+            if not capture.isOpened():
+                self.close()
+                raise InputError(
+                    "cannot be opened",
+                    file=f"{LIVE}{number}",
+                    fix="see mocapella doctor for the cameras that there are",
+                )
+
+    def read(self) -> dict[str, tuple[float, UInt8]]:
+        """When each camera was told to grab, and its picture; without the cameras that gave none, which are counted."""
+        grabbed = {name: (self._clock(), capture.grab()) for name, capture in self._captures.items()}
+        found = {}
+        for name, (at, there) in grabbed.items():
+            read, image = self._captures[name].retrieve() if there else (False, None)
+            if read:
+                found[name] = (at, image)
+            else:
+                self.lost[name] += 1
+        return found
+
+    def close(self) -> None:
+        """Give the cameras back."""
+        for capture in self._captures.values():
+            capture.release()
+
+
+def read_timestamps(path: Path | str, cameras: Sequence[str]) -> dict[str, list[float]]:
+    """When each frame of each camera was captured.
+
+    A CSV file with a column ``camera`` (or ``cam_id``, ``port``), one ``time_s`` (or ``frame_time``) and, where rows
+    are missing or out of order, ``frame`` (or ``frame_index``); otherwise a camera's rows are its frames in the order
+    of their times. A camera ``1`` of the file is ``1`` or ``cam_1`` of the rig.
+
+    Returns:
+        by camera [s]; NaN of a frame that has no row.
+
+    Raises:
+        InputError: a column or a camera is missing, or a value is no number.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"cannot be read: {error}", file=path, fix="write camera,frame,time_s") from error
+    rows = list(csv.DictReader(text.splitlines()))
+    columns = rows[0].keys() if rows else ()
+    of_camera, of_time, of_frame = (
+        next((name for name in names if name in columns), None)
+        for names in (("camera", "cam_id", "port"), ("time_s", "frame_time"), ("frame", "frame_index"))
+    )
+    if of_camera is None or of_time is None:
+        raise InputError("has no columns camera and time_s", file=path, row=1, fix="write camera,frame,time_s")
+    found: dict[str, dict[int, float]] = {name: {} for name in cameras}
+    unnumbered: dict[str, list[float]] = {name: [] for name in cameras}
+    for number, row in enumerate(rows, start=2):
+        name = next((name for name in (row[of_camera], f"cam_{row[of_camera]}") if name in found), None)
+        if name is None or not row[of_time]:
+            continue
+        try:
+            at = float(row[of_time])
+            if of_frame is None:
+                unnumbered[name].append(at)
+            else:
+                found[name][int(row[of_frame])] = at
+        except ValueError:
+            raise InputError("is no number", file=path, row=number, value=row, fix="write seconds") from None
+    out = {}
+    for name in cameras:
+        times = found[name] or dict(enumerate(sorted(unnumbered[name])))
+        if not times:
+            raise InputError(
+                "has no row", file=path, field=of_camera, value=name, fix="name the cameras as in the file"
+            )
+        out[name] = [times.get(k, float("nan")) for k in range(max(times) + 1)]
+    return out
