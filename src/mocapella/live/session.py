@@ -17,7 +17,7 @@ from mocapella.model.observations import Arrival
 from mocapella.model.scene import Phase, Scene, TrackerState
 from mocapella.model.session import PersonName, Setup
 from mocapella.settings import parse
-from mocapella.tracker import METHODS, Tracker, make_tracker
+from mocapella.tracker import PEOPLE_METHODS, Tracker, make_tracker
 from mocapella.tracker.protocol import KeepsRig
 
 _STOPPED = TrackerState(Phase.STOPPED)
@@ -174,7 +174,7 @@ class Session:
         )
         if self.rig is not None:
             if not isinstance(tracker, KeepsRig):
-                able = [name for name in METHODS if isinstance(make_tracker(name), KeepsRig)]
+                able = [name for name in PEOPLE_METHODS if isinstance(make_tracker(name), KeepsRig)]
                 raise SettingsError(f"method {setup.method!r} uses no rig; methods that do: {', '.join(able)}")
             tracker.use_rig(self.rig)
         return tracker

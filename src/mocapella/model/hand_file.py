@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from pathlib import Path
 from typing import Final
 
@@ -12,6 +10,7 @@ import numpy as np
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.model.hand import DIGITS, Handedness, HandShape
+from mocapella.model.whole_file import write_whole
 
 VERSION: Final = 1
 """Of the file's layout."""
@@ -61,20 +60,7 @@ def save_hand_shape(path: Path | str, shape: HandShape) -> None:
     Raises:
         InputError: it cannot be written there.
     """
-    path = Path(path)
-    try:
-        fd, name = tempfile.mkstemp(prefix=".hand.", dir=path.parent)
-        try:
-            with os.fdopen(fd, "wb") as file:
-                file.write(encode_hand_shape(shape))
-                file.flush()
-                os.fsync(file.fileno())
-            Path(name).chmod(0o644)
-            Path(name).replace(path)
-        finally:
-            Path(name).unlink(missing_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror}", file=path, fix="choose another folder") from error
+    write_whole(path, encode_hand_shape(shape))
 
 
 def load_hand_shape(path: Path | str) -> HandShape:

@@ -6,8 +6,6 @@ more or less light multiplies all three and moves neither, and gamma only scales
 
 from __future__ import annotations
 
-import os
-import tempfile
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -18,6 +16,7 @@ from numpy.typing import NDArray
 
 from mocapella.errors import InputError, MocapellaError, SettingsError
 from mocapella.model.observations import check_sensor_name
+from mocapella.model.whole_file import write_whole
 from mocapella.settings import check, parse
 
 Float64 = NDArray[np.float64]
@@ -201,20 +200,7 @@ def save_profile(path: Path | str, profile: ColourProfile) -> None:
     Raises:
         InputError: it cannot be written there.
     """
-    path = Path(path)
-    try:
-        fd, name = tempfile.mkstemp(prefix=".profile.", dir=path.parent)
-        try:
-            with os.fdopen(fd, "wb") as file:
-                file.write(encode_profile(profile))
-                file.flush()
-                os.fsync(file.fileno())
-            Path(name).chmod(0o644)
-            Path(name).replace(path)
-        finally:
-            Path(name).unlink(missing_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror}", file=path, fix="choose another folder") from error
+    write_whole(path, encode_profile(profile))
 
 
 def load_profile(path: Path | str) -> ColourProfile:

@@ -1,6 +1,6 @@
 """The tracker: a frame in, a scene out. No clock, thread, file or socket, so a replay gives the same scenes to the bit.
 
-A method is a name in `METHODS`: ``default``, and the KinectMultiTrack thesis' own, ``stand-still``.
+A method is a name in `METHODS`: ``default``, the KinectMultiTrack thesis' own, ``stand-still``, and ``hands``.
 """
 
 from __future__ import annotations
@@ -9,17 +9,23 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from mocapella.errors import SettingsError, one_of
+from mocapella.model.camera_rig_file import decode_camera_rig
+from mocapella.model.hand_file import decode_hand_shape
 from mocapella.model.session import SensorPose
 from mocapella.settings import check, parse
 from mocapella.tracker.default import DefaultSettings, DefaultTracker
+from mocapella.tracker.hands import HandsSettings, HandsTracker
 from mocapella.tracker.protocol import Tracker, TrackerReport
 from mocapella.tracker.ready import make_ready
 from mocapella.tracker.stand_still import StandStillTracker, StandStillTrackerSettings
 
 __all__ = [
     "METHODS",
+    "PEOPLE_METHODS",
     "DefaultSettings",
     "DefaultTracker",
+    "HandsSettings",
+    "HandsTracker",
     "StandStillTracker",
     "StandStillTrackerSettings",
     "Tracker",
@@ -39,11 +45,26 @@ def _default(settings: Mapping[str, Any], sensors_expected: int, sensors: Mappin
     return DefaultTracker(values, sensors_expected=sensors_expected, sensors=sensors)
 
 
-METHODS: Final[Mapping[str, Callable[[Mapping[str, Any], int, Mapping[str, SensorPose]], Tracker]]] = {
-    "default": _default,
-    "stand-still": _stand_still,
-}
-"""How to make a tracker, by the method's name: of settings, sensors expected, and sensors' poses."""
+def _hands(settings: Mapping[str, Any], sensors_expected: int, sensors: Mapping[str, SensorPose]) -> Tracker:
+    values = dict(settings)
+    rig, hand = values.pop("rig", None), values.pop("hand", None)
+    if rig is None:
+        fix = "mocapella serve --method hands --rig RIG.toml, where mocapella calibrate has made RIG.toml"
+        raise SettingsError(f"the method hands wants to know where the cameras are: {fix}")
+    return HandsTracker(
+        decode_camera_rig(str(rig)),
+        parse(HandsSettings, values, where="settings of hands"),
+        shape=None if hand is None else decode_hand_shape(str(hand).encode()),
+        sensors_expected=max(sensors_expected, 2),
+    )
+
+
+Make = Callable[[Mapping[str, Any], int, Mapping[str, SensorPose]], Tracker]
+"""How to make a tracker of settings, sensors expected, and sensors' poses."""
+PEOPLE_METHODS: Final[Mapping[str, Make]] = {"default": _default, "stand-still": _stand_still}
+METHODS: Final[Mapping[str, Make]] = {**PEOPLE_METHODS, "hands": _hands}
+"""By name. `hands` has two settings more than `HandsSettings`: ``rig``, the text of a camera rig's file, which it must
+have, and ``hand``, that of a person's hand."""
 
 
 def make_tracker(

@@ -1,0 +1,112 @@
+"""A camera that looks at a simulated hand, with the program that finds its markers: what a node sends, and the truth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import msgspec
+import numpy as np
+
+from mocapella.conventions import NS_PER_S
+from mocapella.errors import SettingsError
+from mocapella.geometry.lens import project
+from mocapella.geometry.rigid import apply
+from mocapella.model.markers import MarkerFrame
+from mocapella.sensing.colour_learning import ColourSample, learn_colours
+from mocapella.sensing.colour_profile import SKIN, ColourProfile
+from mocapella.sensing.markers import MarkerDetector, MarkerSettings
+from mocapella.sources.simulate.hand_scene import HandScene, HandShot
+
+_LEARN_EVERY_S: Final = 0.31
+_SAMPLES: Final = 3
+_MOST_SAMPLES: Final = 60
+_CLEARLY: Final = 0.85
+"""So much of a marker is visible where somebody points at it."""
+
+
+class HandCameraFrame(NamedTuple):
+    """A frame, when it is due in seconds of the scene's time, and the image it was found in with all that is true."""
+
+    due_s: float
+    frame: MarkerFrame
+    shot: HandShot
+
+
+class SimulatedHandCamera:
+    """One camera of a scene; its colours are learnt by pointing at the markers, as a person would."""
+
+    def __init__(
+        self, scene: HandScene, camera: str, settings: MarkerSettings | None = None, *, learn_from_s: float = 0.0
+    ) -> None:
+        self.scene, self.camera = scene, scene.cameras[camera]
+        self.profile = pointed_at(scene, camera, learn_from_s)
+        self.detector = MarkerDetector(self.profile, settings)
+
+    def frames(
+        self,
+        start_s: float = 0.0,
+        stop_s: float | None = None,
+        now_s: Callable[[], float] | None = None,
+    ) -> Iterator[HandCameraFrame]:
+        """Frames from ``start_s`` to before ``stop_s`` of the scene's time, at the camera's rate and phase.
+
+        Args:
+            start_s, stop_s: see above; without an end it goes on.
+            now_s: the scene's time now. A frame for which there is no time left is left out, as a camera does when the
+                program that reads it is late; without it none is.
+        """
+        camera, k = self.camera, math.ceil((start_s - self.camera.phase_s) * self.camera.fps)
+        while True:
+            if now_s is not None:
+                k = max(k, math.ceil((now_s() - camera.phase_s) * camera.fps))
+            at_s = camera.phase_s + k / camera.fps
+            if stop_s is not None and at_s >= stop_s:
+                return
+            shot = self.scene.at(camera.name, at_s)
+            frame = self.detector.update(shot.image, at_s)
+            yield HandCameraFrame(at_s, replace_time(frame, at_s), shot)
+            k += 1
+
+
+def replace_time(frame: MarkerFrame, at_s: float) -> MarkerFrame:
+    """The frame as captured at a time of the scene; a camera's clock begins at 1 ns."""
+    return msgspec.structs.replace(frame, time_ns=round(at_s * NS_PER_S) + 1)
+
+
+def pointed_at(scene: HandScene, camera: str, from_s: float = 0.0) -> ColourProfile:
+    """The camera's profile after somebody pointed at each marker where it was seen well, and at the skin.
+
+    Raises:
+        SettingsError: a marker is never seen well.
+    """
+    samples: list[ColourSample] = []
+    missing = dict.fromkeys(scene.names, _SAMPLES)
+    for k in range(_MOST_SAMPLES):
+        shot = scene.at(camera, from_s + k * _LEARN_EVERY_S)
+        clearly = [i for i, part in enumerate(shot.visible) if part >= _CLEARLY and missing[scene.names[i]] > 0]
+        if not clearly:
+            continue
+        clicks = {scene.names[i]: (float(shot.centres_px[i, 0]), float(shot.centres_px[i, 1])) for i in clearly}
+        if not samples:
+            clicks[SKIN] = _palm_px(scene, shot)
+        for i in clearly:
+            missing[scene.names[i]] -= 1
+        samples.append(ColourSample(shot.image, clicks))
+        if all(left <= 0 for left in missing.values()):
+            break
+    if unseen := [name for name, left in missing.items() if left == _SAMPLES]:
+        raise SettingsError(f"{camera} never sees {', '.join(unseen)} well enough to point at; move the camera")
+    profile = learn_colours(camera, samples)
+    colours = sorted(profile.colours, key=lambda colour: scene.names.index(colour.name))
+    return replace(profile, colours=tuple(colours))
+
+
+def _palm_px(scene: HandScene, shot: HandShot) -> tuple[float, float]:
+    """A place on the palm."""
+    camera = scene.cameras[shot.camera]
+    between = 0.5 * (shot.landmarks[0] + np.mean(shot.landmarks[[5, 17]], axis=0))
+    x, y = project(apply(camera.T_camera_world, between[None]), camera.lens)[0]
+    return float(x), float(y)
