@@ -338,13 +338,16 @@ def tell(image, table, light, mine, x0, y0, area_before, limits, shape, out):
 
 
 @njit(cache=True, error_model="numpy")
-def follow(image, table, light, memory, at_s, whole, limits, grow_px_s2, forget_s, index, labels, runs, parent, found, out):
-    """One image: write (markers, OUT) into out and go on in memory (markers, MEMORY).
+def follow(image, table, light, memory, at_s, whole, limits, grow_px_s2, forget_s, index, labels, runs, parent, found, out, sums, told):
+    """One image: write (markers, OUT) into out and told, and go on in memory (markers, MEMORY).
 
     Args:
         whole: whether the whole image is looked at anyway.
         limits: (8,) of `choose`; the sixth and seventh are floor and scale of a centre's standard deviation.
         grow_px_s2: the acceleration by which a prediction can be wrong [px/s²]; forget_s: after which it is none.
+
+        out, sums: float64 of this image, and over all; in sums, CANDIDATES counts images with more than one.
+        told: float32 the same as out, NaN where a marker is not found.
 
     Returns:
         Bits: 1 the whole image was looked at, 2 there were more runs than room.
@@ -405,4 +408,11 @@ def follow(image, table, light, memory, at_s, whole, limits, grow_px_s2, forget_
             elif not age == 0.0:
                 memory[k, VX] = memory[k, VY] = 0.0
             memory[k, X], memory[k, Y], memory[k, AREA], memory[k, SEEN_S] = out[k, X], out[k, Y], out[k, AREA], at_s
+    for k in range(len(out)):
+        for i in range(OUT):
+            if i != CANDIDATES:
+                sums[k, i] += out[k, i]
+            told[k, i] = out[k, i] if out[k, FOUND] > 0.0 or i > ELONGATION else np.nan
+        sums[k, CANDIDATES] += 1.0 if out[k, CANDIDATES] > 1.5 else 0.0
+        told[k, CANDIDATES] = min(out[k, CANDIDATES], 255.0)
     return said
