@@ -154,7 +154,7 @@ def shape_of(piece, shape):
 
 
 @njit(cache=True, error_model="numpy")
-def centre(image, light, x, y, xx, xy, yy, out):
+def centre(image, table, label, light, x, y, xx, xy, yy, out):
     """Write a better x, y, its standard deviation and the part of rays that saw an edge into out (4,).
 
     Along rays from the middle outwards the edge lies where the mixture of marker and surroundings is half and half: a
@@ -162,7 +162,7 @@ def centre(image, light, x, y, xx, xy, yy, out):
     ray's own ends, so that neither shading nor what is behind moves it. The centre is the area's within the edges.
 
     Args:
-        image: (h, w, 3) uint8; light: (256,) linear light of a value.
+        image: (h, w, 3) uint8; table: labels of cells; label: of the marker; light: (256,) linear light of a value.
         x, y: of the piece's pixels; xx, xy, yy: their variances.
     """
     h, w, _ = image.shape
@@ -190,6 +190,9 @@ def centre(image, light, x, y, xx, xy, yy, out):
                     + w2 * light[image[m + 1, j, q]]
                     + w3 * light[image[m + 1, j + 1, q]]
                 )
+        j, m = int(x + u * (begin + STEP_PX) + 0.5), int(y + v * (begin + STEP_PX) + 0.5)
+        if table_label(image, table, m, j) != label:  # begins in a reflection, whose white is not the marker's
+            continue
         contrast = inside = 0.0
         for q in range(3):
             d = 0.5 * (line[0, q] + line[1, q] - line[SAMPLES - 1, q] - line[SAMPLES - 2, q])
@@ -324,7 +327,7 @@ def tell(image, table, light, mine, x0, y0, area_before, limits, shape, out):
     shape_of(mine, shape)
     sub = np.empty(4)
     x, y = shape[0] + x0, shape[1] + y0
-    centre(image, light, x, y, shape[2], shape[3], shape[4], sub)
+    centre(image, table, mine[LABEL], light, x, y, shape[2], shape[3], shape[4], sub)
     cut = mine[X0] <= 0 or mine[Y0] <= 0 or mine[X1] >= w - 1 or mine[Y1] >= h - 1
     out[FOUND], out[X], out[Y], out[AREA], out[ELONGATION] = 1.0, sub[0], sub[1], mine[SIZE], shape[5]
     radius = math.sqrt(mine[SIZE] / math.pi)
