@@ -125,3 +125,20 @@ def test_an_installation_that_fails_is_no_figure(install: Any, tmp_path: Path) -
         install._timed(
             [sys.executable, "-c", "import sys; print('no room', file=sys.stderr); sys.exit(3)"], tmp_path, {}
         )
+
+
+def test_the_markers_peer_finds_every_colour_and_keeps_the_wall_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A peer whose thresholds are wrong would be slow and blind, and the comparison with it void."""
+    cv2 = pytest.importorskip("cv2")
+    monkeypatch.syspath_prepend(ROOT)
+    import numpy as np
+
+    from benchmarks.markers import SEEDS, Peer, film
+
+    made = film("desk", SEEDS[0])
+    shot = next(made.shots(1))
+    for reduced in (False, True):
+        peer = Peer(cv2, made.sample, made.profile.names, reduced=reduced)
+        for around in (None, shot.centres_px):
+            off = np.linalg.norm(peer.centres(shot.image, around) - shot.centres_px, axis=-1)
+            assert (off < 2.0).all()

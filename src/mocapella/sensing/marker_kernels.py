@@ -154,7 +154,7 @@ def shape_of(piece, shape):
 
 
 @njit(cache=True, error_model="numpy")
-def centre(image, light, x, y, xx, xy, yy, out):
+def centre(image, table, label, light, x, y, xx, xy, yy, out):
     """Write a better x, y, its standard deviation and the part of rays that saw an edge into out (4,).
 
     Along rays from the middle outwards the edge lies where the mixture of marker and surroundings is half and half: a
@@ -162,7 +162,7 @@ def centre(image, light, x, y, xx, xy, yy, out):
     ray's own ends, so that neither shading nor what is behind moves it. The centre is the area's within the edges.
 
     Args:
-        image: (h, w, 3) uint8; light: (256,) linear light of a value.
+        image: (h, w, 3) uint8; table: labels of cells; label: of the marker; light: (256,) linear light of a value.
         x, y: of the piece's pixels; xx, xy, yy: their variances.
     """
     h, w, _ = image.shape
@@ -190,6 +190,9 @@ def centre(image, light, x, y, xx, xy, yy, out):
                     + w2 * light[image[m + 1, j, q]]
                     + w3 * light[image[m + 1, j + 1, q]]
                 )
+        j, m = int(x + u * (begin + STEP_PX) + 0.5), int(y + v * (begin + STEP_PX) + 0.5)
+        if table_label(image, table, m, j) != label:  # begins in a reflection, whose white is not the marker's
+            continue
         contrast = inside = 0.0
         for q in range(3):
             d = 0.5 * (line[0, q] + line[1, q] - line[SAMPLES - 1, q] - line[SAMPLES - 2, q])
@@ -324,7 +327,7 @@ def tell(image, table, light, mine, x0, y0, area_before, limits, shape, out):
     shape_of(mine, shape)
     sub = np.empty(4)
     x, y = shape[0] + x0, shape[1] + y0
-    centre(image, light, x, y, shape[2], shape[3], shape[4], sub)
+    centre(image, table, mine[LABEL], light, x, y, shape[2], shape[3], shape[4], sub)
     cut = mine[X0] <= 0 or mine[Y0] <= 0 or mine[X1] >= w - 1 or mine[Y1] >= h - 1
     out[FOUND], out[X], out[Y], out[AREA], out[ELONGATION] = 1.0, sub[0], sub[1], mine[SIZE], shape[5]
     radius = math.sqrt(mine[SIZE] / math.pi)
@@ -338,13 +341,16 @@ def tell(image, table, light, mine, x0, y0, area_before, limits, shape, out):
 
 
 @njit(cache=True, error_model="numpy")
-def follow(image, table, light, memory, at_s, whole, limits, grow_px_s2, forget_s, index, labels, runs, parent, found, out):
-    """One image: write (markers, OUT) into out and go on in memory (markers, MEMORY).
+def follow(image, table, light, memory, at_s, whole, limits, grow_px_s2, forget_s, index, labels, runs, parent, found, out, sums, told):
+    """One image: write (markers, OUT) into out and told, and go on in memory (markers, MEMORY).
 
     Args:
         whole: whether the whole image is looked at anyway.
         limits: (8,) of `choose`; the sixth and seventh are floor and scale of a centre's standard deviation.
         grow_px_s2: the acceleration by which a prediction can be wrong [px/s²]; forget_s: after which it is none.
+
+        out, sums: float64 of this image, and over all; in sums, CANDIDATES counts images with more than one.
+        told: float32 the same as out, NaN where a marker is not found.
 
     Returns:
         Bits: 1 the whole image was looked at, 2 there were more runs than room.
@@ -405,4 +411,11 @@ def follow(image, table, light, memory, at_s, whole, limits, grow_px_s2, forget_
             elif not age == 0.0:
                 memory[k, VX] = memory[k, VY] = 0.0
             memory[k, X], memory[k, Y], memory[k, AREA], memory[k, SEEN_S] = out[k, X], out[k, Y], out[k, AREA], at_s
+    for k in range(len(out)):
+        for i in range(OUT):
+            if i != CANDIDATES:
+                sums[k, i] += out[k, i]
+            told[k, i] = out[k, i] if out[k, FOUND] > 0.0 or i > ELONGATION else np.nan
+        sums[k, CANDIDATES] += 1.0 if out[k, CANDIDATES] > 1.5 else 0.0
+        told[k, CANDIDATES] = min(out[k, CANDIDATES], 255.0)
     return said

@@ -130,6 +130,7 @@ class MarkerDetector:
                 *(s.window_px, s.sd_floor_px, s.sd_scale, s.area_range),
             ]
         )
+        self._names, self._follow = profile.names, _kernels().follow
         self._room = room(width, RUNS)
         self._out = np.zeros((len(profile.colours), at.OUT))
         self.reset()
@@ -141,7 +142,6 @@ class MarkerDetector:
         self._memory[:, at.USUAL] = [colour.area_px for colour in self.profile.colours]
         self._whole_s = self._light_s = -np.inf
         self._sums = np.zeros((len(self.profile.colours), at.OUT))
-        self._ambiguous = np.zeros(len(self.profile.colours), np.int64)
         self._images = self._whole = self._overflows = 0
         self._brightness, self._chroma_shift = 1.0, 0.0
 
@@ -160,15 +160,15 @@ class MarkerDetector:
         if image.shape != (height, width, 3) or image.dtype != np.uint8:
             check_image(image)
             profile.check_camera(profile.camera, (image.shape[1], image.shape[0]))
-        image = np.ascontiguousarray(image)
-        said = _kernels().follow(
+        if not image.flags.c_contiguous or not image.flags.writeable:
+            image = image.copy()  # a view, or of a message: compiled for one kind of array
+        told = np.empty(self._out.shape, np.float32)
+        said = self._follow(
             image, self._table, self._linear, self._memory, at_s, at_s - self._whole_s >= s.whole_image_s, self._limits,
-            s.acceleration_px_s2, s.forget_s, *self._room, self._out,
+            s.acceleration_px_s2, s.forget_s, *self._room, self._out, self._sums, told,
         )  # fmt: skip
-        out, sequence = self._out, self._images
+        sequence = self._images
         self._images += 1
-        self._sums += out
-        self._ambiguous += out[:, at.CANDIDATES] > 1.5
         if said:
             self._whole += 1
             self._overflows += said == 3
@@ -176,11 +176,6 @@ class MarkerDetector:
         if at_s - self._light_s >= s.light_s:
             self._light_s = at_s
             self._compare_light(image)
-        values = out.astype(np.float32)
-        gone = out[:, at.FOUND] == 0
-        if gone.any():
-            values[gone] = 0
-            values[gone, : at.ELONGATION + 1] = np.nan
         return MarkerFrame(
             sensor=profile.camera,
             node_id=self.node_id,
@@ -188,13 +183,13 @@ class MarkerDetector:
             time_ns=round(at_s * NS_PER_S),
             sent_ns=0,
             size_px=profile.size_px,
-            names=profile.names,
-            positions_px=values[:, :2],
-            sd_px=values[:, at.SD],
-            areas_px=values[:, at.AREA],
-            elongations=values[:, at.ELONGATION],
-            confidences=values[:, at.CONFIDENCE],
-            candidates=np.minimum(out[:, at.CANDIDATES], 255).astype(np.uint8),
+            names=self._names,
+            positions_px=told[:, :2],
+            sd_px=told[:, at.SD],
+            areas_px=told[:, at.AREA],
+            elongations=told[:, at.ELONGATION],
+            confidences=told[:, at.CONFIDENCE],
+            candidates=told[:, at.CANDIDATES].astype(np.uint8),
         )
 
     def _compare_light(self, image: UInt8) -> None:
@@ -220,7 +215,7 @@ class MarkerDetector:
             whole_images=self._whole,
             overflows=self._overflows,
             found=sums[:, at.FOUND].astype(np.int64),
-            ambiguous=self._ambiguous.copy(),
+            ambiguous=sums[:, at.CANDIDATES].astype(np.int64),
             merged=sums[:, at.MERGED].astype(np.int64),
             too_small=sums[:, at.REJECTED_SMALL].astype(np.int64),
             too_big=sums[:, at.REJECTED_BIG].astype(np.int64),

@@ -1,0 +1,180 @@
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sensing.marker_images import discs, profile, sample
+
+from mocapella.errors import InputError, SettingsError
+from mocapella.sensing.colour_learning import ColourSample, learn_colours
+from mocapella.sensing.colour_profile import decode_profile, encode_profile, load_profile, save_profile
+from mocapella.sensing.colour_table import TableSettings, cell_of, classify, lookup_table, separability
+
+RED, BLUE = (20, 15, 190), (180, 60, 20)
+
+
+def test_the_table_says_what_direct_classification_says() -> None:
+    image = sample().image
+    middles = image // 8 * 8 + 3.5
+    np.testing.assert_array_equal(lookup_table(profile())[cell_of(image)], classify(profile(), middles))
+
+
+@settings(max_examples=10)
+@given(st.floats(1.0, 1e3), st.floats(1.0, 1e3))
+def test_larger_margins_label_less_and_never_otherwise(margin: float, more: float) -> None:
+    few = lookup_table(profile(), TableSettings(margin=margin * more))
+    many = lookup_table(profile(), TableSettings(margin=margin))
+    assert np.isin(few, [0, *range(1, 7)]).all()
+    np.testing.assert_array_equal(few[few > 0], many[few > 0])
+
+
+@pytest.mark.parametrize("factor", [0.7, 0.85, 1.15])
+def test_more_or_less_light_keeps_the_label(factor: float) -> None:
+    names = profile().names
+    for colour in profile().colours:
+        at = np.array(sample().clicks[colour.name])
+        x, y = np.round(at).astype(int)
+        patch = sample().image[y - 3 : y + 4, x - 3 : x + 4].reshape(-1, 3)
+        before = classify(profile(), patch) == names.index(colour.name) + 1
+        after = classify(profile(), np.clip(patch * factor, 0, 255)) == names.index(colour.name) + 1
+        assert after.mean() >= before.mean() - 0.25
+
+
+def test_skin_and_grey_are_no_marker() -> None:
+    table, skin = lookup_table(profile()), profile().skin
+    assert skin is not None
+    greys = np.repeat(np.arange(0, 256, 5)[:, None], 3, axis=1)
+    assert not table[cell_of(greys)].any()
+    x, y = (round(v) for v in sample().clicks["skin"])
+    patch = sample().image[y - 3 : y + 4, x - 3 : x + 4].astype(float)
+    for glance in (0.0, 0.2, 0.5):
+        assert not table[cell_of((patch + glance * (255 - patch)).astype(np.uint8))].any()
+
+
+def test_good_colours_have_no_problem() -> None:
+    report = separability(profile())
+    assert report.problems == ()
+    assert min(report.kept.values()) > 0.8
+    np.testing.assert_allclose(report.distances, report.distances.T)
+
+
+def test_colours_too_alike_are_named() -> None:
+    image = discs((60.0, 50.0, 9.0, RED), (110.0, 80.0, 9.0, (26, 20, 185)))
+    learnt = learn_colours("left", [ColourSample(image, {"red": (60, 50), "crimson": (110, 80)})])
+    assert any("red and crimson are too alike" in problem for problem in separability(learnt).problems)
+
+
+def test_a_colour_that_is_in_the_background_is_named() -> None:
+    image = discs((60.0, 50.0, 9.0, RED), (110.0, 80.0, 9.0, BLUE))
+    wall = discs()
+    wall[:, :20] = RED
+    learnt = learn_colours("left", [ColourSample(image, {"red": (60, 50), "blue": (110, 80)})], backgrounds=[wall])
+    problems = separability(learnt).problems
+    assert any("red is in the background too" in problem for problem in problems)
+    assert not any("blue is in the background" in problem for problem in problems)
+
+
+@pytest.mark.parametrize(
+    ("click", "what"),
+    [((500, 50), "outside"), ((5, 5), "hardly any colour"), ((60, 20), "pixels of one colour")],
+)
+def test_a_click_that_cannot_be_learnt_from_says_where_to_click(click: tuple[int, int], what: str) -> None:
+    image = discs((60.0, 50.0, 9.0, RED), (60.0, 20.0, 2.6, RED))
+    with pytest.raises(InputError, match=f"red.*{what}.*click (on|into)"):
+        learn_colours("left", [ColourSample(image, {"red": click})])
+
+
+def test_a_region_without_end_is_refused() -> None:
+    image = np.full((120, 160, 3), RED, np.uint8)
+    with pytest.raises(InputError, match=r"100 % of the image"):
+        learn_colours("left", [ColourSample(image, {"red": (60, 50)})])
+
+
+def test_samples_that_do_not_go_together_are_refused() -> None:
+    image = discs((60.0, 50.0, 9.0, RED))
+    with pytest.raises(SettingsError, match="no marker was pointed at"):
+        learn_colours("left", [ColourSample(image, {"skin": (60, 50)})])
+    with pytest.raises(SettingsError, match="differ in size"):
+        learn_colours("left", [ColourSample(image, {"red": (60, 50)})], backgrounds=[image[:50]])
+    with pytest.raises(SettingsError, match="must be uint8"):
+        learn_colours("left", [ColourSample(image[..., 0], {"red": (60, 50)})])
+
+
+def test_a_click_on_a_reflection_learns_the_colour_beside_it() -> None:
+    plain = discs((60.0, 50.0, 10.0, RED))
+    shiny = discs((60.0, 50.0, 10.0, RED), (60.0, 50.0, 1.5, (120, 120, 220)))
+    a, b = (learn_colours("left", [ColourSample(i, {"red": (60, 50)})]).colours[0] for i in (plain, shiny))
+    np.testing.assert_allclose(b.seen.mean, a.seen.mean, atol=0.1)
+    assert b.area_px == pytest.approx(a.area_px, rel=0.05)
+
+
+def test_a_profile_is_the_same_after_a_file(tmp_path: Path) -> None:
+    save_profile(tmp_path / "left.json", profile())
+    assert load_profile(tmp_path / "left.json") == profile()
+    np.testing.assert_array_equal(lookup_table(load_profile(tmp_path / "left.json")), lookup_table(profile()))
+    assert [path.name for path in tmp_path.iterdir()] == ["left.json"]
+
+
+def spoilt(path: tuple[Any, ...], value: Any) -> bytes:
+    data = json.loads(encode_profile(profile()))
+    inner = data
+    for key in path[:-1]:
+        inner = inner[key]
+    inner[path[-1]] = value
+    return json.dumps(data).encode()
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "what"),
+    [
+        (("version",), 2, "version is 2.*learn the colours anew"),
+        (("camra",), 1, "unknown key 'camra'.*did you mean camera"),
+        (("controls", "exposur"), 1, "unknown key 'exposur'.*did you mean exposure"),
+        (("camera",), "a b", "camera|sensor name 'a b'"),
+        (("colours",), [], "colours is 0"),
+        (("colours", 1, "name"), "red", "of different names"),
+        (("colours", 0, "name"), "skin", "name is 'skin'"),
+        (("colours", 0, "area_px"), -1.0, "area_px is -1"),
+        (("colours", 0, "seen", "covariance"), [1.0, 2.0, 1.0], "positive definite"),
+        (("colours", 0, "seen", "luma"), [9.0, 5.0, 300.0], "luma"),
+        (("colours", 0, "seen", "pixels"), 0, "pixels is 0"),
+        (("background", "counts"), [[1]], "counts"),
+        (("background", "luma"), 300.0, "luma is 300"),
+        (("size_px",), [320], "size_px"),
+        (("skin",), "pale", "skin"),
+    ],
+)
+def test_a_spoilt_profile_is_refused_by_name(path: tuple[Any, ...], value: Any, what: str) -> None:
+    with pytest.raises(InputError, match=what) as error:
+        decode_profile(spoilt(path, value), file="left.json")
+    assert str(error.value).startswith("left.json: ")
+
+
+def test_what_is_no_profile_is_refused(tmp_path: Path) -> None:
+    for data in (b"", b"[]", b"{", b"\xff"):
+        with pytest.raises(InputError, match="is no colour profile"):
+            decode_profile(data)
+    with pytest.raises(InputError, match="learn the colours first"):
+        load_profile(tmp_path / "none.json")
+    with pytest.raises(InputError, match="choose another folder"):
+        save_profile(tmp_path / "none" / "left.json", profile())
+
+
+def test_another_camera_or_size_is_refused() -> None:
+    profile().check_camera("left", (320, 240))
+    with pytest.raises(SettingsError, match="'left', not of 'right'"):
+        profile().check_camera("right", (320, 240))
+    with pytest.raises(SettingsError, match=r"320 × 240.*640 × 480"):
+        profile().check_camera("left", (640, 480))
+
+
+@pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(TableSettings)])
+def test_table_settings_out_of_range_are_refused(name: str) -> None:
+    with pytest.raises(SettingsError, match=name):
+        TableSettings(**{name: -1.0})
