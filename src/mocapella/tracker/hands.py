@@ -81,6 +81,8 @@ class HandsSettings:
         base: the markers of the hand's base.
         base_places_m: (base, 3) where they are in the palm's frame of a right hand; empty takes the usual places, on
             the palm's side.
+        middle_sd_px: how far the middle of what a camera sees of a marker is from that of the whole marker; comes on top
+            of what the camera says of its own error.
         constraints: ``thesis`` or ``full``: which angles are free.
         rays: how markers move.
         fit: how hands move.
@@ -93,6 +95,7 @@ class HandsSettings:
     tips: tuple[str, str, str, str, str] = ("red", "yellow", "green", "blue", "magenta")
     base: tuple[str, ...] = ("cyan",)
     base_places_m: tuple[tuple[float, float, float], ...] = ()
+    middle_sd_px: float = 0.4
     constraints: ConstraintSet = "thesis"
     rays: MarkerRaysSettings = field(default_factory=MarkerRaysSettings)
     fit: HandSettings = field(default_factory=HandSettings)
@@ -107,6 +110,7 @@ class HandsSettings:
         check(len(self.base) >= 1, "base", self.base, "at least one marker of the hand's base")
         fits = len(self.base_places_m) in (0, len(self.base))
         check(fits, "base_places_m", self.base_places_m, f"empty, or one place for each of {', '.join(self.base)}")
+        check(0 <= self.middle_sd_px <= 100, "middle_sd_px", self.middle_sd_px, "from 0 to 100 px")
         check(0 < self.silent_after_s <= 3600, "silent_after_s", self.silent_after_s, "above 0 and at most 3600 s")
 
     @property
@@ -236,7 +240,7 @@ class HandsTracker:
             if (k := place.get(name)) is not None:
                 pixels[i] = frame.positions_px[k]
                 sd[i] = frame.sd_px[k] if frame.sd_px[k] > 0 else _UNSAID_SD_PX
-        return pixels, sd
+        return pixels, np.hypot(sd, self.settings.middle_sd_px)
 
     def _stand(self, now_ns: int) -> TrackerState:
         speaks = [s for s, at_ns in self._heard_ns.items() if now_ns - at_ns < self.settings.silent_after_s * NS_PER_S]

@@ -77,28 +77,23 @@ def replace_time(frame: MarkerFrame, at_s: float) -> MarkerFrame:
 
 
 def pointed_at(scene: HandScene, camera: str, from_s: float = 0.0) -> ColourProfile:
-    """The camera's profile after somebody pointed at each marker where it was seen well, and at the skin.
+    """The camera's profile after somebody pointed at all markers in pictures that show them well, and at the skin.
 
     Raises:
-        SettingsError: a marker is never seen well.
+        SettingsError: there are no such pictures.
     """
     samples: list[ColourSample] = []
-    missing = dict.fromkeys(scene.names, _SAMPLES)
     for k in range(_MOST_SAMPLES):
         shot = scene.at(camera, from_s + k * _LEARN_EVERY_S)
-        clearly = [i for i, part in enumerate(shot.visible) if part >= _CLEARLY and missing[scene.names[i]] > 0]
-        if not clearly:
-            continue
-        clicks = {scene.names[i]: (float(shot.centres_px[i, 0]), float(shot.centres_px[i, 1])) for i in clearly}
-        if not samples:
-            clicks[SKIN] = _palm_px(scene, shot)
-        for i in clearly:
-            missing[scene.names[i]] -= 1
-        samples.append(ColourSample(shot.image, clicks))
-        if all(left <= 0 for left in missing.values()):
+        if (shot.visible >= _CLEARLY).all():
+            clicks = {name: (float(x), float(y)) for name, (x, y) in zip(scene.names, shot.centres_px, strict=True)}
+            if not samples:
+                clicks[SKIN] = _palm_px(scene, shot)
+            samples.append(ColourSample(shot.image, clicks))
+        if len(samples) == _SAMPLES:
             break
-    if unseen := [name for name, left in missing.items() if left == _SAMPLES]:
-        raise SettingsError(f"{camera} never sees {', '.join(unseen)} well enough to point at; move the camera")
+    else:
+        raise SettingsError(f"{camera} hardly ever sees all markers well enough to point at; move the camera")
     profile = learn_colours(camera, samples)
     colours = sorted(profile.colours, key=lambda colour: scene.names.index(colour.name))
     return replace(profile, colours=tuple(colours))
