@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import webbrowser
-from typing import Annotated
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -25,9 +27,22 @@ from mocapella.cli.common import (
     write_json,
 )
 
+if TYPE_CHECKING:
+    from mocapella.model.session import Setup
+
+
+class What(StrEnum):
+    """Which job is shown."""
+
+    PEOPLE = "people"
+    HANDS = "hands"
+
 
 @app.command()
 def demo(
+    what: Annotated[
+        What, typer.Argument(metavar="[WHAT]", help="people, or hands with painted fingertips.")
+    ] = What.PEOPLE,
     scene: SceneName = "obstacle",
     method: Method = "default",
     seconds: Seconds = None,
@@ -45,7 +60,8 @@ def demo(
 ) -> None:
     """Simulate a room with three sensors, two people and an obstacle, track the people live, and open the view.
 
-    Needs no hardware and downloads nothing. Every sensor is a process of its own, as real ones are.
+    `demo hands` renders a hand with painted fingertips before two cameras, finds the paint in their pictures, and makes
+    a hand of it. Needs no hardware and downloads nothing. Every sensor is a process of its own, as real ones are.
 
     Example:  mocapella demo --scene walk --seconds 30 --record walk-1
     """
@@ -53,20 +69,15 @@ def demo(
     from mocapella.live.launch import check_port_free
     from mocapella.live.server import ServerSettings
     from mocapella.live.stopping import stop_on_signals
-    from mocapella.model.session import Setup
-    from mocapella.sources.simulate import SimulatedSensor, load_scene
 
     take = None if record is None else take_file(record)
-    room = load_scene(scene, seed=seed)
-    names = room.sensor_names
-    with working("making the room …", status=0):
-        next(SimulatedSensor(room, 1).frames())  # compiles once a machine, and not in every sensor at once
+    show_of = _hands_show(seed) if what is What.HANDS else _people_show(scene, method, seed)
     bus_port = _choose(port, DEFAULT_PORT)
     if port is not None:
         check_port_free("127.0.0.1", port, "--port")
     page_port = None if no_view else _choose(view_port, DEFAULT_VIEW_PORT)
-    setup = Setup(method=method, sensors_expected=len(names))
-    settings = ServerSettings(listen=f"tcp/127.0.0.1:{bus_port}", setup=setup)
+    listen = f"tcp/127.0.0.1:{bus_port}"
+    settings = ServerSettings(listen=listen, setup=show_of.setup, method_settings=show_of.method_settings)
 
     def show(url: str) -> None:
         say_url(url)
@@ -77,13 +88,58 @@ def demo(
         with live_session(settings, stop, view_port=page_port, on_url=show) as session:
             if take is not None:
                 say(session.server.record_to(take))
-            room_words = ["--scene", scene, "--seed", str(seed), "--connect", settings.listen]
-            start_together(session, [["simulate", "--sensor", name, *room_words] for name in names])
-            say(f"simulating {scene}: sensors {', '.join(names)} (Ctrl-C ends)")
+            start_together(session, [[*words, "--connect", listen] for words in show_of.nodes])
+            say(f"{show_of.words} (Ctrl-C ends)")
             wait_while(session, seconds)
             summary = finish(session.server)
         write_json(json, summary)
     exit_by(summary["recording"])
+
+
+@dataclass(frozen=True)
+class Show:
+    """What a demo shows: how the server is set up, and the words of each node."""
+
+    setup: Setup
+    method_settings: dict[str, Any]
+    nodes: list[list[str]]
+    words: str
+
+
+def _people_show(scene: str, method: str, seed: int) -> Show:
+    from mocapella.model.session import Setup
+    from mocapella.sources.simulate import SimulatedSensor, load_scene
+
+    room = load_scene(scene, seed=seed)
+    names = room.sensor_names
+    with working("making the room …", status=0):
+        next(SimulatedSensor(room, 1).frames())  # compiles once a machine, and not in every sensor at once
+    words = ["--scene", scene, "--seed", str(seed)]
+    nodes = [["simulate", "--sensor", name, *words] for name in names]
+    said = f"simulating {scene}: sensors {', '.join(names)}"
+    return Show(Setup(method=method, sensors_expected=len(names)), {}, nodes, said)
+
+
+def _hands_show(seed: int) -> Show:
+    from mocapella.model.camera_rig_file import encode_camera_rig
+    from mocapella.model.hand_file import encode_hand_shape
+    from mocapella.model.session import Setup
+    from mocapella.sources.simulate.hand_camera import SimulatedHandCamera
+    from mocapella.sources.simulate.hand_scene import base_places, load_hand_scene
+
+    made = load_hand_scene("demo", seed=seed)
+    names = list(made.cameras)
+    with working("making the hand …", status=0):
+        next(SimulatedHandCamera(made, names[0]).frames())  # compiles once a machine, and not in every camera at once
+    settings = {
+        "rig": encode_camera_rig(made.rig),
+        "hand": encode_hand_shape(made.shape).decode(),
+        "base_places_m": base_places(made).tolist(),
+        "rays": {"acceleration_density": 8.0},  # a quiet hand, and few frames a second
+    }
+    nodes = [["hand-camera", "--scene", "demo", "--sensor", name, "--seed", str(seed)] for name in names]
+    said = f"rendering a hand: cameras {', '.join(names)}"
+    return Show(Setup(method="hands", sensors_expected=len(names)), settings, nodes, said)
 
 
 def _choose(wanted: int | None, default: int) -> int:

@@ -90,6 +90,38 @@ def simulate(
     _serve(frames, name or source.name, connect, zero, json, wait=not epoch_from_input)
 
 
+@node_app.command("hand-camera")
+def hand_camera(
+    scene: Annotated[str, typer.Option(metavar="NAME", help="Which scene of a hand.")] = "demo",
+    sensor: Annotated[str, typer.Option(metavar="CAMERA", help="Which of its cameras.")] = "left",
+    connect: Connect = DEFAULT_ADDRESS,
+    seed: Seed = 0,
+    epoch: _Epoch = None,
+    epoch_from_input: _EpochFromInput = False,
+    name: _Name = None,
+    json: JsonOut = None,
+) -> None:
+    """Serve a camera that looks at a simulated hand: its pictures are rendered, the markers found in them.
+
+    Example:  mocapella node hand-camera --scene demo --sensor right
+    """
+    from mocapella.live.node import DueFrame
+    from mocapella.sources.simulate.hand_camera import SimulatedHandCamera
+    from mocapella.sources.simulate.hand_scene import load_hand_scene
+
+    source = SimulatedHandCamera(load_hand_scene(scene, seed=seed), sensor)
+    next(source.frames())  # compile and load before the clock matters
+    zero = _epoch_from_input() if epoch_from_input else epoch or 0.0
+
+    def frames() -> Iterator[DueFrame]:
+        # A frame comes when its picture has been taken and looked at, as from a camera.
+        start_s = max(0.0, time.time() - zero)
+        found = source.frames(start_s, now_s=lambda: max(start_s, time.time() - zero))
+        return (DueFrame(f.due_s, f.frame) for f in found)
+
+    _serve(frames, name or sensor, connect, zero, json, wait=not epoch_from_input)
+
+
 @node_app.command("replay")
 def replay(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A study log (.csv, .csv.gz) or a take (.mcap).")],

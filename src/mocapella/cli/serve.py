@@ -188,7 +188,14 @@ def serve(
         typer.Option(
             metavar="FILE",
             help="Begin from where the sensors were, as --save-rig kept it. What people do is checked against it: "
-            "where it does not fit, that is said and found anew. Not for --method stand-still.",
+            "where it does not fit, that is said and found anew. Not for --method stand-still. For --method hands: "
+            "where the cameras are, as `mocapella calibrate` found it.",
+        ),
+    ] = None,
+    hand: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Whose hand it is, for --method hands (JSON); an average one where left out."
         ),
     ] = None,
     save_rig: Annotated[
@@ -217,6 +224,11 @@ def serve(
     from mocapella.model.session import Setup
     from mocapella.recording.disk import GIB
 
+    hands = method == "hands"
+    if hand is not None and not hands:
+        raise SettingsError(f"--hand {hand}: only --method hands wants it")
+    if hands and save_rig is not None:
+        raise SettingsError("--save-rig: the method hands finds no rig; mocapella calibrate makes one")
     take = None if record is None else take_file(record)
     warn_if_open("sensors, results and commands are", interface, port)
     server_settings = ServerSettings(
@@ -224,9 +236,9 @@ def serve(
         takes=takes,
         setup=Setup(method=method, sensors_expected=sensors),
         running=not wait,
-        method_settings=settings_of_pairs(settings),
+        method_settings=settings_of_pairs(settings) | (_hand_settings(rig, hand) if hands else {}),
         reserve_bytes=round(reserve_gib * GIB),
-        rig=None if rig is None else load_rig(rig),
+        rig=None if rig is None or hands else load_rig(rig),
     )
     with stop_on_signals() as stop:
         with live_session(server_settings, stop, view_port=None if no_view else view_port) as session:
@@ -244,6 +256,19 @@ def serve(
     exit_by(summary["recording"])
 
 
+def _hand_settings(rig: Path | None, hand: Path | None) -> dict[str, Any]:
+    """What the files say, for the method hands: a take keeps it, so that a replay does the same."""
+    from mocapella.model.camera_rig_file import encode_camera_rig, load_camera_rig
+    from mocapella.model.hand_file import encode_hand_shape, load_hand_shape
+
+    told: dict[str, Any] = {}
+    if rig is not None:
+        told["rig"] = encode_camera_rig(load_camera_rig(rig))
+    if hand is not None:
+        told["hand"] = encode_hand_shape(load_hand_shape(hand)).decode()
+    return told
+
+
 def finish(server: Server) -> dict[str, Any]:
     """Close the server and say what the session came to; returns that, and how its take ended, as for ``--json``."""
     server.halt()  # or the take could have a result more than the summary
@@ -251,7 +276,12 @@ def finish(server: Server) -> dict[str, Any]:
     recording = recording_row(server.close())
     say(
         f"{summary['seconds']:.0f} s, sensors: {len(summary['sensors'])}, frames in: {summary['frames_in']}, "
-        f"dropped: {summary['drops']}, scenes out: {summary['frames_out']}, most people: {summary['most_people']}"
+        f"dropped: {summary['drops']}, scenes out: {summary['frames_out']}, "
+        + (
+            f"most hands: {summary['most_hands']}"
+            if summary["most_hands"]
+            else f"most people: {summary['most_people']}"
+        )
     )
     say_if_never_tracked(summary)
     return {**summary, "recording": recording}

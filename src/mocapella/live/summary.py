@@ -94,7 +94,7 @@ class Tally:
         self.scenes_out += 1
         self.people_now = len(scene.people)
         self.most_people = max(self.most_people, self.people_now)
-        self.hands_now = sum(np.isfinite(hand.landmarks).any() for hand in scene.hands)
+        self.hands_now = sum(bool(np.isfinite(hand.landmarks).any()) for hand in scene.hands)
         self.most_hands = max(self.most_hands, self.hands_now)
         self.times.append(done_ns)
         self.places = scene.sensors
