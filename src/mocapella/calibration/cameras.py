@@ -1,7 +1,7 @@
 """Where cameras stand and how they see, from views of a board that is carried about before them.
 
 First each camera alone: its lens by its own views (`board_views`, Zhang 2000), for which it does not matter when
-other cameras looked. Then all together (`board_bundle`): places and lenses are adjusted to the views that cameras share,
+other cameras looked. Then all together (`board_bundle`): places and lenses are adjusted to the views that are shared,
 with what the first step knows of the lenses as a prior. What no view determines stays near what lenses are like.
 """
 
@@ -113,6 +113,7 @@ def calibrate_cameras(
     *,
     known: Mapping[str, Camera] | None = None,
     origin: Origin | None = None,
+    measure: bool = True,
 ) -> CameraCalibration:
     """A rig of all cameras that are in the views; of one camera, its lens.
 
@@ -122,6 +123,7 @@ def calibrate_cameras(
         instant_of: the frame's number where not given.
         known: cameras whose lens is given, and stays.
         origin: of the world; the first camera by name where not given.
+        measure: whether halves are tried on each other, which takes twice as long again.
 
     Raises:
         CalibrationError: the views do not say it; names the camera and what to film.
@@ -149,7 +151,7 @@ def calibrate_cameras(
         found.adjusted.sigma_px,
         found.adjusted.dispersion,
         corner_quality(kept, instants, cameras, board, CameraNoise(found.adjusted.sigma_px, found.adjusted.covariance)),
-        _halves(kept, board, instants, known, shared),
+        _halves(kept, board, instants, known, shared) if measure else None,
         hints,
     )
 
