@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import recordings
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.model.board import Board, load_board
@@ -30,10 +29,8 @@ def test_a_board_is_read(tmp_path: Path) -> None:
     assert load_board(path) == Board("charuco", 4, 5, 0.054, inverted=True)
 
 
-def test_caliscopes_board_is_read() -> None:
-    path = recordings() / "charuco_4cam" / "charuco.toml"
-    if not path.is_file():
-        pytest.skip(f"needs {path}")
+def test_caliscopes_board_is_read(camera_recordings: Path) -> None:
+    path = camera_recordings / "charuco_4cam" / "charuco.toml"
     assert load_board(path) == Board("charuco", 4, 5, 0.054, 0.75, "DICT_4X4_1000", inverted=True)
 
 

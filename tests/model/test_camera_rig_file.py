@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import recordings
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -131,11 +130,8 @@ def test_others_files_are_refused_by_name_too(tmp_path: Path, before: str, after
         ("pose2sim_single_person/calibration/Calib_qualisys.toml", ["cam_01", "cam_02", "cam_03", "cam_04"]),
     ],
 )
-def test_the_recordings_rigs_are_read(file: str, names: list[str]) -> None:
-    path = recordings() / file
-    if not path.is_file():
-        pytest.skip(f"needs {path}")
-    found = load_camera_rig(path)
+def test_the_recordings_rigs_are_read(camera_recordings: Path, file: str, names: list[str]) -> None:
+    found = load_camera_rig(camera_recordings / file)
     assert list(found.cameras) == names
     for placed in found.cameras.values():
         width, height = placed.camera.size_px
