@@ -141,6 +141,33 @@ def test_a_camera_that_never_sees_the_board_is_told_why(
     assert "camera left: found no corner of DICT_6X6_50 board of 6 × 5 squares; of DICT_4X4_50 there are 15" in said
 
 
+def test_a_board_is_drawn_in_its_size(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "board.toml").write_text(TOML)
+    monkeypatch.chdir(tmp_path)
+    assert run(monkeypatch, "board", "board.toml", "--out", "board.png", "--dpi", "100", "--json", "-") == 0
+    assert json.loads(capsys.readouterr().out) == {"path": "board.png", "width_mm": 420, "height_mm": 360}
+    data = (tmp_path / "board.png").read_bytes()
+    at = data.index(b"pHYs")
+    assert int.from_bytes(data[at + 4 : at + 8]) == round(100 / 0.0254)
+    image = cv2.imread("board.png", cv2.IMREAD_GRAYSCALE)
+    assert image.shape == (6 * 236, 7 * 236)
+    view = boards.BoardDetector(Board("charuco", 6, 5, 0.06)).update(image, "a", 0)
+    assert view is not None
+    assert len(view.ids) == 20
+
+
+def test_without_opencv_the_extra_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import importlib.util
+
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    assert run(monkeypatch, "calibrate", "a.mp4", "--board", "b.toml", "--out", str(tmp_path / "r.toml")) == 1
+    assert "calibrate needs OpenCV: uv sync --extra cameras" in capsys.readouterr().err
+
+
 def test_names_come_from_files_or_are_given() -> None:
     assert named_inputs(["a/left.mp4", "r=b/x.mp4", "camera:2"]) == {
         "left": "a/left.mp4",

@@ -44,6 +44,7 @@ VERBS = [
     ["evaluate", "simulation"],
     ["evaluate", "charuco"],
     ["calibrate"],
+    ["board"],
     ["train", "bias"],
     ["train", "facing"],
     ["train", "sensor-errors"],

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -126,6 +128,20 @@ def draw_board(board: Board, square_px: int) -> UInt8:
         image = np.kron(np.where(dark, 0, 255).astype(np.uint8), np.ones((square_px, square_px), dtype=np.uint8))
     image = np.pad(image, margin, constant_values=255)
     return 255 - image if board.inverted else image
+
+
+def board_png(board: Board, dots_per_inch: int) -> bytes:
+    """`draw_board` as a PNG file that says how large it is, so that it is printed in its size.
+
+    The squares' sides are whole dots: by less than half a dot they differ from what the board says.
+    """
+    dots_per_m = round(dots_per_inch / 0.0254)
+    image = draw_board(board, round(board.square_m * dots_per_m))
+    data = cv2.imencode(".png", image)[1].tobytes()
+    size = b"pHYs" + struct.pack(">IIB", dots_per_m, dots_per_m, 1)
+    chunk = struct.pack(">I", 9) + size + struct.pack(">I", zlib.crc32(size))
+    header = 8 + 25  # the signature and IHDR, which pHYs has to follow
+    return data[:header] + chunk + data[header:]
 
 
 def _charuco_detector(board: Board) -> Any:
