@@ -44,7 +44,7 @@ def calibrate(
         ),
     ],
     board: Annotated[Path, typer.Option(metavar="BOARD.toml", help="The board: docs/cameras.md says how to write it.")],
-    out: Annotated[Path, typer.Option(metavar="RIG.toml", help="The rig to write; a file of that name is replaced.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="The rig to write; a file of that name is replaced.")],
     timestamps: Annotated[
         Path | None,
         typer.Option(
@@ -126,7 +126,7 @@ def draw(
         Path, typer.Argument(metavar="BOARD.toml", help="The board: docs/cameras.md says how to write it.")
     ],
     out: Annotated[
-        Path, typer.Option(metavar="FILE.png", help="The picture to write; a file of that name is replaced.")
+        Path, typer.Option(metavar="FILE", help="The PNG picture to write; a file of that name is replaced.")
     ],
     dpi: Annotated[int, typer.Option(metavar="DOTS", min=50, max=2400, help="Of the printer, an inch.")] = 300,
     json: JsonOut = None,
