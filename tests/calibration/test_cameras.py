@@ -81,14 +81,18 @@ def test_lenses_that_are_given_stay(exact) -> None:
 
 def test_errors_are_as_large_as_the_covariance_says() -> None:
     """Normalised squared errors of six components over eight films: χ² of 48 degrees of freedom, 19 to 93 at 1e-4."""
-    total, largest = 0.0, 0.0
+    total, largest, focal = 0.0, 0.0, 0.0
     for seed in range(8):
         filmed = film(noise_px=0.3, seed=seed, instants=16)
         found = calibrate_cameras(filmed.views, BOARD, measure=False)
         off = log_motion(to_first(places(found))[1] @ inverse(filmed.T_camera_first[1]))
         total += float(off @ np.linalg.solve(found.rig.cameras["c1"].covariance, off))
         largest = max(largest, found.sigma_px)
+        for c in range(2):
+            sd = found.cameras[f"c{c}"].focal_sd_percent / 100
+            focal += (found.rig.cameras[f"c{c}"].camera.lens[0] / filmed.lenses[c, 0] - 1) ** 2 / sd**2
     assert 19 < total < 93
+    assert 3.0 < focal < 45  # of 16 focal lengths
     assert largest == pytest.approx(0.3, rel=0.15)
 
 
