@@ -116,3 +116,11 @@ def _recorded(name: str) -> Path:
     if not folder.is_dir():
         pytest.skip(f"needs the recordings in {folder} (MOCAPELLA_DATA names another place)")
     return folder
+
+
+@pytest.fixture(scope="session")
+def camera_recordings() -> Path:
+    """The folder with the recordings of several cameras: ``charuco_4cam`` and others."""
+    if not (recordings() / "charuco_4cam").is_dir():
+        pytest.skip(f"needs the recordings in {recordings()} (MOCAPELLA_DATA names another place)")
+    return recordings()

@@ -13,6 +13,7 @@ from typer.main import get_command
 
 from mocapella import __version__
 from mocapella.cli import (  # noqa: F401  (they register)
+    calibrate,
     demo,
     depth,
     doctor,
@@ -44,6 +45,9 @@ VERBS = [
     ["doctor"],
     ["evaluate", "kinectmultitrack"],
     ["evaluate", "simulation"],
+    ["evaluate", "charuco"],
+    ["calibrate"],
+    ["board"],
     ["train", "bias"],
     ["train", "facing"],
     ["train", "sensor-errors"],

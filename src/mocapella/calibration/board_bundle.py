@@ -259,11 +259,11 @@ def _reduced(normal: _Normal, damping: float) -> tuple[Float64, Float64, Float64
 
     Returns:
         the cameras' equations, scaled, because pixels and radians differ by 10⁶ in their squares; the scale; the
-        boards' equations; and (boards, 6, 15 cameras) these solved for what they share with the cameras.
+        inverse of the boards' equations; and (boards, 6, 15 cameras) these solved for what they share with the cameras.
     """
     size = len(normal.cameras)
-    boards = normal.boards * (1 + damping * np.eye(6))
-    solved = np.linalg.solve(boards, np.moveaxis(normal.mixed, 0, -1))
+    boards = np.linalg.inv(normal.boards * (1 + damping * np.eye(6)))
+    solved = boards @ np.moveaxis(normal.mixed, 0, -1)
     S = normal.cameras * (1 + damping * np.eye(size)) - normal.mixed.reshape(size, -1) @ solved.reshape(-1, size)
     scale = 1.0 / np.sqrt(np.diag(normal.cameras))
     return np.asarray(S * np.outer(scale, scale)), scale, boards, solved
@@ -271,7 +271,7 @@ def _reduced(normal: _Normal, damping: float) -> tuple[Float64, Float64, Float64
 
 def _step(problem: _Problem, bundle: Bundle, normal: _Normal, damping: float) -> Bundle:
     S, scale, boards, solved = _reduced(normal, damping)
-    of_boards = np.linalg.solve(boards, normal.of_boards[..., None])[..., 0]
+    of_boards = (boards @ normal.of_boards[..., None])[..., 0]
     right = normal.of_cameras - normal.mixed.reshape(len(S), -1) @ of_boards.ravel()
     x = scale * np.linalg.lstsq(S, scale * right, rcond=1e-14)[0]
     y = of_boards - solved @ x

@@ -1,14 +1,14 @@
 """Where cameras stand and how they see, from views of a board that is carried about before them.
 
 First each camera alone: its lens by its own views (`board_views`, Zhang 2000), for which it does not matter when
-other cameras looked. Then all together (`board_bundle`): places and lenses are adjusted to the views that cameras share,
-with what the first step knows of the lenses as a prior. What no view determines stays near what lenses are like.
+other cameras looked. Then all together (`board_bundle`): places and lenses are adjusted to the views that are shared,
+and what the first step knows of the lenses counts for what these do not tell. What no view determines stays near what lenses are like.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -18,7 +18,7 @@ from mocapella.calibration.board_bundle import CAMERA, LENS, POSE, Adjusted, Bun
 from mocapella.calibration.board_views import OneCamera, joint_start, one_camera, usable
 from mocapella.calibration.corner_quality import CameraNoise, CornerQuality, corner_quality
 from mocapella.calibration.hints import Hint, coverage, field_counts
-from mocapella.calibration.lens_prior import observed
+from mocapella.calibration.lens_prior import lens_prior, observed
 from mocapella.errors import CalibrationError
 from mocapella.geometry.rigid import inverse, rigid
 from mocapella.model.board import Board, BoardView
@@ -113,6 +113,7 @@ def calibrate_cameras(
     *,
     known: Mapping[str, Camera] | None = None,
     origin: Origin | None = None,
+    measure: bool = True,
 ) -> CameraCalibration:
     """A rig of all cameras that are in the views; of one camera, its lens.
 
@@ -122,6 +123,7 @@ def calibrate_cameras(
         instant_of: the frame's number where not given.
         known: cameras whose lens is given, and stays.
         origin: of the world; the first camera by name where not given.
+        measure: whether halves are tried on each other, which takes twice as long again.
 
     Raises:
         CalibrationError: the views do not say it; names the camera and what to film.
@@ -149,7 +151,7 @@ def calibrate_cameras(
         found.adjusted.sigma_px,
         found.adjusted.dispersion,
         corner_quality(kept, instants, cameras, board, CameraNoise(found.adjusted.sigma_px, found.adjusted.covariance)),
-        _halves(kept, board, instants, known, shared),
+        _halves(kept, board, instants, known, shared) if measure else None,
         hints,
     )
 
@@ -209,16 +211,29 @@ def _solve(
             f"no camera saw the board well at the instant {origin.instant} of the origin: choose one of "
             f"{order[0]} to {order[-1]}"
         )
-    prior = LensPrior(
-        np.array([single[name].lens for name in names]),
-        np.array([np.zeros((9, 9)) if name in known else np.linalg.inv(single[name].covariance) for name in names]),
-    )
+    sizes = {view.camera: view.size_px for view in kept}
+    prior = lens_prior(np.array([sizes[name] for name in names], dtype=np.float64), bundle.lenses[:, 0])
     adjusted = adjust(corners, bundle, free, free_boards, prior)
-    if adjusted.dispersion > 1.0:
-        # The joint views are worth that much less than their number, beside what each camera says by itself.
-        surer = replace(prior, precision=adjusted.dispersion * prior.precision)
+    if adjusted.dispersion > 1.0 and len(names) > 1:
+        surer = _with_own_views(prior, list(single.values()), adjusted.dispersion - 1.0)
         adjusted = adjust(corners, adjusted.bundle, free, free_boards, surer)
     return _Found(single, corners, adjusted, order)
+
+
+def _with_own_views(prior: LensPrior, single: Sequence[OneCamera], weight: float) -> LensPrior:
+    """What each camera's own views say of its lens, in addition.
+
+    Of a variance D times that of independent corners, the joint views are worth 1/D of their number; what the same
+    views say of the lens without the other cameras is worth all of it. The other (D − 1)/D are added here, so that
+    nothing counts twice.
+    """
+    mean, precision = prior.mean.copy(), prior.precision.copy()
+    for c, one in enumerate(single):
+        if one.covariance.any():  # a lens that was given has none
+            own = weight * np.linalg.inv(one.covariance)
+            mean[c] = np.linalg.solve(precision[c] + own, precision[c] @ mean[c] + own @ one.lens)
+            precision[c] += own
+    return LensPrior(mean, precision)
 
 
 def _check_focal(name: str, one: OneCamera) -> None:

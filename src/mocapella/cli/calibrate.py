@@ -17,7 +17,7 @@ from rich.table import Table
 
 from mocapella.cli import INTERRUPTED
 from mocapella.cli.app import app
-from mocapella.cli.common import JsonOut, console, say, working, write_json
+from mocapella.cli.common import JsonOut, console, need_cameras, say, working, write_json
 from mocapella.errors import CalibrationError, SettingsError, one_of
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def calibrate(
         ),
     ],
     board: Annotated[Path, typer.Option(metavar="BOARD.toml", help="The board: docs/cameras.md says how to write it.")],
-    out: Annotated[Path, typer.Option(metavar="RIG.toml", help="The rig to write; a file of that name is replaced.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="The rig to write; a file of that name is replaced.")],
     timestamps: Annotated[
         Path | None,
         typer.Option(
@@ -76,6 +76,7 @@ def calibrate(
 
     Example:  mocapella calibrate left.mp4 right.mp4 --board board.toml --out rig.toml
     """
+    need_cameras("calibrate")
     from mocapella.calibration.cameras import Origin, calibrate_cameras
     from mocapella.model.board import load_board
     from mocapella.model.camera_rig_file import load_camera_rig, save_camera_rig
@@ -117,6 +118,33 @@ def calibrate(
     for hint in found.hints:
         say(hint.text)
     say(f"{out}: {len(found.rig.cameras)} cameras")
+
+
+@app.command("board")
+def draw(
+    board: Annotated[
+        Path, typer.Argument(metavar="BOARD.toml", help="The board: docs/cameras.md says how to write it.")
+    ],
+    out: Annotated[
+        Path, typer.Option(metavar="FILE", help="The PNG picture to write; a file of that name is replaced.")
+    ],
+    dpi: Annotated[int, typer.Option(metavar="DOTS", min=50, max=2400, help="Of the printer, an inch.")] = 300,
+    json: JsonOut = None,
+) -> None:
+    """Draw a calibration board, to be printed in its size.
+
+    Example:  mocapella board board.toml --out board.png
+    """
+    need_cameras("board")
+    from mocapella.model.board import load_board
+    from mocapella.model.whole_file import write_whole
+    from mocapella.sensing.boards import board_png
+
+    chosen = load_board(board)
+    write_whole(out, board_png(chosen, dpi))
+    width, height = (round(1e3 * chosen.square_m * (count + 1)) for count in (chosen.columns, chosen.rows))
+    say(f"{out}: {width} × {height} mm with its margin; print it at 100 %, then measure a square and correct square_m")
+    write_json(json, {"path": str(out), "width_mm": width, "height_mm": height})
 
 
 def named_inputs(texts: Sequence[str]) -> dict[str, str]:

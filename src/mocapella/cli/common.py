@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import sys
@@ -127,6 +128,16 @@ def participant_numbers(text: str | None, option: str = "--participants") -> lis
     if not all(part.isdecimal() for part in parts):
         raise SettingsError(f"{option} {text!r} cannot be used; write numbers with commas, such as 0,1,20")
     return [int(part) for part in parts]
+
+
+def need_cameras(what: str) -> None:
+    """Say which extra a verb needs where it is not installed.
+
+    Raises:
+        SettingsError: OpenCV is not there.
+    """
+    if importlib.util.find_spec("cv2") is None:
+        raise SettingsError(f"{what} needs OpenCV: uv sync --extra cameras (elsewhere: install 'mocapella[cameras]')")
 
 
 def warn_if_open(what: str, host: str, port: int) -> None:

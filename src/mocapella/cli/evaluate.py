@@ -11,7 +11,15 @@ from rich.console import Console
 from rich.table import Table
 
 from mocapella.cli.app import evaluate_app
-from mocapella.cli.common import JsonOut, Participants, console, participant_numbers, say, write_json
+from mocapella.cli.common import (
+    JsonOut,
+    Participants,
+    console,
+    need_cameras,
+    participant_numbers,
+    say,
+    write_json,
+)
 
 _FUSED = {
     "bone_length_variation_percent": "bone length variation %",
@@ -245,6 +253,7 @@ def charuco(
 
     Example:  mocapella evaluate charuco shared/data/charuco_4cam --json out.json
     """
+    need_cameras("evaluate charuco")
     from mocapella.evaluation.charuco import evaluate
     from mocapella.evaluation.study_tables import rounded
 

@@ -31,7 +31,7 @@ def evaluate(folder: Path, tell: Callable[[str], None] = lambda _: None, *, step
         folder: with ``charuco.toml``, ``calibration/extrinsic/*.mp4``, one of each camera, with frames of one instant
             under one number, and ``camera_array.toml``, which is scored beside.
         tell: what is being done.
-        step: take only every n-th of the odd and of the even frames, for a quick look.
+        step: take only every n-th of the odd and of the even frames, for a quick look, without halves.
 
     Returns:
         ``calibration``, ``scored`` of ours and of the reference, and which targets are met.
@@ -50,7 +50,7 @@ def evaluate(folder: Path, tell: Callable[[str], None] = lambda _: None, *, step
                 if view is not None:
                     views[half].append(view)
     tell("calibrating on the odd frames")
-    found = calibrate_cameras(views["odd"], board)
+    found = calibrate_cameras(views["odd"], board, measure=step == 1)
     reference = load_camera_rig(folder / "camera_array.toml").cameras
     instants = {(view.camera, view.frame): view.frame for view in views["even"]}
 

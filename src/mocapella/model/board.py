@@ -133,7 +133,12 @@ def _of_caliscope(data: Mapping[str, Any], path: Path | str) -> dict[str, Any]:
     try:
         side_cm = next(float(data[key]) for key in _CALISCOPE if key in data)
         given = {key: data[key] for key in ("columns", "rows", "dictionary", "inverted") if key in data}
-        return {"kind": "charuco", "square_m": side_cm / 100, "marker_ratio": float(data["aruco_scale"]), **given}
+        return {
+            "kind": "charuco",
+            "square_m": round(side_cm / 100, 9),
+            "marker_ratio": float(data["aruco_scale"]),
+            **given,
+        }
     except (KeyError, TypeError, ValueError) as error:
         fix = "it has columns, rows, dictionary, aruco_scale and square_size_override_cm"
         raise InputError(f"is no charuco.toml of Caliscope: {error}", file=path, fix=fix) from None

@@ -1,0 +1,102 @@
+"""Boards in drawn pictures: corners where they were drawn, and why there are none."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from mocapella.geometry.homography import homography
+from mocapella.model.board import Board
+from mocapella.sensing.boards import BoardDetector, draw_board, edge_width, why_not_found
+
+CHARUCO = Board("charuco", 5, 4, 0.05, dictionary="DICT_4X4_50")
+SQUARE = 80
+SIZE = (960, 720)
+TO = np.array([[180, 120], [760, 90], [800, 600], [150, 560]], dtype=np.float64)
+
+
+def picture(board: Board, *, blur: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """The board in perspective, and where its corners are."""
+    drawn = draw_board(board, SQUARE)
+    height, width = drawn.shape
+    # A pixel of the drawing covers the square around its number.
+    H = homography(np.array([[0, 0], [width, 0], [width, height], [0, height]]) - 0.5, TO)
+    background = 255 if board.inverted else 90
+    image = cv2.warpPerspective(drawn, H, SIZE, borderValue=background, flags=cv2.INTER_AREA)
+    image = cv2.GaussianBlur(image, (0, 0), blur)
+    at = board.corners_m[:, :2] / board.square_m * SQUARE + SQUARE // 2 - 0.5
+    h = np.column_stack([at, np.ones(len(at))]) @ H.T
+    return image, h[:, :2] / h[:, 2:]
+
+
+@pytest.mark.parametrize(
+    "board",
+    [
+        CHARUCO,
+        Board("charuco", 5, 4, 0.05, dictionary="DICT_4X4_50", inverted=True),
+        Board("charuco", 5, 4, 0.05, dictionary="DICT_4X4_50", legacy=True),
+        Board("chessboard", 6, 5, 0.05),
+        Board("chessboard", 6, 5, 0.05, inverted=True),
+    ],
+)
+def test_corners_are_found_where_they_were_drawn(board: Board) -> None:
+    image, at = picture(board)
+    detector = BoardDetector(board)
+    view = detector.update(image, "a", 3)
+    assert view is not None
+    assert (view.camera, view.frame, view.size_px) == ("a", 3, SIZE)
+    assert view.ids.tolist() == list(range(board.corners))
+    assert np.abs(view.corners_px - at).max() < 0.3
+    assert abs((view.corners_px - at).mean(axis=0)).max() < 0.1
+    assert (detector.report.pictures, detector.report.found, detector.report.corners) == (1, 1, board.corners)
+
+
+def test_the_first_square_of_a_chessboard_is_black_also_when_it_is_turned() -> None:
+    board = Board("chessboard", 6, 5, 0.05)
+    image, at = picture(board)
+    turned = np.ascontiguousarray(image[::-1, ::-1])
+    view = BoardDetector(board).update(turned, "a", 0)
+    assert view is not None
+    assert np.abs(view.corners_px - (np.array(SIZE) - 1 - at)).max() < 0.3
+
+
+def test_a_picture_without_a_board_is_counted() -> None:
+    detector = BoardDetector(CHARUCO)
+    assert detector.update(np.full((480, 640, 3), 90, dtype=np.uint8), "a", 0) is None
+    assert (detector.report.pictures, detector.report.found) == (1, 0)
+
+
+def test_the_width_of_edges_grows_with_blur() -> None:
+    widths = []
+    for blur in (1.0, 3.0, 6.0):
+        image, at = picture(CHARUCO, blur=blur)
+        widths.append(edge_width(image, at, np.full(len(at), 90.0)))
+    assert widths[0] < 4 < widths[1] < 9 < widths[2]
+    assert np.isnan(edge_width(image, at, np.full(len(at), np.nan)))
+
+
+@pytest.mark.parametrize(
+    ("sought", "shown", "says"),
+    [
+        (Board("charuco", 5, 4, 0.05, dictionary="DICT_6X6_50"), CHARUCO, 'Then set dictionary = "DICT_4X4_50"'),
+        (Board("charuco", 5, 4, 0.05, dictionary="DICT_4X4_50", inverted=True), CHARUCO, "set inverted = false"),
+        (Board("charuco", 9, 8, 0.05, dictionary="DICT_4X4_50"), None, "nor any other board"),
+        (Board("chessboard", 6, 5, 0.05), Board("chessboard", 7, 5, 0.05), "there is one of 7 × 5 squares"),
+        (
+            Board("chessboard", 5, 4, 0.05),
+            Board("chessboard", 6, 5, 0.05),
+            "one of 6 × 5 squares: set columns and rows so (columns and rows count squares, not inner corners)",
+        ),
+    ],
+)
+def test_what_is_there_instead_is_named(sought: Board, shown: Board | None, says: str) -> None:
+    image = np.full((480, 640), 90, dtype=np.uint8) if shown is None else picture(shown)[0]
+    assert BoardDetector(sought).update(image, "a", 0) is None
+    assert says in why_not_found([image], sought)
+
+
+def test_a_mirrored_picture_is_told() -> None:
+    image = np.ascontiguousarray(picture(CHARUCO)[0][:, ::-1])
+    assert BoardDetector(CHARUCO).update(image, "a", 0) is None
+    assert "in the mirrored picture" in why_not_found([image], CHARUCO)
