@@ -24,7 +24,7 @@ def triangulate(
         list[Path],
         typer.Argument(metavar="POINTS…", help="A folder of OpenPose JSON for each camera, or one CSV of all."),
     ],
-    rig: Annotated[Path, typer.Option(metavar="RIG", help="The calibrated cameras, a TOML.")],
+    rig: Annotated[Path, typer.Option(metavar="FILE", help="The calibrated cameras, a TOML.")],
     out: Annotated[Path, typer.Option(metavar="FILE", help="What to write: its name ends with .csv or .trc.")],
     method: Annotated[str, typer.Option(metavar="NAME", help="robust, weighted-linear or linear.")] = "robust",
     sd_px: Annotated[

@@ -126,23 +126,21 @@ def triangulate(
     """
     pixels = np.ascontiguousarray(pixels, dtype=np.float64)
     batch, count = pixels.shape[:-2], len(cameras.numbers)
-    flat = pixels.reshape(-1, count, 2)
-    sd = np.empty((len(flat), count))
-    sd.reshape(*batch, count)[...] = sd_px
-    points, covariances = np.empty((len(flat), 3)), np.empty((len(flat), 3, 3))
-    residuals, used = np.empty((len(flat), count)), np.empty((len(flat), count), dtype=np.bool_)
-    states = np.empty(len(flat), dtype=np.uint8)
+    sd = np.empty((*batch, count))
+    sd[...] = sd_px
+    points, covariances = np.empty((*batch, 3)), np.empty((*batch, 3, 3))
+    residuals, used = np.empty((*batch, count)), np.empty((*batch, count), dtype=np.bool_)
+    states = np.empty(batch, dtype=np.uint8)
+    result = Triangulated(points, covariances, residuals, used, states)
+    if len(batch) != 1:  # new shapes of the same numbers
+        pixels, sd, points = pixels.reshape(-1, count, 2), sd.reshape(-1, count), points.reshape(-1, 3)
+        covariances, residuals = covariances.reshape(-1, 3, 3), residuals.reshape(-1, count)
+        used, states = used.reshape(-1, count), states.reshape(-1)
     _kernels().triangulate(
-        cameras.numbers, flat, sd, settings.gate_sd, math.sin(settings.least_angle_rad) ** 2,
+        cameras.numbers, pixels, sd, settings.gate_sd, math.sin(settings.least_angle_rad) ** 2,
         points, covariances, residuals, used, states,
     )  # fmt: skip
-    return Triangulated(
-        points.reshape(*batch, 3),
-        covariances.reshape(*batch, 3, 3),
-        residuals.reshape(*batch, count),
-        used.reshape(*batch, count),
-        states.reshape(batch),
-    )
+    return result
 
 
 @cache

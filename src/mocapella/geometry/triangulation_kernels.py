@@ -13,17 +13,24 @@ from typing import Any, Final
 import numpy as np
 from numba import njit
 
-from mocapella.geometry.lens_kernels import distort
+from mocapella.geometry import lens_kernels
 from mocapella.geometry.lens_kernels import undistort as undistort_fully
 
-COMPILED: Final[dict[str, Any]] = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "nsz", "arcp"}}
+COMPILED: Final[dict[str, Any]] = {
+    "cache": True,
+    "error_model": "numpy",
+    "fastmath": {"contract", "nsz", "arcp", "reassoc"},
+}
+INLINED: Final[dict[str, Any]] = {**COMPILED, "forceinline": True}
+distort = njit(**INLINED)(lens_kernels.distort.py_func)  # into its callers, with their freedom to fuse
 SEEN, ONE_VIEW, PARALLEL, BEHIND, INCONSISTENT = 0, 1, 2, 3, 4
+LANES = 32
 STEPS = 12
 """Gauss–Newton needs two or three; what takes more is not a point."""
 REFITS = 4
 
 
-@njit(**COMPILED)
+@njit(**INLINED)
 def undistort(views, n, u, v):
     """The direction (x, y) of a normalised pixel: two Newton steps, which do for a start, or as many as it takes."""
     k1, k2, p1, p2, k3 = views[n, 4], views[n, 5], views[n, 6], views[n, 7], views[n, 8]
@@ -41,42 +48,40 @@ def undistort(views, n, u, v):
     return undistort_fully(u, v, k1, k2, p1, p2, k3, views[n, 9])
 
 
-@njit(**COMPILED)
+@njit(**INLINED)
 def offset(views, n, X, Y, Z, u, v):
     """(dx, dy) [px] from where a point is seen to the pixel (u, v); infinite where it is not seen."""
     z = views[n, 16] * X + views[n, 17] * Y + views[n, 18] * Z + views[n, 21]
     x = (views[n, 10] * X + views[n, 11] * Y + views[n, 12] * Z + views[n, 19]) / z
     y = (views[n, 13] * X + views[n, 14] * Y + views[n, 15] * Z + views[n, 20]) / z
     r2 = x * x + y * y
-    if not (z > 0.0 and r2 <= views[n, 9]):
-        return math.inf, math.inf
     radial = 1.0 + r2 * (views[n, 4] + r2 * (views[n, 5] + r2 * views[n, 8]))
     at_u = x * radial + 2.0 * views[n, 6] * x * y + views[n, 7] * (r2 + 2.0 * x * x)
     at_v = y * radial + views[n, 6] * (r2 + 2.0 * y * y) + 2.0 * views[n, 7] * x * y
-    return u - (views[n, 0] * at_u + views[n, 2]), v - (views[n, 1] * at_v + views[n, 3])
+    shown = 0.0 if z > 0.0 and r2 <= views[n, 9] else math.inf
+    return u - (views[n, 0] * at_u + views[n, 2]) + shown, v - (views[n, 1] * at_v + views[n, 3]) + shown
 
 
-@njit(**COMPILED)
+@njit(**INLINED)
 def linearised(views, n, X, Y, Z, u, v):
     """`offset`, and the derivatives by X, Y, Z of where the point is seen: of its column (3) and its row (3)."""
     z = views[n, 16] * X + views[n, 17] * Y + views[n, 18] * Z + views[n, 21]
     w = 1.0 / z
     x = (views[n, 10] * X + views[n, 11] * Y + views[n, 12] * Z + views[n, 19]) * w
     y = (views[n, 13] * X + views[n, 14] * Y + views[n, 15] * Z + views[n, 20]) * w
-    if not (z > 0.0 and x * x + y * y <= views[n, 9]):
-        return math.inf, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    shown = 0.0 if z > 0.0 and x * x + y * y <= views[n, 9] else math.inf
     at_u, at_v, uu, uv, vv = distort(x, y, views[n, 4], views[n, 5], views[n, 6], views[n, 7], views[n, 8])
     ax, ay, az = views[n, 10] - x * views[n, 16], views[n, 11] - x * views[n, 17], views[n, 12] - x * views[n, 18]
     bx, by, bz = views[n, 13] - y * views[n, 16], views[n, 14] - y * views[n, 17], views[n, 15] - y * views[n, 18]
     fu, fv = views[n, 0] * w, views[n, 1] * w
     return (
-        u - (views[n, 0] * at_u + views[n, 2]), v - (views[n, 1] * at_v + views[n, 3]),
+        u - (views[n, 0] * at_u + views[n, 2]) + shown, v - (views[n, 1] * at_v + views[n, 3]) + shown,
         fu * (uu * ax + uv * bx), fu * (uu * ay + uv * by), fu * (uu * az + uv * bz),
         fv * (uv * ax + vv * bx), fv * (uv * ay + vv * by), fv * (uv * az + vv * bz),
     )  # fmt: skip
 
 
-@njit(**COMPILED)
+@njit(**INLINED)
 def inverse(a, b, c, d, e, f):
     """Of the symmetric [[a, b, c], [b, d, e], [c, e, f]], its six numbers in the same order."""
     A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
@@ -84,36 +89,9 @@ def inverse(a, b, c, d, e, f):
     return scale * A, scale * B, scale * C, scale * (a * f - c * c), scale * (b * c - a * e), scale * (a * d - b * b)
 
 
-@njit(**COMPILED)
-def linear(views, rays, weights):
-    """Where the rays of the views with a weight meet, in the least squares of x·z' − x' (and y) [m]: a start."""
-    a = b = c = d = e = f = gx = gy = gz = 0.0
-    for n in range(len(weights)):
-        if not weights[n] > 0.0:
-            continue
-        x, y = rays[n, 0], rays[n, 1]
-        w = weights[n] * views[n, 0] * views[n, 1]
-        px, py, pz = views[n, 10] - x * views[n, 16], views[n, 11] - x * views[n, 17], views[n, 12] - x * views[n, 18]
-        qx, qy, qz = views[n, 13] - y * views[n, 16], views[n, 14] - y * views[n, 17], views[n, 15] - y * views[n, 18]
-        p, q = w * (x * views[n, 21] - views[n, 19]), w * (y * views[n, 21] - views[n, 20])
-        a += w * (px * px + qx * qx)
-        b += w * (px * py + qx * qy)
-        c += w * (px * pz + qx * qz)
-        d += w * (py * py + qy * qy)
-        e += w * (py * pz + qy * qz)
-        f += w * (pz * pz + qz * qz)
-        gx += px * p + qx * q
-        gy += py * p + qy * q
-        gz += pz * p + qz * q
-    A, B, C, D, E, F = inverse(a, b, c, d, e, f)
-    return A * gx + B * gy + C * gz, B * gx + D * gy + E * gz, C * gx + E * gy + F * gz
-
-
-@njit(**COMPILED)
-def refine(views, pixels, at, weights, X, Y, Z, give_up):
+@njit(**INLINED)
+def refine(views, pixels, at, weights, X, Y, Z):
     """Gauss–Newton on the distorted pixels of the views with a weight 1/sd²; halved steps where one leads uphill.
-
-    It gives up where the sum of squares [sd²] begins above 16 times ``give_up``, or is above 4 times that after a step.
 
     Returns:
         X, Y, Z, whether they are where it is least, and the six numbers of the covariance there.
@@ -136,14 +114,12 @@ def refine(views, pixels, at, weights, X, Y, Z, give_up):
                 gx += w * (px * du + qx * dv)
                 gy += w * (py * du + qy * dv)
                 gz += w * (pz * du + qz * dv)
-        if step == 0 and not cost <= 16.0 * give_up:
+        if step == 0 and not cost < math.inf:
             break
         if not cost <= before * (1.0 + 1e-9) + 1e-9:
             sx, sy, sz = 0.5 * sx, 0.5 * sy, 0.5 * sz
             X, Y, Z = X - sx, Y - sy, Z - sz
             continue
-        if step >= 1 and cost > 4.0 * give_up:
-            break
         before = cost
         A, B, C, D, E, F = inverse(a, b, c, d, e, f)
         sx, sy, sz = A * gx + B * gy + C * gz, B * gx + D * gy + E * gz, C * gx + E * gy + F * gz
@@ -153,43 +129,43 @@ def refine(views, pixels, at, weights, X, Y, Z, give_up):
     return X, Y, Z, False, A, B, C, D, E, F
 
 
-@njit(**COMPILED)
-def direction(views, n, x, y):
-    """Of a ray in the world, not normalised: R_world_camera (x, y, 1)."""
-    return (
-        views[n, 10] * x + views[n, 13] * y + views[n, 16],
-        views[n, 11] * x + views[n, 14] * y + views[n, 17],
-        views[n, 12] * x + views[n, 15] * y + views[n, 18],
-    )
+@njit(**INLINED)
+def keep_ray(views, n, x, y, rays):
+    """Write a ray of view n: x, y, its direction R_world_camera (x, y, 1), and the square of that one's length."""
+    dx = views[n, 10] * x + views[n, 13] * y + views[n, 16]
+    dy = views[n, 11] * x + views[n, 14] * y + views[n, 17]
+    dz = views[n, 12] * x + views[n, 15] * y + views[n, 18]
+    rays[n, 0], rays[n, 1], rays[n, 2], rays[n, 3], rays[n, 4] = x, y, dx, dy, dz
+    rays[n, 5] = dx * dx + dy * dy + dz * dz
 
 
-@njit(**COMPILED)
-def wide(views, rays, weights, least_sin2):
-    """Whether two rays of the views with a weight meet at an angle that is large enough."""
-    for i in range(len(weights)):
-        if not weights[i] > 0.0:
+@njit(**INLINED)
+def wide(views, used, at, X, Y, Z, least_sin2):
+    """Whether a point is seen from two directions whose angle is large enough, of the views that are used."""
+    for i in range(len(views)):
+        if not used[at, i]:
             continue
-        ax, ay, az = direction(views, i, rays[i, 0], rays[i, 1])
+        ax, ay, az = X - views[i, 22], Y - views[i, 23], Z - views[i, 24]
+        aa = ax * ax + ay * ay + az * az
         for j in range(i):
-            if weights[j] > 0.0:
-                bx, by, bz = direction(views, j, rays[j, 0], rays[j, 1])
-                x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-                aa, bb = ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz
-                if x * x + y * y + z * z >= least_sin2 * aa * bb:
+            if used[at, j]:
+                bx, by, bz = X - views[j, 22], Y - views[j, 23], Z - views[j, 24]
+                ab, bb = ax * bx + ay * by + az * bz, bx * bx + by * by + bz * bz
+                if aa * bb - ab * ab >= least_sin2 * aa * bb:
                     return True
     return False
 
 
-@njit(**COMPILED)
+@njit(**INLINED)
 def meeting(views, rays, weights, m, n, gate2, least_sin2):
     """Where two rays are nearest, by the sd of each at its distance; a state, and the point.
 
     Source: Hartley and Sturm: Triangulation (CVIU 68(2), 1997), section 3 for the midpoint of the common normal.
     """
-    ax, ay, az = direction(views, m, rays[m, 0], rays[m, 1])
-    bx, by, bz = direction(views, n, rays[n, 0], rays[n, 1])
+    ax, ay, az, aa = rays[m, 2], rays[m, 3], rays[m, 4], rays[m, 5]
+    bx, by, bz, bb = rays[n, 2], rays[n, 3], rays[n, 4], rays[n, 5]
     dx, dy, dz = views[n, 22] - views[m, 22], views[n, 23] - views[m, 23], views[n, 24] - views[m, 24]
-    aa, bb, ab = ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz, ax * bx + ay * by + az * bz
+    ab = ax * bx + ay * by + az * bz
     sin2 = aa * bb - ab * ab
     if not sin2 >= least_sin2 * aa * bb:
         return PARALLEL, 0.0, 0.0, 0.0
@@ -211,7 +187,7 @@ def meeting(views, rays, weights, m, n, gate2, least_sin2):
     )
 
 
-@njit(**COMPILED)
+@njit(**INLINED)
 def truncated(views, pixels, at, weights, X, Y, Z, gate2, best, kept):
     """The sum of the squared residuals [sd²], each at most the gate's; it ends where that is above ``best``.
 
@@ -233,7 +209,7 @@ def truncated(views, pixels, at, weights, X, Y, Z, gate2, best, kept):
     return total
 
 
-@njit(**COMPILED)
+@njit(**INLINED)
 def two_or_more(kept):
     """Whether two views or more have a weight."""
     count = 0
@@ -272,7 +248,7 @@ def consensus(views, pixels, at, rays, weights, gate2, least_sin2, kept, tried):
         return state, X, Y, Z, A, B, C, D, E, F
     best, state = math.inf, INCONSISTENT
     for _ in range(REFITS):
-        x, y, z, well, a, b, c, d, e, f = refine(views, pixels, at, kept, X, Y, Z, math.inf)
+        x, y, z, well, a, b, c, d, e, f = refine(views, pixels, at, kept, X, Y, Z)
         if not well:
             break
         score = truncated(views, pixels, at, weights, x, y, z, gate2, math.inf, tried)
@@ -285,7 +261,7 @@ def consensus(views, pixels, at, rays, weights, gate2, least_sin2, kept, tried):
     return state, X, Y, Z, A, B, C, D, E, F
 
 
-@njit(**COMPILED)
+@njit(**INLINED)
 def same(kept, tried):
     """Whether the same views have a weight."""
     equal = True
@@ -295,12 +271,142 @@ def same(kept, tried):
 
 
 @njit(**COMPILED)
+def fit_most(  # noqa: PLR0912, PLR0915 - one function, in which the compiler knows that the rows are apart
+    views, pixels, sd, gate2, points, covariances, residuals, fitted
+):
+    """Points whose views all agree, many at a time, as `refine` does one; ``fitted`` says which those are.
+
+    The start is the linear least squares of x·z' − x' and y·z' − y' over the views.
+
+    The loops over ``m`` have no branches, so that the processor takes several points in one instruction.
+    """
+    count = pixels.shape[1]
+    P, S = np.empty((3 * count, LANES)), np.empty((24, LANES))
+    for begin in range(0, len(pixels), LANES):
+        lanes = min(LANES, len(pixels) - begin)
+        S[:] = 0.0
+        for m in range(lanes):
+            for k in range(count):
+                u, v, s = pixels[begin + m, k, 0], pixels[begin + m, k, 1], sd[begin + m, k]
+                seen = s > 0.0 and math.isfinite(u + v + s)
+                P[3 * k, m] = u if seen else views[k, 2]
+                P[3 * k + 1, m] = v if seen else views[k, 3]
+                P[3 * k + 2, m] = 1.0 / (s * s) if seen else 0.0
+                S[16, m] += 1.0 if seen else 0.0
+        for k in range(count):
+            fx, fy, cx, cy, farthest = views[k, 0], views[k, 1], views[k, 2], views[k, 3], views[k, 9]
+            k1, k2, p1, p2, k3 = views[k, 4], views[k, 5], views[k, 6], views[k, 7], views[k, 8]
+            tx, ty, tz = views[k, 19], views[k, 20], views[k, 21]
+            R0, R1, R2 = views[k, 10], views[k, 11], views[k, 12]
+            R3, R4, R5 = views[k, 13], views[k, 14], views[k, 15]
+            R6, R7, R8 = views[k, 16], views[k, 17], views[k, 18]
+            for m in range(lanes):
+                u, v, w = (P[3 * k, m] - cx) / fx, (P[3 * k + 1, m] - cy) / fy, P[3 * k + 2, m] * fx * fy
+                x, y, dx, dy = newton(u, v, u, v, k1, k2, p1, p2, k3)
+                x, y, dx, dy = newton(u, v, x, y, k1, k2, p1, p2, k3)
+                S[17, m] += 0.0 if dx * dx + dy * dy < 1e-4 and x * x + y * y <= farthest else 1.0
+                px, py, pz = R0 - x * R6, R1 - x * R7, R2 - x * R8
+                qx, qy, qz = R3 - y * R6, R4 - y * R7, R5 - y * R8
+                p, q = w * (x * tz - tx), w * (y * tz - ty)
+                S[0, m] += w * (px * px + qx * qx)
+                S[1, m] += w * (px * py + qx * qy)
+                S[2, m] += w * (px * pz + qx * qz)
+                S[3, m] += w * (py * py + qy * qy)
+                S[4, m] += w * (py * pz + qy * qz)
+                S[5, m] += w * (pz * pz + qz * qz)
+                S[6, m] += px * p + qx * q
+                S[7, m] += py * p + qy * q
+                S[8, m] += pz * p + qz * q
+        for m in range(lanes):
+            A, B, C, D, E, F = inverse(S[0, m], S[1, m], S[2, m], S[3, m], S[4, m], S[5, m])
+            S[10, m] = A * S[6, m] + B * S[7, m] + C * S[8, m]
+            S[11, m] = B * S[6, m] + D * S[7, m] + E * S[8, m]
+            S[12, m] = C * S[6, m] + E * S[7, m] + F * S[8, m]
+        for _ in range(4):
+            S[:10] = 0.0
+            for k in range(count):
+                for m in range(lanes):
+                    w = P[3 * k + 2, m]
+                    du, dv, px, py, pz, qx, qy, qz = linearised(
+                        views, k, S[10, m], S[11, m], S[12, m], P[3 * k, m], P[3 * k + 1, m]
+                    )
+                    S[9, m] += w * (du * du + dv * dv)
+                    S[0, m] += w * (px * px + qx * qx)
+                    S[1, m] += w * (px * py + qx * qy)
+                    S[2, m] += w * (px * pz + qx * qz)
+                    S[3, m] += w * (py * py + qy * qy)
+                    S[4, m] += w * (py * pz + qy * qz)
+                    S[5, m] += w * (pz * pz + qz * qz)
+                    S[6, m] += w * (px * du + qx * dv)
+                    S[7, m] += w * (py * du + qy * dv)
+                    S[8, m] += w * (pz * du + qz * dv)
+            open_ = 0.0
+            for m in range(lanes):
+                A, B, C, D, E, F = inverse(S[0, m], S[1, m], S[2, m], S[3, m], S[4, m], S[5, m])
+                sx = A * S[6, m] + B * S[7, m] + C * S[8, m]
+                sy = B * S[6, m] + D * S[7, m] + E * S[8, m]
+                sz = C * S[6, m] + E * S[7, m] + F * S[8, m]
+                now = 1.0 if S[13, m] == 0.0 else 0.0  # not since it was done
+                S[10, m] += now * sx
+                S[11, m] += now * sy
+                S[12, m] += now * sz
+                S[18, m] = A if now == 1.0 else S[18, m]
+                S[19, m] = B if now == 1.0 else S[19, m]
+                S[20, m] = C if now == 1.0 else S[20, m]
+                S[21, m] = D if now == 1.0 else S[21, m]
+                S[22, m] = E if now == 1.0 else S[22, m]
+                S[23, m] = F if now == 1.0 else S[23, m]
+                done = S[6, m] * sx + S[7, m] * sy + S[8, m] * sz < 1e-5
+                hopeless = not S[9, m] <= 16.0 * gate2 * S[16, m]
+                S[17, m] += 1.0 if hopeless else 0.0
+                S[13, m] = 1.0 if done or hopeless or S[13, m] == 1.0 else 0.0
+                open_ += 1.0 - S[13, m]
+            if open_ == 0.0:
+                break
+        for k in range(count):
+            for m in range(lanes):
+                du, dv = offset(views, k, S[10, m], S[11, m], S[12, m], P[3 * k, m], P[3 * k + 1, m])
+                square = du * du + dv * dv
+                P[3 * k, m] = math.sqrt(square)
+                S[17, m] += 0.0 if P[3 * k + 2, m] * square <= gate2 or P[3 * k + 2, m] == 0.0 else 1.0
+        for m in range(lanes):
+            i = begin + m
+            fitted[i] = S[16, m] >= 2.0 and S[13, m] == 1.0 and S[17, m] == 0.0
+            if fitted[i]:
+                points[i, 0], points[i, 1], points[i, 2] = S[10, m], S[11, m], S[12, m]
+                A, B, C, D, E, F = S[18, m], S[19, m], S[20, m], S[21, m], S[22, m], S[23, m]
+                covariances[i, 0, 0], covariances[i, 0, 1], covariances[i, 0, 2] = A, B, C
+                covariances[i, 1, 0], covariances[i, 1, 1], covariances[i, 1, 2] = B, D, E
+                covariances[i, 2, 0], covariances[i, 2, 1], covariances[i, 2, 2] = C, E, F
+                for k in range(count):
+                    residuals[i, k] = P[3 * k, m] if P[3 * k + 2, m] > 0.0 else math.nan
+
+
+@njit(**INLINED)
+def newton(u, v, x, y, k1, k2, p1, p2, k3):
+    """A step of Newton's method to where `distort` is (u, v): the place, and the step."""
+    at_u, at_v, uu, uv, vv = distort(x, y, k1, k2, p1, p2, k3)
+    du, dv, scale = u - at_u, v - at_v, 1.0 / (uu * vv - uv * uv)
+    dx, dy = scale * (vv * du - uv * dv), scale * (uu * dv - uv * du)
+    return x + dx, y + dy, dx, dy
+
+
+@njit(**COMPILED)
 def triangulate(views, pixels, sd, gate, least_sin2, points, covariances, residuals, used, states):
     """`triangulation.triangulate`: pixels (points, views, 2), sd (points, views); writes the last five."""
     count = pixels.shape[1]
-    rays, weights, kept, tried = np.empty((count, 2)), np.empty(count), np.empty(count), np.empty(count)
+    rays, weights, kept, tried = np.empty((count, 6)), np.empty(count), np.empty(count), np.empty(count)
+    fitted = np.empty(len(pixels), dtype=np.bool_)
     gate2 = gate * gate
+    fit_most(views, pixels, sd, gate2, points, covariances, residuals, fitted)
     for i in range(len(pixels)):
+        if fitted[i]:
+            for k in range(count):
+                used[i, k] = not math.isnan(residuals[i, k])
+            states[i] = SEEN
+            if not wide(views, used, i, points[i, 0], points[i, 1], points[i, 2], least_sin2):
+                nothing(i, PARALLEL, points, covariances, residuals, used, states)
+            continue
         seen = 0
         for k in range(count):
             weights[k], residuals[i, k] = 0.0, math.nan
@@ -308,46 +414,41 @@ def triangulate(views, pixels, sd, gate, least_sin2, points, covariances, residu
             if s > 0.0 and math.isfinite(u + v + s):
                 x, y = undistort(views, k, (u - views[k, 2]) / views[k, 0], (v - views[k, 3]) / views[k, 1])
                 if not math.isnan(x):
-                    rays[k, 0], rays[k, 1], weights[k] = x, y, 1.0 / (s * s)
+                    keep_ray(views, k, x, y, rays)
+                    weights[k] = 1.0 / (s * s)
                     seen += 1
+        state = ONE_VIEW
         X = Y = Z = A = B = C = D = E = F = math.nan
-        state, well = ONE_VIEW, False
         if seen >= 2:
-            X, Y, Z = linear(views, rays, weights)
-            X, Y, Z, well, A, B, C, D, E, F = refine(views, pixels, i, weights, X, Y, Z, seen * gate2)
-            state = SEEN
-            well = well and squares(views, pixels, i, weights, X, Y, Z, residuals) <= gate2
-            if not well:
-                state, X, Y, Z, A, B, C, D, E, F = consensus(
-                    views, pixels, i, rays, weights, gate2, least_sin2, kept, tried
-                )
-            else:
-                kept[:] = weights
-            if state == SEEN and not wide(views, rays, kept, least_sin2):
+            state, X, Y, Z, A, B, C, D, E, F = consensus(
+                views, pixels, i, rays, weights, gate2, least_sin2, kept, tried
+            )
+        if state == SEEN:
+            for k in range(count):
+                used[i, k] = kept[k] > 0.0
+            if not wide(views, used, i, X, Y, Z, least_sin2):
                 state = PARALLEL
-        states[i] = state
         if state != SEEN:
-            X = Y = Z = A = B = C = D = E = F = math.nan
-        elif not well:
-            squares(views, pixels, i, weights, X, Y, Z, residuals)
+            nothing(i, state, points, covariances, residuals, used, states)
+            continue
+        states[i] = SEEN
+        write_residuals(views, pixels, i, weights, X, Y, Z, residuals)
         points[i, 0], points[i, 1], points[i, 2] = X, Y, Z
         covariances[i, 0, 0], covariances[i, 0, 1], covariances[i, 0, 2] = A, B, C
         covariances[i, 1, 0], covariances[i, 1, 1], covariances[i, 1, 2] = B, D, E
         covariances[i, 2, 0], covariances[i, 2, 1], covariances[i, 2, 2] = C, E, F
-        for k in range(count):
-            used[i, k] = state == SEEN and kept[k] > 0.0
-            if state != SEEN:
-                residuals[i, k] = math.nan
 
 
 @njit(**COMPILED)
-def squares(views, pixels, at, weights, X, Y, Z, residuals):
-    """Write the residual of each view [px]; return the largest square of those with a weight [sd²]."""
-    largest = 0.0
+def nothing(i, state, points, covariances, residuals, used, states):
+    """Point i is not known, and why."""
+    states[i], points[i], covariances[i], residuals[i], used[i] = state, math.nan, math.nan, math.nan, False
+
+
+@njit(**COMPILED)
+def write_residuals(views, pixels, at, weights, X, Y, Z, residuals):
+    """Of each view that sees the point [px]."""
     for k in range(len(weights)):
         if weights[k] > 0.0:
             du, dv = offset(views, k, X, Y, Z, pixels[at, k, 0], pixels[at, k, 1])
-            square = du * du + dv * dv
-            residuals[at, k] = math.sqrt(square)
-            largest = max(largest, weights[k] * square)
-    return largest
+            residuals[at, k] = math.sqrt(du * du + dv * dv)

@@ -75,12 +75,14 @@ class OneEuro:
             self._positions = np.full((measured.size // dimensions, dimensions), np.nan)
             self._velocities = np.zeros(self._positions.shape)
             self._seen_s = np.full(len(self._positions), -np.inf)
-        s, out = self.settings, np.empty(self._positions.shape)
+        s, out, shape = self.settings, np.empty(self._positions.shape), measured.shape
+        if len(shape) != 2:
+            measured = measured.reshape(out.shape)
         (_kernels().smooth_components if s.per_component else _kernels().smooth_points)(
-            self._positions, self._velocities, self._seen_s, measured.reshape(out.shape), out, at_s,
+            self._positions, self._velocities, self._seen_s, measured, out, at_s,
             s.min_cutoff_hz, s.beta_per_m, s.speed_cutoff_hz, s.forget_after_s,
         )  # fmt: skip
-        return out.reshape(measured.shape)
+        return out if len(shape) == 2 else out.reshape(shape)
 
 
 @cache
