@@ -114,23 +114,26 @@ def cost(quick: bool) -> Iterator[Row]:
 def accuracy(quick: bool) -> Iterator[Row]:
     """How far off centres are, and how often a marker is missed or seen where none is."""
     cv2 = opencv()
-    ours, theirs, refused = Score(), Score(), 0
+    ours, theirs, good, refused = Score(), Score(), Score(), 0
     for name in marker_scene_names():
         here, beside = Score(), Score()
         for seed in SEEDS[:1] if quick else SEEDS:
             made = film(name, seed)
-            if separability(made.profile).problems:
-                refused += 1  # the user is told to choose other colours
-                continue
+            problems = separability(made.profile).problems  # the user is told; it is scored all the same
+            refused += bool(problems)
             detector = MarkerDetector(made.profile)
             peer = Peer(cv2, made.sample, made.profile.names, reduced=False) if cv2 else None
             for shot in made.shots(10 if quick else FRAMES):
                 frame = detector.update(shot.image, shot.at_s)
-                here.add(shot, frame.positions_px.astype(np.float64), frame.sd_px.astype(np.float64))
+                told = frame.positions_px.astype(np.float64), frame.sd_px.astype(np.float64)
+                here.add(shot, *told)
+                if not problems:
+                    good.add(shot, *told)
                 if peer:
                     beside.add(shot, peer.centres(shot.image, None))
-        if here.seen:
-            yield from here.rows(f"markers: scene {name}", beside if cv2 else None, error=None)
+        yield from here.rows(f"markers: scene {name}", beside if cv2 else None, error=None)
+        yield measured(f"markers: scene {name}, markers found", 100 * here.found_share, "%")
+        yield measured(f"markers: scene {name}, false markers", 100 * here.false_share, "%")
         ours.join(here)
         theirs.join(beside)
     what = "markers: all scenes"
@@ -141,7 +144,8 @@ def accuracy(quick: bool) -> Iterator[Row]:
         yield measured(f"{what}, markers found by the full chain", 100 * theirs.found_share, "%")
         yield measured(f"{what}, false markers of the full chain", 100 * theirs.false_share, "%")
     yield measured(f"{what}, errors over stated standard deviation (RMS, 1 is right)", ours.normalised, "")
-    yield measured("markers: scenes whose colours are refused when they are learnt", refused, "")
+    yield measured("markers: films whose colours are warned of when they are learnt", refused, "")
+    yield measured("markers: the others alone, markers found", 100 * good.found_share, "%")
     yield jitter("still", SEEDS[0], 10 if quick else 200)
 
 

@@ -53,7 +53,7 @@ class MarkerFrame(msgspec.Struct, frozen=True, eq=False):
     @property
     def found(self) -> NDArray[np.bool_]:
         """(markers,) which are seen."""
-        return np.isfinite(self.positions_px).all(axis=-1)
+        return np.asarray(np.isfinite(self.positions_px).all(axis=-1))
 
     @property
     def key(self) -> tuple[str, int, int]:

@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from mocapella.sensing.colour_profile import (
-    BINS, OFFSET, SPAN, Chromaticities, ColourProfile, brightness, chromaticity,
+    BINS,
+    OFFSET,
+    SPAN,
+    Chromaticities,
+    ColourProfile,
+    brightness,
+    chromaticity,
 )  # fmt: skip
 from mocapella.settings import check
 

@@ -62,8 +62,8 @@ class MarkerSettings:
     area_range: float = 10.0
     largest_elongation: float = 4.0
     least_fill: float = 0.6
-    sd_floor_px: float = 0.08
-    sd_scale: float = 0.6
+    sd_floor_px: float = 0.09
+    sd_scale: float = 1.5
     brighter: float = 1.5
     chroma_drift: float = 0.2
     table: TableSettings = TableSettings()

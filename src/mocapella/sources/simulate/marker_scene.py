@@ -219,7 +219,9 @@ class MarkerScene:
         def capsule(a: tuple[float, float], b: tuple[float, float], ra: float, rb: float) -> list[float]:
             return [*place(*a), *place(*b), palm * ra, palm * rb, CAPSULE, *s.skin, s.skin_gloss, 12.0, -1.0]
 
-        def ellipse(at: tuple[float, float], half: tuple[float, float], angle: float, paint: Paint, k: int) -> list[float]:
+        def ellipse(
+            at: tuple[float, float], half: tuple[float, float], angle: float, paint: Paint, k: int
+        ) -> list[float]:
             size = (palm * half[0], palm * half[1], angle + turn, 0.0)
             return [*place(*at), *size, ELLIPSE, *paint.albedo, paint.gloss, 30.0, float(k)]
 
