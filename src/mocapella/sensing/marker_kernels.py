@@ -6,7 +6,7 @@ form (run-based two-scan labelling: L. He, Y. Chao, K. Suzuki, A Run-Based Two-S
 Transactions on Image Processing 17, 2008, sections II and III).
 """
 
-# ruff: noqa: PLR0912, PLR0915, PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0912, PLR1714, PLR0915, PLR0917 - compiled: arrays come by position, and loops are written out
 from __future__ import annotations
 
 import math
@@ -461,7 +461,7 @@ def follow(
             age = at_s - memory[k, SEEN_S]
             if 0.0 < age <= forget_s:
                 memory[k, VX], memory[k, VY] = (out[k, X] - memory[k, X]) / age, (out[k, Y] - memory[k, Y]) / age
-            elif not age == 0.0:
+            elif age != 0.0:
                 memory[k, VX] = memory[k, VY] = 0.0
             memory[k, X], memory[k, Y], memory[k, AREA], memory[k, SEEN_S] = out[k, X], out[k, Y], out[k, AREA], at_s
     for k in range(len(out)):

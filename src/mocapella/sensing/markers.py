@@ -10,7 +10,7 @@ the whole image is searched at once. `docs/markers.md` says how a marker is told
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, Final
 
@@ -66,7 +66,7 @@ class MarkerSettings:
     sd_scale: float = 1.5
     brighter: float = 1.5
     chroma_drift: float = 0.2
-    table: TableSettings = TableSettings()
+    table: TableSettings = field(default_factory=TableSettings)
 
     def __post_init__(self) -> None:
         check(8 <= self.window_px <= 4000, "window_px", self.window_px, "from 8 to 4000 px")

@@ -84,7 +84,7 @@ def photograph(wall, shapes, rates, sub_times, row_s, light, towards, shading, l
                     x0, x1 = min(p[0], p[2]) - reach, max(p[0], p[2]) + reach
                 if y < top or y > low or x1 < 0 or x0 > w - 1:
                     continue
-                marker = int(round(p[12]))
+                marker = round(p[12])
                 a, b = max(int(x0), 0), min(int(x1) + 2, w)
                 if marker >= 0:
                     begin[marker], end[marker] = a, b
