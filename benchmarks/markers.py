@@ -1,8 +1,8 @@
 """Colour markers: what an image costs and how good the centres are, beside OpenCV's own chain in the same run.
 
-The peers are what the RHOT thesis did with OpenCV. *Full chain*: Gaussian blur and conversion to HSV once, then for each
-colour thresholds, opening, closing, contours, and the moments of the largest. *Reduced chain*: thresholds of blue, green
-and red, contours and moments. Their thresholds come from the same clicks and the same pixels as our profile, as
+The peers are what the RHOT thesis did with OpenCV. *Full chain*: Gaussian blur and conversion to HSV once, then for
+each colour thresholds, opening, closing, contours, and the moments of the largest. *Reduced chain*: thresholds of
+blue, green and red, contours and moments. Their thresholds come from the same clicks and the same pixels as our profile, as
 wide, for moving light, as leaves the wall out. One thread each. `uv run --extra cameras python -m benchmarks markers`.
 
 Images are rendered (`mocapella.sources.simulate.marker_scene`), with seeds that nothing was tuned on.

@@ -17,8 +17,8 @@ Float32 = NDArray[np.float32]
 class MarkerFrame(msgspec.Struct, frozen=True, eq=False):
     """The markers in one image of one camera; arrays over markers, in the order of their names.
 
-    A frame is identified by (camera, node_id, sequence), as a `BodyFrame` is. Pixels are OpenCV's: x to the right, y down,
-    the middle of the first pixel is (0, 0), and nothing is rectified.
+    A frame is identified by (camera, node_id, sequence), as a `BodyFrame` is. Pixels are OpenCV's: x to the right,
+    y down, the middle of the first pixel is (0, 0), and nothing is rectified.
 
     Attributes:
         camera: the camera's name.

@@ -1,7 +1,7 @@
-"""Colours learnt by pointing at them: a click on every marker, one on skin, and frames without markers if there are any.
+"""Colours learnt by pointing at them: a click on every marker, one on skin, and frames without markers, if any.
 
-Around a click the region of like colour is grown, its edge, where it mixes with what is behind, is left out, and what is
-far from its middle is trimmed.
+Around a click the region of like colour is grown, its edge, where it mixes with what is behind, is left out, and what
+is far from its middle is trimmed.
 """
 
 from __future__ import annotations
@@ -165,7 +165,7 @@ def _smooth(at: Float64, x: int, y: int) -> Float64:
 
 
 def _seed(at: Float64, light: Float64, x: int, y: int, *, strongest: bool) -> tuple[Float64, float]:
-    """Chromaticity and luma to grow from: those clicked at, or the strongest of that hue nearby, if it was a reflection."""
+    """Chromaticity and luma to grow from: those clicked at, or the strongest of that hue nearby, beside a reflection."""
     part = (slice(max(y - _SEED_PX, 0), y + _SEED_PX + 1), slice(max(x - _SEED_PX, 0), x + _SEED_PX + 1))
     clicked, near = at[y, x], at[part].reshape(-1, 2)
     strength = np.linalg.norm(near, axis=-1)

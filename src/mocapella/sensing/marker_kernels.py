@@ -261,7 +261,7 @@ def choose(found, count, label, x0, y0, predicted, px, py, area_before, usual, l
         found, count: pieces whose sums are from (x0, y0).
         predicted: whether (px, py) is where it should be; area_before: its area when last seen, or 0;
             usual: when it was learnt.
-        limits: least area, greatest area, greatest elongation, least fill, window [px], two of `tell`, and how many times
+        limits: least area, greatest area, greatest elongation, least fill, window [px], two of `tell`, how many times
             smaller or larger than usual it may be.
         shape: (7,) scratch; mine: (11,) the piece with what a highlight cut from it.
         counts: (OUT,) numbers of candidates and rejected.
@@ -314,7 +314,7 @@ def choose(found, count, label, x0, y0, predicted, px, py, area_before, usual, l
 
 @njit(cache=True, error_model="numpy")
 def fill(image, table, label, mine, x0, y0):
-    """Moments of a piece with its holes and notches, which reflections make: all between its pixels in a row or column."""
+    """Moments of a piece with its holes and notches, made by reflections: all between its pixels in a row or column."""
     left, top = int(mine[X0]), int(mine[Y0])
     w, h = int(mine[X1]) - left + 1, int(mine[Y1]) - top + 1
     begin, end, high, low = np.full(h, w), np.full(h, -1), np.full(w, h), np.full(w, -1)

@@ -48,8 +48,8 @@ class MarkerSettings:
         area_range: how many times smaller or larger than learnt it may be; 10 is three times as far or near.
         largest_elongation: long axis over short axis; a painted fingertip in motion blur stays below.
         least_fill: area over that of the ellipse with the same moments.
-        sd_floor_px, sd_scale: a centre's standard deviation is that floor and, in squares, this times the edge's roughness.
-        brighter, chroma_drift: beyond which change of the light the report says so: a factor in 8-bit values, and of u, v.
+        sd_floor_px, sd_scale: a centre's standard deviation: that floor and, in squares, this times the edge's roughness.
+        brighter, chroma_drift: from which change of the light on the report says so: a factor of 8-bit values, and in u, v.
     """
 
     window_px: float = 40.0
@@ -235,9 +235,8 @@ def linear_light() -> Float64:
 def room(width: int, runs: int) -> tuple[NDArray[Any], ...]:
     """What the kernels write into: a row's indices and labels, runs, their parents, and pieces."""
     labels = np.zeros(8 * (width // 8 + 2), np.uint8)
-    return (
-        np.empty(width, np.uint16), labels, np.empty((runs, 4), np.int64), np.empty(runs, np.int64), np.empty((runs, 11)),
-    )  # fmt: skip
+    index, parent = np.empty(width, np.uint16), np.empty(runs, np.int64)
+    return index, labels, np.empty((runs, 4), np.int64), parent, np.empty((runs, 11))
 
 
 @cache

@@ -186,7 +186,7 @@ class MarkerScene:
         return MarkerShot(at_s, image, centres, seen / np.maximum(math.pi * np.nan_to_num(radii) ** 2, 1e-9), radii)
 
     def light(self, at_s: float) -> tuple[float, Float64, Float64]:
-        """Strength, colour (3,) and direction (3,) towards the light, in the camera's image: x right, y down, z to it."""
+        """Strength, colour (3,) and direction (3,) to the light: x right, y down, z to the camera."""
         s = self.settings
         swing = [math.sin(2 * math.pi * s.light_hz * self._rates[k] * at_s + self._phases[k]) for k in range(5)]
         colour = np.array([1 + s.colour_change * swing[1], 1.0, 1 - s.colour_change * swing[1]])

@@ -5,7 +5,7 @@ angle of a from x, 0, 1. Then both: what is reflected of red, green, blue; gloss
 marker it is, or -1.
 """
 
-# ruff: noqa: PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
 from __future__ import annotations
 
 import math
