@@ -2,8 +2,9 @@
 
 The peers are what the RHOT thesis did with OpenCV. *Full chain*: Gaussian blur and conversion to HSV once, then for
 each colour thresholds, opening, closing, contours, and the moments of the largest. *Reduced chain*: thresholds of
-blue, green and red, contours and moments. Their thresholds come from the same clicks and the same pixels as our profile, as
-wide, for moving light, as leaves the wall out. One thread each. `uv run --extra cameras python -m benchmarks markers`.
+blue, green and red, contours and moments. Their thresholds come from the same clicks and the same pixels as our
+profile, as wide, for moving light, as leaves the wall out. One thread each. `uv run --extra cameras python -m
+benchmarks markers`.
 
 Images are rendered (`mocapella.sources.simulate.marker_scene`), with seeds that nothing was tuned on.
 """
@@ -20,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.harness import Goal, Row, against_peer, at_least, at_most, compared, measured, times_the_peer
+from mocapella.errors import EvaluationError, InputError
 from mocapella.sensing.colour_learning import ColourSample, grow, inside, learn_colours
 from mocapella.sensing.colour_profile import SKIN, ColourProfile
 from mocapella.sensing.colour_table import separability
@@ -60,16 +62,21 @@ class Film:
 
 
 def film(name: str, seed: int) -> Film:
-    """Somebody has clicked on every marker, and on the back of the hand, when all were seen first."""
+    """Somebody clicks on every marker, and on the back of the hand, when all are seen; and anew if that is refused."""
     scene = load_marker_scene(name, seed=seed)
     for k in range(200):
         shot = scene.at(0.5 * k)
-        if (shot.visible > 0.95).all():
-            break
-    clicks = {marker: (float(x), float(y)) for marker, (x, y) in zip(scene.names, shot.centres_px, strict=True)}
-    palm = scene.shapes(shot.at_s)[1]
-    sample = ColourSample(shot.image, {**clicks, SKIN: (palm[2] + 0.1 * palm[5], palm[3] + 0.1 * palm[5])})
-    return Film(name, scene, learn_colours("camera", [sample]), sample, shot.at_s)
+        if not (shot.visible > 0.95).all():
+            continue
+        clicks = {marker: (float(x), float(y)) for marker, (x, y) in zip(scene.names, shot.centres_px, strict=True)}
+        palm = scene.shapes(shot.at_s)[1]
+        back = (palm[2] + 0.1 * palm[5], palm[3] + 0.1 * palm[5])
+        sample = ColourSample(shot.image, {**clicks, SKIN: back})
+        try:
+            return Film(name, scene, learn_colours("camera", [sample]), sample, shot.at_s)
+        except InputError:  # such as a marker that is too far away just then
+            continue
+    raise EvaluationError(f"in scene {name}, seed {seed}, the colours cannot be learnt; take another seed")
 
 
 def cost(quick: bool) -> Iterator[Row]:

@@ -165,7 +165,7 @@ def _smooth(at: Float64, x: int, y: int) -> Float64:
 
 
 def _seed(at: Float64, light: Float64, x: int, y: int, *, strongest: bool) -> tuple[Float64, float]:
-    """Chromaticity and luma to grow from: those clicked at, or the strongest of that hue nearby, beside a reflection."""
+    """Chromaticity and luma to grow from: those clicked at, or, beside a reflection, the strongest of that hue."""
     part = (slice(max(y - _SEED_PX, 0), y + _SEED_PX + 1), slice(max(x - _SEED_PX, 0), x + _SEED_PX + 1))
     clicked, near = at[y, x], at[part].reshape(-1, 2)
     strength = np.linalg.norm(near, axis=-1)

@@ -48,8 +48,8 @@ class MarkerSettings:
         area_range: how many times smaller or larger than learnt it may be; 10 is three times as far or near.
         largest_elongation: long axis over short axis; a painted fingertip in motion blur stays below.
         least_fill: area over that of the ellipse with the same moments.
-        sd_floor_px, sd_scale: a centre's standard deviation: that floor and, in squares, this times the edge's roughness.
-        brighter, chroma_drift: from which change of the light on the report says so: a factor of 8-bit values, and in u, v.
+        sd_floor_px, sd_scale: of a centre's standard deviation: the floor and, in squares, times the edge's roughness.
+        brighter, chroma_drift: a change of the light that the report tells of: factor of 8-bit values, shift of u or v.
     """
 
     window_px: float = 40.0
