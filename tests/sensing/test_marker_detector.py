@@ -20,7 +20,9 @@ for _k in range(32):
     TABLE[_k << 10 : (_k + 1) << 10] = _k
 
 
-def pieces(labels: np.ndarray, box: tuple[int, int, int, int] | None = None, runs: int = 5000) -> tuple[int, np.ndarray]:
+def pieces(
+    labels: np.ndarray, box: tuple[int, int, int, int] | None = None, runs: int = 5000
+) -> tuple[int, np.ndarray]:
     image = np.zeros((*labels.shape, 3), np.uint8)
     image[..., 2] = 8 * labels
     space = room(labels.shape[1], runs)
@@ -223,5 +225,3 @@ def test_rendered_hands(name: str) -> None:
     off = np.concatenate(errors)
     assert np.median(off) < 0.35
     assert off.max() < 2.0
-
-

@@ -9,7 +9,10 @@ from sensing.marker_images import scene, shot
 from mocapella.errors import SettingsError
 from mocapella.sources.simulate.camera_image import CameraImageSettings, camera_image
 from mocapella.sources.simulate.marker_scene import (
-    load_marker_scene, marker_scene_names, marker_scene_settings, scene_of,
+    load_marker_scene,
+    marker_scene_names,
+    marker_scene_settings,
+    scene_of,
 )  # fmt: skip
 
 CLEAN = CameraImageSettings(lens_blur_px=0.0, photons=1e6, read_noise=0.0, bayer=False, shared_chroma=False, exposure=1)
@@ -24,7 +27,9 @@ def test_the_same_scene_seed_and_time_give_the_same_image() -> None:
 @pytest.mark.parametrize("changed", [{}, {"readout_s": 0.02}])
 def test_the_paints_centre_of_area_is_the_stated_one(changed: dict[str, float]) -> None:
     """Without shading, a marker's weight is its coverage: the difference to the same picture in another paint."""
-    flat = dict(shading=0.0, camera=CLEAN, brightness_change=1.0, colour_change=0.0, skin_gloss=0.0, curl=0.0, **changed)
+    flat = dict(
+        shading=0.0, camera=CLEAN, brightness_change=1.0, colour_change=0.0, skin_gloss=0.0, curl=0.0, **changed
+    )
     made = scene(**flat)
     black = dataclasses.replace(made.settings.paints[5], albedo=(0.0, 0.0, 0.0))
     other = scene(**flat, paints=(*made.settings.paints[:5], black))

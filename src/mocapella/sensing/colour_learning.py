@@ -1,7 +1,7 @@
-"""Colours learnt by pointing at them: a click on every marker, one on skin, and frames without markers if there are any.
+"""Colours learnt by pointing at them: a click on every marker, one on skin, and frames without markers, if any.
 
-Around a click the region of like colour is grown, its edge, where it mixes with what is behind, is left out, and what is
-far from its middle is trimmed.
+Around a click the region of like colour is grown, its edge, where it mixes with what is behind, is left out, and what
+is far from its middle is trimmed.
 """
 
 from __future__ import annotations
@@ -16,7 +16,16 @@ from scipy import ndimage
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.sensing.colour_profile import (
-    BINS, SKIN, SPAN, Background, CameraControls, Chromaticities, Colour, ColourProfile, brightness, chromaticity,
+    BINS,
+    SKIN,
+    SPAN,
+    Background,
+    CameraControls,
+    Chromaticities,
+    Colour,
+    ColourProfile,
+    brightness,
+    chromaticity,
 )  # fmt: skip
 
 Float64 = NDArray[np.float64]
@@ -75,7 +84,7 @@ def learn_colours(
             raise SettingsError("the images to learn from differ in size; take them all from one camera, set alike")
     pixels: dict[str, list[UInt8]] = {}
     areas: dict[str, list[int]] = {}
-    apart = []
+    apart: list[tuple[UInt8, Mask]] = []
     for sample in samples:
         marked = np.zeros(sample.image.shape[:2], np.bool_)
         for name, click in sample.clicks.items():
@@ -90,10 +99,11 @@ def learn_colours(
             areas.setdefault(name, []).append(int(region.sum()))
             if name != SKIN:
                 marked |= region
-        apart.append(sample.image[~ndimage.binary_dilation(marked, iterations=_EDGE_PX)])
+        apart.append((sample.image, ~ndimage.binary_dilation(marked, iterations=_EDGE_PX)))
     learnt = {name: learn(np.concatenate(found)) for name, found in pixels.items()}
     colours = tuple(Colour(k, seen, float(np.median(areas[k]))) for k, seen in learnt.items() if k != SKIN)
-    background = learn_background(np.concatenate([*apart, *(image.reshape(-1, 3) for image in backgrounds)]))
+    apart += [(image, np.ones(image.shape[:2], np.bool_)) for image in backgrounds]
+    background = learn_background(apart)
     height, width = images[0].shape[:2]
     return ColourProfile(camera, (width, height), colours, background, learnt.get(SKIN), controls or CameraControls())
 
@@ -155,7 +165,7 @@ def _smooth(at: Float64, x: int, y: int) -> Float64:
 
 
 def _seed(at: Float64, light: Float64, x: int, y: int, *, strongest: bool) -> tuple[Float64, float]:
-    """Chromaticity and luma to grow from: those clicked at, or the strongest of that hue nearby, if it was a reflection."""
+    """Chromaticity and luma to grow from: those clicked at, or, beside a reflection, the strongest of that hue."""
     part = (slice(max(y - _SEED_PX, 0), y + _SEED_PX + 1), slice(max(x - _SEED_PX, 0), x + _SEED_PX + 1))
     clicked, near = at[y, x], at[part].reshape(-1, 2)
     strength = np.linalg.norm(near, axis=-1)
@@ -201,11 +211,18 @@ def learn(bgr: UInt8) -> Chromaticities:
     )
 
 
-def learn_background(bgr: UInt8) -> Background:
-    """What pixels (n, 3) without markers are like."""
-    at = chromaticity(bgr)
-    counts, _, _ = np.histogram2d(at[:, 0], at[:, 1], bins=BINS, range=((-SPAN, SPAN), (-SPAN, SPAN)))
-    luma, u, v = light_of(bgr)
+def learn_background(images: Sequence[tuple[UInt8, Mask]]) -> Background:
+    """What is no marker in images, where their masks (height, width) say so.
+
+    Counted are means of 3 × 3: things remain, while a pixel that noise alone has coloured is none, and no piece of an
+    image that is large enough for a marker.
+    """
+    counts = np.zeros((BINS, BINS))
+    for image, mask in images:
+        smooth = np.stack([ndimage.uniform_filter(image[..., k].astype(np.float64), 3) for k in range(3)], axis=-1)
+        at = chromaticity(smooth[mask])
+        counts += np.histogram2d(at[:, 0], at[:, 1], bins=BINS, range=((-SPAN, SPAN), (-SPAN, SPAN)))[0]
+    luma, u, v = light_of(np.concatenate([image[mask] for image, mask in images]))
     return Background(tuple(tuple(int(n) for n in row) for row in counts), luma, (u, v))
 
 

@@ -1,4 +1,4 @@
-"""What one camera's colours are: learnt once by pointing at them, kept as JSON, turned into a look-up table at the start.
+"""What one camera's colours are: learnt once by pointing at them, kept as JSON, made a look-up table at the start.
 
 Colours are told apart by chromaticity in logarithms, u = ln (R + 8)/(G + 8), v = ln (B + 8)/(G + 8), of 8-bit values:
 more or less light multiplies all three and moves neither, and gamma only scales both.

@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from mocapella.sensing.colour_profile import (
-    BINS, OFFSET, SPAN, Chromaticities, ColourProfile, brightness, chromaticity,
+    BINS,
+    OFFSET,
+    SPAN,
+    Chromaticities,
+    ColourProfile,
+    brightness,
+    chromaticity,
 )  # fmt: skip
 from mocapella.settings import check
 
@@ -168,8 +174,8 @@ def separability(profile: ColourProfile, settings: TableSettings | None = None) 
     for name, share in kept.items():
         if share < KEPT:
             problems.append(
-                f"only {100 * share:.0f} % of what was pointed at as {name} can be told from the rest: choose a stronger "
-                "colour, or more light"
+                f"only {100 * share:.0f} % of what was pointed at as {name} can be told from the rest: choose a "
+                "stronger colour, or more light"
             )
     return Separability(kept, background, distances, tuple(problems))
 
@@ -189,7 +195,7 @@ def _kept(profile: ColourProfile, k: int, s: TableSettings) -> float:
 
 
 def _in_background(profile: ColourProfile, k: int, s: TableSettings) -> float:
-    """The part of the background whose chromaticity is within 2 standard deviations of colour k, its light's included."""
+    """The part of the background within 2 standard deviations of colour k, those of moving light included."""
     counts = np.array(profile.background.counts, np.float64)
     middles = (np.arange(BINS) + 0.5) * 2 * SPAN / BINS - SPAN
     at = np.stack(np.meshgrid(middles, middles, indexing="ij"), axis=-1)

@@ -6,7 +6,7 @@ form (run-based two-scan labelling: L. He, Y. Chao, K. Suzuki, A Run-Based Two-S
 Transactions on Image Processing 17, 2008, sections II and III).
 """
 
-# ruff: noqa: PLR0912, PLR0914, PLR0915, PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0912, PLR1714, PLR0915, PLR0917 - compiled: arrays come by position, and loops are written out
 from __future__ import annotations
 
 import math
@@ -15,8 +15,23 @@ import numpy as np
 from numba import njit
 
 from mocapella.sensing.marker_memory import (
-    AREA, CANDIDATES, CONFIDENCE, ELONGATION, FOUND, MERGED, OUT, REJECTED_BIG, REJECTED_SHAPE, REJECTED_SMALL, SD, SEEN_S,
-    USUAL, VX, VY, X, Y,
+    AREA,
+    CANDIDATES,
+    CONFIDENCE,
+    ELONGATION,
+    FOUND,
+    MERGED,
+    OUT,
+    REJECTED_BIG,
+    REJECTED_SHAPE,
+    REJECTED_SMALL,
+    SD,
+    SEEN_S,
+    USUAL,
+    VX,
+    VY,
+    X,
+    Y,
 )  # fmt: skip
 
 LABEL, SIZE, SX, SY, SXX, SXY, SYY, X0, Y0, X1, Y1 = range(11)
@@ -101,10 +116,10 @@ def pieces(image, table, x0, y0, x1, y1, only, index, labels, runs, parent, foun
     number = 0
     for i in range(count):
         root = _root(parent, i)
-        begin, end = float(runs[i, 1] - x0), float(runs[i, 2] - x0)
-        y, n = float(runs[i, 0] - y0), end - begin
-        sx = 0.5 * n * (begin + end - 1.0)
-        sxx = ((end - 1.0) * end * (2.0 * end - 1.0) - (begin - 1.0) * begin * (2.0 * begin - 1.0)) / 6.0
+        left, right = float(runs[i, 1] - x0), float(runs[i, 2] - x0)
+        row, n = float(runs[i, 0] - y0), right - left
+        sx = 0.5 * n * (left + right - 1.0)
+        sxx = ((right - 1.0) * right * (2.0 * right - 1.0) - (left - 1.0) * left * (2.0 * left - 1.0)) / 6.0
         if root == i:
             p = number
             number += 1
@@ -118,10 +133,10 @@ def pieces(image, table, x0, y0, x1, y1, only, index, labels, runs, parent, foun
             p = -1 - runs[root, 3]
         found[p, SIZE] += n
         found[p, SX] += sx
-        found[p, SY] += n * y
+        found[p, SY] += n * row
         found[p, SXX] += sxx
-        found[p, SXY] += sx * y
-        found[p, SYY] += n * y * y
+        found[p, SXY] += sx * row
+        found[p, SYY] += n * row * row
         found[p, X0] = min(found[p, X0], float(runs[i, 1]))
         found[p, X1] = max(found[p, X1], float(runs[i, 2] - 1))
         found[p, Y0] = min(found[p, Y0], float(runs[i, 0]))
@@ -176,7 +191,9 @@ def centre(image, table, label, light, x, y, xx, xy, yy, out):
         hard[i] = edge[i] = r
         begin = max(r - REACH_PX, 0.0)
         px, py = x + u * (begin + STEP_PX * (SAMPLES - 1)), y + v * (begin + STEP_PX * (SAMPLES - 1))
-        if not (0.0 <= px < w - 1 and 0.0 <= py < h - 1 and 0.0 <= x + u * begin < w - 1 and 0.0 <= y + v * begin < h - 1):
+        if not (
+            0.0 <= px < w - 1 and 0.0 <= py < h - 1 and 0.0 <= x + u * begin < w - 1 and 0.0 <= y + v * begin < h - 1
+        ):
             continue
         for k in range(SAMPLES):
             px, py = x + u * (begin + STEP_PX * k), y + v * (begin + STEP_PX * k)
@@ -244,7 +261,7 @@ def choose(found, count, label, x0, y0, predicted, px, py, area_before, usual, l
         found, count: pieces whose sums are from (x0, y0).
         predicted: whether (px, py) is where it should be; area_before: its area when last seen, or 0;
             usual: when it was learnt.
-        limits: least area, greatest area, greatest elongation, least fill, window [px], two of `tell`, and how many times
+        limits: least area, greatest area, greatest elongation, least fill, window [px], two of `tell`, how many times
             smaller or larger than usual it may be.
         shape: (7,) scratch; mine: (11,) the piece with what a highlight cut from it.
         counts: (OUT,) numbers of candidates and rejected.
@@ -297,7 +314,7 @@ def choose(found, count, label, x0, y0, predicted, px, py, area_before, usual, l
 
 @njit(cache=True, error_model="numpy")
 def fill(image, table, label, mine, x0, y0):
-    """Moments of a piece with its holes and notches, which reflections make: all between its pixels in a row or column."""
+    """Moments of a piece with its holes and notches, made by reflections: all between its pixels in a row or column."""
     left, top = int(mine[X0]), int(mine[Y0])
     w, h = int(mine[X1]) - left + 1, int(mine[Y1]) - top + 1
     begin, end, high, low = np.full(h, w), np.full(h, -1), np.full(w, h), np.full(w, -1)
@@ -341,7 +358,25 @@ def tell(image, table, light, mine, x0, y0, area_before, limits, shape, out):
 
 
 @njit(cache=True, error_model="numpy")
-def follow(image, table, light, memory, at_s, whole, limits, grow_px_s2, forget_s, index, labels, runs, parent, found, out, sums, told):
+def follow(
+    image,
+    table,
+    light,
+    memory,
+    at_s,
+    whole,
+    limits,
+    grow_px_s2,
+    forget_s,
+    index,
+    labels,
+    runs,
+    parent,
+    found,
+    out,
+    sums,
+    told,
+):
     """One image: write (markers, OUT) into out and told, and go on in memory (markers, MEMORY).
 
     Args:
@@ -376,7 +411,22 @@ def follow(image, table, light, memory, at_s, whole, limits, grow_px_s2, forget_
                 out[k] = 0.0
                 if count < 0:
                     break
-                best = choose(found, count, k + 1, x0, y0, True, px, py, memory[k, AREA], memory[k, USUAL], limits, shape, mine, out[k])
+                best = choose(
+                    found,
+                    count,
+                    k + 1,
+                    x0,
+                    y0,
+                    True,
+                    px,
+                    py,
+                    memory[k, AREA],
+                    memory[k, USUAL],
+                    limits,
+                    shape,
+                    mine,
+                    out[k],
+                )
                 if best < 0:
                     half *= 2.0
                     continue
@@ -401,14 +451,17 @@ def follow(image, table, light, memory, at_s, whole, limits, grow_px_s2, forget_
             if known:
                 px, py, area = memory[k, X] + age * memory[k, VX], memory[k, Y] + age * memory[k, VY], memory[k, AREA]
             out[k] = 0.0
-            if choose(found, count, k + 1, 0, 0, known, px, py, area, memory[k, USUAL], limits, shape, mine, out[k]) >= 0:
+            if (
+                choose(found, count, k + 1, 0, 0, known, px, py, area, memory[k, USUAL], limits, shape, mine, out[k])
+                >= 0
+            ):
                 tell(image, table, light, mine, 0, 0, area, limits, shape, out[k])
     for k in range(len(out)):
         if out[k, FOUND] > 0.0:
             age = at_s - memory[k, SEEN_S]
             if 0.0 < age <= forget_s:
                 memory[k, VX], memory[k, VY] = (out[k, X] - memory[k, X]) / age, (out[k, Y] - memory[k, Y]) / age
-            elif not age == 0.0:
+            elif age != 0.0:
                 memory[k, VX] = memory[k, VY] = 0.0
             memory[k, X], memory[k, Y], memory[k, AREA], memory[k, SEEN_S] = out[k, X], out[k, Y], out[k, AREA], at_s
     for k in range(len(out)):

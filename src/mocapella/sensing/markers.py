@@ -10,7 +10,7 @@ the whole image is searched at once. `docs/markers.md` says how a marker is told
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, Final
 
@@ -48,8 +48,8 @@ class MarkerSettings:
         area_range: how many times smaller or larger than learnt it may be; 10 is three times as far or near.
         largest_elongation: long axis over short axis; a painted fingertip in motion blur stays below.
         least_fill: area over that of the ellipse with the same moments.
-        sd_floor_px, sd_scale: a centre's standard deviation is that floor and, in squares, this times the edge's roughness.
-        brighter, chroma_drift: beyond which change of the light the report says so: a factor in 8-bit values, and of u, v.
+        sd_floor_px, sd_scale: of a centre's standard deviation: the floor and, in squares, times the edge's roughness.
+        brighter, chroma_drift: a change of the light that the report tells of: factor of 8-bit values, shift of u or v.
     """
 
     window_px: float = 40.0
@@ -62,11 +62,11 @@ class MarkerSettings:
     area_range: float = 10.0
     largest_elongation: float = 4.0
     least_fill: float = 0.6
-    sd_floor_px: float = 0.08
-    sd_scale: float = 0.6
+    sd_floor_px: float = 0.09
+    sd_scale: float = 1.5
     brighter: float = 1.5
     chroma_drift: float = 0.2
-    table: TableSettings = TableSettings()
+    table: TableSettings = field(default_factory=TableSettings)
 
     def __post_init__(self) -> None:
         check(8 <= self.window_px <= 4000, "window_px", self.window_px, "from 8 to 4000 px")
@@ -235,9 +235,8 @@ def linear_light() -> Float64:
 def room(width: int, runs: int) -> tuple[NDArray[Any], ...]:
     """What the kernels write into: a row's indices and labels, runs, their parents, and pieces."""
     labels = np.zeros(8 * (width // 8 + 2), np.uint8)
-    return (
-        np.empty(width, np.uint16), labels, np.empty((runs, 4), np.int64), np.empty(runs, np.int64), np.empty((runs, 11)),
-    )  # fmt: skip
+    index, parent = np.empty(width, np.uint16), np.empty(runs, np.int64)
+    return index, labels, np.empty((runs, 4), np.int64), parent, np.empty((runs, 11))
 
 
 @cache

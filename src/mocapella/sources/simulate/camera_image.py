@@ -4,7 +4,7 @@ The picture is the light that falls on the sensor, linear, 1 where a white surfa
 the 8-bit image a program receives. Whoever renders a picture (discs, a hand) uses the same imperfections.
 
 Noise: photon noise, whose variance grows with the signal, and read noise, which does not, before demosaicking (EMVA
-standard 1288, section 2). Demosaicking is bilinear, so that noise and chroma are smeared over neighbours as in a camera.
+standard 1288, section 2). Demosaicking is bilinear, so that noise and chroma are smeared over neighbours, too.
 Gamma is that of sRGB (IEC 61966-2-1). Chroma is averaged over 2 × 2 pixels (4:2:0), as JPEG and most video do; the
 coding itself (blocks of 8 × 8) is not modelled.
 """

@@ -1,6 +1,6 @@
 """The loops of `mocapella.sources.simulate.camera_image`, compiled; importing this module imports numba."""
 
-# ruff: noqa: PLR0917 - compiled: arrays come by position
+# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position
 from __future__ import annotations
 
 import numpy as np

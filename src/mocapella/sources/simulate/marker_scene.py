@@ -186,7 +186,7 @@ class MarkerScene:
         return MarkerShot(at_s, image, centres, seen / np.maximum(math.pi * np.nan_to_num(radii) ** 2, 1e-9), radii)
 
     def light(self, at_s: float) -> tuple[float, Float64, Float64]:
-        """Strength, colour (3,) and direction (3,) towards the light, in the camera's image: x right, y down, z to it."""
+        """Strength, colour (3,) and direction (3,) to the light: x right, y down, z to the camera."""
         s = self.settings
         swing = [math.sin(2 * math.pi * s.light_hz * self._rates[k] * at_s + self._phases[k]) for k in range(5)]
         colour = np.array([1 + s.colour_change * swing[1], 1.0, 1 - s.colour_change * swing[1]])
@@ -219,7 +219,9 @@ class MarkerScene:
         def capsule(a: tuple[float, float], b: tuple[float, float], ra: float, rb: float) -> list[float]:
             return [*place(*a), *place(*b), palm * ra, palm * rb, CAPSULE, *s.skin, s.skin_gloss, 12.0, -1.0]
 
-        def ellipse(at: tuple[float, float], half: tuple[float, float], angle: float, paint: Paint, k: int) -> list[float]:
+        def ellipse(
+            at: tuple[float, float], half: tuple[float, float], angle: float, paint: Paint, k: int
+        ) -> list[float]:
             size = (palm * half[0], palm * half[1], angle + turn, 0.0)
             return [*place(*at), *size, ELLIPSE, *paint.albedo, paint.gloss, 30.0, float(k)]
 

@@ -5,7 +5,7 @@ angle of a from x, 0, 1. Then both: what is reflected of red, green, blue; gloss
 marker it is, or -1.
 """
 
-# ruff: noqa: PLR0914, PLR0915, PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
 from __future__ import annotations
 
 import math
@@ -51,7 +51,12 @@ def photograph(wall, shapes, rates, sub_times, row_s, light, towards, shading, l
     """
     h, w, _ = wall.shape
     n, markers = len(shapes), len(seen)
-    cover, left, begin, end = np.empty(4), np.zeros((markers, w)), np.zeros(markers, np.int64), np.zeros(markers, np.int64)
+    cover, left, begin, end = (
+        np.empty(4),
+        np.zeros((markers, w)),
+        np.zeros(markers, np.int64),
+        np.zeros(markers, np.int64),
+    )
     p = np.empty(13)
     hx, hy, hz = towards[0], towards[1], towards[2] + 1.0  # half way to the eye
     size = math.sqrt(hx * hx + hy * hy + hz * hz)
@@ -79,7 +84,7 @@ def photograph(wall, shapes, rates, sub_times, row_s, light, towards, shading, l
                     x0, x1 = min(p[0], p[2]) - reach, max(p[0], p[2]) + reach
                 if y < top or y > low or x1 < 0 or x0 > w - 1:
                     continue
-                marker = int(round(p[12]))
+                marker = round(p[12])
                 a, b = max(int(x0), 0), min(int(x1) + 2, w)
                 if marker >= 0:
                     begin[marker], end[marker] = a, b
