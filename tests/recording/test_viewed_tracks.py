@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mocapella.errors import InputError
-from mocapella.recording.foreign_rigs import load_camera_rig
+from mocapella.model.camera_rig_file import load_camera_rig
 from mocapella.recording.measured_distances import read_measured_distances
 from mocapella.recording.point_recordings import read_point_recording
 from mocapella.recording.viewed_tracks import BODY_25, BODY_25B, read_viewed_tracks

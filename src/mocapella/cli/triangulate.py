@@ -58,7 +58,7 @@ def triangulate(
     from mocapella.errors import SettingsError, one_of
     from mocapella.exports.space_tracks import write_space_tracks
     from mocapella.fusion.point_tracks import TracksSettings, triangulate_tracks
-    from mocapella.recording.foreign_rigs import load_camera_rig
+    from mocapella.model.camera_rig_file import load_camera_rig
     from mocapella.recording.viewed_tracks import OPENPOSE_ORDERS, read_viewed_tracks
 
     settings = TracksSettings(method, sd_px, 4.0, least_confidence, largest_error)

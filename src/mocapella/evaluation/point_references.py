@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from mocapella.errors import InputError
 from mocapella.fusion.point_tracks import TracksSettings, triangulate_tracks
+from mocapella.model.camera_rig_file import load_camera_rig
 from mocapella.model.point_tracks import SpaceTracks
-from mocapella.recording.foreign_rigs import load_camera_rig
 from mocapella.recording.viewed_tracks import read_viewed_tracks
 
 Float64 = NDArray[np.float64]
