@@ -2,7 +2,8 @@
 
 First each camera alone: its lens by its own views (`board_views`, Zhang 2000), for which it does not matter when
 other cameras looked. Then all together (`board_bundle`): places and lenses are adjusted to the views that are shared,
-and what the first step knows of the lenses counts for what these do not tell. What no view determines stays near what lenses are like.
+and what the first step knows of the lenses counts for what these do not tell. What no view determines stays near what
+lenses are like.
 """
 
 from __future__ import annotations
