@@ -322,7 +322,7 @@ def distance(found: CameraCalibration, a: str, b: str) -> float:
 
 def pair_of(found: CameraCalibration) -> dict[str, Any] | None:
     """How well two cameras that look the same way are aligned; None of others."""
-    from mocapella.calibration.parallel_pair import align_pair
+    from mocapella.calibration.parallel_alignment import align_pair
 
     if len(found.rig.cameras) != 2:
         return None

@@ -159,7 +159,7 @@ def _table(path: Path, fields: Mapping[str, str], rows: Iterator[tuple[int, Mapp
     if not numbers:
         raise InputError("no rows below the header", file=path, fix="give it a row for each point that a camera saw")
     frames = sorted({n[0] for n in numbers})
-    cameras, points = (sorted({n[k] for n in numbers}, key=_naturally) for k in (1, 2))  # type: ignore[type-var]
+    cameras, points = (sorted({str(n[k]) for n in numbers}, key=_naturally) for k in (1, 2))
     places = [{value: i for i, value in enumerate(values)} for values in (frames, cameras, points)]
     shape = len(frames), len(cameras), len(points)
     pixels, confidences, at_s = np.full((*shape, 2), np.nan), np.zeros(shape), np.full(shape[:2], np.nan)

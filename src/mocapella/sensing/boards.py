@@ -127,7 +127,7 @@ def draw_board(board: Board, square_px: int) -> UInt8:
         dark = np.add.outer(np.arange(board.rows), np.arange(board.columns)) % 2 == 0
         image = np.kron(np.where(dark, 0, 255).astype(np.uint8), np.ones((square_px, square_px), dtype=np.uint8))
     image = np.pad(image, margin, constant_values=255)
-    return 255 - image if board.inverted else image
+    return np.asarray(255 - image if board.inverted else image, dtype=np.uint8)
 
 
 def board_png(board: Board, dots_per_inch: int) -> bytes:

@@ -99,7 +99,7 @@ def _video(path: Path, frames: Frames) -> Iterator[tuple[int, UInt8]]:
                 read, image = capture.retrieve()
                 if not read:
                     break
-                yield frame, image
+                yield frame, np.asarray(image, dtype=np.uint8)
             frame += 1
         if frame == 0:
             raise InputError("is no video that can be read", file=path, fix="make it an MP4 (H.264) or AVI")
@@ -141,11 +141,11 @@ class LiveCameras:
     def read(self) -> dict[str, tuple[float, UInt8]]:
         """When each camera was told to grab, and its picture; without the cameras that gave none, which are counted."""
         grabbed = {name: (self._clock(), capture.grab()) for name, capture in self._captures.items()}
-        found = {}
+        found: dict[str, tuple[float, UInt8]] = {}
         for name, (at, there) in grabbed.items():
             read, image = self._captures[name].retrieve() if there else (False, None)
             if read:
-                found[name] = (at, image)
+                found[name] = (at, np.asarray(image, dtype=np.uint8))
             else:
                 self.lost[name] += 1
         return found

@@ -81,8 +81,8 @@ class HandsSettings:
         base: the markers of the hand's base.
         base_places_m: (base, 3) where they are in the palm's frame of a right hand; empty takes the usual places, on
             the palm's side.
-        middle_sd_px: how far the middle of what a camera sees of a marker is from that of the whole marker; comes on top
-            of what the camera says of its own error.
+        middle_sd_px: how far the middle of what a camera sees of a marker is from that of the whole marker; on top of
+            what the camera says of its own error.
         constraints: ``thesis`` or ``full``: which angles are free.
         rays: how markers move.
         fit: how hands move.

@@ -1,4 +1,4 @@
-"""A camera that looks at a simulated hand, with the program that finds its markers: what a node sends, and the truth."""
+"""A camera that looks at a simulated hand, and finds its markers: what a node sends, and the truth."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ SAMPLES = 4
 
 @njit(cache=True)
 def hit(ax, ay, az, bx, by, bz, radius, dx, dy):
-    """Depth z at which the ray (dx, dy, 1)·z meets a capsule first, and how far along it; infinite where it does not."""
+    """Depth z at which the ray (dx, dy, 1)·z meets a capsule first, and how far along it; infinite for never."""
     ux, uy, uz = bx - ax, by - ay, bz - az
     uu = ux * ux + uy * uy + uz * uz
     dd = dx * dx + dy * dy + 1.0
@@ -45,7 +45,7 @@ def hit(ax, ay, az, bx, by, bz, radius, dx, dy):
 
 @njit(cache=True)
 def spans(parts, rates, pixel_of, reach, h, w, out):
-    """Rows and columns (n, 4) that a part can be seen in; ``pixel_of`` (fx, fy, cx, cy); ``reach``: largest time [s]."""
+    """Rows and columns (n, 4) that a part can be in; ``pixel_of``: fx, fy, cx, cy; ``reach``: largest time [s]."""
     for i in range(len(parts)):
         x0, x1, y0, y1 = float(w), -1.0, float(h), -1.0
         for end in range(2):
@@ -62,8 +62,8 @@ def spans(parts, rates, pixel_of, reach, h, w, out):
                 far = pz + parts[i, 6]
                 x0, x1 = min(x0, pixel_of[2] + fx * (px / far - r)), max(x1, pixel_of[2] + fx * (px / far + r))
                 y0, y1 = min(y0, pixel_of[3] + fy * (py / far - r)), max(y1, pixel_of[3] + fy * (py / far + r))
-        out[i, 0], out[i, 1] = max(int(math.floor(y0)) - 2, 0), min(int(math.ceil(y1)) + 3, h)
-        out[i, 2], out[i, 3] = max(int(math.floor(x0)) - 2, 0), min(int(math.ceil(x1)) + 3, w)
+        out[i, 0], out[i, 1] = max(math.floor(y0) - 2, 0), min(math.ceil(y1) + 3, h)
+        out[i, 2], out[i, 3] = max(math.floor(x0) - 2, 0), min(math.ceil(x1) + 3, w)
 
 
 @njit(cache=True)

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocapella.calibration.parallel_pair import align_pair
+from mocapella.calibration.parallel_alignment import align_pair
 from mocapella.geometry.rigid import inverse, rigid
 from mocapella.geometry.twists import exp_twist
 from mocapella.model.camera import Camera, PlacedCamera
