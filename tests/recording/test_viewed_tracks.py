@@ -150,20 +150,6 @@ def test_a_rig_of_other_programs(tmp_path: Path) -> None:
     np.testing.assert_allclose(camera.T_camera_world[:3], np.c_[R, [0, 0, 2]], atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        (RIG.format(1), "1 cameras"),
-        ("[", "cannot be read as a rig"),
-        (RIG.format(1) + RIG.format(2).replace("[-0.1, 0.01, 0, 0]", "[1]"), "cam_2.distortions"),
-        (RIG.format(1) + RIG.format(2).replace("translation", "t"), "cam_2.translation"),
-    ],
-)
-def test_a_rig_of_no_use_is_refused(tmp_path: Path, text: str, said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        load_camera_rig(written(tmp_path, "rig.toml", text))
-
-
 def test_measured_distances(tmp_path: Path) -> None:
     path = written(tmp_path, "m.csv", "disparity_px,distance_cm,note\n40,100,a\n-76,50,b\n")
     depth, disparity = read_measured_distances(path)
