@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import typer
 from rich.box import SIMPLE_HEAD
@@ -13,6 +13,7 @@ from rich.table import Table
 from mocapella.cli.app import evaluate_app
 from mocapella.cli.common import (
     JsonOut,
+    MethodSettings,
     Participants,
     console,
     need_cameras,
@@ -129,6 +130,70 @@ def simulation(
     write_json(json, result)
     if json != "-":
         show_simulation(result, Console())
+
+
+_HANDS: Final = {
+    "found_percent": "found\n%",
+    "false_percent": "false\n%",
+    "centre_px_median": "centre\npx",
+    "marker_mm_median": "tips\nmm",
+    "marker_mm_p95": "95 %",
+    "marker_lost_percent": "lost\n%",
+    "tip_mm_median": "of hand\nmm",
+    "tip_mm_p95": "95 %",
+    "landmark_mm_median": "all 21\nmm",
+    "depth_percent_mean": "depth\n%",
+    "angle_deg_median": "angles\n°",
+    "spread_mm": "spread\nmm",
+}
+
+
+@evaluate_app.command()
+def hands(
+    scenes: Annotated[
+        str | None, typer.Option(metavar="NAME,NAME,…", help="Which scenes; all where left out, `help` lists them.")
+    ] = None,
+    seeds: Annotated[str, typer.Option(metavar="N,N,…", help="Of the motion, the light and the noise.")] = "0,1",
+    settings: MethodSettings = None,
+    json: JsonOut = None,
+) -> None:
+    """Score the method hands against exact truth: rendered hands before rendered cameras.
+
+    docs/hands.md says how everything is scored.
+
+    Example:  mocapella evaluate hands --scenes wide,thesis --seeds 0 --json out.json
+    """
+    from mocapella.evaluation.hands import evaluate
+    from mocapella.evaluation.study_tables import rounded
+    from mocapella.settings import settings_of_pairs
+    from mocapella.sources.simulate.hand_scene import hand_scene_names
+
+    if scenes == "help":
+        typer.echo("\n".join(name for name in hand_scene_names() if name != "demo"))
+        return
+    with console.status("rendering …") as status:
+        result = evaluate(
+            None if scenes is None else _names(scenes),
+            participant_numbers(seeds, "--seeds") or [],
+            settings_of_pairs(settings),
+            lambda text: status.update(f"rendering {text} …"),
+        )
+    result = rounded(result)
+    write_json(json, result)
+    if json == "-":
+        return
+    table = Table(title=f"hands  seeds {seeds} together", title_justify="left", box=SIMPLE_HEAD, padding=0)
+    table.add_column("")
+    for heading in _HANDS.values():
+        table.add_column(heading, justify="right")
+    for name, scores in result["scenes"].items():
+        table.add_row(name, *(f"{scores['all'][key]:.2f}" for key in _HANDS))
+    out = Console()
+    out.print(table)
+    out.print(
+        "tips: the painted fingertips in space; of hand: those of the fitted hand; spread: of its tips about their"
+    )
+    out.print("middle, which is jitter where the hand is still; all with one marker on the hand's base")
 
 
 def _names(text: str) -> list[str]:

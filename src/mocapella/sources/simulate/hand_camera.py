@@ -18,6 +18,7 @@ from mocapella.model.markers import MarkerFrame
 from mocapella.sensing.colour_learning import ColourSample, learn_colours
 from mocapella.sensing.colour_profile import SKIN, ColourProfile
 from mocapella.sensing.markers import MarkerDetector, MarkerSettings
+from mocapella.sources.simulate.hand_motion import HandMotionSettings
 from mocapella.sources.simulate.hand_scene import HandScene, HandShot
 
 _LEARN_EVERY_S: Final = 0.31
@@ -77,18 +78,20 @@ def replace_time(frame: MarkerFrame, at_s: float) -> MarkerFrame:
 
 
 def pointed_at(scene: HandScene, camera: str, from_s: float = 0.0) -> ColourProfile:
-    """The camera's profile after somebody pointed at all markers in pictures that show them well, and at the skin.
+    """The camera's profile after somebody held the hand before it and pointed at all markers, and at the skin.
 
     Raises:
         SettingsError: there are no such pictures.
     """
     samples: list[ColourSample] = []
+    calm = HandMotionSettings(scene.settings.motion.centre_m, (0.03, 0.02, 0.03), turn_deg=(6, 6, 6), bend=0, spread=0)
+    shown = HandScene(replace(scene.settings, motion=calm), scene.seed)
     for k in range(_MOST_SAMPLES):
-        shot = scene.at(camera, from_s + k * _LEARN_EVERY_S)
+        shot = shown.at(camera, from_s + k * _LEARN_EVERY_S)
         if (shot.visible >= _CLEARLY).all():
             clicks = {name: (float(x), float(y)) for name, (x, y) in zip(scene.names, shot.centres_px, strict=True)}
             if not samples:
-                clicks[SKIN] = _palm_px(scene, shot)
+                clicks[SKIN] = _palm_px(shown, shot)
             samples.append(ColourSample(shot.image, clicks))
         if len(samples) == _SAMPLES:
             break

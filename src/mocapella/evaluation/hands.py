@@ -1,0 +1,147 @@
+"""The method ``hands`` against exact truth: rendered hands before rendered cameras, whose colours were learnt by pointing.
+
+Everything is done as live: pictures → markers → rays → hand, with the cameras' own frames in the order of their times.
+What is scored is what the tracker says after each frame, against the hand at the instant of the newest pixel it has
+taken in. The person's bones, the base marker's place and the rig are known exactly; what is measured is the rest.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.conventions import NS_PER_S
+from mocapella.errors import SettingsError, one_of
+from mocapella.model.hand import TIPS
+from mocapella.model.observations import Arrival, JointState
+from mocapella.settings import parse
+from mocapella.sources.simulate.hand_camera import SimulatedHandCamera
+from mocapella.sources.simulate.hand_motion import landmarks_of
+from mocapella.sources.simulate.hand_scene import base_places, hand_scene_names, load_hand_scene
+from mocapella.tracker.hands import HandsSettings, HandsTracker
+
+Float64 = NDArray[np.float64]
+
+BEGIN_S: Final = 10.0
+"""Colours are learnt from what is there before; the hand is found within `SETTLE_S` after it."""
+SETTLE_S: Final = 0.3
+LASTS_S: Final = 3.0
+CLEARLY: Final = 0.6
+"""A marker of which a larger part is in the picture is to be found."""
+NEAR_PX: Final = 6.0
+"""A marker that is farther from its true place is another thing."""
+
+
+def evaluate(
+    scenes: Sequence[str] | None,
+    seeds: Sequence[int],
+    settings: Mapping[str, Any] | None = None,
+    tell: Callable[[str], None] = lambda text: None,
+) -> dict[str, Any]:
+    """Scores by scene: of each seed, and of all seeds together.
+
+    Args:
+        scenes: names; all but the demo's where None.
+        seeds: of the motion, the light and the noise.
+        settings: of `HandsSettings`.
+        tell: is told what is being done.
+
+    Raises:
+        SettingsError: no such scene or setting.
+    """
+    known = [name for name in hand_scene_names() if name != "demo"]
+    wanted = list(scenes) if scenes is not None else known
+    for name in wanted:
+        if name not in known:
+            raise SettingsError(f"unknown scene {name!r}; known: {one_of(name, known)}")
+    if not seeds:
+        raise SettingsError("no seed; give at least one, such as 0")
+    found: dict[str, Any] = {}
+    for name in wanted:
+        runs = []
+        for seed in seeds:
+            tell(f"{name}, seed {seed}")
+            runs.append(run(name, seed, settings))
+        found[name] = {
+            "all": _scores(_together(runs)),
+            **{str(s): _scores(r) for s, r in zip(seeds, runs, strict=True)},
+        }
+    return {"scenes": found, "seeds": list(seeds), "seconds": LASTS_S}
+
+
+Run = dict[str, Float64]
+
+
+def run(name: str, seed: int, settings: Mapping[str, Any] | None = None) -> Run:
+    """What a scene's frames came to: arrays with a row for each frame."""
+    scene = load_hand_scene(name, seed=seed)
+    given = {"base_places_m": base_places(scene).tolist(), "tips": scene.names[:5], "base": scene.names[5:]}
+    values = parse(HandsSettings, {**given, **(settings or {})}, where="settings of hands")
+    tracker = HandsTracker(scene.rig, values, shape=scene.shape)
+    cameras = [SimulatedHandCamera(scene, camera) for camera in scene.cameras]
+    rows: dict[str, list[Any]] = {key: [] for key in _KEYS}
+    newest_s = -np.inf
+    z = min(camera.position_m[2] for camera in scene.cameras.values())
+    for frame in heapq.merge(
+        *(camera.frames(BEGIN_S, BEGIN_S + LASTS_S) for camera in cameras), key=lambda frame: frame.due_s
+    ):
+        told = tracker.update(Arrival(frame.frame, frame.frame.time_ns))
+        camera = scene.cameras[frame.frame.sensor]
+        px = frame.frame.positions_px[frame.frame.found, 1]
+        late_s = camera.readout_s * float(px.max()) / max(camera.size_px[1] - 1, 1) if len(px) else 0.0
+        newest_s = max(newest_s, frame.frame.time_ns / NS_PER_S + late_s)
+        clearly = frame.shot.visible >= CLEARLY
+        off = np.linalg.norm(frame.frame.positions_px - frame.shot.centres_px, axis=-1)
+        rows["wanted"].append(clearly)
+        rows["found"].append(clearly & (off <= NEAR_PX))
+        rows["false"].append(frame.frame.found & ~(off <= NEAR_PX))
+        rows["off_px"].append(np.where(frame.shot.visible > 0.95, off, np.nan))
+        if frame.due_s < BEGIN_S + SETTLE_S:
+            continue
+        pose = scene.motion.at(newest_s - 1e-9)
+        truth = landmarks_of(scene.model, scene.shape, pose)
+        there = told.hands[0] if told.hands else None
+        points = told.points.positions[:5] if told.points is not None else np.full((5, 3), np.nan)
+        rows["marker_mm"].append(1e3 * np.linalg.norm(points - truth[list(TIPS)], axis=-1))
+        rows["depth_percent"].append(100 * np.abs((z - points[:, 2]) / (z - truth[list(TIPS), 2]) - 1))
+        landmarks = there.landmarks if there else np.full((21, 3), np.nan)
+        rows["landmark_mm"].append(1e3 * np.linalg.norm(landmarks - truth, axis=-1))
+        rows["tip_m"].append(landmarks[list(TIPS)])
+        rows["angle_deg"].append(np.degrees(np.abs(there.angles - pose.angles)) if there else np.full(21, np.nan))
+        rows["measured"].append(there is not None and (there.states[list(TIPS)] == JointState.TRACKED))
+    return {key: np.array([np.broadcast_to(v, np.shape(values[0])) for v in values]) for key, values in rows.items()}
+
+
+_KEYS: Final = (
+    *("wanted", "found", "false", "off_px", "marker_mm", "depth_percent", "landmark_mm", "tip_m", "angle_deg"),
+    "measured",
+)
+
+
+def _together(runs: Sequence[Run]) -> Run:
+    return {key: np.concatenate([run[key] for run in runs]) for key in _KEYS}
+
+
+def _scores(run: Run) -> dict[str, float]:
+    tips = run["landmark_mm"][:, list(TIPS)]
+    still = run["tip_m"] - np.nanmedian(run["tip_m"], axis=0)
+    return {
+        "found_percent": 100 * float(run["found"].sum() / max(run["wanted"].sum(), 1)),
+        "false_percent": 100 * float(run["false"].mean()),
+        "centre_px_median": float(np.nanmedian(run["off_px"])),
+        "marker_mm_median": float(np.nanmedian(run["marker_mm"])),
+        "marker_mm_p95": float(np.nanpercentile(run["marker_mm"], 95)),
+        "marker_lost_percent": 100 * float(np.isnan(run["marker_mm"]).mean()),
+        "tip_mm_median": float(np.nanmedian(tips)),
+        "tip_mm_p95": float(np.nanpercentile(tips, 95)),
+        "landmark_mm_median": float(np.nanmedian(run["landmark_mm"])),
+        "depth_percent_mean": float(np.nanmean(run["depth_percent"])),
+        "angle_deg_median": float(np.nanmedian(run["angle_deg"])),
+        "angle_deg_p95": float(np.nanpercentile(run["angle_deg"], 95)),
+        "spread_mm": 1e3 * float(np.sqrt(np.nanmean(np.sum(still**2, axis=-1)))),
+        "hand_lost_percent": 100 * float(np.isnan(run["landmark_mm"]).all(axis=-1).mean()),
+    }
