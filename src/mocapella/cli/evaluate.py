@@ -190,10 +190,8 @@ def hands(
         table.add_row(name, *(f"{scores['all'][key]:.2f}" for key in _HANDS))
     out = Console()
     out.print(table)
-    out.print(
-        "tips: the painted fingertips in space; of hand: those of the fitted hand; spread: of its tips about their"
-    )
-    out.print("middle, which is jitter where the hand is still; all with one marker on the hand's base")
+    out.print("tips: the painted fingertips in space; of hand: those of the fitted hand; spread: of its tips")
+    out.print("about their middle, which is jitter where it is still; all with one marker on the hand's base")
 
 
 def _names(text: str) -> list[str]:

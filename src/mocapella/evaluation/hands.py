@@ -1,4 +1,4 @@
-"""The method ``hands`` against exact truth: rendered hands before rendered cameras, whose colours were learnt by pointing.
+"""The method ``hands`` against exact truth: rendered hands before rendered cameras; colours are learnt by pointing.
 
 Everything is done as live: pictures → markers → rays → hand, with the cameras' own frames in the order of their times.
 What is scored is what the tracker says after each frame, against the hand at the instant of the newest pixel it has
