@@ -16,7 +16,7 @@ from mocapella.model.observations import Arrival, JointState
 from mocapella.model.scene import Phase, Scene
 from mocapella.model.session import SensorPose
 from mocapella.schema import encode_scene
-from mocapella.tracker import METHODS, StandStillTracker, StandStillTrackerSettings, Tracker, make_tracker
+from mocapella.tracker import PEOPLE_METHODS, StandStillTracker, StandStillTrackerSettings, Tracker, make_tracker
 
 ME, YOU = somebody(0), somebody(1)
 FRONT, SIDE, BACK = sensor_at(0.1), sensor_at(1.4, distance=3.0), sensor_at(3.0, across=-0.4)
@@ -307,7 +307,7 @@ def test_what_cannot_be_made_is_refused_with_what_can(how: dict[str, object], me
 
 
 def test_every_method_makes_a_tracker_that_answers_a_frame() -> None:
-    for method in METHODS:
+    for method in PEOPLE_METHODS:
         scene = make_tracker(method).update(see("front", FRONT, [ME], 0))
         assert (scene.step, scene.sensor) == (0, "front")
 
