@@ -128,8 +128,10 @@ def test_reset_is_as_newly_made(path: np.ndarray) -> None:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("touch_m", 0.0), ("touch_m", 1.0), ("touch_m", np.nan), ("leave_m", 0.01), ("leave_m", 1.0)]
-    + [("after_s", -0.1), ("after_s", 11.0)],
+    [
+        *(("touch_m", 0.0), ("touch_m", 1.0), ("touch_m", np.nan), ("leave_m", 0.01), ("leave_m", 1.0)),
+        *(("after_s", -0.1), ("after_s", 11.0)),
+    ],
 )
 def test_settings_out_of_range_are_refused(name: str, value: float) -> None:
     with pytest.raises(SettingsError, match=f"{name} is {value}"):
