@@ -155,7 +155,7 @@ class MarkerRays:
         return RayReport(received, used, refused, late, begun, forgotten, self._frames_late)
 
     def update(self, camera: str, pixels: Any, sd_px: Any, at_s: float) -> MarkerPoints:
-        """Take a camera's frame in, and say where the markers are at the newest instant that any camera has seen.
+        """Take a camera's frame in, and say where the markers are at the newest instant that any camera has pictured.
 
         Args:
             camera: its name in the rig.
@@ -185,9 +185,9 @@ class MarkerRays:
             s.acceleration_density, s.gate_sd, s.keep_s, s.together_s, s.image_speed_px, s.speed_sd,
             math.sin(s.least_angle_rad) ** 2,
         )  # fmt: skip
-        there = times[np.isfinite(times)]
-        if len(there):
-            self._newest_s = max(self._newest_s, float(there.max()))
+        # A frame in which nothing is seen tells the time, too: else what has gone would stay where it was for ever.
+        first_row_s = float(at_s - self.rig.cameras[camera].clock_s)
+        self._newest_s = max(self._newest_s, first_row_s, *times[np.isfinite(times)].tolist())
         return self.at(self._newest_s)
 
     def at(self, at_s: float) -> MarkerPoints:

@@ -37,12 +37,12 @@ def distance_to_box(points: Float64, T_world_object: Float64, half_m: Float64) -
     """How far points are from the surface of a box; negative inside.
 
     Args:
-        points: (..., 3), world [m].
+        points: (..., n, 3), world [m].
         T_world_object: (4, 4) of the box, whose middle is its origin.
         half_m: (3,) half its sides [m].
 
     Returns:
-        (...,) [m].
+        (..., n) [m].
     """
     beyond = np.abs(apply(inverse(T_world_object), points)) - half_m
     outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=-1)

@@ -67,8 +67,9 @@ class ObjectSettings:
         check(enough, f"markers of {self.name}", self.markers, "three or more, each once")
         fits = len(self.places_m) == len(self.markers)
         check(fits, f"places_m of {self.name}", len(self.places_m), f"one for each of {len(self.markers)} markers")
-        spread = np.linalg.svd(np.array(self.places_m) - np.mean(self.places_m, axis=0), compute_uv=False)
-        check(bool(spread[1] > 0.005), f"places_m of {self.name}", self.places_m, "not on a line")
+        places = np.array(self.places_m)
+        plane = np.isfinite(places).all() and np.linalg.svd(places - places.mean(axis=0), compute_uv=False)[1] > 0.005
+        check(bool(plane), f"places_m of {self.name}", self.places_m, "finite, and not on a line")
         check(all(0 < s <= 5 for s in self.size_m), f"size_m of {self.name}", self.size_m, "above 0, up to 5 m")
 
 
@@ -157,7 +158,7 @@ class HandsTracker:
         self._objects: list[Float64 | None] = [None] * len(self.settings.objects)
         self._held_in_palm: list[Float64 | None] = [None] * len(self.settings.objects)
         self._heard_ns: dict[str, int] = {}
-        self._newest_ns: dict[str, int] = {}
+        self._newest: dict[str, tuple[int, int]] = {}
         self._rejected: Counter[str] = Counter()
         self._steps = 0
         self._hand_id = -1
@@ -207,7 +208,7 @@ class HandsTracker:
             return self._scene(arrival)
         frame = arrival.frame
         assert isinstance(frame, MarkerFrame)
-        self._newest_ns[frame.sensor], self._heard_ns[frame.sensor] = frame.time_ns, arrival.at_ns
+        self._newest[frame.sensor], self._heard_ns[frame.sensor] = (frame.node_id, frame.time_ns), arrival.at_ns
         pixels, sd = self._in_order(frame)
         points = self._rays.update(frame.sensor, pixels, sd, arrival.at_ns / NS_PER_S)
         self._state = self._stand(arrival.at_ns)
@@ -226,9 +227,9 @@ class HandsTracker:
             return f"its pictures are {told}, the rig's {size[0]} × {size[1]}: calibrate with this size"
         if not set(frame.names) & set(self.settings.markers):
             return f"none of its markers is wanted: {one_of('', self.settings.markers)}"
-        last = self._newest_ns.get(frame.sensor)
-        if last is not None and frame.time_ns <= last:
-            return "time goes backwards" if frame.time_ns < last else "repeats the time of the frame before"
+        node_id, last_ns = self._newest.get(frame.sensor, (frame.node_id, frame.time_ns - 1))
+        if frame.node_id == node_id and frame.time_ns <= last_ns:  # a new process may have a new clock
+            return "time goes backwards" if frame.time_ns < last_ns else "repeats the time of the frame before"
         return ""
 
     def _in_order(self, frame: MarkerFrame) -> tuple[Float64, Float64]:
@@ -246,7 +247,7 @@ class HandsTracker:
         speaks = [s for s, at_ns in self._heard_ns.items() if now_ns - at_ns < self.settings.silent_after_s * NS_PER_S]
         missing = self._sensors_expected - len(speaks)
         if missing > 0:
-            return TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=missing)
+            return TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=missing, reason=self._state.reason)
         return TrackerState(Phase.TRACKING)
 
     def _describe(self, found: MarkerPoints, now_ns: int) -> _Said:
@@ -261,7 +262,7 @@ class HandsTracker:
         sd = np.sqrt(np.trace(found.covariances, axis1=1, axis2=2) / 3).astype(np.float32)
         cameras = np.where(found.states == RayState.TRACKED, 2, known.astype(int)).astype(np.uint8)
         told = TrackedPoints(s.markers, points, sd, cameras)
-        objects = tuple(self._object(i, points, known, hand, found.at_s) for i in range(len(s.objects)))
+        objects = tuple(self._object(i, points, found.states, hand, found.at_s) for i in range(len(s.objects)))
         holds = next((thing.name for thing, grasp in zip(s.objects, self._grasps, strict=True) if grasp.held), "")
         return _Said(tuple(msgspec.structs.replace(one, holds=holds) for one in hands), told, objects)
 
@@ -275,16 +276,18 @@ class HandsTracker:
         left, sd = hand.handedness == "left", hand.sd_m.astype(np.float32)
         return (TrackedHand(self._hand_id, left, hand.landmarks, hand.states, sd, hand.angles, hand.T_world_palm),)
 
-    def _object(self, i: int, points: Float64, known: NDArray[np.bool_], hand: Hand, at_s: float) -> TrackedObject:
+    def _object(self, i: int, points: Float64, states: NDArray[np.uint8], hand: Hand, at_s: float) -> TrackedObject:
         """By its own markers; while they are hidden it stays where it was, or in the palm that holds it."""
         s, thing = self.settings, self.settings.objects[i]
         begin = 5 + len(s.base) + sum(len(other.markers) for other in s.objects[:i])
-        own, seen = points[begin : begin + len(thing.markers)], known[begin : begin + len(thing.markers)]
+        own, how = points[begin : begin + len(thing.markers)], states[begin : begin + len(thing.markers)]
+        seen = how != RayState.LOST
         measured = _aligned(own[seen], np.array(thing.places_m)[seen])
         palm = hand.T_world_palm if np.isfinite(hand.T_world_palm).all() else None
         carried = self._held_in_palm[i]
         if measured is not None:
-            self._objects[i], state = measured, JointState.TRACKED
+            enough = np.count_nonzero(how == RayState.TRACKED) >= _LEAST_MARKERS
+            self._objects[i], state = measured, JointState.TRACKED if enough else JointState.INFERRED
         else:
             if carried is not None and palm is not None:
                 self._objects[i] = palm @ carried
@@ -357,7 +360,7 @@ def _place(name: str, T_camera_world: Float64) -> SensorPlace:
 
 
 _OWN_MEMORY: Final = (
-    *("_objects", "_held_in_palm", "_heard_ns", "_newest_ns", "_rejected", "_steps", "_hand_id", "_there", "_said"),
+    *("_objects", "_held_in_palm", "_heard_ns", "_newest", "_rejected", "_steps", "_hand_id", "_there", "_said"),
     "_state",
 )
 _RAYS_MADE_OF: Final = ("settings", "rig", "_order", "_views", "_points")
