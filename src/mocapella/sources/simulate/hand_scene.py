@@ -303,7 +303,8 @@ def base_places(scene: HandScene) -> Float64:
     shot_pose = scene.motion.at(0.0)
     parts, _ = scene._parts(0.0)
     rows = [int(np.flatnonzero(parts[:, MARKER] == k)[0]) for k in range(len(TIPS), len(scene.settings.paints))]
-    return scene.shape.mirror * ((parts[rows, :3] - shot_pose.T_world_palm[:3, 3]) @ shot_pose.T_world_palm[:3, :3])
+    places = (parts[rows, :3] - shot_pose.T_world_palm[:3, 3]) @ shot_pose.T_world_palm[:3, :3]
+    return np.asarray(scene.shape.mirror * places)
 
 
 def _rays(camera: SimulatedCamera) -> NDArray[np.float32]:
