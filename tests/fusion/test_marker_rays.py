@@ -124,6 +124,21 @@ def test_a_marker_that_nobody_sees_goes_on_for_a_while() -> None:
     assert (later.states == RayState.LOST).all()
 
 
+def test_frames_in_which_nothing_is_seen_tell_the_time() -> None:
+    rig = pair()
+    rays = MarkerRays(rig, 5)
+    nothing = np.full((5, 2), np.nan)
+    before = rays.update("left", nothing, SD_PX, 3.0)
+    assert before.at_s == pytest.approx(3.0 - rig.cameras["left"].clock_s)
+    assert (before.states == RayState.LOST).all()
+    for name, pixels, at_s in frames(rig, 20):
+        rays.update(name, pixels, SD_PX, 4.0 + at_s)
+    for name in rig.cameras:
+        last = rays.update(name, nothing, SD_PX, 6.0)
+    assert (last.states == RayState.LOST).all()
+    assert np.isnan(last.points).all()
+
+
 def test_a_wrong_pixel_is_refused() -> None:
     rig = pair()
     rays = MarkerRays(rig, 5)

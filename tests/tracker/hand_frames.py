@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mocapella.geometry.lens import project
 from mocapella.geometry.rigid import apply, rigid
-from mocapella.model.hand import TIPS
+from mocapella.model.hand import TIPS, HandPose
 from mocapella.model.markers import marker_frame
 from mocapella.model.observations import Arrival
 from mocapella.sources.simulate.hand_motion import landmarks_of
@@ -33,22 +33,33 @@ def scene(name: str = "wide") -> HandScene:
     return load_hand_scene(name, seed=1)
 
 
+@cache
+def places() -> Float64:
+    """(1, 3) of the base's marker in the palm's frame."""
+    return base_places(scene())
+
+
 def hands_settings(*things: ObjectSettings, **changed: object) -> HandsSettings:
-    places = tuple(map(tuple, base_places(scene()).tolist()))
-    return HandsSettings(base_places_m=places, middle_sd_px=0.0, objects=things, **changed)  # type: ignore[arg-type]
+    return HandsSettings(
+        base_places_m=tuple(map(tuple, places().tolist())), middle_sd_px=0.0, objects=things, **changed
+    )  # type: ignore[arg-type]
 
 
 def tracker(*things: ObjectSettings, **changed: object) -> HandsTracker:
     return HandsTracker(scene().rig, hands_settings(*things, **changed), shape=scene().shape)
 
 
+@cache
+def pose_at(at_s: float) -> HandPose:
+    return scene().motion.at(at_s)
+
+
 def landmarks_at(at_s: float) -> Float64:
-    made = scene()
-    return landmarks_of(made.model, made.shape, made.motion.at(at_s))
+    return landmarks_of(scene().model, scene().shape, pose_at(at_s))
 
 
 def palm_at(at_s: float) -> Float64:
-    return scene().motion.at(at_s).T_world_palm
+    return pose_at(at_s).T_world_palm
 
 
 def seen_by(
@@ -56,7 +67,7 @@ def seen_by(
 ) -> Arrival:
     """A frame at a time of the scene; the cube's markers are in it where its place is given."""
     made, k = scene(), round(at_s * HZ)
-    points = np.concatenate([landmarks_at(at_s)[list(TIPS)], apply(palm_at(at_s), base_places(made))])
+    points = np.concatenate([landmarks_at(at_s)[list(TIPS)], apply(palm_at(at_s), places())])
     names: Sequence[str] = made.names
     if T_world_cube is not None:
         points = np.concatenate([points, apply(T_world_cube, np.array(CUBE.places_m))])

@@ -299,11 +299,12 @@ MARKER: Final = 12
 
 
 def base_places(scene: HandScene) -> Float64:
-    """(base markers, 3) where they are in the palm's frame [m]."""
+    """(base markers, 3) where they are in the palm's frame of a right hand; of a left hand they are mirrored [m]."""
     shot_pose = scene.motion.at(0.0)
     parts, _ = scene._parts(0.0)
     rows = [int(np.flatnonzero(parts[:, MARKER] == k)[0]) for k in range(len(TIPS), len(scene.settings.paints))]
-    return np.asarray((parts[rows, :3] - shot_pose.T_world_palm[:3, 3]) @ shot_pose.T_world_palm[:3, :3])
+    places = (parts[rows, :3] - shot_pose.T_world_palm[:3, 3]) @ shot_pose.T_world_palm[:3, :3]
+    return np.asarray(scene.shape.mirror * places)
 
 
 def _rays(camera: SimulatedCamera) -> NDArray[np.float32]:
