@@ -134,7 +134,7 @@ def simulation(
 
 _HANDS: Final = {
     "found_percent": "found\n%",
-    "false_percent": "false\n%",
+    "false_percent": "else-\nwhere %",
     "centre_px_median": "centre\npx",
     "marker_mm_median": "tips\nmm",
     "marker_mm_p95": "95 %",
@@ -144,7 +144,7 @@ _HANDS: Final = {
     "landmark_mm_median": "all 21\nmm",
     "depth_percent_mean": "depth\n%",
     "angle_deg_median": "angles\n°",
-    "spread_mm": "spread\nmm",
+    "jitter_mm": "jitter\nmm",
 }
 
 
@@ -190,8 +190,8 @@ def hands(
         table.add_row(name, *(f"{scores['all'][key]:.2f}" for key in _HANDS))
     out = Console()
     out.print(table)
-    out.print("tips: the painted fingertips in space; of hand: those of the fitted hand; spread: of its tips")
-    out.print("about their middle, which is jitter where it is still; all with one marker on the hand's base")
+    out.print("tips: the painted fingertips in space; of hand: those of the fitted hand; jitter: of its tips' error")
+    out.print("about its mean; all with one marker on the hand's base")
 
 
 def _names(text: str) -> list[str]:

@@ -110,14 +110,16 @@ def run(name: str, seed: int, settings: Mapping[str, Any] | None = None) -> Run:
         rows["depth_percent"].append(100 * np.abs((z - points[:, 2]) / (z - truth[list(TIPS), 2]) - 1))
         landmarks = there.landmarks if there else np.full((21, 3), np.nan)
         rows["landmark_mm"].append(1e3 * np.linalg.norm(landmarks - truth, axis=-1))
-        rows["tip_m"].append(landmarks[list(TIPS)])
+        rows["tip_off_m"].append((landmarks - truth)[list(TIPS)])
         rows["angle_deg"].append(np.degrees(np.abs(there.angles - pose.angles)) if there else np.full(21, np.nan))
         rows["measured"].append(there is not None and (there.states[list(TIPS)] == JointState.TRACKED))
-    return {key: np.array([np.broadcast_to(v, np.shape(values[0])) for v in values]) for key, values in rows.items()}
+    made = {key: np.array([np.broadcast_to(v, np.shape(values[0])) for v in values]) for key, values in rows.items()}
+    made["tip_off_m"] -= np.nanmean(made["tip_off_m"], axis=0)  # what stays the same is no jitter
+    return made
 
 
 _KEYS: Final = (
-    *("wanted", "found", "false", "off_px", "marker_mm", "depth_percent", "landmark_mm", "tip_m", "angle_deg"),
+    *("wanted", "found", "false", "off_px", "marker_mm", "depth_percent", "landmark_mm", "tip_off_m", "angle_deg"),
     "measured",
 )
 
@@ -128,7 +130,6 @@ def _together(runs: Sequence[Run]) -> Run:
 
 def _scores(run: Run) -> dict[str, float]:
     tips = run["landmark_mm"][:, list(TIPS)]
-    still = run["tip_m"] - np.nanmedian(run["tip_m"], axis=0)
     return {
         "found_percent": 100 * float(run["found"].sum() / max(run["wanted"].sum(), 1)),
         "false_percent": 100 * float(run["false"].mean()),
@@ -142,6 +143,6 @@ def _scores(run: Run) -> dict[str, float]:
         "depth_percent_mean": float(np.nanmean(run["depth_percent"])),
         "angle_deg_median": float(np.nanmedian(run["angle_deg"])),
         "angle_deg_p95": float(np.nanpercentile(run["angle_deg"], 95)),
-        "spread_mm": 1e3 * float(np.sqrt(np.nanmean(np.sum(still**2, axis=-1)))),
+        "jitter_mm": 1e3 * float(np.sqrt(np.nanmean(np.sum(run["tip_off_m"] ** 2, axis=-1)))),
         "hand_lost_percent": 100 * float(np.isnan(run["landmark_mm"]).all(axis=-1).mean()),
     }
