@@ -22,7 +22,7 @@ def test_a_scene_is_scored_and_the_hand_is_where_it_says(monkeypatch: pytest.Mon
 
 
 def test_what_cannot_be_scored_is_refused() -> None:
-    with pytest.raises(SettingsError, match="unknown scene 'wise'; known: .*wide"):
+    with pytest.raises(SettingsError, match=r"unknown scene 'wise'; known: .*wide"):
         hands.evaluate(["wise"], [0])
     with pytest.raises(SettingsError, match="no seed"):
         hands.evaluate(["wide"], [])
