@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import numba
+from tracker.hand_frames import tracker as tracker_of_a_hand
+from tracker.hand_frames import watched
 from tracker.test_default import frames, told
 from walking_people import Walker
 
@@ -31,6 +33,17 @@ def test_once_it_is_ready_nothing_is_compiled_while_people_are_tracked() -> None
         tracker.restore(tracker.snapshot())
         for arrival in frames({1: walker, 2: Walker()}, 3.0, begin=3.0, noise=0.01):
             tracker.update(as_it_comes(arrival))
+    assert compiled == []
+
+
+def test_once_it_is_ready_nothing_is_compiled_while_a_hand_is_tracked() -> None:
+    make_ready("hands")
+    compiled: list[str] = []
+    with _told_of_compiling(lambda: compiled.append("something")):
+        one = tracker_of_a_hand()
+        for arrival in watched(0, 30):
+            one.update(Arrival(decode_frame(encode_frame(arrival.frame)), arrival.at_ns))
+        one.restore(one.snapshot())
     assert compiled == []
 
 

@@ -8,11 +8,19 @@ from typing import Any, Final
 
 import numpy as np
 
+from mocapella.geometry.lens import project
 from mocapella.geometry.rigid import apply, inverse, rigid, rotation_about_y
 from mocapella.kinematics.body_model import body_model
+from mocapella.kinematics.hand_chain import hand_chain, palm_landmarks
+from mocapella.kinematics.hand_tracker import base_layout
+from mocapella.model.camera import Camera, CameraRig, PlacedCamera
+from mocapella.model.hand import TIPS, hand_model
+from mocapella.model.markers import marker_frame
 from mocapella.model.observations import Arrival, body_frame
 from mocapella.model.topology import topology
 from mocapella.tracker.default import DefaultTracker
+from mocapella.tracker.hands import HandsSettings, HandsTracker
+from mocapella.tracker.protocol import Tracker
 
 _PRACTICE_S: Final = 6.0
 _RATE_HZ: Final = 30
@@ -30,11 +38,11 @@ def make_ready(method: str, on_compiling: Callable[[], None] = lambda: None) -> 
         method: key of `METHODS`.
         on_compiling: called once when there is something to compile, before that is done.
     """
-    if method != "default" or method in _READY:
+    if method not in ("default", "hands") or method in _READY:
         return
     with _told_of_compiling(on_compiling):
-        tracker = DefaultTracker(sensors_expected=3)
-        for arrival in _practice():
+        tracker: Tracker = DefaultTracker(sensors_expected=3) if method == "default" else HandsTracker(_RIG)
+        for arrival in _practice() if method == "default" else _practice_of_a_hand():
             tracker.update(arrival)
         tracker.restore(tracker.snapshot())
     _READY.add(method)
@@ -58,6 +66,36 @@ def _told_of_compiling(tell: Callable[[], None]) -> Iterator[None]:
 
     with event.install_listener("numba:compile", First()):
         yield
+
+
+_SIZE: Final = (640, 480)
+_LENS: Final = np.array([530.0, 530.0, 319.5, 239.5, -0.05, 0.0, 0.0, 0.0, 0.0])
+_AT: Final = {"practice-0": -0.2, "practice-1": 0.0, "practice-2": 0.2}
+"""Of cameras that look along z; where along x [m]."""
+_RIG: Final = CameraRig(
+    {
+        name: PlacedCamera(Camera(name, _SIZE, _LENS), rigid(np.eye(3), (-x, 0.0, 0.5)), np.zeros((6, 6)))
+        for name, x in _AT.items()
+    }
+)
+
+
+def _practice_of_a_hand() -> Iterator[Arrival]:
+    """A hand that opens and closes before three cameras; one camera, and then all, lose it for a while."""
+    settings = HandsSettings()
+    model = hand_model(settings.constraints)
+    shape = model.shape("right")
+    chain, base = hand_chain(model, shape), base_layout(shape, len(settings.base))
+    for k in range(round(2.0 * _RATE_HZ)):
+        t = k / _RATE_HZ
+        angles = model.limited(model.natural * (1.0 + 0.8 * np.sin(4.0 * t)))
+        markers = np.concatenate([palm_landmarks(chain, angles)[list(TIPS)], base]) - [0.0, 0.0, 0.1]
+        for i, (name, camera) in enumerate(_RIG.cameras.items()):
+            px = project(apply(camera.T_camera_world, markers), _LENS)
+            px[(i == 0) & (0.5 < t < 0.7) | (1.2 < t < 1.4)] = np.nan
+            at_ns = round(1e9 * (t + 0.003 * i)) + 1
+            frame = marker_frame(name, settings.markers, time_ns=at_ns, size_px=_SIZE, positions_px=px, sequence=k)
+            yield Arrival(frame, at_ns)
 
 
 def _practice() -> Iterator[Arrival]:
