@@ -65,3 +65,13 @@ def test_replaying_live_goes_through_nodes_and_bus(study_logs: Path, tmp_path: P
     assert {sensor["name"] for sensor in row["sensors"]} == {"front", "side"}
     assert row["frames_in"] > 0
     assert f"sensors: 2, frames in: {row['frames_in']}, " in done.stderr
+
+
+def test_the_demo_of_hands_finds_one_and_its_take_replays_as_it_was(tmp_path: Path) -> None:
+    summary = result(tmp_path, "demo", "hands", "--headless", "--seconds", "6", "--record", "hand")
+    assert {row["name"] for row in summary["sensors"]} == {"left", "right"}
+    assert summary["frames_in"] == summary["frames_out"] > 0
+    assert summary["most_hands"] == 1
+    assert "tracking" in [change["phase"] for change in summary["state_changes"]]
+    again = run(tmp_path, "replay", "hand")
+    assert f"all {summary['frames_out']} results identical to the live run" in again.stderr

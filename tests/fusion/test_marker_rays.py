@@ -76,7 +76,7 @@ def test_frames_that_come_in_another_order_lead_to_the_same_place() -> None:
 
 def test_the_covariance_says_how_far_off_points_are_that_move_as_the_filter_says() -> None:
     """Many markers, each with white acceleration of the density that is set."""
-    rig, rng, density, count, step = pair(readout_s=0.0), np.random.default_rng(2), 0.3, 400, 1 / 60
+    rig, rng, density, count, step = pair(readout_s=0.0), np.random.default_rng(2), 0.3, 200, 1 / 60
     settings = MarkerRaysSettings(acceleration_density=density, gate_sd=20)
     rays = MarkerRays(rig, count, settings)
     x = rng.uniform(-0.1, 0.1, (count, 3)) + np.array([0, 0, 0.5])
@@ -91,7 +91,7 @@ def test_the_covariance_says_how_far_off_points_are_that_move_as_the_filter_says
     off = result.points - x
     squares = np.einsum("pi,pij,pj->p", off, np.linalg.inv(result.covariances), off)
     assert (result.states == RayState.TRACKED).all()
-    assert abs(squares.mean() - 3.0) < 0.5  # the mean of χ² of three; its sd here is 0.12
+    assert abs(squares.mean() - 3.0) < 0.6  # the mean of χ² of three; its sd here is 0.17
 
 
 def test_a_marker_that_one_camera_loses_is_inferred_and_ever_less_sure_and_then_lost() -> None:

@@ -93,7 +93,7 @@ def simulate(
 @node_app.command("hand-camera")
 def hand_camera(
     scene: Annotated[str, typer.Option(metavar="NAME", help="Which scene of a hand.")] = "demo",
-    sensor: Annotated[str, typer.Option(metavar="CAMERA", help="Which of its cameras.")] = "left",
+    sensor: Annotated[str, typer.Option(metavar="SENSOR", help="Which of its cameras.")] = "left",
     connect: Connect = DEFAULT_ADDRESS,
     seed: Seed = 0,
     epoch: _Epoch = None,
