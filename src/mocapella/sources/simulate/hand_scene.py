@@ -42,7 +42,7 @@ _BONE_RADII_M: Final = ((0.0135, 0.0108, 0.0095), *[(0.0095, 0.0085, 0.0076)] * 
 """Of thumb and fingers, of a hand of the reference's length."""
 _PALM_RADIUS_M: Final = 0.0125
 _TIP_HALF_M: Final = 0.004
-_BALL_M: Final = 0.008
+_BALL_M: Final = 0.009
 BASE_MARKERS: Final = ("base", "index base", "little base")
 """Painted on the palm: at the wrist's end of it, and below the knuckles of index and little finger."""
 
