@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import os
+
+# Two workers share two cores: threads within a product of small matrices would only wait for each other.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 from pathlib import Path
 from typing import Any
 
