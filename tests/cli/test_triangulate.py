@@ -51,6 +51,10 @@ def test_points_become_points_in_space(tmp_path: Path) -> None:
 
 def test_what_cannot_be_triangulated_is_one_line(tmp_path: Path) -> None:
     scene(tmp_path)
+    (tmp_path / "one.toml").write_text(CAMERA.format(name="left", angle=0.0), encoding="utf-8")
+    alone = run(tmp_path, "triangulate", "points.csv", "--rig", "one.toml", "--out", "o.csv")
+    assert alone.returncode == 1
+    assert "a rig of two cameras or more" in " ".join(alone.stderr.split())
     for arguments, said in (
         (["points.csv", "--out", "o.c3d"], "end its name with .csv or .trc"),
         (["points.csv", "--out", "o.csv", "--method", "magic"], "method is 'magic'"),

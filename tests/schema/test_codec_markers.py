@@ -105,8 +105,9 @@ def test_what_a_small_program_leaves_out_is_filled_in() -> None:
 
 
 def test_markers_of_a_wrong_shape_are_refused() -> None:
-    with pytest.raises(SettingsError, match="each name"):
-        marker_frame("left", ["red", "red"], time_ns=0, size_px=(2, 2), positions_px=np.zeros((2, 2)))
+    for names in (["red", "red"], ["red", ""]):
+        with pytest.raises(SettingsError, match="a name of its own"):
+            marker_frame("left", names, time_ns=0, size_px=(2, 2), positions_px=np.zeros((2, 2)))
     with pytest.raises(SettingsError, match="positions_px"):
         marker_frame("left", ["red"], time_ns=0, size_px=(2, 2), positions_px=np.zeros((2, 2)))
     with pytest.raises(SettingsError, match="sd_px"):

@@ -5,6 +5,7 @@ Corners are triangulated one by one, without the board's shape, and distances be
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -13,17 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.geometry.alignment import cross_matrix
-from mocapella.geometry.lens import undistort
 from mocapella.geometry.lens_jacobian import project_with_jacobian
+from mocapella.geometry.triangulation import TriangulationSettings, triangulate
+from mocapella.geometry.triangulation import views as triangulation_views
 from mocapella.model.board import Board, BoardView
 from mocapella.model.camera import PlacedCamera
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
-STEPS: Final = 5
-"""Of Gauss and Newton, from a linear triangulation that is a fraction of a per cent off."""
-
+EVERY_CAMERA: Final = TriangulationSettings(gate_sd=math.inf, least_angle_rad=0.0)
+"""No corner and no camera is left out: all count."""
 
 Pairs = tuple[Int64, Int64]
 
@@ -95,9 +96,9 @@ def corner_quality(
         return CornerQuality(0, 0, nan, nan, nan, nan, nan, nan)
     pixels = np.array(list(seen.values()))
     placed = [cameras[name] for name in names]
-    points, expected = triangulate(pixels, placed)
-    residual = np.linalg.norm(pixels - expected, axis=-1)
-    residual = residual[np.isfinite(residual)]
+    cameras_of = triangulation_views([one.camera.lens for one in placed], [one.T_camera_world for one in placed])
+    found = triangulate(pixels, cameras_of, settings=EVERY_CAMERA)
+    points, residual = found.points, found.residuals_px[np.isfinite(found.residuals_px)]
     instants, corners = np.array(list(seen)).T
     i, j = (np.concatenate(side) for side in zip(*map(_pairs, _groups(instants)), strict=True))
     at = board.corners_m[corners]
@@ -123,45 +124,6 @@ def _groups(instants: Int64) -> list[Int64]:
 def _pairs(group: Int64) -> Pairs:
     i, j = np.triu_indices(len(group), 1)
     return group[i], group[j]
-
-
-def triangulate(pixels: Float64, cameras: Sequence[PlacedCamera]) -> tuple[Float64, Float64]:
-    """Points whose pictures are nearest to what was seen, in pixels: linear first, then by Gauss and Newton.
-
-    Args:
-        pixels: (points, cameras, 2) [px]; NaN where not seen, and seen by two at least.
-        cameras: of a rig.
-
-    Returns:
-        (points, 3) in the world [m], and (points, cameras, 2) where they are expected [px]; NaN where not seen.
-    """
-    rows = np.zeros((len(pixels), 2 * len(cameras), 4))
-    for c, placed in enumerate(cameras):
-        direct = undistort(pixels[:, c], placed.camera.lens)
-        T = placed.T_camera_world
-        rows[:, 2 * c : 2 * c + 2] = np.nan_to_num(direct[:, :, None] * T[2] - T[:2])
-    h = np.linalg.svd(rows)[2][:, -1]
-    points = h[:, :3] / h[:, 3:]
-    for _ in range(STEPS):
-        expected, J = _pictures(points, cameras)
-        off = np.nan_to_num(pixels - expected)
-        J = np.where(np.isfinite(pixels - expected)[..., None], J, 0.0)
-        H = np.einsum("ncij,ncik->njk", J, J)
-        g = np.einsum("ncij,nci->nj", J, off)
-        points += np.linalg.solve(H + 1e-12 * np.eye(3), g[..., None])[..., 0]
-    expected = _pictures(points, cameras)[0]
-    return points, np.where(np.isfinite(pixels), expected, np.nan)
-
-
-def _pictures(points: Float64, cameras: Sequence[PlacedCamera]) -> tuple[Float64, Float64]:
-    """(points, cameras, 2) [px] and (points, cameras, 2, 3) by the point in the world."""
-    expected, by_point = [], []
-    for placed in cameras:
-        R, t = placed.T_camera_world[:3, :3], placed.T_camera_world[:3, 3]
-        pixel, J, _ = project_with_jacobian(points @ R.T + t, placed.camera.lens)
-        expected.append(pixel)
-        by_point.append(J @ R)
-    return np.stack(expected, axis=1), np.stack(by_point, axis=1)
 
 
 def _predicted_rms(

@@ -18,7 +18,7 @@ from mocapella.calibration.pair_calibration import PairCalibration, PairSettings
 from mocapella.errors import InputError, SettingsError
 from mocapella.geometry.alignment import MOMENTS
 from mocapella.model.observations import check_sensor_name
-from mocapella.model.whole_file import write_whole
+from mocapella.model.whole_file import read_whole, write_whole
 
 Float64 = NDArray[np.float64]
 
@@ -159,8 +159,4 @@ def load_rig(path: Path | str) -> Rig:
     Raises:
         InputError: there is no such file, or it is no rig.
     """
-    try:
-        data = Path(path).read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", file=path, fix="save a rig first") from error
-    return decode_rig(data, file=path)
+    return decode_rig(read_whole(path, fix="save a rig first"), file=path)

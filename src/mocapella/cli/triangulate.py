@@ -55,7 +55,7 @@ def triangulate(
     """
     import msgspec
 
-    from mocapella.errors import SettingsError, one_of
+    from mocapella.errors import InputError, SettingsError, one_of
     from mocapella.exports.space_tracks import write_space_tracks
     from mocapella.fusion.point_tracks import TracksSettings, triangulate_tracks
     from mocapella.model.camera_rig_file import load_camera_rig
@@ -67,6 +67,8 @@ def triangulate(
     if out.suffix.lower() not in (".csv", ".trc"):
         raise SettingsError(f"--out {out}: end its name with .csv or .trc")
     cameras = load_camera_rig(rig)
+    if len(cameras.cameras) < 2:
+        raise InputError(f"has {len(cameras.cameras)} camera", file=rig, fix="give a rig of two cameras or more")
     with working("reading …", status=INTERRUPTED), console.status("reading …") as status:
         tracks = read_viewed_tracks(
             points, order=order, progress=lambda text: status.update(f"reading {text.replace('[', '(')} …")

@@ -10,7 +10,7 @@ import numpy as np
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.model.hand import DIGITS, Handedness, HandShape
-from mocapella.model.whole_file import write_whole
+from mocapella.model.whole_file import read_whole, write_whole
 
 VERSION: Final = 1
 """Of the file's layout."""
@@ -69,11 +69,7 @@ def load_hand_shape(path: Path | str) -> HandShape:
     Raises:
         InputError: there is no such file, or it is no hand.
     """
-    try:
-        data = Path(path).read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", file=path, fix="measure the hand first") from error
-    return decode_hand_shape(data, file=path)
+    return decode_hand_shape(read_whole(path, fix="measure the hand first"), file=path)
 
 
 def _named(rows: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> dict[str, list[float]]:

@@ -87,11 +87,11 @@ def marker_frame(
     """A `MarkerFrame` of array-likes; single numbers hold for all markers that are seen.
 
     Raises:
-        SettingsError: two markers of one name, or a shape that does not fit their number.
+        SettingsError: a marker without a name of its own, or a shape that does not fit their number.
     """
     n = len(names)
-    if len(set(names)) != n:
-        raise SettingsError(f"markers {', '.join(names)}: each name may be there once")
+    if len(set(names)) != n or not all(names):
+        raise SettingsError(f"markers {', '.join(map(repr, names))}: each wants a name of its own")
     positions = np.array(positions_px, dtype=np.float32)
     if positions.shape != (n, 2):
         raise SettingsError(f"positions_px has the shape {positions.shape}; {n} markers want {(n, 2)}")

@@ -1,4 +1,4 @@
-"""Files that appear complete or stay as they were."""
+"""Files that appear complete or stay as they were, and are read whole."""
 
 from __future__ import annotations
 
@@ -29,3 +29,15 @@ def write_whole(path: Path | str, data: bytes) -> None:
             Path(name).unlink(missing_ok=True)
     except OSError as error:
         raise InputError(f"cannot be written: {error.strerror}", file=path, fix="choose another folder") from error
+
+
+def read_whole(path: Path | str, *, fix: str) -> bytes:
+    """What is in a file.
+
+    Raises:
+        InputError: it cannot be read; says how to ``fix`` that.
+    """
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", file=path, fix=fix) from error

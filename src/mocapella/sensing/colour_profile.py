@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mocapella.errors import InputError, MocapellaError, SettingsError
 from mocapella.model.observations import check_sensor_name
-from mocapella.model.whole_file import write_whole
+from mocapella.model.whole_file import read_whole, write_whole
 from mocapella.settings import check, parse
 
 Float64 = NDArray[np.float64]
@@ -209,8 +209,4 @@ def load_profile(path: Path | str) -> ColourProfile:
     Raises:
         InputError: there is no such file, or it is no profile.
     """
-    try:
-        data = Path(path).read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", file=path, fix="learn the colours first") from error
-    return decode_profile(data, file=path)
+    return decode_profile(read_whole(path, fix="learn the colours first"), file=path)
