@@ -41,7 +41,7 @@ PARALLEL, WIDE = rig(0.075, 0.0), rig(0.4, np.arctan2(0.2, 0.5))
 def marker_places(at_s: float) -> Float64:
     """(6, 3) of a hand's size, half a metre ahead, that moves at up to 0.6 m/s."""
     spread = np.random.default_rng(5).uniform(-0.08, 0.08, (6, 3))
-    return spread + [0.1 * np.sin(6 * at_s), 0.05 * np.cos(5 * at_s), 0.5]
+    return spread + np.array([0.1 * np.sin(6 * at_s), 0.05 * np.cos(5 * at_s), 0.5])
 
 
 def pictured(cameras: CameraRig, name: str, at_s: float) -> Float64:
