@@ -56,6 +56,33 @@ def test_pieces_are_those_of_scipy(seed: int, kinds: int, width: int, height: in
     assert sorted(map(tuple, found[:count])) == sorted(expected)
 
 
+@settings(max_examples=60)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 20), st.integers(1, 20), st.floats(0.02, 0.98), st.booleans())
+def test_a_piece_is_filled_between_its_pixels_of_each_row_and_column(
+    seed: int, width: int, height: int, share: float, tight: bool
+) -> None:
+    there = np.random.default_rng(seed).random((height, width)) < share
+    there[0, 0] |= not there.any()
+    image = np.zeros((height, width, 3), np.uint8)
+    image[there, 2] = 8
+    y, x = np.nonzero(there)
+    box = (x.min(), y.min(), x.max(), y.max()) if tight else (0, 0, width - 1, height - 1)
+    piece = np.array([1.0, *np.zeros(6), *box])
+    kernels.fill(image, TABLE, 1, piece, 2, 3)
+    for row in range(height):
+        inside = np.flatnonzero(there[row])
+        if len(inside):
+            there[row, inside[0] : inside[-1] + 1] |= True
+    rows = np.zeros_like(there)
+    for column in range(width):
+        inside = np.flatnonzero(image[:, column, 2])
+        if len(inside):
+            rows[inside[0] : inside[-1] + 1, column] = True
+    y, x = np.nonzero(there | rows)
+    x, y = x - 2, y - 3
+    assert piece[1:7].tolist() == [len(x), x.sum(), y.sum(), (x * x).sum(), (x * y).sum(), (y * y).sum()]
+
+
 @settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 20), st.integers(0, 20), st.integers(1, 20), st.integers(1, 20))
 def test_pieces_of_a_part_are_those_of_the_part_alone(seed: int, x: int, y: int, w: int, h: int) -> None:

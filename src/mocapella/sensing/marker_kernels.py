@@ -36,7 +36,7 @@ from mocapella.sensing.marker_memory import (
 
 LABEL, SIZE, SX, SY, SXX, SXY, SYY, X0, Y0, X1, Y1 = range(11)
 PIECE = 11
-RAYS, SAMPLES, STEP_PX, REACH_PX = 24, 7, 1.0, 3.0
+RAYS, SAMPLES, STEP_PX, REACH_PX = 16, 7, 1.0, 3.0
 _COS = np.cos(2 * np.pi * np.arange(RAYS) / RAYS)
 _SIN = np.sin(2 * np.pi * np.arange(RAYS) / RAYS)
 
@@ -116,10 +116,6 @@ def pieces(image, table, x0, y0, x1, y1, only, index, labels, runs, parent, foun
     number = 0
     for i in range(count):
         root = _root(parent, i)
-        left, right = float(runs[i, 1] - x0), float(runs[i, 2] - x0)
-        row, n = float(runs[i, 0] - y0), right - left
-        sx = 0.5 * n * (left + right - 1.0)
-        sxx = ((right - 1.0) * right * (2.0 * right - 1.0) - (left - 1.0) * left * (2.0 * left - 1.0)) / 6.0
         if root == i:
             p = number
             number += 1
@@ -131,12 +127,7 @@ def pieces(image, table, x0, y0, x1, y1, only, index, labels, runs, parent, foun
             found[p, LABEL] = table_label(image, table, runs[i, 0], runs[i, 1])
         else:
             p = -1 - runs[root, 3]
-        found[p, SIZE] += n
-        found[p, SX] += sx
-        found[p, SY] += n * row
-        found[p, SXX] += sxx
-        found[p, SXY] += sx * row
-        found[p, SYY] += n * row * row
+        add_run(found[p], float(runs[i, 1] - x0), float(runs[i, 2] - x0), float(runs[i, 0] - y0))
         found[p, X0] = min(found[p, X0], float(runs[i, 1]))
         found[p, X1] = max(found[p, X1], float(runs[i, 2] - 1))
         found[p, Y0] = min(found[p, Y0], float(runs[i, 0]))
@@ -317,23 +308,58 @@ def fill(image, table, label, mine, x0, y0):
     """Moments of a piece with its holes and notches, made by reflections: all between its pixels in a row or column."""
     left, top = int(mine[X0]), int(mine[Y0])
     w, h = int(mine[X1]) - left + 1, int(mine[Y1]) - top + 1
-    begin, end, high, low = np.full(h, w), np.full(h, -1), np.full(w, h), np.full(w, -1)
-    for y in range(h):
-        for x in range(w):
+    high, low = np.full(w, h), np.full(w, -1)
+    for x in range(w):  # from both ends, so that what lies inside is not looked at
+        for y in range(h):
             if table_label(image, table, top + y, left + x) == label:
-                begin[y], end[y] = min(begin[y], x), x
-                high[x], low[x] = min(high[x], y), y
+                high[x] = y
+                break
+        for y in range(h - 1, high[x] - 1, -1):
+            if table_label(image, table, top + y, left + x) == label:
+                low[x] = y
+                break
     mine[SIZE : SYY + 1] = 0.0
     for y in range(h):
+        begin, end = w, w - 1
         for x in range(w):
-            if begin[y] <= x <= end[y] or high[x] <= y <= low[x]:
-                u, v = float(left + x - x0), float(top + y - y0)
-                mine[SIZE] += 1.0
-                mine[SX] += u
-                mine[SY] += v
-                mine[SXX] += u * u
-                mine[SXY] += u * v
-                mine[SYY] += v * v
+            if high[x] <= y <= low[x]:
+                if table_label(image, table, top + y, left + x) == label:
+                    begin = x
+                    break
+                add(mine, float(left + x - x0), float(top + y - y0))  # between others above and below
+        for x in range(w - 1, begin, -1):
+            if high[x] <= y <= low[x]:
+                if table_label(image, table, top + y, left + x) == label:
+                    end = x
+                    break
+                add(mine, float(left + x - x0), float(top + y - y0))
+            end = x - 1
+        if begin < w:
+            add_run(mine, float(left + begin - x0), float(left + max(end, begin) + 1 - x0), float(top + y - y0))
+
+
+@njit(cache=True)
+def add(mine, x, y):
+    """One pixel to the sums of a piece."""
+    mine[SIZE] += 1.0
+    mine[SX] += x
+    mine[SY] += y
+    mine[SXX] += x * x
+    mine[SXY] += x * y
+    mine[SYY] += y * y
+
+
+@njit(cache=True)
+def add_run(mine, left, right, row):
+    """The pixels from left to before right of a row to the sums of a piece."""
+    n = right - left
+    sx = 0.5 * n * (left + right - 1.0)
+    mine[SIZE] += n
+    mine[SX] += sx
+    mine[SY] += n * row
+    mine[SXX] += ((right - 1.0) * right * (2.0 * right - 1.0) - (left - 1.0) * left * (2.0 * left - 1.0)) / 6.0
+    mine[SXY] += sx * row
+    mine[SYY] += n * row * row
 
 
 @njit(cache=True, error_model="numpy")
