@@ -36,7 +36,7 @@ from mocapella.sensing.marker_memory import (
 
 LABEL, SIZE, SX, SY, SXX, SXY, SYY, X0, Y0, X1, Y1 = range(11)
 PIECE = 11
-RAYS, SAMPLES, STEP_PX, REACH_PX = 16, 7, 1.0, 3.0
+RAYS, SAMPLES, STEP_PX, REACH_PX = 18, 7, 1.0, 3.0
 _COS = np.cos(2 * np.pi * np.arange(RAYS) / RAYS)
 _SIN = np.sin(2 * np.pi * np.arange(RAYS) / RAYS)
 

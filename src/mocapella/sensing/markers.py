@@ -63,7 +63,7 @@ class MarkerSettings:
     largest_elongation: float = 4.0
     least_fill: float = 0.6
     sd_floor_px: float = 0.09
-    sd_scale: float = 1.25
+    sd_scale: float = 1.3
     brighter: float = 1.5
     chroma_drift: float = 0.2
     table: TableSettings = field(default_factory=TableSettings)
