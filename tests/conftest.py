@@ -23,12 +23,13 @@ settings.register_profile("explore", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
 REAL_TIME = (
-    *("cli/test_record.py", "cli/test_running.py", "examples/", "sources/test_bridge.py", "test_readme.py"),
+    *("cli/test_record.py", "cli/test_running.py", "sources/test_bridge.py"),
     *("live/test_node.py", "live/test_outages.py", "live/test_processes.py", "live/test_recording_desk.py"),
     *("live/test_server.py", "live/test_server_junk.py", "live/test_view_process.py"),
     *("viewer/test_view_in_browser.py", "viewer/test_viewer.py"),
 )
-"""Tests of programs, servers and a browser that keep real time: never two at once."""
+"""Tests of programs, servers and a browser that keep real time: never two at once. Those of the README and the examples
+start programs, too, but do not mind how long these take."""
 COMPILING = ("tracker/test_ready.py",)
 """Tests that compile what others use: first of all."""
 BROWSER = ("viewer/test_view_in_browser.py", "viewer/test_viewer.py")
