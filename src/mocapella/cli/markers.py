@@ -105,7 +105,7 @@ def markers(
     if timing is not None and known is None:
         raise SettingsError("--timing wants colours; give --profile FILE (mocapella colours learn makes one)")
     settings = MarkerNodeSettings(drop_after_ms / 1e3, report)
-    with stop_on_signals() as stop, Acquisition(pictures, say=say) as acquisition:
+    with Acquisition(pictures, say=say) as acquisition:
         check_state(acquisition.state, known, profile, source)
         tell_state(sensor, pictures, acquisition.state)
         work = MarkerWork(sensor, acquisition, known)
@@ -113,10 +113,12 @@ def markers(
         zero = read_epoch() if epoch_from_input else epoch
         if zero is None and source.startswith(RENDERED):
             zero = 0.0  # cameras of one scene see the same, whenever they are started
-        with CameraDesk(work, profile, say=say) as desk, NodeLink(connect, sensor) as link:
+        wait = not (pictures.live or epoch_from_input or epoch is not None or times is not None)
+        # From here on standard input is watched for the end of who started this process.
+        with stop_on_signals() as stop, CameraDesk(work, profile, say=say) as desk, NodeLink(connect, sensor) as link:
             summary = run_marker_node(
-                link, acquisition, work, desk, settings, epoch=zero, stop=stop, say=say, times=times, camera=camera,
-                wait=not (pictures.live or epoch_from_input or epoch is not None or times is not None),
+                link, acquisition, work, desk, settings,
+                epoch=zero, stop=stop, say=say, times=times, camera=camera, wait=wait,
             )  # fmt: skip
     say(f"{sensor}: {summary.published} frames published; {work.words()}")
     for problem in summary.report["problems"]:

@@ -151,8 +151,8 @@ class CameraDesk:
                 return self._learn(wanted)
             case AskSave():
                 return self._save()
-            case AskBoard(board=text):
-                return self._find_board(text)
+            case AskBoard(board=text, explain=explain):
+                return self._find_board(text, explain=explain)
 
     def _newest(self, *, keep: bool = False) -> Look:
         look = self._work.newest
@@ -238,7 +238,7 @@ class CameraDesk:
         self._say(f"{profile.camera}: colours saved to {self._file}")
         return NodeAnswer(True, f"saved to {self._file}", names=list(profile.names))
 
-    def _find_board(self, text: str) -> NodeAnswer:
+    def _find_board(self, text: str, *, explain: bool) -> NodeAnswer:
         if self._board is None or self._board[0] != text:
             self._board = (text, BoardDetector(parse_board(text)))
         detector, look = self._board[1], self._newest()
@@ -246,7 +246,7 @@ class CameraDesk:
         there = NodeAnswer(True, time_ns=look.picture.time_ns, size_px=look.picture.size_px)
         corners: dict[str, Any] = {"ids": [], "corners_px": [], "edge_px": None}
         if seen is None:
-            said = why_not_found([look.picture.image], detector.board)
+            said = why_not_found([look.picture.image], detector.board) if explain else "the board is not seen"
             return replace(there, message=said, corners=corners)
         edge = seen.edge_px if seen.edge_px == seen.edge_px else None  # NaN is no JSON
         corners = {"ids": seen.ids.tolist(), "corners_px": seen.corners_px.tolist(), "edge_px": edge}

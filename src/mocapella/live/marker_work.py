@@ -124,9 +124,10 @@ class MarkerWork:
         looked = max(report["looked_at"], 1)
         found = ", ".join(f"{name} {100 * row['found'] / looked:.1f} %" for name, row in report["markers"].items())
         twice = {name: row["ambiguous"] for name, row in report["markers"].items() if row["ambiguous"]}
+        rate = f"{report['fps']:.1f} a second; " if report["fps"] else ""
         said = ", ".join(f"{name} {count}" for name, count in twice.items())
         return (
-            f"{report['fps']:.1f} pictures a second; {report['taken']} taken, {report['dropped']} dropped, "
+            f"{rate}{report['taken']} pictures taken, {report['dropped']} dropped, "
             f"{report['late']} late, {report['too_late']} not sent; found: {found or 'no colours are learnt yet'}"
             + (f"; ambiguous: {said}" if said else "")
         )

@@ -51,8 +51,9 @@ class AcquisitionReport:
         taken: pictures that came.
         dropped: of these, how many were overwritten by a newer one before anybody looked.
         lost: how often the camera was lost.
-        fps: pictures a second of the last seconds, by their times; 0 while there are fewer than two.
+        fps: pictures a second of the last seconds, by their times; 0 while that is not known.
         asked_fps: what was asked for, or what the source says; None where nobody knows.
+        live: whether it is a camera.
     """
 
     taken: int
@@ -60,16 +61,16 @@ class AcquisitionReport:
     lost: int
     fps: float
     asked_fps: float | None
+    live: bool
 
     @property
     def too_few(self) -> str:
         """That it gives fewer frames than asked for, in a sentence; empty where it does not, or nobody knows yet."""
         if not self.asked_fps or not self.fps or self.fps >= TOO_FEW * self.asked_fps:
             return ""
-        return (
-            f"gives {self.fps:.1f} frames a second, not {self.asked_fps:g}; shorten the exposure, make the pictures "
-            "smaller, or try --fourcc MJPG"
-        )
+        camera = "shorten the exposure, make the pictures smaller, or try --fourcc MJPG"
+        advice = camera if self.live else "this computer is too busy"
+        return f"gives {self.fps:.1f} frames a second, not {self.asked_fps:g}; {advice}"
 
 
 class Acquisition:
@@ -137,8 +138,9 @@ class Acquisition:
         """What happened so far."""
         with self._changed:
             times = self._times
-            fps = (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 and times[-1] > times[0] else 0.0
-            return AcquisitionReport(self._taken, self._dropped, self._lost, fps, self.state.fps)
+            long = len(times) > 1 and times[-1] - times[0] > 0.5 * RATE_OVER_S
+            fps = (len(times) - 1) / (times[-1] - times[0]) if long else 0.0
+            return AcquisitionReport(self._taken, self._dropped, self._lost, fps, self.state.fps, self.source.live)
 
     def close(self) -> None:
         """End the thread; one that hangs in a driver is left to the end of the program."""

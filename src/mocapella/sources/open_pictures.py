@@ -44,9 +44,7 @@ def open_pictures(text: str, wishes: CameraWishes | None = None, *, loop: bool =
 
         scene, slash, camera = text.removeprefix(RENDERED).partition("/")
         if not slash:
-            raise SettingsError(
-                f"source {text!r} cannot be used; write {RENDERED}SCENE/CAMERA, such as {RENDERED}demo/left"
-            )
+            raise SettingsError(f"source {text!r} cannot be used; write it as {RENDERED}demo/left")
         return RenderedCamera(load_hand_scene(scene, seed=seed), camera, text)
     if not text:
         raise SettingsError(f"no source; name {KINDS}")

@@ -66,9 +66,15 @@ class AskSave(_Question, tag="save"):
 
 
 class AskBoard(_Question, tag="board"):
-    """Where a calibration board's corners are in the newest picture; ``board`` is the text of its TOML file."""
+    """Where a calibration board's corners are in the newest picture.
+
+    Attributes:
+        board: the text of its TOML file.
+        explain: whether to say what is seen instead where there is none, which takes long.
+    """
 
     board: str
+    explain: bool = False
 
 
 Question = AskPicture | AskMask | AskControls | AskReport | AskLearn | AskSave | AskBoard
