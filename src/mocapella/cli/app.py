@@ -29,7 +29,7 @@ app = typer.Typer(
 )
 node_app = typer.Typer(
     no_args_is_help=True,
-    help="""Serve one sensor: a recording, a simulation, or a foreign program.
+    help="""Serve one sensor: a camera, a recording, a simulation, or a foreign program.
 
     Example:  mocapella node simulate --scene walk --sensor front
     """,
