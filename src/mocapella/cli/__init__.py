@@ -23,11 +23,13 @@ def main() -> None:
 
     from mocapella.cli import (  # noqa: F401
         calibrate,
+        colours,
         demo,
         depth,
         doctor,
         evaluate,
         export,
+        markers,
         node,
         record,
         replay,

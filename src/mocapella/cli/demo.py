@@ -137,7 +137,7 @@ def _hands_show(seed: int) -> Show:
         "base_places_m": base_places(made).tolist(),
         "rays": {"acceleration_density": 8.0},  # a quiet hand, and few frames a second
     }
-    nodes = [["hand-camera", "--scene", "demo", "--sensor", name, "--seed", str(seed)] for name in names]
+    nodes = [["markers", f"rendered:demo/{name}", "--seed", str(seed), "--report", "0"] for name in names]
     said = f"rendering a hand: cameras {', '.join(names)}"
     return Show(Setup(method="hands", sensors_expected=len(names)), settings, nodes, said)
 

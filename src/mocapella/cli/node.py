@@ -30,13 +30,13 @@ if TYPE_CHECKING:
 
 READY: Final = "ready"
 """What a node that is told its epoch prints when it waits for it."""
-_Epoch = Annotated[
+Epoch = Annotated[
     float | None,
     typer.Option(
         metavar="TIME", help="Unix time of the source's time 0, in seconds. Nodes with one epoch are in step."
     ),
 ]
-_EpochFromInput = Annotated[
+EpochFromInput = Annotated[
     bool, typer.Option("--epoch-from-input", hidden=True, help="Say `ready`, and read the epoch from standard input.")
 ]
 _Linger = Annotated[
@@ -45,7 +45,7 @@ _Linger = Annotated[
         metavar="SECONDS", min=0, help="Stay so many seconds after the last frame, so that a take gets what it missed."
     ),
 ]
-_Name = Annotated[str | None, typer.Option("--name", metavar="SENSOR", help="Serve it under another name.")]
+SensorName = Annotated[str | None, typer.Option("--name", metavar="SENSOR", help="Serve it under another name.")]
 
 
 @node_app.command("simulate")
@@ -63,9 +63,9 @@ def simulate(
             metavar="SECONDS", min=0, help="End so many seconds after a server is there; without it, at Ctrl-C."
         ),
     ] = None,
-    epoch: _Epoch = None,
-    epoch_from_input: _EpochFromInput = False,
-    name: _Name = None,
+    epoch: Epoch = None,
+    epoch_from_input: EpochFromInput = False,
+    name: SensorName = None,
     json: JsonOut = None,
 ) -> None:
     """Serve a sensor of a simulated room. Waits for the server, which may be started before or after.
@@ -80,7 +80,7 @@ def simulate(
     room = load_scene(scene, seed=seed, bvh=bvh)
     source = SimulatedSensor(room, sensor)
     next(source.frames())  # compile and load before the clock matters
-    zero = _epoch_from_input() if epoch_from_input else epoch or 0.0
+    zero = read_epoch() if epoch_from_input else epoch or 0.0
 
     def frames() -> Iterator[DueFrame]:
         start_s = max(0.0, time.time() - zero)
@@ -90,48 +90,16 @@ def simulate(
     _serve(frames, name or source.name, connect, zero, json, wait=not epoch_from_input)
 
 
-@node_app.command("hand-camera")
-def hand_camera(
-    scene: Annotated[str, typer.Option(metavar="NAME", help="Which scene of a hand.")] = "demo",
-    sensor: Annotated[str, typer.Option(metavar="SENSOR", help="Which of its cameras.")] = "left",
-    connect: Connect = DEFAULT_ADDRESS,
-    seed: Seed = 0,
-    epoch: _Epoch = None,
-    epoch_from_input: _EpochFromInput = False,
-    name: _Name = None,
-    json: JsonOut = None,
-) -> None:
-    """Serve a camera that looks at a simulated hand: its pictures are rendered, the markers found in them.
-
-    Example:  mocapella node hand-camera --scene demo --sensor right
-    """
-    from mocapella.live.node import DueFrame
-    from mocapella.sources.simulate.hand_camera import SimulatedHandCamera
-    from mocapella.sources.simulate.hand_scene import load_hand_scene
-
-    source = SimulatedHandCamera(load_hand_scene(scene, seed=seed), sensor)
-    next(source.frames())  # compile and load before the clock matters
-    zero = _epoch_from_input() if epoch_from_input else epoch or 0.0
-
-    def frames() -> Iterator[DueFrame]:
-        # A frame comes when its picture has been taken and looked at, as from a camera.
-        start_s = max(0.0, time.time() - zero)
-        found = source.frames(start_s, now_s=lambda: max(start_s, time.time() - zero))
-        return (DueFrame(f.due_s, f.frame) for f in found)
-
-    _serve(frames, name or sensor, connect, zero, json, wait=not epoch_from_input)
-
-
 @node_app.command("replay")
 def replay(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A study log (.csv, .csv.gz) or a take (.mcap).")],
     sensor: Annotated[str, typer.Option(metavar="SENSOR", help="Which of its sensors, by name.")],
     connect: Connect = DEFAULT_ADDRESS,
     placement: Placement = None,
-    epoch: _Epoch = None,
-    epoch_from_input: _EpochFromInput = False,
+    epoch: Epoch = None,
+    epoch_from_input: EpochFromInput = False,
     linger: _Linger = 2.0,
-    name: _Name = None,
+    name: SensorName = None,
     json: JsonOut = None,
 ) -> None:
     """Serve a sensor out of a recording, in real time. Without --epoch it begins when a server is there.
@@ -142,7 +110,7 @@ def replay(
 
     recording = open_recording(file, placement)
     frames = recording.due_frames(sensor)
-    zero = _epoch_from_input() if epoch_from_input else epoch
+    zero = read_epoch() if epoch_from_input else epoch
     _serve(lambda: frames, name or sensor, connect, zero, json, wait=zero is None, linger_s=linger)
 
 
@@ -172,7 +140,7 @@ def bridge(
         write_json(json, run_bridge(BridgeSettings(host=host, port=int(port)), connect, stop, say))
 
 
-def _epoch_from_input() -> float:
+def read_epoch() -> float:
     """When the source's time is 0, from who started this process; once everything that takes long is done."""
     typer.echo(READY)
     line = sys.stdin.readline()

@@ -111,9 +111,20 @@ def load_board(path: Path | str) -> Board:
         InputError: there is no such file, it is no TOML, or something in it cannot be; says what can.
     """
     try:
-        data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        text = Path(path).read_bytes()
     except OSError as error:
         raise InputError(f"cannot be read: {error.strerror}", file=path, fix=f"write one with {_KEYS}") from error
+    return parse_board(text, path)
+
+
+def parse_board(text: bytes | str, path: Path | str = "board") -> Board:
+    """A board of its TOML file's text; ``path`` is what errors call it.
+
+    Raises:
+        InputError: as `load_board`.
+    """
+    try:
+        data = tomllib.loads(text if isinstance(text, str) else text.decode("utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"is no TOML: {error}", file=path, fix=f"write one with {_KEYS}") from None
     if _CALISCOPE & set(data) and "kind" not in data:
@@ -124,8 +135,8 @@ def load_board(path: Path | str) -> Board:
     try:
         return parse(Board, data, where=str(path))
     except SettingsError as error:
-        text = str(error).removeprefix(f"{path}: ")
-        raise InputError(text, file=path, fix=f"a board has {_KEYS}") from None
+        said = str(error).removeprefix(f"{path}: ")
+        raise InputError(said, file=path, fix=f"a board has {_KEYS}") from None
 
 
 def _of_caliscope(data: Mapping[str, Any], path: Path | str) -> dict[str, Any]:

@@ -199,6 +199,11 @@ class MarkerDetector:
         self._chroma_shift = max(abs(u - was.chromaticity[0]), abs(v - was.chromaticity[1]))
 
     @property
+    def table(self) -> UInt8:
+        """(32768,) the look-up table of `mocapella.sensing.colour_table.lookup_table`."""
+        return self._table
+
+    @property
     def report(self) -> MarkerReport:
         """What happened since the beginning."""
         sums, s = self._sums, self.settings

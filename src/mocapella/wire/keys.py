@@ -32,8 +32,14 @@ class NodeKey(NamedTuple):
 
 
 def of_node(kind: str, node: NodeKey) -> str:
-    """``mocapella/v1/<kind>/<sensor>/<node id as 16 hex digits>``; kind: live, record, truth, clock, alive/sensor."""
+    """``mocapella/v1/<kind>/<sensor>/<node id as 16 hex digits>``; kind: live, record, truth, clock, ask,
+    alive/sensor."""
     return f"{_ROOT}/{kind}/{check_sensor_name(node.sensor)}/{node.node_id:016x}"
+
+
+def asking(sensor: str) -> str:
+    """``mocapella/v1/ask/<sensor>/*``: the queryable of whichever node serves a sensor."""
+    return f"{_ROOT}/ask/{check_sensor_name(sensor)}/*"
 
 
 def node_of(key: str) -> NodeKey:

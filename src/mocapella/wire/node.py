@@ -9,10 +9,12 @@ docs/decisions/0004-two-paths.md).
 
 from __future__ import annotations
 
+import contextlib
 import json
 import platform
 import secrets
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from types import TracebackType
 
@@ -26,6 +28,9 @@ from mocapella.model.truth import Truth
 from mocapella.schema import encode_frame, encode_truth
 from mocapella.wire import keys
 from mocapella.wire.session import open_node
+
+OnQuestion = Callable[[bytes, Callable[[bytes], None]], None]
+"""Called with a question and the function that answers it, once."""
 
 
 def new_node_id() -> int:
@@ -97,6 +102,20 @@ class NodeLink:
             stamped_truth = msgspec.structs.replace(truth, sensor=self.node.sensor, sequence=stamped.sequence)
             self._truth.put(encode_truth(stamped_truth))
         return stamped
+
+    def answer(self, on_question: OnQuestion) -> None:
+        """Answer questions from now on; ``on_question`` must only hand them on, for the bus waits meanwhile."""
+        key = keys.of_node("ask", self.node)
+
+        def callback(query: zenoh.Query) -> None:
+            def reply(data: bytes) -> None:
+                with contextlib.suppress(zenoh.ZError):  # who asked is gone, or this node is going
+                    query.reply(key, data)
+                    query.drop()
+
+            on_question(query.payload.to_bytes() if query.payload is not None else b"", reply)
+
+        self._asked = self._session.declare_queryable(key, callback)
 
     def join(self, timeout: float = 1.0) -> bool:
         """Ask the server for the sensor's name; False while nobody answers.

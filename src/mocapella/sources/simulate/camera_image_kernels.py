@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def blurred(x, taps):
     """(h, w, 3) convolved with a symmetric kernel along rows and columns; the border is repeated."""
     h, w, _ = x.shape
@@ -29,7 +29,7 @@ def blurred(x, taps):
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def demosaicked(raw):
     """Bilinear: (h, w) RGGB → (h, w, 3). A missing colour is the mean of the neighbours in the 3 × 3 that have it."""
     h, w = raw.shape
@@ -51,7 +51,7 @@ def demosaicked(raw):
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def expose(linear, noise, taps, exposure, photons, read_noise, bayer, white_balance, saturation, shared, gamma, image):
     """Write `camera_image` of (h, w, 3) float32 into image (h, w, 3) uint8."""
     h, w, _ = linear.shape

@@ -16,7 +16,7 @@ SAMPLES = 4
 """Rays of a pixel, 2 × 2, each at another instant of the exposure; which one has which changes from pixel to pixel."""
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def hit(ax, ay, az, bx, by, bz, radius, dx, dy):
     """Depth z at which the ray (dx, dy, 1)·z meets a capsule first, and how far along it; infinite for never."""
     ux, uy, uz = bx - ax, by - ay, bz - az
@@ -43,7 +43,7 @@ def hit(ax, ay, az, bx, by, bz, radius, dx, dy):
     return ((de - math.sqrt(root)) / dd, end) if root >= 0.0 else (math.inf, 0.0)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def spans(parts, rates, pixel_of, reach, h, w, out):
     """Rows and columns (n, 4) that a part can be in; ``pixel_of``: fx, fy, cx, cy; ``reach``: largest time [s]."""
     for i in range(len(parts)):
@@ -66,7 +66,7 @@ def spans(parts, rates, pixel_of, reach, h, w, out):
         out[i, 2], out[i, 3] = max(math.floor(x0) - 2, 0), min(math.ceil(x1) + 3, w)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def photograph(wall, rays, parts, rates, pixel_of, exposure_s, readout_s, light, towards, shading, linear, seen, whole):
     """Write the picture (h, w, 3) float32, and count each marker's rays: ``seen``, and ``whole`` if nothing hid it.
 

@@ -1,0 +1,234 @@
+"""``mocapella node markers``: a camera whose pictures are looked at for coloured markers."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from mocapella.cli.app import node_app
+from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, Seed, console, need_cameras, say, write_json
+from mocapella.cli.node import Epoch, EpochFromInput, read_epoch
+from mocapella.errors import InputError, SettingsError, one_of
+
+if TYPE_CHECKING:
+    from mocapella.model.camera import Camera
+    from mocapella.sensing.colour_profile import ColourProfile
+    from mocapella.sources.camera_controls import CameraWishes
+    from mocapella.sources.picture_source import PictureSource, SourceState
+
+Source = Annotated[
+    str,
+    typer.Argument(
+        metavar="SOURCE",
+        help="camera:0, /dev/video0, http://… or rtsp://…, a film, a folder of images, or rendered:SCENE/CAMERA.",
+    ),
+]
+Size = Annotated[str | None, typer.Option("--size", metavar="WxH", help="Of the pictures; the profile's.")]
+Fps = Annotated[float | None, typer.Option("--fps", metavar="HZ", help="Pictures a second to ask for.")]
+Fourcc = Annotated[str | None, typer.Option("--fourcc", metavar="CODE", help="How they come, such as MJPG.")]
+Exposure = Annotated[float | None, typer.Option(metavar="VALUE", help="In the driver's own numbers; the profile's.")]
+Gain = Annotated[float | None, typer.Option(metavar="VALUE", help="As --exposure.")]
+WhiteBalance = Annotated[float | None, typer.Option(metavar="VALUE", help="As --exposure.")]
+Saturation = Annotated[float | None, typer.Option(metavar="VALUE", help="As --exposure.")]
+Contrast = Annotated[float | None, typer.Option(metavar="VALUE", help="As --exposure.")]
+
+
+@node_app.command("markers")
+def markers(
+    source: Source,
+    profile: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="The colours. Without such a file yet, they are learnt in the view and kept there."
+        ),
+    ] = None,
+    name: Annotated[str | None, typer.Option(metavar="SENSOR", help="The camera's name; the profile's.")] = None,
+    connect: Connect = DEFAULT_ADDRESS,
+    size: Size = None,
+    fps: Fps = None,
+    fourcc: Fourcc = None,
+    exposure: Exposure = None,
+    gain: Gain = None,
+    white_balance: WhiteBalance = None,
+    saturation: Saturation = None,
+    contrast: Contrast = None,
+    loop: Annotated[bool, typer.Option("--loop", help="A film or folder begins again when it has ended.")] = False,
+    drop_after_ms: Annotated[
+        float, typer.Option(metavar="MS", min=1, help="Markers found so long after the picture was there are not sent.")
+    ] = 100.0,
+    report: Annotated[
+        float, typer.Option(metavar="SECONDS", min=0, help="So often it says how it goes; 0: only what is wrong.")
+    ] = 10.0,
+    timing: Annotated[
+        int | None,
+        typer.Option(
+            metavar="FRAMES", min=2, help="Measure each stage, and how still the markers are, over so many; then end."
+        ),
+    ] = None,
+    rig: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="With --timing, the rig: measure undistorting the points, too.")
+    ] = None,
+    seed: Seed = 0,
+    epoch: Epoch = None,
+    epoch_from_input: EpochFromInput = False,
+    json: JsonOut = None,
+) -> None:
+    """Serve a camera: find the coloured markers in its pictures, and send where they are.
+
+    docs/markers.md says how colours are learnt, what the counts mean, and what to do about warnings.
+
+    Example:  mocapella node markers camera:0 --profile left.json
+    """
+    need_cameras("node markers")
+    from mocapella.live.camera_desk import CameraDesk
+    from mocapella.live.marker_node import MarkerNodeSettings, run_marker_node
+    from mocapella.live.marker_work import MarkerWork
+    from mocapella.live.stage_times import StageTimes
+    from mocapella.live.stopping import stop_on_signals
+    from mocapella.sensing.colour_profile import CameraControls
+    from mocapella.sources.acquisition import Acquisition
+    from mocapella.sources.open_pictures import RENDERED, open_pictures
+    from mocapella.wire.node import NodeLink
+
+    known = _profile(profile)
+    given = CameraControls(exposure, gain, white_balance, saturation, contrast)
+    pictures = open_pictures(source, wishes(size, fps, fourcc, given, known), loop=loop, seed=seed)
+    if known is None:
+        known = _pointed_at(pictures)
+    sensor = _name(name, known, profile)
+    camera = None if rig is None else _camera(rig, sensor)
+    if timing is not None and known is None:
+        raise SettingsError("--timing wants colours; give --profile FILE (mocapella colours learn makes one)")
+    settings = MarkerNodeSettings(drop_after_ms / 1e3, report)
+    with Acquisition(pictures, say=say) as acquisition:
+        check_state(acquisition.state, known, profile, source)
+        tell_state(sensor, pictures, acquisition.state)
+        work = MarkerWork(sensor, acquisition, known)
+        times = None if timing is None else StageTimes(timing, len(work.names))
+        zero = read_epoch() if epoch_from_input else epoch
+        if zero is None and source.startswith(RENDERED):
+            zero = 0.0  # cameras of one scene see the same, whenever they are started
+        wait = not (pictures.live or epoch_from_input or epoch is not None or times is not None)
+        # From here on standard input is watched for the end of who started this process.
+        with stop_on_signals() as stop, CameraDesk(work, profile, say=say) as desk, NodeLink(connect, sensor) as link:
+            summary = run_marker_node(
+                link, acquisition, work, desk, settings,
+                epoch=zero, stop=stop, say=say, times=times, camera=camera, wait=wait,
+            )  # fmt: skip
+    say(f"{sensor}: {summary.published} frames published; {work.words()}")
+    for problem in summary.report["problems"]:
+        say(f"{sensor}: {problem}")
+    if times is not None:
+        show_times(summary.stages or {}, summary.jitter or {}, console if json == "-" else Console())
+    write_json(json, asdict(summary))
+
+
+def wishes(
+    size: str | None,
+    fps: float | None,
+    fourcc: str | None,
+    given: Any,
+    profile: ColourProfile | None,
+) -> CameraWishes:
+    """How a camera is to be set: as was said, else as the profile says.
+
+    Raises:
+        SettingsError: something that no camera has.
+    """
+    from mocapella.sources.camera_controls import CameraWishes
+
+    if profile is not None:
+        said = {name: value for name, value in asdict(given).items() if value is not None and name != "automatic"}
+        given = replace(profile.controls, **said)
+    size_px = None if profile is None else profile.size_px
+    if size is not None:
+        parts = size.lower().split("x")
+        if len(parts) != 2 or not all(part.isdecimal() for part in parts):
+            raise SettingsError(f"--size {size!r} cannot be used; write it as 640x480")
+        size_px = int(parts[0]), int(parts[1])
+    return CameraWishes(size_px, fps, fourcc, given)
+
+
+def check_state(state: SourceState, known: ColourProfile | None, profile: Path | None, source: str) -> None:
+    """Refuse pictures of another size than the colours were learnt at, before the first.
+
+    Raises:
+        InputError: they are.
+    """
+    if known is None or state.size_px is None or tuple(state.size_px) == tuple(known.size_px):
+        return
+    was, now = (f"{w} × {h}" for w, h in (known.size_px, state.size_px))
+    fix = f"set it to {was} px, or learn the colours anew"
+    raise InputError(f"{source} gives pictures of {now} px", file=profile, field="size_px", value=was, fix=fix)
+
+
+def tell_state(sensor: str, pictures: PictureSource, state: SourceState) -> None:
+    """How the source is set, in words."""
+    size = "" if state.size_px is None else f", {state.size_px[0]} × {state.size_px[1]} px"
+    rate = "" if state.fps is None else f", {state.fps:g} a second"
+    say(f"{sensor}: pictures of {pictures.name}{size}{rate}; their time is {pictures.times}")
+    for problem in state.problems:
+        say(f"{sensor}: {problem}")
+
+
+def show_times(stages: dict[str, dict[str, float]], jitter: dict[str, dict[str, float]], out: Console) -> None:
+    """Two tables: times by stage, and how still each marker is."""
+    frames = int(stages["all"]["frames"]) if "all" in stages else 0
+    table = Table(title=f"milliseconds over {frames} frames", title_justify="left")
+    for heading in ("stage", "mean", "median", "sd", "99 %", "max"):
+        table.add_column(heading, justify="left" if heading == "stage" else "right")
+    for stage, row in stages.items():
+        table.add_row(stage, *(f"{row[key]:.3f}" for key in ("mean_ms", "median_ms", "sd_ms", "p99_ms", "max_ms")))
+    out.print(table)
+    table = Table(title="standard deviation of a centre, jitter where nothing moves", title_justify="left")
+    for heading in ("marker", "x, px", "y, px", "frames"):
+        table.add_column(heading, justify="left" if heading == "marker" else "right")
+    for name, row in jitter.items():
+        table.add_row(name, f"{row['x_px']:.3f}", f"{row['y_px']:.3f}", str(row["seen"]))
+    out.print(table)
+
+
+def _profile(path: Path | None) -> ColourProfile | None:
+    from mocapella.sensing.colour_profile import load_profile
+
+    return load_profile(path) if path is not None and path.exists() else None
+
+
+def _pointed_at(pictures: PictureSource) -> ColourProfile | None:
+    """Of a rendered scene, whose markers can be pointed at by themselves."""
+    from mocapella.sources.simulate.rendered_camera import RenderedCamera
+
+    return pictures.profile() if isinstance(pictures, RenderedCamera) else None
+
+
+def _name(name: str | None, known: ColourProfile | None, profile: Path | None) -> str:
+    from mocapella.model.observations import check_sensor_name
+
+    if known is None:
+        if name is None:
+            raise SettingsError(
+                "no colours yet: give --profile FILE (mocapella colours learn makes one), or --name and learn them in "
+                "the view"
+            )
+        return check_sensor_name(name)
+    if name is not None and name != known.camera:
+        raise InputError(
+            f"the colours are of another camera than {name!r}", file=profile or "the scene", field="camera",
+            value=known.camera, fix="load that camera's profile, or learn the colours anew",
+        )  # fmt: skip
+    return known.camera
+
+
+def _camera(rig: Path, sensor: str) -> Camera:
+    from mocapella.model.camera_rig_file import load_camera_rig
+
+    cameras = load_camera_rig(rig).cameras
+    if sensor not in cameras:
+        fix = f"it has {one_of(sensor, cameras)}"
+        raise InputError("has no such camera", file=rig, field="cameras", value=sensor, fix=fix)
+    return cameras[sensor].camera

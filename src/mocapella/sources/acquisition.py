@@ -1,0 +1,220 @@
+"""Pictures taken in a thread of their own, so that a slow look never makes a camera wait: one slot, the newest wins."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Final
+
+from mocapella.conventions import NS_PER_S
+from mocapella.errors import MocapellaError, SettingsError
+from mocapella.settings import check
+from mocapella.sources.picture_source import Picture, PictureSource, SourceState
+
+RATE_OVER_S: Final = 3.0
+RATE_OF: Final = 10
+"""The rate is that of the last so many seconds, or of the last so many pictures where that is longer."""
+TOO_FEW: Final = 0.9
+"""A source that gives less than this part of the rate is said to give too few."""
+
+
+@dataclass(frozen=True)
+class AcquisitionSettings:
+    """How a source is read.
+
+    Attributes:
+        retry_s, longest_retry_s: how long to wait before a lost camera is looked for again; each time twice as long.
+        silent_s: a camera that gives nothing for so long is said to.
+        close_s: how long to wait at the end for a driver that does not answer; then it is left alone.
+    """
+
+    retry_s: float = 0.5
+    longest_retry_s: float = 5.0
+    silent_s: float = 3.0
+    close_s: float = 1.0
+
+    def __post_init__(self) -> None:
+        check(0 < self.retry_s <= 60, "retry_s", self.retry_s, "above 0, at most 60 s")
+        check(self.retry_s <= self.longest_retry_s <= 600, "longest_retry_s", self.longest_retry_s, "retry_s to 600 s")
+        check(0 < self.silent_s <= 600, "silent_s", self.silent_s, "above 0, at most 600 s")
+        check(0 <= self.close_s <= 60, "close_s", self.close_s, "from 0 to 60 s")
+
+
+@dataclass(frozen=True)
+class AcquisitionReport:
+    """What became of the pictures.
+
+    Attributes:
+        taken: pictures that came.
+        dropped: of these, how many were overwritten by a newer one before anybody looked.
+        lost: how often the camera was lost.
+        fps: pictures a second of the last seconds, by their times; 0 while that is not known.
+        asked_fps: what was asked for, or what the source says; None where nobody knows.
+        live: whether it is a camera.
+    """
+
+    taken: int
+    dropped: int
+    lost: int
+    fps: float
+    asked_fps: float | None
+    live: bool
+
+    @property
+    def too_few(self) -> str:
+        """That it gives fewer frames than asked for, in a sentence; empty where it does not, or nobody knows yet."""
+        if not self.asked_fps or not self.fps or self.fps >= TOO_FEW * self.asked_fps:
+            return ""
+        camera = "shorten the exposure, make the pictures smaller, or try --fourcc MJPG"
+        advice = camera if self.live else "this computer is too busy"
+        return f"gives {self.fps:.1f} frames a second, not {self.asked_fps:g}; {advice}"
+
+
+class Acquisition:
+    """Reads one source. A context manager; leaving it ends the thread.
+
+    Args:
+        source: closed; it is opened at once.
+        settings: see there.
+        say: is told in words when the source is lost, silent, and there again.
+
+    Raises:
+        InputError: the source cannot be opened.
+    """
+
+    def __init__(
+        self,
+        source: PictureSource,
+        settings: AcquisitionSettings | None = None,
+        *,
+        say: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        self.source, self.settings, self._say = source, settings or AcquisitionSettings(), say
+        self.state: SourceState = source.open()
+        self._stop, self._changed = threading.Event(), threading.Condition()
+        self._slot: Picture | None = None
+        self._taken = self._dropped = self._lost = 0
+        self._ended = False
+        self._failure: MocapellaError | None = None
+        self._times: deque[float] = deque()
+        self._last_s = 0.0
+        self._silent = False
+        self._thread: threading.Thread | None = None
+
+    def start(self, zero_s: float | None = None) -> None:
+        """Begin; ``zero_s`` is when the source's time 0 is, on the monotonic clock, now where it is None."""
+        self.source.begin(time.monotonic() if zero_s is None else zero_s)
+        self._last_s = time.monotonic()
+        self._thread = threading.Thread(target=self._run, name="acquisition", daemon=True)
+        self._thread.start()
+
+    def take(self, timeout: float) -> Picture | None:
+        """The newest picture, once; None where there is none within ``timeout`` seconds.
+
+        Raises:
+            MocapellaError: the source cannot be read any more, for a reason that waiting does not mend.
+        """
+        with self._changed:
+            if self._slot is None and not self._ended:
+                self._changed.wait(timeout)
+            picture, self._slot = self._slot, None
+            failure, self._failure = self._failure, None
+        if failure is not None:
+            raise failure
+        if picture is None:
+            self._say_if_silent()
+        return picture
+
+    @property
+    def ended(self) -> bool:
+        """Whether no picture will come any more; those in the slot have been taken."""
+        with self._changed:
+            return self._ended and self._slot is None
+
+    def report(self) -> AcquisitionReport:
+        """What happened so far."""
+        with self._changed:
+            times = self._times
+            long = len(times) > 1 and times[-1] - times[0] > 0.5 * RATE_OVER_S
+            fps = (len(times) - 1) / (times[-1] - times[0]) if long else 0.0
+            return AcquisitionReport(self._taken, self._dropped, self._lost, fps, self.state.fps, self.source.live)
+
+    def close(self) -> None:
+        """End the thread; one that hangs in a driver is left to the end of the program."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join(self.settings.close_s)
+        if self._thread is None or not self._thread.is_alive():
+            self.source.close()
+
+    def __enter__(self) -> Acquisition:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _run(self) -> None:
+        try:
+            while not self._stop.is_set():
+                picture = self.source.read(self._stop)
+                if picture is not None:
+                    self._put(picture)
+                elif self._stop.is_set() or not self.source.live or not self._look_again():
+                    break
+        except MocapellaError as error:
+            self._failure = error
+        finally:
+            with self._changed:
+                self._ended = True
+                self._changed.notify_all()
+
+    def _put(self, picture: Picture) -> None:
+        with self._changed:
+            self._dropped += self._slot is not None
+            self._slot = picture
+            self._taken += 1
+            self._times.append(picture.time_ns / NS_PER_S)
+            while self._times[-1] - self._times[0] > RATE_OVER_S and len(self._times) > RATE_OF:
+                self._times.popleft()
+            self._last_s, self._silent = time.monotonic(), False
+            self._changed.notify_all()
+
+    def _look_again(self) -> bool:
+        """Until the camera is there again; False where the end came first."""
+        self._lost += 1
+        self._say(f"{self.source.name}: gives no picture any more (unplugged?); looking again …")
+        self.source.close()
+        wait_s = self.settings.retry_s
+        while not self._stop.wait(wait_s):
+            wait_s = min(2 * wait_s, self.settings.longest_retry_s)
+            try:
+                state = self.source.open()
+                first = self.source.read(self._stop)
+            except SettingsError:
+                raise
+            except MocapellaError:
+                continue
+            if first is None:
+                self.source.close()
+                continue
+            self.state = state
+            with self._changed:
+                self._times.clear()
+            self._put(first)
+            self._say(f"{self.source.name}: there again")
+            for problem in state.problems:
+                self._say(f"{self.source.name}: {problem}")
+            return True
+        return False
+
+    def _say_if_silent(self) -> None:
+        silent_s = time.monotonic() - self._last_s
+        if self.source.live and not self._silent and silent_s > self.settings.silent_s and not self._ended:
+            self._silent = True
+            self._say(f"{self.source.name}: no picture for {silent_s:.0f} s; is it plugged in, and nobody else's?")

@@ -1,0 +1,130 @@
+"""A camera's exposure, gain, white balance, saturation and contrast, set through OpenCV and read back.
+
+Drivers differ: many take a value and keep another, or take none and say they did. So everything is read back, and only
+what comes back counts.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import cv2
+
+from mocapella.sensing.colour_profile import CameraControls
+from mocapella.settings import check
+from mocapella.sources.picture_source import SourceState
+
+_VALUES: Final = {
+    "exposure": cv2.CAP_PROP_EXPOSURE,
+    "gain": cv2.CAP_PROP_GAIN,
+    "white_balance": cv2.CAP_PROP_WB_TEMPERATURE,
+    "saturation": cv2.CAP_PROP_SATURATION,
+    "contrast": cv2.CAP_PROP_CONTRAST,
+}
+_AUTOMATIC: Final = {
+    "exposure": cv2.CAP_PROP_AUTO_EXPOSURE,
+    "white_balance": cv2.CAP_PROP_AUTO_WB,
+    "focus": cv2.CAP_PROP_AUTOFOCUS,
+}
+_MANUAL_EXPOSURE: Final = {"V4L2": (1.0,), "DSHOW": (0.25,), "MSMF": (0.0,)}
+"""What switches automatic exposure off, by OpenCV's back end: V4L2 has a menu, of which 1 is manual."""
+_NONE: Final = -1.0
+"""What OpenCV reads where there is no such control."""
+
+
+@dataclass(frozen=True)
+class CameraWishes:
+    """How a camera is to be set; None leaves it as it is.
+
+    Attributes:
+        size_px: (width, height).
+        fps: frames a second.
+        fourcc: how its pictures are packed on the cable, such as MJPG, which many cameras need for a high rate.
+        controls: in the driver's own numbers; automatic modes are switched off, whatever it says.
+    """
+
+    size_px: tuple[int, int] | None = None
+    fps: float | None = None
+    fourcc: str | None = None
+    controls: CameraControls = field(default_factory=CameraControls)
+
+    def __post_init__(self) -> None:
+        size = self.size_px
+        check(size is None or (len(size) == 2 and 2 <= min(size) <= max(size) <= 65_536), "size_px", size,
+              "width and height from 2 to 65536 px")  # fmt: skip
+        check(self.fps is None or 0 < self.fps <= 10_000, "fps", self.fps, "above 0, at most 10000 Hz")
+        good = self.fourcc is None or (len(self.fourcc) == 4 and self.fourcc.isascii())
+        check(good, "fourcc", self.fourcc, "four letters, such as MJPG or YUYV")
+
+
+def set_camera(capture: Any, wishes: CameraWishes) -> SourceState:
+    """Set an open `cv2.VideoCapture`, automatic modes off, and read back what it made of it."""
+    if wishes.fourcc is not None:
+        capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter_fourcc(*wishes.fourcc))
+    if wishes.size_px is not None:
+        capture.set(cv2.CAP_PROP_FRAME_WIDTH, wishes.size_px[0])
+        capture.set(cv2.CAP_PROP_FRAME_HEIGHT, wishes.size_px[1])
+    if wishes.fps is not None:
+        capture.set(cv2.CAP_PROP_FPS, wishes.fps)
+    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # an old picture is of no use
+    problems = list(_format_problems(capture, wishes))
+    automatic = tuple(name for name in _AUTOMATIC if not _switched_off(capture, name))
+    for name in automatic:
+        problems.append(
+            f"automatic {name.replace('_', ' ')} cannot be switched off: colours may drift; set it with the camera's "
+            "own program, keep the light as it is, or learn the colours in the lightest and the darkest of it"
+        )
+    for name, value in _VALUES.items():
+        wished = getattr(wishes.controls, name)
+        if wished is None:
+            continue
+        capture.set(value, wished)
+        got = float(capture.get(value))
+        if not math.isclose(got, wished, rel_tol=0.02, abs_tol=1e-6):
+            what = "there is no such control" if got == _NONE else f"it stays {got:g}"
+            problems.append(f"{name.replace('_', ' ')} cannot be set to {wished:g}: {what}; learn the colours anew so")
+    width, height = (int(capture.get(k)) for k in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+    says = float(capture.get(cv2.CAP_PROP_FPS))
+    return SourceState(
+        size_px=(width, height) if width > 0 and height > 0 else None,
+        fps=wishes.fps or (says if 0 < says < math.inf else None),
+        controls=CameraControls(**{name: _read(capture, prop) for name, prop in _VALUES.items()}, automatic=automatic),
+        problems=tuple(problems),
+    )
+
+
+def _format_problems(capture: Any, wishes: CameraWishes) -> list[str]:
+    problems = []
+    if wishes.fourcc is not None and int(capture.get(cv2.CAP_PROP_FOURCC)) != cv2.VideoWriter_fourcc(*wishes.fourcc):
+        problems.append(f"it does not pack its pictures as {wishes.fourcc}; leave --fourcc out, or try YUYV or MJPG")
+    says = float(capture.get(cv2.CAP_PROP_FPS))
+    if wishes.fps is not None and says > 0 and not math.isclose(says, wishes.fps, rel_tol=0.02):
+        problems.append(
+            f"it says that it gives {says:g} frames a second, not the {wishes.fps:g} asked for; try another size, "
+            "or --fourcc MJPG"
+        )
+    return problems
+
+
+def _switched_off(capture: Any, name: str) -> bool:
+    """Whether an automatic mode is off now. One that the driver does not know counts as off only for the focus."""
+    prop = _AUTOMATIC[name]
+    offs = _MANUAL_EXPOSURE.get(_back_end(capture), (1.0, 0.25, 0.0)) if name == "exposure" else (0.0,)
+    for off in offs:
+        if capture.set(prop, off) and float(capture.get(prop)) == off:
+            return True
+    return name == "focus" and float(capture.get(prop)) in (_NONE, 0.0)
+
+
+def _back_end(capture: Any) -> str:
+    try:
+        return str(capture.getBackendName())
+    except (AttributeError, cv2.error):
+        return ""
+
+
+def _read(capture: Any, prop: int) -> float | None:
+    value = float(capture.get(prop))
+    return None if value == _NONE or not math.isfinite(value) else value

@@ -1,0 +1,127 @@
+"""Cameras of this machine and streams of the network, through `cv2.VideoCapture`."""
+
+from __future__ import annotations
+
+import re
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import cv2
+import numpy as np
+
+from mocapella.conventions import NS_PER_S
+from mocapella.errors import InputError
+from mocapella.sources.camera_controls import CameraWishes, set_camera
+from mocapella.sources.picture_source import Picture, SourceState
+
+OPEN_TIMEOUT_S: Final = 5.0
+READ_TIMEOUT_S: Final = 3.0
+"""Of a stream."""
+NEWEST_S: Final = 0.5
+"""A driver's time stamp that lies farther back is of another clock."""
+_FROM_GRAB: Final = "the monotonic clock, when a frame was there"
+_FROM_DRIVER: Final = "the driver's stamps on the monotonic clock"
+
+
+class CaptureCamera:
+    """A camera or a stream.
+
+    Its time is the monotonic clock's. Where the driver stamps frames on that clock (Linux, V4L2), the stamp is taken;
+    elsewhere, and once a stamp was not within half a second before the frame came, the instant at which it came.
+
+    Args:
+        target: number of the camera, or the address of a stream.
+        name: as the user wrote it.
+        wishes: how it is to be set; the controls of a stream are left alone.
+        open_capture: what opens one; a test gives its own.
+        clock: the monotonic clock, in seconds.
+    """
+
+    live = True
+
+    def __init__(
+        self,
+        target: int | str,
+        name: str,
+        wishes: CameraWishes | None = None,
+        *,
+        open_capture: Callable[..., Any] = cv2.VideoCapture,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.name, self.times = name, _FROM_GRAB
+        self._target, self._wishes = target, wishes or CameraWishes()
+        self._open_capture, self._clock = open_capture, clock
+        self._capture: Any = None
+        self._number, self._last_ns = 0, 0
+
+    def open(self) -> SourceState:
+        """As `PictureSource.open`."""
+        self.close()
+        capture = self._opened()
+        if not capture.isOpened():
+            capture.release()
+            fix = (
+                "see mocapella doctor for the cameras that there are; another program may use it"
+                if isinstance(self._target, int)
+                else "look whether a browser or a player shows the stream"
+            )
+            raise InputError("cannot be opened", file=self.name, fix=fix)
+        self._capture = capture
+        if not isinstance(self._target, int):
+            self.times = _FROM_GRAB
+            return SourceState(fps=self._wishes.fps)
+        driven = getattr(capture, "getBackendName", lambda: "")() == "V4L2"
+        self.times = _FROM_DRIVER if driven else _FROM_GRAB
+        return set_camera(capture, self._wishes)
+
+    def begin(self, zero_s: float) -> None:
+        """A camera has its own clock."""
+
+    def read(self, stop: threading.Event) -> Picture | None:
+        """As `PictureSource.read`; None where the camera gave no frame."""
+        if self._capture is None or not self._capture.grab():
+            return None
+        came_s = self._clock()
+        at_s = self._stamp(came_s)
+        read, image = self._capture.retrieve()
+        ready_s = self._clock()
+        if not read or image is None:
+            return None
+        self._last_ns = max(round(at_s * NS_PER_S), self._last_ns + 1)
+        number, self._number = self._number, self._number + 1
+        image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image
+        return Picture(np.asarray(image, dtype=np.uint8), self._last_ns, number, ready_s, ready_s - came_s)
+
+    def close(self) -> None:
+        """As `PictureSource.close`."""
+        if self._capture is not None:
+            self._capture.release()
+            self._capture = None
+
+    def _opened(self) -> Any:
+        if isinstance(self._target, int):
+            return self._open_capture(self._target)
+        limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, int(1e3 * OPEN_TIMEOUT_S)]
+        limits += [cv2.CAP_PROP_READ_TIMEOUT_MSEC, int(1e3 * READ_TIMEOUT_S)]
+        return self._open_capture(self._target, cv2.CAP_FFMPEG, limits)
+
+    def _stamp(self, came_s: float) -> float:
+        """When the frame that has just come was captured."""
+        if self.times != _FROM_DRIVER:
+            return came_s
+        stamp_s = float(self._capture.get(cv2.CAP_PROP_POS_MSEC)) / 1e3
+        if 0 <= came_s - stamp_s <= NEWEST_S and stamp_s * NS_PER_S > self._last_ns:
+            return stamp_s
+        self.times = _FROM_GRAB
+        return came_s
+
+
+def camera_number(path: str) -> int | None:
+    """The number of ``/dev/video0`` and of links to such; None of anything else."""
+    if not path.startswith("/dev/"):
+        return None
+    match = re.fullmatch(r"/dev/video(\d+)", str(Path(path).resolve()))
+    return int(match[1]) if match else None

@@ -1,0 +1,137 @@
+"""Films and folders of pictures, given out in real time: each picture when it is due."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.conventions import NS_PER_S
+from mocapella.errors import InputError
+from mocapella.sources.picture_source import Picture, SourceState
+from mocapella.sources.video import IMAGES, read_image
+
+UInt8 = NDArray[np.uint8]
+
+USUAL_FPS: Final = 30.0
+"""Of a folder of pictures, and of a film that does not say it."""
+
+
+class PacedPictures:
+    """A film, a picture or a folder of pictures by name.
+
+    Its time begins with its first picture at `begin` and is that of the film: what its container says of each frame
+    (``CAP_PROP_POS_MSEC``) as long as that rises, and one over the rate later where it does not.
+
+    Args:
+        path: of the film, picture or folder.
+        fps: pictures a second; None takes the film's own times, and `USUAL_FPS` for a folder.
+        loop: whether it begins again when it has ended.
+        clock: the monotonic clock, in seconds.
+    """
+
+    live = False
+
+    def __init__(
+        self,
+        path: Path | str,
+        *,
+        fps: float | None = None,
+        loop: bool = False,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.name, self.times = str(path), "the film's own"
+        self._path, self._wished_fps, self._loop, self._clock = Path(path), fps, loop, clock
+        self._fps = fps or USUAL_FPS
+        self._zero_s, self._number = 0.0, 0
+        self._next_s, self._frames = 0.0, iter(())  # type: float, Iterator[tuple[float, float, UInt8]]
+        self._capture: cv2.VideoCapture | None = None
+
+    def open(self) -> SourceState:
+        """As `PictureSource.open`."""
+        self.close()
+        self._number, self._next_s = 0, 0.0
+        path, problems = self._path, ()
+        if path.is_dir() or path.suffix.lower() in IMAGES:
+            self._fps = self._wished_fps or USUAL_FPS
+            files = [path] if not path.is_dir() else sorted(f for f in path.iterdir() if f.suffix.lower() in IMAGES)
+            if not files:
+                raise InputError("is a folder without images", file=path, fix=f"put images there ({', '.join(IMAGES)})")
+            height, width = read_image(files[0]).shape[:2]
+            self._frames = self._of_files(files)
+            return SourceState((width, height), self._fps)
+        if not path.is_file():
+            fix = "name a film or a folder of images, camera:0, http://… or rendered:SCENE/CAMERA"
+            raise InputError("is not there", file=path, fix=fix)
+        self._capture = cv2.VideoCapture(str(path))
+        if not self._capture.isOpened():
+            raise InputError("is no video that can be read", file=path, fix="make it an MP4 (H.264) or AVI")
+        says = float(self._capture.get(cv2.CAP_PROP_FPS))
+        if not 0 < says < math.inf and self._wished_fps is None:
+            says, problems = USUAL_FPS, (f"does not say its frames a second; {USUAL_FPS:g} are taken (--fps)",)
+        self._fps = self._wished_fps or says
+        size = tuple(int(self._capture.get(k)) for k in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+        self._frames = self._of_film(self._capture)
+        return SourceState((size[0], size[1]), self._fps, problems=problems)
+
+    def begin(self, zero_s: float) -> None:
+        """As `PictureSource.begin`."""
+        self._zero_s = zero_s
+
+    def read(self, stop: threading.Event) -> Picture | None:
+        """As `PictureSource.read`."""
+        found = next(self._frames, None)
+        if found is None:
+            return None
+        at_s, retrieval_s, image = found
+        self._next_s = at_s + 1 / self._fps
+        if stop.wait(max(0.0, self._zero_s + at_s - self._clock())):
+            return None
+        number, self._number = self._number, self._number + 1
+        return Picture(image, round(at_s * NS_PER_S) + 1, number, self._clock(), retrieval_s)
+
+    def close(self) -> None:
+        """As `PictureSource.close`."""
+        self._frames = iter(())
+        if self._capture is not None:
+            self._capture.release()
+            self._capture = None
+
+    def _of_files(self, files: list[Path]) -> Iterator[tuple[float, float, UInt8]]:
+        while True:
+            for file in files:
+                begin = self._clock()
+                image = read_image(file)
+                yield self._next_s, self._clock() - begin, image
+            if not self._loop:
+                return
+
+    def _of_film(self, capture: cv2.VideoCapture) -> Iterator[tuple[float, float, UInt8]]:
+        first_s = begun_s = 0.0
+        count = 0
+        while True:
+            if not capture.grab():
+                if not count or not self._loop:
+                    return
+                capture.release()
+                capture.open(str(self._path))
+                begun_s, count = self._next_s, 0
+                continue
+            stamp_s = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1e3
+            first_s = first_s if count else stamp_s
+            begin = self._clock()
+            read, image = capture.retrieve()
+            if not read:
+                return
+            at_s = begun_s + stamp_s - first_s
+            if count and (self._wished_fps is not None or at_s <= self._next_s - 1 / self._fps):
+                at_s = self._next_s
+            count += 1
+            yield at_s, self._clock() - begin, np.asarray(image, dtype=np.uint8)
