@@ -40,6 +40,7 @@ VERBS = [
     ["node", "hand-camera"],
     ["node", "replay"],
     ["node", "bridge"],
+    ["node", "datagrams"],
     ["replay"],
     ["record"],
     ["export", "csv"],

@@ -182,7 +182,7 @@ def datagrams(
         str, typer.Option(metavar="NAME,NAME,…", help="What the pairs of a datagram are, in their order.")
     ] = "red,yellow,green,blue,magenta,cyan",
     size: Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Of the cameras' pictures.")] = "640x480",
-    listen: Annotated[
+    host: Annotated[
         str, typer.Option(metavar="HOST", help="Address of this machine to listen at; 0.0.0.0 is all of them.")
     ] = "127.0.0.1",
     start: Annotated[
@@ -209,7 +209,7 @@ def datagrams(
 
     docs/wire.md has the datagrams; examples/02_pi_camera.py sends them.
 
-    Example:  mocapella node datagrams --camera left=5001 --camera right=5002 --listen 0.0.0.0
+    Example:  mocapella node datagrams --camera left=5001 --camera right=5002 --host 0.0.0.0
     """
     from mocapella.live.datagrams import run_datagrams
     from mocapella.live.stopping import stop_on_signals
@@ -219,7 +219,7 @@ def datagrams(
         cameras=tuple(_parted(one, "=", "--camera", "left=5001") for one in camera),
         markers=tuple(name.strip() for name in markers.split(",")),
         size_px=_size_px(size),
-        host=listen,
+        host=host,
         sd_px=sd_px,
         delay=delay_ms / 1000,
         zero_is_lost=zero_is_lost,
@@ -227,7 +227,7 @@ def datagrams(
         start_text=start_text,
     )
     for _, port in settings.cameras:
-        warn_if_open("the camera's port is", listen, port)
+        warn_if_open("the camera's port is", host, port)
     with stop_on_signals() as stop:
         write_json(json, run_datagrams(settings, connect, stop, say))
 

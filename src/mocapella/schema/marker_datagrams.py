@@ -172,6 +172,5 @@ def _coordinate(text: str) -> float:
 
 
 def _shown(data: bytes) -> str:
-    text = data[: _SHOWN + 1].decode("ascii", errors="backslashreplace")
-    text = text.encode("unicode_escape").decode("ascii")
+    text = data[: _SHOWN + 1].decode("latin-1").encode("unicode_escape").decode("ascii")
     return f"'{text}'" if len(text) <= _SHOWN else f"'{text[: _SHOWN - 1]}…'"

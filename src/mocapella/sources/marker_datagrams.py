@@ -303,8 +303,10 @@ class _Port:
         older = sum(one.source == self.sender for one in waiting)
         self._pass_over_strangers(len(waiting) - older)
         self._counts["superseded"] += older
+        if not self._in_order(datagram, older):
+            return None
         self._heard_ns = now_ns
-        return self._frame(datagram, newest.at_ns) if self._in_order(datagram, older) else None
+        return self._frame(datagram, newest.at_ns)
 
     def _newest_of(self, waiting: list[_Received]) -> tuple[_Received | None, MarkerDatagram | None]:
         """The newest that can be read; it and those that came later, which cannot, are taken from the list."""
