@@ -20,6 +20,7 @@ from mocapella.cli import (  # noqa: F401  (they register)
     doctor,
     evaluate,
     export,
+    hand,
     node,
     record,
     replay,
@@ -58,6 +59,7 @@ VERBS = [
     ["triangulate"],
     ["depth", "fit"],
     ["tune", "one-euro"],
+    ["hand", "measure"],
 ]
 READ_BY_PROGRAMS = [verb for verb in VERBS if verb != ["view"]]
 SCREEN = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")

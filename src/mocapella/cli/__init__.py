@@ -28,6 +28,7 @@ def main() -> None:
         doctor,
         evaluate,
         export,
+        hand,
         node,
         record,
         replay,
