@@ -23,9 +23,9 @@ from mocapella.tracker.hands import HandsSettings, HandsTracker
 Float64 = NDArray[np.float64]
 TIP_NAMES = ("red", "yellow", "green", "blue", "magenta")
 BASE_NAMES = ("cyan", "white", "orange")
-HZ = 60.0
+HZ = 30.0
 NOISE_PX = 0.15
-PHASES_S = {"flat": (0.0, 3.0), "knuckles": (3.0, 7.0), "hook": (7.0, 11.0)}
+PHASES_S = {"flat": (0.0, 2.0), "knuckles": (2.0, 5.0), "hook": (5.0, 8.0)}
 PALM_SIDE_M = -0.0125
 MODEL = hand_model("thesis")
 
@@ -35,7 +35,7 @@ def rig() -> CameraRig:
     return load_hand_scene("wide", seed=1).rig
 
 
-def somebody(side: Handedness = "right", seed: int = 0) -> HandShape:
+def somebody(side: Handedness = "right", seed: int = 1) -> HandShape:
     """Fingers of other lengths than the average hand's, each of its own."""
     rng = np.random.default_rng([seed, 5])
     start = MODEL.shape(side)
@@ -45,7 +45,7 @@ def somebody(side: Handedness = "right", seed: int = 0) -> HandShape:
 
 def pose(phase: str, at_s: float, *, since_s: float = 0.0, bend: float = 1.0) -> HandPose:
     """In the part of the gesture that is named, which began at a time."""
-    swing = bend * (0.5 - 0.5 * np.cos(2 * np.pi * (at_s - since_s) / 2.0))
+    swing = bend * (0.5 - 0.5 * np.cos(2 * np.pi * (at_s - since_s) / 1.5))
     angles = np.zeros(21)
     for digit, row in enumerate(DIGIT_ANGLES[1:]):
         held = np.radians(1.0 + digit)

@@ -1,4 +1,4 @@
-"""The gesture's parts and the markers in them: what is kept, what is missing, and a hand found from scenes of cameras."""
+"""The gesture's parts and the markers in them: what is kept, what is missing, and a hand found from cameras' scenes."""
 
 from __future__ import annotations
 
@@ -8,8 +8,14 @@ import msgspec
 import numpy as np
 import pytest
 from gesturing_hand import (
-    BASE_NAMES, MODEL, PALM_SIDE_M, PHASES_S, TIP_NAMES, scenes, somebody,
-)  # fmt: skip
+    BASE_NAMES,
+    MODEL,
+    PALM_SIDE_M,
+    PHASES_S,
+    TIP_NAMES,
+    scenes,
+    somebody,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -33,11 +39,10 @@ def scene(at_s: float = 0.0, *, unseen: tuple[str, ...] = (), predicted: tuple[s
     return msgspec.structs.replace(whole, **changed)
 
 
-@pytest.mark.parametrize("side", ["right", "left"])
-def test_a_hand_unlike_the_average_is_found_within_what_is_said(side: Any) -> None:
-    truth, start = somebody(side), MODEL.shape(side, person="Ada")
+def test_a_hand_unlike_the_average_is_found_within_what_is_said() -> None:
+    truth, start = somebody(), MODEL.shape("right", person="Ada")
     gesture = GesturePoints(TIP_NAMES, BASE_NAMES)
-    for arrival, seen in scenes(side):
+    for arrival, seen in scenes():
         phase = phase_at(SPANS, (arrival.at_ns - 1) / 1e9)
         assert phase is not None
         gesture.update(seen, phase)
@@ -47,11 +52,12 @@ def test_a_hand_unlike_the_average_is_found_within_what_is_said(side: Any) -> No
     assert bones.shape.lengths_sd is not None
     assert (np.abs(off[1:]) < 2 * bones.shape.lengths_sd[1:]).all()
     assert (np.abs(off.sum(axis=1)) < 2 * bones.finger_sd_m).all()
-    assert np.sqrt((off[1:] ** 2).mean()) < 0.001
-    assert np.sqrt((before[1:] ** 2).mean()) > 0.0018  # that it is no average hand
+    rms, rms_before = (np.sqrt((values[1:] ** 2).mean()) for values in (off, before))
+    assert rms_before > 0.003  # that it is no average hand
+    assert rms < 0.4 * rms_before
     report = gesture.report
-    assert report.kept == pytest.approx({"flat": 90, "knuckles": 120, "hook": 120}, abs=2)
-    assert report.scenes == sum(report.kept.values()) + report.too_soon + report.without_points == 1320
+    assert report.kept == pytest.approx({"flat": 60, "knuckles": 90, "hook": 90}, abs=2)
+    assert report.scenes == sum(report.kept.values()) + report.too_soon + report.without_points == 480
 
 
 def test_only_what_cameras_see_now_is_kept() -> None:

@@ -36,7 +36,7 @@ class Actor:
 
     def newest(self) -> Scene | None:
         of = self._all[self._phase or "flat"]
-        place = round((self.now - self._since) * 120)
+        place = round((self.now - self._since) * 60)
         if self._phase is None and self.said:
             return None
         return of[place] if place < len(of) else None
@@ -63,7 +63,7 @@ def measured(gesture: GesturePoints) -> Bones:
 def test_who_does_as_told_is_measured_and_hears_every_part_once() -> None:
     actor = Actor()
     bones = actor.guide().run(measured)
-    assert (bones.frames > 150).all()
+    assert (bones.frames > 120).all()
     assert actor.said == [
         line
         for phase in PHASES
