@@ -13,7 +13,9 @@ from mocapella.model.session import Setup
 from mocapella.model.topology import topology, topology_names
 from mocapella.schema import MAX_BODIES, MAX_MESSAGE_BYTES, MAX_SCENE_BYTES, SCHEMA_VERSION
 from mocapella.schema import mocapella_pb2 as pb
+from mocapella.schema.marker_datagrams import MAX_DATAGRAM_BYTES, MAX_MARKERS, DatagramProblem
 from mocapella.sources.bridge import BridgeSettings
+from mocapella.sources.marker_datagrams import DatagramSettings
 from mocapella.wire import keys
 from mocapella.wire.questions import MAX_ANSWER_BYTES, MAX_QUESTION_BYTES, Question
 from mocapella.wire.session import DEFAULT_ADDRESS
@@ -86,8 +88,22 @@ def test_the_program_in_csharp_fills_fields_that_there_are() -> None:
     assert assigned <= there_are
 
 
+def test_what_it_says_of_datagrams_is_so() -> None:
+    settings = DatagramSettings((("left", 5001),), ("red",))
+    for said in (
+        f"At most {MAX_DATAGRAM_BYTES} bytes and {MAX_MARKERS} markers",
+        f"at most {settings.max_rate_hz:g} frames a second",
+        f"silent for {settings.source_timeout:g} s",
+        f"the text `{settings.start_text}`",
+    ):
+        assert said in TEXT
+    assert settings.start_every == 1.0
+    section = " ".join(TEXT[TEXT.index("## Markers as text") :].split())
+    assert all(f"`{problem}`" in section for problem in DatagramProblem)
+
+
 def test_links_lead_somewhere() -> None:
     for target in TEXT.split("](")[1:]:
-        path = target.split(")")[0]
-        if not path.startswith("#"):
+        path = target.split(")")[0].partition("#")[0]
+        if path:
             assert (ROOT / "docs" / path).exists(), path

@@ -21,6 +21,7 @@ from mocapella.cli import (  # noqa: F401  (they register)
     doctor,
     evaluate,
     export,
+    hand,
     markers,
     node,
     record,
@@ -42,6 +43,7 @@ VERBS = [
     ["node", "markers"],
     ["node", "replay"],
     ["node", "bridge"],
+    ["node", "datagrams"],
     ["replay"],
     ["record"],
     ["export", "csv"],
@@ -61,6 +63,7 @@ VERBS = [
     ["triangulate"],
     ["depth", "fit"],
     ["tune", "one-euro"],
+    ["hand", "measure"],
 ]
 READ_BY_PROGRAMS = [verb for verb in VERBS if verb != ["view"]]
 SCREEN = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")

@@ -17,11 +17,11 @@ from mocapella.geometry.rigid import inverse, rigid, rotation_about_x
 from mocapella.model.camera_rig_file import encode_camera_rig
 from mocapella.model.hand import TIPS
 from mocapella.model.hand_file import encode_hand_shape
-from mocapella.model.markers import marker_frame
+from mocapella.model.markers import MarkerFrame, marker_frame
 from mocapella.model.observations import Arrival, JointState
 from mocapella.model.scene import Phase, Scene
 from mocapella.schema import decode_scene, encode_scene
-from mocapella.smoothing.one_euro import OneEuroSettings
+from mocapella.smoothing.one_euro import OneEuro, OneEuroSettings
 from mocapella.tracker import make_tracker
 from mocapella.tracker.hands import HandsSettings, HandsTracker, ObjectSettings
 
@@ -75,6 +75,33 @@ def test_smoothing_comes_between_points_and_hand() -> None:
     np.testing.assert_allclose(hand.landmarks[list(TIPS)], smooth.points.positions[:5], atol=0.004)
 
 
+def test_smoothing_in_the_pictures_is_each_cameras_filter_before_the_rays() -> None:
+    how, filters = OneEuroSettings(2.0, 0.05, per_component=True), {}
+    arrivals = [*watched(0, 20), *watched(20, 25, hidden=("red",)), *watched(25, 40)]
+
+    def filtered(arrival: Arrival) -> Arrival:
+        frame = arrival.frame
+        assert isinstance(frame, MarkerFrame)
+        one = filters.setdefault(frame.sensor, OneEuro(how))
+        px = one.update(frame.positions_px.astype(float), arrival.at_ns / 1e9).astype(np.float32)
+        return Arrival(msgspec.structs.replace(frame, positions_px=px), arrival.at_ns)
+
+    plain, ours, by_hand = (
+        run(made, of)
+        for made, of in (
+            (tracker(), arrivals),
+            (tracker(smoothing_2d=how), arrivals),
+            (tracker(), map(filtered, arrivals)),
+        )
+    )
+    for other, one, two in zip(plain[20:], ours[20:], by_hand[20:], strict=True):
+        assert other.points is not None
+        assert one.points is not None
+        assert two.points is not None
+        np.testing.assert_allclose(one.points.positions, two.points.positions, atol=1e-6)
+        assert np.linalg.norm(one.points.positions - other.points.positions, axis=-1).max() > 1e-4  # it is late
+
+
 def test_where_the_cameras_stand_is_told() -> None:
     (made,) = run(tracker(), watched(0, 1))[-1:]
     assert [place.sensor for place in made.sensors] == ["left", "right"]
@@ -105,9 +132,10 @@ def test_the_order_of_a_frames_markers_and_others_in_it_do_not_matter() -> None:
 
 def test_the_same_arrivals_give_the_same_scenes_and_reset_is_as_newly_made() -> None:
     arrivals = list(watched(0, 15, in_palm=IN_PALM))
-    made = tracker(CUBE, smoothing=OneEuroSettings())
+    how = {"smoothing": OneEuroSettings(), "smoothing_2d": OneEuroSettings(3.0, 0.1)}
+    made = tracker(CUBE, **how)
     first = bits(run(made, arrivals))
-    assert bits(run(tracker(CUBE, smoothing=OneEuroSettings()), arrivals)) == first
+    assert bits(run(tracker(CUBE, **how), arrivals)) == first
     made.update(see("left", sensor_at(0.0), [somebody()], 1))
     made.reset()
     assert (made.report.frames, made.report.rejected) == (0, {})
@@ -117,7 +145,7 @@ def test_the_same_arrivals_give_the_same_scenes_and_reset_is_as_newly_made() -> 
 @pytest.mark.parametrize("begun", [0, 1, 24])
 def test_what_is_restored_goes_on_to_the_bit_alike(begun: int) -> None:
     def new() -> HandsTracker:
-        return tracker(CUBE, smoothing=OneEuroSettings())
+        return tracker(CUBE, smoothing=OneEuroSettings(), smoothing_2d=OneEuroSettings(3.0, 0.1))
 
     arrivals = [*watched(0, 10, in_palm=IN_PALM), *watched(10, 16, in_palm=IN_PALM, hidden=CUBE.markers)]
     made, later = new(), new()

@@ -29,6 +29,7 @@ def main() -> None:
         doctor,
         evaluate,
         export,
+        hand,
         markers,
         node,
         record,

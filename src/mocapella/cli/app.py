@@ -58,6 +58,7 @@ evaluate_app = typer.Typer(
 train_app = typer.Typer(no_args_is_help=True, help="Learn from recordings of real people.")
 depth_app = typer.Typer(no_args_is_help=True, help="Depth from two parallel cameras.")
 tune_app = typer.Typer(no_args_is_help=True, help="Find settings from recordings, step by step.")
+hand_app = typer.Typer(no_args_is_help=True, help="A person's hand, measured.")
 app.add_typer(node_app, name="node")
 app.add_typer(colours_app, name="colours")
 app.add_typer(export_app, name="export")
@@ -65,6 +66,7 @@ app.add_typer(evaluate_app, name="evaluate")
 app.add_typer(train_app, name="train")
 app.add_typer(depth_app, name="depth")
 app.add_typer(tune_app, name="tune")
+app.add_typer(hand_app, name="hand")
 
 
 def _print_version(wanted: bool) -> None:

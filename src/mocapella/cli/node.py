@@ -132,12 +132,87 @@ def bridge(
     from mocapella.live.stopping import stop_on_signals
     from mocapella.sources.bridge import BridgeSettings
 
-    host, _, port = listen.rpartition(":")
-    if not host or not port.isdigit():
-        raise SettingsError(f"--listen {listen!r} cannot be used; write it as 127.0.0.1:7450")
-    warn_if_open("the bridge is", host, int(port))
+    host, port = _parted(listen, ":", "--listen", "127.0.0.1:7450")
+    warn_if_open("the bridge is", host, port)
     with stop_on_signals() as stop:
-        write_json(json, run_bridge(BridgeSettings(host=host, port=int(port)), connect, stop, say))
+        write_json(json, run_bridge(BridgeSettings(host=host, port=port), connect, stop, say))
+
+
+@node_app.command("datagrams")
+def datagrams(
+    camera: Annotated[
+        list[str],
+        typer.Option(
+            metavar="NAME=PORT", help="A camera, as the rig calls it, and the UDP port it sends to; give one for each."
+        ),
+    ],
+    markers: Annotated[
+        str, typer.Option(metavar="NAME,NAME,…", help="What the pairs of a datagram are, in their order.")
+    ] = "red,yellow,green,blue,magenta,cyan",
+    size: Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Of the cameras' pictures.")] = "640x480",
+    host: Annotated[
+        str, typer.Option(metavar="HOST", help="Address of this machine to listen at; 0.0.0.0 is all of them.")
+    ] = "127.0.0.1",
+    start: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS:PORT",
+            help="Send the start command there, such as to the network's broadcast address, while a camera is silent.",
+        ),
+    ] = None,
+    start_text: Annotated[str, typer.Option(metavar="TEXT", help="What the start command says.")] = "start",
+    delay_ms: Annotated[
+        float, typer.Option(metavar="MS", min=0, max=1000, help="From a picture's exposure to its datagram's arrival.")
+    ] = 0.0,
+    sd_px: Annotated[
+        float, typer.Option(metavar="PX", min=0, max=100, help="Standard deviation of a coordinate; 0: not known.")
+    ] = 0.0,
+    zero_is_lost: Annotated[
+        bool, typer.Option("--zero-is-lost", help="The programs write 0,0 for a marker that they do not see.")
+    ] = False,
+    connect: Connect = DEFAULT_ADDRESS,
+    json: JsonOut = None,
+) -> None:
+    """Serve cameras that send markers as text in UDP datagrams, `x,y;x,y;…`, as small programs on a Raspberry Pi do.
+
+    docs/wire.md has the datagrams; examples/02_pi_camera.py sends them.
+
+    Example:  mocapella node datagrams --camera left=5001 --camera right=5002 --host 0.0.0.0
+    """
+    from mocapella.live.datagrams import run_datagrams
+    from mocapella.live.stopping import stop_on_signals
+    from mocapella.sources.marker_datagrams import DatagramSettings
+
+    settings = DatagramSettings(
+        cameras=tuple(_parted(one, "=", "--camera", "left=5001") for one in camera),
+        markers=tuple(name.strip() for name in markers.split(",")),
+        size_px=_size_px(size),
+        host=host,
+        sd_px=sd_px,
+        delay=delay_ms / 1000,
+        zero_is_lost=zero_is_lost,
+        start_to=None if start is None else _parted(start, ":", "--start", "192.168.1.255:5000"),
+        start_text=start_text,
+    )
+    for _, port in settings.cameras:
+        warn_if_open("the camera's port is", host, port)
+    with stop_on_signals() as stop:
+        write_json(json, run_datagrams(settings, connect, stop, say))
+
+
+def _parted(text: str, at: str, option: str, example: str) -> tuple[str, int]:
+    """What comes before, and the port number after it."""
+    before, _, port = text.rpartition(at)
+    if not before or not (port.isascii() and port.isdigit() and len(port) <= 5):
+        raise SettingsError(f"{option} {text!r} cannot be used; write it as {example}")
+    return before, int(port)
+
+
+def _size_px(text: str) -> tuple[int, int]:
+    width, _, height = text.lower().replace("×", "x").partition("x")
+    if not all(side.isascii() and side.isdigit() and len(side) <= 5 for side in (width, height)):
+        raise SettingsError(f"--size {text!r} cannot be used; write it as 640x480")
+    return int(width), int(height)
 
 
 def read_epoch() -> float:

@@ -8,12 +8,12 @@ from dataclasses import asdict
 from typing import Any
 
 from mocapella.live.node import Membership
-from mocapella.model.observations import BodyFrame
+from mocapella.model.observations import BodyFrame, Frame
 from mocapella.sources.bridge import Bridge, BridgeSettings
 from mocapella.wire.node import NodeLink
 
 
-class _ServedSensor:
+class ServedSensor:
     """A sensor's end of the bus, and its standing request for the sensor's name."""
 
     def __init__(self, connect: str, sensor: str, say: Callable[[str], None]) -> None:
@@ -21,11 +21,15 @@ class _ServedSensor:
         self.link = NodeLink(connect, sensor)
         self.membership = Membership(self.link, self.ended, say)
 
-    def publish(self, frame: BodyFrame) -> None:
+    def publish(self, frame: Frame) -> None:
         """Pass a frame on; raises `NameTakenError` once the name was refused."""
+        self.raise_refusal()
+        self.link.publish(frame)
+
+    def raise_refusal(self) -> None:
+        """Raise the `NameTakenError` by which a server refused the name, if one did."""
         if self.membership.refusal is not None:
             raise self.membership.refusal
-        self.link.publish(frame)
 
     def close(self) -> None:
         """Leave the bus; a refusal has been told already."""
@@ -42,11 +46,11 @@ def run_bridge(
     Raises:
         AddressInUseError: the bridge's port is in use.
     """
-    serving: dict[str, _ServedSensor] = {}
+    serving: dict[str, ServedSensor] = {}
 
     def on_frame(sensor: str, frame: BodyFrame, _data: bytes) -> None:
         if sensor not in serving:
-            serving[sensor] = _ServedSensor(connect, sensor, say)
+            serving[sensor] = ServedSensor(connect, sensor, say)
         serving[sensor].publish(frame)
 
     def on_gone(sensor: str) -> None:

@@ -8,9 +8,7 @@ connection notices.
 from __future__ import annotations
 
 import contextlib
-import errno
 import logging
-import os
 import selectors
 import socket
 import threading
@@ -18,11 +16,12 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
-from mocapella.errors import AddressInUseError, BusError, MocapellaError, WireError
+from mocapella.errors import MocapellaError, WireError
 from mocapella.model.observations import BodyFrame
 from mocapella.schema import MAX_MESSAGE_BYTES, decode_frame
 from mocapella.schema.delimited import DelimitedReader
 from mocapella.settings import check
+from mocapella.sources.bound_socket import bound_socket
 
 OnFrame = Callable[[str, BodyFrame, bytes], None]
 """Called with the sensor's name, the frame, and its bytes as they came."""
@@ -132,7 +131,7 @@ class Bridge:
             AddressInUseError: another program listens there.
             BusError: the address is none of this machine, or may not be listened at.
         """
-        self._listener = _listen(self._settings)
+        self._listener = bound_socket(self._settings.host, self._settings.port, socket.SOCK_STREAM)
         self._stopping.clear()
         self._thread = threading.Thread(target=self._run, args=(self._listener,), name="bridge", daemon=True)
         self._thread.start()
@@ -254,29 +253,6 @@ class Bridge:
 
     def _count(self, **changed: int | str) -> None:
         self._report = replace(self._report, **changed)  # type: ignore[arg-type]
-
-
-def _listen(settings: BridgeSettings) -> socket.socket:
-    where = f"{settings.host}:{settings.port}"
-    try:
-        family, _, _, _, address = socket.getaddrinfo(
-            settings.host, settings.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
-        )[0]
-        listener = socket.socket(family, socket.SOCK_STREAM)
-    except (OSError, UnicodeError) as error:  # UnicodeError: a name that cannot be one
-        raise BusError(f"cannot listen at {where}: {error}; try 127.0.0.1:7450") from error
-    try:
-        if os.name == "posix":  # elsewhere the option would let two programs share the port
-            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listener.bind(address)
-        listener.listen()
-    except OSError as error:
-        listener.close()
-        if error.errno == errno.EADDRINUSE:
-            raise AddressInUseError(f"{where} is in use by another program; listen at another port") from error
-        raise BusError(f"cannot listen at {where}: {error}; try 127.0.0.1:7450") from error
-    listener.setblocking(False)
-    return listener
 
 
 def _check_order(frame: BodyFrame, last: BodyFrame | None) -> None:

@@ -1,5 +1,6 @@
 """The method ``hands``: coloured markers that several cameras see, a hand, and things that it holds.
 
+    pixels = smooth(pixels)          each camera's, where that is asked for
     points = rays(pixels)            each camera's pixels at their own instants, one point for each marker
     steady = smooth(points)          where that is asked for
     hand   = fit(steady)             within the limits of a hand
@@ -88,6 +89,7 @@ class HandsSettings:
         constraints: ``thesis`` or ``full``: which angles are free.
         rays: how markers move.
         fit: how hands move.
+        smoothing_2d: of each camera's pixels, before the rays; its unit of speed is the pixel; None does without.
         smoothing: of the points, before the hand is fitted; None does without.
         objects: things that are tracked, too.
         grasp: when they are held.
@@ -102,6 +104,7 @@ class HandsSettings:
     constraints: ConstraintSet = "thesis"
     rays: MarkerRaysSettings = field(default_factory=MarkerRaysSettings)
     fit: HandSettings = field(default_factory=HandSettings)
+    smoothing_2d: OneEuroSettings | None = None
     smoothing: OneEuroSettings | None = None
     objects: tuple[ObjectSettings, ...] = ()
     grasp: GraspSettings = field(default_factory=GraspSettings)
@@ -145,6 +148,7 @@ class HandsTracker:
         self._rays = MarkerRays(self.rig, len(s.markers), s.rays)
         self._rig_fit = RigFit(self.rig, len(s.markers), s.rig_fit)
         self._fit = HandTracker(model, self.shape, places, s.fit)
+        self._smooth_2d = {} if s.smoothing_2d is None else {name: OneEuro(s.smoothing_2d) for name in sorted(cameras)}
         self._smooth = None if s.smoothing is None else OneEuro(s.smoothing)
         self._grasps = [Grasp(s.grasp) for _ in s.objects]
         self._outlines = [_outline(thing.size_m) for thing in s.objects]
@@ -156,6 +160,8 @@ class HandsTracker:
         self._rays.reset()
         self._rig_fit.reset()
         self._fit.reset()
+        for smooth in self._smooth_2d.values():
+            smooth.reset()
         if self._smooth is not None:
             self._smooth.reset()
         for grasp in self._grasps:
@@ -187,12 +193,13 @@ class HandsTracker:
             {name: getattr(self._fit, name) for name in ("_state", "report")},
             None if self._smooth is None else {n: v for n, v in vars(self._smooth).items() if n != "settings"},
             [{n: v for n, v in vars(grasp).items() if n != "settings"} for grasp in self._grasps],
+            [{n: v for n, v in vars(smooth).items() if n != "settings"} for smooth in self._smooth_2d.values()],
         ]
         return pack(parts, _REMEMBERED)
 
     def restore(self, data: bytes) -> None:
         """See `Tracker`."""
-        own, rays, rig_fit, fit, smooth, grasps = unpack(data, _REMEMBERED)
+        own, rays, rig_fit, fit, smooth, grasps, smooth_2d = unpack(data, _REMEMBERED)
         vars(self).update(own)
         vars(self._rays).update(rays)
         vars(self._rig_fit).update(rig_fit)
@@ -201,6 +208,8 @@ class HandsTracker:
             vars(self._smooth).update(smooth)
         for grasp, memory in zip(self._grasps, grasps, strict=True):
             vars(grasp).update(memory)
+        for filtered, memory in zip(self._smooth_2d.values(), smooth_2d, strict=True):
+            vars(filtered).update(memory)
 
     @property
     def report(self) -> TrackerReport:
@@ -218,8 +227,10 @@ class HandsTracker:
         self._newest[frame.sensor], self._heard_ns[frame.sensor] = (frame.node_id, frame.time_ns), arrival.at_ns
         pixels, sd = self._in_order(frame)
         at_s = arrival.at_ns / NS_PER_S
-        points = self._rays.update(frame.sensor, pixels, sd, at_s)
         self._rig_fit.update(frame.sensor, pixels, at_s)
+        if self._smooth_2d:
+            pixels = self._smooth_2d[frame.sensor].update(pixels, at_s)
+        points = self._rays.update(frame.sensor, pixels, sd, at_s)
         self._state = self._stand(arrival.at_ns)
         self._said = self._describe(points, arrival.at_ns)
         return self._scene(arrival)

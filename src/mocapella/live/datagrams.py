@@ -1,0 +1,61 @@
+"""Cameras that send their markers as datagrams onto the bus: one port, one camera, one node."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any, Final
+
+from mocapella.live.bridging import ServedSensor
+from mocapella.sources.marker_datagrams import DatagramSettings, MarkerDatagrams
+
+_POLL_S: Final = 0.1
+
+
+def run_datagrams(
+    settings: DatagramSettings, connect: str, stop: threading.Event, say: Callable[[str], None]
+) -> dict[str, Any]:
+    """Serve a camera for each port until ``stop`` is set; returns what came, by camera.
+
+    Raises:
+        AddressInUseError: a port is in use.
+        BusError: the address is none of this machine.
+        NameTakenError: another node serves a camera of one of the names.
+    """
+    began_s, busy_s = time.monotonic(), time.process_time()
+    with MarkerDatagrams(settings, say) as source:
+        serving = {name: ServedSensor(connect, name, say) for name in source.addresses}
+        try:
+            for name, (host, port) in source.addresses.items():
+                say(f"{name}: listening at {host}:{port} for {', '.join(settings.markers)} (Ctrl-C ends)")
+            while not stop.is_set():
+                for frame in source.poll(_POLL_S):
+                    serving[frame.sensor].publish(frame)
+                for sensor in serving.values():
+                    sensor.raise_refusal()
+        finally:
+            for sensor in serving.values():
+                sensor.close()
+        for name, report in source.report.items():
+            served = serving[name].membership.served.is_set()
+            say(f"{name}: {_in_words(report.frames, sum(report.refused.values()))}" + _nowhere(served, connect))
+        return {
+            "cameras": {
+                name: {"port": source.addresses[name][1], "served": serving[name].membership.served.is_set()}
+                | asdict(report)
+                for name, report in source.report.items()
+            },
+            "starts_sent": source.starts_sent,
+            "seconds": round(time.monotonic() - began_s, 3),
+            "processor_seconds": round(time.process_time() - busy_s, 3),
+        }
+
+
+def _in_words(frames: int, refused: int) -> str:
+    return f"{frames} frames" + (f", {refused} datagrams refused" if refused else "")
+
+
+def _nowhere(served: bool, connect: str) -> str:
+    return "" if served else f", which no server at {connect} received"

@@ -1,0 +1,176 @@
+"""Markers of one picture as a line of text in a datagram: what small programs on a Raspberry Pi send.
+
+    x,y;x,y;…                           a pair for each marker, in an order that both sides know
+    #SEQUENCE,TIME_US;x,y;x,y;…         the same, by a program that numbers and times its pictures
+
+The first form is that of the RHOT thesis, which leaves open how a lost marker is written, what ends the line, and
+when a picture was taken. docs/wire.md says what is read, docs/decisions/0012-datagrams-of-markers.md why.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from enum import StrEnum
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import WireError
+
+Float64 = NDArray[np.float64]
+
+MAX_DATAGRAM_BYTES: Final = 1472
+"""What fits into one Ethernet frame; six markers take some sixty bytes."""
+MAX_MARKERS: Final = 64
+"""Of a datagram, so that all of them fit with a subpixel's digits."""
+MAX_SEQUENCE: Final = 2**63 - 1
+MAX_TIME_US: Final = 2**53
+"""285 years, and exact in every language's numbers."""
+
+_TEXT: Final = re.compile(rb"[\x20-\x7e]*\Z")
+_NUMBER: Final = re.compile(r"[+-]?(?:[0-9]{1,17}(?:\.[0-9]{0,17})?|\.[0-9]{1,17})(?:[eE][+-]?[0-9]{1,3})?\Z")
+_NOT_FINITE: Final = re.compile(r"[+-]?(?:inf|infinity)\Z", re.IGNORECASE)
+_NAN: Final = re.compile(r"[+-]?nan\Z", re.IGNORECASE)
+_COUNT: Final = re.compile(r"[0-9]{1,19}\Z")
+_SHOWN: Final = 40
+"""Characters of a stranger's text in a message."""
+
+
+class DatagramProblem(StrEnum):
+    """Why a datagram is refused; what is counted by."""
+
+    EMPTY = "empty"
+    TOO_LONG = "too long"
+    NOT_TEXT = "not text"
+    HEADER = "header"
+    NOT_A_PAIR = "not a pair of numbers"
+    COUNT = "number of markers"
+    ONE_COORDINATE = "one coordinate"
+    NOT_FINITE = "not finite"
+    OUTSIDE = "outside the picture"
+
+
+class DatagramError(WireError):
+    """A datagram that does not tell markers. ``problem`` is its kind; the message says what was wrong with this one."""
+
+    def __init__(self, problem: DatagramProblem, message: str) -> None:
+        self.problem = problem
+        super().__init__(message)
+
+
+class MarkerDatagram(msgspec.Struct, frozen=True, eq=False):
+    """What a datagram says.
+
+    Attributes:
+        positions_px: (markers, 2) x to the right, y down; the middle of the first pixel is (0, 0); NaN = not seen.
+        sequence: which picture of the program's it is; None where it does not say.
+        time_us: when it was taken, on the program's own clock; None where it does not say.
+    """
+
+    positions_px: Float64
+    sequence: int | None = None
+    time_us: int | None = None
+
+
+def encode_marker_datagram(datagram: MarkerDatagram, decimals: int = 2) -> bytes:
+    """As a program would send it; a marker that is not seen is an empty pair (``;;``)."""
+    pairs = [
+        f"{x:.{decimals}f},{y:.{decimals}f}" if math.isfinite(x) and math.isfinite(y) else ","
+        for x, y in datagram.positions_px.tolist()
+    ]
+    if datagram.sequence is not None:
+        time = "" if datagram.time_us is None else f",{datagram.time_us}"
+        pairs.insert(0, f"#{datagram.sequence}{time}")
+    return ";".join(pairs).encode("ascii") + b"\n"
+
+
+def decode_marker_datagram(
+    data: bytes, names: Sequence[str], size_px: tuple[int, int], *, zero_is_lost: bool = False
+) -> MarkerDatagram:
+    """Read a datagram; work and memory are bounded by `MAX_DATAGRAM_BYTES`.
+
+    Args:
+        data: as it came.
+        names: of the markers, in the order of the pairs.
+        size_px: (width, height) of the pictures.
+        zero_is_lost: the program writes ``0,0`` for a marker that it does not see.
+
+    Raises:
+        DatagramError: it is anything else; nothing else is ever raised.
+    """
+    if len(data) > MAX_DATAGRAM_BYTES:
+        problem = f"{len(data)} bytes; at most {MAX_DATAGRAM_BYTES} are read"
+        raise DatagramError(DatagramProblem.TOO_LONG, problem)
+    line = data.strip(b" \t\r\n\0")
+    if not line:
+        problem = f"nothing in it; write {';' * len(names)} where no marker is seen"
+        raise DatagramError(DatagramProblem.EMPTY, problem)
+    if not _TEXT.match(line):
+        raise DatagramError(DatagramProblem.NOT_TEXT, f"{_shown(line)} is not a line of ASCII text")
+    pairs = line.decode("ascii").split(";")
+    sequence, time_us = _header(pairs.pop(0)) if pairs[0].startswith("#") else (None, None)
+    if len(pairs) == len(names) + 1 and not pairs[-1].strip():
+        pairs.pop()  # ended by a semicolon, too
+    if len(pairs) != len(names):
+        if not any("," in pair for pair in pairs):
+            raise DatagramError(DatagramProblem.NOT_A_PAIR, f"{_shown(line)} has no pairs x,y")
+        told = f"{len(pairs)} pairs; the markers are {len(names)}: {', '.join(names)}"
+        raise DatagramError(DatagramProblem.COUNT, told)
+    positions = [_position(pair, zero_is_lost) for pair in pairs]
+    width, height = size_px
+    for name, (x, y) in zip(names, positions, strict=True):
+        if not (math.isnan(x) or (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5)):
+            where = f"{name} at ({x:g}, {y:g}) is not in a picture of {width} × {height}"
+            raise DatagramError(DatagramProblem.OUTSIDE, where)
+    return MarkerDatagram(np.array(positions), sequence, time_us)
+
+
+def _header(text: str) -> tuple[int, int | None]:
+    """Sequence and time; what follows them is of a later version and is passed over."""
+    first, *rest = (part.strip() for part in text[1:].split(","))
+    sequence = int(first) if _COUNT.match(first) else -1
+    time_us = None if not rest or not rest[0] else int(rest[0]) if _COUNT.match(rest[0]) else -1
+    if not 0 <= sequence <= MAX_SEQUENCE or not (time_us is None or 0 <= time_us <= MAX_TIME_US):
+        problem = f"{_shown(text.encode())} is no #SEQUENCE or #SEQUENCE,TIME_US of whole numbers from 0 on"
+        raise DatagramError(DatagramProblem.HEADER, problem)
+    return sequence, time_us
+
+
+def _position(pair: str, zero_is_lost: bool) -> tuple[float, float]:
+    """A pair's numbers; NaN for the ways to say that a marker is not seen."""
+    parts = [part.strip() for part in pair.split(",")]
+    if parts == [""]:
+        return math.nan, math.nan
+    if len(parts) != 2:
+        problem = f"{_shown(pair.encode())} is no pair x,y (decimal point, comma between)"
+        raise DatagramError(DatagramProblem.NOT_A_PAIR, problem)
+    x, y = (_coordinate(part) for part in parts)
+    if math.isnan(x) and math.isnan(y):
+        return x, y
+    if math.isnan(x) or math.isnan(y):
+        problem = f"{_shown(pair.encode())} has one coordinate; leave both out where a marker is not seen"
+        raise DatagramError(DatagramProblem.ONE_COORDINATE, problem)
+    if (x == y == -1) or (zero_is_lost and x == y == 0):
+        return math.nan, math.nan
+    return x, y
+
+
+def _coordinate(text: str) -> float:
+    if _NUMBER.match(text):
+        value = float(text)
+        if math.isfinite(value):
+            return value
+    elif not text or _NAN.match(text):
+        return math.nan
+    elif not _NOT_FINITE.match(text):
+        raise DatagramError(DatagramProblem.NOT_A_PAIR, f"{_shown(text.encode())} is no number")
+    raise DatagramError(DatagramProblem.NOT_FINITE, f"{_shown(text.encode())} is not a finite number")
+
+
+def _shown(data: bytes) -> str:
+    text = data[: _SHOWN + 1].decode("latin-1").encode("unicode_escape").decode("ascii")
+    return f"'{text}'" if len(text) <= _SHOWN else f"'{text[: _SHOWN - 1]}…'"
