@@ -228,3 +228,15 @@ def write_json(target: str | None, value: Any) -> None:
         Path(target).write_text(text, encoding="utf-8")
     except OSError as error:
         raise SettingsError(f"--json {target}: {error.strerror}; name a file in a folder that exists") from error
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """(width, height) of ``640x480``.
+
+    Raises:
+        SettingsError: it is something else.
+    """
+    width, _, height = text.lower().replace("×", "x").partition("x")
+    if not all(side.isascii() and side.isdigit() and len(side) <= 5 for side in (width, height)):
+        raise SettingsError(f"--size {text!r} cannot be used; write it as 640x480")
+    return int(width), int(height)

@@ -11,7 +11,17 @@ from rich.console import Console
 from rich.table import Table
 
 from mocapella.cli.app import node_app
-from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, Seed, console, need_cameras, say, write_json
+from mocapella.cli.common import (
+    DEFAULT_ADDRESS,
+    Connect,
+    JsonOut,
+    Seed,
+    console,
+    need_cameras,
+    parse_size,
+    say,
+    write_json,
+)
 from mocapella.cli.node import Epoch, EpochFromInput, read_epoch
 from mocapella.errors import InputError, SettingsError, one_of
 
@@ -147,10 +157,7 @@ def wishes(
         given = replace(profile.controls, **said)
     size_px = None if profile is None else profile.size_px
     if size is not None:
-        parts = size.lower().split("x")
-        if len(parts) != 2 or not all(part.isdecimal() for part in parts):
-            raise SettingsError(f"--size {size!r} cannot be used; write it as 640x480")
-        size_px = int(parts[0]), int(parts[1])
+        size_px = parse_size(size)
     return CameraWishes(size_px, fps, fourcc, given)
 
 

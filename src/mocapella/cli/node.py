@@ -19,6 +19,7 @@ from mocapella.cli.common import (
     Placement,
     SceneName,
     Seed,
+    parse_size,
     say,
     warn_if_open,
     write_json,
@@ -149,7 +150,7 @@ def datagrams(
     markers: Annotated[
         str, typer.Option(metavar="NAME,NAME,…", help="What the pairs of a datagram are, in their order.")
     ] = "red,yellow,green,blue,magenta,cyan",
-    size: Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Of the cameras' pictures.")] = "640x480",
+    size: Annotated[str, typer.Option(metavar="WxH", help="Of the cameras' pictures.")] = "640x480",
     host: Annotated[
         str, typer.Option(metavar="HOST", help="Address of this machine to listen at; 0.0.0.0 is all of them.")
     ] = "127.0.0.1",
@@ -186,7 +187,7 @@ def datagrams(
     settings = DatagramSettings(
         cameras=tuple(_parted(one, "=", "--camera", "left=5001") for one in camera),
         markers=tuple(name.strip() for name in markers.split(",")),
-        size_px=_size_px(size),
+        size_px=parse_size(size),
         host=host,
         sd_px=sd_px,
         delay=delay_ms / 1000,
@@ -206,13 +207,6 @@ def _parted(text: str, at: str, option: str, example: str) -> tuple[str, int]:
     if not before or not (port.isascii() and port.isdigit() and len(port) <= 5):
         raise SettingsError(f"{option} {text!r} cannot be used; write it as {example}")
     return before, int(port)
-
-
-def _size_px(text: str) -> tuple[int, int]:
-    width, _, height = text.lower().replace("×", "x").partition("x")
-    if not all(side.isascii() and side.isdigit() and len(side) <= 5 for side in (width, height)):
-        raise SettingsError(f"--size {text!r} cannot be used; write it as 640x480")
-    return int(width), int(height)
 
 
 def read_epoch() -> float:
