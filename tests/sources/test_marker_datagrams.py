@@ -140,6 +140,18 @@ def test_a_port_belongs_to_its_first_sender_until_that_is_silent() -> None:
     assert len(made.said) == 6
 
 
+def test_a_program_that_opens_a_socket_for_each_datagram_is_one_sender_by_its_host() -> None:
+    for by_host, heard in ((True, [1.0, 2.0, 3.0]), (False, [1.0])):
+        with cameras(by_host=by_host) as made:
+            found = []
+            for k in range(3):
+                made.send(b"%d,0;," % (k + 1), by=k)
+                found += [red(frame) for frame in made.poll()]
+            assert found == heard
+            assert made.report().other_senders == 3 - len(heard)
+            assert any("wants --by-host" in line for line in made.said) == (not by_host)
+
+
 @linux_only
 def test_what_others_send_to_the_port_leaves_room_for_its_sender() -> None:
     with cameras() as made:

@@ -171,6 +171,9 @@ def datagrams(
     zero_is_lost: Annotated[
         bool, typer.Option("--zero-is-lost", help="The programs write 0,0 for a marker that they do not see.")
     ] = False,
+    by_host: Annotated[
+        bool, typer.Option("--by-host", help="The programs send from another port each time: a machine is a sender.")
+    ] = False,
     connect: Connect = DEFAULT_ADDRESS,
     json: JsonOut = None,
 ) -> None:
@@ -192,6 +195,7 @@ def datagrams(
         sd_px=sd_px,
         delay=delay_ms / 1000,
         zero_is_lost=zero_is_lost,
+        by_host=by_host,
         start_to=None if start is None else _parted(start, ":", "--start", "192.168.1.255:5000"),
         start_text=start_text,
     )

@@ -68,6 +68,7 @@ class DatagramSettings:
         delay: from the middle of a picture's exposure to its datagram's arrival [s].
         zero_is_lost: whether ``0,0`` is a marker that is not seen.
         max_rate_hz: a port is looked at no more often, and no more frames come from it.
+        by_host: a sender is a machine, whatever port it sends from: of programs that open a socket for each datagram.
         source_timeout: after so long without a datagram from its sender a port takes another one [s].
         start_to: address and port of the start command; None sends none.
         start_text: what it says.
@@ -82,6 +83,7 @@ class DatagramSettings:
     delay: float = 0.0
     zero_is_lost: bool = False
     max_rate_hz: float = 250.0
+    by_host: bool = False
     source_timeout: float = 2.0
     start_to: tuple[str, int] | None = None
     start_text: str = "start"
@@ -291,7 +293,7 @@ class _Port:
         self.rests_until_ns = now_ns + round(NS_PER_S / self._settings.max_rate_hz)
         waiting = sorted((one for each in self.sockets for one in self._read(each)), key=lambda one: one.at_ns)
         if self.sender is not None:
-            own = [one for one in waiting if one.source == self.sender]
+            own = [one for one in waiting if self._is_sender(one.source)]
             self._pass_over_strangers(len(waiting) - len(own))
             waiting = own
         newest, datagram = self._newest_of(waiting)
@@ -300,7 +302,7 @@ class _Port:
             return None
         if self.sender is None:
             self._belong_to(newest.source)
-        older = sum(one.source == self.sender for one in waiting)
+        older = sum(self._is_sender(one.source) for one in waiting)
         self._pass_over_strangers(len(waiting) - older)
         self._counts["superseded"] += older
         if not self._in_order(datagram, older):
@@ -316,6 +318,9 @@ class _Port:
             if datagram is not None:
                 return newest, datagram
         return None, None
+
+    def _is_sender(self, source: Any) -> bool:
+        return bool(source[0] == self.sender[0]) and (self._settings.by_host or bool(source == self.sender))
 
     def _decode(self, one: _Received) -> MarkerDatagram | None:
         s = self._settings
@@ -357,7 +362,7 @@ class _Port:
 
     def _belong_to(self, sender: Any) -> None:
         self.sender, self._sequence, self._clock = sender, None, _SenderClock()
-        self._own = _socket_for(self._listener, sender)
+        self._own = None if self._settings.by_host else _socket_for(self._listener, sender)
         self._counts["senders"] += 1
         self._said.clear()
         self._say(f"{self.name}: hears {_told(sender)}")
@@ -371,7 +376,8 @@ class _Port:
     def _pass_over_strangers(self, count: int) -> None:
         if count:
             self._counts["other_senders"] += count
-            self._say_once("other", f"{self.name}: others send to its port, too; it belongs to {_told(self.sender)}")
+            text = f"{self.name}: others send to its port, too; it belongs to {_told(self.sender)}"
+            self._say_once("other", f"{text} (a program that opens a socket for each datagram wants --by-host)")
 
     def _say_once(self, what: str, text: str) -> None:
         if what not in self._said:
@@ -428,11 +434,12 @@ class _Starter:
         self.sent = 0
         host, port = settings.start_to
         try:
-            family, _, _, _, self._address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+            family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
             self._socket = socket.socket(family, socket.SOCK_DGRAM)
         except (OSError, UnicodeError) as error:
             problem = f"cannot send the start command to {host}:{port}: {error}"
             raise BusError(f"{problem}; try the network's broadcast address, such as 192.168.1.255:5000") from error
+        self._address: Any = address
         self._socket.setblocking(False)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
         self._problem = ""
