@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 import zenoh
-from programs import Program, free_port, run, wait_until
+from programs import Program, free_port, wait_until
 from typer.testing import CliRunner
 
 import mocapella.cli.markers  # noqa: F401 - registers the verb
@@ -282,11 +282,9 @@ def test_what_cannot_be_served_says_why(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_times_of_the_stages_are_measured_without_a_server(tmp_path: Path) -> None:
-    address = f"tcp/127.0.0.1:{free_port()}"
-    done = run(
-        tmp_path, "node", "markers", "rendered:demo/left", "--timing", "12", "--connect", address, "--json", "t.json"
-    )
-    assert done.returncode == 0, done.stderr
+    words = ["node", "markers", "rendered:demo/left", "--timing", "12", "--json", str(tmp_path / "t.json")]
+    done = CliRunner().invoke(app, [*words, "--connect", f"tcp/127.0.0.1:{free_port()}"])
+    assert done.exit_code == 0, done.output
     summary = json.loads((tmp_path / "t.json").read_text())
     assert set(summary["stages"]) == {"retrieval", "detection", "sending", "all"}
     assert all(row["frames"] == 12 and row["median_ms"] <= row["p99_ms"] <= row["max_ms"]
