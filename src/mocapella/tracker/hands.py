@@ -10,6 +10,7 @@ See docs/methods/hand.md and docs/triangulation.md.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import dataclass, field
 from typing import Final
@@ -29,8 +30,10 @@ from mocapella.model.camera import CameraRig
 from mocapella.model.hand import ConstraintSet, Hand, HandShape, hand_model
 from mocapella.model.markers import MarkerFrame
 from mocapella.model.memory import pack, unpack
-from mocapella.model.observations import Arrival
+from mocapella.model.observations import Arrival, BodyFrame
+from mocapella.model.poses import PoseFrame
 from mocapella.model.scene import Phase, Scene, SensorPlace, TrackedHand, TrackedObject, TrackedPoints, TrackerState
+from mocapella.model.space import SpaceAlignment
 from mocapella.model.topology import topology
 from mocapella.settings import check
 from mocapella.smoothing.one_euro import OneEuro, OneEuroSettings
@@ -61,6 +64,7 @@ class HandsSettings:
         objects: things that are tracked, too.
         poses: how they move.
         tag_sd_px: error of a tag's corners on top of what the camera says: of the lens, and of how it is glued on.
+        spaces: of other trackers, as `mocapella align` found them.
         grasp: when they are held.
         silent_after_s: a camera without a frame for so long is not waited for.
     """
@@ -76,6 +80,7 @@ class HandsSettings:
     objects: tuple[ObjectSettings, ...] = ()
     poses: ObjectPoseSettings = field(default_factory=ObjectPoseSettings)
     tag_sd_px: float = 0.1
+    spaces: tuple[SpaceAlignment, ...] = ()
     grasp: GraspSettings = field(default_factory=GraspSettings)
     silent_after_s: float = 1.0
 
@@ -89,6 +94,8 @@ class HandsSettings:
         check(0 <= self.tag_sd_px <= 100, "tag_sd_px", self.tag_sd_px, "from 0 to 100 px")
         called = [thing.name for thing in self.objects]
         check(len(set(called)) == len(called), "objects", called, "each with a name of its own")
+        spaces = [one.space for one in self.spaces]
+        check(len(set(spaces)) == len(spaces), "spaces", spaces, "each once")
         check(0 < self.silent_after_s <= 3600, "silent_after_s", self.silent_after_s, "above 0 and at most 3600 s")
 
     @property
@@ -125,6 +132,7 @@ class HandsTracker:
         self._fit = HandTracker(model, self.shape, places, s.fit)
         self._smooth = None if s.smoothing is None else OneEuro(s.smoothing)
         self._things = Things(self.rig, s.objects, s.poses, s.grasp)
+        self._spaces = {one.space: one for one in s.spaces}
         self._places = {name: _place(name, camera.T_camera_world) for name, camera in sorted(cameras.items())}
         self.reset()
 
@@ -135,6 +143,7 @@ class HandsTracker:
         if self._smooth is not None:
             self._smooth.reset()
         self._things.reset()
+        self._told_s = -math.inf
         self._heard_ns: dict[str, int] = {}
         self._newest: dict[str, tuple[int, int]] = {}
         self._rejected: Counter[str] = Counter()
@@ -183,11 +192,16 @@ class HandsTracker:
         if problem:
             self._rejected[problem] += 1
             return self._scene(arrival)
-        frame = arrival.frame
+        frame, at_s = arrival.frame, arrival.at_ns / NS_PER_S
+        self._newest[frame.sensor] = (frame.node_id, frame.time_ns)
+        if isinstance(frame, PoseFrame):
+            space = self._spaces[frame.space]
+            self._things.hear(frame, space.T_world_space, at_s - space.clock_s)
+            self._said = self._with_things(self._said, max(at_s - space.clock_s, self._told_s))
+            return self._scene(arrival)
         assert isinstance(frame, MarkerFrame)
-        self._newest[frame.sensor], self._heard_ns[frame.sensor] = (frame.node_id, frame.time_ns), arrival.at_ns
+        self._heard_ns[frame.sensor] = arrival.at_ns
         pixels, sd = self._in_order(frame)
-        at_s = arrival.at_ns / NS_PER_S
         points = self._rays.update(frame.sensor, pixels, sd, at_s)
         self._things.see(frame, at_s, marker_sd_px=self.settings.middle_sd_px, tag_sd_px=self.settings.tag_sd_px)
         self._state = self._stand(arrival.at_ns)
@@ -196,8 +210,26 @@ class HandsTracker:
 
     def _problem(self, arrival: Arrival) -> str:
         frame = arrival.frame
-        if not isinstance(frame, MarkerFrame):
+        if isinstance(frame, BodyFrame):
             return "it sends skeletons, of which the method hands makes nothing: set up the method default"
+        if problem := self._bodies_problem(frame) if isinstance(frame, PoseFrame) else self._markers_problem(frame):
+            return problem
+        node_id, last_ns = self._newest.get(frame.sensor, (frame.node_id, frame.time_ns - 1))
+        if frame.node_id == node_id and frame.time_ns <= last_ns:  # a new process may have a new clock
+            return "time goes backwards" if frame.time_ns < last_ns else "repeats the time of the frame before"
+        return ""
+
+    def _bodies_problem(self, frame: PoseFrame) -> str:
+        if frame.space not in self._spaces:
+            fix = "mocapella align finds how it lies, and serve --space FILE says so"
+            return f"its space {frame.space!r} is not aligned with the cameras: {fix}"
+        wanted = {thing.body for thing in self.settings.objects if thing.space == frame.space}
+        if frame.names and not set(frame.names) & wanted:
+            fix = f"""--set 'objects=[{{"name": "thing", "space": "{frame.space}", "body": "{frame.names[0]}"}}]'"""
+            return f"none of its bodies is a thing: {fix}"
+        return ""
+
+    def _markers_problem(self, frame: MarkerFrame) -> str:
         if frame.sensor not in self.rig.cameras:
             return f"the rig has no camera {frame.sensor!r}; it has {one_of(frame.sensor, self.rig.cameras)}"
         size = self.rig.cameras[frame.sensor].camera.size_px
@@ -206,9 +238,6 @@ class HandsTracker:
             return f"its pictures are {told}, the rig's {size[0]} × {size[1]}: calibrate with this size"
         if frame.names and not set(frame.names) & set(self.settings.markers):
             return f"none of its markers is wanted: {one_of('', self.settings.markers)}"
-        node_id, last_ns = self._newest.get(frame.sensor, (frame.node_id, frame.time_ns - 1))
-        if frame.node_id == node_id and frame.time_ns <= last_ns:  # a new process may have a new clock
-            return "time goes backwards" if frame.time_ns < last_ns else "repeats the time of the frame before"
         return ""
 
     def _in_order(self, frame: MarkerFrame) -> tuple[Float64, Float64]:
@@ -240,8 +269,14 @@ class HandsTracker:
         sd = np.sqrt(np.trace(found.covariances, axis1=1, axis2=2) / 3).astype(np.float32)
         cameras = np.where(found.states == RayState.TRACKED, 2, known.astype(int)).astype(np.uint8)
         told = TrackedPoints(s.hand_markers, points, sd, cameras)
-        objects = self._things.tell(hands[0] if hands else None, found.at_s)
-        return _Said(tuple(msgspec.structs.replace(one, holds=self._things.held) for one in hands), told, objects)
+        return self._with_things(_Said(hands, told, ()), found.at_s)
+
+    def _with_things(self, said: _Said, at_s: float) -> _Said:
+        """The same, with things as they are at that instant, and what is held."""
+        self._told_s = at_s
+        objects = self._things.tell(said.hands[0] if said.hands else None, at_s)
+        hands = tuple(msgspec.structs.replace(one, holds=self._things.held) for one in said.hands)
+        return _Said(hands, said.points, objects)
 
     def _hands(self, hand: Hand) -> tuple[TrackedHand, ...]:
         there = bool(np.isfinite(hand.landmarks).any())
@@ -290,7 +325,7 @@ def _place(name: str, T_camera_world: Float64) -> SensorPlace:
 
 _OWN_MEMORY: Final = (
     *("_heard_ns", "_newest", "_rejected", "_steps", "_hand_id", "_there", "_said"),
-    "_state",
+    *("_state", "_told_s"),
 )
 _RAYS_MADE_OF: Final = ("settings", "rig", "_order", "_views", "_points")
 _REMEMBERED: Final = (

@@ -7,21 +7,25 @@ objects = things.tell(hand, at_s)        where they are, and which is held
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.fusion.marker_rays import RayState
 from mocapella.fusion.object_poses import Hypothesis, ObjectPoses, ObjectPoseSettings, SeenFrame
 from mocapella.geometry.rigid import apply, inverse, rigid
+from mocapella.geometry.twists import exp_twist, log_motion
 from mocapella.kinematics.grasp import Grasp, GraspSettings, distance_to_box
 from mocapella.model.camera import CameraRig
 from mocapella.model.hand import TIPS
 from mocapella.model.markers import MarkerFrame
 from mocapella.model.observations import JointState
+from mocapella.model.poses import PoseFrame
 from mocapella.model.scene import TrackedHand, TrackedObject
 from mocapella.model.tags import corner_names, corner_places
 from mocapella.settings import check
@@ -29,6 +33,10 @@ from mocapella.settings import check
 Float64 = NDArray[np.float64]
 
 _LEAST_MARKERS: Final = 3
+_HEARD: Final = 8
+"""Poses of another tracker that are kept."""
+_BASE_S, _AHEAD_S = 0.03, 0.05
+"""Beyond the newest pose, its motion since so long before is believed for so long."""
 _FLAT_M: Final = 0.001
 """Markers that are nearer to a plane are on it."""
 UNSAID_SD_PX: Final = 0.5
@@ -148,6 +156,14 @@ class ObjectSettings:
         return tuple(planes)
 
 
+class HeardPose(msgspec.Struct, frozen=True, eq=False):
+    """What another tracker said of a thing, in the world."""
+
+    at_s: float
+    T: Float64
+    state: int
+
+
 class _Thing:
     """One of them: what is known of it, and of the hand about it."""
 
@@ -155,7 +171,8 @@ class _Thing:
         self.settings = settings
         self.poses = None if settings.body else ObjectPoses(rig, settings.points_m, poses, planes=settings.planes)
         self.grasp = Grasp(grasp)
-        self.gone_s = poses.alone_s
+        self.T_body_thing = rigid(np.eye(3), settings.origin_m)
+        self.gone_s, self.forget_s = poses.alone_s, poses.forget_after_s
         self.half_m = 0.5 * np.array(settings.size_m)
         self.outline = _outline(settings.size_m)
         self.reset()
@@ -164,6 +181,7 @@ class _Thing:
         if self.poses is not None:
             self.poses.reset()
         self.grasp.reset()
+        self.heard: list[HeardPose] = []
         self.T: Float64 | None = None
         self.T_palm: Float64 | None = None
 
@@ -186,8 +204,34 @@ class _Thing:
                 self.T_palm = inverse(palm) @ self.T
         return TrackedObject(self.settings.name, self.T, self.outline, int(state))
 
+    def hear(self, T_world_body: Float64, state: int, at_s: float) -> None:
+        """Take another tracker's pose in."""
+        if self.heard and not self.heard[-1].at_s < at_s <= self.heard[-1].at_s + self.forget_s:
+            self.heard = []  # its clock has jumped, or it was away
+        self.heard = [*self.heard[1 - _HEARD :], HeardPose(at_s, T_world_body @ self.T_body_thing, state)]
+
+    def _heard(self, at_s: float) -> _Seen:
+        """Between the poses that were told, or by the motion of the last ones beyond them, for a moment."""
+        if not self.heard or at_s - self.heard[-1].at_s > self.forget_s:
+            return _Seen(None, JointState.NOT_TRACKED, math.inf)
+        newest = self.heard[-1]
+        unseen_s = max(0.0, at_s - newest.at_s)
+        state = JointState(newest.state) if unseen_s <= self.gone_s else JointState.INFERRED
+        after = next((k for k, told in enumerate(self.heard) if told.at_s >= at_s), len(self.heard) - 1)
+        earlier = [told for told in self.heard[:after] if self.heard[after].at_s - told.at_s >= _BASE_S]
+        before = earlier[-1] if earlier and at_s > newest.at_s else self.heard[max(after - 1, 0)]
+        span = self.heard[after].at_s - before.at_s
+        if span <= 0:
+            return _Seen(newest.T, state, unseen_s)
+        part = (min(at_s, newest.at_s + _AHEAD_S) - before.at_s) / span
+        turn = log_motion(rigid(self.heard[after].T[:3, :3] @ before.T[:3, :3].T, np.zeros(3)))[3:]
+        R = exp_twist(np.r_[np.zeros(3), part * turn])[:3, :3] @ before.T[:3, :3]
+        t = before.T[:3, 3] + part * (self.heard[after].T[:3, 3] - before.T[:3, 3])
+        return _Seen(rigid(R, t), state, unseen_s)
+
     def _seen(self, at_s: float) -> _Seen:
-        assert self.poses is not None
+        if self.poses is None:
+            return self._heard(at_s)
         pose = self.poses.at(at_s)
         state = JointState.TRACKED if pose.state == RayState.TRACKED else JointState.INFERRED
         return _Seen(pose.T_world_object, state, pose.unseen_s)
@@ -240,6 +284,15 @@ class Things:
             more = np.where(np.arange(len(names)) < colours, marker_sd_px, tag_sd_px)
             thing.poses.update(frame.sensor, pixels, np.hypot(sd, more), at_s)
 
+    def hear(self, frame: PoseFrame, T_world_space: Float64, at_s: float) -> None:
+        """Take in what another tracker says of them, at an instant of the rig's clock."""
+        for thing in self._things:
+            if thing.settings.space != frame.space:
+                continue
+            T = frame.T_space_body(thing.settings.body)
+            if T is not None:
+                thing.hear(T_world_space @ T, int(frame.states[frame.names.index(thing.settings.body)]), at_s)
+
     def tell(self, hand: TrackedHand | None, at_s: float) -> tuple[TrackedObject, ...]:
         """Where they are at an instant."""
         return tuple(thing.tell(hand, at_s) for thing in self._things)
@@ -269,9 +322,9 @@ class Things:
             vars(thing.grasp).update(grasp)
 
 
-_THING: Final = ("T", "T_palm")
+_THING: Final = ("T", "T_palm", "heard")
 _POSES: Final = ("_hypotheses", "_frames", "_believed", "_refused", "_counts")
-REMEMBERED: Final[tuple[type, ...]] = (Hypothesis, SeenFrame)
+REMEMBERED: Final[tuple[type, ...]] = (Hypothesis, SeenFrame, HeardPose)
 """Kinds that are in a memory."""
 
 
