@@ -147,8 +147,8 @@ def align_space(
     if turn_rad < s.least_turn_rad:
         raise CalibrationError(
             f"too little rotation to know the lever arm: it was turned by {math.degrees(turn_rad):.1f}° about its "
-            f"second axis, {math.degrees(s.least_turn_rad):.0f}° are wanted (as standard deviations): tilt and turn it about "
-            "two axes at least while you move it"
+            f"second axis, {math.degrees(s.least_turn_rad):.0f}° are wanted (as standard deviations): tilt and turn it "
+            "about two axes at least while you move it"
         )
     return _checked(_refined(t, p, track, _start(t, p, track, s), s, moved=(turn_rad, space_m)), s)
 
