@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from mocapella import __version__
 from mocapella.cli import (  # noqa: F401  (they register)
+    align,
     calibrate,
     demo,
     depth,

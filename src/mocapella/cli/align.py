@@ -22,7 +22,7 @@ _AXIS_M = 0.05
 @app.command()
 def align(
     take: Annotated[Path, typer.Argument(metavar="TAKE", help="A take of the method hands, recorded as below.")],
-    out: Annotated[Path, typer.Option(metavar="FILE", help="What to write, a TOML for serve --space.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="What to write, a TOML for serve --alignment.")],
     body: Annotated[str, typer.Option(metavar="NAME", help="The other tracker's name of the thing that was moved.")],
     space: Annotated[
         str, typer.Option(metavar="NAME", help="Its space; may be left out where the take has one only.")
@@ -76,7 +76,7 @@ def align(
         f"{fit.instants} instants, {fit.left_out} of them left out"
     )
     say(f"{thing or marker} is at {lever} m of {body}, ± {1e3 * fit.lever_sd_m:.1f} mm")
-    say(f"alignment saved to {out}: mocapella serve --method hands --space {out}")
+    say(f"alignment saved to {out}: mocapella serve --method hands --alignment {out}")
 
 
 def _poses(take: Take, path: Path, space: str, body: str) -> tuple[str, Any, Any]:

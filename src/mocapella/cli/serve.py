@@ -198,7 +198,7 @@ def serve(
             metavar="FILE", help="Whose hand it is, for --method hands (JSON); an average one where left out."
         ),
     ] = None,
-    space: Annotated[
+    alignment: Annotated[
         list[Path] | None,
         typer.Option(
             metavar="FILE",
@@ -234,8 +234,8 @@ def serve(
     hands = method == "hands"
     if hand is not None and not hands:
         raise SettingsError(f"--hand {hand}: only --method hands wants it")
-    if space and not hands:
-        raise SettingsError(f"--space {space[0]}: only --method hands wants it")
+    if alignment and not hands:
+        raise SettingsError(f"--alignment {alignment[0]}: only --method hands wants it")
     if hands and save_rig is not None:
         raise SettingsError("--save-rig: the method hands finds no rig; mocapella calibrate makes one")
     take = None if record is None else take_file(record)
@@ -245,7 +245,7 @@ def serve(
         takes=takes,
         setup=Setup(method=method, sensors_expected=sensors),
         running=not wait,
-        method_settings=settings_of_pairs(settings) | (_hand_settings(rig, hand, space) if hands else {}),
+        method_settings=settings_of_pairs(settings) | (_hand_settings(rig, hand, alignment) if hands else {}),
         reserve_bytes=round(reserve_gib * GIB),
         rig=None if rig is None or hands else load_rig(rig),
     )

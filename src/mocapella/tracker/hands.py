@@ -221,7 +221,7 @@ class HandsTracker:
 
     def _bodies_problem(self, frame: PoseFrame) -> str:
         if frame.space not in self._spaces:
-            fix = "mocapella align finds how it lies, and serve --space FILE says so"
+            fix = "mocapella align finds how it lies, and serve --alignment FILE says so"
             return f"its space {frame.space!r} is not aligned with the cameras: {fix}"
         wanted = {thing.body for thing in self.settings.objects if thing.space == frame.space}
         if frame.names and not set(frame.names) & wanted:
