@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from mocapella import __version__
 from mocapella.cli import (  # noqa: F401  (they register)
+    align,
     calibrate,
     colours,
     demo,
@@ -44,6 +45,9 @@ VERBS = [
     ["node", "replay"],
     ["node", "bridge"],
     ["node", "datagrams"],
+    ["node", "osc"],
+    ["node", "openvr"],
+    ["align"],
     ["replay"],
     ["record"],
     ["export", "csv"],

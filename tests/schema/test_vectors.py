@@ -22,6 +22,7 @@ FRAMES = [name for name in NAMES if name.startswith("frame")]
 DECODERS: dict[str, Any] = {
     "BodyFrame": decode_frame,
     "MarkerFrame": decode_frame,
+    "PoseFrame": decode_frame,
     "Scene": decode_scene,
     "Truth": decode_truth,
 }

@@ -15,6 +15,7 @@ import numpy as np
 
 from mocapella.model.markers import MarkerFrame, marker_frame
 from mocapella.model.observations import BodyFrame, Frame, JointState, body_frame
+from mocapella.model.poses import PoseFrame, pose_frame
 from mocapella.model.scene import (
     Person,
     Phase,
@@ -106,6 +107,23 @@ def markers_two_of_three() -> MarkerFrame:
     )
 
 
+def poses_one_of_two() -> PoseFrame:
+    """Another tracker that sees one of two bodies, a quarter turn about y."""
+    half = np.float32(np.sqrt(0.5))
+    return pose_frame(
+        "vive",
+        "vr",
+        ["cup", "box"],
+        time_ns=11_111_111,
+        sent_ns=5_000_000_123,
+        positions=[[0.25, 1.125, -0.5], [np.nan] * 3],
+        orientations=[[half, 0.0, half, 0.0], [np.nan] * 4],
+        states=[1, 0],
+        node_id=NODE_ID,
+        sequence=4,
+    )
+
+
 def scene_one_hand() -> Scene:
     """A left hand that holds a cup, made of two markers, of which one camera pair sees one."""
     landmark = np.arange(21)
@@ -154,14 +172,20 @@ def truth_two_people() -> Truth:
 
 def values(message: Frame | Scene | Truth) -> dict[str, Any]:
     """The fields of a message by their names in the schema."""
-    kinds = {BodyFrame: _frame_values, MarkerFrame: _marker_values, Scene: _scene_values, Truth: _truth_values}
+    kinds = {
+        BodyFrame: _frame_values,
+        MarkerFrame: _marker_values,
+        PoseFrame: _pose_values,
+        Scene: _scene_values,
+        Truth: _truth_values,
+    }
     read = kinds[type(message)]
     return {"message": type(message).__name__, **read(message)}
 
 
 def vectors() -> dict[str, tuple[bytes, dict[str, Any]]]:
     """Every vector: its bytes and its values, by the name of its files."""
-    kinds = (frame_skeleton, frame_everything, frame_nobody, markers_two_of_three)
+    kinds = (frame_skeleton, frame_everything, frame_nobody, markers_two_of_three, poses_one_of_two)
     frames = {make.__name__: make() for make in kinds}
     found = {name: (encode_frame(frame), values(frame)) for name, frame in frames.items()}
     scenes, truth = {make.__name__: make() for make in (scene_one_person, scene_one_hand)}, truth_two_people()
@@ -210,6 +234,22 @@ def _marker_values(frame: MarkerFrame) -> dict[str, Any]:
         "sd_px": _lists(frame.sd_px),
         "areas_px": _lists(frame.areas_px),
         "confidences": _lists(frame.confidences),
+    }
+
+
+def _pose_values(frame: PoseFrame) -> dict[str, Any]:
+    return {
+        "schema_version": 1,
+        "sensor": frame.sensor,
+        "node_id": str(frame.node_id),
+        "sequence": str(frame.sequence),
+        "time_ns": str(frame.time_ns),
+        "sent_ns": str(frame.sent_ns),
+        "space": frame.space,
+        "names": list(frame.names),
+        "positions_m": _lists(frame.positions),
+        "orientations": _lists(frame.orientations),
+        "states": frame.states.tolist(),
     }
 
 

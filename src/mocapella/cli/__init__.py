@@ -22,6 +22,7 @@ def main() -> None:
     import typer
 
     from mocapella.cli import (  # noqa: F401
+        align,
         calibrate,
         colours,
         demo,

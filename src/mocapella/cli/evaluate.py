@@ -165,6 +165,7 @@ def hands(
     """
     from mocapella.evaluation.hands import evaluate
     from mocapella.evaluation.study_tables import rounded
+    from mocapella.evaluation.tagged import evaluate_tag
     from mocapella.settings import settings_of_pairs
     from mocapella.sources.simulate.hand_scene import hand_scene_names
 
@@ -178,6 +179,8 @@ def hands(
             settings_of_pairs(settings),
             lambda text: status.update(f"rendering {text} …"),
         )
+        tell = lambda text: status.update(f"rendering {text} …")  # noqa: E731
+        result["tag"] = evaluate_tag(list(result["scenes"]), result["seeds"], tell)
     result = rounded(result)
     write_json(json, result)
     if json == "-":
@@ -192,6 +195,13 @@ def hands(
     out.print(table)
     out.print("tips: the painted fingertips in space; of hand: those of the fitted hand; jitter: of its tips' error")
     out.print("about its mean; all with one marker on the hand's base")
+    if result["tag"]:
+        table = Table(title="a tag of 40 mm", title_justify="left", box=SIMPLE_HEAD, padding=0)
+        for heading in ("", "mm", "95 %", "°", "95 %", "tracked %", "lost %"):
+            table.add_column(heading, justify="right" if heading else "left")
+        for name, scores in result["tag"].items():
+            table.add_row(name, *(f"{value:.2f}" for value in scores.values()))
+        out.print(table)
 
 
 def _names(text: str) -> list[str]:

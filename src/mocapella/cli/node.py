@@ -205,6 +205,67 @@ def datagrams(
         write_json(json, run_datagrams(settings, connect, stop, say))
 
 
+_Space = Annotated[str, typer.Option(metavar="NAME", help="What to call the space that its poses are in.")]
+
+
+@node_app.command("osc")
+def osc(
+    listen: Annotated[
+        str,
+        typer.Option(metavar="HOST:PORT", help="Where datagrams come; 127.0.0.1 is this computer alone."),
+    ] = "127.0.0.1:9000",
+    space: _Space = "vr",
+    name: Annotated[str, typer.Option("--name", metavar="SENSOR", help="What to call this tracker.")] = "osc",
+    connect: Connect = DEFAULT_ADDRESS,
+    json: JsonOut = None,
+) -> None:
+    """Serve poses of another tracker that come by OSC: VMC's, VRChat's, or /mocapella/pose name x y z qx qy qz qw.
+
+    Example:  mocapella node osc --listen 127.0.0.1:9000 --space vr
+    """
+    from mocapella.live.poses import run_osc
+    from mocapella.live.stopping import stop_on_signals
+    from mocapella.wire.node import NodeLink
+
+    host, port = _parted(listen, ":", "--listen", "127.0.0.1:9000")
+    warn_if_open("the OSC input is", host, port)
+    with stop_on_signals() as stop, NodeLink(connect, name) as link:
+        summary = run_osc(link, (host, port), _space(space), stop, say)
+    say(
+        f"{name}: {summary['poses']} poses of {summary['datagrams']} datagrams; {summary['bad']} were no OSC, "
+        f"{summary['unknown']} of other addresses"
+    )
+    write_json(json, summary)
+
+
+@node_app.command("openvr")
+def openvr(
+    space: _Space = "vr",
+    hz: Annotated[float, typer.Option(metavar="HZ", min=1, max=1000, help="How often.")] = 90.0,
+    name: Annotated[str, typer.Option("--name", metavar="SENSOR", help="What to call this tracker.")] = "openvr",
+    connect: Connect = DEFAULT_ADDRESS,
+    json: JsonOut = None,
+) -> None:
+    """Serve the poses of a headset's trackers and controllers, by the package openvr; serial numbers are their names.
+
+    Example:  mocapella node openvr --space vr
+    """
+    from mocapella.live.poses import run_openvr
+    from mocapella.live.stopping import stop_on_signals
+    from mocapella.sources.openvr_poses import OpenVrPoses
+    from mocapella.wire.node import NodeLink
+
+    with stop_on_signals() as stop, OpenVrPoses(name, _space(space)) as source, NodeLink(connect, name) as link:
+        summary = run_openvr(link, source, hz, stop, say)
+    write_json(json, summary)
+
+
+def _space(name: str) -> str:
+    if not 0 < len(name) <= 80:
+        raise SettingsError(f"--space {name[:80]!r} cannot be used; give it 1 to 80 characters")
+    return name
+
+
 def _parted(text: str, at: str, option: str, example: str) -> tuple[str, int]:
     """What comes before, and the port number after it."""
     before, _, port = text.rpartition(at)

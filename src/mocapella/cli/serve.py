@@ -6,7 +6,7 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -198,6 +198,13 @@ def serve(
             metavar="FILE", help="Whose hand it is, for --method hands (JSON); an average one where left out."
         ),
     ] = None,
+    alignment: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FILE",
+            help="Another tracker's space, as `mocapella align` found it, for --method hands; may be repeated.",
+        ),
+    ] = None,
     save_rig: Annotated[
         Path | None,
         typer.Option(
@@ -227,6 +234,8 @@ def serve(
     hands = method == "hands"
     if hand is not None and not hands:
         raise SettingsError(f"--hand {hand}: only --method hands wants it")
+    if alignment and not hands:
+        raise SettingsError(f"--alignment {alignment[0]}: only --method hands wants it")
     if hands and save_rig is not None:
         raise SettingsError("--save-rig: the method hands finds no rig; mocapella calibrate makes one")
     take = None if record is None else take_file(record)
@@ -236,7 +245,7 @@ def serve(
         takes=takes,
         setup=Setup(method=method, sensors_expected=sensors),
         running=not wait,
-        method_settings=settings_of_pairs(settings) | (_hand_settings(rig, hand) if hands else {}),
+        method_settings=settings_of_pairs(settings) | (_hand_settings(rig, hand, alignment) if hands else {}),
         reserve_bytes=round(reserve_gib * GIB),
         rig=None if rig is None or hands else load_rig(rig),
     )
@@ -256,16 +265,19 @@ def serve(
     exit_by(summary["recording"])
 
 
-def _hand_settings(rig: Path | None, hand: Path | None) -> dict[str, Any]:
+def _hand_settings(rig: Path | None, hand: Path | None, spaces: Sequence[Path] | None) -> dict[str, Any]:
     """What the files say, for the method hands: a take keeps it, so that a replay does the same."""
     from mocapella.model.camera_rig_file import encode_camera_rig, load_camera_rig
     from mocapella.model.hand_file import encode_hand_shape, load_hand_shape
+    from mocapella.model.space import as_settings, load_space
 
     told: dict[str, Any] = {}
     if rig is not None:
         told["rig"] = encode_camera_rig(load_camera_rig(rig))
     if hand is not None:
         told["hand"] = encode_hand_shape(load_hand_shape(hand)).decode()
+    if spaces:
+        told["spaces"] = [as_settings(load_space(path)) for path in spaces]
     return told
 
 

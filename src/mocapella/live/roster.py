@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from mocapella.errors import WireError
 from mocapella.model.markers import MarkerFrame
 from mocapella.model.observations import Frame
+from mocapella.model.poses import PoseFrame
 from mocapella.model.session import SensorHealth, Setup
 from mocapella.wire.clock import ClockEstimate, SensorClock
 from mocapella.wire.keys import NodeKey
@@ -206,5 +207,5 @@ def _health(seat: _Seat, now_ns: int, setup: Setup, stored: int, lost: int) -> S
         tilt=pose.tilt if pose else getattr(frame, "tilt", 0.0),  # a camera of markers says nothing of it
         height=pose.height if pose else getattr(frame, "height", 0.0),
         problem=problem,
-        markers=isinstance(frame, MarkerFrame),
+        markers=isinstance(frame, MarkerFrame | PoseFrame),
     )

@@ -108,3 +108,43 @@ def marker_frame(
         sensor, node_id, sequence, int(time_ns), int(sent_ns), size_px, tuple(names), positions,
         filled(sd_px, np.nan, "sd_px"), filled(areas_px, 0.0, "areas_px"), filled(confidences, 0.0, "confidences"),
     )  # fmt: skip
+
+
+def joined(frame: MarkerFrame, *others: MarkerFrame) -> MarkerFrame:
+    """What several detectors found in one picture, as one frame, with the first's time, process and number.
+
+    Raises:
+        SettingsError: they are of different cameras or sizes, or two have a marker of one name.
+    """
+    frames = (frame, *others)
+    for other in others:
+        if (other.sensor, other.size_px) != (frame.sensor, frame.size_px):
+            raise SettingsError(
+                f"markers of {other.sensor}, {other.size_px}, cannot be joined to those of {frame.sensor}, "
+                f"{frame.size_px}: only those of one picture can"
+            )
+    names = tuple(name for one in frames for name in one.names)
+    if len(set(names)) != len(names):
+        twice = sorted({name for name in names if names.count(name) > 1})
+        raise SettingsError(f"two detectors call a marker {', '.join(map(repr, twice))}: give it another name")
+
+    def together(field: str, unsaid: float, dtype: Any) -> Any:
+        told = [getattr(one, field) for one in frames]
+        if all(values is None for values in told):
+            return None
+        filled = [
+            np.full(len(one.names), unsaid, dtype) if values is None else values
+            for one, values in zip(frames, told, strict=True)
+        ]
+        return np.concatenate(filled)
+
+    return msgspec.structs.replace(
+        frame,
+        names=names,
+        positions_px=together("positions_px", np.nan, np.float32),
+        sd_px=together("sd_px", np.nan, np.float32),
+        areas_px=together("areas_px", 0.0, np.float32),
+        confidences=together("confidences", 0.0, np.float32),
+        elongations=together("elongations", np.nan, np.float32),
+        candidates=together("candidates", 0, np.uint8),
+    )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mocapella.errors import SettingsError
 from mocapella.model.markers import MarkerFrame
+from mocapella.model.poses import PoseFrame
 from mocapella.model.topology import Topology
 
 Float32 = NDArray[np.float32]
@@ -176,7 +177,7 @@ def body_frame(
     )
 
 
-Frame = BodyFrame | MarkerFrame
+Frame = BodyFrame | MarkerFrame | PoseFrame
 """What a sensor publishes."""
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from mocapella.errors import WireError
 from mocapella.model.markers import MarkerFrame
 from mocapella.model.observations import BodyFrame, Frame
+from mocapella.model.poses import PoseFrame
 from mocapella.model.topology import Topology
 from mocapella.schema import mocapella_pb2 as pb
 from mocapella.schema.checks import (
@@ -35,6 +36,7 @@ from mocapella.schema.checks import (
     sensor_pose,
 )
 from mocapella.schema.markers import encode_marker_frame, marker_frame_of
+from mocapella.schema.poses import encode_pose_frame, pose_frame_of
 
 _BOOL: Final = np.dtype("?")
 _EDGES: Final = bytes(range(16))
@@ -48,18 +50,24 @@ _INFINITE: Final = math.inf
 _PI: Final = math.pi
 _MESSAGE: Final = pb.BodyFrame
 _MARKERS: Final = pb.MarkerFrame
+_POSES: Final = pb.PoseFrame
 
 
 def message_of(data: bytes) -> str:
     """Name of the message that a frame's bytes are."""
-    told = not _MESSAGE.FromString(data).topology and _MARKERS.FromString(data).width_px
-    return "MarkerFrame" if told else "BodyFrame"
+    if _MESSAGE.FromString(data).topology:
+        return "BodyFrame"
+    if _MARKERS.FromString(data).width_px:
+        return "MarkerFrame"
+    return "PoseFrame" if _POSES.FromString(data).space else "BodyFrame"
 
 
 def encode_frame(frame: Frame) -> bytes:
     """Write a frame. What is not tracked is written as 0 and read back as NaN."""
     if isinstance(frame, MarkerFrame):
         return encode_marker_frame(frame)
+    if isinstance(frame, PoseFrame):
+        return encode_pose_frame(frame)
     states = frame.states.tobytes()
     gone = logical_not(frame.states.reshape(-1)).nonzero()[0] if 0 in states else None
     message = _MESSAGE(
@@ -86,7 +94,7 @@ def encode_frame(frame: Frame) -> bytes:
 
 
 def decode_frame(data: bytes) -> Frame:
-    """Read a frame, of bodies or of markers, and check it.
+    """Read a frame, of bodies, of markers or of poses, and check it.
 
     Raises:
         SchemaVersionError: it is of another schema version; names both.
@@ -94,8 +102,11 @@ def decode_frame(data: bytes) -> Frame:
             names the field and what it wants.
     """
     m = parse(_MESSAGE, data, MAX_MESSAGE_BYTES)
-    if not m.topology and (markers := _MARKERS.FromString(data)).width_px:
-        return marker_frame_of(markers)
+    if not m.topology:
+        if (markers := _MARKERS.FromString(data)).width_px:
+            return marker_frame_of(markers)
+        if (poses := _POSES.FromString(data)).space:
+            return pose_frame_of(poses)
     kind = known_topology(m.topology)
     joints = len(kind.joints)
     ids, tracked, edges, states = m.tracking_ids, m.tracked, m.clipped_edges, m.joint_states

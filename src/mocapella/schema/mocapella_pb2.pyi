@@ -75,6 +75,32 @@ class MarkerFrame(_message.Message):
     confidences: bytes
     def __init__(self, schema_version: _Optional[int] = ..., sensor: _Optional[str] = ..., node_id: _Optional[int] = ..., sequence: _Optional[int] = ..., time_ns: _Optional[int] = ..., sent_ns: _Optional[int] = ..., width_px: _Optional[int] = ..., height_px: _Optional[int] = ..., names: _Optional[_Iterable[str]] = ..., positions_px: _Optional[bytes] = ..., sd_px: _Optional[bytes] = ..., areas_px: _Optional[bytes] = ..., confidences: _Optional[bytes] = ...) -> None: ...
 
+class PoseFrame(_message.Message):
+    __slots__ = ("schema_version", "sensor", "node_id", "sequence", "time_ns", "sent_ns", "space", "names", "positions_m", "orientations", "states")
+    SCHEMA_VERSION_FIELD_NUMBER: _ClassVar[int]
+    SENSOR_FIELD_NUMBER: _ClassVar[int]
+    NODE_ID_FIELD_NUMBER: _ClassVar[int]
+    SEQUENCE_FIELD_NUMBER: _ClassVar[int]
+    TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    SENT_NS_FIELD_NUMBER: _ClassVar[int]
+    SPACE_FIELD_NUMBER: _ClassVar[int]
+    NAMES_FIELD_NUMBER: _ClassVar[int]
+    POSITIONS_M_FIELD_NUMBER: _ClassVar[int]
+    ORIENTATIONS_FIELD_NUMBER: _ClassVar[int]
+    STATES_FIELD_NUMBER: _ClassVar[int]
+    schema_version: int
+    sensor: str
+    node_id: int
+    sequence: int
+    time_ns: int
+    sent_ns: int
+    space: str
+    names: _containers.RepeatedScalarFieldContainer[str]
+    positions_m: bytes
+    orientations: bytes
+    states: bytes
+    def __init__(self, schema_version: _Optional[int] = ..., sensor: _Optional[str] = ..., node_id: _Optional[int] = ..., sequence: _Optional[int] = ..., time_ns: _Optional[int] = ..., sent_ns: _Optional[int] = ..., space: _Optional[str] = ..., names: _Optional[_Iterable[str]] = ..., positions_m: _Optional[bytes] = ..., orientations: _Optional[bytes] = ..., states: _Optional[bytes] = ...) -> None: ...
+
 class PotentialSkeleton(_message.Message):
     __slots__ = ("sensor", "tracking_id", "time_ns", "tilt_rad", "height_m", "T_world_sensor", "positions_m", "joint_states", "mirrored")
     SENSOR_FIELD_NUMBER: _ClassVar[int]

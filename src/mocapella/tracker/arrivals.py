@@ -9,10 +9,13 @@ import msgspec
 
 from mocapella.conventions import NS_PER_S
 from mocapella.model.bodies import Bodies, tracked_bodies
+from mocapella.model.markers import MarkerFrame
 from mocapella.model.observations import Arrival, BodyFrame
 from mocapella.model.topology import Topology
 
 NO_BODIES: Final = "it sends markers, of which this method makes no people: set up the method hands"
+
+NO_POSES: Final = "it sends poses of another tracker, of which this method makes nothing: set up the method hands"
 
 
 class Sighting(msgspec.Struct, frozen=True, eq=False):
@@ -57,7 +60,8 @@ class Arrivals:
         """Take a frame in, unless there is a problem with it."""
         frame = arrival.frame
         if not isinstance(frame, BodyFrame):
-            return Heard(NO_BODIES, frame.sensor, False, {})
+            problem = NO_BODIES if isinstance(frame, MarkerFrame) else NO_POSES
+            return Heard(problem, frame.sensor, False, {})
         bodies = tracked_bodies(frame)
         last = self._last.get(frame.sensor)
         node_changed = last is not None and last.frame.node_id != frame.node_id

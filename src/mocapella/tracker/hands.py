@@ -4,13 +4,14 @@
     points = rays(pixels)            each camera's pixels at their own instants, one point for each marker
     steady = smooth(points)          where that is asked for
     hand   = fit(steady)             within the limits of a hand
-    things = align(steady)           rigid objects, by their own markers; held or not
+    things = poses(pixels)           rigid objects, by their own markers or tags, or by another tracker; held or not
 
 See docs/methods/hand.md and docs/triangulation.md.
 """
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import dataclass, field
 from typing import Final
@@ -23,56 +24,28 @@ from mocapella.calibration.rig_fit import RigFit, RigFitSettings
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import one_of
 from mocapella.fusion.marker_rays import MarkerPoints, MarkerRays, MarkerRaysSettings, RayState
-from mocapella.geometry.alignment import align, moments
-from mocapella.geometry.rigid import apply, inverse
-from mocapella.kinematics.grasp import Grasp, GraspSettings, distance_to_box
+from mocapella.fusion.object_poses import ObjectPoseSettings
+from mocapella.geometry.rigid import inverse
+from mocapella.kinematics.grasp import GraspSettings
 from mocapella.kinematics.hand_tracker import HandReport, HandSettings, HandTracker, _State, base_layout
 from mocapella.model.camera import CameraRig
-from mocapella.model.hand import TIPS, ConstraintSet, Hand, HandShape, hand_model
+from mocapella.model.hand import ConstraintSet, Hand, HandShape, hand_model
 from mocapella.model.markers import MarkerFrame
 from mocapella.model.memory import pack, unpack
-from mocapella.model.observations import Arrival, JointState
+from mocapella.model.observations import Arrival, BodyFrame
+from mocapella.model.poses import PoseFrame
 from mocapella.model.scene import Phase, Scene, SensorPlace, TrackedHand, TrackedObject, TrackedPoints, TrackerState
+from mocapella.model.space import SpaceAlignment
 from mocapella.model.topology import topology
 from mocapella.settings import check
 from mocapella.smoothing.one_euro import OneEuro, OneEuroSettings
 from mocapella.tracker.protocol import TrackerReport
+from mocapella.tracker.things import REMEMBERED, UNSAID_SD_PX, ObjectSettings, Things
 
 Float64 = NDArray[np.float64]
 
 _TO_SENSOR: Final = np.diag([-1.0, -1.0, 1.0, 1.0])
 """From a sensor's space (x left, y up) to a camera's (x right, y down)."""
-_LEAST_MARKERS: Final = 3
-_MOST_RESIDUAL_M: Final = 0.02
-"""An object whose markers fit worse is not believed."""
-
-
-@dataclass(frozen=True)
-class ObjectSettings:
-    """A rigid thing with markers of its own.
-
-    Attributes:
-        name: what it is called.
-        markers: names; three or more that are not on a line.
-        places_m: (markers, 3) where they are on it.
-        size_m: of the box that it fills, about its origin.
-    """
-
-    name: str
-    markers: tuple[str, ...]
-    places_m: tuple[tuple[float, float, float], ...]
-    size_m: tuple[float, float, float] = (0.06, 0.06, 0.06)
-
-    def __post_init__(self) -> None:
-        check(0 < len(self.name) <= 80, "name", self.name[:80], "1 to 80 characters")
-        enough = len(self.markers) >= _LEAST_MARKERS and len(set(self.markers)) == len(self.markers)
-        check(enough, f"markers of {self.name}", self.markers, "three or more, each once")
-        fits = len(self.places_m) == len(self.markers)
-        check(fits, f"places_m of {self.name}", len(self.places_m), f"one for each of {len(self.markers)} markers")
-        places = np.array(self.places_m)
-        plane = np.isfinite(places).all() and np.linalg.svd(places - places.mean(axis=0), compute_uv=False)[1] > 0.005
-        check(bool(plane), f"places_m of {self.name}", self.places_m, "finite, and not on a line")
-        check(all(0 < s <= 5 for s in self.size_m), f"size_m of {self.name}", self.size_m, "above 0, up to 5 m")
 
 
 @dataclass(frozen=True)
@@ -92,6 +65,9 @@ class HandsSettings:
         smoothing_2d: of each camera's pixels, before the rays; its unit of speed is the pixel; None does without.
         smoothing: of the points, before the hand is fitted; None does without.
         objects: things that are tracked, too.
+        poses: how they move.
+        tag_sd_px: error of a tag's corners on top of what the camera says: of the lens, and of how it is glued on.
+        spaces: of other trackers, as `mocapella align` found them.
         grasp: when they are held.
         rig_fit: when cameras are said to be swapped, or the rig not to fit.
         silent_after_s: a camera without a frame for so long is not waited for.
@@ -107,6 +83,9 @@ class HandsSettings:
     smoothing_2d: OneEuroSettings | None = None
     smoothing: OneEuroSettings | None = None
     objects: tuple[ObjectSettings, ...] = ()
+    poses: ObjectPoseSettings = field(default_factory=ObjectPoseSettings)
+    tag_sd_px: float = 0.1
+    spaces: tuple[SpaceAlignment, ...] = ()
     grasp: GraspSettings = field(default_factory=GraspSettings)
     rig_fit: RigFitSettings = field(default_factory=RigFitSettings)
     silent_after_s: float = 1.0
@@ -118,12 +97,22 @@ class HandsSettings:
         fits = len(self.base_places_m) in (0, len(self.base))
         check(fits, "base_places_m", self.base_places_m, f"empty, or one place for each of {', '.join(self.base)}")
         check(0 <= self.middle_sd_px <= 100, "middle_sd_px", self.middle_sd_px, "from 0 to 100 px")
+        check(0 <= self.tag_sd_px <= 100, "tag_sd_px", self.tag_sd_px, "from 0 to 100 px")
+        called = [thing.name for thing in self.objects]
+        check(len(set(called)) == len(called), "objects", called, "each with a name of its own")
+        spaces = [one.space for one in self.spaces]
+        check(len(set(spaces)) == len(spaces), "spaces", spaces, "each once")
         check(0 < self.silent_after_s <= 3600, "silent_after_s", self.silent_after_s, "above 0 and at most 3600 s")
 
     @property
+    def hand_markers(self) -> tuple[str, ...]:
+        """Of the hand: tips and base."""
+        return *self.tips, *self.base
+
+    @property
     def markers(self) -> tuple[str, ...]:
-        """All of them: tips, base, and those of the objects."""
-        return (*self.tips, *self.base, *(name for thing in self.objects for name in thing.markers))
+        """All of them: of the hand, and those and the tags' corners of the objects."""
+        return (*self.hand_markers, *(name for thing in self.objects for name in thing.points))
 
 
 class HandsTracker:
@@ -145,13 +134,13 @@ class HandsTracker:
         model = hand_model(s.constraints)
         self.shape = shape or model.shape("right")
         places = np.array(s.base_places_m) if s.base_places_m else base_layout(self.shape, len(s.base), _PALM_SIDE_M)
-        self._rays = MarkerRays(self.rig, len(s.markers), s.rays)
-        self._rig_fit = RigFit(self.rig, len(s.markers), s.rig_fit)
+        self._rays = MarkerRays(self.rig, len(s.hand_markers), s.rays)
+        self._rig_fit = RigFit(self.rig, len(s.hand_markers), s.rig_fit)
         self._fit = HandTracker(model, self.shape, places, s.fit)
         self._smooth_2d = {} if s.smoothing_2d is None else {name: OneEuro(s.smoothing_2d) for name in sorted(cameras)}
         self._smooth = None if s.smoothing is None else OneEuro(s.smoothing)
-        self._grasps = [Grasp(s.grasp) for _ in s.objects]
-        self._outlines = [_outline(thing.size_m) for thing in s.objects]
+        self._things = Things(self.rig, s.objects, s.poses, s.grasp)
+        self._spaces = {one.space: one for one in s.spaces}
         self._places = {name: _place(name, camera.T_camera_world) for name, camera in sorted(cameras.items())}
         self.reset()
 
@@ -164,10 +153,8 @@ class HandsTracker:
             smooth.reset()
         if self._smooth is not None:
             self._smooth.reset()
-        for grasp in self._grasps:
-            grasp.reset()
-        self._objects: list[Float64 | None] = [None] * len(self.settings.objects)
-        self._held_in_palm: list[Float64 | None] = [None] * len(self.settings.objects)
+        self._things.reset()
+        self._told_s = -math.inf
         self._heard_ns: dict[str, int] = {}
         self._newest: dict[str, tuple[int, int]] = {}
         self._rejected: Counter[str] = Counter()
@@ -192,24 +179,23 @@ class HandsTracker:
             {name: getattr(self._rig_fit, name) for name in _RIG_FIT_MEMORY},
             {name: getattr(self._fit, name) for name in ("_state", "report")},
             None if self._smooth is None else {n: v for n, v in vars(self._smooth).items() if n != "settings"},
-            [{n: v for n, v in vars(grasp).items() if n != "settings"} for grasp in self._grasps],
             [{n: v for n, v in vars(smooth).items() if n != "settings"} for smooth in self._smooth_2d.values()],
+            self._things.memory(),
         ]
         return pack(parts, _REMEMBERED)
 
     def restore(self, data: bytes) -> None:
         """See `Tracker`."""
-        own, rays, rig_fit, fit, smooth, grasps, smooth_2d = unpack(data, _REMEMBERED)
+        own, rays, rig_fit, fit, smooth, smooth_2d, things = unpack(data, _REMEMBERED)
         vars(self).update(own)
         vars(self._rays).update(rays)
         vars(self._rig_fit).update(rig_fit)
         vars(self._fit).update(fit)
         if self._smooth is not None:
             vars(self._smooth).update(smooth)
-        for grasp, memory in zip(self._grasps, grasps, strict=True):
-            vars(grasp).update(memory)
         for filtered, memory in zip(self._smooth_2d.values(), smooth_2d, strict=True):
             vars(filtered).update(memory)
+        self._things.recall(things)
 
     @property
     def report(self) -> TrackerReport:
@@ -222,45 +208,66 @@ class HandsTracker:
         if problem:
             self._rejected[problem] += 1
             return self._scene(arrival)
-        frame = arrival.frame
+        frame, at_s = arrival.frame, arrival.at_ns / NS_PER_S
+        self._newest[frame.sensor] = (frame.node_id, frame.time_ns)
+        if isinstance(frame, PoseFrame):
+            space = self._spaces[frame.space]
+            self._things.hear(frame, space.T_world_space, at_s - space.clock_s)
+            self._said = self._with_things(self._said, max(at_s - space.clock_s, self._told_s))
+            return self._scene(arrival)
         assert isinstance(frame, MarkerFrame)
-        self._newest[frame.sensor], self._heard_ns[frame.sensor] = (frame.node_id, frame.time_ns), arrival.at_ns
+        self._heard_ns[frame.sensor] = arrival.at_ns
         pixels, sd = self._in_order(frame)
-        at_s = arrival.at_ns / NS_PER_S
         self._rig_fit.update(frame.sensor, pixels, at_s)
         if self._smooth_2d:
             pixels = self._smooth_2d[frame.sensor].update(pixels, at_s)
         points = self._rays.update(frame.sensor, pixels, sd, at_s)
+        self._things.see(frame, at_s, marker_sd_px=self.settings.middle_sd_px, tag_sd_px=self.settings.tag_sd_px)
         self._state = self._stand(arrival.at_ns)
         self._said = self._describe(points, arrival.at_ns)
         return self._scene(arrival)
 
     def _problem(self, arrival: Arrival) -> str:
         frame = arrival.frame
-        if not isinstance(frame, MarkerFrame):
+        if isinstance(frame, BodyFrame):
             return "it sends skeletons, of which the method hands makes nothing: set up the method default"
+        if problem := self._bodies_problem(frame) if isinstance(frame, PoseFrame) else self._markers_problem(frame):
+            return problem
+        node_id, last_ns = self._newest.get(frame.sensor, (frame.node_id, frame.time_ns - 1))
+        if frame.node_id == node_id and frame.time_ns <= last_ns:  # a new process may have a new clock
+            return "time goes backwards" if frame.time_ns < last_ns else "repeats the time of the frame before"
+        return ""
+
+    def _bodies_problem(self, frame: PoseFrame) -> str:
+        if frame.space not in self._spaces:
+            fix = "mocapella align finds how it lies, and serve --alignment FILE says so"
+            return f"its space {frame.space!r} is not aligned with the cameras: {fix}"
+        wanted = {thing.body for thing in self.settings.objects if thing.space == frame.space}
+        if frame.names and not set(frame.names) & wanted:
+            fix = f"""--set 'objects=[{{"name": "thing", "space": "{frame.space}", "body": "{frame.names[0]}"}}]'"""
+            return f"none of its bodies is a thing: {fix}"
+        return ""
+
+    def _markers_problem(self, frame: MarkerFrame) -> str:
         if frame.sensor not in self.rig.cameras:
             return f"the rig has no camera {frame.sensor!r}; it has {one_of(frame.sensor, self.rig.cameras)}"
         size = self.rig.cameras[frame.sensor].camera.size_px
         if frame.size_px != size:
             told = f"{frame.size_px[0]} × {frame.size_px[1]}"
             return f"its pictures are {told}, the rig's {size[0]} × {size[1]}: calibrate with this size"
-        if not set(frame.names) & set(self.settings.markers):
+        if frame.names and not set(frame.names) & set(self.settings.markers):
             return f"none of its markers is wanted: {one_of('', self.settings.markers)}"
-        node_id, last_ns = self._newest.get(frame.sensor, (frame.node_id, frame.time_ns - 1))
-        if frame.node_id == node_id and frame.time_ns <= last_ns:  # a new process may have a new clock
-            return "time goes backwards" if frame.time_ns < last_ns else "repeats the time of the frame before"
         return ""
 
     def _in_order(self, frame: MarkerFrame) -> tuple[Float64, Float64]:
-        """Pixels and their standard deviations in the order of our markers; NaN of one that the frame does not have."""
+        """Pixels and their standard deviations in the order of the hand's markers; NaN of one that is not there."""
         place = {name: i for i, name in enumerate(frame.names)}
-        pixels = np.full((len(self.settings.markers), 2), np.nan)
-        sd = np.full(len(pixels), _UNSAID_SD_PX)
-        for i, name in enumerate(self.settings.markers):
+        names = self.settings.hand_markers
+        pixels, sd = np.full((len(names), 2), np.nan), np.full(len(names), UNSAID_SD_PX)
+        for i, name in enumerate(names):
             if (k := place.get(name)) is not None:
                 pixels[i] = frame.positions_px[k]
-                sd[i] = frame.sd_px[k] if frame.sd_px[k] > 0 else _UNSAID_SD_PX
+                sd[i] = frame.sd_px[k] if frame.sd_px[k] > 0 else UNSAID_SD_PX
         return pixels, np.hypot(sd, self.settings.middle_sd_px)
 
     def _stand(self, now_ns: int) -> TrackerState:
@@ -276,15 +283,19 @@ class HandsTracker:
         known = found.states != RayState.LOST
         if self._smooth is not None:
             points = self._smooth.update(points, found.at_s)
-        n = 5 + len(s.base)
-        hand = self._fit.update(points[:n], found.at_s, found.covariances[:n])
+        hand = self._fit.update(points, found.at_s, found.covariances)
         hands = self._hands(hand)
         sd = np.sqrt(np.trace(found.covariances, axis1=1, axis2=2) / 3).astype(np.float32)
         cameras = np.where(found.states == RayState.TRACKED, 2, known.astype(int)).astype(np.uint8)
-        told = TrackedPoints(s.markers, points, sd, cameras)
-        objects = tuple(self._object(i, points, found.states, hand, found.at_s) for i in range(len(s.objects)))
-        holds = next((thing.name for thing, grasp in zip(s.objects, self._grasps, strict=True) if grasp.held), "")
-        return _Said(tuple(msgspec.structs.replace(one, holds=holds) for one in hands), told, objects)
+        told = TrackedPoints(s.hand_markers, points, sd, cameras)
+        return self._with_things(_Said(hands, told, ()), found.at_s)
+
+    def _with_things(self, said: _Said, at_s: float) -> _Said:
+        """The same, with things as they are at that instant, and what is held."""
+        self._told_s = at_s
+        objects = self._things.tell(said.hands[0] if said.hands else None, at_s)
+        hands = tuple(msgspec.structs.replace(one, holds=self._things.held) for one in said.hands)
+        return _Said(hands, said.points, objects)
 
     def _hands(self, hand: Hand) -> tuple[TrackedHand, ...]:
         there = bool(np.isfinite(hand.landmarks).any())
@@ -295,32 +306,6 @@ class HandsTracker:
             return ()
         left, sd = hand.handedness == "left", hand.sd_m.astype(np.float32)
         return (TrackedHand(self._hand_id, left, hand.landmarks, hand.states, sd, hand.angles, hand.T_world_palm),)
-
-    def _object(self, i: int, points: Float64, states: NDArray[np.uint8], hand: Hand, at_s: float) -> TrackedObject:
-        """By its own markers; while they are hidden it stays where it was, or in the palm that holds it."""
-        s, thing = self.settings, self.settings.objects[i]
-        begin = 5 + len(s.base) + sum(len(other.markers) for other in s.objects[:i])
-        own, how = points[begin : begin + len(thing.markers)], states[begin : begin + len(thing.markers)]
-        seen = how != RayState.LOST
-        measured = _aligned(own[seen], np.array(thing.places_m)[seen])
-        palm = hand.T_world_palm if np.isfinite(hand.T_world_palm).all() else None
-        carried = self._held_in_palm[i]
-        if measured is not None:
-            enough = np.count_nonzero(how == RayState.TRACKED) >= _LEAST_MARKERS
-            self._objects[i], state = measured, JointState.TRACKED if enough else JointState.INFERRED
-        else:
-            if carried is not None and palm is not None:
-                self._objects[i] = palm @ carried
-            state = JointState.INFERRED if self._objects[i] is not None else JointState.NOT_TRACKED
-        T = self._objects[i]
-        if T is not None:
-            tips = distance_to_box(hand.landmarks[list(TIPS)], T, 0.5 * np.array(thing.size_m))
-            held = self._grasps[i].update(tips, at_s)
-            if not held or palm is None:
-                self._held_in_palm[i] = None
-            elif measured is not None or carried is None:
-                self._held_in_palm[i] = inverse(palm) @ T
-        return TrackedObject(thing.name, T, self._outlines[i], int(state))
 
     def _scene(self, arrival: Arrival) -> Scene:
         frame, step, said = arrival.frame, self._steps, self._said
@@ -351,28 +336,6 @@ class _Said(msgspec.Struct, frozen=True, eq=False):
 
 _PALM_SIDE_M: Final = -0.0125
 """Markers of the base are on the palm, so far from the joints [m]."""
-_UNSAID_SD_PX: Final = 0.5
-"""Of a camera that does not say how sure it is."""
-
-
-def _aligned(points: Float64, places: Float64) -> Float64 | None:
-    """(4, 4) the rigid motion from places to points; None where they are too few, on a line, or do not fit."""
-    if len(points) < _LEAST_MARKERS:
-        return None
-    spread = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
-    if spread[1] < 0.003:
-        return None
-    T = align(moments(points, places, np.ones(len(points))))
-    if not np.isfinite(T).all() or np.linalg.norm(points - apply(T, places), axis=-1).max() > _MOST_RESIDUAL_M:
-        return None
-    return T
-
-
-def _outline(size_m: tuple[float, float, float]) -> Float64:
-    """(10, 3) one line along the edges of a box."""
-    x, y, z = 0.5 * np.array(size_m)
-    low = [(-x, -y, -z), (x, -y, -z), (x, -y, z), (-x, -y, z), (-x, -y, -z)]
-    return np.array([*low, *((a, -b, c) for a, b, c in low)])
 
 
 def _place(name: str, T_camera_world: Float64) -> SensorPlace:
@@ -380,8 +343,8 @@ def _place(name: str, T_camera_world: Float64) -> SensorPlace:
 
 
 _OWN_MEMORY: Final = (
-    *("_objects", "_held_in_palm", "_heard_ns", "_newest", "_rejected", "_steps", "_hand_id", "_there", "_said"),
-    "_state",
+    *("_heard_ns", "_newest", "_rejected", "_steps", "_hand_id", "_there", "_said"),
+    *("_state", "_told_s"),
 )
 _RAYS_MADE_OF: Final = ("settings", "rig", "_order", "_views", "_points")
 _RIG_FIT_MEMORY: Final = ("_times", "_pixels", "_sums", "_looked_s")
@@ -394,4 +357,5 @@ _REMEMBERED: Final = (
     TrackedObject,
     Phase,
     TrackerState,
+    *REMEMBERED,
 )

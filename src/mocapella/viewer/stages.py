@@ -264,7 +264,7 @@ class SensorsStage:
                 edge, markers = lane_picture(frame, origin, self._colours.of(sensor))
                 bones.append(edge)
                 balls.append(markers)
-            elif frame is not None and frame.bodies:
+            elif isinstance(frame, BodyFrame) and frame.bodies:
                 bones.append(lane_bones(frame, T_lane, origin, self._colours))
         self._bones.draw(join(bones))
         self._balls.draw(join(balls))

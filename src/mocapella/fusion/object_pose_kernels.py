@@ -1,0 +1,153 @@
+"""The hot step of `mocapella.fusion.object_poses`, compiled and in place; importing this module imports numba."""
+
+# ruff: noqa: PLR0912, PLR0917 - compiled: loops in place, arrays come by position
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from mocapella.geometry.triangulation_kernels import linearised
+
+N = 12
+STEPS = 15
+SMALL_STEP = 1e-6
+FARTHEST_STEP = 10.0
+
+
+@njit(cache=True, error_model="numpy")
+def turn(R, x, y, z):
+    """R ← exp([x y z]×) R, by Rodrigues' formula."""
+    angle = math.sqrt(x * x + y * y + z * z)
+    a, b = 1.0 - angle * angle / 6.0, 0.5 - angle * angle / 24.0
+    if angle > 1e-4:
+        a, b = math.sin(angle) / angle, (1.0 - math.cos(angle)) / (angle * angle)
+    for j in range(3):
+        p, q, r = R[0, j], R[1, j], R[2, j]
+        u, v, w = y * r - z * q, z * p - x * r, x * q - y * p
+        R[0, j] = p + a * u + b * (y * w - z * v)
+        R[1, j] = q + a * v + b * (z * u - x * w)
+        R[2, j] = r + a * w + b * (x * v - y * u)
+
+
+@njit(cache=True, error_model="numpy")
+def rotation_between(R, R_0, out):
+    """The rotation vector of R R_0ᵀ, below a half turn."""
+    M = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            M[i, j] = R[i, 0] * R_0[j, 0] + R[i, 1] * R_0[j, 1] + R[i, 2] * R_0[j, 2]
+    x, y, z = 0.5 * (M[2, 1] - M[1, 2]), 0.5 * (M[0, 2] - M[2, 0]), 0.5 * (M[1, 0] - M[0, 1])
+    sine, cosine = math.sqrt(x * x + y * y + z * z), 0.5 * (M[0, 0] + M[1, 1] + M[2, 2] - 1.0)
+    scale = 1.0 if sine < 1e-9 else math.atan2(sine, cosine) / sine
+    out[0], out[1], out[2] = scale * x, scale * y, scale * z
+
+
+@njit(cache=True, error_model="numpy")
+def factor(A, L):
+    """Cholesky's factor of A (12, 12); False where it is not positive definite."""
+    for i in range(N):
+        for j in range(i + 1):
+            value = A[i, j]
+            for k in range(j):
+                value -= L[i, k] * L[j, k]
+            if i == j:
+                if not value > 0.0:
+                    return False
+                L[i, i] = math.sqrt(value)
+            else:
+                L[i, j] = value / L[j, j]
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def solve(L, b):
+    """b ← (L Lᵀ)⁻¹ b."""
+    for i in range(N):
+        for k in range(i):
+            b[i] -= L[i, k] * b[k]
+        b[i] /= L[i, i]
+    for i in range(N - 1, -1, -1):
+        for k in range(i + 1, N):
+            b[i] -= L[k, i] * b[k]
+        b[i] /= L[i, i]
+
+
+@njit(cache=True, error_model="numpy")
+def correct(views, camera, places, pixels, sd_px, later_s, chosen, R_0, x_0, information, R, x, covariance):
+    """The pose and twist of the least cost, from a prediction.
+
+    Args:
+        views, camera: as in `geometry.triangulation`, and which of them.
+        places: (points, 3) on the thing.
+        pixels, sd_px, later_s: (points, 2), (points,), (points,) after the prediction's instant.
+        chosen: (points,) bool, which count.
+        R_0, x_0, information: (3, 3), (9,) position, velocity, angular velocity, (12, 12) of the prediction: position,
+            rotation from the left, velocity, angular velocity.
+        R, x, covariance: written: the posterior.
+
+    Returns:
+        the cost, infinite where it fails.
+    """
+    R[:], x[:] = R_0, x_0
+    A, L, g, off, J = np.empty((N, N)), np.zeros((N, N)), np.empty(N), np.zeros(N), np.empty((2, N))
+    cost = math.inf
+    for step in range(STEPS):
+        cost = 0.0
+        for i in range(N):
+            g[i] = 0.0
+            for j in range(N):
+                A[i, j] = information[i, j]
+                g[i] -= information[i, j] * off[j]
+            cost -= g[i] * off[i]
+        for m in range(len(places)):
+            if not chosen[m]:
+                continue
+            q, s = places[m], later_s[m]
+            a = R[0, 0] * q[0] + R[0, 1] * q[1] + R[0, 2] * q[2]
+            b = R[1, 0] * q[0] + R[1, 1] * q[1] + R[1, 2] * q[2]
+            c = R[2, 0] * q[0] + R[2, 1] * q[1] + R[2, 2] * q[2]
+            # A readout is short: the turn in it to first order.
+            ar, br, cr = a + s * (x[7] * c - x[8] * b), b + s * (x[8] * a - x[6] * c), c + s * (x[6] * b - x[7] * a)
+            px, py, pz = x[0] + s * x[3] + ar, x[1] + s * x[4] + br, x[2] + s * x[5] + cr
+            du, dv, ux, uy, uz, vx, vy, vz = linearised(views, camera, px, py, pz, pixels[m, 0], pixels[m, 1])
+            if not math.isfinite(du + dv):
+                return math.inf
+            for k, (dx, dy, dz) in enumerate(((ux, uy, uz), (vx, vy, vz))):
+                J[k, 0], J[k, 1], J[k, 2] = dx, dy, dz
+                J[k, 3], J[k, 4], J[k, 5] = br * dz - cr * dy, cr * dx - ar * dz, ar * dy - br * dx
+                J[k, 6], J[k, 7], J[k, 8] = s * dx, s * dy, s * dz
+                J[k, 9], J[k, 10], J[k, 11] = s * (b * dz - c * dy), s * (c * dx - a * dz), s * (a * dy - b * dx)
+            weight = 1.0 / (sd_px[m] * sd_px[m])
+            cost += weight * (du * du + dv * dv)
+            for i in range(N):
+                g[i] += weight * (J[0, i] * du + J[1, i] * dv)
+                for j in range(i + 1):
+                    A[i, j] += weight * (J[0, i] * J[0, j] + J[1, i] * J[1, j])
+        if not factor(A, L):
+            return math.inf
+        solve(L, g)
+        size = 0.0
+        for i in range(6):
+            size = max(size, abs(g[i]))
+        if not size < FARTHEST_STEP:
+            return math.inf
+        if size < SMALL_STEP and step > 0:
+            break
+        for i in range(3):
+            x[i] += g[i]
+            x[3 + i] += g[6 + i]
+            x[6 + i] += g[9 + i]
+        turn(R, g[3], g[4], g[5])
+        rotation_between(R, R_0, off[3:6])
+        for i in range(3):
+            off[i] = x[i] - x_0[i]
+            off[6 + i] = x[3 + i] - x_0[3 + i]
+            off[9 + i] = x[6 + i] - x_0[6 + i]
+    for j in range(N):
+        g[:] = 0.0
+        g[j] = 1.0
+        solve(L, g)
+        covariance[:, j] = g
+    return cost

@@ -1,0 +1,484 @@
+"""A rigid thing's pose from the pixels of its markers, of any number of cameras, each pixel at its own instant.
+
+    tracker = ObjectPoses(rig, places_m, planes=((0, 1, 2, 3),))
+    pose = tracker.update("left", pixels, sd_px, at_s)
+
+What is estimated is the pose and its twist: position, rotation, velocity and angular velocity, all in the world, of
+white acceleration (Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and Navigation, 2001, section
+6.2.2). A camera's frame corrects the prediction to its instant by Gauss–Newton over all its pixels, a row later where
+the shutter rolls: the iterated extended Kalman filter (B. Bell, F. Cathey, IEEE Trans. Automatic Control 38 (1993)
+294), with small rotations from the left. So nothing is triangulated from places where the thing was at different times,
+one marker in one camera adds what it knows, and there is a covariance. A frame that comes late is put where it belongs.
+
+The least cost is chi-squared with two degrees of freedom a marker. Where it is beyond the gate, the thing may have
+turned suddenly (the noise is adjusted, as in section 11.2.2 of the book), or the marker is left out without which the
+cost falls most, and so on: an outlier among four corners is found by the prediction.
+
+A thing is found by three markers that two cameras see, or by four or more on a plane (a tag) in one camera. Of a plane
+that is small in the picture there are two poses, turned about the line of sight (G. Schweighofer, A. Pinz, IEEE PAMI 28
+(2006) 2024; T. Collins, A. Bartoli, Int. J. Computer Vision 109 (2014) 252). Both are followed, each by its own
+prediction, until the pixels of many frames or of another camera decide; till then the pose is *ambiguous*. Three
+markers in one camera do not find a thing (four poses fit them), but keep one that was found.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import SettingsError, one_of
+from mocapella.fusion.marker_rays import RayState, captured, views_of
+from mocapella.geometry.alignment import align, moments
+from mocapella.geometry.homography import plane_pose
+from mocapella.geometry.lens import undistort
+from mocapella.geometry.rigid import inverse, rigid
+from mocapella.geometry.triangulation import PointState, triangulate
+from mocapella.geometry.twists import exp_twist, log_motion
+from mocapella.model.camera import CameraRig
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+
+_FOUND_POSITION_SD: Final = 1.0
+_FOUND_ROTATION_SD: Final = 1.0
+"""Of what is known of a pose before its first pixels are used again, by the filter [m], [rad]."""
+_SAME_RAD: Final = 0.05
+_REFUSED_IN_A_ROW: Final = 6
+_LEAST_POINTS: Final = 3
+_LEAST_WIDTH: Final = 1e-3
+"""Of a plane in the picture, in focal lengths; narrower it is a line."""
+
+
+@dataclass(frozen=True)
+class ObjectPoseSettings:
+    """How things move, and when cameras are believed.
+
+    Attributes:
+        acceleration_density: of the white acceleration [m²/s³].
+        turn_density: of the white angular acceleration [rad²/s³].
+        manoeuvre: where a frame does not fit, both are tried so many times as large; its square as the last resort.
+        speed_sd: of a new thing's speed along an axis [m/s].
+        turn_sd: of its angular speed about one [rad/s].
+        gate_sd: how far a frame's cost may be above what is expected, in its standard deviations.
+        keep_s: how much later than others a frame may come [s].
+        together_s: a thing is found by frames that are no farther apart in time [s].
+        image_speed_px: by which markers may have moved then, for each second between frames [px/s].
+        undecided_cost: two poses are followed until their costs differ by more.
+        alone_s: seen by too few markers for so long, it is inferred [s].
+        forget_after_s: seen by none for so long, it is lost [s].
+        tracked_sd_m, tracked_sd_rad: less certain than that, it is inferred.
+        largest_sd_m: less certain than that, it is lost.
+    """
+
+    acceleration_density: float = 0.3
+    turn_density: float = 30.0
+    manoeuvre: float = 60.0
+    speed_sd: float = 1.0
+    turn_sd: float = 5.0
+    gate_sd: float = 5.0
+    keep_s: float = 0.06
+    together_s: float = 0.05
+    image_speed_px: float = 1500.0
+    undecided_cost: float = 25.0
+    alone_s: float = 0.08
+    forget_after_s: float = 0.3
+    tracked_sd_m: float = 0.02
+    tracked_sd_rad: float = 0.3
+    largest_sd_m: float = 0.1
+
+    def __post_init__(self) -> None:
+        above = (
+            *("acceleration_density", "turn_density", "speed_sd", "turn_sd", "gate_sd", "alone_s", "forget_after_s"),
+            *("tracked_sd_m", "tracked_sd_rad", "largest_sd_m", "manoeuvre"),
+        )
+        for name in above:
+            check(0 < getattr(self, name) < 1e6, name, getattr(self, name), "above 0")
+        for name in ("keep_s", "together_s", "image_speed_px", "undecided_cost"):
+            check(0 <= getattr(self, name) < 1e6, name, getattr(self, name), "0 or more")
+
+
+class ObjectPose(msgspec.Struct, frozen=True, eq=False):
+    """A thing at one instant.
+
+    Attributes:
+        at_s: the instant, on the rig's clock [s].
+        T_world_object: (4, 4); None where lost.
+        twist: (6,) velocity [m/s] and angular velocity [rad/s] in the world; NaN where lost.
+        covariance: (6, 6) of the position in the world [m] and a small rotation about the world's axes [rad].
+        state: TRACKED: lately four markers in one camera, or two cameras, and certain; INFERRED; LOST.
+        ambiguous: whether another pose fits the pixels as well.
+        unseen_s: for how long no camera has been believed [s].
+    """
+
+    at_s: float
+    T_world_object: Float64 | None
+    twist: Float64
+    covariance: Float64
+    state: RayState
+    ambiguous: bool
+    unseen_s: float
+
+
+class ObjectReport(msgspec.Struct, frozen=True):
+    """What became of the frames so far.
+
+    Attributes:
+        received: frames with a marker of the thing.
+        used, refused, late: by the filter; beyond the gate; older than what is kept.
+        outliers: markers left out of frames that were used.
+        found, lost: how often.
+    """
+
+    received: int = 0
+    used: int = 0
+    refused: int = 0
+    late: int = 0
+    outliers: int = 0
+    found: int = 0
+    lost: int = 0
+
+
+class Hypothesis(msgspec.Struct, frozen=True, eq=False):
+    """One pose that fits what was seen until an instant; its covariance (12, 12) is of pose and twist."""
+
+    at_s: float
+    T: Float64
+    twist: Float64
+    covariance: Float64
+    cost: float = 0.0
+
+
+class SeenFrame(msgspec.Struct, frozen=True, eq=False):
+    """A camera's pixels of the thing: (points, 2), NaN where not seen, and standard deviations; ``at_s`` of row 0."""
+
+    at_s: float
+    camera: str
+    pixels: Float64
+    sd_px: Float64
+    before: tuple[Hypothesis, ...] = ()
+
+
+class ObjectPoses:
+    """One thing and the cameras of a rig.
+
+    Memory: the hypotheses, the frames of the last ``keep_s`` with the hypotheses before each, and when each camera was
+    last believed with how many markers.
+    """
+
+    def __init__(
+        self,
+        rig: CameraRig,
+        places_m: Any,
+        settings: ObjectPoseSettings | None = None,
+        *,
+        planes: Sequence[Sequence[int]] = (),
+    ) -> None:
+        """``planes`` are the groups of four or more points that are on a plane, such as a tag's corners."""
+        self.settings = settings or ObjectPoseSettings()
+        self.rig, self.places = rig, np.ascontiguousarray(places_m, dtype=np.float64)
+        good = self.places.ndim == 2 and self.places.shape[1] == 3 and len(self.places) >= _LEAST_POINTS
+        check(
+            bool(good and np.isfinite(self.places).all()), "places_m", self.places.shape, "(points, 3), three or more"
+        )
+        self._planes = [np.array(plane) for plane in planes]
+        self._order = list(rig.cameras)
+        self._views = views_of(rig)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything, as if newly made."""
+        self._hypotheses: tuple[Hypothesis, ...] = ()
+        self._frames: list[SeenFrame] = []
+        self._believed: dict[str, tuple[float, int]] = {}
+        self._refused = 0
+        self._counts = dict.fromkeys(ObjectReport.__struct_fields__, 0)
+
+    @property
+    def report(self) -> ObjectReport:
+        """Counts since the last `reset`."""
+        return ObjectReport(**self._counts)
+
+    def update(self, camera: str, pixels: Any, sd_px: Any, at_s: float) -> None:
+        """Take a camera's frame in; `at` says what is known.
+
+        Args:
+            camera: its name in the rig.
+            pixels: (points, 2) [px] in its picture; NaN where a marker is not seen.
+            sd_px: of a coordinate, a number or (points,) [px].
+            at_s: when its first row was captured, on the camera's clock [s].
+
+        Raises:
+            SettingsError: there is no such camera, or the pixels are of another number of points.
+        """
+        if camera not in self.rig.cameras:
+            raise SettingsError(f"camera {camera!r} is not of the rig; known: {one_of(camera, self._order)}")
+        px = np.array(pixels, dtype=np.float64)
+        if px.shape != (len(self.places), 2):
+            raise SettingsError(f"pixels of the shape {px.shape}; there are {len(self.places)} points")
+        sd = np.empty(len(px))
+        sd[:] = sd_px
+        px[~(np.isfinite(px).all(axis=1) & (sd > 0) & np.isfinite(sd))] = np.nan
+        if not np.isfinite(px).any():
+            return
+        self._counts["received"] += 1
+        seen = SeenFrame(float(captured(self.rig.cameras[camera], 0.0, at_s)), camera, px, sd)
+        newest = self._frames[-1].at_s if self._frames else -math.inf
+        if seen.at_s < newest - self.settings.keep_s:
+            self._counts["late"] += 1
+            return
+        self._take(seen)
+        oldest = self._frames[-1].at_s - max(self.settings.keep_s, self.settings.together_s)
+        self._frames = [frame for frame in self._frames if frame.at_s >= oldest]
+
+    def at(self, at_s: float) -> ObjectPose:
+        """Where the thing is at an instant of the rig's clock, of all that was seen."""
+        s = self.settings
+        lately = [count for last_s, count in self._believed.values() if at_s - last_s <= s.alone_s]
+        last_s = max((last for last, _ in self._believed.values()), default=-math.inf)
+        if self._hypotheses and at_s - last_s > s.forget_after_s:
+            self._lose()
+        if not self._hypotheses:
+            return _lost(at_s)
+        best = _predicted(self._hypotheses[0], at_s, s)
+        covariance = best.covariance[:6, :6]
+        sd_m, sd_rad = (math.sqrt(np.trace(covariance[k : k + 3, k : k + 3]) / 3) for k in (0, 3))
+        if not sd_m <= s.largest_sd_m:
+            return _lost(at_s)
+        ambiguous = len(self._hypotheses) > 1
+        enough = len(lately) >= 2 or max(lately, default=0) >= 4
+        sure = enough and not ambiguous and sd_m <= s.tracked_sd_m and sd_rad <= s.tracked_sd_rad
+        state = RayState.TRACKED if sure else RayState.INFERRED
+        return ObjectPose(at_s, best.T, best.twist, covariance, state, ambiguous, at_s - last_s)
+
+    def _lose(self) -> None:
+        self._counts["lost"] += bool(self._hypotheses)
+        self._hypotheses, self._refused = (), 0
+        self._believed = {}
+
+    def _take(self, seen: SeenFrame) -> None:
+        """Put a frame where it belongs, and use anew those after it."""
+        last_s = max((last for last, _ in self._believed.values()), default=-math.inf)
+        if self._hypotheses and seen.at_s - last_s > self.settings.forget_after_s:
+            self._lose()
+        after = [frame for frame in self._frames if frame.at_s > seen.at_s]
+        if after:
+            self._hypotheses = after[0].before
+            self._frames = self._frames[: len(self._frames) - len(after)]
+        self._use(seen)
+        counts = dict(self._counts)
+        for frame in after:
+            self._use(frame)
+        if after:
+            self._counts = counts  # they have been counted
+
+    def _use(self, seen: SeenFrame) -> None:
+        before = self._hypotheses
+        self._frames.append(msgspec.structs.replace(seen, before=before))
+        if not before:
+            self._find(seen)
+            return
+        self._hypotheses, used = self._corrected(before, seen)
+        if used:
+            self._believe(seen, used)
+            self._refused = 0
+            return
+        self._counts["refused"] += 1
+        self._refused += 1
+        if self._refused >= _REFUSED_IN_A_ROW:
+            self._lose()
+            self._find(seen)
+
+    def _believe(self, seen: SeenFrame, used: int) -> None:
+        self._counts["used"] += 1
+        self._counts["outliers"] += int(np.isfinite(seen.pixels[:, 0]).sum()) - used
+        last_s = self._believed.get(seen.camera, (-math.inf, 0))[0]
+        if seen.at_s >= last_s:
+            self._believed[seen.camera] = (seen.at_s, used)
+
+    def _corrected(
+        self, before: tuple[Hypothesis, ...], seen: SeenFrame, *, spare: bool = True
+    ) -> tuple[tuple[Hypothesis, ...], int]:
+        """The hypotheses after a frame, the best first, and how many markers the best has used; 0 = refused by all."""
+        results = [self._correct(one, seen, spare) for one in before]
+        good = [(one, used) for one, used in results if used]
+        if not good:
+            return before, 0
+        good.sort(key=lambda pair: pair[0].cost)
+        (best, used), s = good[0], self.settings
+        kept = [msgspec.structs.replace(best, cost=0.0)]
+        for other, _ in good[1:]:
+            apart = np.linalg.norm(log_motion(rigid(other.T[:3, :3] @ best.T[:3, :3].T, np.zeros(3)))[3:])
+            if other.cost - best.cost <= s.undecided_cost and apart > _SAME_RAD:
+                kept.append(msgspec.structs.replace(other, cost=other.cost - best.cost))
+        return tuple(kept), used
+
+    def _correct(self, h: Hypothesis, seen: SeenFrame, spare: bool) -> tuple[Hypothesis, int]:
+        """By all the markers, if need be of a thing that turned suddenly, else without the worst; 0 used = refused.
+
+        A marker that is left out costs as much as one at the gate: else the pose that fits fewest would be the best.
+        """
+        s, there = self.settings, np.isfinite(seen.pixels[:, 0])
+        count = int(there.sum())
+        factors = (1.0, s.manoeuvre, s.manoeuvre**2) if spare else (1.0,)
+        for factor in factors[:2]:
+            made, cost = self._least_squares(_predicted(h, seen.at_s, s, factor), seen, there)
+            if cost <= self._gate(count):
+                return msgspec.structs.replace(made, cost=h.cost + cost), count
+        predicted = _predicted(h, seen.at_s, s)
+        for used in range(count - 1, (count - 1) // 2, -1) if spare else ():
+            tried = []
+            for k in np.flatnonzero(there):
+                without = there.copy()
+                without[k] = False
+                tried.append((*self._least_squares(predicted, seen, without), without))
+            made, cost, there = min(tried, key=lambda one: one[1])
+            if cost <= self._gate(used):
+                cost += s.gate_sd**2 * (count - used)
+                return msgspec.structs.replace(made, cost=h.cost + cost), used
+        for factor in factors[2:]:
+            there = np.isfinite(seen.pixels[:, 0])
+            made, cost = self._least_squares(_predicted(h, seen.at_s, s, factor), seen, there)
+            if cost <= self._gate(count):
+                return msgspec.structs.replace(made, cost=h.cost + cost), count
+        return predicted, 0
+
+    def _gate(self, points: int) -> float:
+        return 2 * points + self.settings.gate_sd * math.sqrt(4 * points)
+
+    def _least_squares(self, h: Hypothesis, seen: SeenFrame, chosen: NDArray[np.bool_]) -> tuple[Hypothesis, float]:
+        """Gauss–Newton from a prediction over the chosen pixels; posterior and cost, infinite where it fails."""
+        placed = self.rig.cameras[seen.camera]
+        later = captured(placed, seen.pixels[:, 1], placed.clock_s)
+        R, x, covariance = np.empty((3, 3)), np.empty(9), np.empty((12, 12))
+        R_0, x_0 = np.ascontiguousarray(h.T[:3, :3]), np.concatenate([h.T[:3, 3], h.twist])
+        cost = _kernels().correct(
+            self._views.numbers, self._order.index(seen.camera), self.places, seen.pixels, seen.sd_px, later, chosen,
+            R_0, x_0, np.linalg.inv(h.covariance), R, x, covariance,
+        )  # fmt: skip
+        if not math.isfinite(cost):
+            return h, math.inf
+        return Hypothesis(h.at_s, rigid(R, x[:3]), x[3:].copy(), covariance, h.cost), cost
+
+    def _find(self, seen: SeenFrame) -> None:
+        """The thing, of the newest frame of each camera that is near enough in time."""
+        newest: dict[str, SeenFrame] = {}
+        for frame in self._frames:
+            if seen.at_s - frame.at_s <= self.settings.together_s:
+                newest[frame.camera] = frame
+        frames = sorted(newest.values(), key=lambda frame: frame.at_s)
+        starts = self._by_triangulation(frames, seen.at_s) or self._by_plane(seen)
+        s = self.settings
+        spread = [_FOUND_POSITION_SD] * 3 + [_FOUND_ROTATION_SD] * 3 + [s.speed_sd] * 3 + [s.turn_sd] * 3
+        prior = np.diag(np.square(spread))
+        found: tuple[Hypothesis, ...] = tuple(Hypothesis(frames[0].at_s, T, np.zeros(6), prior) for T in starts)
+        believed = []
+        for frame in frames:
+            if not found:
+                return
+            found, used = self._corrected(found, frame, spare=False)
+            if not used:
+                return
+            believed.append((frame, used))
+        if found:
+            self._hypotheses = found
+            self._counts["found"] += 1
+            self._refused = 0
+            for frame, used in believed:
+                self._believe(frame, used)
+
+    def _by_triangulation(self, frames: Sequence[SeenFrame], at_s: float) -> list[Float64]:
+        """By three markers, not on a line, that two cameras see."""
+        if len(frames) < 2:
+            return []
+        pixels = np.full((len(self.places), len(self._order), 2), np.nan)
+        sd = np.full(pixels.shape[:2], np.nan)
+        for frame in frames:
+            k = self._order.index(frame.camera)
+            pixels[:, k] = frame.pixels
+            sd[:, k] = np.hypot(frame.sd_px, self.settings.image_speed_px * (at_s - frame.at_s))
+        points = triangulate(pixels, self._views, sd)
+        good = points.states == PointState.SEEN
+        if good.sum() < _LEAST_POINTS:
+            return []
+        places = self.places[good]
+        if np.linalg.svd(places - places.mean(axis=0), compute_uv=False)[1] < 0.003:
+            return []
+        T = align(moments(points.points[good], places))
+        return [T] if np.isfinite(T).all() else []
+
+    def _by_plane(self, seen: SeenFrame) -> list[Float64]:
+        """Both poses of the plane of which most points are seen; empty where no plane has four of them."""
+        there = np.isfinite(seen.pixels[:, 0])
+        planes = [plane[there[plane]] for plane in self._planes]
+        best: NDArray[np.intp] = max(planes, key=len, default=np.empty(0, dtype=np.intp))
+        if len(best) < 4:
+            return []
+        places = self.places[best]
+        middle = places.mean(axis=0)
+        x, y, _ = np.linalg.svd(places - middle)[2]
+        T_object_plane = rigid(np.stack([x, y, np.cross(x, y)], axis=1), middle)
+        placed = self.rig.cameras[seen.camera]
+        rays = undistort(seen.pixels[best], placed.camera.lens)
+        flat = (places - middle) @ T_object_plane[:3, :2]
+        if not np.isfinite(rays).all() or np.linalg.svd(rays - rays.mean(axis=0), compute_uv=False)[1] < _LEAST_WIDTH:
+            return []
+        try:
+            T = plane_pose(flat, rays)
+        except np.linalg.LinAlgError:
+            return []
+        if not np.isfinite(T).all() or T[2, 3] <= 0:
+            return []
+        T_world_camera = inverse(placed.T_camera_world)
+        return [T_world_camera @ one @ inverse(T_object_plane) for one in (T, turned_over(T))]
+
+
+def turned_over(T_camera_plane: Float64) -> Float64:
+    """The other pose of a plane whose picture is nearly the same: depth reversed along the line of sight.
+
+    With S = I − 2 v vᵀ, v the direction to the plane's origin, the axes in the plane become S x and S y.
+    """
+    v = T_camera_plane[:3, 3] / np.linalg.norm(T_camera_plane[:3, 3])
+    S = np.eye(3) - 2.0 * np.outer(v, v)
+    x, y = S @ T_camera_plane[:3, 0], S @ T_camera_plane[:3, 1]
+    return rigid(np.stack([x, y, np.cross(x, y)], axis=1), T_camera_plane[:3, 3])
+
+
+def _predicted(h: Hypothesis, at_s: float, s: ObjectPoseSettings, manoeuvre: float = 1.0) -> Hypothesis:
+    """At constant velocity and angular velocity; times before it are predicted, too."""
+    dt = at_s - h.at_s
+    if dt == 0:
+        return h
+    turn = exp_twist(np.r_[np.zeros(3), dt * h.twist[3:]])[:3, :3]
+    T = rigid(turn @ h.T[:3, :3], h.T[:3, 3] + dt * h.twist[:3])
+    F = np.eye(12)
+    F[:3, 6:9] = dt * np.eye(3)
+    F[3:6, 3:6] = turn
+    F[3:6, 9:] = dt * np.eye(3)
+    P = F @ h.covariance @ F.T
+    a = manoeuvre * abs(dt)
+    for k, q in ((0, s.acceleration_density), (3, s.turn_density)):
+        for i in range(k, k + 3):
+            P[i, i] += q * a * dt**2 / 3
+            P[i, i + 6] += q * dt * a / 2
+            P[i + 6, i] += q * dt * a / 2
+            P[i + 6, i + 6] += q * a
+    return Hypothesis(at_s, T, h.twist, P, h.cost)
+
+
+def _lost(at_s: float) -> ObjectPose:
+    return ObjectPose(at_s, None, np.full(6, np.nan), np.full((6, 6), np.nan), RayState.LOST, False, math.inf)
+
+
+@cache
+def _kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.fusion import object_pose_kernels
+
+    return object_pose_kernels

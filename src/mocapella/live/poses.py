@@ -1,0 +1,78 @@
+"""Other trackers onto the bus: OSC datagrams and OpenVR's devices, each as a node."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from mocapella.errors import AddressInUseError, BusError
+from mocapella.live.node import Membership
+from mocapella.sources.openvr_poses import OpenVrPoses
+from mocapella.sources.osc import MOST_BYTES, OscPoses, as_json
+from mocapella.wire.node import NodeLink
+
+
+def run_osc(
+    link: NodeLink, address: tuple[str, int], space: str, stop: threading.Event, say: Callable[[str], None]
+) -> dict[str, Any]:
+    """Publish what OSC datagrams tell, until ``stop`` is set; returns what came through.
+
+    Raises:
+        AddressInUseError: another program listens at the port.
+        BusError: nobody can listen there.
+    """
+    host = address[0]
+    with _bound(*address) as listener:
+        membership = Membership(link, stop, say)
+        source = OscPoses(link.node.sensor, space)
+        say(f"{link.node.sensor}: listening for OSC at {host}:{listener.getsockname()[1]} (Ctrl-C ends)")
+        try:
+            while not stop.is_set():
+                try:
+                    data = listener.recv(MOST_BYTES)
+                except TimeoutError:
+                    continue
+                except OSError:  # Windows tells here of an earlier datagram that could not be delivered
+                    continue
+                frame = source.update(data, time.monotonic_ns())
+                if frame is not None:
+                    link.publish(frame)
+        finally:
+            stop.set()
+            membership.close()
+    return {"sensor": link.node.sensor, "published": link.published, **as_json(source.report)}
+
+
+def run_openvr(
+    link: NodeLink, source: OpenVrPoses, hz: float, stop: threading.Event, say: Callable[[str], None]
+) -> dict[str, Any]:
+    """Publish OpenVR's poses at a rate, until ``stop`` is set."""
+    membership = Membership(link, stop, say)
+    due = time.monotonic()
+    try:
+        while not stop.wait(max(0.0, due - time.monotonic())):
+            due = max(due + 1.0 / hz, time.monotonic())
+            link.publish(source.poll(time.monotonic_ns()))
+    finally:
+        stop.set()
+        membership.close()
+    return {"sensor": link.node.sensor, "published": link.published, "invalid": source.invalid}
+
+
+def _bound(host: str, port: int) -> socket.socket:
+    where = f"{host}:{port}"
+    try:
+        family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM, flags=socket.AI_PASSIVE)[0]
+        listener = socket.socket(family, socket.SOCK_DGRAM)
+    except (OSError, UnicodeError) as error:
+        raise BusError(f"cannot listen at {where}: {error}; try 127.0.0.1:9000") from error
+    try:
+        listener.bind(address)
+    except OSError as error:
+        listener.close()
+        raise AddressInUseError(f"{where} cannot be listened at ({error}); take another port") from error
+    listener.settimeout(0.1)
+    return listener

@@ -1,0 +1,130 @@
+"""Where another tracker says rigid bodies are, in a space of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import SettingsError
+from mocapella.geometry.rigid import rigid
+from mocapella.model.topology import Topology, topology
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+
+
+class PoseFrame(msgspec.Struct, frozen=True, eq=False):
+    """The bodies of one tracker at one instant; identified like a `mocapella.model.observations.BodyFrame`.
+
+    Attributes:
+        sensor: the tracker's name.
+        node_id: random number of the process that serves the tracker, new at each start.
+        sequence: 0, 1, 2, … of that process.
+        time_ns: of the poses, on the *tracker's own* clock.
+        sent_ns: when the node published it, on the node's monotonic clock; 0 where there was no node.
+        space: name of the space that the poses are in; right-handed, metres.
+        names: (bodies,).
+        positions: (bodies, 3) [m]; NaN where not tracked.
+        orientations: (bodies, 4) unit quaternions w, x, y, z, from the body to the space; NaN where not tracked.
+        states: (bodies,) `mocapella.model.observations.JointState`: 2 measured, 1 inferred, 0 not tracked.
+    """
+
+    sensor: str
+    node_id: int
+    sequence: int
+    time_ns: int
+    sent_ns: int
+    space: str
+    names: tuple[str, ...]
+    positions: Float32
+    orientations: Float32
+    states: UInt8
+
+    @property
+    def key(self) -> tuple[str, int, int]:
+        """What identifies the frame: (sensor, node_id, sequence)."""
+        return self.sensor, self.node_id, self.sequence
+
+    @property
+    def topology(self) -> Topology:
+        """Of what bodies are held by."""
+        return topology("hand")
+
+    @property
+    def bodies(self) -> int:
+        """How many have a pose: what a table of sensors shows."""
+        return int((self.states > 0).sum())
+
+    def T_space_body(self, name: str) -> Float64 | None:  # noqa: N802 - the field's notation
+        """(4, 4) of one body; None where it is not here, or not tracked."""
+        if name not in self.names:
+            return None
+        k = self.names.index(name)
+        if not self.states[k]:
+            return None
+        return rigid(rotation_of(self.orientations[k]), self.positions[k])
+
+
+def pose_frame(
+    sensor: str,
+    space: str,
+    names: Sequence[str],
+    *,
+    time_ns: int,
+    positions: Any,
+    orientations: Any,
+    states: Any = None,
+    node_id: int = 0,
+    sequence: int = 0,
+    sent_ns: int = 0,
+) -> PoseFrame:
+    """A `PoseFrame` of array-likes; a body with a number that is not finite is not tracked, quaternions are normalised.
+
+    Raises:
+        SettingsError: a body without a name of its own, or a shape that does not fit their number.
+    """
+    n = len(names)
+    if len(set(names)) != n or not all(names):
+        raise SettingsError(f"bodies {', '.join(map(repr, names))}: each wants a name of its own")
+    p, q = np.array(positions, dtype=np.float64), np.array(orientations, dtype=np.float64)
+    if p.shape != (n, 3) or q.shape != (n, 4):
+        raise SettingsError(f"positions {p.shape} and orientations {q.shape}; {n} bodies want {(n, 3)} and {(n, 4)}")
+    length = np.linalg.norm(q, axis=-1)
+    there = np.isfinite(p).all(axis=-1) & np.isfinite(length) & (length > 1e-6)
+    given = np.where(there, 2, 0) if states is None else np.array(states)
+    if given.shape != (n,) or not np.isin(given, (0, 1, 2)).all():
+        raise SettingsError(f"states {given.tolist()}; {n} bodies want {(n,)} of 0, 1 or 2")
+    told = np.where(there, given, 0).astype(np.uint8)
+    p[told == 0] = np.nan
+    q[told == 0] = np.nan
+    q[told > 0] /= length[told > 0, None]
+    return PoseFrame(
+        sensor, node_id, sequence, int(time_ns), int(sent_ns), space, tuple(names),
+        p.astype(np.float32), q.astype(np.float32), told,
+    )  # fmt: skip
+
+
+def rotation_of(quaternions: Any) -> Float64:
+    """(..., 3, 3) rotations of unit quaternions (..., 4) w, x, y, z."""
+    q = np.asarray(quaternions, dtype=np.float64)
+    w, x, y, z = np.moveaxis(q / np.linalg.norm(q, axis=-1, keepdims=True), -1, 0)
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def quaternion_of(R: Float64) -> Float64:
+    """(4,) the unit quaternion w, x, y, z, w ≥ 0, of a rotation (3, 3)."""
+    from mocapella.geometry.twists import log_motion
+
+    phi = log_motion(rigid(R, np.zeros(3)))[3:]
+    angle = float(np.linalg.norm(phi))
+    return np.array([np.cos(0.5 * angle), *(phi * (0.5 * np.sinc(0.5 * angle / np.pi)))])

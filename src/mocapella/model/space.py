@@ -1,0 +1,106 @@
+"""How another tracker's space lies in the world of the cameras, as a value and as a file of its own."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import InputError, SettingsError
+from mocapella.model.whole_file import read_whole, write_whole
+from mocapella.settings import check, parse
+
+Float64 = NDArray[np.float64]
+
+FORMAT: Final = "mocapella space alignment"
+VERSION: Final = 1
+"""Of the file's layout."""
+_ANEW: Final = "align anew: mocapella align"
+_Row = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class SpaceAlignment:
+    """A space, and how well it is known.
+
+    Attributes:
+        space: its name, as in the `mocapella.model.poses.PoseFrame` that are in it.
+        rows: the upper three rows of ``T_world_space``.
+        clock_s: how much later the space's poses are told the same instant than the cameras' frames: their delay [s].
+        position_sd_m: of a point where the alignment was made; 0 where not known.
+        rotation_sd_rad: of the rotation; 0 where not known.
+        clock_sd_s: of ``clock_s``; 0 where not known.
+    """
+
+    space: str
+    rows: tuple[_Row, _Row, _Row]
+    clock_s: float = 0.0
+    position_sd_m: float = 0.0
+    rotation_sd_rad: float = 0.0
+    clock_sd_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        check(0 < len(self.space) <= 80, "space", self.space[:80], "1 to 80 characters")
+        R = np.array(self.rows)[:, :3]
+        rigid = bool(np.isfinite(self.rows).all()) and np.allclose(R @ R.T, np.eye(3), rtol=0, atol=1e-4)
+        check(rigid and np.linalg.det(R) > 0, "rows", self.rows, "the upper rows of a rigid motion")
+        check(-10 <= self.clock_s <= 10, "clock_s", self.clock_s, "within ±10 s")
+        for name in ("position_sd_m", "rotation_sd_rad", "clock_sd_s"):
+            check(0 <= getattr(self, name) < 1e6, name, getattr(self, name), "0 or more")
+
+    @property
+    def T_world_space(self) -> Float64:  # noqa: N802 - the field's notation
+        """(4, 4)."""
+        T = np.eye(4)
+        T[:3] = self.rows
+        return T
+
+
+def rows_of(T: Float64) -> tuple[_Row, _Row, _Row]:
+    """The upper three rows of a motion (4, 4), as numbers."""
+    first, second, third = (tuple(map(float, row)) for row in T[:3])
+    return first, second, third  # type: ignore[return-value]
+
+
+def save_space(path: Path | str, alignment: SpaceAlignment) -> None:
+    """Write it as TOML; the file appears complete or stays as it was.
+
+    Raises:
+        InputError: it cannot be written there.
+    """
+    import tomli_w
+
+    values = {"format": FORMAT, "version": VERSION, **as_settings(alignment)}
+    write_whole(path, tomli_w.dumps(values).encode())
+
+
+def as_settings(alignment: SpaceAlignment) -> dict[str, Any]:
+    """As plain values, which `parse` makes an alignment of again."""
+    values = dataclasses.asdict(alignment)
+    return values | {"rows": [list(row) for row in alignment.rows]}
+
+
+def load_space(path: Path | str) -> SpaceAlignment:
+    """Read it.
+
+    Raises:
+        InputError: there is no such file, or it is no alignment; names the field, its value and what to do.
+    """
+    try:
+        data: Mapping[str, Any] = tomllib.loads(read_whole(path, fix=_ANEW).decode("utf-8", errors="replace"))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"is no TOML: {error}", file=path, fix=_ANEW) from None
+    if data.get("format") != FORMAT or data.get("version") != VERSION:
+        told = (data.get("format"), data.get("version"))
+        fix = f"this program reads {FORMAT!r}, version {VERSION}; {_ANEW}"
+        raise InputError("is something else", file=path, field="format and version", value=told, fix=fix)
+    try:
+        return parse(SpaceAlignment, {k: v for k, v in data.items() if k not in ("format", "version")}, where=str(path))
+    except SettingsError as error:
+        raise InputError(str(error), file=path, fix=_ANEW) from None

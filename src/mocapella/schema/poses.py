@@ -1,0 +1,79 @@
+"""Pose frames to bytes and back, with everything that is not ours refused at the door."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from mocapella.errors import WireError
+from mocapella.model.poses import PoseFrame
+from mocapella.schema import mocapella_pb2 as pb
+from mocapella.schema.checks import (
+    F4,
+    MAX_COORDINATE,
+    MAX_NAME,
+    SCHEMA_VERSION,
+    STATES,
+    array,
+    choices,
+    names,
+    sensor_name,
+)
+
+_UNIT: Final = 1e-3
+"""How far a quaternion's length may be from 1."""
+
+
+def encode_pose_frame(frame: PoseFrame) -> bytes:
+    """Write a frame; the same numbers give the same bytes."""
+    return pb.PoseFrame(
+        schema_version=SCHEMA_VERSION,
+        sensor=frame.sensor,
+        node_id=frame.node_id,
+        sequence=frame.sequence,
+        time_ns=frame.time_ns,
+        sent_ns=frame.sent_ns,
+        space=frame.space,
+        names=frame.names,
+        positions_m=frame.positions.astype(F4, copy=False).tobytes(),
+        orientations=frame.orientations.astype(F4, copy=False).tobytes(),
+        states=frame.states.tobytes(),
+    ).SerializeToString()
+
+
+def pose_frame_of(m: pb.PoseFrame) -> PoseFrame:
+    """Check a message and make a frame of it.
+
+    Raises:
+        WireError: a field is too long, of the wrong length or out of range; names the field and what it wants.
+    """
+    if not 0 < len(m.space) <= MAX_NAME:
+        raise WireError(f"PoseFrame.space is {m.space[:MAX_NAME]!r}; 1 to {MAX_NAME} characters are wanted")
+    told = names(m.names, "PoseFrame.names")
+    n = len(told)
+    positions = array(m.positions_m, F4, (n, 3), "PoseFrame.positions_m")
+    orientations = array(m.orientations, F4, (n, 4), "PoseFrame.orientations")
+    both = np.concatenate([positions, orientations], axis=1)
+    there = np.isfinite(both).all(axis=1)
+    if not (there | np.isnan(both).all(axis=1)).all():
+        raise WireError("PoseFrame has a body with a part of a pose; write NaN for all of it, or for none")
+    if (np.abs(positions[there]) > MAX_COORDINATE).any():
+        far = positions[there].flat[np.abs(positions[there]).argmax()]
+        raise WireError(f"PoseFrame.positions_m has a {far:g}; coordinates are within ±{MAX_COORDINATE:g} m, or NaN")
+    length = np.linalg.norm(orientations[there].astype(np.float64), axis=1)
+    if (np.abs(length - 1) > _UNIT).any():
+        wrong = length[np.abs(length - 1).argmax()]
+        raise WireError(f"PoseFrame.orientations has a quaternion of length {wrong:g}; unit quaternions are wanted")
+    if m.states:
+        states = choices(m.states, STATES, n, "PoseFrame.states")
+        if not np.array_equal(states > 0, there):
+            raise WireError(
+                "PoseFrame.states has a body that is tracked without a pose, or one with a pose that is not"
+            )
+    else:
+        states = np.where(there, 2, 0).astype(np.uint8)
+    return PoseFrame(
+        sensor_name(m.sensor), m.node_id, m.sequence, m.time_ns, m.sent_ns, m.space, told, positions, orientations,
+        states,
+    )  # fmt: skip

@@ -1,0 +1,285 @@
+"""Square tags (ArUco, AprilTag) in a picture: their four corners, as markers.
+
+Tags are found and read by OpenCV (S. Garrido-Jurado et al., Pattern Recognition 47 (2014) 2280; E. Olson, ICRA 2011,
+for the AprilTag dictionaries). Where a corner is, is measured anew: along each side many short profiles across it say
+where dark becomes light, by the area under the profile, which blur does not move; a line is fitted to them, and two
+lines meet in the corner. So a corner is as sure as two lines are, and says how sure that is.
+
+Corners are markers with names of their own, ``tag7.0`` to ``tag7.3``, clockwise from the upper left one of the upright
+tag as OpenCV draws it. `mocapella.model.markers.joined` puts them beside the colour markers of the same picture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import cv2
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.conventions import NS_PER_S
+from mocapella.errors import SettingsError, one_of
+from mocapella.model.board import DICTIONARIES
+from mocapella.model.markers import MarkerFrame, marker_frame
+from mocapella.model.observations import check_sensor_name
+from mocapella.model.tags import corner_names
+from mocapella.sensing.markers import linear_light
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+
+_LINEAR: Final = 255.0 * linear_light()
+_STEP_PX: Final = 0.5
+"""Between the samples of a profile."""
+_REFINED_TWICE: Final = 2
+_UNREFINED_SD_PX: Final = 0.7
+"""Of a corner as OpenCV finds it, from a contour of whole pixels."""
+
+
+@dataclass(frozen=True)
+class TagSettings:
+    """Which tags are looked for, and how exact their corners are.
+
+    Attributes:
+        dictionary: as OpenCV calls it, ``DICT_`` may be left out, in capitals or not.
+        ids: numbers of the tags that are wanted; empty takes every tag of the dictionary. Small dictionaries find tags
+            where there are none: name the wanted ones.
+        sd_floor_px: a corner is not surer than that: sides are bent a little by the lens, and by the print.
+        reach_px: how far across a side its profiles reach at most.
+        least_contrast: from dark to light at a side, of 255; a side with less is not measured.
+    """
+
+    dictionary: str = "APRILTAG_36H11"
+    ids: tuple[int, ...] = ()
+    sd_floor_px: float = 0.03
+    reach_px: float = 4.0
+    least_contrast: float = 20.0
+
+    def __post_init__(self) -> None:
+        known = f"one of {one_of(self.opencv_name, DICTIONARIES)}"
+        check(self.opencv_name in DICTIONARIES, "dictionary", self.dictionary[:80], known)
+        most = len(_dictionary(self.opencv_name).bytesList)
+        right = len(set(self.ids)) == len(self.ids) <= 256 and all(0 <= i < most for i in self.ids)
+        check(right, "ids", self.ids, f"0 to {most - 1}, each once, at most 256 of them")
+        check(0 < self.sd_floor_px <= 10, "sd_floor_px", self.sd_floor_px, "above 0, up to 10 px")
+        check(1 <= self.reach_px <= 50, "reach_px", self.reach_px, "from 1 to 50 px")
+        check(0 < self.least_contrast < 255, "least_contrast", self.least_contrast, "above 0, below 255")
+
+    @property
+    def opencv_name(self) -> str:
+        """Of the dictionary."""
+        name = self.dictionary.upper()
+        return name if name.startswith("DICT_") else f"DICT_{name}"
+
+
+class TagReport(msgspec.Struct, frozen=True):
+    """What became of a camera's pictures.
+
+    Attributes:
+        images: how many were looked at.
+        found: tags in all of them that were told.
+        unwanted: tags that are not among the wanted ones.
+        twice: numbers that were there more than once in one picture, of which none was told.
+        unrefined: corners whose sides could not be measured, which are where OpenCV says.
+    """
+
+    images: int = 0
+    found: int = 0
+    unwanted: int = 0
+    twice: int = 0
+    unrefined: int = 0
+
+
+class TagDetector:
+    """Finds the tags in the pictures of one camera.
+
+    Attributes:
+        report: counts since it was made.
+    """
+
+    def __init__(self, camera: str, settings: TagSettings | None = None, *, node_id: int = 0) -> None:
+        self.camera, self.node_id = check_sensor_name(camera), node_id
+        self.settings = s = settings or TagSettings()
+        dictionary = _dictionary(s.opencv_name)
+        self._cells = dictionary.markerSize + 2
+        self._detector = cv2.aruco.ArucoDetector(dictionary)
+        self.report = TagReport()
+
+    def update(self, image: UInt8, at_s: float) -> MarkerFrame:
+        """The tags in the next picture; those that are not wanted or not there are not in it.
+
+        Args:
+            image: (height, width) gray or (height, width, 3) BGR, uint8.
+            at_s: when it was captured [s].
+
+        Raises:
+            SettingsError: the image is none.
+        """
+        if image.dtype != np.uint8 or image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] != 3):
+            wanted = "(height, width) gray or (height, width, 3) BGR, uint8"
+            raise SettingsError(f"an image of the shape {image.shape}, {image.dtype}; wanted is {wanted}")
+        grey: Any = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+        gray: UInt8 = np.ascontiguousarray(grey)
+        outlines, numbers, _ = self._detector.detectMarkers(gray)
+        ids = [] if numbers is None else [int(i) for i in numbers.ravel()]
+        wanted_ids = self.settings.ids
+        twice = {i for i in ids if ids.count(i) > 1}
+        told: list[tuple[int, Float64, Float64]] = []
+        for i, outline in zip(ids, outlines, strict=True):
+            if i not in twice and (not wanted_ids or i in wanted_ids):
+                told.append((i, *self._corners(gray, outline.reshape(4, 2).astype(np.float64))))
+        told.sort(key=lambda tag: tag[0])
+        was = self.report
+        self.report = TagReport(
+            was.images + 1,
+            was.found + len(told),
+            was.unwanted + sum(bool(wanted_ids) and i not in wanted_ids for i in ids),
+            was.twice + len(twice),
+            was.unrefined + sum(int((sd >= _UNREFINED_SD_PX).sum()) for _, _, sd in told),
+        )
+        size = (gray.shape[1], gray.shape[0])
+        px = np.concatenate([corners for _, corners, _ in told]) if told else np.empty((0, 2))
+        px[~((px >= -0.5) & (px <= np.array(size) - 0.5)).all(axis=1)] = np.nan
+        return marker_frame(
+            self.camera,
+            [name for i, _, _ in told for name in corner_names(i)],
+            time_ns=round(at_s * NS_PER_S),
+            size_px=size,
+            positions_px=px,
+            sd_px=np.concatenate([sd for _, _, sd in told]) if told else 0.0,
+            areas_px=np.concatenate([np.full(4, _area(corners)) for _, corners, _ in told]) if told else 0.0,
+            node_id=self.node_id,
+            sequence=was.images,
+        )
+
+    def _corners(self, gray: UInt8, corners: Float64) -> tuple[Float64, Float64]:
+        """Corners (4, 2) and their standard deviations (4,) [px]."""
+        s, found = self.settings, corners
+        sd = np.full(4, np.nan)
+        for _ in range(_REFINED_TWICE):
+            found, sd = refined_corners(gray, found, self._cells, s.reach_px, s.least_contrast)
+        # What is far from where OpenCV saw it is another edge.
+        cell = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).min() / self._cells
+        good = np.isfinite(sd) & (np.linalg.norm(found - corners, axis=1) < max(2.0, 0.5 * cell))
+        return np.where(good[:, None], found, corners), np.where(good, np.maximum(sd, s.sd_floor_px), _UNREFINED_SD_PX)
+
+
+def refined_corners(
+    gray: UInt8, corners: Float64, cells: int, reach_px: float, least_contrast: float
+) -> tuple[Float64, Float64]:
+    """Where the sides of a dark square on light ground meet.
+
+    Args:
+        gray: (height, width).
+        corners: (4, 2) about where, in order round the square [px].
+        cells: on a side of the square, of which the outermost are dark.
+        reach_px: across a side, at most.
+        least_contrast: of a side.
+
+    Returns:
+        (4, 2) corners, as given where a side cannot be measured, and (4,) their standard deviations [px], NaN there.
+    """
+    centre = corners.mean(axis=0)
+    lines = []
+    for k in range(4):
+        side = np.stack([corners[k], corners[(k + 1) % 4]])
+        lines.append(_side(gray, side, centre, min(reach_px, 0.8 * _length(side) / cells), least_contrast))
+    found, sd = corners.copy(), np.full(4, np.nan)
+    for k in range(4):
+        before, after = lines[k - 1], lines[k]
+        if before is None or after is None:
+            continue
+        N = np.stack([before[0], after[0]])
+        sine = abs(float(np.linalg.det(N)))
+        if sine < 0.2:
+            continue
+        found[k] = np.linalg.solve(N, [before[1], after[1]])
+        sd[k] = np.hypot(before[2], after[2]) / (np.sqrt(2.0) * sine)
+    return found, sd
+
+
+def _side(
+    gray: UInt8, side: Float64, centre: Float64, reach: float, least_contrast: float
+) -> tuple[Float64, float, float] | None:
+    """The line n·x = d of a side, and the standard deviation of d at its ends; None where there is none."""
+    a, b = side
+    length = _length(side)
+    if reach < 1.0:
+        return None
+    along = (b - a) / length
+    outwards = np.array([along[1], -along[0]])
+    if outwards @ (0.5 * (a + b) - centre) < 0:
+        outwards = -outwards
+    count = int(np.clip(length * 0.8, 6, 48))
+    at = a + np.linspace(0.1, 0.9, count)[:, None] * (b - a)
+    across = np.arange(-reach, reach + 0.5 * _STEP_PX, _STEP_PX)
+    x, y = np.moveaxis(at[:, None] + across[:, None] * outwards, -1, 0)
+    height, width = gray.shape
+    inside = ((x >= 0) & (x < width - 1) & (y >= 0) & (y < height - 1)).all(axis=1)
+    if inside.sum() < 6:
+        return None
+    at, x, y = at[inside], x[inside], y[inside]
+    i, j = x.astype(np.intp), y.astype(np.intp)
+    u, v = x - i, y - j
+    # Of light, not of its code: in that, blur brings the edge of a bright area outwards, by half a pixel.
+    w = _LINEAR
+    value = (1 - v) * ((1 - u) * w[gray[j, i]] + u * w[gray[j, i + 1]]) + v * (
+        (1 - u) * w[gray[j + 1, i]] + u * w[gray[j + 1, i + 1]]
+    )
+    dark, light = float(np.median(value[:, :2])), float(np.median(value[:, -2:]))
+    if light - dark < least_contrast:
+        return None
+    risen = np.clip((value - dark) / (light - dark), -0.5, 1.5)
+    edge = across[-1] - _STEP_PX * (risen.sum(axis=1) - 0.5 * (risen[:, 0] + risen[:, -1]))
+    points = at + edge[:, None] * outwards
+    return _line(points, outwards)
+
+
+def _line(points: Float64, outwards: Float64) -> tuple[Float64, float, float] | None:
+    """The line along points (n, 2) by total least squares, without those that are far from it."""
+    keep = np.ones(len(points), dtype=np.bool_)
+    for _ in range(3):
+        if keep.sum() < 5:
+            return None
+        middle = points[keep].mean(axis=0)
+        n = np.linalg.svd(points[keep] - middle)[2][-1]
+        off = np.abs((points - middle) @ n)
+        keep = off <= max(3.0 * 1.48 * float(np.median(off)), 0.05)
+    n = n if n @ outwards > 0 else -n
+    rest = (points[keep] - middle) @ n
+    scatter = float(np.sqrt((rest @ rest) / max(keep.sum() - 2, 1)))
+    # At the end of a fitted line its variance is four times that of a mean, and more beyond the outermost point.
+    return n, float(n @ middle), scatter * float(np.sqrt(6.0 / keep.sum()))
+
+
+def _length(side: Float64) -> float:
+    return float(np.linalg.norm(side[1] - side[0]))
+
+
+def _area(corners: Float64) -> float:
+    x, y = corners.T
+    return float(0.5 * abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
+
+
+def draw_tag(dictionary: str, number: int, side_px: int) -> UInt8:
+    """The tag's picture for printing, a white margin of two cells around it.
+
+    Returns:
+        (height, width) gray; the tag itself is ``side_px`` wide.
+
+    Raises:
+        SettingsError: there is no such dictionary or tag.
+    """
+    settings = TagSettings(dictionary, (number,))
+    tags = _dictionary(settings.opencv_name)
+    least = tags.markerSize + 2
+    check(least <= side_px <= 20_000, "side_px", side_px, f"{least} to 20000")
+    image = cv2.aruco.generateImageMarker(tags, number, side_px)
+    return np.asarray(np.pad(image, 2 * side_px // least, constant_values=255), dtype=np.uint8)
+
+
+def _dictionary(opencv_name: str) -> Any:
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, opencv_name))

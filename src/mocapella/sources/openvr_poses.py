@@ -1,0 +1,92 @@
+"""Poses of a headset's trackers and controllers through OpenVR (SteamVR), by the optional package ``openvr``.
+
+OpenVR's standing universe is right-handed, x right, y up, z to the back, metres; a pose is the upper three rows of
+``T_space_device``. A device is called by its serial number, which stays the same from day to day.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any, Final
+
+import numpy as np
+
+from mocapella.errors import SettingsError
+from mocapella.model.poses import PoseFrame, pose_frame, quaternion_of
+
+_NOT_FOLLOWED: Final = 4
+"""`TrackedDeviceClass_TrackingReference`: a base station."""
+
+
+class OpenVrPoses:
+    """The devices of a running OpenVR. A context manager.
+
+    Attributes:
+        invalid: poses that OpenVR called invalid so far.
+    """
+
+    def __init__(self, sensor: str, space: str, *, openvr: Any = None) -> None:
+        """``openvr`` is the package; imported where it is None.
+
+        Raises:
+            SettingsError: the package is not installed, or no OpenVR runs; says what to do.
+        """
+        self.sensor, self.space, self.invalid = sensor, space, 0
+        self._openvr = openvr if openvr is not None else _package()
+        try:
+            self._system = self._openvr.init(self._openvr.VRApplication_Background)
+        except self._openvr.OpenVRError as error:
+            fix = "start SteamVR with the devices switched on, on this computer"
+            raise SettingsError(f"no OpenVR runs here ({type(error).__name__}: {error}): {fix}") from error
+        self._serials: dict[int, str] = {}
+
+    def poll(self, at_ns: int) -> PoseFrame:
+        """Where all devices are now: the newest poses, not predicted."""
+        vr = self._openvr
+        poses = self._system.getDeviceToAbsoluteTrackingPose(
+            vr.TrackingUniverseStanding, 0.0, vr.k_unMaxTrackedDeviceCount
+        )
+        found: dict[str, tuple[Any, Any, int]] = {}
+        for k, pose in enumerate(poses):
+            if not pose.bDeviceIsConnected or self._system.getTrackedDeviceClass(k) == _NOT_FOLLOWED:
+                continue
+            name = self._serial(k)
+            if not pose.bPoseIsValid:
+                self.invalid += 1
+                found[name] = np.full(3, np.nan), np.full(4, np.nan), 0
+                continue
+            rows = pose.mDeviceToAbsoluteTracking
+            T = np.array([[float(rows[i][j]) for j in range(4)] for i in range(3)])
+            state = 2 if pose.eTrackingResult == vr.TrackingResult_Running_OK else 1
+            found[name] = T[:, 3], quaternion_of(T[:, :3]), state
+        p, q, states = zip(*found.values(), strict=True) if found else ((), (), ())
+        return pose_frame(
+            self.sensor, self.space, list(found), time_ns=at_ns, positions=np.reshape(p, (-1, 3)),
+            orientations=np.reshape(q, (-1, 4)), states=np.array(states, dtype=int),
+        )  # fmt: skip
+
+    def _serial(self, device: int) -> str:
+        if device not in self._serials:
+            vr = self._openvr
+            told = self._system.getStringTrackedDeviceProperty(device, vr.Prop_SerialNumber_String)
+            serial = told.decode(errors="replace") if isinstance(told, bytes) else str(told)
+            self._serials[device] = serial[:80] or f"device {device}"
+        return self._serials[device]
+
+    def close(self) -> None:
+        """Leave OpenVR."""
+        self._openvr.shutdown()
+
+    def __enter__(self) -> OpenVrPoses:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _package() -> Any:
+    try:
+        return importlib.import_module("openvr")
+    except ImportError as error:
+        fix = "install it into the same environment (the extra openvr of mocapella)"
+        raise SettingsError(f"the package openvr is not installed ({error}): {fix}") from error

@@ -1,0 +1,83 @@
+"""Square tags in a picture of linear light, exactly where a camera would see them: truth for what finds them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry.lens import project, undistort
+from mocapella.geometry.rigid import apply, inverse
+from mocapella.sensing.tags import draw_tag
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+
+_RAYS: Final = 4
+"""Along a side of a pixel."""
+_TEXTURE_PX: Final = 320
+"""Of the tag's dark square; its margin of two cells comes on top."""
+_DARK, _LIGHT = 0.04, 0.85
+"""What ink and paper reflect."""
+
+
+def draw_tags(
+    linear: Float32,
+    lens: Float64,
+    T_camera_tag: Mapping[int, Float64],
+    *,
+    dictionary: str,
+    side_m: float,
+    light: float = 1.0,
+) -> None:
+    """Draw tags, with a white margin of two cells, into a picture; the nearer hides the farther, none from behind.
+
+    Args:
+        linear: (height, width, 3) light of the picture, drawn into.
+        lens: (9,) of `mocapella.geometry.lens`.
+        T_camera_tag: (4, 4) by the tag's number; its frame as in `mocapella.model.tags`.
+        dictionary, side_m: of all tags; the dark square's side [m].
+        light: on the tags.
+    """
+    far_first = sorted(T_camera_tag.items(), key=lambda tag: -float(np.linalg.norm(tag[1][:3, 3])))
+    for number, T in far_first:
+        _draw(linear, lens, T, draw_tag(dictionary, number, _TEXTURE_PX), side_m=side_m, light=light)
+
+
+def _draw(
+    linear: Float32, lens: Float64, T: Float64, texture: NDArray[np.uint8], *, side_m: float, light: float
+) -> None:
+    if (T[:3, 3] @ T[:3, 2]) >= 0:  # its face is turned away
+        return
+    half = 0.5 * side_m * len(texture) / _TEXTURE_PX
+    outline = apply(T, half * np.array([[-1.0, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]))
+    px = project(outline, lens)
+    height, width = linear.shape[:2]
+    if not np.isfinite(px).all():
+        return
+    (x0, y0), (x1, y1) = np.floor(px.min(axis=0)).astype(int) - 1, np.ceil(px.max(axis=0)).astype(int) + 2
+    x0, y0, x1, y1 = max(x0, 0), max(y0, 0), min(x1, width), min(y1, height)
+    if x0 >= x1 or y0 >= y1:
+        return
+    part = (np.arange(_RAYS) + 0.5) / _RAYS - 0.5
+    x = (np.arange(x0, x1)[:, None] + part).ravel()
+    y = (np.arange(y0, y1)[:, None] + part).ravel()
+    rays = undistort(np.stack(np.meshgrid(x, y), axis=-1), lens)
+    T_tag_camera = inverse(T)
+    d = np.concatenate([rays, np.ones((*rays.shape[:-1], 1))], axis=-1) @ T_tag_camera[:3, :3].T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = -T_tag_camera[2, 3] / d[..., 2]
+        u = (T_tag_camera[0, 3] + s * d[..., 0]) / half
+        v = (T_tag_camera[1, 3] + s * d[..., 1]) / half
+        hit = (np.abs(u) < 1) & (np.abs(v) < 1) & (s > 0)
+    i = np.where(hit, (u + 1) * 0.5 * len(texture), 0).astype(int)
+    j = np.where(hit, (1 - v) * 0.5 * len(texture), 0).astype(int)
+    value = np.where(texture[j, i] > 127, _LIGHT, _DARK) * light
+    shape = (y1 - y0, _RAYS, x1 - x0, _RAYS)
+    covered = hit.reshape(shape).mean(axis=(1, 3))
+    shown = np.where(hit, value, 0.0).reshape(shape).mean(axis=(1, 3))
+    patch = linear[y0:y1, x0:x1]
+    patch *= (1.0 - covered)[..., None]
+    patch += shown[..., None]

@@ -1,0 +1,153 @@
+"""Tags in pictures: rendered with truth, found to a fraction of a pixel, and what is not there is not told."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from mocapella.errors import SettingsError
+from mocapella.geometry.lens import project
+from mocapella.geometry.rigid import apply, rigid
+from mocapella.geometry.twists import exp_twist
+from mocapella.model.markers import MarkerFrame, joined, marker_frame
+from mocapella.model.tags import corner_names, corner_places
+from mocapella.schema import decode_frame, encode_frame
+from mocapella.sensing.tags import TagDetector, TagSettings, draw_tag
+from mocapella.sources.simulate.camera_image import CameraImageSettings, camera_image
+from mocapella.sources.simulate.tag_picture import draw_tags
+
+LENS = np.array([265.0, 265, 159.5, 119.5, -0.08, 0.01, 0.001, 0, 0])
+SIDE_M = 0.06
+FACING = np.diag([1.0, -1.0, -1.0])
+"""``R_camera_tag`` of a tag that looks into the camera, upright."""
+
+
+def placed(seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    turn = exp_twist(np.r_[0, 0, 0, rng.uniform(-0.5, 0.5, 3)])[:3, :3]
+    return rigid(turn @ FACING, [rng.uniform(-0.1, 0.1), rng.uniform(-0.06, 0.06), rng.uniform(0.3, 0.5)])
+
+
+@cache
+def picture(seed: int, *numbers: int, dictionary: str = "APRILTAG_36H11", apart_m: float = 0.0) -> np.ndarray:
+    linear = np.full((240, 320, 3), 0.25, np.float32)
+    T = {n: placed(seed) @ rigid(np.eye(3), [k * apart_m, 0, 0]) for k, n in enumerate(numbers)}
+    draw_tags(linear, LENS, T, dictionary=dictionary, side_m=SIDE_M)
+    return camera_image(linear, CameraImageSettings(), np.random.default_rng(seed))
+
+
+@pytest.mark.parametrize("dictionary", ["APRILTAG_36h11", "DICT_4X4_50"])
+def test_corners_are_where_they_were_drawn_as_nearly_as_is_said(dictionary: str) -> None:
+    detector, off, standard = TagDetector("left", TagSettings(dictionary)), [], []
+    for seed in range(25):
+        frame = detector.update(picture(seed, 7, dictionary=dictionary), seed / 30)
+        if not frame.names:  # too slanted to be read, or partly outside
+            continue
+        assert frame.names == corner_names(7)
+        error = frame.positions_px - project(apply(placed(seed), corner_places(SIDE_M)), LENS)
+        off.append(np.linalg.norm(error, axis=-1))
+        standard.append(error / frame.sd_px[:, None])
+    assert np.median(off) < 0.1
+    assert np.percentile(off, 95) < 0.3
+    assert 0.4 < np.sqrt(np.mean(np.square(standard))) < 2.0
+    assert detector.report.images == 25
+    assert detector.report.found >= 22
+
+
+def test_a_gray_picture_and_one_of_an_array_that_is_no_copy_give_the_same() -> None:
+    image = picture(1, 3)
+    wide = np.zeros((240, 640, 3), np.uint8)
+    wide[:, 100:420] = image
+    one, other = (TagDetector("left").update(i, 0.5) for i in (image, wide[:, 100:420]))
+    np.testing.assert_array_equal(one.positions_px, other.positions_px)
+    assert (one.time_ns, one.size_px, one.sequence) == (500_000_000, (320, 240), 0)
+    decoded = decode_frame(encode_frame(one))
+    assert isinstance(decoded, MarkerFrame)
+    np.testing.assert_array_equal(decoded.positions_px, one.positions_px)
+
+
+def test_only_the_wanted_tags_are_told_in_the_order_of_their_numbers() -> None:
+    image = picture(2, 9, 4, apart_m=0.09)
+    both = TagDetector("left").update(image, 0.0)
+    assert both.names == (*corner_names(4), *corner_names(9))
+    detector = TagDetector("left", TagSettings(ids=(9,)))
+    assert detector.update(image, 0.0).names == corner_names(9)
+    assert (detector.report.found, detector.report.unwanted) == (1, 1)
+
+
+def test_two_tags_of_one_number_are_none() -> None:
+    one = picture(1, 5)
+    detector = TagDetector("left")
+    frame = detector.update(np.hstack([one, one]), 0.0)
+    assert (frame.names, detector.report.twice, detector.report.found) == ((), 1, 0)
+
+
+def test_without_a_tag_there_is_a_frame_without_markers() -> None:
+    frame = TagDetector("left").update(np.full((240, 320, 3), 90, np.uint8), 1.0)
+    assert (frame.names, frame.positions_px.shape, frame.size_px) == ((), (0, 2), (320, 240))
+    decode_frame(encode_frame(frame))
+
+
+def test_sides_that_cannot_be_measured_leave_corners_where_opencv_sees_them_and_unsure() -> None:
+    detector = TagDetector("left", TagSettings(least_contrast=250.0))
+    frame = detector.update(picture(3, 7), 0.0)
+    assert (frame.sd_px > 0.5).all()
+    assert detector.report.unrefined == 4
+    error = frame.positions_px - project(apply(placed(3), corner_places(SIDE_M)), LENS)
+    assert np.linalg.norm(error, axis=-1).max() < 3.0
+
+
+def test_markers_of_one_picture_are_joined() -> None:
+    tags = TagDetector("left").update(picture(4, 7), 0.0)
+    colours = marker_frame("left", ["red"], time_ns=5, size_px=(320, 240), positions_px=[[3, 4]], node_id=8, sequence=9)
+    colours = type(colours)(**{n: getattr(colours, n) for n in colours.__struct_fields__} | {
+        "elongations": np.array([1.5], np.float32), "candidates": np.array([2], np.uint8)})  # fmt: skip
+    both = joined(colours, tags)
+    assert both.names == ("red", *corner_names(7))
+    assert both.key == ("left", 8, 9)
+    assert both.time_ns == 5
+    np.testing.assert_array_equal(both.positions_px[1:], tags.positions_px)
+    np.testing.assert_array_equal(both.sd_px[1:], tags.sd_px)
+    assert both.elongations is not None
+    assert both.candidates is not None
+    assert both.elongations[0] == 1.5
+    assert np.isnan(both.elongations[1:]).all()
+    assert both.candidates.tolist() == [2, 0, 0, 0, 0]
+    with pytest.raises(SettingsError, match="two detectors call a marker 'tag7"):
+        joined(tags, tags)
+    other = marker_frame("right", [], time_ns=5, size_px=(320, 240), positions_px=np.empty((0, 2)))
+    with pytest.raises(SettingsError, match="only those of one picture"):
+        joined(colours, other)
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"dictionary": "APRILTAG_36H12"}, "DICT_APRILTAG_36H11"),
+        ({"ids": (1, 1)}, "each once"),
+        ({"ids": (587,)}, "0 to 586"),
+        ({"sd_floor_px": 0.0}, "sd_floor_px"),
+        ({"reach_px": 0.5}, "reach_px"),
+        ({"least_contrast": 255.0}, "least_contrast"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(changed: dict, said: str) -> None:
+    with pytest.raises(SettingsError, match=said):
+        TagSettings(**changed)
+
+
+def test_what_is_no_image_is_refused() -> None:
+    for image in (np.zeros((4, 4), np.float32), np.zeros((4, 4, 4), np.uint8), np.zeros(4, np.uint8)):
+        with pytest.raises(SettingsError, match="uint8"):
+            TagDetector("left").update(image, 0.0)
+    with pytest.raises(SettingsError, match="side_px"):
+        draw_tag("APRILTAG_36H11", 1, 4)
+
+
+def test_a_tag_from_behind_is_not_drawn() -> None:
+    linear = np.full((40, 40, 3), 0.25, np.float32)
+    behind = rigid(np.eye(3), [0, 0, 0.3])
+    draw_tags(linear, LENS, {1: behind}, dictionary="APRILTAG_36H11", side_m=SIDE_M)
+    assert (linear == np.float32(0.25)).all()
