@@ -188,6 +188,11 @@ class BoardRun:
         }
 
     @property
+    def shared(self) -> int:
+        """Instants at which two cameras or more saw the board."""
+        return sum(len(of.instant) > len(set(of.instant.values())) for of in self._rounds)
+
+    @property
     def report(self) -> BoardRunReport:
         """What became of all looks so far."""
         several = [of for of in self._rounds if len(of.views) > 1]
