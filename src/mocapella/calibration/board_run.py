@@ -97,7 +97,7 @@ class BoardRunReport:
         text = f"pictures of one instant: {np.median(apart):.1f} ms apart (median), at most {apart.max():.1f} ms"
         if np.isfinite(moved).any():
             text += f"; the board moved {np.nanmedian(moved):.1f} px meanwhile"
-        return text + (f"; {self.split} looks were of no one instant" if self.split else "")
+        return text + (f"; looks that were not of one instant: {self.split}" if self.split else "")
 
 
 @dataclass(frozen=True, eq=False)

@@ -72,11 +72,11 @@ class BoardDesk:
         self._thread: threading.Thread | None = None
         self._end, self._cancelled = threading.Event(), False
         self._verbs: dict[str, Callable[[Mapping[str, Any]], str]] = {
-            "board-start": self._start,
-            "board-finish": self._finish,
-            "board-cancel": self._cancel,
-            "board-save": self._save,
-            "board-use": self._use,
+            "calibrate": self._start,
+            "finish-calibration": self._finish,
+            "cancel-calibration": self._cancel,
+            "save-rig": self._save,
+            "use-this-rig": self._use,
         }
 
     @property
@@ -107,7 +107,7 @@ class BoardDesk:
             self._thread.join()
 
     def _start(self, arguments: Mapping[str, Any]) -> str:
-        told = parse(_Start, arguments, where="board-start")
+        told = parse(_Start, arguments, where="calibrate")
         board = parse(Board, told.board, where="board") if told.board is not None else self._board(told.file)
         with self._lock:
             if self._running():
@@ -120,7 +120,7 @@ class BoardDesk:
             run = BoardRun(board, cameras)
             looks = NodeLooks(self._ask, lambda: self._sensors, cameras, board)
             self._end, self._cancelled, self._rig = threading.Event(), False, None
-            self._progress = BoardProgress("filming", _cameras(run), file=self._free_name())
+            self._progress = BoardProgress("filming", _words(board), _cameras(run), file=self._free_name())
             self._thread = threading.Thread(target=self._work, args=(run, looks), name="calibrate cameras")
             self._thread.start()
         return f"show the board to {', '.join(cameras)}"
@@ -141,7 +141,7 @@ class BoardDesk:
             self._end.set()
 
     def _save(self, arguments: Mapping[str, Any]) -> str:
-        name = parse(_Named, arguments, where="board-save").name.strip()
+        name = parse(_Named, arguments, where="save-rig").name.strip()
         found = self._found()
         if not _NAME.fullmatch(name):
             raise SettingsError(f"name {name[:80]!r} cannot be used; write the name of a file, such as rig.toml")
@@ -157,8 +157,13 @@ class BoardDesk:
         found = self._found()
         if not self._progress.saved:
             self._save(arguments)
-        self._make_ready()
-        reply = self._send("use-rig", {"rig": encode_camera_rig(found.rig)})
+        busy = "making the tracking of hands ready; for the first time on a machine that takes a minute"
+        self._progress = replace(self._progress, busy=busy)
+        try:
+            self._make_ready()
+            reply = self._send("use-rig", {"rig": encode_camera_rig(found.rig)})
+        finally:
+            self._progress = replace(self._progress, busy="")
         if not reply.ok:
             raise NotNowError(reply.message)
         self._progress = replace(self._progress, used=True)
@@ -176,7 +181,8 @@ class BoardDesk:
         path = (self._folder / file).resolve()
         if not file.strip() or not path.is_relative_to(self._folder.resolve()):
             fix = "mocapella board draws one"
-            raise InputError(f"is no file below {self._folder}", file=file or "the board's file", fix=fix)
+            called = file.strip() or "the board's file"
+            raise InputError(f"is no file below {self._folder}", file=called, fix=fix)
         return load_board(path)
 
     def _free_name(self) -> str:
@@ -221,6 +227,11 @@ class BoardDesk:
         )
         self._rig = found
         self._progress = replace(self._progress, phase="done", quality=quality)
+
+
+def _words(board: Board) -> str:
+    kind = "chessboard" if board.kind == "chessboard" else f"ChArUco board ({board.dictionary})"
+    return f"{kind}, {board.columns} × {board.rows} squares of {1e3 * board.square_m:g} mm"
 
 
 def _cameras(run: BoardRun) -> tuple[CameraProgress, ...]:

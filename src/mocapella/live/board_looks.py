@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Final, Protocol
 
+import msgspec
 import numpy as np
 
 from mocapella.calibration.board_run import BoardLook, BoardRun
@@ -42,6 +43,12 @@ class Looks(Protocol):
         ...
 
 
+class _Corners(msgspec.Struct, frozen=True):
+    ids: list[int]
+    corners_px: list[tuple[float, float]]
+    edge_px: float | None = None
+
+
 class NodeLooks:
     """Running nodes, all asked at the same moment, each for its newest picture.
 
@@ -61,7 +68,7 @@ class NodeLooks:
         board: Board,
     ) -> None:
         self._ask, self._sensors, self._cameras = ask, sensors, tuple(cameras)
-        self._text = encode_board(board)
+        self._text, self._corners = encode_board(board), board.corners
         self._blind: dict[str, int] = dict.fromkeys(cameras, 0)
         self._why: dict[str, str] = {}
         self._seen: set[str] = set()
@@ -98,19 +105,26 @@ class NodeLooks:
             return BoardLook(problem=f"camera {name}: the server does not know its clock yet; it has sent no frame")
         at_s = answer.time_ns / NS_PER_S + row.capture_offset
         try:
-            ids = np.array(answer.corners["ids"], dtype=np.int64)
-            corners = np.array(answer.corners["corners_px"], dtype=np.float64).reshape(-1, 2)
-            edge = answer.corners.get("edge_px")
-            if len(ids) != len(corners) or not np.isfinite(corners).all():
-                raise ValueError("as many ids as corners")
-        except (KeyError, TypeError, ValueError) as error:
+            told = msgspec.convert(answer.corners, _Corners)
+        except msgspec.ValidationError as error:
             return BoardLook(problem=f"camera {name} answers what cannot be used ({error}); is it of this version?")
-        if not len(ids):
+        if not told.ids:
             return BoardLook(at_s, None, self._unseen(name, answer.message))
+        view = self._view(name, told, answer.size_px)
+        if view is None:
+            return BoardLook(problem=f"camera {name} answers corners that this board cannot have; is it this version?")
         self._seen.add(name)
         self._why.pop(name, None)
-        view = BoardView(name, 0, answer.size_px, ids, corners, float("nan") if edge is None else float(edge))
         return BoardLook(at_s, view)
+
+    def _view(self, name: str, told: _Corners, size_px: tuple[int, int]) -> BoardView | None:
+        if len(told.ids) != len(told.corners_px) or not 0 <= min(told.ids) <= max(told.ids) < self._corners:
+            return None
+        ids, corners = np.array(told.ids, dtype=np.int64), np.array(told.corners_px, dtype=np.float64)
+        inside = (corners >= -1) & (corners <= np.array(size_px))
+        if (np.diff(ids) <= 0).any() or not inside.all():
+            return None
+        return BoardView(name, 0, size_px, ids, corners, float("nan") if told.edge_px is None else told.edge_px)
 
     def _explains(self, name: str) -> bool:
         """Whether a camera is asked what it sees instead: now and then, as long as it has never seen the board."""

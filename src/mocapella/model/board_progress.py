@@ -52,21 +52,25 @@ class BoardProgress(msgspec.Struct, frozen=True):
 
     Attributes:
         phase: ``idle`` before the first run and after one that was cancelled.
+        board: what is looked for, in words.
         cameras: that take part.
         shared: instants at which two or more saw the board.
         hints: what to do next, the most urgent first.
         problem: why it could not be finished; empty where nothing is wrong.
         quality: of the rig that was found.
         file: the name under which the rig was saved, or would be.
+        busy: what is being done that takes long; empty where nothing is.
         saved, used: whether it was saved, and whether the server tracks with it.
     """
 
     phase: Phase = "idle"
+    board: str = ""
     cameras: tuple[CameraProgress, ...] = ()
     shared: int = 0
     hints: tuple[str, ...] = ()
     problem: str = ""
     quality: RigQuality | None = None
     file: str = "rig.toml"
+    busy: str = ""
     saved: bool = False
     used: bool = False

@@ -7,7 +7,7 @@ from html import escape
 from mocapella.model.board_progress import BoardProgress, CameraProgress, RigQuality
 from mocapella.viewer.palette import AMBER, BLUE, GREEN, GREY, RED, SensorColours
 
-WIDTH = 148
+WIDTH = 136
 """Of a camera's small picture [px]; two stand beside each other in the panel."""
 _UNKNOWN_SIZE = (4, 3)
 _DARK, _LINE = "#141b28", "#2c3748"
@@ -33,20 +33,23 @@ def _headline(progress: BoardProgress) -> str:
         text = "Enter the board as it is printed, then press Start calibration and carry it before the cameras."
         return f'<div style="color:{GREY.css};padding-bottom:4px">{text}</div>'
     colour, detail = AMBER, ""
-    if progress.phase == "calibrating":
+    if progress.busy:
+        title, colour = progress.busy, BLUE
+    elif progress.phase == "calibrating":
         title, colour = "Calibrating …", BLUE
     elif progress.phase == "filming":
         title = progress.hints[0] if progress.hints else "All is seen: press Finish"
         colour = AMBER if progress.hints else GREEN
+        detail = progress.board
         if len(progress.cameras) > 1:
-            detail = f"seen by two cameras or more at once: {_times(progress.shared)}"
+            detail = f"{detail}; seen by two cameras or more at once: {_times(progress.shared)}"
     elif progress.used:
         title, colour, detail = "In use", GREEN, f"saved as {progress.file}"
     else:
         title, colour = "Calibrated", GREEN
         detail = f"saved as {progress.file}" if progress.saved else "not saved yet, and not in use yet"
     title = title[:1].upper() + title[1:]
-    size = 19 if progress.phase == "filming" else 22
+    size = 22 if progress.phase == "done" and not progress.busy else 19
     return (
         f'<div class="mocapella-board-headline" style="font-size:{size}px;line-height:1.25;font-weight:600;'
         f'color:{colour.css};overflow-wrap:anywhere">{escape(title)}</div>'

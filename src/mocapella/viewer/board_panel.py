@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
@@ -19,6 +20,8 @@ CHARUCO, CHESSBOARD, FILE = "ChArUco", "chessboard", "a file"
 KINDS: Final = (CHARUCO, CHESSBOARD, FILE)
 _USUAL: Final = Board("charuco", 5, 7, 0.0352, dictionary="DICT_4X4_50")
 _MM: Final = 1e3
+_TYPED_S: Final = 0.3
+"""A browser sends what is typed a little later, also after a click that followed it; a wrong size would spoil all."""
 
 Send = Callable[[str, dict[str, Any]], None]
 
@@ -36,7 +39,7 @@ class BoardFields:
     dictionary: str
 
     def arguments(self) -> dict[str, Any]:
-        """Of ``board-start``.
+        """Of ``calibrate``.
 
         Raises:
             SettingsError: a field that cannot be used; names it and what it may be.
@@ -81,6 +84,11 @@ class BoardPanel:
         self._shown_kind = ""
         with gui.add_folder("Calibrate cameras", order=order, expand_by_default=expanded):
             self._html = gui.add_html("")
+            self._name = gui.add_text("Save as", "rig.toml", hint="Nothing is ever overwritten")
+            self._use = gui.add_button(
+                "Use it", icon=viser.Icon.CHECK, color="teal", hint="Track hands with it; saves it"
+            )
+            self._save = gui.add_button("Save", icon=viser.Icon.DEVICE_FLOPPY, color="gray")
             self._kind = gui.add_dropdown("Board", KINDS, hint="As printed; a file holds the same as text")
             self._file = gui.add_text("Board file", "board.toml", hint="In the folder where the view was started")
             self._columns = gui.add_number("Columns", _USUAL.columns, step=1, hint="Squares in a row, not corners")
@@ -95,16 +103,11 @@ class BoardPanel:
             self._start = gui.add_button("Start calibration", icon=viser.Icon.PLAYER_PLAY, color="teal")
             self._finish = gui.add_button("Finish", icon=viser.Icon.CHECK, color="teal")
             self._cancel = gui.add_button("Cancel", icon=viser.Icon.X, color="gray")
-            self._name = gui.add_text("Save as", "rig.toml", hint="Nothing is ever overwritten")
-            self._use = gui.add_button(
-                "Use it", icon=viser.Icon.CHECK, color="teal", hint="Track hands with it; saves it"
-            )
-            self._save = gui.add_button("Save", icon=viser.Icon.DEVICE_FLOPPY, color="gray")
-        self._on(self._start, self._begin)
-        self._on(self._finish, lambda: self._send("board-finish", {}))
-        self._on(self._cancel, lambda: self._send("board-cancel", {}))
-        self._on(self._use, lambda: self._send("board-use", {"name": self._name.value}))
-        self._on(self._save, lambda: self._send("board-save", {"name": self._name.value}))
+        self._on(self._start, self._begin, _TYPED_S)
+        self._on(self._finish, lambda: self._send("finish-calibration", {}))
+        self._on(self._cancel, lambda: self._send("cancel-calibration", {}))
+        self._on(self._use, lambda: self._send("use-this-rig", {"name": self._name.value}))
+        self._on(self._save, lambda: self._send("save-rig", {"name": self._name.value}))
 
     @property
     def fields(self) -> BoardFields:
@@ -133,7 +136,7 @@ class BoardPanel:
         self._name.visible = self._save.visible = done
         self._use.visible = done
         self._name.disabled = self._save.disabled = progress.saved
-        self._use.disabled = progress.used
+        self._use.disabled = progress.used or bool(progress.busy)
         if before is None or before.file != progress.file:
             self._name.value = progress.file
 
@@ -143,12 +146,13 @@ class BoardPanel:
         except SettingsError as error:
             self._refuse("Calibration: not started", str(error))
             return
-        self._send("board-start", arguments)
+        self._send("calibrate", arguments)
 
     @staticmethod
-    def _on(button: viser.GuiButtonHandle, do: Callable[[], None]) -> None:
+    def _on(button: viser.GuiButtonHandle, do: Callable[[], None], after_s: float = 0.0) -> None:
         @button.on_click
         async def _(_: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+            await asyncio.sleep(after_s)
             do()
 
 

@@ -88,7 +88,7 @@ class Viewer:
             scene: the tracker's newest result, None before the first.
             frames: each sensor's newest frame, by its name.
             status: the session's newest, None while no server answers.
-            board: how a calibration of cameras goes; None where the commands of one (``board-start`` …) are unknown.
+            board: how a calibration of cameras goes; None where the commands of one (``calibrate`` …) are unknown.
         """
         self._welcome()
         self._known.learn(scene, frames, status)
