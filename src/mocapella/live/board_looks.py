@@ -79,7 +79,10 @@ class NodeLooks:
         asked = {name: self._workers.submit(self._one, name) for name in self._cameras}
         answers = {name: future.result() for name, future in asked.items()}
         rows = {row.name: row for row in self._sensors()}
-        return {name: self._look(name, answer, rows.get(name)) for name, answer in answers.items()}
+        return {
+            name: BoardLook(problem=answer) if isinstance(answer, str) else self._look(name, answer, rows.get(name))
+            for name, answer in answers.items()
+        }
 
     def wait(self, seconds: float) -> None:
         """As `Looks`."""
@@ -96,9 +99,7 @@ class NodeLooks:
         except (BusError, WireError):
             return f"camera {name} does not answer: look whether its node (mocapella node markers) runs"
 
-    def _look(self, name: str, answer: NodeAnswer | str, row: SensorHealth | None) -> BoardLook:
-        if isinstance(answer, str):
-            return BoardLook(problem=answer)
+    def _look(self, name: str, answer: NodeAnswer, row: SensorHealth | None) -> BoardLook:
         if not answer.ok or answer.corners is None or answer.size_px is None:
             return BoardLook(problem=f"camera {name}: {answer.message or 'its answer has no corners'}")
         if row is None or row.capture_offset is None:

@@ -13,9 +13,9 @@ _UNKNOWN_SIZE = (4, 3)
 _DARK, _LINE = "#141b28", "#2c3748"
 
 
-def board_html(progress: BoardProgress, colours: SensorColours) -> str:
-    """All of it; what to do next in large letters."""
-    parts = [_headline(progress)]
+def board_html(progress: BoardProgress, colours: SensorColours, typed: str) -> str:
+    """All of it; what to do next in large letters. ``typed``: the board that a start would look for."""
+    parts = [_headline(progress, typed)]
     if progress.problem:
         parts.append(f'<div style="color:{RED.css};padding-bottom:6px">{escape(progress.problem)}</div>')
     if progress.phase in ("filming", "calibrating"):
@@ -28,10 +28,10 @@ def board_html(progress: BoardProgress, colours: SensorColours) -> str:
     return f'<div class="mocapella-board" style="padding:2px 12px 8px;font-size:13px;line-height:1.45">{body}</div>'
 
 
-def _headline(progress: BoardProgress) -> str:
+def _headline(progress: BoardProgress, typed: str) -> str:
     if progress.phase == "idle":
-        text = "Enter the board as it is printed, then press Start calibration and carry it before the cameras."
-        return f'<div style="color:{GREY.css};padding-bottom:4px">{text}</div>'
+        text = "Enter the board as it is printed, press Start calibration, and carry it before the cameras."
+        return f'<div style="padding-bottom:4px">{text} <span style="color:{GREY.css}">{escape(typed)}</span></div>'
     colour, detail = AMBER, ""
     if progress.busy:
         title, colour = progress.busy, BLUE

@@ -38,6 +38,14 @@ class BoardFields:
     marker_mm: float
     dictionary: str
 
+    @property
+    def words(self) -> str:
+        """As it would be looked for."""
+        if self.kind == FILE:
+            return f"the board of {self.file.strip()}"
+        kind = f"ChArUco board ({self.dictionary})" if self.kind == CHARUCO else "chessboard"
+        return f"{kind}, {self.columns:g} × {self.rows:g} squares of {self.square_mm:g} mm"
+
     def arguments(self) -> dict[str, Any]:
         """Of ``calibrate``.
 
@@ -81,7 +89,7 @@ class BoardPanel:
     ) -> None:
         self._colours, self._send, self._refuse = colours, send, refuse
         self._progress: BoardProgress | None = None
-        self._shown_kind = ""
+        self._shown: BoardFields | None = None
         with gui.add_folder("Calibrate cameras", order=order, expand_by_default=expanded):
             self._html = gui.add_html("")
             self._name = gui.add_text("Save as", "rig.toml", hint="Nothing is ever overwritten")
@@ -119,13 +127,14 @@ class BoardPanel:
 
     def show(self, progress: BoardProgress) -> None:
         """Bring it up to how it goes; costs next to nothing when that is shown already."""
-        if progress is self._progress and self._kind.value == self._shown_kind:
+        fields = self.fields
+        if progress is self._progress and fields == self._shown:
             return
-        before, self._progress, self._shown_kind = self._progress, progress, self._kind.value
-        self._html.content = board_html(progress, self._colours)
+        before, self._progress, self._shown = self._progress, progress, fields
+        self._html.content = board_html(progress, self._colours, fields.words)
         running = progress.phase in ("filming", "calibrating")
         self._start.visible = self._kind.visible = not running
-        kind = self._kind.value
+        kind = fields.kind
         self._file.visible = not running and kind == FILE
         for field in (self._columns, self._rows, self._square):
             field.visible = not running and kind != FILE
