@@ -112,18 +112,22 @@ def test_cameras_are_calibrated_in_the_view_and_used_and_stand_in_the_next_take(
             page.get_by_role("button", name=name, exact=True).click()
 
         page.get_by_text("press Start calibration").wait_for()
-        field("Rows").fill("2")
+
+        def fill(label: str, value: float, says: str) -> None:
+            """A browser sends one of two fields that are filled within 50 ms, so it is waited for each."""
+            field(label).fill(f"{value:g}")
+            page.locator(".mocapella-board", has_text=says).wait_for()
+
+        fill("Rows", 2, "× 2 squares")
         press("Start calibration")
         page.get_by_text("it must be 3 to 100 squares").wait_for()
-        field("Columns").fill(str(BOARD.columns))
-        field("Rows").fill(str(BOARD.rows))
-        field("Square, mm").fill(f"{1e3 * BOARD.square_m:g}")
-        field("Marker, mm").fill(f"{1e3 * BOARD.square_m * BOARD.marker_ratio:g}")
-        as_typed = page.get_by_text(f"6 × 5 squares of {1e3 * BOARD.square_m:g} mm")
-        as_typed.wait_for()
+        fill("Columns", BOARD.columns, "6 ×")
+        fill("Rows", BOARD.rows, "× 5 squares")
+        fill("Square, mm", 1e3 * BOARD.square_m, "of 40 mm")
+        fill("Marker, mm", 1e3 * BOARD.square_m * BOARD.marker_ratio, "6 × 5 squares of 40 mm, markers of 30 mm")
         press("Start calibration")
         headline.get_by_text("go on filming").wait_for()
-        as_typed.wait_for()
+        page.get_by_text("6 × 5 squares of 40 mm, markers of 30 mm").wait_for()
         page.locator(".mocapella-board-camera circle").first.wait_for()
         page.get_by_text("seen by two cameras or more at once: 6 times").wait_for()
         _shoot(page, "calibrate-filming")

@@ -121,7 +121,7 @@ def test_from_start_to_a_rig_that_is_saved_and_used(desk: Desk, nodes: Nodes, tm
     assert not desk.do("save-rig", name="rig.toml").ok
     desk.until("filming", lambda: desk.desk.progress.shared >= 13)
     filming = desk.desk.progress
-    assert filming.board == "ChArUco board (DICT_4X4_1000), 6 × 5 squares of 60 mm"
+    assert filming.board == "ChArUco board (DICT_4X4_1000), 6 × 5 squares of 60 mm, markers of 45 mm"
     assert [camera.name for camera in filming.cameras] == ["c0", "c1"]
     assert all(camera.views >= 13 and camera.size_px == SIZE for camera in filming.cameras)
     assert sum(map(sum, filming.cameras[0].fields)) > 100

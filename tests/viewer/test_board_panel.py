@@ -83,7 +83,7 @@ def test_afterwards_the_quality_and_whether_it_is_saved_and_used_are_there() -> 
 
 def test_before_it_the_board_that_was_typed_and_what_went_wrong_are_there() -> None:
     text = shown(BoardProgress(problem="no camera has seen the board"))
-    assert "ChArUco board (DICT_4X4_50), 6 × 5 squares of 40 mm\n" in text.said
+    assert "ChArUco board (DICT_4X4_50), 6 × 5 squares of 40 mm, markers of 30 mm\n" in text.said
     assert "no camera has seen the board\n" in text.said
     assert "All is seen: press Finish\n" in shown(BoardProgress("filming", "", (LEFT,))).said
     assert "Calibrating …\n" in shown(BoardProgress("calibrating", "", (LEFT,))).said

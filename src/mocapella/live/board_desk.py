@@ -230,8 +230,10 @@ class BoardDesk:
 
 
 def _words(board: Board) -> str:
-    kind = "chessboard" if board.kind == "chessboard" else f"ChArUco board ({board.dictionary})"
-    return f"{kind}, {board.columns} × {board.rows} squares of {1e3 * board.square_m:g} mm"
+    squares = f"{board.columns} × {board.rows} squares of {1e3 * board.square_m:g} mm"
+    if board.kind == "chessboard":
+        return f"chessboard, {squares}"
+    return f"ChArUco board ({board.dictionary}), {squares}, markers of {1e3 * board.square_m * board.marker_ratio:g} mm"
 
 
 def _cameras(run: BoardRun) -> tuple[CameraProgress, ...]:

@@ -43,8 +43,10 @@ class BoardFields:
         """As it would be looked for."""
         if self.kind == FILE:
             return f"the board of {self.file.strip()}"
-        kind = f"ChArUco board ({self.dictionary})" if self.kind == CHARUCO else "chessboard"
-        return f"{kind}, {self.columns:g} × {self.rows:g} squares of {self.square_mm:g} mm"
+        squares = f"{self.columns:g} × {self.rows:g} squares of {self.square_mm:g} mm"
+        if self.kind == CHESSBOARD:
+            return f"chessboard, {squares}"
+        return f"ChArUco board ({self.dictionary}), {squares}, markers of {self.marker_mm:g} mm"
 
     def arguments(self) -> dict[str, Any]:
         """Of ``calibrate``.
