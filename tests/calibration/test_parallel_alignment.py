@@ -35,11 +35,16 @@ def test_a_parallel_pair_needs_no_turning() -> None:
 @pytest.mark.parametrize(
     ("turned_deg", "field", "angle", "says"),
     [
-        ([0, 2, 0], "turn_right_deg", -2, "turn right left by 2.0°"),  # about y (down): to the right, so turn it back
-        ([0, -2, 0], "turn_right_deg", 2, "turn right right by 2.0°"),
-        ([1, 0, 0], "turn_down_deg", 1, "turn right down by 1.0°"),  # about x (right): upwards
-        ([-1, 0, 0], "turn_down_deg", -1, "turn right up by 1.0°"),
-        ([0, 0, 3], "roll_clockwise_deg", -3, "turn right counter-clockwise, seen from behind it by 3.0°"),
+        (
+            [0, 2, 0],
+            "turn_right_deg",
+            -2,
+            "turn camera right to the left by 2.0°",
+        ),  # about y (down): to the right, so turn it back
+        ([0, -2, 0], "turn_right_deg", 2, "turn camera right to the right by 2.0°"),
+        ([1, 0, 0], "turn_down_deg", 1, "turn camera right down by 1.0°"),  # about x (right): upwards
+        ([-1, 0, 0], "turn_down_deg", -1, "turn camera right up by 1.0°"),
+        ([0, 0, 3], "roll_clockwise_deg", -3, "turn camera right counter-clockwise, seen from behind it by 3.0°"),
     ],
 )
 def test_the_camera_and_the_way_to_turn_it_are_named(
@@ -66,4 +71,4 @@ def test_height_and_depth_are_those_of_the_second() -> None:
 def test_swapped_cameras_are_told() -> None:
     found = align_pair(*pair([0, 0, 0], (-0.075, 0, 0)))
     assert found.swapped
-    assert found.advice("left", "right") == ["right stands to the left of left: exchange them"]
+    assert found.advice("left", "right") == ["camera right stands to the left of camera left: exchange them"]

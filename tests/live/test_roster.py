@@ -143,3 +143,14 @@ def test_the_setup_overrides_what_the_frames_say() -> None:
     roster.arrived(frame(0), A, 0)
     setup = Setup(sensors={"front": SensorPose(tilt=-0.2, height=2.0)})
     assert (row(roster, 0, setup).tilt, row(roster, 0, setup).height) == (-0.2, 2.0)
+
+
+def test_captures_can_be_brought_to_the_servers_clock_by_what_is_told_of_the_sensor() -> None:
+    roster = Roster()
+    roster.set_connected(A, True, 0)
+    assert row(roster, 0).capture_offset is None
+    for k, latency_ns in enumerate((30_000_000, 10_000_000, 20_000_000)):
+        at_ns = roster.arrived(frame(k, time_ns=(k + 1) * S), A, 50 * S + (k + 1) * S + latency_ns)
+    offset = row(roster, 60 * S).capture_offset
+    assert offset == pytest.approx(50.01, abs=1e-9)
+    assert at_ns == pytest.approx(3 * S + 1e9 * offset, abs=2)

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from functools import cache
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mocapella.calibration.rig import Rig
-from mocapella.errors import NotNowError, SettingsError, WireError
+from mocapella.errors import MocapellaError, NotNowError, SettingsError, WireError
+from mocapella.geometry.rigid import rigid
 from mocapella.live.session import Session
+from mocapella.model.camera import Camera, CameraRig, PlacedCamera
+from mocapella.model.camera_rig_file import encode_camera_rig
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Phase
 from mocapella.model.session import Setup
@@ -201,3 +205,38 @@ def test_while_stopped_nobody_can_be_named() -> None:
     session = Session(Setup(), running=False)
     with pytest.raises(NotNowError, match="start first"):
         session.carry_out("name", {"person": 1, "name": "Ada"})
+
+
+def rig_text(*names: str) -> str:
+    """A rig of cameras that stand side by side."""
+    lens = np.array([500.0, 500, 320, 240, 0, 0, 0, 0, 0])
+    placed = {
+        name: PlacedCamera(Camera(name, (640, 480), lens), rigid(np.eye(3), np.array([-0.1 * k, 0, 0])), np.eye(6))
+        for k, name in enumerate(names)
+    }
+    return encode_camera_rig(CameraRig(placed))
+
+
+def test_a_rig_begins_the_tracking_of_hands_and_stays_while_another_method_is_set_up() -> None:
+    session = Session(Setup("stand-still", participant=7), {"frames": 60})
+    text = rig_text("left", "right", "top")
+    assert session.carry_out("use-rig", {"rig": text}) == "tracking hands with left, right, top"
+    assert (session.setup.method, session.setup.sensors_expected, session.setup.participant) == ("hands", 3, 7)
+    assert session.method_settings == {"rig": text}
+    session.carry_out("setup", {"method": "stand-still"})
+    assert session.method_settings == {"frames": 60}
+    session.carry_out("setup", {"method": "hands"})
+    assert session.method_settings == {"rig": text}
+
+
+def test_a_rig_that_cannot_be_used_changes_nothing() -> None:
+    session = Session(Setup())
+    for arguments, says in (
+        ({}, "rig"),
+        ({"rig": 1}, "rig"),
+        ({"rig": "no = 'rig'"}, "holds no cameras"),
+        ({"rig": rig_text("a", "b"), "hand": "x"}, "unknown key 'hand'"),
+    ):
+        with pytest.raises(MocapellaError, match=says):
+            session.carry_out("use-rig", arguments)
+    assert (session.setup, session.method_settings) == (Setup(), {})

@@ -24,8 +24,9 @@ BLURRED_PX: Final = 8.0
 ENOUGH_SHARED: Final = 5
 
 Cause = Literal[
-    "few views", "empty field", "no tilt", "small board", "blurred", "never together", "seldom together", "not seen"
-]
+    "few views", "empty field", "no tilt", "small board", "blurred", "never together", "seldom together", "not seen",
+    "moving",
+]  # fmt: skip
 
 
 class Hint(msgspec.Struct, frozen=True):

@@ -52,17 +52,17 @@ class PairAlignment:
         """What to do, in words; nothing where the pair is well aligned."""
         out = []
         if self.swapped:
-            out.append(f"{second} stands to the left of {first}: exchange them")
+            out.append(f"camera {second} stands to the left of camera {first}: exchange them")
         if self.vertical_px <= LITTLE_PX:
             return out
         turns = [
-            (self.turn_right_deg, "right", "left"),
+            (self.turn_right_deg, "to the right", "to the left"),
             (self.turn_down_deg, "down", "up"),
             (self.roll_clockwise_deg, "clockwise, seen from behind it", "counter-clockwise, seen from behind it"),
         ]
         for angle, one_way, other_way in turns:
             if abs(angle) >= 0.05:
-                out.append(f"turn {second} {one_way if angle > 0 else other_way} by {abs(angle):.1f}°")
+                out.append(f"turn camera {second} {one_way if angle > 0 else other_way} by {abs(angle):.1f}°")
         return out
 
 

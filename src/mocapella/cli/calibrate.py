@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import msgspec
-import numpy as np
 import typer
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -17,20 +15,19 @@ from rich.table import Table
 
 from mocapella.cli import INTERRUPTED
 from mocapella.cli.app import app
-from mocapella.cli.common import JsonOut, console, need_cameras, say, working, write_json
+from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, console, need_cameras, say, working, write_json
 from mocapella.errors import CalibrationError, SettingsError, one_of
 
 if TYPE_CHECKING:
     from mocapella.calibration.cameras import CameraCalibration
     from mocapella.model.board import Board, BoardView
     from mocapella.model.camera import Camera
+    from mocapella.model.session import SensorHealth
 
 ALONE_FROM = 1_000_000
 """Numbers of the frames that only their own camera saw."""
-NEARLY_PARALLEL_DEG = 20.0
-"""Two cameras whose axes lie closer are looked at as a parallel pair."""
-LIVE_INTERVAL_S = 0.5
-"""Between two pictures of live cameras that are looked at: the board has moved by then."""
+NODE = "node:"
+"""Before the name of a running node's camera."""
 
 
 @app.command()
@@ -39,8 +36,8 @@ def calibrate(
         list[str],
         typer.Argument(
             metavar="[NAME=]VIDEO…",
-            help="A video, image or folder of images for each camera, or camera:0, camera:1 … for live ones. A camera "
-            "is called as its file, or NAME.",
+            help="A video, image or folder of images for each camera, or camera:0, camera:1 … for live ones, or "
+            "node:left, node:right … for those of running nodes. A camera is called as its file, or NAME.",
         ),
     ],
     board: Annotated[Path, typer.Option(metavar="BOARD.toml", help="The board: docs/cameras.md says how to write it.")],
@@ -68,6 +65,7 @@ def calibrate(
     ] = None,
     upright: Annotated[bool, typer.Option("--upright", help="The board of --origin hung on a wall.")] = False,
     seconds: Annotated[float, typer.Option(metavar="SECONDS", min=1, help="How long to film live cameras.")] = 60.0,
+    connect: Connect = DEFAULT_ADDRESS,
     json: JsonOut = None,
 ) -> None:
     """Find where cameras stand and how their lenses see, and say how good it is in millimetres.
@@ -78,6 +76,7 @@ def calibrate(
     """
     need_cameras("calibrate")
     from mocapella.calibration.cameras import Origin, calibrate_cameras
+    from mocapella.calibration.rig_words import as_result
     from mocapella.model.board import load_board
     from mocapella.model.camera_rig_file import load_camera_rig, save_camera_rig
     from mocapella.sources.video import LIVE, parse_frames
@@ -88,14 +87,14 @@ def calibrate(
     inputs = named_inputs(videos)
     wanted = parse_frames(frames)
     known = {} if intrinsics is None else _lenses(load_camera_rig(intrinsics).cameras, inputs, intrinsics)
-    live = [name for name, path in inputs.items() if path.startswith(LIVE)]
-    if live and len(live) < len(inputs):
+    live = {path.startswith((LIVE, NODE)) and path.partition(":")[0] for path in inputs.values()}
+    if len(live) > 1:
         raise SettingsError(
-            "live cameras and videos cannot be calibrated together; film with all, or give videos of all"
+            "live cameras, nodes and videos cannot be calibrated together; film with all, or give videos of all"
         )
     with working("looking for the board …", status=INTERRUPTED):
-        if live:
-            views, instants = film(inputs, chosen, seconds, list(known))
+        if live != {False}:
+            views, instants = _films(inputs, chosen, seconds, known, connect)
         else:
             views, counts = look(inputs, chosen, wanted, str(board))
             instants = _instants(views, timestamps, tolerance_ms, counts)
@@ -168,6 +167,11 @@ def _named(text: str) -> tuple[str, str]:
     name, equals, path = text.partition("=")
     if not equals:
         name, path = Path(text).stem.replace(":", "_"), text
+    if path.startswith(NODE):
+        called = path.removeprefix(NODE)
+        if equals and name != called:
+            raise SettingsError(f"{text}: a node's camera keeps its name; write {path}")
+        name = called
     return check_sensor_name(name), path
 
 
@@ -212,40 +216,53 @@ def look(
     return views, counts
 
 
-def film(
-    inputs: Mapping[str, str], board: Board, seconds: float, lens_known: Sequence[str]
+def _films(
+    inputs: Mapping[str, str], board: Board, seconds: float, known: Mapping[str, Camera], connect: str
 ) -> tuple[list[BoardView], dict[tuple[str, int], int]]:
-    """Look at live cameras for a while, and say meanwhile what is missing."""
+    """Look at cameras of this machine, or at running nodes, for a while, and say meanwhile what is missing."""
     import time
+    from functools import partial
 
-    from mocapella.calibration.hints import coverage
-    from mocapella.sensing.boards import BoardDetector
-    from mocapella.sources.video import LIVE, LiveCameras
+    from mocapella.calibration.board_run import BoardRun
+    from mocapella.live.board_looks import CameraLooks, Looks, NodeLooks, film, node_names, urgent
+    from mocapella.sources.video import LIVE
+    from mocapella.wire.questions import ask_node
+    from mocapella.wire.reader import send_command
+    from mocapella.wire.session import open_reader
 
-    numbers = {name: _number(path.removeprefix(LIVE)) for name, path in inputs.items()}
-    cameras, detectors = LiveCameras(numbers), {name: BoardDetector(board) for name in inputs}
-    views: list[BoardView] = []
-    begin = looked = time.monotonic()
-    frame, said = 0, ""
-    try:
-        while looked - begin < seconds:
-            seen = cameras.read()
-            if time.monotonic() - looked < LIVE_INTERVAL_S:
-                continue
-            looked = time.monotonic()
-            found = [detectors[name].update(image, name, frame) for name, (_, image) in seen.items()]
-            views += [view for view in found if view is not None]
-            frame += 1
-            hints = coverage(views, board, list(inputs), lens_known=lens_known)
-            if hints and hints[0].text != said:
-                said = hints[0].text
-                say(said)
-    finally:
-        cameras.close()
-    for name, lost in cameras.lost.items():
-        if lost:
-            say(f"camera {name} gave no picture {lost} times")
-    return views, {(view.camera, view.frame): view.frame for view in views}
+    clock = time.monotonic
+    with ExitStack() as stack:
+        looks: Looks
+        if next(iter(inputs.values())).startswith(NODE):
+            session = open_reader(connect)
+            stack.callback(session.close)  # type: ignore[no-untyped-call]
+
+            def sensors() -> Sequence[SensorHealth]:
+                status = send_command(session, "status").status
+                return status.sensors if status is not None else ()
+
+            names = node_names(list(inputs.values()), NODE, sensors())
+            looks = NodeLooks(partial(ask_node, session), sensors, names, board)
+            run = BoardRun(board, names, known=known)
+        else:
+            numbers = {name: _number(path.removeprefix(LIVE)) for name, path in inputs.items()}
+            looks, run = CameraLooks(numbers, board, clock=clock), BoardRun(board, list(inputs), known=known)
+        stack.callback(looks.close)
+        end, said = clock() + seconds, [""]
+
+        def tell() -> None:
+            text = next(iter(urgent(run)), "")
+            if text and text != said[0]:
+                say(text)
+            said[0] = text
+
+        film(looks, run, lambda: clock() >= end, tell, clock=clock)
+    for name, count in run.report.unanswered.items():
+        if count:
+            say(f"camera {name} gave no picture {count} times")
+    if words := run.report.words():
+        say(words)
+    return run.seen_by_all(), run.instants
 
 
 def _number(text: str) -> int:
@@ -278,92 +295,15 @@ def _instant_of(frame: int, instants: Mapping[tuple[str, int], int]) -> int:
     return found[0]
 
 
-def as_result(found: CameraCalibration) -> dict[str, Any]:
-    """Everything, for JSON; what is not known is null."""
-    names = list(found.rig.cameras)
-    cameras = {}
-    for name in names:
-        placed = found.rig.cameras[name]
-        cameras[name] = asdict(found.cameras[name]) | {
-            "size_px": list(placed.camera.size_px),
-            "lens": placed.camera.lens.tolist(),
-            "T_camera_world": placed.T_camera_world.tolist(),
-            "distance_to_first_m": distance(found, names[0], name),
-        }
-    return _finite(
-        {
-            "cameras": cameras,
-            "instants": found.instants,
-            "shared_instants": found.shared_instants,
-            "sigma_px": found.sigma_px,
-            "dispersion": found.dispersion,
-            "fit": asdict(found.fit),
-            "left_out": None if found.left_out is None else [asdict(half) for half in found.left_out],
-            "pair": pair_of(found),
-            "hints": [msgspec.to_builtins(hint) for hint in found.hints],
-        }
-    )
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(inner) for key, inner in value.items()}
-    if isinstance(value, list):
-        return [_finite(inner) for inner in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def distance(found: CameraCalibration, a: str, b: str) -> float:
-    """Between two cameras [m]."""
-    T_a, T_b = (found.rig.cameras[name].T_camera_world for name in (a, b))
-    at_a, at_b = (-T[:3, :3].T @ T[:3, 3] for T in (T_a, T_b))
-    return float(np.linalg.norm(at_a - at_b))
-
-
-def pair_of(found: CameraCalibration) -> dict[str, Any] | None:
-    """How well two cameras that look the same way are aligned; None of others."""
-    from mocapella.calibration.parallel_alignment import align_pair
-
-    if len(found.rig.cameras) != 2:
-        return None
-    (first, a), (second, b) = found.rig.cameras.items()
-    pair = align_pair(a, b)
-    if pair.axes_deg > NEARLY_PARALLEL_DEG:
-        return None
-    return asdict(pair) | {"first": first, "second": second, "advice": pair.advice(first, second)}
-
-
 def show(found: CameraCalibration, out: Console) -> None:
     """The tables for a person."""
-    table = Table(box=SIMPLE_HEAD, padding=0, show_edge=False)
-    table.add_column("camera", no_wrap=True)
-    for words in ("views", "fields\n%", "own\npx", "all\npx", "place\n± mm", "turn\n± °", "focal\n± %", "from 1st\nm"):
-        table.add_column(words, justify="right", no_wrap=True)
-    names = list(found.rig.cameras)
-    for name, of in found.cameras.items():
-        figures = (of.own_px, of.reprojection_px, of.position_sd_mm, of.rotation_sd_deg, of.focal_sd_percent)
-        table.add_row(
-            name, str(of.views), f"{100 * of.fields:.0f}", *(f"{value:.2f}" for value in figures),
-            f"{distance(found, names[0], name):.3f}",
-        )  # fmt: skip
-    out.print(table)
-    fit = found.fit
-    if fit.points:
-        out.print(
-            f"{fit.points} corners of {found.shared_instants} instants triangulated one by one: distances within "
-            f"{fit.distance_rms_mm:.2f} mm (RMS), reprojection {fit.reprojection_median_px:.2f} px (median)",
-            highlight=False,
-        )
-    if found.left_out:
-        halves = " and ".join(f"{half.distance_rms_mm:.2f}" for half in found.left_out)
-        expected = " and ".join(f"{half.predicted_rms_mm:.2f}" for half in found.left_out)
-        out.print(f"each half by the other: {halves} mm (RMS; expected {expected})", highlight=False)
-    pair = pair_of(found)
-    if pair is not None:
-        out.print(
-            f"pair: axes {pair['axes_deg']:.2f}° apart, baseline {1e3 * pair['baseline_m']:.1f} mm, vertical disparity "
-            f"up to {pair['vertical_px']:.1f} px",
-            highlight=False,
-        )
-        for advice in pair["advice"]:
-            out.print(f"  {advice}", highlight=False)
+    from mocapella.calibration.rig_words import HEADINGS, sentences, table, tape_measure
+
+    shown = Table(box=SIMPLE_HEAD, padding=0, show_edge=False)
+    for k, (words, unit) in enumerate(HEADINGS):
+        shown.add_column(f"{words}\n{unit}" if unit else words, justify="right" if k else "left", no_wrap=True)
+    for row in table(found):
+        shown.add_row(*row)
+    out.print(shown)
+    for sentence in [*sentences(found), tape_measure(found)]:
+        out.print(sentence, highlight=False, markup=False)

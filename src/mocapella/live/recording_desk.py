@@ -108,10 +108,10 @@ class RecordingDesk:
         recorder = self.recorder
         if recorder is None:
             return
-        if verb not in ("start", "setup"):
+        if verb not in ("start", "setup", "use-rig"):
             self._command(recorder, verb, arguments)
             return
-        recorder.run(self._info())  # both make a new tracker
+        recorder.run(self._info())  # they make a new tracker
         if not self._session.running:
             self._command(recorder, "stop", {})
 

@@ -208,4 +208,5 @@ def _health(seat: _Seat, now_ns: int, setup: Setup, stored: int, lost: int) -> S
         height=pose.height if pose else getattr(frame, "height", 0.0),
         problem=problem,
         markers=isinstance(frame, MarkerFrame | PoseFrame),
+        capture_offset=None if seat.clock.offset_ns is None else seat.clock.offset_ns / 1e9,
     )

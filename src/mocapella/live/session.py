@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Callable, Mapping
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Final
 
 import msgspec
 
 from mocapella.calibration.rig import Rig, decode_rig, encode_rig
 from mocapella.errors import NotNowError, SettingsError, one_of
+from mocapella.model.camera_rig_file import decode_camera_rig
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Phase, Scene, TrackerState
 from mocapella.model.session import PersonName, Setup
@@ -21,14 +23,20 @@ from mocapella.tracker import PEOPLE_METHODS, Tracker, make_tracker
 from mocapella.tracker.protocol import KeepsRig
 
 _STOPPED = TrackerState(Phase.STOPPED)
+HANDS: Final = "hands"
+"""The method that wants a rig of cameras."""
+
+
+@dataclass(frozen=True)
+class _UseRig:
+    rig: str
 
 
 class Session:
     """A tracker under commands.
 
     Attributes:
-        setup: what was set up last.
-        method_settings: the method's own, by name.
+        setup: what was set up last. Each method has settings of its own, which stay while another is set up.
         rig: where the sensors were the last time; every new tracker begins from it, until somebody recalibrates.
         running: whether frames are tracked.
         next_step: the number of the scene that comes next; begins anew with every tracker.
@@ -48,23 +56,29 @@ class Session:
         running: bool = True,
         rig: Rig | None = None,
     ) -> None:
-        self.method_settings = dict(method_settings or {})
+        self._settings_of = {setup.method: dict(method_settings or {})}
         self.rig = rig
         self.setup = setup
         self.running = running
         self.next_step = 0
         self.names: dict[int, str] = {}
         self.problem = ""
-        self._tracker = self._make_tracker(setup)
+        self._tracker = self._make_tracker(setup, self.method_settings)
         self.state = TrackerState(Phase.WAITING_FOR_SENSORS, setup.sensors_expected) if running else _STOPPED
         self._verbs: dict[str, Callable[[Mapping[str, Any]], str]] = {
             "start": self._start,
             "stop": self._stop,
             "recalibrate": self._recalibrate,
             "setup": self._set_up,
+            "use-rig": self._use_rig,
             "name": self._name,
             "restore": self._restore,
         }
+
+    @property
+    def method_settings(self) -> dict[str, Any]:
+        """Of the method that is set up, by name."""
+        return self._settings_of.get(self.setup.method, {})
 
     def memory(self) -> dict[str, Any]:
         """The arguments of a ``restore`` that makes another session go on as this one."""
@@ -113,7 +127,7 @@ class Session:
     def _start(self, _: Mapping[str, Any]) -> str:
         if self.running:
             raise NotNowError("already running; stop first")
-        self._tracker = self._make_tracker(self.setup)
+        self._tracker = self._make_tracker(self.setup, self.method_settings)
         self.running = True
         self.next_step = 0
         self.names = {}
@@ -135,12 +149,24 @@ class Session:
         return "recalibrating"
 
     def _set_up(self, arguments: Mapping[str, Any]) -> str:
-        setup = parse(Setup, arguments, where="setup")
-        self._tracker = self._make_tracker(setup)
+        self._begin_anew(parse(Setup, arguments, where="setup"))
+        return f"set up {self.setup.method}"
+
+    def _use_rig(self, arguments: Mapping[str, Any]) -> str:
+        """Track hands with the cameras of a rig's text; the rig is a setting of the method, and so stands in a take."""
+        told = parse(_UseRig, arguments, where="use-rig")
+        cameras = decode_camera_rig(told.rig).cameras
+        setup = replace(self.setup, method=HANDS, sensors_expected=max(len(cameras), 2))
+        self._begin_anew(setup, {**self._settings_of.get(HANDS, {}), "rig": told.rig})
+        return f"tracking hands with {', '.join(cameras)}"
+
+    def _begin_anew(self, setup: Setup, settings: dict[str, Any] | None = None) -> None:
+        kept = self._settings_of.get(setup.method, {}) if settings is None else settings
+        self._tracker = self._make_tracker(setup, kept)
+        self._settings_of[setup.method] = kept
         self.setup = setup
         self.next_step = 0
         self.names = {}
-        return f"set up {setup.method}"
 
     def _restore(self, arguments: Mapping[str, Any]) -> str:
         self.rig = decode_rig(arguments["rig"].encode()) if "rig" in arguments else None
@@ -165,11 +191,11 @@ class Session:
         people = (msgspec.structs.replace(person, name=self.names.get(person.id, "")) for person in scene.people)
         return msgspec.structs.replace(scene, people=tuple(people))
 
-    def _make_tracker(self, setup: Setup) -> Tracker:
+    def _make_tracker(self, setup: Setup, settings: Mapping[str, Any]) -> Tracker:
         tracker = make_tracker(
             setup.method,
             sensors_expected=setup.sensors_expected,
-            settings=self.method_settings,
+            settings=settings,
             sensors=setup.sensors,
         )
         if self.rig is not None:

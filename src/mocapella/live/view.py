@@ -9,16 +9,21 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+import msgspec
 import zenoh
 
 from mocapella.errors import NoServerError
+from mocapella.live.board_desk import BoardDesk
 from mocapella.model.observations import Frame
 from mocapella.model.scene import Scene
 from mocapella.model.session import CommandReply, SessionStatus
-from mocapella.tracker import METHODS
+from mocapella.tracker import METHODS, make_ready
 from mocapella.viewer import Viewer
+from mocapella.wire.questions import NodeAnswer, Question, ask_node
 from mocapella.wire.reader import Newest, send_command
 from mocapella.wire.session import check_address, open_reader
 
@@ -111,6 +116,17 @@ class Link:
         except NoServerError as error:
             return CommandReply(False, str(error))
 
+    def ask(self, camera: str, question: dict[str, Any], timeout_s: float) -> NodeAnswer:
+        """Ask a camera's node, and wait for its answer.
+
+        Raises:
+            BusError: nobody answers.
+            WireError: what comes is no answer.
+        """
+        if self._session is None:
+            raise NoServerError(f"no server at {self._connect}; start one with: mocapella serve")
+        return ask_node(self._session, camera, msgspec.convert(question, Question), timeout_s)
+
     def close(self) -> None:
         """Leave the bus, or give up trying."""
         self._closed.set()
@@ -151,14 +167,18 @@ def run_view(
     # What is shown to a browser in the instant in which it leaves is nobody's concern; viser would warn of it.
     warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)
     link = Link(connect, on_waiting)
+    desk = BoardDesk(link.ask, link.command, Path.cwd(), make_ready=partial(make_ready, "hands"))
     try:
-        viewer = Viewer(host, port, command=link.command, methods=tuple(METHODS))
+        viewer = Viewer(host, port, command=desk.command, methods=tuple(METHODS))
         try:
             on_ready(viewer.url)
             picture = Picture()
             for now_s in beats(RATE_HZ, stop):
-                viewer.show(*picture.update(*link.newest(), now_s))
+                scene, frames, status = picture.update(*link.newest(), now_s)
+                desk.learn(status)
+                viewer.show(scene, frames, status, desk.progress)
         finally:
             viewer.close()
     finally:
+        desk.close()
         link.close()

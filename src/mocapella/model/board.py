@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -137,6 +137,13 @@ def parse_board(text: bytes | str, path: Path | str = "board") -> Board:
     except SettingsError as error:
         said = str(error).removeprefix(f"{path}: ")
         raise InputError(said, file=path, fix=f"a board has {_KEYS}") from None
+
+
+def encode_board(board: Board) -> str:
+    """The text of its TOML file."""
+    import tomli_w
+
+    return tomli_w.dumps(asdict(board))
 
 
 def _of_caliscope(data: Mapping[str, Any], path: Path | str) -> dict[str, Any]:

@@ -113,6 +113,8 @@ class SensorHealth:
         height: likewise, over the floor [m]; 0 where unknown.
         problem: what is wrong with it, for a person; empty when nothing is.
         markers: whether it is a camera that sends markers.
+        capture_offset: server's monotonic clock minus the clock of its captures, by arrivals alone, the smallest
+            latency included [s]; None before the first frame.
     """
 
     name: str
@@ -134,6 +136,7 @@ class SensorHealth:
     height: float
     problem: str = ""
     markers: bool = False
+    capture_offset: float | None = None
 
 
 @dataclass(frozen=True)

@@ -49,7 +49,7 @@ def _hands(settings: Mapping[str, Any], sensors_expected: int, sensors: Mapping[
     values = dict(settings)
     rig, hand = values.pop("rig", None), values.pop("hand", None)
     if rig is None:
-        fix = "mocapella serve --method hands --rig RIG.toml, where mocapella calibrate has made RIG.toml"
+        fix = "mocapella serve --method hands --rig RIG.toml, or mocapella serve, and calibrate in the view"
         raise SettingsError(f"the method hands wants to know where the cameras are: {fix}")
     return HandsTracker(
         decode_camera_rig(str(rig)),

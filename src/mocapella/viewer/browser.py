@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import viser
 
+from mocapella.model.board_progress import BoardProgress
 from mocapella.model.observations import BodyFrame, Frame
 from mocapella.model.scene import Person, Scene
 from mocapella.model.session import SessionStatus
@@ -69,10 +70,16 @@ class Browser:
         self._stage = TrackingStage(client.scene, known.colours, known.fields)
         self._panel = Panel(client, commander, methods, known.colours, self._want)
 
-    def show(self, draw: Callable[[str], TrackingDrawing], scene: Scene | None, status: SessionStatus | None) -> None:
+    def show(
+        self,
+        draw: Callable[[str], TrackingDrawing],
+        scene: Scene | None,
+        status: SessionStatus | None,
+        board: BoardProgress | None = None,
+    ) -> None:
         """Show the newest: ``draw`` makes the Tracking stage of a perspective."""
         with self._client.atomic():
-            self._panel.show(status, scene)
+            self._panel.show(status, scene, board)
             wish, self._wish = self._wish, None  # before the perspective: a callback sets it first, and then the wish
             perspective = self._panel.perspective
             self._stage.draw(

@@ -12,9 +12,11 @@ from typing import Any
 
 import viser
 
+from mocapella.model.board_progress import BoardProgress
 from mocapella.model.scene import Scene
 from mocapella.model.session import SessionStatus
 from mocapella.viewer import readout
+from mocapella.viewer.board_panel import BoardPanel, BoardPlace
 from mocapella.viewer.commands import Commander, notify
 from mocapella.viewer.controls import (
     FIRST_TAKE,
@@ -72,8 +74,13 @@ class Panel:
         self._start = self._button("Start", "start", viser.Icon.PLAYER_PLAY, "teal")
         self._stop = self._button("Stop", "stop", viser.Icon.PLAYER_STOP, "gray")
         self._recalibrate = self._button("Recalibrate", "recalibrate", viser.Icon.REFRESH, "gray")
-        with gui.add_folder("Sensors"):
+        with gui.add_folder("Sensors") as sensors:
             self._sensors = gui.add_html(readout.sensors_html(None, colours))
+        self._boards = BoardPlace(
+            lambda expanded: BoardPanel(
+                gui, colours, self._send_board, self._say_no, order=sensors.order + 0.5, expanded=expanded
+            )
+        )
         self._people = PeoplePanel(gui, self._send_name)
         self._add_recording_folder(gui)
         self._add_camera_folder(gui)
@@ -98,11 +105,12 @@ class Panel:
             return self._chosen
         return default_perspective(self._status, self._colours.sensors)
 
-    def show(self, status: SessionStatus | None, scene: Scene | None) -> None:
+    def show(self, status: SessionStatus | None, scene: Scene | None, board: BoardProgress | None = None) -> None:
         """Bring everything up to the status; costs next to nothing when it is the one already shown."""
         self._watchdog.beat(time.monotonic())
         can = allowed(status)
         self._setup.show(status, enabled=can.setup)
+        self._boards.show(status, board)
         self._show_perspectives(status)
         if self._begun and status is self._status:
             return
@@ -185,5 +193,11 @@ class Panel:
     def _send_setup(self, arguments: dict[str, Any]) -> None:
         self._commander.send("setup", arguments, self._client)
 
+    def _send_board(self, verb: str, arguments: dict[str, Any]) -> None:
+        self._commander.send(verb, arguments, self._client)
+
     def _refuse(self, message: str) -> None:
-        notify(self._client, "Setup: not sent", message, ok=False)
+        self._say_no("Setup: not sent", message)
+
+    def _say_no(self, title: str, message: str) -> None:
+        notify(self._client, title, message, ok=False)

@@ -13,6 +13,7 @@ import numpy as np
 import viser
 
 from mocapella.errors import AddressInUseError, SettingsError
+from mocapella.model.board_progress import BoardProgress
 from mocapella.model.observations import Frame
 from mocapella.model.scene import Scene
 from mocapella.model.session import SessionStatus, Setup
@@ -72,7 +73,13 @@ class Viewer:
         host = self._server.get_host()
         return f"http://{f'[{host}]' if ':' in host else host}:{self._server.get_port()}"
 
-    def show(self, scene: Scene | None, frames: Mapping[str, Frame], status: SessionStatus | None) -> None:
+    def show(
+        self,
+        scene: Scene | None,
+        frames: Mapping[str, Frame],
+        status: SessionStatus | None,
+        board: BoardProgress | None = None,
+    ) -> None:
         """Show the newest of everything in every browser; next to nothing is done while there is none.
 
         Call it steadily, at up to 30 Hz, also when nothing is new: that is when browsers that came are served.
@@ -81,6 +88,7 @@ class Viewer:
             scene: the tracker's newest result, None before the first.
             frames: each sensor's newest frame, by its name.
             status: the session's newest, None while no server answers.
+            board: how a calibration of cameras goes; None where the commands of one (``calibrate`` …) are unknown.
         """
         self._welcome()
         self._known.learn(scene, frames, status)
@@ -94,7 +102,7 @@ class Viewer:
         with self._server.atomic():
             self._sensors.draw(frames, self._known.floors)
         for browser in self._browsers.values():
-            browser.show(draw, scene, status)
+            browser.show(draw, scene, status, board)
 
     def close(self) -> None:
         """Serve no more."""

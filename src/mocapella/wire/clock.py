@@ -103,6 +103,11 @@ class SensorClock:
         offset = self._offset()
         return capture_ns + (difference if offset is None else offset)
 
+    @property
+    def offset_ns(self) -> int | None:
+        """The server's clock minus the sensor's [ns], the smallest latency included; None before the first frame."""
+        return self._offset()
+
     def _offset(self) -> int | None:
         known = [value for value in (self._old, self._new) if value is not None]
         return min(known, default=None)

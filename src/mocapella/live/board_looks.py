@@ -1,0 +1,223 @@
+"""Cameras that are asked for a calibration board: nodes on the bus, or cameras of this machine."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Final, Protocol
+
+import msgspec
+import numpy as np
+
+from mocapella.calibration.board_run import BoardLook, BoardRun
+from mocapella.conventions import NS_PER_S
+from mocapella.errors import BusError, SettingsError, WireError
+from mocapella.model.board import Board, BoardView, encode_board
+from mocapella.model.session import SensorHealth
+from mocapella.wire.questions import AskBoard, NodeAnswer, Question
+
+INTERVAL_S: Final = 0.5
+"""Between two looks: the board has moved by then."""
+ANSWER_S: Final = 3.0
+"""A node is waited for."""
+EXPLAIN_EVERY: Final = 6
+"""Looks without a corner, after which a camera that has never seen the board is asked what it sees instead."""
+EXPLAIN_S: Final = 10.0
+"""That takes seconds."""
+
+
+class Looks(Protocol):
+    """What looks for the board with all cameras at once."""
+
+    def look(self) -> dict[str, BoardLook]:
+        """By camera."""
+        ...
+
+    def wait(self, seconds: float) -> None:
+        """Until the next look."""
+        ...
+
+    def close(self) -> None:
+        """Give back what it holds."""
+        ...
+
+
+class _Corners(msgspec.Struct, frozen=True):
+    ids: list[int]
+    corners_px: list[tuple[float, float]]
+    edge_px: float | None = None
+
+
+class NodeLooks:
+    """Running nodes, all asked at the same moment, each for its newest picture.
+
+    Args:
+        ask: a node a question, by its camera's name; waits for the answer that many seconds
+            (`mocapella.wire.questions.ask_node`).
+        sensors: the server's newest table, by which captures are brought to one clock.
+        cameras: names.
+        board: to look for.
+    """
+
+    def __init__(
+        self,
+        ask: Callable[[str, Question, float], NodeAnswer],
+        sensors: Callable[[], Iterable[SensorHealth]],
+        cameras: Sequence[str],
+        board: Board,
+    ) -> None:
+        self._ask, self._sensors, self._cameras = ask, sensors, tuple(cameras)
+        self._text, self._corners = encode_board(board), board.corners
+        self._blind: dict[str, int] = dict.fromkeys(cameras, 0)
+        self._why: dict[str, str] = {}
+        self._seen: set[str] = set()
+        self._workers = ThreadPoolExecutor(max(len(self._cameras), 1), thread_name_prefix="ask for board")
+
+    def look(self) -> dict[str, BoardLook]:
+        """As `Looks`."""
+        asked = {name: self._workers.submit(self._one, name) for name in self._cameras}
+        answers = {name: future.result() for name, future in asked.items()}
+        rows = {row.name: row for row in self._sensors()}
+        return {
+            name: BoardLook(problem=answer) if isinstance(answer, str) else self._look(name, answer, rows.get(name))
+            for name, answer in answers.items()
+        }
+
+    def wait(self, seconds: float) -> None:
+        """As `Looks`."""
+        time.sleep(max(seconds, 0.0))
+
+    def close(self) -> None:
+        """As `Looks`."""
+        self._workers.shutdown(wait=False, cancel_futures=True)
+
+    def _one(self, name: str) -> NodeAnswer | str:
+        explain = self._explains(name)
+        try:
+            return self._ask(name, AskBoard(self._text, explain), EXPLAIN_S if explain else ANSWER_S)
+        except (BusError, WireError):
+            return f"camera {name} does not answer: look whether its node (mocapella node markers) runs"
+
+    def _look(self, name: str, answer: NodeAnswer, row: SensorHealth | None) -> BoardLook:
+        if not answer.ok or answer.corners is None or answer.size_px is None:
+            return BoardLook(problem=f"camera {name}: {answer.message or 'its answer has no corners'}")
+        if row is None or row.capture_offset is None:
+            return BoardLook(problem=f"camera {name}: the server does not know its clock yet; it has sent no frame")
+        at_s = answer.time_ns / NS_PER_S + row.capture_offset
+        try:
+            told = msgspec.convert(answer.corners, _Corners)
+        except msgspec.ValidationError as error:
+            return BoardLook(problem=f"camera {name} answers what cannot be used ({error}); is it of this version?")
+        if not told.ids:
+            return BoardLook(at_s, None, self._unseen(name, answer.message))
+        view = self._view(name, told, answer.size_px)
+        if view is None:
+            return BoardLook(problem=f"camera {name} answers corners that this board cannot have; is it this version?")
+        self._seen.add(name)
+        self._why.pop(name, None)
+        return BoardLook(at_s, view)
+
+    def _view(self, name: str, told: _Corners, size_px: tuple[int, int]) -> BoardView | None:
+        if len(told.ids) != len(told.corners_px) or not 0 <= min(told.ids) <= max(told.ids) < self._corners:
+            return None
+        ids, corners = np.array(told.ids, dtype=np.int64), np.array(told.corners_px, dtype=np.float64)
+        inside = (corners >= -1) & (corners <= np.array(size_px))
+        if (np.diff(ids) <= 0).any() or not inside.all():
+            return None
+        return BoardView(name, 0, size_px, ids, corners, float("nan") if told.edge_px is None else told.edge_px)
+
+    def _explains(self, name: str) -> bool:
+        """Whether a camera is asked what it sees instead: now and then, as long as it has never seen the board."""
+        return name not in self._seen and self._blind[name] % EXPLAIN_EVERY == EXPLAIN_EVERY - 1
+
+    def _unseen(self, name: str, said: str) -> str:
+        if self._explains(name):
+            self._why[name] = f"camera {name}: {said}"
+        self._blind[name] += 1
+        return self._why.get(name, "")
+
+
+class CameraLooks:
+    """Cameras of this machine.
+
+    Args:
+        numbers: of the cameras, by name.
+        board: to look for.
+
+    Raises:
+        InputError: one cannot be opened.
+    """
+
+    def __init__(
+        self, numbers: Mapping[str, int], board: Board, *, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        from mocapella.sensing.boards import BoardDetector
+        from mocapella.sources.video import LiveCameras
+
+        self._clock = clock
+        self._cameras = LiveCameras(numbers)
+        self._detectors = {name: BoardDetector(board) for name in numbers}
+
+    def look(self) -> dict[str, BoardLook]:
+        """As `Looks`."""
+        seen = self._cameras.read()
+        lost = {
+            name: BoardLook(problem=f"camera {name} gave no picture {count} times")
+            for name, count in self._cameras.lost.items()
+            if name not in seen
+        }
+        found = {name: self._detectors[name].update(image, name, 0) for name, (_, image) in seen.items()}
+        return lost | {name: BoardLook(seen[name][0], view) for name, view in found.items()}
+
+    def wait(self, seconds: float) -> None:
+        """As `Looks`: reads on, so that the next picture is a new one."""
+        end = self._clock() + seconds
+        while self._clock() < end:
+            self._cameras.read()
+
+    def close(self) -> None:
+        """As `Looks`."""
+        self._cameras.close()
+
+
+def film(
+    looks: Looks,
+    run: BoardRun,
+    until: Callable[[], bool],
+    on_look: Callable[[], None] = lambda: None,
+    *,
+    clock: Callable[[], float] = time.monotonic,
+) -> None:
+    """Look again and again until that holds; ``on_look`` is called after each."""
+    while not until():
+        began = clock()
+        run.add(looks.look())
+        on_look()
+        if not until():
+            looks.wait(began + INTERVAL_S - clock())
+
+
+def urgent(run: BoardRun) -> list[str]:
+    """What to do next, the most urgent first: what keeps a camera from seeing anything, then what is missing."""
+    troubles = [look.problem for look in run.newest.values() if look.problem]
+    blind = {name for name, look in run.newest.items() if look.problem}
+    hints = [hint.text for hint in run.hints() if not (hint.cause == "not seen" and hint.camera in blind)]
+    return [*troubles, *hints]
+
+
+def node_names(texts: Sequence[str], prefix: str, known: Iterable[SensorHealth]) -> list[str]:
+    """Which nodes are meant by ``node:left`` …
+
+    Raises:
+        SettingsError: there is no such node, or it is no camera.
+    """
+    rows = {row.name: row for row in known if row.connected}
+    cameras = [name for name, row in rows.items() if row.markers]
+    names = [text.removeprefix(prefix) for text in texts]
+    for name in names:
+        if name not in cameras:
+            what = "is no camera" if name in rows else "is not there"
+            there = ", ".join(cameras) or "none; start one: mocapella node markers camera:0 --name left"
+            raise SettingsError(f"{prefix}{name} {what}; cameras at this server: {there}")
+    return names
