@@ -36,7 +36,7 @@ def browser() -> Iterator[Browser]:
 
 
 def open_page(browser: Browser, port: int) -> Page:
-    page = browser.new_page(viewport={"width": 1280, "height": 720})
+    page = browser.new_page(viewport={"width": 640, "height": 480})
     page.set_default_timeout(120_000)
     page.goto(f"http://127.0.0.1:{port}")
     return page

@@ -368,3 +368,19 @@ def test_things_that_cannot_be_are_refused(changed: dict[str, Any], said: str) -
     given = {"name": CUBE.name, "markers": CUBE.markers, "places_m": CUBE.places_m, **changed}
     with pytest.raises(SettingsError, match=said):
         ObjectSettings(**given)
+
+
+def test_cameras_that_are_swapped_are_said_to_be_and_a_replay_from_the_middle_says_so_too() -> None:
+    def swapped(start: int, stop: int) -> Iterable[Arrival]:
+        other = {"left": "right", "right": "left"}
+        for one in watched(start, stop):
+            frame = msgspec.structs.replace(one.frame, sensor=other[one.frame.sensor])
+            yield Arrival(frame, one.at_ns)
+
+    made = tracker()
+    (last,) = run(made, swapped(0, 60))[-1:]
+    assert last.state.reason.startswith("left and right seem to be swapped")
+    again = tracker()
+    again.restore(made.snapshot())
+    assert bits(run(made, swapped(60, 70))) == bits(run(again, swapped(60, 70)))
+    assert run(tracker(), watched(0, 60))[-1].state.reason == ""

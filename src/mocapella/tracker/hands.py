@@ -18,6 +18,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.calibration.rig_fit import RigFit, RigFitSettings
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import one_of
 from mocapella.fusion.marker_rays import MarkerPoints, MarkerRays, MarkerRaysSettings, RayState
@@ -90,6 +91,7 @@ class HandsSettings:
         smoothing: of the points, before the hand is fitted; None does without.
         objects: things that are tracked, too.
         grasp: when they are held.
+        rig_fit: when cameras are said to be swapped, or the rig not to fit.
         silent_after_s: a camera without a frame for so long is not waited for.
     """
 
@@ -103,6 +105,7 @@ class HandsSettings:
     smoothing: OneEuroSettings | None = None
     objects: tuple[ObjectSettings, ...] = ()
     grasp: GraspSettings = field(default_factory=GraspSettings)
+    rig_fit: RigFitSettings = field(default_factory=RigFitSettings)
     silent_after_s: float = 1.0
 
     def __post_init__(self) -> None:
@@ -140,6 +143,7 @@ class HandsTracker:
         self.shape = shape or model.shape("right")
         places = np.array(s.base_places_m) if s.base_places_m else base_layout(self.shape, len(s.base), _PALM_SIDE_M)
         self._rays = MarkerRays(self.rig, len(s.markers), s.rays)
+        self._rig_fit = RigFit(self.rig, len(s.markers), s.rig_fit)
         self._fit = HandTracker(model, self.shape, places, s.fit)
         self._smooth = None if s.smoothing is None else OneEuro(s.smoothing)
         self._grasps = [Grasp(s.grasp) for _ in s.objects]
@@ -150,6 +154,7 @@ class HandsTracker:
     def reset(self) -> None:
         """Forget everything, as if newly made."""
         self._rays.reset()
+        self._rig_fit.reset()
         self._fit.reset()
         if self._smooth is not None:
             self._smooth.reset()
@@ -178,6 +183,7 @@ class HandsTracker:
         parts = [
             {name: getattr(self, name) for name in _OWN_MEMORY},
             {name: value for name, value in vars(self._rays).items() if name not in _RAYS_MADE_OF},
+            {name: getattr(self._rig_fit, name) for name in _RIG_FIT_MEMORY},
             {name: getattr(self._fit, name) for name in ("_state", "report")},
             None if self._smooth is None else {n: v for n, v in vars(self._smooth).items() if n != "settings"},
             [{n: v for n, v in vars(grasp).items() if n != "settings"} for grasp in self._grasps],
@@ -186,9 +192,10 @@ class HandsTracker:
 
     def restore(self, data: bytes) -> None:
         """See `Tracker`."""
-        own, rays, fit, smooth, grasps = unpack(data, _REMEMBERED)
+        own, rays, rig_fit, fit, smooth, grasps = unpack(data, _REMEMBERED)
         vars(self).update(own)
         vars(self._rays).update(rays)
+        vars(self._rig_fit).update(rig_fit)
         vars(self._fit).update(fit)
         if self._smooth is not None:
             vars(self._smooth).update(smooth)
@@ -210,7 +217,9 @@ class HandsTracker:
         assert isinstance(frame, MarkerFrame)
         self._newest[frame.sensor], self._heard_ns[frame.sensor] = (frame.node_id, frame.time_ns), arrival.at_ns
         pixels, sd = self._in_order(frame)
-        points = self._rays.update(frame.sensor, pixels, sd, arrival.at_ns / NS_PER_S)
+        at_s = arrival.at_ns / NS_PER_S
+        points = self._rays.update(frame.sensor, pixels, sd, at_s)
+        self._rig_fit.update(frame.sensor, pixels, at_s)
         self._state = self._stand(arrival.at_ns)
         self._said = self._describe(points, arrival.at_ns)
         return self._scene(arrival)
@@ -248,7 +257,7 @@ class HandsTracker:
         missing = self._sensors_expected - len(speaks)
         if missing > 0:
             return TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=missing, reason=self._state.reason)
-        return TrackerState(Phase.TRACKING)
+        return TrackerState(Phase.TRACKING, reason=self._rig_fit.problem)
 
     def _describe(self, found: MarkerPoints, now_ns: int) -> _Said:
         s = self.settings
@@ -364,6 +373,7 @@ _OWN_MEMORY: Final = (
     "_state",
 )
 _RAYS_MADE_OF: Final = ("settings", "rig", "_order", "_views", "_points")
+_RIG_FIT_MEMORY: Final = ("_times", "_pixels", "_sums", "_looked_s")
 _REMEMBERED: Final = (
     _Said,
     _State,

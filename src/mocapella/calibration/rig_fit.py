@@ -1,0 +1,153 @@
+"""Whether a rig fits what its cameras see now: two cameras exchanged, or one moved since it was calibrated.
+
+Two cameras that see the same point leave one number that does not depend on where the point is: how far their rays
+pass each other (Hartley, Zisserman: Multiple View Geometry, 2nd ed. 2004, section 9.6). Here it is the distance, in
+pixels, of both to the projections of the best point, at the same instant: the pixels of the camera that came last are
+interpolated to the instant of the other's frame. The mean of its squares is kept for each two cameras, and beside it
+the same with the two cameras exchanged. Exchanged cameras that look at one another's side see a scene inside out,
+which fits nearly as well where little of the picture is used; so several points and instants count together.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry.triangulation import TriangulationSettings, Views, triangulate, views
+from mocapella.model.camera import CameraRig
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+
+EVERYTHING: Final = TriangulationSettings(gate_sd=math.inf, least_angle_rad=0.0)
+
+
+@dataclass(frozen=True)
+class RigFitSettings:
+    """When a rig is said not to fit.
+
+    Attributes:
+        memory_s: observations older than that hardly count.
+        every_s: two cameras are looked at so often.
+        least_points: of those that count before anything is said.
+        longest_gap_s: of a camera's frames between which pixels are interpolated.
+        largest_px: root mean square distance of a rig that fits.
+        swapped_ratio: how many times smaller that of exchanged cameras must be.
+        cap_px: what a wrong marker counts at most.
+    """
+
+    memory_s: float = 3.0
+    every_s: float = 0.05
+    least_points: float = 40.0
+    longest_gap_s: float = 0.1
+    largest_px: float = 3.0
+    swapped_ratio: float = 2.0
+    cap_px: float = 30.0
+
+    def __post_init__(self) -> None:
+        for name in ("memory_s", "least_points", "longest_gap_s", "largest_px", "cap_px"):
+            check(0 < getattr(self, name) < 1e6, name, getattr(self, name), "above 0")
+        check(0 <= self.every_s < 1e6, "every_s", self.every_s, "0 s or more")
+        check(1 <= self.swapped_ratio < 1e6, "swapped_ratio", self.swapped_ratio, "1 or more")
+
+
+class RigFit:
+    """Watches the cameras of one rig; `problem` says what is wrong.
+
+    Memory: the two newest frames of each camera, and for each two cameras how many points counted, the sum of their
+    squares as the rig is and with the two exchanged [px²], and when they were looked at last.
+    """
+
+    def __init__(self, rig: CameraRig, points: int, settings: RigFitSettings | None = None) -> None:
+        self.settings = settings or RigFitSettings()
+        self._order = list(rig.cameras)
+        self._pairs = list(combinations(range(len(self._order)), 2))
+        placed = list(rig.cameras.values())
+        self._row_s = [c.camera.readout_s / max(c.camera.size_px[1] - 1, 1) for c in placed]
+        lenses, places = [c.camera.lens for c in placed], [c.T_camera_world for c in placed]
+        self._views: list[Views] = [views([lenses[i], lenses[j]], [places[i], places[j]]) for i, j in self._pairs]
+        self._points = points
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything, as if newly made."""
+        cameras = len(self._order)
+        self._times = np.full((cameras, 2), -np.inf)
+        self._pixels = np.full((cameras, 2, self._points, 2), np.nan)
+        self._sums, self._looked_s = np.zeros((len(self._pairs), 3)), np.full(len(self._pairs), -np.inf)
+
+    def update(self, camera: str, pixels: Any, at_s: float) -> None:
+        """Take a camera's frame in.
+
+        Args:
+            camera: its name in the rig.
+            pixels: (points, 2) [px]; NaN where a marker is not seen.
+            at_s: when its first row was captured, on the clock of all [s].
+        """
+        k, s = self._order.index(camera), self.settings
+        if not at_s > self._times[k, 1]:
+            return
+        self._times[k] = self._times[k, 1], at_s
+        self._pixels[k] = self._pixels[k, 1], pixels
+        if at_s - self._times[k, 0] > s.longest_gap_s:
+            return
+        for n, (i, j) in enumerate(self._pairs):
+            if k not in (i, j):
+                continue
+            other_s = self._times[j if k == i else i, 1]
+            if self._times[k, 0] <= other_s <= at_s and other_s - self._looked_s[n] >= s.every_s:
+                self._look(n, k, j if k == i else i)
+
+    def _look(self, pair: int, newer: int, older: int) -> None:
+        s, at_s = self.settings, self._times[older, 1]
+        self._sums[pair] *= math.exp(-max(0.0, at_s - self._looked_s[pair]) / s.memory_s)
+        self._looked_s[pair] = at_s
+        there = self._pixels[older, 1]
+        first, last = self._pixels[newer]
+        captured_s = at_s + self._row_s[older] * there[:, 1]
+        first_s = self._times[newer, 0] + self._row_s[newer] * first[:, 1]
+        last_s = self._times[newer, 1] + self._row_s[newer] * last[:, 1]
+        part = ((captured_s - first_s) / (last_s - first_s))[:, None]
+        here = first + part * (last - first)
+        i, j = (here, there) if newer < older else (there, here)
+        seen = np.isfinite(i + j).all(axis=1)
+        if not seen.any():
+            return
+        both = np.stack([i, j], axis=1)[seen]
+        self._sums[pair] += len(both), self._squares(pair, both), self._squares(pair, both[:, ::-1])
+
+    def _squares(self, pair: int, pixels: Float64) -> float:
+        residuals = triangulate(pixels, self._views[pair], settings=EVERYTHING).residuals_px
+        squares = np.square(residuals).mean(axis=1)
+        return float(np.minimum(np.nan_to_num(squares, nan=np.inf), self.settings.cap_px**2).sum())
+
+    def rms_px(self, exchanged: bool = False) -> Float64:
+        """(pairs,) root mean square distance of pixels from where the rig expects them [px]; NaN of too few."""
+        sums = np.where(self._sums[:, :1] >= self.settings.least_points, self._sums, np.nan)
+        rms: Float64 = np.sqrt(sums[:, 1 + exchanged] / sums[:, 0])
+        return rms
+
+    @property
+    def problem(self) -> str:
+        """What is wrong, and what to do; empty where nothing is known to be."""
+        s, told = self.settings, []
+        for (i, j), now, exchanged in zip(self._pairs, self.rms_px(), self.rms_px(exchanged=True), strict=True):
+            if not now > s.largest_px:
+                continue
+            one, other = self._order[i], self._order[j]
+            if exchanged * s.swapped_ratio < now:
+                told.append(
+                    f"{one} and {other} seem to be swapped (off by {now:.1f} px, exchanged by {exchanged:.1f}): "
+                    "give each the other's name, or exchange them"
+                )
+            else:
+                told.append(
+                    f"{one} and {other} do not fit the rig (off by {now:.1f} px): one was moved, or its picture is "
+                    "mirrored or cropped; calibrate anew"
+                )
+        return "; ".join(told)
