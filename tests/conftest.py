@@ -25,6 +25,7 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 REAL_TIME = (
     *("cli/test_record.py", "cli/test_running.py", "examples/", "sources/test_bridge.py", "test_readme.py"),
     *("live/test_node.py", "live/test_outages.py", "live/test_processes.py", "live/test_recording_desk.py"),
+    *("live/test_marker_node.py", "sources/test_acquisition.py"),
     *("live/test_server.py", "live/test_server_junk.py", "live/test_view_process.py"),
     *("viewer/test_view_in_browser.py", "viewer/test_viewer.py"),
 )

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
+from mocapella.live.camera_desk import DeskSettings
 from mocapella.live.session import Session
 from mocapella.model.session import Setup
 from mocapella.model.topology import topology, topology_names
@@ -13,6 +15,7 @@ from mocapella.schema import MAX_BODIES, MAX_MESSAGE_BYTES, MAX_SCENE_BYTES, SCH
 from mocapella.schema import mocapella_pb2 as pb
 from mocapella.sources.bridge import BridgeSettings
 from mocapella.wire import keys
+from mocapella.wire.questions import MAX_ANSWER_BYTES, MAX_QUESTION_BYTES, Question
 from mocapella.wire.session import DEFAULT_ADDRESS
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -30,6 +33,17 @@ def test_every_key_is_listed() -> None:
 def test_every_verb_is_listed() -> None:
     for verb in (*Session(Setup()).verbs, "record", "record-stop", "status", "join"):
         assert f"`{verb}`" in TEXT
+
+
+def test_every_question_and_its_arguments_are_listed() -> None:
+    for kind in get_args(Question):
+        rows = [line for line in TEXT.splitlines() if line.startswith(f"| `{kind.__struct_config__.tag}` |")]
+        assert len(rows) == 1
+        assert all(f"`{name}`" in rows[0] for name in kind.__struct_fields__)
+    desk, kib = DeskSettings(), 2**10
+    assert f"at most {MAX_QUESTION_BYTES // kib} KiB, an answer at most {MAX_ANSWER_BYTES // kib**2} MiB" in TEXT
+    assert f"At most {desk.waiting} questions\nwait and {desk.a_second} a second are answered" in TEXT
+    assert f"The last {desk.pictures} that were asked for are kept" in TEXT
 
 
 def test_the_limits_are_those_of_the_code() -> None:

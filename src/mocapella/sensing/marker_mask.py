@@ -25,10 +25,8 @@ QUALITY: Final = 85
 
 def labels_of(image: UInt8, table: UInt8) -> UInt8:
     """(height, width) of every pixel of an image the label that a look-up table has for it; 0 is none."""
-    cell = (image[..., 0] // CELL).astype(np.uint16)
-    cell += (image[..., 1] // CELL) * np.uint16(CELLS)
-    cell += (image[..., 2] // CELL) * np.uint16(CELLS * CELLS)
-    return np.asarray(table[cell])
+    blue, green, red = (image[..., k].astype(np.uint16) // np.uint16(CELL) for k in range(3))
+    return np.asarray(table[blue + green * np.uint16(CELLS) + red * np.uint16(CELLS * CELLS)])
 
 
 def paint_of(profile: ColourProfile) -> UInt8:
