@@ -150,7 +150,9 @@ class CameraDesk:
             case AskControls():
                 return NodeAnswer(True, controls=self._controls())
             case AskReport():
-                return NodeAnswer(True, self._work.words(), report=self._work.report())
+                return NodeAnswer(
+                    True, self._work.words(), report={**self._work.report(), "unsaved": self._before != _SAVED}
+                )
             case AskLearn() as wanted:
                 return self._learn(wanted)
             case AskSave():
@@ -211,7 +213,7 @@ class CameraDesk:
             controls=self._work.acquisition.state.controls,
         )
         how = separability(profile)
-        if self._before is _SAVED:
+        if self._before == _SAVED:
             detector = self._work.detector
             self._before = None if detector is None else detector.profile
         self._work.use(profile)
@@ -249,7 +251,7 @@ class CameraDesk:
         return NodeAnswer(True, f"saved to {self._file}", names=list(profile.names))
 
     def _discard(self) -> NodeAnswer:
-        if self._before is _SAVED:
+        if self._before == _SAVED:
             raise NotNowError("no colours were learnt that are not saved; there is nothing to discard")
         before, self._before = self._before, _SAVED
         if isinstance(before, ColourProfile):

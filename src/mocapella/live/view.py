@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from typing import Any, Generic, TypeVar
 
+import msgspec
 import zenoh
 
 from mocapella.errors import NoServerError
@@ -19,6 +20,7 @@ from mocapella.model.scene import Scene
 from mocapella.model.session import CommandReply, SessionStatus
 from mocapella.tracker import METHODS
 from mocapella.viewer import Viewer
+from mocapella.wire.questions import NodeAnswer, Question, ask_node
 from mocapella.wire.reader import Newest, send_command
 from mocapella.wire.session import check_address, open_reader
 
@@ -111,6 +113,17 @@ class Link:
         except NoServerError as error:
             return CommandReply(False, str(error))
 
+    def ask(self, camera: str, question: dict[str, Any], timeout_s: float) -> NodeAnswer:
+        """Ask a camera's node, and wait for its answer.
+
+        Raises:
+            BusError: nobody answers.
+            WireError: what comes is no answer.
+        """
+        if self._session is None:
+            raise NoServerError(f"no server at {self._connect}; start one with: mocapella serve")
+        return ask_node(self._session, camera, msgspec.convert(question, Question), timeout_s)
+
     def close(self) -> None:
         """Leave the bus, or give up trying."""
         self._closed.set()
@@ -152,7 +165,7 @@ def run_view(
     warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)
     link = Link(connect, on_waiting)
     try:
-        viewer = Viewer(host, port, command=link.command, methods=tuple(METHODS))
+        viewer = Viewer(host, port, command=link.command, methods=tuple(METHODS), ask=link.ask)
         try:
             on_ready(viewer.url)
             picture = Picture()

@@ -15,6 +15,8 @@ import viser
 from mocapella.model.scene import Scene
 from mocapella.model.session import SessionStatus
 from mocapella.viewer import readout
+from mocapella.viewer.camera_feed import CameraFeed
+from mocapella.viewer.camera_panel import CameraPanel
 from mocapella.viewer.commands import Commander, notify
 from mocapella.viewer.controls import (
     FIRST_TAKE,
@@ -49,6 +51,7 @@ class Panel:
 
     Attributes:
         perspective: from where this browser shows the people; a sensor's name or `FREE`.
+        cameras: their pictures, and how their colours are learnt.
     """
 
     def __init__(
@@ -57,7 +60,9 @@ class Panel:
         commander: Commander,
         methods: Sequence[str],
         colours: SensorColours,
+        *,
         aim: Callable[[Aim], None],
+        feed: CameraFeed,
     ) -> None:
         self._client, self._commander, self._colours, self._aim = client, commander, colours, aim
         self._status: SessionStatus | None = None
@@ -74,6 +79,7 @@ class Panel:
         self._recalibrate = self._button("Recalibrate", "recalibrate", viser.Icon.REFRESH, "gray")
         with gui.add_folder("Sensors"):
             self._sensors = gui.add_html(readout.sensors_html(None, colours))
+        self.cameras = CameraPanel(gui, feed, self._tell)
         self._people = PeoplePanel(gui, self._send_name)
         self._add_recording_folder(gui)
         self._add_camera_folder(gui)
@@ -100,7 +106,9 @@ class Panel:
 
     def show(self, status: SessionStatus | None, scene: Scene | None) -> None:
         """Bring everything up to the status; costs next to nothing when it is the one already shown."""
-        self._watchdog.beat(time.monotonic())
+        now_s = time.monotonic()
+        self._watchdog.beat(now_s)
+        self.cameras.show(now_s)
         can = allowed(status)
         self._setup.show(status, enabled=can.setup)
         self._show_perspectives(status)
@@ -184,6 +192,9 @@ class Panel:
 
     def _send_setup(self, arguments: dict[str, Any]) -> None:
         self._commander.send("setup", arguments, self._client)
+
+    def _tell(self, title: str, message: str, ok: bool) -> None:
+        notify(self._client, title, message, ok=ok)
 
     def _refuse(self, message: str) -> None:
         notify(self._client, "Setup: not sent", message, ok=False)
