@@ -101,11 +101,8 @@ class Browser:
             self._move_camera(perspective, self._known.floors, wish)
 
     def _draw_pictures(self) -> None:
-        cameras, sensors = self._panel.cameras, self._colours.sensors
-        lane = None
-        if cameras.lane is not None and cameras.lane[0] in sensors:
-            lane = layout.lane_origins(len(sensors))[sensors.index(cameras.lane[0])], cameras.lane[1]
-        self._pictures.draw(cameras.large, lane)
+        cameras = self._panel.cameras
+        self._pictures.draw(cameras.large)
         if cameras.wants_clicks != self._hears_clicks:
             self._hears_clicks = cameras.wants_clicks
             if self._hears_clicks:

@@ -154,11 +154,12 @@ class CameraFeed:
 
     def want(self, camera: str, shown: Shown, width_px: float, now_s: float) -> Shot:
         """A browser shows it, so wide; returns the newest there is."""
-        wish = self._wishes.setdefault((camera, shown), _Wish())
+        key = camera, shown.value
+        wish = self._wishes.setdefault(key, _Wish())
         # The widest of all browsers that want it now.
         wish.width_px = width_px if self._stale(wish, now_s) else max(wish.width_px, width_px)
         wish.at_s = now_s
-        return self._shots.setdefault((camera, shown), Shot())
+        return self._shots.setdefault(key, Shot())
 
     def report(self, camera: str) -> dict[str, Any]:
         """The newest report of a camera; empty before the first."""

@@ -68,7 +68,7 @@ def picture_html(shot: Shot | None, shown: Shown, report: Mapping[str, Any]) -> 
     return _box(view + "".join(lines))
 
 
-def pointing_html(pointing: Pointing, problem: str, note: str) -> str:
+def pointing_html(pointing: Pointing, problem: str, note: str, time_ns: int) -> str:
     """Who is to be pointed at, who was, and what was wrong with the names or the learning."""
     rows = []
     for k, name in enumerate(pointing.names):
@@ -87,7 +87,7 @@ def pointing_html(pointing: Pointing, problem: str, note: str) -> str:
             f'<span style="color:{colour};white-space:nowrap;font-variant-numeric:tabular-nums">{sign}</span></div>'
         )
     headline = (
-        f'<div class="mocapella-pointing" style="font-size:15px;font-weight:650;margin:2px 0 6px">'
+        f'<div class="mocapella-pointing" data-time-ns="{time_ns}" style="font-size:15px;font-weight:650;margin:2px 0 6px">'
         f"{escape(asks_for(pointing.next))}</div>"
     )
     said = (_line(problem, RED.css) if problem else "") + (_line(note, GREY.css) if note else "")
@@ -99,18 +99,19 @@ def waiting_html(text: str) -> str:
     return _box(_line(text, GREY.css))
 
 
-def separability_html(separability: Mapping[str, Any], message: str) -> str:
+def separability_html(separability: Mapping[str, Any]) -> str:
     """How much of each colour is told from all else, and what is wrong, with what to do about it."""
     kept, rows = separability.get("kept"), []
     for name, share in kept.items() if isinstance(kept, Mapping) else ():
         colour = GREEN if share >= GOOD_KEPT else AMBER if share >= FAIR_KEPT else RED
+        percent = 100 * min(max(float(share), 0.0), 1.0)
+        bar = f'<div style="height:6px;border-radius:3px;width:{percent:.0f}%;background:{colour.css}"></div>'
         rows.append(
-            f'<div style="display:flex;align-items:center;gap:8px"><span style="flex:0 0 38%;overflow-wrap:anywhere">'
-            f"{_dot(name)} {escape(str(name))}</span>"
-            f'<span style="flex:1;height:6px;border-radius:3px;background:#2a3446">'
-            f'<span style="display:block;height:6px;border-radius:3px;width:{100 * min(max(share, 0.0), 1.0):.0f}%;background:{colour.css}"></span></span>'
-            f'<span style="flex:0 0 44px;text-align:right;font-variant-numeric:tabular-nums">{100 * share:.0f} %</span>'
-            "</div>"
+            '<div style="display:flex;align-items:center;gap:8px">'
+            f'<span style="flex:0 0 38%;overflow-wrap:anywhere">{_dot(name)} {escape(str(name))}</span>'
+            f'<div style="flex:1;height:6px;border-radius:3px;background:#2a3446">{bar}</div>'
+            '<span style="flex:0 0 44px;text-align:right;font-variant-numeric:tabular-nums">'
+            f"{percent:.0f} %</span></div>"
         )
     problems: Sequence[Any] = separability.get("problems") or ()
     verdict = (
@@ -119,9 +120,9 @@ def separability_html(separability: Mapping[str, Any], message: str) -> str:
         else "".join(_line(str(text), AMBER.css) for text in problems)
     )
     head = (
-        f'<div class="mocapella-learnt" style="font-size:15px;font-weight:650;margin:2px 0 2px">'
-        f"{escape(message[:1].upper() + message[1:])}</div>"
-        f'<div style="color:{GREY.css};margin-bottom:4px">of each colour\'s pixels are told from all else:</div>'
+        '<div class="mocapella-learnt" style="font-size:15px;font-weight:650;margin:2px 0 2px">'
+        "Learnt, and not saved yet</div>"
+        f'<div style="color:{GREY.css};margin-bottom:4px">What is told from all else, of each colour\'s pixels:</div>'
     )
     return _box(head + "".join(rows) + f'<div style="margin-top:6px">{verdict}</div>')
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, auto
 from typing import Any, Final
 
@@ -57,13 +57,11 @@ class CameraPanel:
 
     Attributes:
         large: what is to be shown before the browser's camera; None where nothing is.
-        lane: the camera and the picture that stand in its lane, if any.
     """
 
     def __init__(self, gui: viser.GuiApi, feed: CameraFeed, say: Say) -> None:
         self._feed, self._say = feed, say
         self.large: Large | None = None
-        self.lane: tuple[str, CameraAnswer] | None = None
         self._wishes: deque[Callable[[], None]] = deque()
         self._lesson = Lesson.NONE
         self._turn = 0
@@ -94,8 +92,9 @@ class CameraPanel:
         """Carry out what was wished, and bring everything up to what has come."""
         while self._wishes:
             self._wishes.popleft()()
-        shown = Shown(self._shown.value)
-        self._show_cameras(busy=shown is not Shown.OFF or self._lesson is not Lesson.NONE)
+        at_work = self._lesson in (Lesson.FREEZING, Lesson.POINTING, Lesson.LEARNING)
+        shown = Shown.OFF if at_work else Shown(self._shown.value)
+        self._show_cameras(busy=at_work or shown is not Shown.OFF)
         camera, shot = self._camera, None
         if camera and shown is not Shown.OFF:
             shot = self._feed.want(camera, shown, _LARGE_PX if self._enlarge.value else _PANEL_PX, now_s)
@@ -105,7 +104,6 @@ class CameraPanel:
         self._view.content = camera_html.picture_html(shot, shown, report)
         self._show_lesson(bool(report.get("unsaved")))
         answer = None if shot is None else shot.answer
-        self.lane = (camera, answer) if answer is not None else None
         self.large = self._large(camera, shown, answer) if self._enlarge.value else None
         self._enlarge.disabled = shown is Shown.OFF and self._frozen is None
 
@@ -113,8 +111,8 @@ class CameraPanel:
         if self._lesson in (Lesson.POINTING, Lesson.LEARNING) and self._frozen is not None:
             words = "Learning …" if self._lesson is Lesson.LEARNING else asks_for(self._pointing.next)
             return Large(self._frozen, self._pointing.points, words, True)
-        if answer is None:
-            return None
+        if answer is None:  # what stands there stays until the first of the other kind has come
+            return None if self.large is None else replace(self.large, points={}, words=f"{camera} · {shown} …")
         return Large(answer, camera_html.found(answer) if shown is Shown.PICTURE else {}, f"{camera} · {shown}", False)
 
     def _show_cameras(self, *, busy: bool) -> None:
@@ -136,11 +134,14 @@ class CameraPanel:
         self._steps.content = {
             Lesson.NONE: camera_html.unsaved_html(self._camera) if unsaved else "",
             Lesson.FREEZING: camera_html.waiting_html("The picture is frozen …"),
-            Lesson.POINTING: camera_html.pointing_html(pointing, self._problem, self._note()),
+            Lesson.POINTING: camera_html.pointing_html(
+                pointing, self._problem, self._note(), self._frozen.time_ns if self._frozen else 0
+            ),
             Lesson.LEARNING: camera_html.waiting_html("The colours are learnt …"),
             Lesson.LEARNT: self._learnt,
         }[lesson]
         self._begin.visible = lesson is Lesson.NONE
+        self._shown.disabled = lesson not in (Lesson.NONE, Lesson.LEARNT)
         for handle in (self._markers, self._moves, self._learn, self._background):
             handle.visible = at_work
         self._learn.disabled = not pointing.enough
@@ -197,7 +198,7 @@ class CameraPanel:
             self._lesson, self._problem = Lesson.POINTING, problem
             return
         self._lesson = Lesson.LEARNT
-        self._learnt = camera_html.separability_html(answer.separability or {}, answer.message)
+        self._learnt = camera_html.separability_html(answer.separability or {})
         self._shown.value = Shown.MASK
         self._feed.hasten(self._camera)
 

@@ -22,7 +22,6 @@ from mocapella.viewer import layout
 from mocapella.viewer.bones import Strokes, bone_strokes, halo_strokes, join, joint_strokes, line_strokes
 from mocapella.viewer.drawing import Tag
 from mocapella.viewer.palette import AMBER, FUSED, Rgb
-from mocapella.viewer.picture_plane import Plane
 from mocapella.viewer.sensor_marks import SensorMark, standing, words
 
 Float64 = NDArray[np.float64]
@@ -175,14 +174,6 @@ def marker_colour(name: str) -> Rgb:
     return Rgb(*(round(255 * channel) for channel in colorsys.hsv_to_rgb(hue, 0.6, 0.95)))
 
 
-def lane_plane(origin: Float64, size_px: tuple[int, int]) -> Plane:
-    """Where a camera's picture stands in the lane that begins at ``origin`` (3,) [m]."""
-    wide = 0.85 * layout.LANE_WIDTH_M * layout.SENSORS_SCALE
-    high = wide * size_px[1] / size_px[0]
-    ahead = 0.35 * layout.LANE_DEPTH_M * layout.SENSORS_SCALE
-    return Plane(origin + np.array([0.0, 0.1 + 0.5 * high, ahead]), wide, size_px)
-
-
 def lane_picture(frame: MarkerFrame, origin: Float64, colour: Rgb) -> tuple[Strokes, Strokes]:
     """A camera's picture as it stands in its lane: its edge, and the markers in it, at their sizes.
 
@@ -191,11 +182,19 @@ def lane_picture(frame: MarkerFrame, origin: Float64, colour: Rgb) -> tuple[Stro
         origin: (3,) where the lane begins [m].
         colour: the camera's own.
     """
-    width = frame.size_px[0]
-    plane = lane_plane(origin, frame.size_px)
-    edge = line_strokes(np.concatenate([plane.corners, plane.corners[:1]]), colour.paint, 0.008)
-    p = plane.place(frame.positions_px.astype(np.float64))
-    radii = plane.px_m * np.maximum(np.sqrt(np.maximum(frame.areas_px, 0.0) / np.pi), 0.006 * width)
+    width, height = frame.size_px
+    wide = 0.85 * layout.LANE_WIDTH_M * layout.SENSORS_SCALE
+    px = wide / width
+    high = px * height
+
+    def stand(points: Float64) -> Float64:
+        x, y = 0.5 * wide - px * points[..., 0], 0.1 + high - px * points[..., 1]
+        return origin + np.stack([x, y, np.full(x.shape, 0.35 * layout.LANE_DEPTH_M * layout.SENSORS_SCALE)], axis=-1)
+
+    corners = np.array([[0, 0], [width, 0], [width, height], [0, height], [0, 0]], dtype=np.float64)
+    edge = line_strokes(stand(corners), colour.paint, 0.008)
+    p = stand(frame.positions_px.astype(np.float64))
+    radii = px * np.maximum(np.sqrt(np.maximum(frame.areas_px, 0.0) / np.pi), 0.006 * width)
     states = np.where(frame.found, JointState.TRACKED, JointState.NOT_TRACKED)
     balls = [
         joint_strokes(p[None, i : i + 1], states[None, i : i + 1], [marker_colour(name).paint], radii[i : i + 1])

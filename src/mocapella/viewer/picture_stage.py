@@ -1,23 +1,21 @@
-"""Cameras' pictures in the 3D scene of one browser: one in its camera's lane, and one large before all else."""
+"""A camera's picture, large before all else in the 3D scene of one browser."""
 
 from __future__ import annotations
 
 import numpy as np
 import viser
 
-from mocapella.viewer.camera_feed import CameraAnswer
 from mocapella.viewer.camera_html import radius_px
 from mocapella.viewer.camera_panel import Large
 from mocapella.viewer.drawing import LineNode, Tag, TagNodes
-from mocapella.viewer.hands import lane_plane, marker_colour
+from mocapella.viewer.hands import marker_colour
 from mocapella.viewer.palette import Rgb
-from mocapella.viewer.picture_plane import Float64, PictureNode, Plane, rings
+from mocapella.viewer.picture_plane import PictureNode, Plane, rings
 from mocapella.viewer.pointing import SKIN
 
 _LARGE_AT = np.array([0.0, 60.0, 0.0])
 """Far above the stages, so that nothing is before or behind it."""
 _LARGE_M = 4.0
-_BEHIND_M = 0.01
 _OVER_M = 0.06
 
 
@@ -31,22 +29,12 @@ class PictureStage:
     def __init__(self, scene: viser.SceneApi) -> None:
         self.plane: Plane | None = None
         self._large = PictureNode(scene, "/picture/large")
-        self._in_lane = PictureNode(scene, "/picture/lane")
         self._rings = LineNode(scene, "/picture/rings", thickness=0.016)
         self._names = TagNodes(scene, "/picture/names", size=0.8, anchor="bottom-left")
         self._words = TagNodes(scene, "/picture/words", size=1.3, anchor="bottom-left")
 
-    def draw(self, large: Large | None, lane: tuple[Float64, CameraAnswer] | None) -> None:
-        """Show exactly these; the lane is where it begins, and its picture."""
-        if lane is None or lane[1].size_px is None:
-            self._in_lane.hide()
-        else:
-            origin, answer = lane
-            assert answer.size_px is not None
-            plane = lane_plane(origin, answer.size_px)
-            self._in_lane.draw(
-                Plane(plane.middle + np.array([0.0, 0.0, _BEHIND_M]), plane.wide_m, plane.size_px), answer
-            )
+    def draw(self, large: Large | None) -> None:
+        """Show exactly this."""
         if large is None or large.answer.size_px is None:
             self.plane = None
             self._large.hide()
