@@ -156,9 +156,7 @@ class CameraFeed:
         """A browser shows it, so wide; returns the newest there is."""
         key = camera, shown.value
         wish = self._wishes.setdefault(key, _Wish())
-        # The widest of all browsers that want it now.
-        wish.width_px = width_px if self._stale(wish, now_s) else max(wish.width_px, width_px)
-        wish.at_s = now_s
+        wish.width_px, wish.at_s = max(wish.width_px, width_px), now_s
         return self._shots.setdefault(key, Shot())
 
     def report(self, camera: str) -> dict[str, Any]:
@@ -203,25 +201,26 @@ class CameraFeed:
                 due.append(key)
         for camera in self._cameras:
             key = camera, _REPORT
-            pause = s.report_s if camera in self._answering else s.patience_s
-            if (camera in shown or camera not in self._answering) and now_s - self._asked_s.get(key, -1e9) >= pause:
+            known = camera in self._answering
+            if known and camera not in shown and key in self._asked_s:
+                continue
+            if now_s - self._asked_s.get(key, -1e9) >= (s.report_s if known else s.patience_s):
                 due.append(key)
         return due
 
     def _send(self, key: tuple[str, str], now_s: float) -> None:
+        question: dict[str, Any] = {"ask": key[1]}
+        if key[1] != _REPORT:
+            question |= {"scale": self._scale(key), "format": "jpeg"}
+        if key[1] == Shown.PICTURE:
+            question["keep"] = False  # what is being pointed at is kept, and this would push it out
         self._asked_s[key] = now_s
         self._under_way.add(key)
-        self._pool.submit(self._fetch, key).add_done_callback(_raise_again)
+        self._pool.submit(self._fetch, key, question).add_done_callback(_raise_again)
 
-    def _fetch(self, key: tuple[str, str]) -> None:
-        camera, what = key
-        question: dict[str, Any] = {"ask": what}
-        if what != _REPORT:
-            question |= {"scale": self._scale(key), "format": "jpeg"}
-        if what == Shown.PICTURE:
-            question["keep"] = False  # what is being pointed at is kept, and this would push it out
+    def _fetch(self, key: tuple[str, str], question: dict[str, Any]) -> None:
         try:
-            self._carry_out(camera, question, lambda answer, problem: self._take(key, answer, problem), None)
+            self._carry_out(key[0], question, lambda answer, problem: self._take(key, answer, problem), None)
         finally:
             self._under_way.discard(key)
 
@@ -242,10 +241,12 @@ class CameraFeed:
         self._shots[key] = Shot(answer or before.answer, problem, before.number + 1)
 
     def _scale(self, key: tuple[str, str]) -> float:
-        answer = self._shots.get(key, Shot()).answer
+        """As wide as the widest browser has wanted it since it was asked for last."""
+        wish, answer = self._wishes[key], self._shots.get(key, Shot()).answer
+        width_px, wish.width_px = wish.width_px, 0.0
         if answer is None or answer.size_px is None:
             return 0.5
-        return round(min(1.0, max(0.05, self._wishes[key].width_px / answer.size_px[0])), 3)
+        return round(min(1.0, max(0.05, width_px / answer.size_px[0])), 3)
 
     def _stale(self, wish: _Wish, now_s: float) -> bool:
         return now_s - wish.at_s > self.settings.wanted_s

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from html import escape
 from typing import Any
 
@@ -62,9 +62,8 @@ def picture_html(shot: Shot | None, shown: Shown, report: Mapping[str, Any]) -> 
     fps = report.get("fps")
     rate = f" · {fps:.0f} pictures a second" if isinstance(fps, int | float) and fps else ""
     lines.append(_line(f"{width} × {height} px · {seen}{rate}", GREY.css))
-    problems = report.get("problems")
-    if isinstance(problems, list):
-        lines += [_line(str(text), AMBER.css) for text in problems[:_MOST_PROBLEMS] if names or "learnt" not in text]
+    said = _texts(report.get("problems"))[:_MOST_PROBLEMS]
+    lines += [_line(text, AMBER.css) for text in said if names or "learnt" not in text]
     return _box(view + "".join(lines))
 
 
@@ -87,7 +86,8 @@ def pointing_html(pointing: Pointing, problem: str, note: str, time_ns: int) -> 
             f'<span style="color:{colour};white-space:nowrap;font-variant-numeric:tabular-nums">{sign}</span></div>'
         )
     headline = (
-        f'<div class="mocapella-pointing" data-time-ns="{time_ns}" style="font-size:15px;font-weight:650;margin:2px 0 6px">'
+        f'<div class="mocapella-pointing" data-time-ns="{time_ns}" '
+        'style="font-size:15px;font-weight:650;margin:2px 0 6px">'
         f"{escape(asks_for(pointing.next))}</div>"
     )
     said = (_line(problem, RED.css) if problem else "") + (_line(note, GREY.css) if note else "")
@@ -103,8 +103,8 @@ def separability_html(separability: Mapping[str, Any]) -> str:
     """How much of each colour is told from all else, and what is wrong, with what to do about it."""
     kept, rows = separability.get("kept"), []
     for name, share in kept.items() if isinstance(kept, Mapping) else ():
-        colour = GREEN if share >= GOOD_KEPT else AMBER if share >= FAIR_KEPT else RED
-        percent = 100 * min(max(float(share), 0.0), 1.0)
+        part = min(max(float(share), 0.0), 1.0) if isinstance(share, int | float) else 0.0
+        colour, percent = GREEN if part >= GOOD_KEPT else AMBER if part >= FAIR_KEPT else RED, 100 * part
         bar = f'<div style="height:6px;border-radius:3px;width:{percent:.0f}%;background:{colour.css}"></div>'
         rows.append(
             '<div style="display:flex;align-items:center;gap:8px">'
@@ -113,11 +113,11 @@ def separability_html(separability: Mapping[str, Any]) -> str:
             '<span style="flex:0 0 44px;text-align:right;font-variant-numeric:tabular-nums">'
             f"{percent:.0f} %</span></div>"
         )
-    problems: Sequence[Any] = separability.get("problems") or ()
+    problems = _texts(separability.get("problems"))
     verdict = (
         _line("All colours can be told apart.", GREEN.css)
         if not problems
-        else "".join(_line(str(text), AMBER.css) for text in problems)
+        else "".join(_line(text, AMBER.css) for text in problems)
     )
     head = (
         '<div class="mocapella-learnt" style="font-size:15px;font-weight:650;margin:2px 0 2px">'
@@ -130,6 +130,11 @@ def separability_html(separability: Mapping[str, Any]) -> str:
 def unsaved_html(camera: str) -> str:
     """That the colours in use are not in the node's profile."""
     return _box(_line(f"The colours that {camera} uses now are not saved.", AMBER.css))
+
+
+def _texts(value: Any) -> list[str]:
+    """The texts in what a node sent, which may be anything."""
+    return [text for text in value if isinstance(text, str)] if isinstance(value, list | tuple) else []
 
 
 def _dot(name: str) -> str:

@@ -64,7 +64,7 @@ class CameraPanel:
         self.large: Large | None = None
         self._wishes: deque[Callable[[], None]] = deque()
         self._lesson = Lesson.NONE
-        self._turn = 0
+        self._pupil, self._turn = "", 0
         self._pointing = Pointing()
         self._frozen: CameraAnswer | None = None
         self._backgrounds: list[int] = []
@@ -78,6 +78,9 @@ class CameraPanel:
 
     @property
     def _camera(self) -> str:
+        """Whose colours are learnt, or else the one that is chosen; empty where there is none."""
+        if self._lesson is not Lesson.NONE:
+            return self._pupil
         return "" if self._cameras.value == NONE else str(self._cameras.value)
 
     def click(self, at: Point) -> None:
@@ -94,7 +97,7 @@ class CameraPanel:
             self._wishes.popleft()()
         at_work = self._lesson in (Lesson.FREEZING, Lesson.POINTING, Lesson.LEARNING)
         shown = Shown.OFF if at_work else Shown(self._shown.value)
-        self._show_cameras(busy=at_work or shown is not Shown.OFF)
+        self._show_cameras(busy=self._lesson is not Lesson.NONE or shown is not Shown.OFF)
         camera, shot = self._camera, None
         if camera and shown is not Shown.OFF:
             shot = self._feed.want(camera, shown, _LARGE_PX if self._enlarge.value else _PANEL_PX, now_s)
@@ -172,6 +175,7 @@ class CameraPanel:
     def _freeze(self) -> None:
         if self._lesson is not Lesson.NONE or not self._camera:
             return
+        self._pupil = self._camera
         self._lesson, self._problem, self._backgrounds, self._frozen = Lesson.FREEZING, "", [], None
         self._enlarge.value = True
         self._order({"ask": "picture", "format": "jpeg", "keep": True}, self._begin_pointing)
