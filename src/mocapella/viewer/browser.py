@@ -24,11 +24,11 @@ from mocapella.viewer.readout import condition_lines, stage_text
 from mocapella.viewer.stages import TrackingDrawing, TrackingStage
 from mocapella.viewer.trails import TrailChoice, Trails
 
-_FOV = np.radians(36.0)
+FOV = np.radians(36.0)
 _ELEVATION = np.radians(13.0)
 _ASIDE = 1e-3
 """[m]."""
-_ROUND = 1.2
+ROUND = 1.2
 """How much wider than the large picture the browser's own is, which has words over it."""
 _SETTLED = 30
 """Calls after a move of ours in which the browser may still report where its camera was before."""
@@ -137,7 +137,7 @@ class Browser:
         if plane is not None and wish is None:
             if self._framed is None or not self._before_picture or (fits != self._framed and not self._touched()):
                 self._framed, self._before_picture = fits, True
-                self._put(layout.frame(plane.corners, fov=_FOV, aspect=width / tall, elevation=0.0, margin=_ROUND))
+                self._put(layout.frame(plane.corners, fov=FOV, aspect=width / tall, elevation=0.0, margin=ROUND))
             return
         if self._before_picture:
             self._before_picture, wish = False, wish or self._aim
@@ -152,7 +152,7 @@ class Browser:
             return
         tracking, sensors = layout.tracking_box().corners, layout.sensors_box(lanes).corners
         seen = {Aim.TRACKING: tracking, Aim.SENSORS: sensors}.get(self._aim, np.concatenate([tracking, sensors]))
-        self._put(layout.frame(seen, fov=_FOV, aspect=width / tall, elevation=_ELEVATION))
+        self._put(layout.frame(seen, fov=FOV, aspect=width / tall, elevation=_ELEVATION))
 
     def _touched(self) -> bool:
         """Whether a person moved the camera since we did."""

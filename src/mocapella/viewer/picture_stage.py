@@ -19,6 +19,11 @@ _LARGE_M = 4.0
 _OVER_M = 0.06
 
 
+def large_plane(size_px: tuple[int, int]) -> Plane:
+    """Where a picture of that size stands when it is large."""
+    return Plane(_LARGE_AT, _LARGE_M, size_px)
+
+
 class PictureStage:
     """Shows what `mocapella.viewer.camera_panel.CameraPanel` says.
 
@@ -43,7 +48,7 @@ class PictureStage:
             self._words.draw([])
             return
         size = large.answer.size_px
-        self.plane = plane = Plane(_LARGE_AT, _LARGE_M, size)
+        self.plane = plane = large_plane(size)
         self._large.draw(plane, large.answer)
         radius, points = radius_px(size), large.points
         self._rings.draw(*rings(plane, points, {name: colour_of(name) for name in points}, radius))
