@@ -35,6 +35,19 @@ def _unprinted() -> Iterator[None]:
         yield
 
 
+@contextlib.contextmanager
+def _tolerated() -> Iterator[None]:
+    """viser 1.1 sets an `asyncio.Event` from this thread, which fails where its own thread waits for it in that instant.
+
+    The message is queued by then, and the next call draws what this one did not come to.
+    """
+    try:
+        yield
+    except RuntimeError as error:
+        if str(error) != "deque mutated during iteration":
+            raise
+
+
 class _Server(viser.ViserServer):
     def request_share_url(self, verbose: bool = True) -> str | None:
         """No: what a sensor sees of people does not leave through a public tunnel because of a message from a page."""
@@ -107,10 +120,11 @@ class Viewer:
 
         rows = status.sensors if status is not None and self._asks else ()
         self._feed.beat([row.name for row in rows if row.markers and row.connected], time.monotonic())
-        with self._server.atomic():
+        with _tolerated(), self._server.atomic():
             self._sensors.draw(frames, self._known.floors)
         for browser in self._browsers.values():
-            browser.show(draw, scene, status)
+            with _tolerated():
+                browser.show(draw, scene, status)
 
     def close(self) -> None:
         """Serve no more."""
