@@ -37,7 +37,7 @@ def _unprinted() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _tolerated() -> Iterator[None]:
-    """viser 1.1 sets an `asyncio.Event` from this thread, which fails where its own thread waits for it in that instant.
+    """viser 1.1 sets an `asyncio.Event` from this thread; that fails where its own waits for it in that instant.
 
     The message is queued by then, and the next call draws what this one did not come to.
     """
