@@ -6,15 +6,26 @@ blue, green and red, contours and moments. Their thresholds come from the same c
 profile, as wide, for moving light, as leaves the wall out. One thread each. `uv run --extra cameras python -m
 benchmarks markers`.
 
+*Live* rows are of processes with one thread for numpy's library: the whole chain on one core, and two cameras' nodes
+with a server, over real sockets (`benchmarks/_marker_camera.py`).
+
 Images are rendered (`mocapella.sources.simulate.marker_scene`), with seeds that nothing was tuned on.
 """
 
 from __future__ import annotations
 
+import json
 import math
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -22,6 +33,7 @@ from numpy.typing import NDArray
 
 from benchmarks.harness import Goal, Row, against_peer, at_least, at_most, compared, measured, times_the_peer
 from mocapella.errors import EvaluationError, InputError
+from mocapella.live.launch import free_port
 from mocapella.sensing.colour_learning import ColourSample, grow, inside, learn_colours
 from mocapella.sensing.colour_profile import SKIN, ColourProfile
 from mocapella.sensing.colour_table import separability
@@ -43,7 +55,7 @@ VISIBLE, GONE = 0.9, 0.05
 
 def run(quick: bool = False) -> list[Row]:
     """The rows of docs/markers.md."""
-    return [*cost(quick), *accuracy(quick)]
+    return [*cost(quick), *accuracy(quick), *live(quick)]
 
 
 @dataclass(frozen=True)
@@ -212,6 +224,82 @@ def jitter(name: str, seed: int, frames: int) -> Row:
     detector = MarkerDetector(made.profile)
     found = np.array([detector.update(shot.image, shot.at_s).positions_px for shot in made.shots(frames)])
     return measured("markers: scene still, jitter of a coordinate", float(np.nanstd(found, axis=0).mean()), "px")
+
+
+def live(quick: bool) -> Iterator[Row]:
+    """From a picture in memory to the hand published, and 90 pictures a second of two cameras through processes."""
+    from benchmarks._marker_camera import RATE_HZ, SCENE, prepare
+
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        prepare(folder, 30 if quick else 180)
+        done = subprocess.run(
+            _program("chain", folder, 200 if quick else 4000), check=True, capture_output=True, env=ONE_THREAD
+        )
+        took = json.loads(done.stdout)
+        what = f"markers: two cameras of 640 × 480, scene {SCENE}, from pictures in memory to hands published, one core"
+        yield measured(f"{what}, median", float(np.median(took["ms"])), "ms")
+        yield measured(f"{what}, p99", float(np.percentile(took["ms"], 99)), "ms", goal=at_most(11))
+        worked = float(np.percentile(took["processor_ms"], 99))
+        yield measured(f"{what}, p99 of the processor's time, without what others used", worked, "ms")
+        count = 450 if quick else 5400
+        server, nodes = _through_processes(folder, count)
+    what = f"markers: two nodes and a server, {RATE_HZ:g} pictures a second for {count / RATE_HZ:g} s"
+    yield measured(
+        f"{what}, of {2 * count} pictures without a result", 2 * count - server["frames_out"], "", goal=at_most(0)
+    )
+    yield measured(f"{what}, overwritten before anybody looked", sum(n["report"]["dropped"] for n in nodes), "")
+    yield measured(f"{what}, dropped by the server", server["drops"], "")
+    worst = max(node["stages"]["all"]["p99_ms"] for node in nodes)
+    yield measured(f"{what}, node: from a picture to its markers sent, p99", worst, "ms")
+    yield measured(f"{what}, server: from sent to hands published, p99", server["latency_ms"]["p99"], "ms")
+
+
+ONE_THREAD: Final = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+
+
+def _program(what: str, folder: Path, count: int, *more: str) -> list[str]:
+    return [sys.executable, "-m", "benchmarks._marker_camera", what, str(folder), "--count", str(count), *more]
+
+
+def _through_processes(folder: Path, count: int) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """The server's and the nodes' summaries."""
+    from benchmarks._marker_camera import BEGIN_IN_S, RATE_HZ
+
+    port, out = free_port(), folder / "summary.json"
+    places = (folder / "base.json").read_text()
+    server = subprocess.Popen(
+        [sys.executable, "-m", "mocapella", "serve", "--no-view", "--port", str(port), "--sensors", "2",
+         "--method", "hands", "--rig", str(folder / "rig.toml"), "--hand", str(folder / "hand.json"),
+         "--set", f"base_places_m={places}", "--json", str(out)],
+        stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, env=ONE_THREAD,
+    )  # fmt: skip
+    nodes = [
+        subprocess.Popen(
+            _program("node", folder, count, "--camera", name, "--connect", f"tcp/127.0.0.1:{port}"),
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=ONE_THREAD,
+        )
+        for name in ("left", "right")
+    ]  # fmt: skip
+    try:
+        for node in nodes:
+            assert node.stdout is not None
+            node.stdout.readline()  # it is ready
+        epoch = time.time() + BEGIN_IN_S
+        for k, node in enumerate(nodes):
+            assert node.stdin is not None
+            node.stdin.write(f"{epoch + 0.5 * k / RATE_HZ}\n")  # in turn
+            node.stdin.flush()
+        said = [json.loads(node.communicate(timeout=count / RATE_HZ + 60.0)[0]) for node in nodes]
+    finally:
+        for node in nodes:
+            node.kill()
+            node.wait()
+        server.send_signal(signal.SIGINT)
+        _, errors = server.communicate(timeout=60.0)
+    if not out.exists():
+        raise EvaluationError(f"the server ended without a summary: {errors.decode()}")
+    return json.loads(out.read_text()), said
 
 
 def opencv() -> Any:

@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 from mocapella import __version__
 from mocapella.cli import (  # noqa: F401  (they register)
     calibrate,
+    colours,
     demo,
     depth,
     doctor,
@@ -51,6 +52,8 @@ VERBS = [
     ["evaluate", "charuco"],
     ["evaluate", "hands"],
     ["calibrate"],
+    ["colours", "learn"],
+    ["colours", "check"],
     ["board"],
     ["train", "bias"],
     ["train", "facing"],

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 import zenoh
-from programs import Program, free_port, run, wait_until
+from programs import Program, free_port, wait_until
 from typer.testing import CliRunner
 
 import mocapella.cli.markers  # noqa: F401 - registers the verb
@@ -62,9 +62,18 @@ class Bus:
         self.frames.append(frame)
 
     def ask(self, question: Any) -> NodeAnswer:
-        return ask_node(self.reader, "left", question, timeout=30.0)
+        """Its answer; as often as it says that it was asked too often."""
+        return self._patiently(lambda: ask_node(self.reader, "left", question, timeout=30.0))
 
     def ask_raw(self, data: bytes) -> NodeAnswer:
+        return self._patiently(lambda: self._ask_raw(data))
+
+    def _patiently(self, ask: Callable[[], NodeAnswer]) -> NodeAnswer:
+        while "ask again in a second" in (answer := ask()).message:
+            time.sleep(0.2)
+        return answer
+
+    def _ask_raw(self, data: bytes) -> NodeAnswer:
         replies = [r.ok.payload.to_bytes() for r in self.reader.get(keys.asking("left"), payload=data, timeout=30.0)]
         assert len(replies) == 1
         return read_answer(replies[0])
@@ -153,6 +162,21 @@ def test_colours_are_learnt_by_pointing_at_a_picture_used_at_once_and_saved(
     assert np.median(mask) < 100
 
 
+def test_pointing_that_cannot_be_learnt_from_is_refused_and_changes_nothing(node: Program, bus: Bus) -> None:
+    shown, before = bus.ask(AskPicture()), bus.frames[-1].names
+    for points, says in (
+        ({"skin": (160.0, 120.0)}, "no marker was pointed at"),
+        ({"red": (999.0, 5.0)}, "lies outside the image"),
+        ({"x" * 81: (160.0, 120.0)}, "1 to 80 characters"),
+        ({"": (160.0, 120.0)}, "1 to 80 characters"),
+        ({"red": (1e308, -1e308)}, "lies outside the image"),
+    ):
+        refused = bus.ask(AskLearn([Clicks(shown.time_ns, points)]))
+        assert not refused.ok
+        assert says in refused.message
+    assert bus.frames[-1].names == before
+
+
 def test_pictures_come_in_the_size_that_is_asked_for(node: Program, bus: Bus) -> None:
     small = bus.ask(AskPicture(scale=0.5))
     assert decoded(small).shape == (120, 160, 3)
@@ -186,6 +210,7 @@ def test_corners_of_a_board_are_told_of_the_newest_picture(node: Program, bus: B
         (b'{"ask":"learn","clicks":[{"time_ns":5,"points":{"red":[1,1]}}]}', "no picture of that time is kept"),
         (b'{"ask":"board","board":"' + b"x" * 70_000 + b'"}', "at most 65536 are read"),
         (b"[" * 60_000, "no question"),
+        (b'{"ask":"learn","clicks":[{"time_ns":1e999,"points":{}}]}', "no question"),
     ],
 )
 def test_nonsense_is_answered_with_what_would_have_worked(node: Program, bus: Bus, data: bytes, says: str) -> None:
@@ -198,7 +223,7 @@ def test_too_many_questions_are_refused_and_frames_flow_on(node: Program, bus: B
     before, answers = len(bus.frames), list[NodeAnswer]()
 
     def pester() -> None:
-        answers.extend(bus.ask(AskMask(scale=2.0)) for _ in range(30))
+        answers.extend(ask_node(bus.reader, "left", AskMask(scale=2.0), timeout=30.0) for _ in range(30))
 
     threads = [threading.Thread(target=pester) for _ in range(3)]
     for thread in threads:
@@ -257,11 +282,9 @@ def test_what_cannot_be_served_says_why(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_times_of_the_stages_are_measured_without_a_server(tmp_path: Path) -> None:
-    address = f"tcp/127.0.0.1:{free_port()}"
-    done = run(
-        tmp_path, "node", "markers", "rendered:demo/left", "--timing", "12", "--connect", address, "--json", "t.json"
-    )
-    assert done.returncode == 0, done.stderr
+    words = ["node", "markers", "rendered:demo/left", "--timing", "12", "--json", str(tmp_path / "t.json")]
+    done = CliRunner().invoke(app, [*words, "--connect", f"tcp/127.0.0.1:{free_port()}"])
+    assert done.exit_code == 0, done.output
     summary = json.loads((tmp_path / "t.json").read_text())
     assert set(summary["stages"]) == {"retrieval", "detection", "sending", "all"}
     assert all(row["frames"] == 12 and row["median_ms"] <= row["p99_ms"] <= row["max_ms"]

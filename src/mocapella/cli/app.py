@@ -29,9 +29,16 @@ app = typer.Typer(
 )
 node_app = typer.Typer(
     no_args_is_help=True,
-    help="""Serve one sensor: a recording, a simulation, or a foreign program.
+    help="""Serve one sensor: a camera, a recording, a simulation, or a foreign program.
 
     Example:  mocapella node simulate --scene walk --sensor front
+    """,
+)
+colours_app = typer.Typer(
+    no_args_is_help=True,
+    help="""Learn the markers' colours by pointing at them, and look at what is taken for them.
+
+    Example:  mocapella colours check camera:0 --out shot.png
     """,
 )
 export_app = typer.Typer(
@@ -52,6 +59,7 @@ train_app = typer.Typer(no_args_is_help=True, help="Learn from recordings of rea
 depth_app = typer.Typer(no_args_is_help=True, help="Depth from two parallel cameras.")
 tune_app = typer.Typer(no_args_is_help=True, help="Find settings from recordings, step by step.")
 app.add_typer(node_app, name="node")
+app.add_typer(colours_app, name="colours")
 app.add_typer(export_app, name="export")
 app.add_typer(evaluate_app, name="evaluate")
 app.add_typer(train_app, name="train")

@@ -71,7 +71,7 @@ def markers(
         ),
     ] = None,
     rig: Annotated[
-        Path | None, typer.Option(metavar="RIG.toml", help="With --timing: measure undistorting the points, too.")
+        Path | None, typer.Option(metavar="FILE", help="With --timing, the rig: measure undistorting the points, too.")
     ] = None,
     seed: Seed = 0,
     epoch: Epoch = None,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import queue
 import threading
 import time
@@ -41,6 +42,8 @@ _SAVED: Final = "saved"
 """In place of the colours before: none were learnt since the beginning, or since they were saved."""
 SCALES: Final = (0.05, 2.0)
 """Between these a picture's scale is."""
+LONGEST_NAME: Final = 80
+"""Of a marker, on the wire."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +90,7 @@ class CameraDesk:
         self._say, self._clock = say, clock
         self._waiting: queue.Queue[tuple[bytes, Callable[[bytes], None]] | None] = queue.Queue(self.settings.waiting)
         self._asked_s: deque[float] = deque(maxlen=self.settings.a_second)
-        self._lock = threading.Lock()
+        self._lock, self._ended = threading.Lock(), threading.Event()
         self._shown: OrderedDict[int, Look] = OrderedDict()
         self._board: tuple[str, BoardDetector] | None = None
         self._before: ColourProfile | Literal["saved"] | None = _SAVED
@@ -120,7 +123,9 @@ class CameraDesk:
 
     def close(self) -> None:
         """End the thread, when it has answered what it is at."""
-        self._waiting.put(None)
+        self._ended.set()
+        with contextlib.suppress(queue.Full):  # the thread wakes up for what fills it
+            self._waiting.put_nowait(None)
         self._thread.join(1.0)
 
     def __enter__(self) -> CameraDesk:
@@ -132,7 +137,7 @@ class CameraDesk:
         self.close()
 
     def _run(self) -> None:
-        while (waiting := self._waiting.get()) is not None:
+        while (waiting := self._waiting.get()) is not None and not self._ended.is_set():
             question, reply = waiting
             reply(write_answer(self.answer(question)))
 
@@ -206,6 +211,9 @@ class CameraDesk:
         samples = [ColourSample(self._kept(part.time_ns), part.points) for part in wanted.clicks]
         if not any(sample.clicks for sample in samples):
             raise SettingsError("clicks has no point; point at every marker, and at skin")
+        for name in {name for sample in samples for name in sample.clicks}:
+            if not 0 < len(name) <= LONGEST_NAME:
+                raise SettingsError(f"marker {name[:40]!r}: a name has 1 to {LONGEST_NAME} characters")
         profile = learn_colours(
             self._work.camera,
             samples,

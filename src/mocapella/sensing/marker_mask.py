@@ -66,8 +66,10 @@ def encode_image(image: UInt8, kind: Literal["jpeg", "png"], scale: float = 1.0)
     """The image as a file's bytes, ``scale`` times as large.
 
     Raises:
-        SettingsError: it cannot be encoded.
+        SettingsError: nothing of it would be left, or it cannot be encoded.
     """
+    if min(image.shape[:2]) * scale < 1:
+        raise SettingsError(f"scale is {scale:g}: nothing of {image.shape[1]} × {image.shape[0]} px would be left")
     if scale != 1.0:
         image = np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
     done, data = (

@@ -16,7 +16,8 @@ from mocapella.settings import check
 from mocapella.sources.picture_source import Picture, PictureSource, SourceState
 
 RATE_OVER_S: Final = 3.0
-"""The rate is that of the last so many seconds."""
+RATE_OF: Final = 10
+"""The rate is that of the last so many seconds, or of the last so many pictures where that is longer."""
 TOO_FEW: Final = 0.9
 """A source that gives less than this part of the rate is said to give too few."""
 
@@ -179,7 +180,7 @@ class Acquisition:
             self._slot = picture
             self._taken += 1
             self._times.append(picture.time_ns / NS_PER_S)
-            while self._times[-1] - self._times[0] > RATE_OVER_S:
+            while self._times[-1] - self._times[0] > RATE_OVER_S and len(self._times) > RATE_OF:
                 self._times.popleft()
             self._last_s, self._silent = time.monotonic(), False
             self._changed.notify_all()

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import threading
+from dataclasses import replace
 from typing import Final
 
-from mocapella.errors import SettingsError
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import InputError, SettingsError
 from mocapella.sources.camera_controls import CameraWishes
 from mocapella.sources.capture_camera import CaptureCamera, camera_number
 from mocapella.sources.paced_pictures import PacedPictures
-from mocapella.sources.picture_source import PictureSource
-from mocapella.sources.video import LIVE
+from mocapella.sources.picture_source import PictureSource, SourceState
+from mocapella.sources.video import LIVE, Frames, pictures
 
 STREAMS: Final = ("http://", "https://", "rtsp://", "rtmp://", "udp://", "tcp://")
 RENDERED: Final = "rendered:"
+SETTLED: Final = 30
+"""Pictures after which a camera's own regulation, as far as it cannot be switched off, has come to rest."""
 KINDS: Final = "camera:0, /dev/video0, http://… or rtsp://…, a film, a folder of images, or rendered:SCENE/CAMERA"
 
 
@@ -49,3 +56,38 @@ def open_pictures(text: str, wishes: CameraWishes | None = None, *, loop: bool =
     if not text:
         raise SettingsError(f"no source; name {KINDS}")
     return PacedPictures(text, fps=wishes.fps, loop=loop)
+
+
+def one_picture(
+    text: str, frame: int | None = None, wishes: CameraWishes | None = None, *, seed: int = 0
+) -> tuple[NDArray[np.uint8], SourceState]:
+    """One picture of a source, as fast as it can be had, and how the source was set.
+
+    Args:
+        text, wishes, seed: as `open_pictures`.
+        frame: which, from 0; None is the first one of a film, and of a camera the `SETTLED`-th.
+
+    Raises:
+        SettingsError: as `open_pictures`.
+        InputError: it cannot be opened, or has no such picture.
+    """
+    source = open_pictures(text, wishes, seed=seed)
+    if isinstance(source, PacedPictures):  # they need not be waited for
+        wanted = frame or 0
+        for number, image in pictures(text, Frames(wanted, wanted + 1)):
+            if number == wanted:
+                return image, SourceState((image.shape[1], image.shape[0]))
+        raise InputError("has no such picture", file=text, field="frame", value=wanted, fix="name an earlier one")
+    if not isinstance(source, CaptureCamera):  # nor has a scene to be rendered up to there
+        return source.scene.at(source.camera.name, (frame or 0) / source.camera.fps).image, source.open()
+    state, image, stop = source.open(), None, threading.Event()
+    try:
+        for _ in range(1 + (SETTLED if frame is None else frame)):
+            taken = source.read(stop)
+            if taken is None:
+                raise InputError("gives no picture", file=text, fix="look whether it is plugged in, and nobody else's")
+            image = taken.image
+    finally:
+        source.close()
+    assert image is not None
+    return image, replace(state, size_px=(image.shape[1], image.shape[0]))

@@ -9,6 +9,7 @@ docs/decisions/0004-two-paths.md).
 
 from __future__ import annotations
 
+import contextlib
 import json
 import platform
 import secrets
@@ -108,8 +109,9 @@ class NodeLink:
 
         def callback(query: zenoh.Query) -> None:
             def reply(data: bytes) -> None:
-                query.reply(key, data)
-                query.drop()
+                with contextlib.suppress(zenoh.ZError):  # who asked is gone, or this node is going
+                    query.reply(key, data)
+                    query.drop()
 
             on_question(query.payload.to_bytes() if query.payload is not None else b"", reply)
 

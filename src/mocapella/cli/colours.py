@@ -1,0 +1,203 @@
+"""``mocapella colours``: the markers' colours, learnt by pointing at them, and shown."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from mocapella.cli.app import colours_app
+from mocapella.cli.common import JsonOut, Seed, console, need_cameras, say, write_json
+from mocapella.cli.markers import (
+    Contrast,
+    Exposure,
+    Fourcc,
+    Fps,
+    Gain,
+    Saturation,
+    Size,
+    Source,
+    WhiteBalance,
+    wishes,
+)  # fmt: skip
+from mocapella.errors import SettingsError
+
+if TYPE_CHECKING:
+    from mocapella.sensing.colour_table import Separability
+
+Frame = Annotated[
+    int | None,
+    typer.Option(metavar="NUMBER", min=0, help="Which picture, from 0; of a camera the 30th, when it has settled."),
+]
+
+
+@colours_app.command("learn")
+def learn(
+    source: Source,
+    point: Annotated[
+        list[str],
+        typer.Option(
+            "--point",
+            metavar="NAME=X,Y",
+            help="The middle of a marker in the picture, or of skin (skin=X,Y); repeatable.",
+        ),
+    ],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="The profile to write; a file of that name is replaced.")],
+    name: Annotated[str, typer.Option(metavar="SENSOR", help="The camera's name, as in the rig.")],
+    frame: Frame = None,
+    background: Annotated[
+        list[str] | None,
+        typer.Option(metavar="SOURCE[@NUMBER]", help="A picture without markers; repeatable."),
+    ] = None,
+    size: Size = None,
+    fps: Fps = None,
+    fourcc: Fourcc = None,
+    exposure: Exposure = None,
+    gain: Gain = None,
+    white_balance: WhiteBalance = None,
+    saturation: Saturation = None,
+    contrast: Contrast = None,
+    seed: Seed = 0,
+    json: JsonOut = None,
+) -> None:
+    """Learn colours from a picture, and say how well they can be told apart.
+
+    `mocapella colours check SOURCE --out shot.png` writes a picture to find the places in; it can be the SOURCE here.
+    The camera's controls go into the profile: as read back, or of a picture as the options say.
+
+    Example:  mocapella colours learn shot.png --name left --point red=301,84 --point skin=320,190 --out left.json
+    """
+    need_cameras("colours learn")
+    from mocapella.model.observations import check_sensor_name
+    from mocapella.sensing.colour_learning import ColourSample, learn_colours
+    from mocapella.sensing.colour_profile import CameraControls, save_profile
+    from mocapella.sensing.colour_table import separability
+    from mocapella.sources.open_pictures import one_picture
+
+    check_sensor_name(name)
+    given = CameraControls(exposure, gain, white_balance, saturation, contrast)
+    wanted = wishes(size, fps, fourcc, given, None)
+    clicks = points(point)
+    image, state = one_picture(source, frame, wanted, seed=seed)
+    without = [_background(text, wanted, seed) for text in background or []]
+    controls = given if state.controls == CameraControls() else state.controls
+    profile = learn_colours(name, [ColourSample(image, clicks)], backgrounds=without, controls=controls)
+    found = separability(profile)
+    save_profile(out, profile)
+    show(found, console if json == "-" else Console())
+    for problem in (*state.problems, *found.problems):
+        say(problem)
+    said = f"{len(found.problems)} problems" if found.problems else "they can be told apart"
+    say(f"{out}: {len(profile.colours)} colours of {name}; {said}")
+    write_json(
+        json,
+        {
+            "profile": str(out),
+            "kept": found.kept,
+            "in_background": found.in_background,
+            "distances": found.distances.tolist(),
+            "problems": [*state.problems, *found.problems],
+        },
+    )
+
+
+@colours_app.command("check")
+def check(
+    source: Source,
+    out: Annotated[
+        Path, typer.Option(metavar="FILE", help="The PNG picture to write; a file of that name is replaced.")
+    ],
+    profile: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="The colours; without it, the picture is written as it is, to point at."),
+    ] = None,
+    frame: Frame = None,
+    size: Size = None,
+    fps: Fps = None,
+    fourcc: Fourcc = None,
+    exposure: Exposure = None,
+    gain: Gain = None,
+    white_balance: WhiteBalance = None,
+    saturation: Saturation = None,
+    contrast: Contrast = None,
+    seed: Seed = 0,
+    json: JsonOut = None,
+) -> None:
+    """Draw what is taken for each colour in a picture, and where the markers are.
+
+    Example:  mocapella colours check camera:0 --profile left.json --out mask.png
+    """
+    need_cameras("colours check")
+    from mocapella.model.whole_file import write_whole
+    from mocapella.sensing.colour_profile import CameraControls, load_profile
+    from mocapella.sensing.marker_mask import encode_image, mask_image
+    from mocapella.sensing.markers import MarkerDetector
+    from mocapella.sources.open_pictures import one_picture
+
+    known = None if profile is None else load_profile(profile)
+    given = CameraControls(exposure, gain, white_balance, saturation, contrast)
+    image, state = one_picture(source, frame, wishes(size, fps, fourcc, given, known), seed=seed)
+    for problem in state.problems:
+        say(problem)
+    result: dict[str, Any] = {"picture": str(out), "size_px": state.size_px, "markers": {}, "light": ""}
+    if known is not None:
+        detector = MarkerDetector(known)
+        seen = detector.update(image, 0.0)
+        image = mask_image(image, known, detector.table, seen)
+        result["light"] = detector.report.light
+        for k, marker in enumerate(seen.names):
+            x, y = (float(value) for value in seen.positions_px[k])
+            candidates = 0 if seen.candidates is None else int(seen.candidates[k])
+            there = bool(seen.found[k])
+            result["markers"][marker] = {"x_px": x, "y_px": y, "candidates": candidates} if there else None
+            many = f", one of {candidates} that could be it" if candidates > 1 else ""
+            say(f"{marker}: " + (f"({x:.1f}, {y:.1f}){many}" if there else "not seen"))
+        if detector.report.light:
+            say(detector.report.light)
+    write_whole(out, encode_image(image, "png"))
+    say(f"{out}: {image.shape[1]} × {image.shape[0]} px")
+    write_json(json, result)
+
+
+def points(texts: list[str]) -> dict[str, tuple[float, float]]:
+    """``red=301,84`` → its name and place.
+
+    Raises:
+        SettingsError: it is something else, or a name comes twice.
+    """
+    found: dict[str, tuple[float, float]] = {}
+    for text in texts:
+        name, _, place = text.partition("=")
+        try:
+            x, y = (float(part) for part in place.split(","))
+        except ValueError:
+            raise SettingsError(f"--point {text!r} cannot be used; write it as red=301,84") from None
+        if not name or name in found:
+            raise SettingsError(f"--point {text!r}: each marker is pointed at once, and has a name")
+        found[name] = x, y
+    return found
+
+
+def show(found: Separability, out: Console) -> None:
+    """How well each colour can be told from the rest."""
+    table = Table(title="colours", title_justify="left")
+    for heading in ("colour", "told from the rest, %", "in the background, %", "nearest colour"):
+        table.add_column(heading, justify="left" if heading in ("colour", "nearest colour") else "right")
+    names = list(found.kept)
+    for k, name in enumerate(names):
+        others = [(float(found.distances[k, j]), other) for j, other in enumerate(names) if j != k]
+        nearest = "" if not others else f"{min(others)[1]}, {min(others)[0]:.1f} standard deviations"
+        table.add_row(name, f"{100 * found.kept[name]:.1f}", f"{100 * found.in_background[name]:.2f}", nearest)
+    out.print(table)
+
+
+def _background(text: str, wanted: Any, seed: int) -> Any:
+    from mocapella.sources.open_pictures import one_picture
+
+    source, at, number = text.rpartition("@")
+    if at and number.isdecimal():
+        return one_picture(source, int(number), wanted, seed=seed)[0]
+    return one_picture(text, None, wanted, seed=seed)[0]

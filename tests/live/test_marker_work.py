@@ -1,0 +1,159 @@
+"""What a camera's node counts and says: late, twice, too few, other light, other colours; and times of its stages."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mocapella.errors import SettingsError
+from mocapella.live.marker_node import MarkerNodeSettings
+from mocapella.live.marker_work import WARN_AFTER_S, MarkerWork
+from mocapella.live.stage_times import STAGES, StageTimes
+from mocapella.sources.acquisition import Acquisition
+from mocapella.sources.picture_source import Picture, SourceState
+from mocapella.sources.simulate.hand_camera import pointed_at
+from mocapella.sources.simulate.hand_scene import load_hand_scene
+
+SCENE = load_hand_scene("demo", seed=3)
+PROFILE = pointed_at(SCENE, "left")
+SHOT = SCENE.at("left", 0.2).image
+
+
+class Nothing:
+    """A source that is opened and never read."""
+
+    live, name, times = True, "nothing", "none"
+
+    def open(self) -> SourceState:
+        return SourceState((320, 240), 20.0, problems=("a screw is loose",))
+
+    def begin(self, zero_s: float) -> None:
+        pass
+
+    def read(self, stop: threading.Event) -> Picture | None:
+        return None
+
+    def close(self) -> None:
+        pass
+
+
+def work(colours: bool = True) -> MarkerWork:
+    return MarkerWork("left", Acquisition(Nothing()), PROFILE if colours else None)
+
+
+def picture(image: np.ndarray, number: int) -> Picture:
+    return Picture(image, 1 + 50_000_000 * number, number, 0.05 * number, 0.0)
+
+
+def said(made: MarkerWork, image: np.ndarray, begin: int, count: int = 8) -> list[str]:
+    """What it warns of after so many pictures."""
+    for k in range(begin, begin + count):
+        made.look(picture(image, 20 * k))  # a second apart, so that the light is looked at
+    return list(made.warnings(begin + count + WARN_AFTER_S))
+
+
+def test_markers_of_a_hand_are_found_and_nothing_is_warned_of() -> None:
+    made = work()
+    assert list(made.warnings(0.0)) == []
+    assert said(made, SHOT, 0) == []
+    report = made.report()
+    assert report["looked_at"] == 8
+    assert {row["found"] for row in report["markers"].values()} == {8}
+    assert report["problems"] == ["a screw is loose"]
+    assert "red 100.0 %" in made.words()
+
+
+def test_two_markers_of_one_colour_are_said_once_and_said_to_be_gone() -> None:
+    made, twice = work(), SHOT.copy()
+    x, y = (round(v) for v in made.look(picture(SHOT, 0)).positions_px[0])
+    patch = SHOT[y - 12 : y + 13, x - 12 : x + 13]
+    at = (20, 20) if x > 120 or y > 120 else (200, 280)
+    twice[at[0] - 12 : at[0] + 13, at[1] - 12 : at[1] + 13] = patch
+    list(made.warnings(0.0))
+    first = said(made, twice, 10)
+    assert len(first) == 1
+    assert first[0].startswith("red is seen twice in ")
+    assert said(made, twice, 20) == []
+    assert made.report()["markers"]["red"]["ambiguous"] > 8
+    assert "ambiguous: red" in made.words()
+    assert said(made, SHOT, 40, 20) == ["red: well again"]
+
+
+def test_other_light_than_the_colours_were_learnt_in_is_said() -> None:
+    made = work()
+    list(made.warnings(0.0))
+    (warning,) = said(made, SHOT // 3, 0)
+    assert "times as bright as when the colours were learnt" in warning
+
+
+def test_without_colours_frames_are_empty_until_there_are_some() -> None:
+    made = work(colours=False)
+    list(made.warnings(0.0))
+    assert made.look(picture(SHOT, 0)).names == ()
+    assert ["no colours are learnt yet" in text for text in made.warnings(10.0)] == [True]
+    made.use(PROFILE)
+    assert made.look(picture(SHOT, 1)).names == PROFILE.names
+    assert "colours: well again" in list(made.warnings(20.0))
+
+
+def test_colours_may_change_between_two_pictures() -> None:
+    made = work()
+    made.look(picture(SHOT, 0))
+    made.use(replace(PROFILE, colours=PROFILE.colours[:2]))
+    frame = made.look(picture(SHOT, 1))
+    assert frame.names == PROFILE.names[:2]
+    assert frame.found.all()
+    assert made.newest is not None
+    assert made.newest.frame is frame
+
+
+def test_a_picture_of_another_size_is_refused() -> None:
+    with pytest.raises(SettingsError, match="set it to 320 × 240"):
+        work().look(picture(np.zeros((480, 640, 3), np.uint8), 0))
+
+
+@given(st.lists(st.tuples(st.floats(0, 0.2), st.floats(0, 0.2)), max_size=20))
+def test_late_is_longer_than_an_interval_and_too_late_is_not_sent(looks: list[tuple[float, float]]) -> None:
+    made = COUNTING
+    made.late = made.too_late = 0
+    sent = [made.in_time(took, age, 0.1) for took, age in looks]
+    assert sent == [age <= 0.1 for _, age in looks]
+    assert made.late == sum(took > 1 / 20 for took, _ in looks)
+    assert made.too_late == sent.count(False)
+
+
+COUNTING = work()
+
+
+@given(st.integers(2, 30), st.integers(0, 5), st.integers(0, 2**32 - 1))
+def test_times_are_those_of_numpy_and_end_when_full(frames: int, more: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    times, seconds = StageTimes(frames, 2), rng.uniform(0, 0.02, (frames + more, 2))
+    px = rng.normal(100.0, 0.5, (frames + more, 2, 2))
+    px[0, 1] = np.nan
+    for row, places in zip(seconds, px, strict=True):
+        times.add({"detection": row[0], "all": row[1]}, places)
+    assert times.full
+    table, ms = times.table(), 1e3 * seconds[:frames]
+    assert set(table) == {"detection", "all"} < set(STAGES)
+    for k, stage in enumerate(("detection", "all")):
+        found = [table[stage][key] for key in ("mean_ms", "median_ms", "sd_ms", "p99_ms", "max_ms", "frames")]
+        column = ms[:, k]
+        wanted = [column.mean(), np.median(column), column.std(), np.percentile(column, 99), column.max(), frames]
+        np.testing.assert_allclose(found, wanted)
+    jitter = times.jitter(("red", "blue"))
+    np.testing.assert_allclose([jitter["red"]["x_px"], jitter["red"]["y_px"]], px[:frames, 0].std(axis=0))
+    assert (jitter["red"]["seen"], jitter["blue"]["seen"]) == (frames, frames - 1)
+    times.add({}, np.zeros((3, 2)))  # markers of other colours are not mixed in
+    assert times.count == frames
+
+
+@pytest.mark.parametrize("wrong", [{"drop_after_s": 0.0}, {"report_s": -1.0}])
+def test_settings_have_ranges(wrong: dict[str, float]) -> None:
+    with pytest.raises(SettingsError, match=next(iter(wrong))):
+        MarkerNodeSettings(**wrong)
