@@ -122,7 +122,7 @@ def separability_html(separability: Mapping[str, Any]) -> str:
     head = (
         '<div class="mocapella-learnt" style="font-size:15px;font-weight:650;margin:2px 0 2px">'
         "Learnt, and not saved yet</div>"
-        f'<div style="color:{GREY.css};margin-bottom:4px">What is told from all else, of each colour\'s pixels:</div>'
+        f'<div style="color:{GREY.css};margin-bottom:4px">Of each colour, so much is told from all else:</div>'
     )
     return _box(head + "".join(rows) + f'<div style="margin-top:6px">{verdict}</div>')
 
