@@ -117,6 +117,16 @@ def test_a_picture_is_shown_and_is_large_where_that_is_wanted(rig: Rig) -> None:
     assert rig.panel._folder.visible
 
 
+def test_the_first_camera_by_name_is_shown_until_another_is_looked_at(rig: Rig) -> None:
+    rig.until(lambda: rig.panel._camera == "left", "it is the only one")
+    rig.cameras = ["back", "left"]
+    rig.until(lambda: rig.panel._camera == "back", "it is the first")
+    rig.panel._shown.value = Shown.MASK
+    rig.cameras = ["aside", "back", "left"]
+    rig.until(lambda: "aside" in rig.panel._cameras.options, "there is a third")
+    assert rig.panel._camera == "back"
+
+
 def test_colours_are_learnt_from_the_frozen_picture_and_saved(rig: Rig) -> None:
     rig.point()
     frozen = rig.node.of("picture")[-1]

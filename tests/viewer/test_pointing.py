@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from mocapella.errors import SettingsError
 from mocapella.viewer.pointing import MARKERS, MOST, SKIN, Pointing, asks_for, read_names, where
 
-points = st.tuples(st.floats(0, 639), st.floats(0, 479))
+points = st.tuples(*(st.floats(0, most).map(lambda value: round(value, 2)) for most in (639, 479)))
 moves = st.lists(st.one_of(points, st.none()), max_size=7)
 
 

@@ -68,6 +68,7 @@ class CameraPanel:
         self._pointing = Pointing()
         self._frozen: CameraAnswer | None = None
         self._backgrounds: list[int] = []
+        self._chosen = False
         self._problem = self._typed = self._learnt = ""
         self._add(gui)
 
@@ -125,7 +126,7 @@ class CameraPanel:
         if options != tuple(self._cameras.options):
             chosen = self._cameras.value
             self._cameras.options = options
-            self._cameras.value = chosen if chosen in options else options[0]
+            self._cameras.value = chosen if chosen in options and (busy or self._chosen) else options[0]
         self._cameras.disabled = self._lesson is not Lesson.NONE
         self._begin.disabled = not cameras
 
@@ -286,6 +287,10 @@ class CameraPanel:
             (self._cancel, self._stop),
         ):
             self._connect(button, act)
+
+        @self._cameras.on_update
+        async def _(event: viser.GuiEvent[Any]) -> None:
+            self._chosen |= event.client is not None
 
         @self._moves.on_click
         async def _(_: viser.GuiEvent[Any]) -> None:

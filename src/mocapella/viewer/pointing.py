@@ -48,8 +48,8 @@ class Pointing:
         return any(name != SKIN for name in self.points)
 
     def click(self, at: Point) -> Pointing:
-        """It is there; nothing, where all were pointed at."""
-        return self if self.next is None else replace(self, done=(*self.done, at))
+        """It is there, to a hundredth of a pixel; nothing, where all were pointed at."""
+        return self if self.next is None else replace(self, done=(*self.done, (round(at[0], 2), round(at[1], 2))))
 
     def skip(self) -> Pointing:
         """It is not in the picture, or is not to be learnt."""
