@@ -101,7 +101,7 @@ def test_colours_are_learnt_by_clicking_on_them_and_kept_and_a_node_that_goes_is
         page.locator(".mocapella-pointing", has_text="press Learn").wait_for()
         page.get_by_role("button", name="Learn", exact=True).click()
         page.locator(".mocapella-learnt").wait_for()
-        page.locator(".mocapella-camera img").wait_for()
+        page.locator(".mocapella-camera", has_text=re.compile(r"\d of 6 markers found")).wait_for()
         page.get_by_role("button", name="Save", exact=True).click()
         page.get_by_text("saved to left.json").wait_for()
         saved = load_profile(tmp_path / "left.json")

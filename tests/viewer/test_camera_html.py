@@ -33,6 +33,9 @@ def test_a_mask_has_none_because_it_is_painted_by_the_node_and_what_is_off_is_em
     assert "<circle" not in camera_html.picture_html(Shot(ANSWER), Shown.MASK, {})
     assert camera_html.picture_html(Shot(ANSWER), Shown.OFF, {}) == ""
     assert camera_html.picture_html(None, Shown.PICTURE, {}) == ""
+    words = camera_html.picture_html(Shot(ANSWER), Shown.MASK, {}, large=True)
+    assert "2 of 3 markers found" in words
+    assert "<img" not in words
 
 
 def test_what_is_wrong_stands_below_the_dimmed_picture_or_in_its_place() -> None:

@@ -31,8 +31,11 @@ def radius_px(size_px: tuple[int, int]) -> float:
     return _RADIUS * size_px[0]
 
 
-def picture_html(shot: Shot | None, shown: Shown, report: Mapping[str, Any]) -> str:
-    """What a camera shows: its picture with a circle around each marker, or its mask; and what is wrong with it."""
+def picture_html(shot: Shot | None, shown: Shown, report: Mapping[str, Any], *, large: bool = False) -> str:
+    """What a camera shows: its picture with a circle around each marker, or its mask; and what is wrong with it.
+
+    ``large``: the picture itself stands before the stages, and not here.
+    """
     if shown is Shown.OFF or shot is None:
         return ""
     answer, lines = shot.answer, []
@@ -64,7 +67,7 @@ def picture_html(shot: Shot | None, shown: Shown, report: Mapping[str, Any]) -> 
     lines.append(_line(f"{width} × {height} px · {seen}{rate}", GREY.css))
     said = _texts(report.get("problems"))[:_MOST_PROBLEMS]
     lines += [_line(text, AMBER.css) for text in said if names or "learnt" not in text]
-    return _box(view + "".join(lines))
+    return _box(("" if large else view) + "".join(lines))
 
 
 def pointing_html(pointing: Pointing, problem: str, note: str, time_ns: int) -> str:

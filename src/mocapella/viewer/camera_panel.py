@@ -105,7 +105,7 @@ class CameraPanel:
             if camera not in self._feed.cameras:
                 shot = Shot(shot.answer, shot.problem or f"{camera}: its node is gone, or does not answer", shot.number)
         report = self._feed.report(camera) if camera else {}
-        self._view.content = camera_html.picture_html(shot, shown, report)
+        self._view.content = camera_html.picture_html(shot, shown, report, large=bool(self._enlarge.value))
         self._show_lesson(bool(report.get("unsaved")))
         answer = None if shot is None else shot.answer
         self.large = self._large(camera, shown, answer) if self._enlarge.value else None
