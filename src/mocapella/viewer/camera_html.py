@@ -70,7 +70,7 @@ def picture_html(shot: Shot | None, shown: Shown, report: Mapping[str, Any], *, 
     return _box(("" if large else view) + "".join(lines))
 
 
-def pointing_html(pointing: Pointing, problem: str, note: str, time_ns: int) -> str:
+def pointing_html(pointing: Pointing, problem: str, note: str) -> str:
     """Who is to be pointed at, who was, and what was wrong with the names or the learning."""
     rows = []
     for k, name in enumerate(pointing.names):
@@ -89,8 +89,7 @@ def pointing_html(pointing: Pointing, problem: str, note: str, time_ns: int) -> 
             f'<span style="color:{colour};white-space:nowrap;font-variant-numeric:tabular-nums">{sign}</span></div>'
         )
     headline = (
-        f'<div class="mocapella-pointing" data-time-ns="{time_ns}" '
-        'style="font-size:15px;font-weight:650;margin:2px 0 6px">'
+        '<div class="mocapella-pointing" style="font-size:15px;font-weight:650;margin:2px 0 6px">'
         f"{escape(asks_for(pointing.next))}</div>"
     )
     said = (_line(problem, RED.css) if problem else "") + (_line(note, GREY.css) if note else "")

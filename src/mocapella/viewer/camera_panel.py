@@ -138,9 +138,7 @@ class CameraPanel:
         self._steps.content = {
             Lesson.NONE: camera_html.unsaved_html(self._camera) if unsaved else "",
             Lesson.FREEZING: camera_html.waiting_html("The picture is frozen …"),
-            Lesson.POINTING: camera_html.pointing_html(
-                pointing, self._problem, self._note(), self._frozen.time_ns if self._frozen else 0
-            ),
+            Lesson.POINTING: camera_html.pointing_html(pointing, self._problem, self._note()),
             Lesson.LEARNING: camera_html.waiting_html("The colours are learnt …"),
             Lesson.LEARNT: self._learnt,
         }[lesson]
