@@ -59,3 +59,29 @@ def test_nothing_is_printed_because_standard_output_is_for_results(capsys):
     viewer = Viewer("127.0.0.1", 0, command=lambda verb, arguments: CommandReply(True))
     viewer.close()
     assert capsys.readouterr().out == ""
+
+
+class FailingBrowser:
+    """One whose messages cannot be queued."""
+
+    def __init__(self, error):
+        self.error, self.shown = error, 0
+
+    def show(self, *_):
+        self.shown += 1
+        raise self.error
+
+
+def test_a_race_in_the_library_costs_one_browser_one_drawing_and_any_other_error_is_raised(monkeypatch):
+    viewer = Viewer("127.0.0.1", 0, command=obey)
+    monkeypatch.setattr(viewer, "_welcome", lambda: None)
+    racing = [FailingBrowser(RuntimeError("deque mutated during iteration")) for _ in range(2)]
+    try:
+        viewer._browsers = dict(enumerate(racing))
+        viewer.show(None, {}, None)
+        assert [browser.shown for browser in racing] == [1, 1]
+        viewer._browsers = {0: FailingBrowser(RuntimeError("something else"))}
+        with pytest.raises(RuntimeError, match="something else"):
+            viewer.show(None, {}, None)
+    finally:
+        viewer.close()

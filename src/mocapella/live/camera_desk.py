@@ -20,13 +20,14 @@ from mocapella.live.marker_work import Look, MarkerWork
 from mocapella.model.board import parse_board
 from mocapella.sensing.boards import BoardDetector, why_not_found
 from mocapella.sensing.colour_learning import ColourSample, learn_colours
-from mocapella.sensing.colour_profile import save_profile
+from mocapella.sensing.colour_profile import ColourProfile, save_profile
 from mocapella.sensing.colour_table import separability
 from mocapella.sensing.marker_mask import encode_image, mask_image
 from mocapella.settings import check
 from mocapella.wire.questions import (
     AskBoard,
     AskControls,
+    AskDiscard,
     AskLearn,
     AskMask,
     AskPicture,
@@ -37,6 +38,8 @@ from mocapella.wire.questions import (
     write_answer,
 )  # fmt: skip
 
+_SAVED: Final = "saved"
+"""In place of the colours before: none were learnt since the beginning, or since they were saved."""
 SCALES: Final = (0.05, 2.0)
 """Between these a picture's scale is."""
 LONGEST_NAME: Final = 80
@@ -90,6 +93,7 @@ class CameraDesk:
         self._lock, self._ended = threading.Lock(), threading.Event()
         self._shown: OrderedDict[int, Look] = OrderedDict()
         self._board: tuple[str, BoardDetector] | None = None
+        self._before: ColourProfile | Literal["saved"] | None = _SAVED
         self._thread = threading.Thread(target=self._run, name="questions", daemon=True)
         self._thread.start()
 
@@ -139,8 +143,8 @@ class CameraDesk:
 
     def _answers(self, data: bytes) -> NodeAnswer:  # noqa: PLR0911 - one return a question
         match read_question(data):
-            case AskPicture(scale=scale, format=kind):
-                look = self._newest(keep=True)
+            case AskPicture(scale=scale, format=kind, keep=keep):
+                look = self._newest(keep=keep)
                 return self._pictured(look, look.picture.image, kind, scale)
             case AskMask(scale=scale, format=kind):
                 look = self._newest()
@@ -151,11 +155,15 @@ class CameraDesk:
             case AskControls():
                 return NodeAnswer(True, controls=self._controls())
             case AskReport():
-                return NodeAnswer(True, self._work.words(), report=self._work.report())
+                return NodeAnswer(
+                    True, self._work.words(), report={**self._work.report(), "unsaved": self._before != _SAVED}
+                )
             case AskLearn() as wanted:
                 return self._learn(wanted)
             case AskSave():
                 return self._save()
+            case AskDiscard():
+                return self._discard()
             case AskBoard(board=text, explain=explain):
                 return self._find_board(text, explain=explain)
 
@@ -213,6 +221,9 @@ class CameraDesk:
             controls=self._work.acquisition.state.controls,
         )
         how = separability(profile)
+        if self._before == _SAVED:
+            detector = self._work.detector
+            self._before = None if detector is None else detector.profile
         self._work.use(profile)
         self._say(f"{profile.camera}: looks for {', '.join(profile.names)} now")
         told = f"learnt {', '.join(profile.names)}" + ("; not saved yet" if self._file else "")
@@ -243,8 +254,21 @@ class CameraDesk:
             raise NotNowError("no colours are learnt yet; there is nothing to save")
         profile = self._work.detector.profile
         save_profile(self._file, profile)
+        self._before = _SAVED
         self._say(f"{profile.camera}: colours saved to {self._file}")
         return NodeAnswer(True, f"saved to {self._file}", names=list(profile.names))
+
+    def _discard(self) -> NodeAnswer:
+        if self._before == _SAVED:
+            raise NotNowError("no colours were learnt that are not saved; there is nothing to discard")
+        before, self._before = self._before, _SAVED
+        if isinstance(before, ColourProfile):
+            self._work.use(before)
+        else:
+            self._work.detector = None
+        said = "looks for the colours again that it had before" if before else "no colours are in use, as before"
+        self._say(f"{self._work.camera}: {said}")
+        return NodeAnswer(True, said, names=list(self._work.names))
 
     def _find_board(self, text: str, *, explain: bool) -> NodeAnswer:
         if self._board is None or self._board[0] != text:

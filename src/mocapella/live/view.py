@@ -169,7 +169,7 @@ def run_view(
     link = Link(connect, on_waiting)
     desk = BoardDesk(link.ask, link.command, Path.cwd(), make_ready=partial(make_ready, "hands"))
     try:
-        viewer = Viewer(host, port, command=desk.command, methods=tuple(METHODS))
+        viewer = Viewer(host, port, command=desk.command, methods=tuple(METHODS), ask=link.ask)
         try:
             on_ready(viewer.url)
             picture = Picture()

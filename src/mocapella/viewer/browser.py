@@ -14,19 +14,23 @@ from mocapella.model.scene import Person, Scene
 from mocapella.model.session import SessionStatus
 from mocapella.model.topology import UNKNOWN_FIELD_OF_VIEW_DEG
 from mocapella.viewer import layout
+from mocapella.viewer.camera_feed import CameraFeed
 from mocapella.viewer.commands import Commander
 from mocapella.viewer.layout import Look
 from mocapella.viewer.palette import SensorColours
 from mocapella.viewer.panel import Aim, Panel
 from mocapella.viewer.perspective import Float64, Floors, Perspectives
+from mocapella.viewer.picture_stage import PictureStage
 from mocapella.viewer.readout import condition_lines, stage_text
 from mocapella.viewer.stages import TrackingDrawing, TrackingStage
 from mocapella.viewer.trails import TrailChoice, Trails
 
-_FOV = np.radians(36.0)
+FOV = np.radians(36.0)
 _ELEVATION = np.radians(13.0)
 _ASIDE = 1e-3
 """[m]."""
+ROUND = 1.2
+"""How much wider than the large picture the browser's own is, which has words over it."""
 _SETTLED = 30
 """Calls after a move of ours in which the browser may still report where its camera was before."""
 
@@ -60,15 +64,24 @@ class Known:
 class Browser:
     """What one client sees. Owned by the loop that draws; the client's callbacks only leave a wish."""
 
-    def __init__(self, client: viser.ClientHandle, commander: Commander, methods: Sequence[str], known: Known) -> None:
+    def __init__(
+        self,
+        client: viser.ClientHandle,
+        commander: Commander,
+        methods: Sequence[str],
+        known: Known,
+        feed: CameraFeed,
+    ) -> None:
         self._client, self._known, self._colours = client, known, known.colours
         self._wish: Aim | None = Aim.BOTH
         self._aim = Aim.BOTH
-        self._framed: tuple[int, float] | None = None
+        self._framed: tuple[object, ...] | None = None
         self._look: Look | None = None
         self._calls_since_move = 0
         self._stage = TrackingStage(client.scene, known.colours, known.fields)
-        self._panel = Panel(client, commander, methods, known.colours, self._want)
+        self._pictures = PictureStage(client.scene)
+        self._hears_clicks = self._before_picture = False
+        self._panel = Panel(client, commander, methods, known.colours, aim=self._want, feed=feed)
 
     def show(
         self,
@@ -90,8 +103,25 @@ class Browser:
                 eyes=self._aim is Aim.EYES,
                 fields=self._panel.fields,
             )
+            self._draw_pictures()
             self._draw_trails(perspective, self._panel.trails if scene is not None else TrailChoice())
             self._move_camera(perspective, self._known.floors, wish)
+
+    def _draw_pictures(self) -> None:
+        cameras = self._panel.cameras
+        self._pictures.draw(cameras.large)
+        if cameras.wants_clicks != self._hears_clicks:
+            self._hears_clicks = cameras.wants_clicks
+            if self._hears_clicks:
+                self._client.scene.on_click()(self._clicked)
+            else:
+                self._client.scene.remove_click_callback()
+
+    def _clicked(self, event: viser.SceneClickEvent) -> None:
+        plane = self._pictures.plane
+        at = None if plane is None else plane.pixel(np.array(event.ray_origin), np.array(event.ray_direction))
+        if at is not None:
+            self._panel.cameras.click(at)
 
     def _draw_trails(self, perspective: str, shown: TrailChoice) -> None:
         seen, T_stage = self._known.seen, self._known.floors.level(perspective)
@@ -107,10 +137,18 @@ class Browser:
 
     def _move_camera(self, perspective: str, floors: Floors, wish: Aim | None) -> None:
         self._calls_since_move += 1
-        camera = self._client.camera
+        camera, plane = self._client.camera, self._pictures.plane
         width, tall = max(camera.image_width, 1), max(camera.image_height, 1)
         lanes = len(self._colours.sensors)
-        fits = (lanes, width / tall)
+        fits: tuple[object, ...] = (lanes if plane is None else plane.size_px, width / tall)
+        if plane is not None and wish is None:
+            if self._framed is None or not self._before_picture or (fits != self._framed and not self._touched()):
+                self._framed, self._before_picture = fits, True
+                self._put(layout.frame(plane.corners, fov=FOV, aspect=width / tall, elevation=0.0, margin=ROUND))
+            return
+        if self._before_picture:
+            self._before_picture, wish = False, wish or self._aim
+            self._panel.cameras.leave()
         if wish is None and (fits == self._framed or self._touched() or self._aim is Aim.EYES):
             return
         self._aim = wish or self._aim
@@ -121,7 +159,7 @@ class Browser:
             return
         tracking, sensors = layout.tracking_box().corners, layout.sensors_box(lanes).corners
         seen = {Aim.TRACKING: tracking, Aim.SENSORS: sensors}.get(self._aim, np.concatenate([tracking, sensors]))
-        self._put(layout.frame(seen, fov=_FOV, aspect=width / tall, elevation=_ELEVATION))
+        self._put(layout.frame(seen, fov=FOV, aspect=width / tall, elevation=_ELEVATION))
 
     def _touched(self) -> bool:
         """Whether a person moved the camera since we did."""

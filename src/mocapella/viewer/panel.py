@@ -17,6 +17,8 @@ from mocapella.model.scene import Scene
 from mocapella.model.session import SessionStatus
 from mocapella.viewer import readout
 from mocapella.viewer.board_panel import BoardPanel, BoardPlace
+from mocapella.viewer.camera_feed import CameraFeed
+from mocapella.viewer.camera_panel import CameraPanel
 from mocapella.viewer.commands import Commander, notify
 from mocapella.viewer.controls import (
     FIRST_TAKE,
@@ -51,6 +53,7 @@ class Panel:
 
     Attributes:
         perspective: from where this browser shows the people; a sensor's name or `FREE`.
+        cameras: their pictures, and how their colours are learnt.
     """
 
     def __init__(
@@ -59,7 +62,9 @@ class Panel:
         commander: Commander,
         methods: Sequence[str],
         colours: SensorColours,
+        *,
         aim: Callable[[Aim], None],
+        feed: CameraFeed,
     ) -> None:
         self._client, self._commander, self._colours, self._aim = client, commander, colours, aim
         self._status: SessionStatus | None = None
@@ -76,6 +81,7 @@ class Panel:
         self._recalibrate = self._button("Recalibrate", "recalibrate", viser.Icon.REFRESH, "gray")
         with gui.add_folder("Sensors") as sensors:
             self._sensors = gui.add_html(readout.sensors_html(None, colours))
+        self.cameras = CameraPanel(gui, feed, self._tell)
         self._boards = BoardPlace(
             lambda expanded: BoardPanel(
                 gui, colours, self._send_board, self._say_no, order=sensors.order + 0.5, expanded=expanded
@@ -107,7 +113,9 @@ class Panel:
 
     def show(self, status: SessionStatus | None, scene: Scene | None, board: BoardProgress | None = None) -> None:
         """Bring everything up to the status; costs next to nothing when it is the one already shown."""
-        self._watchdog.beat(time.monotonic())
+        now_s = time.monotonic()
+        self._watchdog.beat(now_s)
+        self.cameras.show(now_s)
         can = allowed(status)
         self._setup.show(status, enabled=can.setup)
         self._boards.show(status, board)
@@ -196,8 +204,11 @@ class Panel:
     def _send_board(self, verb: str, arguments: dict[str, Any]) -> None:
         self._commander.send(verb, arguments, self._client)
 
+    def _tell(self, title: str, message: str, ok: bool) -> None:
+        notify(self._client, title, message, ok=ok)
+
     def _refuse(self, message: str) -> None:
         self._say_no("Setup: not sent", message)
 
     def _say_no(self, title: str, message: str) -> None:
-        notify(self._client, title, message, ok=False)
+        self._tell(title, message, ok=False)

@@ -6,18 +6,21 @@ import contextlib
 import errno
 import io
 import socket
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
+from typing import Any
 
 import numpy as np
 import viser
 
-from mocapella.errors import AddressInUseError, SettingsError
+from mocapella.errors import AddressInUseError, BusError, SettingsError
 from mocapella.model.board_progress import BoardProgress
 from mocapella.model.observations import Frame
 from mocapella.model.scene import Scene
 from mocapella.model.session import SessionStatus, Setup
 from mocapella.viewer.browser import Browser, Known
+from mocapella.viewer.camera_feed import Ask, CameraAnswer, CameraFeed
 from mocapella.viewer.commands import Command, Commander
 from mocapella.viewer.panel import WIDTH_PX
 from mocapella.viewer.stages import SensorsStage, TrackingDrawing, tracking_drawing
@@ -31,6 +34,19 @@ def _unprinted() -> Iterator[None]:
     """viser prints a banner and a farewell; standard output is for results."""
     with contextlib.redirect_stdout(io.StringIO()):
         yield
+
+
+@contextlib.contextmanager
+def _tolerated() -> Iterator[None]:
+    """viser 1.1 sets an `asyncio.Event` from this thread; that fails where its own waits for it in that instant.
+
+    The message is queued by then, and the next call draws what this one did not come to.
+    """
+    try:
+        yield
+    except RuntimeError as error:
+        if str(error) != "deque mutated during iteration":
+            raise
 
 
 class _Server(viser.ViserServer):
@@ -47,13 +63,22 @@ class Viewer:
         port: its port; 0 takes a free one.
         command: carries out a verb with its arguments; may block.
         methods: what the Setup form offers as the tracker's methods.
+        ask: asks a camera's node; may block. Without it no picture of a camera is shown.
 
     Raises:
         AddressInUseError: somebody else listens there.
         SettingsError: an address that this machine cannot listen at.
     """
 
-    def __init__(self, host: str, port: int, *, command: Command, methods: Sequence[str] = (Setup.method,)) -> None:
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        *,
+        command: Command,
+        methods: Sequence[str] = (Setup.method,),
+        ask: Ask | None = None,
+    ) -> None:
         _check_free(host, port)
         with _unprinted():
             self._server = _Server(host=host, port=port, label="Mocapella", verbose=False)
@@ -62,6 +87,8 @@ class Viewer:
             raise _in_use(host, port)
         self._methods = tuple(methods)
         self._commander = Commander(command)
+        self._feed = CameraFeed(ask or _nobody)
+        self._asks = ask is not None
         self._known = Known()
         self._browsers: dict[int, Browser] = {}
         self._dress()
@@ -99,14 +126,18 @@ class Viewer:
         def draw(perspective: str) -> TrackingDrawing:
             return tracking_drawing(scene, perspective, self._known.seen, self._known.floors)
 
-        with self._server.atomic():
+        rows = status.sensors if status is not None and self._asks else ()
+        self._feed.beat([row.name for row in rows if row.markers and row.connected], time.monotonic())
+        with _tolerated(), self._server.atomic():
             self._sensors.draw(frames, self._known.floors)
         for browser in self._browsers.values():
-            browser.show(draw, scene, status, board)
+            with _tolerated():
+                browser.show(draw, scene, status, board)
 
     def close(self) -> None:
         """Serve no more."""
         self._commander.close()
+        self._feed.close()
         with _unprinted():
             self._server.stop()
 
@@ -115,7 +146,7 @@ class Viewer:
         self._browsers = {number: browser for number, browser in self._browsers.items() if number in clients}
         for number, client in clients.items():
             if number not in self._browsers:
-                self._browsers[number] = Browser(client, self._commander, self._methods, self._known)
+                self._browsers[number] = Browser(client, self._commander, self._methods, self._known, self._feed)
 
     def _dress(self) -> None:
         gui, scene = self._server.gui, self._server.scene
@@ -126,6 +157,10 @@ class Viewer:
         scene.configure_environment_map("studio", environment_intensity=0.3)
         shade = np.linspace(_TOP, _BOTTOM, 256)[:, None, :].repeat(8, axis=1)
         scene.set_background_image(shade.round().astype(np.uint8), format="png")
+
+
+def _nobody(camera: str, question: dict[str, Any], timeout_s: float) -> CameraAnswer:
+    raise BusError(f"{camera}: this view has no way to ask cameras")
 
 
 def _check_free(host: str, port: int) -> None:

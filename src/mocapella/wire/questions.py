@@ -21,10 +21,15 @@ class _Question(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_fie
 
 
 class AskPicture(_Question, tag="picture"):
-    """The newest picture, ``scale`` times as large; the node keeps it for a while, so that one can point at it."""
+    """The newest picture, ``scale`` times as large.
+
+    Attributes:
+        keep: whether the node keeps it for a while, so that one can point at it.
+    """
 
     scale: float = 1.0
     format: Literal["jpeg", "png"] = "jpeg"
+    keep: bool = True
 
 
 class AskMask(_Question, tag="mask"):
@@ -65,6 +70,10 @@ class AskSave(_Question, tag="save"):
     """Write the colours that are in use to the node's profile."""
 
 
+class AskDiscard(_Question, tag="discard"):
+    """Forget what was learnt and not saved: the colours are those again that were in use before."""
+
+
 class AskBoard(_Question, tag="board"):
     """Where a calibration board's corners are in the newest picture.
 
@@ -77,7 +86,7 @@ class AskBoard(_Question, tag="board"):
     explain: bool = False
 
 
-Question = AskPicture | AskMask | AskControls | AskReport | AskLearn | AskSave | AskBoard
+Question = AskPicture | AskMask | AskControls | AskReport | AskLearn | AskSave | AskDiscard | AskBoard
 
 
 class NodeAnswer(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -123,7 +132,7 @@ def read_question(data: bytes) -> Question:
     try:
         return msgspec.json.decode(data, type=Question)  # type: ignore[no-any-return]
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        known = "picture, mask, controls, report, learn, save, board"
+        known = "picture, mask, controls, report, learn, save, discard, board"
         raise WireError(f'this is no question: {error}; write {{"ask": …}} with one of {known}') from None
 
 

@@ -1,0 +1,263 @@
+"""Cameras' pictures for all browsers: asked for only while one shows them, so often at most, each once for all.
+
+Nothing waits: questions are asked on threads of their own, and the loop that draws takes what has come.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, Protocol
+
+from mocapella.errors import MocapellaError
+from mocapella.settings import check
+
+
+class CameraAnswer(Protocol):
+    """What a camera's node answers (`mocapella.wire.questions.NodeAnswer`)."""
+
+    @property
+    def ok(self) -> bool:
+        """Whether it could be done."""
+
+    @property
+    def message(self) -> str:
+        """What was done, or what would have worked."""
+
+    @property
+    def time_ns(self) -> int:
+        """Of the picture, on the camera's clock."""
+
+    @property
+    def size_px(self) -> tuple[int, int] | None:
+        """(width, height) of the camera's picture."""
+
+    @property
+    def image(self) -> bytes:
+        """The picture's file."""
+
+    @property
+    def format(self) -> str:
+        """Of ``image``: jpeg or png."""
+
+    @property
+    def names(self) -> list[str] | None:
+        """Of the markers."""
+
+    @property
+    def positions_px(self) -> list[tuple[float, float] | None] | None:
+        """x, y of each in the camera's picture; None where it is not seen."""
+
+    @property
+    def report(self) -> dict[str, Any] | None:
+        """Counts, ``problems`` in sentences, and whether the colours are ``unsaved``."""
+
+    @property
+    def separability(self) -> dict[str, Any] | None:
+        """Of what was learnt: ``kept`` by name, ``problems`` in sentences."""
+
+
+Ask = Callable[[str, dict[str, Any], float], CameraAnswer]
+"""Asks the node of that camera a question, and waits so long [s] for its answer; raises a `MocapellaError` if none
+comes."""
+
+Done = Callable[[CameraAnswer | None, str], None]
+"""Is given the answer, or None and why there is none."""
+
+
+class Shown(StrEnum):
+    """What a browser shows of a camera."""
+
+    OFF = "off"
+    PICTURE = "picture"
+    MASK = "mask"
+
+
+_REPORT = "report"
+
+
+@dataclass(frozen=True)
+class FeedSettings:
+    """How often is asked.
+
+    Attributes:
+        rate_hz: questions a second at most, for all browsers and cameras together.
+        timeout_s: how long an answer is waited for.
+        patience_s: between two questions where there was no answer.
+        report_s: between two questions for the report of a camera that is shown.
+        wanted_s: how long after a browser last wanted something it is still asked for.
+        workers: questions under way at once.
+    """
+
+    rate_hz: float = 5.0
+    timeout_s: float = 3.0
+    patience_s: float = 2.0
+    report_s: float = 2.0
+    wanted_s: float = 0.5
+    workers: int = 4
+
+    def __post_init__(self) -> None:
+        check(0 < self.rate_hz <= 30, "rate_hz", self.rate_hz, "above 0, at most 30 Hz")
+        for name in ("timeout_s", "patience_s", "report_s", "wanted_s"):
+            value = getattr(self, name)
+            check(0 < value <= 60, name, value, "above 0, at most 60 s")
+        check(1 <= self.workers <= 32, "workers", self.workers, "from 1 to 32")
+
+
+@dataclass
+class Shot:
+    """The newest of one kind of one camera.
+
+    Attributes:
+        answer: the last that was good; None before the first.
+        problem: why nothing newer comes, in words; empty where it does.
+        number: changes with every answer, good or not.
+    """
+
+    answer: CameraAnswer | None = None
+    problem: str = ""
+    number: int = 0
+
+
+@dataclass
+class _Wish:
+    at_s: float = -1e9
+    width_px: float = 0.0
+
+
+class CameraFeed:
+    """See the module. Its methods belong to the loop that draws.
+
+    Args:
+        ask: asks a node; may block.
+        settings: see there.
+    """
+
+    def __init__(self, ask: Ask, settings: FeedSettings | None = None) -> None:
+        self._ask, self.settings = ask, settings or FeedSettings()
+        self._pool = ThreadPoolExecutor(self.settings.workers, thread_name_prefix="view-pictures")
+        self._orders = ThreadPoolExecutor(self.settings.workers, thread_name_prefix="view-colours")
+        self._cameras: set[str] = set()
+        self._answering: set[str] = set()
+        self._shots: dict[tuple[str, str], Shot] = {}
+        self._wishes: dict[tuple[str, str], _Wish] = {}
+        self._asked_s: dict[tuple[str, str], float] = {}
+        self._under_way: set[tuple[str, str]] = set()
+        self._next_s = -1e9
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """The cameras whose nodes answer questions, by name."""
+        return tuple(sorted(self._cameras & self._answering))
+
+    def want(self, camera: str, shown: Shown, width_px: float, now_s: float) -> Shot:
+        """A browser shows it, so wide; returns the newest there is."""
+        key = camera, shown.value
+        wish = self._wishes.setdefault(key, _Wish())
+        wish.width_px, wish.at_s = max(wish.width_px, width_px), now_s
+        return self._shots.setdefault(key, Shot())
+
+    def report(self, camera: str) -> dict[str, Any]:
+        """The newest report of a camera; empty before the first."""
+        shot = self._shots.get((camera, _REPORT))
+        return {} if shot is None or shot.answer is None else shot.answer.report or {}
+
+    def beat(self, cameras: Collection[str], now_s: float) -> None:
+        """Ask what is due; returns at once. Call it steadily, while there is a browser.
+
+        Args:
+            cameras: the cameras whose nodes are there now.
+            now_s: of a monotonic clock [s].
+        """
+        self._cameras = set(cameras)
+        if now_s < self._next_s or len(self._under_way) >= self.settings.workers:
+            return
+        due = [key for key in self._due(now_s) if key not in self._under_way]
+        if due:
+            self._next_s = now_s + 1 / self.settings.rate_hz
+            self._send(min(due, key=lambda key: self._asked_s.get(key, -1e9)), now_s)
+
+    def order(self, camera: str, question: dict[str, Any], done: Done, timeout_s: float = 30.0) -> None:
+        """Ask once, after nothing else; ``done`` is called on another thread."""
+        self._orders.submit(self._carry_out, camera, question, done, timeout_s).add_done_callback(_raise_again)
+
+    def hasten(self, camera: str) -> None:
+        """Something has changed: ask for the report as soon as may be."""
+        self._asked_s.pop((camera, _REPORT), None)
+
+    def close(self) -> None:
+        """Ask nothing more."""
+        for pool in (self._pool, self._orders):
+            pool.shutdown(wait=False, cancel_futures=True)
+
+    def _due(self, now_s: float) -> list[tuple[str, str]]:
+        s, due = self.settings, []
+        shown = {key[0] for key, wish in self._wishes.items() if not self._stale(wish, now_s)}
+        for key, wish in self._wishes.items():
+            patience = s.patience_s if (shot := self._shots.get(key)) is not None and shot.problem else 0.0
+            if not self._stale(wish, now_s) and now_s - self._asked_s.get(key, -1e9) >= patience:
+                due.append(key)
+        for camera in self._cameras:
+            key = camera, _REPORT
+            known = camera in self._answering
+            if known and camera not in shown and key in self._asked_s:
+                continue
+            if now_s - self._asked_s.get(key, -1e9) >= (s.report_s if known else s.patience_s):
+                due.append(key)
+        return due
+
+    def _send(self, key: tuple[str, str], now_s: float) -> None:
+        question: dict[str, Any] = {"ask": key[1]}
+        if key[1] != _REPORT:
+            question |= {"scale": self._scale(key), "format": "jpeg"}
+        if key[1] == Shown.PICTURE:
+            question["keep"] = False  # what is being pointed at is kept, and this would push it out
+        self._asked_s[key] = now_s
+        self._under_way.add(key)
+        self._pool.submit(self._fetch, key, question).add_done_callback(_raise_again)
+
+    def _fetch(self, key: tuple[str, str], question: dict[str, Any]) -> None:
+        try:
+            self._carry_out(key[0], question, lambda answer, problem: self._take(key, answer, problem), None)
+        finally:
+            self._under_way.discard(key)
+
+    def _carry_out(self, camera: str, question: dict[str, Any], done: Done, timeout_s: float | None) -> None:
+        try:
+            answer = self._ask(camera, question, timeout_s or self.settings.timeout_s)
+        except MocapellaError as error:
+            done(None, str(error))
+            return
+        problem = "" if answer.ok else answer.message or "refused, and not said why"
+        if answer.ok and question["ask"] in (Shown.PICTURE, Shown.MASK) and not _is_picture(answer):
+            problem = f"{camera}: its answer has no picture"
+        self._answering.add(camera)
+        done(None if problem else answer, problem)
+
+    def _take(self, key: tuple[str, str], answer: CameraAnswer | None, problem: str) -> None:
+        before = self._shots.get(key, Shot())
+        self._shots[key] = Shot(answer or before.answer, problem, before.number + 1)
+
+    def _scale(self, key: tuple[str, str]) -> float:
+        """As wide as the widest browser has wanted it since it was asked for last."""
+        wish, answer = self._wishes[key], self._shots.get(key, Shot()).answer
+        width_px, wish.width_px = wish.width_px, 0.0
+        if answer is None or answer.size_px is None:
+            return 0.5
+        return round(min(1.0, max(0.05, width_px / answer.size_px[0])), 3)
+
+    def _stale(self, wish: _Wish, now_s: float) -> bool:
+        return now_s - wish.at_s > self.settings.wanted_s
+
+
+def _is_picture(answer: CameraAnswer) -> bool:
+    size = answer.size_px
+    return bool(answer.image) and answer.format in ("jpeg", "png") and size is not None and min(size) >= 1
+
+
+def _raise_again(done: Future[None]) -> None:
+    """Let an error of the program itself be logged, instead of vanishing with the future."""
+    if not done.cancelled():
+        done.result()

@@ -1,0 +1,152 @@
+"""Cameras' pictures and how well their colours are told apart, as HTML. All texts are escaped."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping
+from html import escape
+from typing import Any
+
+from mocapella.viewer.camera_feed import CameraAnswer, Shot, Shown
+from mocapella.viewer.hands import marker_colour
+from mocapella.viewer.palette import AMBER, GREEN, GREY, RED
+from mocapella.viewer.pointing import SKIN, Point, Pointing, asks_for, where
+
+_SMALL = "font-size:13px;line-height:1.45"
+_RADIUS = 0.022
+"""Of a marker's circle, in widths of the picture."""
+GOOD_KEPT, FAIR_KEPT = 0.9, 0.8
+"""Shares of a colour's pixels: above the first all is well, below the second too few are left."""
+_MOST_PROBLEMS = 6
+
+
+def found(answer: CameraAnswer) -> dict[str, Point]:
+    """Where each marker that was found is."""
+    pairs = zip(answer.names or (), answer.positions_px or (), strict=False)
+    return {name: (float(at[0]), float(at[1])) for name, at in pairs if at is not None}
+
+
+def radius_px(size_px: tuple[int, int]) -> float:
+    """Of a marker's circle in a picture of that size."""
+    return _RADIUS * size_px[0]
+
+
+def picture_html(shot: Shot | None, shown: Shown, report: Mapping[str, Any], *, large: bool = False) -> str:
+    """What a camera shows: its picture with a circle around each marker, or its mask; and what is wrong with it.
+
+    ``large``: the picture itself stands before the stages, and not here.
+    """
+    if shown is Shown.OFF or shot is None:
+        return ""
+    answer, lines = shot.answer, []
+    if answer is None:
+        lines.append(_line(shot.problem or "Waiting for the picture …", AMBER.css if shot.problem else GREY.css))
+        return _box("".join(lines))
+    assert answer.size_px is not None, "the feed passes no answer without a picture"
+    width, height = answer.size_px
+    circles = "" if shown is Shown.MASK else "".join(
+        f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius_px(answer.size_px):.1f}" fill="none" '
+        f'stroke="{marker_colour(name).css}" stroke-width="2" vector-effect="non-scaling-stroke"></circle>'
+        for name, (x, y) in found(answer).items()
+    )  # fmt: skip
+    image = f"data:image/{'png' if answer.format == 'png' else 'jpeg'};base64,{base64.b64encode(answer.image).decode()}"
+    dim = ";opacity:0.35" if shot.problem else ""
+    view = (
+        f'<div style="position:relative;aspect-ratio:{width}/{height};background:#0b101a;border-radius:4px;'
+        f'overflow:hidden;margin-bottom:4px">'
+        f'<img decoding="sync" alt="" src="{image}" style="position:absolute;width:100%;height:100%{dim}">'
+        f'<svg viewBox="-0.5 -0.5 {width} {height}" style="position:absolute;width:100%;height:100%">{circles}</svg>'
+        "</div>"
+    )
+    if shot.problem:
+        lines.append(_line(shot.problem, RED.css))
+    names = answer.names or []
+    seen = f"{len(found(answer))} of {len(names)} markers found" if names else "no colours are learnt yet"
+    fps = report.get("fps")
+    rate = f" · {fps:.0f} pictures a second" if isinstance(fps, int | float) and fps else ""
+    lines.append(_line(f"{width} × {height} px · {seen}{rate}", GREY.css))
+    said = _texts(report.get("problems"))[:_MOST_PROBLEMS]
+    lines += [_line(text, AMBER.css) for text in said if names or "learnt" not in text]
+    return _box(("" if large else view) + "".join(lines))
+
+
+def pointing_html(pointing: Pointing, problem: str, note: str) -> str:
+    """Who is to be pointed at, who was, and what was wrong with the names or the learning."""
+    rows = []
+    for k, name in enumerate(pointing.names):
+        at = pointing.done[k] if k < len(pointing.done) else None
+        if k < len(pointing.done):
+            sign, colour = (f"{at[0]:.0f}, {at[1]:.0f}" if at else "left out"), GREY.css
+        elif k == len(pointing.done):
+            sign, colour = "◂ click on it", "inherit"
+        else:
+            sign, colour = "", GREY.css
+        weight = 650 if k == len(pointing.done) else 400
+        on = f' <span style="color:{GREY.css}">{escape(where(name))}</span>' if where(name) else ""
+        rows.append(
+            f'<div style="display:flex;justify-content:space-between;gap:10px;font-weight:{weight}">'
+            f'<span style="overflow-wrap:anywhere">{_dot(name)} {escape(name)}{on}</span>'
+            f'<span style="color:{colour};white-space:nowrap;font-variant-numeric:tabular-nums">{sign}</span></div>'
+        )
+    headline = (
+        '<div class="mocapella-pointing" style="font-size:15px;font-weight:650;margin:2px 0 6px">'
+        f"{escape(asks_for(pointing.next))}</div>"
+    )
+    said = (_line(problem, RED.css) if problem else "") + (_line(note, GREY.css) if note else "")
+    return _box(headline + "".join(rows) + said)
+
+
+def waiting_html(text: str) -> str:
+    """That something is under way."""
+    return _box(_line(text, GREY.css))
+
+
+def separability_html(separability: Mapping[str, Any]) -> str:
+    """How much of each colour is told from all else, and what is wrong, with what to do about it."""
+    kept, rows = separability.get("kept"), []
+    for name, share in kept.items() if isinstance(kept, Mapping) else ():
+        part = min(max(float(share), 0.0), 1.0) if isinstance(share, int | float) else 0.0
+        colour, percent = GREEN if part >= GOOD_KEPT else AMBER if part >= FAIR_KEPT else RED, 100 * part
+        bar = f'<div style="height:6px;border-radius:3px;width:{percent:.0f}%;background:{colour.css}"></div>'
+        rows.append(
+            '<div style="display:flex;align-items:center;gap:8px">'
+            f'<span style="flex:0 0 38%;overflow-wrap:anywhere">{_dot(name)} {escape(str(name))}</span>'
+            f'<div style="flex:1;height:6px;border-radius:3px;background:#2a3446">{bar}</div>'
+            '<span style="flex:0 0 44px;text-align:right;font-variant-numeric:tabular-nums">'
+            f"{percent:.0f} %</span></div>"
+        )
+    problems = _texts(separability.get("problems"))
+    verdict = (
+        _line("All colours can be told apart.", GREEN.css)
+        if not problems
+        else "".join(_line(text, AMBER.css) for text in problems)
+    )
+    head = (
+        '<div class="mocapella-learnt" style="font-size:15px;font-weight:650;margin:2px 0 2px">'
+        "Learnt, and not saved yet</div>"
+        f'<div style="color:{GREY.css};margin-bottom:4px">Of each colour, so much is told from all else:</div>'
+    )
+    return _box(head + "".join(rows) + f'<div style="margin-top:6px">{verdict}</div>')
+
+
+def unsaved_html(camera: str) -> str:
+    """That the colours in use are not in the node's profile."""
+    return _box(_line(f"The colours that {camera} uses now are not saved.", AMBER.css))
+
+
+def _texts(value: Any) -> list[str]:
+    """The texts in what a node sent, which may be anything."""
+    return [text for text in value if isinstance(text, str)] if isinstance(value, list | tuple) else []
+
+
+def _dot(name: str) -> str:
+    css = "#d9a98a" if name == SKIN else marker_colour(name).css
+    return f'<span style="color:{css}">●</span>'
+
+
+def _line(text: str, colour: str) -> str:
+    return f'<div style="color:{colour};overflow-wrap:anywhere">{escape(text)}</div>'
+
+
+def _box(content: str) -> str:
+    return f'<div class="mocapella-camera" style="padding:2px 12px 6px;{_SMALL}">{content}</div>'

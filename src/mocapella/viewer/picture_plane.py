@@ -1,0 +1,122 @@
+"""A camera's picture as an upright rectangle in the scene: from its pixels to the scene, and back along a ray."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from mocapella.viewer.camera_feed import CameraAnswer
+from mocapella.viewer.palette import Rgb
+
+Float64 = NDArray[np.float64]
+
+_CORNERS: Final = 40
+"""Of a circle."""
+_UPRIGHT: Final = (0.0, 0.0, 0.0, 1.0)
+"""From a picture's axes (x right, y down) to those of the view, whose camera has x to its left and y up."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """Where a picture stands, seen by whoever looks along +z.
+
+    Attributes:
+        middle: (3,) of the picture [m].
+        wide_m: its width in the scene.
+        size_px: (width, height) of the camera's picture.
+    """
+
+    middle: Float64
+    wide_m: float
+    size_px: tuple[int, int]
+
+    @property
+    def px_m(self) -> float:
+        """A pixel's side in the scene [m]."""
+        return self.wide_m / self.size_px[0]
+
+    @property
+    def high_m(self) -> float:
+        """The picture's height in the scene."""
+        return self.px_m * self.size_px[1]
+
+    @property
+    def corners(self) -> Float64:
+        """(4, 3): left and above first, then clockwise."""
+        width, height = self.size_px
+        return self.place(np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float64) - 0.5)
+
+    def place(self, points_px: Float64, lift_m: float = 0.0) -> Float64:
+        """(..., 3) in the scene of points (..., 2) in the picture, ``lift_m`` before it."""
+        width, height = self.size_px
+        x, y = (width - 1) / 2 - points_px[..., 0], (height - 1) / 2 - points_px[..., 1]
+        return self.middle + np.stack([self.px_m * x, self.px_m * y, np.full(x.shape, -lift_m)], axis=-1)
+
+    def pixel(self, origin: Float64, direction: Float64) -> tuple[float, float] | None:
+        """Where a ray meets the picture; None where it does not.
+
+        Args:
+            origin: (3,) [m].
+            direction: (3,).
+        """
+        along = float(direction[2])
+        if abs(along) < 1e-9 or (reach := float(self.middle[2] - origin[2]) / along) <= 0:
+            return None
+        off = origin + reach * direction - self.middle
+        width, height = self.size_px
+        x, y = (width - 1) / 2 - float(off[0]) / self.px_m, (height - 1) / 2 - float(off[1]) / self.px_m
+        inside = -0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5
+        return (x, y) if inside else None
+
+
+def rings(
+    plane: Plane, points_px: Mapping[str, tuple[float, float]], colours: Mapping[str, Rgb], radius_px: float
+) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """A circle around each point, as lines a little before the picture: points and colours, both (n, 2, 3)."""
+    turns = np.linspace(0.0, 2 * np.pi, _CORNERS + 1)
+    circle = radius_px * np.stack([np.cos(turns), np.sin(turns)], axis=-1)
+    lines, painted = [np.zeros((0, 2, 3))], [np.zeros((0, 2, 3))]
+    for name, at in points_px.items():
+        ends = plane.place(np.asarray(at) + circle, 0.002 * plane.wide_m)
+        lines.append(np.stack([ends[:-1], ends[1:]], axis=1))
+        painted.append(np.broadcast_to(np.array(colours[name].paint, np.float64), (_CORNERS, 2, 3)))
+    return np.concatenate(lines).astype(np.float32), np.concatenate(painted).astype(np.uint8)
+
+
+class PictureNode:
+    """A picture in the scene, which changes without being made anew."""
+
+    def __init__(self, scene: viser.SceneApi, name: str) -> None:
+        self._scene, self._name = scene, name
+        self._handle: viser.ImageHandle | None = None
+        self._where: tuple[object, ...] | None = None
+        self._answer: CameraAnswer | None = None
+
+    def draw(self, plane: Plane, answer: CameraAnswer) -> None:
+        """Show it there; nothing is sent where it is the one already shown."""
+        where = (*plane.middle.tolist(), plane.wide_m, plane.size_px)
+        if self._answer is answer and self._where == where:
+            return
+        if self._handle is None:
+            blank = np.zeros((1, 1, 3), np.uint8)
+            self._handle = self._scene.add_image(
+                self._name, blank, 1.0, 1.0, cast_shadow=False, receive_shadow=False, wxyz=_UPRIGHT
+            )
+        handle = self._handle
+        # The library takes pixels and encodes them for every browser; what came encoded is passed on as it is.
+        handle._format, handle._data = ("png" if answer.format == "png" else "jpeg"), answer.image
+        if self._where != where:
+            handle.render_width, handle.render_height = plane.wide_m, plane.high_m
+            handle.position = plane.middle
+        handle.visible = True
+        self._where, self._answer = where, answer
+
+    def hide(self) -> None:
+        """Show it no more."""
+        if self._answer is not None and self._handle is not None:
+            self._handle.visible, self._answer = False, None

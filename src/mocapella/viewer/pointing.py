@@ -1,0 +1,102 @@
+"""Which marker is to be pointed at next, and where the others were: of one picture, in one browser."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+from mocapella.errors import SettingsError
+
+Point = tuple[float, float]
+"""x, y in the camera's picture [px]; the middle of the first pixel is (0, 0)."""
+
+SKIN: Final = "skin"
+MARKERS: Final = ("red", "yellow", "green", "blue", "magenta", "cyan")
+"""What the method `hands` takes for thumb to little finger, and for the base."""
+MOST: Final = 64
+_LONGEST: Final = 80
+_WHERE: Final = dict(
+    zip(MARKERS, ("thumb", "index finger", "middle finger", "ring finger", "little finger", "palm"), strict=True)
+)
+
+
+@dataclass(frozen=True)
+class Pointing:
+    """Somebody points at the markers of a picture, one after the other, and at skin at last.
+
+    Attributes:
+        names: of the markers, in the order in which they are pointed at; the last is `SKIN`.
+        done: where each of the first of them was pointed at; None where it was left out.
+    """
+
+    names: tuple[str, ...] = (*MARKERS, SKIN)
+    done: tuple[Point | None, ...] = ()
+
+    @property
+    def next(self) -> str | None:
+        """Who is to be pointed at; None where all were."""
+        return self.names[len(self.done)] if len(self.done) < len(self.names) else None
+
+    @property
+    def points(self) -> dict[str, Point]:
+        """Where each was pointed at."""
+        return {name: at for name, at in zip(self.names, self.done, strict=False) if at is not None}
+
+    @property
+    def enough(self) -> bool:
+        """Whether a marker was pointed at, so that something can be learnt."""
+        return any(name != SKIN for name in self.points)
+
+    def click(self, at: Point) -> Pointing:
+        """It is there, to a hundredth of a pixel; nothing, where all were pointed at."""
+        return self if self.next is None else replace(self, done=(*self.done, (round(at[0], 2), round(at[1], 2))))
+
+    def skip(self) -> Pointing:
+        """It is not in the picture, or is not to be learnt."""
+        return self if self.next is None else replace(self, done=(*self.done, None))
+
+    def back(self) -> Pointing:
+        """The last one again."""
+        return replace(self, done=self.done[:-1])
+
+    def again(self) -> Pointing:
+        """All again."""
+        return replace(self, done=())
+
+    def named(self, names: tuple[str, ...]) -> Pointing:
+        """Other names; what stands before the first that differs stays pointed at."""
+        same = next((k for k, (a, b) in enumerate(zip(self.names, names, strict=False)) if a != b), len(self.names))
+        return Pointing(names, self.done[:same])
+
+
+def read_names(text: str) -> tuple[str, ...]:
+    """The names of markers, and `SKIN` at last, of a text such as ``red, blue``.
+
+    Raises:
+        SettingsError: none, one twice, or one that cannot be a name.
+    """
+    names = tuple(part for part in (part.strip() for part in text.split(",")) if part and part != SKIN)
+    if not names:
+        raise SettingsError("no marker is named; write their names with commas between, such as red, blue")
+    twice = [name for k, name in enumerate(names) if name in names[:k]]
+    if twice:
+        raise SettingsError(f"{twice[0]} is named twice; each marker wants a name of its own")
+    if long := [name for name in names if len(name) > _LONGEST]:
+        raise SettingsError(f"{long[0][:20]}… has {len(long[0])} characters; a name has at most {_LONGEST}")
+    if len(names) > MOST:
+        raise SettingsError(f"{len(names)} markers are named; at most {MOST} can be pointed at")
+    return (*names, SKIN)
+
+
+def where(name: str) -> str:
+    """On which part of a hand the marker of that name is, if it has one of the usual names; else nothing."""
+    return _WHERE.get(name, "")
+
+
+def asks_for(name: str | None) -> str:
+    """What to do, in words."""
+    if name is None:
+        return "All are pointed at: press Learn"
+    if name == SKIN:
+        return "Click on skin, away from the markers"
+    return f"Click on {name}" + (f", on the {where(name)}" if where(name) else "")
