@@ -18,6 +18,7 @@ TRACKER = MODEL | STAGES | {"tracker"}
 
 MAY_IMPORT: dict[str, set[str]] = {
     "errors": set(),
+    "kernel_cache": set(),
     "conventions": set(),
     "settings": {"errors", "conventions"},
     "geometry": BASE,

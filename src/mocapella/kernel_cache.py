@@ -1,0 +1,84 @@
+"""Compiled kernels that are kept are of the kernels as they are now.
+
+numba keeps what it has compiled beside the source, and compiles anew where that one file has changed. But kernels call
+kernels of other files, and have their constants, which are compiled into them: after an update those would still be
+the old ones, and with another layout of their arrays they would write where they must not. So what is kept of a file of
+kernels is thrown away whenever it, or a file that it imports, is not as it was.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import re
+from pathlib import Path
+from typing import Final
+
+STAMPS: Final = "kernels.json"
+_IMPORT: Final = re.compile(r"^from mocapella\.([\w.]+) import (?:\(([^)]*)\)|(.*))$", re.MULTILINE)
+
+
+def discard_stale(package: Path) -> list[str]:
+    """Throw away what was compiled of other sources than those that are there.
+
+    Where nothing can be written (a package that is installed for all), numba keeps its files elsewhere, and nothing is
+    done here.
+
+    Args:
+        package: the folder of the package.
+
+    Returns:
+        The files of kernels of which it was thrown away, by their path in the package.
+    """
+    stamps = package / "__pycache__" / STAMPS
+    try:
+        was = json.loads(stamps.read_bytes())
+    except (OSError, ValueError):
+        was = {}
+    known: dict[str, tuple[str, list[str]]] = {}
+    now = {name: _state(package, name, known) for name in _kernels(package)}
+    if now == was:
+        return []
+    stale = [name for name, state in now.items() if not isinstance(was, dict) or was.get(name) != state]
+    with contextlib.suppress(OSError):
+        for name in stale:
+            source = package / name
+            for index in (source.parent / "__pycache__").glob(f"{source.stem}.*.nbi"):
+                index.unlink(missing_ok=True)
+        stamps.parent.mkdir(exist_ok=True)
+        stamps.write_text(json.dumps(now), encoding="ascii")
+    return stale
+
+
+def _kernels(package: Path) -> list[str]:
+    found = [*package.glob("*/*_kernels.py"), *package.glob("*/*/*_kernels.py")]
+    return sorted(path.relative_to(package).as_posix() for path in found)
+
+
+def _state(package: Path, name: str, known: dict[str, tuple[str, list[str]]]) -> str:
+    """Of a file and all of the package that it imports: their names, sizes and times, in short."""
+    seen, open_ = set[str](), [name]
+    while open_:
+        one = open_.pop()
+        if one in seen:
+            continue
+        seen.add(one)
+        if one not in known:
+            stat = (package / one).stat()
+            text = (package / one).read_text(encoding="utf-8")
+            known[one] = f"{one} {stat.st_size} {stat.st_mtime_ns}", _imports(package, text)
+        open_ += known[one][1]
+    told = "\n".join(known[one][0] for one in sorted(seen))
+    return hashlib.blake2s(told.encode(), digest_size=12).hexdigest()
+
+
+def _imports(package: Path, text: str) -> list[str]:
+    """The files of the package that a source imports from: ``from mocapella.a import b`` may be a/b.py, or a.py."""
+    found = []
+    for module, several, one in _IMPORT.findall(text):
+        folder = module.replace(".", "/")
+        names = [name.split(" as ")[0].strip() for name in (several or one).split("#")[0].split(",")]
+        candidates = [f"{folder}.py", f"{folder}/__init__.py", *(f"{folder}/{name}.py" for name in names if name)]
+        found += [path for path in candidates if (package / path).is_file()]
+    return found
