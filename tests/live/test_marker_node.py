@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 
 import mocapella.cli.markers  # noqa: F401 - registers the verb
 from mocapella.cli.app import app
-from mocapella.errors import MocapellaError
+from mocapella.errors import MocapellaError, SettingsError
 from mocapella.model.board import parse_board
 from mocapella.model.markers import MarkerFrame
 from mocapella.schema import decode_frame
@@ -282,8 +282,9 @@ def test_what_cannot_be_served_says_why(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_times_of_the_stages_are_measured_without_a_server(tmp_path: Path) -> None:
-    words = ["node", "markers", "rendered:demo/left", "--timing", "12", "--json", str(tmp_path / "t.json")]
-    done = CliRunner().invoke(app, [*words, "--connect", f"tcp/127.0.0.1:{free_port()}"])
+    words = ["node", "markers", "rendered:demo/left", "--timing", "12", "--tags", "APRILTAG_36h11:7"]
+    words += ["--json", str(tmp_path / "t.json"), "--connect", f"tcp/127.0.0.1:{free_port()}"]
+    done = CliRunner().invoke(app, words)
     assert done.exit_code == 0, done.output
     summary = json.loads((tmp_path / "t.json").read_text())
     assert set(summary["stages"]) == {"retrieval", "detection", "sending", "all"}
@@ -291,3 +292,11 @@ def test_times_of_the_stages_are_measured_without_a_server(tmp_path: Path) -> No
                for row in summary["stages"].values())  # fmt: skip
     assert set(summary["jitter"]) == {"red", "yellow", "green", "blue", "magenta", "cyan"}
     assert "detection" in done.stdout
+    assert summary["report"]["tags"]["images"] >= 12
+
+
+@pytest.mark.parametrize("tags", ["7", "APRILTAG_36h11:seven", "4X4_50:50", "4X4_50:1,1"])
+def test_tags_that_cannot_be_looked_for_are_refused(tags: str) -> None:
+    done = CliRunner().invoke(app, ["node", "markers", "rendered:demo/left", "--tags", tags])
+    assert done.exit_code != 0
+    assert isinstance(done.exception, SettingsError)

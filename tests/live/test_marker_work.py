@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -14,6 +15,7 @@ from mocapella.errors import SettingsError
 from mocapella.live.marker_node import MarkerNodeSettings
 from mocapella.live.marker_work import WARN_AFTER_S, MarkerWork
 from mocapella.live.stage_times import STAGES, StageTimes
+from mocapella.sensing.tags import TagDetector, TagSettings
 from mocapella.sources.acquisition import Acquisition
 from mocapella.sources.picture_source import Picture, SourceState
 from mocapella.sources.simulate.hand_camera import pointed_at
@@ -157,3 +159,17 @@ def test_times_are_those_of_numpy_and_end_when_full(frames: int, more: int, seed
 def test_settings_have_ranges(wrong: dict[str, float]) -> None:
     with pytest.raises(SettingsError, match=next(iter(wrong))):
         MarkerNodeSettings(**wrong)
+
+
+def test_tags_are_found_beside_the_colours() -> None:
+    image = SHOT.copy()
+    tag = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50), 7, 48)
+    image[6:66, 6:66] = 255
+    image[12:60, 12:60] = tag[..., None]
+    made = MarkerWork("left", Acquisition(Nothing()), PROFILE, tags=TagDetector("left", TagSettings("4X4_50", (7,))))
+    frame = made.look(picture(image, 0))
+    assert frame.names == (*PROFILE.names, "tag7.0", "tag7.1", "tag7.2", "tag7.3")
+    corners = frame.positions_px[len(PROFILE.names) :]
+    np.testing.assert_allclose(corners, [[11.5, 11.5], [59.5, 11.5], [59.5, 59.5], [11.5, 59.5]], atol=0.5)
+    assert made.report()["tags"]["found"] == 1
+    assert set(made.report()["markers"]) == set(PROFILE.names)

@@ -28,6 +28,7 @@ from mocapella.errors import InputError, SettingsError, one_of
 if TYPE_CHECKING:
     from mocapella.model.camera import Camera
     from mocapella.sensing.colour_profile import ColourProfile
+    from mocapella.sensing.tags import TagDetector
     from mocapella.sources.camera_controls import CameraWishes
     from mocapella.sources.picture_source import PictureSource, SourceState
 
@@ -67,6 +68,13 @@ def markers(
     white_balance: WhiteBalance = None,
     saturation: Saturation = None,
     contrast: Contrast = None,
+    tags: Annotated[
+        str | None,
+        typer.Option(
+            metavar="DICT[:ID,ID,…]",
+            help="Find square tags, too, such as APRILTAG_36h11:7,8 or 4X4_50; their corners are tag7.0 to tag7.3.",
+        ),
+    ] = None,
     loop: Annotated[bool, typer.Option("--loop", help="A film or folder begins again when it has ended.")] = False,
     drop_after_ms: Annotated[
         float, typer.Option(metavar="MS", min=1, help="Markers found so long after the picture was there are not sent.")
@@ -118,7 +126,7 @@ def markers(
     with Acquisition(pictures, say=say) as acquisition:
         check_state(acquisition.state, known, profile, source)
         tell_state(sensor, pictures, acquisition.state)
-        work = MarkerWork(sensor, acquisition, known)
+        work = MarkerWork(sensor, acquisition, known, tags=None if tags is None else _tags(sensor, tags))
         times = None if timing is None else StageTimes(timing, len(work.names))
         zero = read_epoch() if epoch_from_input else epoch
         if zero is None and source.startswith(RENDERED):
@@ -198,6 +206,16 @@ def show_times(stages: dict[str, dict[str, float]], jitter: dict[str, dict[str, 
     for name, row in jitter.items():
         table.add_row(name, f"{row['x_px']:.3f}", f"{row['y_px']:.3f}", str(row["seen"]))
     out.print(table)
+
+
+def _tags(sensor: str, text: str) -> TagDetector:
+    from mocapella.sensing.tags import TagDetector, TagSettings
+
+    dictionary, _, ids = text.partition(":")
+    numbers = [number.strip() for number in ids.split(",")] if ids else []
+    if not all(number.isascii() and number.isdigit() and len(number) < 6 for number in numbers):
+        raise SettingsError(f"--tags {text!r} cannot be used; write it as APRILTAG_36h11 or APRILTAG_36h11:7,8")
+    return TagDetector(sensor, TagSettings(dictionary, tuple(map(int, numbers))))
 
 
 def _profile(path: Path | None) -> ColourProfile | None:

@@ -127,7 +127,8 @@ def run_marker_node(
                         "sending": sent_s - found_s,
                         **_rectification(frame.positions_px, camera, clock),
                     }
-                    times.add({**stages, "all": sum(stages.values())}, frame.positions_px)
+                    found = frame.positions_px[: len(work.names)]  # tags come after the colours
+                    times.add({**stages, "all": sum(stages.values())}, found)
             elif acquisition.ended:
                 ended_by_itself = True
                 break

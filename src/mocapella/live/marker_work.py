@@ -6,12 +6,14 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any, Final
 
+import msgspec
 import numpy as np
 
 from mocapella.conventions import NS_PER_S
-from mocapella.model.markers import MarkerFrame, marker_frame
+from mocapella.model.markers import MarkerFrame, joined, marker_frame
 from mocapella.sensing.colour_profile import ColourProfile
 from mocapella.sensing.markers import MarkerDetector, MarkerReport, MarkerSettings
+from mocapella.sensing.tags import TagDetector
 from mocapella.sources.acquisition import Acquisition
 from mocapella.sources.picture_source import Picture
 
@@ -38,6 +40,7 @@ class MarkerWork:
         acquisition: where the pictures come from; read for its reports only.
         profile: the colours; None where they are to be learnt yet, and no marker is looked for.
         settings: of the detector.
+        tags: what finds tags beside the colours; None does without.
 
     Attributes:
         late: pictures that took longer to look at than there is time between two.
@@ -51,8 +54,10 @@ class MarkerWork:
         acquisition: Acquisition,
         profile: ColourProfile | None,
         settings: MarkerSettings | None = None,
+        *,
+        tags: TagDetector | None = None,
     ) -> None:
-        self.camera, self.acquisition, self._settings = camera, acquisition, settings
+        self.camera, self.acquisition, self._settings, self._tags = camera, acquisition, settings, tags
         self.detector: MarkerDetector | None = None
         self.late = self.too_late = 0
         self.newest: Look | None = None
@@ -88,6 +93,8 @@ class MarkerWork:
             )
         else:
             frame = detector.update(picture.image, picture.time_ns / NS_PER_S)
+        if self._tags is not None:
+            frame = joined(frame, self._tags.update(picture.image, picture.time_ns / NS_PER_S))
         self.newest = Look(picture, frame, detector)
         return frame
 
@@ -113,6 +120,7 @@ class MarkerWork:
             "too_late": self.too_late,
             "looked_at": 0 if seen is None else seen.images,
             "markers": markers,
+            "tags": None if self._tags is None else msgspec.structs.asdict(self._tags.report),
             "brightness": None if seen is None else seen.brightness,
             "chroma_shift": None if seen is None else seen.chroma_shift,
             "problems": [*dict(self._problems(seen, None)).values(), *self.acquisition.state.problems],
