@@ -23,7 +23,7 @@ settings.register_profile("explore", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
 REAL_TIME = (
-    *("cli/test_hand.py", "cli/test_record.py", "cli/test_running.py", "sources/test_bridge.py"),
+    *("cli/test_hand_measure.py", "cli/test_record.py", "cli/test_running.py", "sources/test_bridge.py"),
     *(
         "live/test_board_calibration.py",
         "live/test_datagrams.py",
@@ -40,6 +40,8 @@ COMPILING = ("tracker/test_ready.py",)
 """Tests that compile what others use: first of all."""
 BROWSER = ("viewer/test_view_in_browser.py", "viewer/test_viewer.py")
 """Tests that keep real time and need nothing compiled: first of those, for the other worker compiles meanwhile."""
+LONG = ("test_readme.py",)
+"""Single tests that take a minute: early, so that nobody waits for them alone at the end."""
 TESTS = Path(__file__).resolve().parent
 ROOT = TESTS.parent
 
@@ -64,11 +66,12 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> RealTimeApar
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What compiles comes first, then what needs nothing compiled; what keeps real time has a mark."""
+    """What compiles comes first, what needs nothing compiled, what is long; what keeps real time has a mark."""
     for item in items:
         if _place(item).startswith(REAL_TIME):
             item.add_marker("real_time")
-    items.sort(key=lambda item: (not _place(item).startswith(COMPILING), not _place(item).startswith(BROWSER)))
+    first = (COMPILING, BROWSER, LONG)
+    items.sort(key=lambda item: [not _place(item).startswith(places) for places in first])
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 SOURCE = Path(__file__).resolve().parent.parent / "src" / "mocapella"
 
-BASE = {"errors", "conventions", "settings"}
+BASE = {"errors", "conventions", "settings", "compiled"}
 MODEL = BASE | {"geometry", "model"}
 STAGES = {"sensing", "calibration", "association", "fusion", "smoothing", "kinematics"}
 EDGES = {"sources", "wire", "recording", "exports", "streams"}
@@ -19,6 +19,7 @@ TRACKER = MODEL | STAGES | {"tracker"}
 MAY_IMPORT: dict[str, set[str]] = {
     "errors": set(),
     "kernel_cache": set(),
+    "compiled": {"kernel_cache"},
     "conventions": set(),
     "settings": {"errors", "conventions"},
     "geometry": BASE,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -9,13 +10,14 @@ from pathlib import Path
 import pytest
 
 import mocapella
-from mocapella.kernel_cache import STAMPS, discard_stale
+from mocapella.kernel_cache import COMPILED, STAMPS, discard_stale
 
 SOURCES = {
-    "stage/outer_kernels.py": "from mocapella.stage.inner_kernels import half\nfrom mocapella.stage import row\n",
-    "stage/inner_kernels.py": "from mocapella.base.far_kernels import (\n    one,\n    two,\n)\n",
-    "base/far_kernels.py": "one, two = 1, 2\n",
-    "base/lonely_kernels.py": "alone = 1\n",
+    "stage/outer_kernels.py": COMPILED
+    + "from mocapella.stage.inner_kernels import half\nfrom mocapella.stage import row\n",
+    "stage/inner_kernels.py": COMPILED + "from mocapella.base.far_kernels import (\n    one,\n    two,\n)\n",
+    "base/far_kernels.py": COMPILED + "one, two = 1, 2\n",
+    "base/lonely_kernels.py": COMPILED + "alone = 1\n",
     "stage/row.py": "WIDTH = 3\n",
     "stage/other.py": "unrelated = 1\n",
 }
@@ -85,10 +87,20 @@ def test_a_file_that_is_gone_or_new_concerns_those_that_import_it(package: Path)
     assert discard_stale(package) == ["stage/outer_kernels.py"]
 
 
-def test_the_package_itself_has_been_looked_at_and_says_so_when_it_is_imported() -> None:
+def test_whatever_is_compiled_imports_what_looks_at_it() -> None:
     folder = Path(mocapella.__file__).parent
-    assert (folder / "__pycache__" / STAMPS).is_file()
-    code = "from pathlib import Path; import mocapella; from mocapella.kernel_cache import discard_stale; "
-    code += "print(discard_stale(Path(mocapella.__file__).parent))"
+    sources = {path.relative_to(folder).as_posix(): path.read_text(encoding="utf-8") for path in folder.rglob("*.py")}
+    by_numba = {
+        name for name, text in sources.items() if re.search(r"^\s*(from numba import|import numba)", text, re.M)
+    }
+    assert by_numba == {"compiled.py"}
+    assert "geometry/lens_kernels.py" in {name for name, text in sources.items() if COMPILED in text}
+
+
+def test_the_package_itself_is_looked_at_when_a_kernel_is_imported() -> None:
+    folder = Path(mocapella.__file__).parent
+    code = "import mocapella.geometry.lens_kernels; from mocapella.kernel_cache import discard_stale; "
+    code += "from pathlib import Path; print(discard_stale(Path(mocapella.__file__).parent))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+    assert (folder / "__pycache__" / STAMPS).is_file()

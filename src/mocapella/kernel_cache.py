@@ -12,10 +12,13 @@ import contextlib
 import hashlib
 import json
 import re
+from collections.abc import Container, Mapping
 from pathlib import Path
 from typing import Final
 
 STAMPS: Final = "kernels.json"
+COMPILED: Final = "\nfrom mocapella.compiled import njit\n"
+"""What stands in every file that is compiled."""
 _IMPORT: Final = re.compile(r"^from mocapella\.([\w.]+) import (?:\(([^)]*)\)|(.*))$", re.MULTILINE)
 
 
@@ -36,8 +39,10 @@ def discard_stale(package: Path) -> list[str]:
         was = json.loads(stamps.read_bytes())
     except (OSError, ValueError):
         was = {}
-    known: dict[str, tuple[str, list[str]]] = {}
-    now = {name: _state(package, name, known) for name in _kernels(package)}
+    texts = {path.relative_to(package).as_posix(): path.read_text(encoding="utf-8") for path in package.rglob("*.py")}
+    imports = {name: _imports(text, texts) for name, text in texts.items()}
+    compiled = sorted(name for name, text in texts.items() if COMPILED in text)
+    now = {name: _state(package, name, imports) for name in compiled}
     if now == was:
         return []
     stale = [name for name, state in now.items() if not isinstance(was, dict) or was.get(name) != state]
@@ -51,34 +56,25 @@ def discard_stale(package: Path) -> list[str]:
     return stale
 
 
-def _kernels(package: Path) -> list[str]:
-    found = [*package.glob("*/*_kernels.py"), *package.glob("*/*/*_kernels.py")]
-    return sorted(path.relative_to(package).as_posix() for path in found)
-
-
-def _state(package: Path, name: str, known: dict[str, tuple[str, list[str]]]) -> str:
+def _state(package: Path, name: str, imports: Mapping[str, list[str]]) -> str:
     """Of a file and all of the package that it imports: their names, sizes and times, in short."""
     seen, open_ = set[str](), [name]
     while open_:
         one = open_.pop()
-        if one in seen:
-            continue
-        seen.add(one)
-        if one not in known:
-            stat = (package / one).stat()
-            text = (package / one).read_text(encoding="utf-8")
-            known[one] = f"{one} {stat.st_size} {stat.st_mtime_ns}", _imports(package, text)
-        open_ += known[one][1]
-    told = "\n".join(known[one][0] for one in sorted(seen))
+        if one not in seen:
+            seen.add(one)
+            open_ += imports[one]
+    stats = [(one, (package / one).stat()) for one in sorted(seen)]
+    told = "\n".join(f"{one} {stat.st_size} {stat.st_mtime_ns}" for one, stat in stats)
     return hashlib.blake2s(told.encode(), digest_size=12).hexdigest()
 
 
-def _imports(package: Path, text: str) -> list[str]:
-    """The files of the package that a source imports from: ``from mocapella.a import b`` may be a/b.py, or a.py."""
+def _imports(text: str, files: Container[str]) -> list[str]:
+    """Which of the package's files a source imports from: ``from mocapella.a import b`` may be a/b.py, or a.py."""
     found = []
     for module, several, one in _IMPORT.findall(text):
         folder = module.replace(".", "/")
         names = [name.split(" as ")[0].strip() for name in (several or one).split("#")[0].split(",")]
         candidates = [f"{folder}.py", f"{folder}/__init__.py", *(f"{folder}/{name}.py" for name in names if name)]
-        found += [path for path in candidates if (package / path).is_file()]
+        found += [path for path in candidates if path in files]
     return found

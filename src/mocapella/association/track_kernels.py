@@ -7,10 +7,10 @@ Arrays are as `mocapella.association.tracks.TrackMemory` describes them: a row f
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from mocapella.association.proportions import MOST, SD_M
 from mocapella.association.tracks import RECENT_S
+from mocapella.compiled import njit
 
 EXPIRED, EVERYBODY, DECIDED, AMBIGUOUS = -1, 0, 1, 2
 """What `costs` found."""

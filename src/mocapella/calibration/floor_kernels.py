@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from mocapella.calibration.floor import FOOT_HEIGHT_M, OUTLIER_M, STANCE_S, STANDS_BELOW_M_S
+from mocapella.compiled import njit
 
 LONGEST_STEP = 0.3
 """A foot that was not seen for longer may have been anywhere [s]."""

@@ -6,7 +6,8 @@ LAPACK starts threads for matrices as small as these, which takes longer than th
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from mocapella.compiled import njit
 
 
 @njit(cache=True)

@@ -7,7 +7,6 @@ All memory is in arrays, whose places have the names below. Times are seconds on
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from mocapella.calibration.pair_memory import (
     AGREED,
@@ -42,6 +41,7 @@ from mocapella.calibration.pair_memory import (
     STEPS,
     STOOD,
 )
+from mocapella.compiled import njit
 from mocapella.geometry.alignment_kernels import accumulate, align, residuals
 
 LONGEST_STEP = 0.2

@@ -9,8 +9,8 @@ compiled in, and numba's cache asks for changes of this file only: who changes o
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from mocapella.compiled import njit
 from mocapella.fusion.facing_grid import BIN, BINS, LEAST, STEP_S
 from mocapella.fusion.facing_model import MOST_SCORE, SHAPE_BINS, SPEEDS, YAW_BINS
 from mocapella.fusion.facing_shape import FEATURES, LENGTHS_M, NARROWEST_M

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from mocapella.compiled import njit
 from mocapella.fusion.joint_bias import FAR, FARTHEST_M, FASTEST_M_S, HARMONICS, MIDDLE_M, NEAREST_M, TERMS
 
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from mocapella.compiled import njit
 from mocapella.geometry.triangulation_kernels import linearised, triangulate
 
 TRACKED, INFERRED, LOST = 0, 1, 2

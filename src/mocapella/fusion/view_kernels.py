@@ -7,8 +7,8 @@ Views are (views, joints, 3), their variances (views, joints) with infinity wher
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from mocapella.compiled import njit
 from mocapella.model.observations import JointState
 
 _NOT_TRACKED, _INFERRED = int(JointState.NOT_TRACKED), int(JointState.INFERRED)

@@ -7,7 +7,8 @@ The layout of the moments is said there. ``M`` is always one (`alignment.MOMENTS
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from mocapella.compiled import njit
 
 
 @njit(cache=True)

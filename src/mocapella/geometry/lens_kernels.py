@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from mocapella.compiled import njit
 
 STEPS = 20
 """Newton's method needs about 4; what takes more does not come back."""

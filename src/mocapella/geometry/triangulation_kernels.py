@@ -11,8 +11,8 @@ import math
 from typing import Any, Final
 
 import numpy as np
-from numba import njit
 
+from mocapella.compiled import njit
 from mocapella.geometry import lens_kernels
 from mocapella.geometry.lens_kernels import undistort as undistort_fully
 

@@ -8,8 +8,8 @@ every function here are `ArticulatedModel.arrays`; all arrays are contiguous. Im
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from mocapella.compiled import njit
 from mocapella.geometry.alignment_kernels import accumulate, align
 from mocapella.kinematics import articulated_memory as at
 from mocapella.kinematics.articulated_model import OF_BALL, ROOT_DOFS

@@ -19,8 +19,8 @@ numbers take twice as long.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from mocapella.compiled import njit
 from mocapella.kinematics.articulated_model import ABOUT, OF_BALL
 
 _IDENTITY = np.eye(3).reshape(9)

@@ -14,8 +14,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from mocapella.compiled import njit
 from mocapella.kinematics.chain_kernels import orthonormal, turn_between, turned
 from mocapella.kinematics.hand_kernels import (
     A0,

@@ -15,7 +15,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from mocapella.compiled import njit
 
 # A digit's row of numbers.
 L1, L2, L3 = 0, 1, 2

@@ -12,8 +12,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from mocapella.compiled import njit
 from mocapella.sensing.marker_memory import (
     AREA,
     CANDIDATES,

@@ -7,7 +7,8 @@ Points are (points, 3) positions and velocities, (points, 3) variances, (points,
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from mocapella.compiled import njit
 
 _AXES = 3.0
 

@@ -7,9 +7,9 @@ Arrays are as `People` describes them; a body of the frame is taken for the pers
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from mocapella.association.track_kernels import measure
+from mocapella.compiled import njit
 from mocapella.fusion.facing_kernels import reported_yaw, view_worth, wrap
 from mocapella.fusion.view_kernels import follow_offsets, fuse, joint_variances, sd_at
 from mocapella.kinematics import articulated_kernels

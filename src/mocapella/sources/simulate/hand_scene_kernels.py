@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from mocapella.compiled import njit
 
 SAMPLES = 4
 """Rays of a pixel, 2 × 2, each at another instant of the exposure; which one has which changes from pixel to pixel."""

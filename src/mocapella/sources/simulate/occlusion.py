@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from mocapella.compiled import njit
 from mocapella.settings import check
 from mocapella.sources.simulate.body import body_model
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from mocapella.compiled import njit
 from mocapella.model.topology import Topology
 
 Float64 = NDArray[np.float64]

@@ -96,7 +96,7 @@ def test_it_prints_the_table_with_what_is_only_proportioned(take: Path, tmp_path
         app, ["hand", "measure", str(take), "--phases", PHASES_TEXT, "--out", str(out)], env={"COLUMNS": "160"}
     )
     assert done.exit_code == 0, done.output
-    assert "in proportion to the fingers" in done.stderr
+    assert "in proportion to the fingers" in " ".join(done.stderr.split())
     assert "±" in done.stderr
     assert f"serve --method hands --hand {out}" in done.stderr
     assert "base_places_m=[[" in done.stderr
