@@ -136,6 +136,20 @@ def test_live_it_leads_somebody_who_moves_it(tmp_path: Path) -> None:
     assert json.loads(report.read_text())["space"] == "vr"
 
 
+def test_ctrl_c_ends_it_and_writes_nothing(tmp_path: Path) -> None:
+    address, out = f"tcp/127.0.0.1:{free_port()}", tmp_path / "vr.toml"
+    server = ServerLink(address, on_nonsense=lambda text: None)
+    words = ["--body", "LHR-1", "--thing", "wand", "--out", str(out), "--connect", address]
+    try:
+        with Program(tmp_path, "align", "align", *words) as program:
+            wait_until("it waits", program.said("waiting for scenes"))
+            assert program.end() == 130
+            assert "nothing was written" in program.output
+    finally:
+        server.close()
+    assert not out.exists()
+
+
 def move(server: ServerLink, node: NodeLink, over: threading.Event) -> None:
     """Publish it all, about in real time, for ever."""
     for scene, frame in moved(600):

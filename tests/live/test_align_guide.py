@@ -71,17 +71,17 @@ def test_it_goes_on_while_it_is_not_known_well_and_takes_what_will_do_at_the_end
 
 
 @pytest.mark.parametrize(
-    ("motion", "said"),
+    ("motion", "noise_m", "said"),
     [
-        (partial(wand, far=0.0, turned=0.2), ["too small a space"]),
-        (partial(wand, turned=0.0), ["too little rotation"]),
-        (partial(wand, axes=1), ["too little rotation", r"about the body's axis \[1.0, 0.0, 0.0\]"]),
-        (lambda t: wand(0.0), ["too small a space", "too little rotation"]),
-        (lambda t: wand(0.05 * t, axes=3), ["too"]),
+        (partial(wand, far=0.0, turned=0.2), 0.0005, ["too small a space"]),
+        (partial(wand, turned=0.0), 0.0005, ["too little rotation"]),
+        (partial(wand, axes=1), 0.0005, ["too little rotation", r"mostly about the body's axis \[1.0, 0.0, 0.0\]"]),
+        (lambda t: wand(0.0), 0.0005, ["too small a space", "too little rotation"]),
+        (lambda t: wand(0.13 * t), 0.018, ["too slow to know the delay"]),
     ],
 )
-def test_what_is_missing_is_told_meanwhile_and_at_the_end(motion: Motion, said: list[str]) -> None:
-    bus = Bus(motion, noise_m=0.0005)
+def test_what_is_missing_is_told_meanwhile_and_at_the_end(motion: Motion, noise_m: float, said: list[str]) -> None:
+    bus = Bus(motion, noise_m=noise_m)
     with pytest.raises(CalibrationError, match=".*".join(["12 s were not enough", *said])):
         bus.lead()
     seconds = {line.partition(" s: ")[0] for line in bus.shown}

@@ -181,8 +181,8 @@ def try_to_align(
         )
     turn_rad, other_rad, axis = _turning(track.at(t[shared])[0])
     if turn_rad < s.least_turn_rad:
-        about = f"[{', '.join(f'{x:.1f}' for x in axis)}]"
-        only = f", all else about the body's axis {about}" if other_rad >= s.least_turn_rad else ""
+        about = f"[{', '.join(f'{x:.1f}' for x in np.round(axis, 1) + 0.0)}]"
+        only = f", mostly about the body's axis {about}" if other_rad >= s.least_turn_rad else ""
         missing.append(
             Shortfall(
                 "too little rotation to know the lever arm",
@@ -239,7 +239,7 @@ def _turning(R: Float64) -> tuple[float, float, Float64]:
     squares, axes = np.linalg.eigh(np.einsum("kij,kil->jl", off, off) / len(R))
     least, next_ = np.sqrt(np.maximum(squares[:2], 0.0))
     axis = axes[:, 0] * np.sign(axes[np.argmax(np.abs(axes[:, 0])), 0])
-    return float(least), float(next_), axis + 0.0  # no −0
+    return float(least), float(next_), axis
 
 
 def _start(t: Float64, p: Float64, track: _Track, s: SpaceAlignmentSettings) -> tuple[Float64, Float64, float] | None:
