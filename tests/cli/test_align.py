@@ -3,59 +3,44 @@
 from __future__ import annotations
 
 import json
+import threading
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
+from moved_wand import DELAY_S, HZ, ON_BODY, T_WORLD_VR, moved, wand
+from programs import Program, free_port, wait_until
 from typer.testing import CliRunner
 
 from mocapella.cli.align import align
 from mocapella.cli.app import app
 from mocapella.errors import CalibrationError, InputError, MocapellaError, SettingsError
-from mocapella.geometry.rigid import inverse, rigid
-from mocapella.geometry.twists import exp_twist, log_motion
-from mocapella.model.poses import pose_frame, quaternion_of
-from mocapella.model.scene import Phase, Scene, TrackedObject, TrackedPoints, TrackerState
+from mocapella.geometry.rigid import inverse
+from mocapella.geometry.twists import log_motion
 from mocapella.model.session import Setup
 from mocapella.model.space import load_space
-from mocapella.model.topology import topology
 from mocapella.recording.take import TakeInfo
 from mocapella.recording.take_writer import TakeWriter
 from mocapella.schema import encode_frame, encode_scene
+from mocapella.wire.node import NodeLink
+from mocapella.wire.server import ServerLink
 
-T_WORLD_VR = rigid(exp_twist([0, 0, 0, 0.1, 1.0, -0.2])[:3, :3], [0.5, -1.0, 2.0])
-ON_BODY = rigid(exp_twist([0, 0, 0, 0.4, 0, 0])[:3, :3], [0.01, 0.05, -0.02])
-DELAY_S = 0.03
 assert align  # registers the verb
 
 
-def wand(t: float, turned: bool = True) -> np.ndarray:
-    phi = 0.7 * np.sin(np.array([2.0, 3.1, 1.6]) * t + [0, 1, 2]) * turned
-    return rigid(exp_twist([0, 0, 0, *phi])[:3, :3], 0.15 * np.sin(np.array([1.5, 2.2, 2.9]) * t))
-
-
-def recorded(path: Path, *, seconds: float = 6.0, turned: bool = True, spaces: tuple[str, ...] = ("vr",)) -> Path:
+def recorded(path: Path, *, seconds: float = 6.0, turned: float = 0.7, spaces: tuple[str, ...] = ("vr",)) -> Path:
     """Of the wand's place, of a marker on it, and of poses that nobody could use then."""
     setup = Setup("hands", sensors_expected=2, participant=1, placement="", scenario="")
     writer = TakeWriter.create(path, info=TakeInfo(setup=setup, started_unix_ns=0, started_ns=0), reserve_bytes=0)
-    state, sd, two = TrackerState(Phase.TRACKING), np.array([0.001], np.float32), np.array([2], np.uint8)
-    step = 0
-    for k in range(round(seconds * 50)):
-        at_ns = round(1e9 * (1 + k / 50))
-        seen = wand(k / 50, turned) @ ON_BODY
-        thing = TrackedObject("wand", seen, np.zeros((2, 3)), 2)
-        points = TrackedPoints(("cyan",), seen[None, :3, 3], sd, two)
-        for space in spaces:
-            T = inverse(T_WORLD_VR) @ wand(k / 50 - DELAY_S, turned)
-            frame = pose_frame(
-                space, space, ["LHR-1"], time_ns=at_ns, positions=[T[:3, 3]], orientations=[quaternion_of(T[:3, :3])],
-                node_id=7, sequence=k,
-            )  # fmt: skip
-            scene = Scene(step, at_ns, space, 7, k, topology("hand"), state, (), (), (), points, (thing,))
-            writer.write_frame(encode_frame(frame), sensor=space, node_id=7, sequence=k, log_ns=at_ns)
-            writer.write_scene(encode_scene(scene), at_ns)
-            step += 1
+    for scene, frame in moved(seconds, partial(wand, turned=turned), spaces=spaces):
+        if frame is not None:
+            writer.write_frame(
+                encode_frame(frame), sensor=frame.sensor, node_id=7, sequence=frame.sequence, log_ns=scene.at_ns
+            )
+        writer.write_scene(encode_scene(scene), scene.at_ns)
     writer.close()
     return path
 
@@ -104,8 +89,73 @@ def test_a_take_that_will_not_do_says_why(tmp_path: Path) -> None:
         assert result.exception is not None
         return result.exception
 
-    still = refused(recorded(tmp_path / "still.mcap", turned=False))
+    still = refused(recorded(tmp_path / "still.mcap", turned=0.0))
     assert isinstance(still, CalibrationError)
     assert "too little rotation" in str(still)
     assert "several spaces" in str(refused(recorded(tmp_path / "two.mcap", seconds=0.2, spaces=("vr", "stage"))))
     assert "no poses of another tracker" in str(refused(recorded(tmp_path / "none.mcap", seconds=0.2, spaces=())))
+
+
+def test_seconds_are_of_the_live_way(tmp_path: Path) -> None:
+    result = run("take.mcap", "--body", "LHR-1", "--thing", "wand", "--seconds", 5, "--out", tmp_path / "vr.toml")
+    assert isinstance(result.exception, SettingsError)
+    assert "--seconds is for the live way" in str(result.exception)
+
+
+def test_where_nothing_can_be_written_it_says_so_before_it_begins(tmp_path: Path) -> None:
+    result = run("--body", "LHR-1", "--thing", "wand", "--out", tmp_path / "none" / "vr.toml")
+    assert isinstance(result.exception, SettingsError)
+    assert "there is no folder" in str(result.exception)
+
+
+def test_live_it_leads_somebody_who_moves_it(tmp_path: Path) -> None:
+    """A process that says what is missing; on the bus, scenes and a node's poses of somebody who moves the wand."""
+    address, out, report = f"tcp/127.0.0.1:{free_port()}", tmp_path / "vr.toml", tmp_path / "vr.json"
+    server, over = ServerLink(address, on_nonsense=lambda text: None), threading.Event()
+    words = ["--body", "LHR-1", "--thing", "wand", "--out", str(out), "--connect", address, "--seconds", "5"]
+    try:
+        with (
+            Program(tmp_path, "align", "align", *words, "--json", str(report)) as program,
+            NodeLink(address, "vr") as node,
+        ):
+            moving = threading.Thread(target=move, args=(server, node, over))
+            moving.start()
+            try:
+                wait_until("it is aligned", lambda: program.process.poll() is not None)
+            finally:
+                over.set()
+                moving.join()
+            assert program.process.poll() == 0, program.output
+            assert "move it through all of the space" in program.output
+            assert "too few shared instants" in program.output
+    finally:
+        server.close()
+    found = load_space(out)
+    assert np.linalg.norm(log_motion(found.T_world_space @ inverse(T_WORLD_VR))[3:]) < 2e-3
+    assert found.clock_s == pytest.approx(DELAY_S, abs=1e-3)
+    assert json.loads(report.read_text())["space"] == "vr"
+
+
+def test_ctrl_c_ends_it_and_writes_nothing(tmp_path: Path) -> None:
+    address, out = f"tcp/127.0.0.1:{free_port()}", tmp_path / "vr.toml"
+    server = ServerLink(address, on_nonsense=lambda text: None)
+    words = ["--body", "LHR-1", "--thing", "wand", "--out", str(out), "--connect", address]
+    try:
+        with Program(tmp_path, "align", "align", *words) as program:
+            wait_until("it waits", program.said("waiting for scenes"))
+            assert program.end() == 130
+            assert "nothing was written" in program.output
+    finally:
+        server.close()
+    assert not out.exists()
+
+
+def move(server: ServerLink, node: NodeLink, over: threading.Event) -> None:
+    """Publish it all, about in real time, for ever."""
+    for scene, frame in moved(600):
+        if frame is not None:
+            sent = node.publish(frame)
+            scene = msgspec.structs.replace(scene, node_id=sent.node_id, sequence=sent.sequence)  # noqa: PLW2901
+        server.publish_scene(encode_scene(scene))
+        if over.wait(0.5 / HZ):
+            return

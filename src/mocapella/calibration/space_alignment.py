@@ -18,8 +18,9 @@ half-second blocks (K.-Y. Liang, S. Zeger, Biometrika 73 (1986) 13), for errors 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import msgspec
 import numpy as np
@@ -108,6 +109,17 @@ class SpaceFit(msgspec.Struct, frozen=True, eq=False):
     space_m: float
 
 
+class Shortfall(NamedTuple):
+    """What is missing of an alignment: in what respect, how much there is and is wanted, and what to do."""
+
+    problem: str
+    measured: str
+    advice: str
+
+    def __str__(self) -> str:
+        return f"{self.problem}: {self.measured}: {self.advice}"
+
+
 def align_space(
     at_s: Any, points: Any, poses_s: Any, T_space_body: Any, settings: SpaceAlignmentSettings | None = None
 ) -> SpaceFit:
@@ -124,33 +136,68 @@ def align_space(
         CalibrationError: it cannot be found of these: too few shared instants, too small a space, too little turning,
             not one rigid thing, or too uncertain; says what to do.
     """
+    fit, missing = try_to_align(at_s, points, poses_s, T_space_body, settings)
+    if missing:
+        raise CalibrationError(str(missing[0]))
+    assert fit is not None
+    return fit
+
+
+def try_to_align(
+    at_s: Any, points: Any, poses_s: Any, T_space_body: Any, settings: SpaceAlignmentSettings | None = None
+) -> tuple[SpaceFit | None, tuple[Shortfall, ...]]:
+    """The alignment as well as it can be known of these, and all that is missing; arguments as of `align_space`.
+
+    The fit is None where so much is missing that there is no use in one; without shortfalls it is good enough.
+    """
     s = settings or SpaceAlignmentSettings()
     t, p = np.asarray(at_s, dtype=np.float64), np.asarray(points, dtype=np.float64)
     track = _Track(np.asarray(poses_s, dtype=np.float64), np.asarray(T_space_body, dtype=np.float64), s.longest_gap_s)
     known = np.isfinite(p).all(axis=(1, 2)) & np.isfinite(t)
     t, p = t[known], p[known]
     shared = track.at(t)[3] if len(t) else np.zeros(0, dtype=np.bool_)
+    missing = []
     blocks = len(np.unique(np.floor(t[shared] / _BLOCK_S)))
     if shared.sum() < s.least_instants or blocks < _LEAST_BLOCKS:
-        raise CalibrationError(
-            f"too few shared instants: at {int(shared.sum())}, in {blocks * _BLOCK_S:g} s, both trackers know where it "
-            f"is; {s.least_instants} in {_LEAST_BLOCKS * _BLOCK_S:g} s are wanted: move it for 20 s where the cameras "
-            "and the other tracker see it"
+        missing.append(
+            Shortfall(
+                "too few shared instants",
+                f"at {int(shared.sum())}, in {blocks * _BLOCK_S:g} s, both trackers know where it is; "
+                f"{s.least_instants} in {_LEAST_BLOCKS * _BLOCK_S:g} s are wanted",
+                "move it for 20 s where the cameras and the other tracker see it",
+            )
         )
+    if shared.sum() < 2:
+        return None, tuple(missing)
     space_m = _spread(p[shared, 0], s.vertical)
     if space_m < s.least_space_m:
-        raise CalibrationError(
-            f"too small a space: it was moved by {100 * space_m:.1f} cm across its main direction, "
-            f"{100 * s.least_space_m:.0f} cm are wanted: move it through all of the space that the cameras see"
+        missing.append(
+            Shortfall(
+                "too small a space",
+                f"it was moved by {100 * space_m:.1f} cm across its main direction, {100 * s.least_space_m:.0f} cm are "
+                "wanted",
+                "move it through all of the space that the cameras see",
+            )
         )
-    turn_rad = _turning(track.at(t[shared])[0])
+    turn_rad, other_rad, axis = _turning(track.at(t[shared])[0])
     if turn_rad < s.least_turn_rad:
-        raise CalibrationError(
-            f"too little rotation to know the lever arm: it was turned by {math.degrees(turn_rad):.1f}° about its "
-            f"second axis, {math.degrees(s.least_turn_rad):.0f}° are wanted (as standard deviations): tilt and turn it "
-            "about two axes at least while you move it"
+        about = f"[{', '.join(f'{x:.1f}' for x in np.round(axis, 1) + 0.0)}]"
+        only = f", mostly about the body's axis {about}" if other_rad >= s.least_turn_rad else ""
+        missing.append(
+            Shortfall(
+                "too little rotation to know the lever arm",
+                f"it was turned by {math.degrees(turn_rad):.1f}° about its second axis{only}, "
+                f"{math.degrees(s.least_turn_rad):.0f}° are wanted (as standard deviations)",
+                "tilt and turn it about two axes at least while you move it",
+            )
         )
-    return _checked(_refined(t, p, track, _start(t, p, track, s), s, moved=(turn_rad, space_m)), s)
+    if missing:
+        return None, tuple(missing)
+    start = _start(t, p, track, s)
+    if start is None:
+        return None, (Shortfall("too few shared instants", "at every delay", "move it for 20 s without hiding it"),)
+    fit = _refined(t, p, track, start, s, moved=(turn_rad, space_m))
+    return fit, tuple(_shortfalls(fit, s))
 
 
 class _Track:
@@ -186,14 +233,17 @@ def _spread(p: Float64, vertical: bool) -> float:
     return float(np.linalg.svd(centred, compute_uv=False)[0 if vertical else 1] / math.sqrt(len(p)))
 
 
-def _turning(R: Float64) -> float:
-    """How far rotations (n, 3, 3) move the direction that they move least [rad]."""
+def _turning(R: Float64) -> tuple[float, float, Float64]:
+    """How far rotations (n, 3, 3) move the direction that they move least [rad], the next, and which that is."""
     off = R - R.mean(axis=0)
-    return float(math.sqrt(max(np.linalg.eigvalsh(np.einsum("kij,kil->jl", off, off) / len(R))[0], 0.0)))
+    squares, axes = np.linalg.eigh(np.einsum("kij,kil->jl", off, off) / len(R))
+    least, next_ = np.sqrt(np.maximum(squares[:2], 0.0))
+    axis = axes[:, 0] * np.sign(axes[np.argmax(np.abs(axes[:, 0])), 0])
+    return float(least), float(next_), axis
 
 
-def _start(t: Float64, p: Float64, track: _Track, s: SpaceAlignmentSettings) -> tuple[Float64, Float64, float]:
-    """T_world_space, the lever arms and the delay, by linear least squares at every delay."""
+def _start(t: Float64, p: Float64, track: _Track, s: SpaceAlignmentSettings) -> tuple[Float64, Float64, float] | None:
+    """T_world_space, the lever arms and the delay, by linear least squares at every delay; None without instants."""
     best: tuple[float, Float64, Float64, float] | None = None
     for delay in np.arange(-s.delay_within_s, s.delay_within_s + 0.5 * _DELAY_STEP_S, _DELAY_STEP_S):
         R, b, _, known, _ = track.at(t + delay)
@@ -202,9 +252,7 @@ def _start(t: Float64, p: Float64, track: _Track, s: SpaceAlignmentSettings) -> 
         error, T, lever = _linear(p[known], R[known], b[known])
         if best is None or error < best[0]:
             best = error, T, lever, float(delay)
-    if best is None:
-        raise CalibrationError("too few shared instants at every delay: move it for 20 s without hiding it")
-    return best[1:]
+    return None if best is None else best[1:]
 
 
 def _linear(p: Float64, R: Float64, b: Float64) -> tuple[float, Float64, Float64]:
@@ -301,30 +349,35 @@ def _refined(
     )  # fmt: skip
 
 
-def _checked(fit: SpaceFit, s: SpaceAlignmentSettings) -> SpaceFit:
+def _shortfalls(fit: SpaceFit, s: SpaceAlignmentSettings) -> Iterator[Shortfall]:
     if not fit.residual_m <= s.largest_residual_m or fit.left_out > 0.5 * fit.instants:
-        raise CalibrationError(
-            f"the two trackers do not follow one rigid thing: what is left is {1e3 * fit.residual_m:.0f} mm, at most "
-            f"{1e3 * s.largest_residual_m:.0f} mm are wanted: fix the marker on the body, and name the right ones; "
-            "where only one has y up, do without --vertical"
+        yield Shortfall(
+            "the two trackers do not follow one rigid thing",
+            f"what is left is {1e3 * fit.residual_m:.0f} mm, at most {1e3 * s.largest_residual_m:.0f} mm are wanted",
+            "fix the marker on the body, and name the right ones; where only one has y up, do without --vertical",
         )
     if abs(fit.delay_s) > s.delay_within_s:
-        raise CalibrationError(
-            f"the clocks differ by {fit.delay_s:.2f} s, or nothing fits: at most {s.delay_within_s:g} s are looked at"
+        yield Shortfall(
+            "the clocks differ too much, or nothing fits",
+            f"by {fit.delay_s:.2f} s, at most {s.delay_within_s:g} s are looked at",
+            "name the right marker and body",
         )
     if not fit.delay_sd_s <= s.largest_delay_sd_s:
-        raise CalibrationError(
-            f"too slow to know the delay: it is known to {1e3 * fit.delay_sd_s:.0f} ms, "
-            f"{1e3 * s.largest_delay_sd_s:.0f} ms are wanted: move it faster, to and fro"
+        yield Shortfall(
+            "too slow to know the delay",
+            f"it is known to {1e3 * fit.delay_sd_s:.0f} ms, {1e3 * s.largest_delay_sd_s:.0f} ms are wanted",
+            "move it faster, to and fro",
         )
     if not fit.lever_sd_m <= s.largest_sd_m:
-        raise CalibrationError(
-            f"too little rotation to know the lever arm: it is known to {1e3 * fit.lever_sd_m:.0f} mm, "
-            f"{1e3 * s.largest_sd_m:.0f} mm are wanted: tilt and turn it more, and longer"
+        yield Shortfall(
+            "too little rotation to know the lever arm",
+            f"it is known to {1e3 * fit.lever_sd_m:.0f} mm, {1e3 * s.largest_sd_m:.0f} mm are wanted",
+            "tilt and turn it more, and longer",
         )
     if not (fit.position_sd_m <= s.largest_sd_m and fit.rotation_sd_rad <= s.largest_sd_rad):
-        raise CalibrationError(
-            f"too uncertain: known to {1e3 * fit.position_sd_m:.0f} mm and {math.degrees(fit.rotation_sd_rad):.1f}°: "
-            "move it longer, through a larger space"
+        yield Shortfall(
+            "too uncertain",
+            f"known to {1e3 * fit.position_sd_m:.0f} mm and {math.degrees(fit.rotation_sd_rad):.1f}°, "
+            f"{1e3 * s.largest_sd_m:.0f} mm and {math.degrees(s.largest_sd_rad):.1f}° are wanted",
+            "move it longer, through a larger space",
         )
-    return fit

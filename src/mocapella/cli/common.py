@@ -45,6 +45,18 @@ def _check_json(target: str | None) -> str | None:
     return target
 
 
+def check_out(path: Path) -> Path:
+    """Refuse, before anybody has shown anything, a file that could not be written at the end.
+
+    Raises:
+        SettingsError: it is a folder, or in none.
+    """
+    if path.is_dir() or not path.parent.is_dir():
+        problem = "it is a folder" if path.is_dir() else f"there is no folder {path.parent}"
+        raise SettingsError(f"--out {path}: {problem}; name a file in a folder that exists")
+    return path
+
+
 def _check_scene(name: str) -> str:
     """List the scenes where that is asked for, and where there is none of that name."""
     from mocapella.sources.simulate import scene_summaries

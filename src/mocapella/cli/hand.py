@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from mocapella.cli.app import hand_app
-from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, console, say, write_json
+from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, check_out, console, say, write_json
 from mocapella.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -24,18 +24,10 @@ _PROPORTIONED: Final = ("thumb",)
 """Digits that the gesture does not measure."""
 
 
-def _check_out(path: Path) -> Path:
-    """Refuse, before anybody has shown anything, a file that could not be written at the end."""
-    if path.is_dir() or not path.parent.is_dir():
-        problem = "it is a folder" if path.is_dir() else f"there is no folder {path.parent}"
-        raise SettingsError(f"--out {path}: {problem}; name a file in a folder that exists, such as ada.json")
-    return path
-
-
 @hand_app.command("measure")
 def measure(
     out: Annotated[
-        Path, typer.Option(metavar="FILE", help="The hand to write, for serve --hand (JSON).", callback=_check_out)
+        Path, typer.Option(metavar="FILE", help="The hand to write, for serve --hand (JSON).", callback=check_out)
     ],
     take: Annotated[
         Path | None, typer.Argument(metavar="TAKE", help="A take of the gesture; without it, live and guided.")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import threading
+from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -66,6 +68,42 @@ class Newest:
         except WireError:
             self.refused += 1
             return None
+
+
+class Following:
+    """All scenes and live frames, in the order they come in, for who must not skip any and asks often enough.
+
+    Attributes:
+        refused: messages that could not be read.
+        lost: messages that were thrown away because nobody asked for them, the oldest first.
+    """
+
+    def __init__(self, session: zenoh.Session, most: int = 4096) -> None:
+        self.refused = self.lost = 0
+        self._waiting: deque[tuple[Callable[[bytes], Scene | Frame], bytes]] = deque(maxlen=most)
+        self._lock = threading.Lock()
+        self._subscribers = [
+            session.declare_subscriber(keys.SCENE, lambda sample: self._put(decode_scene, sample)),
+            session.declare_subscriber(keys.ALL_LIVE, lambda sample: self._put(decode_frame, sample)),
+        ]
+
+    def take(self) -> list[Scene | Frame]:
+        """What has come since the last call."""
+        with self._lock:
+            waiting = list(self._waiting)
+            self._waiting.clear()
+        read = []
+        for decode, data in waiting:
+            try:
+                read.append(decode(data))
+            except WireError:
+                self.refused += 1
+        return read
+
+    def _put(self, decode: Callable[[bytes], Scene | Frame], sample: zenoh.Sample) -> None:
+        with self._lock:
+            self.lost += len(self._waiting) == self._waiting.maxlen
+            self._waiting.append((decode, sample.payload.to_bytes()))
 
 
 def send_command(

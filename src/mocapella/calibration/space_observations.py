@@ -1,0 +1,141 @@
+"""Where the cameras and another tracker say that one thing is, from frames and scenes: what `space_alignment` wants.
+
+A frame has the other tracker's own clock; the scene that the server makes of it, though it tells nothing new of the
+thing, says when the frame was on the common clock. So both are wanted, in any order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.calibration.space_alignment import Shortfall, SpaceAlignmentSettings, SpaceFit, try_to_align
+from mocapella.conventions import NS_PER_S
+from mocapella.errors import InputError, SettingsError, one_of
+from mocapella.geometry.rigid import apply
+from mocapella.model.observations import Frame, JointState
+from mocapella.model.poses import PoseFrame
+from mocapella.model.scene import Scene
+
+Float64 = NDArray[np.float64]
+_Key = tuple[str, int, int]
+
+_AXIS_M: Final = 0.05
+"""Points on the axes of a thing, so far from its origin, stand for its pose."""
+_LOCAL: Final = np.vstack([np.zeros(3), _AXIS_M * np.eye(3)])
+
+
+class SpaceObservations:
+    """Collects the places of a thing, or of one marker, and the poses of a body in another tracker's space.
+
+    Args:
+        body: the other tracker's name of the thing.
+        space: its space; empty where there is one only.
+        thing, marker: ours of it; one of them is empty.
+        source: what it is all from, as an error names it: a take's path, or None.
+
+    Raises:
+        SettingsError: both of thing and marker, or none.
+    """
+
+    def __init__(self, body: str, *, space: str = "", thing: str = "", marker: str = "", source: Any = None) -> None:
+        if bool(marker) == bool(thing):
+            raise SettingsError("name what was fixed on it: either --marker or --thing")
+        self.body, self.thing, self.marker = body, thing, marker
+        self.scenes = 0
+        self._space, self._source = space, source
+        self._at_ns: dict[_Key, int] = {}
+        self._points: list[tuple[_Key, Float64]] = []
+        self._known: set[str] = set()
+        self._spaces: dict[str, set[str]] = {}
+        self._told_by: set[str] = set()
+        self._poses: list[tuple[_Key, str, Float64]] = []
+
+    def update(self, messages: Iterable[Scene | Frame]) -> None:
+        """Take in what has come."""
+        for message in messages:
+            if isinstance(message, Scene):
+                self._see(message)
+            elif isinstance(message, PoseFrame):
+                self._hear(message)
+
+    @property
+    def space(self) -> str:
+        """The other tracker's space.
+
+        Raises:
+            InputError: there is none of the name, or none at all, or there are several.
+        """
+        if not self._spaces:
+            fix = "start mocapella node osc or openvr" if self._source is None else "record with node osc or openvr"
+            raise InputError("has no poses of another tracker" if self._source else "no poses of another tracker came",
+                             file=self._source, fix=fix)  # fmt: skip
+        space = self._space or (next(iter(self._spaces)) if len(self._spaces) == 1 else "")
+        if space not in self._spaces:
+            problem = "there is no such space" if space else "there are several spaces"
+            fix = f"--space is one of {', '.join(sorted(self._spaces))}"
+            raise InputError(problem, file=self._source, value=space or None, fix=fix)
+        return space
+
+    def attempt(self, settings: SpaceAlignmentSettings) -> tuple[SpaceFit | None, tuple[Shortfall, ...]]:
+        """The alignment as well as it is known by now, and what is missing; see `try_to_align`.
+
+        Raises:
+            InputError: the space or the body has not come; says which have.
+            SettingsError: the thing or the marker has not come.
+        """
+        poses_s, poses = self.poses()
+        return try_to_align(*self.points(), poses_s, poses, settings)
+
+    def poses(self) -> tuple[Float64, Float64]:
+        """Rising times (n,) on the common clock [s] and ``T_space_body`` (n, 4, 4).
+
+        Raises:
+            InputError: see `attempt`.
+        """
+        space = self.space
+        if self.body not in self._spaces[space]:
+            fix = f"--body is one of {one_of(self.body, sorted(self._spaces[space])) or 'none'}"
+            raise InputError("there is no such body", file=self._source, value=self.body, fix=fix)
+        at = {self._at_ns[key]: T for key, of, T in self._poses if of == space and key in self._at_ns}
+        times = sorted(at)
+        return np.array(times) / NS_PER_S, np.array([at[t] for t in times]).reshape(-1, 4, 4)
+
+    def points(self) -> tuple[Float64, Float64]:
+        """Times (n,) on the common clock [s] and points (n, m, 3) of the marker, or of the thing's origin and axes.
+
+        Raises:
+            SettingsError: see `attempt`.
+        """
+        wanted, what = (self.thing, "--thing") if self.thing else (self.marker, "--marker")
+        if wanted not in self._known:
+            known = one_of(wanted, sorted(self._known)) or "none"
+            raise SettingsError(f"{what} {wanted!r}: {'the take has' if self._source else 'there are'} {known}")
+        # The scene of another tracker's frame repeats what the cameras said before.
+        seen = [(self._at_ns[key], points) for key, points in self._points if key[0] not in self._told_by]
+        count = len(_LOCAL) if self.thing else 1
+        return np.array([at for at, _ in seen]) / NS_PER_S, np.array([p for _, p in seen]).reshape(-1, count, 3)
+
+    def _see(self, scene: Scene) -> None:
+        self.scenes += 1
+        key = scene.sensor, scene.node_id, scene.sequence
+        self._at_ns[key] = scene.at_ns
+        if self.thing:
+            self._known.update(one.name for one in scene.objects)
+            found = next((one for one in scene.objects if one.name == self.thing), None)
+            if found is not None and found.state == JointState.TRACKED and found.T_world_object is not None:
+                self._points.append((key, apply(found.T_world_object, _LOCAL)))
+        elif scene.points is not None:
+            names = scene.points.names
+            self._known.update(names)
+            if self.marker in names and scene.points.cameras[k := names.index(self.marker)] >= 2:
+                self._points.append((key, scene.points.positions[k : k + 1]))
+
+    def _hear(self, frame: PoseFrame) -> None:
+        self._told_by.add(frame.sensor)
+        self._spaces.setdefault(frame.space, set()).update(frame.names)
+        if (T := frame.T_space_body(self.body)) is not None:
+            self._poses.append((frame.key, frame.space, T))
