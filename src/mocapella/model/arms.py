@@ -1,0 +1,145 @@
+"""An arm and its hand as one depth camera sees them."""
+
+from __future__ import annotations
+
+from typing import Final, Protocol
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.model.hand import LANDMARKS, TIPS, WRIST
+from mocapella.model.topology import Topology, topology
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+
+ARM_POINTS: Final = (*LANDMARKS, "palm", "elbow")
+"""The hand's 21 landmarks, the middle of the palm and the elbow."""
+PALM: Final = len(LANDMARKS)
+ELBOW: Final = PALM + 1
+ARM_JOINTS: Final = (ELBOW, WRIST, PALM, *TIPS)
+"""The eight joints of an arm, where they are in `ARM_POINTS`: elbow, wrist, palm, thumb tip … little fingertip."""
+ARM_JOINT_NAMES: Final = tuple(ARM_POINTS[k] for k in ARM_JOINTS)
+ARM_BONES: Final = ((0, 1), (1, 2), *((2, k) for k in range(3, 8)))
+"""Which of the eight joints are joined by a line."""
+
+
+class SeenArm(msgspec.Struct, frozen=True, eq=False):
+    """An arm in one camera's space: x right, y down, z out of the lens.
+
+    The middle of the palm is halfway between the wrist and the knuckle of the middle finger.
+
+    Attributes:
+        id: stays the same for as long as the camera's method believes that it is the same arm.
+        left: whether it is a left one.
+        left_sure: from 0.5, which is a guess, to 1: how sure that is.
+        points: (23, 3) in the order of `ARM_POINTS` [m]; NaN where not known.
+        states: (23,) `JointState`: 2 measured in this image, 1 inferred, 0 not known.
+        sd: (23,) standard deviation of a coordinate [m]; NaN where not known.
+        angles: (21,) of `mocapella.model.hand.ANGLES` [rad]; NaN where the method has none.
+        T_camera_palm: (4, 4); None where the method has none.
+        gesture: in a word, such as open or fist; empty where none is recognised.
+        gesture_sure: from 0 to 1.
+        grabbing: whether the hand holds on to something.
+    """
+
+    id: int
+    left: bool
+    left_sure: float
+    points: Float64
+    states: UInt8
+    sd: Float32
+    angles: Float64
+    T_camera_palm: Float64 | None = None
+    gesture: str = ""
+    gesture_sure: float = 0.0
+    grabbing: bool = False
+
+    @property
+    def joints(self) -> Float64:
+        """(8, 3) of `ARM_JOINTS` [m]."""
+        return self.points[list(ARM_JOINTS)]
+
+    @property
+    def joint_states(self) -> UInt8:
+        """(8,) of `ARM_JOINTS`."""
+        return self.states[list(ARM_JOINTS)]
+
+
+class SeenArms(msgspec.Struct, frozen=True, eq=False):
+    """What a method found in one image.
+
+    Attributes:
+        arms: in the order of their ids.
+        reason: why there is none, or what is doubtful about the image, in a sentence; empty where all is well.
+    """
+
+    arms: tuple[SeenArm, ...]
+    reason: str = ""
+
+
+class ArmFrame(msgspec.Struct, frozen=True, eq=False):
+    """The arms that one depth camera saw at one instant; identified like a `mocapella.model.observations.BodyFrame`.
+
+    Attributes:
+        sensor: the camera's name.
+        node_id: random number of the process that serves the camera, new at each start.
+        sequence: 0, 1, 2, … of that process.
+        time_ns: of the capture, on the *camera's own* clock.
+        sent_ns: when the node published it, on the node's monotonic clock; 0 where there was no node.
+        size_px: (width, height) of the depth image.
+        lens: (9,) of `mocapella.geometry.lens`.
+        method: that found them.
+        arms: see there.
+        reason: as of `SeenArms`.
+    """
+
+    sensor: str
+    node_id: int
+    sequence: int
+    time_ns: int
+    sent_ns: int
+    size_px: tuple[int, int]
+    lens: Float64
+    method: str
+    arms: tuple[SeenArm, ...]
+    reason: str = ""
+
+    @property
+    def key(self) -> tuple[str, int, int]:
+        """What identifies the frame: (sensor, node_id, sequence)."""
+        return self.sensor, self.node_id, self.sequence
+
+    @property
+    def topology(self) -> Topology:
+        """Of what arms are made into."""
+        return topology("hand")
+
+    @property
+    def bodies(self) -> int:
+        """How many arms are seen: what a table of sensors shows."""
+        return len(self.arms)
+
+
+class ArmMethod(Protocol):
+    """Finds arms in depth images, one image after the other; made for one `mocapella.model.camera.Camera`."""
+
+    name: str
+
+    def update(self, depth: Float32, at_s: float) -> SeenArms:
+        """Look at the next image.
+
+        Args:
+            depth: (height, width) [m]; 0 where nothing was measured.
+            at_s: when it was captured [s].
+
+        Raises:
+            SettingsError: the image has another size than the camera's.
+        """
+        ...
+
+    def reset(self) -> None:
+        """Forget all earlier images."""
+        ...

@@ -1,0 +1,96 @@
+"""What a depth camera gives: one image of distances."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import SettingsError
+from mocapella.model.topology import Topology, topology
+from mocapella.settings import check
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+UInt16 = NDArray[np.uint16]
+
+
+class DepthFrame(msgspec.Struct, frozen=True, eq=False):
+    """A depth image of one camera; identified like a `mocapella.model.observations.BodyFrame`.
+
+    Attributes:
+        sensor: the camera's name.
+        node_id: random number of the process that serves the camera, new at each start.
+        sequence: 0, 1, 2, … of that process.
+        time_ns: of the capture, on the *camera's own* clock.
+        sent_ns: when the node published it, on the node's monotonic clock; 0 where there was no node.
+        depth: (height, width) distance along the optical axis in units; 0 where nothing was measured.
+        unit_m: metres a unit.
+        lens: (9,) of `mocapella.geometry.lens`.
+    """
+
+    sensor: str
+    node_id: int
+    sequence: int
+    time_ns: int
+    sent_ns: int
+    depth: UInt16
+    unit_m: float
+    lens: Float64
+
+    @property
+    def key(self) -> tuple[str, int, int]:
+        """What identifies the frame: (sensor, node_id, sequence)."""
+        return self.sensor, self.node_id, self.sequence
+
+    @property
+    def topology(self) -> Topology:
+        """Of what is found in it."""
+        return topology("hand")
+
+    @property
+    def bodies(self) -> int:
+        """None yet: what a table of sensors shows."""
+        return 0
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """(width, height)."""
+        return self.depth.shape[1], self.depth.shape[0]
+
+    @property
+    def metres(self) -> Float32:
+        """(height, width) float32 [m]; 0 where nothing was measured."""
+        return self.depth * np.float32(self.unit_m)
+
+
+def depth_frame(
+    sensor: str,
+    depth: Any,
+    *,
+    unit_m: float,
+    lens: Any,
+    time_ns: int,
+    node_id: int = 0,
+    sequence: int = 0,
+    sent_ns: int = 0,
+) -> DepthFrame:
+    """A `DepthFrame` of array-likes.
+
+    Args:
+        depth: (height, width) of whole units from 0 to 65535.
+        lens: (4,) fx, fy, cx, cy [px], or (9,) of `mocapella.geometry.lens`.
+
+    Raises:
+        SettingsError: a depth that is no uint16 image, a unit or lens that cannot be.
+    """
+    image, numbers = np.asarray(depth), np.asarray(lens, dtype=np.float64)
+    if image.ndim != 2 or image.dtype != np.uint16 or 0 in image.shape:
+        raise SettingsError(f"depth is {image.dtype} {image.shape}; (height, width) of uint16 is wanted")
+    check(1e-6 <= unit_m <= 0.1, "unit_m", unit_m, "metres a unit, such as 0.001")
+    if numbers.shape not in ((4,), (9,)) or not np.isfinite(numbers).all() or not (numbers[:2] > 0).all():
+        raise SettingsError(f"lens {numbers.tolist()}; fx, fy, cx, cy in pixels are wanted, the first two above 0")
+    lens9 = np.concatenate([numbers, np.zeros(9 - len(numbers))])
+    return DepthFrame(sensor, node_id, sequence, int(time_ns), int(sent_ns), image, float(unit_m), lens9)
