@@ -139,10 +139,10 @@ class HandTracker:
         self.settings = settings or HandSettings()
         self.solver = ClosedForm(model, shape)
         self.chain = hand_chain(model, shape)
-        self.columns, self.gains, angle_of = _free_angles(model)
+        self.columns, self.gains, angle_of = free_angles(model)
         self._angle_of = angle_of
         self._mean = model.natural[angle_of]
-        self._prior = _prior(model, self.settings, self.columns)
+        self._prior = angle_prior(model, self.settings, self.columns)
         self._c_max = float(model.limits[DIGIT_ANGLES[0, 4], 1])
         self._mirror = float(shape.mirror[0])
         self._templates = self._poses()
@@ -438,7 +438,7 @@ def base_layout(shape: HandShape, markers: int, height_m: float = 0.0) -> Float6
     return np.asarray(places + np.array([0.0, height_m, 0.0]))
 
 
-def _free_angles(model: HandModel) -> tuple[NDArray[np.int64], Float64, NDArray[np.int64]]:
+def free_angles(model: HandModel) -> tuple[NDArray[np.int64], Float64, NDArray[np.int64]]:
     """Which free angle each of a digit's five follows and how much, (5, 5); where the free ones are in `ANGLES`."""
     columns, gains = np.full((5, 5), -1, dtype=np.int64), np.ones((5, 5))
     angle_of: list[int] = []
@@ -455,7 +455,7 @@ def _free_angles(model: HandModel) -> tuple[NDArray[np.int64], Float64, NDArray[
     return columns, gains, np.array(angle_of, dtype=np.int64)
 
 
-def _prior(model: HandModel, s: HandSettings, columns: NDArray[np.int64]) -> Float64:
+def angle_prior(model: HandModel, s: HandSettings, columns: NDArray[np.int64]) -> Float64:
     """(n, n) the inverse covariance of the free angles around rest, with fingers that follow their neighbours."""
     n = int(columns.max()) + 1
     out = np.zeros((n, n))

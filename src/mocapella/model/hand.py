@@ -245,6 +245,25 @@ class HandModel:
         return replace(self, constraints=constraints)
 
 
+    def stretched(self, extension_deg: float, abduction_deg: float) -> HandModel:
+        """The same hand with fingers that bend backwards at the knuckles, and spread, so far.
+
+        Raises:
+            SettingsError: farther than a hand can.
+        """
+        check(0 <= extension_deg <= 45, "extension_deg", extension_deg, "0 to 45")
+        check(5 <= abduction_deg <= 40, "abduction_deg", abduction_deg, "5 to 40")
+        thumb, *fingers = self.digits
+        centre = 0.5 * (fingers[0].flexion_deg[1] - extension_deg)
+        limits = {
+            "centre_deg": (centre, 0.0),
+            "flexion_deg": (-extension_deg, fingers[0].flexion_deg[1]),
+            "abduction_deg": (-abduction_deg, abduction_deg),
+        }
+        index, middle, ring, little = (replace(finger, **limits) for finger in fingers)  # type: ignore[arg-type]
+        return replace(self, digits=(thumb, index, middle, ring, little))
+
+
 class HandShape(msgspec.Struct, frozen=True, eq=False):
     """One person's hand. Places are those of a right hand, of a left hand too: see the palm's frame.
 

@@ -1,0 +1,339 @@
+"""An arm and a hand in a pose, fitted to the points of a depth image.
+
+`arm_fit_kernels` says what is minimised, and where it comes from.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+from types import ModuleType
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry.rigid import rigid
+from mocapella.kinematics.hand_solvers import digit_rows
+from mocapella.kinematics.hand_tracker import HandSettings, angle_prior, free_angles
+from mocapella.model.hand import DIGIT_ANGLES, HandModel, HandShape
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+
+_DIGIT_RADII_M: Final = (
+    (0.0140, 0.0128, 0.0110, 0.0088),
+    (0.0108, 0.0098, 0.0086, 0.0074),
+    (0.0108, 0.0098, 0.0087, 0.0075),
+    (0.0102, 0.0092, 0.0081, 0.0070),
+    (0.0095, 0.0083, 0.0073, 0.0063),
+)
+"""At the joints from the base outwards, of a hand of the reference's length; ours."""
+_ARM_RADII_M: Final = (0.0200, 0.0100, 0.0400, 0.0460, 0.0025)
+"""Of the forearm at the wrist, half the distance of its two bones there, at the elbow, of the upper arm; and how far
+from the landmark the middle of the fingertip's end is, inwards."""
+_FOREARM_OF_HAND: Final = 1.33
+"""Length of the forearm over that of the hand: D. Winter, *Biomechanics and Motor Control of Human Movement* (2009),
+figure 4.1: 0.146 and 0.108 of the stature."""
+
+
+@dataclass(frozen=True)
+class ArmFitSettings:
+    """What the fit believes.
+
+    Attributes:
+        point_scale_m: distances of points beyond it count for little.
+        silhouette_scale_m: likewise of flesh beside the silhouette or before the surface.
+        point_sd_m, silhouette_sd_m, collision_sd_m: how sure one residual is; those of points are not independent, so
+            this is far above the noise.
+        ahead_m: flesh may stand so far before the surface.
+        overlap_m: digits may overlap so far.
+        size_sd, thickness_sd: of a hand's size and thickness over the average.
+        digit_sd: of a digit's length over what the hand's size lets expect.
+        forearm_sd: of its length over what the hand's length lets expect.
+        deviation_sd_deg, flexion_sd_deg: of the wrist about straight.
+        angle_rate_deg_s, palm_rate_m_s, palm_rate_deg_s: how unsure the prediction becomes, by a second.
+        loose: the robust scales begin so many times as wide.
+        iterations: of a fit that follows.
+    """
+
+    point_scale_m: float = 0.010
+    silhouette_scale_m: float = 0.015
+    point_sd_m: float = 0.012
+    silhouette_sd_m: float = 0.006
+    collision_sd_m: float = 0.002
+    ahead_m: float = 0.008
+    overlap_m: float = 0.002
+    size_sd: float = 0.07
+    thickness_sd: float = 0.08
+    digit_sd: float = 0.05
+    forearm_sd: float = 0.07
+    deviation_sd_deg: float = 15.0
+    flexion_sd_deg: float = 35.0
+    angle_rate_deg_s: float = 600.0
+    palm_rate_m_s: float = 0.8
+    palm_rate_deg_s: float = 250.0
+    loose: float = 2.5
+    iterations: int = 8
+
+    def __post_init__(self) -> None:
+        for name in (
+            *("point_scale_m", "silhouette_scale_m", "point_sd_m", "silhouette_sd_m", "collision_sd_m"),
+            *("size_sd", "thickness_sd", "digit_sd", "forearm_sd"),
+        ):
+            check(0 < getattr(self, name) < 1, name, getattr(self, name), "above 0, below 1")
+        for name in ("ahead_m", "overlap_m"):
+            check(0 <= getattr(self, name) < 0.1, name, getattr(self, name), "from 0 to below 0.1 m")
+        for name in ("deviation_sd_deg", "flexion_sd_deg", "angle_rate_deg_s", "palm_rate_deg_s", "palm_rate_m_s"):
+            check(0 < getattr(self, name) < 1e5, name, getattr(self, name), "above 0")
+        check(1 <= self.loose <= 10, "loose", self.loose, "from 1 to 10")
+        check(1 <= self.iterations <= 100, "iterations", self.iterations, "1 to 100")
+
+
+class ArmPose(NamedTuple):
+    """Where an arm is; as the kernels have it.
+
+    Attributes:
+        R, t: (9,), (3,) from the palm's frame to the camera's.
+        z: (n,) free angles [rad].
+        v: (STATE,) sizes, and directions of forearm and upper arm in the palm's frame.
+    """
+
+    R: Float64
+    t: Float64
+    z: Float64
+    v: Float64
+
+    def copied(self) -> ArmPose:
+        """Arrays of its own."""
+        return ArmPose(*(a.copy() for a in self))
+
+    @property
+    def T_camera_palm(self) -> Float64:  # noqa: N802 - the field's notation
+        """(4, 4)."""
+        return rigid(self.R.reshape(3, 3), self.t)
+
+
+class Evidence(NamedTuple):
+    """What the fit is made to; camera [m].
+
+    Attributes:
+        points: (m, 3).
+        weights: (m,).
+        front: (h, w) the arm's surface, minus other things', 0 where nothing was measured.
+        nearest_x, nearest_y: (h, w) int64, the nearest pixel of the arm.
+        lens: (4,) of these pixels.
+    """
+
+    points: Float64
+    weights: Float64
+    front: Float64
+    nearest_x: NDArray[np.int64]
+    nearest_y: NDArray[np.int64]
+    lens: Float64
+
+
+class Fitted(NamedTuple):
+    """A pose and what speaks for it.
+
+    Attributes:
+        pose: see there.
+        costs: (3,) mean robust cost of points and of flesh, from 0 to 1, and of digits that overlap.
+        assigned: (pieces,) weight of the points that each piece explains.
+        information: (n, n) of the dofs.
+    """
+
+    pose: ArmPose
+    costs: Float64
+    assigned: Float64
+    information: Float64
+
+    @property
+    def cost(self) -> float:
+        """One number to compare poses by."""
+        return float(self.costs[0] + self.costs[1] + 0.1 * min(self.costs[2], 2.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Expected:
+    """What is believed before an image is looked at.
+
+    Attributes:
+        pose: that was predicted.
+        certainty: (6 + angles,) inverse variances about it.
+        v, information: (STATE,) of sizes and directions, and inverse variances.
+    """
+
+    pose: ArmPose
+    certainty: Float64
+    v: Float64
+    information: Float64
+
+
+class ArmModel:
+    """An arm of one side whose sizes can be fitted."""
+
+    def __init__(self, model: HandModel, shape: HandShape, settings: ArmFitSettings | None = None) -> None:
+        self.model, self.shape, self.settings = model, shape, settings or ArmFitSettings()
+        self.digits = digit_rows(model, shape)
+        self.mirror = float(shape.mirror[0])
+        self.columns, self.gains, self.angle_of = free_angles(model)
+        self.natural = model.natural[self.angle_of]
+        self.prior = angle_prior(model, _HABITS, self.columns)
+        self.c_max = float(model.limits[DIGIT_ANGLES[0, 4], 1])
+        length = float(shape.lengths[2].sum() + np.linalg.norm(shape.bases[2]))
+        big = length / model.hand_length_m
+        self.radii = big * np.vstack([np.hstack([_DIGIT_RADII_M, np.zeros((5, 1))]), _ARM_RADII_M])
+        self.palm = _palm(shape, big)
+        self.owners = np.array(
+            [(d, bone) for d in range(5) for bone in range(3)] + [(-1, 0)] * len(self.palm) + [(-2, 0)] * 2 + [(-3, 0)]
+        )
+        self.length_m = length
+        self.forearm_m = _FOREARM_OF_HAND * length
+
+    @property
+    def hand_pieces(self) -> int:
+        """How many pieces the hand has; those of the arm come after them."""
+        return 15 + len(self.palm)
+
+    def state(self, forearm: Float64 | None = None) -> Float64:
+        """(STATE,) of an average arm, straight or with the forearm along a direction of the palm's frame."""
+        v = np.empty(kernels().STATE)
+        v[:4] = 1.0, 1.0, self.forearm_m, 1.0
+        v[4:7] = (0.0, 0.0, -1.0) if forearm is None else forearm / np.linalg.norm(forearm)
+        v[7:10] = v[4:7]
+        v[10:] = 1.0
+        return v
+
+    def unexpected(self, pose: ArmPose) -> Expected:
+        """What is believed of an arm of which nothing is known."""
+        s = self.settings
+        v = self.state()
+        v[7:10] = pose.v[7:10]
+        information = np.zeros(len(v))
+        information[:4] = 1 / s.size_sd**2, 1 / s.thickness_sd**2, 1 / (s.forearm_sd * self.forearm_m) ** 2, 1 / 0.15**2
+        information[4:6] = 1 / np.sin(np.radians([s.deviation_sd_deg, s.flexion_sd_deg])) ** 2
+        information[7:10] = 0.2
+        information[10:] = 1 / s.digit_sd**2
+        return Expected(pose, np.zeros(6 + len(self.natural)), v, information)
+
+    def fit(
+        self, start: ArmPose, expected: Expected, evidence: Evidence, *, iterations: int | None = None,
+        loose: float | None = None, arm: bool = True, tips: Float64 | None = None,
+    ) -> Fitted:  # fmt: skip
+        """The best pose near a start.
+
+        Args:
+            start: where to begin; stays as it is.
+            expected: see there.
+            evidence: see there.
+            iterations, loose: the settings' where not given.
+            arm: whether the forearm and upper arm may explain points, too.
+            tips: (5, 3) where fingertips are believed to be, camera [m], NaN where not; it helps to begin.
+        """
+        s, k = self.settings, kernels()
+        pose = start.copied()
+        total = max(float(evidence.weights.sum()), 1.0)
+        pieces = len(self.owners) if arm else self.hand_pieces
+        # As many points as a hand at arm's length has: more of them do not know more.
+        share = min(400.0 / total, 2.0)
+        numbers = np.array(
+            [s.point_scale_m, s.silhouette_scale_m, share / s.point_sd_m**2, 1 / s.silhouette_sd_m**2,
+             1 / s.collision_sd_m**2, s.ahead_m, s.overlap_m, float(pieces)]
+        )  # fmt: skip
+        costs, assigned = np.empty(3), np.empty(len(self.owners))
+        n = 6 + len(self.natural) + k.BODY_DOFS
+        information = np.empty((n, n))
+        picture = (evidence.front, evidence.nearest_x, evidence.nearest_y, evidence.lens)
+        e = expected
+        k.fit(
+            self.digits, self.mirror, self.radii, self.palm, self.owners, self.columns, self.gains, self.c_max,
+            evidence.points, evidence.weights, picture, self.natural, self.prior, e.pose.R, e.pose.t, e.pose.z,
+            e.certainty, e.v, e.information, pose.R, pose.t, pose.z, pose.v, numbers,
+            s.loose if loose is None else loose, s.iterations if iterations is None else iterations, costs, assigned,
+            information, _NOWHERE if tips is None else tips,
+        )  # fmt: skip
+        costs[0] /= total
+        costs[1] /= _SAMPLES
+        return Fitted(pose, costs, assigned, information)
+
+    def spheres(self, pose: ArmPose) -> Float64:
+        """(k, 4) balls along the flesh, camera [m]: what a region of the image is found by."""
+        pieces = self.pieces(pose)[0]
+        out = []
+        for p in pieces:
+            count = max(int(p[6] / 0.02), 1) + 1
+            f = np.linspace(0, 1, count)[:, None]
+            places = p[:3] + f * p[6] * p[3:6]
+            out.append(np.hstack([places, p[7] + f * (p[8] - p[7])]))
+        balls = np.vstack(out)
+        balls[:, :3] = balls[:, :3] @ pose.R.reshape(3, 3).T + pose.t
+        return np.ascontiguousarray(balls)
+
+    def pieces(self, pose: ArmPose) -> tuple[Float64, Float64]:
+        """(k, PIECE) the flesh in the palm's frame, and (5, 4, 3) the digits' joints."""
+        k = kernels()
+        pieces = np.empty((len(self.owners), k.PIECE))
+        rows, joints, axes = np.empty((5, k.DIGIT)), np.empty((5, 4, 3)), np.empty((5, 5, 3))
+        k.flesh(
+            self.digits, self.mirror, self.radii, self.palm, self.columns, self.gains, pose.z, pose.v, rows, joints,
+            axes, pieces,
+        )  # fmt: skip
+        return pieces, joints
+
+    def points(self, pose: ArmPose) -> Float64:
+        """(23, 3) of `mocapella.model.arms.ARM_POINTS`, camera [m]."""
+        joints = self.pieces(pose)[1].reshape(20, 3)
+        x = np.empty((23, 3))
+        x[0] = 0.0
+        x[1:21] = joints
+        x[21] = 0.5 * x[9]
+        x[22] = pose.v[2] * pose.v[4:7]
+        return np.asarray(x @ pose.R.reshape(3, 3).T + pose.t)
+
+    def angles(self, pose: ArmPose) -> Float64:
+        """(21,) of `ANGLES` [rad]."""
+        out = np.zeros(21)
+        for digit in range(5):
+            for k in range(5):
+                if self.columns[digit, k] >= 0:
+                    out[DIGIT_ANGLES[digit, k]] = self.gains[digit, k] * pose.z[self.columns[digit, k]]
+        return out
+
+
+_HABITS: Final = replace(HandSettings(), flexion_sd_deg=60.0, abduction_sd_deg=9.0, thumb_sd_deg=25.0)
+_NOWHERE: Final = np.full((5, 3), np.nan)
+_SAMPLES: Final = 60.0
+"""Places of a hand's flesh that are looked up in the silhouette, about."""
+
+
+def _palm(shape: HandShape, big: float) -> Float64:
+    """(k, 8) of a right hand: two points and the radii there [m]."""
+    thumb, index, middle, ring, little = shape.bases
+    wrist = big * np.array([[0.013, 0.0, 0.004], [0.004, 0.0, 0.002], [-0.005, 0.0, 0.002], [-0.013, 0.0, 0.004]])
+
+    def between(a: Float64, b: Float64, f: float) -> Float64:
+        return np.asarray(a + f * (b - a))
+
+    rows = [
+        (wrist[0], index, 0.0185, 0.0122),
+        (wrist[1], middle, 0.0185, 0.0122),
+        (wrist[2], ring, 0.0180, 0.0118),
+        (wrist[3], little, 0.0175, 0.0112),
+        (index, middle, 0.0118, 0.0118),
+        (middle, ring, 0.0116, 0.0116),
+        (ring, little, 0.0112, 0.0110),
+        (thumb, between(wrist[0], index, 0.75), 0.0145, 0.0115),
+        (thumb, between(wrist[1], middle, 0.45), 0.0150, 0.0125),
+        (between(wrist[3], little, 0.25) + big * np.array([-0.004, -0.005, 0.0]), between(wrist[3], little, 0.7),
+         0.0140, 0.0125),
+    ]  # fmt: skip
+    return np.array([[*a, *b, big * ra, big * rb] for a, b, ra, rb in rows])
+
+
+@cache
+def kernels() -> ModuleType:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.kinematics import arm_fit_kernels
+
+    return arm_fit_kernels

@@ -1,0 +1,558 @@
+"""An arm and a hand fitted to the points of a depth image; compiled.
+
+The flesh is tapered capsules about the bones. The fit minimises, over the palm's motion, the hand's angles, the
+directions of forearm and upper arm, and a person's sizes,
+
+    Σ ρ(distance of a point of the image from the flesh's visible side)
+  + Σ ρ(how far a piece of flesh stands out of the silhouette, or before the surface that was measured)
+  + Σ (digits within one another)² + what is usual, within limits, and what was predicted
+
+by Gauss–Newton steps with points assigned anew before each: A. Tagliasacchi et al., "Robust Articulated-ICP for
+Real-Time Hand Tracking", Computer Graphics Forum 34 (2015) 101, equations 1 to 8; the pieces of flesh as in A. Tkach,
+M. Pauly, A. Tagliasacchi, "Sphere-Meshes for Real-Time Hand Modeling and Tracking", ACM Trans. Graph. 35 (2016) 222.
+Residuals and derivatives are told in the palm's frame. Importing this module imports numba.
+"""
+
+# ruff: noqa: PLR0912, PLR0915, PLR0917 - compiled: arrays come by position, loops are written out
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mocapella.compiled import njit
+from mocapella.kinematics.chain_kernels import orthonormal, turn_between, turned
+from mocapella.kinematics.hand_fit_kernels import _penalty, digit_angles, digit_points, factorise, substitute, within
+from mocapella.kinematics.hand_kernels import BASE, DIGIT, L1
+
+# A piece's row of numbers: its axis from A along U for LENGTH, radii at both ends, and what is made of them.
+A, U, LENGTH, RA, RB = 0, 3, 6, 7, 8
+TAN, MIDDLE, BOUND = 9, 10, 13
+PIECE = 14
+# Which dofs move a piece: its digit, or one of these, and the bone of the digit.
+OF_PALM, OF_FOREARM, OF_UPPER_ARM = -1, -2, -3
+
+# Of the state's vector v.
+SCALE, THICK, FOREARM_M, ARM_THICK = 0, 1, 2, 3  # hand's size and thickness over the shape's, length [m], thickness
+FOREARM, UPPER = 4, 7  # unit vectors in the palm's frame: wrist to elbow, elbow to shoulder
+DIGITS = 10  # (5,) lengths of the digits over the shape's, beside the hand's size
+STATE = 15
+
+# Where dofs are, after the palm's six and the free angles.
+D_FOREARM, D_UPPER, D_LENGTH, D_SCALE, D_THICK, D_ARM_THICK, D_DIGITS = 0, 2, 4, 5, 6, 7, 8
+BODY_DOFS = 13
+
+_MOST = 24  # dofs of one residual
+_TARGET_SD = 0.004  # of a fingertip that was found as the end of a branch [m]
+
+
+@njit(cache=True)
+def _piece(row, ax, ay, az, bx, by, bz, ra, rb):
+    dx, dy, dz = bx - ax, by - ay, bz - az
+    length = math.sqrt(dx * dx + dy * dy + dz * dz)
+    f = 1.0 / max(length, 1e-6)
+    row[A], row[A + 1], row[A + 2] = ax, ay, az
+    row[U], row[U + 1], row[U + 2] = f * dx, f * dy, f * dz
+    row[LENGTH], row[RA], row[RB] = length, ra, rb
+    s = min(max((ra - rb) * f, -0.9), 0.9)
+    row[TAN] = s / math.sqrt(1.0 - s * s)
+    row[MIDDLE], row[MIDDLE + 1], row[MIDDLE + 2] = 0.5 * (ax + bx), 0.5 * (ay + by), 0.5 * (az + bz)
+    row[BOUND] = 0.5 * length + max(ra, rb)
+
+
+@njit(cache=True)
+def flesh(digits, mirror, radii, palm, columns, gains, z, v, rows, joints, axes, pieces):
+    """Write the pieces (15 + palm + 3, PIECE) of an arm in the palm's frame, its digits' joints and axes.
+
+    Args:
+        digits: (5, DIGIT) of the shape.
+        mirror: -1 of a left hand.
+        radii: (5, 4) of the digits at their joints, and (5,) forearm and upper arm at wrist (2), elbow, shoulder [m].
+        palm: (k, 8) two points and radii of a right hand's palm [m].
+        z, v: free angles, and the state's other numbers.
+        rows, joints, axes: (5, DIGIT), (5, 4, 3), (5, 5, 3), out.
+    """
+    s, thick, q = v[SCALE], v[THICK] * v[SCALE], np.empty(5)
+    n = 0
+    for d in range(5):
+        for k in range(DIGIT):
+            rows[d, k] = digits[d, k]
+        for k in range(3):
+            rows[d, L1 + k] *= s * v[DIGITS + d]
+            rows[d, BASE + k] *= s
+        digit_angles(z, columns, gains, d, q)
+        digit_points(rows[d], mirror, q, joints[d], axes[d])
+        for bone in range(3):
+            bx, by, bz = joints[d, bone + 1, 0], joints[d, bone + 1, 1], joints[d, bone + 1, 2]
+            if bone == 2:  # the landmark is nearer to the flesh's end than a radius
+                f = radii[5, 4] * thick / max(rows[d, L1 + 2], 1e-6)
+                bx -= f * (bx - joints[d, 2, 0])
+                by -= f * (by - joints[d, 2, 1])
+                bz -= f * (bz - joints[d, 2, 2])
+            _piece(
+                pieces[n], joints[d, bone, 0], joints[d, bone, 1], joints[d, bone, 2], bx, by, bz,
+                thick * radii[d, bone], thick * radii[d, bone + 1],
+            )  # fmt: skip
+            n += 1
+    for k in range(len(palm)):
+        _piece(
+            pieces[n], mirror * s * palm[k, 0], s * palm[k, 1], s * palm[k, 2], mirror * s * palm[k, 3],
+            s * palm[k, 4], s * palm[k, 5], thick * palm[k, 6], thick * palm[k, 7],
+        )  # fmt: skip
+        n += 1
+    ex, ey, ez = v[FOREARM_M] * v[FOREARM], v[FOREARM_M] * v[FOREARM + 1], v[FOREARM_M] * v[FOREARM + 2]
+    wide = radii[5, 1] * s * v[ARM_THICK]
+    for side in range(2):
+        w = wide if side == 0 else -wide
+        _piece(
+            pieces[n], w, 0.0, 0.0, ex + 0.4 * w, ey, ez, s * v[ARM_THICK] * radii[5, 0], s * v[ARM_THICK] * radii[5, 2]
+        )
+        n += 1
+    ux, uy, uz = v[UPPER], v[UPPER + 1], v[UPPER + 2]
+    _piece(
+        pieces[n], ex, ey, ez, ex + 0.25 * ux, ey + 0.25 * uy, ez + 0.25 * uz, s * v[ARM_THICK] * radii[5, 2],
+        s * v[ARM_THICK] * radii[5, 3],
+    )  # fmt: skip
+
+
+@njit(cache=True)
+def closest(pieces, few, x, y, z, vx, vy, vz, out):
+    """The piece that explains a point best; its outward normal, where on its axis, and the distance into out (5,).
+
+    On the side that the camera cannot see, the distance is that from the front, along the view (vx, vy, vz): this is
+    what the silhouette-aware correspondences of Tagliasacchi et al. (section 4.1) come to for a capsule.
+    """
+    best, which, nearest = 1e9, -1, 1e9
+    for i in range(few):
+        p = pieces[i]
+        mx, my, mz = x - p[MIDDLE], y - p[MIDDLE + 1], z - p[MIDDLE + 2]
+        reach = nearest + p[BOUND]
+        if mx * mx + my * my + mz * mz > reach * reach:
+            continue
+        dx, dy, dz = x - p[A], y - p[A + 1], z - p[A + 2]
+        along = dx * p[U] + dy * p[U + 1] + dz * p[U + 2]
+        across = math.sqrt(max(dx * dx + dy * dy + dz * dz - along * along, 0.0))
+        c = min(max(along - across * p[TAN], 0.0), p[LENGTH])
+        r = p[RA] + (p[RB] - p[RA]) * c / max(p[LENGTH], 1e-6)
+        dx, dy, dz = dx - c * p[U], dy - c * p[U + 1], dz - c * p[U + 2]
+        d = math.sqrt(dx * dx + dy * dy + dz * dz)
+        f = 1.0 / max(d, 1e-9)
+        nx, ny, nz = f * dx, f * dy, f * dz
+        e = d - r
+        facing = dx * vx + dy * vy + dz * vz
+        if facing > 0.2 * d:
+            e = facing + r
+            nx, ny, nz = vx, vy, vz
+        if abs(e) < nearest:
+            nearest, best, which = abs(e), e, i
+            out[0], out[1], out[2], out[3] = nx, ny, nz, c
+    out[4] = best
+    return which
+
+
+@njit(cache=True)
+def _derivatives(owner, bone, nx, ny, nz, px, py, pz, r, joints, axes, columns, gains, v, nz_free, J, at):
+    """Write how a point of the flesh at (px, py, pz) on a bone's axis moves along a normal; how many dofs it has."""
+    J[0], J[1], J[2] = nx, ny, nz
+    sx, sy, sz = px + r * nx, py + r * ny, pz + r * nz
+    J[3], J[4], J[5] = sy * nz - sz * ny, sz * nx - sx * nz, sx * ny - sy * nx
+    for k in range(6):
+        at[k] = k
+    n, body = 6, 6 + nz_free
+    if owner >= OF_PALM:
+        J[n], at[n] = px * nx + py * ny + pz * nz + r, body + D_SCALE
+        J[n + 1], at[n + 1] = r, body + D_THICK
+        n += 2
+        if owner >= 0:
+            J[n] = (
+                (px - joints[owner, 0, 0]) * nx + (py - joints[owner, 0, 1]) * ny + (pz - joints[owner, 0, 2]) * nz
+            )
+            at[n] = body + D_DIGITS + owner
+            n += 1
+            for k in range(5):
+                column = columns[owner, k]
+                origin = 0 if k < 2 else (2 if k == 3 else 1)
+                if column < 0 or bone < origin:
+                    continue
+                dx, dy, dz = (
+                    sx - joints[owner, origin, 0],
+                    sy - joints[owner, origin, 1],
+                    sz - joints[owner, origin, 2],
+                )
+                wx, wy, wz = axes[owner, k, 0], axes[owner, k, 1], axes[owner, k, 2]
+                J[n] = gains[owner, k] * (
+                    nx * (wy * dz - wz * dy) + ny * (wz * dx - wx * dz) + nz * (wx * dy - wy * dx)
+                )
+                at[n] = 6 + column
+                n += 1
+        return n
+    fx, fy, fz = v[FOREARM], v[FOREARM + 1], v[FOREARM + 2]
+    along = min(px * fx + py * fy + pz * fz, v[FOREARM_M])
+    reach = max(along, 0.0) if owner == OF_FOREARM else v[FOREARM_M]
+    # Two directions across the forearm: x × f and f × (x × f) would be singular only where f is along x.
+    ax, ay, az = _across(fx, fy, fz)
+    J[n], at[n] = reach * (ax * nx + ay * ny + az * nz), body + D_FOREARM
+    bx, by, bz = fy * az - fz * ay, fz * ax - fx * az, fx * ay - fy * ax
+    J[n + 1], at[n + 1] = reach * (bx * nx + by * ny + bz * nz), body + D_FOREARM + 1
+    J[n + 2], at[n + 2] = reach / v[FOREARM_M] * (fx * nx + fy * ny + fz * nz), body + D_LENGTH
+    J[n + 3], at[n + 3] = r, body + D_ARM_THICK
+    n += 4
+    if owner == OF_UPPER_ARM:
+        ux, uy, uz = v[UPPER], v[UPPER + 1], v[UPPER + 2]
+        out = (
+            (px - v[FOREARM_M] * fx) * ux + (py - v[FOREARM_M] * fy) * uy + (pz - v[FOREARM_M] * fz) * uz
+        )
+        ax, ay, az = _across(ux, uy, uz)
+        J[n], at[n] = out * (ax * nx + ay * ny + az * nz), body + D_UPPER
+        bx, by, bz = uy * az - uz * ay, uz * ax - ux * az, ux * ay - uy * ax
+        J[n + 1], at[n + 1] = out * (bx * nx + by * ny + bz * nz), body + D_UPPER + 1
+        n += 2
+    return n
+
+
+@njit(cache=True)
+def _across(x, y, z):
+    """A unit vector across a unit vector."""
+    if abs(x) < 0.8:
+        f = 1.0 / math.sqrt(y * y + z * z)
+        return 0.0, f * z, -f * y
+    f = 1.0 / math.sqrt(x * x + z * z)
+    return -f * z, 0.0, f * x
+
+
+@njit(cache=True)
+def _add(J, at, n, w, e, H, g):
+    for i in range(n):
+        a = w * J[i]
+        g[at[i]] += a * e
+        for k in range(n):
+            if at[k] <= at[i]:
+                H[at[i], at[k]] += a * J[k]
+
+
+@njit(cache=True)
+def _robust(e, scale):
+    """Weight of Geman's and McClure's estimator, and its cost from 0 to 1."""
+    s = (e / scale) ** 2
+    f = 1.0 / (1.0 + s)
+    return f * f, s * f
+
+
+@njit(cache=True)
+def system(
+    digits, mirror, radii, palm, owners, columns, gains, points, weights, picture, R, t, z, v, numbers, H, g, costs,
+    assigned, targets,
+):  # fmt: skip
+    """Add the normal equations of the fit's geometric terms to the lower triangle of H and to g.
+
+    Args:
+        owners: (pieces, 2) digit, or what else a piece is of, and bone.
+        points, weights: (m, 3) of the image, camera [m], and (m,) how much each counts.
+        picture: (front, nearest_x, nearest_y, lens): `front` (h, w) [m] the surface of what may be the arm, minus that
+            of other things, 0 where nothing was measured; the nearest pixel of the arm; lens (4,) of these pixels.
+        numbers: (8,) scale of the points' robust cost [m], of the silhouette's [m], variances' inverses of points,
+            silhouette and collisions, how far before the surface flesh may stand [m], how far digits may overlap [m],
+            how many pieces may explain points.
+        costs: (3,) of points, silhouette, collisions: sums of robust costs from 0 to 1, out.
+        assigned: (pieces,) how much was assigned to each piece, out.
+        targets: (5, 3) where fingertips should be, camera [m]; NaN where that is not known.
+    """
+    front, nearest_x, nearest_y, lens = picture
+    nz_free = len(z)
+    rows, joints, axes = np.empty((5, DIGIT)), np.empty((5, 4, 3)), np.empty((5, 5, 3))
+    pieces = np.empty((len(owners), PIECE))
+    flesh(digits, mirror, radii, palm, columns, gains, z, v, rows, joints, axes, pieces)
+    J, at, hit = np.empty(_MOST), np.empty(_MOST, dtype=np.int64), np.empty(5)
+    ox, oy, oz = -(R[0] * t[0] + R[3] * t[1] + R[6] * t[2]), -(R[1] * t[0] + R[4] * t[1] + R[7] * t[2]), -(
+        R[2] * t[0] + R[5] * t[1] + R[8] * t[2]
+    )
+    few = int(numbers[7])
+    for k in range(3):
+        costs[k] = 0.0
+    for i in range(len(owners)):
+        assigned[i] = 0.0
+    for i in range(len(points)):
+        X, Y, Z = points[i, 0], points[i, 1], points[i, 2]
+        x = R[0] * X + R[3] * Y + R[6] * Z + ox
+        y = R[1] * X + R[4] * Y + R[7] * Z + oy
+        w = R[2] * X + R[5] * Y + R[8] * Z + oz
+        vx, vy, vz = x - ox, y - oy, w - oz
+        f = 1.0 / math.sqrt(vx * vx + vy * vy + vz * vz)
+        which = closest(pieces, few, x, y, w, f * vx, f * vy, f * vz, hit)
+        weight, cost = _robust(hit[4], numbers[0])
+        costs[0] += weights[i] * cost
+        if which < 0 or weight < 0.01:
+            continue
+        assigned[which] += weights[i] * weight
+        p, c = pieces[which], hit[3]
+        r = p[RA] + (p[RB] - p[RA]) * c / max(p[LENGTH], 1e-6)
+        n = _derivatives(
+            owners[which, 0], owners[which, 1], hit[0], hit[1], hit[2], p[A] + c * p[U], p[A + 1] + c * p[U + 1],
+            p[A + 2] + c * p[U + 2], r, joints, axes, columns, gains, v, nz_free, J, at,
+        )  # fmt: skip
+        _add(J, at, n, weights[i] * weight * numbers[2], hit[4], H, g)
+    height, width = front.shape
+    for i in range(few):
+        owner, bone = owners[i, 0], owners[i, 1]
+        p = pieces[i]
+        steps = 3 if owner >= 0 else (2 if owner == OF_PALM else 4)
+        for step in range(steps):
+            if owner >= 0 and bone < 2 and step == steps - 1:
+                continue  # the next bone's first
+            c = p[LENGTH] * step / (steps - 1)
+            r = p[RA] + (p[RB] - p[RA]) * step / (steps - 1)
+            x, y, w = p[A] + c * p[U], p[A + 1] + c * p[U + 1], p[A + 2] + c * p[U + 2]
+            X = R[0] * x + R[1] * y + R[2] * w + t[0]
+            Y = R[3] * x + R[4] * y + R[5] * w + t[1]
+            Z = R[6] * x + R[7] * y + R[8] * w + t[2]
+            if Z < 0.05:
+                continue
+            px, py = lens[0] * X / Z + lens[2], lens[1] * Y / Z + lens[3]
+            if not (-0.5 <= px < width - 0.5 and -0.5 <= py < height - 0.5):
+                continue
+            column, line = int(px + 0.5), int(py + 0.5)
+            there = front[line, column]
+            surface = Z - r
+            if there > 0.0:
+                ahead = there - surface - numbers[5]
+                if ahead <= 0.0:
+                    continue
+                # Before what was measured: back along the view.
+                f = 1.0 / math.sqrt(X * X + Y * Y + Z * Z)
+                nx = f * (R[0] * X + R[3] * Y + R[6] * Z)
+                ny = f * (R[1] * X + R[4] * Y + R[7] * Z)
+                nz = f * (R[2] * X + R[5] * Y + R[8] * Z)
+                weight, cost = _robust(ahead, numbers[1])
+                costs[1] += cost
+                n = _derivatives(owner, bone, nx, ny, nz, x, y, w, 0.0, joints, axes, columns, gains, v, nz_free, J, at)
+                _add(J, at, n, weight * numbers[3], ahead, H, g)
+                continue
+            if there < 0.0 and -there < surface:
+                continue  # behind another thing
+            # Beside the silhouette: sideways to the nearest pixel of it.
+            dx = (nearest_x[line, column] - px) * Z / lens[0]
+            dy = (nearest_y[line, column] - py) * Z / lens[1]
+            apart = math.sqrt(dx * dx + dy * dy)
+            if apart < 1e-9:
+                continue
+            beyond = apart + 0.5 * r
+            ux, uy = dx / apart, dy / apart
+            nx, ny, nz = R[0] * ux + R[3] * uy, R[1] * ux + R[4] * uy, R[2] * ux + R[5] * uy
+            weight, cost = _robust(beyond, numbers[1])
+            costs[1] += cost
+            n = _derivatives(owner, bone, nx, ny, nz, x, y, w, 0.0, joints, axes, columns, gains, v, nz_free, J, at)
+            _add(J, at, n, max(weight, 0.1) * numbers[3], min(beyond, 0.03), H, g)
+    _collisions(pieces, owners, joints, axes, columns, gains, v, nz_free, numbers, J, at, H, g, costs)
+    for d in range(5):
+        X, Y, Z = targets[d, 0], targets[d, 1], targets[d, 2]
+        if not math.isfinite(X):
+            continue
+        x = R[0] * X + R[3] * Y + R[6] * Z + ox
+        y = R[1] * X + R[4] * Y + R[7] * Z + oy
+        w = R[2] * X + R[5] * Y + R[8] * Z + oz
+        px, py, pz = joints[d, 3, 0], joints[d, 3, 1], joints[d, 3, 2]
+        for k in range(3):
+            nx, ny, nz = 1.0 * (k == 0), 1.0 * (k == 1), 1.0 * (k == 2)
+            e = nx * (x - px) + ny * (y - py) + nz * (w - pz)
+            n = _derivatives(d, 2, nx, ny, nz, px, py, pz, 0.0, joints, axes, columns, gains, v, nz_free, J, at)
+            _add(J, at, n, 1.0 / _TARGET_SD**2, e, H, g)
+
+
+@njit(cache=True)
+def _collisions(pieces, owners, joints, axes, columns, gains, v, nz_free, numbers, J, at, H, g, costs):
+    """Digits push one another apart where balls along their two outer bones overlap."""
+    K, to = np.empty(2 * _MOST), np.empty(2 * _MOST, dtype=np.int64)
+    for one in range(5):
+        for other in range(one + 1, 5):
+            for i in range(6):
+                p, c = pieces[3 * one + 1 + i // 3], 0.5 * (i % 3)
+                x, y, z = (
+                    p[A] + c * p[LENGTH] * p[U],
+                    p[A + 1] + c * p[LENGTH] * p[U + 1],
+                    p[A + 2] + c * p[LENGTH] * p[U + 2],
+                )
+                r = p[RA] + c * (p[RB] - p[RA])
+                for k in range(6):
+                    o, s = pieces[3 * other + 1 + k // 3], 0.5 * (k % 3)
+                    X, Y, Z = (
+                        o[A] + s * o[LENGTH] * o[U],
+                        o[A + 1] + s * o[LENGTH] * o[U + 1],
+                        o[A + 2] + s * o[LENGTH] * o[U + 2],
+                    )
+                    within_m = r + o[RA] + s * (o[RB] - o[RA]) - numbers[6]
+                    dx, dy, dz = X - x, Y - y, Z - z
+                    d2 = dx * dx + dy * dy + dz * dz
+                    if d2 >= within_m * within_m or d2 < 1e-12:
+                        continue
+                    d = math.sqrt(d2)
+                    nx, ny, nz = dx / d, dy / d, dz / d
+                    over = within_m - d
+                    costs[2] += (over / 0.01) ** 2
+                    n = _derivatives(
+                        other, 1 + k // 3, nx, ny, nz, X, Y, Z, 0.0, joints, axes, columns, gains, v, nz_free, J, at
+                    )
+                    m = 0
+                    for j in range(6, n):
+                        K[m], to[m] = J[j], at[j]
+                        m += 1
+                    n = _derivatives(
+                        one, 1 + i // 3, nx, ny, nz, x, y, z, 0.0, joints, axes, columns, gains, v, nz_free, J, at
+                    )
+                    for j in range(8, n):  # not the size, which both have
+                        K[m], to[m] = -J[j], at[j]
+                        m += 1
+                    for a in range(m):
+                        w = numbers[4] * K[a]
+                        g[to[a]] += w * over
+                        for b in range(m):
+                            if to[b] <= to[a]:
+                                H[to[a], to[b]] += w * K[b]
+
+
+@njit(cache=True)
+def _turn(v, first, d1, d2):
+    """Turn a unit vector of v by small motions across it."""
+    x, y, z = v[first], v[first + 1], v[first + 2]
+    ax, ay, az = _across(x, y, z)
+    bx, by, bz = y * az - z * ay, z * ax - x * az, x * ay - y * ax
+    x, y, z = x + d1 * ax + d2 * bx, y + d1 * ay + d2 * by, z + d1 * az + d2 * bz
+    f = 1.0 / math.sqrt(x * x + y * y + z * z)
+    v[first], v[first + 1], v[first + 2] = f * x, f * y, f * z
+
+
+@njit(cache=True)
+def _expected_body(expected, information, v, first, H, g):
+    """Add what is expected of directions and sizes."""
+    for k in range(2):
+        at = FOREARM if k == 0 else UPPER
+        x, y, z = v[at], v[at + 1], v[at + 2]
+        ax, ay, az = _across(x, y, z)
+        bx, by, bz = y * az - z * ay, z * ax - x * az, x * ay - y * ax
+        # Information is told along the palm's axes.
+        for c in range(3):
+            w = information[at + c]
+            e = expected[at + c] - v[at + c]
+            p, q = (ax, bx) if c == 0 else ((ay, by) if c == 1 else (az, bz))
+            i = first + (D_FOREARM if k == 0 else D_UPPER)
+            H[i, i] += w * p * p
+            H[i + 1, i + 1] += w * q * q
+            H[i + 1, i] += w * p * q
+            g[i] += w * p * e
+            g[i + 1] += w * q * e
+        i = first + (D_FOREARM if k == 0 else D_UPPER)
+        H[i, i] += 1e-6
+        H[i + 1, i + 1] += 1e-6
+    for j in range(9):
+        k = j if j < 4 else DIGITS + j - 4
+        i = first + D_DIGITS + j - 4
+        if j < 4:
+            i = first + (D_SCALE if k == SCALE else (D_THICK if k == THICK else (D_LENGTH if k == FOREARM_M else D_ARM_THICK)))
+        # Sizes are told by their logarithms, the forearm in metres.
+        factor = 1.0 if k == FOREARM_M else v[k]
+        e = (expected[k] - v[k]) / factor
+        w = information[k] * factor * factor
+        H[i, i] += w
+        g[i] += w * e
+
+
+@njit(cache=True)
+def fit(
+    digits, mirror, radii, palm, owners, columns, gains, c_max, points, weights, picture, prior_mean, prior,
+    predicted_R, predicted_t, predicted_z, certainty, expected, information, R, t, z, v, numbers, loose, iterations,
+    costs, assigned, H, targets,
+):  # fmt: skip
+    """Bring R (9,), t (3,), z (n,), v (STATE,) to the best fit near where they are, in place.
+
+    Args:
+        certainty: (6 + n,) inverse variances of the palm's twist and of the angles about what was predicted.
+        expected, information: (STATE,) of v, and inverse variances.
+        loose: the robust scales begin so many times as wide, and narrow down to `numbers`.
+        iterations: that are made.
+        costs, assigned: as of `system`, of the end.
+        H: (6 + n + BODY_DOFS, same) the information at the end, out; its lower triangle.
+        targets: as of `system`; they count in the first two thirds of the iterations.
+    """
+    n = 6 + len(z)
+    full = n + BODY_DOFS
+    g, M, d = np.empty(full), np.empty((full, full)), np.empty(full)
+    Ha, ga = np.empty((n, n)), np.empty(n)
+    nowhere = np.full((5, 3), math.nan)
+    now, new_R = numbers.copy(), np.empty(9)
+    for turn in range(iterations + 1):
+        last = turn == iterations
+        f = 1.0 if last or iterations < 2 else max(loose * (1.0 - 1.5 * turn / (iterations - 1)), 1.0)
+        now[0], now[1] = f * numbers[0], f * numbers[1]
+        for i in range(full):
+            g[i] = 0.0
+            for k in range(full):
+                H[i, k] = 0.0
+        system(
+            digits, mirror, radii, palm, owners, columns, gains, points, weights, picture, R, t, z, v, now, H, g,
+            costs, assigned, targets if 3 * turn < 2 * iterations else nowhere,
+        )  # fmt: skip
+        for i in range(n):
+            ga[i] = 0.0
+            for k in range(n):
+                Ha[i, k] = 0.0
+        _usual(prior_mean, prior, predicted_R, predicted_t, predicted_z, certainty, R, t, z, Ha, ga)
+        _penalty(digits, columns, gains, z, c_max, Ha, ga)
+        for i in range(n):
+            g[i] += ga[i]
+            for k in range(i + 1):
+                H[i, k] += Ha[i, k]
+        _expected_body(expected, information, v, n, H, g)
+        for i in range(full):
+            H[i, i] += 1e-6
+        if last:
+            break
+        if not factorise(H, 1e-3, M):
+            break
+        for i in range(full):
+            d[i] = g[i]
+        substitute(M, d)
+        most = 0.0
+        for i in range(3, n):
+            most = max(most, abs(d[i]))
+        if most > 0.5:
+            for i in range(full):
+                d[i] *= 0.5 / most
+        turned(R, 0, d[3], d[4], d[5], new_R)
+        orthonormal(new_R)
+        for k in range(3):
+            t[k] += R[3 * k] * d[0] + R[3 * k + 1] * d[1] + R[3 * k + 2] * d[2]
+        for k in range(9):
+            R[k] = new_R[k]
+        for k in range(n - 6):
+            z[k] += d[6 + k]
+        _turn(v, FOREARM, d[n + D_FOREARM], d[n + D_FOREARM + 1])
+        _turn(v, UPPER, d[n + D_UPPER], d[n + D_UPPER + 1])
+        v[FOREARM_M] = min(max(v[FOREARM_M] + d[n + D_LENGTH], 0.12), 0.4)
+        v[SCALE] = min(max(v[SCALE] * math.exp(min(max(d[n + D_SCALE], -0.1), 0.1)), 0.6), 1.4)
+        v[THICK] = min(max(v[THICK] * math.exp(min(max(d[n + D_THICK], -0.1), 0.1)), 0.7), 1.4)
+        v[ARM_THICK] = min(max(v[ARM_THICK] * math.exp(min(max(d[n + D_ARM_THICK], -0.1), 0.1)), 0.7), 1.6)
+        for k in range(5):
+            v[DIGITS + k] = min(max(v[DIGITS + k] * math.exp(min(max(d[n + D_DIGITS + k], -0.1), 0.1)), 0.75), 1.3)
+        within(digits, columns, gains, z, c_max)
+
+
+@njit(cache=True)
+def _usual(prior_mean, prior, predicted_R, predicted_t, predicted_z, certainty, R, t, z, H, g):
+    """Add what is usual of angles, and what was predicted."""
+    n = len(z)
+    for i in range(n):
+        v = 0.0
+        for k in range(n):
+            v += prior[i, k] * (z[k] - prior_mean[k])
+            H[6 + i, 6 + k] += prior[i, k]
+        g[6 + i] -= v
+        H[6 + i, 6 + i] += certainty[6 + i]
+        g[6 + i] -= certainty[6 + i] * (z[i] - predicted_z[i])
+    if certainty[0] > 0.0 or certainty[3] > 0.0:
+        d = np.empty(6)
+        d[3], d[4], d[5] = turn_between(predicted_R, 0, R)
+        dx, dy, dz = t[0] - predicted_t[0], t[1] - predicted_t[1], t[2] - predicted_t[2]
+        for k in range(3):
+            d[k] = R[k] * dx + R[3 + k] * dy + R[6 + k] * dz
+        for k in range(6):
+            H[k, k] += certainty[k]
+            g[k] -= certainty[k] * d[k]

@@ -1,0 +1,293 @@
+"""Where an arm may be in a depth image: about one that was there before, or anywhere.
+
+All of it is looked at on a grid of every so many pixels, that is as fine as a finger wants.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from types import ModuleType
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.settings import check
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class ArmRegionSettings:
+    """What may be an arm.
+
+    Attributes:
+        near_m, far_m: depths that are looked at.
+        spacing_m: of the grid on the arm's surface.
+        seed_m: surfaces so near to the arm that was predicted belong to it …
+        grow_m: … and what is joined to them within this distance.
+        jump: neighbours whose depths differ by less than this part of the depth are joined.
+        palm_radii_m: least and most of the largest circle within a palm or fist.
+        forearm_m: from and to how far along the surface from the middle of the palm there is nothing but forearm.
+        columns: of the coarse grid on which palms are looked for.
+        widest_m: a forearm is no wider.
+        finger_m: nor is a finger.
+        branch_m: how far a piece sticks out at least to be looked at.
+        points: at most.
+    """
+
+    near_m: float = 0.2
+    far_m: float = 2.0
+    spacing_m: float = 0.004
+    seed_m: float = 0.025
+    grow_m: float = 0.08
+    jump: float = 0.025
+    palm_radii_m: tuple[float, float] = (0.024, 0.062)
+    forearm_m: tuple[float, float] = (0.15, 0.23)
+    columns: int = 160
+    widest_m: float = 0.16
+    finger_m: float = 0.027
+    branch_m: float = 0.012
+    points: int = 1500
+
+    def __post_init__(self) -> None:
+        check(0 < self.near_m < self.far_m <= 20, "near_m", self.near_m, "above 0, below far_m, which is at most 20 m")
+        for name in ("spacing_m", "seed_m", "grow_m", "jump", "widest_m", "finger_m", "branch_m"):
+            check(0 < getattr(self, name) < 1, name, getattr(self, name), "above 0, below 1")
+        least, most = self.palm_radii_m
+        check(0 < least < most < 0.2, "palm_radii_m", self.palm_radii_m, "two lengths in ascending order")
+        inner, outer = self.forearm_m
+        check(0 < inner < outer < 1, "forearm_m", self.forearm_m, "two lengths in ascending order")
+        check(16 <= self.columns <= 4096, "columns", self.columns, "16 to 4096")
+        check(50 <= self.points <= 100_000, "points", self.points, "50 to 100000")
+
+
+class Grid(NamedTuple):
+    """Every so manyth pixel of a part of an image.
+
+    Attributes:
+        seen: (h, w) [m]; 0 where nothing is.
+        lens: (4,) fx, fy, cx, cy of the grid.
+        step: pixels.
+    """
+
+    seen: Float64
+    lens: Float64
+    step: int
+
+
+class Region(NamedTuple):
+    """What may be an arm, as `mocapella.kinematics.arm_fit.Evidence` has it.
+
+    Attributes:
+        points: (m, 3) camera [m].
+        front: (h, w) the arm's surface, minus other things', 0 where nothing was measured [m].
+        nearest_x, nearest_y: (h, w) the nearest pixel of the arm.
+        lens: (4,) of these pixels.
+    """
+
+    points: Float64
+    front: Float64
+    nearest_x: Int64
+    nearest_y: Int64
+    lens: Float64
+
+
+class PalmCandidate(NamedTuple):
+    """Where a palm or a fist may be, and what grows out of it.
+
+    Attributes:
+        centre: (3,) on its surface, camera [m].
+        radius_m: of the largest circle in it.
+        normal: (3,) of its surface, towards the camera.
+        forearm: (3,) the direction from it to the elbow; None where no forearm is seen.
+        tips: (k, 3) ends of what is as narrow as a finger, anticlockwise as the camera sees them, from the forearm on.
+        spheres: (n, 4) about the surface within a hand's reach, as `region` takes them.
+    """
+
+    centre: Float64
+    radius_m: float
+    normal: Float64
+    forearm: Float64 | None
+    tips: Float64
+    spheres: Float64
+
+
+def whole_grid(depth: Float32, lens: Float64, step: int, s: ArmRegionSettings) -> Grid:
+    """The whole image (height, width) [m] on a coarser grid; lens (9,) or (4,) of the image."""
+    height, width = depth.shape
+    return _grid(depth, lens, 0, 0, width, height, step, s)
+
+
+def grid_about(depth: Float32, lens: Float64, spheres: Float64, s: ArmRegionSettings) -> Grid | None:
+    """The part of the image where spheres (k, 4) are, so fine as the settings say; None where it is outside."""
+    height, width = depth.shape
+    z = spheres[:, 2]
+    there = z > 0.1
+    if not there.any():
+        return None
+    x, y = spheres[there, 0] / z[there], spheres[there, 1] / z[there]
+    reach = (spheres[there, 3] + s.grow_m) / z[there]
+    x0, x1 = lens[0] * (x - reach).min() + lens[2], lens[0] * (x + reach).max() + lens[2]
+    y0, y1 = lens[1] * (y - reach).min() + lens[3], lens[1] * (y + reach).max() + lens[3]
+    x0, x1, y0, y1 = max(int(x0), 0), min(int(x1) + 1, width), max(int(y0), 0), min(int(y1) + 1, height)
+    if x1 - x0 < 8 or y1 - y0 < 8:
+        return None
+    step = int(np.clip(round(s.spacing_m * lens[0] / float(np.median(z[there]))), 1, 8))
+    return _grid(depth, lens, x0, y0, x1, y1, step, s)
+
+
+def _grid(
+    depth: Float32, lens: Float64, x0: int, y0: int, x1: int, y1: int, step: int, s: ArmRegionSettings
+) -> Grid:
+    seen = np.empty(((y1 - y0 + step - 1) // step, (x1 - x0 + step - 1) // step))
+    kernels().thinned(depth, x0, y0, step, s.near_m, s.far_m, seen)
+    fx, fy, cx, cy = lens[:4]
+    return Grid(seen, np.array([fx / step, fy / step, (cx - x0) / step, (cy - y0) / step]), step)
+
+
+def region(grid: Grid, spheres: Float64, s: ArmRegionSettings) -> Region:
+    """The surfaces near spheres (k, 4) [m], and what is joined to them."""
+    k, shape = kernels(), grid.seen.shape
+    low, high, wide_low, wide_high = (np.empty(shape) for _ in range(4))
+    k.bands(spheres, grid.lens, s.seed_m, low, high)
+    k.bands(spheres, grid.lens, s.grow_m, wide_low, wide_high)
+    front = np.empty(shape)
+    typical = float(np.median(spheres[:, 2]))
+    k.grown(grid.seen, low, high, wide_low, wide_high, s.jump * typical, front)
+    return evidence(grid, front, s)
+
+
+def evidence(grid: Grid, front: Float64, s: ArmRegionSettings) -> Region:
+    """What a surface that may be an arm's says."""
+    k = kernels()
+    nearest_x, nearest_y = np.empty(front.shape, np.int64), np.empty(front.shape, np.int64)
+    k.nearest(front, nearest_x, nearest_y)
+    points = np.empty((s.points, 3))
+    count = k.unprojected(front, grid.lens, points)
+    return Region(points[:count], front, nearest_x, nearest_y, grid.lens)
+
+
+def palm_candidates(depth: Float32, lens: Float64, s: ArmRegionSettings, most: int = 6) -> list[PalmCandidate]:
+    """Where palms and fists may be, the likeliest first: middles of surfaces as wide as a palm, at the end of an arm.
+
+    Args:
+        depth: (height, width) [m].
+        lens: (4,) or (9,).
+        s: see there.
+        most: so many at most.
+    """
+    grid = whole_grid(depth, lens, max(round(depth.shape[1] / s.columns), 1), s)
+    k, (height, width) = kernels(), grid.seen.shape
+    labels = np.empty((height, width), np.int64)
+    sizes = np.zeros(4096, np.int64)
+    k.labelled(grid.seen, s.jump, labels, sizes)
+    inner = np.empty((height, width))
+    k.inner_distance(grid.seen, labels, grid.lens, inner)
+    least, most_m = s.palm_radii_m
+    found: list[tuple[float, PalmCandidate]] = []
+    for y, x in _peaks(inner, least, most_m, 4 * most):
+        centre = _points(grid, np.array([y]), np.array([x]))
+        if all(np.linalg.norm(other.centre - centre[0]) > 0.02 for _, other in found):
+            candidate = _candidate(depth, lens, centre[0], float(inner[y, x]), s)
+            if candidate is not None:
+                found.append(candidate)
+    found.sort(key=lambda pair: -pair[0])
+    return [candidate for _, candidate in found[:most]]
+
+
+def _peaks(inner: Float64, least: float, most: float, count: int) -> list[tuple[int, int]]:
+    """Local maxima of the distance from the edge, the largest first."""
+    height, width = inner.shape
+    padded = np.pad(inner, 1)
+    peak = (inner >= least) & (inner <= most)
+    for dy in (-1, 0, 1):
+        for dx in (-1, 0, 1):
+            peak &= inner >= padded[1 + dy : 1 + dy + height, 1 + dx : 1 + dx + width]
+    ys, xs = np.nonzero(peak)
+    order = np.argsort(-inner[ys, xs], kind="stable")
+    kept: list[tuple[int, int]] = []
+    for i in order:
+        y, x = int(ys[i]), int(xs[i])
+        if all((y - a) ** 2 + (x - b) ** 2 > 9 for a, b in kept):
+            kept.append((y, x))
+        if len(kept) == count:
+            break
+    return kept
+
+
+def _candidate(
+    depth: Float32, lens: Float64, centre: Float64, radius: float, s: ArmRegionSettings
+) -> tuple[float, PalmCandidate] | None:
+    inner_m, outer_m = s.forearm_m
+    grid = grid_about(depth, lens, np.array([[*centre, outer_m]]), s)
+    if grid is None:
+        return None
+    k, (height, width) = kernels(), grid.seen.shape
+    x = min(max(round(float(grid.lens[0] * centre[0] / centre[2] + grid.lens[2])), 0), width - 1)
+    y = min(max(round(float(grid.lens[1] * centre[1] / centre[2] + grid.lens[3])), 0), height - 1)
+    if abs(grid.seen[y, x] - centre[2]) > 0.02:
+        return None
+    away = np.empty((height, width))
+    k.geodesic(grid.seen, grid.lens, s.jump, y, x, outer_m + 0.07, away)
+    ys, xs = np.nonzero(away < np.inf)
+    points, d = _points(grid, ys, xs), away[ys, xs]
+    if (d < 0.05).sum() < 12:
+        return None
+    area = (points[:, 2] / grid.lens[0]) ** 2
+    # Beyond the fingers' reach there is nothing but the forearm; where it is as wide as a body, this is no hand.
+    beyond = (d >= inner_m) & (d < outer_m)
+    wide = float(area[beyond].sum() / (outer_m - inner_m))
+    if wide > s.widest_m:
+        return None
+    around = points[d < 0.05] - points[d < 0.05].mean(axis=0)
+    normal = np.linalg.svd(around, full_matrices=False)[2][2]
+    normal = -normal if normal @ centre > 0 else normal
+    found = np.empty((_BRANCHES, 8))
+    found = found[: k.branches(grid.seen, away, grid.lens, s.branch_m, found)]
+    ends, middles = _points(grid, *found[:, :2].T.astype(int)), _points(grid, *found[:, 5:7].T.astype(int))
+    long, wide_m = found[:, 2], found[:, 4]
+    # Fingers do not reach so far; where the forearm is foreshortened, it is still wider than they are.
+    arm = long >= inner_m
+    if not arm.any():
+        arm = (wide_m > s.finger_m) & (long > 0.08) & (found[:, 3] > 0.03)
+    forearm = None
+    if arm.any():
+        which = int(np.argmax(np.where(arm, long * np.minimum(wide_m, 0.05) + (long >= inner_m + 0.02), -1.0)))
+        towards = (middles if long[which] > inner_m else ends)[which] - centre
+        forearm = towards / np.linalg.norm(towards)
+    finger = ~arm & (wide_m <= s.finger_m) & (found[:, 3] > 0.02) & (long > 0.05)
+    tips = ends[finger][np.argsort(-found[finger, 3], kind="stable")][:5]
+    begin = np.array([0.0, 1.0, 0.0]) if forearm is None else forearm
+    tips = tips[np.argsort([_turn(tip - centre, begin) for tip in tips], kind="stable")] if len(tips) else tips
+    reach = d < (outer_m if forearm is not None else 0.2)
+    chosen = points[reach][:: max(int(reach.sum()) // 300, 1)]
+    spheres = np.ascontiguousarray(np.hstack([chosen, np.full((len(chosen), 1), 0.01)]))
+    score = 0.25 * len(tips) + (forearm is not None) - abs(radius - 0.038) / 0.02 - max(wide - 0.10, 0.0) / 0.05
+    return score, PalmCandidate(centre, radius, normal, forearm, tips, spheres)
+
+
+def _points(grid: Grid, ys: Int64, xs: Int64) -> Float64:
+    """(n, 3) of pixels, camera [m]."""
+    z = grid.seen[ys, xs]
+    return np.stack([(xs - grid.lens[2]) * z / grid.lens[0], (ys - grid.lens[3]) * z / grid.lens[1], z], axis=-1)
+
+
+def _turn(direction: Float64, begin: Float64) -> float:
+    """Anticlockwise angle as the camera sees it, from 0 to 2π; y is down."""
+    angle = np.arctan2(-direction[1], direction[0]) - np.arctan2(-begin[1], begin[0])
+    return float(angle % (2 * np.pi))
+
+
+_BRANCHES: Final = 24
+
+
+@cache
+def kernels() -> ModuleType:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.sensing import arm_region_kernels
+
+    return arm_region_kernels

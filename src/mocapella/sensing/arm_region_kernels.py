@@ -1,0 +1,395 @@
+"""The part of a depth image that may be an arm; compiled.
+
+Images are looked at on a grid of every so many pixels. Importing this module imports numba.
+"""
+
+# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, loops are written out
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mocapella.compiled import njit
+
+
+@njit(cache=True)
+def thinned(depth, x0, y0, step, near, far, out):
+    """Write every so manyth pixel into out (h, w) [m], 0 where it is out of range or stands alone.
+
+    A pixel stands alone when fewer than two of its four neighbours are within 1.5 cm of it: at edges such pixels are a
+    mixture of both sides.
+    """
+    height, width = depth.shape
+    for i in range(out.shape[0]):
+        y = y0 + i * step
+        for j in range(out.shape[1]):
+            x = x0 + j * step
+            z = depth[y, x]
+            keep = 0
+            if near <= z <= far:
+                keep += x > 0 and abs(depth[y, x - 1] - z) < 0.015
+                keep += x + 1 < width and abs(depth[y, x + 1] - z) < 0.015
+                keep += y > 0 and abs(depth[y - 1, x] - z) < 0.015
+                keep += y + 1 < height and abs(depth[y + 1, x] - z) < 0.015
+            out[i, j] = z if keep >= 2 else 0.0
+
+
+@njit(cache=True)
+def bands(spheres, lens, gate, low, high):
+    """Write how near and far a surface may be that is no farther than the gate from spheres (k, 4) [m].
+
+    Args:
+        lens: (4,) of the grid.
+        low, high: (h, w) [m], out; infinite and 0 where there is none.
+    """
+    height, width = low.shape
+    for i in range(height):
+        for j in range(width):
+            low[i, j], high[i, j] = math.inf, 0.0
+    for k in range(len(spheres)):
+        x, y, z, r = spheres[k, 0], spheres[k, 1], spheres[k, 2], spheres[k, 3] + gate
+        if z < 0.1:
+            continue
+        px, py, size = lens[0] * x / z + lens[2], lens[1] * y / z + lens[3], lens[0] * r / z
+        for i in range(max(int(py - size), 0), min(int(py + size) + 2, height)):
+            for j in range(max(int(px - size), 0), min(int(px + size) + 2, width)):
+                d2 = ((i - py) / size) ** 2 + ((j - px) / size) ** 2
+                if d2 < 1.0:
+                    half = r * math.sqrt(1.0 - d2)
+                    low[i, j] = min(low[i, j], z - half)
+                    high[i, j] = max(high[i, j], z + half)
+
+
+@njit(cache=True)
+def grown(seen, low, high, wide_low, wide_high, jump, front):
+    """Write the surface that may be the arm into front (h, w): seeds in the narrow bands, grown within the wide ones.
+
+    It grows over neighbours whose depths differ by less than the jump [m]. Other things are told by minus their depth.
+    """
+    height, width = seen.shape
+    stack = np.empty(height * width, np.int64)
+    n = 0
+    for i in range(height):
+        for j in range(width):
+            z = seen[i, j]
+            front[i, j] = -z
+            if low[i, j] <= z <= high[i, j]:
+                front[i, j] = z
+                stack[n] = i * width + j
+                n += 1
+    while n > 0:
+        n -= 1
+        i, j = stack[n] // width, stack[n] % width
+        z = seen[i, j]
+        for k in range(4):
+            a, b = i + (k == 0) - (k == 1), j + (k == 2) - (k == 3)
+            if 0 <= a < height and 0 <= b < width and front[a, b] < 0.0:
+                other = seen[a, b]
+                if abs(other - z) < jump and wide_low[a, b] <= other <= wide_high[a, b]:
+                    front[a, b] = other
+                    stack[n] = a * width + b
+                    n += 1
+
+
+@njit(cache=True)
+def nearest(front, nearest_x, nearest_y):
+    """Write the nearest pixel with front above 0, by two passes of vectors.
+
+    P.-E. Danielsson, "Euclidean distance mapping", Computer Graphics and Image Processing 14 (1980) 227. Where there is
+    none, a pixel is its own nearest.
+    """
+    height, width = front.shape
+    far = 4 * (height + width)
+    for i in range(height):
+        for j in range(width):
+            there = front[i, j] > 0.0
+            nearest_x[i, j] = j if there else -far
+            nearest_y[i, j] = i if there else -far
+    for sweep in range(2):
+        for row in range(height):
+            i = row if sweep == 0 else height - 1 - row
+            a = i - 1 if sweep == 0 else i + 1
+            if 0 <= a < height:
+                for j in range(width):
+                    _take(nearest_x, nearest_y, i, j, a, j)
+                    if j > 0:
+                        _take(nearest_x, nearest_y, i, j, a, j - 1)
+                    if j + 1 < width:
+                        _take(nearest_x, nearest_y, i, j, a, j + 1)
+            for j in range(1, width):
+                _take(nearest_x, nearest_y, i, j, i, j - 1)
+            for j in range(width - 2, -1, -1):
+                _take(nearest_x, nearest_y, i, j, i, j + 1)
+    for i in range(height):
+        for j in range(width):
+            if nearest_x[i, j] < 0:
+                nearest_x[i, j], nearest_y[i, j] = j, i
+
+
+@njit(cache=True)
+def _take(nearest_x, nearest_y, i, j, a, b):
+    x, y = nearest_x[a, b], nearest_y[a, b]
+    if x < 0:
+        return
+    X, Y = nearest_x[i, j], nearest_y[i, j]
+    if X < 0 or (x - j) ** 2 + (y - i) ** 2 < (X - j) ** 2 + (Y - i) ** 2:
+        nearest_x[i, j], nearest_y[i, j] = x, y
+
+
+@njit(cache=True)
+def unprojected(front, lens, out):
+    """Write the points of front above 0 into out (n, 3) [m]; how many there are, at most len(out), every so manyth."""
+    height, width = front.shape
+    count = 0
+    for i in range(height):
+        for j in range(width):
+            count += front[i, j] > 0.0
+    every = max((count + len(out) - 1) // max(len(out), 1), 1)
+    n, k = 0, 0
+    for i in range(height):
+        for j in range(width):
+            z = front[i, j]
+            if z > 0.0:
+                if k % every == 0 and n < len(out):
+                    out[n, 0], out[n, 1], out[n, 2] = (j - lens[2]) * z / lens[0], (i - lens[3]) * z / lens[1], z
+                    n += 1
+                k += 1
+    return n
+
+
+@njit(cache=True)
+def labelled(seen, jump, labels, sizes):
+    """Write the connected surfaces of an image (h, w) into labels, from 1; their numbers of pixels; how many.
+
+    Neighbours whose depths differ by less than the jump [m] a metre of depth are connected.
+    """
+    height, width = seen.shape
+    stack = np.empty(height * width, np.int64)
+    for i in range(height):
+        for j in range(width):
+            labels[i, j] = 0
+    count = 0
+    for i in range(height):
+        for j in range(width):
+            if seen[i, j] <= 0.0 or labels[i, j] != 0:
+                continue
+            count += 1
+            if count >= len(sizes):
+                return count - 1
+            labels[i, j], stack[0], n, size = count, i * width + j, 1, 0
+            while n > 0:
+                n -= 1
+                size += 1
+                a, b = stack[n] // width, stack[n] % width
+                z = seen[a, b]
+                for k in range(4):
+                    c, d = a + (k == 0) - (k == 1), b + (k == 2) - (k == 3)
+                    if 0 <= c < height and 0 <= d < width and labels[c, d] == 0:
+                        other = seen[c, d]
+                        if other > 0.0 and abs(other - z) < jump * z:
+                            labels[c, d] = count
+                            stack[n] = c * width + d
+                            n += 1
+            sizes[count] = size
+    return count
+
+
+@njit(cache=True)
+def inner_distance(seen, labels, lens, out):
+    """Write how far each pixel is from the edge of its surface [m], and whether that edge is the image's: chamfer 5-7-11.
+
+    G. Borgefors, "Distance transformations in digital images", Computer Vision, Graphics, and Image Processing 34
+    (1986) 344. The image's edge is no edge of a surface.
+    """
+    height, width = seen.shape
+    for i in range(height):
+        for j in range(width):
+            out[i, j] = 0.0 if labels[i, j] == 0 else 1e6
+    for i in range(height):
+        for j in range(width):
+            if labels[i, j] == 0:
+                continue
+            own = labels[i, j]
+            if (
+                (i > 0 and labels[i - 1, j] != own)
+                or (j > 0 and labels[i, j - 1] != own)
+                or (i + 1 < height and labels[i + 1, j] != own)
+                or (j + 1 < width and labels[i, j + 1] != own)
+            ):
+                out[i, j] = 1.0
+    for sweep in range(2):
+        for row in range(height):
+            for column in range(width):
+                i = row if sweep == 0 else height - 1 - row
+                j = column if sweep == 0 else width - 1 - column
+                if labels[i, j] == 0:
+                    continue
+                s = 1 if sweep == 0 else -1
+                best = out[i, j]
+                for k in range(8):
+                    a, b, c = _KNIGHT[k]
+                    y, x = i + s * int(a), j + s * int(b)
+                    if 0 <= y < height and 0 <= x < width and labels[y, x] == labels[i, j]:
+                        best = min(best, out[y, x] + c)
+                out[i, j] = best
+    for i in range(height):
+        for j in range(width):
+            out[i, j] *= seen[i, j] / lens[0]
+
+
+_KNIGHT = np.array(
+    [
+        (0, -1, 1.0),
+        (-1, 0, 1.0),
+        (-1, -1, 1.4),
+        (-1, 1, 1.4),
+        (-2, -1, 2.2),
+        (-2, 1, 2.2),
+        (-1, -2, 2.2),
+        (-1, 2, 2.2),
+    ]
+)
+
+
+@njit(cache=True)
+def geodesic(seen, lens, jump, from_y, from_x, most, out):
+    """Write the distances along the surface from a pixel [m], by Dijkstra's method; infinite beyond `most`.
+
+    Neighbours whose depths differ by more than the jump [m] a metre of depth are not joined.
+    """
+    height, width = seen.shape
+    for i in range(height):
+        for j in range(width):
+            out[i, j] = math.inf
+    heap_d, heap_i = np.empty(8 * height * width), np.empty(8 * height * width, np.int64)
+    out[from_y, from_x] = 0.0
+    heap_d[0], heap_i[0], n = 0.0, from_y * width + from_x, 1
+    while n > 0:
+        d, at = heap_d[0], heap_i[0]
+        n -= 1
+        last_d, last_i, k = heap_d[n], heap_i[n], 0
+        while True:
+            child = 2 * k + 1
+            if child >= n:
+                break
+            if child + 1 < n and heap_d[child + 1] < heap_d[child]:
+                child += 1
+            if heap_d[child] >= last_d:
+                break
+            heap_d[k], heap_i[k], k = heap_d[child], heap_i[child], child
+        heap_d[k], heap_i[k] = last_d, last_i
+        i, j = at // width, at % width
+        if d > out[i, j]:
+            continue
+        z = seen[i, j]
+        for a in range(max(i - 1, 0), min(i + 2, height)):
+            for b in range(max(j - 1, 0), min(j + 2, width)):
+                other = seen[a, b]
+                if other <= 0.0 or abs(other - z) > jump * z or (a == i and b == j):
+                    continue
+                dx = (b - lens[2]) * other / lens[0] - (j - lens[2]) * z / lens[0]
+                dy = (a - lens[3]) * other / lens[1] - (i - lens[3]) * z / lens[1]
+                there = d + math.sqrt(dx * dx + dy * dy + (other - z) ** 2)
+                if there < out[a, b] and there <= most:
+                    out[a, b] = there
+                    k = n
+                    n += 1
+                    while k > 0 and heap_d[(k - 1) // 2] > there:
+                        heap_d[k], heap_i[k] = heap_d[(k - 1) // 2], heap_i[(k - 1) // 2]
+                        k = (k - 1) // 2
+                    heap_d[k], heap_i[k] = there, a * width + b
+
+
+@njit(cache=True)
+def branches(seen, away, lens, least, found):
+    """Write the branches of a surface, seen from where `away` is 0, into found (n, 8); how many there are.
+
+    A branch grows from a farthest pixel towards the middle, until it meets one that reaches farther: its persistence
+    is how far that is (H. Edelsbrunner, D. Letscher, A. Zomorodian, "Topological persistence and simplification",
+    Discrete & Computational Geometry 28 (2002) 511). Those shorter than `least` [m] are part of the one they meet.
+
+    Args:
+        found: of each, out: line, column and distance of its farthest pixel, persistence, its area [m²] within
+            4 cm of its end, line and column of the middle of that part, whether it is at the image's edge.
+    """
+    height, width = seen.shape
+    flat = away.ravel()
+    count = 0
+    for i in range(len(flat)):
+        count += flat[i] < math.inf
+    order, values, n = np.empty(count, np.int64), np.empty(count), 0
+    for i in range(len(flat)):
+        if flat[i] < math.inf:
+            order[n], values[n] = i, -flat[i]
+            n += 1
+    order = order[np.argsort(values)]
+    parent = np.full(len(flat), -1, np.int64)
+    top = np.empty(len(flat), np.int64)
+    tops, persists, n = np.empty(count, np.int64), np.empty(count), 0
+    for at in order:
+        parent[at] = at
+        top[at] = at
+        i, j = at // width, at % width
+        for a in range(max(i - 1, 0), min(i + 2, height)):
+            for b in range(max(j - 1, 0), min(j + 2, width)):
+                other = a * width + b
+                if parent[other] < 0 or other == at:
+                    continue
+                z = seen[i, j]
+                if abs(seen[a, b] - z) > 0.025 * z:
+                    continue
+                one, two = at, other
+                while parent[one] != one:
+                    parent[one] = parent[parent[one]]
+                    one = parent[one]
+                while parent[two] != two:
+                    parent[two] = parent[parent[two]]
+                    two = parent[two]
+                if one == two:
+                    continue
+                if flat[top[one]] > flat[top[two]]:
+                    one, two = two, one
+                # `one` ends here
+                if flat[top[one]] - flat[at] >= least:
+                    tops[n], persists[n] = top[one], flat[top[one]] - flat[at]
+                    n += 1
+                parent[one] = two
+    if count > 0:
+        last = order[0]
+        tops[n], persists[n] = last, flat[last]
+        n += 1
+    stack, marked = np.empty(len(flat), np.int64), np.zeros(len(flat), np.int64)
+    written = 0
+    for k in range(n - 1, -1, -1):
+        if written == len(found):
+            break
+        level = flat[tops[k]] - min(persists[k], 0.04)
+        stack[0], m = tops[k], 1
+        marked[tops[k]] = k + 1
+        area, lines, columns, edge = 0.0, 0.0, 0.0, 0.0
+        while m > 0:
+            m -= 1
+            i, j = stack[m] // width, stack[m] % width
+            z = seen[i, j]
+            piece = z * z / (lens[0] * lens[1])
+            area += piece
+            lines += piece * i
+            columns += piece * j
+            if i == 0 or j == 0 or i == height - 1 or j == width - 1:
+                edge = 1.0
+            for a in range(max(i - 1, 0), min(i + 2, height)):
+                for b in range(max(j - 1, 0), min(j + 2, width)):
+                    other = a * width + b
+                    if marked[other] != k + 1 and level <= flat[other] < math.inf and abs(
+                        seen[a, b] - z
+                    ) <= 0.025 * z:
+                        marked[other] = k + 1
+                        stack[m] = other
+                        m += 1
+        found[written, 0], found[written, 1] = tops[k] // width, tops[k] % width
+        found[written, 2], found[written, 3] = flat[tops[k]], persists[k]
+        found[written, 4] = area / max(min(persists[k], 0.04), 1e-3)
+        found[written, 5], found[written, 6], found[written, 7] = lines / area, columns / area, edge
+        written += 1
+    return written
