@@ -257,18 +257,10 @@ class ArmModel:
         costs[1] /= _SAMPLES
         return Fitted(pose, costs, assigned, information)
 
-    def spheres(self, pose: ArmPose) -> Float64:
+    def spheres(self, pose: ArmPose, spacing_m: float = 0.025) -> Float64:
         """(k, 4) balls along the flesh, camera [m]: what a region of the image is found by."""
-        pieces = self.pieces(pose)[0]
-        out = []
-        for p in pieces:
-            count = max(int(p[6] / 0.02), 1) + 1
-            f = np.linspace(0, 1, count)[:, None]
-            places = p[:3] + f * p[6] * p[3:6]
-            out.append(np.hstack([places, p[7] + f * (p[8] - p[7])]))
-        balls = np.vstack(out)
-        balls[:, :3] = balls[:, :3] @ pose.R.reshape(3, 3).T + pose.t
-        return np.ascontiguousarray(balls)
+        out = np.empty((400, 4))
+        return out[: kernels().balls(self.pieces(pose)[0], pose.R, pose.t, spacing_m, out)]
 
     def pieces(self, pose: ArmPose) -> tuple[Float64, Float64]:
         """(k, PIECE) the flesh in the palm's frame, and (5, 4, 3) the digits' joints."""

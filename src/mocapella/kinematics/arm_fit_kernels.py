@@ -116,6 +116,26 @@ def flesh(digits, mirror, radii, palm, columns, gains, z, v, rows, joints, axes,
 
 
 @njit(cache=True)
+def balls(pieces, R, t, spacing, out):
+    """Write balls along the flesh, so far apart, into out (k, 4), camera [m]; how many."""
+    n = 0
+    for i in range(len(pieces)):
+        p = pieces[i]
+        count = max(int(p[LENGTH] / spacing), 1) + 1
+        for k in range(count):
+            if n == len(out):
+                return n
+            f = k / (count - 1)
+            c = f * p[LENGTH]
+            x, y, z = p[A] + c * p[U], p[A + 1] + c * p[U + 1], p[A + 2] + c * p[U + 2]
+            for a in range(3):
+                out[n, a] = R[3 * a] * x + R[3 * a + 1] * y + R[3 * a + 2] * z + t[a]
+            out[n, 3] = p[RA] + f * (p[RB] - p[RA])
+            n += 1
+    return n
+
+
+@njit(cache=True)
 def closest(pieces, few, x, y, z, vx, vy, vz, out):
     """The piece that explains a point best; its outward normal, where on its axis, and the distance into out (5,).
 

@@ -1,0 +1,182 @@
+"""How well a method finds arms and fingertips in rendered depth images, whose truth is known.
+
+A truth's arm is that of the method whose palm is nearest to its own, within 10 cm. Nothing is corrected, and a method
+is not told what is to be seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.model.arms import ELBOW, PALM, ArmMethod, SeenArm, SeenArms
+from mocapella.model.hand import TIPS, WRIST
+from mocapella.model.observations import JointState
+from mocapella.sources.simulate.depth_scene import ArmTruth, DepthShot
+
+Float64 = NDArray[np.float64]
+
+MATCH_M: Final = 0.10
+"""A method's palm that is farther from the true one is that of something else."""
+FOUND_M: Final = 0.015
+"""A fingertip that is nearer than this under its right name is found."""
+
+
+@dataclass
+class ArmScores:
+    """What a method came to, summed over frames; see `table` for what is told of it.
+
+    Attributes:
+        frames: arms that were in the image, summed over frames.
+        followed: of these, with a method's arm.
+        tips: errors of visible fingertips that the method measured [m].
+        inferred: visible fingertips that it did not measure.
+        named: visible fingertips of which the method's tip of that name is the nearest, or near enough.
+        visible: fingertips that are visible.
+        occluded, occluded_found: visible before palm or other digits, and how many of these are found.
+        hidden: errors of fingertips that have no pixels [m].
+        wrist, palm, elbow: errors [m].
+        sided: frames in which the side is right.
+        lost: longest run of frames without the arm, after it was first found.
+    """
+
+    frames: int = 0
+    followed: int = 0
+    tips: list[float] = field(default_factory=list)
+    inferred: int = 0
+    named: int = 0
+    visible: int = 0
+    occluded: int = 0
+    occluded_found: int = 0
+    hidden: list[float] = field(default_factory=list)
+    wrist: list[float] = field(default_factory=list)
+    palm: list[float] = field(default_factory=list)
+    elbow: list[float] = field(default_factory=list)
+    sided: int = 0
+    lost: int = 0
+
+    def add(self, other: ArmScores) -> None:
+        """Take in another's; the longest loss is the longer."""
+        for name in ("frames", "followed", "inferred", "named", "visible", "occluded", "occluded_found", "sided"):
+            setattr(self, name, getattr(self, name) + getattr(other, name))
+        for name in ("tips", "hidden", "wrist", "palm", "elbow"):
+            getattr(self, name).extend(getattr(other, name))
+        self.lost = max(self.lost, other.lost)
+
+    def table(self) -> dict[str, float]:
+        """Figures: mm, and parts of 1. A visible fingertip that is not measured has no error, but is no found name."""
+
+        def of(values: list[float], q: float) -> float:
+            return round(1e3 * float(np.percentile(values, q)), 2) if values else float("nan")
+
+        def part(some: int, of_all: int) -> float:
+            return round(some / of_all, 4) if of_all else float("nan")
+
+        return {
+            "frames": self.frames,
+            "followed": part(self.followed, self.frames),
+            "tip_median_mm": of(self.tips, 50),
+            "tip_p95_mm": of(self.tips, 95),
+            "named": part(self.named, self.visible),
+            "inferred": part(self.inferred, self.visible),
+            "occluded": self.occluded,
+            "occluded_found": part(self.occluded_found, self.occluded),
+            "hidden_median_mm": of(self.hidden, 50),
+            "wrist_median_mm": of(self.wrist, 50),
+            "palm_median_mm": of(self.palm, 50),
+            "elbow_median_mm": of(self.elbow, 50),
+            "elbow_p95_mm": of(self.elbow, 95),
+            "sided": part(self.sided, self.followed),
+            "longest_loss_frames": self.lost,
+        }
+
+
+def score(method: ArmMethod, shots: Iterable[DepthShot]) -> ArmScores:
+    """Run a method, as it is, over the shots of one scene, in their order."""
+    scores = ArmScores()
+    runs: dict[int, int] = {}
+    for shot in shots:
+        seen = method.update(shot.depth * np.float32(shot.unit_m), shot.at_s)
+        for i, truth in enumerate(shot.arms):
+            if not in_image(truth, shot):
+                runs.pop(i, None)
+                continue
+            scores.frames += 1
+            arm = matched(truth, seen)
+            if arm is None:
+                if i in runs:
+                    runs[i] += 1
+                    scores.lost = max(scores.lost, runs[i])
+                scores.visible += int(truth.seen[list(TIPS)].sum())
+                scores.occluded += int(truth.self_occluded.sum())
+                continue
+            runs[i] = 0
+            _add(scores, truth, arm)
+    return scores
+
+
+def in_image(truth: ArmTruth, shot: DepthShot) -> bool:
+    """Whether the palm is in the image, by 15 pixels at least, and within what the sensor measures."""
+    x, y, z = truth.points[PALM]
+    if z <= 0.05:
+        return False
+    u, v = shot.lens[0] * x / z + shot.lens[2], shot.lens[1] * y / z + shot.lens[3]
+    height, width = shot.depth.shape
+    return bool(15 <= u < width - 15 and 15 <= v < height - 15)
+
+
+def matched(truth: ArmTruth, seen: SeenArms) -> SeenArm | None:
+    """The method's arm whose palm is nearest; None where none is within `MATCH_M`."""
+    near = [(float(np.linalg.norm(arm.points[PALM] - truth.points[PALM])), k) for k, arm in enumerate(seen.arms)]
+    near = [pair for pair in near if pair[0] <= MATCH_M]
+    return seen.arms[min(near)[1]] if near else None
+
+
+def _add(scores: ArmScores, truth: ArmTruth, arm: SeenArm) -> None:
+    scores.followed += 1
+    scores.sided += arm.left == truth.left
+    tips = list(TIPS)
+    apart = np.linalg.norm(arm.points[tips][None] - truth.points[tips][:, None], axis=-1)  # (true, method's)
+    apart = np.where(np.isfinite(apart), apart, np.inf)
+    own = np.diag(apart)
+    measured = arm.states[tips] == JointState.TRACKED
+    visible = truth.seen[tips]
+    scores.visible += int(visible.sum())
+    for k in range(5):
+        if not visible[k]:
+            if np.isfinite(own[k]):
+                scores.hidden.append(float(own[k]))
+            continue
+        if measured[k] and np.isfinite(own[k]):
+            scores.tips.append(float(own[k]))
+        else:
+            scores.inferred += 1
+        scores.named += bool(np.isfinite(own[k]) and (own[k] <= FOUND_M or own[k] == apart[k].min()))
+        if truth.self_occluded[k]:
+            scores.occluded += 1
+            scores.occluded_found += bool(measured[k] and own[k] <= FOUND_M)
+    for name, at in (("wrist", WRIST), ("palm", PALM), ("elbow", ELBOW)):
+        error = float(np.linalg.norm(arm.points[at] - truth.points[at]))
+        if np.isfinite(error) and (at != ELBOW or truth.seen[ELBOW]):
+            getattr(scores, name).append(error)
+
+
+def jitter(method: ArmMethod, shots: Iterable[DepthShot], *, settle: int = 15) -> Mapping[str, float]:
+    """Root mean square motion of each of the eight joints of a still arm about its mean [m], after some frames."""
+    from mocapella.model.arms import ARM_JOINT_NAMES
+
+    rows: list[Any] = []
+    for k, shot in enumerate(shots):
+        seen = method.update(shot.depth * np.float32(shot.unit_m), shot.at_s)
+        arm = matched(shot.arms[0], seen)
+        if k >= settle and arm is not None:
+            rows.append(arm.joints)
+    if len(rows) < 2:
+        return dict.fromkeys(ARM_JOINT_NAMES, float("nan"))
+    joints = np.stack(rows)
+    motion = np.sqrt(((joints - np.nanmean(joints, axis=0)) ** 2).sum(axis=-1).mean(axis=0))
+    return dict(zip(ARM_JOINT_NAMES, motion.tolist(), strict=True))
