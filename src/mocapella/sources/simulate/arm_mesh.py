@@ -1,0 +1,463 @@
+"""A person's arm as a mesh of triangles that its joints move: what `depth_scene` draws.
+
+    mesh = arm_mesh(arm_shapes()["average"], "right")
+    vertices = mesh.at(pose)            # (n, 3) in the camera's space
+    points = mesh.points(pose)          # (24, 3) exact joints: ARM_POINTS and the shoulder
+
+The flesh at rest is a smooth union of tapered limbs: fingers, a palm of four metacarpals with the balls of the thumb
+and of the little finger, the skin between the digits, an oval wrist, two bones' forearm, the upper arm. Its surface is
+made into triangles once (surface net) and moved by dual quaternions, so that knuckles stay round. It shares nothing
+with what finds arms but the description of a hand, `mocapella.model.hand`.
+
+**Rest.** The arm is straight along z, all angles are 0 but the fingers' abductions, `REST_ANGLES`.
+
+**Fingertips.** The landmark of a fingertip is where the hand's model has it. With r the radius of the fingertip, it lies
+on the axis of the last bone, and the flesh ends 0.6 r beyond it: the last limb's round end has its middle 0.4 r before
+the landmark. r is `ArmMesh.tip_radii_m`.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from functools import cache, cached_property
+from importlib.resources import files
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import SettingsError, one_of
+from mocapella.geometry.rigid import rigid
+from mocapella.model.hand import ANGLES, DIGIT_ANGLES, DIGITS, Handedness, HandModel, HandShape, hand_model
+from mocapella.settings import check, parse
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+UInt8 = NDArray[np.uint8]
+
+BONES: Final = (
+    *("upper arm", "forearm at the elbow", "forearm at the wrist", "palm"),
+    *(f"{digit} {bone}" for digit in DIGITS for bone in ("first", "second", "last")),
+)
+UPPER_ARM, ELBOW_END, WRIST_END, PALM_BONE, FIRST_DIGIT = range(5)
+PARTS: Final = (*BONES, *(f"{digit} tip" for digit in DIGITS))
+"""What a triangle belongs to: the bone that moves it most; the last 8 mm before a tip's landmark and what is beyond
+are parts of their own."""
+FIRST_TIP: Final = len(BONES)
+TIP_PATCH_M: Final = 0.008
+BEYOND_TIP: Final = 0.6
+"""How far the flesh reaches beyond a fingertip's landmark, over the fingertip's radius."""
+SHOULDER: Final = 23
+"""Where the shoulder is in `ArmMesh.points`, after `mocapella.model.arms.ARM_POINTS`."""
+WRIST_FLEXION_RAD: Final = (np.radians(-70), np.radians(75))
+WRIST_DEVIATION_RAD: Final = (np.radians(-35), np.radians(22))
+ELBOW_FLEXION_RAD: Final = (0.0, np.radians(145))
+PRONATION_RAD: Final = (np.radians(-90), np.radians(90))
+"""Limits: American Academy of Orthopaedic Surgeons, *Joint motion: method of measuring and recording* (1965)."""
+
+
+def _rest_angles() -> Float64:
+    angles = np.zeros(len(ANGLES))
+    angles[DIGIT_ANGLES[1:, 1]] = np.radians([7.0, 0.0, -8.0, -14.0])
+    return angles
+
+
+REST_ANGLES: Final = _rest_angles()
+
+_FINGER_RADII_MM: Final = (
+    (12.5, 10.6, 9.3, 8.4),
+    (9.7, 8.7, 7.6, 6.8),
+    (9.8, 8.9, 7.7, 6.9),
+    (9.2, 8.3, 7.2, 6.5),
+    (8.2, 7.2, 6.3, 5.7),
+)
+"""At the joints and the tip, of a hand of the reference's length; breadths of index finger and thumb as of T. Greiner,
+*Hand anthropometry of U.S. Army personnel* (1991), the others in proportion."""
+_THENAR, _CORE, _GROUPS = 5, 6, 7  # after the digits: what goes with the thumb, and all else
+_FLOW_M: Final = (0.003, 0.002, 0.002, 0.002, 0.002, 0.008, 0.010)
+_BETWEEN_M: Final = 0.006
+
+
+@dataclass(frozen=True)
+class ArmShape:
+    """Of what size and proportions an arm is.
+
+    Attributes:
+        hand_length_m: from the wrist to the tip of the middle finger.
+        hand_breadth_m: across the knuckles.
+        finger_thickness: over that of the reference, beside what the hand's length does.
+        finger_length: over the reference's share of the hand's length.
+        forearm_m, upper_arm_m: from joint to joint.
+        forearm_thickness: over the reference's.
+        sleeve_from_m: how far from the wrist a sleeve ends; 0 for a bare arm.
+    """
+
+    hand_length_m: float = 0.189
+    hand_breadth_m: float = 0.085
+    finger_thickness: float = 1.0
+    finger_length: float = 1.0
+    forearm_m: float = 0.255
+    upper_arm_m: float = 0.29
+    forearm_thickness: float = 1.0
+    sleeve_from_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        check(0.10 <= self.hand_length_m <= 0.25, "hand_length_m", self.hand_length_m, "0.10 to 0.25 m")
+        check(0.04 <= self.hand_breadth_m <= 0.12, "hand_breadth_m", self.hand_breadth_m, "0.04 to 0.12 m")
+        check(0.7 <= self.finger_thickness <= 1.3, "finger_thickness", self.finger_thickness, "0.7 to 1.3")
+        check(0.85 <= self.finger_length <= 1.15, "finger_length", self.finger_length, "0.85 to 1.15")
+        check(0.12 <= self.forearm_m <= 0.35, "forearm_m", self.forearm_m, "0.12 to 0.35 m")
+        check(0.15 <= self.upper_arm_m <= 0.4, "upper_arm_m", self.upper_arm_m, "0.15 to 0.4 m")
+        check(0.7 <= self.forearm_thickness <= 1.3, "forearm_thickness", self.forearm_thickness, "0.7 to 1.3")
+        least, most = 0.02, self.forearm_m
+        ok = self.sleeve_from_m == 0 or least <= self.sleeve_from_m <= most
+        check(ok, "sleeve_from_m", self.sleeve_from_m, f"0 for none, or {least} to {most} m")
+
+    def hand(self, handedness: Handedness) -> HandShape:
+        """The hand as a value of the model."""
+        model = hand_model("full")
+        shape = model.shape(handedness, hand_length_m=self.hand_length_m, hand_breadth_m=self.hand_breadth_m)
+        lengths = shape.lengths.copy()
+        lengths[1:] *= self.finger_length
+        bases = shape.bases.copy()
+        short = (self.hand_length_m - float(lengths[2].sum())) / float(bases[2, 2])  # the palm makes up for it
+        bases[:, 2] *= short
+        return HandShape(handedness, lengths, bases)
+
+
+class ArmPose(msgspec.Struct, frozen=True, eq=False):
+    """How an arm is held.
+
+    Attributes:
+        angles: (21,) of `mocapella.model.hand.ANGLES` [rad].
+        joints: (4,) [rad] flexion of the elbow; pronation of the forearm, 0 where the thumb is on the upper arm's side
+            of a bent elbow, π/2 where the palm faces away from it; flexion of the wrist towards the palm; its deviation
+            towards the thumb.
+        T_camera_shoulder: (4, 4); z along the upper arm towards the elbow. The frame of a left arm is such that its
+            mirror image in x is a right one.
+    """
+
+    angles: Float64
+    joints: Float64
+    T_camera_shoulder: Float64
+
+
+class ArmMesh:
+    """An arm's surface and how it moves; made by `arm_mesh`.
+
+    Attributes:
+        shape: see there.
+        handedness: left or right.
+        hand: as a value of the model.
+        model: of the hand's joints, with all 21 angles.
+        vertices: (n, 3) at rest, of a right arm, in the shoulder's frame [m].
+        triangles: (m, 3) vertices, anticlockwise seen from outside; of a left arm in the order that does so after
+            mirroring.
+        parts: (m,) of `PARTS`.
+        bones_of, weights: (n, 4) the bones of `BONES` that move a vertex, and how much each; they add up to 1.
+        tip_radii_m: (5,) of the fingertips.
+    """
+
+    def __init__(self, shape: ArmShape, handedness: Handedness) -> None:
+        self.shape, self.handedness, self.model = shape, handedness, hand_model("full")
+        self.hand = shape.hand(handedness)
+        right = _right_arm(shape)
+        self.vertices, self.parts, self.bones_of, self.weights = (
+            right.vertices,
+            right.parts,
+            right.bones_of,
+            right.weights,
+        )
+        self.triangles = right.triangles if handedness == "right" else np.ascontiguousarray(right.triangles[:, ::-1])
+        self.limbs, self.tip_radii_m, self._rest = right.limbs, right.tip_radii_m, right.bones
+
+    def frames(self, pose: ArmPose) -> tuple[Float64, Float64]:
+        """(19, 3, 4) ``T_shoulder_bone`` and (24, 3) joints, of a right arm in the shoulder's frame."""
+        return arm_frames(self.model, self.shape, self.hand, pose)
+
+    def points(self, pose: ArmPose) -> Float64:
+        """(24, 3) of `mocapella.model.arms.ARM_POINTS` and the shoulder, in the camera's space [m]."""
+        T = pose.T_camera_shoulder
+        return np.asarray((self.hand.mirror * self.frames(pose)[1]) @ T[:3, :3].T + T[:3, 3])
+
+    def T_camera_palm(self, pose: ArmPose) -> Float64:  # noqa: N802 - the field's notation
+        """(4, 4)."""
+        T = self.frames(pose)[0][PALM_BONE]
+        M = self.hand.mirror
+        return np.asarray(pose.T_camera_shoulder @ rigid(M[:, None] * T[:, :3] * M, M * T[:, 3]))
+
+    def at(self, pose: ArmPose) -> Float64:
+        """(n, 3) the vertices in the camera's space [m]."""
+        bones = self.frames(pose)[0]
+        motions, out = np.empty((len(bones), 8)), np.empty_like(self.vertices)
+        k = _kernels()
+        k.dual_quaternions(bones, self._rest, motions)
+        T = pose.T_camera_shoulder[:3].copy()
+        T[:, :3] *= self.hand.mirror
+        k.skin(self.vertices, self.bones_of, self.weights, motions, T, out)
+        return out
+
+    @cached_property
+    def palm_parts(self) -> NDArray[np.bool_]:
+        """(m,) which triangles are of palm or digits."""
+        return self.parts >= PALM_BONE
+
+    @cached_property
+    def digit_of(self) -> Int64:
+        """(m,) which digit a triangle is of; -1 for none."""
+        bones = np.where(self.parts >= FIRST_TIP, -1, (self.parts.astype(np.int64) - FIRST_DIGIT) // 3)
+        return np.where(self.parts >= FIRST_TIP, self.parts.astype(np.int64) - FIRST_TIP, np.maximum(bones, -1))
+
+
+def arm_frames(model: HandModel, shape: ArmShape, hand: HandShape, pose: ArmPose) -> tuple[Float64, Float64]:
+    """(19, 3, 4) ``T_shoulder_bone`` of `BONES` and (24, 3) joints, of a right arm in the shoulder's frame."""
+    bones, points = np.empty((len(BONES), 3, 4)), np.empty((SHOULDER + 1, 3))
+    _kernels().arm_frames(
+        model.frames, DIGIT_ANGLES, hand.bases, hand.lengths, shape.upper_arm_m, shape.forearm_m,
+        np.asarray(pose.joints, dtype=np.float64), np.asarray(pose.angles, dtype=np.float64), bones, points,
+    )  # fmt: skip
+    return bones, points
+
+
+def finger_radii(shape: ArmShape) -> Float64:
+    """(5, 4) of the digits at their joints and tips [m]."""
+    return 1e-3 * shape.hand_length_m / 0.189 * shape.finger_thickness * np.array(_FINGER_RADII_MM)
+
+
+@cache
+def arm_mesh(shape: ArmShape, handedness: Handedness) -> ArmMesh:
+    """The mesh of that arm."""
+    check(handedness in ("left", "right"), "handedness", handedness, "left or right")
+    return ArmMesh(shape, handedness)
+
+
+@cache
+def arm_shapes() -> dict[str, ArmShape]:
+    """The people there are, by name."""
+    text = files("mocapella.sources.simulate").joinpath("data", "arm_shapes.toml").read_text(encoding="utf-8")
+    return {name: parse(ArmShape, row, where=f"arm shape {name}") for name, row in tomllib.loads(text).items()}
+
+
+def arm_shape(name: str) -> ArmShape:
+    """The person of that name.
+
+    Raises:
+        SettingsError: nobody has that name; lists those there are.
+    """
+    if name not in arm_shapes():
+        raise SettingsError(f"unknown arm shape {name!r}; known: {one_of(name, arm_shapes())}")
+    return arm_shapes()[name]
+
+
+@dataclass(frozen=True, eq=False)
+class _RightArm:
+    vertices: Float64
+    triangles: Int64
+    parts: UInt8
+    bones_of: Int64
+    weights: Float64
+    limbs: Float64
+    tip_radii_m: Float64
+    bones: Float64
+
+
+@cache
+def _right_arm(shape: ArmShape) -> _RightArm:
+    hand, model = shape.hand("right"), hand_model("full")
+    pose = ArmPose(REST_ANGLES, np.zeros(4), np.eye(4))
+    bones, points = arm_frames(model, shape, hand, pose)
+    wrist = points[0]
+    limbs, radii = _limbs(shape, points - wrist)
+    within = np.array(_FLOW_M)
+    fine = 0.0031 * shape.hand_length_m / 0.189
+    nodes = _grid(limbs, fine)
+    vertices, triangles = polygonise(limbs, within, _BETWEEN_M, nodes)
+    bones_of, weights = _weights(vertices, limbs, within, bones, wrist, hand, shape)
+    parts = _parts(vertices, triangles, bones_of, bones, wrist, hand)
+    return _RightArm(vertices + wrist, triangles, parts, bones_of, weights, limbs, radii, bones)
+
+
+def polygonise(limbs: Float64, within: Float64, between: float, nodes: Float64) -> tuple[Float64, Int64]:
+    """The surface of a smooth union of limbs: vertices (n, 3) and triangles (m, 3), closed.
+
+    Args:
+        limbs: (n, 9), see `arm_mesh_kernels`, sorted by group.
+        within: (groups,) how far the limbs of a group flow into each other [m].
+        between: and groups [m].
+        nodes: (a, b, c, 3) a grid, warped at will, that goes beyond the limbs on all sides.
+    """
+    k = _kernels()
+    values = np.empty(nodes.shape[:3])
+    k.sample(limbs, within, between, nodes, values)
+    if not k.separate(values):
+        raise AssertionError("the surface touches itself")
+    crossed = int(sum((np.diff(values < 0, axis=axis)).sum() for axis in range(3)))
+    vertices, triangles = np.empty((4 * crossed + 8, 3)), np.empty((2 * crossed + 8, 3), np.int64)
+    n, m = k.surface_net(values, nodes, vertices, triangles)
+    vertices = vertices[:n].copy()
+    k.settle(limbs, within, between, vertices, 0.3 * float(np.linalg.norm(nodes[1, 1, -1] - nodes[0, 0, -1])))
+    return vertices, triangles[:m].copy()
+
+
+def _limbs(shape: ArmShape, at_rest: Float64) -> tuple[Float64, Float64]:
+    """(n, 9) about the joints (24, 3), the wrist being the origin; and the radii of the fingertips (5,) [m]."""
+    big = shape.hand_length_m / 0.189
+    wide = shape.hand_breadth_m / 0.085
+    mm = 1e-3 * big
+    rows: list[list[float]] = []
+
+    def add(group: int, a: Any, b: Any, ra: float, rb: float) -> None:
+        rows.append([*map(float, a), *map(float, b), ra, rb, group])
+
+    radii = finger_radii(shape)
+    for digit in range(5):
+        joints = at_rest[1 + 4 * digit : 5 + 4 * digit]
+        r = radii[digit]
+        for bone in range(2):
+            middle, waist = 0.5 * (joints[bone] + joints[bone + 1]), 0.49 * (r[bone] + r[bone + 1])
+            add(digit, joints[bone], middle, r[bone], waist)
+            add(digit, middle, joints[bone + 1], waist, r[bone + 1])
+        along = (joints[3] - joints[2]) / np.linalg.norm(joints[3] - joints[2])
+        add(digit, joints[2], joints[3] - (1.0 - BEYOND_TIP) * r[3] * along, r[2], r[3])
+    bases = at_rest[[1, 5, 9, 13, 17]]
+    # The palm: metacarpals, thicker towards the wrist and lower than the knuckles.
+    carpus = np.array([[13.0 * wide / big, -3, 10], [4, -3, 10], [-5, -3, 10], [-13 * wide / big, -3, 12]]) * mm
+    for base, carpal, r in zip(bases[1:], carpus, (12.0, 12.2, 11.5, 10.3), strict=True):
+        middle = 0.45 * carpal + 0.55 * base + [0.0, -1.5 * mm, 0.0]
+        add(_CORE, carpal, middle, 14.0 * mm, 11.8 * mm)
+        add(_CORE, middle, base + [0.0, -1.0 * mm, -2.0 * mm], 11.8 * mm, r * mm)
+    thumb, index, little = bases[0], bases[1], bases[4]
+    thumb_mcp = at_rest[2]
+    add(
+        _THENAR, thumb + np.array([-5, -4, 0]) * mm, 0.2 * thumb + 0.8 * thumb_mcp + [0, -1 * mm, 0], 15 * mm, 11.5 * mm
+    )
+    add(_THENAR, thumb + np.array([-8, -5, 6]) * mm, 0.6 * thumb + 0.4 * thumb_mcp + np.array([-8, -3, 4]) * mm,
+        14 * mm, 12 * mm)  # fmt: skip
+    add(_CORE, [-20 * mm * wide / big, -9 * mm, 18 * mm], 0.25 * carpus[3] + 0.75 * little + [0, -6 * mm, 0],
+        12.5 * mm, 10 * mm)  # fmt: skip
+    # Skin between thumb and index finger, and between the fingers.
+    add(_THENAR, 0.45 * thumb + 0.55 * thumb_mcp, 0.45 * carpus[0] + 0.55 * index, 8.5 * mm, 8.5 * mm)
+    add(_THENAR, 0.25 * thumb + 0.75 * thumb_mcp, 0.22 * carpus[0] + 0.78 * index, 6.5 * mm, 7.5 * mm)
+    for digit in range(1, 4):
+        one, other = at_rest[1 + 4 * digit : 3 + 4 * digit], at_rest[5 + 4 * digit : 7 + 4 * digit]
+        a, b = one[0] + 0.30 * (one[1] - one[0]), other[0] + 0.32 * (other[1] - other[0])
+        add(_CORE, a, b, 5.5 * mm, 5.0 * mm)
+    # Wrist and forearm: two bones side by side, muscle towards the elbow. Radius on the thumb's side.
+    arm, L = 1e-3 * (0.5 + 0.5 * big) * shape.forearm_thickness, shape.forearm_m
+    wrist = 1e-3 * (0.35 + 0.65 * wide) * (0.5 + 0.5 * shape.forearm_thickness)
+    profile = [(10 * mm, 9.5, 16.0, wrist), (-0.06, 10.0, 16.6, wrist), (-0.30, 9.5, 20.5, arm), (-0.55, 8.0, 28.0, arm),
+               (-0.78, 8.0, 34.0, arm), (-0.97, 6.0, 33.5, arm)]  # fmt: skip
+    sections = [(z if z > 0 else z * L, x * unit, r * unit) for z, x, r, unit in profile]
+    for (z0, x0, r0), (z1, x1, r1) in zip(sections, sections[1:], strict=False):
+        for side in (-1.0, 1.0):
+            add(_CORE, [side * x0, -0.06 * r0, z0], [side * x1, -0.06 * r1, z1], r0, r1)
+    U = shape.upper_arm_m
+    add(_CORE, [0, 0, -L], [0, 0, -L - 0.4 * U], 36 * arm, 43 * arm)
+    add(_CORE, [0, 0, -L - 0.4 * U], [0, 0, -L - 0.96 * U], 43 * arm, 52 * arm)
+    if shape.sleeve_from_m:
+        start = -shape.sleeve_from_m - 0.02
+        z = np.array([-s[0] for s in sections])
+        for z0, z1 in zip(np.linspace(start, -L, 5), np.linspace(start, -L, 5)[1:], strict=False):
+            x0, x1 = np.interp([-z0, -z1], z, [s[1] for s in sections])
+            r0, r1 = np.interp([-z0, -z1], z, [s[2] for s in sections]) + 0.008
+            for side in (-1.0, 1.0):
+                add(_CORE, [side * x0, 0, z0], [side * x1, 0, z1], r0, r1)
+        add(_CORE, [0, 0, -L], [0, 0, -L - 0.96 * U], 36 * arm + 0.01, 52 * arm + 0.01)
+    return np.array(sorted(rows, key=lambda row: row[8])), radii[:, 3].copy()
+
+
+def _grid(limbs: Float64, fine: float) -> Float64:
+    """(a, b, c, 3) nodes, ``fine`` apart at the hand, up to four times that along the arm."""
+    low = (np.minimum(limbs[:, :3], limbs[:, 3:6]) - limbs[:, 6:8].max(axis=1)[:, None]).min(axis=0)
+    high = (np.maximum(limbs[:, :3], limbs[:, 3:6]) + limbs[:, 6:8].max(axis=1)[:, None]).max(axis=0)
+
+    def coarse(z: float) -> float:
+        return 1.0 + 2.4 * float(np.clip((-0.02 - z) / 0.09, 0.0, 1.0))
+
+    zs = [high[2] + 2 * fine]
+    while zs[-1] > low[2] - 4 * fine:
+        zs.append(zs[-1] - fine * coarse(zs[-1]))
+    zs += [zs[-1] - fine * coarse(zs[-1])]
+    z = np.array(zs[::-1])
+    x = np.arange(low[0] - 3 * fine, high[0] + 3 * fine, fine)
+    y = np.arange(low[1] - 3 * fine, high[1] + 3 * fine, fine)
+    # Across the arm the nodes spread, too: x and y grow with the spacing along it, up to what the arm's width needs.
+    spread = np.array([coarse(value) for value in z])
+    nodes = np.empty((len(x), len(y), len(z), 3))
+    nodes[..., 0] = x[:, None, None] * spread
+    nodes[..., 1] = y[None, :, None] * spread
+    nodes[..., 2] = z
+    return nodes
+
+
+def _smooth(x: Float64, start: float, end: float) -> Float64:
+    u = np.clip((x - start) / (end - start), 0.0, 1.0)
+    return np.asarray(u * u * (3.0 - 2.0 * u))
+
+
+def _weights(
+    vertices: Float64, limbs: Float64, within: Float64, bones: Float64, wrist: Float64, hand: HandShape, shape: ArmShape
+) -> tuple[Int64, Float64]:
+    """(n, 4) bones and (n, 4) weights.
+
+    Along a chain a joint hands over from one bone to the next within about a radius; between digits the nearer has the
+    vertex, with little between.
+    """
+    big = shape.hand_length_m / 0.189
+    distance = np.empty((len(vertices), _GROUPS))
+    _kernels().group_distances(limbs, within, vertices, distance)
+    of_finger = np.exp(-np.clip((distance[:, 1:5] - distance[:, 1:5].min(axis=1)[:, None]) / (1.2e-3 * big), 0, 60))
+    of_finger /= of_finger.sum(axis=1)[:, None]
+    others = distance[:, [1, 2, 3, 4, _CORE]].min(axis=1)
+    nearer = distance[:, [0, _THENAR]].min(axis=1) - others
+    thumb = 1.0 / (1.0 + np.exp(np.clip(nearer / (3e-3 * big), -40, 40)))
+    share = np.column_stack([thumb, (1.0 - thumb)[:, None] * of_finger])
+    weights = np.zeros((len(vertices), len(BONES)))
+    for digit in range(5):
+        handed = [np.ones(len(vertices))]
+        for bone in range(3):
+            T = bones[FIRST_DIGIT + 3 * digit + bone]
+            along = (vertices - (T[:, 3] - wrist)) @ T[:, 2]
+            r = big * 1e-3 * _FINGER_RADII_MM[digit][bone]
+            before, after = (0.9, 1.0) if bone == 0 else (0.55, 0.55)
+            s = _smooth(along, -before * r, after * r)
+            handed.append(np.minimum(s, handed[-1]))
+        handed.append(np.zeros(len(vertices)))
+        weights[:, PALM_BONE] += share[:, digit] * (handed[0] - handed[1])
+        for bone in range(3):
+            weights[:, FIRST_DIGIT + 3 * digit + bone] = share[:, digit] * (handed[bone + 1] - handed[bone + 2])
+    z, L = vertices[:, 2], shape.forearm_m
+    at_hand = _smooth(z, -0.016 * big, 0.012 * big)
+    at_wrist = np.clip((z + 0.88 * L) / (0.78 * L), 0.0, 1.0)
+    at_forearm = _smooth(z, -L - 0.03, -L + 0.03)
+    weights *= at_hand[:, None]
+    weights[:, WRIST_END] = (1 - at_hand) * at_wrist * at_forearm
+    weights[:, ELBOW_END] = (1 - at_hand) * (1 - at_wrist) * at_forearm
+    weights[:, UPPER_ARM] = (1 - at_hand) * (1 - at_forearm)
+    order = np.argsort(-weights, axis=1, kind="stable")[:, :4]
+    most = np.take_along_axis(weights, order, axis=1)
+    return np.ascontiguousarray(order), most / most.sum(axis=1)[:, None]
+
+
+def _parts(
+    vertices: Float64, triangles: Int64, bones_of: Int64, bones: Float64, wrist: Float64, hand: HandShape
+) -> UInt8:
+    middles = vertices[triangles].mean(axis=1)
+    parts = bones_of[triangles, 0]
+    main = np.where(parts[:, 1] == parts[:, 2], parts[:, 1], parts[:, 0]).astype(np.uint8)
+    for digit in range(5):
+        last = FIRST_DIGIT + 3 * digit + 2
+        T = bones[last]
+        along = (middles - (T[:, 3] - wrist)) @ T[:, 2]
+        main[(main == last) & (along > hand.lengths[digit, 2] - TIP_PATCH_M)] = FIRST_TIP + digit
+    return main
+
+
+@cache
+def _kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.sources.simulate import arm_mesh_kernels
+
+    return arm_mesh_kernels

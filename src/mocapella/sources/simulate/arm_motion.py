@@ -1,0 +1,247 @@
+"""How a simulated arm moves: postures and places of a file, one after the other, as one person would do them.
+
+A scene's keys say what the hand does and how the arm moves from where it is held; between them all goes the smoothest
+way (T. Flash, N. Hogan, 1985). Then fingers are moved, as little as possible and within the hand's limits, until none
+is inside another or the palm by more than flesh gives, and tips that shall touch do.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import SettingsError, one_of
+from mocapella.geometry.rigid import rigid
+from mocapella.model.arms import PALM
+from mocapella.model.hand import ANGLES, DIGIT_ANGLES, DIGITS
+from mocapella.settings import check
+from mocapella.sources.simulate.arm_mesh import (
+    ELBOW_FLEXION_RAD,
+    PRONATION_RAD,
+    WRIST_DEVIATION_RAD,
+    WRIST_FLEXION_RAD,
+    ArmMesh,
+    ArmPose,
+    finger_radii,
+)
+
+Float64 = NDArray[np.float64]
+
+FLESH_GIVES_M: Final = 0.0005
+"""Fingers that overlap by less stay as they are."""
+_PALM_HALF_M: Final = 0.0105
+_SAMPLES: Final = 400
+
+
+class Posture(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What the hand does: of each digit flexion and abduction of its base, flexion of its second and third joint [deg];
+    what is not given is as in ``open``.
+
+    Attributes:
+        touch: two digits whose tips touch; none by default.
+        gesture: its name; empty where it has none.
+    """
+
+    thumb: tuple[float, float, float, float] | None = None
+    index: tuple[float, float, float, float] | None = None
+    middle: tuple[float, float, float, float] | None = None
+    ring: tuple[float, float, float, float] | None = None
+    little: tuple[float, float, float, float] | None = None
+    touch: tuple[str, str] | None = None
+    gesture: str = ""
+
+
+class Key(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What the arm shall do next.
+
+    Attributes:
+        posture: of the hand, by name.
+        move_s: how long it takes to get there; hold_s: and how long it stays.
+        elbow_deg, pronation_deg, wrist_deg, deviation_deg: more than at the beginning.
+        roll_deg: of the whole arm about the view's axis through its middle, clockwise in the picture.
+        turn_deg: of the whole arm about its shoulder: a vector along the axis, camera's axes.
+        shift_m: of the whole arm, camera's axes.
+    """
+
+    posture: str = "open"
+    move_s: float = 0.6
+    hold_s: float = 0.3
+    elbow_deg: float = 0.0
+    pronation_deg: float = 0.0
+    wrist_deg: float = 0.0
+    deviation_deg: float = 0.0
+    roll_deg: float = 0.0
+    turn_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        check(0.05 <= self.move_s <= 60, "move_s", self.move_s, "from 0.05 to 60 s")
+        check(0 <= self.hold_s <= 60, "hold_s", self.hold_s, "from 0 to 60 s")
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """How an arm is held at an instant.
+
+    Attributes:
+        pose: see there; of a right arm, in the space of a camera that sees the mirror image of a left one.
+        gesture: its name; empty between gestures.
+    """
+
+    pose: ArmPose
+    gesture: str
+
+
+class ArmMotion:
+    """A right arm's pose at any time; a left one's is the mirror image of what it says. Keys repeat for ever.
+
+    Args:
+        mesh: whose arm.
+        keys: what it does.
+        postures: all there are.
+        start: how it is held, to which keys add.
+        middle: (3,) about what it rolls [m].
+        rate: how much faster than the keys say.
+        peak_m_s: the palm's greatest speed, 0 for that of the keys; the rate follows from it.
+        phase: where in the keys it begins, from 0 to 1.
+        amount_deg: how far each key's posture departs from the file's (standard deviation).
+        seed: of that.
+    """
+
+    def __init__(
+        self, mesh: ArmMesh, keys: tuple[Key, ...], postures: dict[str, Posture], start: ArmPose, middle: Float64,
+        *, rate: float = 1.0, peak_m_s: float = 0.0, phase: float = 0.0, amount_deg: float = 0.0, seed: int = 0,
+    ) -> None:  # fmt: skip
+        self.mesh, self.keys, self.start, self.middle = mesh, keys, start, middle
+        rng = np.random.default_rng([seed, 21])
+        same = {name: rng.normal(0.0, math.radians(amount_deg), len(ANGLES)) for name in postures}
+        self._postures = []
+        self._touches: list[tuple[int, int] | None] = []
+        for key in keys:
+            if key.posture not in postures:
+                raise SettingsError(f"unknown posture {key.posture!r}; known: {one_of(key.posture, postures)}")
+            posture = postures[key.posture]
+            wished = posture_angles(posture, postures["open"])
+            self._postures.append(mesh.model.limited(wished + same[key.posture]))
+            self._touches.append(posture.touch and (DIGITS.index(posture.touch[0]), DIGITS.index(posture.touch[1])))
+        self._gestures = [postures[key.posture].gesture for key in keys]
+        self._values = np.array([
+            [*np.radians([k.elbow_deg, k.pronation_deg, k.wrist_deg, k.deviation_deg, k.roll_deg, *k.turn_deg]), *k.shift_m]
+            for k in keys
+        ])  # fmt: skip
+        self._ends = np.cumsum([key.move_s + key.hold_s for key in keys])
+        self.period_s, self._rate, self._phase = float(self._ends[-1]), rate, phase
+        radii = finger_radii(mesh.shape)
+        big = mesh.shape.hand_length_m / 0.189
+        self._flesh = (radii, _PALM_HALF_M * big)
+        if peak_m_s:
+            self._rate = 1.0
+            at = np.linspace(0.0, self.period_s, _SAMPLES * len(keys) + 1)
+            palm = np.array([self._palm(t) for t in at])
+            self._rate = peak_m_s / float(np.linalg.norm(np.diff(palm, axis=0), axis=1).max() / (at[1] - at[0]))
+        self.period_s /= self._rate
+
+    def at(self, at_s: float) -> Held:
+        """How it is held at a time."""
+        before, after, part = self._where(at_s)
+        wished = (1.0 - part) * self._postures[before] + part * self._postures[after]
+        touch = np.zeros((2, 3))
+        for row, k, amount in ((0, before, 1.0 - part), (1, after, part)):
+            pair = self._touches[k]
+            if pair:
+                touch[row] = *pair, amount**4  # only near the key: on the way nothing pulls
+        angles = untangled(self.mesh, wished, touch, self._flesh)
+        same = self._gestures[before] == self._gestures[after]
+        sure = part == 1.0 or same
+        return Held(self._arm(angles, self._mixed(before, after, part)), self._gestures[after] if sure else "")
+
+    def _where(self, at_s: float) -> tuple[int, int, float]:
+        """The keys before and after, and how far it is from one to the other."""
+        u = (at_s * self._rate + self._phase * float(self._ends[-1])) % float(self._ends[-1])
+        k = min(int(np.searchsorted(self._ends, u, side="right")), len(self.keys) - 1)
+        since = u - (float(self._ends[k - 1]) if k else 0.0)
+        x = min(since / self.keys[k].move_s, 1.0)
+        return (k - 1) % len(self.keys), k, x**3 * (10 - 15 * x + 6 * x * x)
+
+    def _mixed(self, before: int, after: int, part: float) -> Float64:
+        change = self._values[after] - self._values[before]
+        if abs(change[4]) > math.radians(200):  # a whole turn is where it began
+            change[4] -= math.copysign(2 * math.pi, change[4])
+        return np.asarray(self._values[before] + part * change)
+
+    def _palm(self, at_s: float) -> Float64:
+        before, after, part = self._where(at_s)
+        pose = self._arm(self._postures[before], self._mixed(before, after, part))
+        return np.asarray(
+            pose.T_camera_shoulder[:3, :3] @ self.mesh.frames(pose)[1][PALM] + pose.T_camera_shoulder[:3, 3]
+        )
+
+    def _arm(self, angles: Float64, values: Float64) -> ArmPose:
+        joints = self.start.joints + values[[0, 1, 2, 3]]
+        for i, limits in enumerate((ELBOW_FLEXION_RAD, PRONATION_RAD, WRIST_FLEXION_RAD, WRIST_DEVIATION_RAD)):
+            joints[i] = min(max(joints[i], limits[0]), limits[1])
+        T = self.start.T_camera_shoulder.copy()
+        T[:3, :3] = _about(values[5:8]) @ T[:3, :3]
+        T[:3, 3] += values[8:11]
+        roll = _about(np.array([0.0, 0.0, values[4]]))
+        T[:3, :3], T[:3, 3] = roll @ T[:3, :3], self.middle + roll @ (T[:3, 3] - self.middle)
+        return ArmPose(angles, joints, T)
+
+
+def posture_angles(posture: Posture, otherwise: Posture) -> Float64:
+    """(21,) [rad]."""
+    angles = np.zeros(len(ANGLES))
+    for digit, row in zip(DIGITS, DIGIT_ANGLES, strict=True):
+        values = getattr(posture, digit)
+        angles[row[:4]] = np.radians(getattr(otherwise, digit) if values is None else values)
+    return angles
+
+
+def untangled(
+    mesh: ArmMesh, wished: Float64, touch: Float64 | None = None, flesh: tuple[Float64, float] | None = None
+) -> Float64:
+    """(21,) the angles nearest to those wished at which no finger is in another.
+
+    Args:
+        touch: (n, 3) two digits whose tips shall touch, and how much, 0 to 1.
+        flesh: radii of the digits (5, 4) and half the palm's thickness [m]; the mesh's own where not given.
+    """
+    radii, palm_m = flesh or (finger_radii(mesh.shape), _PALM_HALF_M * mesh.shape.hand_length_m / 0.189)
+    angles, model = np.empty(len(ANGLES)), mesh.model
+    _kernels().untangle(
+        wished, model.frames, DIGIT_ANGLES, mesh.hand.bases, mesh.hand.lengths, model.cones, model.limits, radii, palm_m,
+        np.zeros((0, 3)) if touch is None else touch, FLESH_GIVES_M, angles,
+    )  # fmt: skip
+    return angles
+
+
+def held_at(mesh: ArmMesh, joints: Float64, R_camera_palm: Float64, at: Float64, which: int = PALM) -> ArmPose:
+    """The pose of a right arm, all angles 0, whose palm is turned so and one of whose joints is there [m]."""
+    pose = ArmPose(np.zeros(len(ANGLES)), np.asarray(joints, dtype=np.float64), np.eye(4))
+    bones, points = mesh.frames(pose)
+    R = R_camera_palm @ bones[3, :, :3].T
+    return ArmPose(pose.angles, pose.joints, rigid(R, at - R @ points[which]))
+
+
+def _about(vector: Float64) -> Float64:
+    """(3, 3) rotation by a vector [rad] (Rodrigues)."""
+    angle = float(np.linalg.norm(vector))
+    if angle < 1e-12:
+        return np.eye(3)
+    x, y, z = vector / angle
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + math.sin(angle) * K + (1.0 - math.cos(angle)) * K @ K)
+
+
+@cache
+def _kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.sources.simulate import arm_motion_kernels
+
+    return arm_motion_kernels

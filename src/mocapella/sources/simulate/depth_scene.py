@@ -1,0 +1,518 @@
+"""Arms before a depth camera: depth images as the camera gives them, and everything that is true of them.
+
+    scene = load_depth_scene("each-finger-before-palm", seed=100, sensor="kinect")
+    shot = scene.at(2.5)
+    shot.depth, shot.unit_m, shot.arms[0].points, shot.arms[0].seen
+
+A person's arm (`arm_mesh`, moved by `arm_motion`), the body it belongs to, and what is behind are drawn into an image of
+exact depths; `depth_noise` makes of it what the sensor gives. All of an image is of one instant. The scene's name, its
+seed, the sensor and the time determine an image wholly, whichever were asked for before.
+
+The seed changes the person, the hand's side, where and how the arm is held, the timing, the postures a little, what is
+behind, and the noise. **By convention seeds below 100 are for tuning and those from 100 on for scoring.**
+
+What is true of an arm in an image: see `ArmTruth`; its `seen` and `self_occluded` are what methods are scored by.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import SettingsError, one_of
+from mocapella.geometry.lens import project
+from mocapella.geometry.rigid import rotation_about_x, rotation_about_y
+from mocapella.model.arms import ARM_POINTS, ELBOW, PALM
+from mocapella.model.depth import DepthFrame
+from mocapella.model.depth import depth_frame as frame_of
+from mocapella.model.hand import TIPS, WRIST
+from mocapella.settings import check
+from mocapella.sources.simulate.arm_mesh import (
+    ELBOW_END,
+    FIRST_DIGIT,
+    FIRST_TIP,
+    PALM_BONE,
+    PARTS,
+    SHOULDER,
+    UPPER_ARM,
+    WRIST_END,
+    ArmMesh,
+    ArmPose,
+    arm_mesh,
+    arm_shapes,
+    polygonise,
+)
+from mocapella.sources.simulate.arm_motion import ArmMotion, Key, Posture, held_at
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+UInt8 = NDArray[np.uint8]
+UInt16 = NDArray[np.uint16]
+
+NOTHING, BEHIND, BODY, FIRST_ARM = 0, 1, 2, 3
+"""Values of `DepthShot.parts`; those of an arm are `FIRST_ARM` + its place in `DepthShot.arms` · len(PARTS) + part."""
+SEEN_SHARE: Final = 0.12
+SEEN_PX: Final = 6
+VIEWS: Final = {
+    "palm": np.stack([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]], axis=1),
+    "back": np.stack([[-1.0, 0, 0], [0, 0, -1.0], [0, -1.0, 0]], axis=1),
+}
+"""``R_camera_palm`` of a right hand whose fingers point up."""
+
+
+class Sensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A depth camera.
+
+    Attributes:
+        noise: none, structured-light or time-of-flight.
+        size_px: (width, height).
+        lens: fx, fy, cx, cy [px].
+        unit_m: metres a unit.
+        range_m: what it can measure.
+        distance_m: how far from it hands are held in scenes.
+    """
+
+    noise: str
+    size_px: tuple[int, int]
+    lens: tuple[float, float, float, float]
+    unit_m: float
+    range_m: tuple[float, float]
+    distance_m: tuple[float, float]
+
+
+class DepthSceneSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What happens in a scene.
+
+    Attributes:
+        keys: what the arm does, over and over.
+        view: what the camera sees of the hand: its palm, its back, its side (thumb's or little finger's), its tips.
+        person: whether the arm's person is there.
+        behind: empty, wall or desk; any, where not given.
+        arms: one or two.
+        still: nothing but the keys changes.
+        peak_m_s: the palm's greatest speed; that of the keys, where 0.
+        before_torso_m: how far behind the arm the torso is, least and most; as the arm is held, where not given.
+        roll_deg: how far the arm leans to either side, least and most.
+        pitch_deg: how far the elbow is behind the hand, least and most.
+        joints_deg: flexion of the elbow, pronation, flexion and deviation of the wrist at the beginning.
+        distance: hands are farther or nearer by this factor.
+    """
+
+    keys: tuple[Key, ...]
+    view: str = "palm"
+    person: bool = True
+    behind: str = ""
+    arms: int = 1
+    still: bool = False
+    peak_m_s: float = 0.0
+    before_torso_m: tuple[float, float] | None = None
+    roll_deg: tuple[float, float] = (-30.0, 30.0)
+    pitch_deg: tuple[float, float] = (8.0, 32.0)
+    joints_deg: tuple[float, float, float, float] = (100.0, 75.0, 0.0, 0.0)
+    distance: float = 1.0
+
+
+class ArmTruth(msgspec.Struct, frozen=True, eq=False):
+    """What is true of an arm at an instant, in the camera's space; it defines how methods are scored.
+
+    Attributes:
+        left: whether it is a left one.
+        points: (23, 3) of `mocapella.model.arms.ARM_POINTS` [m]. A fingertip's flesh ends 0.6 of its radius beyond its
+            landmark, see `arm_mesh`.
+        shoulder: (3,) [m].
+        angles: (21,) of `mocapella.model.hand.ANGLES` [rad].
+        T_camera_palm: (4, 4).
+        seen: (23,) whether a landmark can be measured in the image *before noise*. A fingertip can if its patch, the
+            surface of its last bone from 8 mm before the landmark to the end, has pixels in the image: at least 6, or
+            at least 12 % (and one) of as many as it would cover were there nothing else in the world but the patch.
+            Another landmark can if the pixel at its projection is of a part of this arm that begins or ends at it.
+        self_occluded: (5,) whether a fingertip is seen, but its landmark's projection lies where palm or other digits
+            of this hand are: some triangle of them, drawn without this digit's, covers it, hidden or not.
+        tip_px: (5, 2) pixels of each tip's patch: in the image, and were there nothing else.
+        gesture: its name where the scene has one, empty otherwise.
+        shape: the person's name in `arm_shapes`.
+    """
+
+    left: bool
+    points: Float64
+    shoulder: Float64
+    angles: Float64
+    T_camera_palm: Float64
+    seen: NDArray[np.bool_]
+    self_occluded: NDArray[np.bool_]
+    tip_px: Int64
+    gesture: str
+    shape: str
+
+
+class DepthShot(msgspec.Struct, frozen=True, eq=False):
+    """A depth image and what is true of it.
+
+    Attributes:
+        at_s: when [s].
+        depth: (height, width) distance along the optical axis in units; 0 where nothing was measured.
+        unit_m: metres a unit.
+        lens: (9,) of `mocapella.geometry.lens`.
+        arms: that there are, in the image or not.
+        exact_m: (height, width) float32 before noise [m]; infinite where nothing is.
+        parts: (height, width) what each pixel shows before noise: `NOTHING`, `BEHIND`, `BODY`, `FIRST_ARM` and above.
+    """
+
+    at_s: float
+    depth: UInt16
+    unit_m: float
+    lens: Float64
+    arms: tuple[ArmTruth, ...]
+    exact_m: Float32
+    parts: UInt8
+
+
+@dataclass(frozen=True, eq=False)
+class _Actor:
+    """An arm with its motion; mirrored in the camera's x where it is a left one."""
+
+    mesh: ArmMesh
+    motion: ArmMotion
+    shape: str
+    later_s: float
+
+    @property
+    def mirror(self) -> Float64:
+        return self.mesh.hand.mirror
+
+    def at(self, at_s: float) -> tuple[ArmPose, str]:
+        held = self.motion.at(at_s + self.later_s)
+        T, M = held.pose.T_camera_shoulder.copy(), self.mirror
+        T[:3] = M[:, None] * T[:3]
+        T[:3, :3] *= M
+        return ArmPose(held.pose.angles, held.pose.joints, T), held.gesture
+
+
+class DepthScene:
+    """One scene before one camera; `load_depth_scene` makes it.
+
+    Attributes:
+        name, seed: what made it.
+        sensor: the camera.
+        settings: what happens.
+        period_s: after which all but the noise repeats.
+    """
+
+    def __init__(self, name: str, settings: DepthSceneSettings, sensor: Sensor, seed: int) -> None:
+        check(settings.view in (*VIEWS, "side", "tips"), "view", settings.view, "palm, back, side or tips")
+        check(settings.arms in (1, 2), "arms", settings.arms, "1 or 2")
+        check(settings.behind in ("", "empty", "wall", "desk"), "behind", settings.behind, "empty, wall or desk")
+        self.name, self.settings, self.sensor, self.seed = name, settings, sensor, seed
+        rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
+        self._actors = self._cast(rng)
+        self._body, self._from_shoulder = self._person(rng)
+        behind = settings.behind or str(rng.choice(["empty", "wall", "desk"]))
+        self._behind = _behind(behind, sensor, rng)
+        self.period_s = self._actors[0].motion.period_s
+
+    @property
+    def lens(self) -> Float64:
+        """(9,) of `mocapella.geometry.lens`."""
+        return np.array([*self.sensor.lens, *[0.0] * 5])
+
+    def poses(self, at_s: float) -> tuple[ArmPose, ...]:
+        """How the arms are held, in the camera's space."""
+        return tuple(actor.at(at_s)[0] for actor in self._actors)
+
+    @property
+    def meshes(self) -> tuple[ArmMesh, ...]:
+        """Of the arms."""
+        return tuple(actor.mesh for actor in self._actors)
+
+    def at(self, at_s: float) -> DepthShot:
+        """The image of that instant [s], and what is true of it."""
+        width, height = self.sensor.size_px
+        pinhole, k = np.array(self.sensor.lens), _kernels()
+        exact, parts, slope = (image.copy() for image in self._behind)
+        drawn = []
+        for actor in self._actors:
+            pose, gesture = actor.at(at_s)
+            drawn.append((actor, pose, gesture, actor.mesh.at(pose)))
+        if self._body is not None:
+            vertices, triangles = self._body
+            shoulder = drawn[0][1].T_camera_shoulder[:3, 3] * self._actors[0].mirror
+            placed = np.ascontiguousarray((vertices + shoulder + self._from_shoulder) * self._actors[0].mirror)
+            if self._actors[0].mirror[0] < 0:
+                triangles = triangles[:, ::-1].copy()
+            _draw(k, placed, triangles, np.zeros(len(triangles), np.uint8), BODY, pinhole, exact, parts, slope)
+        seen = []
+        for n, (actor, _, _, vertices) in enumerate(drawn):
+            mesh = actor.mesh
+            first = FIRST_ARM + n * len(PARTS)
+            seen.append(_draw(k, vertices, mesh.triangles, mesh.parts, first, pinhole, exact, parts, slope))
+        arms = tuple(
+            self._truth(n, actor, pose, gesture, seen[n], parts)
+            for n, (actor, pose, gesture, _) in enumerate(drawn)
+        )  # fmt: skip
+        depth = self._measured(exact, slope, at_s)
+        assert depth.shape == (height, width)
+        return DepthShot(at_s, depth, self.sensor.unit_m, self.lens, arms, exact, parts)
+
+    def frames(self, fps: float, start_s: float = 0.0, end_s: float | None = None) -> Iterator[DepthShot]:
+        """Images one after the other; without an end, one period of them.
+
+        Args:
+            fps: a second.
+        """
+        end = start_s + self.period_s if end_s is None else end_s
+        for i in range(int(math.ceil((end - start_s) * fps - 1e-9))):
+            yield self.at(start_s + i / fps)
+
+    def _measured(self, exact: Float32, slope: Float32, at_s: float) -> UInt16:
+        units = np.where(np.isfinite(exact), exact, 0.0) / self.sensor.unit_m
+        least, most = self.sensor.range_m
+        units[(exact < least) | (exact > most)] = 0.0
+        return np.asarray(np.rint(units).astype(np.uint16))
+
+    def _truth(self, n: int, actor: _Actor, pose: ArmPose, gesture: str, seen_px: Float64, parts: UInt8) -> ArmTruth:
+        mesh, k = actor.mesh, _kernels()
+        points = mesh.points(pose)
+        px = project(points[: len(ARM_POINTS)], self.lens)
+        height, width = parts.shape
+        first = FIRST_ARM + n * len(PARTS)
+        at = np.rint(np.nan_to_num(px, nan=-1e6)).astype(np.int64)
+        inside = (at >= 0).all(axis=1) & (at[:, 0] < width) & (at[:, 1] < height)
+        counts = np.bincount(parts.ravel(), minlength=first + len(PARTS))[first : first + len(PARTS)]
+        seen, occluded, tip_px = np.zeros(len(ARM_POINTS), np.bool_), np.zeros(5, np.bool_), np.zeros((5, 2), np.int64)
+        for i in range(len(ARM_POINTS)):
+            if inside[i] and i not in TIPS:
+                seen[i] = int(parts[at[i, 1], at[i, 0]]) - first in _ENDS[i]
+        for digit, tip in enumerate(TIPS):
+            there = int(counts[FIRST_TIP + digit])
+            patch = mesh.parts == FIRST_TIP + digit
+            alone = int(k.count_alone(seen_px, mesh.triangles, patch, parts))
+            tip_px[digit] = there, alone
+            seen[tip] = there >= SEEN_PX or (there > 0 and there >= SEEN_SHARE * alone)
+            if seen[tip] and np.isfinite(px[tip]).all():
+                others = mesh.palm_parts & (mesh.digit_of != digit)
+                occluded[digit] = k.covered(seen_px, mesh.triangles, others, px[tip, 0], px[tip, 1])
+        return ArmTruth(
+            mesh.handedness == "left", points[: len(ARM_POINTS)], points[SHOULDER], pose.angles.copy(),
+            mesh.T_camera_palm(pose), seen, occluded, tip_px, gesture, actor.shape,
+        )  # fmt: skip
+
+    def _cast(self, rng: np.random.Generator) -> list[_Actor]:
+        s, data = self.settings, _data()
+        names = list(arm_shapes())
+        shape = names[int(rng.integers(len(names)))]
+        left = bool(rng.integers(2))
+        distance = float(rng.uniform(*self.sensor.distance_m)) * s.distance
+        actors = []
+        for n in range(s.arms):
+            mesh = arm_mesh(arm_shapes()[shape], "left" if left != bool(n) else "right")
+            R = _facing(s, rng)
+            joints = np.radians(s.joints_deg) + np.radians(rng.normal(0, [6, 5, 4, 3]))
+            start = held_at(mesh, joints, R, np.zeros(3))
+            points = mesh.frames(start)[1] @ start.T_camera_shoulder[:3, :3].T + start.T_camera_shoulder[:3, 3]
+            middle = 0.5 * points[PALM] + 0.5 * (0.5 * points[ELBOW] + 0.5 * points[12])
+            away = np.array([rng.normal(0, 0.015), rng.normal(0, 0.012), 0.0]).clip(-0.03, 0.03)
+            if s.arms == 2:
+                away[0] -= 0.19
+            target = np.array([0.0, 0.0, distance]) + away
+            T = start.T_camera_shoulder.copy()
+            T[:3, 3] += target - [middle[0], middle[1], points[PALM, 2]]
+            start = ArmPose(start.angles, start.joints, T)
+            motion = ArmMotion(
+                mesh, s.keys, data["postures"], start, target,
+                rate=1.0 if s.still else float(rng.uniform(0.85, 1.2)),
+                peak_m_s=s.peak_m_s * float(rng.uniform(0.95, 1.1)),
+                phase=float(rng.uniform()), amount_deg=2.5, seed=int(rng.integers(1 << 31)),
+            )  # fmt: skip
+            actors.append(_Actor(mesh, motion, shape, 0.7 * n))
+        return actors
+
+    def _person(self, rng: np.random.Generator) -> tuple[tuple[Float64, Int64] | None, Float64]:
+        """The body's mesh, the shoulder being its origin, and how far it is from there (3,) [m]."""
+        if not self.settings.person:
+            return None, np.zeros(3)
+        vertices, triangles = body_mesh(self.settings.arms)
+        size = float(rng.uniform(0.92, 1.06))
+        vertices = vertices * size
+        if self.settings.before_torso_m is None:
+            return (vertices, triangles), np.zeros(3)
+        gap = float(rng.uniform(*self.settings.before_torso_m))
+        motion = self._actors[0].motion
+        deepest, shoulder = -math.inf, motion.start.T_camera_shoulder[:3, 3]
+        for at_s in np.linspace(0.0, motion.period_s, 40):
+            pose = motion.at(float(at_s)).pose
+            T = pose.T_camera_shoulder
+            z = (motion.mesh.frames(pose)[1] @ T[2, :3] + T[2, 3])[: ELBOW + 1].max()
+            deepest = max(deepest, float(z - T[2, 3] + shoulder[2]))
+        front = float(vertices[:, 2][np.abs(vertices[:, 1] - 0.25) < 0.2].min())
+        return (vertices, triangles), np.array([0.0, 0.0, deepest + 0.03 + gap - front - shoulder[2]])
+
+
+def _facing(s: DepthSceneSettings, rng: np.random.Generator) -> Float64:
+    """``R_camera_palm``."""
+    sign = 1.0 if rng.integers(2) else -1.0
+    roll, pitch, yaw = rng.uniform(*s.roll_deg), rng.uniform(*s.pitch_deg), rng.uniform(-18, 18)
+    if s.view == "side":
+        yaw = sign * rng.uniform(55, 78)
+    if s.view == "tips":
+        pitch = rng.uniform(48, 62)
+    R = rotation_about_x(math.radians(pitch)) @ rotation_about_y(math.radians(yaw)) @ VIEWS.get(s.view, VIEWS["palm"])
+    c, n = math.cos(math.radians(roll)), math.sin(math.radians(roll))
+    return np.asarray(np.array([[c, -n, 0], [n, c, 0], [0, 0, 1]]) @ R)
+
+
+def _draw(
+    k: Any, vertices: Float64, triangles: Int64, labels: UInt8, first: int, pinhole: Float64,
+    depth: Float32, ids: UInt8, slope: Float32,
+) -> Float64:  # fmt: skip
+    seen = np.empty_like(vertices)
+    k.project(vertices, pinhole, seen)
+    k.draw(seen, triangles, labels, np.uint8(first), vertices, depth, ids, slope)
+    return seen
+
+
+def _ends() -> list[set[int]]:
+    ends: list[set[int]] = [{WRIST_END, PALM_BONE}]
+    for digit in range(5):
+        bone = FIRST_DIGIT + 3 * digit
+        ends += [{PALM_BONE, bone}, {bone, bone + 1}, {bone + 1, bone + 2}, {bone + 2, FIRST_TIP + digit}]
+    return [*ends, {PALM_BONE, FIRST_DIGIT}, {ELBOW_END, UPPER_ARM}]
+
+
+_ENDS: Final = _ends()
+assert len(_ENDS) == len(ARM_POINTS) and WRIST == 0
+
+
+@cache
+def body_mesh(arms: int) -> tuple[Float64, Int64]:
+    """(n, 3) and (m, 3) torso, neck, head, and the other upper arm and forearm of a right arm's person with one arm in
+    the scene; the right shoulder is the origin, x to the person's left, y down, z backwards [m]."""
+    rows = [
+        [0.055, 0.03, 0.02, 0.305, 0.03, 0.02, 0.065, 0.065],
+        [0.09, 0.10, 0.02, 0.10, 0.45, 0.02, 0.10, 0.10],
+        [0.27, 0.10, 0.02, 0.26, 0.45, 0.02, 0.10, 0.10],
+        [0.18, 0.10, 0.01, 0.18, 0.45, 0.0, 0.105, 0.11],
+        [0.10, 0.45, 0.02, 0.09, 0.85, 0.02, 0.10, 0.115],
+        [0.26, 0.45, 0.02, 0.27, 0.85, 0.02, 0.10, 0.115],
+        [0.18, 0.02, 0.03, 0.18, -0.10, 0.01, 0.06, 0.052],
+        [0.18, -0.155, -0.01, 0.18, -0.225, 0.005, 0.066, 0.088],
+        [0.18, -0.165, -0.085, 0.18, -0.18, -0.088, 0.012, 0.01],
+    ]
+    if arms == 1:
+        rows += [
+            [0.355, 0.03, 0.02, 0.40, 0.30, 0.04, 0.056, 0.044],
+            [0.40, 0.30, 0.04, 0.33, 0.42, -0.14, 0.042, 0.034],
+        ]
+    limbs = np.array([[*row, 0] for row in rows])
+    step = 0.016
+    axes = [np.arange(a, b, step) for a, b in ((-0.1, 0.52), (-0.36, 1.04), (-0.24, 0.2))]
+    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    return polygonise(limbs, np.array([0.04]), 1e-6, np.ascontiguousarray(nodes))
+
+
+def _behind(kind: str, sensor: Sensor, rng: np.random.Generator) -> tuple[Float32, UInt8, Float32]:
+    """Depth, parts and slope (height, width) of what is behind the person."""
+    width, height = sensor.size_px
+    depth = np.full((height, width), np.inf, np.float32)
+    parts, slope = np.zeros((height, width), np.uint8), np.zeros((height, width), np.float32)
+    wall_m = float(rng.uniform(2.3, 3.0))
+    tilt = rng.normal(0, 0.15, 2)
+    desk_m = float(rng.uniform(0.4, 0.55))
+    boxes = [(*rng.uniform([-0.8, 1.7], [0.6, 2.0]), *rng.uniform(0.08, 0.3, 2)) for _ in range(4)]
+    if kind == "empty":
+        return depth, parts, slope
+    fx, fy, cx, cy = sensor.lens
+    x, y = np.meshgrid((np.arange(width) - cx) / fx, (np.arange(height) - cy) / fy)
+    planes = [(np.array([tilt[0], 0.3 * tilt[1], 1.0]), wall_m)]
+    if kind == "desk":
+        planes.append((np.array([0.0, 1.0, 0.12]), desk_m))
+    for normal, offset in planes:
+        towards = normal[0] * x + normal[1] * y + normal[2]
+        z = np.where(towards > 1e-3, offset / np.maximum(towards, 1e-3), np.inf)
+        cosine = towards / np.linalg.norm(normal) / np.sqrt(x * x + y * y + 1.0)
+        nearer = (z < depth) & (z > (1.65 if normal[1] == 1.0 else 0.0))
+        depth[nearer], parts[nearer], slope[nearer] = z[nearer], BEHIND, cosine[nearer]
+    if kind == "desk":
+        for left, near, wide, high in boxes:
+            corner = np.array([left, desk_m - high - 0.12 * near, near])
+            vertices = corner + np.array([wide, high, wide]) * np.array(list(np.ndindex(2, 2, 2)), dtype=float)
+            _draw(_kernels(), vertices, _BOX, np.zeros(len(_BOX), np.uint8), BEHIND, np.array(sensor.lens), depth, parts,
+                  slope)  # fmt: skip
+    return depth, parts, slope
+
+
+_BOX: Final = np.array([
+    [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7],
+    [1, 7, 3],
+])  # fmt: skip
+
+
+def shot_frame(shot: DepthShot, sensor: str, *, sequence: int = 0, node_id: int = 0) -> DepthFrame:
+    """The shot as a camera of that name gives it."""
+    return frame_of(
+        sensor, shot.depth, unit_m=shot.unit_m, lens=shot.lens, time_ns=round(1e9 * shot.at_s), node_id=node_id,
+        sequence=sequence,
+    )  # fmt: skip
+
+
+def depth_scene_names() -> tuple[str, ...]:
+    """The scenes there are."""
+    return tuple(_data()["scenes"])
+
+
+def depth_sensor_names() -> tuple[str, ...]:
+    """The cameras there are."""
+    return tuple(_data()["sensors"])
+
+
+def load_depth_scene(name: str, *, seed: int = 0, sensor: str = "kinect") -> DepthScene:
+    """The scene of that name before that camera.
+
+    Args:
+        seed: which variant; below 100 for tuning, from 100 on for scoring.
+        sensor: kinect, sr305, tof, or exact, which has no noise.
+
+    Raises:
+        SettingsError: no such scene or sensor; lists those there are.
+    """
+    data = _data()
+    for what, value, known in (("scene", name, data["scenes"]), ("sensor", sensor, data["sensors"])):
+        if value not in known:
+            raise SettingsError(f"unknown {what} {value!r}; known: {one_of(value, known)}")
+    check(0 <= seed < 1 << 63, "seed", seed, "0 or more")
+    return DepthScene(name, data["scenes"][name], data["sensors"][sensor], seed)
+
+
+@cache
+def _data() -> dict[str, Any]:
+    text = files("mocapella.sources.simulate").joinpath("data", "depth_scenes.toml").read_text(encoding="utf-8")
+    data = tomllib.loads(text)
+    scenes = {}
+    for name, scene in data["scenes"].items():
+        same = scene.pop("same_keys_as", None)
+        if same:
+            scene["keys"] = data["scenes"][same]["keys"]
+        scenes[name] = msgspec.convert(scene, DepthSceneSettings)
+    return {
+        "scenes": scenes,
+        "postures": msgspec.convert(data["postures"], dict[str, Posture]),
+        "sensors": msgspec.convert(data["sensors"], dict[str, Sensor]),
+    }
+
+
+@cache
+def _kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.sources.simulate import depth_scene_kernels
+
+    return depth_scene_kernels

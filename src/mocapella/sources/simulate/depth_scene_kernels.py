@@ -1,0 +1,118 @@
+"""The loops of `mocapella.sources.simulate.depth_scene`, compiled; importing this module imports numba."""
+
+# ruff: noqa: PLR0917 - compiled: arrays come by position, and loops are written out
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mocapella.compiled import njit
+
+NEAR_M = 0.05
+
+
+@njit(cache=True, error_model="numpy")
+def project(vertices, pinhole, out):
+    """Write (n, 3): x, y [px] and 1/z of vertices (n, 3); 1/z is 0 where one is nearer than `NEAR_M`."""
+    for i in range(len(vertices)):
+        z = vertices[i, 2]
+        if z < NEAR_M:
+            out[i, 0], out[i, 1], out[i, 2] = 0.0, 0.0, 0.0
+            continue
+        out[i, 0] = pinhole[0] * vertices[i, 0] / z + pinhole[2]
+        out[i, 1] = pinhole[1] * vertices[i, 1] / z + pinhole[3]
+        out[i, 2] = 1.0 / z
+
+
+@njit(cache=True, error_model="numpy")
+def draw(seen, triangles, labels, first, vertices, depth, ids, slope):
+    """Draw triangles into the image where they are nearest; one that comes too near is left out.
+
+    Pixels are points: one is covered where its middle is inside, on an edge included.
+
+    Args:
+        seen: (n, 3) of `project`; vertices: (n, 3) in the camera's space.
+        triangles: (m, 3); labels: (m,) what is written into ``ids`` plus ``first``.
+        depth: (h, w) float32 [m], infinite where nothing is, in and out; ids: (h, w) uint8, in and out; slope: (h, w)
+            float32 cosine between the surface's normal and the ray, in and out.
+    """
+    h, w = depth.shape
+    for t in range(len(triangles)):
+        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        ia, ib, ic = seen[a, 2], seen[b, 2], seen[c, 2]
+        if ia == 0.0 or ib == 0.0 or ic == 0.0:
+            continue
+        ax, ay, bx, by, cx, cy = seen[a, 0], seen[a, 1], seen[b, 0], seen[b, 1], seen[c, 0], seen[c, 1]
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        if area >= 0.0:  # seen from inside: with y down, outside is anticlockwise on paper and negative here
+            continue
+        x0, x1 = max(math.ceil(min(ax, bx, cx)), 0), min(math.floor(max(ax, bx, cx)), w - 1)
+        y0, y1 = max(math.ceil(min(ay, by, cy)), 0), min(math.floor(max(ay, by, cy)), h - 1)
+        if x0 > x1 or y0 > y1:
+            continue
+        cosine = -1.0
+        for y in range(y0, y1 + 1):
+            for x in range(x0, x1 + 1):
+                u = ((cx - bx) * (y - by) - (cy - by) * (x - bx)) / area
+                v = ((ax - cx) * (y - cy) - (ay - cy) * (x - cx)) / area
+                s = 1.0 - u - v
+                if u < 0.0 or v < 0.0 or s < 0.0:
+                    continue
+                z = np.float32(1.0 / (u * ia + v * ib + s * ic))  # 1/z is linear in the picture
+                if z >= depth[y, x]:
+                    continue
+                if cosine < 0.0:
+                    A, B, C = vertices[a], vertices[b], vertices[c]
+                    nx = (B[1] - A[1]) * (C[2] - A[2]) - (B[2] - A[2]) * (C[1] - A[1])
+                    ny = (B[2] - A[2]) * (C[0] - A[0]) - (B[0] - A[0]) * (C[2] - A[2])
+                    nz = (B[0] - A[0]) * (C[1] - A[1]) - (B[1] - A[1]) * (C[0] - A[0])
+                    size = math.sqrt((nx * nx + ny * ny + nz * nz) * (A[0] * A[0] + A[1] * A[1] + A[2] * A[2]))
+                    cosine = min(abs(nx * A[0] + ny * A[1] + nz * A[2]) / max(size, 1e-30), 1.0)
+                depth[y, x], ids[y, x], slope[y, x] = z, first + labels[t], cosine
+
+
+@njit(cache=True, error_model="numpy")
+def count_alone(seen, triangles, chosen, depth):
+    """How many pixels the chosen triangles cover, were there nothing else; ``depth`` (h, w) says the image's size."""
+    h, w = depth.shape
+    x0, x1, y0, y1 = w, -1, h, -1
+    for t in range(len(triangles)):
+        if chosen[t]:
+            for k in range(3):
+                p = seen[triangles[t, k]]
+                if p[2] > 0.0:
+                    x0, x1 = min(x0, math.floor(p[0])), max(x1, math.ceil(p[0]))
+                    y0, y1 = min(y0, math.floor(p[1])), max(y1, math.ceil(p[1]))
+    x0, x1, y0, y1 = max(x0, -w), min(x1, 2 * w), max(y0, -h), min(y1, 2 * h)
+    if x0 > x1 or y0 > y1:
+        return 0
+    hit = np.zeros((y1 - y0 + 1, x1 - x0 + 1), np.bool_)
+    for t in range(len(triangles)):
+        if chosen[t]:
+            for y in range(y0, y1 + 1):
+                for x in range(x0, x1 + 1):
+                    if not hit[y - y0, x - x0] and inside(seen, triangles[t], x, y):
+                        hit[y - y0, x - x0] = True
+    return np.count_nonzero(hit)
+
+
+@njit(cache=True, error_model="numpy")
+def inside(seen, triangle, x, y):
+    """Whether a point of the picture is inside a triangle, from whichever side it is seen."""
+    a, b, c = seen[triangle[0]], seen[triangle[1]], seen[triangle[2]]
+    if a[2] == 0.0 or b[2] == 0.0 or c[2] == 0.0:
+        return False
+    u = (c[0] - b[0]) * (y - b[1]) - (c[1] - b[1]) * (x - b[0])
+    v = (a[0] - c[0]) * (y - c[1]) - (a[1] - c[1]) * (x - c[0])
+    s = (b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])
+    return (u >= 0.0 and v >= 0.0 and s >= 0.0) or (u <= 0.0 and v <= 0.0 and s <= 0.0)
+
+
+@njit(cache=True, error_model="numpy")
+def covered(seen, triangles, chosen, x, y):
+    """Whether one of the chosen triangles covers a point of the picture, hidden or not."""
+    for t in range(len(triangles)):
+        if chosen[t] and inside(seen, triangles[t], x, y):
+            return True
+    return False
