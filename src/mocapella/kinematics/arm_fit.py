@@ -64,7 +64,7 @@ class ArmFitSettings:
     collision_sd_m: float = 0.002
     ahead_m: float = 0.008
     overlap_m: float = 0.002
-    size_sd: float = 0.07
+    size_sd: float = 0.10
     thickness_sd: float = 0.08
     digit_sd: float = 0.05
     forearm_sd: float = 0.07
@@ -241,7 +241,7 @@ class ArmModel:
             [s.point_scale_m, s.silhouette_scale_m, share / s.point_sd_m**2, 1 / s.silhouette_sd_m**2,
              1 / s.collision_sd_m**2, s.ahead_m, s.overlap_m, float(pieces)]
         )  # fmt: skip
-        costs, assigned = np.empty(3), np.empty(len(self.owners))
+        costs, assigned = np.empty(4), np.empty(len(self.owners))
         n = 6 + len(self.natural) + k.BODY_DOFS
         information = np.empty((n, n))
         picture = (evidence.front, evidence.nearest_x, evidence.nearest_y, evidence.lens)
@@ -254,13 +254,22 @@ class ArmModel:
             information, _NOWHERE if tips is None else tips,
         )  # fmt: skip
         costs[0] /= total
-        costs[1] /= _SAMPLES
-        return Fitted(pose, costs, assigned, information)
+        costs[1] /= max(costs[3], 1e-4)
+        return Fitted(pose, costs[:3], assigned, information)
 
     def spheres(self, pose: ArmPose, spacing_m: float = 0.025) -> Float64:
-        """(k, 4) balls along the flesh, camera [m]: what a region of the image is found by."""
-        out = np.empty((400, 4))
-        return out[: kernels().balls(self.pieces(pose)[0], pose.R, pose.t, spacing_m, out)]
+        """(k, 5) balls along the flesh, camera [m], and 1 for the hand's, 0 for the arm's."""
+        out = np.empty((400, 5))
+        return out[: kernels().balls(self.pieces(pose)[0], self.owners, pose.R, pose.t, spacing_m, out)]
+
+    def relevance(self, points: Float64, pose: ArmPose) -> Float64:
+        """(m,) how much points (m, 3) of the image count: those about the hand most, then the forearm's."""
+        x = (points - pose.t) @ pose.R.reshape(3, 3) / pose.v[0]
+        hand = ((x - [0.0, 0.0, 0.45 * self.length_m]) ** 2).sum(axis=1) < (0.85 * self.length_m) ** 2
+        along = x @ pose.v[4:7]
+        across = (x**2).sum(axis=1) - along**2
+        forearm = (along > 0) & (along < self.forearm_m + 0.05) & (across < 0.07**2)
+        return np.where(forearm, 0.5, np.where(hand, 1.0, 0.05))
 
     def pieces(self, pose: ArmPose) -> tuple[Float64, Float64]:
         """(k, PIECE) the flesh in the palm's frame, and (5, 4, 3) the digits' joints."""
@@ -295,8 +304,6 @@ class ArmModel:
 
 _HABITS: Final = replace(HandSettings(), flexion_sd_deg=60.0, abduction_sd_deg=9.0, thumb_sd_deg=25.0)
 _NOWHERE: Final = np.full((5, 3), np.nan)
-_SAMPLES: Final = 60.0
-"""Places of a hand's flesh that are looked up in the silhouette, about."""
 
 
 def _palm(shape: HandShape, big: float) -> Float64:

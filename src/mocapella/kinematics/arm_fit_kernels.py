@@ -116,8 +116,8 @@ def flesh(digits, mirror, radii, palm, columns, gains, z, v, rows, joints, axes,
 
 
 @njit(cache=True)
-def balls(pieces, R, t, spacing, out):
-    """Write balls along the flesh, so far apart, into out (k, 4), camera [m]; how many."""
+def balls(pieces, owners, R, t, spacing, out):
+    """Write balls along the flesh, so far apart, into out (k, 5), camera [m], the arm's with a 0 behind; how many."""
     n = 0
     for i in range(len(pieces)):
         p = pieces[i]
@@ -131,6 +131,7 @@ def balls(pieces, R, t, spacing, out):
             for a in range(3):
                 out[n, a] = R[3 * a] * x + R[3 * a + 1] * y + R[3 * a + 2] * z + t[a]
             out[n, 3] = p[RA] + f * (p[RB] - p[RA])
+            out[n, 4] = 1.0 if owners[i, 0] >= OF_PALM else 0.0
             n += 1
     return n
 
@@ -273,7 +274,8 @@ def system(
         numbers: (8,) scale of the points' robust cost [m], of the silhouette's [m], variances' inverses of points,
             silhouette and collisions, how far before the surface flesh may stand [m], how far digits may overlap [m],
             how many pieces may explain points.
-        costs: (3,) of points, silhouette, collisions: sums of robust costs from 0 to 1, out.
+        costs: (4,) sums of robust costs from 0 to 1: of points, of the silhouette by its area [m²], of collisions; and
+            that area, out.
         assigned: (pieces,) how much was assigned to each piece, out.
         targets: (5, 3) where fingertips should be, camera [m]; NaN where that is not known.
     """
@@ -287,7 +289,7 @@ def system(
         R[2] * t[0] + R[5] * t[1] + R[8] * t[2]
     )
     few = int(numbers[7])
-    for k in range(3):
+    for k in range(4):
         costs[k] = 0.0
     for i in range(len(owners)):
         assigned[i] = 0.0
@@ -315,7 +317,7 @@ def system(
     for i in range(few):
         owner, bone = owners[i, 0], owners[i, 1]
         p = pieces[i]
-        steps = 3 if owner >= 0 else (2 if owner == OF_PALM else 4)
+        steps = 3 if owner >= 0 else (3 if owner == OF_PALM else 6)
         for step in range(steps):
             if owner >= 0 and bone < 2 and step == steps - 1:
                 continue  # the next bone's first
@@ -332,6 +334,9 @@ def system(
                 continue
             column, line = int(px + 0.5), int(py + 0.5)
             there = front[line, column]
+            # Palm and forearm overlap themselves.
+            area = 2.0 * r * max(p[LENGTH] / (steps - 1), 0.005) * (1.0 if owner >= 0 else 0.4)
+            costs[3] += area
             surface = Z - r
             if there > 0.0:
                 ahead = there - surface - numbers[5]
@@ -343,7 +348,7 @@ def system(
                 ny = f * (R[1] * X + R[4] * Y + R[7] * Z)
                 nz = f * (R[2] * X + R[5] * Y + R[8] * Z)
                 weight, cost = _robust(ahead, numbers[1])
-                costs[1] += cost
+                costs[1] += area * cost
                 n = _derivatives(owner, bone, nx, ny, nz, x, y, w, 0.0, joints, axes, columns, gains, v, nz_free, J, at)
                 _add(J, at, n, weight * numbers[3], ahead, H, g)
                 continue
@@ -359,7 +364,7 @@ def system(
             ux, uy = dx / apart, dy / apart
             nx, ny, nz = R[0] * ux + R[3] * uy, R[1] * ux + R[4] * uy, R[2] * ux + R[5] * uy
             weight, cost = _robust(beyond, numbers[1])
-            costs[1] += cost
+            costs[1] += area * cost
             n = _derivatives(owner, bone, nx, ny, nz, x, y, w, 0.0, joints, axes, columns, gains, v, nz_free, J, at)
             _add(J, at, n, max(weight, 0.1) * numbers[3], min(beyond, 0.03), H, g)
     _collisions(pieces, owners, joints, axes, columns, gains, v, nz_free, numbers, J, at, H, g, costs)
@@ -469,7 +474,8 @@ def _expected_body(expected, information, v, first, H, g):
             i = first + (D_SCALE if k == SCALE else (D_THICK if k == THICK else (D_LENGTH if k == FOREARM_M else D_ARM_THICK)))
         # Sizes are told by their logarithms, the forearm in metres.
         factor = 1.0 if k == FOREARM_M else v[k]
-        e = (expected[k] - v[k]) / factor
+        # A forearm is as long as the hand lets expect.
+        e = (expected[k] * (v[SCALE] if k == FOREARM_M else 1.0) - v[k]) / factor
         w = information[k] * factor * factor
         H[i, i] += w
         g[i] += w * e

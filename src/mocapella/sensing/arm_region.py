@@ -29,6 +29,7 @@ class ArmRegionSettings:
         spacing_m: of the grid on the arm's surface.
         seed_m: surfaces so near to the arm that was predicted belong to it …
         grow_m: … and what is joined to them within this distance.
+        arm_m: surfaces so near to the forearm and upper arm that were predicted belong to them.
         jump: neighbours whose depths differ by less than this part of the depth are joined.
         palm_radii_m: least and most of the largest circle within a palm or fist.
         forearm_m: from and to how far along the surface from the middle of the palm there is nothing but forearm.
@@ -44,6 +45,7 @@ class ArmRegionSettings:
     spacing_m: float = 0.004
     seed_m: float = 0.025
     grow_m: float = 0.08
+    arm_m: float = 0.02
     jump: float = 0.025
     palm_radii_m: tuple[float, float] = (0.024, 0.062)
     forearm_m: tuple[float, float] = (0.15, 0.23)
@@ -55,7 +57,7 @@ class ArmRegionSettings:
 
     def __post_init__(self) -> None:
         check(0 < self.near_m < self.far_m <= 20, "near_m", self.near_m, "above 0, below far_m, which is at most 20 m")
-        for name in ("spacing_m", "seed_m", "grow_m", "jump", "widest_m", "finger_m", "branch_m"):
+        for name in ("spacing_m", "seed_m", "grow_m", "arm_m", "jump", "widest_m", "finger_m", "branch_m"):
             check(0 < getattr(self, name) < 1, name, getattr(self, name), "above 0, below 1")
         least, most = self.palm_radii_m
         check(0 < least < most < 0.2, "palm_radii_m", self.palm_radii_m, "two lengths in ascending order")
@@ -105,7 +107,7 @@ class PalmCandidate(NamedTuple):
         normal: (3,) of its surface, towards the camera.
         forearm: (3,) the direction from it to the elbow; None where no forearm is seen.
         tips: (k, 3) ends of what is as narrow as a finger, anticlockwise as the camera sees them, from the forearm on.
-        spheres: (n, 4) about the surface within a hand's reach, as `region` takes them.
+        spheres: (n, 5) about the surface within a hand's reach, as `region` takes them.
     """
 
     centre: Float64
@@ -123,7 +125,7 @@ def whole_grid(depth: Float32, lens: Float64, step: int, s: ArmRegionSettings) -
 
 
 def grid_about(depth: Float32, lens: Float64, spheres: Float64, s: ArmRegionSettings) -> Grid | None:
-    """The part of the image where spheres (k, 4) are, so fine as the settings say; None where it is outside."""
+    """The part of the image where spheres (k, 5) are, so fine as the settings say; None where it is outside."""
     height, width = depth.shape
     z = spheres[:, 2]
     there = z > 0.1
@@ -150,11 +152,11 @@ def _grid(
 
 
 def region(grid: Grid, spheres: Float64, s: ArmRegionSettings) -> Region:
-    """The surfaces near spheres (k, 4) [m], and what is joined to them."""
+    """The surfaces near spheres (k, 5) [m], and what is joined to them."""
     k, shape = kernels(), grid.seen.shape
     low, high, wide_low, wide_high = (np.empty(shape) for _ in range(4))
-    k.bands(spheres, grid.lens, s.seed_m, low, high)
-    k.bands(np.ascontiguousarray(spheres[:: _COARSER]), grid.lens, s.grow_m, wide_low, wide_high)
+    k.bands(spheres, grid.lens, s.seed_m, s.arm_m, low, high)
+    k.bands(np.ascontiguousarray(spheres[:: _COARSER]), grid.lens, s.grow_m, s.arm_m, wide_low, wide_high)
     front = np.empty(shape)
     typical = float(np.median(spheres[:, 2]))
     k.grown(grid.seen, low, high, wide_low, wide_high, s.jump * typical, front)
@@ -223,7 +225,7 @@ def _candidate(
     depth: Float32, lens: Float64, centre: Float64, radius: float, s: ArmRegionSettings
 ) -> tuple[float, PalmCandidate] | None:
     inner_m, outer_m = s.forearm_m
-    grid = grid_about(depth, lens, np.array([[*centre, outer_m]]), s)
+    grid = grid_about(depth, lens, np.array([[*centre, outer_m, 1.0]]), s)
     if grid is None:
         return None
     k, (height, width) = kernels(), grid.seen.shape
@@ -265,7 +267,7 @@ def _candidate(
     tips = tips[np.argsort([_turn(tip - centre, begin) for tip in tips], kind="stable")] if len(tips) else tips
     reach = d < (outer_m if forearm is not None else 0.2)
     chosen = points[reach][:: max(int(reach.sum()) // 300, 1)]
-    spheres = np.ascontiguousarray(np.hstack([chosen, np.full((len(chosen), 1), 0.01)]))
+    spheres = np.ascontiguousarray(np.hstack([chosen, np.tile([0.01, 1.0], (len(chosen), 1))]))
     score = 0.25 * len(tips) + (forearm is not None) - abs(radius - 0.038) / 0.02 - max(wide - 0.10, 0.0) / 0.05
     return score, PalmCandidate(centre, radius, normal, forearm, tips, spheres)
 

@@ -36,10 +36,11 @@ def thinned(depth, x0, y0, step, near, far, out):
 
 
 @njit(cache=True)
-def bands(spheres, lens, gate, low, high):
-    """Write how near and far a surface may be that is no farther than the gate from spheres (k, 4) [m].
+def bands(spheres, lens, gate, arm_gate, low, high):
+    """Write how near and far a surface may be that is no farther than the gate from spheres (k, 5) [m].
 
     Args:
+        arm_gate: of spheres whose last number is 0.
         lens: (4,) of the grid.
         low, high: (h, w) [m], out; infinite and 0 where there is none.
     """
@@ -48,7 +49,7 @@ def bands(spheres, lens, gate, low, high):
         for j in range(width):
             low[i, j], high[i, j] = math.inf, 0.0
     for k in range(len(spheres)):
-        x, y, z, r = spheres[k, 0], spheres[k, 1], spheres[k, 2], spheres[k, 3] + gate
+        x, y, z, r = spheres[k, 0], spheres[k, 1], spheres[k, 2], spheres[k, 3] + (gate if spheres[k, 4] > 0.0 else arm_gate)
         if z < 0.1:
             continue
         px, py, size = lens[0] * x / z + lens[2], lens[1] * y / z + lens[3], lens[0] * r / z

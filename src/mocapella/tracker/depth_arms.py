@@ -133,7 +133,7 @@ class DepthArms:
         part = self._region(depth, model.spheres(predicted))
         if part is None:
             return False
-        fitted = model.fit(predicted, self._expected(model, arm, predicted, dt), _evidence(part))
+        fitted = model.fit(predicted, self._expected(model, arm, predicted, dt), _evidence(part, model, predicted))
         arm.doubtful = arm.doubtful + 1 if fitted.cost > s.keep else 0
         if arm.doubtful >= s.lost_after:
             return False
@@ -188,11 +188,11 @@ class DepthArms:
         part = self._region(depth, candidate.spheres)
         if part is None or len(part.points) < 60:
             return None
-        coarse = _evidence(part, every=max(len(part.points) // 200, 1))
+        every = max(len(part.points) // 200, 1)
         tried: list[tuple[float, Handedness, Fitted]] = []
         for side, model in self.models.items():
             for start, tips in _starts(model, candidate):
-                fitted = model.fit(start, model.unexpected(start), coarse, iterations=6, loose=3.0, tips=tips)
+                fitted = model.fit(start, model.unexpected(start), _evidence(part, model, start, every), iterations=6, loose=3.0, tips=tips)
                 tried.append((fitted.cost, side, fitted))
         tried.sort(key=lambda one: one[0])
         found: list[tuple[float, Handedness, Fitted]] = []
@@ -201,7 +201,7 @@ class DepthArms:
             finer = self._region(depth, model.spheres(fitted.pose))
             if finer is None:
                 continue
-            better = model.fit(fitted.pose, model.unexpected(fitted.pose), _evidence(finer), iterations=10)
+            better = model.fit(fitted.pose, model.unexpected(fitted.pose), _evidence(finer, model, fitted.pose), iterations=10)
             found.append((better.cost, side, better))
         if not found:
             return None
@@ -244,9 +244,9 @@ def _states(points: Float64, part: Region | None, model: ArmModel, pose: ArmPose
     return states
 
 
-def _evidence(part: Region, every: int = 1) -> Evidence:
+def _evidence(part: Region, model: ArmModel, pose: ArmPose, every: int = 1) -> Evidence:
     points = np.ascontiguousarray(part.points[::every])
-    return Evidence(points, np.ones(len(points)), part.front, part.nearest_x, part.nearest_y, part.lens)
+    return Evidence(points, model.relevance(points, pose), part.front, part.nearest_x, part.nearest_y, part.lens)
 
 
 def _motion(before: ArmPose, after: ArmPose) -> Float64:
