@@ -121,7 +121,7 @@ class Evidence(NamedTuple):
         points: (m, 3).
         weights: (m,).
         front: (h, w) the arm's surface, minus other things', 0 where nothing was measured.
-        nearest_x, nearest_y: (h, w) int64, the nearest pixel of the arm.
+        nearest_x, nearest_y: (h, w) int64, the nearest pixel that is the arm's where this is not, and the reverse.
         lens: (4,) of these pixels.
     """
 
@@ -239,7 +239,8 @@ class ArmModel:
         share = min(400.0 / total, 2.0)
         numbers = np.array(
             [s.point_scale_m, s.silhouette_scale_m, share / s.point_sd_m**2, 1 / s.silhouette_sd_m**2,
-             1 / s.collision_sd_m**2, s.ahead_m, s.overlap_m, float(pieces)]
+             1 / s.collision_sd_m**2, s.ahead_m, s.overlap_m, float(pieces),
+             0.5 * float(pose.t[2] / evidence.lens[0])]
         )  # fmt: skip
         costs, assigned = np.empty(4), np.empty(len(self.owners))
         n = 6 + len(self.natural) + k.BODY_DOFS

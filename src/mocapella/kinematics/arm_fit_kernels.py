@@ -252,6 +252,18 @@ def _add(J, at, n, w, e, H, g):
 
 
 @njit(cache=True)
+def _sized(owner, r, J, at, n, body):
+    """Let a residual of a radius that stands out know what makes the radius: it shrinks as the flesh gets thinner."""
+    for k in range(6, n):
+        if at[k] == body + D_THICK and owner >= OF_PALM:
+            J[k] -= r
+        elif at[k] == body + D_SCALE and owner >= OF_PALM:
+            J[k] -= r
+        elif at[k] == body + D_ARM_THICK and owner < OF_PALM:
+            J[k] -= r
+
+
+@njit(cache=True)
 def _robust(e, scale):
     """Weight of Geman's and McClure's estimator, and its cost from 0 to 1."""
     s = (e / scale) ** 2
@@ -270,10 +282,11 @@ def system(
         owners: (pieces, 2) digit, or what else a piece is of, and bone.
         points, weights: (m, 3) of the image, camera [m], and (m,) how much each counts.
         picture: (front, nearest_x, nearest_y, lens): `front` (h, w) [m] the surface of what may be the arm, minus that
-            of other things, 0 where nothing was measured; the nearest pixel of the arm; lens (4,) of these pixels.
-        numbers: (8,) scale of the points' robust cost [m], of the silhouette's [m], variances' inverses of points,
+            of other things, 0 where nothing was measured; the nearest pixel that is the arm's where this is not, and
+            the other way round; lens (4,) of these pixels.
+        numbers: (9,) scale of the points' robust cost [m], of the silhouette's [m], variances' inverses of points,
             silhouette and collisions, how far before the surface flesh may stand [m], how far digits may overlap [m],
-            how many pieces may explain points.
+            how many pieces may explain points, half a pixel's side [m].
         costs: (4,) sums of robust costs from 0 to 1: of points, of the silhouette by its area [m²], of collisions; and
             that area, out.
         assigned: (pieces,) how much was assigned to each piece, out.
@@ -338,35 +351,34 @@ def system(
             area = 2.0 * r * max(p[LENGTH] / (steps - 1), 0.005) * (1.0 if owner >= 0 else 0.4)
             costs[3] += area
             surface = Z - r
-            if there > 0.0:
-                ahead = there - surface - numbers[5]
-                if ahead <= 0.0:
-                    continue
-                # Before what was measured: back along the view.
+            if there < 0.0 and -there < surface:
+                continue  # behind another thing
+            # Flesh that stands out of the silhouette is drawn in, sideways.
+            dx = (nearest_x[line, column] - px) * Z / lens[0]
+            dy = (nearest_y[line, column] - py) * Z / lens[1]
+            apart = math.sqrt(dx * dx + dy * dy)
+            inside = there > 0.0
+            beyond = r - apart + numbers[8] if inside else r + apart - numbers[8]
+            lost = 0.0
+            if beyond > 0.0 and apart > 1e-6 and (inside or apart > 0.0):
+                f = (-1.0 if inside else 1.0) / apart
+                ux, uy = f * dx, f * dy
+                nx, ny, nz = R[0] * ux + R[3] * uy, R[1] * ux + R[4] * uy, R[2] * ux + R[5] * uy
+                weight, lost = _robust(beyond, numbers[1])
+                n = _derivatives(owner, bone, nx, ny, nz, x, y, w, 0.0, joints, axes, columns, gains, v, nz_free, J, at)
+                _sized(owner, r, J, at, n, 6 + nz_free)
+                _add(J, at, n, max(weight, 0.1) * numbers[3], min(beyond, 0.03), H, g)
+            ahead = there - surface - numbers[5]
+            if inside and ahead > 0.0:  # it is before what was measured: back along the view
                 f = 1.0 / math.sqrt(X * X + Y * Y + Z * Z)
                 nx = f * (R[0] * X + R[3] * Y + R[6] * Z)
                 ny = f * (R[1] * X + R[4] * Y + R[7] * Z)
                 nz = f * (R[2] * X + R[5] * Y + R[8] * Z)
                 weight, cost = _robust(ahead, numbers[1])
-                costs[1] += area * cost
+                lost = max(lost, cost)
                 n = _derivatives(owner, bone, nx, ny, nz, x, y, w, 0.0, joints, axes, columns, gains, v, nz_free, J, at)
                 _add(J, at, n, weight * numbers[3], ahead, H, g)
-                continue
-            if there < 0.0 and -there < surface:
-                continue  # behind another thing
-            # Beside the silhouette: sideways to the nearest pixel of it.
-            dx = (nearest_x[line, column] - px) * Z / lens[0]
-            dy = (nearest_y[line, column] - py) * Z / lens[1]
-            apart = math.sqrt(dx * dx + dy * dy)
-            if apart < 1e-9:
-                continue
-            beyond = apart + 0.5 * r
-            ux, uy = dx / apart, dy / apart
-            nx, ny, nz = R[0] * ux + R[3] * uy, R[1] * ux + R[4] * uy, R[2] * ux + R[5] * uy
-            weight, cost = _robust(beyond, numbers[1])
-            costs[1] += area * cost
-            n = _derivatives(owner, bone, nx, ny, nz, x, y, w, 0.0, joints, axes, columns, gains, v, nz_free, J, at)
-            _add(J, at, n, max(weight, 0.1) * numbers[3], min(beyond, 0.03), H, g)
+            costs[1] += area * lost
     _collisions(pieces, owners, joints, axes, columns, gains, v, nz_free, numbers, J, at, H, g, costs)
     for d in range(5):
         X, Y, Z = targets[d, 0], targets[d, 1], targets[d, 2]

@@ -29,7 +29,7 @@ class ArmRegionSettings:
         spacing_m: of the grid on the arm's surface.
         seed_m: surfaces so near to the arm that was predicted belong to it …
         grow_m: … and what is joined to them within this distance.
-        arm_m: surfaces so near to the forearm and upper arm that were predicted belong to them.
+        arm_m: likewise what is joined to the hand within this distance of the forearm and upper arm.
         jump: neighbours whose depths differ by less than this part of the depth are joined.
         palm_radii_m: least and most of the largest circle within a palm or fist.
         forearm_m: from and to how far along the surface from the middle of the palm there is nothing but forearm.
@@ -45,7 +45,7 @@ class ArmRegionSettings:
     spacing_m: float = 0.004
     seed_m: float = 0.025
     grow_m: float = 0.08
-    arm_m: float = 0.02
+    arm_m: float = 0.03
     jump: float = 0.025
     palm_radii_m: tuple[float, float] = (0.024, 0.062)
     forearm_m: tuple[float, float] = (0.15, 0.23)
@@ -155,7 +155,8 @@ def region(grid: Grid, spheres: Float64, s: ArmRegionSettings) -> Region:
     """The surfaces near spheres (k, 5) [m], and what is joined to them."""
     k, shape = kernels(), grid.seen.shape
     low, high, wide_low, wide_high = (np.empty(shape) for _ in range(4))
-    k.bands(spheres, grid.lens, s.seed_m, s.arm_m, low, high)
+    hand = np.ascontiguousarray(spheres[spheres[:, 4] > 0])
+    k.bands(hand, grid.lens, s.seed_m, s.seed_m, low, high)
     k.bands(np.ascontiguousarray(spheres[:: _COARSER]), grid.lens, s.grow_m, s.arm_m, wide_low, wide_high)
     front = np.empty(shape)
     typical = float(np.median(spheres[:, 2]))

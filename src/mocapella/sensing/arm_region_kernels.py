@@ -95,37 +95,40 @@ def grown(seen, low, high, wide_low, wide_high, jump, front):
 
 @njit(cache=True)
 def nearest(front, nearest_x, nearest_y):
-    """Write the nearest pixel with front above 0, by two passes of vectors.
+    """Write the nearest pixel whose front is above 0 where a pixel's is not, and the other way round.
 
-    P.-E. Danielsson, "Euclidean distance mapping", Computer Graphics and Image Processing 14 (1980) 227. Where there is
-    none, a pixel is its own nearest.
+    Two passes of vectors: P.-E. Danielsson, "Euclidean distance mapping", Computer Graphics and Image Processing 14
+    (1980) 227. Where there is none, a pixel is its own nearest.
     """
     height, width = front.shape
     far = 4 * (height + width)
-    for i in range(height):
-        for j in range(width):
-            there = front[i, j] > 0.0
-            nearest_x[i, j] = j if there else -far
-            nearest_y[i, j] = i if there else -far
-    for sweep in range(2):
-        for row in range(height):
-            i = row if sweep == 0 else height - 1 - row
-            a = i - 1 if sweep == 0 else i + 1
-            if 0 <= a < height:
-                for j in range(width):
-                    _take(nearest_x, nearest_y, i, j, a, j)
-                    if j > 0:
-                        _take(nearest_x, nearest_y, i, j, a, j - 1)
-                    if j + 1 < width:
-                        _take(nearest_x, nearest_y, i, j, a, j + 1)
-            for j in range(1, width):
-                _take(nearest_x, nearest_y, i, j, i, j - 1)
-            for j in range(width - 2, -1, -1):
-                _take(nearest_x, nearest_y, i, j, i, j + 1)
-    for i in range(height):
-        for j in range(width):
-            if nearest_x[i, j] < 0:
-                nearest_x[i, j], nearest_y[i, j] = j, i
+    one_x, one_y = np.empty((height, width), np.int64), np.empty((height, width), np.int64)
+    for kind in range(2):
+        for i in range(height):
+            for j in range(width):
+                there = (front[i, j] > 0.0) == (kind == 0)
+                one_x[i, j] = j if there else -far
+                one_y[i, j] = i if there else -far
+        for sweep in range(2):
+            for row in range(height):
+                i = row if sweep == 0 else height - 1 - row
+                a = i - 1 if sweep == 0 else i + 1
+                if 0 <= a < height:
+                    for j in range(width):
+                        _take(one_x, one_y, i, j, a, j)
+                        if j > 0:
+                            _take(one_x, one_y, i, j, a, j - 1)
+                        if j + 1 < width:
+                            _take(one_x, one_y, i, j, a, j + 1)
+                for j in range(1, width):
+                    _take(one_x, one_y, i, j, i, j - 1)
+                for j in range(width - 2, -1, -1):
+                    _take(one_x, one_y, i, j, i, j + 1)
+        for i in range(height):
+            for j in range(width):
+                if (front[i, j] > 0.0) == (kind == 1):
+                    nearest_x[i, j] = one_x[i, j] if one_x[i, j] >= 0 else j
+                    nearest_y[i, j] = one_y[i, j] if one_x[i, j] >= 0 else i
 
 
 @njit(cache=True)
