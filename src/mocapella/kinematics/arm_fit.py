@@ -29,7 +29,7 @@ _DIGIT_RADII_M: Final = (
     (0.0095, 0.0083, 0.0073, 0.0063),
 )
 """At the joints from the base outwards, of a hand of the reference's length; ours."""
-_ARM_RADII_M: Final = (0.0200, 0.0100, 0.0400, 0.0460, 0.0025)
+_ARM_RADII_M: Final = (0.0170, 0.0100, 0.0330, 0.0380, 0.0025)
 """Of the forearm at the wrist, half the distance of its two bones there, at the elbow, of the upper arm; and how far
 from the landmark the middle of the fingertip's end is, inwards."""
 _FOREARM_OF_HAND: Final = 1.33

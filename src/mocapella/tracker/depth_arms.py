@@ -46,6 +46,8 @@ class DepthArmsSettings:
         hand_length_m: of the average hand.
         believe: a fit whose cost is above this is no arm.
         keep: likewise of an arm that is followed.
+        doubt: an arm whose cost is above this is looked for anew …
+        better: … and changed for one whose cost is below this part of its own.
         lost_after: frames in a row that an arm may be doubtful.
         look_every: frames between two looks for further arms, while there is one.
         region, fit: of the steps.
@@ -55,6 +57,8 @@ class DepthArmsSettings:
     hand_length_m: float = 0.189
     believe: float = 0.45
     keep: float = 0.6
+    doubt: float = 0.12
+    better: float = 0.8
     lost_after: int = 3
     look_every: int = 5
     region: ArmRegionSettings = field(default_factory=ArmRegionSettings)
@@ -134,12 +138,30 @@ class DepthArms:
         if part is None:
             return False
         fitted = model.fit(predicted, self._expected(model, arm, predicted, dt), _evidence(part, model, predicted))
+        side = arm.side
+        if fitted.cost > s.doubt:
+            better = self._again(depth, fitted, arm)
+            if better is not None and better[1].cost < s.better * fitted.cost:
+                side, fitted = better
+                part = self._region(depth, self.models[side].spheres(fitted.pose)) or part
         arm.doubtful = arm.doubtful + 1 if fitted.cost > s.keep else 0
         if arm.doubtful >= s.lost_after:
             return False
-        arm.velocity = 0.6 * _motion(arm.fitted.pose, fitted.pose) / dt + 0.4 * arm.velocity
-        arm.fitted, arm.at_s, arm.region = fitted, at_s, part
+        if side == arm.side:
+            arm.velocity = 0.6 * _motion(arm.fitted.pose, fitted.pose) / dt + 0.4 * arm.velocity
+        arm.fitted, arm.at_s, arm.region, arm.side = fitted, at_s, part, side
         return True
+
+    def _again(self, depth: Float32, fitted: Fitted, arm: _Arm) -> tuple[Handedness, Fitted] | None:
+        """The hand found anew where it is, or may have gone."""
+        centre = self.models[arm.side].points(fitted.pose)[21]
+        best: tuple[Handedness, Fitted] | None = None
+        for candidate in palm_candidates(depth, self._lens, self.settings.region):
+            if np.linalg.norm(candidate.centre - centre) < 0.15:
+                found = self._best_start(depth, candidate)
+                if found is not None and (best is None or found[1].cost < best[1].cost):
+                    best = found
+        return best
 
     def _predicted(self, arm: _Arm, model: ArmModel, dt: float) -> ArmPose:
         pose = arm.fitted.pose.copied()
