@@ -5,6 +5,7 @@ Source: T. Y. Zhang, C. Y. Suen: A Fast Parallel Algorithm for Thinning Digital 
 subiteration are judged by the same image, a word of 64 pixels is judged by Boolean operations on nine words.
 """
 
+# ruff: noqa: PLR0917 - compiled: arrays come by position
 from __future__ import annotations
 
 import numpy as np

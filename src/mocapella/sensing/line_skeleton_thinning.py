@@ -14,8 +14,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.errors import SettingsError
-
 UInt8 = NDArray[np.uint8]
 Float32 = NDArray[np.float32]
 
@@ -25,22 +23,6 @@ _WORD_PX: Final = 64
 _TOGETHER_PX: Final = 32
 """A multiple of what OpenCV takes at a time."""
 _KERNEL: Final = np.ones((3, 3), dtype=np.uint8)
-
-
-@dataclass(frozen=True)
-class SkeletonSettings:
-    """What becomes of the distance transform.
-
-    Attributes:
-        ridge_least: a thinned pixel is kept where the normalised negative Laplacian is at least this, 0 to 255: it is
-            high in the middle of a limb, where distances to both edges meet.
-    """
-
-    ridge_least: int = 128
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.ridge_least <= 255:
-            raise SettingsError(f"ridge_least is {self.ridge_least!r}; it must be from 0 to 255")
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,13 +59,15 @@ def thin(mask: UInt8) -> UInt8:
     return out
 
 
-def skeleton(mask: UInt8, settings: SkeletonSettings | None = None) -> Skeleton:
+def skeleton(mask: UInt8, ridge_least: int = 128) -> Skeleton:
     """Thinning, distance transform, Laplacian, normalisation, dilation.
 
     Args:
         mask: (height, width), not 0 where there is something.
+        ridge_least: a thinned pixel is kept where the normalised negative Laplacian is at least this, 0 to 255: it is
+            high in the middle of a limb, where distances to both edges meet.
     """
-    s, shape = settings or SkeletonSettings(), mask.shape
+    shape = mask.shape
     x, y, width, height = cv2.boundingRect(mask)
     thinned, distance = np.zeros(shape, dtype=np.uint8), np.zeros(shape, dtype=np.float32)
     if width == 0:
@@ -93,9 +77,9 @@ def skeleton(mask: UInt8, settings: SkeletonSettings | None = None) -> Skeleton:
     x0, x1 = _columns(x - _MARGIN_PX, x + width + _MARGIN_PX, shape[1])
     around = np.s_[max(y - _MARGIN_PX, 0) : y + height + _MARGIN_PX, x0:x1]
     distance[around] = cv2.distanceTransform(mask[around], cv2.DIST_L2, 3)
-    ridge = cv2.normalize(cv2.Laplacian(distance[around], cv2.CV_32F, scale=-1), None, 0, 255, cv2.NORM_MINMAX,
-                          cv2.CV_8U)  # fmt: skip
-    on = cv2.bitwise_and(thinned[around], cv2.compare(ridge, s.ridge_least, cv2.CMP_GE))
+    negative = cv2.Laplacian(distance[around], cv2.CV_32F, scale=-1)
+    ridge = cv2.normalize(negative, np.empty(negative.shape, dtype=np.uint8), 0, 255, cv2.NORM_MINMAX, cv2.CV_8U)
+    on = thinned[around] * (ridge >= ridge_least)
     ridges, lines = np.full(shape, ridge[0, 0], dtype=np.uint8), np.zeros(shape, dtype=np.uint8)
     ridges[around], lines[around] = ridge, cv2.dilate(on, _KERNEL)
     return Skeleton(thinned, distance, ridges, lines)
