@@ -98,8 +98,9 @@ class Place:
 def elbow_of(segments: Float64, rotation_degrees: float, centre: Float64) -> Float64:
     """The end of a line that is taken for the elbow, by the arm's angle of rotation.
 
-    Below 60° the first point, from 60 to 130° the one of least x, above 130° the one of greatest x or the first:
-    whichever is farther from the region's centre.
+    Below 60° the first point, from 60 to 130° the one of least x, above 130° the one of greatest x or the first. The
+    document does not say which point is the first: here it is the lowest, as its arms come from below; and above 130°
+    the farther of the two from the region's centre is taken.
 
     Args:
         segments: (n, 4) as of `Lines`, n > 0.
@@ -107,7 +108,7 @@ def elbow_of(segments: Float64, rotation_degrees: float, centre: Float64) -> Flo
         centre: (2,) of the region.
     """
     ends = segments.reshape(-1, 2)
-    first: Float64 = ends[0]
+    first: Float64 = ends[ends[:, 1].argmax()]
     least: Float64 = ends[ends[:, 0].argmin()]
     greatest: Float64 = ends[ends[:, 0].argmax()]
     if rotation_degrees < UPRIGHT_DEGREES:

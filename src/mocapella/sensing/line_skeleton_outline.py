@@ -54,8 +54,8 @@ class Outline:
 
     Attributes:
         edges: of Canny.
-        outlines: (n, 2) int32 each [px]: all that pass the area filter, the largest first.
-        arm: 255 within the largest, else 0.
+        outlines: (n, 2) int32 each [px]: all that pass the area filter, the nearest first.
+        arm: 255 within the nearest, else 0.
         centre: (2,) of the smallest circle around it [px].
         radius_px: its radius.
         metres: float32, the mirrored depth; within the region the noise is replaced.
@@ -114,24 +114,26 @@ def outline(pictures: Separated, s: LineSkeletonSettings) -> Outline | None:
     p = _PAD_PX
     padded = cv2.copyMakeBorder(pictures.mirrored, p, p, p, p, cv2.BORDER_CONSTANT, value=(0,))
     edges = cv2.Canny(padded, s.canny_low, s.canny_high)
-    found, _ = cv2.findContours(edges, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    large = [(cv2.contourArea(one), one) for one in found if len(one) >= _LEAST_OUTLINE]
-    large = sorted((pair for pair in large if pair[0] >= max(s.least_area_px, 1.0)), key=lambda pair: -pair[0])
+    # With what they enclose, because a gap of one pixel in an edge would leave an outline of no area.
+    found, _ = cv2.findContours(cv2.bitwise_or(edges, padded), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    large = [one for one in found if len(one) >= _LEAST_OUTLINE and cv2.contourArea(one) >= max(s.least_area_px, 1.0)]
     if not large:
         return None
-    filled = np.zeros(padded.shape, dtype=np.uint8)
-    cv2.drawContours(filled, [large[0][1]], -1, (255,), cv2.FILLED)
-    inside = np.s_[p:-p, p:-p]
+    gray = pictures.gaussian[:, ::-1] if s.mirror else pictures.gaussian
+    fillings = [_filled(one, padded.shape)[p:-p, p:-p] for one in large]
+    order = np.argsort([-float(gray[(filling > 0) & (pictures.mirrored > 0)].mean()) for filling in fillings])
     height, width = pictures.mirrored.shape
-    outlines = tuple(np.clip(one[:, 0] - p, 0, (width - 1, height - 1)).astype(np.int32) for _, one in large)
-    arm = np.ascontiguousarray(filled[inside])
-    centre, radius = cv2.minEnclosingCircle(outlines[0])
+    outlines = tuple(np.clip(large[k][:, 0] - p, 0, (width - 1, height - 1)).astype(np.int32) for k in order)
+    arm = np.ascontiguousarray(fillings[order[0]])
+    centre, radius = cv2.minEnclosingCircle(cv2.convexHull(outlines[0]))
     metres = pictures.millimetres.astype(np.float32) * np.float32(0.001)
     if s.mirror:
         metres = np.ascontiguousarray(metres[:, ::-1])
     noisy = (arm > 0) & (metres == 0)
     metres[noisy] = _medians(metres, noisy) if s.noise == "median" else s.noise_m
-    return Outline(np.ascontiguousarray(edges[inside]), outlines, arm, np.array(centre), float(radius), metres, noisy)
+    return Outline(
+        np.ascontiguousarray(edges[p:-p, p:-p]), outlines, arm, np.array(centre), float(radius), metres, noisy
+    )
 
 
 def lines(of: Outline, s: LineSkeletonSettings) -> Lines:
@@ -141,6 +143,12 @@ def lines(of: Outline, s: LineSkeletonSettings) -> Lines:
     segments = np.zeros((0, 4)) if found is None else np.asarray(found, dtype=np.float64).reshape(-1, 4)
     lengths = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
     return Lines(made, segments[np.argsort(-lengths, kind="stable")], float(cv2.fitEllipse(of.outlines[0])[2]))
+
+
+def _filled(contour: Any, shape: tuple[int, ...]) -> UInt8:
+    out = np.zeros(shape, dtype=np.uint8)
+    cv2.drawContours(out, [contour], -1, (255,), cv2.FILLED)
+    return out
 
 
 def _gray(metres: Float32, s: LineSkeletonSettings) -> Float32:

@@ -50,7 +50,8 @@ def pictures(looked: Looked) -> Mapping[str, UInt8]:
         "thinning": made.thinned,
         "distance transform": (made.distance * np.float32(255 / max(float(made.distance.max()), 1.0))).astype(np.uint8),
         "Laplacian, normalised": made.ridges,
-        "dilation": made.lines,
+        "dilation": made.dilated,
+        "thin on ridges": made.lines,
         "Hough": _segments(second, third.segments),
     }
     if hand is None:

@@ -33,12 +33,14 @@ class Skeleton:
         thinned: 255 where thin lines are, else 0.
         distance: float32, of each pixel to the nearest one that is 0 [px].
         ridges: its negative Laplacian, from 0 to 255.
-        lines: thinned pixels on ridges, dilated by a pixel.
+        dilated: the ridges, a pixel wider to all sides.
+        lines: 255 where a thin line is on a wide ridge, else 0.
     """
 
     thinned: UInt8
     distance: Float32
     ridges: UInt8
+    dilated: UInt8
     lines: UInt8
 
 
@@ -64,14 +66,14 @@ def skeleton(mask: UInt8, ridge_least: int = 128) -> Skeleton:
 
     Args:
         mask: (height, width), not 0 where there is something.
-        ridge_least: a thinned pixel is kept where the normalised negative Laplacian is at least this, 0 to 255: it is
-            high in the middle of a limb, where distances to both edges meet.
+        ridge_least: a thinned pixel is kept where the dilated, normalised negative Laplacian is at least this, 0 to
+            255: it is high in the middle of a limb, where distances to both edges meet.
     """
     shape = mask.shape
     x, y, width, height = cv2.boundingRect(mask)
     thinned, distance = np.zeros(shape, dtype=np.uint8), np.zeros(shape, dtype=np.float32)
     if width == 0:
-        return Skeleton(thinned, distance, thinned.copy(), thinned.copy())
+        return Skeleton(thinned, distance, *(np.zeros(shape, dtype=np.uint8) for _ in range(3)))
     box = np.s_[y : y + height, x : x + width]
     _thin_box(mask[box], _at_border(shape, x, y, width, height), thinned[box])
     x0, x1 = _columns(x - _MARGIN_PX, x + width + _MARGIN_PX, shape[1])
@@ -79,10 +81,12 @@ def skeleton(mask: UInt8, ridge_least: int = 128) -> Skeleton:
     distance[around] = cv2.distanceTransform(mask[around], cv2.DIST_L2, 3)
     negative = cv2.Laplacian(distance[around], cv2.CV_32F, scale=-1)
     ridge = cv2.normalize(negative, np.empty(negative.shape, dtype=np.uint8), 0, 255, cv2.NORM_MINMAX, cv2.CV_8U)
-    on = thinned[around] * (ridge >= ridge_least)
-    ridges, lines = np.full(shape, ridge[0, 0], dtype=np.uint8), np.zeros(shape, dtype=np.uint8)
-    ridges[around], lines[around] = ridge, cv2.dilate(on, _KERNEL)
-    return Skeleton(thinned, distance, ridges, lines)
+    wide = cv2.dilate(ridge, _KERNEL)
+    ridges, dilated = (np.full(shape, one[0, 0], dtype=np.uint8) for one in (ridge, wide))
+    lines = np.zeros(shape, dtype=np.uint8)
+    ridges[around], dilated[around] = ridge, wide
+    lines[around] = thinned[around] * (wide >= ridge_least)
+    return Skeleton(thinned, distance, ridges, dilated, lines)
 
 
 def _columns(begin: int, end: int, width: int) -> tuple[int, int]:
