@@ -44,8 +44,8 @@ def arm(
     """An arm that is turned about the optical axis, clockwise as the camera sees it.
 
     Args:
-        pose: ``open``; ``touching``: the ring finger beside the middle one, their tips level; ``before palm``: the index finger bent over
-            the palm; ``fist``.
+        pose: ``open``; ``touching``: the ring finger beside the middle one, their tips level; ``before palm``: the
+            index finger bent over the palm; ``fist``.
         rotation_degrees: 0 with the fingers upwards.
         behind_m: where a wall is; none at 0.
         camera: see there.

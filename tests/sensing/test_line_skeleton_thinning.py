@@ -34,9 +34,7 @@ def chain(mask: UInt8, ridge_least: int) -> tuple[UInt8, ...]:
     """The same stages by OpenCV alone, on whole images."""
     thinned = cv2.ximgproc.thinning(mask, thinningType=cv2.ximgproc.THINNING_ZHANGSUEN)
     distance = cv2.distanceTransform(mask, cv2.DIST_L2, 3)
-    ridges = cv2.normalize(
-        cv2.Laplacian(distance, cv2.CV_32F, scale=-1), None, 0, 255, cv2.NORM_MINMAX, cv2.CV_8U
-    )
+    ridges = cv2.normalize(cv2.Laplacian(distance, cv2.CV_32F, scale=-1), None, 0, 255, cv2.NORM_MINMAX, cv2.CV_8U)
     dilated = cv2.dilate(ridges, np.ones((3, 3), dtype=np.uint8))
     return thinned, distance, ridges, dilated, thinned * (dilated >= ridge_least)
 

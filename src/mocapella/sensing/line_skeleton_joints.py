@@ -99,8 +99,8 @@ def elbow_of(segments: Float64, rotation_degrees: float, centre: Float64) -> Flo
     """The end of a line that is taken for the elbow, by the arm's angle of rotation.
 
     Below 60° the first point, from 60 to 130° the one of least x, above 130° the one of greatest x or the first. The
-    document does not say which point is the first, nor when it is taken: here the first is the lowest, as the document's
-    arms come from below, and above 130° it is taken where the one of greatest x lies above the region's centre.
+    document does not say which point is the first, nor when it is taken: here the first is the lowest, as the arms of
+    the document come from below, and above 130° it is taken where the one of greatest x lies above the centre.
 
     Args:
         segments: (n, 4) as of `Lines`, n > 0.
