@@ -34,29 +34,19 @@ def judge(words, free, gone, begin, end, stride, second):
         p3 = (p2 >> _1) | (words[i - stride + 1] << _63)
         p7 = (p6 << _1) | (words[i + stride - 1] >> _63)
         p5 = (p6 >> _1) | (words[i + stride + 1] << _63)
-        # (b) exactly one step from 0 to 1 around the pixel: `once` and not `twice`.
-        once = ~p2 & p3
-        twice = _0
-        step = ~p3 & p4
-        twice, once = twice | (once & step), once | step
-        step = ~p4 & p5
-        twice, once = twice | (once & step), once | step
-        step = ~p5 & p6
-        twice, once = twice | (once & step), once | step
-        step = ~p6 & p7
-        twice, once = twice | (once & step), once | step
-        step = ~p7 & p8
-        twice, once = twice | (once & step), once | step
-        step = ~p8 & p9
-        twice, once = twice | (once & step), once | step
-        step = ~p9 & p2
-        twice, once = twice | (once & step), once | step
-        # (a) 2 to 6 neighbours: with one such step they are one run, so two are side by side, as are two that are 0.
-        pairs = (p2 & p3) | (p3 & p4) | (p4 & p5) | (p5 & p6) | (p6 & p7) | (p7 & p8) | (p8 & p9) | (p9 & p2)
-        gaps = (p2 | p3) & (p3 | p4) & (p4 | p5) & (p5 | p6) & (p6 | p7) & (p7 | p8) & (p8 | p9) & (p9 | p2)
-        # (c) and (d), or (c') and (d').
-        held = (p2 & p8 & (p4 | p6)) if second else (p4 & p6 & (p2 | p8))
-        removed = words[i] & free[i] & once & ~twice & pairs & ~gaps & ~held
+        # (b) exactly one step from 0 to 1 around the pixel. Of two steps side by side at most one can be.
+        a, b = (~p2 & p3) | (~p3 & p4), (~p4 & p5) | (~p5 & p6)
+        c, d = (~p6 & p7) | (~p7 & p8), (~p8 & p9) | (~p9 & p2)
+        one = (a ^ b ^ c ^ d) & ~((a & b) | (c & d))  # an odd number of them, and not three
+        # (a) at least 2 neighbours: with one such step they are one run, so that two are side by side.
+        pairs = (p2 & (p3 | p9)) | (p4 & (p3 | p5)) | (p6 & (p5 | p7)) | (p8 & (p7 | p9))
+        # (c) and (d), or (c') and (d'); and of (a) at most 6 neighbours. Where those hold, the only one that is 0 of 7
+        # can be one of two.
+        if second:
+            held = (p2 & p8 & (p4 | p6)) | (~p2 & p9 & p3) | (~p8 & p7 & p9)
+        else:
+            held = (p4 & p6 & (p2 | p8)) | (~p4 & p3 & p5) | (~p6 & p5 & p7)
+        removed = words[i] & free[i] & one & pairs & ~held
         gone[i] = removed
         some |= removed
     return some
