@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
@@ -92,6 +92,7 @@ def test_a_stroke_stays_as_many_pieces_as_it_was(corners: list[tuple[int, int]],
 
 
 @given(masks(), st.integers(0, 255))
+@example(np.array([[0, 255, 255, 255, 0, 0, 0]], dtype=np.uint8).T, 128)  # beside one border, far from the other
 def test_the_stages_are_those_of_opencv_to_the_bit(mask: UInt8, ridge_least: int) -> None:
     mask[0, 0] = 0  # a distance to nowhere is as large as the build of OpenCV says
     made = skeleton(mask, ridge_least)
@@ -100,7 +101,17 @@ def test_the_stages_are_those_of_opencv_to_the_bit(mask: UInt8, ridge_least: int
         np.testing.assert_array_equal(ours, reference)
 
 
-@pytest.mark.parametrize("where", [np.s_[100:300, 40:90], np.s_[0:70, 600:640], np.s_[470:480, 0:640], np.s_[5:6, 5:6]])
+@pytest.mark.parametrize(
+    "where",
+    [
+        np.s_[100:300, 40:90],
+        np.s_[0:70, 600:640],
+        np.s_[470:480, 0:640],
+        np.s_[5:6, 5:6],
+        np.s_[1:9, 1:9],
+        np.s_[471:479, 631:639],
+    ],
+)
 def test_the_stages_of_a_part_of_a_large_picture_are_those_of_the_whole(where: Any) -> None:
     mask = np.zeros((480, 640), dtype=np.uint8)
     mask[where] = 255

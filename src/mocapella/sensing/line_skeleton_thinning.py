@@ -77,12 +77,15 @@ def skeleton(mask: UInt8, ridge_least: int = 128) -> Skeleton:
     box = np.s_[y : y + height, x : x + width]
     _thin_box(mask[box], _at_border(shape, x, y, width, height), thinned[box])
     x0, x1 = _columns(x - _MARGIN_PX, x + width + _MARGIN_PX, shape[1])
-    around = np.s_[max(y - _MARGIN_PX, 0) : y + height + _MARGIN_PX, x0:x1]
+    y0, y1 = max(y - _MARGIN_PX, 0), min(y + height + _MARGIN_PX, shape[0])
+    around = np.s_[y0:y1, x0:x1]
     distance[around] = cv2.distanceTransform(mask[around], cv2.DIST_L2, 3)
     negative = cv2.Laplacian(distance[around], cv2.CV_32F, scale=-1)
     ridge = cv2.normalize(negative, np.empty(negative.shape, dtype=np.uint8), 0, 255, cv2.NORM_MINMAX, cv2.CV_8U)
     wide = cv2.dilate(ridge, _KERNEL)
-    ridges, dilated = (np.full(shape, one[0, 0], dtype=np.uint8) for one in (ridge, wide))
+    # What 0 became: at the corner of a side that is not the picture's. Without such a side there is nothing to fill.
+    flat = ridge[-1 if y1 < shape[0] else 0, -1 if x1 < shape[1] else 0]
+    ridges, dilated = (np.full(shape, flat, dtype=np.uint8) for _ in range(2))
     lines = np.zeros(shape, dtype=np.uint8)
     ridges[around], dilated[around] = ridge, wide
     lines[around] = thinned[around] * (wide >= ridge_least)
