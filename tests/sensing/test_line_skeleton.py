@@ -137,6 +137,17 @@ def test_fingers_that_are_not_found_go_to_the_palm_and_say_so() -> None:
     assert (seen.sd[list(ARM_JOINTS)][lost] > seen.sd[list(ARM_JOINTS)][~lost].max()).all()
 
 
+def test_a_joint_where_the_lens_shows_nothing_is_not_known() -> None:
+    """The model of this lens folds back before the lower border, where the elbow is."""
+    folding = Camera("folding", (640, 480), np.array([476.0, 476.0, 320.0, 140.0, -1.2, 0, 0, 0, 0]))
+    (seen,) = LineSkeleton(folding).update(arm().depth, 0.0).arms
+    known = np.isfinite(seen.joints).all(axis=-1)
+    assert not known[0]
+    assert known[1:3].all()
+    np.testing.assert_array_equal(seen.joint_states > 0, known)
+    np.testing.assert_array_equal(np.isfinite(seen.sd[list(ARM_JOINTS)]), known)
+
+
 def test_a_finger_that_would_be_too_long_goes_to_the_palm() -> None:
     (seen,) = LineSkeleton(CAMERA, LineSkeletonSettings(longest_m=0.01)).update(arm().depth, 0.0).arms
     assert (seen.joint_states[3:] == 1).all()

@@ -20,7 +20,7 @@ from mocapella.model.arms import ARM_JOINTS, ARM_POINTS, SeenArm, SeenArms
 from mocapella.model.camera import Camera
 from mocapella.model.hand import ANGLES
 from mocapella.model.observations import JointState
-from mocapella.sensing.line_skeleton_joints import FINGERS, Grid, Hand, grid, hand, nearest
+from mocapella.sensing.line_skeleton_joints import Grid, Hand, grid, hand, nearest
 from mocapella.sensing.line_skeleton_outline import Lines, Outline, Separated, lines, outline, separated
 from mocapella.sensing.line_skeleton_settings import LineSkeletonSettings
 
@@ -43,7 +43,8 @@ class Looked:
     Attributes:
         separated, outline, lines, grid, hand: see there.
         joints: (8, 3) in the camera's space [m], in the order of `ARM_JOINTS`.
-        found: (8,) bool; False of a finger that was put into the palm.
+        found: (8,) bool; False of a finger that was put into the palm, and of a joint that is NaN because the
+            lens shows nothing there.
         reason: why there are none; empty where there are.
     """
 
@@ -92,8 +93,10 @@ class LineSkeleton:
         )
         sd, joints = np.full(len(ARM_POINTS), np.nan, dtype=np.float32), list(ARM_JOINTS)
         points[joints] = looked.joints
-        states[joints] = np.where(looked.found, JointState.TRACKED, JointState.INFERRED)
-        sd[joints] = np.where(looked.found, MEASURED_SD_M, INFERRED_SD_M)
+        known = np.isfinite(looked.joints).all(axis=-1)  # not where the lens shows nothing
+        guessed = np.where(known, JointState.INFERRED, JointState.NOT_TRACKED)
+        states[joints] = np.where(looked.found, JointState.TRACKED, guessed)
+        sd[joints] = np.where(looked.found, MEASURED_SD_M, np.where(known, INFERRED_SD_M, np.nan))
         return SeenArms((SeenArm(self._id, False, 0.5, points, states, sd, np.full(len(ANGLES), np.nan)),))
 
     def look(self, depth: Float32) -> Looked:
@@ -155,10 +158,9 @@ class LineSkeleton:
         z = points.metres[[nearest(points, pixel) for pixel in pixels]]
         z[2] -= s.palm_forward_m
         joints = self._in_space(pixels, z)
-        seen = np.ones(len(pixels), dtype=np.bool_)
-        seen[3:] = (found.tips != 0).any(axis=-1) & (np.linalg.norm(joints[3:] - joints[2], axis=-1) <= s.longest_m)
-        joints[~seen] = joints[2]
-        assert len(pixels) == 3 + FINGERS
+        seen = np.isfinite(joints).all(axis=-1)
+        seen[3:] &= (found.tips != 0).any(axis=-1) & (np.linalg.norm(joints[3:] - joints[2], axis=-1) <= s.longest_m)
+        joints[3:][~seen[3:]] = joints[2]
         return joints, seen
 
     def _in_space(self, pixels: Float64, z: Float64) -> Float64:
