@@ -120,8 +120,12 @@ def _thin_box(mask: UInt8, border: tuple[bool, bool, bool, bool], out: UInt8) ->
             if side:
                 inside[edge] = 0
         free = _words(inside, stride)
-    _kernels().thin(words, free, np.empty_like(words), np.empty(strips + 2, dtype=np.int64),
-                    np.zeros(strips + 2, dtype=np.bool_), height, stride)  # fmt: skip
+    # Apart from the others by more than a strip: what is compiled for several words at a time is left out where the
+    # processor has to assume that they overlap.
+    apart = (_kernels().ROWS + 2) * (stride + 1)
+    gone = np.empty(len(words) + 2 * apart, dtype=np.uint64)[apart:-apart]
+    _kernels().thin(words, free, gone, np.empty(strips + 2, dtype=np.int64), np.zeros(strips + 2, dtype=np.bool_),
+                    height, stride)  # fmt: skip
     rows = words[1 + stride : -1 - stride].view(np.uint8).reshape(height, -1)
     np.multiply(np.unpackbits(rows, axis=1, count=width, bitorder="little"), 255, out=out)
 
