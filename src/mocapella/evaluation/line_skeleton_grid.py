@@ -1,0 +1,146 @@
+"""What the grid of the method `line-skeleton` costs and is worth: the table of 1, 2, 4, 5, 8 and 10 pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import EvaluationError, SettingsError
+from mocapella.model.arms import ARM_JOINTS
+from mocapella.model.camera import Camera
+from mocapella.model.observations import JointState
+from mocapella.sensing.line_skeleton import LineSkeleton, LineSkeletonSettings
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+
+GRIDS_PX: Final = (1, 2, 4, 5, 8, 10)
+NEAR_M: Final = 0.05
+"""A fingertip within this of its true place counts as found: farther off it is another part of the hand."""
+_ARM: Final = 3
+"""Elbow, wrist and palm are the first of the eight joints."""
+
+
+class GridRow(msgspec.Struct, frozen=True):
+    """One grid on all frames.
+
+    Attributes:
+        grid_px: see `LineSkeletonSettings`.
+        frames: how many were looked at.
+        arms: in how many there was an arm.
+        median_ms, p95_ms: of the whole method.
+        arm_mm: median distance of elbow, wrist and palm from their true places; NaN without any.
+        tips_mm: median distance of the fingertips that were found; NaN without any.
+        tips_found: share of true fingertips that were said to be measured, and are within `NEAR_M` of their places.
+    """
+
+    grid_px: int
+    frames: int
+    arms: int
+    median_ms: float
+    p95_ms: float
+    arm_mm: float
+    tips_mm: float
+    tips_found: float
+
+
+def grid_table(
+    frames: Iterable[tuple[Float32, Float64, float]],
+    camera: Camera,
+    clock: Callable[[], float],
+    *,
+    grids_px: Sequence[int] = GRIDS_PX,
+    settings: LineSkeletonSettings | None = None,
+) -> tuple[GridRow, ...]:
+    """Look at each frame with each grid, one after the other, so that all have the same share of the machine's moods.
+
+    Args:
+        frames: depth (height, width) [m], truth (23, 3) of `mocapella.model.arms.ARM_POINTS` in the camera's space [m]
+            with NaN where it is not known, and when it was captured [s].
+        camera: of the frames.
+        clock: such as `time.perf_counter` [s].
+        grids_px: one row each.
+        settings: all but the grid.
+
+    Raises:
+        EvaluationError: there is no frame.
+        SettingsError: a frame of another size than the camera's, or a grid that cannot be.
+    """
+    base = settings or LineSkeletonSettings()
+    methods = [LineSkeleton(camera, replace(base, grid_px=grid)) for grid in grids_px]
+    took: list[list[float]] = [[] for _ in methods]
+    off: list[list[Float64]] = [[] for _ in methods]
+    warm = False
+    for depth, truth, at_s in frames:
+        if not warm:
+            methods[0].look(depth)  # what is compiled is compiled now
+            warm = True
+        for method, seconds, distances in zip(methods, took, off, strict=True):
+            begin = clock()
+            seen = method.update(depth, at_s)
+            seconds.append(clock() - begin)
+            distances.append(
+                _off(seen.arms[0].joints, seen.arms[0].joint_states, truth) if seen.arms else _nothing(truth)
+            )
+    if not warm:
+        raise EvaluationError("no frame to look at; at least one is wanted")
+    return tuple(_row(*columns) for columns in zip(grids_px, took, off, strict=True))
+
+
+def plot_grid(rows: Sequence[GridRow], path: Path) -> None:
+    """Time and accuracy over the grid, as a picture.
+
+    Raises:
+        SettingsError: matplotlib is not installed, or the file cannot be written.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise SettingsError(f"{path}: no plot, because matplotlib is not installed; install it") from error
+    grids = [row.grid_px for row in rows]
+    figure = Figure(figsize=(7, 3.2), layout="constrained")
+    time, accuracy = figure.subplots(1, 2)
+    time.plot(grids, [row.median_ms for row in rows], "o-", label="median")
+    time.plot(grids, [row.p95_ms for row in rows], "o--", label="95 %")
+    time.set(xlabel="grid [px]", ylabel="time a frame [ms]", ylim=(0, None), xticks=grids)
+    accuracy.plot(grids, [row.arm_mm for row in rows], "o-", label="elbow, wrist, palm")
+    accuracy.plot(grids, [row.tips_mm for row in rows], "o--", label="fingertips found")
+    accuracy.set(xlabel="grid [px]", ylabel="median distance [mm]", ylim=(0, None), xticks=grids)
+    for axes in (time, accuracy):
+        axes.legend()
+    try:
+        figure.savefig(path)
+    except (OSError, ValueError) as error:
+        raise SettingsError(f"{path}: {error}; name a .png or .svg in a folder that exists") from error
+
+
+def _off(joints: Float64, states: NDArray[np.uint8], truth: Float64) -> Float64:
+    """(8,) distances [m]; infinite of fingers that were not found, NaN where there is no truth."""
+    distances = np.linalg.norm(joints - truth[list(ARM_JOINTS)], axis=-1)
+    return np.where(states == JointState.TRACKED, distances, np.where(np.isnan(distances), np.nan, np.inf))
+
+
+def _nothing(truth: Float64) -> Float64:
+    return np.where(np.isnan(truth[list(ARM_JOINTS)]).any(axis=-1), np.nan, np.inf)
+
+
+def _row(grid_px: int, seconds: list[float], distances: list[Float64]) -> GridRow:
+    off = np.array(distances)
+    arm, tips = off[:, :_ARM], off[:, _ARM:]
+    known, near = ~np.isnan(tips), tips <= NEAR_M
+    return GridRow(
+        grid_px, len(off), int(np.isfinite(arm).any(axis=-1).sum()),
+        1000 * float(np.median(seconds)), 1000 * float(np.quantile(seconds, 0.95)),
+        _median_mm(arm[np.isfinite(arm)]), _median_mm(tips[near]),
+        float(near.sum() / known.sum()) if known.any() else float("nan"),
+    )  # fmt: skip
+
+
+def _median_mm(metres: Float64) -> float:
+    return 1000 * float(np.median(metres)) if metres.size else float("nan")

@@ -1,0 +1,172 @@
+"""The method `line-skeleton`: an arm of eight joints by the image processing of 2012.
+
+It is kept as a baseline, as the document that it comes from describes it; `docs/methods/line-skeleton.md` tells the
+stages, which of them the document leaves open, and where it fails. It knows no earlier image and no hand: fingers have
+their names by the order of their angles alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import SettingsError
+from mocapella.geometry.lens import undistort
+from mocapella.model.arms import ARM_JOINTS, ARM_POINTS, SeenArm, SeenArms
+from mocapella.model.camera import Camera
+from mocapella.model.hand import ANGLES
+from mocapella.model.observations import JointState
+from mocapella.sensing.line_skeleton_joints import Grid, Hand, grid, hand, nearest
+from mocapella.sensing.line_skeleton_outline import Lines, Outline, Separated, lines, outline, separated
+from mocapella.sensing.line_skeleton_settings import LineSkeletonSettings
+
+__all__ = ["LineSkeleton", "LineSkeletonSettings", "Looked"]
+
+UInt8 = NDArray[np.uint8]
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+
+MEASURED_SD_M: Final = 0.03
+"""Of a joint that was found, in each coordinate: see `docs/methods/line-skeleton.md` for how far off they are."""
+INFERRED_SD_M: Final = 0.1
+"""Of a finger that was not found, and put into the palm: a finger's length."""
+
+
+@dataclass(frozen=True, eq=False)
+class Looked:
+    """What came of each half of the method; None where it did not get so far.
+
+    Attributes:
+        separated, outline, lines, grid, hand: see there.
+        joints: (8, 3) in the camera's space [m], in the order of `ARM_JOINTS`.
+        found: (8,) bool; False of a finger that was put into the palm, and of a joint that is NaN because the
+            lens shows nothing there.
+        reason: why there are none; empty where there are.
+    """
+
+    separated: Separated
+    outline: Outline | None = None
+    lines: Lines | None = None
+    grid: Grid | None = None
+    hand: Hand | None = None
+    joints: Float64 | None = None
+    found: NDArray[np.bool_] | None = None
+    reason: str = ""
+
+
+class LineSkeleton:
+    """Finds one arm in each image by itself; a `mocapella.model.arms.ArmMethod`."""
+
+    name = "line-skeleton"
+
+    def __init__(self, camera: Camera, settings: LineSkeletonSettings | None = None) -> None:
+        self.camera = camera
+        self.settings = settings or LineSkeletonSettings()
+        width, height = camera.size_px
+        pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(np.float64)
+        rays = undistort(pixels, camera.lens)
+        self._rays = rays[:, ::-1] if self.settings.mirror else rays
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin with the id 0 again; there is nothing else to forget."""
+        self._id, self._seen = 0, False
+
+    def update(self, depth: Float32, at_s: float) -> SeenArms:
+        """Look at the next image, as `mocapella.model.arms.ArmMethod` says; the instant does not matter.
+
+        Raises:
+            SettingsError: the image has another size than the camera's.
+        """
+        looked = self.look(depth)
+        if looked.joints is None or looked.found is None:
+            self._id, self._seen = self._id + self._seen, False
+            return SeenArms((), looked.reason)
+        self._seen = True
+        points, states = (
+            np.full((len(ARM_POINTS), 3), np.nan),
+            np.full(len(ARM_POINTS), JointState.NOT_TRACKED, np.uint8),
+        )
+        sd, joints = np.full(len(ARM_POINTS), np.nan, dtype=np.float32), list(ARM_JOINTS)
+        points[joints] = looked.joints
+        known = np.isfinite(looked.joints).all(axis=-1)  # not where the lens shows nothing
+        guessed = np.where(known, JointState.INFERRED, JointState.NOT_TRACKED)
+        states[joints] = np.where(looked.found, JointState.TRACKED, guessed)
+        sd[joints] = np.where(looked.found, MEASURED_SD_M, np.where(known, INFERRED_SD_M, np.nan))
+        return SeenArms((SeenArm(self._id, False, 0.5, points, states, sd, np.full(len(ANGLES), np.nan)),))
+
+    def look(self, depth: Float32) -> Looked:
+        """All that comes of an image, for people who want to see it.
+
+        Args:
+            depth: (height, width) [m]; what is not above 0 was not measured.
+
+        Raises:
+            SettingsError: the image has another size than the camera's.
+        """
+        s, (width, height) = self.settings, self.camera.size_px
+        metres = np.asarray(depth, dtype=np.float32)
+        if metres.shape != (height, width):
+            given = " × ".join(map(str, metres.shape[::-1]))
+            raise SettingsError(f"the depth image is {given}; camera {self.camera.name} has {width} × {height} px")
+        first = separated(metres, s)
+        if not first.gray.any():
+            return Looked(first, reason=self._nothing(first))
+        second = outline(first, s)
+        if second is None:
+            return Looked(first, reason=f"no outline is larger than {s.least_area_px:g} px²: no arm, or it is too far")
+        if np.count_nonzero(second.arm) > s.fills_most * second.arm.size:
+            return Looked(first, second, reason=f"what is near takes up more than {s.fills_most:.0%} of the image: "
+                          "the arm is too near, or it is a wall")  # fmt: skip
+        third, points = lines(second, s), grid(second, self._rays, s)
+        if not len(third.segments):
+            return Looked(first, second, third, points, reason="no line in the skeleton: what is near is no arm")
+        if not len(points.metres):
+            return Looked(first, second, third, points, reason="no point of the grid is in the arm and the cube region")
+        fourth = hand(second, third, points, 0.5 * float(self.camera.lens[0] + self.camera.lens[1]), s)
+        return Looked(first, second, third, points, fourth, *self._placed(points, fourth))
+
+    def stages(self, depth: Float32) -> Mapping[str, UInt8]:
+        """The picture of each stage by its name, in order: (height, width) gray, or (height, width, 3) BGR.
+
+        Stages that were not reached are left out.
+
+        Raises:
+            SettingsError: as of `look`.
+        """
+        from mocapella.sensing.line_skeleton_sheet import pictures
+
+        return pictures(self.look(depth))
+
+    def _nothing(self, first: Separated) -> str:
+        s, seen = self.settings, first.millimetres[first.millimetres > 0]
+        if not seen.size:
+            return "nothing was measured in the whole image"
+        return (
+            f"nothing lies between {s.near_m:g} and {s.far_m:g} m; the nearest is at {seen.min() / 1000:.2f} m, the "
+            f"median at {np.median(seen) / 1000:.2f} m: move the arm, or give the right unit"
+        )
+
+    def _placed(self, points: Grid, found: Hand) -> tuple[Float64, NDArray[np.bool_]]:
+        """Joints in space by the depth of the grid's nearest points, and the position rules."""
+        s = self.settings
+        pixels = np.concatenate([[found.elbow, found.wrist, found.palm], found.tips])
+        z = points.metres[[nearest(points, pixel) for pixel in pixels]]
+        z[2] -= s.palm_forward_m
+        joints = self._in_space(pixels, z)
+        seen = np.isfinite(joints).all(axis=-1)
+        seen[3:] &= (found.tips != 0).any(axis=-1) & (np.linalg.norm(joints[3:] - joints[2], axis=-1) <= s.longest_m)
+        joints[3:][~seen[3:]] = joints[2]
+        return joints, seen
+
+    def _in_space(self, pixels: Float64, z: Float64) -> Float64:
+        """(n, 3) of pixels of the mirrored picture at a depth."""
+        unmirrored: Any = pixels.copy()
+        if self.settings.mirror:
+            unmirrored[:, 0] = self.camera.size_px[0] - 1 - unmirrored[:, 0]
+        rays = np.concatenate([undistort(unmirrored, self.camera.lens), np.ones((len(z), 1))], axis=-1)
+        return np.asarray(rays * z[:, None])

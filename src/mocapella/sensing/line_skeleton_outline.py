@@ -1,0 +1,167 @@
+"""From a depth image to the outline of an arm, its circular region, and the lines of its skeleton.
+
+The first half of `mocapella.sensing.line_skeleton`: pictures in the order in which they are made of each other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.sensing.line_skeleton_settings import LineSkeletonSettings
+from mocapella.sensing.line_skeleton_thinning import Skeleton, skeleton
+
+UInt8 = NDArray[np.uint8]
+UInt16 = NDArray[np.uint16]
+Int32 = NDArray[np.int32]
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+
+_PAD_PX = 2
+"""Around the picture, so that what reaches its border has a closed outline."""
+_LEAST_OUTLINE = 5
+"""Points of which an ellipse can be made."""
+_NEIGHBOURS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
+
+
+@dataclass(frozen=True, eq=False)
+class Separated:
+    """A depth image as what is measured and what is seen, and what is near in it; (height, width).
+
+    Attributes:
+        millimetres: uint16, 0 where nothing was measured.
+        gray: uint8: 255 at the near end of the cube region, 1 at its far end, 0 elsewhere.
+        median, gaussian: after each blur.
+        near: 255 where the blurred picture is above the threshold.
+        mirrored: that in a mirror, or not where the settings say so.
+    """
+
+    millimetres: UInt16
+    gray: UInt8
+    median: UInt8
+    gaussian: UInt8
+    near: UInt8
+    mirrored: UInt8
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """An arm in the mirrored picture.
+
+    Attributes:
+        edges: of Canny.
+        outlines: (n, 2) int32 each [px]: all that pass the area filter, the nearest first.
+        arm: 255 within the nearest, else 0.
+        centre: (2,) of the smallest circle around it [px].
+        radius_px: its radius.
+        metres: float32, the mirrored depth; within the region the noise is replaced.
+        noisy: bool, where it was.
+    """
+
+    edges: UInt8
+    outlines: tuple[Int32, ...]
+    arm: UInt8
+    centre: Float64
+    radius_px: float
+    metres: Float32
+    noisy: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """An arm's lines in the mirrored picture.
+
+    Attributes:
+        skeleton: see there.
+        segments: (n, 4) x and y of the first and of the last point [px], the longest first.
+        rotation_degrees: of the ellipse that fits the outline: 0 is upright, 90 level, below 90 leaning to the right.
+    """
+
+    skeleton: Skeleton
+    segments: Float64
+    rotation_degrees: float
+
+
+def separated(metres: Float32, s: LineSkeletonSettings) -> Separated:
+    """16 bits for measuring and 8 bits for seeing; blurs, threshold, mirror.
+
+    Args:
+        metres: (height, width); what is not above 0 was not measured.
+        s: see there.
+    """
+    measured = np.where(metres > 0, metres, np.float32(0))  # NaN, too
+    millimetres = np.minimum(np.rint(measured * np.float32(1000)), np.float32(65535)).astype(np.uint16)
+    within = (measured >= s.near_m) & (measured <= s.far_m)
+    gray = np.zeros(metres.shape, dtype=np.uint8)
+    gray[within] = np.rint(_gray(measured[within], s)).astype(np.uint8)
+    median: Any = cv2.medianBlur(gray, s.median_px) if s.median_px > 1 else gray
+    gaussian: Any = cv2.GaussianBlur(median, (s.gaussian_px, s.gaussian_px), 0)
+    # The nearest 1 % of what there is: a single pixel that is nearer than all is noise.
+    counts = np.cumsum(np.bincount(median.ravel(), minlength=256)[:0:-1])
+    nearest = 255 - int(np.searchsorted(counts, 0.01 * counts[-1], side="right")) if counts[-1] else 255
+    threshold = nearest - 254.0 * s.reach_m / (s.far_m - s.near_m)
+    near: Any = cv2.threshold(gaussian, max(threshold, 0.5), 255, cv2.THRESH_BINARY)[1]
+    mirrored = np.ascontiguousarray(near[:, ::-1]) if s.mirror else near
+    return Separated(millimetres, gray, median, gaussian, near, mirrored)
+
+
+def outline(pictures: Separated, s: LineSkeletonSettings) -> Outline | None:
+    """Edges, outlines, area filter, circular region and noise; None where no outline is large enough."""
+    p = _PAD_PX
+    padded = cv2.copyMakeBorder(pictures.mirrored, p, p, p, p, cv2.BORDER_CONSTANT, value=(0,))
+    edges = cv2.Canny(padded, s.canny_low, s.canny_high)
+    # With what they enclose, because a gap of one pixel in an edge would leave an outline of no area.
+    found, _ = cv2.findContours(cv2.bitwise_or(edges, padded), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    large = [one for one in found if len(one) >= _LEAST_OUTLINE and cv2.contourArea(one) >= max(s.least_area_px, 1.0)]
+    if not large:
+        return None
+    gray = pictures.gaussian[:, ::-1] if s.mirror else pictures.gaussian
+    fillings = [_filled(one, padded.shape)[p:-p, p:-p] for one in large]
+    order = np.argsort([-float(gray[(filling > 0) & (pictures.mirrored > 0)].mean()) for filling in fillings])
+    height, width = pictures.mirrored.shape
+    outlines = tuple(np.clip(large[k][:, 0] - p, 0, (width - 1, height - 1)).astype(np.int32) for k in order)
+    arm = np.ascontiguousarray(fillings[order[0]])
+    centre, radius = cv2.minEnclosingCircle(cv2.convexHull(outlines[0]))
+    metres = pictures.millimetres.astype(np.float32) * np.float32(0.001)
+    if s.mirror:
+        metres = np.ascontiguousarray(metres[:, ::-1])
+    noisy = (arm > 0) & (metres == 0)
+    metres[noisy] = _medians(metres, noisy) if s.noise == "median" else s.noise_m
+    return Outline(
+        np.ascontiguousarray(edges[p:-p, p:-p]), outlines, arm, np.array(centre), float(radius), metres, noisy
+    )
+
+
+def lines(of: Outline, s: LineSkeletonSettings) -> Lines:
+    """The skeleton's stages and the probabilistic Hough transform of what they leave."""
+    made = skeleton(of.arm, s.ridge_least)
+    found = cv2.HoughLinesP(made.lines, 1, np.pi / 180, s.hough_votes, None, s.hough_length_px, s.hough_gap_px)
+    segments = np.zeros((0, 4)) if found is None else np.asarray(found, dtype=np.float64).reshape(-1, 4)
+    lengths = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
+    return Lines(made, segments[np.argsort(-lengths, kind="stable")], float(cv2.fitEllipse(of.outlines[0])[2]))
+
+
+def _filled(contour: Any, shape: tuple[int, ...]) -> UInt8:
+    out = np.zeros(shape, dtype=np.uint8)
+    cv2.drawContours(out, [contour], -1, (255,), cv2.FILLED)
+    return out
+
+
+def _gray(metres: Float32, s: LineSkeletonSettings) -> Float32:
+    return 255 - 254 * (metres - np.float32(s.near_m)) / np.float32(s.far_m - s.near_m)
+
+
+def _medians(metres: Float32, where: NDArray[np.bool_]) -> Float32:
+    """Of each pixel ``where``, the median of its neighbours that are above 0; 0 where none is."""
+    wide = np.pad(metres, 1)
+    y, x = np.nonzero(where)
+    around = np.stack([wide[y + 1 + dy, x + 1 + dx] for dy, dx in _NEIGHBOURS], axis=-1)
+    around[around == 0] = np.nan
+    some = np.isfinite(around).any(axis=-1)
+    out = np.zeros(len(around), dtype=np.float32)
+    out[some] = np.nanmedian(around[some], axis=-1)
+    return out

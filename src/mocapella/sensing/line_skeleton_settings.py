@@ -1,0 +1,91 @@
+"""The settings of `mocapella.sensing.line_skeleton`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from mocapella.settings import check
+
+
+@dataclass(frozen=True)
+class LineSkeletonSettings:
+    """What the document names has its value; of the others the docstring says what they are for.
+
+    Attributes:
+        near_m, far_m: the cube region: along the optical axis from near to far, and as far to the sides of the axis as
+            half its depth.
+        reach_m: the threshold lies this far behind the nearest part of the picture. Whoever stands nearer than that to
+            their arm is taken for a part of it.
+        median_px, gaussian_px: sizes of the blurs, odd.
+        canny_low, canny_high: thresholds of the hysteresis.
+        least_area_px: the area filter of the outlines.
+        mirror: whether the picture is turned over, as in a mirror. It decides which end of a level arm is its elbow,
+            and which end of the fingers is the thumb.
+        noise: what is put where nothing was measured within the region: ``far`` puts noise_m, ``median`` the median of
+            the neighbours that were measured, of eight.
+        noise_m: see there.
+        ridge_least: of `mocapella.sensing.line_skeleton_thinning.skeleton`.
+        hough_votes, hough_length_px, hough_gap_px: of the probabilistic Hough transform.
+        corner_part: a Harris corner is at least this part of the strongest.
+        least_hull_px2: the area filter of the convex hulls.
+        finger_degrees: a finger is at most this far from the direction elbow–palm, or elbow–wrist.
+        angle_at: from where the angle is measured: palm or wrist.
+        tip_radius_m, tip_fill_most: the tip-size filter: of a disc of this radius around a tip, at most this part is
+            arm.
+        palm_forward_m: so much nearer than its pixel the palm is.
+        blob_nearer_m: a part of the hand so much nearer than the palm is a blob.
+        blob_least_m2: the area filter of blobs, at their distance.
+        grid_px: points are looked at in every so many pixels of every so many rows.
+        longest_m: the position rule: a finger that would be longer goes to the palm.
+        fills_most: an arm takes up at most this part of the picture.
+    """
+
+    near_m: float = 0.2
+    far_m: float = 1.4
+    reach_m: float = 0.15
+    median_px: Literal[1, 3, 5] = 5
+    gaussian_px: int = 5
+    canny_low: float = 50.0
+    canny_high: float = 150.0
+    least_area_px: float = 2000.0
+    mirror: bool = True
+    noise: Literal["far", "median"] = "far"
+    noise_m: float = 3.0
+    ridge_least: int = 128
+    hough_votes: int = 20
+    hough_length_px: float = 20.0
+    hough_gap_px: float = 8.0
+    corner_part: float = 0.05
+    least_hull_px2: float = 1000.0
+    finger_degrees: float = 110.0
+    angle_at: Literal["palm", "wrist"] = "palm"
+    tip_radius_m: float = 0.018
+    tip_fill_most: float = 0.5
+    palm_forward_m: float = 0.02
+    blob_nearer_m: float = 0.02
+    blob_least_m2: float = 1e-4
+    grid_px: int = 4
+    longest_m: float = 1.5
+    fills_most: float = 0.6
+
+    def __post_init__(self) -> None:
+        check(0 < self.near_m < self.far_m <= 20, "near_m", self.near_m, f"above 0 and below far_m, {self.far_m}")
+        for name in ("reach_m", "noise_m", "longest_m", "tip_radius_m", "blob_nearer_m"):
+            check(0 < getattr(self, name) <= 20, name, getattr(self, name), "above 0 and at most 20 m")
+        check(self.median_px in (1, 3, 5), "median_px", self.median_px, "1, 3 or 5")
+        check(
+            self.gaussian_px % 2 == 1 and 1 <= self.gaussian_px <= 31, "gaussian_px", self.gaussian_px, "odd, 1 to 31"
+        )
+        check(0 < self.canny_low <= self.canny_high, "canny_low", self.canny_low, "above 0, at most canny_high")
+        for name in ("least_area_px", "least_hull_px2", "hough_length_px", "hough_gap_px", "blob_least_m2"):
+            check(getattr(self, name) >= 0, name, getattr(self, name), "0 or more")
+        check(self.noise in ("far", "median"), "noise", self.noise, "far or median")
+        check(self.angle_at in ("palm", "wrist"), "angle_at", self.angle_at, "palm or wrist")
+        check(0 <= self.ridge_least <= 255, "ridge_least", self.ridge_least, "0 to 255")
+        check(self.hough_votes >= 1, "hough_votes", self.hough_votes, "1 or more")
+        for name in ("corner_part", "tip_fill_most", "fills_most"):
+            check(0 < getattr(self, name) <= 1, name, getattr(self, name), "above 0 and at most 1")
+        check(0 < self.finger_degrees <= 180, "finger_degrees", self.finger_degrees, "above 0, at most 180")
+        check(abs(self.palm_forward_m) <= 0.1, "palm_forward_m", self.palm_forward_m, "at most 0.1 m")
+        check(1 <= self.grid_px <= 50, "grid_px", self.grid_px, "1 to 50")

@@ -1,0 +1,72 @@
+"""The table of grids: what it counts, on drawn arms of which the truth is known."""
+
+from __future__ import annotations
+
+import sys
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cv2")
+
+from sensing.drawn_arms import CAMERA, arm
+
+from mocapella.errors import EvaluationError, SettingsError
+from mocapella.evaluation.line_skeleton_grid import GRIDS_PX, GridRow, grid_table, plot_grid
+from mocapella.sensing.line_skeleton import LineSkeletonSettings
+
+ROWS = (GridRow(1, 3, 3, 20.0, 25.0, 30.0, 9.0, 1.0), GridRow(10, 3, 3, 12.0, 14.0, 35.0, 20.0, 0.8))
+
+
+def test_each_grid_has_a_row_of_all_frames() -> None:
+    scenes = [arm(), arm(rotation_degrees=180)]
+    nothing = np.zeros_like(scenes[0].depth), scenes[0].truth, 2.0
+    frames = [*((scene.depth, scene.truth, float(at)) for at, scene in enumerate(scenes)), nothing]
+    ticks = count()
+    rows = grid_table(frames, CAMERA, lambda: 0.002 * next(ticks))
+    assert tuple(row.grid_px for row in rows) == GRIDS_PX
+    for row in rows:
+        assert (row.frames, row.arms) == (3, 2)
+        assert row.median_ms == pytest.approx(2.0)
+        assert row.p95_ms == pytest.approx(2.0)
+        assert row.tips_found == pytest.approx(1 / 3)  # those of the first; of the turned arm none is in its place
+        assert row.tips_mm < 15
+        assert row.arm_mm > 30
+
+
+def test_a_truth_that_is_not_known_is_not_missed() -> None:
+    scene = arm()
+    truth = scene.truth.copy()
+    truth[[4, 8]] = np.nan
+    (row,) = grid_table([(scene.depth, truth, 0.0)], CAMERA, lambda: 0.0, grids_px=(4,))
+    assert row.tips_found == 1.0
+    (none,) = grid_table([(scene.depth, np.full_like(truth, np.nan), 0.0)], CAMERA, lambda: 0.0, grids_px=(4,))
+    assert np.isnan([none.tips_found, none.tips_mm, none.arm_mm]).all()
+
+
+def test_settings_reach_the_method() -> None:
+    scene = arm()
+    settings = LineSkeletonSettings(least_area_px=1e6)
+    (row,) = grid_table([(scene.depth, scene.truth, 0.0)], CAMERA, lambda: 0.0, grids_px=(2,), settings=settings)
+    assert (row.arms, row.tips_found) == (0, 0.0)
+
+
+def test_without_frames_there_is_no_table() -> None:
+    with pytest.raises(EvaluationError, match="no frame"):
+        grid_table([], CAMERA, lambda: 0.0)
+
+
+def test_it_is_drawn(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    plot_grid(ROWS, tmp_path / "grid.svg")
+    assert "<svg" in (tmp_path / "grid.svg").read_text(encoding="utf-8")
+    with pytest.raises(SettingsError, match=r"name a \.png or \.svg"):
+        plot_grid(ROWS, tmp_path / "nowhere" / "grid.png")
+
+
+def test_without_matplotlib_it_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    with pytest.raises(SettingsError, match="matplotlib is not installed"):
+        plot_grid(ROWS, tmp_path / "grid.png")
