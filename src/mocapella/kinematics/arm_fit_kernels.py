@@ -43,6 +43,7 @@ D_FOREARM, D_UPPER, D_LENGTH, D_SCALE, D_THICK, D_ARM_THICK, D_DIGITS = 0, 2, 4,
 BODY_DOFS = 13
 
 _MOST = 24  # dofs of one residual
+_JUDGED = 0.7  # of the robust scales, when what came out is judged
 _TARGET_SD = 0.004  # of a fingertip that was found as the end of a branch [m]
 
 
@@ -519,6 +520,7 @@ def fit(
     for turn in range(iterations + 1):
         last = turn == iterations
         f = 1.0 if last or iterations < 2 else max(loose * (1.0 - 1.5 * turn / (iterations - 1)), 1.0)
+        f *= _JUDGED if last else 1.0
         now[0], now[1] = f * numbers[0], f * numbers[1]
         for i in range(full):
             g[i] = 0.0

@@ -55,7 +55,7 @@ class DepthArmsSettings:
 
     arms: int = 2
     hand_length_m: float = 0.189
-    believe: float = 0.45
+    believe: float = 0.35
     keep: float = 0.6
     doubt: float = 0.12
     better: float = 0.8
@@ -189,18 +189,23 @@ class DepthArms:
 
     def _look(self, depth: Float32, at_s: float) -> None:
         s = self.settings
+        found: list[tuple[float, Handedness, Fitted]] = []
         for candidate in palm_candidates(depth, self._lens, s.region):
+            if not any(self._same(arm, candidate) for arm in self._arms):
+                best = self._best_start(depth, candidate)
+                if best is not None and best[1].cost <= s.believe:
+                    found.append((best[1].cost, *best))
+        found.sort(key=lambda one: one[0])
+        for _, side, fitted in found:
             if len(self._arms) == s.arms:
                 return
-            if any(self._same(arm, candidate) for arm in self._arms):
+            centre = self.models[side].points(fitted.pose)[21]
+            if any(np.linalg.norm(self.models[arm.side].points(arm.fitted.pose)[21] - centre) < 0.08 for arm in self._arms):
                 continue
-            best = self._best_start(depth, candidate)
-            if best is not None and best[1].cost <= s.believe:
-                side, fitted = best
-                arm = _Arm(self._next_id, side, fitted, at_s)
-                self._next_id += 1
-                arm.region = self._region(depth, self.models[side].spheres(fitted.pose))
-                self._arms.append(arm)
+            arm = _Arm(self._next_id, side, fitted, at_s)
+            self._next_id += 1
+            arm.region = self._region(depth, self.models[side].spheres(fitted.pose))
+            self._arms.append(arm)
 
     def _same(self, arm: _Arm, candidate: PalmCandidate) -> bool:
         spheres = self.models[arm.side].spheres(arm.fitted.pose)
@@ -229,7 +234,24 @@ class DepthArms:
             return None
         found.sort(key=lambda one: one[0])
         DEBUG.append([(round(c, 3), np.round(f.costs,3), a, bool(f.pose.R[5+2-0-0] > 9) , 'back' if f.pose.R[7] < 0 else 'palm') for c, a, f in found])
-        return found[0][1], found[0][2]
+        best = [self._repaired(depth, side, fitted) for _, side, fitted in found[:3]]
+        return min(best, key=lambda one: one[1].cost)
+
+    def _repaired(self, depth: Float32, side: Handedness, fitted: Fitted) -> tuple[Handedness, Fitted]:
+        """With each digit held otherwise where that is better."""
+        model = self.models[side]
+        for digit in range(5):
+            part = self._region(depth, model.spheres(fitted.pose))
+            if part is None:
+                break
+            for flexion, abduction, middle in _OTHERWISE[digit > 0]:
+                start = fitted.pose.copied()
+                _bend(model, start.z, digit, flexion, abduction, middle)
+                fit_kernels().within(model.digits, model.columns, model.gains, start.z, model.c_max)
+                other = model.fit(start, model.unexpected(start), _evidence(part, model, start), iterations=6, loose=1.5)
+                if other.cost < 0.97 * fitted.cost:
+                    fitted = other
+        return side, fitted
 
     # Telling.
 
@@ -337,12 +359,24 @@ _BENT: Final = ((0, 0, 40), *[(70, 0, 85)] * 4)
 """Flexion, abduction and second flexion of thumb to little finger [degrees]."""
 
 
+_OTHERWISE: Final = (
+    ((0, 0, 10), (20, 15, 50), (-20, -15, 10), (20, -15, 50)),
+    ((0, 0, 5), (45, 0, 45), (80, 0, 95), (5, 0, 95), (80, 0, 15)),
+)
+"""Of a thumb, and of a finger: straight, half bent, fist, hook, at right angles to the palm."""
+
+
 def _posed(model: ArmModel, flexions: tuple[tuple[int, int, int], ...]) -> Float64:
     z = model.natural.copy()
-    for digit, (f, a, m) in enumerate(flexions):
-        columns = model.columns[digit]
-        for k, value in ((0, f), (1, a), (2, m), (3, m * model.model.coupling[digit])):
-            if columns[k] >= 0:
-                z[columns[k]] = np.radians(value)
+    for digit, held in enumerate(flexions):
+        _bend(model, z, digit, *held)
     fit_kernels().within(model.digits, model.columns, model.gains, z, model.c_max)
     return z
+
+
+def _bend(model: ArmModel, z: Float64, digit: int, flexion: float, abduction: float, middle: float) -> None:
+    """Hold a digit so [degrees]."""
+    columns = model.columns[digit]
+    for k, value in ((0, flexion), (1, abduction), (2, middle), (3, middle * model.model.coupling[digit])):
+        if columns[k] >= 0:
+            z[columns[k]] = np.radians(value)
