@@ -138,7 +138,8 @@ class Fitted(NamedTuple):
 
     Attributes:
         pose: see there.
-        costs: (3,) mean robust cost of points and of flesh, from 0 to 1, and of digits that overlap.
+        costs: (4,) mean robust cost of points and of flesh, from 0 to 1; of digits that overlap; and how unusual size
+            and angles are, in standard deviations squared.
         assigned: (pieces,) weight of the points that each piece explains.
         information: (n, n) of the dofs.
     """
@@ -151,7 +152,7 @@ class Fitted(NamedTuple):
     @property
     def cost(self) -> float:
         """One number to compare poses by."""
-        return float(self.costs[0] + self.costs[1] + 0.1 * min(self.costs[2], 2.0))
+        return float(self.costs[0] + self.costs[1] + 0.1 * min(self.costs[2], 2.0) + 0.002 * self.costs[3])
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,6 +189,9 @@ class ArmModel:
         self.owners = np.array(
             [(d, bone) for d in range(5) for bone in range(3)] + [(-1, 0)] * len(self.palm) + [(-2, 0)] * 2 + [(-3, 0)]
         )
+        s = self.settings
+        self.sizes = np.zeros(kernels().STATE)
+        self.sizes[:2], self.sizes[10:] = (1 / s.size_sd**2, 1 / s.thickness_sd**2), 1 / s.digit_sd**2
         self.length_m = length
         self.forearm_m = _FOREARM_OF_HAND * length
 
@@ -256,21 +260,30 @@ class ArmModel:
         )  # fmt: skip
         costs[0] /= total
         costs[1] /= max(costs[3], 1e-4)
-        return Fitted(pose, costs[:3], assigned, information)
+        off = pose.z - self.natural
+        v = (pose.v - e.v) * np.sqrt(self.sizes)
+        costs[3] = off @ self.prior @ off + v[:2] @ v[:2] + v[10:] @ v[10:]
+        return Fitted(pose, costs, assigned, information)
 
     def spheres(self, pose: ArmPose, spacing_m: float = 0.025) -> Float64:
         """(k, 5) balls along the flesh, camera [m], and 1 for the hand's, 0 for the arm's."""
         out = np.empty((400, 5))
         return out[: kernels().balls(self.pieces(pose)[0], self.owners, pose.R, pose.t, spacing_m, out)]
 
-    def relevance(self, points: Float64, pose: ArmPose) -> Float64:
-        """(m,) how much points (m, 3) of the image count: those about the hand most, then the forearm's."""
+    def relevance(self, points: Float64, pose: ArmPose, beyond: float = 0.05) -> Float64:
+        """(m,) how much points (m, 3) of the image count: those about the hand most, then the forearm's.
+
+        Args:
+            points: camera [m].
+            pose: see there.
+            beyond: how much those count that are farther away.
+        """
         x = (points - pose.t) @ pose.R.reshape(3, 3) / pose.v[0]
         hand = ((x - [0.0, 0.0, 0.45 * self.length_m]) ** 2).sum(axis=1) < (0.85 * self.length_m) ** 2
         along = x @ pose.v[4:7]
         across = (x**2).sum(axis=1) - along**2
         forearm = (along > 0) & (along < self.forearm_m + 0.05) & (across < 0.07**2)
-        return np.where(forearm, 0.5, np.where(hand, 1.0, 0.05))
+        return np.where(forearm, 0.5, np.where(hand, 1.0, beyond))
 
     def pieces(self, pose: ArmPose) -> tuple[Float64, Float64]:
         """(k, PIECE) the flesh in the palm's frame, and (5, 4, 3) the digits' joints."""

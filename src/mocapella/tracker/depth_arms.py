@@ -161,7 +161,7 @@ class DepthArms:
                 found = self._best_start(depth, candidate)
                 if found is not None and (best is None or found[1].cost < best[1].cost):
                     best = found
-        return best
+        return None if best is None else self._repaired(depth, *best)
 
     def _predicted(self, arm: _Arm, model: ArmModel, dt: float) -> ArmPose:
         pose = arm.fitted.pose.copied()
@@ -196,6 +196,8 @@ class DepthArms:
                 if best is not None and best[1].cost <= s.believe:
                     found.append((best[1].cost, *best))
         found.sort(key=lambda one: one[0])
+        found = [(one[1].cost, *one) for one in (self._repaired(depth, *pair[1:]) for pair in found[: s.arms + 1])]
+        found.sort(key=lambda one: one[0])
         for _, side, fitted in found:
             if len(self._arms) == s.arms:
                 return
@@ -215,11 +217,10 @@ class DepthArms:
         part = self._region(depth, candidate.spheres)
         if part is None or len(part.points) < 60:
             return None
-        every = max(len(part.points) // 200, 1)
         tried: list[tuple[float, Handedness, Fitted]] = []
         for side, model in self.models.items():
             for start, tips in _starts(model, candidate):
-                fitted = model.fit(start, model.unexpected(start), _evidence(part, model, start, every), iterations=6, loose=3.0, tips=tips)
+                fitted = model.fit(start, model.unexpected(start), _evidence(part, model, start, 200, 0.3), iterations=6, loose=3.0, tips=tips)
                 tried.append((fitted.cost, side, fitted))
         tried.sort(key=lambda one: one[0])
         found: list[tuple[float, Handedness, Fitted]] = []
@@ -228,14 +229,13 @@ class DepthArms:
             finer = self._region(depth, model.spheres(fitted.pose))
             if finer is None:
                 continue
-            better = model.fit(fitted.pose, model.unexpected(fitted.pose), _evidence(finer, model, fitted.pose), iterations=10)
+            better = model.fit(fitted.pose, model.unexpected(fitted.pose), _evidence(finer, model, fitted.pose, 400, 0.3), iterations=8)
             found.append((better.cost, side, better))
         if not found:
             return None
         found.sort(key=lambda one: one[0])
         DEBUG.append([(round(c, 3), np.round(f.costs,3), a, bool(f.pose.R[5+2-0-0] > 9) , 'back' if f.pose.R[7] < 0 else 'palm') for c, a, f in found])
-        best = [self._repaired(depth, side, fitted) for _, side, fitted in found[:3]]
-        return min(best, key=lambda one: one[1].cost)
+        return found[0][1], found[0][2]
 
     def _repaired(self, depth: Float32, side: Handedness, fitted: Fitted) -> tuple[Handedness, Fitted]:
         """With each digit held otherwise where that is better."""
@@ -248,7 +248,7 @@ class DepthArms:
                 start = fitted.pose.copied()
                 _bend(model, start.z, digit, flexion, abduction, middle)
                 fit_kernels().within(model.digits, model.columns, model.gains, start.z, model.c_max)
-                other = model.fit(start, model.unexpected(start), _evidence(part, model, start), iterations=6, loose=1.5)
+                other = model.fit(start, model.unexpected(start), _evidence(part, model, start, 400, 0.3), iterations=5, loose=1.5)
                 if other.cost < 0.97 * fitted.cost:
                     fitted = other
         return side, fitted
@@ -288,9 +288,9 @@ def _states(points: Float64, part: Region | None, model: ArmModel, pose: ArmPose
     return states
 
 
-def _evidence(part: Region, model: ArmModel, pose: ArmPose, every: int = 1) -> Evidence:
-    points = np.ascontiguousarray(part.points[::every])
-    return Evidence(points, model.relevance(points, pose), part.front, part.nearest_x, part.nearest_y, part.lens)
+def _evidence(part: Region, model: ArmModel, pose: ArmPose, most: int = 10_000, beyond: float = 0.05) -> Evidence:
+    points = np.ascontiguousarray(part.points[:: -(-len(part.points) // most)])
+    return Evidence(points, model.relevance(points, pose, beyond), part.front, part.nearest_x, part.nearest_y, part.lens)
 
 
 def _motion(before: ArmPose, after: ArmPose) -> Float64:
