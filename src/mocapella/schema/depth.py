@@ -106,7 +106,7 @@ def unpack_depth(data: bytes, size_px: tuple[int, int], field: str) -> UInt16:
     small = halves[1].astype(np.uint16)
     small <<= 8
     small |= halves[0]
-    both = ((small >> 1) ^ -(small & 1)).reshape(height, width)
+    both: UInt16 = ((small >> 1) ^ -(small & 1)).reshape(height, width)
     np.add.accumulate(both, axis=0, out=both)
     np.add.accumulate(both, axis=1, out=both)
     return both
