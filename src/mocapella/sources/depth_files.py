@@ -224,7 +224,7 @@ def read_sidecar(path: Path) -> DepthSidecar:
 
 def natural(name: str) -> list[tuple[int, str]]:
     """What to sort names by, so that 9 comes before 10."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name.lower()) if part]
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name.lower()) if part]
 
 
 def _files(paths: Sequence[Path]) -> list[Path]:

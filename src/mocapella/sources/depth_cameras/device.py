@@ -113,7 +113,7 @@ class DepthDevice(ABC):
             check_lens(lens, state.size_px, self.name)
         return state
 
-    def begin(self, zero_s: float) -> None:
+    def begin(self, zero_s: float) -> None:  # noqa: B027 - there is nothing to do, and nobody needs to change that
         """A camera has its own clock."""
 
     def read(self, stop: threading.Event) -> Picture | None:
@@ -161,9 +161,8 @@ class DepthDevice(ABC):
                 return importlib.import_module(module)
             except ImportError:
                 continue
-        raise SettingsError(
-            f"{self.name} needs the package {self.packages[0].partition('.')[0]}, which is not installed: {self.install}"
-        )
+        package = self.packages[0].partition(".")[0]
+        raise SettingsError(f"{self.name} needs the package {package}, which is not installed: {self.install}")
 
     def _index(self) -> int:
         """The camera's number."""

@@ -1,4 +1,4 @@
-"""Depth cameras of OpenNI2 (Asus Xtion, PrimeSense, Orbbec Astra, Structure), by the package ``openni`` or ``primesense``.
+"""Depth cameras of OpenNI2 (Asus Xtion, PrimeSense, Orbbec Astra), by the package ``openni`` or ``primesense``.
 
 OpenNI 2 Programmer's Guide, *VideoStream*: ``getVideoMode``, ``getHorizontalFieldOfView`` [rad] and pixel formats
 ``DEPTH_1_MM`` and ``DEPTH_100_UM``; a frame's time stamp is in microseconds. Many drivers mirror the image, which would
