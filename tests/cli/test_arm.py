@@ -94,7 +94,7 @@ def test_a_folder_gives_joints_in_metres_and_pixels(folder: Path) -> None:
     assert recording["unit_m"] == 0.001
     assert recording["lens"] == LENS.tolist()
     assert recording["counts"] == {"images": 3, "with_arms": 3, "arms": 3, "empty": 0, "damaged": 0}
-    assert recording["ms_per_image"] > 0
+    assert recording["median_ms"] > 0
     frames = recording["frames"]
     assert [Path(frame["file"]).name for frame in frames] == ["9.png", "10.png", "11.png"]
     assert [frame["time_s"] for frame in frames] == [0.0, 0.1, 0.2]

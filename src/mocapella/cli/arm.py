@@ -3,22 +3,36 @@
 from __future__ import annotations
 
 import csv
+import statistics
 import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from mocapella.cli.app import app
-from mocapella.cli.common import JsonOut, MethodSettings, console, need_cameras, say, write_json
+from mocapella.cli.app import app, node_app
+from mocapella.cli.common import (
+    DEFAULT_ADDRESS,
+    Connect,
+    JsonOut,
+    MethodSettings,
+    console,
+    need_cameras,
+    parse_size,
+    say,
+    write_json,
+)
+from mocapella.cli.node import Epoch, EpochFromInput, read_epoch
 from mocapella.errors import SettingsError
 
 if TYPE_CHECKING:
     from mocapella.model.arms import ArmMethod
     from mocapella.model.camera import Camera
+    from mocapella.sources.acquisition import Acquisition
     from mocapella.sources.depth_files import DepthRecording, RecordedDepth
     from mocapella.sources.depth_options import UnitCheck
     from mocapella.tracker.arm_methods import HasStages
@@ -125,6 +139,100 @@ def _table(stack: ExitStack, path: Path) -> Any:
     return writer
 
 
+@node_app.command("arm")
+def node_arm(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SOURCE",
+            help="openni:0, freenect:0, realsense:SERIAL, orbbec:0, 16-bit PNGs or a folder of them, or a take.",
+        ),
+    ],
+    name: Annotated[str, typer.Option(metavar="SENSOR", help="The camera's name.")] = "arm",
+    intrinsics: Intrinsics = None,
+    unit: Unit = None,
+    rig: Rig = None,
+    size: Annotated[str | None, typer.Option("--size", metavar="WxH", help="To ask a camera for.")] = None,
+    fps: Annotated[float | None, typer.Option(metavar="HZ", help="Images a second: to ask for; of files.")] = None,
+    method: Method = "default",
+    method_settings: MethodSettings = None,
+    publish_depth: Annotated[
+        bool,
+        typer.Option(
+            "--publish-depth", help="Send the images, too, as the sensor SENSOR.depth, so that a take has them."
+        ),
+    ] = False,
+    loop: Annotated[bool, typer.Option("--loop", help="A recording begins again when it has ended.")] = False,
+    drop_after_ms: Annotated[
+        float, typer.Option(metavar="MS", min=1, help="Arms found so long after the image was there are not sent.")
+    ] = 100.0,
+    report: Annotated[
+        float, typer.Option(metavar="SECONDS", min=0, help="So often it says how it goes; 0: only what is wrong.")
+    ] = 10.0,
+    connect: Connect = DEFAULT_ADDRESS,
+    epoch: Epoch = None,
+    epoch_from_input: EpochFromInput = False,
+    json: JsonOut = None,
+) -> None:
+    """Serve a depth camera: find the arms in its images, and send them.
+
+    docs/arms/recordings.md has the cameras, and what they need installed.
+
+    Example:  mocapella node arm openni:0 --name arm
+    """
+    need_cameras("node arm")
+    from mocapella.cli.depth_recordings import depth_of_take, depth_options
+    from mocapella.live.arm_node import run_arm_node
+    from mocapella.live.arm_work import ArmWork
+    from mocapella.live.camera_node import CameraNodeSettings
+    from mocapella.live.stopping import stop_on_signals
+    from mocapella.model.observations import check_sensor_name
+    from mocapella.settings import check, settings_of_pairs
+    from mocapella.sources.acquisition import Acquisition
+    from mocapella.sources.depth_options import complete
+    from mocapella.sources.open_depth import open_depth
+    from mocapella.tracker.arm_methods import arm_method
+    from mocapella.wire.node import DEPTH_HISTORY_FRAMES, NodeLink
+
+    check(fps is None or 0 < fps <= 1000, "--fps", fps, "above 0, at most 1000")
+    depth_name = check_sensor_name(f"{check_sensor_name(name)}.depth")
+    options = depth_options(intrinsics, unit, rig, fps, None if size is None else parse_size(size))
+    settings = CameraNodeSettings(drop_after_ms / 1e3, report)
+    images = open_depth(source, options, loop=loop, recorded=lambda text: depth_of_take(text, options))
+    with Acquisition(images, say=say) as acquisition:
+        camera = complete(acquisition.state, source)
+        _tell_state(name, acquisition)
+        work = ArmWork(name, acquisition, camera, arm_method(method, camera, settings_of_pairs(method_settings)))
+        zero = read_epoch() if epoch_from_input else epoch
+        wait = not (images.live or zero is not None)
+        # From here on standard input is watched for the end of who started this process.
+        with stop_on_signals() as stop, NodeLink(connect, name) as link, ExitStack() as depth:
+            depth_link = None
+            if publish_depth:
+                depth_link = depth.enter_context(NodeLink(connect, depth_name, history_frames=DEPTH_HISTORY_FRAMES))
+            summary = run_arm_node(
+                link, acquisition, work, settings, depth_link=depth_link, epoch=zero, stop=stop, wait=wait, say=say
+            )  # fmt: skip
+    say(f"{name}: {summary.published} frames published; {work.words()}")
+    for problem in summary.report["problems"]:
+        say(f"{name}: {problem}")
+    write_json(json, asdict(summary))
+
+
+def _tell_state(sensor: str, acquisition: Acquisition) -> None:
+    """How the source is set, in words."""
+    state = acquisition.state
+    assert state.size_px is not None
+    assert state.lens is not None
+    rate = "" if state.fps is None else f", {state.fps:g} a second"
+    say(
+        f"{sensor}: depth images of {acquisition.source.name}, {state.size_px[0]} × {state.size_px[1]} px{rate}, "
+        f"{state.unit_m:g} m a unit, f {state.lens[0]:.1f} px; their time is {acquisition.source.times}"
+    )
+    for problem in state.problems:
+        say(f"{sensor}: {problem}")
+
+
 class _Run:
     """A method over one recording."""
 
@@ -135,7 +243,7 @@ class _Run:
         self._stages, self._all_points = stages, all_points
         self._rows: list[dict[str, Any]] = []
         self.counts: Counter[str] = Counter()
-        self._took_s = 0.0
+        self._took_s: list[float] = []
         self._reasons: Counter[str] = Counter()
 
     def rows(self) -> Iterator[dict[str, Any]]:
@@ -157,7 +265,7 @@ class _Run:
                 at_s = max((image.time_ns - zero_ns) / NS_PER_S, at_s + 1e-3 if number else 0.0)
                 row = self._row(image, check, unit_m, at_s)
                 self._rows.append(row)
-                self._reasons[row["reason"]] += bool(row["reason"])
+                self._reasons.update([row["reason"]] if row["reason"] else [])
                 yield row
                 if time.monotonic() > shown_s + _SHOWN_EVERY_S:
                     shown_s = time.monotonic()
@@ -181,7 +289,7 @@ class _Run:
             metres = image.depth * np.float32(unit_m)
             begin_s = time.perf_counter()
             found = self.method.update(metres, at_s)
-            self._took_s += time.perf_counter() - begin_s
+            self._took_s.append(time.perf_counter() - begin_s)
             if empty and not found.reason:
                 found = SeenArms(found.arms, "nothing was measured in the whole image")
             if self._stages is not None:
@@ -206,14 +314,13 @@ class _Run:
     def result(self) -> dict[str, Any]:
         """The recording's part of the JSON."""
         state = self.recording.state
-        looked = self.counts["images"] - self.counts["damaged"]
         return {
             "recording": self.recording.name,
             "size_px": list(self.camera.size_px),
             "lens": self.camera.lens.tolist(),
             "unit_m": state.unit_m,
             "counts": {name: self.counts[name] for name in ("images", "with_arms", "arms", "empty", "damaged")},
-            "ms_per_image": round(1e3 * self._took_s / looked, 3) if looked else None,
+            "median_ms": round(1e3 * statistics.median(self._took_s), 3) if self._took_s else None,
             "problems": list(state.problems),
             "frames": self._rows,
         }
