@@ -42,3 +42,16 @@ class NearestArm:
 
     def stages(self, depth: np.ndarray) -> Mapping[str, np.ndarray]:
         return {"8 bit": (depth * 100).astype(np.uint8), "colours": np.zeros((*depth.shape, 3), np.uint8)}
+
+
+def main() -> None:
+    """The command line, with this method in it."""
+    from mocapella.cli import main as mocapella
+    from mocapella.tracker.arm_methods import ARM_METHODS
+
+    ARM_METHODS["nearest"] = NearestArm
+    mocapella()
+
+
+if __name__ == "__main__":
+    main()
