@@ -128,10 +128,6 @@ def test_the_door_makes_each_kind_by_its_name(monkeypatch: pytest.MonkeyPatch) -
         open_depth("kinect:0")
     with pytest.raises(SettingsError, match="cannot be used"):
         open_depth("")
-    source = made("openni")[1]
-    assert open_depth("rendered:demo/3", rendered=lambda text, _: source if text == "demo/3" else None) is source
-    with pytest.raises(SettingsError, match="cannot be used"):
-        open_depth("rendered:demo")
     assert set(MAKERS) == set(door.CAMERAS)
 
 

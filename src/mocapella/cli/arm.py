@@ -145,7 +145,7 @@ def node_arm(
         str,
         typer.Argument(
             metavar="SOURCE",
-            help="openni:0, freenect:0, realsense:SERIAL, orbbec:0, 16-bit PNGs or a folder of them, or a take.",
+            help="openni:0, freenect:0, realsense:SERIAL, orbbec:0, rendered:SCENE/SEED, PNGs, a folder, or a take.",
         ),
     ],
     name: Annotated[str, typer.Option(metavar="SENSOR", help="The camera's name.")] = "arm",

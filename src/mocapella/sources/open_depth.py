@@ -21,10 +21,9 @@ CAMERAS: Final = {
 }
 """By the word before the colon: module, class, and which camera where nothing comes after it."""
 RENDERED: Final = "rendered"
-KINDS: Final = "16-bit PNGs or a folder of them, a take, openni:0, freenect:0, realsense:SERIAL or orbbec:0"
-
-Renderer = Callable[[str, DepthOptions], PictureSource]
-"""Makes a source of what follows ``rendered:``, which is NAME or NAME/SEED."""
+KINDS: Final = (
+    "16-bit PNGs or a folder of them, a take, openni:0, freenect:0, realsense:SERIAL, orbbec:0 or rendered:SCENE/SEED"
+)
 
 
 def open_depth(
@@ -33,7 +32,6 @@ def open_depth(
     *,
     loop: bool = False,
     recorded: Callable[[str], DepthRecording | None] = lambda text: None,
-    rendered: Renderer | None = None,
 ) -> PictureSource:
     """The source of that name; it is not opened yet.
 
@@ -42,10 +40,9 @@ def open_depth(
         options: what the user says of the camera.
         loop: recordings begin again.
         recorded: opens what is a recording of another kind, a take; None where it is none.
-        rendered: makes what is rendered.
 
     Raises:
-        SettingsError: it has the form of none.
+        SettingsError: it has the form of none, or there is no such scene.
         InputError: files cannot be read.
     """
     options = options or DepthOptions()
@@ -55,8 +52,10 @@ def open_depth(
         made = getattr(import_module(f"mocapella.sources.depth_cameras.{module}"), name)
         source: PictureSource = made(which or usual, text, options)
         return source
-    if colon and kind == RENDERED and rendered is not None:
-        return rendered(which, options)
+    if colon and kind == RENDERED:
+        from mocapella.sources.simulate.rendered_depth import open_rendered
+
+        return open_rendered(which, text, options)
     if (recording := recorded(text)) is not None:
         return PacedDepth(recording, loop=loop)
     if not text or (colon and not Path(text).exists() and len(kind) > 1):  # one letter is a drive
