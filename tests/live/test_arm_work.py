@@ -10,8 +10,9 @@ import pytest
 from nearest_arm import NearestArm
 
 from mocapella.errors import InputError
-from mocapella.live.arm_work import ArmWork
+from mocapella.live.arm_work import ArmWork, rough_arm
 from mocapella.live.camera_node import WARN_AFTER_S
+from mocapella.model.camera import Camera
 from mocapella.schema import decode_frame, encode_frame
 from mocapella.sources.acquisition import Acquisition, AcquisitionReport
 from mocapella.sources.depth_options import complete
@@ -68,6 +69,15 @@ def test_arms_and_images_are_frames_that_can_be_sent() -> None:
     back = decode_frame(encode_frame(image))
     np.testing.assert_array_equal(back.depth, picture(3).image)
     assert (back.unit_m, back.lens.tolist()) == (0.001, list(LENS))
+
+
+def test_what_it_compiles_with_is_an_arm_at_the_lower_edge() -> None:
+    camera = Camera("depth", (64, 48), np.array([48.0, 48.0, 31.5, 23.5, 0, 0, 0, 0, 0]))
+    depth = rough_arm(camera)
+    assert (depth.shape, depth.dtype) == ((48, 64), np.float32)
+    assert set(np.unique(depth).tolist()) == {0.0, np.float32(0.7).item()}
+    assert depth[-1].any()
+    assert not (depth[0].any() or depth[:, 0].any() or depth[:, -1].any())
 
 
 def test_empty_images_and_missing_arms_are_said_when_they_begin_and_end() -> None:

@@ -10,6 +10,7 @@ from dataclasses import asdict
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import InputError
@@ -26,6 +27,7 @@ OFTEN: Final = 0.5
 _TIMES: Final = 1000
 """The median time is that of so many images."""
 _MOST_REASONS: Final = 100
+_ROUGH_M: Final = 0.7
 
 
 class ArmWork:
@@ -65,8 +67,7 @@ class ArmWork:
         self._warned = Warned()
         self._before = (0, 0, 0)
         self._reason = ""
-        width, height = camera.size_px
-        method.update(np.zeros((height, width), np.float32), 0.0)  # compiles before the clock matters
+        method.update(rough_arm(camera), 0.0)  # compiles before the clock matters
         method.reset()
 
     def look(self, picture: Picture) -> ArmFrame:
@@ -161,6 +162,16 @@ class ArmWork:
             return
         problem = f"gives {picture.size_px[0]} × {picture.size_px[1]} px now, or has another lens or unit than before"
         raise InputError(problem, file=self.acquisition.source.name, fix="start the node again")
+
+
+def rough_arm(camera: Camera) -> NDArray[np.float32]:
+    """(height, width) [m] of a disc and a bar to the lower edge, as much of an arm as makes a method do all its work."""
+    width, height = camera.size_px
+    fx, fy = camera.lens[:2]
+    x = (np.arange(width) - 0.5 * width) * _ROUGH_M / fx
+    y = ((np.arange(height) - 0.5 * height) * _ROUGH_M / fy)[:, None]
+    there = (np.hypot(x, y) < 0.05) | ((np.abs(x) < 0.03) & (y > 0))
+    return np.where(there, np.float32(_ROUGH_M), np.float32(0))
 
 
 def _alike(one: Any, other: Any) -> bool:
