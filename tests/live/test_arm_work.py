@@ -77,7 +77,7 @@ def test_what_it_compiles_with_is_an_arm_at_the_lower_edge() -> None:
     assert (depth.shape, depth.dtype) == ((48, 64), np.float32)
     assert set(np.unique(depth).tolist()) == {0.0, np.float32(0.7).item()}
     assert depth[-1].any()
-    assert not (depth[0].any() or depth[:, 0].any() or depth[:, -1].any())
+    assert not any(edge.any() for edge in (depth[0], depth[:, 0], depth[:, -1]))
 
 
 def test_empty_images_and_missing_arms_are_said_when_they_begin_and_end() -> None:

@@ -67,7 +67,8 @@ class ArmWork:
         self._warned = Warned()
         self._before = (0, 0, 0)
         self._reason = ""
-        method.update(rough_arm(camera), 0.0)  # compiles before the clock matters
+        for number in range(3):  # compiles before the clock matters, also what needs an image before
+            method.update(rough_arm(camera), number / 30)
         method.reset()
 
     def look(self, picture: Picture) -> ArmFrame:
@@ -165,7 +166,7 @@ class ArmWork:
 
 
 def rough_arm(camera: Camera) -> NDArray[np.float32]:
-    """(height, width) [m] of a disc and a bar to the lower edge, as much of an arm as makes a method do all its work."""
+    """(height, width) [m] of a disc and a bar to the lower edge: enough of an arm for a method to do its work."""
     width, height = camera.size_px
     fx, fy = camera.lens[:2]
     x = (np.arange(width) - 0.5 * width) * _ROUGH_M / fx
