@@ -118,7 +118,8 @@ def node(folder: Path, name: str, connect: str, count: int) -> dict[str, Any]:
     """A camera's node, as `mocapella node markers` is one."""
     from mocapella.cli.node import read_epoch
     from mocapella.live.camera_desk import CameraDesk
-    from mocapella.live.marker_node import MarkerNodeSettings, run_marker_node
+    from mocapella.live.camera_node import CameraNodeSettings
+    from mocapella.live.marker_node import run_marker_node
     from mocapella.live.marker_work import MarkerWork
     from mocapella.live.stage_times import StageTimes
     from mocapella.sources.acquisition import Acquisition
@@ -133,7 +134,7 @@ def node(folder: Path, name: str, connect: str, count: int) -> dict[str, Any]:
                 time.sleep(0.1)
             epoch = read_epoch()
             summary = run_marker_node(
-                link, acquisition, work, desk, MarkerNodeSettings(report_s=0.0),
+                link, acquisition, work, desk, CameraNodeSettings(report_s=0.0),
                 epoch=epoch, stop=stop, wait=False, times=times,
             )  # fmt: skip
             time.sleep(1.0)  # the last frames are on their way

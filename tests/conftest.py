@@ -25,6 +25,7 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 REAL_TIME = (
     *("cli/test_hand_measure.py", "cli/test_record.py", "cli/test_running.py", "sources/test_bridge.py"),
     *(
+        "live/test_arm_node.py",
         "live/test_board_calibration.py",
         "live/test_datagrams.py",
         "live/test_marker_node.py",

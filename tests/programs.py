@@ -30,13 +30,16 @@ def wait_until(what: str, holds: Callable[[], bool], timeout: float = 90.0) -> N
 
 
 class Program:
-    """``mocapella <arguments>`` as a process of its own; its output goes to a file that a failing test can show."""
+    """``mocapella <arguments>`` as a process of its own; its output goes to a file that a failing test can show.
 
-    def __init__(self, folder: Path, name: str, *arguments: str) -> None:
+    ``module`` is what is run instead of `mocapella`, such as one that registers something first.
+    """
+
+    def __init__(self, folder: Path, name: str, *arguments: str, module: str = "mocapella") -> None:
         self.log = folder / f"{name}.log"
         with self.log.open("ab") as log:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "mocapella", *arguments],
+                [sys.executable, "-m", module, *arguments],
                 cwd=folder,
                 stdin=subprocess.DEVNULL,
                 stdout=log,

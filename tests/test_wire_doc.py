@@ -13,6 +13,9 @@ from mocapella.model.session import Setup
 from mocapella.model.topology import topology, topology_names
 from mocapella.schema import MAX_BODIES, MAX_MESSAGE_BYTES, MAX_SCENE_BYTES, SCHEMA_VERSION
 from mocapella.schema import mocapella_pb2 as pb
+from mocapella.schema.arms import MAX_ARMS, MAX_REASON
+from mocapella.schema.checks import MAX_NAME
+from mocapella.schema.depth import MAX_DEPTH_PX, MAX_DEPTH_SIDE_PX, UNITS_M
 from mocapella.schema.marker_datagrams import MAX_DATAGRAM_BYTES, MAX_MARKERS, DatagramProblem
 from mocapella.sources.bridge import BridgeSettings
 from mocapella.sources.marker_datagrams import DatagramSettings
@@ -55,6 +58,10 @@ def test_the_limits_are_those_of_the_code() -> None:
         f"at most {MAX_MESSAGE_BYTES // mib} MiB; a `Scene` or `Truth` at most {MAX_SCENE_BYTES // mib} MiB",
         f"at most {MAX_BODIES} bodies",
         f"schema version {SCHEMA_VERSION}",
+        f"1 to {MAX_DEPTH_SIDE_PX} each, at most {MAX_DEPTH_PX} pixels in all",
+        f"| {UNITS_M[0]:g} to {UNITS_M[1]:g} |",
+        f"at most {MAX_ARMS}, each with an id of its own",
+        f"1 to {MAX_NAME}, at most {MAX_NAME}, at most {MAX_REASON} characters",
         f"not complete after {bridge.message_timeout:g} s",
         f"none for {bridge.idle_timeout:g} s",
         f"those beyond {bridge.max_connections}",

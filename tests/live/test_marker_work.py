@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mocapella.errors import SettingsError
-from mocapella.live.marker_node import MarkerNodeSettings
-from mocapella.live.marker_work import WARN_AFTER_S, MarkerWork
+from mocapella.live.camera_node import WARN_AFTER_S, CameraNodeSettings
+from mocapella.live.marker_work import MarkerWork
 from mocapella.live.stage_times import STAGES, StageTimes
 from mocapella.sensing.tags import TagDetector, TagSettings
 from mocapella.sources.acquisition import Acquisition
@@ -158,7 +158,7 @@ def test_times_are_those_of_numpy_and_end_when_full(frames: int, more: int, seed
 @pytest.mark.parametrize("wrong", [{"drop_after_s": 0.0}, {"report_s": -1.0}])
 def test_settings_have_ranges(wrong: dict[str, float]) -> None:
     with pytest.raises(SettingsError, match=next(iter(wrong))):
-        MarkerNodeSettings(**wrong)
+        CameraNodeSettings(**wrong)
 
 
 def test_tags_are_found_beside_the_colours() -> None:

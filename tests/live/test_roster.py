@@ -7,6 +7,8 @@ import pytest
 
 from mocapella.errors import WireError
 from mocapella.live.roster import Roster
+from mocapella.model.arms import ArmFrame
+from mocapella.model.depth import depth_frame
 from mocapella.model.observations import BodyFrame, body_frame
 from mocapella.model.session import SensorHealth, SensorPose, Setup
 from mocapella.model.topology import topology
@@ -143,6 +145,18 @@ def test_the_setup_overrides_what_the_frames_say() -> None:
     roster.arrived(frame(0), A, 0)
     setup = Setup(sensors={"front": SensorPose(tilt=-0.2, height=2.0)})
     assert (row(roster, 0, setup).tilt, row(roster, 0, setup).height) == (-0.2, 2.0)
+
+
+def test_what_a_sensor_sends_is_told() -> None:
+    roster = Roster()
+    roster.set_connected(A, True, 0)
+    assert row(roster, 0).sends == "skeletons"
+    image = depth_frame("front", np.ones((2, 2), np.uint16), unit_m=0.001, lens=[2, 2, 1, 1], time_ns=1, node_id=1)
+    arms = ArmFrame("front", 1, 1, 2, 2, (2, 2), np.ones(9), "default", ())
+    for sent, name in ((image, "depth"), (arms, "arms")):
+        roster.arrived(sent, A, 5)
+        health = row(roster, 6)
+        assert (health.sends, health.bodies, health.markers) == (name, 0, False)
 
 
 def test_captures_can_be_brought_to_the_servers_clock_by_what_is_told_of_the_sensor() -> None:

@@ -7,15 +7,18 @@ from typing import Any
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap.reader import make_reader
 from take_making import KIND, STEP, frame, frame_bytes, info, keys, record, scene, scene_bytes, write_frame
 
+from mocapella.model.arms import ArmFrame
+from mocapella.model.depth import depth_frame
 from mocapella.model.observations import Arrival
 from mocapella.model.session import RecordingHealth, SessionStatus, Setup
 from mocapella.model.truth import Truth
 from mocapella.recording.take import Command, Run
 from mocapella.recording.take_reader import read_take
 from mocapella.recording.take_writer import TakeWriter
-from mocapella.schema import encode_scene, encode_truth
+from mocapella.schema import encode_frame, encode_scene, encode_truth
 
 FRAME = st.tuples(st.just("frame"), st.sampled_from(["a", "b"]), st.integers(0, 1), st.integers(0, 12))
 OTHER = st.tuples(st.sampled_from(["scene", "flush", "command", "clock"]), st.just(""), st.just(0), st.integers(0, 12))
@@ -70,6 +73,22 @@ def test_a_frame_comes_back_to_the_bit(tmp_path: Path) -> None:
     assert stored.raw == frame_bytes("front", 3)
     assert stored.frame.key == expected.key
     assert stored.frame.positions.tobytes() == expected.positions.tobytes()
+
+
+def test_depth_and_arms_are_kept_like_any_other_frame_and_say_what_they_are(tmp_path: Path) -> None:
+    depth = np.arange(12, dtype=np.uint16).reshape(3, 4)
+    image = depth_frame("depth", depth, unit_m=0.001, lens=[4, 4, 2, 1], time_ns=9, node_id=1, sequence=3)
+    arms = ArmFrame("arm", 1, 3, 9, 9, (4, 3), np.ones(9), "default", (), "nobody is there")
+    writer = TakeWriter.create(tmp_path / "a.mcap", info=info(5), reserve_bytes=0)
+    for one in (image, arms):
+        writer.write_frame(encode_frame(one), sensor=one.sensor, node_id=1, sequence=3, log_ns=77)
+    path = writer.close().path
+    kept = {stored.frame.sensor: stored.frame for stored in read_take(path).frames()}
+    assert kept["depth"].depth.tolist() == depth.tolist()
+    assert kept["arm"].reason == "nobody is there"
+    with path.open("rb") as file:
+        named = {channel.topic: schema.name for schema, channel, _ in make_reader(file).iter_messages()}
+    assert (named["/frames/depth"], named["/frames/arm"]) == ("mocapella.DepthFrame", "mocapella.ArmFrame")
 
 
 def test_arrivals_are_what_the_tracker_took_in_its_order_with_its_times(tmp_path: Path) -> None:

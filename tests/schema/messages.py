@@ -8,6 +8,9 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
+from mocapella.model.arms import ARM_POINTS, ArmFrame, SeenArm
+from mocapella.model.depth import DepthFrame, depth_frame
+from mocapella.model.hand import ANGLES
 from mocapella.model.markers import MarkerFrame, marker_frame
 from mocapella.model.observations import BodyFrame, body_frame
 from mocapella.model.scene import (
@@ -89,6 +92,61 @@ def marker_frames(draw: st.DrawFn) -> MarkerFrame:
         node_id=draw(UINT64),
         sequence=draw(UINT64),
     )
+
+
+@st.composite
+def depth_frames(draw: st.DrawFn) -> DepthFrame:
+    """Any image that a depth camera may publish: of one pixel and more, smooth, noisy and with holes."""
+    height, width = draw(st.integers(1, 24)), draw(st.integers(1, 24))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    rows, columns = np.mgrid[:height, :width]
+    smooth = 700 + draw(st.integers(0, 9)) * rows - draw(st.integers(0, 9)) * columns
+    depth = (smooth + rng.integers(0, draw(st.sampled_from([1, 5, 65_536])), (height, width))).astype(np.uint16)
+    depth[rng.random((height, width)) < draw(st.sampled_from([0.0, 0.3, 1.0]))] = 0
+    return depth_frame(
+        draw(SENSOR_NAMES),
+        depth,
+        unit_m=draw(st.floats(1e-6, 0.1)),
+        lens=[*rng.uniform(1, 1e4, 4), *rng.normal(size=5)],
+        time_ns=draw(INT64),
+        node_id=draw(UINT64),
+        sequence=draw(UINT64),
+        sent_ns=draw(INT64),
+    )
+
+
+@st.composite
+def arm_frames(draw: st.DrawFn) -> ArmFrame:
+    """Any frame of 0 to 4 arms, some of whose points are not known."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    ids = draw(st.lists(UINT64, unique=True, max_size=4))
+    return ArmFrame(
+        draw(SENSOR_NAMES),
+        draw(UINT64),
+        draw(UINT64),
+        draw(INT64),
+        draw(INT64),
+        (draw(st.integers(1, 1024)), draw(st.integers(1, 1024))),
+        np.array([*rng.uniform(1, 1e4, 4), *rng.normal(size=5)]),
+        draw(st.text(min_size=1, max_size=12)),
+        tuple(some_arm(identity, rng, draw(st.text(max_size=8))) for identity in ids),
+        draw(st.text(max_size=12)),
+    )
+
+
+def some_arm(identity: int, rng: np.random.Generator, gesture: str = "open") -> SeenArm:
+    """An arm of random numbers, without a pose of the palm in half of all cases."""
+    points = rng.uniform(-2, 2, (len(ARM_POINTS), 3))
+    states = rng.integers(0, 3, len(ARM_POINTS)).astype(np.uint8)
+    sd = np.where(states > 0, rng.random(len(states)), np.nan).astype(np.float32)
+    points[states == 0] = np.nan
+    T = np.eye(4)
+    T[:3, 3] = rng.normal(size=3)
+    sure = [float(np.float32(value)) for value in (rng.uniform(0.5, 1), rng.random())]
+    return SeenArm(
+        identity, bool(rng.random() < 0.5), sure[0], points, states, sd, rng.uniform(-1, 1, len(ANGLES)),
+        T if rng.random() < 0.5 else None, gesture, sure[1], bool(rng.random() < 0.5),
+    )  # fmt: skip
 
 
 def plain_frame(bodies: int = 2, kind: Topology | None = None) -> BodyFrame:

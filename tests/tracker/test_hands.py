@@ -14,7 +14,9 @@ from standing_people import see, sensor_at, somebody
 
 from mocapella.errors import SettingsError, WireError
 from mocapella.geometry.rigid import inverse, rigid, rotation_about_x
+from mocapella.model.arms import ArmFrame
 from mocapella.model.camera_rig_file import encode_camera_rig
+from mocapella.model.depth import depth_frame
 from mocapella.model.hand import TIPS
 from mocapella.model.hand_file import encode_hand_shape
 from mocapella.model.markers import MarkerFrame, marker_frame
@@ -188,6 +190,11 @@ NEXT = seen_by("left", 6 / HZ)
     ("arrival", "reason"),
     [
         (see("left", sensor_at(0.0), [somebody()], 1), "sends skeletons, of which the method hands makes nothing"),
+        (Arrival(ArmFrame("left", 0, 0, 6, 6, (2, 2), np.ones(9), "m", ()), 6), "it sends arms of a depth camera"),
+        (
+            Arrival(depth_frame("left", np.ones((2, 2), np.uint16), unit_m=0.001, lens=np.ones(9), time_ns=6), 6),
+            "it sends depth images",
+        ),
         (frame_of(NEXT, sensor="lft"), "the rig has no camera 'lft'; it has .*left"),
         (frame_of(NEXT, size_px=(320, 240)), "its pictures are 320 × 240, the rig's 640 × 480"),
         (frame_of(NEXT, names=("a", "b", "c", "d", "e", "f")), "none of its markers is wanted: .*red"),

@@ -13,6 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from mocapella.model.arms import ARM_POINTS, ArmFrame, SeenArm
+from mocapella.model.depth import DepthFrame, depth_frame
+from mocapella.model.hand import ANGLES
 from mocapella.model.markers import MarkerFrame, marker_frame
 from mocapella.model.observations import BodyFrame, Frame, JointState, body_frame
 from mocapella.model.poses import PoseFrame, pose_frame
@@ -124,6 +127,41 @@ def poses_one_of_two() -> PoseFrame:
     )
 
 
+def depth_slope() -> DepthFrame:
+    """A depth camera that sees a slope with a hole in it and a step beside it."""
+    row, column = np.mgrid[0:6, 0:8]
+    depth = (1000 + 3 * row - 2 * column).astype(np.uint16)
+    depth[:, 6:] = 65_535
+    depth[2:4, 2:4] = 0
+    lens = [476.0, 476.0, 3.5, 2.5, 0.125, -0.0625, 0.0, 0.0, 0.03125]
+    return depth_frame(
+        "depth",
+        depth,
+        unit_m=2.0**-10,
+        lens=lens,
+        time_ns=33_333_333,
+        sent_ns=5_000_000_123,
+        node_id=NODE_ID,
+        sequence=5,
+    )
+
+
+def arms_one() -> ArmFrame:
+    """A left arm with a fist, of which the elbow is not seen and a part of the hand is inferred."""
+    point = np.arange(len(ARM_POINTS))
+    points = np.stack([point / 128 - 0.0625, point / 256, 0.5 + point / 64], axis=-1)
+    states = np.where(point == len(ARM_POINTS) - 1, 0, np.where(point % 4 == 0, 2, 1)).astype(np.uint8)
+    sd = (point / 1024).astype(np.float32)
+    points[-1], sd[-1] = np.nan, np.nan
+    angles = np.arange(len(ANGLES)) / 32
+    angles[0] = np.nan
+    quarter_turn = np.array([[0.0, 0, 1, 0.5], [0, 1, 0, 0.25], [-1, 0, 0, 2], [0, 0, 0, 1]])
+    arm = SeenArm(2, True, 0.75, points, states, sd, angles, quarter_turn, "fist", 0.5, True)
+    lens = np.array([476.0, 476.0, 319.5, 239.5, 0, 0, 0, 0, 0])
+    reason = "the elbow is outside the picture"
+    return ArmFrame("arm", NODE_ID, 6, 33_333_333, 5_000_000_123, (640, 480), lens, "line-skeleton", (arm,), reason)
+
+
 def scene_one_hand() -> Scene:
     """A left hand that holds a cup, made of two markers, of which one camera pair sees one."""
     landmark = np.arange(21)
@@ -176,6 +214,8 @@ def values(message: Frame | Scene | Truth) -> dict[str, Any]:
         BodyFrame: _frame_values,
         MarkerFrame: _marker_values,
         PoseFrame: _pose_values,
+        DepthFrame: _depth_values,
+        ArmFrame: _arm_values,
         Scene: _scene_values,
         Truth: _truth_values,
     }
@@ -185,7 +225,9 @@ def values(message: Frame | Scene | Truth) -> dict[str, Any]:
 
 def vectors() -> dict[str, tuple[bytes, dict[str, Any]]]:
     """Every vector: its bytes and its values, by the name of its files."""
-    kinds = (frame_skeleton, frame_everything, frame_nobody, markers_two_of_three, poses_one_of_two)
+    kinds = (
+        frame_skeleton, frame_everything, frame_nobody, markers_two_of_three, poses_one_of_two, depth_slope, arms_one,
+    )  # fmt: skip
     frames = {make.__name__: make() for make in kinds}
     found = {name: (encode_frame(frame), values(frame)) for name, frame in frames.items()}
     scenes, truth = {make.__name__: make() for make in (scene_one_person, scene_one_hand)}, truth_two_people()
@@ -250,6 +292,54 @@ def _pose_values(frame: PoseFrame) -> dict[str, Any]:
         "positions_m": _lists(frame.positions),
         "orientations": _lists(frame.orientations),
         "states": frame.states.tolist(),
+    }
+
+
+def _depth_values(frame: DepthFrame) -> dict[str, Any]:
+    return {
+        "schema_version": 1,
+        "sensor": frame.sensor,
+        "node_id": str(frame.node_id),
+        "sequence": str(frame.sequence),
+        "time_ns": str(frame.time_ns),
+        "sent_ns": str(frame.sent_ns),
+        "width_px": frame.size_px[0],
+        "height_px": frame.size_px[1],
+        "unit_m": frame.unit_m,
+        "lens": frame.lens.tolist(),
+        "depth": frame.depth.tolist(),
+    }
+
+
+def _arm_values(frame: ArmFrame) -> dict[str, Any]:
+    return {
+        "schema_version": 1,
+        "sensor": frame.sensor,
+        "node_id": str(frame.node_id),
+        "sequence": str(frame.sequence),
+        "time_ns": str(frame.time_ns),
+        "sent_ns": str(frame.sent_ns),
+        "width_px": frame.size_px[0],
+        "height_px": frame.size_px[1],
+        "lens": frame.lens.tolist(),
+        "method": frame.method,
+        "arms": [
+            {
+                "id": str(arm.id),
+                "left": arm.left,
+                "left_sure": arm.left_sure,
+                "points_m": _lists(arm.points),
+                "point_states": arm.states.tolist(),
+                "point_sd_m": _lists(arm.sd),
+                "angles_rad": _lists(arm.angles),
+                "T_camera_palm": None if arm.T_camera_palm is None else _lists(arm.T_camera_palm[:3]),
+                "gesture": arm.gesture,
+                "gesture_sure": arm.gesture_sure,
+                "grabbing": arm.grabbing,
+            }
+            for arm in frame.arms
+        ],
+        "reason": frame.reason,
     }
 
 

@@ -181,6 +181,21 @@ def test_how_well_a_sensors_place_is_known_is_said(place, words):
     assert "place" not in Reader(sensors_html(status(sensors=(health("front"),)), SensorColours())).text
 
 
+@pytest.mark.parametrize(
+    ("sends", "words"),
+    [
+        ("skeletons", "2 people"),
+        ("markers", "2 markers"),
+        ("poses", "2 bodies"),
+        ("arms", "2 arms"),
+        ("depth", "depth images"),
+    ],
+)
+def test_what_a_sensor_sends_is_counted_under_its_name(sends, words):
+    text = Reader(sensors_html(status(sensors=(health("front", sends=sends),)), SensorColours())).text
+    assert f"{words} · 30.0 Hz" in text
+
+
 def test_people_are_listed_by_name_and_number():
     people = Room(2).scene(0.0, Room(2).frames(0.0)).people
     text = Reader(people_html((msgspec.structs.replace(people[0], name="Ada"), people[1]))).text

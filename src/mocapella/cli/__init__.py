@@ -23,6 +23,7 @@ def main() -> None:
 
     from mocapella.cli import (  # noqa: F401
         align,
+        arm,
         calibrate,
         colours,
         demo,

@@ -104,7 +104,8 @@ def markers(
     """
     need_cameras("node markers")
     from mocapella.live.camera_desk import CameraDesk
-    from mocapella.live.marker_node import MarkerNodeSettings, run_marker_node
+    from mocapella.live.camera_node import CameraNodeSettings
+    from mocapella.live.marker_node import run_marker_node
     from mocapella.live.marker_work import MarkerWork
     from mocapella.live.stage_times import StageTimes
     from mocapella.live.stopping import stop_on_signals
@@ -122,7 +123,7 @@ def markers(
     camera = None if rig is None else _camera(rig, sensor)
     if timing is not None and known is None:
         raise SettingsError("--timing wants colours; give --profile FILE (mocapella colours learn makes one)")
-    settings = MarkerNodeSettings(drop_after_ms / 1e3, report)
+    settings = CameraNodeSettings(drop_after_ms / 1e3, report)
     with Acquisition(pictures, say=say) as acquisition:
         check_state(acquisition.state, known, profile, source)
         tell_state(sensor, pictures, acquisition.state)

@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -108,11 +109,16 @@ def replay(
     Example:  mocapella node replay walk-1 --sensor front
     """
     from mocapella.cli.recordings import open_recording
+    from mocapella.model.depth import DepthFrame
+    from mocapella.wire.node import DEPTH_HISTORY_FRAMES, HISTORY_FRAMES
 
     recording = open_recording(file, placement)
     frames = recording.due_frames(sensor)
+    first = next(frames, None)
+    whole = frames if first is None else chain((first,), frames)
+    kept = DEPTH_HISTORY_FRAMES if first is not None and isinstance(first.frame, DepthFrame) else HISTORY_FRAMES
     zero = read_epoch() if epoch_from_input else epoch
-    _serve(lambda: frames, name or sensor, connect, zero, json, wait=zero is None, linger_s=linger)
+    _serve(lambda: whole, name or sensor, connect, zero, json, wait=zero is None, linger_s=linger, history_frames=kept)
 
 
 @node_app.command("bridge")
@@ -292,12 +298,14 @@ def _serve(
     *,
     wait: bool,
     linger_s: float = 0.0,
+    history_frames: int | None = None,
 ) -> None:
     from mocapella.live.node import run_node
     from mocapella.live.stopping import stop_on_signals
-    from mocapella.wire.node import NodeLink
+    from mocapella.wire.node import HISTORY_FRAMES, NodeLink
 
-    with stop_on_signals() as stop, NodeLink(connect, sensor) as link:
+    kept = HISTORY_FRAMES if history_frames is None else history_frames
+    with stop_on_signals() as stop, NodeLink(connect, sensor, history_frames=kept) as link:
         summary = run_node(link, frames, epoch=epoch, stop=stop, wait=wait, say=say, linger_s=linger_s)
         if summary.served:
             say(f"{sensor}: {summary.published} frames published, {summary.late} of them late")

@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 
 from mocapella.conventions import NS_PER_S
+from mocapella.live.camera_node import Warned
 from mocapella.model.markers import MarkerFrame, joined, marker_frame
 from mocapella.sensing.colour_profile import ColourProfile
 from mocapella.sensing.markers import MarkerDetector, MarkerReport, MarkerSettings
@@ -17,8 +18,6 @@ from mocapella.sensing.tags import TagDetector
 from mocapella.sources.acquisition import Acquisition
 from mocapella.sources.picture_source import Picture
 
-WARN_AFTER_S: Final = 3.0
-"""Between two looks at what might be wrong."""
 OFTEN: Final = 0.5
 """A colour of which several things are seen in more than this part of the pictures is said to be there twice."""
 
@@ -61,8 +60,7 @@ class MarkerWork:
         self.detector: MarkerDetector | None = None
         self.late = self.too_late = 0
         self.newest: Look | None = None
-        self._warned: set[str] = set()
-        self._next_s = -np.inf
+        self._warned = Warned()
         self._before: MarkerReport | None = None
         if profile is not None:
             self.use(profile)
@@ -142,17 +140,12 @@ class MarkerWork:
 
     def warnings(self, now_s: float) -> Iterator[str]:
         """What has become wrong since the last look, now and then; and what is right again."""
-        if now_s < self._next_s:
-            return
-        first, self._next_s = self._next_s == -np.inf, now_s + WARN_AFTER_S
-        if first:
+        if not self._warned.due(now_s):
             return
         seen = None if self.detector is None else self.detector.report
         problems = dict(self._problems(seen, self._before))
         self._before = seen
-        yield from (text for kind, text in problems.items() if kind not in self._warned)
-        yield from (f"{kind}: well again" for kind in sorted(self._warned - set(problems)))
-        self._warned = set(problems)
+        yield from self._warned.update(problems)
 
     def _problems(self, seen: MarkerReport | None, before: MarkerReport | None) -> Iterator[tuple[str, str]]:
         """By kind: what is wrong since ``before``, or since the beginning."""

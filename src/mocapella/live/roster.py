@@ -7,6 +7,8 @@ from collections import deque
 from dataclasses import dataclass, field
 
 from mocapella.errors import WireError
+from mocapella.model.arms import ArmFrame
+from mocapella.model.depth import DepthFrame
 from mocapella.model.markers import MarkerFrame
 from mocapella.model.observations import Frame
 from mocapella.model.poses import PoseFrame
@@ -17,6 +19,7 @@ from mocapella.wire.keys import NodeKey
 SILENT_AFTER_S = 2.0
 """A sensor that has sent nothing for so long is called silent."""
 _RECENT_S = 3.0
+_SENDS = {MarkerFrame: "markers", PoseFrame: "poses", ArmFrame: "arms", DepthFrame: "depth"}
 _REASONS_TOLD = 32
 """Of one node; what sends nonsense must not fill the memory with reasons."""
 
@@ -208,5 +211,6 @@ def _health(seat: _Seat, now_ns: int, setup: Setup, stored: int, lost: int) -> S
         height=pose.height if pose else getattr(frame, "height", 0.0),
         problem=problem,
         markers=isinstance(frame, MarkerFrame | PoseFrame),
+        sends=_SENDS.get(type(frame), "skeletons"),
         capture_offset=None if seat.clock.offset_ns is None else seat.clock.offset_ns / 1e9,
     )

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.errors import SettingsError
+from mocapella.model.arms import ArmFrame
+from mocapella.model.depth import DepthFrame
 from mocapella.model.markers import MarkerFrame
 from mocapella.model.poses import PoseFrame
 from mocapella.model.topology import Topology
@@ -177,7 +179,7 @@ def body_frame(
     )
 
 
-Frame = BodyFrame | MarkerFrame | PoseFrame
+Frame = BodyFrame | MarkerFrame | PoseFrame | DepthFrame | ArmFrame
 """What a sensor publishes."""
 
 

@@ -99,7 +99,7 @@ class SensorHealth:
         connected: its node is alive on the bus.
         silent: connected or not, no frame has come for longer than the limit.
         local: the node runs on the server's machine.
-        bodies: people in its newest frame, or markers.
+        bodies: in its newest frame: people, or what else it sends.
         rate_hz: frames a second, over the last seconds.
         latency: from publish to result, median of the last seconds [s]; None where unknown.
         frames: live frames tracked.
@@ -115,6 +115,7 @@ class SensorHealth:
         markers: whether it is a camera that sends markers.
         capture_offset: server's monotonic clock minus the clock of its captures, by arrivals alone, the smallest
             latency included [s]; None before the first frame.
+        sends: skeletons, markers, poses, arms or depth.
     """
 
     name: str
@@ -137,6 +138,7 @@ class SensorHealth:
     problem: str = ""
     markers: bool = False
     capture_offset: float | None = None
+    sends: str = "skeletons"
 
 
 @dataclass(frozen=True)

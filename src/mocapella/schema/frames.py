@@ -7,19 +7,25 @@ dot, which warns of an overflow that is only the answer here).
 
 from __future__ import annotations
 
+import contextlib
 import math
+from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
+from google.protobuf.message import DecodeError
 from numpy import frombuffer, logical_not, vdot
 from numpy.typing import NDArray
 
 from mocapella.errors import WireError
+from mocapella.model.arms import ArmFrame
+from mocapella.model.depth import DepthFrame
 from mocapella.model.markers import MarkerFrame
 from mocapella.model.observations import BodyFrame, Frame
 from mocapella.model.poses import PoseFrame
 from mocapella.model.topology import Topology
 from mocapella.schema import mocapella_pb2 as pb
+from mocapella.schema.arms import arm_frame_of, encode_arm_frame
 from mocapella.schema.checks import (
     F4,
     FLAGS,
@@ -35,6 +41,7 @@ from mocapella.schema.checks import (
     sensor_name,
     sensor_pose,
 )
+from mocapella.schema.depth import depth_frame_of, encode_depth_frame
 from mocapella.schema.markers import encode_marker_frame, marker_frame_of
 from mocapella.schema.poses import encode_pose_frame, pose_frame_of
 
@@ -49,25 +56,35 @@ _FURTHEST: Final = MAX_COORDINATE**2
 _INFINITE: Final = math.inf
 _PI: Final = math.pi
 _MESSAGE: Final = pb.BodyFrame
-_MARKERS: Final = pb.MarkerFrame
-_POSES: Final = pb.PoseFrame
+_OTHERS: Final[tuple[tuple[Any, str, Callable[[Any], Frame]], ...]] = (
+    (pb.MarkerFrame, "width_px", marker_frame_of),
+    (pb.PoseFrame, "space", pose_frame_of),
+    (pb.DepthFrame, "width_px", depth_frame_of),
+    (pb.ArmFrame, "width_px", arm_frame_of),
+)
+"""A message that is no BodyFrame, the field that it always has and no other message, and what makes a frame of it."""
+_ENCODERS: Final[dict[type, Callable[[Any], bytes]]] = {
+    MarkerFrame: encode_marker_frame,
+    PoseFrame: encode_pose_frame,
+    DepthFrame: encode_depth_frame,
+    ArmFrame: encode_arm_frame,
+}
 
 
 def message_of(data: bytes) -> str:
     """Name of the message that a frame's bytes are."""
-    if _MESSAGE.FromString(data).topology:
-        return "BodyFrame"
-    if _MARKERS.FromString(data).width_px:
-        return "MarkerFrame"
-    return "PoseFrame" if _POSES.FromString(data).space else "BodyFrame"
+    if not _MESSAGE.FromString(data).topology:
+        for message, field, _ in _OTHERS:
+            with contextlib.suppress(DecodeError):
+                if getattr(message.FromString(data), field):
+                    return str(message.DESCRIPTOR.name)
+    return "BodyFrame"
 
 
 def encode_frame(frame: Frame) -> bytes:
     """Write a frame. What is not tracked is written as 0 and read back as NaN."""
-    if isinstance(frame, MarkerFrame):
-        return encode_marker_frame(frame)
-    if isinstance(frame, PoseFrame):
-        return encode_pose_frame(frame)
+    if not isinstance(frame, BodyFrame):
+        return _ENCODERS[type(frame)](frame)
     states = frame.states.tobytes()
     gone = logical_not(frame.states.reshape(-1)).nonzero()[0] if 0 in states else None
     message = _MESSAGE(
@@ -94,7 +111,7 @@ def encode_frame(frame: Frame) -> bytes:
 
 
 def decode_frame(data: bytes) -> Frame:
-    """Read a frame, of bodies, of markers or of poses, and check it.
+    """Read a frame, of bodies, markers, poses, depth or arms, and check it.
 
     Raises:
         SchemaVersionError: it is of another schema version; names both.
@@ -103,10 +120,13 @@ def decode_frame(data: bytes) -> Frame:
     """
     m = parse(_MESSAGE, data, MAX_MESSAGE_BYTES)
     if not m.topology:
-        if (markers := _MARKERS.FromString(data)).width_px:
-            return marker_frame_of(markers)
-        if (poses := _POSES.FromString(data)).space:
-            return pose_frame_of(poses)
+        for other, field, frame_of in _OTHERS:
+            try:
+                read = other.FromString(data)
+            except DecodeError:  # a text of another message's that is none in this one
+                continue
+            if getattr(read, field):
+                return frame_of(read)
     kind = known_topology(m.topology)
     joints = len(kind.joints)
     ids, tracked, edges, states = m.tracking_ids, m.tracked, m.clipped_edges, m.joint_states

@@ -101,6 +101,86 @@ class PoseFrame(_message.Message):
     states: bytes
     def __init__(self, schema_version: _Optional[int] = ..., sensor: _Optional[str] = ..., node_id: _Optional[int] = ..., sequence: _Optional[int] = ..., time_ns: _Optional[int] = ..., sent_ns: _Optional[int] = ..., space: _Optional[str] = ..., names: _Optional[_Iterable[str]] = ..., positions_m: _Optional[bytes] = ..., orientations: _Optional[bytes] = ..., states: _Optional[bytes] = ...) -> None: ...
 
+class DepthFrame(_message.Message):
+    __slots__ = ("schema_version", "sensor", "node_id", "sequence", "time_ns", "sent_ns", "width_px", "height_px", "unit_m", "lens", "depth")
+    SCHEMA_VERSION_FIELD_NUMBER: _ClassVar[int]
+    SENSOR_FIELD_NUMBER: _ClassVar[int]
+    NODE_ID_FIELD_NUMBER: _ClassVar[int]
+    SEQUENCE_FIELD_NUMBER: _ClassVar[int]
+    TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    SENT_NS_FIELD_NUMBER: _ClassVar[int]
+    WIDTH_PX_FIELD_NUMBER: _ClassVar[int]
+    HEIGHT_PX_FIELD_NUMBER: _ClassVar[int]
+    UNIT_M_FIELD_NUMBER: _ClassVar[int]
+    LENS_FIELD_NUMBER: _ClassVar[int]
+    DEPTH_FIELD_NUMBER: _ClassVar[int]
+    schema_version: int
+    sensor: str
+    node_id: int
+    sequence: int
+    time_ns: int
+    sent_ns: int
+    width_px: int
+    height_px: int
+    unit_m: float
+    lens: bytes
+    depth: bytes
+    def __init__(self, schema_version: _Optional[int] = ..., sensor: _Optional[str] = ..., node_id: _Optional[int] = ..., sequence: _Optional[int] = ..., time_ns: _Optional[int] = ..., sent_ns: _Optional[int] = ..., width_px: _Optional[int] = ..., height_px: _Optional[int] = ..., unit_m: _Optional[float] = ..., lens: _Optional[bytes] = ..., depth: _Optional[bytes] = ...) -> None: ...
+
+class SeenArm(_message.Message):
+    __slots__ = ("id", "left", "left_sure", "points_m", "point_states", "point_sd_m", "angles_rad", "T_camera_palm", "gesture", "gesture_sure", "grabbing")
+    ID_FIELD_NUMBER: _ClassVar[int]
+    LEFT_FIELD_NUMBER: _ClassVar[int]
+    LEFT_SURE_FIELD_NUMBER: _ClassVar[int]
+    POINTS_M_FIELD_NUMBER: _ClassVar[int]
+    POINT_STATES_FIELD_NUMBER: _ClassVar[int]
+    POINT_SD_M_FIELD_NUMBER: _ClassVar[int]
+    ANGLES_RAD_FIELD_NUMBER: _ClassVar[int]
+    T_CAMERA_PALM_FIELD_NUMBER: _ClassVar[int]
+    GESTURE_FIELD_NUMBER: _ClassVar[int]
+    GESTURE_SURE_FIELD_NUMBER: _ClassVar[int]
+    GRABBING_FIELD_NUMBER: _ClassVar[int]
+    id: int
+    left: bool
+    left_sure: float
+    points_m: bytes
+    point_states: bytes
+    point_sd_m: bytes
+    angles_rad: bytes
+    T_camera_palm: bytes
+    gesture: str
+    gesture_sure: float
+    grabbing: bool
+    def __init__(self, id: _Optional[int] = ..., left: bool = ..., left_sure: _Optional[float] = ..., points_m: _Optional[bytes] = ..., point_states: _Optional[bytes] = ..., point_sd_m: _Optional[bytes] = ..., angles_rad: _Optional[bytes] = ..., T_camera_palm: _Optional[bytes] = ..., gesture: _Optional[str] = ..., gesture_sure: _Optional[float] = ..., grabbing: bool = ...) -> None: ...
+
+class ArmFrame(_message.Message):
+    __slots__ = ("schema_version", "sensor", "node_id", "sequence", "time_ns", "sent_ns", "width_px", "height_px", "lens", "method", "arms", "reason")
+    SCHEMA_VERSION_FIELD_NUMBER: _ClassVar[int]
+    SENSOR_FIELD_NUMBER: _ClassVar[int]
+    NODE_ID_FIELD_NUMBER: _ClassVar[int]
+    SEQUENCE_FIELD_NUMBER: _ClassVar[int]
+    TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    SENT_NS_FIELD_NUMBER: _ClassVar[int]
+    WIDTH_PX_FIELD_NUMBER: _ClassVar[int]
+    HEIGHT_PX_FIELD_NUMBER: _ClassVar[int]
+    LENS_FIELD_NUMBER: _ClassVar[int]
+    METHOD_FIELD_NUMBER: _ClassVar[int]
+    ARMS_FIELD_NUMBER: _ClassVar[int]
+    REASON_FIELD_NUMBER: _ClassVar[int]
+    schema_version: int
+    sensor: str
+    node_id: int
+    sequence: int
+    time_ns: int
+    sent_ns: int
+    width_px: int
+    height_px: int
+    lens: bytes
+    method: str
+    arms: _containers.RepeatedCompositeFieldContainer[SeenArm]
+    reason: str
+    def __init__(self, schema_version: _Optional[int] = ..., sensor: _Optional[str] = ..., node_id: _Optional[int] = ..., sequence: _Optional[int] = ..., time_ns: _Optional[int] = ..., sent_ns: _Optional[int] = ..., width_px: _Optional[int] = ..., height_px: _Optional[int] = ..., lens: _Optional[bytes] = ..., method: _Optional[str] = ..., arms: _Optional[_Iterable[_Union[SeenArm, _Mapping]]] = ..., reason: _Optional[str] = ...) -> None: ...
+
 class PotentialSkeleton(_message.Message):
     __slots__ = ("sensor", "tracking_id", "time_ns", "tilt_rad", "height_m", "T_world_sensor", "positions_m", "joint_states", "mirrored")
     SENSOR_FIELD_NUMBER: _ClassVar[int]

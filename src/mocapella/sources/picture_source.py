@@ -1,6 +1,6 @@
 """Where pictures come from, one after the other: a camera, a stream, a film, a folder or a rendered scene.
 
-    source = open_pictures("camera:0")     # sources/open_pictures.py
+    source = open_pictures("camera:0")     # sources/open_pictures.py; depth images: sources/open_depth.py
     source.open()
     source.begin(time.monotonic())
     picture = source.read(stop)
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mocapella.sensing.colour_profile import CameraControls
 
-UInt8 = NDArray[np.uint8]
+Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,14 +27,14 @@ class Picture:
     """One picture and when it was captured.
 
     Attributes:
-        image: (height, width, 3) uint8 blue, green, red.
+        image: (height, width, 3) uint8 blue, green, red; of a depth camera, (height, width) uint16 units.
         time_ns: of the capture, on the source's own clock, above 0 and rising.
         number: 0, 1, 2, … of the source.
         ready_s: when it was there to be looked at, on this machine's monotonic clock.
         retrieval_s: how long it took to decode, without the waiting for it.
     """
 
-    image: UInt8
+    image: Image
     time_ns: int
     number: int
     ready_s: float
@@ -55,12 +55,16 @@ class SourceState:
         fps: pictures a second that were asked for, or that it says it gives; None where nobody knows.
         controls: as they were read back.
         problems: what was asked for and could not be set, in sentences that say what to do.
+        unit_m: of a depth camera, metres a unit.
+        lens: of a depth camera, the nine numbers of `mocapella.geometry.lens`.
     """
 
     size_px: tuple[int, int] | None = None
     fps: float | None = None
     controls: CameraControls = field(default_factory=CameraControls)
     problems: tuple[str, ...] = ()
+    unit_m: float | None = None
+    lens: tuple[float, ...] | None = None
 
 
 class PictureSource(Protocol):

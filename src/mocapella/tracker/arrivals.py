@@ -8,14 +8,25 @@ from typing import Final
 import msgspec
 
 from mocapella.conventions import NS_PER_S
+from mocapella.model.arms import ArmFrame
 from mocapella.model.bodies import Bodies, tracked_bodies
+from mocapella.model.depth import DepthFrame
 from mocapella.model.markers import MarkerFrame
 from mocapella.model.observations import Arrival, BodyFrame
+from mocapella.model.poses import PoseFrame
 from mocapella.model.topology import Topology
 
 NO_BODIES: Final = "it sends markers, of which this method makes no people: set up the method hands"
 
 NO_POSES: Final = "it sends poses of another tracker, of which this method makes nothing: set up the method hands"
+
+NO_ARMS: Final = "it sends arms of a depth camera, of which this method makes no people; a take keeps them"
+
+NO_DEPTH: Final = (
+    "it sends depth images, of which no method makes people; a take keeps them, mocapella arm finds arms in them"
+)
+
+_NOT_BODIES: Final = {MarkerFrame: NO_BODIES, PoseFrame: NO_POSES, ArmFrame: NO_ARMS, DepthFrame: NO_DEPTH}
 
 
 class Sighting(msgspec.Struct, frozen=True, eq=False):
@@ -60,8 +71,7 @@ class Arrivals:
         """Take a frame in, unless there is a problem with it."""
         frame = arrival.frame
         if not isinstance(frame, BodyFrame):
-            problem = NO_BODIES if isinstance(frame, MarkerFrame) else NO_POSES
-            return Heard(problem, frame.sensor, False, {})
+            return Heard(_NOT_BODIES[type(frame)], frame.sensor, False, {})
         bodies = tracked_bodies(frame)
         last = self._last.get(frame.sensor)
         node_changed = last is not None and last.frame.node_id != frame.node_id

@@ -28,7 +28,9 @@ from mocapella.fusion.object_poses import ObjectPoseSettings
 from mocapella.geometry.rigid import inverse
 from mocapella.kinematics.grasp import GraspSettings
 from mocapella.kinematics.hand_tracker import HandReport, HandSettings, HandTracker, _State, base_layout
+from mocapella.model.arms import ArmFrame
 from mocapella.model.camera import CameraRig
+from mocapella.model.depth import DepthFrame
 from mocapella.model.hand import ConstraintSet, Hand, HandShape, hand_model
 from mocapella.model.markers import MarkerFrame
 from mocapella.model.memory import pack, unpack
@@ -231,6 +233,9 @@ class HandsTracker:
         frame = arrival.frame
         if isinstance(frame, BodyFrame):
             return "it sends skeletons, of which the method hands makes nothing: set up the method default"
+        if isinstance(frame, ArmFrame | DepthFrame):
+            what = "arms" if isinstance(frame, ArmFrame) else "depth images"
+            return f"it sends {what} of a depth camera, of which the method hands makes nothing; a take keeps them"
         if problem := self._bodies_problem(frame) if isinstance(frame, PoseFrame) else self._markers_problem(frame):
             return problem
         node_id, last_ns = self._newest.get(frame.sensor, (frame.node_id, frame.time_ns - 1))

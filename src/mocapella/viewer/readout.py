@@ -22,6 +22,13 @@ _PHASE_COLOUR: dict[str, str] = {
 }
 _NEWEST_NOTICES = 4
 _MOST_LINES, _LONGEST_LINE = 3, 110
+_COUNTED = {
+    "skeletons": ("person", "people"),
+    "markers": ("marker", "markers"),
+    "poses": ("body", "bodies"),
+    "arms": ("arm", "arms"),
+}
+"""One and many of what a sensor sends; a depth image has none."""
 _SWAPPED = "⇄"
 _SMALL = "font-size:13px;line-height:1.45"
 NO_SENSOR = "No sensor delivers"
@@ -179,7 +186,7 @@ def _sensor_row(row: SensorHealth, colour: Rgb, place: SensorPlace | None) -> st
     health, health_colour = _health(row)
     where = " (this machine)" if row.local else ""
     dropped = row.dropped + row.rejected
-    seen = _plural(row.bodies, "marker", "markers") if row.markers else _plural(row.bodies, "person", "people")
+    seen = _plural(row.bodies, *_COUNTED[row.sends]) if row.sends in _COUNTED else "depth images"
     facts = [seen, f"{row.rate_hz:.1f} Hz"]
     if row.latency is not None and not row.silent:
         facts.append(f"latency {row.latency * 1000:.1f} ms")

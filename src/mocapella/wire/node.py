@@ -17,6 +17,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import TracebackType
+from typing import Final
 
 import msgspec
 import zenoh
@@ -46,15 +47,26 @@ class JoinReply:
     message: str = ""
 
 
+HISTORY_FRAMES: Final = 18_000
+"""So many frames are kept for a server that missed them."""
+DEPTH_HISTORY_FRAMES: Final = 600
+"""Of depth images, each of which takes a hundred times as much as other frames: twenty seconds at 30 a second."""
+
+
 class NodeLink:
     """One sensor's end of the bus. A context manager: leaving it tells the server at once.
+
+    Args:
+        connect: address of the server.
+        sensor: whom it serves.
+        history_frames: how many are kept.
 
     Attributes:
         node: who this is on the bus.
         published: frames published since the start.
     """
 
-    def __init__(self, connect: str, sensor: str, *, history_frames: int = 18_000):
+    def __init__(self, connect: str, sensor: str, *, history_frames: int = HISTORY_FRAMES):
         self.node = keys.NodeKey(sensor, new_node_id())
         self.address = connect
         self.published = 0

@@ -1,0 +1,338 @@
+"""``mocapella arm``: arms and hands in recorded depth images."""
+
+from __future__ import annotations
+
+import csv
+import statistics
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from mocapella.cli.app import app, node_app
+from mocapella.cli.common import (
+    DEFAULT_ADDRESS,
+    Connect,
+    JsonOut,
+    MethodSettings,
+    console,
+    need_cameras,
+    parse_size,
+    say,
+    write_json,
+)
+from mocapella.cli.node import Epoch, EpochFromInput, read_epoch
+from mocapella.errors import SettingsError
+
+if TYPE_CHECKING:
+    from mocapella.model.arms import ArmMethod
+    from mocapella.model.camera import Camera
+    from mocapella.sources.acquisition import Acquisition
+    from mocapella.sources.depth_files import DepthRecording, RecordedDepth
+    from mocapella.sources.depth_options import UnitCheck
+    from mocapella.tracker.arm_methods import HasStages
+
+_SHOWN_EVERY_S: Final = 0.2
+_MOST_NAMED: Final = 5
+
+Intrinsics = Annotated[
+    str | None,
+    typer.Option(
+        "--intrinsics",
+        metavar="F,CX,CY",
+        help="The lens in pixels, or FX,FY,CX,CY, then K1,K2,P1,P2,K3; where nothing else says it, or to correct it.",
+    ),
+]
+Unit = Annotated[
+    str | None,
+    typer.Option(
+        "--unit", metavar="METRES", help="Metres a unit, such as 0.001; kinect-raw of a Kinect v1's 11-bit images."
+    ),
+]
+Rig = Annotated[
+    str | None, typer.Option("--rig", metavar="FILE[:CAMERA]", help="Take the lens of a camera rig's file instead.")
+]
+Method = Annotated[
+    str, typer.Option("--method", metavar="NAME", help="default, or line-skeleton, which is that of 2012.")
+]
+
+
+@app.command("arm")
+def arm(
+    paths: Annotated[
+        list[str],
+        typer.Argument(metavar="PATH…", help="16-bit PNGs, folders of them, or takes: TAKE, TAKE.mcap:SENSOR."),
+    ],
+    intrinsics: Intrinsics = None,
+    unit: Unit = None,
+    rig: Rig = None,
+    fps: Annotated[
+        float | None, typer.Option(metavar="HZ", help="Images a second, of files; 30 if nobody says.")
+    ] = None,
+    method: Method = "default",
+    method_settings: MethodSettings = None,
+    all_points: Annotated[
+        bool, typer.Option("--all-points", help="The hand's 21 landmarks, palm and elbow instead of the eight joints.")
+    ] = False,
+    stages: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Write pictures of the method's stages, a folder for each image."),
+    ] = None,
+    table: Annotated[
+        Path | None, typer.Option("--csv", metavar="FILE", help="Write a table, too: a row for each joint.")
+    ] = None,
+    json: JsonOut = None,
+) -> None:
+    """Find arms and hands in recorded depth images.
+
+    docs/arms/recordings.md describes files, depth.toml and results. A camera is served by mocapella node arm.
+
+    Example:  mocapella arm frames/ --intrinsics 476.0,313.7,242.8 --unit 0.000125 --json arms.json
+    """
+    need_cameras("arm")
+    from mocapella.cli import INTERRUPTED
+    from mocapella.cli.depth_recordings import depth_options, depth_recordings
+    from mocapella.exports.arm_rows import table_rows
+    from mocapella.live.stopping import interruptible
+    from mocapella.settings import check, settings_of_pairs
+    from mocapella.sources.depth_options import complete
+    from mocapella.tracker.arm_methods import HasStages, arm_method
+
+    check(fps is None or 0 < fps <= 1000, "--fps", fps, "above 0, at most 1000")
+    options, settings = depth_options(intrinsics, unit, rig, fps), settings_of_pairs(method_settings)
+    found = []
+    try:
+        with interruptible(), ExitStack() as open_files:
+            writer = None if table is None else _table(open_files, table)
+            for recording in depth_recordings(paths, options):
+                camera = complete(recording.state, recording.name)
+                finds = arm_method(method, camera, settings)
+                if stages is not None and not isinstance(finds, HasStages):
+                    raise SettingsError(f"--stages: the method {method} has none; line-skeleton has")
+                run = _Run(recording, camera, finds, stages, all_points)
+                for row in run.rows():
+                    if writer is not None:
+                        writer.writerows(table_rows(recording.name, row))
+                found.append(run)
+    except KeyboardInterrupt:
+        say("stopped before the end")
+        raise typer.Exit(INTERRUPTED) from None
+    write_json(json, {"method": method, "recordings": [run.result() for run in found]})
+    for run in found:
+        run.tell()
+
+
+def _table(stack: ExitStack, path: Path) -> Any:
+    from mocapella.exports.arm_rows import COLUMNS
+
+    try:
+        file = stack.enter_context(path.open("w", encoding="utf-8", newline=""))
+    except OSError as error:
+        raise SettingsError(f"--csv {path}: {error.strerror}; name a file in a folder that exists") from error
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    return writer
+
+
+@node_app.command("arm")
+def node_arm(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SOURCE",
+            help="openni:0, freenect:0, realsense:SERIAL, orbbec:0, rendered:SCENE/SEED, PNGs, a folder, or a take.",
+        ),
+    ],
+    name: Annotated[str, typer.Option(metavar="SENSOR", help="The camera's name.")] = "arm",
+    intrinsics: Intrinsics = None,
+    unit: Unit = None,
+    rig: Rig = None,
+    size: Annotated[str | None, typer.Option("--size", metavar="WxH", help="To ask a camera for.")] = None,
+    fps: Annotated[float | None, typer.Option(metavar="HZ", help="Images a second: to ask for; of files.")] = None,
+    method: Method = "default",
+    method_settings: MethodSettings = None,
+    publish_depth: Annotated[
+        bool,
+        typer.Option(
+            "--publish-depth", help="Send the images, too, as the sensor SENSOR.depth, so that a take has them."
+        ),
+    ] = False,
+    loop: Annotated[bool, typer.Option("--loop", help="A recording begins again when it has ended.")] = False,
+    drop_after_ms: Annotated[
+        float, typer.Option(metavar="MS", min=1, help="Arms found so long after the image was there are not sent.")
+    ] = 100.0,
+    report: Annotated[
+        float, typer.Option(metavar="SECONDS", min=0, help="So often it says how it goes; 0: only what is wrong.")
+    ] = 10.0,
+    connect: Connect = DEFAULT_ADDRESS,
+    epoch: Epoch = None,
+    epoch_from_input: EpochFromInput = False,
+    json: JsonOut = None,
+) -> None:
+    """Serve a depth camera: find the arms in its images, and send them.
+
+    docs/arms/recordings.md has the cameras, and what they need installed.
+
+    Example:  mocapella node arm openni:0 --name arm
+    """
+    need_cameras("node arm")
+    from mocapella.cli.depth_recordings import depth_of_take, depth_options
+    from mocapella.live.arm_node import run_arm_node
+    from mocapella.live.arm_work import ArmWork
+    from mocapella.live.camera_node import CameraNodeSettings
+    from mocapella.live.stopping import stop_on_signals
+    from mocapella.model.observations import check_sensor_name
+    from mocapella.settings import check, settings_of_pairs
+    from mocapella.sources.acquisition import Acquisition
+    from mocapella.sources.depth_options import complete
+    from mocapella.sources.open_depth import open_depth
+    from mocapella.tracker.arm_methods import arm_method
+    from mocapella.wire.node import DEPTH_HISTORY_FRAMES, NodeLink
+
+    check(fps is None or 0 < fps <= 1000, "--fps", fps, "above 0, at most 1000")
+    depth_name = check_sensor_name(f"{check_sensor_name(name)}.depth")
+    options = depth_options(intrinsics, unit, rig, fps, None if size is None else parse_size(size))
+    settings = CameraNodeSettings(drop_after_ms / 1e3, report)
+    images = open_depth(source, options, loop=loop, recorded=lambda text: depth_of_take(text, options))
+    with Acquisition(images, say=say) as acquisition:
+        camera = complete(acquisition.state, source)
+        _tell_state(name, acquisition)
+        work = ArmWork(name, acquisition, camera, arm_method(method, camera, settings_of_pairs(method_settings)))
+        zero = read_epoch() if epoch_from_input else epoch
+        wait = not (images.live or zero is not None)
+        # From here on standard input is watched for the end of who started this process.
+        with stop_on_signals() as stop, NodeLink(connect, name) as link, ExitStack() as depth:
+            depth_link = None
+            if publish_depth:
+                depth_link = depth.enter_context(NodeLink(connect, depth_name, history_frames=DEPTH_HISTORY_FRAMES))
+            summary = run_arm_node(
+                link, acquisition, work, settings, depth_link=depth_link, epoch=zero, stop=stop, wait=wait, say=say
+            )  # fmt: skip
+    say(f"{name}: {summary.published} frames published; {work.words()}")
+    for problem in summary.report["problems"]:
+        say(f"{name}: {problem}")
+    write_json(json, asdict(summary))
+
+
+def _tell_state(sensor: str, acquisition: Acquisition) -> None:
+    """How the source is set, in words."""
+    state = acquisition.state
+    assert state.size_px is not None
+    assert state.lens is not None
+    rate = "" if state.fps is None else f", {state.fps:g} a second"
+    say(
+        f"{sensor}: depth images of {acquisition.source.name}, {state.size_px[0]} × {state.size_px[1]} px{rate}, "
+        f"{state.unit_m:g} m a unit, f {state.lens[0]:.1f} px; their time is {acquisition.source.times}"
+    )
+    for problem in state.problems:
+        say(f"{sensor}: {problem}")
+
+
+class _Run:
+    """A method over one recording."""
+
+    def __init__(
+        self, recording: DepthRecording, camera: Camera, method: ArmMethod, stages: Path | None, all_points: bool
+    ) -> None:
+        self.recording, self.camera, self.method = recording, camera, method
+        self._stages, self._all_points = stages, all_points
+        self._rows: list[dict[str, Any]] = []
+        self.counts: Counter[str] = Counter()
+        self._took_s: list[float] = []
+        self._reasons: Counter[str] = Counter()
+
+    def rows(self) -> Iterator[dict[str, Any]]:
+        """Each image's row, when it has been looked at.
+
+        Raises:
+            InputError: the unit cannot be right, or the images cannot be used.
+        """
+        from mocapella.conventions import NS_PER_S
+        from mocapella.sources.depth_options import UnitCheck
+
+        unit_m = self.recording.state.unit_m
+        assert unit_m is not None  # `complete` has seen to it
+        check, zero_ns, at_s, shown_s = UnitCheck(unit_m, self.recording.name), None, -1.0, 0.0
+        with console.status(f"{self.recording.name}: reading …") as status:
+            for number, image in enumerate(self.recording.images()):
+                zero_ns = image.time_ns if zero_ns is None else zero_ns
+                # A camera that was started again has a new clock; a method wants time to rise.
+                at_s = max((image.time_ns - zero_ns) / NS_PER_S, at_s + 1e-3 if number else 0.0)
+                row = self._row(image, check, unit_m, at_s)
+                self._rows.append(row)
+                self._reasons.update([row["reason"]] if row["reason"] else [])
+                yield row
+                if time.monotonic() > shown_s + _SHOWN_EVERY_S:
+                    shown_s = time.monotonic()
+                    name = self.recording.name.replace("[", "(")
+                    status.update(f"{name}: image {number + 1} of {self.recording.count} …")
+
+    def _row(self, image: RecordedDepth, check: UnitCheck, unit_m: float, at_s: float) -> dict[str, Any]:
+        import numpy as np
+
+        from mocapella.exports.arm_rows import frame_row
+        from mocapella.model.arms import SeenArms
+
+        self.counts["images"] += 1
+        if image.depth is None:
+            self.counts["damaged"] += 1
+            found = SeenArms((), image.problem)
+        else:
+            check.update(image.depth)
+            empty = not image.depth.any()
+            self.counts["empty"] += empty
+            metres = image.depth * np.float32(unit_m)
+            begin_s = time.perf_counter()
+            found = self.method.update(metres, at_s)
+            self._took_s.append(time.perf_counter() - begin_s)
+            if empty and not found.reason:
+                found = SeenArms(found.arms, "nothing was measured in the whole image")
+            if self._stages is not None:
+                self._write_stages(self.method, metres, image.file)  # type: ignore[arg-type]
+        self.counts["with_arms"] += bool(found.arms)
+        self.counts["arms"] += len(found.arms)
+        return frame_row(image.file, at_s, found, self.camera.lens, all_points=self._all_points)
+
+    def _write_stages(self, method: HasStages, metres: Any, file: str) -> None:
+        from mocapella.sources.depth_files import write_png
+
+        assert self._stages is not None
+        stem = Path(file).stem if file.endswith(".png") else Path(file).name
+        folder = self._stages / f"{self.counts['images'] - 1:05d}-{stem}"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise SettingsError(f"--stages {self._stages}: {error.strerror}; name a folder to write to") from error
+        for number, (name, picture) in enumerate(method.stages(metres).items(), start=1):
+            write_png(folder / f"{number:02d}-{name.replace('/', '-').replace(' ', '-')}.png", picture)
+
+    def result(self) -> dict[str, Any]:
+        """The recording's part of the JSON."""
+        state = self.recording.state
+        return {
+            "recording": self.recording.name,
+            "size_px": list(self.camera.size_px),
+            "lens": self.camera.lens.tolist(),
+            "unit_m": state.unit_m,
+            "counts": {name: self.counts[name] for name in ("images", "with_arms", "arms", "empty", "damaged")},
+            "median_ms": round(1e3 * statistics.median(self._took_s), 3) if self._took_s else None,
+            "problems": list(state.problems),
+            "frames": self._rows,
+        }
+
+    def tell(self) -> None:
+        """The counts and the most frequent reasons, for a person."""
+        n = self.counts
+        lacking = [f"{n[name]} {words}" for name, words in
+                   (("empty", "with nothing measured"), ("damaged", "damaged")) if n[name]]  # fmt: skip
+        said = f"; {', '.join(lacking)}" if lacking else ""
+        say(f"{self.recording.name}: arms in {n['with_arms']} of {n['images']} images{said}")
+        for problem in self.recording.state.problems:
+            say(f"{self.recording.name}: {problem}")
+        for reason, count in self._reasons.most_common(_MOST_NAMED):
+            say(f"  {count} times: {reason}")

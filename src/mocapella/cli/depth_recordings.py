@@ -1,0 +1,166 @@
+"""Recordings of depth images as a user names them: files, folders, and takes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from mocapella.cli.recordings import find_recording, is_take
+from mocapella.errors import InputError, SettingsError, one_of
+from mocapella.model.camera_rig_file import load_camera_rig
+from mocapella.model.depth import DepthFrame
+from mocapella.recording.disk import SUFFIX
+from mocapella.recording.take_reader import Take, read_take
+from mocapella.sources.depth_files import DepthFiles, DepthRecording, RecordedDepth
+from mocapella.sources.depth_options import DepthOptions, parse_lens, parse_unit
+from mocapella.sources.open_depth import CAMERAS
+from mocapella.sources.picture_source import SourceState
+
+
+def depth_options(
+    intrinsics: str | None,
+    unit: str | None,
+    rig: str | None = None,
+    fps: float | None = None,
+    size_px: tuple[int, int] | None = None,
+) -> DepthOptions:
+    """What the command line says of a depth camera.
+
+    Args:
+        rig: FILE or FILE:CAMERA, of which the lens is taken.
+
+    Raises:
+        SettingsError: something of it cannot be read, or the lens is said twice.
+        InputError: the rig's file cannot be read, or has no such camera.
+    """
+    if rig is not None and intrinsics is not None:
+        raise SettingsError("--rig and --intrinsics both say the lens; leave one of them out")
+    lens = parse_lens(intrinsics) if rig is None else _lens_of_rig(rig)
+    unit_m, raw = parse_unit(unit)
+    return DepthOptions(unit_m, raw, lens, fps, size_px)
+
+
+def _lens_of_rig(text: str) -> tuple[float, ...]:
+    path, name = (text, "") if Path(text).exists() or ":" not in text else text.rsplit(":", 1)
+    cameras = load_camera_rig(path).cameras
+    if not name and len(cameras) == 1:
+        (name,) = cameras
+    if name not in cameras:
+        fix = f"write --rig {path}:NAME with one of {one_of(name, cameras)}"
+        raise InputError("does not say which camera" if not name else f"has no camera {name!r}", file=path, fix=fix)
+    return tuple(map(float, cameras[name].camera.lens))
+
+
+class TakeDepth:
+    """The depth images of one sensor of a take; a `mocapella.sources.depth_files.DepthRecording`.
+
+    Args:
+        path: the take.
+        sensor: whose; None where only one sends depth images.
+        options: what the user says, which goes before what the take says.
+
+    Raises:
+        InputError: it has no depth images, or none of that sensor.
+        SettingsError: several sensors send depth images, and none is named.
+    """
+
+    def __init__(self, path: Path, sensor: str | None, options: DepthOptions | None = None) -> None:
+        options = options or DepthOptions()
+        self._take = read_take(path)
+        first = {name: frame for name in self._take.sensors if (frame := _first(self._take, name)) is not None}
+        if not first:
+            fix = "record one with mocapella node arm --publish-depth"
+            raise InputError("has no depth images", file=path, fix=fix)
+        if sensor is None and len(first) > 1:
+            raise SettingsError(f"{path} has several depth cameras; write {path}:NAME with one of {', '.join(first)}")
+        self.sensor = next(iter(first)) if sensor is None else sensor
+        if self.sensor not in first:
+            fix = f"it has those of {one_of(self.sensor, first)}"
+            raise InputError(f"has no depth images of {self.sensor!r}", file=path, fix=fix)
+        self.name = f"{path}:{self.sensor}"
+        self._like = first[self.sensor]
+        self.count = sum(node.stored for node in self._take.complete() if node.sensor == self.sensor)
+        self.state = SourceState(
+            self._like.size_px,
+            options.fps,
+            problems=self._take.problems,
+            unit_m=self._like.unit_m if options.unit_m is None else options.unit_m,
+            lens=tuple(self._like.lens.tolist()) if options.lens is None else options.lens,
+        )
+
+    def images(self) -> Iterator[RecordedDepth]:
+        """As `DepthRecording.images`.
+
+        Raises:
+            InputError: the camera's size, unit or lens changes in it.
+        """
+        for stored in self._take.frames_in_sequence(self.sensor):
+            frame, name = stored.frame, f"{self.name}/{stored.frame.sequence}"
+            if not isinstance(frame, DepthFrame):
+                yield RecordedDepth(name, frame.time_ns, None, "is no depth image")
+                continue
+            like = self._like
+            if (frame.size_px, frame.unit_m) != (like.size_px, like.unit_m) or not np.array_equal(
+                frame.lens, like.lens
+            ):
+                fix = "two cameras had this name; a method works for one"
+                raise InputError("has another size, unit or lens than the first", file=name, fix=fix)
+            yield RecordedDepth(name, frame.time_ns, frame.depth)
+
+
+def _first(take: Take, sensor: str) -> DepthFrame | None:
+    """A sensor's first frame, where it is a depth image."""
+    stored = next(take.frames(sensor), None)
+    return stored.frame if stored is not None and isinstance(stored.frame, DepthFrame) else None
+
+
+def depth_of_take(text: str, options: DepthOptions | None = None) -> TakeDepth | None:
+    """The depth images of TAKE or TAKE.mcap:SENSOR; None where the text names no take.
+
+    Raises:
+        InputError, SettingsError: as `TakeDepth`.
+    """
+    name, colon, sensor = text.rpartition(":")
+    if not (colon and name.endswith(SUFFIX)):
+        name, sensor = text, ""
+    path = Path(name)
+    if not path.exists():
+        try:
+            path = find_recording(path)
+        except InputError:
+            if path.suffix == SUFFIX:
+                raise
+            return None
+    if path.is_dir() or not is_take(path):
+        return None
+    return TakeDepth(path, sensor or None, options)
+
+
+def depth_recordings(paths: Sequence[str], options: DepthOptions) -> list[DepthRecording]:
+    """Each folder and each take is a recording, and so are files that are named one after the other.
+
+    Raises:
+        SettingsError: a camera is named.
+        InputError: something cannot be read.
+    """
+    found: list[DepthRecording] = []
+    files: list[Path] = []
+
+    def close() -> None:
+        if files:
+            found.append(DepthFiles(files.copy(), options))
+            files.clear()
+
+    for text in paths:
+        if text.partition(":")[0] in CAMERAS:
+            raise SettingsError(f"{text} is a camera; mocapella node arm {text} serves it")
+        take = depth_of_take(text, options)
+        if take is None and not Path(text).is_dir():
+            files.append(Path(text))
+            continue
+        close()
+        found.append(DepthFiles([Path(text)], options) if take is None else take)
+    close()
+    return found

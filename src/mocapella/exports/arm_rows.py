@@ -1,0 +1,80 @@
+"""Arms of depth images as rows: of JSON, and of a table (`docs/arms/recordings.md` has both)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry.lens import project
+from mocapella.model.arms import ARM_JOINTS, ARM_POINTS, SeenArm, SeenArms
+
+Float64 = NDArray[np.float64]
+
+STATES: Final = ("unknown", "inferred", "measured")
+COLUMNS: Final = (
+    "recording", "file", "time_s", "arm", "handedness", "handedness_sure", "gesture", "gesture_sure", "grabbing",
+    "joint", "state", "x_m", "y_m", "z_m", "x_px", "y_px", "sd_m", "reason",
+)  # fmt: skip
+"""Of the table: a row a joint, and one without an arm where an image has none."""
+
+
+def handedness(arm: SeenArm) -> str:
+    """Left or right; unknown where that would be a guess."""
+    return "unknown" if arm.left_sure <= 0.5 else "left" if arm.left else "right"
+
+
+def frame_row(file: str, at_s: float, found: SeenArms, lens: Float64, *, all_points: bool = False) -> dict[str, Any]:
+    """One image: its file, its time [s], its arms and why there are none, or what is doubtful.
+
+    Args:
+        all_points: the 23 of `ARM_POINTS` instead of the eight joints.
+    """
+    points = range(len(ARM_POINTS)) if all_points else ARM_JOINTS
+    return {
+        "file": file,
+        "time_s": round(at_s, 6),
+        "arms": [_arm(arm, lens, points) for arm in found.arms],
+        "reason": found.reason,
+    }
+
+
+def _arm(arm: SeenArm, lens: Float64, points: Sequence[int]) -> dict[str, Any]:
+    chosen = list(points)
+    places, pixels = arm.points[chosen], project(arm.points[chosen], lens)
+    return {
+        "id": int(arm.id),
+        "handedness": handedness(arm),
+        "handedness_sure": round(float(arm.left_sure), 4),
+        "gesture": arm.gesture,
+        "gesture_sure": round(float(arm.gesture_sure), 4),
+        "grabbing": bool(arm.grabbing),
+        "joints": {
+            ARM_POINTS[k]: {
+                "state": STATES[arm.states[k]],
+                "m": _numbers(place, 5),
+                "px": _numbers(pixel, 2),
+                "sd_m": None if np.isnan(arm.sd[k]) else round(float(arm.sd[k]), 5),
+            }
+            for k, place, pixel in zip(chosen, places, pixels, strict=True)
+        },
+    }
+
+
+def table_rows(recording: str, row: dict[str, Any]) -> Iterator[list[Any]]:
+    """The table's rows of a `frame_row`, in the order of `COLUMNS`; empty is not known."""
+    begin = [recording, row["file"], row["time_s"]]
+    for arm in row["arms"]:
+        of_arm = [arm[name] for name in ("id", "handedness", "handedness_sure", "gesture", "gesture_sure")]
+        for name, joint in arm["joints"].items():
+            places = [*(joint["m"] or [""] * 3), *(joint["px"] or [""] * 2)]
+            sd = "" if joint["sd_m"] is None else joint["sd_m"]
+            yield [*begin, *of_arm, int(arm["grabbing"]), name, joint["state"], *places, sd, row["reason"]]
+    if not row["arms"]:
+        yield [*begin, *[""] * (len(COLUMNS) - len(begin) - 1), row["reason"]]
+
+
+def _numbers(values: Float64, digits: int) -> list[float] | None:
+    return [round(float(value), digits) for value in values] if np.isfinite(values).all() else None

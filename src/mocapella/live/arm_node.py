@@ -1,0 +1,95 @@
+"""A depth camera's node: images → arms → the bus, and where that is wanted the images, too."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from mocapella.live.arm_work import ArmWork
+from mocapella.live.camera_node import CameraNodeSettings, run_camera_node
+from mocapella.live.node import Membership
+from mocapella.sources.acquisition import Acquisition
+from mocapella.sources.picture_source import Picture
+from mocapella.wire.node import NodeLink
+
+
+@dataclass(frozen=True)
+class ArmNodeSummary:
+    """What a depth camera's node did.
+
+    Attributes:
+        sensor, node_id: who it was on the bus; the id as 16 hex digits.
+        served: whether a server was there at any time, and gave the node its sensor's name.
+        published: frames of arms.
+        images_published: frames of depth.
+        seconds: from the first image's turn to the end [s].
+        report: as `ArmWork.report`.
+    """
+
+    sensor: str
+    node_id: str
+    served: bool
+    published: int
+    images_published: int
+    seconds: float
+    report: dict[str, Any]
+
+
+def run_arm_node(
+    link: NodeLink,
+    acquisition: Acquisition,
+    work: ArmWork,
+    settings: CameraNodeSettings | None = None,
+    *,
+    depth_link: NodeLink | None = None,
+    epoch: float | None = None,
+    stop: threading.Event,
+    wait: bool = True,
+    say: Callable[[str], None] = lambda text: None,
+    clock: Callable[[], float] = time.monotonic,
+) -> ArmNodeSummary:
+    """Find arms in the newest image, again and again, and publish them; until the source ends or ``stop`` is set.
+
+    Args:
+        link: the sensor's end of the bus; stays open.
+        acquisition: of the images, not started yet; stays open.
+        work: what finds arms.
+        settings: see there.
+        depth_link: of the sensor under whose name images are published; None where they are not.
+        epoch, stop, wait, say, clock: as `mocapella.live.camera_node.run_camera_node`.
+
+    Raises:
+        MocapellaError: as `run_camera_node`.
+    """
+    s = settings or CameraNodeSettings()
+    images = None if depth_link is None else Membership(depth_link, stop, say)
+
+    def look(picture: Picture) -> None:
+        if depth_link is not None:
+            depth_link.publish(work.depth(picture))
+        begin_s = clock()
+        frame = work.look(picture)
+        found_s = clock()
+        if work.in_time(found_s - begin_s, found_s - picture.ready_s, s.drop_after_s):
+            link.publish(frame)
+
+    try:
+        run = run_camera_node(
+            link, acquisition, work, look, s, epoch=epoch, stop=stop, wait=wait, say=say, clock=clock
+        )  # fmt: skip
+    finally:
+        stop.set()
+        if images is not None:
+            images.close()
+    return ArmNodeSummary(
+        sensor=link.node.sensor,
+        node_id=f"{link.node.node_id:016x}",
+        served=run.served,
+        published=link.published,
+        images_published=0 if depth_link is None else depth_link.published,
+        seconds=run.seconds,
+        report=work.report(),
+    )

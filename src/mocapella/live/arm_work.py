@@ -1,0 +1,179 @@
+"""The method of a depth camera's node: what it finds in each image, and what is wrong."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
+from dataclasses import asdict
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.conventions import NS_PER_S
+from mocapella.errors import InputError
+from mocapella.live.camera_node import Warned
+from mocapella.model.arms import ArmFrame, ArmMethod
+from mocapella.model.camera import Camera
+from mocapella.model.depth import DepthFrame
+from mocapella.sources.acquisition import Acquisition
+from mocapella.sources.depth_options import UnitCheck
+from mocapella.sources.picture_source import Picture
+
+OFTEN: Final = 0.5
+"""What is so in more than this part of the images is said."""
+_TIMES: Final = 1000
+"""The median time is that of so many images."""
+_MOST_REASONS: Final = 100
+_ROUGH_M: Final = 0.7
+
+
+class ArmWork:
+    """Finds arms in depth images.
+
+    Args:
+        sensor: the camera's name.
+        acquisition: where the images come from; read for its reports only.
+        camera: of the images.
+        method: made for this camera.
+        clock: the monotonic clock, in seconds.
+
+    Attributes:
+        late: images that took longer to look at than there is time between two.
+        too_late: of these, how many took so long that their arms were not sent.
+        looked_at: images.
+        with_arms: of these, in how many an arm was found.
+    """
+
+    def __init__(
+        self,
+        sensor: str,
+        acquisition: Acquisition,
+        camera: Camera,
+        method: ArmMethod,
+        *,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        self.sensor, self.acquisition, self.camera, self.method = sensor, acquisition, camera, method
+        self._state = acquisition.state
+        unit_m = self._state.unit_m
+        assert unit_m is not None  # `mocapella.sources.depth_options.complete` has seen to it
+        self._unit_m, self._check, self._clock = unit_m, UnitCheck(unit_m, acquisition.source.name), clock
+        self.late = self.too_late = self.looked_at = self.with_arms = 0
+        self._times: deque[float] = deque(maxlen=_TIMES)
+        self._reasons: Counter[str] = Counter()
+        self._warned = Warned()
+        self._before = (0, 0, 0)
+        self._reason = ""
+        for number in range(3):  # compiles before the clock matters, also what needs an image before
+            method.update(rough_arm(camera), number / 30)
+        method.reset()
+
+    def look(self, picture: Picture) -> ArmFrame:
+        """The arms in an image.
+
+        Raises:
+            InputError: the unit cannot be right, or the camera gives something else than before.
+        """
+        self._same_camera(picture)
+        depth: Any = picture.image
+        self._check.update(depth)
+        begin_s = self._clock()
+        found = self.method.update(depth * np.float32(self._unit_m), picture.time_ns / NS_PER_S)
+        self._times.append(self._clock() - begin_s)
+        self.looked_at += 1
+        self.with_arms += bool(found.arms)
+        if found.reason and (found.reason in self._reasons or len(self._reasons) < _MOST_REASONS):
+            self._reasons[found.reason] += 1
+        self._reason = found.reason or self._reason
+        return ArmFrame(
+            self.sensor, 0, 0, picture.time_ns, 0, self.camera.size_px, self.camera.lens, self.method.name,
+            found.arms, found.reason,
+        )  # fmt: skip
+
+    def depth(self, picture: Picture) -> DepthFrame:
+        """The image itself as a frame."""
+        depth: Any = picture.image
+        return DepthFrame(self.sensor, 0, 0, picture.time_ns, 0, depth, self._unit_m, self.camera.lens)
+
+    def in_time(self, took_s: float, age_s: float, drop_after_s: float) -> bool:
+        """Count a look that took so long, and say whether its arms are still worth sending."""
+        fps = self.acquisition.state.fps
+        self.late += bool(fps and took_s > 1 / fps)
+        self.too_late += age_s > drop_after_s
+        return age_s <= drop_after_s
+
+    def report(self) -> dict[str, Any]:
+        """Counts since the beginning, and what is wrong."""
+        return {
+            "source": self.acquisition.source.name,
+            "times": self.acquisition.source.times,
+            **asdict(self.acquisition.report()),
+            "method": self.method.name,
+            "late": self.late,
+            "too_late": self.too_late,
+            "looked_at": self.looked_at,
+            "with_arms": self.with_arms,
+            "empty": self._check.empty,
+            "damaged": getattr(self.acquisition.source, "damaged", 0),
+            "median_ms": round(1e3 * statistics.median(self._times), 3) if self._times else None,
+            "reasons": dict(self._reasons.most_common()),
+            "problems": [*self._problems((0, 0, 0)).values(), *self.acquisition.state.problems],
+        }
+
+    def words(self) -> str:
+        """The report in a line."""
+        report = self.acquisition.report()
+        looked = max(self.looked_at, 1)
+        rate = f"{report.fps:.1f} a second; " if report.fps else ""
+        took = f"{1e3 * statistics.median(self._times):.1f} ms an image; " if self._times else ""
+        return (
+            f"{rate}{took}{report.taken} images taken, {report.dropped} dropped, {self.late} late, "
+            f"{self.too_late} not sent; arms in {100 * self.with_arms / looked:.1f} %"
+        )
+
+    def warnings(self, now_s: float) -> Iterator[str]:
+        """What has become wrong since the last look, now and then; and what is right again."""
+        if self._warned.due(now_s):
+            problems = self._problems(self._before)
+            self._before = (self.looked_at, self.with_arms, self._check.empty)
+            yield from self._warned.update(problems)
+
+    def _problems(self, before: tuple[int, int, int]) -> dict[str, str]:
+        """By kind: what is wrong since ``before``, counts of images looked at, with arms, and empty."""
+        found: dict[str, str] = {}
+        report = self.acquisition.report()
+        if report.too_few:
+            advice = "give it a USB port of its own" if report.live else "this computer is too busy"
+            found["rate"] = f"gives {report.fps:.1f} images a second, not {report.asked_fps:g}; {advice}"
+        counts = (self.looked_at, self.with_arms, self._check.empty)
+        looked, arms, empty = (now - then for now, then in zip(counts, before, strict=True))
+        if looked and empty > OFTEN * looked:
+            found["images"] = f"nothing is measured in {100 * empty / looked:.0f} % of the images; is it covered?"
+        elif looked and not arms:
+            found["arms"] = "no arm is found" + (f": {self._reason}" if self._reason else "")
+        return found
+
+    def _same_camera(self, picture: Picture) -> None:
+        """Refuse what another camera gives: the method was made for one."""
+        state = self.acquisition.state
+        if picture.size_px == self.camera.size_px and (state is self._state or _alike(state, self._state)):
+            return
+        problem = f"gives {picture.size_px[0]} × {picture.size_px[1]} px now, or has another lens or unit than before"
+        raise InputError(problem, file=self.acquisition.source.name, fix="start the node again")
+
+
+def rough_arm(camera: Camera) -> NDArray[np.float32]:
+    """(height, width) [m] of a disc and a bar to the lower edge: enough of an arm for a method to do its work."""
+    width, height = camera.size_px
+    fx, fy = camera.lens[:2]
+    x = (np.arange(width) - 0.5 * width) * _ROUGH_M / fx
+    y = ((np.arange(height) - 0.5 * height) * _ROUGH_M / fy)[:, None]
+    there = (np.hypot(x, y) < 0.05) | ((np.abs(x) < 0.03) & (y > 0))
+    return np.where(there, np.float32(_ROUGH_M), np.float32(0))
+
+
+def _alike(one: Any, other: Any) -> bool:
+    return bool((one.size_px, one.unit_m, one.lens) == (other.size_px, other.unit_m, other.lens))

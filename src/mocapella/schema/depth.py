@@ -1,0 +1,130 @@
+"""Depth images to bytes and back, without loss, with everything that is not ours refused at the door.
+
+A pixel is written as its difference to the neighbours on its left, above, and above left (the planar predictor, the
+fourth of the lossless mode of ITU-T T.81, table H.1), modulo 2^16: where a surface is smooth, that is little. Small
+differences of both signs become small numbers, the low bytes of all stand before the high ones, and Zstandard
+(RFC 8878) packs them.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import zstandard
+from numpy.typing import NDArray
+
+from mocapella.errors import WireError
+from mocapella.model.depth import DepthFrame
+from mocapella.schema import mocapella_pb2 as pb
+from mocapella.schema.checks import F8, SCHEMA_VERSION, array, sensor_name
+
+UInt16 = NDArray[np.uint16]
+Float64 = NDArray[np.float64]
+
+MAX_DEPTH_SIDE_PX: Final = 4096
+MAX_DEPTH_PX: Final = 1 << 22
+"""Pixels of an image: what a message may unpack to is known before anything is unpacked."""
+UNITS_M: Final = (1e-6, 0.1)
+"""Metres a unit, from and to."""
+_LEVEL: Final = 1
+_MAX_LENS: Final = 1e6
+
+
+def encode_depth_frame(frame: DepthFrame) -> bytes:
+    """Write a frame; the same numbers give the same bytes, with one version of Zstandard."""
+    return pb.DepthFrame(
+        schema_version=SCHEMA_VERSION,
+        sensor=frame.sensor,
+        node_id=frame.node_id,
+        sequence=frame.sequence,
+        time_ns=frame.time_ns,
+        sent_ns=frame.sent_ns,
+        width_px=frame.size_px[0],
+        height_px=frame.size_px[1],
+        unit_m=frame.unit_m,
+        lens=frame.lens.astype(F8, copy=False).tobytes(),
+        depth=pack_depth(frame.depth),
+    ).SerializeToString()
+
+
+def depth_frame_of(m: pb.DepthFrame) -> DepthFrame:
+    """Check a message and make a frame of it.
+
+    Raises:
+        WireError: a field is too long, of the wrong length or out of range; names the field and what it wants.
+    """
+    size = image_size(m.width_px, m.height_px, "DepthFrame")
+    if not UNITS_M[0] <= m.unit_m <= UNITS_M[1]:  # NaN compares false
+        raise WireError(
+            f"DepthFrame.unit_m is {m.unit_m:g}; metres a unit, {UNITS_M[0]:g} to {UNITS_M[1]:g}, are wanted"
+        )
+    return DepthFrame(
+        sensor_name(m.sensor),
+        m.node_id,
+        m.sequence,
+        m.time_ns,
+        m.sent_ns,
+        unpack_depth(m.depth, size, "DepthFrame.depth"),
+        m.unit_m,
+        lens_of(m.lens, "DepthFrame.lens"),
+    )
+
+
+def pack_depth(depth: UInt16) -> bytes:
+    """(height, width) as it travels."""
+    along = depth.copy()
+    along[:, 1:] -= depth[:, :-1]
+    both = along.copy()
+    both[1:] -= along[:-1]
+    signed = both.view(np.int16)
+    small = ((signed << 1) ^ (signed >> 15)).astype("<u2", copy=False)
+    planes = np.ascontiguousarray(small.view(np.uint8).reshape(-1, 2).T)
+    return zstandard.ZstdCompressor(level=_LEVEL).compress(planes.data)
+
+
+def unpack_depth(data: bytes, size_px: tuple[int, int], field: str) -> UInt16:
+    """(height, width), the inverse of `pack_depth`.
+
+    Raises:
+        WireError: it is not packed so, or does not unpack to an image of this size.
+    """
+    width, height = size_px
+    wanted = 2 * width * height
+    try:
+        told = zstandard.frame_content_size(data)
+        # Checked first: the library trusts this number when it makes room.
+        if told != wanted:
+            said = "does not say to how many bytes it unpacks" if told < 0 else f"unpacks to {told} bytes"
+            raise WireError(f"{field} {said}; {width} × {height} uint16 want {wanted}")
+        planes = zstandard.ZstdDecompressor().decompress(data, max_output_size=wanted, allow_extra_data=False)
+    except zstandard.ZstdError as error:
+        raise WireError(f"{field} cannot be unpacked ({error}); one Zstandard frame is wanted") from None
+    if len(planes) != wanted:
+        raise WireError(f"{field} unpacks to {len(planes)} bytes; {width} × {height} uint16 want {wanted}")
+    halves = np.frombuffer(planes, np.uint8).reshape(2, -1)
+    small = halves[1].astype(np.uint16)
+    small <<= 8
+    small |= halves[0]
+    both: UInt16 = ((small >> 1) ^ -(small & 1)).reshape(height, width)
+    np.add.accumulate(both, axis=0, out=both)
+    np.add.accumulate(both, axis=1, out=both)
+    return both
+
+
+def image_size(width: int, height: int, message: str) -> tuple[int, int]:
+    """(width, height) of a depth image, or a `WireError` that says which there are."""
+    sides = 0 < width <= MAX_DEPTH_SIDE_PX and 0 < height <= MAX_DEPTH_SIDE_PX
+    if not (sides and width * height <= MAX_DEPTH_PX):
+        wanted = f"1 to {MAX_DEPTH_SIDE_PX} pixels each, and at most {MAX_DEPTH_PX} in all"
+        raise WireError(f"{message}.width_px and height_px are {width} and {height}; they want {wanted}")
+    return width, height
+
+
+def lens_of(data: bytes, field: str) -> Float64:
+    """(9,) a lens, or a `WireError` that says what is wrong with it."""
+    lens = array(data, F8, (9,), field)
+    if not ((np.abs(lens) <= _MAX_LENS).all() and (lens[:2] > 0).all()):  # NaN compares false
+        wanted = f"nine numbers within ±{_MAX_LENS:g}, of which the first two, fx and fy, are above 0, are wanted"
+        raise WireError(f"{field} is {', '.join(f'{value:g}' for value in lens)}; {wanted}")
+    return lens

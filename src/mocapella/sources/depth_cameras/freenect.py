@@ -1,0 +1,62 @@
+"""The Kinect v1 through libfreenect's own Python module.
+
+``sync_get_depth(index, format)`` gives (depth (480, 640) uint16, time stamp) or None where there is no Kinect
+(libfreenect, ``wrappers/python/freenect.pyx``). ``DEPTH_MM`` are millimetres by the device's own calibration,
+``DEPTH_11BIT`` its disparities, which `mocapella.geometry.kinect_depth` makes depths of. The module does not tell the
+lens: that is the infrared camera's nominal focal length of 120 mm at pixels of 2 · 0.1042 mm, which libfreenect's
+``freenect_camera_to_world`` uses for images of 640 px. Stamps count a clock of 60 MHz whose origin and wrap the module
+does not tell: images have the time at which they come.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+
+from mocapella.geometry.kinect_depth import UNIT_M, kinect_units
+from mocapella.sources.depth_cameras.device import DepthDevice, Stamped, none_there
+from mocapella.sources.picture_source import SourceState
+
+FOCAL_PX: Final = 120.0 / (2 * 0.1042)
+SIZE_PX: Final = (640, 480)
+
+
+class FreenectCamera(DepthDevice):
+    """A Kinect v1, by its number. With the unit kinect-raw, depths are made of its disparities here."""
+
+    packages = ("freenect",)
+    install = "install libfreenect with its Python module (Debian: python3-freenect; freenect of the package index)"
+    _first: Stamped | None = None
+
+    def _errors(self, package: Any) -> tuple[type[BaseException], ...]:
+        return (OSError, RuntimeError)
+
+    def _start(self, package: Any) -> SourceState:
+        self.times = "the monotonic clock, when an image was there"
+        self._first = self._grab(package)
+        if self._first is None:
+            raise none_there(self.name, 0)
+        width, height = SIZE_PX
+        lens = (FOCAL_PX, FOCAL_PX, 0.5 * (width - 1), 0.5 * (height - 1), 0.0, 0.0, 0.0, 0.0, 0.0)
+        return SourceState(SIZE_PX, 30.0, unit_m=UNIT_M if self.options.kinect_raw else 0.001, lens=lens)
+
+    def _next(self, wait_s: float) -> Stamped | None:
+        first, self._first = self._first, None
+        found = first or self._grab(self._package)
+        if found is None:  # at once, not after a while: the Kinect is gone
+            raise OSError("the Kinect gives nothing")
+        return found
+
+    def _grab(self, package: Any) -> Stamped | None:
+        raw = self.options.kinect_raw
+        found = package.sync_get_depth(self._index(), package.DEPTH_11BIT if raw else package.DEPTH_MM)
+        if found is None:
+            return None
+        depth = np.array(found[0], dtype=np.uint16)
+        return Stamped(kinect_units(depth) if raw else depth, None)
+
+    def _stop(self) -> None:
+        self._first = None
+        if self._package is not None:
+            self._package.sync_stop()

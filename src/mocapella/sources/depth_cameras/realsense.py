@@ -1,0 +1,61 @@
+"""Intel RealSense cameras, by the package ``pyrealsense2``.
+
+librealsense's API: ``pipeline.start(config)`` gives a profile, its device's ``first_depth_sensor().get_depth_scale()``
+the metres a unit, its depth stream's ``as_video_stream_profile().get_intrinsics()`` the lens, whose principal point is
+in pixels from the middle of the first; ``try_wait_for_frames(milliseconds)`` gives (whether, frames), and a frame's
+``get_timestamp()`` milliseconds.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mocapella.sources.depth_cameras.device import DepthDevice, Stamped
+from mocapella.sources.picture_source import SourceState
+
+
+class RealSenseCamera(DepthDevice):
+    """A RealSense, by its serial number; the first one where none is said."""
+
+    packages = ("pyrealsense2",)
+    install = "install pyrealsense2 into the same environment"
+    _pipeline: Any = None
+
+    def _start(self, package: Any) -> SourceState:
+        rs, o = package, self.options
+        config = rs.config()
+        if self.which:
+            config.enable_device(self.which)
+        if o.size_px is not None:
+            config.enable_stream(rs.stream.depth, *o.size_px, rs.format.z16, round(o.fps or 30))
+        elif o.fps is not None:
+            config.enable_stream(rs.stream.depth, rs.format.z16, round(o.fps))
+        else:
+            config.enable_stream(rs.stream.depth)
+        pipeline = rs.pipeline()
+        profile = pipeline.start(config)
+        self._pipeline = pipeline
+        unit_m = float(profile.get_device().first_depth_sensor().get_depth_scale())
+        video = profile.get_stream(rs.stream.depth).as_video_stream_profile()
+        seen = video.get_intrinsics()
+        coefficients = tuple(map(float, seen.coeffs))
+        problems: tuple[str, ...] = ()
+        if seen.model != rs.distortion.brown_conrady and any(coefficients):
+            problems = (f"its lens is distorted by the model {seen.model}, which is taken for undistorted",)
+            coefficients = (0.0,) * 5
+        lens = (*map(float, (seen.fx, seen.fy, seen.ppx, seen.ppy)), *coefficients)
+        return SourceState((seen.width, seen.height), float(video.fps()), problems=problems, unit_m=unit_m, lens=lens)
+
+    def _next(self, wait_s: float) -> Stamped | None:
+        there, frames = self._pipeline.try_wait_for_frames(round(1e3 * wait_s))
+        depth = frames.get_depth_frame() if there else None
+        if not depth:
+            return None
+        return Stamped(np.array(depth.get_data(), dtype=np.uint16), depth.get_timestamp() / 1e3)
+
+    def _stop(self) -> None:
+        pipeline, self._pipeline = self._pipeline, None
+        if pipeline is not None:
+            pipeline.stop()

@@ -1,0 +1,256 @@
+"""Depth images as files: 16-bit PNGs, alone or in a row, and what a ``depth.toml`` beside them says of the camera."""
+
+from __future__ import annotations
+
+import re
+import struct
+import tomllib
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.conventions import NS_PER_S
+from mocapella.errors import InputError, SettingsError
+from mocapella.geometry.kinect_depth import UNIT_M, kinect_units
+from mocapella.settings import parse
+from mocapella.sources.depth_options import KINECT_RAW, DepthOptions, lens_of
+from mocapella.sources.picture_source import SourceState
+
+UInt16 = NDArray[np.uint16]
+
+SIDECAR: Final = "depth.toml"
+USUAL_FPS: Final = 30.0
+_SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
+_GREY: Final = 0
+_AGAIN: Final = "record it again, or leave it out"
+_MAX_PX: Final = 1 << 26
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedDepth:
+    """One image of a recording.
+
+    Attributes:
+        file: what it is called: a file, or a take and the number of a frame.
+        time_ns: when it was captured, rising.
+        depth: (height, width) units; None where it cannot be read.
+        problem: why not.
+    """
+
+    file: str
+    time_ns: int
+    depth: UInt16 | None
+    problem: str = ""
+
+
+class DepthRecording(Protocol):
+    """Depth images that are all there.
+
+    Attributes:
+        name: what it is called.
+        state: the camera; without a lens or a unit where nobody says them.
+        count: how many images there are.
+    """
+
+    name: str
+    state: SourceState
+    count: int
+
+    def images(self) -> Iterator[RecordedDepth]:
+        """All of them, from the first."""
+        ...
+
+
+@dataclass(frozen=True)
+class DepthSidecar:
+    """What a ``depth.toml`` says of the images beside it.
+
+    Attributes:
+        unit_m: metres a unit.
+        raw: ``kinect-raw`` where images are a Kinect v1's disparities; empty where they are depths.
+        lens: [F, CX, CY], [FX, FY, CX, CY], or these and K1, K2, P1, P2, K3.
+        fps: images a second.
+    """
+
+    unit_m: float | None = None
+    raw: str = ""
+    lens: tuple[float, ...] | None = None
+    fps: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.raw not in ("", KINECT_RAW):
+            raise SettingsError(f"raw is {self.raw!r}; {KINECT_RAW!r} is wanted, or nothing")
+        if self.lens is not None and lens_of(self.lens) is None:
+            raise SettingsError(f"lens is {list(self.lens)}; [F, CX, CY] or [FX, FY, CX, CY] in pixels is wanted")
+        for name, value in (("unit_m", self.unit_m), ("fps", self.fps)):
+            if value is not None and not 0 < value < float("inf"):
+                raise SettingsError(f"{name} is {value}; a number above 0 is wanted")
+
+
+class DepthFiles:
+    """16-bit PNGs in a row.
+
+    Args:
+        paths: files, in this order, or one folder, whose files come in the order of the numbers in their names.
+        options: what the user says.
+
+    Attributes:
+        name, state, count: as of `DepthRecording`.
+
+    Raises:
+        InputError: there is none, none can be read, or they are no 16-bit images.
+    """
+
+    def __init__(self, paths: Sequence[Path], options: DepthOptions | None = None) -> None:
+        options = options or DepthOptions()
+        self._files = _files(paths)
+        folder = self._files[0].parent
+        self.name = str(paths[0] if len(paths) == 1 else folder)
+        said = read_sidecar(folder / SIDECAR) if (folder / SIDECAR).exists() else DepthSidecar()
+        self._raw = options.kinect_raw or (options.unit_m is None and said.raw == KINECT_RAW)
+        unit_m = UNIT_M if self._raw else options.unit_m if options.unit_m is not None else said.unit_m
+        lens = options.lens if options.lens is not None else lens_of(said.lens or ())
+        self.fps = options.fps or said.fps or USUAL_FPS
+        self.count = len(self._files)
+        height, width = self._first().shape
+        self.state = SourceState((width, height), self.fps, unit_m=unit_m, lens=lens)
+
+    def images(self) -> Iterator[RecordedDepth]:
+        """As `DepthRecording.images`; a file that is damaged or cut off has no image, and says so.
+
+        Raises:
+            InputError: a file has no 16 bits, or another size than the first.
+        """
+        for number, file in enumerate(self._files):
+            time_ns = round(number * NS_PER_S / self.fps) + 1
+            try:
+                depth = read_depth_png(file)
+            except DamagedImageError as error:
+                yield RecordedDepth(str(file), time_ns, None, f"{error.problem}; {error.fix}")
+                continue
+            size = depth.shape[1], depth.shape[0]
+            if size != self.state.size_px:
+                was = "{} × {}".format(*(self.state.size_px or ()))
+                fix = f"put images of one camera there: {self._files[0].name} is {was}"
+                raise InputError(f"is {size[0]} × {size[1]} px", file=file, fix=fix)
+            yield RecordedDepth(str(file), time_ns, kinect_units(depth) if self._raw else depth)
+
+    def _first(self) -> UInt16:
+        """The first image that can be read."""
+        first: DamagedImageError | None = None
+        for file in self._files:
+            try:
+                return read_depth_png(file)
+            except DamagedImageError as error:
+                first = first or error
+        assert first is not None
+        raise first
+
+
+class DamagedImageError(InputError):
+    """A file that was a PNG before it was cut off or changed."""
+
+
+def read_depth_png(path: Path) -> UInt16:
+    """(height, width) of a 16-bit greyscale PNG.
+
+    Raises:
+        DamagedImageError: it is cut off, or a part of it has a wrong checksum.
+        InputError: it is not there, no PNG, or a PNG of another kind.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})", file=path, fix="name a file that is there") from error
+    _check_png(data, path)
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if image is None or image.dtype != np.uint16 or image.ndim != 2:
+        raise DamagedImageError("cannot be unpacked", file=path, fix=_AGAIN)
+    return np.asarray(image, dtype=np.uint16)
+
+
+def _check_png(data: bytes, path: Path) -> None:
+    """Go over a PNG's parts (ISO/IEC 15948, clause 5): OpenCV fills up what is missing, and says nothing."""
+    if not data.startswith(_SIGNATURE):
+        if _SIGNATURE.startswith(data):
+            raise DamagedImageError("is cut off at its beginning", file=path, fix=_AGAIN)
+        raise InputError("is no PNG", file=path, fix="depth images are 16-bit greyscale PNGs")
+    at = len(_SIGNATURE)
+    kind = b""
+    while kind != b"IEND":
+        if at + 12 > len(data):
+            raise DamagedImageError(f"is cut off after {len(data)} bytes", file=path, fix=_AGAIN)
+        length, kind = struct.unpack_from(">I4s", data, at)
+        end = at + 12 + length
+        if end > len(data):
+            raise DamagedImageError(f"is cut off after {len(data)} bytes", file=path, fix=_AGAIN)
+        if zlib.crc32(data[at + 4 : end - 4]) != struct.unpack_from(">I", data, end - 4)[0]:
+            raise DamagedImageError(f"is damaged at byte {at}", file=path, fix=_AGAIN)
+        if kind == b"IHDR":
+            _check_header(data[at + 8 : end - 4], path)
+        at = end
+
+
+def _check_header(header: bytes, path: Path) -> None:
+    if len(header) != 13:
+        raise DamagedImageError("has no header that can be read", file=path, fix=_AGAIN)
+    width, height, bits, colour = struct.unpack_from(">IIBB", header)
+    if (bits, colour) != (16, _GREY):
+        what = "greyscale" if colour == _GREY else "colour"
+        fix = "depth images have 16 bits of greyscale; what has 8 was made to be looked at, and its depths are gone"
+        raise InputError(f"is an image of {bits}-bit {what}", file=path, fix=fix)
+    if width * height > _MAX_PX:
+        raise InputError(f"is {width} × {height} px", file=path, fix=f"at most {_MAX_PX} pixels are read")
+
+
+def read_sidecar(path: Path) -> DepthSidecar:
+    """What a ``depth.toml`` says.
+
+    Raises:
+        InputError: it cannot be read, or says something that there is not.
+    """
+    try:
+        return parse(DepthSidecar, tomllib.loads(path.read_text(encoding="utf-8")), where=str(path))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, SettingsError) as error:
+        told = str(error).removeprefix(f"{path}: ")
+        raise InputError(told, file=path, fix="write unit_m = 0.001 and lens = [F, CX, CY]") from error
+
+
+def natural(name: str) -> list[tuple[int, str]]:
+    """What to sort names by, so that 9 comes before 10."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name.lower()) if part]
+
+
+def _files(paths: Sequence[Path]) -> list[Path]:
+    if len(paths) == 1 and paths[0].is_dir():
+        files = sorted((f for f in paths[0].iterdir() if f.suffix.lower() == ".png"), key=lambda f: natural(f.name))
+        if not files:
+            raise InputError("is a folder without PNGs", file=paths[0], fix="depth images are 16-bit greyscale PNGs")
+        return files
+    for path in paths:
+        if not path.is_file():
+            fix = "name 16-bit PNGs, a folder of them, or a take"
+            raise InputError("is a folder among files" if path.is_dir() else "is not there", file=path, fix=fix)
+    if not paths:
+        raise SettingsError("no depth images; name 16-bit PNGs, a folder of them, or a take")
+    return list(paths)
+
+
+def write_png(path: Path, image: NDArray[np.uint8] | UInt16) -> None:
+    """Write a picture: (height, width) of 8 or 16 bits, or (height, width, 3) blue, green, red.
+
+    Raises:
+        InputError: it cannot be written there.
+    """
+    made, data = cv2.imencode(".png", image)
+    assert made, f"{image.dtype} {image.shape} is no picture"
+    try:
+        path.write_bytes(data.tobytes())
+    except OSError as error:
+        raise InputError(f"cannot be written ({error.strerror})", file=path, fix="name another folder") from error

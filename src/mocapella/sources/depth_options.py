@@ -1,0 +1,206 @@
+"""What a user says of a depth camera, and what cannot be true of one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import InputError, SettingsError
+from mocapella.geometry.kinect_depth import NOTHING
+from mocapella.model.camera import Camera
+from mocapella.sources.picture_source import SourceState
+
+UInt16 = NDArray[np.uint16]
+
+KINECT_RAW: Final = "kinect-raw"
+"""Written for a unit: the images are a Kinect v1's disparities."""
+NARROWEST_DEG: Final = 15.0
+WIDEST_DEG: Final = 140.0
+"""View angles of depth cameras, along an image's width."""
+NEAREST_M: Final = 0.05
+FARTHEST_M: Final = 20.0
+"""Within which the median distance of an image lies."""
+_USUAL_M: Final = (0.2, 6.0)
+"""Where it lies with a unit that is worth to be named."""
+_UNITS_M: Final = (0.001, 0.000125, 0.0001, 0.00025, 0.0002, 0.01, 1e-6)
+"""That cameras and collections have, the most common first."""
+_FOCAL_PX: Final = {
+    (640, 480): 575.8, (320, 240): 287.9, (512, 424): 365.5, (848, 480): 425.0, (1280, 720): 640.0,
+    (640, 576): 504.0, (640, 400): 475.0, (1280, 800): 620.0,
+}  # fmt: skip
+"""Of common cameras by the size of their images: where somebody is told what would be likely."""
+_ENOUGH_PX: Final = 100
+"""An image with fewer pixels that were measured says nothing about its unit."""
+
+
+@dataclass(frozen=True)
+class DepthOptions:
+    """What a user says; it goes before what a file or a camera says itself.
+
+    Attributes:
+        unit_m: metres a unit.
+        kinect_raw: whether images are a Kinect v1's 11-bit disparities instead of depths.
+        lens: the nine numbers of `mocapella.geometry.lens`.
+        fps: images a second, of files; to ask for, of a camera.
+        size_px: (width, height) to ask a camera for.
+    """
+
+    unit_m: float | None = None
+    kinect_raw: bool = False
+    lens: tuple[float, ...] | None = None
+    fps: float | None = None
+    size_px: tuple[int, int] | None = None
+
+
+def parse_unit(text: str | None) -> tuple[float | None, bool]:
+    """``0.001`` as (0.001, False), ``kinect-raw`` as (None, True).
+
+    Raises:
+        SettingsError: it is neither.
+    """
+    if text is None or text == KINECT_RAW:
+        return None, text is not None
+    try:
+        unit_m = float(text)
+    except ValueError:
+        unit_m = math.nan
+    if not 0 < unit_m < math.inf:
+        raise SettingsError(
+            f"--unit {text!r} cannot be used; write the metres a unit, such as 0.001 where units are millimetres, "
+            f"or {KINECT_RAW} of a Kinect v1's 11-bit images"
+        )
+    return unit_m, False
+
+
+def lens_of(numbers: Sequence[float]) -> tuple[float, ...] | None:
+    """Nine numbers of F,CX,CY, of FX,FY,CX,CY, or of these and five of distortion; None of anything else."""
+    values = tuple(map(float, numbers))
+    if len(values) == 3:
+        values = (values[0], *values)
+    if len(values) not in (4, 9) or not all(map(math.isfinite, values)) or min(values[:2]) <= 0:
+        return None
+    return values + (0.0,) * (9 - len(values))
+
+
+def parse_lens(text: str | None) -> tuple[float, ...] | None:
+    """``476,313.7,242.8`` as the nine numbers of a lens; None where nothing was said.
+
+    Raises:
+        SettingsError: it is something else.
+    """
+    if text is None:
+        return None
+    try:
+        lens = lens_of([float(part) for part in text.split(",")])
+    except ValueError:
+        lens = None
+    if lens is None:
+        raise SettingsError(
+            f"--intrinsics {text!r} cannot be used; write F,CX,CY or FX,FY,CX,CY in pixels, such as 475.0,319.5,239.5, "
+            "and after the latter K1,K2,P1,P2,K3 where the lens is distorted"
+        )
+    return lens
+
+
+def check_lens(lens: Sequence[float], size_px: tuple[int, int], source: object) -> None:
+    """Refuse a lens that no depth camera with images of this size has.
+
+    Raises:
+        InputError: the centre lies outside the image, or the view is too narrow or wide; says what is likely.
+    """
+    (width, height), (fx, fy, cx, cy) = size_px, lens[:4]
+    focal = _FOCAL_PX.get(size_px, 0.9 * width)
+    likely = f"{focal:g},{(width - 1) / 2:g},{(height - 1) / 2:g}"
+    fix = f"--intrinsics F,CX,CY are in pixels of these images; {likely} would be usual for {width} × {height}"
+    if not (0 <= cx <= width - 1 and 0 <= cy <= height - 1):
+        problem = f"the lens' centre ({cx:g}, {cy:g}) lies outside the image of {width} × {height} px"
+        raise InputError(problem, file=source, field="intrinsics", fix=fix)
+    for side, f, name in ((width, fx, "wide"), (height, fy, "high")):
+        angle = math.degrees(2 * math.atan(side / (2 * f)))
+        if not (NARROWEST_DEG if name == "wide" else 0.5 * NARROWEST_DEG) <= angle <= WIDEST_DEG:
+            problem = f"a focal length of {f:g} px makes the view {angle:.3g}° {name}, which no depth camera has"
+            raise InputError(problem, file=source, field="intrinsics", fix=fix)
+
+
+def complete(state: SourceState, source: object) -> Camera:
+    """The camera of a source that says all of it.
+
+    Raises:
+        InputError: size, lens or unit is missing, or cannot be; says how to give it.
+    """
+    wanted = (("--intrinsics F,CX,CY", state.lens), ("--unit METRES", state.unit_m))
+    missing = [option for option, value in wanted if value is None]
+    if missing or state.lens is None or state.size_px is None:
+        options = " and ".join(missing) or "images"
+        fix = f"give {options}, or write a depth.toml beside the images (docs/arms/recordings.md)"
+        raise InputError("nobody says how the camera measures", file=source, fix=fix)
+    check_lens(state.lens, state.size_px, source)
+    return Camera("depth", state.size_px, np.array(state.lens))
+
+
+class UnitCheck:
+    """Looks at images until one has enough to say whether the unit can be right.
+
+    Args:
+        unit_m: metres a unit.
+        source: what is named where it cannot.
+
+    Attributes:
+        images: looked at.
+        empty: of these, how many had no pixel that was measured.
+    """
+
+    def __init__(self, unit_m: float, source: object) -> None:
+        self.unit_m, self.source = unit_m, source
+        self.images = self.empty = 0
+        self._sure = False
+
+    def update(self, depth: UInt16) -> None:
+        """Look at the next image (height, width).
+
+        Raises:
+            InputError: its median distance cannot be; says which unit is likely.
+        """
+        self.images += 1
+        if self._sure:
+            self.empty += not depth.any()
+            return
+        there = depth[depth > 0]
+        self.empty += there.size == 0
+        if there.size < _ENOUGH_PX:
+            return
+        self._sure = True
+        if problem := unit_problem(there, self.unit_m):
+            words, fix = problem
+            raise InputError(words, file=self.source, field="unit", value=self.unit_m, fix=fix)
+
+
+def unit_problem(there: UInt16, unit_m: float) -> tuple[str, str] | None:
+    """What is wrong with a unit, and which is likely; None where nothing is.
+
+    Args:
+        there: (pixels,) depths that were measured, in units.
+        unit_m: metres a unit.
+    """
+    units = float(np.median(there))
+    median_m = units * unit_m
+    if NEAREST_M <= median_m <= FARTHEST_M:
+        return None
+    likely = [unit for unit in _UNITS_M if _USUAL_M[0] <= units * unit <= _USUAL_M[1]][:3]
+    named = " or ".join(f"{unit:g} ({_length(units * unit)})" for unit in likely)
+    fix = f"--unit {named} would be likely" if likely else "look how many metres a unit of this camera is"
+    if there.max() == NOTHING:
+        fix += f"; of a Kinect v1's 11-bit images, --unit {KINECT_RAW}"
+    return f"the median distance would be {_length(median_m)}", fix
+
+
+def _length(metres: float) -> str:
+    for factor, unit in ((1e-3, "km"), (1.0, "m"), (1e2, "cm"), (1e3, "mm")):
+        if metres * factor >= 1 or unit == "mm":
+            return f"{metres * factor:.2g} {unit}" if metres * factor < 100 else f"{metres * factor:.0f} {unit}"
+    raise AssertionError

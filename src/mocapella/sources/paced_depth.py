@@ -1,0 +1,77 @@
+"""Recorded depth images given out in real time: each when it is due."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+from mocapella.conventions import NS_PER_S
+from mocapella.sources.depth_files import USUAL_FPS, DepthRecording, RecordedDepth
+from mocapella.sources.picture_source import Picture, SourceState
+
+
+class PacedDepth:
+    """A recording of depth images as a source. What cannot be read is left out.
+
+    Args:
+        recording: see there; its first image is due at `begin`.
+        loop: whether it begins again when it has ended.
+        clock: the monotonic clock, in seconds.
+
+    Attributes:
+        damaged: images that could not be read so far.
+    """
+
+    live = False
+
+    def __init__(
+        self, recording: DepthRecording, *, loop: bool = False, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self.name, self.times = recording.name, "the recording's own"
+        self.recording, self._loop, self._clock = recording, loop, clock
+        self.damaged = 0
+        self._zero_s, self._number, self._last_ns = 0.0, 0, 0
+        self._images: Iterator[tuple[int, RecordedDepth]] = iter(())
+
+    def open(self) -> SourceState:
+        """As `PictureSource.open`."""
+        self._number = self._last_ns = self.damaged = 0
+        self._images = self._timed()
+        return self.recording.state
+
+    def begin(self, zero_s: float) -> None:
+        """As `PictureSource.begin`."""
+        self._zero_s = zero_s
+
+    def read(self, stop: threading.Event) -> Picture | None:
+        """As `PictureSource.read`."""
+        begin_s = self._clock()
+        for due_ns, image in self._images:
+            if image.depth is None:
+                self.damaged += 1
+                continue
+            read_s = self._clock() - begin_s
+            if stop.wait(max(0.0, self._zero_s + due_ns / NS_PER_S - self._clock())):
+                return None
+            self._last_ns = max(due_ns + 1, self._last_ns + 1)
+            number, self._number = self._number, self._number + 1
+            return Picture(image.depth, self._last_ns, number, self._clock(), read_s)
+        return None
+
+    def close(self) -> None:
+        """As `PictureSource.close`."""
+        self._images = iter(())
+
+    def _timed(self) -> Iterator[tuple[int, RecordedDepth]]:
+        """Each image and when it is due after the first [ns]; a recording's clock that goes back goes on."""
+        gap_ns = round(NS_PER_S / (self.recording.state.fps or USUAL_FPS))
+        due_ns, last_ns = 0, None
+        while True:
+            for image in self.recording.images():
+                step = 0 if last_ns is None else image.time_ns - last_ns
+                due_ns += step if last_ns is None or step > 0 else gap_ns
+                last_ns = image.time_ns
+                yield due_ns, image
+            if not self._loop or last_ns is None:
+                return

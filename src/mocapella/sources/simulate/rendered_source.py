@@ -1,0 +1,64 @@
+"""What is simulated as a source of pictures: each rendered just before it is due."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+
+from mocapella.conventions import NS_PER_S
+from mocapella.sources.picture_source import Image, Picture
+
+
+class RenderedSource(ABC):
+    """A `mocapella.sources.picture_source.PictureSource` but for `open`, which must call `restart`.
+
+    Its clock is the scene's, from 1 ns; what there is no time to render is left out. It never ends by itself.
+
+    Args:
+        name: as the user wrote it.
+        fps: pictures a second.
+        phase_s: when the first is due.
+        clock: the monotonic clock, in seconds.
+    """
+
+    live = False
+
+    def __init__(
+        self, name: str, fps: float, phase_s: float = 0.0, *, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self.name, self.times = name, "the scene's own"
+        self._fps, self._phase_s, self._clock, self._zero_s = fps, phase_s, clock, 0.0
+        self._turn = self._number = 0
+
+    @abstractmethod
+    def render(self, at_s: float) -> Image:
+        """The picture of that instant [s]."""
+
+    def restart(self) -> None:
+        """Compile before the clock matters, and begin with the first picture."""
+        self.render(0.0)
+        self._turn = 0
+
+    def begin(self, zero_s: float) -> None:
+        """As `PictureSource.begin`."""
+        self._zero_s = zero_s
+
+    def read(self, stop: threading.Event) -> Picture | None:
+        """As `PictureSource.read`."""
+        now_s = max(0.0, self._clock() - self._zero_s)
+        self._turn = max(self._turn, math.ceil((now_s - self._phase_s) * self._fps))
+        at_s = self._phase_s + self._turn / self._fps
+        self._turn += 1
+        begin_s = self._clock()
+        image = self.render(at_s)
+        rendered_s = self._clock() - begin_s
+        if stop.wait(max(0.0, self._zero_s + at_s - self._clock())):
+            return None
+        number, self._number = self._number, self._number + 1
+        return Picture(image, round(at_s * NS_PER_S) + 1, number, self._clock(), rendered_s)
+
+    def close(self) -> None:  # noqa: B027 - there is nothing to do, and nobody needs to change that
+        """Nothing is held."""
