@@ -53,6 +53,7 @@ from mocapella.sources.simulate.arm_mesh import (
     polygonise,
 )
 from mocapella.sources.simulate.arm_motion import ArmMotion, Key, Posture, held_at
+from mocapella.sources.simulate.depth_noise import StructuredLight, TimeOfFlight, measured
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -75,20 +76,19 @@ class Sensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A depth camera.
 
     Attributes:
-        noise: none, structured-light or time-of-flight.
         size_px: (width, height).
         lens: fx, fy, cx, cy [px].
         unit_m: metres a unit.
-        range_m: what it can measure.
         distance_m: how far from it hands are held in scenes.
+        structured_light, time_of_flight: its noise; at most one of them, neither for a perfect camera.
     """
 
-    noise: str
     size_px: tuple[int, int]
     lens: tuple[float, float, float, float]
     unit_m: float
-    range_m: tuple[float, float]
     distance_m: tuple[float, float]
+    structured_light: StructuredLight | None = None
+    time_of_flight: TimeOfFlight | None = None
 
 
 class DepthSceneSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -220,6 +220,7 @@ class DepthScene:
         behind = settings.behind or str(rng.choice(["empty", "wall", "desk"]))
         self._behind = _behind(behind, sensor, rng)
         self.period_s = self._actors[0].motion.period_s
+        self._key = int(rng.integers(1 << 62))
 
     @property
     def lens(self) -> Float64:
@@ -237,7 +238,6 @@ class DepthScene:
 
     def at(self, at_s: float) -> DepthShot:
         """The image of that instant [s], and what is true of it."""
-        width, height = self.sensor.size_px
         pinhole, k = np.array(self.sensor.lens), _kernels()
         exact, parts, slope = (image.copy() for image in self._behind)
         drawn = []
@@ -260,8 +260,10 @@ class DepthScene:
             self._truth(n, actor, pose, gesture, seen[n], parts)
             for n, (actor, pose, gesture, _) in enumerate(drawn)
         )  # fmt: skip
-        depth = self._measured(exact, slope, at_s)
-        assert depth.shape == (height, width)
+        depth = measured(
+            exact, slope, self.sensor.structured_light or self.sensor.time_of_flight, focal_px=self.sensor.lens[0],
+            unit_m=self.sensor.unit_m, key=self._key + round(1e9 * at_s),
+        )  # fmt: skip
         return DepthShot(at_s, depth, self.sensor.unit_m, self.lens, arms, exact, parts)
 
     def frames(self, fps: float, start_s: float = 0.0, end_s: float | None = None) -> Iterator[DepthShot]:
@@ -273,12 +275,6 @@ class DepthScene:
         end = start_s + self.period_s if end_s is None else end_s
         for i in range(int(math.ceil((end - start_s) * fps - 1e-9))):
             yield self.at(start_s + i / fps)
-
-    def _measured(self, exact: Float32, slope: Float32, at_s: float) -> UInt16:
-        units = np.where(np.isfinite(exact), exact, 0.0) / self.sensor.unit_m
-        least, most = self.sensor.range_m
-        units[(exact < least) | (exact > most)] = 0.0
-        return np.asarray(np.rint(units).astype(np.uint16))
 
     def _truth(self, n: int, actor: _Actor, pose: ArmPose, gesture: str, seen_px: Float64, parts: UInt8) -> ArmTruth:
         mesh, k = actor.mesh, _kernels()
