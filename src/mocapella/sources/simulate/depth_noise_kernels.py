@@ -41,19 +41,6 @@ def uniform(h):
     return float(h >> np.uint64(11)) * (1.0 / 9007199254740992.0)
 
 
-@njit(cache=True)
-def lattice_noise(key, x, y, cell):
-    """Normal numbers that change smoothly with the place: bilinear between nodes ``cell`` apart, of variance 1."""
-    i, j = x // cell, y // cell
-    u, v = (x - i * cell) / cell, (y - j * cell) / cell
-    a = normal(mixed(key, (j << 20) + i))
-    b = normal(mixed(key, (j << 20) + i + 1))
-    c = normal(mixed(key, ((j + 1) << 20) + i))
-    d = normal(mixed(key, ((j + 1) << 20) + i + 1))
-    wa, wb, wc, wd = (1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v
-    return (wa * a + wb * b + wc * c + wd * d) / math.sqrt(wa * wa + wb * wb + wc * wc + wd * wd)
-
-
 @njit(cache=True, error_model="numpy")
 def light_reaches(depth, focal_baseline, out):
     """Write which pixels (h, w) the projector lights: none nearer to it is seen in the same of its columns.
@@ -65,25 +52,34 @@ def light_reaches(depth, focal_baseline, out):
         focal_baseline: f·b [px·m]; positive where the projector is on the side of greater x.
     """
     h, w = depth.shape
-    nearest = np.empty(3 * w + 4, np.float32)
+    fb = np.float32(focal_baseline)
+    nearest, column = np.empty(3 * w + 4, np.float32), np.empty(w, np.float32)
+    slack = np.float32(2.0 / abs(focal_baseline))
     for y in range(h):
         nearest[:] = np.inf
         for x in range(w):
-            z = depth[y, x]
-            if z < np.inf:
-                at = x - focal_baseline / z + w
-                k = math.floor(at)
-                if 0 <= k < 3 * w:
-                    nearest[k] = min(nearest[k], z)
-                    nearest[k + 1] = min(nearest[k + 1], z)
+            column[x] = np.float32(x + w) - fb / depth[y, x]
         for x in range(w):
             z = depth[y, x]
-            out[y, x] = False
-            if z < np.inf:
-                k = math.floor(x - focal_baseline / z + w + 0.5)
-                # A surface seen at a slant must not shade itself: two pixels' change of disparity are let pass.
-                slack = 0.004 + 2.0 * z * z / abs(focal_baseline)
-                out[y, x] = not 0 <= k < 3 * w or z < nearest[k] + slack
+            k = int(column[x])
+            if z < np.inf and 0 <= k < 3 * w:
+                nearest[k] = min(nearest[k], z)
+                nearest[k + 1] = min(nearest[k + 1], z)
+        for x in range(w):
+            z = depth[y, x]
+            k = int(column[x] + np.float32(0.5))
+            # A surface seen at a slant must not shade itself: two pixels' change of disparity are let pass.
+            out[y, x] = z < np.inf and (not 0 <= k < 3 * w or z < nearest[k] + np.float32(0.004) + slack * z * z)
+
+
+@njit(cache=True)
+def lattice_row(key, j, out):
+    """Write normal numbers at a row of a lattice."""
+    for i in range(len(out)):
+        out[i] = normal(mixed(key, (j << 20) + i))
+
+
+_ANGLES = 1024
 
 
 @njit(cache=True, error_model="numpy")
@@ -99,49 +95,65 @@ def structured_light(depth, slope, lit, key, row, unit_m, out):
     constant, square, nearest, angular, step, shared = row[2], row[3], row[4], row[5], row[6], row[7]
     cell, lateral, edge, hole, steep0, steep1, dropout = int(row[8]), row[9], row[10], row[11], row[12], row[13], row[14]
     one, two, three, four = mixed(key, 1), mixed(key, 2), mixed(key, 3), mixed(key, 4)
-    own, together = math.sqrt(1.0 - shared), math.sqrt(shared)
+    own, together, per_unit = math.sqrt(1.0 - shared), math.sqrt(shared), 1.0 / unit_m
+    # By the cosine of the angle of incidence: what it adds to the noise, and how many pixels are lost.
+    more, lost = np.empty(_ANGLES + 1), np.empty(_ANGLES + 1)
+    for i in range(_ANGLES + 1):
+        angle = math.acos(i / _ANGLES)
+        more[i] = angular * angle * angle / (0.5 * math.pi - min(angle, 1.45)) ** 2
+        lost[i] = dropout + max(angle - steep0, 0.0) / (steep1 - steep0)
+    # Smooth noise: bilinear between the nodes of a lattice, of variance 1 everywhere.
+    above, below, blocks = np.empty(w // cell + 2), np.empty(w // cell + 2), np.empty(w // 4 + 1, np.bool_)
+    u, size = np.empty(cell), np.empty((cell, cell))
+    for i in range(cell):
+        u[i] = i / cell
+    for i in range(cell):
+        for k in range(cell):
+            size[i, k] = 1.0 / math.sqrt((u[i] ** 2 + (1 - u[i]) ** 2) * (u[k] ** 2 + (1 - u[k]) ** 2))
     for y in range(h):
+        part = y % cell
+        if part == 0:
+            lattice_row(two, y // cell, above)
+            lattice_row(two, y // cell + 1, below)
+        if y % 4 == 0:
+            for i in range(len(blocks)):
+                blocks[i] = uniform(mixed(four, -1 - (y // 4) * w - i)) < 0.25 * dropout
+        v = u[part]
         for x in range(w):
             out[y, x] = 0
             yy, xx = y, x
-            z = float(depth[y, x])
-            # Is there an edge nearby?
-            rough = False
-            if 2 <= x < w - 2 and 2 <= y < h - 2:
-                limit = edge * min(z, 10.0)
-                for dy, dx in ((0, -2), (0, 2), (-2, 0), (2, 0)):
-                    other = float(depth[y + dy, x + dx])
-                    if abs(other - z) > limit and (other < np.inf or z < np.inf):
-                        rough = True
-            at = y * w + x
-            if rough:
-                g = mixed(one, at)
-                b = mixed(two, (y // 3) * w + x // 3)
-                sx = 0.7071 * lateral * (normal(g) + normal(b))
-                sy = 0.7071 * lateral * (normal(mixed(g, 7)) + normal(mixed(b, 7)))
-                xx = min(max(int(math.floor(x + sx + 0.5)), 0), w - 1)
-                yy = min(max(int(math.floor(y + sy + 0.5)), 0), h - 1)
-                z = float(depth[yy, xx])
-                if uniform(mixed(b, 9)) < hole:
-                    continue
-            if not z < np.inf or not lit[yy, xx]:
+            near = depth[y, x]
+            if 2 <= x < w - 2 and 2 <= y < h - 2:  # is there an edge nearby?
+                a, b, c, d = depth[y, x - 2], depth[y, x + 2], depth[y - 2, x], depth[y + 2, x]
+                low = min(min(a, b), min(c, d), near)
+                if low < np.inf and max(max(a, b), max(c, d), near) - low > np.float32(edge) * low:
+                    g, block = mixed(one, y * w + x), mixed(two, (y // 3) * w + x // 3)
+                    sx = 0.7071 * lateral * (normal(g) + normal(block))
+                    sy = 0.7071 * lateral * (normal(mixed(g, 7)) + normal(mixed(block, 7)))
+                    xx = min(max(int(math.floor(x + sx + 0.5)), 0), w - 1)
+                    yy = min(max(int(math.floor(y + sy + 0.5)), 0), h - 1)
+                    near = depth[yy, xx]
+                    if uniform(mixed(block, 9)) < hole:
+                        continue
+            if not near < np.inf or not lit[yy, xx] or blocks[x >> 2]:
                 continue
-            angle = math.acos(min(max(float(slope[yy, xx]), 0.0), 1.0))
-            if angle > steep0 and uniform(mixed(three, at)) < (angle - steep0) / (steep1 - steep0):
+            z, i, at = float(near), int(slope[yy, xx] * np.float32(_ANGLES)), y * w + x
+            g = mixed(three, at)
+            if float(mixed(four, at) >> np.uint64(40)) < lost[i] * 16777216.0:
                 continue
-            if uniform(mixed(four, at)) < dropout or uniform(mixed(four, -1 - (y // 4) * w - x // 4)) < 0.25 * dropout:
-                continue
+            quantum = step * z * z
             sd = constant + square * (z - nearest) ** 2
             if angular > 0.0:
-                sd += angular / math.sqrt(z) * angle * angle / (0.5 * math.pi - min(angle, 1.45)) ** 2
-            quantum = step * z * z
-            sd = math.sqrt(max(sd * sd - quantum * quantum / 12.0, 0.04 * sd * sd))  # rounding adds the rest
-            g = own * normal(mixed(one, at + h * w)) + together * lattice_noise(two, x, y, cell)
-            z += sd * g
+                sd += more[i] / math.sqrt(z)
+            sd = math.sqrt(max(sd * sd - quantum * quantum * (1.0 / 12.0), 0.04 * sd * sd))  # rounding adds the rest
+            k = x // cell
+            t = u[x - k * cell]
+            smooth = (1.0 - v) * ((1.0 - t) * above[k] + t * above[k + 1]) + v * ((1.0 - t) * below[k] + t * below[k + 1])
+            z += sd * (own * normal(g) + together * smooth * size[part, x - k * cell])
             if step > 0.0:
                 z = 1.0 / (step * math.floor(1.0 / (z * step) + 0.5))
             if least <= z <= most:
-                out[y, x] = min(int(math.floor(z / unit_m + 0.5)), 65535)
+                out[y, x] = min(int(z * per_unit + 0.5), 65535)
 
 
 @njit(cache=True, error_model="numpy")
@@ -161,16 +173,16 @@ def time_of_flight(depth, slope, key, row, unit_m, out):
         for x in range(w):
             out[y, x] = 0
             z, re, im, rough = float(depth[y, x]), 0.0, 0.0, False
-            for dy in range(-1, 2):
-                for dx in range(-1, 2):
-                    yy, xx = min(max(y + dy, 0), h - 1), min(max(x + dx, 0), w - 1)
-                    other = float(depth[yy, xx])
-                    if abs(other - z) > 0.02 and (other < np.inf or z < np.inf):
-                        rough = True
+            if 1 <= x < w - 1 and 1 <= y < h - 1:
+                low, high = depth[y, x], depth[y, x]
+                for dy in range(-1, 2):
+                    low = min(low, min(depth[y + dy, x - 1], min(depth[y + dy, x], depth[y + dy, x + 1])))
+                    high = max(high, max(depth[y + dy, x - 1], max(depth[y + dy, x], depth[y + dy, x + 1])))
+                rough = low < np.inf and high - low > np.float32(0.02)
             if rough:  # the light of what is in front and of what is behind meets in the pixel
                 for dy in range(-1, 2):
                     for dx in range(-1, 2):
-                        yy, xx = min(max(y + dy, 0), h - 1), min(max(x + dx, 0), w - 1)
+                        yy, xx = y + dy, x + dx
                         other = float(depth[yy, xx])
                         if other < np.inf:
                             part = (1.0 - spread if dx == 0 else 0.5 * spread) * (
@@ -180,8 +192,7 @@ def time_of_flight(depth, slope, key, row, unit_m, out):
                             re += amplitude * math.cos(turn * other)
                             im += amplitude * math.sin(turn * other)
             elif z < np.inf:
-                amplitude = max(float(slope[y, x]), 0.05) / (z * z)
-                re, im = amplitude * math.cos(turn * z), amplitude * math.sin(turn * z)
+                re = max(float(slope[y, x]), 0.05) / (z * z)
             strength = math.sqrt(re * re + im * im)
             at = y * w + x
             if strength < faintest or uniform(mixed(four, at)) < dropout:
@@ -192,4 +203,4 @@ def time_of_flight(depth, slope, key, row, unit_m, out):
             z += wiggle * math.sin(16.0 * math.pi * wiggle_hz * z / _LIGHT_M_S)
             z += sd_at_1m / strength * normal(mixed(one, at))
             if least <= z <= most:
-                out[y, x] = min(int(math.floor(z / unit_m + 0.5)), 65535)
+                out[y, x] = min(int(z / unit_m + 0.5), 65535)

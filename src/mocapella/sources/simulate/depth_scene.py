@@ -351,7 +351,7 @@ class DepthScene:
             z = (motion.mesh.frames(pose)[1] @ T[2, :3] + T[2, 3])[: ELBOW + 1].max()
             deepest = max(deepest, float(z - T[2, 3] + shoulder[2]))
         front = float(vertices[:, 2][np.abs(vertices[:, 1] - 0.25) < 0.2].min())
-        return (vertices, triangles), np.array([0.0, 0.0, deepest + 0.03 + gap - front - shoulder[2]])
+        return (vertices, triangles), np.array([-0.04, 0.0, deepest + 0.03 + gap - front - shoulder[2]])
 
 
 def _facing(s: DepthSceneSettings, rng: np.random.Generator) -> Float64:
