@@ -38,9 +38,11 @@ FLESH_GIVES_M: Final = 0.0005
 _PALM_HALF_M: Final = 0.0105
 _SAMPLES: Final = 400
 _NODES: Final = 33
+_THUMB_STEPS: Final = 6
 _SMOOTHED: Final = 3
 _SAME_RAD: Final = 0.05
 _THUMB: Final = [int(k) for k in DIGIT_ANGLES[0]]
+_FINGERS: Final = [int(k) for k in DIGIT_ANGLES[1:, [0, 2, 3]].ravel()]
 _THUMB_BENDS: Final = [int(DIGIT_ANGLES[0, k]) for k in (0, 2, 3)]
 
 
@@ -136,19 +138,15 @@ class ArmMotion:
             self._postures.append(mesh.model.limited(wished + same[key.posture]))
             self._touches.append(posture.touch and (DIGITS.index(posture.touch[0]), DIGITS.index(posture.touch[1])))
         self._gestures = [postures[key.posture].gesture for key in keys]
-        self._values = np.array([
-            [*np.radians([k.elbow_deg, k.pronation_deg, k.wrist_deg, k.deviation_deg, k.roll_deg, *k.turn_deg]), *k.shift_m]
-            for k in keys
-        ])  # fmt: skip
+        degrees = [[k.elbow_deg, k.pronation_deg, k.wrist_deg, k.deviation_deg, k.roll_deg, *k.turn_deg] for k in keys]
+        self._values = np.hstack([np.radians(degrees), [k.shift_m for k in keys]])
         self._ends = np.cumsum([key.move_s + key.hold_s for key in keys])
         self.period_s, self._rate, self._phase = float(self._ends[-1]), rate, phase
         radii = finger_radii(mesh.shape)
         big = mesh.shape.hand_length_m / 0.189
         self._flesh = (radii, _PALM_HALF_M * big)
-        self._postures = [
-            untangled(mesh, posture, touch=self._touch(k, k, 1.0), flesh=self._flesh)
-            for k, posture in enumerate(self._postures)
-        ]
+        self._open = posture_angles(postures["open"], postures["open"])
+        self._postures = [self._settled(k) for k in range(len(keys))]
         self._corrections = [self._correction(k) for k in range(len(keys))]
         if peak_m_s:
             self._rate = 1.0
@@ -213,13 +211,36 @@ class ArmMotion:
         since = u - (float(self._ends[k - 1]) if k else 0.0)
         return (k - 1) % len(self.keys), k, min(since / self.keys[k].move_s, 1.0)
 
+    def _settled(self, k: int) -> Float64:
+        """(21,) a key's angles such that no finger is in another; the thumb comes last, from outside."""
+        wished, touch = self._postures[k], self._touch(k, k, 1.0)
+        last = wished.copy()
+        last[_THUMB] = self._open[_THUMB]
+        for part in np.linspace(0.0, 1.0, _THUMB_STEPS):
+            now = wished.copy()
+            now[_THUMB] = (1.0 - part) * self._open[_THUMB] + part * wished[_THUMB]
+            drawn = touch * [1.0, 1.0, float(part == 1.0)]
+            last = untangled(self.mesh, now, start=last, touch=drawn, flesh=self._flesh)
+        return last
+
     def _wished(self, before: int, after: int, x: float) -> Float64:
-        """(21,) the angles before any finger is in another's way: the thumb closes last, and opens first."""
+        """(21,) the angles before any finger is in another's way.
+
+        The thumb closes last, opens first, and makes way where it is bent before and after while a finger moves.
+        """
         a, b = self._postures[before], self._postures[after]
-        closes = float((b - a)[_THUMB_BENDS].sum()) > 0.0
-        part = np.full(len(ANGLES), _eased(x / 0.75 if closes else (x - 0.25) / 0.75))
-        part[_THUMB] = _eased((x - 0.45) / 0.55 if closes else x / 0.55)
-        return np.asarray((1.0 - part) * a + part * b)
+        bends = [float((angles - self._open)[_THUMB_BENDS].sum()) for angles in (a, b)]
+        away = np.zeros(len(ANGLES))
+        if min(bends) > math.radians(40) and np.abs((b - a)[_FINGERS]).max() > math.radians(30):
+            part = np.full(len(ANGLES), _eased((x - 0.3) / 0.4))
+            away[_THUMB] = _eased(x / 0.3) * _eased((1.0 - x) / 0.3)
+        elif bends[1] > bends[0]:
+            part = np.full(len(ANGLES), _eased(x / 0.7))
+            part[_THUMB] = _eased((x - 0.55) / 0.45)
+        else:
+            part = np.full(len(ANGLES), _eased((x - 0.3) / 0.7))
+            part[_THUMB] = _eased(x / 0.45)
+        return np.asarray((1.0 - away) * ((1.0 - part) * a + part * b) + away * self._open)
 
     def _mixed(self, before: int, after: int, part: float) -> Float64:
         change = self._values[after] - self._values[before]

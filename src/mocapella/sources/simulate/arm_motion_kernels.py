@@ -1,6 +1,6 @@
 """The loops of `mocapella.sources.simulate.arm_motion`, compiled; importing this module imports numba."""
 
-# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: E501, PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
 from __future__ import annotations
 
 import math

@@ -3,7 +3,7 @@
 Random numbers are a hash of the image's key and the pixel, so that any pixel's noise can be had without the others'.
 """
 
-# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0912, PLR0915, PLR0917, PLW3301 - compiled: arrays come by position, and loops are written out
 from __future__ import annotations
 
 import math
@@ -84,7 +84,7 @@ _ANGLES = 1024
 
 @njit(cache=True, error_model="numpy")
 def structured_light(depth, slope, lit, key, row, unit_m, out):
-    """Write what a structured-light camera gives (h, w) uint16; see `StructuredLight`, whose fields ``row`` has in order.
+    """Write what a structured-light camera gives (h, w) uint16; ``row`` has the fields of `StructuredLight` in order.
 
     Args:
         depth: (h, w) float32 [m], infinite where nothing is; slope: (h, w) float32 cosine of the angle of incidence.
@@ -93,7 +93,15 @@ def structured_light(depth, slope, lit, key, row, unit_m, out):
     h, w = depth.shape
     least, most = row[0], row[1]
     constant, square, nearest, angular, step, shared = row[2], row[3], row[4], row[5], row[6], row[7]
-    cell, lateral, edge, hole, steep0, steep1, dropout = int(row[8]), row[9], row[10], row[11], row[12], row[13], row[14]
+    cell, lateral, edge, hole, steep0, steep1, dropout = (
+        int(row[8]),
+        row[9],
+        row[10],
+        row[11],
+        row[12],
+        row[13],
+        row[14],
+    )
     one, two, three, four = mixed(key, 1), mixed(key, 2), mixed(key, 3), mixed(key, 4)
     own, together, per_unit = math.sqrt(1.0 - shared), math.sqrt(shared), 1.0 / unit_m
     # By the cosine of the angle of incidence: what it adds to the noise, and how many pixels are lost.
@@ -130,8 +138,8 @@ def structured_light(depth, slope, lit, key, row, unit_m, out):
                     g, block = mixed(one, y * w + x), mixed(two, (y // 3) * w + x // 3)
                     sx = 0.7071 * lateral * (normal(g) + normal(block))
                     sy = 0.7071 * lateral * (normal(mixed(g, 7)) + normal(mixed(block, 7)))
-                    xx = min(max(int(math.floor(x + sx + 0.5)), 0), w - 1)
-                    yy = min(max(int(math.floor(y + sy + 0.5)), 0), h - 1)
+                    xx = min(max(math.floor(x + sx + 0.5), 0), w - 1)
+                    yy = min(max(math.floor(y + sy + 0.5), 0), h - 1)
                     near = depth[yy, xx]
                     if uniform(mixed(block, 9)) < hole:
                         continue
@@ -148,7 +156,9 @@ def structured_light(depth, slope, lit, key, row, unit_m, out):
             sd = math.sqrt(max(sd * sd - quantum * quantum * (1.0 / 12.0), 0.04 * sd * sd))  # rounding adds the rest
             k = x // cell
             t = u[x - k * cell]
-            smooth = (1.0 - v) * ((1.0 - t) * above[k] + t * above[k + 1]) + v * ((1.0 - t) * below[k] + t * below[k + 1])
+            smooth = (1.0 - v) * ((1.0 - t) * above[k] + t * above[k + 1]) + v * (
+                (1.0 - t) * below[k] + t * below[k + 1]
+            )
             z += sd * (own * normal(g) + together * smooth * size[part, x - k * cell])
             if step > 0.0:
                 z = 1.0 / (step * math.floor(1.0 / (z * step) + 0.5))
