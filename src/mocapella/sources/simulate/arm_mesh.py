@@ -11,9 +11,9 @@ with what finds arms but the description of a hand, `mocapella.model.hand`.
 
 **Rest.** The arm is straight along z, all angles are 0 but the fingers' abductions, `REST_ANGLES`.
 
-**Fingertips.** The landmark of a fingertip is where the hand's model has it. With r the radius of the fingertip, it lies
-on the axis of the last bone, and the flesh ends 0.6 r beyond it: the last limb's round end has its middle 0.4 r before
-the landmark. r is `ArmMesh.tip_radii_m`.
+**Fingertips.** The landmark of a fingertip is where the hand's model has it. With r the radius of the fingertip, it
+lies on the axis of the last bone, and the flesh ends 0.6 r beyond it: the last limb's round end has its middle 0.4 r
+before the landmark. r is `ArmMesh.tip_radii_m`.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ import tomllib
 from dataclasses import dataclass
 from functools import cache, cached_property
 from importlib.resources import files
+from itertools import pairwise
 from typing import Any, Final
 
 import msgspec
@@ -274,8 +275,8 @@ def _right_arm(shape: ArmShape) -> _RightArm:
     fine = 0.0031 * shape.hand_length_m / 0.189
     nodes = _grid(limbs, fine)
     vertices, triangles = polygonise(limbs, within, _BETWEEN_M, nodes)
-    bones_of, weights = _weights(vertices, limbs, within, bones, wrist, hand, shape)
-    parts = _parts(vertices, triangles, bones_of, bones, wrist, hand)
+    bones_of, weights = _weights(vertices, limbs, within, bones=bones, wrist=wrist, shape=shape)
+    parts = _parts(vertices, triangles, bones_of, bones=bones, wrist=wrist, hand=hand)
     return _RightArm(vertices + wrist, triangles, parts, bones_of, weights, limbs, radii, bones)
 
 
@@ -327,7 +328,7 @@ def _limbs(shape: ArmShape, at_rest: Float64) -> tuple[Float64, Float64]:
     for base, carpal, r in zip(bases[1:], carpus, (12.0, 12.2, 11.5, 10.3), strict=True):
         middle = 0.45 * carpal + 0.55 * base + [0.0, -1.5 * mm, 0.0]
         add(_CORE, carpal, middle, 14.0 * mm, 11.8 * mm)
-        add(_CORE, middle, base + [0.0, -1.0 * mm, -2.0 * mm], 11.8 * mm, r * mm)
+        add(_CORE, middle, base + mm * np.array([0.0, -1.0, -2.0]), 11.8 * mm, r * mm)
     thumb, index, little = bases[0], bases[1], bases[4]
     thumb_mcp = at_rest[2]
     add(
@@ -347,10 +348,12 @@ def _limbs(shape: ArmShape, at_rest: Float64) -> tuple[Float64, Float64]:
     # Wrist and forearm: two bones side by side, muscle towards the elbow. Radius on the thumb's side.
     arm, L = 1e-3 * (0.5 + 0.5 * big) * shape.forearm_thickness, shape.forearm_m
     wrist = 1e-3 * (0.35 + 0.65 * wide) * (0.5 + 0.5 * shape.forearm_thickness)
-    profile = [(10 * mm, 9.5, 16.0, wrist), (-0.06, 10.0, 16.6, wrist), (-0.30, 9.5, 20.5, arm), (-0.55, 8.0, 28.0, arm),
-               (-0.78, 8.0, 34.0, arm), (-0.97, 6.0, 33.5, arm)]  # fmt: skip
+    profile = [
+        (10 * mm, 9.5, 16.0, wrist), (-0.06, 10.0, 16.6, wrist), (-0.30, 9.5, 20.5, arm), (-0.55, 8.0, 28.0, arm),
+        (-0.78, 8.0, 34.0, arm), (-0.97, 6.0, 33.5, arm),
+    ]  # fmt: skip
     sections = [(z if z > 0 else z * L, x * unit, r * unit) for z, x, r, unit in profile]
-    for (z0, x0, r0), (z1, x1, r1) in zip(sections, sections[1:], strict=False):
+    for (z0, x0, r0), (z1, x1, r1) in pairwise(sections):
         for side in (-1.0, 1.0):
             add(_CORE, [side * x0, -0.06 * r0, z0], [side * x1, -0.06 * r1, z1], r0, r1)
     U = shape.upper_arm_m
@@ -359,7 +362,7 @@ def _limbs(shape: ArmShape, at_rest: Float64) -> tuple[Float64, Float64]:
     if shape.sleeve_from_m:
         start = -shape.sleeve_from_m - 0.02
         z = np.array([-s[0] for s in sections])
-        for z0, z1 in zip(np.linspace(start, -L, 5), np.linspace(start, -L, 5)[1:], strict=False):
+        for z0, z1 in pairwise(np.linspace(start, -L, 5)):
             x0, x1 = np.interp([-z0, -z1], z, [s[1] for s in sections])
             r0, r1 = np.interp([-z0, -z1], z, [s[2] for s in sections]) + 0.008
             for side in (-1.0, 1.0):
@@ -398,7 +401,7 @@ def _smooth(x: Float64, start: float, end: float) -> Float64:
 
 
 def _weights(
-    vertices: Float64, limbs: Float64, within: Float64, bones: Float64, wrist: Float64, hand: HandShape, shape: ArmShape
+    vertices: Float64, limbs: Float64, within: Float64, *, bones: Float64, wrist: Float64, shape: ArmShape
 ) -> tuple[Int64, Float64]:
     """(n, 4) bones and (n, 4) weights.
 
@@ -442,7 +445,7 @@ def _weights(
 
 
 def _parts(
-    vertices: Float64, triangles: Int64, bones_of: Int64, bones: Float64, wrist: Float64, hand: HandShape
+    vertices: Float64, triangles: Int64, bones_of: Int64, *, bones: Float64, wrist: Float64, hand: HandShape
 ) -> UInt8:
     middles = vertices[triangles].mean(axis=1)
     parts = bones_of[triangles, 0]

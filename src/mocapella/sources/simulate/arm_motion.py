@@ -37,6 +37,13 @@ FLESH_GIVES_M: Final = 0.0005
 """Fingers that overlap by less stay as they are."""
 _PALM_HALF_M: Final = 0.0105
 _SAMPLES: Final = 400
+_NODES: Final = 33
+_THUMB_STEPS: Final = 6
+_SMOOTHED: Final = 3
+_SAME_RAD: Final = 0.05
+_THUMB: Final = [int(k) for k in DIGIT_ANGLES[0]]
+_FINGERS: Final = [int(k) for k in DIGIT_ANGLES[1:, [0, 2, 3]].ravel()]
+_THUMB_BENDS: Final = [int(DIGIT_ANGLES[0, k]) for k in (0, 2, 3)]
 
 
 class Posture(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -121,7 +128,7 @@ class ArmMotion:
         self.mesh, self.keys, self.start, self.middle = mesh, keys, start, middle
         rng = np.random.default_rng([seed, 21])
         same = {name: rng.normal(0.0, math.radians(amount_deg), len(ANGLES)) for name in postures}
-        self._postures = []
+        self._postures: list[Float64] = []
         self._touches: list[tuple[int, int] | None] = []
         for key in keys:
             if key.posture not in postures:
@@ -131,15 +138,16 @@ class ArmMotion:
             self._postures.append(mesh.model.limited(wished + same[key.posture]))
             self._touches.append(posture.touch and (DIGITS.index(posture.touch[0]), DIGITS.index(posture.touch[1])))
         self._gestures = [postures[key.posture].gesture for key in keys]
-        self._values = np.array([
-            [*np.radians([k.elbow_deg, k.pronation_deg, k.wrist_deg, k.deviation_deg, k.roll_deg, *k.turn_deg]), *k.shift_m]
-            for k in keys
-        ])  # fmt: skip
+        degrees = [[k.elbow_deg, k.pronation_deg, k.wrist_deg, k.deviation_deg, k.roll_deg, *k.turn_deg] for k in keys]
+        self._values = np.hstack([np.radians(degrees), [k.shift_m for k in keys]])
         self._ends = np.cumsum([key.move_s + key.hold_s for key in keys])
         self.period_s, self._rate, self._phase = float(self._ends[-1]), rate, phase
         radii = finger_radii(mesh.shape)
         big = mesh.shape.hand_length_m / 0.189
         self._flesh = (radii, _PALM_HALF_M * big)
+        self._open = posture_angles(postures["open"], postures["open"])
+        self._postures = [self._settled(k) for k in range(len(keys))]
+        self._corrections = [self._correction(k) for k in range(len(keys))]
         if peak_m_s:
             self._rate = 1.0
             at = np.linspace(0.0, self.period_s, _SAMPLES * len(keys) + 1)
@@ -149,25 +157,90 @@ class ArmMotion:
 
     def at(self, at_s: float) -> Held:
         """How it is held at a time."""
-        before, after, part = self._where(at_s)
-        wished = (1.0 - part) * self._postures[before] + part * self._postures[after]
-        touch = np.zeros((2, 3))
-        for row, k, amount in ((0, before, 1.0 - part), (1, after, part)):
-            pair = self._touches[k]
-            if pair:
-                touch[row] = *pair, amount**4  # only near the key: on the way nothing pulls
-        angles = untangled(self.mesh, wished, touch, self._flesh)
+        before, after, x = self._where(at_s)
+        part = _eased(x)
+        wished = self._wished(before, after, x)
+        nodes = self._corrections[after]
+        k = min(int(x * (len(nodes) - 1)), len(nodes) - 2)
+        u = x * (len(nodes) - 1) - k
+        angles = self.mesh.model.limited(wished + (1.0 - u) * nodes[k] + u * nodes[k + 1])
         same = self._gestures[before] == self._gestures[after]
         sure = part == 1.0 or same
         return Held(self._arm(angles, self._mixed(before, after, part)), self._gestures[after] if sure else "")
 
+    def _touch(self, before: int, after: int, part: float) -> Float64:
+        """(2, 3) which tips are drawn to each other; on the way nothing pulls."""
+        touch = np.zeros((2, 3))
+        for row, k, amount in ((0, before, 1.0 - part), (1, after, part)):
+            pair = self._touches[k]
+            if pair:
+                touch[row] = *pair, amount**4
+        return touch
+
+    def _correction(self, after: int) -> Float64:
+        """(nodes, 21) what keeps fingers out of each other on the way to a key [rad], smooth in time.
+
+        Followed from both ends, because a finger that is in the way can be passed on either side of it.
+        """
+        before = (after - 1) % len(self.keys)
+        xs = np.linspace(0.0, 1.0, _NODES)
+        wished = np.array([self._wished(before, after, float(x)) for x in xs])
+        ways = np.empty((2, *wished.shape))
+        for way, nodes in zip(ways, (range(_NODES), range(_NODES - 1, -1, -1)), strict=True):
+            last = wished[nodes[0]]
+            for n in nodes:
+                touch = self._touch(before, after, _eased(float(xs[n])))
+                last = way[n] = untangled(self.mesh, wished[n], start=last, touch=touch, flesh=self._flesh)
+        there, back = ways
+        missed = np.abs(there[-1] - back[-1]).max(), np.abs(back[0] - there[0]).max()
+        if min(missed) < _SAME_RAD:
+            way = there if missed[0] <= missed[1] else back
+        else:
+            part = np.array([[_eased(float(x))] for x in xs])
+            way = (1.0 - part) * there + part * back
+        correction = way - wished
+        correction[0] = correction[-1] = 0.0
+        for _ in range(_SMOOTHED):
+            correction[1:-1] = 0.25 * correction[:-2] + 0.5 * correction[1:-1] + 0.25 * correction[2:]
+        return np.asarray(correction)
+
     def _where(self, at_s: float) -> tuple[int, int, float]:
-        """The keys before and after, and how far it is from one to the other."""
+        """The keys before and after, and how much of the time from one to the other is over."""
         u = (at_s * self._rate + self._phase * float(self._ends[-1])) % float(self._ends[-1])
         k = min(int(np.searchsorted(self._ends, u, side="right")), len(self.keys) - 1)
         since = u - (float(self._ends[k - 1]) if k else 0.0)
-        x = min(since / self.keys[k].move_s, 1.0)
-        return (k - 1) % len(self.keys), k, x**3 * (10 - 15 * x + 6 * x * x)
+        return (k - 1) % len(self.keys), k, min(since / self.keys[k].move_s, 1.0)
+
+    def _settled(self, k: int) -> Float64:
+        """(21,) a key's angles such that no finger is in another; the thumb comes last, from outside."""
+        wished, touch = self._postures[k], self._touch(k, k, 1.0)
+        last = wished.copy()
+        last[_THUMB] = self._open[_THUMB]
+        for part in np.linspace(0.0, 1.0, _THUMB_STEPS):
+            now = wished.copy()
+            now[_THUMB] = (1.0 - part) * self._open[_THUMB] + part * wished[_THUMB]
+            drawn = touch * [1.0, 1.0, float(part == 1.0)]
+            last = untangled(self.mesh, now, start=last, touch=drawn, flesh=self._flesh)
+        return last
+
+    def _wished(self, before: int, after: int, x: float) -> Float64:
+        """(21,) the angles before any finger is in another's way.
+
+        The thumb closes last, opens first, and makes way where it is bent before and after while a finger moves.
+        """
+        a, b = self._postures[before], self._postures[after]
+        bends = [float((angles - self._open)[_THUMB_BENDS].sum()) for angles in (a, b)]
+        away = np.zeros(len(ANGLES))
+        if min(bends) > math.radians(40) and np.abs((b - a)[_FINGERS]).max() > math.radians(30):
+            part = np.full(len(ANGLES), _eased((x - 0.3) / 0.4))
+            away[_THUMB] = _eased(x / 0.3) * _eased((1.0 - x) / 0.3)
+        elif bends[1] > bends[0]:
+            part = np.full(len(ANGLES), _eased(x / 0.7))
+            part[_THUMB] = _eased((x - 0.55) / 0.45)
+        else:
+            part = np.full(len(ANGLES), _eased((x - 0.3) / 0.7))
+            part[_THUMB] = _eased(x / 0.45)
+        return np.asarray((1.0 - away) * ((1.0 - part) * a + part * b) + away * self._open)
 
     def _mixed(self, before: int, after: int, part: float) -> Float64:
         change = self._values[after] - self._values[before]
@@ -176,8 +249,8 @@ class ArmMotion:
         return np.asarray(self._values[before] + part * change)
 
     def _palm(self, at_s: float) -> Float64:
-        before, after, part = self._where(at_s)
-        pose = self._arm(self._postures[before], self._mixed(before, after, part))
+        before, after, x = self._where(at_s)
+        pose = self._arm(self._postures[before], self._mixed(before, after, _eased(x)))
         return np.asarray(
             pose.T_camera_shoulder[:3, :3] @ self.mesh.frames(pose)[1][PALM] + pose.T_camera_shoulder[:3, 3]
         )
@@ -194,6 +267,12 @@ class ArmMotion:
         return ArmPose(angles, joints, T)
 
 
+def _eased(x: float) -> float:
+    """From 0 to 1 by the way of least jerk."""
+    x = min(max(x, 0.0), 1.0)
+    return x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
+
+
 def posture_angles(posture: Posture, otherwise: Posture) -> Float64:
     """(21,) [rad]."""
     angles = np.zeros(len(ANGLES))
@@ -204,19 +283,25 @@ def posture_angles(posture: Posture, otherwise: Posture) -> Float64:
 
 
 def untangled(
-    mesh: ArmMesh, wished: Float64, touch: Float64 | None = None, flesh: tuple[Float64, float] | None = None
+    mesh: ArmMesh,
+    wished: Float64,
+    *,
+    start: Float64 | None = None,
+    touch: Float64 | None = None,
+    flesh: tuple[Float64, float] | None = None,
 ) -> Float64:
     """(21,) the angles nearest to those wished at which no finger is in another.
 
     Args:
+        start: (21,) where to begin; at those wished, where not given.
         touch: (n, 3) two digits whose tips shall touch, and how much, 0 to 1.
         flesh: radii of the digits (5, 4) and half the palm's thickness [m]; the mesh's own where not given.
     """
     radii, palm_m = flesh or (finger_radii(mesh.shape), _PALM_HALF_M * mesh.shape.hand_length_m / 0.189)
     angles, model = np.empty(len(ANGLES)), mesh.model
     _kernels().untangle(
-        wished, model.frames, DIGIT_ANGLES, mesh.hand.bases, mesh.hand.lengths, model.cones, model.limits, radii, palm_m,
-        np.zeros((0, 3)) if touch is None else touch, FLESH_GIVES_M, angles,
+        wished, wished if start is None else start, model.frames, DIGIT_ANGLES, mesh.hand.bases, mesh.hand.lengths,
+        model.cones, model.limits, radii, palm_m, np.zeros((0, 3)) if touch is None else touch, FLESH_GIVES_M, angles,
     )  # fmt: skip
     return angles
 

@@ -1,6 +1,6 @@
 """The loops of `mocapella.sources.simulate.arm_motion`, compiled; importing this module imports numba."""
 
-# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: E501, PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
 from __future__ import annotations
 
 import math
@@ -134,13 +134,16 @@ def _residuals(
 
 
 @njit(cache=True)
-def untangle(wished, digit_frames, which, bases, lengths, cones, limits, radii, palm_m, touch, allowed_m, angles):
+def untangle(
+    wished, start, digit_frames, which, bases, lengths, cones, limits, radii, palm_m, touch, allowed_m, angles
+):  # fmt: skip
     """Write the angles (21,) nearest to those wished at which no finger is in another or in the palm; worst overlap.
 
     Levenberg and Marquardt's method on squared overlaps, tips that shall touch, and departures from what is wished,
     within the hand's limits.
 
     Args:
+        start: (21,) where the search begins.
         radii: (5, 4); palm_m: see `overlaps`.
         touch: (n, 3) two digits whose tips shall touch, and how much, 0 to 1.
         allowed_m: overlaps that small are left.
@@ -149,7 +152,7 @@ def untangle(wished, digit_frames, which, bases, lengths, cones, limits, radii, 
     bones, points, ends, o = np.empty((19, 3, 4)), np.empty((24, 3)), np.empty((15, 6)), np.empty(PAIRS)
     joints, r, s = np.zeros(4), np.empty(m), np.empty(m)
     J, trial = np.empty((n, m)), np.empty(n)
-    angles[:] = wished
+    angles[:] = start
     limit(angles, which, cones, limits)
     _residuals(
         angles,
@@ -169,11 +172,6 @@ def untangle(wished, digit_frames, which, bases, lengths, cones, limits, radii, 
         joints,
         r,
     )
-    pulled = False
-    for i in range(len(touch)):
-        pulled = pulled or touch[i, 2] > 0.0
-    if o.max() <= allowed_m and not pulled:
-        return o.max()
     cost, damping, e = (r * r).sum(), 1e-3, 1e-5
     for _ in range(25):
         for i in range(n):

@@ -4,9 +4,9 @@
     shot = scene.at(2.5)
     shot.depth, shot.unit_m, shot.arms[0].points, shot.arms[0].seen
 
-A person's arm (`arm_mesh`, moved by `arm_motion`), the body it belongs to, and what is behind are drawn into an image of
-exact depths; `depth_noise` makes of it what the sensor gives. All of an image is of one instant. The scene's name, its
-seed, the sensor and the time determine an image wholly, whichever were asked for before.
+A person's arm (`arm_mesh`, moved by `arm_motion`), the body it belongs to, and what is behind are drawn into an image
+of exact depths; `depth_noise` makes of it what the sensor gives. All of an image is of one instant. The scene's name,
+its seed, the sensor and the time determine an image wholly, whichever were asked for before.
 
 The seed changes the person, the hand's side, where and how the arm is held, the timing, the postures a little, what is
 behind, and the noise. **By convention seeds below 100 are for tuning and those from 100 on for scoring.**
@@ -35,7 +35,7 @@ from mocapella.geometry.rigid import rotation_about_x, rotation_about_y
 from mocapella.model.arms import ARM_POINTS, ELBOW, PALM
 from mocapella.model.depth import DepthFrame
 from mocapella.model.depth import depth_frame as frame_of
-from mocapella.model.hand import TIPS, WRIST
+from mocapella.model.hand import TIPS
 from mocapella.settings import check
 from mocapella.sources.simulate.arm_mesh import (
     ELBOW_END,
@@ -53,6 +53,7 @@ from mocapella.sources.simulate.arm_mesh import (
     polygonise,
 )
 from mocapella.sources.simulate.arm_motion import ArmMotion, Key, Posture, held_at
+from mocapella.sources.simulate.depth_noise import StructuredLight, TimeOfFlight, measured
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -75,20 +76,19 @@ class Sensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A depth camera.
 
     Attributes:
-        noise: none, structured-light or time-of-flight.
         size_px: (width, height).
         lens: fx, fy, cx, cy [px].
         unit_m: metres a unit.
-        range_m: what it can measure.
         distance_m: how far from it hands are held in scenes.
+        structured_light, time_of_flight: its noise; at most one of them, neither for a perfect camera.
     """
 
-    noise: str
     size_px: tuple[int, int]
     lens: tuple[float, float, float, float]
     unit_m: float
-    range_m: tuple[float, float]
     distance_m: tuple[float, float]
+    structured_light: StructuredLight | None = None
+    time_of_flight: TimeOfFlight | None = None
 
 
 class DepthSceneSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -179,6 +179,25 @@ class DepthShot(msgspec.Struct, frozen=True, eq=False):
 
 
 @dataclass(frozen=True, eq=False)
+class _Images:
+    """What is drawn: depth [m], infinite where nothing is; parts; cosine of the angle of incidence."""
+
+    depth: Float32
+    parts: UInt8
+    slope: Float32
+
+    def copy(self) -> _Images:
+        return _Images(self.depth.copy(), self.parts.copy(), self.slope.copy())
+
+    def draw(self, vertices: Float64, triangles: Int64, labels: UInt8, first: int, lens: Any) -> Float64:
+        """Draw triangles where they are nearest; (n, 3) of `depth_scene_kernels.project`."""
+        seen, k = np.empty_like(vertices), _kernels()
+        k.project(vertices, np.array(lens), seen)
+        k.draw(seen, triangles, labels, np.uint8(first), vertices, self.depth, self.parts, self.slope)
+        return seen
+
+
+@dataclass(frozen=True, eq=False)
 class _Actor:
     """An arm with its motion; mirrored in the camera's x where it is a left one."""
 
@@ -220,6 +239,7 @@ class DepthScene:
         behind = settings.behind or str(rng.choice(["empty", "wall", "desk"]))
         self._behind = _behind(behind, sensor, rng)
         self.period_s = self._actors[0].motion.period_s
+        self._key = int(rng.integers(1 << 62))
 
     @property
     def lens(self) -> Float64:
@@ -237,32 +257,33 @@ class DepthScene:
 
     def at(self, at_s: float) -> DepthShot:
         """The image of that instant [s], and what is true of it."""
-        width, height = self.sensor.size_px
-        pinhole, k = np.array(self.sensor.lens), _kernels()
-        exact, parts, slope = (image.copy() for image in self._behind)
+        images = self._behind.copy()
         drawn = []
         for actor in self._actors:
             pose, gesture = actor.at(at_s)
             drawn.append((actor, pose, gesture, actor.mesh.at(pose)))
         if self._body is not None:
+            mirror = self._actors[0].mirror
             vertices, triangles = self._body
-            shoulder = drawn[0][1].T_camera_shoulder[:3, 3] * self._actors[0].mirror
-            placed = np.ascontiguousarray((vertices + shoulder + self._from_shoulder) * self._actors[0].mirror)
-            if self._actors[0].mirror[0] < 0:
-                triangles = triangles[:, ::-1].copy()
-            _draw(k, placed, triangles, np.zeros(len(triangles), np.uint8), BODY, pinhole, exact, parts, slope)
-        seen = []
-        for n, (actor, _, _, vertices) in enumerate(drawn):
-            mesh = actor.mesh
-            first = FIRST_ARM + n * len(PARTS)
-            seen.append(_draw(k, vertices, mesh.triangles, mesh.parts, first, pinhole, exact, parts, slope))
+            shoulder = drawn[0][1].T_camera_shoulder[:3, 3] * mirror
+            placed = np.ascontiguousarray((vertices + shoulder + self._from_shoulder) * mirror)
+            if mirror[0] < 0:
+                triangles = np.ascontiguousarray(triangles[:, ::-1])
+            images.draw(placed, triangles, np.zeros(len(triangles), np.uint8), BODY, self.sensor.lens)
+        seen = [
+            images.draw(vertices, actor.mesh.triangles, actor.mesh.parts, FIRST_ARM + n * len(PARTS), self.sensor.lens)
+            for n, (actor, _, _, vertices) in enumerate(drawn)
+        ]
         arms = tuple(
-            self._truth(n, actor, pose, gesture, seen[n], parts)
+            _truth(actor, pose, gesture, seen_px=seen[n], parts=images.parts, first=FIRST_ARM + n * len(PARTS),
+                   lens=self.lens)
             for n, (actor, pose, gesture, _) in enumerate(drawn)
         )  # fmt: skip
-        depth = self._measured(exact, slope, at_s)
-        assert depth.shape == (height, width)
-        return DepthShot(at_s, depth, self.sensor.unit_m, self.lens, arms, exact, parts)
+        depth = measured(
+            images.depth, images.slope, self.sensor.structured_light or self.sensor.time_of_flight,
+            focal_px=self.sensor.lens[0], unit_m=self.sensor.unit_m, key=self._key + round(1e9 * at_s),
+        )  # fmt: skip
+        return DepthShot(at_s, depth, self.sensor.unit_m, self.lens, arms, images.depth, images.parts)
 
     def frames(self, fps: float, start_s: float = 0.0, end_s: float | None = None) -> Iterator[DepthShot]:
         """Images one after the other; without an end, one period of them.
@@ -271,41 +292,8 @@ class DepthScene:
             fps: a second.
         """
         end = start_s + self.period_s if end_s is None else end_s
-        for i in range(int(math.ceil((end - start_s) * fps - 1e-9))):
+        for i in range(math.ceil((end - start_s) * fps - 1e-9)):
             yield self.at(start_s + i / fps)
-
-    def _measured(self, exact: Float32, slope: Float32, at_s: float) -> UInt16:
-        units = np.where(np.isfinite(exact), exact, 0.0) / self.sensor.unit_m
-        least, most = self.sensor.range_m
-        units[(exact < least) | (exact > most)] = 0.0
-        return np.asarray(np.rint(units).astype(np.uint16))
-
-    def _truth(self, n: int, actor: _Actor, pose: ArmPose, gesture: str, seen_px: Float64, parts: UInt8) -> ArmTruth:
-        mesh, k = actor.mesh, _kernels()
-        points = mesh.points(pose)
-        px = project(points[: len(ARM_POINTS)], self.lens)
-        height, width = parts.shape
-        first = FIRST_ARM + n * len(PARTS)
-        at = np.rint(np.nan_to_num(px, nan=-1e6)).astype(np.int64)
-        inside = (at >= 0).all(axis=1) & (at[:, 0] < width) & (at[:, 1] < height)
-        counts = np.bincount(parts.ravel(), minlength=first + len(PARTS))[first : first + len(PARTS)]
-        seen, occluded, tip_px = np.zeros(len(ARM_POINTS), np.bool_), np.zeros(5, np.bool_), np.zeros((5, 2), np.int64)
-        for i in range(len(ARM_POINTS)):
-            if inside[i] and i not in TIPS:
-                seen[i] = int(parts[at[i, 1], at[i, 0]]) - first in _ENDS[i]
-        for digit, tip in enumerate(TIPS):
-            there = int(counts[FIRST_TIP + digit])
-            patch = mesh.parts == FIRST_TIP + digit
-            alone = int(k.count_alone(seen_px, mesh.triangles, patch, parts))
-            tip_px[digit] = there, alone
-            seen[tip] = there >= SEEN_PX or (there > 0 and there >= SEEN_SHARE * alone)
-            if seen[tip] and np.isfinite(px[tip]).all():
-                others = mesh.palm_parts & (mesh.digit_of != digit)
-                occluded[digit] = k.covered(seen_px, mesh.triangles, others, px[tip, 0], px[tip, 1])
-        return ArmTruth(
-            mesh.handedness == "left", points[: len(ARM_POINTS)], points[SHOULDER], pose.angles.copy(),
-            mesh.T_camera_palm(pose), seen, occluded, tip_px, gesture, actor.shape,
-        )  # fmt: skip
 
     def _cast(self, rng: np.random.Generator) -> list[_Actor]:
         s, data = self.settings, _data()
@@ -355,7 +343,37 @@ class DepthScene:
             z = (motion.mesh.frames(pose)[1] @ T[2, :3] + T[2, 3])[: ELBOW + 1].max()
             deepest = max(deepest, float(z - T[2, 3] + shoulder[2]))
         front = float(vertices[:, 2][np.abs(vertices[:, 1] - 0.25) < 0.2].min())
-        return (vertices, triangles), np.array([0.0, 0.0, deepest + 0.03 + gap - front - shoulder[2]])
+        return (vertices, triangles), np.array([-0.04, 0.0, deepest + 0.03 + gap - front - shoulder[2]])
+
+
+def _truth(
+    actor: _Actor, pose: ArmPose, gesture: str, *, seen_px: Float64, parts: UInt8, first: int, lens: Float64
+) -> ArmTruth:
+    """What is true of an arm whose projected vertices are ``seen_px`` and whose parts are drawn from ``first`` on."""
+    mesh, k = actor.mesh, _kernels()
+    points = mesh.points(pose)
+    px = project(points[: len(ARM_POINTS)], lens)
+    height, width = parts.shape
+    at = np.rint(np.nan_to_num(px, nan=-1e6)).astype(np.int64)
+    inside = (at >= 0).all(axis=1) & (at[:, 0] < width) & (at[:, 1] < height)
+    counts = np.bincount(parts.ravel(), minlength=first + len(PARTS))[first : first + len(PARTS)]
+    seen, occluded, tip_px = np.zeros(len(ARM_POINTS), np.bool_), np.zeros(5, np.bool_), np.zeros((5, 2), np.int64)
+    for i in range(len(ARM_POINTS)):
+        if inside[i] and i not in TIPS:
+            seen[i] = int(parts[at[i, 1], at[i, 0]]) - first in _ENDS[i]
+    for digit, tip in enumerate(TIPS):
+        there = int(counts[FIRST_TIP + digit])
+        patch = mesh.parts == FIRST_TIP + digit
+        alone = int(k.count_alone(seen_px, mesh.triangles, patch, parts))
+        tip_px[digit] = there, alone
+        seen[tip] = there >= SEEN_PX or (there > 0 and there >= SEEN_SHARE * alone)
+        if seen[tip] and np.isfinite(px[tip]).all():
+            others = mesh.palm_parts & (mesh.digit_of != digit)
+            occluded[digit] = k.covered(seen_px, mesh.triangles, others, px[tip, 0], px[tip, 1])
+    return ArmTruth(
+        mesh.handedness == "left", points[: len(ARM_POINTS)], points[SHOULDER], pose.angles.copy(),
+        mesh.T_camera_palm(pose), seen, occluded, tip_px, gesture, actor.shape,
+    )  # fmt: skip
 
 
 def _facing(s: DepthSceneSettings, rng: np.random.Generator) -> Float64:
@@ -371,16 +389,6 @@ def _facing(s: DepthSceneSettings, rng: np.random.Generator) -> Float64:
     return np.asarray(np.array([[c, -n, 0], [n, c, 0], [0, 0, 1]]) @ R)
 
 
-def _draw(
-    k: Any, vertices: Float64, triangles: Int64, labels: UInt8, first: int, pinhole: Float64,
-    depth: Float32, ids: UInt8, slope: Float32,
-) -> Float64:  # fmt: skip
-    seen = np.empty_like(vertices)
-    k.project(vertices, pinhole, seen)
-    k.draw(seen, triangles, labels, np.uint8(first), vertices, depth, ids, slope)
-    return seen
-
-
 def _ends() -> list[set[int]]:
     ends: list[set[int]] = [{WRIST_END, PALM_BONE}]
     for digit in range(5):
@@ -390,7 +398,6 @@ def _ends() -> list[set[int]]:
 
 
 _ENDS: Final = _ends()
-assert len(_ENDS) == len(ARM_POINTS) and WRIST == 0
 
 
 @cache
@@ -420,8 +427,8 @@ def body_mesh(arms: int) -> tuple[Float64, Int64]:
     return polygonise(limbs, np.array([0.04]), 1e-6, np.ascontiguousarray(nodes))
 
 
-def _behind(kind: str, sensor: Sensor, rng: np.random.Generator) -> tuple[Float32, UInt8, Float32]:
-    """Depth, parts and slope (height, width) of what is behind the person."""
+def _behind(kind: str, sensor: Sensor, rng: np.random.Generator) -> _Images:
+    """What is behind the person."""
     width, height = sensor.size_px
     depth = np.full((height, width), np.inf, np.float32)
     parts, slope = np.zeros((height, width), np.uint8), np.zeros((height, width), np.float32)
@@ -429,8 +436,9 @@ def _behind(kind: str, sensor: Sensor, rng: np.random.Generator) -> tuple[Float3
     tilt = rng.normal(0, 0.15, 2)
     desk_m = float(rng.uniform(0.4, 0.55))
     boxes = [(*rng.uniform([-0.8, 1.7], [0.6, 2.0]), *rng.uniform(0.08, 0.3, 2)) for _ in range(4)]
+    images = _Images(depth, parts, slope)
     if kind == "empty":
-        return depth, parts, slope
+        return images
     fx, fy, cx, cy = sensor.lens
     x, y = np.meshgrid((np.arange(width) - cx) / fx, (np.arange(height) - cy) / fy)
     planes = [(np.array([tilt[0], 0.3 * tilt[1], 1.0]), wall_m)]
@@ -446,14 +454,13 @@ def _behind(kind: str, sensor: Sensor, rng: np.random.Generator) -> tuple[Float3
         for left, near, wide, high in boxes:
             corner = np.array([left, desk_m - high - 0.12 * near, near])
             vertices = corner + np.array([wide, high, wide]) * np.array(list(np.ndindex(2, 2, 2)), dtype=float)
-            _draw(_kernels(), vertices, _BOX, np.zeros(len(_BOX), np.uint8), BEHIND, np.array(sensor.lens), depth, parts,
-                  slope)  # fmt: skip
-    return depth, parts, slope
+            images.draw(vertices, _BOX, np.zeros(len(_BOX), np.uint8), BEHIND, sensor.lens)
+    return images
 
 
 _BOX: Final = np.array([
-    [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7],
-    [1, 7, 3],
+    [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4],
+    [1, 5, 7], [1, 7, 3],
 ])  # fmt: skip
 
 

@@ -89,11 +89,13 @@ def count_alone(seen, triangles, chosen, depth):
         return 0
     hit = np.zeros((y1 - y0 + 1, x1 - x0 + 1), np.bool_)
     for t in range(len(triangles)):
-        if chosen[t]:
-            for y in range(y0, y1 + 1):
-                for x in range(x0, x1 + 1):
-                    if not hit[y - y0, x - x0] and inside(seen, triangles[t], x, y):
-                        hit[y - y0, x - x0] = True
+        if not chosen[t]:
+            continue
+        a, b, c = seen[triangles[t, 0]], seen[triangles[t, 1]], seen[triangles[t, 2]]
+        for y in range(max(math.ceil(min(a[1], b[1], c[1])), y0), min(math.floor(max(a[1], b[1], c[1])), y1) + 1):
+            for x in range(max(math.ceil(min(a[0], b[0], c[0])), x0), min(math.floor(max(a[0], b[0], c[0])), x1) + 1):
+                if not hit[y - y0, x - x0] and inside(seen, triangles[t], x, y):
+                    hit[y - y0, x - x0] = True
     return np.count_nonzero(hit)
 
 

@@ -1,0 +1,165 @@
+"""What a depth camera makes of exact depths: noise, quantisation, shadows, holes and the edges of each principle.
+
+**Structured light** (`StructuredLight`): the standard deviation of depth is that of C. Nguyen, S. Izadi, D. Lovell,
+"Modeling Kinect sensor noise for improved 3D reconstruction and tracking" (3DIMPVT 2012), equations 3 and 4; it grows
+with z², as triangulation's does: K. Khoshelham, S. Elberink, "Accuracy and resolution of Kinect depth data for indoor
+mapping applications" (Sensors 12, 2012), equation 11. Depth is rounded to whole steps of 1/z (their section 3.3). What
+the projector does not light is not measured. Edges are displaced by their lateral noise of 0.8 px and have holes, and
+surfaces at grazing angles have: T. Mallick, P. Das, A. Majumdar, "Characterizations of noise in Kinect depth images: a
+review" (IEEE Sensors J. 14, 2014), section IV.
+
+**Time of flight** (`TimeOfFlight`): the standard deviation is inverse to the amplitude, which falls with z² and the
+angle; where a pixel sees two surfaces, their light adds up as phasors, which gives depths between them (flying pixels);
+the light's odd harmonics make depth wiggle four times a period: S. Foix, G. Alenyà, C. Torras, "Lock-in time-of-flight
+(ToF) cameras: a survey" (IEEE Sensors J. 11, 2011), sections II and III; M. Lindner, A. Kolb, "Lateral and depth
+calibration of PMD-distance sensors" (ISVC 2006).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import astuple, dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.settings import check
+
+Float32 = NDArray[np.float32]
+UInt16 = NDArray[np.uint16]
+
+
+@dataclass(frozen=True)
+class StructuredLight:
+    """A camera that projects a pattern and triangulates; the standard values are the first Kinect's.
+
+    Attributes:
+        least_m, most_m: what it measures.
+        sd_m: standard deviation of depth at `sd_least_at_m`, seen straight on.
+        sd_per_m: by how much it grows with the squared distance from there [1/m].
+        sd_least_at_m: where it is least.
+        sd_angle: how much it grows with the angle θ: this · z^−½ · θ²/(π/2 − θ)² [m^1.5].
+        step_per_m: the smallest change of 1/z that is told apart [1/m]; 0 for none.
+        shared: the part of the variance that neighbouring pixels have in common.
+        shared_px: within how many pixels.
+        edge_px: standard deviation of an edge's displacement.
+        edge: a depth edge is a change by this part of the depth within 2 px.
+        edge_holes: the part of pixels at edges that is not measured.
+        steep_deg: from which angle on pixels begin to be lost, and from which on all are.
+        dropout: the part of all pixels that is lost at random.
+        baseline_m: how far the projector is from the camera along x.
+    """
+
+    least_m: float = 0.4
+    most_m: float = 4.0
+    sd_m: float = 0.0012
+    sd_per_m: float = 0.0019
+    sd_least_at_m: float = 0.4
+    sd_angle: float = 0.0001
+    step_per_m: float = 0.0030711016
+    shared: float = 0.4
+    shared_px: int = 4
+    edge_px: float = 0.8
+    edge: float = 0.02
+    edge_holes: float = 0.25
+    steep_deg: tuple[float, float] = (70.0, 88.0)
+    dropout: float = 0.001
+    baseline_m: float = 0.075
+
+    def __post_init__(self) -> None:
+        check(0 < self.least_m < self.most_m <= 20, "least_m", (self.least_m, self.most_m), "above 0 and below most_m")
+        for name in ("sd_m", "sd_per_m", "sd_least_at_m", "sd_angle", "step_per_m", "edge_px", "edge"):
+            value = getattr(self, name)
+            check(0 <= value < 10, name, value, "0 or more, below 10")
+        for name in ("shared", "edge_holes", "dropout"):
+            value = getattr(self, name)
+            check(0 <= value <= 1, name, value, "from 0 to 1")
+        check(1 <= self.shared_px <= 64, "shared_px", self.shared_px, "1 to 64")
+        check(0 <= self.steep_deg[0] < self.steep_deg[1] <= 90, "steep_deg", self.steep_deg, "rising, within 0 to 90")
+        check(0.001 <= abs(self.baseline_m) <= 1, "baseline_m", self.baseline_m, "1 mm to 1 m to either side")
+
+    def sd_at(self, z: float, angle: float = 0.0) -> float:
+        """Standard deviation [m] of depth z [m] at an angle of incidence [rad]."""
+        more = self.sd_angle / math.sqrt(z) * angle**2 / (0.5 * math.pi - min(angle, 1.45)) ** 2
+        return self.sd_m + self.sd_per_m * (z - self.sd_least_at_m) ** 2 + more
+
+
+@dataclass(frozen=True)
+class TimeOfFlight:
+    """A camera that measures the phase of modulated light.
+
+    Attributes:
+        least_m, most_m: what it measures.
+        sd_at_1m: standard deviation of depth at 1 m, seen straight on; elsewhere that · z² / cos θ [m].
+        faintest: the least amplitude that is measured, over that at 1 m, seen straight on.
+        spread: the part of a pixel's light that falls into its neighbours, along each axis.
+        low_hz: of the lowest modulation, which tells the whole distance.
+        wiggle_m: amplitude of the periodic error.
+        wiggle_hz: of the modulation that makes it.
+        dropout: the part of all pixels that is lost at random.
+    """
+
+    least_m: float = 0.4
+    most_m: float = 4.5
+    sd_at_1m: float = 0.0017
+    faintest: float = 0.05
+    spread: float = 0.3
+    low_hz: float = 16e6
+    wiggle_m: float = 0.002
+    wiggle_hz: float = 80e6
+    dropout: float = 0.0005
+
+    def __post_init__(self) -> None:
+        check(0 < self.least_m < self.most_m <= 20, "least_m", (self.least_m, self.most_m), "above 0 and below most_m")
+        for name in ("spread", "dropout"):
+            value = getattr(self, name)
+            check(0 <= value <= 1, name, value, "from 0 to 1")
+        for name in ("sd_at_1m", "faintest", "wiggle_m"):
+            value = getattr(self, name)
+            check(0 <= value < 1, name, value, "0 or more, below 1")
+        reach = 299792458.0 / (2 * self.low_hz) if self.low_hz > 0 else 0.0
+        check(reach > self.most_m, "low_hz", self.low_hz, f"low enough for {self.most_m} m to be within a period")
+        check(0 <= self.wiggle_hz <= 1e9, "wiggle_hz", self.wiggle_hz, "0 to 1e9 Hz")
+
+
+def measured(
+    exact_m: Float32, slope: Float32, noise: StructuredLight | TimeOfFlight | None, *, focal_px: float, unit_m: float,
+    key: int,
+) -> UInt16:  # fmt: skip
+    """(height, width) what the camera gives, in units; 0 where it measures nothing.
+
+    Args:
+        exact_m: (height, width) [m]; infinite where nothing is.
+        slope: (height, width) cosine of the angle between the surface's normal and the ray.
+        noise: of the camera; None for a perfect one.
+        focal_px: along x.
+        unit_m: metres a unit.
+        key: the same gives the same noise.
+    """
+    out = np.zeros(exact_m.shape, np.uint16)
+    if noise is None:
+        units = np.rint(np.where(np.isfinite(exact_m), exact_m, 0.0) / unit_m)
+        return np.where(units <= np.iinfo(np.uint16).max, units, 0).astype(np.uint16)
+    seed = np.uint64(key % (1 << 64))
+    if isinstance(noise, StructuredLight):
+        lit = np.empty(exact_m.shape, np.bool_)
+        _kernels().light_reaches(exact_m, focal_px * noise.baseline_m, lit)
+        row = np.array([
+            noise.least_m, noise.most_m, noise.sd_m, noise.sd_per_m, noise.sd_least_at_m, noise.sd_angle,
+            noise.step_per_m, noise.shared, noise.shared_px, noise.edge_px, noise.edge, noise.edge_holes,
+            *np.radians(noise.steep_deg), noise.dropout,
+        ])  # fmt: skip
+        _kernels().structured_light(exact_m, slope, lit, seed, row, unit_m, out)
+    else:
+        _kernels().time_of_flight(exact_m, slope, seed, np.array(astuple(noise)), unit_m, out)
+    return out
+
+
+@cache
+def _kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.sources.simulate import depth_noise_kernels
+
+    return depth_noise_kernels
