@@ -87,14 +87,13 @@ class Region(NamedTuple):
     Attributes:
         points: (m, 3) camera [m].
         front: (h, w) the arm's surface, minus other things', 0 where nothing was measured [m].
-        nearest_x, nearest_y: (h, w) the nearest pixel of the arm.
+        opposite: (h, w) the nearest column in a line that is the arm's where a pixel is not, and the other way round.
         lens: (4,) of these pixels.
     """
 
     points: Float64
     front: Float64
-    nearest_x: Int64
-    nearest_y: Int64
+    opposite: Int64
     lens: Float64
 
 
@@ -167,11 +166,11 @@ def region(grid: Grid, spheres: Float64, s: ArmRegionSettings) -> Region:
 def evidence(grid: Grid, front: Float64, s: ArmRegionSettings) -> Region:
     """What a surface that may be an arm's says."""
     k = kernels()
-    nearest_x, nearest_y = np.empty(front.shape, np.int64), np.empty(front.shape, np.int64)
-    k.nearest(front, nearest_x, nearest_y)
+    opposite = np.empty(front.shape, np.int64)
+    k.opposite(front, opposite)
     points = np.empty((s.points, 3))
     count = k.unprojected(front, grid.lens, points)
-    return Region(points[:count], front, nearest_x, nearest_y, grid.lens)
+    return Region(points[:count], front, opposite, grid.lens)
 
 
 def palm_candidates(depth: Float32, lens: Float64, s: ArmRegionSettings, most: int = 6) -> list[PalmCandidate]:

@@ -94,51 +94,21 @@ def grown(seen, low, high, wide_low, wide_high, jump, front):
 
 
 @njit(cache=True)
-def nearest(front, nearest_x, nearest_y):
-    """Write the nearest pixel whose front is above 0 where a pixel's is not, and the other way round.
-
-    Two passes of vectors: P.-E. Danielsson, "Euclidean distance mapping", Computer Graphics and Image Processing 14
-    (1980) 227. Where there is none, a pixel is its own nearest.
-    """
+def opposite(front, out):
+    """Write the nearest column in its line that is the arm's where a pixel is not, and the other way round; -1: none."""
     height, width = front.shape
-    far = 4 * (height + width)
-    one_x, one_y = np.empty((height, width), np.int64), np.empty((height, width), np.int64)
-    for kind in range(2):
-        for i in range(height):
-            for j in range(width):
-                there = (front[i, j] > 0.0) == (kind == 0)
-                one_x[i, j] = j if there else -far
-                one_y[i, j] = i if there else -far
-        for sweep in range(2):
-            for row in range(height):
-                i = row if sweep == 0 else height - 1 - row
-                a = i - 1 if sweep == 0 else i + 1
-                if 0 <= a < height:
-                    for j in range(width):
-                        _take(one_x, one_y, i, j, a, j)
-                        if j > 0:
-                            _take(one_x, one_y, i, j, a, j - 1)
-                        if j + 1 < width:
-                            _take(one_x, one_y, i, j, a, j + 1)
-                for j in range(1, width):
-                    _take(one_x, one_y, i, j, i, j - 1)
-                for j in range(width - 2, -1, -1):
-                    _take(one_x, one_y, i, j, i, j + 1)
-        for i in range(height):
-            for j in range(width):
-                if (front[i, j] > 0.0) == (kind == 1):
-                    nearest_x[i, j] = one_x[i, j] if one_x[i, j] >= 0 else j
-                    nearest_y[i, j] = one_y[i, j] if one_x[i, j] >= 0 else i
-
-
-@njit(cache=True)
-def _take(nearest_x, nearest_y, i, j, a, b):
-    x, y = nearest_x[a, b], nearest_y[a, b]
-    if x < 0:
-        return
-    X, Y = nearest_x[i, j], nearest_y[i, j]
-    if X < 0 or (x - j) ** 2 + (y - i) ** 2 < (X - j) ** 2 + (Y - i) ** 2:
-        nearest_x[i, j], nearest_y[i, j] = x, y
+    for i in range(height):
+        last = -1
+        for j in range(width):
+            if j > 0 and (front[i, j] > 0.0) != (front[i, j - 1] > 0.0):
+                last = j - 1
+            out[i, j] = last
+        last = -1
+        for j in range(width - 1, -1, -1):
+            if j + 1 < width and (front[i, j] > 0.0) != (front[i, j + 1] > 0.0):
+                last = j + 1
+            if last >= 0 and (out[i, j] < 0 or last - j < j - out[i, j]):
+                out[i, j] = last
 
 
 @njit(cache=True)

@@ -290,7 +290,7 @@ def _states(points: Float64, part: Region | None, model: ArmModel, pose: ArmPose
 
 def _evidence(part: Region, model: ArmModel, pose: ArmPose, most: int = 10_000, beyond: float = 0.05) -> Evidence:
     points = np.ascontiguousarray(part.points[:: -(-len(part.points) // most)])
-    return Evidence(points, model.relevance(points, pose, beyond), part.front, part.nearest_x, part.nearest_y, part.lens)
+    return Evidence(points, model.relevance(points, pose, beyond), part.front, part.opposite, part.lens)
 
 
 def _motion(before: ArmPose, after: ArmPose) -> Float64:
