@@ -2,7 +2,7 @@
 
 A scene's keys say what the hand does and how the arm moves from where it is held; between them all goes the smoothest
 way (T. Flash, N. Hogan, 1985). Then fingers are moved, as little as possible and within the hand's limits, until none
-is inside another or the palm by more than flesh gives, and tips that shall touch do.
+is inside another or the palm by more than flesh gives, and digits that shall touch do.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Posture(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     what is not given is as in ``open``.
 
     Attributes:
-        touch: two digits whose tips touch; none by default.
+        touch: two digits that touch: the thumb's tip and another, or two fingers' sides; none by default.
         gesture: its name; empty where it has none.
     """
 
@@ -294,7 +294,7 @@ def untangled(
 
     Args:
         start: (21,) where to begin; at those wished, where not given.
-        touch: (n, 3) two digits whose tips shall touch, and how much, 0 to 1.
+        touch: (n, 3) two digits that shall touch, the thumb first and with its tip, and how much, 0 to 1.
         flesh: radii of the digits (5, 4) and half the palm's thickness [m]; the mesh's own where not given.
     """
     radii, palm_m = flesh or (finger_radii(mesh.shape), _PALM_HALF_M * mesh.shape.hand_length_m / 0.189)

@@ -48,7 +48,7 @@ def overlaps(points, radii, palm_m, ends, out):
     Args:
         points: (24, 3) of `arm_frames`; radii: (5, 4) of the digits at joints and tip; palm_m: half the palm's
             thickness.
-        ends: (15, 6) scratch.
+        ends: (16, 6) scratch.
         out: (`PAIRS`,).
     """
     for d in range(5):
@@ -76,12 +76,15 @@ def overlaps(points, radii, palm_m, ends, out):
                             a[:3], a[3:], radii[d, i], radii[d, i + 1], b[:3], b[3:], radii[e, j], radii[e, j + 1]
                         )
                     n += 1
+    span = ends[15]
     for d in range(5):
         for i in range(1, 3):
             for e in range(_PALM_SPANS):
                 a, wrist, base = ends[3 * d + i], points[0], points[5 + 4 * e]
-                low, high = 0.8 * wrist + 0.2 * base, 0.1 * wrist + 0.9 * base
-                out[n] = -limbs_apart(a[:3], a[3:], radii[d, i], radii[d, i + 1], low, high, palm_m, palm_m)
+                for k in range(3):
+                    span[k] = 0.8 * wrist[k] + 0.2 * base[k]
+                    span[3 + k] = 0.1 * wrist[k] + 0.9 * base[k]
+                out[n] = -limbs_apart(a[:3], a[3:], radii[d, i], radii[d, i + 1], span[:3], span[3:], palm_m, palm_m)
                 n += 1
 
 
@@ -124,13 +127,55 @@ def _residuals(
     n = len(o)
     for i in range(len(touch)):
         a, b = int(touch[i, 0]), int(touch[i, 1])
-        p, q = points[4 + 4 * a], points[4 + 4 * b]
-        apart = math.sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
-        out[n] = touch[i, 2] * (apart - radii[a, 3] - radii[b, 3]) / 5e-4
+        if a == 0:  # the thumb's tip and another's
+            p, q = points[4 + 4 * a], points[4 + 4 * b]
+            apart = math.sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
+            apart -= radii[a, 3] + radii[b, 3]
+        else:  # two fingers' outer two limbs, wherever they are nearest
+            apart = 1.0
+            for k in range(1, 3):
+                for m in range(1, 3):
+                    p, q = ends[3 * a + k], ends[3 * b + m]
+                    apart = min(
+                        apart,
+                        limbs_apart(
+                            p[:3], p[3:], radii[a, k], radii[a, k + 1], q[:3], q[3:], radii[b, m], radii[b, m + 1]
+                        ),
+                    )
+        out[n] = touch[i, 2] * apart / 5e-4
         n += 1
     for i in range(len(angles)):
         out[n] = (angles[i] - wished[i]) / 0.15
         n += 1
+
+
+@njit(cache=True)
+def squared(r):
+    """The sum of squares."""
+    total = 0.0
+    for i in range(len(r)):
+        total += r[i] * r[i]
+    return total
+
+
+@njit(cache=True)
+def solve(H, more, g, M, x):
+    """Write the solution of (H, its diagonal times ``more``) x = g by Cholesky's factor M; H's lower half counts."""
+    n = len(g)
+    for i in range(n):
+        x[i] = g[i]
+        for k in range(i + 1):
+            total = H[i, k] * more if i == k else H[i, k]
+            for j in range(k):
+                total -= M[i, j] * M[k, j]
+            M[i, k] = math.sqrt(total) if i == k else total / M[k, k]
+        for j in range(i):
+            x[i] -= M[i, j] * x[j]
+        x[i] /= M[i, i]
+    for i in range(n - 1, -1, -1):
+        for j in range(i + 1, n):
+            x[i] -= M[j, i] * x[j]
+        x[i] /= M[i, i]
 
 
 @njit(cache=True)
@@ -145,13 +190,38 @@ def untangle(
     Args:
         start: (21,) where the search begins.
         radii: (5, 4); palm_m: see `overlaps`.
-        touch: (n, 3) two digits whose tips shall touch, and how much, 0 to 1.
+        touch: (n, 3) two digits that shall touch, the thumb first and with its tip, and how much, 0 to 1.
         allowed_m: overlaps that small are left.
     """
     n, m = len(wished), PAIRS + len(touch) + len(wished)
-    bones, points, ends, o = np.empty((19, 3, 4)), np.empty((24, 3)), np.empty((15, 6)), np.empty(PAIRS)
+    bones, points, ends, o = np.empty((19, 3, 4)), np.empty((24, 3)), np.empty((16, 6)), np.empty(PAIRS)
     joints, r, s = np.zeros(4), np.empty(m), np.empty(m)
     J, trial = np.empty((n, m)), np.empty(n)
+    angles[:] = wished
+    limit(angles, which, cones, limits)
+    _residuals(
+        angles,
+        wished,
+        digit_frames,
+        which,
+        bases,
+        lengths,
+        radii,
+        palm_m,
+        touch,
+        allowed_m,
+        bones,
+        points,
+        ends,
+        o,
+        joints,
+        r,
+    )
+    pulled = False
+    for i in range(len(touch)):
+        pulled = pulled or touch[i, 2] > 0.0
+    if o.max() <= allowed_m and not pulled:
+        return o.max()
     angles[:] = start
     limit(angles, which, cones, limits)
     _residuals(
@@ -172,7 +242,8 @@ def untangle(
         joints,
         r,
     )
-    cost, damping, e = (r * r).sum(), 1e-3, 1e-5
+    cost, damping, e = squared(r), 1e-3, 1e-5
+    H, M, g = np.empty((n, n)), np.empty((n, n)), np.empty(n)
     for _ in range(25):
         for i in range(n):
             trial[:] = angles
@@ -181,20 +252,28 @@ def untangle(
                 trial, wished, digit_frames, which, bases, lengths, radii, palm_m, touch, allowed_m, bones, points, ends, o,
                 joints, s,
             )  # fmt: skip
-            J[i] = (s - r) / e
-        H, g = J @ J.T, J @ r
+            for k in range(m):
+                J[i, k] = (s[k] - r[k]) / e
+        for i in range(n):
+            g[i] = 0.0
+            for k in range(m):
+                g[i] += J[i, k] * r[k]
+            for j in range(i + 1):
+                total = 0.0
+                for k in range(m):
+                    total += J[i, k] * J[j, k]
+                H[i, j] = total
         better = False
         for _ in range(6):
-            D = H.copy()
+            solve(H, 1.0 + damping, g, M, trial)
             for i in range(n):
-                D[i, i] *= 1.0 + damping
-            trial[:] = angles - np.linalg.solve(D, g)
+                trial[i] = angles[i] - trial[i]
             limit(trial, which, cones, limits)
             _residuals(
                 trial, wished, digit_frames, which, bases, lengths, radii, palm_m, touch, allowed_m, bones, points, ends, o,
                 joints, s,
             )  # fmt: skip
-            there = (s * s).sum()
+            there = squared(s)
             if there < cost:
                 better = True
                 break
