@@ -306,6 +306,19 @@ def untangled(
     return angles
 
 
+def worst_overlap(mesh: ArmMesh, angles: Float64) -> float:
+    """How far one finger is inside another, or in the palm, at most [m]; 0 where none is.
+
+    Flesh is taken as tapered limbs about the bones; neighbouring fingers' first bones count from 45 % of their length.
+    """
+    pose = ArmPose(angles, np.zeros(4), np.eye(4))
+    limbs, out, k = np.empty((19, 8)), np.empty(_kernels().PAIRS), _kernels()
+    palm_m = _PALM_HALF_M * mesh.shape.hand_length_m / 0.189
+    k.limbs_of(mesh.frames(pose)[1], finger_radii(mesh.shape), palm_m, limbs)
+    k.overlaps(limbs, out)
+    return max(float(out.max()), 0.0)
+
+
 def held_at(mesh: ArmMesh, joints: Float64, R_camera_palm: Float64, at: Float64, which: int = PALM) -> ArmPose:
     """The pose of a right arm, all angles 0, whose palm is turned so and one of whose joints is there [m]."""
     pose = ArmPose(np.zeros(len(ANGLES)), np.asarray(joints, dtype=np.float64), np.eye(4))
