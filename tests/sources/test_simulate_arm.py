@@ -201,7 +201,10 @@ def axes_apart(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> tu
 
 def sampled_overlap(points: np.ndarray, radii: np.ndarray) -> float:
     """How far outer limbs of different fingers are inside each other [m]; found by sampling, unlike what avoids it."""
-    worst = -np.inf
+    worst, points = -np.inf, points.copy()
+    for d, tip in enumerate(TIPS):  # the round end's middle
+        along = points[tip] - points[tip - 1]
+        points[tip] -= (1.0 - BEYOND_TIP) * radii[d, 3] * along / np.linalg.norm(along)
     for d in range(5):
         for e in range(d + 1, 5):
             for i in (1, 2):
