@@ -58,8 +58,8 @@ class DepthArmsSettings:
 
     arms: int = 2
     hand_length_m: float = 0.189
-    believe: float = 0.35
-    keep: float = 0.6
+    believe: float = 0.28
+    keep: float = 0.35
     trials: int = 2
     trials_in_doubt: int = 5
     doubt: float = 0.12
@@ -202,6 +202,8 @@ class DepthArms:
         assert arm.region is not None
         now: dict[Handedness, float] = {}
         for _ in range(min(s.trials_in_doubt if doubt else s.trials, len(arm.trials))):
+            if not arm.trials:
+                break  # another side was taken
             trial = arm.trials.pop(0)
             model = self.models[trial.side]
             start = trial.start(arm, self.models)
@@ -364,7 +366,7 @@ def _states(points: Float64, part: Region | None, model: ArmModel, pose: ArmPose
 
 
 def _evidence(part: Region, model: ArmModel, pose: ArmPose, most: int = 10_000, beyond: float = 0.05) -> Evidence:
-    points = np.ascontiguousarray(part.points[:: -(-len(part.points) // most)])
+    points = np.ascontiguousarray(part.points[:: max(-(-len(part.points) // most), 1)])
     return Evidence(points, model.relevance(points, pose, beyond), part.front, part.opposite, part.lens)
 
 
@@ -404,16 +406,22 @@ def _starts(model: ArmModel, candidate: PalmCandidate) -> Iterator[tuple[ArmPose
             if candidate.forearm is not None:
                 v[4:7] = R.T @ candidate.forearm
                 v[7:10] = v[4:7]
-            # Seen from its back, a right hand's digits go clockwise from the thumb on.
+            # Seen from its back, a right hand's digits go clockwise from the thumb on; from its side, either way.
             clockwise = (np.cos(roll) > 0) == (model.mirror > 0)
-            ordered = tips[::-1] if clockwise else tips
-            for digits in combinations(range(5), len(tips)):
-                z = _posed(model, tuple(_OPEN[d] if d in digits else _BENT[d] for d in range(5)))
-                targets = np.full((5, 3), np.nan)
-                targets[list(digits)] = ordered
-                yield ArmPose(np.ascontiguousarray(R).reshape(9), t.copy(), z, v.copy()), targets
+            orders = [tips[::-1] if clockwise else tips]
+            if roll not in _FLAT and len(tips) == 2:
+                orders = [tips, tips[::-1]]
+            for ordered in orders:
+                for digits in combinations(range(5), len(tips)):
+                    z = _posed(model, tuple(_OPEN[d] if d in digits else _BENT[d] for d in range(5)))
+                    targets = np.full((5, 3), np.nan)
+                    targets[list(digits)] = ordered
+                    yield ArmPose(np.ascontiguousarray(R).reshape(9), t.copy(), z, v.copy()), targets
             if len(tips) < 2:
-                yield ArmPose(np.ascontiguousarray(R).reshape(9), t.copy(), _posed(model, _OPEN), v.copy()), None
+                for shift in _SHIFTS_M:
+                    for postures in (_OPEN, _BENT, _HOLDING):
+                        moved = t + shift * z_axis
+                        yield ArmPose(np.ascontiguousarray(R).reshape(9), moved, _posed(model, postures), v.copy()), None
 
 
 def _across(normal: Float64, z_axis: Float64, centre: Float64) -> Float64:
@@ -431,7 +439,10 @@ _FLAT: Final = (0.0, np.pi)
 _ROLLS: Final = (*_FLAT, 0.5 * np.pi, -0.5 * np.pi)
 _OPEN: Final = ((0, 0, 10), *[(5, 0, 8)] * 4)
 _BENT: Final = ((0, 0, 40), *[(70, 0, 85)] * 4)
+_HOLDING: Final = ((10, -15, 40), *[(45, 0, 60)] * 4)
 """Flexion, abduction and second flexion of thumb to little finger [degrees]."""
+_SHIFTS_M: Final = (-0.03, 0.0, 0.03)
+"""Along the hand: where there are no fingers to be seen, its middle is not known so well."""
 
 
 def _digits_otherwise(model: ArmModel, arm: _Arm) -> list[_Trial]:
