@@ -230,6 +230,7 @@ class ArmModel:
     def fit(
         self, start: ArmPose, expected: Expected, evidence: Evidence, *, iterations: int | None = None,
         loose: float | None = None, arm: bool = True, tips: Float64 | None = None,
+        keep: float = 0.67,
     ) -> Fitted:  # fmt: skip
         """The best pose near a start.
 
@@ -239,6 +240,7 @@ class ArmModel:
             evidence: see there.
             iterations, loose: the settings' where not given.
             arm: whether the forearm and upper arm may explain points, too.
+            keep: in which part of the iterations `tips` count.
             tips: (5, 3) where fingertips are believed to be, camera [m], NaN where not; it helps to begin.
         """
         s, k = self.settings, kernels()
@@ -262,7 +264,7 @@ class ArmModel:
             self.c_max, evidence.points, evidence.weights, picture, self.natural, self.prior, e.pose.R, e.pose.t, e.pose.z,
             e.certainty, e.v, e.information, pose.R, pose.t, pose.z, pose.v, numbers,
             s.loose if loose is None else loose, s.iterations if iterations is None else iterations, costs, assigned,
-            information, _NOWHERE if tips is None else tips,
+            information, _NOWHERE if tips is None else tips, keep,
         )  # fmt: skip
         costs[0] /= total
         costs[1] /= max(costs[3], 1e-4)

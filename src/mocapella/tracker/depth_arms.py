@@ -94,6 +94,14 @@ class _Arm:
         self.fitted = fitted
 
 
+class _Found(NamedTuple):
+    """A hand that was found."""
+
+    cost: float
+    side: Handedness
+    fitted: Fitted
+
+
 class _Trial(NamedTuple):
     """A pose that might be better; as it was when the palm's middle was at a place [m]."""
 
@@ -266,15 +274,14 @@ class DepthArms:
 
     def _look(self, depth: Float32, at_s: float) -> None:
         s = self.settings
-        found: list[tuple[float, Handedness, Fitted]] = []
-        for candidate in palm_candidates(depth, self._lens, s.region):
-            if not any(self._same(arm, candidate) for arm in self._arms):
-                best = self._best_start(depth, candidate)
-                if best is not None and best[1].cost <= s.believe:
-                    found.append((best[1].cost, *best))
-        found.sort(key=lambda one: one[0])
-        found = [(one[1].cost, *one) for one in (self._repaired(depth, *pair[1:]) for pair in found[: s.arms + 1])]
-        found.sort(key=lambda one: one[0])
+        candidates = [
+            candidate
+            for candidate in palm_candidates(depth, self._lens, s.region)
+            if not any(self._same(arm, candidate) for arm in self._arms)
+        ]
+        found = [one for one in self._best(depth, candidates) if one.cost <= s.believe]
+        found = [self._repaired(depth, one) for one in found[: s.arms + 2]]
+        found.sort(key=lambda one: one.cost)
         for _, side, fitted in found:
             if len(self._arms) == s.arms:
                 return
@@ -290,45 +297,51 @@ class DepthArms:
         spheres = self.models[arm.side].spheres(arm.fitted.pose)
         return bool((np.linalg.norm(spheres[:, :3] - candidate.centre, axis=1) < spheres[:, 3] + 0.04).any())
 
-    def _best_start(self, depth: Float32, candidate: PalmCandidate) -> tuple[Handedness, Fitted] | None:
-        part = self._region(depth, candidate.spheres)
-        if part is None or len(part.points) < 60:
-            return None
-        tried: list[tuple[float, Handedness, Fitted]] = []
-        for side, model in self.models.items():
-            for start, tips in _starts(model, candidate):
-                fitted = model.fit(start, model.unexpected(start), _evidence(part, model, start, 200, 0.3), iterations=6, loose=3.0, tips=tips)
-                tried.append((fitted.cost, side, fitted))
-        tried.sort(key=lambda one: one[0])
-        found: list[tuple[float, Handedness, Fitted]] = []
-        for _, side, fitted in tried[:12]:
-            model = self.models[side]
-            finer = self._region(depth, model.spheres(fitted.pose))
-            if finer is None:
+    def _best(self, depth: Float32, candidates: list[PalmCandidate]) -> list[_Found]:
+        """The hands that fit best, one or few for each candidate: all starts a little, the better ones more."""
+        pool: list[tuple[Region, _Found, Float64 | None]] = []
+        for candidate in candidates:
+            part = self._region(depth, candidate.spheres)
+            if part is None or len(part.points) < _FEW:
                 continue
-            better = model.fit(fitted.pose, model.unexpected(fitted.pose), _evidence(finer, model, fitted.pose, 400, 0.3), iterations=8)
-            found.append((better.cost, side, better))
-        if not found:
-            return None
-        found.sort(key=lambda one: one[0])
-        DEBUG.append([(round(c, 3), np.round(f.costs,3), a, bool(f.pose.R[5+2-0-0] > 9) , 'back' if f.pose.R[7] < 0 else 'palm') for c, a, f in found])
-        return found[0][1], found[0][2]
+            for side, model in self.models.items():
+                for start, tips in _starts(model, candidate):
+                    evidence = _evidence(part, model, start, 120, 0.3)
+                    fitted = model.fit(start, model.unexpected(start), evidence, iterations=4, loose=3.0, tips=tips, keep=1.0)
+                    pool.append((part, _Found(fitted.cost, side, fitted), tips))
+        for most, points, iterations, loose in _ROUNDS:
+            pool.sort(key=lambda entry: entry[1].cost)
+            better = []
+            for part, (_, side, before), tips in pool[:most]:
+                model = self.models[side]
+                part = self._region(depth, model.spheres(before.pose)) if points > 250 else part  # noqa: PLW2901
+                if part is None:
+                    continue
+                evidence = _evidence(part, model, before.pose, points, 0.3)
+                fitted = model.fit(
+                    before.pose, model.unexpected(before.pose), evidence, iterations=iterations, loose=loose,
+                    tips=tips if points <= 250 else None,
+                )  # fmt: skip
+                better.append((part, _Found(fitted.cost, side, fitted), tips))
+            pool = better
+        return sorted((entry[1] for entry in pool), key=lambda one: one.cost)
 
-    def _repaired(self, depth: Float32, side: Handedness, fitted: Fitted) -> tuple[Handedness, Fitted]:
+    def _repaired(self, depth: Float32, found: _Found) -> _Found:
         """With each digit held otherwise where that is better."""
-        model = self.models[side]
+        model, fitted = self.models[found.side], found.fitted
         for digit in range(5):
             part = self._region(depth, model.spheres(fitted.pose))
             if part is None:
                 break
-            for flexion, abduction, middle in _OTHERWISE[digit > 0]:
+            for held in _OTHERWISE[digit > 0]:
                 start = fitted.pose.copied()
-                _bend(model, start.z, digit, flexion, abduction, middle)
+                _bend(model, start.z, digit, *held)
                 fit_kernels().within(model.digits, model.columns, model.gains, start.z, model.c_max)
-                other = model.fit(start, model.unexpected(start), _evidence(part, model, start, 400, 0.3), iterations=5, loose=1.5)
+                evidence = _evidence(part, model, start, 400, 0.3)
+                other = model.fit(start, model.unexpected(start), evidence, iterations=5, loose=1.5)
                 if other.cost < 0.97 * fitted.cost:
                     fitted = other
-        return side, fitted
+        return _Found(fitted.cost, found.side, fitted)
 
     # Telling.
 
@@ -405,7 +418,9 @@ def _starts(model: ArmModel, candidate: PalmCandidate) -> Iterator[tuple[ArmPose
             v = model.state()
             if candidate.forearm is not None:
                 v[4:7] = R.T @ candidate.forearm
-                v[7:10] = v[4:7]
+                # The upper arm goes back to the shoulder, away from the camera.
+                back = 0.5 * candidate.forearm + candidate.centre / np.linalg.norm(candidate.centre)
+                v[7:10] = R.T @ (back / np.linalg.norm(back))
             # Seen from its back, a right hand's digits go clockwise from the thumb on; from its side, either way.
             clockwise = (np.cos(roll) > 0) == (model.mirror > 0)
             orders = [tips[::-1] if clockwise else tips]
@@ -457,6 +472,8 @@ def _digits_otherwise(model: ArmModel, arm: _Arm) -> list[_Trial]:
     ]
 
 
+_ROUNDS: Final = ((48, 250, 8, 2.0), (10, 400, 8, 1.5))
+"""How many starts are kept, with how many points, iterations, and how loose at the beginning."""
 _FEW: Final = 40
 _OTHERWISE: Final = (
     ((0, 0, 10), (20, 15, 50), (-20, -15, 10), (20, -15, 50)),
