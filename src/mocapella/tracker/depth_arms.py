@@ -51,6 +51,8 @@ class DepthArmsSettings:
         doubt: see there.
         better: another pose is taken when its cost is below this part of that of the arm's own.
         look_again_every: images between two times that a doubtful hand is looked for anew where it is.
+        firm: an arm whose cost was below this for some images is sure, and others are not looked for in its stead.
+        refuse_for: images for which a place is not looked at again, where no arm was.
         lost_after: frames in a row that an arm may be doubtful.
         look_every: frames between two looks for further arms, while there is one.
         region, fit: of the steps.
@@ -58,13 +60,15 @@ class DepthArmsSettings:
 
     arms: int = 2
     hand_length_m: float = 0.189
-    believe: float = 0.28
+    believe: float = 0.25
     keep: float = 0.35
     trials: int = 2
     trials_in_doubt: int = 5
     doubt: float = 0.12
     better: float = 0.93
     look_again_every: int = 10
+    firm: float = 0.16
+    refuse_for: int = 60
     lost_after: int = 3
     look_every: int = 5
     region: ArmRegionSettings = field(default_factory=ArmRegionSettings)
@@ -84,7 +88,7 @@ class _Arm:
     def __init__(self, number: int, side: Handedness, fitted: Fitted, at_s: float) -> None:
         self.id, self.side, self.fitted, self.at_s = number, side, fitted, at_s
         self.velocity = np.zeros(6 + len(fitted.pose.z))
-        self.doubtful = self.since_look = 0
+        self.doubtful = self.since_look = self.firm = 0
         self.region: Region | None = None
         self.trials: list[_Trial] = []
 
@@ -149,6 +153,7 @@ class DepthArms:
     def reset(self) -> None:
         """Forget everything, as if newly made."""
         self._arms: list[_Arm] = []
+        self._refused: list[tuple[Float64, int]] = []
         self._frames = self._next_id = 0
 
     def update(self, depth: Float32, at_s: float) -> SeenArms:
@@ -160,7 +165,8 @@ class DepthArms:
         for arm in list(self._arms):
             if not self._follow(arm, depth, at_s):
                 self._arms.remove(arm)
-        if len(self._arms) < self.settings.arms and (not self._arms or self._frames % self.settings.look_every == 0):
+        firm = sum(arm.firm >= _FIRM_AFTER for arm in self._arms)
+        if firm < self.settings.arms and (not self._arms or self._frames % self.settings.look_every == 0):
             self._look(depth, at_s)
         self._frames += 1
         told = tuple(self._told(arm) for arm in sorted(self._arms, key=lambda arm: arm.id))
@@ -189,6 +195,7 @@ class DepthArms:
         arm.at_s, arm.region = at_s, part
         self._search(arm, depth)
         arm.doubtful = arm.doubtful + 1 if arm.fitted.cost > s.keep else 0
+        arm.firm = min(arm.firm + 1, _FIRM_AFTER) if arm.fitted.cost < s.firm else max(arm.firm - 1, 0)
         return arm.doubtful < s.lost_after
 
     def _search(self, arm: _Arm, depth: Float32) -> None:
@@ -274,24 +281,34 @@ class DepthArms:
 
     def _look(self, depth: Float32, at_s: float) -> None:
         s = self.settings
+        self._refused = [(at, frame) for at, frame in self._refused if self._frames - frame < s.refuse_for]
         candidates = [
             candidate
             for candidate in palm_candidates(depth, self._lens, s.region)
             if not any(self._same(arm, candidate) for arm in self._arms)
+            and not any(np.linalg.norm(candidate.centre - at) < _REFUSED_M for at, _ in self._refused)
         ]
         found = [one for one in self._best(depth, candidates) if one.cost <= s.believe]
-        found = [self._repaired(depth, one) for one in found[: s.arms + 2]]
-        found.sort(key=lambda one: one.cost)
-        for _, side, fitted in found:
-            if len(self._arms) == s.arms:
-                return
-            centre = self.models[side].points(fitted.pose)[21]
-            if any(np.linalg.norm(self.models[arm.side].points(arm.fitted.pose)[21] - centre) < 0.08 for arm in self._arms):
+        found = sorted((self._repaired(depth, one) for one in found[: s.arms + 2]), key=lambda one: one.cost)
+        for one in found:
+            centre = self._palm(one.side, one.fitted)
+            if any(np.linalg.norm(self._palm(arm.side, arm.fitted) - centre) < _REFUSED_M for arm in self._arms):
                 continue
-            arm = _Arm(self._next_id, side, fitted, at_s)
+            if len(self._arms) == s.arms:  # one that was never sure makes room
+                worst = max(self._arms, key=lambda arm: (arm.firm < _FIRM_AFTER, arm.fitted.cost))
+                if worst.firm >= _FIRM_AFTER or worst.fitted.cost < one.cost:
+                    break
+                self._arms.remove(worst)
+            arm = _Arm(self._next_id, one.side, one.fitted, at_s)
             self._next_id += 1
-            arm.region = self._region(depth, self.models[side].spheres(fitted.pose))
+            arm.region = self._region(depth, self.models[one.side].spheres(one.fitted.pose))
             self._arms.append(arm)
+        for candidate in candidates:
+            if self._arms and not any(self._same(arm, candidate) for arm in self._arms):
+                self._refused.append((candidate.centre, self._frames))
+
+    def _palm(self, side: Handedness, fitted: Fitted) -> Float64:
+        return np.asarray(self.models[side].points(fitted.pose)[PALM])
 
     def _same(self, arm: _Arm, candidate: PalmCandidate) -> bool:
         spheres = self.models[arm.side].spheres(arm.fitted.pose)
@@ -474,6 +491,8 @@ def _digits_otherwise(model: ArmModel, arm: _Arm) -> list[_Trial]:
 
 _ROUNDS: Final = ((48, 250, 8, 2.0), (10, 400, 8, 1.5))
 """How many starts are kept, with how many points, iterations, and how loose at the beginning."""
+_FIRM_AFTER: Final = 5
+_REFUSED_M: Final = 0.08
 _FEW: Final = 40
 _OTHERWISE: Final = (
     ((0, 0, 10), (20, 15, 50), (-20, -15, 10), (20, -15, 50)),
