@@ -60,7 +60,7 @@ class DepthArmsSettings:
 
     arms: int = 2
     hand_length_m: float = 0.189
-    believe: float = 0.25
+    believe: float = 0.30
     keep: float = 0.35
     trials: int = 2
     trials_in_doubt: int = 5
@@ -70,7 +70,7 @@ class DepthArmsSettings:
     firm: float = 0.16
     refuse_for: int = 60
     lost_after: int = 3
-    look_every: int = 5
+    look_every: int = 12
     region: ArmRegionSettings = field(default_factory=ArmRegionSettings)
     fit: ArmFitSettings = field(default_factory=ArmFitSettings)
 
@@ -89,6 +89,7 @@ class _Arm:
         self.id, self.side, self.fitted, self.at_s = number, side, fitted, at_s
         self.velocity = np.zeros(6 + len(fitted.pose.z))
         self.doubtful = self.since_look = self.firm = 0
+        self.sure = _SUREST
         self.region: Region | None = None
         self.trials: list[_Trial] = []
 
@@ -289,19 +290,23 @@ class DepthArms:
             and not any(np.linalg.norm(candidate.centre - at) < _REFUSED_M for at, _ in self._refused)
         ]
         found = [one for one in self._best(depth, candidates) if one.cost <= s.believe]
-        found = sorted((self._repaired(depth, one) for one in found[: s.arms + 2]), key=lambda one: one.cost)
-        for one in found:
-            centre = self._palm(one.side, one.fitted)
-            if any(np.linalg.norm(self._palm(arm.side, arm.fitted) - centre) < _REFUSED_M for arm in self._arms):
-                continue
-            if len(self._arms) == s.arms:  # one that was never sure makes room
-                worst = max(self._arms, key=lambda arm: (arm.firm < _FIRM_AFTER, arm.fitted.cost))
-                if worst.firm >= _FIRM_AFTER or worst.fitted.cost < one.cost:
-                    break
-                self._arms.remove(worst)
+        found = [self._repaired(depth, one) for one in self._apart(found)[: 2 * s.arms + 2]]
+        for one in self._judged(depth, found):
+            rivals = [arm for arm in self._arms if self._overlap(_Found(0.0, arm.side, arm.fitted), one)]
+            if rivals:  # the same arm, from its other end
+                best = self._judged(depth, [one, *(_Found(0.0, arm.side, arm.fitted) for arm in rivals)])[0]
+                if best.fitted is not one.fitted:
+                    continue
+            elif len(self._arms) == s.arms:  # one that was never sure makes room
+                rivals = [max(self._arms, key=lambda arm: (arm.firm < _FIRM_AFTER, arm.fitted.cost))]
+                if rivals[0].firm >= _FIRM_AFTER or rivals[0].fitted.cost < one.cost:
+                    continue
+            for arm in rivals:
+                self._arms.remove(arm)
             arm = _Arm(self._next_id, one.side, one.fitted, at_s)
             self._next_id += 1
             arm.region = self._region(depth, self.models[one.side].spheres(one.fitted.pose))
+            arm.sure = self._sure(one, found)
             self._arms.append(arm)
         for candidate in candidates:
             if self._arms and not any(self._same(arm, candidate) for arm in self._arms):
@@ -310,8 +315,53 @@ class DepthArms:
     def _palm(self, side: Handedness, fitted: Fitted) -> Float64:
         return np.asarray(self.models[side].points(fitted.pose)[PALM])
 
+    def _apart(self, found: list[_Found]) -> list[_Found]:
+        """The best of either side at each place."""
+        kept: list[_Found] = []
+        for one in found:
+            if not any(other.side == one.side and self._near(other, one) for other in kept):
+                kept.append(one)
+        return kept
+
+    def _near(self, one: _Found, other: _Found) -> bool:
+        apart = self._palm(one.side, one.fitted) - self._palm(other.side, other.fitted)
+        return float(np.linalg.norm(apart)) < 0.5 * _REFUSED_M
+
+    def _sure(self, one: _Found, found: list[_Found]) -> float:
+        """How sure the side of a hand is, by how much better it is than the best of the other side there."""
+        others = [other.cost for other in found if other.side != one.side and self._near(other, one)]
+        if not others:
+            return _SUREST
+        return float(np.clip(0.5 + 0.5 * (min(others) - one.cost) / max(one.cost, 1e-6), 0.5, _SUREST))
+
+    def _overlap(self, one: _Found, other: _Found) -> bool:
+        """Whether two are of one forearm or hand."""
+        a = self.models[one.side].spheres(one.fitted.pose)[:, :3]
+        b = self.models[other.side].spheres(other.fitted.pose)[:, :3]
+        near = np.linalg.norm(a[:, None] - b[None], axis=2).min(axis=1) < 0.04
+        return bool(near.mean() > 0.2)
+
+    def _judged(self, depth: Float32, found: list[_Found]) -> list[_Found]:
+        """The best first, by how well each explains what is around any of them."""
+        if len(found) < 2:
+            return found
+        judged: list[tuple[float, int]] = []
+        for k, one in enumerate(found):
+            rivals = [other for other in found if other is one or self._overlap(one, other)]
+            around = np.vstack([self.models[other.side].spheres(other.fitted.pose) for other in rivals])
+            part = self._region(depth, around)
+            if part is None:
+                continue
+            model = self.models[one.side]
+            points = np.ascontiguousarray(part.points)
+            evidence = Evidence(points, np.ones(len(points)), part.front, part.opposite, part.lens)
+            around_cost = model.fit(one.fitted.pose, model.unexpected(one.fitted.pose), evidence, iterations=0).cost
+            judged.append((around_cost + one.fitted.cost, k))
+        return [found[k] for _, k in sorted(judged)]
+
     def _same(self, arm: _Arm, candidate: PalmCandidate) -> bool:
         spheres = self.models[arm.side].spheres(arm.fitted.pose)
+        spheres = spheres[spheres[:, 4] > 0]
         return bool((np.linalg.norm(spheres[:, :3] - candidate.centre, axis=1) < spheres[:, 3] + 0.04).any())
 
     def _best(self, depth: Float32, candidates: list[PalmCandidate]) -> list[_Found]:
@@ -368,7 +418,7 @@ class DepthArms:
         states = _states(points, arm.region, model, pose)
         sd = np.where(states == JointState.TRACKED, 0.006, 0.02).astype(np.float32)
         return SeenArm(
-            arm.id, arm.side == "left", 0.75, points, states, sd, model.angles(pose), pose.T_camera_palm
+            arm.id, arm.side == "left", arm.sure, points, states, sd, model.angles(pose), pose.T_camera_palm
         )  # fmt: skip
 
 
@@ -491,6 +541,7 @@ def _digits_otherwise(model: ArmModel, arm: _Arm) -> list[_Trial]:
 
 _ROUNDS: Final = ((48, 250, 8, 2.0), (10, 400, 8, 1.5))
 """How many starts are kept, with how many points, iterations, and how loose at the beginning."""
+_SUREST: Final = 0.95
 _FIRM_AFTER: Final = 5
 _REFUSED_M: Final = 0.08
 _FEW: Final = 40
