@@ -327,7 +327,7 @@ class ArmModel:
         return out
 
 
-_HABITS: Final = replace(HandSettings(), flexion_sd_deg=60.0, abduction_sd_deg=9.0, thumb_sd_deg=25.0)
+_HABITS: Final = replace(HandSettings(), flexion_sd_deg=60.0, abduction_sd_deg=12.0, thumb_sd_deg=25.0)
 _NOWHERE: Final = np.full((5, 3), np.nan)
 
 

@@ -208,9 +208,7 @@ def _derivatives(owner, bone, nx, ny, nz, px, py, pz, r, joints, axes, columns, 
         J[n + 1], at[n + 1] = r, body + D_THICK
         n += 2
         if owner >= 0:
-            J[n] = (
-                (px - joints[owner, 0, 0]) * nx + (py - joints[owner, 0, 1]) * ny + (pz - joints[owner, 0, 2]) * nz
-            )
+            J[n] = (px - joints[owner, 0, 0]) * nx + (py - joints[owner, 0, 1]) * ny + (pz - joints[owner, 0, 2]) * nz
             at[n] = body + D_DIGITS + owner
             n += 1
         return n
@@ -281,11 +279,11 @@ def _nearest_opposite(front, opposite, line, column):
 def _sized(owner, r, J, at, n, body):
     """Let a residual of a radius that stands out know what makes the radius: it shrinks as the flesh gets thinner."""
     for k in range(6, n):
-        if at[k] == body + D_THICK and owner >= OF_PALM:
-            J[k] -= r
-        elif at[k] == body + D_SCALE and owner >= OF_PALM:
-            J[k] -= r
-        elif at[k] == body + D_ARM_THICK and owner < OF_PALM:
+        if (
+            (at[k] == body + D_THICK and owner >= OF_PALM)
+            or (at[k] == body + D_SCALE and owner >= OF_PALM)
+            or (at[k] == body + D_ARM_THICK and owner < OF_PALM)
+        ):
             J[k] -= r
 
 
@@ -396,7 +394,9 @@ def system(
                 ux, uy = f * dx, f * dy
                 nx, ny, nz = R[0] * ux + R[3] * uy, R[1] * ux + R[4] * uy, R[2] * ux + R[5] * uy
                 weight, lost = _robust(beyond, numbers[1])
-                n = _derivatives(owner, bone, nx, ny, nz, x, y, w, 0.0, joints, axes, columns, gains, rising, v, nz_free, J, at)
+                n = _derivatives(
+                    owner, bone, nx, ny, nz, x, y, w, 0.0, joints, axes, columns, gains, rising, v, nz_free, J, at
+                )
                 _sized(owner, r, J, at, n, 6 + nz_free)
                 _add(J, at, n, max(weight, 0.1) * numbers[3], min(beyond, 0.03), H, g)
             ahead = there - surface - numbers[5]
@@ -407,7 +407,9 @@ def system(
                 nz = f * (R[2] * X + R[5] * Y + R[8] * Z)
                 weight, cost = _robust(ahead, numbers[1])
                 lost = max(lost, cost)
-                n = _derivatives(owner, bone, nx, ny, nz, x, y, w, 0.0, joints, axes, columns, gains, rising, v, nz_free, J, at)
+                n = _derivatives(
+                    owner, bone, nx, ny, nz, x, y, w, 0.0, joints, axes, columns, gains, rising, v, nz_free, J, at
+                )
                 _add(J, at, n, weight * numbers[3], ahead, H, g)
             costs[1] += area * lost
     _collisions(pieces, owners, joints, axes, columns, gains, rising, v, nz_free, numbers, J, at, H, g, costs)
@@ -457,14 +459,48 @@ def _collisions(pieces, owners, joints, axes, columns, gains, rising, v, nz_free
                     over = within_m - d
                     costs[2] += (over / 0.01) ** 2
                     n = _derivatives(
-                        other, 1 + k // 3, nx, ny, nz, X, Y, Z, 0.0, joints, axes, columns, gains, rising, v, nz_free, J, at
+                        other,
+                        1 + k // 3,
+                        nx,
+                        ny,
+                        nz,
+                        X,
+                        Y,
+                        Z,
+                        0.0,
+                        joints,
+                        axes,
+                        columns,
+                        gains,
+                        rising,
+                        v,
+                        nz_free,
+                        J,
+                        at,
                     )
                     m = 0
                     for j in range(6, n):  # the palm moves both
                         K[m], to[m] = J[j], at[j]
                         m += 1
                     n = _derivatives(
-                        one, 1 + i // 3, nx, ny, nz, x, y, z, 0.0, joints, axes, columns, gains, rising, v, nz_free, J, at
+                        one,
+                        1 + i // 3,
+                        nx,
+                        ny,
+                        nz,
+                        x,
+                        y,
+                        z,
+                        0.0,
+                        joints,
+                        axes,
+                        columns,
+                        gains,
+                        rising,
+                        v,
+                        nz_free,
+                        J,
+                        at,
                     )
                     for j in range(6, n):
                         K[m], to[m] = -J[j], at[j]
@@ -514,7 +550,9 @@ def _expected_body(expected, information, v, first, H, g):
         k = j if j < 4 else DIGITS + j - 4
         i = first + D_DIGITS + j - 4
         if j < 4:
-            i = first + (D_SCALE if k == SCALE else (D_THICK if k == THICK else (D_LENGTH if k == FOREARM_M else D_ARM_THICK)))
+            i = first + (
+                D_SCALE if k == SCALE else (D_THICK if k == THICK else (D_LENGTH if k == FOREARM_M else D_ARM_THICK))
+            )
         # Sizes are told by their logarithms, the forearm in metres.
         factor = 1.0 if k == FOREARM_M else v[k]
         # A forearm is as long as the hand lets expect.

@@ -142,12 +142,10 @@ class DepthArms:
 
     def __init__(self, camera: Camera, settings: DepthArmsSettings | None = None) -> None:
         self.camera, self.settings = camera, settings or DepthArmsSettings()
-        model = hand_model("full").stretched(25.0, 20.0)
+        model = hand_model("full").stretched(25.0, 28.0)
         s = self.settings
         sides: tuple[Handedness, Handedness] = ("right", "left")
-        self.models = {
-            side: ArmModel(model, model.shape(side, hand_length_m=s.hand_length_m), s.fit) for side in sides
-        }
+        self.models = {side: ArmModel(model, model.shape(side, hand_length_m=s.hand_length_m), s.fit) for side in sides}
         self._lens = np.asarray(camera.lens, dtype=np.float64)
         self.reset()
 
@@ -161,7 +159,9 @@ class DepthArms:
         """As `ArmMethod.update` says."""
         width, height = self.camera.size_px
         if depth.shape != (height, width):
-            raise SettingsError(f"a depth image of {depth.shape[::-1]}; camera {self.camera.name} has {(width, height)}")
+            raise SettingsError(
+                f"a depth image of {depth.shape[::-1]}; camera {self.camera.name} has {(width, height)}"
+            )
         depth = np.ascontiguousarray(depth, dtype=np.float32)
         for arm in list(self._arms):
             if not self._follow(arm, depth, at_s):
@@ -374,7 +374,9 @@ class DepthArms:
             for side, model in self.models.items():
                 for start, tips in _starts(model, candidate):
                     evidence = _evidence(part, model, start, 120, 0.3)
-                    fitted = model.fit(start, model.unexpected(start), evidence, iterations=4, loose=3.0, tips=tips, keep=1.0)
+                    fitted = model.fit(
+                        start, model.unexpected(start), evidence, iterations=4, loose=3.0, tips=tips, keep=1.0
+                    )
                     pool.append((part, _Found(fitted.cost, side, fitted), tips))
         for most, points, iterations, loose in _ROUNDS:
             pool.sort(key=lambda entry: entry[1].cost)
@@ -408,7 +410,16 @@ class DepthArms:
                 other = model.fit(start, model.unexpected(start), evidence, iterations=5, loose=1.5)
                 if other.cost < 0.97 * fitted.cost:
                     fitted = other
-        return _Found(fitted.cost, found.side, fitted)
+        part = self._region(depth, model.spheres(fitted.pose))
+        if part is None:
+            return _Found(fitted.cost, found.side, fitted)
+        evidence = _evidence(part, model, fitted.pose, beyond=0.3)
+        ends = [
+            model.fit(fitted.pose, model.unexpected(fitted.pose), evidence, iterations=iterations, loose=loose)
+            for iterations, loose in ((0, 1.0), (12, 1.0), (12, 2.0))
+        ]
+        best = min(ends, key=lambda end: end.cost)
+        return _Found(best.cost, found.side, best)
 
     # Telling.
 
@@ -503,7 +514,10 @@ def _starts(model: ArmModel, candidate: PalmCandidate) -> Iterator[tuple[ArmPose
                 for shift in _SHIFTS_M:
                     for postures in (_OPEN, _BENT, _HOLDING):
                         moved = t + shift * z_axis
-                        yield ArmPose(np.ascontiguousarray(R).reshape(9), moved, _posed(model, postures), v.copy()), None
+                        yield (
+                            ArmPose(np.ascontiguousarray(R).reshape(9), moved, _posed(model, postures), v.copy()),
+                            None,
+                        )
 
 
 def _across(normal: Float64, z_axis: Float64, centre: Float64) -> Float64:
