@@ -13,6 +13,7 @@ import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Final
 
 import msgspec
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 
 from mocapella.geometry.alignment import align, moments, normal_equations, robust_align, robust_weights
 from mocapella.geometry.rigid import apply
-from mocapella.model.arms import ARM_JOINTS, PALM, SeenArm
+from mocapella.model.arms import ARM_JOINTS, SeenArm
 from mocapella.model.observations import JointState
 from mocapella.settings import check
 
@@ -32,6 +33,7 @@ _JOINTS: Final = list(ARM_JOINTS)
 _BLOCK_S: Final = 0.5
 _UNSAID_SD_M: Final = 0.02
 _ROUNDS: Final = 8
+_LONGEST_S: Final = 0.3
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,7 @@ class ArmPlaceSettings:
         instants: that both cameras must have seen; and to go on with, at most.
         most_hz: instants a second that are used, at most.
         gap_s: frames of the other camera that are farther apart are not interpolated.
-        space_m: how far the palm must move about, as a standard deviation in its second direction.
+        space_m: how far the joints must move about their means, as a standard deviation in the second direction.
         scale_m: joints that fit worse than that count ever less.
         largest_residual_m: cameras that agree worse do not see the same arm.
         largest_sd_m, largest_sd_rad: of the place.
@@ -52,7 +54,7 @@ class ArmPlaceSettings:
     instants: tuple[int, int] = (60, 300)
     most_hz: float = 20.0
     gap_s: float = 0.1
-    space_m: float = 0.04
+    space_m: float = 0.025
     scale_m: float = 0.03
     largest_residual_m: float = 0.03
     largest_sd_m: float = 0.01
@@ -155,19 +157,22 @@ class ArmPlaces:
         return f"move one arm about where another camera sees it too ({10 * int(10 * have)} % done)"
 
     def _pair(self, camera: str, reference: str, places: Mapping[str, Float64]) -> bool:
-        """Pair the camera's frames that lie between the reference's last two; True where that gave a new estimate."""
+        """Pair the camera's frames that lie between two of the reference's; True where that gave a new estimate.
+
+        The newest of the reference is left out: the camera's next frame is wanted, too.
+        """
         s, instants, sights = self.settings, self.instants[camera], self.seen[camera]
-        if len(instants) >= s.instants[1] or len(self.seen[reference]) < 2:
+        if len(instants) >= s.instants[1] or len(self.seen[reference]) < 3:
             return False
-        early, late = self.seen[reference][-2], self.seen[reference][-1]
+        early, late, _ = list(self.seen[reference])[-3:]
         if not 0.0 < late.at_s - early.at_s <= s.gap_s:
             return False
         added = False
-        for before, sight in zip([None, *sights], sights, strict=False):
+        for before, sight, after in zip(sights, islice(sights, 1, None), islice(sights, 2, None), strict=False):
             due = not instants or sight.at_s - instants[-1].at_s >= 0.999 / s.most_hz
-            if before is None or not early.at_s <= sight.at_s < late.at_s or not due:
+            if not due or not early.at_s <= sight.at_s < late.at_s:
                 continue
-            instant = _instant(before, sight, early, late, places[reference])
+            instant = _instant((before, sight, after), early, late, places[reference])
             if instant is not None:
                 instants.append(instant)
                 added = True
@@ -179,21 +184,25 @@ class ArmPlaces:
 
 
 def _instant(
-    before: ArmSights, sight: ArmSights, early: ArmSights, late: ArmSights, T_world_reference: Float64
+    sights: tuple[ArmSights, ArmSights, ArmSights], early: ArmSights, late: ArmSights, T_world_reference: Float64
 ) -> Instant | None:
-    """The one arm that both cameras saw, or None where that is not certain."""
+    """The one arm that both cameras saw, or None where that is not certain.
+
+    Its velocity is of the frames before and after: of its own frame it would have the very error of the place, which
+    would look like a delay.
+    """
+    before, sight, after = sights
     own = _only(sight.arms, early.arms)
     theirs = _only(early.arms, sight.arms)
     if own is None or theirs is None:
         return None
-    own_before = next((arm for arm in before.arms if arm.id == own.id), None)
-    theirs_later = next((arm for arm in late.arms if arm.id == theirs.id), None)
-    if own_before is None or theirs_later is None or not 0.0 < sight.at_s - before.at_s < 0.2:
+    own_before, own_after, theirs_later = _same(before, own), _same(after, own), _same(late, theirs)
+    if own_before is None or own_after is None or theirs_later is None or after.at_s - before.at_s > _LONGEST_S:
         return None
     share = (sight.at_s - early.at_s) / (late.at_s - early.at_s)
     world = apply(T_world_reference, (1.0 - share) * theirs.joints + share * theirs_later.joints)
-    velocity = (own.joints - own_before.joints) / (sight.at_s - before.at_s)
-    arms = (own, own_before, theirs, theirs_later)
+    velocity = (own_after.joints - own_before.joints) / (after.at_s - before.at_s)
+    arms = (own, own_before, own_after, theirs, theirs_later)
     measured = np.all([arm.joint_states == JointState.TRACKED for arm in arms], axis=0)
     sd = np.array([arm.sd[_JOINTS] for arm in (own, theirs)], dtype=np.float64)
     sd = np.maximum(np.where(np.isfinite(sd), sd, _UNSAID_SD_M), 0.003)
@@ -201,6 +210,10 @@ def _instant(
     if np.count_nonzero(weights) < 3:
         return None
     return Instant(sight.at_s, world, own.joints, velocity, weights)
+
+
+def _same(sights: ArmSights, arm: SeenArm) -> SeenArm | None:
+    return next((one for one in sights.arms if one.id == arm.id), None)
 
 
 def _only(arms: Sequence[SeenArm], others: Sequence[SeenArm]) -> SeenArm | None:
@@ -243,8 +256,7 @@ def place_by_arm(instants: Sequence[Instant], settings: ArmPlaceSettings | None 
     T = T.copy()
     T[:3, 3] += centre
     place = ArmPlace(T, delay, position_sd, rotation_sd, float(np.median(away)))
-    palm = p[:, _JOINTS.index(PALM)][w[:, _JOINTS.index(PALM)] > 0]
-    return msgspec.structs.replace(place, missing=_missing(place, palm, s))
+    return msgspec.structs.replace(place, missing=_missing(place, _space(p, w), s))
 
 
 def _scatter(  # noqa: PLR0917 - one fit, in its parts
@@ -257,10 +269,18 @@ def _scatter(  # noqa: PLR0917 - one fit, in its parts
     return np.asarray(of_block.T @ of_block)
 
 
-def _missing(place: ArmPlace, palms: Float64, s: ArmPlaceSettings) -> str:
-    spread = np.sqrt(np.linalg.eigvalsh(np.cov(palms.T)))[1] if len(palms) > 3 else 0.0
-    if spread < s.space_m:
-        return "move the arm farther about, to all sides: it has hardly been moved"
+def _space(p: Float64, w: Float64) -> float:
+    """How far the joints moved about their means, as a standard deviation in the second direction [m]."""
+    there = w > 0
+    seen = np.where(there[..., None], p, 0.0)
+    mean = seen.sum(axis=0) / np.maximum(there.sum(axis=0), 1)[:, None]
+    moved = np.where(there[..., None], p - mean, 0.0).reshape(-1, 3)
+    return math.sqrt(max(float(np.linalg.eigvalsh(moved.T @ moved / max(int(there.sum()), 1))[1]), 0.0))
+
+
+def _missing(place: ArmPlace, space_m: float, s: ArmPlaceSettings) -> str:
+    if space_m < s.space_m:
+        return "move the arm farther about, to all sides"
     if place.residual_m > s.largest_residual_m:
         return (
             f"what it sees is {1e2 * place.residual_m:.0f} cm from what another camera sees: show both one arm only, "

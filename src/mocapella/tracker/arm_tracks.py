@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from mocapella.association.arms import ArmMatchSettings, match_arms
 from mocapella.fusion.arm_points import ArmFusionSettings, fuse_angles, fuse_points, fuse_poses
 from mocapella.geometry.rigid import apply
+from mocapella.geometry.rigid_velocity import rigid_velocity
 from mocapella.model.arms import ARM_POINTS, ELBOW, PALM, SeenArm
 from mocapella.model.hand import WRIST
 from mocapella.model.observations import JointState
@@ -51,7 +52,8 @@ class ArmTracksSettings:
         match: when two arms are one.
         fusion: how views become one.
         fresh_s: a view that is older is not used.
-        velocity_s: time constant of a view's motion.
+        velocity_s: time constant of a hand's motion as a whole …
+        finger_velocity_s: … and of that of its joints beside it.
         acceleration_m_s2: what is not known of it: a view that is t old is less sure by half of this · t².
         shown_for_s: an arm that no camera sees is told, as inferred, for so long …
         keep_s: … and has its number back when it comes back within that.
@@ -64,6 +66,7 @@ class ArmTracksSettings:
     fusion: ArmFusionSettings = field(default_factory=ArmFusionSettings)
     fresh_s: float = 0.1
     velocity_s: float = 0.03
+    finger_velocity_s: float = 0.1
     acceleration_m_s2: float = 10.0
     shown_for_s: float = 0.3
     keep_s: float = 1.0
@@ -73,7 +76,7 @@ class ArmTracksSettings:
     gesture_margin: float = 0.15
 
     def __post_init__(self) -> None:
-        for name in ("fresh_s", "velocity_s", "shown_for_s", "keep_s", "coast_s", "one_s"):
+        for name in ("fresh_s", "velocity_s", "finger_velocity_s", "shown_for_s", "keep_s", "coast_s", "one_s"):
             check(0 < getattr(self, name) <= 60, name, getattr(self, name), "above 0 and at most 60 s")
         check(self.shown_for_s <= self.keep_s, "shown_for_s", self.shown_for_s, f"at most keep_s, {self.keep_s:g} s")
         check(0 <= self.acceleration_m_s2 <= 1000, "acceleration_m_s2", self.acceleration_m_s2, "from 0 to 1000 m/s²")
@@ -236,9 +239,24 @@ class ArmTracks:
         # A point that was only inferred, and is measured now, has not moved by as much as it jumped.
         steady = (arm.states == before.arm.states) & np.isfinite(moved).all(axis=-1)
         moved = np.where(steady[:, None], moved, own)
-        velocity = before.velocity + (1.0 - math.exp(-dt / s.velocity_s)) * (moved - before.velocity)
+        velocity = self._steadied(arm, before, moved, dt)
         speed = np.linalg.norm(velocity, axis=-1, keepdims=True)
         return ArmView(arm, at_s, velocity * np.minimum(1.0, _FASTEST_M_S / np.maximum(speed, 1e-9)))
+
+    def _steadied(self, arm: SeenArm, before: ArmView, moved: Float64, dt: float) -> Float64:
+        """(23, 3) the motion of the hand as a whole, at once, and that of each point beside it, by and by [m/s].
+
+        Of the hand as a whole it is a mean of many points, and so has little of their noise. The elbow has a motion of
+        its own.
+        """
+        s, points = self.settings, np.where(np.isfinite(arm.points), arm.points, before.arm.points)
+        whole, whole_before = (rigid_velocity(points, v, ~_OF_FOREARM) for v in (moved, before.velocity))
+        whole, whole_before = (np.where(np.isfinite(field), field, 0.0) for field in (whole, whole_before))
+        at_once, slowly = (1.0 - math.exp(-dt / time_s) for time_s in (s.velocity_s, s.finger_velocity_s))
+        beside, beside_before = moved - whole, before.velocity - whole_before
+        gain = np.where(_OF_FOREARM, at_once, slowly)[:, None]
+        velocity = whole_before + at_once * (whole - whole_before) + beside_before + gain * (beside - beside_before)
+        return np.asarray(velocity)
 
     def _fuse(self, track: ArmTrack, places: Mapping[str, Float64]) -> None:
         s, now = self.settings, self.now_s
@@ -341,6 +359,7 @@ class ArmTracks:
 
 
 _AWAY_S: Final = 2.0
+_OF_FOREARM: Final = np.arange(len(ARM_POINTS)) == ELBOW
 _EITHER: Final = np.isin(np.arange(len(ARM_POINTS)), _OF_EITHER_SIDE)
 
 

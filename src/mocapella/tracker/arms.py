@@ -136,6 +136,11 @@ class ArmsTracker:
         kept = self._steps - self._rejected.total()
         return TrackerReport(self._steps, kept, dict(self._rejected), self._calibrations, self._restarts)
 
+    @property
+    def places(self) -> tuple[SensorPlace, ...]:
+        """Where the cameras are, by name."""
+        return self._places
+
     def update(self, arrival: Arrival) -> Scene:
         """Take one frame in and say what there is now. A frame that cannot be used is counted and changes nothing."""
         frame = arrival.frame
