@@ -29,6 +29,8 @@ Bools = NDArray[np.bool_]
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
+Told = tuple[Float64, UInt8, int]
+"""Points in the world, states, and number of an arm."""
 Look = Callable[[DepthShot], SeenArms]
 """What finds arms in a shot."""
 CAMERAS: Final = ("first", "second")
@@ -49,13 +51,13 @@ class _Errors:
     other: dict[str, list[float]] = field(default_factory=lambda: {"wrist": [], "palm": [], "elbow": []})
     ids: set[int] = field(default_factory=set)
 
-    def add(  # noqa: PLR0917 - an arm, and what is true of it
-        self, points: Float64 | None, states: UInt8 | None, number: int, true: Float64, seen: Bools, hidden: Bools
-    ) -> None:
+    def add(self, arms: list[Told], true: Float64, seen: Bools, hidden: Bools) -> None:
         """One instant: ``seen`` by either camera, ``hidden`` from one and seen by the other."""
         self.frames += 1
-        if points is None or states is None or not np.linalg.norm(points[PALM] - true[PALM]) <= MATCH_M:
+        away = [float(np.nan_to_num(np.linalg.norm(arm[0][PALM] - true[PALM]), nan=math.inf)) for arm in arms]
+        if not away or min(away) > MATCH_M:
             return
+        points, states, number = arms[int(np.argmin(away))]
         self.followed += 1
         self.ids.add(number)
         error = np.linalg.norm(points - true, axis=-1)
@@ -150,10 +152,9 @@ def two_camera_scores(
         known_s = shot.at_s if math.isnan(known_s) else known_s
         truth, other = shot.arms[0], newest[1 - k].arms[0]
         true, either, hidden = apply(T_world[k], truth.points), truth.seen | other.seen, truth.seen ^ other.seen
-        own = _nearest([(apply(T_world[k], arm.points), arm.states, arm.id) for arm in seen.arms], true)
-        errors[CAMERAS[k]].add(*own, true, either, hidden & ~truth.seen)
-        both = _nearest([(arm.points, arm.states, arm.id) for arm in told.arms], true)
-        errors[FUSED].add(*both, true, either, hidden)
+        own = [(apply(T_world[k], arm.points), arm.states, arm.id) for arm in seen.arms]
+        errors[CAMERAS[k]].add(own, true, either, hidden & ~truth.seen)
+        errors[FUSED].add([(arm.points, arm.states, arm.id) for arm in told.arms], true, either, hidden)
     tables: dict[str, Mapping[str, float]] = {name: of.table() for name, of in errors.items()}
     if not rig:
         tables["place"] = _place_error(tracker, T_world[1], known_s)
@@ -173,14 +174,6 @@ def _rig(scenes: tuple[DepthScene, DepthScene], T_world: tuple[Float64, Float64]
             for name, of, T in zip(CAMERAS, scenes, T_world, strict=True)
         }
     )
-
-
-def _nearest(
-    arms: list[tuple[Float64, UInt8, int]], true: Float64
-) -> tuple[Float64, UInt8, int] | tuple[None, None, int]:
-    apart = [float(np.linalg.norm(points[PALM] - true[PALM])) for points, _, _ in arms]
-    apart = [value if math.isfinite(value) else math.inf for value in apart]
-    return arms[int(np.argmin(apart))] if apart and min(apart) <= MATCH_M else (None, None, -1)
 
 
 def _place_error(tracker: ArmsTracker, T_true: Float64, known_s: float) -> dict[str, float]:

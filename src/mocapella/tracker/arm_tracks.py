@@ -175,6 +175,7 @@ class ArmTracks:
         """
         s, T = self.settings, places[camera]
         self.now_s = max(self.now_s, at_s)
+        self.tracks = [track for track in self.tracks if self.now_s - track.seen_s <= s.keep_s]
         arms = [arm for arm in arms if np.isfinite(arm.points[[WRIST, PALM]]).all(axis=-1).any()]
         rows = self._match(camera, arms, at_s, T)
         seen: set[int] = set()
@@ -192,7 +193,6 @@ class ArmTracks:
             if track.id not in seen:
                 track.views.pop(camera, None)
             self._fuse(track, places)
-        self.tracks = [track for track in self.tracks if self.now_s - track.seen_s <= s.keep_s]
         self._join()
 
     def forget(self, camera: str) -> None:

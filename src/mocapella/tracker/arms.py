@@ -137,6 +137,11 @@ class ArmsTracker:
         return TrackerReport(self._steps, kept, dict(self._rejected), self._calibrations, self._restarts)
 
     @property
+    def delays_s(self) -> Mapping[str, float]:
+        """By camera that the arm has placed: how much later it is than the first [s]."""
+        return self._delay_s
+
+    @property
     def places(self) -> tuple[SensorPlace, ...]:
         """Where the cameras are, by name."""
         return self._places

@@ -79,7 +79,8 @@ class SimulatedArms:
             arms.append(
                 SeenArm(
                     number, truth.left != wrong, s.left_sure, truth.points + sd[:, None] * noise, states,
-                    sd.astype(np.float32), truth.angles, truth.T_camera_palm, truth.gesture, 0.8 if truth.gesture else 0.0,
+                    sd.astype(np.float32), truth.angles, truth.T_camera_palm, truth.gesture,
+                    0.8 if truth.gesture else 0.0,
                 )
             )  # fmt: skip
         return SeenArms(tuple(arms), "" if arms else "no hand is seen")
