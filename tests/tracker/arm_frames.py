@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +29,8 @@ def shape(left: bool) -> Float64:
     model = hand_model("full")
     chain = hand_chain(model, model.shape("left" if left else "right"))
     marks = palm_landmarks(chain, np.zeros(len(ANGLES)))
-    return np.vstack([marks, [0.5 * (marks[0] + marks[9])], [[0.0, 0.0, 0.0]]]) + np.vstack(
-        [np.zeros((22, 3)), [-2.6 * (marks[9] - marks[0]) + marks[0]]]
+    return np.vstack([marks, [0.5 * (marks[0] + marks[9])], [marks[0] - 2.6 * (marks[9] - marks[0])]]).astype(
+        np.float64
     )
 
 
@@ -61,17 +62,17 @@ def seen(
     hidden: Sequence[int] = (),
     number: int = 0,
     noise_m: float = NOISE_M,
-    **other: object,
+    **other: Any,
 ) -> SeenArm:
     """An arm as the camera has it; what is hidden is inferred, 4 cm away."""
     states, sd = np.full(23, 2, np.uint8), np.full(23, max(noise_m, 1e-4), np.float32)
     own = apply(inverse(places()[camera]), points) + noise_m * rng.normal(size=(23, 3))
     own[list(hidden)] += [0.0, 0.0, 0.04]
     states[list(hidden)], sd[list(hidden)] = 1, 0.03
-    values: dict[str, object] = {"left_sure": 0.8, "gesture": "open", "gesture_sure": 0.5, "grabbing": False} | other
+    values: dict[str, Any] = {"left_sure": 0.8, "gesture": "open", "gesture_sure": 0.5, "grabbing": False} | other
     return SeenArm(
         number, left, points=own, states=states, sd=sd, angles=np.zeros(21), T_camera_palm=np.eye(4), **values
-    )  # type: ignore[arg-type]
+    )
 
 
 def frame(
@@ -85,7 +86,7 @@ def frame(
 
 def run(
     seconds: float,
-    looks: dict[str, Callable[[float], Iterable[SeenArm]]],
+    looks: Mapping[str, Callable[[float], Iterable[SeenArm]]],
     *,
     fps: float = FPS,
     delay_s: dict[str, float] | None = None,

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from typing import Any
 
 import numpy as np
 import pytest
-from arm_frames import FPS, arm_at, frame, places, rig, run, seen
+from arm_frames import FPS, LENS, arm_at, frame, places, rig, run, seen
 
 from mocapella.errors import SettingsError, WireError
 from mocapella.geometry.rigid import apply
-from mocapella.model.arms import PALM, SeenArm
+from mocapella.model.arms import PALM, ArmFrame, SeenArm
 from mocapella.model.depth import depth_frame
 from mocapella.model.hand import TIPS
 from mocapella.model.markers import marker_frame
@@ -24,14 +25,15 @@ from mocapella.tracker.arm_tracks import TO_SENSOR
 from mocapella.tracker.arms import ArmsSettings, ArmsTracker
 
 RNG = np.random.default_rng
+Look = Callable[[float], list[SeenArm]]
 
 
-def one(camera: str, seed: int = 0, hidden: Iterable[int] = (), **other: object):  # noqa: ANN201 - a look
+def one(camera: str, seed: int = 0, hidden: Iterable[int] = (), **other: Any) -> Look:
     rng = RNG([seed, ord(camera)])
-    return lambda t: [seen(arm_at(t), camera, rng, hidden=tuple(hidden), **other)]  # type: ignore[arg-type]
+    return lambda t: [seen(arm_at(t), camera, rng, hidden=tuple(hidden), **other)]
 
 
-def errors(scene: Scene, at: int | None = None) -> np.ndarray:
+def errors(scene: Scene, at: int | None = None) -> Any:
     """(23,) or one, of the first arm, from what was true at the instant of the scene [m]."""
     away = np.linalg.norm(scene.arms[0].points - arm_at(1e-9 * (scene.at_ns - 1)), axis=-1)
     return away if at is None else away[at]
@@ -50,13 +52,15 @@ def test_an_arm_of_one_camera_is_where_it_is_in_the_sensors_own_space() -> None:
     np.testing.assert_array_equal(told.states, arm.states)
     np.testing.assert_allclose(told.points, arm.points * [-1.0, -1.0, 1.0], atol=1e-12)
     assert (told.cameras, told.person, told.left, told.gesture) == (("a",), -1, True, "open")
+    assert told.T_world_palm is not None
+    assert scene.sensors[0].T_world_sensor is not None
     np.testing.assert_allclose(told.T_world_palm, TO_SENSOR, atol=1e-12)
     np.testing.assert_allclose(scene.sensors[0].T_world_sensor, np.eye(4), atol=1e-12)
 
 
 def test_tilt_and_height_that_are_set_up_level_the_world() -> None:
     tracker = ArmsTracker(sensors={"a": SensorPose(tilt=0.3, height=1.2)})
-    ahead = np.zeros((23, 3)) + [0.0, 0.0, 1.0]  # on the optical axis, one metre away
+    ahead = np.tile([0.0, 0.0, 1.0], (23, 1))  # on the optical axis, one metre away
     scene = tracker.update(frame("a", [seen(ahead, "a", RNG(1), noise_m=0.0)], 0.0))
     np.testing.assert_allclose(scene.arms[0].points[0], [0.0, 1.2 + np.sin(0.3), np.cos(0.3)], atol=1e-12)
 
@@ -158,8 +162,8 @@ def test_points_of_both_cameras_are_better_than_those_of_one(fused: list[Scene])
 def test_cameras_that_are_not_in_step_are_brought_to_one_instant() -> None:
     """A hand at 2 m/s is 33 mm further when the other camera looks."""
 
-    def line(t: float) -> np.ndarray:
-        return arm_at(0.0) + [2.0 * t - 1.0, 0.0, 0.0]
+    def line(t: float) -> Any:
+        return np.asarray(arm_at(0.0) + np.array([2.0 * t - 1.0, 0.0, 0.0]))
 
     tracker = ArmsTracker(rig=rig(), sensors_expected=2)
     looks = {name: (lambda t, name=name: [seen(line(t), name, RNG(0), noise_m=0.0)]) for name in ("a", "b")}
@@ -220,7 +224,7 @@ def test_an_arm_that_was_taken_for_two_becomes_one() -> None:
     rng = RNG(7)
 
     def late(t: float) -> list[SeenArm]:
-        return [seen(arm_at(t) + [0.3 if t < 0.5 else 0.0, 0.0, 0.0], "b", rng)]
+        return [seen(arm_at(t) + np.array([0.3 if t < 0.5 else 0.0, 0.0, 0.0]), "b", rng)]
 
     scenes = [tracker.update(arrival) for arrival in run(1.5, {"a": one("a"), "b": late})]
     assert [arm.id for arm in scenes[20].arms] == [0, 1]
@@ -232,7 +236,7 @@ def test_what_holds_and_gestures_are_by_the_surer_and_do_not_flicker() -> None:
     tracker = ArmsTracker(rig=rig(), sensors_expected=2)
     rng = RNG(8)
 
-    def says(camera: str, sure: float, gesture: str, grabbing: bool):  # noqa: ANN202 - a look
+    def says(camera: str, sure: float, gesture: str, grabbing: bool) -> Look:
         return lambda t: [
             seen(arm_at(t), camera, rng, gesture=gesture, gesture_sure=sure, grabbing=grabbing, left_sure=0.8)
         ]
@@ -283,11 +287,11 @@ def test_a_camera_is_placed_by_the_arm_that_both_see() -> None:
         (lambda t: [], "move one arm about where another camera sees it too (0 % done)"),
     ],
 )
-def test_a_camera_that_cannot_be_placed_says_what_is_missing(b: object, said: str) -> None:
+def test_a_camera_that_cannot_be_placed_says_what_is_missing(b: Look, said: str) -> None:
     still = said.startswith("move the arm")
     tracker = ArmsTracker(sensors_expected=2)
     a = (lambda t: [seen(arm_at(0.0), "a", RNG(2))]) if still else one("a")
-    scenes = [tracker.update(arrival) for arrival in run(5.0, {"a": a, "b": b})]  # type: ignore[dict-item]
+    scenes = [tracker.update(arrival) for arrival in run(5.0, {"a": a, "b": b})]
     assert scenes[-1].state.phase is Phase.CALIBRATING
     assert said in scenes[-1].state.reason
     assert said in scenes[-1].sensors[1].problem
@@ -297,7 +301,7 @@ def test_a_camera_that_cannot_be_placed_says_what_is_missing(b: object, said: st
 def test_a_camera_of_the_rig_that_was_moved_is_told_of() -> None:
     tracker = ArmsTracker(rig=rig(), sensors_expected=2)
     rng = RNG(4)
-    moved = {"a": one("a"), "b": lambda t: [seen(arm_at(t) + [0.0, 0.09, 0.0], "b", rng)]}
+    moved = {"a": one("a"), "b": lambda t: [seen(arm_at(t) + np.array([0.0, 0.09, 0.0]), "b", rng)]}
     scenes = [tracker.update(arrival) for arrival in run(6.0, moved)]
     assert "was it moved? recalibrate" in scenes[-1].state.reason
     assert "was it moved" in scenes[-1].sensors[1].problem
@@ -325,14 +329,11 @@ def test_frames_that_cannot_be_used_are_counted_and_change_nothing() -> None:
     first = tracker.update(frame("a", [arm], 0.0))
     late = frame("a", [], -1.0)
     again = frame("a", [], 0.0)
-    small = Arrival(
-        type(late.frame)("b", 1, 0, 5, 0, (320, 240), late.frame.lens, "m", (), ""),
-        5,  # type: ignore[union-attr]
-    )
+    small = Arrival(ArmFrame("b", 1, 0, 5, 0, (320, 240), LENS, "m", (), ""), 5)
     kinds = (
         body_frame("c", topology("kinect_v2"), time_ns=1, positions=[]),
         marker_frame("d", ["x"], time_ns=1, size_px=(4, 4), positions_px=[[1, 1]]),
-        depth_frame("e", np.ones((3, 4), np.uint16), unit_m=0.001, lens=late.frame.lens, time_ns=1),  # type: ignore[union-attr]
+        depth_frame("e", np.ones((3, 4), np.uint16), unit_m=0.001, lens=LENS, time_ns=1),
     )
     wrong = [late, again, small, *(Arrival(one_kind, 2) for one_kind in kinds)]
     for k, arrival in enumerate(wrong):
@@ -367,11 +368,7 @@ def test_a_snapshot_goes_on_to_the_bit() -> None:
 def test_a_silent_camera_is_waited_for_and_the_other_goes_on() -> None:
     tracker = ArmsTracker(rig=rig(), sensors_expected=2)
     b = one("b")
-    scenes = [
-        tracker.update(x)
-        for x in run(3.0, {"a": one("a"), "b": lambda t: b(t)})
-        if x.frame.sensor == "a" or x.at_ns < 1e9
-    ]
+    scenes = [tracker.update(x) for x in run(3.0, {"a": one("a"), "b": b}) if x.frame.sensor == "a" or x.at_ns < 1e9]
     assert scenes[-1].state.phase is Phase.WAITING_FOR_SENSORS
     assert scenes[-1].state.sensors_missing == 1
     assert [arm.cameras for arm in scenes[-1].arms] == [("a",)]

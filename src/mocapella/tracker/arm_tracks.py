@@ -195,6 +195,10 @@ class ArmTracks:
             self._fuse(track, places)
         self._join()
 
+    def advance(self, now_s: float) -> None:
+        """Say that it is that late, though no camera has shown anything new."""
+        self.now_s = max(self.now_s, now_s)
+
     def forget(self, camera: str) -> None:
         """Use nothing more of what the camera saw."""
         self.away.pop(camera, None)
@@ -346,11 +350,12 @@ class ArmTracks:
         s, ago = self.settings, self.now_s - track.at_s
         points, states, sd, T = track.points, track.states, track.sd, track.T_world_palm
         cameras = tuple(sorted(name for name, view in track.views.items() if self.now_s - view.at_s <= s.fresh_s))
-        if ago > 0.0 or not cameras:
+        if ago > 0.0:
             step = min(ago, s.coast_s) * track.velocity
             points = points + step
             T = None if T is None else _moved(T, step[PALM])
             sd = np.hypot(sd, 0.5 * s.acceleration_m_s2 * ago * ago).astype(np.float32)
+        if not cameras:
             states = np.minimum(states, np.uint8(JointState.INFERRED))
         return TrackedArm(
             track.id, track.left, points, states, sd, track.angles, T, track.gesture,

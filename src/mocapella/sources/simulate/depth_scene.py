@@ -235,7 +235,7 @@ class DepthScene:
         settings: DepthSceneSettings,
         sensor: Sensor,
         seed: int,
-        T_camera_first: Float64 | None = None,  # noqa: N803 - the field's notation
+        T_camera_first: Float64 | None = None,
     ) -> None:
         check(settings.view in (*VIEWS, "side", "tips"), "view", settings.view, "palm, back, side or tips")
         check(settings.arms in (1, 2), "arms", settings.arms, "1 or 2")
@@ -261,7 +261,7 @@ class DepthScene:
         """How the arms are held, in the camera's space."""
         return tuple(self._seen(actor.at(at_s)[0]) for actor in self._actors)
 
-    def from_camera(self, T_camera_first: Float64) -> DepthScene:  # noqa: N803 - the field's notation
+    def from_camera(self, T_camera_first: Float64) -> DepthScene:
         """The very same scene before another camera of this kind, which stands there: (4, 4) from this one's space."""
         return DepthScene(self.name, self.settings, self.sensor, self.seed, T_camera_first @ self.T_camera_first)
 
@@ -448,7 +448,7 @@ def body_mesh(arms: int) -> tuple[Float64, Int64]:
     return polygonise(limbs, np.array([0.04]), 1e-6, np.ascontiguousarray(nodes))
 
 
-def _behind(kind: str, sensor: Sensor, rng: np.random.Generator, T_camera_first: Float64) -> _Images:  # noqa: N803
+def _behind(kind: str, sensor: Sensor, rng: np.random.Generator, T_camera_first: Float64) -> _Images:
     """What is behind the person."""
     width, height = sensor.size_px
     depth = np.full((height, width), np.inf, np.float32)
@@ -465,10 +465,10 @@ def _behind(kind: str, sensor: Sensor, rng: np.random.Generator, T_camera_first:
     planes = [(np.array([tilt[0], 0.3 * tilt[1], 1.0]), wall_m)]
     if kind == "desk":
         planes.append((np.array([0.0, 1.0, 0.12]), desk_m))
-    for normal, offset in planes:
-        table = normal[1] == 1.0
-        normal = T_camera_first[:3, :3] @ normal
-        offset = offset + float(normal @ T_camera_first[:3, 3])
+    for of_first, from_first in planes:
+        table = of_first[1] == 1.0
+        normal = T_camera_first[:3, :3] @ of_first
+        offset = from_first + float(normal @ T_camera_first[:3, 3])
         towards = normal[0] * x + normal[1] * y + normal[2]
         z = np.where(towards > 1e-3, offset / np.maximum(towards, 1e-3), np.inf)
         cosine = towards / np.linalg.norm(normal) / np.sqrt(x * x + y * y + 1.0)
