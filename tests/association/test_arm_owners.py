@@ -15,9 +15,14 @@ Float64 = NDArray[np.float64]
 LIMB = np.array([[0.0, 0.0, 0.0], [0.0, 0.25, 0.0], [0.0, 0.33, 0.0]])
 
 
+def limb(x: float, y: float = 0.0) -> Float64:
+    """(3, 3) elbow, wrist and hand."""
+    return np.asarray(LIMB + np.array([x, y, 0.0]))
+
+
 def person(x: float) -> Float64:
     """(2, 3, 3) elbow, wrist and hand of both limbs, 60 cm apart."""
-    return np.stack([LIMB + [x - 0.3, 0.0, 0.0], LIMB + [x + 0.3, 0.0, 0.0]])
+    return np.stack([limb(x - 0.3), limb(x + 0.3)])
 
 
 @given(st.permutations(range(4)), st.permutations([5, 7]), st.integers(0, 99))
@@ -36,7 +41,7 @@ def test_the_order_of_arms_and_people_does_not_matter(order: list[int], people: 
 def one(
     owners: ArmOwners, x: float, people: dict[int, float], *, left: bool = True, height: float = 0.0, joints: int = 3
 ) -> int:
-    arm = LIMB + [x, height, 0.0]
+    arm = limb(x, height)
     arm[joints:] = np.nan
     limbs = np.array([person(at) for at in people.values()]).reshape(-1, 2, 3, 3)
     return owners.update([3], np.array([left]), arm[None], list(people), limbs)[0]
@@ -88,7 +93,7 @@ def test_somebody_who_is_back_has_the_arm_back() -> None:
 
 
 def test_two_arms_are_not_of_one_limb() -> None:
-    arms = np.array([LIMB + [-0.3, 0.0, 0.0], LIMB + [-0.25, 0.0, 0.0]])
+    arms = np.array([limb(-0.3), limb(-0.25)])
     found = ArmOwners().update([0, 1], np.array([True, True]), arms, [4], person(0.0)[None])
     assert found == [4, -1]
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from mocapella.calibration.arm_places import REMEMBERED as PLACES_REMEMBERED
 from mocapella.calibration.arm_places import ArmPlaces, ArmPlaceSettings
+from mocapella.calibration.rig import VERSION, Rig, RigSensor
 from mocapella.conventions import NS_PER_S
 from mocapella.geometry.rigid import inverse, rigid, rotation_about_x
 from mocapella.model.arms import ArmFrame
@@ -76,11 +77,12 @@ class ArmsTracker:
         sensors: Mapping[str, SensorPose] | None = None,
     ) -> None:
         self.settings = s = settings or ArmsSettings()
-        self.rig = rig
+        self.camera_rig = rig
         self._expected = sensors_expected
         self._poses = dict(sensors or {})
         self._tracks = ArmTracks(s.tracks)
         self._calibration = ArmPlaces(s.places)
+        self._kept: dict[str, RigSensor] = {}
         self.reset()
 
     def reset(self) -> None:
@@ -97,8 +99,9 @@ class ArmsTracker:
         self._state = TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=self._expected)
 
     def recalibrate(self, reason: str) -> None:
-        """Place anew the cameras that the arm has placed; where those of a rig are is the rig's."""
+        """Place anew the cameras that the arm has placed; where those of a rig of cameras are is the rig's."""
         self._restarts += 1
+        self._kept = {}
         self._begin_places()
         for camera in self._heard_ns:
             self._tracks.forget(camera)
@@ -106,13 +109,33 @@ class ArmsTracker:
         self._state = TrackerState(phase, reason=reason)
 
     def _begin_places(self) -> None:
-        """Forget what was found; `_given` are places that are not found: the rig's, or that of the first camera."""
+        """Forget what was found; `_given` are places that are not found: a rig's, or that of the first camera."""
         self._calibration.reset()
-        cameras = {} if self.rig is None else self.rig.cameras
-        self._given: dict[str, Float64] = {name: inverse(one.T_camera_world) for name, one in sorted(cameras.items())}
+        cameras = {} if self.camera_rig is None else self.camera_rig.cameras
+        kept = {name: np.array(sensor.T_world_sensor) @ TO_SENSOR for name, sensor in self._kept.items()}
+        given = kept | {name: inverse(camera.T_camera_world) for name, camera in cameras.items()}
+        self._given: dict[str, Float64] = dict(sorted(given.items()))
         self._placed = dict(self._given)
         self._delay_s: dict[str, float] = {}
         self._places: tuple[SensorPlace, ...] = self._say_places()
+
+    def use_rig(self, rig: Rig) -> None:
+        """See `KeepsRig`; where a rig of cameras has a place, too, that is taken."""
+        self._kept = dict(rig.sensors)
+        self.reset()
+
+    def rig(self) -> Rig | None:
+        """Where cameras are; None before two of them have a place, or where a rig of cameras says it."""
+        if self.camera_rig is not None or len(self._placed) < 2:
+            return None
+        places = (place for place in self._places if place.T_world_sensor is not None)
+        sensors = {
+            place.sensor: RigSensor(
+                np.asarray(place.T_world_sensor).tolist(), 1e3 * place.position_sd, float(np.degrees(place.rotation_sd))
+            )
+            for place in places
+        }
+        return Rig(VERSION, False, sensors, [])
 
     def snapshot(self) -> bytes:
         """See `Tracker`."""
@@ -178,7 +201,7 @@ class ArmsTracker:
                 if isinstance(frame, DepthFrame)
                 else NO_MARKERS
             )
-        placed = None if self.rig is None else self.rig.cameras.get(frame.sensor)
+        placed = None if self.camera_rig is None else self.camera_rig.cameras.get(frame.sensor)
         if placed is not None and placed.camera.size_px != frame.size_px:
             told, size = (f"{w} × {h}" for w, h in (frame.size_px, placed.camera.size_px))
             return f"its images are {told}, the rig's {size}: calibrate with this size"
@@ -230,9 +253,14 @@ class ArmsTracker:
         T, problem = self._placed.get(name), self._moved(name)
         if T is None:
             return SensorPlace(name, None, problem=self._calibration.needs(name))
-        found = self._calibration.found.get(name)
+        found, kept = self._calibration.found.get(name), self._kept.get(name)
+        if kept is not None:
+            turn = float(np.radians(kept.rotation_sd_deg))
+            return SensorPlace(name, T @ TO_SENSOR, 1e-3 * kept.position_sd_mm, turn, "as kept", problem)
         if found is None:
-            return SensorPlace(name, T @ TO_SENSOR, 0.0, 0.0, "" if self.rig is None else "as calibrated", problem)
+            return SensorPlace(
+                name, T @ TO_SENSOR, 0.0, 0.0, "" if self.camera_rig is None else "as calibrated", problem
+            )
         sd, turn = found.position_sd_m, found.rotation_sd_rad
         words = f"{1e3 * sd:.0f} mm and {np.degrees(turn):.1f}°"
         return SensorPlace(name, T @ TO_SENSOR, sd, turn, words, problem)
@@ -261,8 +289,8 @@ def _one_part(reason: str) -> str:
 
 _OWN_MEMORY: Final = (
     *("_heard_ns", "_now_ns", "_newest", "_reasons", "_rejected", "_steps", "_calibrations", "_restarts", "_arms"),
-    *("_given", "_placed", "_delay_s", "_places", "_state"),
+    *("_kept", "_given", "_placed", "_delay_s", "_places", "_state"),
 )
 _REMEMBERED: Final = tuple(
-    dict.fromkeys((*TRACKS_REMEMBERED, *PLACES_REMEMBERED, TrackedArm, SensorPlace, Phase, TrackerState))
+    dict.fromkeys((*TRACKS_REMEMBERED, *PLACES_REMEMBERED, RigSensor, TrackedArm, SensorPlace, Phase, TrackerState))
 )
