@@ -16,7 +16,8 @@ from programs import Program, free_port, wait_until
 from typer.testing import CliRunner
 
 from mocapella.cli import arm as _arm  # noqa: F401 - registers the verbs
-from mocapella.cli import view as _view  # noqa: F401 - and another: an app of one verb has no verbs
+from mocapella.cli import export as _export  # noqa: F401
+from mocapella.cli import replay as _replay  # noqa: F401
 from mocapella.cli.app import app
 from mocapella.model.arms import ArmFrame
 from mocapella.model.depth import DepthFrame
@@ -53,7 +54,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
     with pytest.MonkeyPatch.context() as patch:
         path = os.pathsep.join([str(Path(__file__).parent.parent), os.environ.get("PYTHONPATH", "")])
         patch.setenv("PYTHONPATH", path.rstrip(os.pathsep))
-        begin = ("serve", "--port", str(port), "--no-view", "--method", "stand-still")
+        begin = ("serve", "--port", str(port), "--no-view", "--method", "arms", "--json", "server.json")
         into = ("--record", "walk.mcap", "--reserve-gib", "0.001")
         source = ("frames", *SAID, "--fps", "25", "--loop", "--name", "left", "--method", "nearest", "--publish-depth")
         connect = ("--connect", f"tcp/127.0.0.1:{port}", "--report", "0.3", "--json", "node.json")
@@ -105,6 +106,44 @@ def test_the_node_says_what_it_did(ran: Ran) -> None:
     assert (report["method"], report["empty"], report["damaged"], report["lost"]) == ("nearest", 0, 0, 0)
     assert "depth images of frames, 16 × 12 px, 25 a second, 0.001 m a unit, f 12.0 px" in ran.output
     assert f"left: {node['published']} frames published" in ran.output
+
+
+def test_the_server_makes_arms_in_the_world_of_them(ran: Ran) -> None:
+    scenes = [scene for _, scene in ran.take.scenes()]
+    with_arms = [scene for scene in scenes if scene.sensor == "left"]
+    assert len(with_arms) > IMAGES
+    arms = {
+        (stored.frame.node_id, stored.frame.sequence): stored.frame for stored in ran.take.frames_in_sequence("left")
+    }
+    for scene in with_arms:
+        (arm,), frame = scene.arms, arms[scene.node_id, scene.sequence]
+        assert isinstance(frame, ArmFrame)
+        np.testing.assert_allclose(arm.points, frame.arms[0].points * [-1.0, -1.0, 1.0], atol=1e-12)
+        assert (arm.id, arm.person, arm.cameras) == (0, -1, ("left",))
+    summary = json.loads((ran.folder / "server.json").read_text(encoding="utf-8"))
+    assert (summary["most_arms"], summary["most_people"], summary["never_tracked"]) == (1, 0, None)
+
+
+def test_a_replay_gives_the_same_arms_to_the_bit(ran: Ran, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ran.folder)
+    done = CliRunner().invoke(app, ["replay", "walk.mcap", "--json", "replayed.json"])
+    assert done.exit_code == 0, (done.output, done.exception)
+    (row,) = json.loads((ran.folder / "replayed.json").read_text(encoding="utf-8"))
+    assert (row["differing_scenes"], row["most_arms"]) == (0, 1)
+    assert row["recorded_scenes"] > 2 * IMAGES
+    (why,) = row["unusable"]
+    assert "node arm` finds the arms" in why  # of the images
+
+
+def test_the_arms_are_exported_as_a_table(ran: Ran, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ran.folder)
+    done = CliRunner().invoke(app, ["export", "arms", "walk.mcap", "--json", "export.json"])
+    assert done.exit_code == 0, (done.output, done.exception)
+    told = json.loads((ran.folder / "export.json").read_text(encoding="utf-8"))
+    rows = (ran.folder / "walk.arms.csv").read_text(encoding="utf-8").splitlines()
+    assert told["path"] == "walk.arms.csv"
+    assert len(rows) - 1 == told["rows"] == 8 * told["with_arms"]
+    assert told["arms"] == 1
 
 
 def test_the_takes_images_give_the_same_arms_again(ran: Ran, monkeypatch: pytest.MonkeyPatch) -> None:

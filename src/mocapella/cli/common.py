@@ -6,7 +6,7 @@ import importlib.util
 import json
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -252,3 +252,9 @@ def parse_size(text: str) -> tuple[int, int]:
     if not all(side.isascii() and side.isdigit() and len(side) <= 5 for side in (width, height)):
         raise SettingsError(f"--size {text!r} cannot be used; write it as 640x480")
     return int(width), int(height)
+
+
+def most_of(summary: Mapping[str, Any]) -> str:
+    """How many there were at most of what the run was about."""
+    there = [what for what in ("people", "hands", "arms") if summary[f"most_{what}"]] or ["people"]
+    return ", ".join(f"most {what}: {summary[f'most_{what}']}" for what in there)

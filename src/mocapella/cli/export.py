@@ -18,12 +18,6 @@ if TYPE_CHECKING:
     from mocapella.recording.take_reader import Take
 
 
-@export_app.callback()
-def _export() -> None:
-    # Keeps `csv` a verb: without it typer takes a group's only command for the group itself.
-    pass
-
-
 @export_app.command("csv")
 def csv(
     take: TakeArgument,
@@ -66,6 +60,41 @@ def csv(
     say(f"{report.rows} rows of {report.written} results in {target}")
     if report.mirrored:
         say(f"left and right were swapped in {report.mirrored} of them; rows are as the sensor labels them")
+    for problem in source.problems:
+        say(f"{take.name}: {problem}")
+    write_json(json, {"path": str(target), **msgspec.to_builtins(report), "take_problems": list(source.problems)})
+
+
+@export_app.command("arms")
+def arms(
+    take: TakeArgument,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The table to write; by default the take's name with .arms.csv.")
+    ] = None,
+    every: Annotated[int, typer.Option(metavar="N", min=1, help="Write every n-th result only.")] = 1,
+    all_points: Annotated[
+        bool, typer.Option("--all-points", help="All 23 points of an arm instead of its eight joints.")
+    ] = False,
+    json: JsonOut = None,
+) -> None:
+    """Write the arms of a take's results, in the world: a row for each joint of each arm, with its state.
+
+    docs/arms/fusion.md describes the columns. A take of arms of which no method made anything has none in its results:
+    `mocapella replay` says what could not be used.
+
+    Example:  mocapella export arms grab-1 --out grab-1.csv
+    """
+    from mocapella.cli.recordings import find_recording
+    from mocapella.exports.arm_tracks import write_arm_tracks
+    from mocapella.recording.take_reader import read_take
+
+    take = find_recording(take)
+    source = read_take(take)
+    target = out or take.with_suffix(".arms.csv")
+    with working(f"writing {target} …", status=INTERRUPTED):
+        scenes = (scene for run in source.runs for _, scene in source.scenes(run.number))
+        report = write_arm_tracks(scenes, target, every=every, all_points=all_points)
+    say(f"{report.rows} rows of {report.with_arms} results with arms in {target}; arms: {report.arms}")
     for problem in source.problems:
         say(f"{take.name}: {problem}")
     write_json(json, {"path": str(target), **msgspec.to_builtins(report), "take_problems": list(source.problems)})

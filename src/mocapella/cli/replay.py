@@ -26,6 +26,7 @@ from mocapella.cli.common import (
     ViewPort,
     exit_by,
     get_ready,
+    most_of,
     say,
     say_if_never_tracked,
     take_file,
@@ -111,7 +112,7 @@ def _replay_fast(file: Path, open_it: Callable[[], Recording]) -> dict[str, Any]
     }
     say(
         f"{file.name}: sensors: {len(recording.sensors)}, frames in: {row['frames_in']}, "
-        f"most people: {row['most_people']}; "
+        f"{most_of(row)}; "
         f"{replayed.seconds:.1f} s in {took:.2f} s ({row['times_real_time']:.0f} × real time)"
     )
     notes = replayed.notes

@@ -29,6 +29,7 @@ from mocapella.cli.common import (
     console,
     exit_by,
     get_ready,
+    most_of,
     recording_row,
     say,
     say_if_never_tracked,
@@ -188,8 +189,8 @@ def serve(
         typer.Option(
             metavar="FILE",
             help="Begin from where the sensors were, as --save-rig kept it. What people do is checked against it: "
-            "where it does not fit, that is said and found anew. Not for --method stand-still. For --method hands: "
-            "where the cameras are, as `mocapella calibrate` found it.",
+            "where it does not fit, that is said and found anew. Not for --method stand-still. For --method hands, and "
+            "for arms (a .toml): where the cameras are, as `mocapella calibrate` found it.",
         ),
     ] = None,
     hand: Annotated[
@@ -232,6 +233,7 @@ def serve(
     from mocapella.recording.disk import GIB
 
     hands = method == "hands"
+    camera_rig = rig is not None and (hands or (method == "arms" and rig.suffix.lower() == ".toml"))
     if hand is not None and not hands:
         raise SettingsError(f"--hand {hand}: only --method hands wants it")
     if alignment and not hands:
@@ -245,9 +247,9 @@ def serve(
         takes=takes,
         setup=Setup(method=method, sensors_expected=sensors),
         running=not wait,
-        method_settings=settings_of_pairs(settings) | (_hand_settings(rig, hand, alignment) if hands else {}),
+        method_settings=settings_of_pairs(settings) | _told_by_files(rig if camera_rig else None, hand, alignment),
         reserve_bytes=round(reserve_gib * GIB),
-        rig=None if rig is None or hands else load_rig(rig),
+        rig=None if rig is None or camera_rig else load_rig(rig),
     )
     with stop_on_signals() as stop:
         with live_session(server_settings, stop, view_port=None if no_view else view_port) as session:
@@ -265,8 +267,8 @@ def serve(
     exit_by(summary["recording"])
 
 
-def _hand_settings(rig: Path | None, hand: Path | None, spaces: Sequence[Path] | None) -> dict[str, Any]:
-    """What the files say, for the method hands: a take keeps it, so that a replay does the same."""
+def _told_by_files(rig: Path | None, hand: Path | None, spaces: Sequence[Path] | None) -> dict[str, Any]:
+    """What the files say, for the methods hands and arms: a take keeps it, so that a replay does the same."""
     from mocapella.model.camera_rig_file import encode_camera_rig, load_camera_rig
     from mocapella.model.hand_file import encode_hand_shape, load_hand_shape
     from mocapella.model.space import as_settings, load_space
@@ -288,12 +290,7 @@ def finish(server: Server) -> dict[str, Any]:
     recording = recording_row(server.close())
     say(
         f"{summary['seconds']:.0f} s, sensors: {len(summary['sensors'])}, frames in: {summary['frames_in']}, "
-        f"dropped: {summary['drops']}, scenes out: {summary['frames_out']}, "
-        + (
-            f"most hands: {summary['most_hands']}"
-            if summary["most_hands"]
-            else f"most people: {summary['most_people']}"
-        )
+        f"dropped: {summary['drops']}, scenes out: {summary['frames_out']}, " + most_of(summary)
     )
     say_if_never_tracked(summary)
     return {**summary, "recording": recording}

@@ -373,6 +373,7 @@ class Server:
             reason=state.reason,
             people=self.tally.people_now if session.running else 0,
             hands=self.tally.hands_now if session.running else 0,
+            arms=self.tally.arms_now if session.running else 0,
             scenes=self.tally.scenes_out,
             scenes_hz=round(self.tally.rate_hz(now_ns), 1),
             setup=session.setup,

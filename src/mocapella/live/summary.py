@@ -80,6 +80,8 @@ class Tally:
     people_now: int = 0
     hands_now: int = 0
     most_hands: int = 0
+    arms_now: int = 0
+    most_arms: int = 0
     state_changes: list[dict[str, Any]] = field(default_factory=list)
     latencies: LatencyHistogram = field(default_factory=LatencyHistogram)
     began_ns: int | None = None
@@ -96,6 +98,8 @@ class Tally:
         self.most_people = max(self.most_people, self.people_now)
         self.hands_now = sum(bool(np.isfinite(hand.landmarks).any()) for hand in scene.hands)
         self.most_hands = max(self.most_hands, self.hands_now)
+        self.arms_now = len(scene.arms)
+        self.most_arms = max(self.most_arms, self.arms_now)
         self.times.append(done_ns)
         self.places = scene.sensors
         self._note_labels(scene)
@@ -175,6 +179,8 @@ class Tally:
             "most_people": self.most_people,
             "hands": self.hands_now,
             "most_hands": self.most_hands,
+            "arms": self.arms_now,
+            "most_arms": self.most_arms,
             "latency_ms": self.latency_ms(),
             "state_changes": self.state_changes,
             "conditions": [

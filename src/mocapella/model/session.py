@@ -173,7 +173,7 @@ class SessionStatus:
         revision: grows by one with every command carried out, so that two views can tell which came last.
         running: whether frames are tracked.
         phase, sensors_missing, frames_remaining, frames_wanted, reason: as in `mocapella.model.scene.TrackerState`.
-        people, hands: in the newest scene.
+        people, hands, arms: in the newest scene.
         scenes: results so far.
         scenes_hz: results a second, over the last seconds.
         setup: what was set up last.
@@ -203,6 +203,7 @@ class SessionStatus:
     version: str
     next_take: str = ""
     hands: int = 0
+    arms: int = 0
 
 
 @dataclass(frozen=True)

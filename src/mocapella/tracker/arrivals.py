@@ -20,7 +20,10 @@ NO_BODIES: Final = "it sends markers, of which this method makes no people: set 
 
 NO_POSES: Final = "it sends poses of another tracker, of which this method makes nothing: set up the method hands"
 
-NO_ARMS: Final = "it sends arms of a depth camera, of which this method makes no people; a take keeps them"
+NO_ARMS: Final = (
+    "it sends arms of a depth camera, of which this method makes nothing: set up the method arms, or default "
+    "for people and their arms; a take keeps them"
+)
 
 NO_DEPTH: Final = (
     "it sends depth images, of which no method makes people; a take keeps them, mocapella arm finds arms in them"

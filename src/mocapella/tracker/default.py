@@ -5,6 +5,7 @@
     labels      = facing(views)                 which way everybody faces, and which views are mirrored
     measured    = fuse(views)                   each view by what it is worth
     steady      = body(measured)                the prediction is part of the estimate
+    arms        = follow(arms)                  of depth cameras beside the sensors: whose each is
 
 See docs/methods/default.md.
 """
@@ -37,14 +38,26 @@ from mocapella.errors import one_of
 from mocapella.fusion.facing import FacingMemory
 from mocapella.fusion.joint_bias import JointBiasModel, shipped_model
 from mocapella.geometry.rigid import inverse
+from mocapella.model.arms import ArmFrame
 from mocapella.model.bodies import Bodies
 from mocapella.model.memory import pack, unpack
 from mocapella.model.observations import Arrival, BodyFrame
-from mocapella.model.scene import Float64, Person, Phase, PotentialSkeleton, Scene, SensorPlace, TrackerState
+from mocapella.model.scene import (
+    Float64,
+    Person,
+    Phase,
+    PotentialSkeleton,
+    Scene,
+    SensorPlace,
+    TrackedArm,
+    TrackerState,
+)
 from mocapella.model.session import SensorPose
 from mocapella.settings import check
 from mocapella.tracker.arrivals import Arrivals, Heard, Sighting
 from mocapella.tracker.people import People, PeopleMemory, PeopleSettings, Sights, Told
+from mocapella.tracker.people_arms import REMEMBERED as ARMS_REMEMBERED
+from mocapella.tracker.people_arms import PeopleArms, PeopleArmsSettings
 from mocapella.tracker.protocol import SensorViews, TrackerReport
 
 JOINT_BIAS: Final = ("learnt", "none")
@@ -65,6 +78,7 @@ class DefaultSettings:
             ``none`` does not.
         keep_root_s: the sensor in whose space people are told is kept for so long while others are tied to each other,
             but not yet to it.
+        arms: what depth cameras see of people's arms, and where these cameras are.
         shown_for_s: somebody whom no sensor sees is shown, as predicted, for so long.
     """
 
@@ -76,6 +90,7 @@ class DefaultSettings:
     shown_for_s: float = 1.0
     keep_root_s: float = 15.0
     joint_bias: str = "learnt"
+    arms: PeopleArmsSettings = field(default_factory=PeopleArmsSettings)
 
     def __post_init__(self) -> None:
         for name in ("silent_after_s", "shown_for_s"):
@@ -112,6 +127,7 @@ class DefaultTracker:
         self._arrivals = Arrivals(self.settings.silent_after_s, _NEEDED_PARTS)
         self._jumps = Jumps(self.settings.jumps)
         self._tracks = Tracks(self.settings.tracks)
+        self._arms = PeopleArms(self.settings.arms)
         self.reset()
 
     def reset(self) -> None:
@@ -119,6 +135,8 @@ class DefaultTracker:
         self._arrivals.reset()
         self._jumps.reset()
         self._tracks.reset()
+        self._arms.reset()
+        self._shown_arms: tuple[TrackedArm, ...] = ()
         self._calibration.reset()
         self._root = ""
         self._T_root_sensor: dict[str, Float64] = {}
@@ -147,15 +165,17 @@ class DefaultTracker:
         own = {name: getattr(self, name) for name in _OWN_MEMORY}
         people = None if self._people is None else (self._people.topology, self._people.remembered())
         parts = [own, vars(self._arrivals), vars(self._jumps), vars(self._tracks), people, vars(self._calibration)]
-        return pack(parts, _REMEMBERED)
+        return pack([*parts, self._arms.memory()], _REMEMBERED)
 
     def restore(self, data: bytes) -> None:
         """See `Tracker`."""
-        own, arrivals, jumps, tracks, people, calibration = unpack(data, _REMEMBERED)
+        own, arrivals, jumps, tracks, people, calibration, *arms = unpack(data, _REMEMBERED)
         vars(self).update(own)
         vars(self._arrivals).update(arrivals)
         vars(self._jumps).update(jumps)
         vars(self._tracks).update(tracks)
+        for memory in arms:  # takes of before there were any have none
+            self._arms.recall(memory)
         self._people = None
         if people is not None:
             self._people = People(self.settings.people, people[0])
@@ -200,6 +220,8 @@ class DefaultTracker:
 
     def update(self, arrival: Arrival) -> Scene:
         """Take one frame in and say what there is now. A frame that cannot be used is counted and changes nothing."""
+        if isinstance(arrival.frame, ArmFrame):
+            return self._see_arms(arrival, arrival.frame)
         heard = self._arrivals.update(arrival)
         if heard.problem:
             self._rejected[heard.problem] += 1
@@ -212,7 +234,22 @@ class DefaultTracker:
         self._track(sighting, self._people, corrections)
         self._state = self._stand(heard)
         self._shown = self._show(heard, self._people)
+        self._tell_arms(arrival.at_ns)
         return self._scene(arrival)
+
+    def _see_arms(self, arrival: Arrival, frame: ArmFrame) -> Scene:
+        """Take in what a depth camera saw of people's arms."""
+        placed = {name: self._T_world_root @ T for name, T in self._T_root_sensor.items()}
+        if problem := self._arms.problem(frame, placed):
+            self._rejected[problem] += 1
+            return self._scene(arrival)
+        self._arms.update(frame, arrival.at_ns / NS_PER_S, placed)
+        self._tell_arms(arrival.at_ns)
+        return self._scene(arrival)
+
+    def _tell_arms(self, at_ns: int) -> None:
+        if self._shown_arms or self._arms.there:
+            self._shown_arms = self._arms.told(self._shown, self._arrivals.topology, at_ns / NS_PER_S)
 
     def _without_jumps(self, sighting: Sighting, people: People) -> Sighting:
         """What the frame shows, without the bodies that cannot be where they are told to be."""
@@ -397,6 +434,7 @@ class DefaultTracker:
             state=self._state,
             people=self._shown,
             sensors=self._places,
+            arms=self._shown_arms,
         )
 
 
@@ -447,6 +485,7 @@ def associate_and_fuse(  # noqa: PLR0917 - one frame, as it comes
 
 _OWN_MEMORY: Final = (
     *("_now_s", "_outvoted_s", "_steps", "_rejected", "_state", "_shown", "_views", "_places", "_conditions"),
+    "_shown_arms",
     *("_root", "_T_root_sensor", "_T_world_root"),
 )
 _REMEMBERED: Final = (
@@ -481,4 +520,6 @@ _REMEMBERED: Final = (
     TrackMemory,
     TrackerState,
     TrackSettings,
+    TrackedArm,
+    *ARMS_REMEMBERED,
 )

@@ -13,11 +13,13 @@ from mocapella.geometry.rigid import apply, inverse, rigid, rotation_about_y
 from mocapella.kinematics.body_model import body_model
 from mocapella.kinematics.hand_chain import hand_chain, palm_landmarks
 from mocapella.kinematics.hand_tracker import base_layout
+from mocapella.model.arms import ArmFrame, SeenArm
 from mocapella.model.camera import Camera, CameraRig, PlacedCamera
 from mocapella.model.hand import TIPS, hand_model
 from mocapella.model.markers import marker_frame
 from mocapella.model.observations import Arrival, body_frame
 from mocapella.model.topology import topology
+from mocapella.tracker.arms import ArmsTracker
 from mocapella.tracker.default import DefaultTracker
 from mocapella.tracker.hands import HandsSettings, HandsTracker
 from mocapella.tracker.protocol import Tracker
@@ -38,11 +40,12 @@ def make_ready(method: str, on_compiling: Callable[[], None] = lambda: None) -> 
         method: key of `METHODS`.
         on_compiling: called once when there is something to compile, before that is done.
     """
-    if method not in ("default", "hands") or method in _READY:
+    if method not in _PRACTICES or method in _READY:
         return
+    make, practice = _PRACTICES[method]
     with _told_of_compiling(on_compiling):
-        tracker: Tracker = DefaultTracker(sensors_expected=3) if method == "default" else HandsTracker(_RIG)
-        for arrival in _practice() if method == "default" else _practice_of_a_hand():
+        tracker = make()
+        for arrival in practice():
             tracker.update(arrival)
         tracker.restore(tracker.snapshot())
     _READY.add(method)
@@ -78,6 +81,15 @@ _RIG: Final = CameraRig(
         for name, x in _AT.items()
     }
 )
+
+
+def _practice_of_an_arm() -> Iterator[Arrival]:
+    """An arm that is held still before a camera: what is loaded when it is first needed is loaded."""
+    points, states, sd = np.full((23, 3), 0.5), np.full(23, 2, np.uint8), np.full(23, 0.005, np.float32)
+    arm = SeenArm(0, False, 0.9, points, states, sd, np.zeros(21))
+    for k in range(3):
+        at_ns = round(1e9 * k / _RATE_HZ) + 1
+        yield Arrival(ArmFrame("practice", 0, k, at_ns, 0, _SIZE, _LENS, "practice", (arm,)), at_ns)
 
 
 def _practice_of_a_hand() -> Iterator[Arrival]:
@@ -122,3 +134,11 @@ def _practice() -> Iterator[Arrival]:
                 sequence=k,
             )
             yield Arrival(frame, round(1e9 * t))
+
+
+_PRACTICES: Final[dict[str, tuple[Callable[[], Tracker], Callable[[], Iterator[Arrival]]]]] = {
+    "default": (lambda: DefaultTracker(sensors_expected=3), _practice),
+    "hands": (lambda: HandsTracker(_RIG), _practice_of_a_hand),
+    "arms": (ArmsTracker, _practice_of_an_arm),
+}
+"""By method, how to make it, and what it does then."""

@@ -48,13 +48,18 @@ def status_html(status: SessionStatus | None) -> str:
             title, colour, people = NO_SENSOR, _RED, 0
     elif status.phase == Phase.TRACKING and _conditions(status, silent):
         colour = _AMBER
-    who = (
-        _plural(status.hands, "hand", "hands")
-        if status.setup.method == "hands"
-        else _plural(people, "person", "people")
-    )
-    facts = f"{who} · {sensors} · {status.scenes_hz:.0f} results/s"
+    facts = f"{_who(status, people)} · {sensors} · {status.scenes_hz:.0f} results/s"
     return _headline(title, colour, _detail(status, silent), facts)
+
+
+def _who(status: SessionStatus, people: int) -> str:
+    """What there is of that which the method makes."""
+    if status.setup.method == "hands":
+        return _plural(status.hands, "hand", "hands")
+    arms = _plural(status.arms, "arm", "arms")
+    if status.setup.method == "arms":
+        return arms
+    return _plural(people, "person", "people") + (f" · {arms}" if status.arms else "")
 
 
 def stage_text(status: SessionStatus | None) -> str:

@@ -1,0 +1,102 @@
+"""Whose arm is it: the person's whose elbow, wrist and hand of the same side are nearest, one to one.
+
+Sensors of bodies swap left and right at times, so that the other side will do where it is nearer by far. An arm stays
+with the person it belongs to while it is near, unless it is nearer to somebody else by a margin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.association.tracks import assign
+from mocapella.settings import check
+
+Bools = NDArray[np.bool_]
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ArmOwnerSettings:
+    """When an arm is a person's.
+
+    Attributes:
+        take_m: mean distance of the joints within which an arm becomes somebody's …
+        keep_m: … and within which it stays.
+        other_side_m: the limb of the other side counts as so much farther.
+        switch_m: and every limb but the one it is already.
+    """
+
+    take_m: float = 0.2
+    keep_m: float = 0.35
+    other_side_m: float = 0.1
+    switch_m: float = 0.1
+
+    def __post_init__(self) -> None:
+        check(
+            0 < self.take_m <= self.keep_m <= 5, "take_m", self.take_m, "above 0 and at most keep_m, which is up to 5"
+        )
+        for name in ("other_side_m", "switch_m"):
+            check(0 <= getattr(self, name) <= 5, name, getattr(self, name), "from 0 to 5 m")
+
+
+class ArmOwners:
+    """Remembers whose arm each is. The same arms and people in the same order have the same owners.
+
+    Attributes:
+        limbs: by arm, the person and whether it is the left limb.
+    """
+
+    def __init__(self, settings: ArmOwnerSettings | None = None) -> None:
+        self.settings = settings or ArmOwnerSettings()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all owners."""
+        self.limbs: dict[int, tuple[int, bool]] = {}
+
+    def update(
+        self, arms: Sequence[int], lefts: Bools, joints: Float64, people: Sequence[int], limbs: Float64
+    ) -> list[int]:
+        """Whose arms these are.
+
+        Args:
+            arms: their ids.
+            lefts: (n,) whether they are left ones.
+            joints: (n, 3, 3) elbow, wrist and palm of each, world [m]; NaN where not known.
+            people: ids.
+            limbs: (m, 2, 3, 3) elbow, wrist and hand of each person's left and right limb, world [m]; likewise.
+
+        Returns:
+            (n,) ids of persons, −1 for nobody.
+        """
+        s = self.settings
+        if not arms:
+            self.limbs = {}
+            return []
+        apart = np.linalg.norm(joints[:, None, None] - limbs[None], axis=-1)  # (n, m, 2, 3)
+        known = np.isfinite(apart)
+        count = known.sum(axis=-1)
+        mean = np.where(known, apart, 0.0).sum(axis=-1) / np.maximum(count, 1)
+        owner = np.zeros(mean.shape, dtype=np.bool_)
+        own_limb = np.zeros(mean.shape, dtype=np.bool_)
+        for i, arm in enumerate(arms):
+            person, left = self.limbs.get(arm, (-1, False))
+            if person in people:
+                k = list(people).index(person)
+                owner[i, k], own_limb[i, k, 0 if left else 1] = True, True
+        other_side = np.stack([~lefts, lefts], axis=-1)[:, None, :]  # limbs are left, right
+        cost = mean + np.where(other_side, s.other_side_m, 0.0) + np.where(own_limb, 0.0, s.switch_m)
+        allowed = (count > 0) & (mean <= np.where(owner, s.keep_m, s.take_m))
+        chosen = assign(cost.reshape(len(arms), -1), allowed.reshape(len(arms), -1))
+        found: dict[int, tuple[int, bool]] = {}
+        for arm, column in zip(arms, chosen.tolist(), strict=True):
+            if column >= 0:
+                found[arm] = people[column // 2], column % 2 == 0
+            elif arm in self.limbs and self.limbs[arm][0] not in people:
+                found[arm] = self.limbs[arm]  # somebody who is not seen just now
+        self.limbs = found
+        return [found[arm][0] if column >= 0 else -1 for arm, column in zip(arms, chosen.tolist(), strict=True)]

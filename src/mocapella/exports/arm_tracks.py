@@ -1,0 +1,88 @@
+"""The arms of scenes as a table: a row for each joint of each arm of each result."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+
+from mocapella.errors import SettingsError
+from mocapella.exports.arm_rows import STATES
+from mocapella.model.arms import ARM_JOINTS, ARM_POINTS
+from mocapella.model.scene import Scene, TrackedArm
+
+COLUMNS: Final = (
+    "step", "time_s", "arm", "person", "handedness", "gesture", "gesture_sure", "grabbing", "cameras", "joint", "state",
+    "x_m", "y_m", "z_m", "sd_m",
+)  # fmt: skip
+
+
+class ArmTracksReport(msgspec.Struct, frozen=True):
+    """What was written.
+
+    Attributes:
+        scenes: results that were read.
+        with_arms: of these, with an arm.
+        rows: in the file.
+        arms: how many there were in all.
+    """
+
+    scenes: int
+    with_arms: int
+    rows: int
+    arms: int
+
+
+def write_arm_tracks(
+    scenes: Iterable[Scene], path: Path, *, every: int = 1, all_points: bool = False
+) -> ArmTracksReport:
+    """Write `COLUMNS`; what is not known is empty, and times begin with the first result. The file appears complete.
+
+    Args:
+        every: each n-th result.
+        all_points: the 23 of `ARM_POINTS` instead of the eight joints.
+
+    Raises:
+        SettingsError: it cannot be written there.
+    """
+    chosen = range(len(ARM_POINTS)) if all_points else ARM_JOINTS
+    part = path.with_name(f".{path.name}.part")
+    counts, with_arms, rows, arms, began_ns = 0, 0, 0, set[int](), None
+    try:
+        with part.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(COLUMNS)
+            for number, scene in enumerate(scenes):
+                began_ns = scene.at_ns if began_ns is None else began_ns
+                counts += 1
+                if number % every:
+                    continue
+                with_arms += bool(scene.arms)
+                for arm in scene.arms:
+                    arms.add(arm.id)
+                    of_arm = _of_arm(scene, arm, began_ns)
+                    writer.writerows([*of_arm, ARM_POINTS[k], *_of_point(arm, k)] for k in chosen)
+                    rows += len(chosen)
+        part.replace(path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise SettingsError(f"--out {path}: {error.strerror}; name a file in a folder that exists") from error
+    return ArmTracksReport(counts, with_arms, rows, len(arms))
+
+
+def _of_arm(scene: Scene, arm: TrackedArm, began_ns: int) -> list[Any]:
+    person = "" if arm.person < 0 else arm.person
+    gesture_sure = round(arm.gesture_sure, 4) if arm.gesture else ""
+    side = "left" if arm.left else "right"
+    at = [scene.step, round((scene.at_ns - began_ns) / 1e9, 6)]
+    return [*at, arm.id, person, side, arm.gesture, gesture_sure, int(arm.grabbing), " ".join(arm.cameras)]
+
+
+def _of_point(arm: TrackedArm, k: int) -> list[Any]:
+    known = bool(np.isfinite(arm.points[k]).all())
+    place = [f"{value:.5f}" for value in arm.points[k]] if known else [""] * 3
+    return [STATES[arm.states[k]], *place, f"{arm.sd[k]:.5f}" if np.isfinite(arm.sd[k]) else ""]

@@ -1,0 +1,89 @@
+"""What a method of a given quality would say of a rendered arm: true places with noise, and what is hidden, guessed.
+
+It stands for a method where what comes after methods is tried: what can be seen is measured with an error that changes
+from frame to frame, and what cannot is inferred with one that lasts.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.model.arms import ARM_POINTS, SeenArm, SeenArms
+from mocapella.model.observations import JointState
+from mocapella.settings import check
+from mocapella.sources.simulate.depth_scene import DepthShot
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SeenArmSettings:
+    """How good the method is.
+
+    Attributes:
+        measured_sd_m: error of a coordinate of what is measured.
+        inferred_sd_m: likewise of what is inferred.
+        lasts_s: time constant of the errors of what is inferred.
+        left_sure: what it says of the side.
+        wrong_side: part of the frames in which it says the wrong one.
+    """
+
+    measured_sd_m: float = 0.004
+    inferred_sd_m: float = 0.02
+    lasts_s: float = 0.5
+    left_sure: float = 0.9
+    wrong_side: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("measured_sd_m", "inferred_sd_m"):
+            check(0 <= getattr(self, name) <= 1, name, getattr(self, name), "from 0 to 1 m")
+        check(0 < self.lasts_s <= 60, "lasts_s", self.lasts_s, "above 0 and at most 60 s")
+        check(0.5 <= self.left_sure <= 1, "left_sure", self.left_sure, "from 0.5 to 1")
+        check(0 <= self.wrong_side <= 1, "wrong_side", self.wrong_side, "from 0 to 1")
+
+
+class SimulatedArms:
+    """One camera's method; its shots come in the order of their times."""
+
+    def __init__(self, settings: SeenArmSettings | None = None, *, seed: int = 0) -> None:
+        self.settings, self._seed = settings or SeenArmSettings(), seed
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew, with the same errors."""
+        self._rng = np.random.default_rng(self._seed)
+        self._lasting: dict[int, Float64] = {}
+        self._at_s = -math.inf
+
+    def look(self, shot: DepthShot) -> SeenArms:
+        """What it says of the shot: an arm of which neither wrist nor palm is seen is not there."""
+        s, rng = self.settings, self._rng
+        keep = math.exp(-max(shot.at_s - self._at_s, 0.0) / s.lasts_s)
+        self._at_s = shot.at_s
+        arms = []
+        for number, truth in enumerate(shot.arms):
+            fresh = rng.normal(size=(len(ARM_POINTS), 3))
+            lasting = keep * self._lasting.get(number, fresh) + math.sqrt(1.0 - keep * keep) * fresh
+            self._lasting[number] = lasting
+            wrong = bool(rng.random() < s.wrong_side)
+            if not truth.seen[_NEEDED].any():
+                continue
+            sd = np.where(truth.seen, s.measured_sd_m, s.inferred_sd_m)
+            noise = np.where(truth.seen[:, None], rng.normal(size=fresh.shape), lasting)
+            states = np.where(truth.seen, JointState.TRACKED, JointState.INFERRED).astype(np.uint8)
+            arms.append(
+                SeenArm(
+                    number, truth.left != wrong, s.left_sure, truth.points + sd[:, None] * noise, states,
+                    sd.astype(np.float32), truth.angles, truth.T_camera_palm, truth.gesture,
+                    0.8 if truth.gesture else 0.0,
+                )
+            )  # fmt: skip
+        return SeenArms(tuple(arms), "" if arms else "no hand is seen")
+
+
+_NEEDED: Final = [0, 21]

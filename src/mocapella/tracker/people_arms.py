@@ -1,0 +1,142 @@
+"""The arms of people: what depth cameras see, beside sensors of bodies, and whose arm each is.
+
+A depth camera has no place of its own: it is that of the sensor of bodies it is a part of, or is placed beside one that
+is by a rig of cameras.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.association.arm_owners import ArmOwners, ArmOwnerSettings
+from mocapella.errors import one_of
+from mocapella.geometry.rigid import inverse
+from mocapella.model.arms import ELBOW, PALM, ArmFrame
+from mocapella.model.camera_rig_file import decode_camera_rig
+from mocapella.model.hand import WRIST
+from mocapella.model.scene import Person, TrackedArm
+from mocapella.model.topology import Topology
+from mocapella.settings import check
+from mocapella.tracker.arm_tracks import REMEMBERED as TRACKS_REMEMBERED
+from mocapella.tracker.arm_tracks import TO_SENSOR, ArmTracks, ArmTracksSettings
+
+Float64 = NDArray[np.float64]
+
+_ARM_JOINTS: Final = [ELBOW, WRIST, PALM]
+_LIMB_JOINTS: Final = ("Elbow", "Wrist", "Hand")
+
+
+@dataclass(frozen=True)
+class PeopleArmsSettings:
+    """Where depth cameras are, and how their arms are followed.
+
+    Attributes:
+        depth_of: by depth camera, the sensor of bodies whose depth camera it is: both have one lens.
+        rig: text of a camera rig's file, for depth cameras that are beside one of these, in the rig, too.
+        tracks: how arms are followed and fused.
+        owners: whose they are.
+    """
+
+    depth_of: dict[str, str] = field(default_factory=dict)
+    rig: str = ""
+    tracks: ArmTracksSettings = field(default_factory=ArmTracksSettings)
+    owners: ArmOwnerSettings = field(default_factory=ArmOwnerSettings)
+
+    def __post_init__(self) -> None:
+        if self.rig:
+            cameras = decode_camera_rig(self.rig).cameras
+            fits = any(name in cameras for name in self.depth_of)
+            check(fits, "depth_of", self.depth_of, f"of a camera of the rig: one of {', '.join(cameras)}")
+
+
+class PeopleArms:
+    """See the module."""
+
+    def __init__(self, settings: PeopleArmsSettings | None = None) -> None:
+        self.settings = s = settings or PeopleArmsSettings()
+        rig = decode_camera_rig(s.rig).cameras if s.rig else {}
+        base = next((name for name in s.depth_of if name in rig), "")
+        # T_sensor_camera of each camera, and the sensor.
+        self._in: dict[str, tuple[str, Float64]] = {name: (sensor, TO_SENSOR) for name, sensor in s.depth_of.items()}
+        for name, placed in rig.items():
+            T_base_camera = rig[base].T_camera_world @ inverse(placed.T_camera_world)
+            self._in.setdefault(name, (s.depth_of[base], TO_SENSOR @ T_base_camera))
+        self._tracks, self._owners = ArmTracks(s.tracks), ArmOwners(s.owners)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything, as if newly made."""
+        self._tracks.reset()
+        self._owners.reset()
+        self._newest: dict[str, tuple[int, int]] = {}
+
+    def memory(self) -> Any:
+        """What `recall` wants."""
+        tracks = {name: value for name, value in vars(self._tracks).items() if name != "settings"}
+        return [tracks, self._owners.limbs, self._newest]
+
+    def recall(self, memory: Any) -> None:
+        """Go on as when `memory` was asked for."""
+        tracks, self._owners.limbs, self._newest = memory
+        vars(self._tracks).update(tracks)
+
+    def problem(self, frame: ArmFrame, sensors: Mapping[str, Float64]) -> str:
+        """Why a frame cannot be used; empty where it can. ``sensors``: ``T_world_sensor`` of those that are placed."""
+        if frame.sensor not in self._in:
+            fix = f"""--set 'arms.depth_of={{"{frame.sensor}": "SENSOR"}}' names the sensor that it is a part of"""
+            known = f"; those that have one: {one_of(frame.sensor, self._in)}" if self._in else ""
+            return f"it sends arms, and nobody said where it stands: {fix}{known}"
+        sensor = self._in[frame.sensor][0]
+        if sensor not in sensors:
+            return f"it sends arms, and where {sensor} stands is not known yet"
+        node_id, last_ns = self._newest.get(frame.sensor, (frame.node_id, frame.time_ns - 1))
+        if frame.node_id == node_id and frame.time_ns <= last_ns:  # a new process may have a new clock
+            return "time goes backwards" if frame.time_ns < last_ns else "repeats the time of the frame before"
+        return ""
+
+    def update(self, frame: ArmFrame, at_s: float, sensors: Mapping[str, Float64]) -> None:
+        """Take a frame in that has no `problem`."""
+        self._newest[frame.sensor] = (frame.node_id, frame.time_ns)
+        places = {name: sensors[sensor] @ T for name, (sensor, T) in self._in.items() if sensor in sensors}
+        self._tracks.update(frame.sensor, frame.arms, at_s, places)
+
+    @property
+    def there(self) -> bool:
+        """Whether any arm is known."""
+        return bool(self._tracks.tracks)
+
+    def told(self, people: Sequence[Person], topology: Topology | None, now_s: float) -> tuple[TrackedArm, ...]:
+        """The arms of now, and whose they are."""
+        self._tracks.advance(now_s)
+        arms = self._tracks.told()
+        if not arms or topology is None:
+            return arms
+        owners = self._owners.update(
+            [arm.id for arm in arms],
+            np.array([arm.left for arm in arms]),
+            np.array([arm.points[_ARM_JOINTS] for arm in arms]),
+            [person.id for person in people],
+            _limbs(people, topology),
+        )
+        return tuple(msgspec.structs.replace(arm, person=owner) for arm, owner in zip(arms, owners, strict=True))
+
+
+def _limbs(people: Sequence[Person], topology: Topology) -> Float64:
+    """(people, 2, 3, 3) elbow, wrist and hand, left and right; NaN of those that the topology has not."""
+    out = np.full((len(people), 2, 3, 3), np.nan)
+    for i, side in enumerate(("Left", "Right")):
+        for k, joint in enumerate(_LIMB_JOINTS):
+            if f"{joint}{side}" in topology.joints:
+                at = topology.index(f"{joint}{side}")
+                for n, person in enumerate(people):
+                    out[n, i, k] = person.positions[at]
+    return out
+
+
+REMEMBERED: Final = TRACKS_REMEMBERED
