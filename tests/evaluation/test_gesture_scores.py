@@ -16,7 +16,7 @@ HZ = 30.0
 
 
 def shot(k: int, gesture: str) -> DepthShot:
-    points = np.zeros((23, 3)) + [0.0, 0.0, 0.8]
+    points = np.tile([0.0, 0.0, 0.8], (23, 1))
     truth = ArmTruth(
         False, points, np.zeros(3), np.zeros(21), np.eye(4), np.ones(23, np.bool_), np.zeros(5, np.bool_),
         np.full((5, 2), 9), gesture, "anybody",

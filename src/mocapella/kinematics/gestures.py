@@ -41,9 +41,9 @@ class HandFeatures:
     """How a hand is held, in ratios of lengths.
 
     Attributes:
-        reach: (5,) distance of a tip from the wrist over the length of the way there along the bones: 1 is straight,
-            0.3 to 0.4 is folded into the palm; NaN where not known.
-        gaps: (5, 5) distances between tips over that from the wrist to the middle finger's knuckle; NaN where not known.
+        reach: (5,) distance of a tip from the wrist over the way there along the bones: 1 is straight, 0.3 to 0.4 is
+            folded into the palm; NaN where not known.
+        gaps: (5, 5) distances between tips over that from wrist to middle finger's knuckle; NaN where not known.
         certainty: (5,) of a digit, from 0, not known, to 1, its tip is measured.
     """
 

@@ -7,7 +7,7 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from mocapella.kinematics.gestures import Gesture, GesturesReport, GestureSettings, HandGestures, hand_features
+from mocapella.kinematics.gestures import Gesture, GestureSettings, GesturesReport, HandGestures, hand_features
 from mocapella.model.arms import ELBOW, PALM, SeenArm
 
 _HAND: Final = slice(0, PALM)
