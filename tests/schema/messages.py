@@ -19,6 +19,7 @@ from mocapella.model.scene import (
     PotentialSkeleton,
     Scene,
     SensorPlace,
+    TrackedArm,
     TrackedHand,
     TrackedObject,
     TrackedPoints,
@@ -209,3 +210,18 @@ def hands_scene() -> Scene:
     objects = (TrackedObject("ball", None, np.empty((0, 3)), 0), TrackedObject("cup", T, square, 2))
     state = TrackerState(Phase.TRACKING)
     return Scene(7, 8, "left", 9, 10, topology("hand"), state, (), (), (hand, lost), points, objects)
+
+
+def arms_scene() -> Scene:
+    """A person's arm that two cameras see, and another that is nobody's, predicted, and without a pose of its palm."""
+    made = []
+    for k, (person, cameras) in enumerate(((7, ("left", "right")), (-1, ()))):
+        arm = some_arm(3 + k, np.random.default_rng(10 + k))
+        T = np.eye(4) if person >= 0 else None
+        made.append(
+            TrackedArm(
+                arm.id, arm.left, arm.points, arm.states, arm.sd, arm.angles, T,
+                arm.gesture, arm.gesture_sure, arm.grabbing, person, cameras,
+            )
+        )  # fmt: skip
+    return Scene(7, 8, "left", 9, 10, topology("hand"), TrackerState(Phase.TRACKING), (), arms=tuple(made))

@@ -25,6 +25,7 @@ from mocapella.model.scene import (
     PotentialSkeleton,
     Scene,
     SensorPlace,
+    TrackedArm,
     TrackedHand,
     TrackedObject,
     TrackedPoints,
@@ -180,6 +181,19 @@ def scene_one_hand() -> Scene:
     return Scene(4, 5_000_000_000, "left", NODE_ID, 3, topology("hand"), state, (), (), (hand,), points, (cup,))
 
 
+def scene_two_arms() -> Scene:
+    """A person's left arm, which two depth cameras see, and nobody's right one, which is only predicted."""
+    seen = arms_one().arms[0]
+    left = TrackedArm(
+        2, True, seen.points, seen.states, seen.sd, seen.angles, seen.T_camera_palm, "fist", 0.5, True, 0, ("arm", "b")
+    )
+    nothing = np.full(len(ANGLES), np.nan)
+    states = np.minimum(seen.states, 1)
+    right = TrackedArm(5, False, seen.points + 0.25, states, seen.sd, nothing, None, "", 0.0, False)
+    state = TrackerState(Phase.TRACKING)
+    return Scene(5, 5_000_000_000, "arm", NODE_ID, 6, topology("hand"), state, (), arms=(left, right))
+
+
 def scene_one_person() -> Scene:
     """One person, seen by two sensors; the last joint by none."""
     kind = topology("kinect_v2")
@@ -230,7 +244,10 @@ def vectors() -> dict[str, tuple[bytes, dict[str, Any]]]:
     )  # fmt: skip
     frames = {make.__name__: make() for make in kinds}
     found = {name: (encode_frame(frame), values(frame)) for name, frame in frames.items()}
-    scenes, truth = {make.__name__: make() for make in (scene_one_person, scene_one_hand)}, truth_two_people()
+    scenes, truth = (
+        {make.__name__: make() for make in (scene_one_person, scene_one_hand, scene_two_arms)},
+        truth_two_people(),
+    )
     found |= {name: (encode_scene(scene), values(scene)) for name, scene in scenes.items()}
     found["truth_two_people"] = encode_truth(truth), values(truth)
     stream = b"".join(delimited(encode_frame(frames[name])) for name in ("frame_nobody", "frame_skeleton"))
@@ -417,6 +434,23 @@ def _scene_values(scene: Scene) -> dict[str, Any]:
                 "state": thing.state,
             }
             for thing in scene.objects
+        ],
+        "arms": [
+            {
+                "id": str(arm.id),
+                "left": arm.left,
+                "points_m": _lists(arm.points),
+                "point_states": arm.states.tolist(),
+                "point_sd_m": _lists(arm.sd),
+                "angles_rad": _lists(arm.angles),
+                "T_world_palm": None if arm.T_world_palm is None else _lists(arm.T_world_palm[:3]),
+                "gesture": arm.gesture,
+                "gesture_sure": arm.gesture_sure,
+                "grabbing": arm.grabbing,
+                "person": None if arm.person < 0 else str(arm.person),
+                "cameras": list(arm.cameras),
+            }
+            for arm in scene.arms
         ],
     }
 

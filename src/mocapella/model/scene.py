@@ -1,4 +1,4 @@
-"""What the tracker says there is: people and the views they were made of, hands, and things."""
+"""What the tracker says there is: people and the views they were made of, hands, arms, and things."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.geometry.rigid import apply, inverse
+from mocapella.model.arms import ARM_JOINTS
 from mocapella.model.topology import Topology
 
 Float32 = NDArray[np.float32]
@@ -149,6 +150,48 @@ class TrackedHand(msgspec.Struct, frozen=True, eq=False):
     holds: str = ""
 
 
+class TrackedArm(msgspec.Struct, frozen=True, eq=False):
+    """An arm and its hand that depth cameras see; points are in the order of `mocapella.model.arms.ARM_POINTS`.
+
+    Attributes:
+        id: stays the same for as long as it is the same arm.
+        left: whether it is a left one.
+        points: (23, 3), world [m]; NaN where not known.
+        states: (23,) `JointState`: tracked = at least one camera measures it; inferred; not tracked.
+        sd: (23,) float32, standard deviation of a coordinate [m]; NaN where not known.
+        angles: (21,) of `mocapella.model.hand.ANGLES` [rad]; NaN where not known.
+        T_world_palm: (4, 4); None where not known.
+        gesture: in a word, such as open or fist; empty where none is recognised.
+        gesture_sure: from 0 to 1.
+        grabbing: whether the hand holds on to something.
+        person: id of the `Person` whose arm it is; -1 where it is nobody's.
+        cameras: names of those that see it now; empty while it is only predicted.
+    """
+
+    id: int
+    left: bool
+    points: Float64
+    states: UInt8
+    sd: Float32
+    angles: Float64
+    T_world_palm: Float64 | None
+    gesture: str
+    gesture_sure: float
+    grabbing: bool
+    person: int = -1
+    cameras: tuple[str, ...] = ()
+
+    @property
+    def joints(self) -> Float64:
+        """(8, 3) of `mocapella.model.arms.ARM_JOINTS`, world [m]."""
+        return self.points[list(ARM_JOINTS)]
+
+    @property
+    def joint_states(self) -> UInt8:
+        """(8,) of `mocapella.model.arms.ARM_JOINTS`."""
+        return self.states[list(ARM_JOINTS)]
+
+
 class TrackedPoints(msgspec.Struct, frozen=True, eq=False):
     """Points that several cameras see.
 
@@ -195,6 +238,7 @@ class Scene(msgspec.Struct, frozen=True, eq=False):
         hands: in the order of their ids.
         points: of which hands and objects were made; None where the method makes none.
         objects: by name.
+        arms: in the order of their ids.
     """
 
     step: int
@@ -209,3 +253,4 @@ class Scene(msgspec.Struct, frozen=True, eq=False):
     hands: tuple[TrackedHand, ...] = ()
     points: TrackedPoints | None = None
     objects: tuple[TrackedObject, ...] = ()
+    arms: tuple[TrackedArm, ...] = ()

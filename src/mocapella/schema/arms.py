@@ -1,4 +1,4 @@
-"""Arms that one depth camera saw to bytes and back, with everything that is not ours refused at the door."""
+"""Arms of one depth camera and of a scene to bytes and back, with everything that is not ours refused at the door."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import math
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.errors import WireError
 from mocapella.model.arms import ARM_POINTS, ArmFrame, SeenArm
 from mocapella.model.hand import ANGLES
+from mocapella.model.scene import TrackedArm
 from mocapella.schema import mocapella_pb2 as pb
 from mocapella.schema.checks import (
     F4,
@@ -26,7 +28,12 @@ from mocapella.schema.checks import (
 )
 from mocapella.schema.depth import image_size, lens_of
 
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+
 MAX_ARMS: Final = 64
+MAX_CAMERAS: Final = 64
 MAX_REASON: Final = 1000
 """Characters."""
 
@@ -97,32 +104,92 @@ def _encode_arm(arm: SeenArm) -> pb.SeenArm:
 
 
 def _decode_arm(m: pb.SeenArm) -> SeenArm:
-    n = len(ARM_POINTS)
-    places = points(m.points_m, (n, 3), "SeenArm.points_m")
-    states = choices(m.point_states, STATES, n, "SeenArm.point_states")
-    there = np.isfinite(places)
-    if not (there.all(axis=1) | ~there.any(axis=1)).all():
-        raise WireError("SeenArm.points_m has a point with a part of its coordinates; write NaN for all, or none")
-    if not np.array_equal(states > 0, there.all(axis=1)):
-        raise WireError("SeenArm.point_states has a point known without a place, or one with a place that is not")
-    angles = array(m.angles_rad, F8, (len(ANGLES),), "SeenArm.angles_rad")
-    if (np.abs(angles) > math.pi).any():
-        raise WireError("SeenArm.angles_rad has a value beyond ±π; radians are wanted, or NaN")
-    for field, least in (("left_sure", 0.5), ("gesture_sure", 0.0)):
-        if not least <= getattr(m, field) <= 1:  # NaN compares false
-            raise WireError(f"SeenArm.{field} is {getattr(m, field):g}; it wants {least:g} to 1")
-    if len(m.gesture) > MAX_NAME:
-        raise WireError(f"SeenArm.gesture has {len(m.gesture)} characters; at most {MAX_NAME} are read")
+    places, states, sd, angles = _points_of(m, "SeenArm")
+    _check_share(m.left_sure, 0.5, "SeenArm.left_sure")
     return SeenArm(
         m.id,
         m.left,
         m.left_sure,
         places,
         states,
-        deviations(m.point_sd_m, n, "SeenArm.point_sd_m"),
+        sd,
         angles,
         transform(m.T_camera_palm, "SeenArm.T_camera_palm") if m.T_camera_palm else None,
-        m.gesture,
-        m.gesture_sure,
-        m.grabbing,
+        *_gesture_of(m, "SeenArm"),
     )
+
+
+def encode_arm(arm: TrackedArm) -> pb.Arm:
+    """An arm of a scene as a message."""
+    T = arm.T_world_palm
+    return pb.Arm(
+        id=arm.id,
+        left=arm.left,
+        points_m=arm.points.astype(F8, copy=False).tobytes(),
+        point_states=arm.states.tobytes(),
+        point_sd_m=arm.sd.astype(F4, copy=False).tobytes(),
+        angles_rad=arm.angles.astype(F8, copy=False).tobytes(),
+        T_world_palm=b"" if T is None else T[:3].astype(F8, copy=False).tobytes(),
+        gesture=arm.gesture,
+        gesture_sure=arm.gesture_sure,
+        grabbing=arm.grabbing,
+        person=None if arm.person < 0 else arm.person,
+        cameras=arm.cameras,
+    )
+
+
+def decode_arm(m: pb.Arm) -> TrackedArm:
+    """An arm of a scene, of a message.
+
+    Raises:
+        WireError: a field is too long, of the wrong length or out of range; names the field and what it wants.
+    """
+    places, states, sd, angles = _points_of(m, "Arm")
+    if len(m.cameras) > MAX_CAMERAS:
+        raise WireError(f"Arm.cameras has {len(m.cameras)} names; at most {MAX_CAMERAS} are read")
+    cameras = tuple(map(sensor_name, m.cameras))
+    if len(set(cameras)) != len(cameras):
+        raise WireError("Arm.cameras has a name twice; each is wanted once")
+    gesture, gesture_sure, grabbing = _gesture_of(m, "Arm")
+    return TrackedArm(
+        m.id,
+        m.left,
+        places,
+        states,
+        sd,
+        angles,
+        transform(m.T_world_palm, "Arm.T_world_palm") if m.T_world_palm else None,
+        gesture,
+        gesture_sure,
+        grabbing,
+        m.person if m.HasField("person") else -1,
+        cameras,
+    )
+
+
+def _points_of(m: pb.SeenArm | pb.Arm, kind: str) -> tuple[Float64, UInt8, Float32, Float64]:
+    """Points, states, standard deviations and angles of an arm; ``kind`` is whose fields they are."""
+    n = len(ARM_POINTS)
+    places = points(m.points_m, (n, 3), f"{kind}.points_m")
+    states = choices(m.point_states, STATES, n, f"{kind}.point_states")
+    there = np.isfinite(places)
+    if not (there.all(axis=1) | ~there.any(axis=1)).all():
+        raise WireError(f"{kind}.points_m has a point with a part of its coordinates; write NaN for all, or none")
+    if not np.array_equal(states > 0, there.all(axis=1)):
+        raise WireError(f"{kind}.point_states has a point known without a place, or one with a place that is not")
+    angles = array(m.angles_rad, F8, (len(ANGLES),), f"{kind}.angles_rad")
+    if (np.abs(angles) > math.pi).any():
+        raise WireError(f"{kind}.angles_rad has a value beyond ±π; radians are wanted, or NaN")
+    return places, states, deviations(m.point_sd_m, n, f"{kind}.point_sd_m"), angles
+
+
+def _gesture_of(m: pb.SeenArm | pb.Arm, kind: str) -> tuple[str, float, bool]:
+    _check_share(m.gesture_sure, 0.0, f"{kind}.gesture_sure")
+    if len(m.gesture) > MAX_NAME:
+        raise WireError(f"{kind}.gesture has {len(m.gesture)} characters; at most {MAX_NAME} are read")
+    return m.gesture, m.gesture_sure, m.grabbing
+
+
+def _check_share(value: float, least: float, field: str) -> None:
+    if not least <= value <= 1:  # NaN compares false
+        raise WireError(f"{field} is {value:g}; it wants {least:g} to 1")

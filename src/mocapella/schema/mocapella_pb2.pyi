@@ -279,8 +279,36 @@ class Object(_message.Message):
     state: int
     def __init__(self, name: _Optional[str] = ..., T_world_object: _Optional[bytes] = ..., outline_m: _Optional[bytes] = ..., state: _Optional[int] = ...) -> None: ...
 
+class Arm(_message.Message):
+    __slots__ = ("id", "left", "points_m", "point_states", "point_sd_m", "angles_rad", "T_world_palm", "gesture", "gesture_sure", "grabbing", "person", "cameras")
+    ID_FIELD_NUMBER: _ClassVar[int]
+    LEFT_FIELD_NUMBER: _ClassVar[int]
+    POINTS_M_FIELD_NUMBER: _ClassVar[int]
+    POINT_STATES_FIELD_NUMBER: _ClassVar[int]
+    POINT_SD_M_FIELD_NUMBER: _ClassVar[int]
+    ANGLES_RAD_FIELD_NUMBER: _ClassVar[int]
+    T_WORLD_PALM_FIELD_NUMBER: _ClassVar[int]
+    GESTURE_FIELD_NUMBER: _ClassVar[int]
+    GESTURE_SURE_FIELD_NUMBER: _ClassVar[int]
+    GRABBING_FIELD_NUMBER: _ClassVar[int]
+    PERSON_FIELD_NUMBER: _ClassVar[int]
+    CAMERAS_FIELD_NUMBER: _ClassVar[int]
+    id: int
+    left: bool
+    points_m: bytes
+    point_states: bytes
+    point_sd_m: bytes
+    angles_rad: bytes
+    T_world_palm: bytes
+    gesture: str
+    gesture_sure: float
+    grabbing: bool
+    person: int
+    cameras: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, id: _Optional[int] = ..., left: bool = ..., points_m: _Optional[bytes] = ..., point_states: _Optional[bytes] = ..., point_sd_m: _Optional[bytes] = ..., angles_rad: _Optional[bytes] = ..., T_world_palm: _Optional[bytes] = ..., gesture: _Optional[str] = ..., gesture_sure: _Optional[float] = ..., grabbing: bool = ..., person: _Optional[int] = ..., cameras: _Optional[_Iterable[str]] = ...) -> None: ...
+
 class Scene(_message.Message):
-    __slots__ = ("schema_version", "step", "at_ns", "sensor", "node_id", "sequence", "topology", "phase", "sensors_missing", "frames_remaining", "frames_wanted", "reason", "people", "sensors", "hands", "points", "objects")
+    __slots__ = ("schema_version", "step", "at_ns", "sensor", "node_id", "sequence", "topology", "phase", "sensors_missing", "frames_remaining", "frames_wanted", "reason", "people", "sensors", "hands", "points", "objects", "arms")
     SCHEMA_VERSION_FIELD_NUMBER: _ClassVar[int]
     STEP_FIELD_NUMBER: _ClassVar[int]
     AT_NS_FIELD_NUMBER: _ClassVar[int]
@@ -298,6 +326,7 @@ class Scene(_message.Message):
     HANDS_FIELD_NUMBER: _ClassVar[int]
     POINTS_FIELD_NUMBER: _ClassVar[int]
     OBJECTS_FIELD_NUMBER: _ClassVar[int]
+    ARMS_FIELD_NUMBER: _ClassVar[int]
     schema_version: int
     step: int
     at_ns: int
@@ -315,7 +344,8 @@ class Scene(_message.Message):
     hands: _containers.RepeatedCompositeFieldContainer[Hand]
     points: Points
     objects: _containers.RepeatedCompositeFieldContainer[Object]
-    def __init__(self, schema_version: _Optional[int] = ..., step: _Optional[int] = ..., at_ns: _Optional[int] = ..., sensor: _Optional[str] = ..., node_id: _Optional[int] = ..., sequence: _Optional[int] = ..., topology: _Optional[str] = ..., phase: _Optional[str] = ..., sensors_missing: _Optional[int] = ..., frames_remaining: _Optional[int] = ..., frames_wanted: _Optional[int] = ..., reason: _Optional[str] = ..., people: _Optional[_Iterable[_Union[Person, _Mapping]]] = ..., sensors: _Optional[_Iterable[_Union[SensorPlace, _Mapping]]] = ..., hands: _Optional[_Iterable[_Union[Hand, _Mapping]]] = ..., points: _Optional[_Union[Points, _Mapping]] = ..., objects: _Optional[_Iterable[_Union[Object, _Mapping]]] = ...) -> None: ...
+    arms: _containers.RepeatedCompositeFieldContainer[Arm]
+    def __init__(self, schema_version: _Optional[int] = ..., step: _Optional[int] = ..., at_ns: _Optional[int] = ..., sensor: _Optional[str] = ..., node_id: _Optional[int] = ..., sequence: _Optional[int] = ..., topology: _Optional[str] = ..., phase: _Optional[str] = ..., sensors_missing: _Optional[int] = ..., frames_remaining: _Optional[int] = ..., frames_wanted: _Optional[int] = ..., reason: _Optional[str] = ..., people: _Optional[_Iterable[_Union[Person, _Mapping]]] = ..., sensors: _Optional[_Iterable[_Union[SensorPlace, _Mapping]]] = ..., hands: _Optional[_Iterable[_Union[Hand, _Mapping]]] = ..., points: _Optional[_Union[Points, _Mapping]] = ..., objects: _Optional[_Iterable[_Union[Object, _Mapping]]] = ..., arms: _Optional[_Iterable[_Union[Arm, _Mapping]]] = ...) -> None: ...
 
 class Truth(_message.Message):
     __slots__ = ("schema_version", "sensor", "sequence", "room_ns", "topology", "people", "positions_m", "T_world_sensor", "body_people", "mirrored")

@@ -13,6 +13,7 @@ from mocapella.model.scene import Person, Phase, PotentialSkeleton, Scene, Senso
 from mocapella.model.topology import Topology
 from mocapella.model.truth import Truth
 from mocapella.schema import mocapella_pb2 as pb
+from mocapella.schema.arms import decode_arm, encode_arm
 from mocapella.schema.checks import (
     F4,
     F8,
@@ -74,6 +75,7 @@ def encode_scene(scene: Scene) -> bytes:
         hands=[encode_hand(hand) for hand in scene.hands],
         points=None if scene.points is None else encode_points(scene.points),
         objects=[encode_object(thing) for thing in scene.objects],
+        arms=[encode_arm(arm) for arm in scene.arms],
     )
     return message.SerializeToString()
 
@@ -115,6 +117,7 @@ def decode_scene(data: bytes) -> Scene:
         tuple(map(decode_hand, m.hands)),
         decode_points(m.points) if m.HasField("points") else None,
         tuple(map(decode_object, m.objects)),
+        tuple(map(decode_arm, m.arms)),
     )
 
 
