@@ -1,6 +1,6 @@
 """The tracker: a frame in, a scene out. No clock, thread, file or socket, so a replay gives the same scenes to the bit.
 
-A method is a name in `METHODS`: ``default``, the KinectMultiTrack thesis' own, ``stand-still``, and ``hands``.
+A method is a name in `METHODS`: ``default``, the KinectMultiTrack thesis' own, ``stand-still``, ``hands`` and ``arms``.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from mocapella.model.camera_rig_file import decode_camera_rig
 from mocapella.model.hand_file import decode_hand_shape
 from mocapella.model.session import SensorPose
 from mocapella.settings import check, parse
+from mocapella.tracker.arms import ArmsSettings, ArmsTracker
 from mocapella.tracker.default import DefaultSettings, DefaultTracker
 from mocapella.tracker.hands import HandsSettings, HandsTracker
 from mocapella.tracker.protocol import Tracker, TrackerReport
@@ -22,6 +23,8 @@ from mocapella.tracker.stand_still import StandStillTracker, StandStillTrackerSe
 __all__ = [
     "METHODS",
     "PEOPLE_METHODS",
+    "ArmsSettings",
+    "ArmsTracker",
     "DefaultSettings",
     "DefaultTracker",
     "HandsSettings",
@@ -59,12 +62,23 @@ def _hands(settings: Mapping[str, Any], sensors_expected: int, sensors: Mapping[
     )
 
 
+def _arms(settings: Mapping[str, Any], sensors_expected: int, sensors: Mapping[str, SensorPose]) -> Tracker:
+    values = dict(settings)
+    rig = values.pop("rig", None)
+    return ArmsTracker(
+        parse(ArmsSettings, values, where="settings of arms"),
+        rig=None if rig is None else decode_camera_rig(str(rig)),
+        sensors_expected=sensors_expected,
+        sensors=sensors,
+    )
+
+
 Make = Callable[[Mapping[str, Any], int, Mapping[str, SensorPose]], Tracker]
 """How to make a tracker of settings, sensors expected, and sensors' poses."""
 PEOPLE_METHODS: Final[Mapping[str, Make]] = {"default": _default, "stand-still": _stand_still}
-METHODS: Final[Mapping[str, Make]] = {**PEOPLE_METHODS, "hands": _hands}
+METHODS: Final[Mapping[str, Make]] = {**PEOPLE_METHODS, "hands": _hands, "arms": _arms}
 """By name. `hands` has two settings more than `HandsSettings`: ``rig``, the text of a camera rig's file, which it must
-have, and ``hand``, that of a person's hand."""
+have, and ``hand``, that of a person's hand. `arms` has ``rig``, too, which it need not have."""
 
 
 def make_tracker(

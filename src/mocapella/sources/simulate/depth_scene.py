@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from mocapella.errors import SettingsError, one_of
 from mocapella.geometry.lens import project
-from mocapella.geometry.rigid import rotation_about_x, rotation_about_y
+from mocapella.geometry.rigid import apply, rotation_about_x, rotation_about_y
 from mocapella.model.arms import ARM_POINTS, ELBOW, PALM
 from mocapella.model.depth import DepthFrame
 from mocapella.model.depth import depth_frame as frame_of
@@ -226,20 +226,31 @@ class DepthScene:
         sensor: the camera.
         settings: what happens.
         period_s: after which all but the noise repeats.
+        T_camera_first: (4, 4) where the camera stands, in the space of the camera that the scene is made for.
     """
 
-    def __init__(self, name: str, settings: DepthSceneSettings, sensor: Sensor, seed: int) -> None:
+    def __init__(
+        self,
+        name: str,
+        settings: DepthSceneSettings,
+        sensor: Sensor,
+        seed: int,
+        T_camera_first: Float64 | None = None,  # noqa: N803 - the field's notation
+    ) -> None:
         check(settings.view in (*VIEWS, "side", "tips"), "view", settings.view, "palm, back, side or tips")
         check(settings.arms in (1, 2), "arms", settings.arms, "1 or 2")
         check(settings.behind in ("", "empty", "wall", "desk"), "behind", settings.behind, "empty, wall or desk")
         self.name, self.settings, self.sensor, self.seed = name, settings, sensor, seed
+        self.T_camera_first = np.eye(4) if T_camera_first is None else np.asarray(T_camera_first, dtype=np.float64)
         rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
         self._actors = self._cast(rng)
         self._body, self._from_shoulder = self._person(rng)
         behind = settings.behind or str(rng.choice(["empty", "wall", "desk"]))
-        self._behind = _behind(behind, sensor, rng)
+        self._behind = _behind(behind, sensor, rng, self.T_camera_first)
         self.period_s = self._actors[0].motion.period_s
         self._key = int(rng.integers(1 << 62))
+        if T_camera_first is not None:  # another camera has other noise
+            self._key ^= zlib.crc32(self.T_camera_first.tobytes())
 
     @property
     def lens(self) -> Float64:
@@ -248,7 +259,15 @@ class DepthScene:
 
     def poses(self, at_s: float) -> tuple[ArmPose, ...]:
         """How the arms are held, in the camera's space."""
-        return tuple(actor.at(at_s)[0] for actor in self._actors)
+        return tuple(self._seen(actor.at(at_s)[0]) for actor in self._actors)
+
+    def from_camera(self, T_camera_first: Float64) -> DepthScene:  # noqa: N803 - the field's notation
+        """The very same scene before another camera of this kind, which stands there: (4, 4) from this one's space."""
+        return DepthScene(self.name, self.settings, self.sensor, self.seed, T_camera_first @ self.T_camera_first)
+
+    def _seen(self, pose: ArmPose) -> ArmPose:
+        """A pose in the first camera's space, in this one's."""
+        return ArmPose(pose.angles, pose.joints, self.T_camera_first @ pose.T_camera_shoulder)
 
     @property
     def meshes(self) -> tuple[ArmMesh, ...]:
@@ -258,15 +277,17 @@ class DepthScene:
     def at(self, at_s: float) -> DepthShot:
         """The image of that instant [s], and what is true of it."""
         images = self._behind.copy()
-        drawn = []
+        drawn, shoulders = [], []
         for actor in self._actors:
             pose, gesture = actor.at(at_s)
+            shoulders.append(pose.T_camera_shoulder[:3, 3])
+            pose = self._seen(pose)
             drawn.append((actor, pose, gesture, actor.mesh.at(pose)))
         if self._body is not None:
             mirror = self._actors[0].mirror
             vertices, triangles = self._body
-            shoulder = drawn[0][1].T_camera_shoulder[:3, 3] * mirror
-            placed = np.ascontiguousarray((vertices + shoulder + self._from_shoulder) * mirror)
+            placed = (vertices + shoulders[0] * mirror + self._from_shoulder) * mirror
+            placed = np.ascontiguousarray(apply(self.T_camera_first, placed))
             if mirror[0] < 0:
                 triangles = np.ascontiguousarray(triangles[:, ::-1])
             images.draw(placed, triangles, np.zeros(len(triangles), np.uint8), BODY, self.sensor.lens)
@@ -427,7 +448,7 @@ def body_mesh(arms: int) -> tuple[Float64, Int64]:
     return polygonise(limbs, np.array([0.04]), 1e-6, np.ascontiguousarray(nodes))
 
 
-def _behind(kind: str, sensor: Sensor, rng: np.random.Generator) -> _Images:
+def _behind(kind: str, sensor: Sensor, rng: np.random.Generator, T_camera_first: Float64) -> _Images:  # noqa: N803
     """What is behind the person."""
     width, height = sensor.size_px
     depth = np.full((height, width), np.inf, np.float32)
@@ -445,15 +466,19 @@ def _behind(kind: str, sensor: Sensor, rng: np.random.Generator) -> _Images:
     if kind == "desk":
         planes.append((np.array([0.0, 1.0, 0.12]), desk_m))
     for normal, offset in planes:
+        table = normal[1] == 1.0
+        normal = T_camera_first[:3, :3] @ normal
+        offset = offset + float(normal @ T_camera_first[:3, 3])
         towards = normal[0] * x + normal[1] * y + normal[2]
         z = np.where(towards > 1e-3, offset / np.maximum(towards, 1e-3), np.inf)
         cosine = towards / np.linalg.norm(normal) / np.sqrt(x * x + y * y + 1.0)
-        nearer = (z < depth) & (z > (1.65 if normal[1] == 1.0 else 0.0))
+        nearer = (z < depth) & (z > (1.65 if table else 0.0))
         depth[nearer], parts[nearer], slope[nearer] = z[nearer], BEHIND, cosine[nearer]
     if kind == "desk":
         for left, near, wide, high in boxes:
             corner = np.array([left, desk_m - high - 0.12 * near, near])
             vertices = corner + np.array([wide, high, wide]) * np.array(list(np.ndindex(2, 2, 2)), dtype=float)
+            vertices = np.ascontiguousarray(apply(T_camera_first, vertices))
             images.draw(vertices, _BOX, np.zeros(len(_BOX), np.uint8), BEHIND, sensor.lens)
     return images
 

@@ -1,0 +1,366 @@
+"""Arms that are followed through one depth camera or several: who is which, and what all say together.
+
+    which    = match(seen, expected)        each camera's arms, one to one
+    aligned  = predict(views)               each camera's newest view, brought to one instant by its own motion
+    fused    = fuse(aligned)                joints by how sure each view is of them
+    left     = evidence(views)              which side, over time
+
+Cameras are not synchronous, and their frames come in any order; a view is kept in its camera's own space, so that a
+camera whose place becomes better known moves nothing twice. Nothing is smoothed: the cameras' methods do that.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.association.arms import ArmMatchSettings, match_arms
+from mocapella.fusion.arm_points import ArmFusionSettings, fuse_angles, fuse_points, fuse_poses
+from mocapella.geometry.rigid import apply
+from mocapella.model.arms import ARM_POINTS, ELBOW, PALM, SeenArm
+from mocapella.model.hand import WRIST
+from mocapella.model.observations import JointState
+from mocapella.model.scene import TrackedArm
+from mocapella.settings import check
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+
+TO_SENSOR: Final = np.diag([-1.0, -1.0, 1.0, 1.0])
+"""From a sensor's space (x left, y up) to a camera's (x right, y down), and back."""
+_OF_EITHER_SIDE: Final = [WRIST, PALM, ELBOW]
+"""Points that a hand of the wrong side has where they are."""
+_SIDE_CAP: Final = 12.0
+_SIDE_STEP: Final = 2.0
+"""Evidence of the side is a logarithm of odds: at most so much in all, and so much of one view."""
+_FASTEST_M_S: Final = 6.0
+
+
+@dataclass(frozen=True)
+class ArmTracksSettings:
+    """How arms are followed and told.
+
+    Attributes:
+        match: when two arms are one.
+        fusion: how views become one.
+        fresh_s: a view that is older is not used.
+        velocity_s: time constant of a view's motion.
+        acceleration_m_s2: what is not known of it: a view that is t old is less sure by half of this · t².
+        shown_for_s: an arm that no camera sees is told, as inferred, for so long …
+        keep_s: … and has its number back when it comes back within that.
+        coast_s: and goes on as it moved for so long.
+        one_m, one_s: two arms of which no camera sees both are one when their palms are so near for so long.
+        gesture_margin: another gesture is told when it is so much surer.
+    """
+
+    match: ArmMatchSettings = field(default_factory=ArmMatchSettings)
+    fusion: ArmFusionSettings = field(default_factory=ArmFusionSettings)
+    fresh_s: float = 0.1
+    velocity_s: float = 0.03
+    acceleration_m_s2: float = 10.0
+    shown_for_s: float = 0.3
+    keep_s: float = 1.0
+    coast_s: float = 0.1
+    one_m: float = 0.06
+    one_s: float = 0.2
+    gesture_margin: float = 0.15
+
+    def __post_init__(self) -> None:
+        for name in ("fresh_s", "velocity_s", "shown_for_s", "keep_s", "coast_s", "one_s"):
+            check(0 < getattr(self, name) <= 60, name, getattr(self, name), "above 0 and at most 60 s")
+        check(self.shown_for_s <= self.keep_s, "shown_for_s", self.shown_for_s, f"at most keep_s, {self.keep_s:g} s")
+        check(0 <= self.acceleration_m_s2 <= 1000, "acceleration_m_s2", self.acceleration_m_s2, "from 0 to 1000 m/s²")
+        check(0 <= self.one_m <= 1, "one_m", self.one_m, "from 0 to 1 m")
+        check(0 <= self.gesture_margin <= 1, "gesture_margin", self.gesture_margin, "from 0 to 1")
+
+
+class ArmView(msgspec.Struct, frozen=True, eq=False):
+    """One camera's newest view of an arm, in that camera's space.
+
+    Attributes:
+        arm: as the camera saw it.
+        at_s: when, on the common clock.
+        velocity: (23, 3) [m/s].
+    """
+
+    arm: SeenArm
+    at_s: float
+    velocity: Float64
+
+
+@dataclass
+class ArmTrack:
+    """An arm that is followed: its views by camera, and what they came to last.
+
+    Attributes:
+        evidence: of its being a left one, as a logarithm of odds.
+        seen_s: when a camera saw it last.
+        at_s: of what follows, all in the world.
+        near_since_s: by the number of another arm: since when both are in one place.
+    """
+
+    id: int
+    views: dict[str, ArmView]
+    evidence: float
+    seen_s: float
+    at_s: float
+    points: Float64
+    velocity: Float64
+    states: UInt8
+    sd: Float32
+    angles: Float64
+    T_world_palm: Float64 | None
+    gesture: str = ""
+    gesture_sure: float = 0.0
+    grabbing: bool = False
+    near_since_s: dict[int, float] = field(default_factory=dict)
+
+    @property
+    def left(self) -> bool:
+        """Whether it is a left one, by all that was seen of it."""
+        return self.evidence > 0
+
+    @property
+    def side(self) -> float:
+        """How sure it is a left one, from −1 to 1."""
+        return math.tanh(0.5 * self.evidence)
+
+    def palm_at(self, at_s: float, coast_s: float) -> Float64:
+        """Where the palm, or else the wrist, is expected (3,) [m]."""
+        i = _middle(self.points)
+        dt = min(max(at_s - self.at_s, -coast_s), coast_s)
+        return np.asarray(self.points[i] + dt * self.velocity[i])
+
+
+class ArmTracks:
+    """See the module. The same frames in the same order give the same arms.
+
+    Attributes:
+        tracks: in the order of their ids.
+        now_s: the newest capture there was.
+        away: by camera: (how far it has palms from where all have them, smoothed [m], when that was updated [s]).
+        disputed: points that a view measured and others did not agree with, in all.
+    """
+
+    def __init__(self, settings: ArmTracksSettings | None = None) -> None:
+        self.settings = settings or ArmTracksSettings()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything, as if newly made."""
+        self.tracks: list[ArmTrack] = []
+        self.now_s = -math.inf
+        self.next_id = 0
+        self.away: dict[str, tuple[float, float]] = {}
+        self.disputed = 0
+
+    def update(self, camera: str, arms: Iterable[SeenArm], at_s: float, places: Mapping[str, Float64]) -> None:
+        """Take in what a camera saw.
+
+        Args:
+            camera: its name.
+            arms: that it saw, in its own space.
+            at_s: when, on the common clock [s].
+            places: ``T_world_camera`` (4, 4) of each camera whose place is known, this one's among them.
+        """
+        s, T = self.settings, places[camera]
+        self.now_s = max(self.now_s, at_s)
+        arms = [arm for arm in arms if np.isfinite(arm.points[[WRIST, PALM]]).all(axis=-1).any()]
+        rows = self._match(camera, arms, at_s, T)
+        seen: set[int] = set()
+        for arm, row in zip(arms, rows.tolist(), strict=True):
+            if row < 0:
+                track = self._begin(arm, at_s, T)
+                self.tracks.append(track)
+            else:
+                track = self.tracks[row]
+            seen.add(track.id)
+            track.views[camera] = self._view(arm, at_s, track, camera, T)
+            track.seen_s = max(track.seen_s, at_s)
+            track.evidence = min(max(track.evidence + _side_of(arm), -_SIDE_CAP), _SIDE_CAP)
+        for track in self.tracks:
+            if track.id not in seen:
+                track.views.pop(camera, None)
+            self._fuse(track, places)
+        self.tracks = [track for track in self.tracks if self.now_s - track.seen_s <= s.keep_s]
+        self._join()
+
+    def forget(self, camera: str) -> None:
+        """Use nothing more of what the camera saw."""
+        self.away.pop(camera, None)
+        for track in self.tracks:
+            track.views.pop(camera, None)
+
+    def told(self) -> tuple[TrackedArm, ...]:
+        """The arms of now, in the order of their ids."""
+        return tuple(
+            self._told(track) for track in self.tracks if self.now_s - track.seen_s <= self.settings.shown_for_s
+        )
+
+    def _match(self, camera: str, arms: list[SeenArm], at_s: float, T: Float64) -> NDArray[np.int64]:
+        s, tracks = self.settings, self.tracks
+        if not arms or not tracks:
+            return np.full(len(arms), -1, dtype=np.int64)
+        known = np.array([track.palm_at(at_s, s.coast_s) for track in tracks])
+        sides = np.array([track.side for track in tracks])
+        lost_s = np.array([max(0.0, at_s - track.seen_s) for track in tracks])
+        followed = np.array(
+            [[camera in track.views and track.views[camera].arm.id == arm.id for track in tracks] for arm in arms]
+        )
+        palms = apply(T, np.array([arm.points[_middle(arm.points)] for arm in arms]))
+        seen_sides = np.array([math.tanh(0.5 * _side_of(arm)) for arm in arms])
+        return match_arms(palms, seen_sides, known, sides, followed, 0.5 * np.minimum(lost_s, s.keep_s), s.match)
+
+    def _begin(self, arm: SeenArm, at_s: float, T: Float64) -> ArmTrack:
+        self.next_id += 1
+        points, n = apply(T, arm.points), len(ARM_POINTS)
+        return ArmTrack(
+            self.next_id - 1, {}, 0.0, at_s, at_s, points, np.zeros((n, 3)), arm.states, arm.sd, arm.angles, None
+        )
+
+    def _view(self, arm: SeenArm, at_s: float, track: ArmTrack, camera: str, T: Float64) -> ArmView:
+        s, before = self.settings, track.views.get(camera)
+        if before is None or at_s - before.at_s > 3.0 * s.fresh_s:
+            return ArmView(arm, at_s, track.velocity @ T[:3, :3])
+        dt = at_s - before.at_s
+        moved = (arm.points - before.arm.points) / dt
+        own = moved[_middle(arm.points)]
+        own = own if np.isfinite(own).all() else np.zeros(3)
+        # A point that was only inferred, and is measured now, has not moved by as much as it jumped.
+        steady = (arm.states == before.arm.states) & np.isfinite(moved).all(axis=-1)
+        moved = np.where(steady[:, None], moved, own)
+        velocity = before.velocity + (1.0 - math.exp(-dt / s.velocity_s)) * (moved - before.velocity)
+        speed = np.linalg.norm(velocity, axis=-1, keepdims=True)
+        return ArmView(arm, at_s, velocity * np.minimum(1.0, _FASTEST_M_S / np.maximum(speed, 1e-9)))
+
+    def _fuse(self, track: ArmTrack, places: Mapping[str, Float64]) -> None:
+        s, now = self.settings, self.now_s
+        fresh = [
+            (camera, view)
+            for camera, view in sorted(track.views.items())
+            if now - view.at_s <= s.fresh_s and camera in places
+        ]
+        track.views = {camera: view for camera, view in track.views.items() if now - view.at_s <= 3.0 * s.fresh_s}
+        if not fresh:
+            return
+        views = [view for _, view in fresh]
+        transforms = np.array([places[camera] for camera, _ in fresh])
+        dt = np.array([now - view.at_s for view in views])
+        velocity = np.array([view.velocity @ T[:3, :3].T for view, T in zip(views, transforms, strict=True)])
+        points = np.array([apply(T, view.arm.points) for view, T in zip(views, transforms, strict=True)])
+        points = points + dt[:, None, None] * velocity
+        states = np.array([view.arm.states for view in views])
+        right_side = self._of_the_side(track, views)
+        states[~right_side] = np.where(_EITHER, states[~right_side], 0)
+        sd = np.array([view.arm.sd for view in views], dtype=np.float64)
+        sd = np.hypot(sd, 0.5 * s.acceleration_m_s2 * (dt * dt)[:, None])
+        expected = track.points + min(max(now - track.at_s, 0.0), s.coast_s) * track.velocity
+        fused = fuse_points(points, states, sd, expected, s.fusion)
+        self.disputed += int(fused.disputed.sum())
+        track.points, track.states, track.sd, track.at_s = fused.points, fused.states, fused.sd, now
+        track.velocity = velocity[right_side].mean(axis=0)
+        track.angles = fuse_angles(np.array([view.arm.angles for view in views])[right_side], fused.weights[right_side])
+        posed = [k for k in np.flatnonzero(right_side) if views[k].arm.T_camera_palm is not None]
+        track.T_world_palm = fuse_poses(
+            np.array([_moved(transforms[k] @ views[k].arm.T_camera_palm, dt[k] * velocity[k, PALM]) for k in posed]),
+            fused.weights[posed],
+        )
+        self._tell_gesture(track, [view.arm for view in views])
+        if len(fresh) > 1:
+            self._note_distances([camera for camera, _ in fresh], points)
+
+    def _of_the_side(self, track: ArmTrack, views: list[ArmView]) -> NDArray[np.bool_]:
+        """(views,) which have the arm's side; all, where none has: fingers of the wrong side have wrong names."""
+        right = np.array([view.arm.left == track.left for view in views])
+        return right if right.any() else ~right
+
+    def _tell_gesture(self, track: ArmTrack, arms: list[SeenArm]) -> None:
+        """What the views are surest of; what was told before stays unless another is surer by the margin."""
+        support: dict[str, float] = {}
+        for arm in arms:
+            support[arm.gesture] = support.get(arm.gesture, 0.0) + arm.gesture_sure
+        best = max(sorted(support), key=lambda gesture: support[gesture])
+        if track.gesture not in support or support[best] > support[track.gesture] + self.settings.gesture_margin:
+            track.gesture = best
+        track.gesture_sure = max(arm.gesture_sure for arm in arms if arm.gesture == track.gesture)
+        holds = sum((arm.gesture_sure + 0.01) * (1.0 if arm.grabbing else -1.0) for arm in arms)
+        least = 0.0 if len(arms) == 1 else self.settings.gesture_margin
+        track.grabbing = track.grabbing if abs(holds) < least else holds > 0
+
+    def _note_distances(self, cameras: list[str], points: Float64) -> None:
+        away = np.linalg.norm(points[:, PALM] - points[:, PALM].mean(axis=0), axis=-1)
+        for camera, off in zip(cameras, away.tolist(), strict=True):
+            if not math.isfinite(off):
+                continue
+            before, then_s = self.away.get(camera, (0.0, self.now_s))
+            gain = 1.0 - math.exp(-(self.now_s - then_s) / _AWAY_S)
+            self.away[camera] = (before + gain * (off - before), self.now_s)
+
+    def _join(self) -> None:
+        """Two arms in one place, of which no camera sees both, become the one that was there first."""
+        s = self.settings
+        gone: set[int] = set()
+        for i, one in enumerate(self.tracks):
+            for other in self.tracks[i + 1 :]:
+                if one.id in gone or other.id in gone:
+                    continue
+                apart = np.linalg.norm(one.palm_at(self.now_s, s.coast_s) - other.palm_at(self.now_s, s.coast_s))
+                if one.views.keys() & other.views.keys() or apart > s.one_m or not one.views or not other.views:
+                    one.near_since_s.pop(other.id, None)
+                    continue
+                if self.now_s - one.near_since_s.setdefault(other.id, self.now_s) >= s.one_s:
+                    one.views |= other.views
+                    one.evidence = min(max(one.evidence + other.evidence, -_SIDE_CAP), _SIDE_CAP)
+                    gone.add(other.id)
+        if gone:
+            self.tracks = [track for track in self.tracks if track.id not in gone]
+            for track in self.tracks:
+                track.near_since_s = {k: t for k, t in track.near_since_s.items() if k not in gone}
+
+    def _told(self, track: ArmTrack) -> TrackedArm:
+        s, ago = self.settings, self.now_s - track.at_s
+        points, states, sd, T = track.points, track.states, track.sd, track.T_world_palm
+        cameras = tuple(sorted(name for name, view in track.views.items() if self.now_s - view.at_s <= s.fresh_s))
+        if ago > 0.0 or not cameras:
+            step = min(ago, s.coast_s) * track.velocity
+            points = points + step
+            T = None if T is None else _moved(T, step[PALM])
+            sd = np.hypot(sd, 0.5 * s.acceleration_m_s2 * ago * ago).astype(np.float32)
+            states = np.minimum(states, np.uint8(JointState.INFERRED))
+        return TrackedArm(
+            track.id, track.left, points, states, sd, track.angles, T, track.gesture,
+            float(np.float32(track.gesture_sure)), track.grabbing, -1, cameras,
+        )  # fmt: skip
+
+
+_AWAY_S: Final = 2.0
+_EITHER: Final = np.isin(np.arange(len(ARM_POINTS)), _OF_EITHER_SIDE)
+
+
+def _middle(points: Float64) -> int:
+    """Where an arm is told to be: its palm, or its wrist where the palm is not known."""
+    return PALM if np.isfinite(points[PALM]).all() else WRIST
+
+
+def _side_of(arm: SeenArm) -> float:
+    """Evidence that it is a left arm, as a logarithm of odds."""
+    sure = min(max(arm.left_sure, 0.5), 1.0 - 1e-9)
+    odds = min(math.log(sure / (1.0 - sure)), _SIDE_STEP)
+    return odds if arm.left else -odds
+
+
+def _moved(T: Float64, by: Float64) -> Float64:
+    out = T.copy()
+    out[:3, 3] += np.where(np.isfinite(by), by, 0.0)
+    return out
+
+
+REMEMBERED: Final = (ArmTrack, ArmView, SeenArm)
+"""Kinds that an `ArmTracks` remembers, see `mocapella.model.memory`."""

@@ -1,0 +1,258 @@
+"""The method ``arms``: arms that one depth camera sees, or several.
+
+    places = the rig's, or calibrate(frames)   a camera that has none is placed by the arm that it and others see
+    arms   = follow(frames, places)            `arm_tracks`: who is which, fused
+
+The world is the rig's. Without one it is the sensor space of the first camera that is heard (x to the camera's left, y
+up, z out of the lens), turned and lifted by its tilt and height where these are set up. See docs/arms/fusion.md.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.calibration.arm_places import REMEMBERED as PLACES_REMEMBERED
+from mocapella.calibration.arm_places import ArmPlaces, ArmPlaceSettings
+from mocapella.conventions import NS_PER_S
+from mocapella.geometry.rigid import inverse, rigid, rotation_about_x
+from mocapella.model.arms import ArmFrame
+from mocapella.model.camera import CameraRig
+from mocapella.model.depth import DepthFrame
+from mocapella.model.memory import pack, unpack
+from mocapella.model.observations import Arrival, BodyFrame, Frame
+from mocapella.model.scene import Phase, Scene, SensorPlace, TrackedArm, TrackerState
+from mocapella.model.session import SensorPose
+from mocapella.model.topology import topology
+from mocapella.settings import check
+from mocapella.tracker.arm_tracks import REMEMBERED as TRACKS_REMEMBERED
+from mocapella.tracker.arm_tracks import TO_SENSOR, ArmTracks, ArmTracksSettings
+from mocapella.tracker.protocol import TrackerReport
+
+Float64 = NDArray[np.float64]
+
+NO_BODIES: Final = "it sends skeletons, of which the method arms makes nothing: set up the method default"
+NO_IMAGES: Final = (
+    "it sends depth images; `mocapella node arm` finds the arms in them and sends those, under a name of their own"
+)
+NO_MARKERS: Final = "it sends markers or poses, of which the method arms makes nothing: set up the method hands"
+
+
+@dataclass(frozen=True)
+class ArmsSettings:
+    """The settings of every stage.
+
+    Attributes:
+        tracks: how arms are followed and fused.
+        places: how cameras are placed that no rig places.
+        silent_after_s: a camera without a frame for so long is not waited for.
+        moved_m: a camera that has palms so far from where all have them is said to have been moved.
+    """
+
+    tracks: ArmTracksSettings = field(default_factory=ArmTracksSettings)
+    places: ArmPlaceSettings = field(default_factory=ArmPlaceSettings)
+    silent_after_s: float = 1.0
+    moved_m: float = 0.03
+
+    def __post_init__(self) -> None:
+        check(0 < self.silent_after_s <= 3600, "silent_after_s", self.silent_after_s, "above 0 and at most 3600 s")
+        check(0 < self.moved_m <= 1, "moved_m", self.moved_m, "above 0 and at most 1 m")
+
+
+class ArmsTracker:
+    """See the module."""
+
+    def __init__(
+        self,
+        settings: ArmsSettings | None = None,
+        *,
+        rig: CameraRig | None = None,
+        sensors_expected: int = 1,
+        sensors: Mapping[str, SensorPose] | None = None,
+    ) -> None:
+        self.settings = s = settings or ArmsSettings()
+        self.rig = rig
+        self._expected = sensors_expected
+        self._poses = dict(sensors or {})
+        self._tracks = ArmTracks(s.tracks)
+        self._calibration = ArmPlaces(s.places)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything, as if newly made."""
+        self._tracks.reset()
+        self._heard_ns: dict[str, int] = {}
+        self._now_ns = 0
+        self._newest: dict[str, tuple[int, int]] = {}
+        self._reasons: dict[str, str] = {}
+        self._rejected: Counter[str] = Counter()
+        self._steps = self._calibrations = self._restarts = 0
+        self._arms: tuple[TrackedArm, ...] = ()
+        self._begin_places()
+        self._state = TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=self._expected)
+
+    def recalibrate(self, reason: str) -> None:
+        """Place anew the cameras that the arm has placed; where those of a rig are is the rig's."""
+        self._restarts += 1
+        self._begin_places()
+        for camera in self._heard_ns:
+            self._tracks.forget(camera)
+        phase = Phase.TRACKING if len(self._heard_ns) < 2 else Phase.CALIBRATING
+        self._state = TrackerState(phase, reason=reason)
+
+    def _begin_places(self) -> None:
+        """Forget what was found; `_given` are places that are not found: the rig's, or that of the first camera."""
+        self._calibration.reset()
+        cameras = {} if self.rig is None else self.rig.cameras
+        self._given: dict[str, Float64] = {name: inverse(one.T_camera_world) for name, one in sorted(cameras.items())}
+        self._placed = dict(self._given)
+        self._delay_s: dict[str, float] = {}
+        self._places: tuple[SensorPlace, ...] = self._say_places()
+
+    def snapshot(self) -> bytes:
+        """See `Tracker`."""
+        parts = [
+            {name: getattr(self, name) for name in _OWN_MEMORY},
+            {name: value for name, value in vars(self._tracks).items() if name != "settings"},
+            {name: value for name, value in vars(self._calibration).items() if name != "settings"},
+        ]
+        return pack(parts, _REMEMBERED)
+
+    def restore(self, data: bytes) -> None:
+        """See `Tracker`."""
+        own, tracks, calibration = unpack(data, _REMEMBERED)
+        vars(self).update(own)
+        vars(self._tracks).update(tracks)
+        vars(self._calibration).update(calibration)
+
+    @property
+    def report(self) -> TrackerReport:
+        """What came of all frames so far."""
+        kept = self._steps - self._rejected.total()
+        return TrackerReport(self._steps, kept, dict(self._rejected), self._calibrations, self._restarts)
+
+    def update(self, arrival: Arrival) -> Scene:
+        """Take one frame in and say what there is now. A frame that cannot be used is counted and changes nothing."""
+        frame = arrival.frame
+        if problem := self._problem(frame):
+            self._rejected[problem] += 1
+            return self._scene(arrival)
+        assert isinstance(frame, ArmFrame)
+        camera = frame.sensor
+        self._newest[camera] = (frame.node_id, frame.time_ns)
+        self._heard_ns[camera] = arrival.at_ns
+        self._now_ns = max(self._now_ns, arrival.at_ns)
+        self._reasons[camera] = frame.reason
+        if not self._given:
+            self._given[camera] = self._placed[camera] = self._level(camera)
+        at_s = arrival.at_ns / NS_PER_S
+        self._calibrate(camera, frame, at_s)
+        if camera in self._placed:
+            self._tracks.update(camera, frame.arms, at_s - self._delay_s.get(camera, 0.0), self._placed)
+            self._arms = self._tracks.told()
+        self._places = self._say_places()
+        self._state = self._stand()
+        return self._scene(arrival)
+
+    def _problem(self, frame: Frame) -> str:
+        if not isinstance(frame, ArmFrame):
+            return (
+                NO_BODIES
+                if isinstance(frame, BodyFrame)
+                else NO_IMAGES
+                if isinstance(frame, DepthFrame)
+                else NO_MARKERS
+            )
+        placed = None if self.rig is None else self.rig.cameras.get(frame.sensor)
+        if placed is not None and placed.camera.size_px != frame.size_px:
+            told, size = (f"{w} × {h}" for w, h in (frame.size_px, placed.camera.size_px))
+            return f"its images are {told}, the rig's {size}: calibrate with this size"
+        node_id, last_ns = self._newest.get(frame.sensor, (frame.node_id, frame.time_ns - 1))
+        if frame.node_id == node_id and frame.time_ns <= last_ns:  # a new process may have a new clock
+            return "time goes backwards" if frame.time_ns < last_ns else "repeats the time of the frame before"
+        return ""
+
+    def _level(self, camera: str) -> Float64:
+        """``T_world_camera`` of the camera that is the world's own."""
+        pose = self._poses.get(camera, SensorPose())
+        return np.asarray(rigid(rotation_about_x(-pose.tilt), (0.0, pose.height, 0.0)) @ TO_SENSOR)
+
+    def _calibrate(self, camera: str, frame: ArmFrame, at_s: float) -> None:
+        for name in self._calibration.update(camera, frame.arms, at_s, self._given):
+            found = self._calibration.found[name]
+            if found.missing:
+                continue
+            self._calibrations += name not in self._placed
+            self._placed[name] = found.T_world_camera
+            self._delay_s[name] = found.delay_s
+
+    def _speaking(self) -> list[str]:
+        limit = self.settings.silent_after_s * NS_PER_S
+        return [name for name, at_ns in sorted(self._heard_ns.items()) if self._now_ns - at_ns < limit]
+
+    def _stand(self) -> TrackerState:
+        speaking = self._speaking()
+        missing = self._expected - len(speaking)
+        said = [f"{name}: {self._calibration.needs(name)}" for name in speaking if name not in self._placed]
+        told = [*said, *(f"{name}: {self._moved(name)}" for name in speaking if self._moved(name))]
+        told += [f"{name}: {_one_part(self._reasons[name])}" for name in speaking if self._reasons[name]]
+        reason = "; ".join(told)
+        if missing > 0:
+            return TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=missing, reason=reason)
+        return TrackerState(Phase.CALIBRATING if said else Phase.TRACKING, reason=reason)
+
+    def _moved(self, camera: str) -> str:
+        away, _ = self._tracks.away.get(camera, (0.0, 0.0))
+        if away <= self.settings.moved_m:
+            return ""
+        return f"it has hands {1e2 * away:.0f} cm from where all have them: was it moved? recalibrate"
+
+    def _say_places(self) -> tuple[SensorPlace, ...]:
+        names = sorted(self._given.keys() | self._heard_ns.keys())
+        return tuple(self._place(name) for name in names)
+
+    def _place(self, name: str) -> SensorPlace:
+        T, problem = self._placed.get(name), self._moved(name)
+        if T is None:
+            return SensorPlace(name, None, problem=self._calibration.needs(name))
+        found = self._calibration.found.get(name)
+        if found is None:
+            return SensorPlace(name, T @ TO_SENSOR, 0.0, 0.0, "" if self.rig is None else "as calibrated", problem)
+        sd, turn = found.position_sd_m, found.rotation_sd_rad
+        words = f"{1e3 * sd:.0f} mm and {np.degrees(turn):.1f}°"
+        return SensorPlace(name, T @ TO_SENSOR, sd, turn, words, problem)
+
+    def _scene(self, arrival: Arrival) -> Scene:
+        frame, step = arrival.frame, self._steps
+        self._steps += 1
+        return Scene(
+            step=step,
+            at_ns=arrival.at_ns,
+            sensor=frame.sensor,
+            node_id=frame.node_id,
+            sequence=frame.sequence,
+            topology=topology("hand"),
+            state=self._state,
+            people=(),
+            sensors=self._places,
+            arms=self._arms,
+        )
+
+
+def _one_part(reason: str) -> str:
+    """A camera's sentence as one part of a state's reason, whose parts are divided by ``; ``."""
+    return reason.replace("; ", ", ")
+
+
+_OWN_MEMORY: Final = (
+    *("_heard_ns", "_now_ns", "_newest", "_reasons", "_rejected", "_steps", "_calibrations", "_restarts", "_arms"),
+    *("_given", "_placed", "_delay_s", "_places", "_state"),
+)
+_REMEMBERED: Final = tuple(
+    dict.fromkeys((*TRACKS_REMEMBERED, *PLACES_REMEMBERED, TrackedArm, SensorPlace, Phase, TrackerState))
+)
