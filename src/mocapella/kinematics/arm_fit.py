@@ -121,15 +121,14 @@ class Evidence(NamedTuple):
         points: (m, 3).
         weights: (m,).
         front: (h, w) the arm's surface, minus other things', 0 where nothing was measured.
-        nearest_x, nearest_y: (h, w) int64, the nearest pixel that is the arm's where this is not, and the reverse.
+        opposite: (h, w) int64, the nearest column in a line that is the arm's where a pixel is not, and the reverse.
         lens: (4,) of these pixels.
     """
 
     points: Float64
     weights: Float64
     front: Float64
-    nearest_x: NDArray[np.int64]
-    nearest_y: NDArray[np.int64]
+    opposite: NDArray[np.int64]
     lens: Float64
 
 
@@ -179,6 +178,7 @@ class ArmModel:
         self.digits = digit_rows(model, shape)
         self.mirror = float(shape.mirror[0])
         self.columns, self.gains, self.angle_of = free_angles(model)
+        self.rising = np.ascontiguousarray(np.argsort(self.columns, axis=1, kind="stable"))
         self.natural = model.natural[self.angle_of]
         self.prior = angle_prior(model, _HABITS, self.columns)
         self.c_max = float(model.limits[DIGIT_ANGLES[0, 4], 1])
@@ -249,11 +249,11 @@ class ArmModel:
         costs, assigned = np.empty(4), np.empty(len(self.owners))
         n = 6 + len(self.natural) + k.BODY_DOFS
         information = np.empty((n, n))
-        picture = (evidence.front, evidence.nearest_x, evidence.nearest_y, evidence.lens)
+        picture = (evidence.front, evidence.opposite, evidence.lens)
         e = expected
         k.fit(
-            self.digits, self.mirror, self.radii, self.palm, self.owners, self.columns, self.gains, self.c_max,
-            evidence.points, evidence.weights, picture, self.natural, self.prior, e.pose.R, e.pose.t, e.pose.z,
+            self.digits, self.mirror, self.radii, self.palm, self.owners, self.columns, self.gains, self.rising,
+            self.c_max, evidence.points, evidence.weights, picture, self.natural, self.prior, e.pose.R, e.pose.t, e.pose.z,
             e.certainty, e.v, e.information, pose.R, pose.t, pose.z, pose.v, numbers,
             s.loose if loose is None else loose, s.iterations if iterations is None else iterations, costs, assigned,
             information, _NOWHERE if tips is None else tips,

@@ -8,10 +8,10 @@ either hand.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import combinations
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from mocapella.errors import SettingsError
 from mocapella.kinematics.arm_fit import ArmFitSettings, ArmModel, ArmPose, Evidence, Expected, Fitted
 from mocapella.kinematics.arm_fit import kernels as fit_kernels
-from mocapella.model.arms import SeenArm, SeenArms
+from mocapella.model.arms import PALM, SeenArm, SeenArms
 from mocapella.model.camera import Camera
 from mocapella.model.hand import Handedness, hand_model
 from mocapella.model.observations import JointState
@@ -46,8 +46,11 @@ class DepthArmsSettings:
         hand_length_m: of the average hand.
         believe: a fit whose cost is above this is no arm.
         keep: likewise of an arm that is followed.
-        doubt: an arm whose cost is above this is looked for anew …
-        better: … and changed for one whose cost is below this part of its own.
+        trials: other poses that are tried in each image for an arm …
+        trials_in_doubt: … whose cost is above `doubt`.
+        doubt: see there.
+        better: another pose is taken when its cost is below this part of that of the arm's own.
+        look_again_every: images between two times that a doubtful hand is looked for anew where it is.
         lost_after: frames in a row that an arm may be doubtful.
         look_every: frames between two looks for further arms, while there is one.
         region, fit: of the steps.
@@ -57,8 +60,11 @@ class DepthArmsSettings:
     hand_length_m: float = 0.189
     believe: float = 0.35
     keep: float = 0.6
+    trials: int = 2
+    trials_in_doubt: int = 5
     doubt: float = 0.12
-    better: float = 0.8
+    better: float = 0.93
+    look_again_every: int = 10
     lost_after: int = 3
     look_every: int = 5
     region: ArmRegionSettings = field(default_factory=ArmRegionSettings)
@@ -78,9 +84,42 @@ class _Arm:
     def __init__(self, number: int, side: Handedness, fitted: Fitted, at_s: float) -> None:
         self.id, self.side, self.fitted, self.at_s = number, side, fitted, at_s
         self.velocity = np.zeros(6 + len(fitted.pose.z))
-        self.doubtful = 0
-        self.evidence = 0.0
+        self.doubtful = self.since_look = 0
         self.region: Region | None = None
+        self.trials: list[_Trial] = []
+
+    def moved(self, fitted: Fitted, dt: float) -> None:
+        """Take in the pose of the next image."""
+        self.velocity = 0.6 * _motion(self.fitted.pose, fitted.pose) / dt + 0.4 * self.velocity
+        self.fitted = fitted
+
+
+class _Trial(NamedTuple):
+    """A pose that might be better; as it was when the palm's middle was at a place [m]."""
+
+    side: Handedness
+    pose: ArmPose | None
+    tips: Float64 | None
+    centre: Float64
+    digit: int = -1
+    held: tuple[int, int, int] = (0, 0, 0)
+
+    def start(self, arm: _Arm, models: Mapping[Handedness, ArmModel]) -> ArmPose:
+        """The pose to begin from, where the arm is now."""
+        if self.pose is None:
+            model = models[self.side]
+            pose = arm.fitted.pose.copied()
+            _bend(model, pose.z, self.digit, *self.held)
+            fit_kernels().within(model.digits, model.columns, model.gains, pose.z, model.c_max)
+            return pose
+        pose = self.pose.copied()
+        pose.t[:] += models[arm.side].points(arm.fitted.pose)[PALM] - self.centre
+        return pose
+
+    @property
+    def tips_m(self) -> Float64 | None:
+        """Only those of a start that is not moved would be right; fits without them."""
+        return None
 
 
 class DepthArms:
@@ -135,33 +174,69 @@ class DepthArms:
         dt = max(at_s - arm.at_s, 1e-3)
         predicted = self._predicted(arm, model, dt)
         part = self._region(depth, model.spheres(predicted))
-        if part is None:
+        if part is None or len(part.points) < _FEW:
             return False
         fitted = model.fit(predicted, self._expected(model, arm, predicted, dt), _evidence(part, model, predicted))
-        side = arm.side
-        if fitted.cost > s.doubt:
-            better = self._again(depth, fitted, arm)
-            if better is not None and better[1].cost < s.better * fitted.cost:
-                side, fitted = better
-                part = self._region(depth, self.models[side].spheres(fitted.pose)) or part
-        arm.doubtful = arm.doubtful + 1 if fitted.cost > s.keep else 0
-        if arm.doubtful >= s.lost_after:
-            return False
-        if side == arm.side:
-            arm.velocity = 0.6 * _motion(arm.fitted.pose, fitted.pose) / dt + 0.4 * arm.velocity
-        arm.fitted, arm.at_s, arm.region, arm.side = fitted, at_s, part, side
-        return True
+        arm.moved(fitted, dt)
+        arm.at_s, arm.region = at_s, part
+        self._search(arm, depth)
+        arm.doubtful = arm.doubtful + 1 if arm.fitted.cost > s.keep else 0
+        return arm.doubtful < s.lost_after
 
-    def _again(self, depth: Float32, fitted: Fitted, arm: _Arm) -> tuple[Handedness, Fitted] | None:
-        """The hand found anew where it is, or may have gone."""
-        centre = self.models[arm.side].points(fitted.pose)[21]
-        best: tuple[Handedness, Fitted] | None = None
-        for candidate in palm_candidates(depth, self._lens, self.settings.region):
-            if np.linalg.norm(candidate.centre - centre) < 0.15:
-                found = self._best_start(depth, candidate)
-                if found is not None and (best is None or found[1].cost < best[1].cost):
-                    best = found
-        return None if best is None else self._repaired(depth, *best)
+    def _search(self, arm: _Arm, depth: Float32) -> None:
+        """Try a few other poses; those of an arm that fits badly more often."""
+        s = self.settings
+        doubt = arm.fitted.cost > s.doubt
+        if not arm.trials or (doubt and arm.since_look >= s.look_again_every and len(arm.trials) < _FEW):
+            if doubt and arm.since_look >= s.look_again_every:
+                arm.since_look = 0
+                centre = self.models[arm.side].points(arm.fitted.pose)[PALM]
+                for candidate in palm_candidates(depth, self._lens, s.region, 1, centre):
+                    arm.trials = [
+                        _Trial(side, start, tips, centre)
+                        for side, model in self.models.items()
+                        for start, tips in _starts(model, candidate)
+                    ]
+            arm.trials = [*_digits_otherwise(self.models[arm.side], arm), *arm.trials]
+        arm.since_look += 1
+        assert arm.region is not None
+        now: dict[Handedness, float] = {}
+        for _ in range(min(s.trials_in_doubt if doubt else s.trials, len(arm.trials))):
+            trial = arm.trials.pop(0)
+            model = self.models[trial.side]
+            start = trial.start(arm, self.models)
+            evidence = _evidence(arm.region, model, start, 250, 0.15)
+            if arm.side not in now:
+                own = self.models[arm.side]
+                now[arm.side] = own.fit(
+                    arm.fitted.pose, own.unexpected(arm.fitted.pose),
+                    _evidence(arm.region, own, arm.fitted.pose, 250, 0.15), iterations=0,
+                ).cost  # fmt: skip
+            other = model.fit(start, model.unexpected(start), evidence, iterations=5, loose=2.0, tips=trial.tips_m)
+            if other.cost < s.better * now[arm.side]:
+                self._change(arm, trial.side, other, depth)
+                now.clear()
+
+    def _change(self, arm: _Arm, side: Handedness, other: Fitted, depth: Float32) -> None:
+        """Take another pose for an arm, where it is still better when all points are looked at."""
+        model = self.models[side]
+        part = self._region(depth, model.spheres(other.pose))
+        if part is None or len(part.points) < _FEW:
+            return
+        fitted = model.fit(
+            other.pose, model.unexpected(other.pose), _evidence(part, model, other.pose, beyond=0.15), iterations=4,
+            loose=1.0,
+        )  # fmt: skip
+        own = self.models[arm.side]
+        before = own.fit(
+            arm.fitted.pose, own.unexpected(arm.fitted.pose), _evidence(part, own, arm.fitted.pose, beyond=0.15),
+            iterations=0,
+        )  # fmt: skip
+        if fitted.cost < self.settings.better * before.cost:
+            if side != arm.side:
+                arm.trials = []
+            arm.fitted, arm.side, arm.region = fitted, side, part
+            arm.velocity[6:] = 0.0
 
     def _predicted(self, arm: _Arm, model: ArmModel, dt: float) -> ArmPose:
         pose = arm.fitted.pose.copied()
@@ -290,7 +365,7 @@ def _states(points: Float64, part: Region | None, model: ArmModel, pose: ArmPose
 
 def _evidence(part: Region, model: ArmModel, pose: ArmPose, most: int = 10_000, beyond: float = 0.05) -> Evidence:
     points = np.ascontiguousarray(part.points[:: -(-len(part.points) // most)])
-    return Evidence(points, model.relevance(points, pose, beyond), part.front, part.nearest_x, part.nearest_y, part.lens)
+    return Evidence(points, model.relevance(points, pose, beyond), part.front, part.opposite, part.lens)
 
 
 def _motion(before: ArmPose, after: ArmPose) -> Float64:
@@ -359,6 +434,19 @@ _BENT: Final = ((0, 0, 40), *[(70, 0, 85)] * 4)
 """Flexion, abduction and second flexion of thumb to little finger [degrees]."""
 
 
+def _digits_otherwise(model: ArmModel, arm: _Arm) -> list[_Trial]:
+    """Each digit held otherwise; fingers in turn."""
+    nowhere = np.zeros(3)
+    return [
+        _Trial(arm.side, None, None, nowhere, digit, held)
+        for k in range(len(_OTHERWISE[1]))
+        for digit in range(5)
+        if k < len(_OTHERWISE[digit > 0])
+        for held in (_OTHERWISE[digit > 0][k],)
+    ]
+
+
+_FEW: Final = 40
 _OTHERWISE: Final = (
     ((0, 0, 10), (20, 15, 50), (-20, -15, 10), (20, -15, 50)),
     ((0, 0, 5), (45, 0, 45), (80, 0, 95), (5, 0, 95), (80, 0, 15)),
