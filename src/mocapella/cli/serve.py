@@ -76,8 +76,12 @@ def live_session(
     *,
     view_port: int | None,
     on_url: Callable[[str], None] = say_url,
+    view_words: Sequence[str] = (),
 ) -> Iterator[LiveSession]:
-    """A server and its view (unless ``view_port`` is None), which ``stop`` ends; all closed at the end."""
+    """A server and its view (unless ``view_port`` is None), which ``stop`` ends; all closed at the end.
+
+    ``view_words`` are further options of ``mocapella view``.
+    """
     from mocapella.live.launch import Children, check_port_free
     from mocapella.live.server import Server
     from mocapella.live.session import Session
@@ -98,7 +102,7 @@ def live_session(
         view = stack.enter_context(Children())
         if view_port is not None:
             arguments = ["view", "--connect", settings.listen, "--port", str(view_port), "--host", VIEW_HOST]
-            view.start(arguments, lambda line: _pass_on(line, on_url))
+            view.start([*arguments, *view_words], lambda line: _pass_on(line, on_url))
         nodes = stack.enter_context(Children())
         yield LiveSession(server, view, nodes, stop)
 
@@ -289,10 +293,9 @@ def finish(server: Server) -> dict[str, Any]:
     say(
         f"{summary['seconds']:.0f} s, sensors: {len(summary['sensors'])}, frames in: {summary['frames_in']}, "
         f"dropped: {summary['drops']}, scenes out: {summary['frames_out']}, "
-        + (
-            f"most hands: {summary['most_hands']}"
-            if summary["most_hands"]
-            else f"most people: {summary['most_people']}"
+        + next(
+            (f"most {who}: {summary[f'most_{who}']}" for who in ("hands", "arms") if summary[f"most_{who}"]),
+            f"most people: {summary['most_people']}",
         )
     )
     say_if_never_tracked(summary)
