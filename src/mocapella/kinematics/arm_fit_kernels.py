@@ -378,6 +378,8 @@ def system(
             there = front[line, column]
             # Palm and forearm overlap themselves.
             area = 2.0 * r * max(p[LENGTH] / (steps - 1), 0.005) * (1.0 if owner >= 0 else 0.4)
+            if owner == OF_UPPER_ARM:
+                area *= 0.1  # often hidden, and then it may be anywhere
             costs[3] += area
             surface = Z - r
             if there < 0.0 and -there < surface:
@@ -526,7 +528,7 @@ def _expected_body(expected, information, v, first, H, g):
 def fit(
     digits, mirror, radii, palm, owners, columns, gains, rising, c_max, points, weights, picture, prior_mean, prior,
     predicted_R, predicted_t, predicted_z, certainty, expected, information, R, t, z, v, numbers, loose, iterations,
-    costs, assigned, H, targets,
+    costs, assigned, H, targets, keep,
 ):  # fmt: skip
     """Bring R (9,), t (3,), z (n,), v (STATE,) to the best fit near where they are, in place.
 
@@ -537,7 +539,7 @@ def fit(
         iterations: that are made.
         costs, assigned: as of `system`, of the end.
         H: (6 + n + BODY_DOFS, same) the information at the end, out; its lower triangle.
-        targets: as of `system`; they count in the first two thirds of the iterations.
+        targets: as of `system`; they count in the first part `keep` of the iterations.
     """
     n = 6 + len(z)
     full = n + BODY_DOFS
@@ -557,7 +559,7 @@ def fit(
                 H[i, k] = 0.0
         system(
             digits, mirror, radii, palm, owners, columns, gains, rising, points, weights, which, picture, R, t, z, v, now,
-            H, g, costs, assigned, targets if 3 * turn < 2 * iterations else nowhere,
+            H, g, costs, assigned, targets if turn < keep * iterations else nowhere,
         )  # fmt: skip
         for i in range(n):
             ga[i] = 0.0

@@ -194,13 +194,14 @@ def palm_candidates(
     k.inner_distance(grid.seen, labels, grid.lens, inner)
     least, most_m = s.palm_radii_m
     places = [*_ends(grid, labels, inner, count, s), *_peaks(inner, least, most_m, 2 * most)]
+    finer = replace(s, spacing_m=(_FINE if near is None else _COARSE) * s.spacing_m)
     found: list[tuple[float, PalmCandidate]] = []
     for y, x in places:
         centre = _points(grid, np.array([y]), np.array([x]))[0]
         if near is not None and np.linalg.norm(centre - near) > _NEAR_M:
             continue
         if all(np.linalg.norm(other.centre - centre) > 0.02 for _, other in found):
-            candidate = _candidate(depth, lens, centre, float(inner[y, x]), s)
+            candidate = _candidate(depth, lens, centre, float(inner[y, x]), finer)
             if candidate is not None:
                 found.append(candidate)
     found.sort(key=lambda pair: -pair[0])
@@ -258,7 +259,7 @@ def _candidate(
     depth: Float32, lens: Float64, centre: Float64, radius: float, s: ArmRegionSettings
 ) -> tuple[float, PalmCandidate] | None:
     inner_m, outer_m = s.forearm_m
-    grid = grid_about(depth, lens, np.array([[*centre, outer_m, 1.0]]), replace(s, spacing_m=_COARSE * s.spacing_m))
+    grid = grid_about(depth, lens, np.array([[*centre, outer_m, 1.0]]), s)
     if grid is None:
         return None
     k, (height, width) = kernels(), grid.seen.shape
@@ -287,7 +288,7 @@ def _candidate(
     long, wide_m = found[:, 2], found[:, 4]
     # Fingers do not reach so far; where the forearm is foreshortened, it is still wider than they are.
     arm = long >= inner_m
-    if ((long >= inner_m + 0.02) & (found[:, 3] > 0.08)).sum() > 1:
+    if ((long >= inner_m + 0.02) & (found[:, 3] > 0.08) & (wide_m > s.finger_m)).sum() > 1:
         return None  # in the middle of an arm, or of a body
     if not arm.any():
         arm = (wide_m > s.finger_m) & (long > 0.08) & (found[:, 3] > 0.03)
@@ -325,8 +326,9 @@ _LEAST_AREA_M2: Final = 0.004
 _WIDE_JUMP: Final = 1.8
 """Fingers before the palm are joined to it, on the way to an arm's end."""
 _BEFORE_END_M: Final = (0.05, 0.10)
+_FINE: Final = 0.75
 _COARSE: Final = 1.4
-"""The grid on which a candidate is looked at is so many times as coarse."""
+"""The grid on which a candidate is looked at is so many times as coarse: anywhere, and where an arm is followed."""
 _NEAR_M: Final = 0.15
 _COARSER: Final = 3
 """Every so manyth sphere is enough for what lies far around."""

@@ -51,6 +51,8 @@ class DepthArmsSettings:
         doubt: see there.
         better: another pose is taken when its cost is below this part of that of the arm's own.
         look_again_every: images between two times that a doubtful hand is looked for anew where it is.
+        firm: an arm whose cost was below this for some images is sure, and others are not looked for in its stead.
+        refuse_for: images for which a place is not looked at again, where no arm was.
         lost_after: frames in a row that an arm may be doubtful.
         look_every: frames between two looks for further arms, while there is one.
         region, fit: of the steps.
@@ -58,15 +60,17 @@ class DepthArmsSettings:
 
     arms: int = 2
     hand_length_m: float = 0.189
-    believe: float = 0.35
-    keep: float = 0.6
+    believe: float = 0.30
+    keep: float = 0.35
     trials: int = 2
     trials_in_doubt: int = 5
     doubt: float = 0.12
     better: float = 0.93
     look_again_every: int = 10
+    firm: float = 0.16
+    refuse_for: int = 60
     lost_after: int = 3
-    look_every: int = 5
+    look_every: int = 12
     region: ArmRegionSettings = field(default_factory=ArmRegionSettings)
     fit: ArmFitSettings = field(default_factory=ArmFitSettings)
 
@@ -84,7 +88,8 @@ class _Arm:
     def __init__(self, number: int, side: Handedness, fitted: Fitted, at_s: float) -> None:
         self.id, self.side, self.fitted, self.at_s = number, side, fitted, at_s
         self.velocity = np.zeros(6 + len(fitted.pose.z))
-        self.doubtful = self.since_look = 0
+        self.doubtful = self.since_look = self.firm = 0
+        self.sure = _SUREST
         self.region: Region | None = None
         self.trials: list[_Trial] = []
 
@@ -92,6 +97,14 @@ class _Arm:
         """Take in the pose of the next image."""
         self.velocity = 0.6 * _motion(self.fitted.pose, fitted.pose) / dt + 0.4 * self.velocity
         self.fitted = fitted
+
+
+class _Found(NamedTuple):
+    """A hand that was found."""
+
+    cost: float
+    side: Handedness
+    fitted: Fitted
 
 
 class _Trial(NamedTuple):
@@ -141,6 +154,7 @@ class DepthArms:
     def reset(self) -> None:
         """Forget everything, as if newly made."""
         self._arms: list[_Arm] = []
+        self._refused: list[tuple[Float64, int]] = []
         self._frames = self._next_id = 0
 
     def update(self, depth: Float32, at_s: float) -> SeenArms:
@@ -152,7 +166,8 @@ class DepthArms:
         for arm in list(self._arms):
             if not self._follow(arm, depth, at_s):
                 self._arms.remove(arm)
-        if len(self._arms) < self.settings.arms and (not self._arms or self._frames % self.settings.look_every == 0):
+        firm = sum(arm.firm >= _FIRM_AFTER for arm in self._arms)
+        if firm < self.settings.arms and (not self._arms or self._frames % self.settings.look_every == 0):
             self._look(depth, at_s)
         self._frames += 1
         told = tuple(self._told(arm) for arm in sorted(self._arms, key=lambda arm: arm.id))
@@ -181,6 +196,7 @@ class DepthArms:
         arm.at_s, arm.region = at_s, part
         self._search(arm, depth)
         arm.doubtful = arm.doubtful + 1 if arm.fitted.cost > s.keep else 0
+        arm.firm = min(arm.firm + 1, _FIRM_AFTER) if arm.fitted.cost < s.firm else max(arm.firm - 1, 0)
         return arm.doubtful < s.lost_after
 
     def _search(self, arm: _Arm, depth: Float32) -> None:
@@ -202,6 +218,8 @@ class DepthArms:
         assert arm.region is not None
         now: dict[Handedness, float] = {}
         for _ in range(min(s.trials_in_doubt if doubt else s.trials, len(arm.trials))):
+            if not arm.trials:
+                break  # another side was taken
             trial = arm.trials.pop(0)
             model = self.models[trial.side]
             start = trial.start(arm, self.models)
@@ -264,69 +282,133 @@ class DepthArms:
 
     def _look(self, depth: Float32, at_s: float) -> None:
         s = self.settings
-        found: list[tuple[float, Handedness, Fitted]] = []
-        for candidate in palm_candidates(depth, self._lens, s.region):
-            if not any(self._same(arm, candidate) for arm in self._arms):
-                best = self._best_start(depth, candidate)
-                if best is not None and best[1].cost <= s.believe:
-                    found.append((best[1].cost, *best))
-        found.sort(key=lambda one: one[0])
-        found = [(one[1].cost, *one) for one in (self._repaired(depth, *pair[1:]) for pair in found[: s.arms + 1])]
-        found.sort(key=lambda one: one[0])
-        for _, side, fitted in found:
-            if len(self._arms) == s.arms:
-                return
-            centre = self.models[side].points(fitted.pose)[21]
-            if any(np.linalg.norm(self.models[arm.side].points(arm.fitted.pose)[21] - centre) < 0.08 for arm in self._arms):
-                continue
-            arm = _Arm(self._next_id, side, fitted, at_s)
+        self._refused = [(at, frame) for at, frame in self._refused if self._frames - frame < s.refuse_for]
+        candidates = [
+            candidate
+            for candidate in palm_candidates(depth, self._lens, s.region)
+            if not any(self._same(arm, candidate) for arm in self._arms)
+            and not any(np.linalg.norm(candidate.centre - at) < _REFUSED_M for at, _ in self._refused)
+        ]
+        found = [one for one in self._best(depth, candidates) if one.cost <= s.believe]
+        found = [self._repaired(depth, one) for one in self._apart(found)[: 2 * s.arms + 2]]
+        for one in self._judged(depth, found):
+            rivals = [arm for arm in self._arms if self._overlap(_Found(0.0, arm.side, arm.fitted), one)]
+            if rivals:  # the same arm, from its other end
+                best = self._judged(depth, [one, *(_Found(0.0, arm.side, arm.fitted) for arm in rivals)])[0]
+                if best.fitted is not one.fitted:
+                    continue
+            elif len(self._arms) == s.arms:  # one that was never sure makes room
+                rivals = [max(self._arms, key=lambda arm: (arm.firm < _FIRM_AFTER, arm.fitted.cost))]
+                if rivals[0].firm >= _FIRM_AFTER or rivals[0].fitted.cost < one.cost:
+                    continue
+            for arm in rivals:
+                self._arms.remove(arm)
+            arm = _Arm(self._next_id, one.side, one.fitted, at_s)
             self._next_id += 1
-            arm.region = self._region(depth, self.models[side].spheres(fitted.pose))
+            arm.region = self._region(depth, self.models[one.side].spheres(one.fitted.pose))
+            arm.sure = self._sure(one, found)
             self._arms.append(arm)
+        for candidate in candidates:
+            if self._arms and not any(self._same(arm, candidate) for arm in self._arms):
+                self._refused.append((candidate.centre, self._frames))
+
+    def _palm(self, side: Handedness, fitted: Fitted) -> Float64:
+        return np.asarray(self.models[side].points(fitted.pose)[PALM])
+
+    def _apart(self, found: list[_Found]) -> list[_Found]:
+        """The best of either side at each place."""
+        kept: list[_Found] = []
+        for one in found:
+            if not any(other.side == one.side and self._near(other, one) for other in kept):
+                kept.append(one)
+        return kept
+
+    def _near(self, one: _Found, other: _Found) -> bool:
+        apart = self._palm(one.side, one.fitted) - self._palm(other.side, other.fitted)
+        return float(np.linalg.norm(apart)) < 0.5 * _REFUSED_M
+
+    def _sure(self, one: _Found, found: list[_Found]) -> float:
+        """How sure the side of a hand is, by how much better it is than the best of the other side there."""
+        others = [other.cost for other in found if other.side != one.side and self._near(other, one)]
+        if not others:
+            return _SUREST
+        return float(np.clip(0.5 + 0.5 * (min(others) - one.cost) / max(one.cost, 1e-6), 0.5, _SUREST))
+
+    def _overlap(self, one: _Found, other: _Found) -> bool:
+        """Whether two are of one forearm or hand."""
+        a = self.models[one.side].spheres(one.fitted.pose)[:, :3]
+        b = self.models[other.side].spheres(other.fitted.pose)[:, :3]
+        near = np.linalg.norm(a[:, None] - b[None], axis=2).min(axis=1) < 0.04
+        return bool(near.mean() > 0.2)
+
+    def _judged(self, depth: Float32, found: list[_Found]) -> list[_Found]:
+        """The best first, by how well each explains what is around any of them."""
+        if len(found) < 2:
+            return found
+        judged: list[tuple[float, int]] = []
+        for k, one in enumerate(found):
+            rivals = [other for other in found if other is one or self._overlap(one, other)]
+            around = np.vstack([self.models[other.side].spheres(other.fitted.pose) for other in rivals])
+            part = self._region(depth, around)
+            if part is None:
+                continue
+            model = self.models[one.side]
+            points = np.ascontiguousarray(part.points)
+            evidence = Evidence(points, np.ones(len(points)), part.front, part.opposite, part.lens)
+            around_cost = model.fit(one.fitted.pose, model.unexpected(one.fitted.pose), evidence, iterations=0).cost
+            judged.append((around_cost + one.fitted.cost, k))
+        return [found[k] for _, k in sorted(judged)]
 
     def _same(self, arm: _Arm, candidate: PalmCandidate) -> bool:
         spheres = self.models[arm.side].spheres(arm.fitted.pose)
+        spheres = spheres[spheres[:, 4] > 0]
         return bool((np.linalg.norm(spheres[:, :3] - candidate.centre, axis=1) < spheres[:, 3] + 0.04).any())
 
-    def _best_start(self, depth: Float32, candidate: PalmCandidate) -> tuple[Handedness, Fitted] | None:
-        part = self._region(depth, candidate.spheres)
-        if part is None or len(part.points) < 60:
-            return None
-        tried: list[tuple[float, Handedness, Fitted]] = []
-        for side, model in self.models.items():
-            for start, tips in _starts(model, candidate):
-                fitted = model.fit(start, model.unexpected(start), _evidence(part, model, start, 200, 0.3), iterations=6, loose=3.0, tips=tips)
-                tried.append((fitted.cost, side, fitted))
-        tried.sort(key=lambda one: one[0])
-        found: list[tuple[float, Handedness, Fitted]] = []
-        for _, side, fitted in tried[:12]:
-            model = self.models[side]
-            finer = self._region(depth, model.spheres(fitted.pose))
-            if finer is None:
+    def _best(self, depth: Float32, candidates: list[PalmCandidate]) -> list[_Found]:
+        """The hands that fit best, one or few for each candidate: all starts a little, the better ones more."""
+        pool: list[tuple[Region, _Found, Float64 | None]] = []
+        for candidate in candidates:
+            part = self._region(depth, candidate.spheres)
+            if part is None or len(part.points) < _FEW:
                 continue
-            better = model.fit(fitted.pose, model.unexpected(fitted.pose), _evidence(finer, model, fitted.pose, 400, 0.3), iterations=8)
-            found.append((better.cost, side, better))
-        if not found:
-            return None
-        found.sort(key=lambda one: one[0])
-        DEBUG.append([(round(c, 3), np.round(f.costs,3), a, bool(f.pose.R[5+2-0-0] > 9) , 'back' if f.pose.R[7] < 0 else 'palm') for c, a, f in found])
-        return found[0][1], found[0][2]
+            for side, model in self.models.items():
+                for start, tips in _starts(model, candidate):
+                    evidence = _evidence(part, model, start, 120, 0.3)
+                    fitted = model.fit(start, model.unexpected(start), evidence, iterations=4, loose=3.0, tips=tips, keep=1.0)
+                    pool.append((part, _Found(fitted.cost, side, fitted), tips))
+        for most, points, iterations, loose in _ROUNDS:
+            pool.sort(key=lambda entry: entry[1].cost)
+            better = []
+            for part, (_, side, before), tips in pool[:most]:
+                model = self.models[side]
+                part = self._region(depth, model.spheres(before.pose)) if points > 250 else part  # noqa: PLW2901
+                if part is None:
+                    continue
+                evidence = _evidence(part, model, before.pose, points, 0.3)
+                fitted = model.fit(
+                    before.pose, model.unexpected(before.pose), evidence, iterations=iterations, loose=loose,
+                    tips=tips if points <= 250 else None,
+                )  # fmt: skip
+                better.append((part, _Found(fitted.cost, side, fitted), tips))
+            pool = better
+        return sorted((entry[1] for entry in pool), key=lambda one: one.cost)
 
-    def _repaired(self, depth: Float32, side: Handedness, fitted: Fitted) -> tuple[Handedness, Fitted]:
+    def _repaired(self, depth: Float32, found: _Found) -> _Found:
         """With each digit held otherwise where that is better."""
-        model = self.models[side]
+        model, fitted = self.models[found.side], found.fitted
         for digit in range(5):
             part = self._region(depth, model.spheres(fitted.pose))
             if part is None:
                 break
-            for flexion, abduction, middle in _OTHERWISE[digit > 0]:
+            for held in _OTHERWISE[digit > 0]:
                 start = fitted.pose.copied()
-                _bend(model, start.z, digit, flexion, abduction, middle)
+                _bend(model, start.z, digit, *held)
                 fit_kernels().within(model.digits, model.columns, model.gains, start.z, model.c_max)
-                other = model.fit(start, model.unexpected(start), _evidence(part, model, start, 400, 0.3), iterations=5, loose=1.5)
+                evidence = _evidence(part, model, start, 400, 0.3)
+                other = model.fit(start, model.unexpected(start), evidence, iterations=5, loose=1.5)
                 if other.cost < 0.97 * fitted.cost:
                     fitted = other
-        return side, fitted
+        return _Found(fitted.cost, found.side, fitted)
 
     # Telling.
 
@@ -336,7 +418,7 @@ class DepthArms:
         states = _states(points, arm.region, model, pose)
         sd = np.where(states == JointState.TRACKED, 0.006, 0.02).astype(np.float32)
         return SeenArm(
-            arm.id, arm.side == "left", 0.75, points, states, sd, model.angles(pose), pose.T_camera_palm
+            arm.id, arm.side == "left", arm.sure, points, states, sd, model.angles(pose), pose.T_camera_palm
         )  # fmt: skip
 
 
@@ -364,7 +446,7 @@ def _states(points: Float64, part: Region | None, model: ArmModel, pose: ArmPose
 
 
 def _evidence(part: Region, model: ArmModel, pose: ArmPose, most: int = 10_000, beyond: float = 0.05) -> Evidence:
-    points = np.ascontiguousarray(part.points[:: -(-len(part.points) // most)])
+    points = np.ascontiguousarray(part.points[:: max(-(-len(part.points) // most), 1)])
     return Evidence(points, model.relevance(points, pose, beyond), part.front, part.opposite, part.lens)
 
 
@@ -403,17 +485,25 @@ def _starts(model: ArmModel, candidate: PalmCandidate) -> Iterator[tuple[ArmPose
             v = model.state()
             if candidate.forearm is not None:
                 v[4:7] = R.T @ candidate.forearm
-                v[7:10] = v[4:7]
-            # Seen from its back, a right hand's digits go clockwise from the thumb on.
+                # The upper arm goes back to the shoulder, away from the camera.
+                back = 0.5 * candidate.forearm + candidate.centre / np.linalg.norm(candidate.centre)
+                v[7:10] = R.T @ (back / np.linalg.norm(back))
+            # Seen from its back, a right hand's digits go clockwise from the thumb on; from its side, either way.
             clockwise = (np.cos(roll) > 0) == (model.mirror > 0)
-            ordered = tips[::-1] if clockwise else tips
-            for digits in combinations(range(5), len(tips)):
-                z = _posed(model, tuple(_OPEN[d] if d in digits else _BENT[d] for d in range(5)))
-                targets = np.full((5, 3), np.nan)
-                targets[list(digits)] = ordered
-                yield ArmPose(np.ascontiguousarray(R).reshape(9), t.copy(), z, v.copy()), targets
+            orders = [tips[::-1] if clockwise else tips]
+            if roll not in _FLAT and len(tips) == 2:
+                orders = [tips, tips[::-1]]
+            for ordered in orders:
+                for digits in combinations(range(5), len(tips)):
+                    z = _posed(model, tuple(_OPEN[d] if d in digits else _BENT[d] for d in range(5)))
+                    targets = np.full((5, 3), np.nan)
+                    targets[list(digits)] = ordered
+                    yield ArmPose(np.ascontiguousarray(R).reshape(9), t.copy(), z, v.copy()), targets
             if len(tips) < 2:
-                yield ArmPose(np.ascontiguousarray(R).reshape(9), t.copy(), _posed(model, _OPEN), v.copy()), None
+                for shift in _SHIFTS_M:
+                    for postures in (_OPEN, _BENT, _HOLDING):
+                        moved = t + shift * z_axis
+                        yield ArmPose(np.ascontiguousarray(R).reshape(9), moved, _posed(model, postures), v.copy()), None
 
 
 def _across(normal: Float64, z_axis: Float64, centre: Float64) -> Float64:
@@ -431,7 +521,10 @@ _FLAT: Final = (0.0, np.pi)
 _ROLLS: Final = (*_FLAT, 0.5 * np.pi, -0.5 * np.pi)
 _OPEN: Final = ((0, 0, 10), *[(5, 0, 8)] * 4)
 _BENT: Final = ((0, 0, 40), *[(70, 0, 85)] * 4)
+_HOLDING: Final = ((10, -15, 40), *[(45, 0, 60)] * 4)
 """Flexion, abduction and second flexion of thumb to little finger [degrees]."""
+_SHIFTS_M: Final = (-0.03, 0.0, 0.03)
+"""Along the hand: where there are no fingers to be seen, its middle is not known so well."""
 
 
 def _digits_otherwise(model: ArmModel, arm: _Arm) -> list[_Trial]:
@@ -446,6 +539,11 @@ def _digits_otherwise(model: ArmModel, arm: _Arm) -> list[_Trial]:
     ]
 
 
+_ROUNDS: Final = ((48, 250, 8, 2.0), (10, 400, 8, 1.5))
+"""How many starts are kept, with how many points, iterations, and how loose at the beginning."""
+_SUREST: Final = 0.95
+_FIRM_AFTER: Final = 5
+_REFUSED_M: Final = 0.08
 _FEW: Final = 40
 _OTHERWISE: Final = (
     ((0, 0, 10), (20, 15, 50), (-20, -15, 10), (20, -15, 50)),
