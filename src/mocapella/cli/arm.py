@@ -239,12 +239,15 @@ class _Run:
     def __init__(
         self, recording: DepthRecording, camera: Camera, method: ArmMethod, stages: Path | None, all_points: bool
     ) -> None:
+        from mocapella.kinematics.arm_quality import ArmQualityMeter
+
         self.recording, self.camera, self.method = recording, camera, method
         self._stages, self._all_points = stages, all_points
         self._rows: list[dict[str, Any]] = []
         self.counts: Counter[str] = Counter()
         self._took_s: list[float] = []
         self._reasons: Counter[str] = Counter()
+        self._quality = ArmQualityMeter()
 
     def rows(self) -> Iterator[dict[str, Any]]:
         """Each image's row, when it has been looked at.
@@ -294,6 +297,7 @@ class _Run:
                 found = SeenArms(found.arms, "nothing was measured in the whole image")
             if self._stages is not None:
                 self._write_stages(self.method, metres, image.file)  # type: ignore[arg-type]
+        self._quality.update(found.arms, at_s)
         self.counts["with_arms"] += bool(found.arms)
         self.counts["arms"] += len(found.arms)
         return frame_row(image.file, at_s, found, self.camera.lens, all_points=self._all_points)
@@ -321,6 +325,7 @@ class _Run:
             "unit_m": state.unit_m,
             "counts": {name: self.counts[name] for name in ("images", "with_arms", "arms", "empty", "damaged")},
             "median_ms": round(1e3 * statistics.median(self._took_s), 3) if self._took_s else None,
+            "quality": self._quality.quality.as_json(),
             "problems": list(state.problems),
             "frames": self._rows,
         }

@@ -17,7 +17,6 @@ from mocapella.cli.common import (
     Method,
     NoView,
     RecordTo,
-    SceneName,
     Seconds,
     Seed,
     exit_by,
@@ -36,14 +35,17 @@ class What(StrEnum):
 
     PEOPLE = "people"
     HANDS = "hands"
+    ARM = "arm"
 
 
 @app.command()
 def demo(
     what: Annotated[
-        What, typer.Argument(metavar="[WHAT]", help="people, or hands with painted fingertips.")
+        What, typer.Argument(metavar="[WHAT]", help="people, hands with painted fingertips, or an arm.")
     ] = What.PEOPLE,
-    scene: SceneName = "obstacle",
+    scene: Annotated[
+        str | None, typer.Option("--scene", metavar="NAME", help="Name of the scene; obstacle, or of arm grab.")
+    ] = None,
     method: Method = "default",
     seconds: Seconds = None,
     no_view: NoView = False,
@@ -61,7 +63,10 @@ def demo(
     """Simulate a room with three sensors, two people and an obstacle, track the people live, and open the view.
 
     `demo hands` renders a hand with painted fingertips before two cameras, finds the paint in their pictures, and makes
-    a hand of it. Needs no hardware and downloads nothing. Every sensor is a process of its own, as real ones are.
+    a hand of it. `demo arm` renders an arm before a depth camera, finds it and its fingers in the images, and lets it
+    grab a cloth; --scene is one of the arm's scenes there (grab), and --method how arms are found.
+
+    Needs no hardware and downloads nothing. Every sensor is a process of its own, as real ones are.
 
     Example:  mocapella demo --scene walk --seconds 30 --record walk-1
     """
@@ -71,7 +76,7 @@ def demo(
     from mocapella.live.stopping import stop_on_signals
 
     take = None if record is None else take_file(record)
-    show_of = _hands_show(seed) if what is What.HANDS else _people_show(scene, method, seed)
+    show_of = _show_of(what, scene, method, seed)
     bus_port = _choose(port, DEFAULT_PORT)
     if port is not None:
         check_port_free("127.0.0.1", port, "--port")
@@ -85,7 +90,7 @@ def demo(
             webbrowser.open(url)
 
     with stop_on_signals() as stop:
-        with live_session(settings, stop, view_port=page_port, on_url=show) as session:
+        with live_session(settings, stop, view_port=page_port, on_url=show, view_words=show_of.view) as session:
             if take is not None:
                 say(session.server.record_to(take))
             start_together(session, [[*words, "--connect", listen] for words in show_of.nodes])
@@ -104,6 +109,15 @@ class Show:
     method_settings: dict[str, Any]
     nodes: list[list[str]]
     words: str
+    view: tuple[str, ...] = ()
+
+
+def _show_of(what: What, scene: str | None, method: str, seed: int) -> Show:
+    if what is What.HANDS:
+        return _hands_show(seed)
+    if what is What.ARM:
+        return _arm_show(scene or "grab", method, seed)
+    return _people_show(scene or "obstacle", method, seed)
 
 
 def _people_show(scene: str, method: str, seed: int) -> Show:
@@ -140,6 +154,27 @@ def _hands_show(seed: int) -> Show:
     nodes = [["markers", f"rendered:demo/{name}", "--seed", str(seed), "--report", "0"] for name in names]
     said = f"rendering a hand: cameras {', '.join(names)}"
     return Show(Setup(method="hands", sensors_expected=len(names)), settings, nodes, said)
+
+
+def _arm_show(scene: str, method: str, seed: int) -> Show:
+    import numpy as np
+
+    from mocapella.cli.common import need_cameras
+    from mocapella.model.camera import Camera
+    from mocapella.model.session import Setup
+    from mocapella.sources.simulate.depth_scene import load_depth_scene
+    from mocapella.tracker.arm_methods import arm_method
+
+    need_cameras("demo arm")
+    with working("making the arm …", status=0):
+        made = load_depth_scene(scene, seed=seed)
+        shot = made.at(0.0)  # compiles once a machine, and not while the camera is running
+        finds = arm_method(method, Camera("arm", made.sensor.size_px, made.lens))
+        for k in range(3):
+            finds.update(made.at(k / 30).depth * np.float32(shot.unit_m), k / 30)
+    words = ["arm", f"rendered:{scene}/{seed}", "--method", method, "--drop-after-ms", "1000", "--report", "0"]
+    said = f"rendering an arm before a depth camera: {scene}"
+    return Show(Setup(method="arms", sensors_expected=1), {}, [words], said, ("--cloth",))
 
 
 def _choose(wanted: int | None, default: int) -> int:

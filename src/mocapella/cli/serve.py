@@ -77,8 +77,12 @@ def live_session(
     *,
     view_port: int | None,
     on_url: Callable[[str], None] = say_url,
+    view_words: Sequence[str] = (),
 ) -> Iterator[LiveSession]:
-    """A server and its view (unless ``view_port`` is None), which ``stop`` ends; all closed at the end."""
+    """A server and its view (unless ``view_port`` is None), which ``stop`` ends; all closed at the end.
+
+    ``view_words`` are further options of ``mocapella view``.
+    """
     from mocapella.live.launch import Children, check_port_free
     from mocapella.live.server import Server
     from mocapella.live.session import Session
@@ -99,7 +103,7 @@ def live_session(
         view = stack.enter_context(Children())
         if view_port is not None:
             arguments = ["view", "--connect", settings.listen, "--port", str(view_port), "--host", VIEW_HOST]
-            view.start(arguments, lambda line: _pass_on(line, on_url))
+            view.start([*arguments, *view_words], lambda line: _pass_on(line, on_url))
         nodes = stack.enter_context(Children())
         yield LiveSession(server, view, nodes, stop)
 

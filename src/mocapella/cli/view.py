@@ -17,6 +17,7 @@ def view(
     host: Annotated[
         str, typer.Option(help="Interface of the page; others than 127.0.0.1 are open to your network.")
     ] = "127.0.0.1",
+    cloth: Annotated[bool, typer.Option("--cloth", help="Hang a cloth before the first hand that is tracked.")] = False,
 ) -> None:
     """Show a server's session in the browser, and wait for the server if none is there yet.
 
@@ -34,6 +35,7 @@ def view(
             host,
             port,
             stop,
+            cloth=cloth,
             on_ready=lambda url: say(f"view: {url}"),
             on_waiting=lambda address: say(
                 f"no server at {address} yet: start one with `mocapella serve`; waiting for it (Ctrl-C ends)"

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from mocapella.conventions import NS_PER_S
+from mocapella.kinematics.arm_quality import ArmQualityMeter
 from mocapella.model.conditions import conditions
 from mocapella.model.scene import Phase, Scene, SensorPlace, TrackerState
 
@@ -82,6 +83,7 @@ class Tally:
     most_hands: int = 0
     arms_now: int = 0
     most_arms: int = 0
+    arm_quality: ArmQualityMeter = field(default_factory=ArmQualityMeter)
     state_changes: list[dict[str, Any]] = field(default_factory=list)
     latencies: LatencyHistogram = field(default_factory=LatencyHistogram)
     began_ns: int | None = None
@@ -100,6 +102,8 @@ class Tally:
         self.most_hands = max(self.most_hands, self.hands_now)
         self.arms_now = len(scene.arms)
         self.most_arms = max(self.most_arms, self.arms_now)
+        if self.most_arms:
+            self.arm_quality.update(scene.arms, scene.at_ns / NS_PER_S)
         self.times.append(done_ns)
         self.places = scene.sensors
         self._note_labels(scene)
@@ -181,6 +185,7 @@ class Tally:
             "most_hands": self.most_hands,
             "arms": self.arms_now,
             "most_arms": self.most_arms,
+            "arm_quality": self.arm_quality.quality.as_json() if self.most_arms else None,
             "latency_ms": self.latency_ms(),
             "state_changes": self.state_changes,
             "conditions": [

@@ -17,6 +17,7 @@ import msgspec
 import zenoh
 
 from mocapella.errors import NoServerError
+from mocapella.live.arm_show import ArmShow
 from mocapella.live.board_desk import BoardDesk
 from mocapella.model.observations import Frame
 from mocapella.model.scene import Scene
@@ -153,11 +154,13 @@ def run_view(
     port: int,
     stop: threading.Event,
     *,
+    cloth: bool = False,
     on_ready: Callable[[str], None] = lambda url: None,
     on_waiting: Callable[[str], None] = lambda address: None,
 ) -> None:
     """Show the session at ``connect`` on ``http://host:port`` until ``stop`` is set, whenever a server is there.
 
+    ``cloth``: one hangs before the first hand that is tracked.
     ``on_ready`` is called with the page's URL, ``on_waiting`` with the address where no server answers yet.
 
     Raises:
@@ -172,11 +175,11 @@ def run_view(
         viewer = Viewer(host, port, command=desk.command, methods=tuple(METHODS), ask=link.ask)
         try:
             on_ready(viewer.url)
-            picture = Picture()
+            picture, arms = Picture(), ArmShow(cloth)
             for now_s in beats(RATE_HZ, stop):
                 scene, frames, status = picture.update(*link.newest(), now_s)
                 desk.learn(status)
-                viewer.show(scene, frames, status, desk.progress)
+                viewer.show(scene, frames, status, desk.progress, arms.update(scene))
         finally:
             viewer.close()
     finally:

@@ -14,6 +14,7 @@ from mocapella.model.scene import Person, Scene
 from mocapella.model.session import SessionStatus
 from mocapella.model.topology import UNKNOWN_FIELD_OF_VIEW_DEG
 from mocapella.viewer import layout
+from mocapella.viewer.arms import ArmsShown
 from mocapella.viewer.camera_feed import CameraFeed
 from mocapella.viewer.commands import Commander
 from mocapella.viewer.layout import Look
@@ -78,6 +79,7 @@ class Browser:
         self._framed: tuple[object, ...] | None = None
         self._look: Look | None = None
         self._calls_since_move = 0
+        self._arms = False
         self._stage = TrackingStage(client.scene, known.colours, known.fields)
         self._pictures = PictureStage(client.scene)
         self._hears_clicks = self._before_picture = False
@@ -89,10 +91,14 @@ class Browser:
         scene: Scene | None,
         status: SessionStatus | None,
         board: BoardProgress | None = None,
+        arms: ArmsShown | None = None,
     ) -> None:
         """Show the newest: ``draw`` makes the Tracking stage of a perspective."""
         with self._client.atomic():
-            self._panel.show(status, scene, board)
+            self._panel.show(status, scene, board, arms)
+            if (arms is not None) != self._arms:  # the stages change, and the camera with them, unless it was moved
+                self._arms = arms is not None
+                self._wish = self._wish or (None if self._touched() else Aim.TRACKING if self._arms else Aim.BOTH)
             wish, self._wish = self._wish, None  # before the perspective: a callback sets it first, and then the wish
             perspective = self._panel.perspective
             self._stage.draw(
@@ -157,9 +163,11 @@ class Browser:
             _, high = self._known.fields.get(perspective, UNKNOWN_FIELD_OF_VIEW_DEG)
             self._put(layout.eyes(floors.tilt(perspective), floors.height(perspective), np.radians(high)))
             return
-        tracking, sensors = layout.tracking_box().corners, layout.sensors_box(lanes).corners
+        tracking = layout.arms_box().corners if self._arms else layout.tracking_box().corners
+        sensors = layout.sensors_box(lanes).corners
         seen = {Aim.TRACKING: tracking, Aim.SENSORS: sensors}.get(self._aim, np.concatenate([tracking, sensors]))
-        self._put(layout.frame(seen, fov=FOV, aspect=width / tall, elevation=_ELEVATION))
+        elevation = 0.0 if self._arms and self._aim is Aim.TRACKING else _ELEVATION
+        self._put(layout.frame(seen, fov=FOV, aspect=width / tall, elevation=elevation))
 
     def _touched(self) -> bool:
         """Whether a person moved the camera since we did."""

@@ -82,6 +82,39 @@ class StrokeNode:
         )
 
 
+class ClothNode:
+    """One surface whose corners move, seen from both sides."""
+
+    def __init__(self, scene: viser.SceneApi, name: str, colour: Rgb) -> None:
+        self._scene, self._name, self._colour = scene, name, colour
+        self._faces: NDArray[np.uint32] | None = None
+        self._handle: viser.MeshHandle | None = None
+
+    def draw(self, mesh: Mesh | None) -> None:
+        """Show exactly this; nothing where there is none."""
+        if mesh is None:
+            if self._handle is not None and self._handle.visible:
+                self._handle.visible = False
+            return
+        if self._handle is None or self._faces is not mesh.faces:
+            if self._handle is not None:
+                self._handle.remove()
+            self._faces = mesh.faces
+            self._handle = self._scene.add_mesh_simple(
+                self._name,
+                mesh.vertices,
+                mesh.faces,
+                color=self._colour.paint,
+                side="double",
+                opacity=0.82,
+                cast_shadow=False,
+                receive_shadow=False,
+            )
+        self._handle.vertices = mesh.vertices
+        if not self._handle.visible:
+            self._handle.visible = True
+
+
 class LineNode:
     """Straight lines, each point of them in a colour of its own."""
 

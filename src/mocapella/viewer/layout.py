@@ -74,6 +74,12 @@ def tracking_box() -> Box:
     )
 
 
+def arms_box() -> Box:
+    """What the stage of arms fills, with their titles."""
+    _, _, deep = stage_centre()
+    return Box(np.array([-2.6, -0.25, deep]), np.array([2.6, 2.4, deep + 0.3]))
+
+
 def sensors_box(count: int) -> Box:
     """What the gallery of that many sensors fills; one lane where there is none."""
     origins = lane_origins(max(count, 1))

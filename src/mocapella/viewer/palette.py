@@ -34,6 +34,7 @@ class Rgb(NamedTuple):
 FUSED = Rgb(255, 255, 255)
 """The fused skeleton."""
 FLOOR = Rgb(20, 27, 40)
+CLOTH = Rgb(120, 150, 235)
 GREEN, AMBER, BLUE, RED, GREY = (
     Rgb(61, 220, 151),
     Rgb(255, 184, 77),

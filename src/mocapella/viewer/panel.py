@@ -16,6 +16,8 @@ from mocapella.model.board_progress import BoardProgress
 from mocapella.model.scene import Scene
 from mocapella.model.session import SessionStatus
 from mocapella.viewer import readout
+from mocapella.viewer.arm_panel import ArmPanel
+from mocapella.viewer.arms import ArmsShown
 from mocapella.viewer.board_panel import BoardPanel, BoardPlace
 from mocapella.viewer.camera_feed import CameraFeed
 from mocapella.viewer.camera_panel import CameraPanel
@@ -79,6 +81,7 @@ class Panel:
         self._start = self._button("Start", "start", viser.Icon.PLAYER_PLAY, "teal")
         self._stop = self._button("Stop", "stop", viser.Icon.PLAYER_STOP, "gray")
         self._recalibrate = self._button("Recalibrate", "recalibrate", viser.Icon.REFRESH, "gray")
+        self._arms = ArmPanel(gui)
         with gui.add_folder("Sensors") as sensors:
             self._sensors = gui.add_html(readout.sensors_html(None, colours))
         self.cameras = CameraPanel(gui, feed, self._tell)
@@ -111,11 +114,18 @@ class Panel:
             return self._chosen
         return default_perspective(self._status, self._colours.sensors)
 
-    def show(self, status: SessionStatus | None, scene: Scene | None, board: BoardProgress | None = None) -> None:
+    def show(
+        self,
+        status: SessionStatus | None,
+        scene: Scene | None,
+        board: BoardProgress | None = None,
+        arms: ArmsShown | None = None,
+    ) -> None:
         """Bring everything up to the status; costs next to nothing when it is the one already shown."""
         now_s = time.monotonic()
         self._watchdog.beat(now_s)
         self.cameras.show(now_s)
+        self._arms.show(scene, arms, now_s)
         can = allowed(status)
         self._setup.show(status, enabled=can.setup)
         self._boards.show(status, board)

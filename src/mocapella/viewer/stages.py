@@ -11,11 +11,14 @@ import viser
 from numpy.typing import NDArray
 
 from mocapella.geometry.rigid import apply, inverse
+from mocapella.model.arms import ArmFrame
 from mocapella.model.markers import MarkerFrame
 from mocapella.model.observations import BodyFrame, Frame
 from mocapella.model.scene import Person, Scene
 from mocapella.model.topology import UNKNOWN_FIELD_OF_VIEW_DEG
 from mocapella.viewer import layout
+from mocapella.viewer.arms import SCALE as ARMS_SCALE
+from mocapella.viewer.arms import ArmsShown, arms_drawing, lane_arms
 from mocapella.viewer.bones import (
     NO_STROKES,
     Float32,
@@ -26,11 +29,11 @@ from mocapella.viewer.bones import (
     join,
     joint_strokes,
 )
-from mocapella.viewer.drawing import FloorNode, LineNode, SensorNode, StrokeNode, Tag, TagNodes
+from mocapella.viewer.drawing import ClothNode, FloorNode, LineNode, SensorNode, StrokeNode, Tag, TagNodes
 from mocapella.viewer.hands import hands_drawing, lane_picture
 from mocapella.viewer.layout import SENSORS_SCALE
-from mocapella.viewer.meshes import ball_mesh, bone_mesh
-from mocapella.viewer.palette import FUSED, SensorColours, person_colour
+from mocapella.viewer.meshes import Mesh, ball_mesh, bone_mesh
+from mocapella.viewer.palette import CLOTH, FUSED, SensorColours, person_colour
 from mocapella.viewer.perspective import FREE, Float64, Floors, Perspectives
 from mocapella.viewer.sensor_marks import SensorMark, Standing, field_lines, marks
 from mocapella.viewer.trails import TrailChoice, Trails
@@ -52,6 +55,7 @@ class TrackingDrawing:
 
     ``halos`` are about the joints that are unsure. ``unseen`` is what people are called whom the perspective's sensor
     never saw, who therefore cannot be placed in it. ``scale``: how many times larger than they are things are drawn.
+    ``arms``: that it is the stage of arms, from three sides; ``cloth`` is what they hold there.
     """
 
     bones: Strokes
@@ -61,9 +65,13 @@ class TrackingDrawing:
     sensors: dict[str, SensorMark]
     unseen: tuple[str, ...]
     scale: float = 1.0
+    arms: bool = False
+    cloth: Mesh | None = None
 
 
-def tracking_drawing(scene: Scene | None, perspective: str, seen: Perspectives, floors: Floors) -> TrackingDrawing:
+def tracking_drawing(
+    scene: Scene | None, perspective: str, seen: Perspectives, floors: Floors, arms: ArmsShown | None = None
+) -> TrackingDrawing:
     """What the Tracking stage shows from that perspective; without a scene, an empty stage.
 
     Args:
@@ -71,7 +79,11 @@ def tracking_drawing(scene: Scene | None, perspective: str, seen: Perspectives, 
         perspective: a sensor's name, or `FREE`.
         seen: from where each person was seen; has learned the scene.
         floors: how high the perspective is over the floor.
+        arms: what the stage of arms needs; None where there are none.
     """
+    if arms is not None:
+        made = arms_drawing(scene, arms)
+        return TrackingDrawing(made.lines, made.joints, made.hollow, made.tags, {}, (), ARMS_SCALE, True, made.cloth)
     if scene is not None and scene.topology.name == "hand":
         shown = hands_drawing(scene)
         return TrackingDrawing(shown.bones, shown.joints, shown.halos, shown.tags, shown.sensors, (), shown.scale)
@@ -162,6 +174,7 @@ class TrackingStage:
         self._bones = StrokeNode(scene, "/tracking/bones", bone_mesh())
         self._joints = StrokeNode(scene, "/tracking/joints", ball_mesh())
         self._halos = StrokeNode(scene, "/tracking/halos", ball_mesh(), shadow=False, translucent=True)
+        self._cloth = ClothNode(scene, "/tracking/cloth", CLOTH)
         self._trails = LineNode(scene, "/tracking/trails", thickness=0.02)
         self._field_lines = LineNode(scene, "/tracking/fields", thickness=0.008)
         self._trails_of: tuple[object, ...] = ()
@@ -200,6 +213,7 @@ class TrackingStage:
         self._bones.draw(drawing.bones)
         self._joints.draw(drawing.joints)
         self._halos.draw(drawing.halos)
+        self._cloth.draw(drawing.cloth)
         self._tags.draw(drawing.tags)
         shown = {name: mark for name, mark in drawing.sensors.items() if not (eyes and name == perspective)}
         self._draw_sensors(shown, fields)
@@ -264,6 +278,10 @@ class SensorsStage:
                 edge, markers = lane_picture(frame, origin, self._colours.of(sensor))
                 bones.append(edge)
                 balls.append(markers)
+            elif isinstance(frame, ArmFrame):
+                lines, joints = lane_arms(frame, origin, self._colours.of(sensor))
+                bones.append(lines)
+                balls.append(joints)
             elif isinstance(frame, BodyFrame) and frame.bodies:
                 bones.append(lane_bones(frame, T_lane, origin, self._colours))
         self._bones.draw(join(bones))

@@ -19,6 +19,7 @@ from mocapella.model.board_progress import BoardProgress
 from mocapella.model.observations import Frame
 from mocapella.model.scene import Scene
 from mocapella.model.session import SessionStatus, Setup
+from mocapella.viewer.arms import ArmsShown
 from mocapella.viewer.browser import Browser, Known
 from mocapella.viewer.camera_feed import Ask, CameraAnswer, CameraFeed
 from mocapella.viewer.commands import Command, Commander
@@ -106,6 +107,7 @@ class Viewer:
         frames: Mapping[str, Frame],
         status: SessionStatus | None,
         board: BoardProgress | None = None,
+        arms: ArmsShown | None = None,
     ) -> None:
         """Show the newest of everything in every browser; next to nothing is done while there is none.
 
@@ -116,6 +118,7 @@ class Viewer:
             frames: each sensor's newest frame, by its name.
             status: the session's newest, None while no server answers.
             board: how a calibration of cameras goes; None where the commands of one (``calibrate`` …) are unknown.
+            arms: what belongs to the scene's arms; None where there are none.
         """
         self._welcome()
         self._known.learn(scene, frames, status)
@@ -124,7 +127,7 @@ class Viewer:
 
         @cache
         def draw(perspective: str) -> TrackingDrawing:
-            return tracking_drawing(scene, perspective, self._known.seen, self._known.floors)
+            return tracking_drawing(scene, perspective, self._known.seen, self._known.floors, arms)
 
         rows = status.sensors if status is not None and self._asks else ()
         self._feed.beat([row.name for row in rows if row.markers and row.connected], time.monotonic())
@@ -132,7 +135,7 @@ class Viewer:
             self._sensors.draw(frames, self._known.floors)
         for browser in self._browsers.values():
             with _tolerated():
-                browser.show(draw, scene, status, board)
+                browser.show(draw, scene, status, board, arms)
 
     def close(self) -> None:
         """Serve no more."""

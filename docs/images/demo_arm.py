@@ -1,0 +1,46 @@
+"""Makes demo-arm.png: `mocapella demo arm` in a browser, at an instant at which the hand holds the cloth.
+
+    python docs/images/demo_arm.py [FILE.png] [SEED]
+
+Needs chromium on the PATH, and playwright.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+FLAGS = ["--headless", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+HERE = Path(__file__).parent
+
+
+def main(file: Path, seed: str) -> None:
+    from playwright.sync_api import sync_playwright
+
+    command = [sys.executable, "-m", "mocapella", "demo", "arm", "--no-browser", "--seconds", "240", "--seed", seed]
+    demo = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    try:
+        assert demo.stdout is not None
+        url = next(m[1] for line in demo.stdout if (m := re.search(r"live view: (http\S+)", line)))
+        with sync_playwright() as playwright:
+            browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
+            page = browser.new_page(viewport={"width": 1500, "height": 780})
+            page.set_default_timeout(120_000)
+            page.goto(url)
+            page.locator(".mocapella-arms").wait_for()
+            time.sleep(12)  # the noise of a still arm is there, and the first pictures have been drawn
+            page.locator(".mocapella-arms", has_text="grabbing").wait_for()
+            time.sleep(1.0)
+            page.screenshot(path=file)
+            browser.close()
+    finally:
+        demo.terminate()
+        demo.wait()
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / "demo-arm.png", sys.argv[2] if len(sys.argv) > 2 else "0")

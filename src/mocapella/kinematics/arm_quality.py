@@ -1,0 +1,220 @@
+"""How steady and how right arms are, measured live: noise of a still arm, and misdetections a minute.
+
+- **Noise**: root mean square motion of each joint about its mean, over a window in which the palm was still and the
+  joint did not go anywhere.
+- **Misdetections**: joints that jump between two frames by more than 5 cm beyond what the arm as a whole did (the
+  median of its joints' motion: an arm may be fast); fingertips that become known or unknown, or change places.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.model.arm_quality import ArmQuality, Misdetections
+from mocapella.model.arms import ARM_JOINTS
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+
+_PALM: Final = 2
+_TIPS: Final = slice(3, 8)
+"""In `ARM_JOINTS`."""
+_PARTS: Final = 4
+_OVER_S: Final = 60.0
+_NOISY: Final = 4.0
+"""Standard deviations of a quarter's mean."""
+
+
+class Arm(Protocol):
+    """What is wanted of an arm: `mocapella.model.arms.SeenArm`, or what a tracker made of several."""
+
+    @property
+    def id(self) -> int: ...  # noqa: D102
+    @property
+    def left(self) -> bool: ...  # noqa: D102
+    @property
+    def points(self) -> Float64: ...  # noqa: D102
+
+
+@dataclass(frozen=True)
+class ArmQualitySettings:
+    """What is still, and what is a jump.
+
+    Attributes:
+        still_window_s: an arm is still if it was for so long.
+        still_m: its palm's mean in no quarter of that time was farther than this from another's, and its noise.
+        least_frames: in that time.
+        jump_m: farther than this between two frames is a jump.
+        gap_s: frames that are farther apart are not compared.
+    """
+
+    still_window_s: float = 2.0
+    still_m: float = 0.004
+    least_frames: int = 20
+    jump_m: float = 0.05
+    gap_s: float = 0.2
+
+    def __post_init__(self) -> None:
+        check(0.1 <= self.still_window_s <= 60, "still_window_s", self.still_window_s, "from 0.1 to 60 s")
+        check(0 < self.still_m <= 0.1, "still_m", self.still_m, "above 0, at most 0.1 m")
+        check(_PARTS <= self.least_frames <= 10_000, "least_frames", self.least_frames, f"from {_PARTS} to 10000")
+        check(0 < self.jump_m <= 1, "jump_m", self.jump_m, "above 0, at most 1 m")
+        check(0 < self.gap_s <= 10, "gap_s", self.gap_s, "above 0, at most 10 s")
+
+
+def swapped_pairs(before: Float64, now: Float64, least_m: float = 0.01) -> list[tuple[int, int]]:
+    """Which two points changed places: each is less than half as far from where the other was as from its own place.
+
+    Args:
+        before, now: (n, 3) [m]; NaN where not known.
+        least_m: those that were nearer to each other are not told apart.
+    """
+    apart = np.linalg.norm(now[:, None] - before[None], axis=-1)
+    between = np.linalg.norm(before[:, None] - before[None], axis=-1)
+    own = np.diag(apart)
+    with np.errstate(invalid="ignore"):
+        taken = (apart < 0.5 * own[:, None]) & (between > least_m)
+    both = np.triu(taken & taken.T, 1)
+    return [(int(i), int(j)) for i, j in np.argwhere(both)]
+
+
+def misdetected(before: Float64, now: Float64, jump_m: float) -> Misdetections:
+    """What happened to the eight joints of an arm between two frames.
+
+    Args:
+        before, now: (8, 3) of `ARM_JOINTS` [m]; NaN where not known.
+        jump_m: see `ArmQualitySettings`.
+    """
+    moved = now - before
+    known = np.isfinite(moved).all(axis=-1)
+    whole = np.median(moved[known], axis=0) if known.any() else np.zeros(3)
+    there, is_there = (np.isfinite(joints[_TIPS]).all(axis=-1) for joints in (before, now))
+    pairs = swapped_pairs(before[_TIPS] + whole, now[_TIPS])
+    jumped = known & (np.linalg.norm(np.nan_to_num(moved - whole), axis=-1) > jump_m)
+    for i, j in pairs:
+        jumped[[_TIPS.start + i, _TIPS.start + j]] = False
+    return Misdetections(
+        jumped=int(jumped.sum()), appeared=int((is_there & ~there).sum()), vanished=int((there & ~is_there).sum()),
+        swapped=len(pairs),
+    )  # fmt: skip
+
+
+class _Followed:
+    """One arm: its joints of late."""
+
+    def __init__(self) -> None:
+        self.left = False
+        self.frames: deque[tuple[float, Float64]] = deque()
+        self.pooled_until_s = -math.inf
+
+
+class ArmQualityMeter:
+    """Measures as frames come; time is that of their capture."""
+
+    def __init__(self, settings: ArmQualitySettings | None = None) -> None:
+        self.settings = settings or ArmQualitySettings()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything, as if newly made."""
+        self._arms: dict[int, _Followed] = {}
+        self._lately: deque[tuple[float, float, Misdetections]] = deque()
+        self._whole = Misdetections()
+        self._seen_s = self._still_s = 0.0
+        self._squares, self._squared = np.zeros(len(ARM_JOINTS)), np.zeros(len(ARM_JOINTS), dtype=np.int64)
+        self._noise = np.full(len(ARM_JOINTS), np.nan)
+        self._still = False
+        self._at_s: float | None = None
+
+    def update(self, arms: Sequence[Arm], at_s: float) -> ArmQuality:
+        """Take in the arms of a frame.
+
+        Args:
+            arms: all that there are.
+            at_s: when [s]; a frame that is not after the last begins all windows anew.
+        """
+        s = self.settings
+        compare = self._at_s is not None and 0 < at_s - self._at_s <= s.gap_s
+        step_s = at_s - self._at_s if compare and self._at_s is not None else 0.0
+        if not compare:
+            self._arms.clear()
+            if self._at_s is not None and at_s <= self._at_s:
+                self._lately.clear()
+        self._at_s = at_s
+        found, seen_s = Misdetections(lost=len(self._arms.keys() - {arm.id for arm in arms})), 0.0
+        self._arms = {arm.id: self._arms.get(arm.id, _Followed()) for arm in arms}
+        for arm in arms:
+            followed, joints = self._arms[arm.id], np.asarray(arm.points, dtype=np.float64)[list(ARM_JOINTS)]
+            if followed.frames:
+                seen_s += step_s
+                found = found.plus(misdetected(followed.frames[-1][1], joints, s.jump_m))
+                found = found.plus(Misdetections(swapped=int(arm.left != followed.left)))
+            followed.left = arm.left
+            followed.frames.append((at_s, joints))
+            while at_s - followed.frames[0][0] > s.still_window_s + 1e-9:
+                followed.frames.popleft()
+        self._count(found, seen_s, at_s)
+        self._measure(at_s, step_s)
+        return self.quality
+
+    def _count(self, found: Misdetections, seen_s: float, at_s: float) -> None:
+        self._whole = self._whole.plus(found)
+        self._seen_s += seen_s
+        self._lately.append((at_s, seen_s, found))
+        while at_s - self._lately[0][0] > _OVER_S:
+            self._lately.popleft()
+
+    def _measure(self, at_s: float, step_s: float) -> None:
+        s, rows = self.settings, []
+        for followed in self._arms.values():
+            if len(followed.frames) < s.least_frames or at_s - followed.frames[0][0] < 0.9 * s.still_window_s:
+                continue
+            joints = np.stack([joints for _, joints in followed.frames])
+            still = _still(joints, s.still_m)
+            if not still[_PALM]:
+                continue
+            self._still_s += step_s
+            squares = np.where(still, ((joints - joints.mean(axis=0)) ** 2).sum(axis=-1).mean(axis=0), np.nan)
+            rows.append(squares)
+            if followed.frames[0][0] >= followed.pooled_until_s:  # windows that share frames would count them twice
+                followed.pooled_until_s = at_s
+                self._squares += np.where(still, len(joints) * np.nan_to_num(squares), 0.0)
+                self._squared += np.where(still, len(joints), 0)
+        self._still = bool(rows)
+        if rows:
+            stacked = np.stack(rows)
+            told = np.isfinite(stacked)
+            mean = np.nansum(stacked, axis=0) / np.maximum(told.sum(axis=0), 1)
+            self._noise = np.where(told.any(axis=0), np.sqrt(mean), self._noise)
+
+    @property
+    def quality(self) -> ArmQuality:
+        """What was measured so far."""
+        lately, seen_s = Misdetections(), 0.0
+        for _, seconds, found in self._lately:
+            seen_s += seconds
+            if found.of_joints or found.lost:
+                lately = lately.plus(found)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            whole = np.sqrt(self._squares / self._squared)
+        per_minute = lately.of_joints * 60.0 / seen_s if seen_s >= 1.0 else math.nan
+        return ArmQuality(
+            self._noise, whole, self._still, per_minute, lately, self._whole, self._seen_s, self._still_s
+        )  # fmt: skip
+
+
+def _still(joints: Float64, still_m: float) -> NDArray[np.bool_]:
+    """(8,) which joints (n, 8, 3) were known all the time, and have not gone anywhere, as far as noise lets one say."""
+    parts = np.array_split(joints, _PARTS)
+    means = np.stack([part.mean(axis=0) for part in parts])
+    apart = np.linalg.norm(means[:, None] - means[None], axis=-1).max(axis=(0, 1))
+    within = np.mean([part.var(axis=0).sum(axis=-1) / len(part) for part in parts], axis=0)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(apart <= still_m + _NOISY * np.sqrt(within))

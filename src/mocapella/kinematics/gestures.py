@@ -1,0 +1,409 @@
+"""What a hand does: open, fist, point, two, pinch, grab; and when it takes hold of something and lets it go.
+
+Everything is told of ratios of lengths between a hand's landmarks, so that it does not depend on where the hand is, how
+it is turned, how large it is, and whether it is a left or a right one. A gesture is on from when it has been likely
+enough for a while until it has clearly not been for a while: hysteresis in value and in time (a Schmitt trigger).
+What cannot be told, because digits are not known, changes nothing, and ends after a while.
+
+A gesture of one's own is a value with a name, the digits that it needs, and a score::
+
+    GESTURES["three"] = FingerGesture("three", extended=("index", "middle", "ring"), folded=("little",))
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import SettingsError, one_of
+from mocapella.model.hand import BASES, DIGITS, TIPS, WRIST
+from mocapella.model.observations import JointState
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+
+_KNUCKLE: Final = BASES[2]
+"""Of the middle finger: from the wrist to there is a hand's unit of length."""
+_OPEN_OVER_FOREARM: Final = np.array([0.42, 0.49, 0.50, 0.48, 0.40])
+"""Distance of an open hand's tips from the palm's middle, over that of the elbow; of the average hand and arm."""
+_PARTLY: Final = 0.5
+_INFERRED: Final = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class HandFeatures:
+    """How a hand is held, in ratios of lengths.
+
+    Attributes:
+        reach: (5,) distance of a tip from the wrist over the way there along the bones: 1 is straight, 0.3 to 0.4 is
+            folded into the palm; NaN where not known.
+        gaps: (5, 5) distances between tips over that from wrist to middle finger's knuckle; NaN where not known.
+        certainty: (5,) of a digit, from 0, not known, to 1, its tip is measured.
+    """
+
+    reach: Float64
+    gaps: Float64
+    certainty: Float64
+
+    def extended(self, digit: int) -> float:
+        """From 0 to 1: how far a digit (0 is the thumb) is straight and in line with the palm; NaN where not known."""
+        low, high = (0.80, 0.93) if digit == 0 else (0.68, 0.86)
+        return ramp(float(self.reach[digit]), low, high)
+
+    def folded(self, digit: int) -> float:
+        """From 0 to 1: how far a finger lies in the palm; NaN where not known."""
+        low, high = (0.78, 0.90) if digit == 0 else (0.45, 0.65)
+        return 1.0 - ramp(float(self.reach[digit]), low, high)
+
+
+def ramp(value: float, low: float, high: float) -> float:
+    """0 up to ``low``, 1 from ``high`` on, straight between; NaN of NaN."""
+    part = (value - low) / (high - low)
+    return part if math.isnan(part) else min(max(part, 0.0), 1.0)
+
+
+def hand_features(
+    landmarks: Any, states: Any, sd: Any = None, *, palm: Any = None, elbow: Any = None, unsure: float = 0.5
+) -> HandFeatures:
+    """The features of a hand.
+
+    Where landmarks between palm and tips are not known, but palm and elbow are, a digit's reach is told of its tip's
+    distance from the palm over that of the elbow.
+
+    Args:
+        landmarks: (21, 3) in the order of `mocapella.model.hand.LANDMARKS` [m]; NaN where not known.
+        states: (21,) `JointState`.
+        sd: (21,) standard deviation of a coordinate [m], or None.
+        palm, elbow: (3,) [m].
+        unsure: a tip whose sd is above this part of the distance from wrist to knuckle is not known.
+    """
+    x, s = np.asarray(landmarks, dtype=np.float64), np.asarray(states)
+    chains = x[1:].reshape(5, 4, 3)
+    bones = np.linalg.norm(np.diff(chains, axis=1), axis=-1).sum(axis=1)
+    wrist, tips = x[WRIST], chains[:, 3]
+    unit = float(np.linalg.norm(x[_KNUCKLE] - wrist))
+    way = np.linalg.norm(chains[:, 0] - wrist, axis=-1) + bones
+    with np.errstate(invalid="ignore", divide="ignore"):
+        reach = np.linalg.norm(tips - wrist, axis=-1) / way
+        if palm is not None and elbow is not None:
+            forearm = np.linalg.norm(np.asarray(elbow) - palm)
+            unit = unit if math.isfinite(unit) else 0.29 * float(forearm)
+            rough = np.linalg.norm(tips - palm, axis=-1) / (forearm * _OPEN_OVER_FOREARM)
+            reach = np.where(np.isfinite(reach), reach, np.minimum(rough, 1.0))
+        gaps = np.linalg.norm(tips[:, None] - tips[None], axis=-1) / unit
+        reach = np.where(np.isfinite(reach), reach, np.nan)
+        gaps = np.where(np.isfinite(gaps), gaps, np.nan)
+    seen = s[1:].reshape(5, 4) == JointState.TRACKED
+    certainty = np.where(seen[:, 3], 1.0, np.where(seen[:, 1:3].any(axis=1), _PARTLY, _INFERRED))
+    there = np.isfinite(reach) & (s[list(TIPS)] != JointState.NOT_TRACKED)
+    if sd is not None:
+        there &= ~(np.asarray(sd, dtype=np.float64)[list(TIPS)] > unsure * unit)
+    return HandFeatures(np.where(there, reach, np.nan), gaps, np.where(there, certainty, 0.0))
+
+
+class Gesture(Protocol):
+    """Something that a hand does.
+
+    Attributes:
+        name: in a word.
+        digits: that must be known, the thumb being 0.
+    """
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+    @property
+    def digits(self) -> tuple[int, ...]: ...  # noqa: D102
+
+    def score(self, hand: HandFeatures) -> float:
+        """From 0, surely not, to 1, surely; NaN where it cannot be told."""
+        ...
+
+
+@dataclass(frozen=True)
+class FingerGesture:
+    """Some digits are extended, some folded; how the others are held does not matter.
+
+    Attributes:
+        name: in a word.
+        extended, folded: names of digits.
+    """
+
+    name: str
+    extended: tuple[str, ...] = ()
+    folded: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        named = (*self.extended, *self.folded)
+        for digit in named:
+            if digit not in DIGITS:
+                raise SettingsError(f"gesture {self.name!r}: unknown digit {digit!r}; known: {one_of(digit, DIGITS)}")
+        check(bool(named), "extended and folded", named, "one digit or more")
+        check(len(set(named)) == len(named), "extended and folded", named, "each digit once")
+
+    @property
+    def digits(self) -> tuple[int, ...]:
+        """Those that are extended or folded."""
+        return tuple(sorted(DIGITS.index(digit) for digit in (*self.extended, *self.folded)))
+
+    def score(self, hand: HandFeatures) -> float:
+        """That of the digit which fits the least."""
+        fits = [hand.extended(DIGITS.index(digit)) for digit in self.extended]
+        return _least([*fits, *(hand.folded(DIGITS.index(digit)) for digit in self.folded)])
+
+
+@dataclass(frozen=True)
+class Closed:
+    """All four fingers bent, together by so much.
+
+    Attributes:
+        name: in a word.
+        tight: fingers in the palm; otherwise as about a thing.
+    """
+
+    name: str
+    tight: bool
+    digits: tuple[int, ...] = (1, 2, 3, 4)
+
+    def score(self, hand: HandFeatures) -> float:
+        """By the fingers' mean reach; no finger may be extended."""
+        mean = float(hand.reach[1:].mean())
+        loose = ramp(mean, 0.36, 0.52)
+        bent = min(loose, 1.0 - ramp(mean, 0.58, 0.72)) if not self.tight else 1.0 - loose
+        return _least([bent, *(1.0 - hand.extended(digit) for digit in self.digits)])
+
+
+@dataclass(frozen=True)
+class Pinch:
+    """The tips of thumb and index finger together, the other fingers not in the palm."""
+
+    name: str = "pinch"
+    digits: tuple[int, ...] = (0, 1, 2, 3, 4)
+
+    def score(self, hand: HandFeatures) -> float:
+        """By the gap, and by the other fingers' mean reach."""
+        others = ramp(float(hand.reach[2:].mean()), 0.68, 0.82)
+        return _least([1.0 - ramp(float(hand.gaps[0, 1]), 0.28, 0.50), others])
+
+
+def _least(fits: list[float]) -> float:
+    return math.nan if any(math.isnan(fit) for fit in fits) else min(fits)
+
+
+GESTURES: Final[dict[str, Gesture]] = {
+    gesture.name: gesture
+    for gesture in (
+        FingerGesture("open", extended=DIGITS),
+        Closed("fist", tight=True),
+        FingerGesture("point", extended=("index",), folded=("middle", "ring", "little")),
+        FingerGesture("two", extended=("index", "middle"), folded=("ring", "little")),
+        Pinch(),
+        Closed("grab", tight=False),
+    )
+}
+"""By name; whoever adds one has it in every `HandGestures` made afterwards."""
+
+
+def closure(hand: HandFeatures) -> float:
+    """From 0, open, to 1, closed about a thing: that of the least bent finger, or of a pinch; NaN where not known."""
+    closed = _least([1.0 - ramp(float(hand.reach[finger]), 0.45, 0.85) for finger in range(1, 5)])
+    pinched = Pinch().score(hand)
+    return pinched if math.isnan(closed) else closed if math.isnan(pinched) else max(closed, pinched)
+
+
+@dataclass(frozen=True)
+class GestureSettings:
+    """From when until when a gesture is on.
+
+    Attributes:
+        enter, leave: it begins at scores from the first on, and ends at scores below the second …
+        after_s: … that lasted so long.
+        grab, release, grab_after_s: likewise of the closure at which a hand takes hold and lets go.
+        least_certain: a gesture whose digits' mean certainty is below this cannot be told.
+        hold_s: what cannot be told stays so long as it was.
+        unsure: see `hand_features`.
+    """
+
+    enter: float = 0.6
+    leave: float = 0.4
+    after_s: float = 0.09
+    grab: float = 0.7
+    release: float = 0.35
+    grab_after_s: float = 0.06
+    least_certain: float = 0.5
+    hold_s: float = 0.4
+    unsure: float = 0.5
+
+    def __post_init__(self) -> None:
+        check(0 < self.enter <= 1, "enter", self.enter, "above 0, at most 1")
+        check(0 <= self.leave < self.enter, "leave", self.leave, f"from 0 to below enter, {self.enter:g}")
+        check(0 <= self.after_s <= 10, "after_s", self.after_s, "from 0 to 10 s")
+        check(0 < self.grab <= 1, "grab", self.grab, "above 0, at most 1")
+        check(0 <= self.release < self.grab, "release", self.release, f"from 0 to below grab, {self.grab:g}")
+        check(0 <= self.grab_after_s <= 10, "grab_after_s", self.grab_after_s, "from 0 to 10 s")
+        check(0 <= self.least_certain <= 1, "least_certain", self.least_certain, "from 0 to 1")
+        check(0 <= self.hold_s <= 60, "hold_s", self.hold_s, "from 0 to 60 s")
+        check(0 < self.unsure <= 10, "unsure", self.unsure, "above 0, at most 10")
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a hand does at an instant.
+
+    Attributes:
+        gesture: its name; empty where none is on.
+        sure: from 0 to 1: its score times its digits' mean certainty; falls to 0 while it cannot be told.
+        grabbing: whether the hand holds on to something.
+        event: ``grab`` or ``release`` at the instant at which that changes; empty otherwise.
+        known: whether it could be told at this instant whether the hand is closed.
+    """
+
+    gesture: str
+    sure: float
+    grabbing: bool
+    event: str
+    known: bool
+
+
+@dataclass(frozen=True)
+class GesturesReport:
+    """What became of a hand's instants.
+
+    Attributes:
+        instants: that were given.
+        unknown: at which it could not be told whether the hand is closed.
+        begun: how often each gesture began.
+        grabs, releases: how often.
+    """
+
+    instants: int
+    unknown: int
+    begun: dict[str, int]
+    grabs: int
+    releases: int
+
+
+class _Trigger:
+    """On after a value has been at ``high`` or above for ``after_s``, off after it has been below ``low`` for as long.
+
+    A NaN interrupts no wait and changes nothing; after ``hold_s`` of them it is off.
+    """
+
+    def __init__(self, low: float, high: float, after_s: float, hold_s: float) -> None:
+        self._low, self._high, self._after_s, self._hold_s = low, high, after_s, hold_s
+        self.on = False
+        self.told_s = -math.inf
+        self._since_s: float | None = None
+
+    def update(self, value: float, at_s: float) -> None:
+        if math.isnan(value):
+            if at_s - self.told_s > self._hold_s:
+                self.on, self._since_s = False, None
+            return
+        if at_s - self.told_s > self._hold_s:
+            self._since_s = None
+        self.told_s = at_s
+        changes = value < self._low if self.on else value >= self._high
+        if not changes:
+            self._since_s = None
+            return
+        if self._since_s is None:
+            self._since_s = at_s
+        if at_s - self._since_s >= self._after_s - 1e-9:
+            self.on, self._since_s = not self.on, None
+
+
+class HandGestures:
+    """The gestures of one hand.
+
+    Args:
+        settings: see there.
+        gestures: to look for; `GESTURES` as it is now, where not given.
+    """
+
+    def __init__(self, settings: GestureSettings | None = None, gestures: Iterable[Gesture] | None = None) -> None:
+        self.settings = settings or GestureSettings()
+        self.gestures = tuple(GESTURES.values() if gestures is None else gestures)
+        names = [gesture.name for gesture in self.gestures]
+        check(len(set(names)) == len(names) and all(names), "gestures", names, "each name once")
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything, as if newly made."""
+        self._instants = self._unknown = self._grabs = self._releases = 0
+        self._begun: Counter[str] = Counter()
+        self._forget()
+
+    def _forget(self) -> None:
+        s = self.settings
+        self._triggers = {g.name: _Trigger(s.leave, s.enter, s.after_s, s.hold_s) for g in self.gestures}
+        self._grab = _Trigger(s.release, s.grab, s.grab_after_s, s.hold_s)
+        self._score: dict[str, float] = {}
+        self._sure: dict[str, float] = {}
+        self._shown = ""
+        self._at_s = -math.inf
+
+    @property
+    def report(self) -> GesturesReport:
+        """What became of the instants so far."""
+        return GesturesReport(self._instants, self._unknown, dict(self._begun), self._grabs, self._releases)
+
+    def update(self, hand: HandFeatures | None, at_s: float) -> Shown:
+        """Take in an instant.
+
+        Args:
+            hand: see `hand_features`; None where it is not seen.
+            at_s: when [s]; one before the last begins anew.
+        """
+        if at_s < self._at_s:
+            self._forget()
+        self._at_s = at_s
+        self._instants += 1
+        for gesture in self.gestures:
+            self._judge(gesture, hand, at_s)
+        before, closed = self._grab.on, math.nan if hand is None else self._closure(hand)
+        self._grab.update(closed, at_s)
+        event = "" if self._grab.on == before else "grab" if self._grab.on else "release"
+        self._grabs += event == "grab"
+        self._releases += event == "release"
+        known = not math.isnan(closed)
+        self._unknown += not known
+        name = self._choose()
+        return Shown(name, self._sure_of(name, at_s), self._grab.on, event, known)
+
+    def _judge(self, gesture: Gesture, hand: HandFeatures | None, at_s: float) -> None:
+        score = math.nan
+        if hand is not None:
+            certain = float(hand.certainty[list(gesture.digits)].mean())
+            if certain >= self.settings.least_certain:
+                score = gesture.score(hand)
+            if not math.isnan(score):
+                self._score[gesture.name] = score
+                self._sure[gesture.name] = min(max(score, 0.0), 1.0) * certain
+        self._triggers[gesture.name].update(score, at_s)
+
+    def _closure(self, hand: HandFeatures) -> float:
+        certain = float(hand.certainty[1:].mean())
+        return closure(hand) if certain >= self.settings.least_certain else math.nan
+
+    def _choose(self) -> str:
+        """What is shown stays while it is on, and likely or nothing else is; then that of which it is surest."""
+        on = [name for name, trigger in self._triggers.items() if trigger.on]
+        likely = [name for name in on if self._score[name] >= self.settings.enter]
+        if self._shown not in on or (likely and self._shown not in likely):
+            self._shown = max(likely or on, key=lambda name: self._sure[name], default="")
+            if self._shown:
+                self._begun[self._shown] += 1
+        return self._shown
+
+    def _sure_of(self, name: str, at_s: float) -> float:
+        if not name:
+            return 0.0
+        untold = at_s - self._triggers[name].told_s
+        hold = self.settings.hold_s
+        return self._sure[name] * (max(1.0 - untold / hold, 0.0) if hold > 0 else float(untold <= 0))

@@ -1,0 +1,285 @@
+"""A piece of cloth that hangs by its upper edge, and that hands push, grab, pull and let go.
+
+Particles in a square grid, held apart along its lines and diagonals, and against bending over two meshes, by
+position-based dynamics: M. Müller, B. Heidelberger, M. Hennix, J. Ratcliff, "Position Based Dynamics", J. Vis. Commun.
+Image R. 18 (2007) 109, with the compliance of M. Macklin, M. Müller, N. Chentanez, "XPBD: Position-Based Simulation of
+Compliant Constrained Dynamics", MIG 2016, and the many small steps of one iteration of M. Macklin et al., "Small Steps
+in Physics Simulation", SCA 2019. The cloth goes through itself; hands are spheres.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry.rigid import apply, inverse
+from mocapella.model.arms import ARM_JOINTS, PALM
+from mocapella.model.hand import TIPS, WRIST
+from mocapella.model.scene import TrackedArm
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+_NO_SPHERES: Final = np.zeros((0, 4))
+_BONES: Final = tuple((1 + 4 * d + k, 2 + 4 * d + k) for d in range(5) for k in range(3))
+
+
+@dataclass(frozen=True)
+class ClothSettings:
+    """What it is made of, and how hands hold it.
+
+    Attributes:
+        width_m, height_m: of the cloth.
+        mesh_m: between neighbouring particles.
+        gravity_m_s2: downwards.
+        damping_per_s: how fast motion dies down.
+        bend_compliance, shear_compliance: how far it gives, against bending and in its diagonals, as seconds squared:
+            compliance times a particle's mass; 0 not at all. Its threads do not give.
+        step_s: of the simulation.
+        thickness_m: how far it stays from a hand.
+        friction: coefficient, on a hand.
+        reach_m: a hand that closes takes hold of what is so near to its palm or fingertips.
+    """
+
+    width_m: float = 0.42
+    height_m: float = 0.36
+    mesh_m: float = 0.018
+    gravity_m_s2: float = 9.81
+    damping_per_s: float = 1.2
+    bend_compliance: float = 2e-5
+    shear_compliance: float = 1e-6
+    step_s: float = 1 / 960
+    thickness_m: float = 0.004
+    friction: float = 0.4
+    reach_m: float = 0.045
+
+    def __post_init__(self) -> None:
+        check(0.001 <= self.mesh_m <= 0.1, "mesh_m", self.mesh_m, "from 0.001 to 0.1 m")
+        for name in ("width_m", "height_m"):
+            value = getattr(self, name)
+            check(2 * self.mesh_m <= value <= 200 * self.mesh_m, name, value, "from 2 to 200 times mesh_m")
+        check(0 <= self.gravity_m_s2 <= 100, "gravity_m_s2", self.gravity_m_s2, "from 0 to 100 m/s²")
+        check(0 <= self.damping_per_s <= 100, "damping_per_s", self.damping_per_s, "from 0 to 100 a second")
+        for name in ("bend_compliance", "shear_compliance"):
+            check(0 <= getattr(self, name) <= 1, name, getattr(self, name), "from 0 to 1 s²")
+        check(1e-4 <= self.step_s <= 0.02, "step_s", self.step_s, "from 0.0001 to 0.02 s")
+        check(0 <= self.thickness_m <= 0.05, "thickness_m", self.thickness_m, "from 0 to 0.05 m")
+        check(0 <= self.friction <= 10, "friction", self.friction, "from 0 to 10")
+        check(0 < self.reach_m <= 1, "reach_m", self.reach_m, "above 0, at most 1 m")
+
+
+@dataclass(frozen=True, eq=False)
+class HandInCloth:
+    """A hand at an instant.
+
+    Attributes:
+        id: the same for as long as it is the same hand.
+        T_world_hand: (4, 4) a frame that moves with it; what it holds keeps its place in it.
+        spheres: (n, 4) middle and radius [m], the same number every time.
+        grips: (k, 3) from where it reaches out for the cloth [m].
+        grabbing: whether it is closed.
+    """
+
+    id: int
+    T_world_hand: Float64
+    spheres: Float64
+    grips: Float64
+    grabbing: bool
+
+
+def hand_in_cloth(arm: TrackedArm, radius_m: float = 0.011) -> HandInCloth | None:
+    """The hand of an arm: palm, wrist, joints and half of the bones of its digits as spheres; None where not known."""
+    x = arm.points
+    if not np.isfinite(x[PALM]).all():
+        return None
+    if arm.T_world_palm is not None and np.isfinite(arm.T_world_palm).all():
+        T = arm.T_world_palm
+    else:
+        T = np.eye(4)
+        T[:3, 3] = x[PALM]
+    places = np.concatenate([x[1:21], [0.5 * (x[a] + x[b]) for a, b in _BONES], x[[WRIST, PALM]]])
+    radii = np.full(len(places), radius_m)
+    radii[-2:] = 2.0 * radius_m, 2.6 * radius_m
+    known = np.isfinite(places).all(axis=1)
+    spheres = np.where(known[:, None], np.column_stack([places, radii]), [*x[PALM], 0.0])
+    grips = x[[PALM, *TIPS]]
+    return HandInCloth(arm.id, T, spheres, grips[np.isfinite(grips).all(axis=1)], arm.grabbing)
+
+
+class Cloth:
+    """A cloth in a place. The same hands at the same times give the same cloth, to the bit.
+
+    Args:
+        T_world_cloth: (4, 4): its upper edge's middle, its x along the edge, its y upwards.
+        settings: see there.
+
+    Attributes:
+        shape: (rows, columns) of particles, from the upper edge down.
+        positions: (rows · columns, 3) of the particles [m].
+        velocities: likewise [m/s].
+        pinned: (rows · columns,) which never move.
+    """
+
+    def __init__(self, T_world_cloth: Float64, settings: ClothSettings | None = None, *, pinned: bool = True) -> None:
+        self.settings = s = settings or ClothSettings()
+        self.shape = (round(s.height_m / s.mesh_m) + 1, round(s.width_m / s.mesh_m) + 1)
+        self.pairs, self.rest, self._compliance = _constraints(self.shape, s)
+        rows, columns = self.shape
+        across = (np.arange(columns) - 0.5 * (columns - 1)) * s.mesh_m
+        down = -np.arange(rows) * s.mesh_m
+        flat = np.stack(np.broadcast_arrays(across[None], down[:, None], 0.0), axis=-1).reshape(-1, 3)
+        self._begin = np.ascontiguousarray(apply(T_world_cloth, flat))
+        self.pinned = np.zeros(rows * columns, dtype=np.bool_)
+        self.pinned[:columns] = pinned
+        self.reset()
+
+    def reset(self) -> None:
+        """Hang flat and still, held by nobody."""
+        self.positions = self._begin.copy()
+        self.velocities = np.zeros_like(self.positions)
+        self._holder = np.full(len(self.positions), -1, dtype=np.int64)
+        self._held_at = np.zeros_like(self.positions)
+        self._spheres: dict[int, Float64] = {}
+        self._grabbing: dict[int, bool] = {}
+        self._at_s: float | None = None
+
+    @property
+    def held(self) -> NDArray[np.bool_]:
+        """(rows · columns,) which a hand holds."""
+        return self._holder >= 0
+
+    def update(self, hands: Sequence[HandInCloth], at_s: float) -> Float64:
+        """Go on to an instant; a gap of more than a quarter of a second is passed over.
+
+        Args:
+            hands: as they are then; they got there in a straight line.
+            at_s: when [s].
+
+        Returns:
+            (rows, columns, 3) of the particles [m].
+        """
+        s, before_s = self.settings, self._at_s
+        if before_s is None or not 0 < at_s - before_s <= 0.25:
+            steps, self._at_s = 0, at_s
+        else:
+            steps = math.floor((at_s - before_s) / s.step_s + 1e-6)
+            self._at_s = before_s + steps * s.step_s
+        self._take_and_let_go(hands)
+        target = self.positions.copy()
+        for hand in hands:
+            of_it = self._holder == hand.id
+            target[of_it] = apply(hand.T_world_hand, self._held_at[of_it])
+        spheres_to = np.concatenate([_NO_SPHERES, *(hand.spheres for hand in hands)])
+        spheres_from = np.concatenate([_NO_SPHERES, *(self._before(hand) for hand in hands)])
+        if steps:
+            fixed = (self.pinned | self.held).astype(np.float64)
+            _kernels().advance(
+                self.positions, self.velocities, fixed, self.pairs, self.rest, self._compliance,
+                np.array([0.0, -s.gravity_m_s2, 0.0]), s.damping_per_s, s.step_s, steps, spheres_from, spheres_to,
+                s.thickness_m, s.friction, target,
+            )  # fmt: skip
+            self._spheres = {hand.id: hand.spheres.copy() for hand in hands}
+        return self.positions.reshape(*self.shape, 3)
+
+    def _before(self, hand: HandInCloth) -> Float64:
+        before = self._spheres.get(hand.id)
+        return hand.spheres if before is None or before.shape != hand.spheres.shape else before
+
+    def _take_and_let_go(self, hands: Sequence[HandInCloth]) -> None:
+        here = {hand.id for hand in hands}
+        self._holder[~np.isin(self._holder, list(here))] = -1
+        for hand in hands:
+            if not hand.grabbing:
+                self._holder[self._holder == hand.id] = -1
+            elif not self._grabbing.get(hand.id, False) and len(hand.grips):
+                apart = np.linalg.norm(self.positions[:, None] - hand.grips[None], axis=-1).min(axis=1)
+                taken = (apart <= self.settings.reach_m) & ~self.pinned & ~self.held
+                self._holder[taken] = hand.id
+                self._held_at[taken] = apply(inverse(hand.T_world_hand), self.positions[taken])
+        self._grabbing = {hand.id: hand.grabbing for hand in hands}
+
+
+class ClothBeforeHand:
+    """A cloth that hangs itself where the first hand can reach it.
+
+    Args:
+        settings: of the cloth.
+        before_m: it hangs so far before the palm, towards the camera.
+        above_m: its upper edge is so far above the palm.
+        lost_after_s: it is taken away when there was no arm for so long.
+    """
+
+    def __init__(
+        self, settings: ClothSettings | None = None, *, before_m: float = 0.075, above_m: float = 0.24,
+        lost_after_s: float = 5.0,
+    ) -> None:  # fmt: skip
+        self.settings = settings or ClothSettings()
+        self._before_m, self._above_m, self._lost_after_s = before_m, above_m, lost_after_s
+        self.reset()
+
+    def reset(self) -> None:
+        """Take the cloth away."""
+        self.cloth: Cloth | None = None
+        self._seen_s = -math.inf
+
+    def update(self, arms: Sequence[TrackedArm], eye: Float64 | None, at_s: float) -> Cloth | None:
+        """The cloth at that instant; None before there was a hand.
+
+        Args:
+            arms: that there are.
+            eye: (3,) where the camera is, in the arms' world [m]; None where not known.
+            at_s: when [s].
+        """
+        found = [hand for hand in map(hand_in_cloth, arms) if hand is not None]
+        if found:
+            self._seen_s = at_s
+        elif self.cloth is not None and not 0 <= at_s - self._seen_s <= self._lost_after_s:
+            self.cloth = None
+        if self.cloth is None and found:
+            palm = next(arm.points[PALM] for arm in arms if np.isfinite(arm.points[list(ARM_JOINTS)]).any())
+            self.cloth = Cloth(self._place(palm, eye), self.settings)
+        if self.cloth is not None:
+            self.cloth.update(found, at_s)
+        return self.cloth
+
+    def _place(self, palm: Float64, eye: Float64 | None) -> Float64:
+        towards = np.array([0.0, 0.0, 1.0]) if eye is None else (eye - palm) * [1.0, 0.0, 1.0]
+        length = float(np.linalg.norm(towards))
+        z = towards / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
+        T = np.eye(4)
+        T[:3, :3] = np.stack([np.cross([0.0, 1.0, 0.0], z), [0.0, 1.0, 0.0], z], axis=1)
+        T[:3, 3] = palm + self._before_m * z + [0.0, self._above_m, 0.0]
+        return T
+
+
+def _constraints(shape: tuple[int, int], s: ClothSettings) -> tuple[Int64, Float64, Float64]:
+    """Pairs, their distances and compliances: threads from the upper edge down, diagonals, and bending."""
+    rows, columns = shape
+    number = np.arange(rows * columns).reshape(shape)
+    parts: list[tuple[Any, Any, float, float]] = [
+        (number[:-1], number[1:], 1.0, 0.0),
+        (number[:, :-1], number[:, 1:], 1.0, 0.0),
+        (number[:-1, :-1], number[1:, 1:], math.sqrt(2), s.shear_compliance),
+        (number[:-1, 1:], number[1:, :-1], math.sqrt(2), s.shear_compliance),
+        (number[:-2], number[2:], 2.0, s.bend_compliance),
+        (number[:, :-2], number[:, 2:], 2.0, s.bend_compliance),
+    ]
+    pairs = np.concatenate([np.stack([a.ravel(), b.ravel()], axis=1) for a, b, _, _ in parts])
+    rest = np.concatenate([np.full(a.size, far * s.mesh_m) for a, _, far, _ in parts])
+    compliance = np.concatenate([np.full(a.size, gives) for a, _, _, gives in parts])
+    return np.ascontiguousarray(pairs, dtype=np.int64), rest, compliance
+
+
+@cache
+def _kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.sources.simulate import cloth_kernels
+
+    return cloth_kernels

@@ -1,0 +1,62 @@
+"""The gestures of the arms that a method finds, by the arms' ids."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Final
+
+from msgspec.structs import replace
+
+from mocapella.kinematics.gestures import Gesture, GestureSettings, GesturesReport, HandGestures, hand_features
+from mocapella.model.arms import ELBOW, PALM, SeenArm
+
+_HAND: Final = slice(0, PALM)
+
+
+class ArmGestures:
+    """Fills in what each arm's hand does; an arm that is gone for longer than gestures are held is forgotten.
+
+    Args:
+        settings: of every hand.
+        gestures: to look for; `mocapella.kinematics.gestures.GESTURES`, where not given.
+    """
+
+    def __init__(self, settings: GestureSettings | None = None, gestures: Iterable[Gesture] | None = None) -> None:
+        self.settings = settings or GestureSettings()
+        self.gestures = None if gestures is None else tuple(gestures)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything, as if newly made."""
+        self._hands: dict[int, HandGestures] = {}
+        self._seen_s: dict[int, float] = {}
+
+    @property
+    def reports(self) -> dict[int, GesturesReport]:
+        """By arm, of those that are not forgotten."""
+        return {number: hand.report for number, hand in self._hands.items()}
+
+    def update(self, arms: tuple[SeenArm, ...], at_s: float) -> tuple[SeenArm, ...]:
+        """The arms of an instant with their gestures.
+
+        Args:
+            arms: with an id each.
+            at_s: when [s].
+        """
+        told = tuple(self._told(arm, at_s) for arm in arms)
+        here = {arm.id for arm in arms}
+        for number in [k for k in self._hands if k not in here]:
+            self._hands[number].update(None, at_s)
+            if not -1e-9 <= at_s - self._seen_s[number] <= self.settings.hold_s:
+                del self._hands[number], self._seen_s[number]
+        return told
+
+    def _told(self, arm: SeenArm, at_s: float) -> SeenArm:
+        hand = self._hands.setdefault(arm.id, HandGestures(self.settings, self.gestures))
+        self._seen_s[arm.id] = at_s
+        features = hand_features(
+            arm.points[_HAND], arm.states[_HAND], arm.sd[_HAND], palm=arm.points[PALM], elbow=arm.points[ELBOW],
+            unsure=self.settings.unsure,
+        )  # fmt: skip
+        shown = hand.update(features, at_s)
+        return replace(arm, gesture=shown.gesture, gesture_sure=shown.sure, grabbing=shown.grabbing)

@@ -1,0 +1,69 @@
+"""How steady and how right the arms are, in one browser: shown while there are any."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import viser
+
+from mocapella.model.arm_quality import ArmQuality
+from mocapella.model.arms import ARM_JOINT_NAMES
+from mocapella.model.scene import Scene
+from mocapella.viewer.arms import COLOURS, ArmsShown
+from mocapella.viewer.palette import AMBER, GREEN, GREY
+
+EVERY_S: Final = 0.25
+"""Figures that change faster cannot be read."""
+_MANY: Final = 6.0
+"""Misdetections a minute from which on they are marked."""
+
+
+class ArmPanel:
+    """A folder of its own, which is there while arms are."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        self._folder = gui.add_folder("Arms", visible=False)
+        with self._folder:
+            self._text = gui.add_html("")
+        self._visible, self._shown_s = False, -EVERY_S
+
+    def show(self, scene: Scene | None, arms: ArmsShown | None, now_s: float) -> None:
+        """Bring it up to the newest, a few times a second."""
+        if (arms is not None) != self._visible:
+            self._visible = self._folder.visible = arms is not None
+        if arms is None or arms.quality is None or now_s - self._shown_s < EVERY_S:
+            return
+        self._shown_s = now_s
+        self._text.content = quality_html(scene, arms.quality)
+
+
+def quality_html(scene: Scene | None, quality: ArmQuality) -> str:
+    """What every hand does, the noise of each joint, and misdetections a minute."""
+    grey = GREY.css
+    hands = "".join(
+        f"<div><b>{'Left' if arm.left else 'Right'} arm</b> · {arm.gesture or 'no gesture'}"
+        f"{f' {100 * arm.gesture_sure:.0f} %' if arm.gesture else ''}{' · grabbing' if arm.grabbing else ''}</div>"
+        for arm in (scene.arms if scene is not None else ())
+    )
+    rows = "".join(
+        f'<tr><td><span style="color:{colour.css}">●</span> {name}</td>'
+        f'<td style="text-align:right">{"–" if not np.isfinite(noise) else f"{1e3 * noise:.2f} mm"}</td></tr>'
+        for name, colour, noise in zip(ARM_JOINT_NAMES, COLOURS, quality.noise_m, strict=True)
+    )
+    still = "measured now: an arm is still" if quality.still else "of the last time an arm was still for 2 s"
+    if not np.isfinite(quality.noise_m).any():
+        still = "hold an arm still for 2 s to measure it"
+    n, rate = quality.lately, quality.per_minute
+    colour = grey if not np.isfinite(rate) else AMBER.css if rate > _MANY else GREEN.css
+    said = "–" if not np.isfinite(rate) else f"{rate:.1f}"
+    return (
+        '<div class="mocapella-arms" style="padding:2px 12px 8px;font-size:13px;line-height:1.45;'
+        f'font-variant-numeric:tabular-nums">{hands or "No arm is seen."}'
+        f'<div style="margin-top:6px"><b>Noise</b> <span style="color:{grey}">{still}</span></div>'
+        f'<table style="width:100%;border-spacing:0">{rows}</table>'
+        '<div style="margin-top:6px"><b>Misdetections</b> '
+        f'<span style="color:{colour}"><b>{said}</b> a minute</span></div>'
+        f'<div style="font-size:12px;color:{grey}">in the last minute: {n.jumped} jumped · {n.appeared} appeared · '
+        f"{n.vanished} vanished · {n.swapped} swapped · {n.lost} arms lost</div></div>"
+    )

@@ -1,0 +1,181 @@
+"""Noise and misdetections of arms: planted ones are counted, and nothing else."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hands import random_motion
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mocapella.errors import SettingsError
+from mocapella.geometry.rigid import apply
+from mocapella.kinematics.arm_quality import ArmQualityMeter, ArmQualitySettings, misdetected, swapped_pairs
+from mocapella.model.arm_quality import ArmQuality, Misdetections
+from mocapella.model.arms import ARM_JOINTS, SeenArm
+from mocapella.model.hand import HandPose, hand_model
+from mocapella.sources.simulate.hand_motion import landmarks_of
+
+HZ = 30.0
+MODEL = hand_model("full")
+HAND = landmarks_of(MODEL, MODEL.shape("right"), HandPose(np.zeros(21), np.eye(4)))
+POINTS = np.concatenate([HAND, [0.5 * (HAND[0] + HAND[9])], [HAND[0] - [0, 0, 0.25]]]) + np.array([0.0, 0.0, 0.8])
+JOINTS = POINTS[list(ARM_JOINTS)]
+seeds = st.integers(0, 2**32 - 1)
+TIP = [4, 8, 12, 16, 20]
+
+
+def arm(points: Any = POINTS, number: int = 0, left: bool = False) -> SeenArm:
+    return SeenArm(number, left, 1.0, np.asarray(points), np.full(23, 2, np.uint8), np.zeros(23, np.float32),
+                   np.zeros(21))  # fmt: skip
+
+
+def measured(frames: list[Any], meter: ArmQualityMeter | None = None) -> ArmQuality:
+    meter = meter or ArmQualityMeter()
+    for k, points in enumerate(frames):
+        quality = meter.update([] if points is None else [arm(points)], k / HZ)
+    return quality
+
+
+@settings(max_examples=8)
+@given(seeds, st.floats(1e-4, 0.005))
+def test_the_noise_of_a_still_arm_is_what_was_added(seed: int, sd: float) -> None:
+    rng = np.random.default_rng(seed)
+    quality = measured([POINTS + rng.normal(0, sd, POINTS.shape) for _ in range(300)])
+    np.testing.assert_allclose(quality.noise_whole_m, math.sqrt(3) * sd, rtol=0.25)
+    np.testing.assert_allclose(quality.noise_m, math.sqrt(3) * sd, rtol=0.4)
+    assert quality.still
+    assert quality.whole == Misdetections()
+    assert quality.per_minute == 0
+    assert quality.seen_s == pytest.approx(299 / HZ)
+    assert quality.still_s > 7
+
+
+@settings(max_examples=25)
+@given(seeds)
+def test_where_the_camera_stands_does_not_matter(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    before, now = JOINTS, JOINTS + rng.normal(0, 0.05, JOINTS.shape)
+    now[rng.integers(3, 8)] = np.nan
+    T = random_motion(rng)
+    # The median is of coordinates, so that a turn may change what is near the threshold.
+    moved = T[:3, 3]
+    assert misdetected(before + moved, now + moved, 0.05) == misdetected(before, now, 0.05)
+    assert swapped_pairs(apply(T, before), apply(T, now)) == swapped_pairs(before, now)
+
+
+@given(st.floats(0, 0.15), seeds)
+def test_an_arm_that_moves_as_a_whole_does_not_jump(speed: float, seed: int) -> None:
+    step = np.random.default_rng(seed).normal(size=3)
+    step *= speed / np.linalg.norm(step)
+    assert misdetected(JOINTS, JOINTS + step, 0.05) == Misdetections()
+
+
+@given(st.integers(0, 7), st.floats(0.052, 0.5), st.booleans())
+def test_a_joint_that_jumps_counts_once_and_one_that_hardly_does_not(joint: int, far: float, moving: bool) -> None:
+    now = JOINTS + np.array([0.06 * moving, 0, 0])
+    now[joint] += [0, far, 0]
+    assert misdetected(JOINTS, now, 0.05) == Misdetections(jumped=1)
+    now[joint] -= [0, far - 0.049, 0]
+    assert misdetected(JOINTS, now, 0.05) == Misdetections()
+
+
+@given(st.integers(0, 4), st.integers(0, 4))
+def test_fingers_that_change_places_are_a_swap_and_no_jumps(i: int, j: int) -> None:
+    now = JOINTS.copy()
+    now[[3 + i, 3 + j]] = JOINTS[[3 + j, 3 + i]]
+    found = misdetected(JOINTS, now, 0.05)
+    assert found == Misdetections(swapped=int(i != j))
+    assert swapped_pairs(JOINTS[3:], now[3:]) == ([(min(i, j), max(i, j))] if i != j else [])
+
+
+def test_fingers_that_appear_and_vanish_are_counted_and_the_first_frame_is_not() -> None:
+    gone = POINTS.copy()
+    gone[[8, 12]] = np.nan
+    quality = measured([gone, POINTS, POINTS, gone, POINTS])
+    assert quality.whole == Misdetections(appeared=4, vanished=2)
+    assert quality.lately == quality.whole
+
+
+def test_an_arm_that_is_gone_is_lost_and_not_its_fingers() -> None:
+    quality = measured([POINTS, POINTS, None, None, POINTS])
+    assert quality.whole == Misdetections(lost=1)
+    assert quality.whole.of_joints == 0
+
+
+def test_an_arm_that_changes_its_side_is_a_swap() -> None:
+    meter = ArmQualityMeter()
+    meter.update([arm()], 0.0)
+    assert meter.update([arm(left=True)], 0.03).whole == Misdetections(swapped=1)
+
+
+def test_arms_are_told_apart_by_their_ids() -> None:
+    meter = ArmQualityMeter()
+    for k in range(90):
+        other = POINTS + np.array([0.3, 0, 0])
+        arms = [arm(number=1), arm(other, number=2)]
+        quality = meter.update(arms if k % 2 else arms[::-1], k / HZ)
+    assert quality.whole == Misdetections()
+    assert quality.seen_s == pytest.approx(2 * 89 / HZ)
+
+
+def test_a_rate_is_of_the_last_minute_and_a_sum_of_all() -> None:
+    jump = POINTS.copy()
+    jump[8] += [0, 0.1, 0]
+    meter = ArmQualityMeter()
+    for k in range(900):
+        quality = meter.update([arm(jump if k in (30, 31) else POINTS)], k / 10)
+        if k == 60:
+            assert quality.per_minute == pytest.approx(2 * 60 / 6.0)
+    assert quality.whole.jumped == 2
+    assert quality.lately.jumped == 0
+    assert quality.per_minute == 0.0
+    assert quality.as_json()["misdetections_per_minute"] == pytest.approx(2 * 60 / 89.9, abs=0.01)
+
+
+def test_an_arm_that_moves_has_no_noise_and_of_one_that_moves_a_finger_that_finger_has_none() -> None:
+    away = [POINTS + np.array([0.02 * k / HZ, 0, 0]) for k in range(90)]
+    quality = measured(away)
+    assert not quality.still
+    assert np.isnan(quality.noise_m).all()
+    bends = []
+    for k in range(90):
+        bends.append(POINTS.copy())
+        bends[-1][8] -= [0, 0.0005 * k, 0]
+    noise = measured(bends).noise_m
+    np.testing.assert_array_equal(np.isnan(noise), [joint == 8 for joint in ARM_JOINTS])
+    known = measured([np.where(np.arange(23)[:, None] == 8, np.nan, POINTS)] * 90).noise_m
+    np.testing.assert_array_equal(np.isnan(known), [joint == 8 for joint in ARM_JOINTS])
+
+
+def test_frames_with_a_gap_between_them_are_not_compared() -> None:
+    meter, moved = ArmQualityMeter(), POINTS.copy()
+    moved[8] += 0.3
+    for at_s, points in ((0.0, POINTS), (1.0, moved), (0.5, POINTS)):
+        quality = meter.update([arm(points)], at_s)
+    assert quality.whole == Misdetections()
+    assert quality.seen_s == 0.0
+    assert math.isnan(quality.per_minute)
+    assert quality.as_json()["misdetections_per_minute"] is None
+
+
+def test_reset_is_as_newly_made() -> None:
+    rng, meter = np.random.default_rng(3), ArmQualityMeter()
+    frames = [POINTS + rng.normal(0, 0.02, POINTS.shape) for _ in range(80)]
+    first = measured(frames, meter)
+    meter.reset()
+    again = measured(frames, meter)
+    assert again.as_json() == first.as_json()
+    assert first.as_json()["noise_mm"]["palm"] is None or first.whole.jumped > 0  # type: ignore[index]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("still_window_s", 0.0), ("still_m", 0.0), ("least_frames", 3), ("jump_m", math.nan), ("gap_s", 0.0)],
+)
+def test_settings_out_of_range_are_refused(name: str, value: float) -> None:
+    with pytest.raises(SettingsError, match=f"{name} is {value}"):
+        ArmQualitySettings(**{name: value})  # type: ignore[arg-type]
