@@ -64,7 +64,7 @@ class ArmFitSettings:
     point_scale_m: float = 0.010
     silhouette_scale_m: float = 0.015
     point_sd_m: float = 0.012
-    silhouette_sd_m: float = 0.006
+    silhouette_sd_m: float = 0.015
     collision_sd_m: float = 0.002
     ahead_m: float = 0.008
     overlap_m: float = 0.002
@@ -74,12 +74,12 @@ class ArmFitSettings:
     forearm_sd: float = 0.07
     deviation_sd_deg: float = 15.0
     flexion_sd_deg: float = 35.0
-    angle_rate_deg_s: float = 600.0
-    palm_rate_m_s: float = 0.8
-    palm_rate_deg_s: float = 250.0
+    angle_rate_deg_s: float = 1500.0
+    palm_rate_m_s: float = 3.0
+    palm_rate_deg_s: float = 800.0
     edge: float = 0.1
     loose: float = 2.5
-    iterations: int = 8
+    iterations: int = 10
 
     def __post_init__(self) -> None:
         for name in (
@@ -157,7 +157,7 @@ class Fitted(NamedTuple):
     @property
     def cost(self) -> float:
         """One number to compare poses by."""
-        return float(self.costs[0] + self.costs[1] + 0.1 * min(self.costs[2], 2.0) + 0.002 * self.costs[3])
+        return float(self.costs[0] + 0.5 * self.costs[1] + 0.1 * min(self.costs[2], 2.0) + 0.002 * self.costs[3])
 
 
 @dataclass(frozen=True, eq=False)

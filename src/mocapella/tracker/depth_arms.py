@@ -61,13 +61,13 @@ class DepthArmsSettings:
     arms: int = 2
     hand_length_m: float = 0.189
     believe: float = 0.30
-    keep: float = 0.35
+    keep: float = 0.38
     trials: int = 2
     trials_in_doubt: int = 5
-    doubt: float = 0.12
+    doubt: float = 0.14
     better: float = 0.93
     look_again_every: int = 10
-    firm: float = 0.16
+    firm: float = 0.19
     refuse_for: int = 60
     lost_after: int = 3
     look_every: int = 12
@@ -449,7 +449,7 @@ def _states(points: Float64, part: Region | None, model: ArmModel, pose: ArmPose
         j, k = round(float(u)), round(float(v))
         if not (0 <= j < width and 0 <= k < height):
             continue
-        near = part.front[max(k - 1, 0) : k + 2, max(j - 1, 0) : j + 2]
+        near = part.front[max(k - 2, 0) : k + 3, max(j - 2, 0) : j + 3]
         fits = np.abs(near - (z - radii[i])) < 0.010
         if fits.sum() >= 2:
             states[i] = JointState.TRACKED
