@@ -68,7 +68,7 @@ class ArmFitSettings:
     collision_sd_m: float = 0.002
     ahead_m: float = 0.008
     overlap_m: float = 0.002
-    size_sd: float = 0.10
+    size_sd: float = 0.2
     thickness_sd: float = 0.08
     digit_sd: float = 0.05
     forearm_sd: float = 0.07
@@ -77,7 +77,7 @@ class ArmFitSettings:
     angle_rate_deg_s: float = 1500.0
     palm_rate_m_s: float = 3.0
     palm_rate_deg_s: float = 800.0
-    edge: float = 0.1
+    edge: float = 0.3
     loose: float = 2.5
     iterations: int = 10
 
