@@ -12,7 +12,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from programs import Program, free_port, result, run, wait_until
+from programs import Program, free_port, result, result_here, run, wait_until
 
 from mocapella.errors import NoServerError
 from mocapella.model.session import SensorHealth, SessionStatus
@@ -173,7 +173,7 @@ def test_a_take_recorded_by_command_begins_mid_session_and_replays_alike(served:
         made = result(tmp_path, "record", "mid", "--connect", served.address, "--seconds", "2")
         assert made["frames"] > 0
         assert made["lost"] == 0
-    (row,) = result(tmp_path, "replay", made["path"])
+    (row,) = result_here(tmp_path, "replay", made["path"])
     assert row["differing_scenes"] == 0
     assert row["frames_out"] > 0
     assert row["most_people"] == 1
@@ -211,7 +211,7 @@ def test_takes_are_whole_and_nobody_flaps_when_something_stands_still_as_they_be
         assert "sent nothing" not in notices
         assert "left" not in notices
         assert served.status().people == 1
-    for row in result(tmp_path, "replay", *map(str, takes)):
+    for row in result_here(tmp_path, "replay", *map(str, takes)):
         assert row["differing_scenes"] == 0
         assert row["frames_out"] > 30
         assert row["state_changes"][0]["phase"] != "waiting for sensors"
