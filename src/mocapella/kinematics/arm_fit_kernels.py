@@ -186,7 +186,9 @@ def _derivatives(owner, bone, nx, ny, nz, px, py, pz, r, joints, axes, columns, 
         J[n + 1], at[n + 1] = r, body + D_THICK
         n += 2
         if owner >= 0:
-            J[n] = (px - joints[owner, 0, 0]) * nx + (py - joints[owner, 0, 1]) * ny + (pz - joints[owner, 0, 2]) * nz
+            J[n] = (
+                (px - joints[owner, 0, 0]) * nx + (py - joints[owner, 0, 1]) * ny + (pz - joints[owner, 0, 2]) * nz
+            )
             at[n] = body + D_DIGITS + owner
             n += 1
             for k in range(5):
@@ -219,7 +221,9 @@ def _derivatives(owner, bone, nx, ny, nz, px, py, pz, r, joints, axes, columns, 
     n += 4
     if owner == OF_UPPER_ARM:
         ux, uy, uz = v[UPPER], v[UPPER + 1], v[UPPER + 2]
-        out = (px - v[FOREARM_M] * fx) * ux + (py - v[FOREARM_M] * fy) * uy + (pz - v[FOREARM_M] * fz) * uz
+        out = (
+            (px - v[FOREARM_M] * fx) * ux + (py - v[FOREARM_M] * fy) * uy + (pz - v[FOREARM_M] * fz) * uz
+        )
         ax, ay, az = _across(ux, uy, uz)
         J[n], at[n] = out * (ax * nx + ay * ny + az * nz), body + D_UPPER
         bx, by, bz = uy * az - uz * ay, uz * ax - ux * az, ux * ay - uy * ax
@@ -295,10 +299,8 @@ def system(
     pieces = np.empty((len(owners), PIECE))
     flesh(digits, mirror, radii, palm, columns, gains, z, v, rows, joints, axes, pieces)
     J, at, hit = np.empty(_MOST), np.empty(_MOST, dtype=np.int64), np.empty(5)
-    ox, oy, oz = (
-        -(R[0] * t[0] + R[3] * t[1] + R[6] * t[2]),
-        -(R[1] * t[0] + R[4] * t[1] + R[7] * t[2]),
-        -(R[2] * t[0] + R[5] * t[1] + R[8] * t[2]),
+    ox, oy, oz = -(R[0] * t[0] + R[3] * t[1] + R[6] * t[2]), -(R[1] * t[0] + R[4] * t[1] + R[7] * t[2]), -(
+        R[2] * t[0] + R[5] * t[1] + R[8] * t[2]
     )
     few = int(numbers[7])
     for k in range(4):
@@ -482,9 +484,7 @@ def _expected_body(expected, information, v, first, H, g):
         k = j if j < 4 else DIGITS + j - 4
         i = first + D_DIGITS + j - 4
         if j < 4:
-            i = first + (
-                D_SCALE if k == SCALE else (D_THICK if k == THICK else (D_LENGTH if k == FOREARM_M else D_ARM_THICK))
-            )
+            i = first + (D_SCALE if k == SCALE else (D_THICK if k == THICK else (D_LENGTH if k == FOREARM_M else D_ARM_THICK)))
         # Sizes are told by their logarithms, the forearm in metres.
         factor = 1.0 if k == FOREARM_M else v[k]
         # A forearm is as long as the hand lets expect.

@@ -142,7 +142,9 @@ def grid_about(depth: Float32, lens: Float64, spheres: Float64, s: ArmRegionSett
     return _grid(depth, lens, x0, y0, x1, y1, step, s)
 
 
-def _grid(depth: Float32, lens: Float64, x0: int, y0: int, x1: int, y1: int, step: int, s: ArmRegionSettings) -> Grid:
+def _grid(
+    depth: Float32, lens: Float64, x0: int, y0: int, x1: int, y1: int, step: int, s: ArmRegionSettings
+) -> Grid:
     seen = np.empty(((y1 - y0 + step - 1) // step, (x1 - x0 + step - 1) // step))
     kernels().thinned(depth, x0, y0, step, s.near_m, s.far_m, seen)
     fx, fy, cx, cy = lens[:4]
@@ -155,7 +157,7 @@ def region(grid: Grid, spheres: Float64, s: ArmRegionSettings) -> Region:
     low, high, wide_low, wide_high = (np.empty(shape) for _ in range(4))
     hand = np.ascontiguousarray(spheres[spheres[:, 4] > 0])
     k.bands(hand, grid.lens, s.seed_m, s.seed_m, low, high)
-    k.bands(np.ascontiguousarray(spheres[::_COARSER]), grid.lens, s.grow_m, s.arm_m, wide_low, wide_high)
+    k.bands(np.ascontiguousarray(spheres[:: _COARSER]), grid.lens, s.grow_m, s.arm_m, wide_low, wide_high)
     front = np.empty(shape)
     typical = float(np.median(spheres[:, 2]))
     k.grown(grid.seen, low, high, wide_low, wide_high, s.jump * typical, front)

@@ -49,12 +49,7 @@ def bands(spheres, lens, gate, arm_gate, low, high):
         for j in range(width):
             low[i, j], high[i, j] = math.inf, 0.0
     for k in range(len(spheres)):
-        x, y, z, r = (
-            spheres[k, 0],
-            spheres[k, 1],
-            spheres[k, 2],
-            spheres[k, 3] + (gate if spheres[k, 4] > 0.0 else arm_gate),
-        )
+        x, y, z, r = spheres[k, 0], spheres[k, 1], spheres[k, 2], spheres[k, 3] + (gate if spheres[k, 4] > 0.0 else arm_gate)
         if z < 0.1:
             continue
         px, py, size = lens[0] * x / z + lens[2], lens[1] * y / z + lens[3], lens[0] * r / z
@@ -390,7 +385,9 @@ def branches(seen, away, lens, least, found):
             for a in range(max(i - 1, 0), min(i + 2, height)):
                 for b in range(max(j - 1, 0), min(j + 2, width)):
                     other = a * width + b
-                    if marked[other] != k + 1 and level <= flat[other] < math.inf and abs(seen[a, b] - z) <= 0.025 * z:
+                    if marked[other] != k + 1 and level <= flat[other] < math.inf and abs(
+                        seen[a, b] - z
+                    ) <= 0.025 * z:
                         marked[other] = k + 1
                         stack[m] = other
                         m += 1

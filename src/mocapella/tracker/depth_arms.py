@@ -93,7 +93,9 @@ class DepthArms:
         model = hand_model("full").stretched(25.0, 20.0)
         s = self.settings
         sides: tuple[Handedness, Handedness] = ("right", "left")
-        self.models = {side: ArmModel(model, model.shape(side, hand_length_m=s.hand_length_m), s.fit) for side in sides}
+        self.models = {
+            side: ArmModel(model, model.shape(side, hand_length_m=s.hand_length_m), s.fit) for side in sides
+        }
         self._lens = np.asarray(camera.lens, dtype=np.float64)
         self.reset()
 
@@ -106,9 +108,7 @@ class DepthArms:
         """As `ArmMethod.update` says."""
         width, height = self.camera.size_px
         if depth.shape != (height, width):
-            raise SettingsError(
-                f"a depth image of {depth.shape[::-1]}; camera {self.camera.name} has {(width, height)}"
-            )
+            raise SettingsError(f"a depth image of {depth.shape[::-1]}; camera {self.camera.name} has {(width, height)}")
         depth = np.ascontiguousarray(depth, dtype=np.float32)
         for arm in list(self._arms):
             if not self._follow(arm, depth, at_s):
@@ -202,9 +202,7 @@ class DepthArms:
             if len(self._arms) == s.arms:
                 return
             centre = self.models[side].points(fitted.pose)[21]
-            if any(
-                np.linalg.norm(self.models[arm.side].points(arm.fitted.pose)[21] - centre) < 0.08 for arm in self._arms
-            ):
+            if any(np.linalg.norm(self.models[arm.side].points(arm.fitted.pose)[21] - centre) < 0.08 for arm in self._arms):
                 continue
             arm = _Arm(self._next_id, side, fitted, at_s)
             self._next_id += 1
@@ -222,14 +220,7 @@ class DepthArms:
         tried: list[tuple[float, Handedness, Fitted]] = []
         for side, model in self.models.items():
             for start, tips in _starts(model, candidate):
-                fitted = model.fit(
-                    start,
-                    model.unexpected(start),
-                    _evidence(part, model, start, 200, 0.3),
-                    iterations=6,
-                    loose=3.0,
-                    tips=tips,
-                )
+                fitted = model.fit(start, model.unexpected(start), _evidence(part, model, start, 200, 0.3), iterations=6, loose=3.0, tips=tips)
                 tried.append((fitted.cost, side, fitted))
         tried.sort(key=lambda one: one[0])
         found: list[tuple[float, Handedness, Fitted]] = []
@@ -238,25 +229,12 @@ class DepthArms:
             finer = self._region(depth, model.spheres(fitted.pose))
             if finer is None:
                 continue
-            better = model.fit(
-                fitted.pose, model.unexpected(fitted.pose), _evidence(finer, model, fitted.pose, 400, 0.3), iterations=8
-            )
+            better = model.fit(fitted.pose, model.unexpected(fitted.pose), _evidence(finer, model, fitted.pose, 400, 0.3), iterations=8)
             found.append((better.cost, side, better))
         if not found:
             return None
         found.sort(key=lambda one: one[0])
-        DEBUG.append(
-            [
-                (
-                    round(c, 3),
-                    np.round(f.costs, 3),
-                    a,
-                    bool(f.pose.R[5 + 2 - 0 - 0] > 9),
-                    "back" if f.pose.R[7] < 0 else "palm",
-                )
-                for c, a, f in found
-            ]
-        )
+        DEBUG.append([(round(c, 3), np.round(f.costs,3), a, bool(f.pose.R[5+2-0-0] > 9) , 'back' if f.pose.R[7] < 0 else 'palm') for c, a, f in found])
         return found[0][1], found[0][2]
 
     def _repaired(self, depth: Float32, side: Handedness, fitted: Fitted) -> tuple[Handedness, Fitted]:
@@ -270,9 +248,7 @@ class DepthArms:
                 start = fitted.pose.copied()
                 _bend(model, start.z, digit, flexion, abduction, middle)
                 fit_kernels().within(model.digits, model.columns, model.gains, start.z, model.c_max)
-                other = model.fit(
-                    start, model.unexpected(start), _evidence(part, model, start, 400, 0.3), iterations=5, loose=1.5
-                )
+                other = model.fit(start, model.unexpected(start), _evidence(part, model, start, 400, 0.3), iterations=5, loose=1.5)
                 if other.cost < 0.97 * fitted.cost:
                     fitted = other
         return side, fitted
@@ -314,9 +290,7 @@ def _states(points: Float64, part: Region | None, model: ArmModel, pose: ArmPose
 
 def _evidence(part: Region, model: ArmModel, pose: ArmPose, most: int = 10_000, beyond: float = 0.05) -> Evidence:
     points = np.ascontiguousarray(part.points[:: -(-len(part.points) // most)])
-    return Evidence(
-        points, model.relevance(points, pose, beyond), part.front, part.nearest_x, part.nearest_y, part.lens
-    )
+    return Evidence(points, model.relevance(points, pose, beyond), part.front, part.nearest_x, part.nearest_y, part.lens)
 
 
 def _motion(before: ArmPose, after: ArmPose) -> Float64:
