@@ -22,16 +22,19 @@ from mocapella.settings import check
 Float64 = NDArray[np.float64]
 
 _DIGIT_RADII_M: Final = (
-    (0.0140, 0.0128, 0.0110, 0.0088),
-    (0.0108, 0.0098, 0.0086, 0.0074),
-    (0.0108, 0.0098, 0.0087, 0.0075),
+    (0.0132, 0.0120, 0.0103, 0.0083),
     (0.0102, 0.0092, 0.0081, 0.0070),
-    (0.0095, 0.0083, 0.0073, 0.0063),
+    (0.0102, 0.0092, 0.0082, 0.0071),
+    (0.0096, 0.0087, 0.0076, 0.0066),
+    (0.0089, 0.0078, 0.0069, 0.0060),
 )
 """At the joints from the base outwards, of a hand of the reference's length; ours."""
-_ARM_RADII_M: Final = (0.0170, 0.0100, 0.0330, 0.0380, 0.0025)
+_ARM_RADII_M: Final = (0.0165, 0.0100, 0.0400, 0.0430, 0.0025)
 """Of the forearm at the wrist, half the distance of its two bones there, at the elbow, of the upper arm; and how far
 from the landmark the middle of the fingertip's end is, inwards."""
+_ELBOW_M: Final = (0.008, 0.012)
+"""The elbow's joint is so far beyond where the forearm's flesh tells its end, and so far behind it where it is bent; from
+rendered arms (seeds below 100)."""
 _FOREARM_OF_HAND: Final = 1.33
 """Length of the forearm over that of the hand: D. Winter, *Biomechanics and Motor Control of Human Movement* (2009),
 figure 4.1: 0.146 and 0.108 of the stature."""
@@ -53,6 +56,7 @@ class ArmFitSettings:
         forearm_sd: of its length over what the hand's length lets expect.
         deviation_sd_deg, flexion_sd_deg: of the wrist about straight.
         angle_rate_deg_s, palm_rate_m_s, palm_rate_deg_s: how unsure the prediction becomes, by a second.
+        edge: how far from an edge's outer pixel the surface ends, in pixels of the grid.
         loose: the robust scales begin so many times as wide.
         iterations: of a fit that follows.
     """
@@ -73,6 +77,7 @@ class ArmFitSettings:
     angle_rate_deg_s: float = 600.0
     palm_rate_m_s: float = 0.8
     palm_rate_deg_s: float = 250.0
+    edge: float = 0.1
     loose: float = 2.5
     iterations: int = 8
 
@@ -86,6 +91,7 @@ class ArmFitSettings:
             check(0 <= getattr(self, name) < 0.1, name, getattr(self, name), "from 0 to below 0.1 m")
         for name in ("deviation_sd_deg", "flexion_sd_deg", "angle_rate_deg_s", "palm_rate_deg_s", "palm_rate_m_s"):
             check(0 < getattr(self, name) < 1e5, name, getattr(self, name), "above 0")
+        check(-1 <= self.edge <= 1, "edge", self.edge, "from -1 to 1 pixel")
         check(1 <= self.loose <= 10, "loose", self.loose, "from 1 to 10")
         check(1 <= self.iterations <= 100, "iterations", self.iterations, "1 to 100")
 
@@ -121,15 +127,14 @@ class Evidence(NamedTuple):
         points: (m, 3).
         weights: (m,).
         front: (h, w) the arm's surface, minus other things', 0 where nothing was measured.
-        nearest_x, nearest_y: (h, w) int64, the nearest pixel that is the arm's where this is not, and the reverse.
+        opposite: (h, w) int64, the nearest column in a line that is the arm's where a pixel is not, and the reverse.
         lens: (4,) of these pixels.
     """
 
     points: Float64
     weights: Float64
     front: Float64
-    nearest_x: NDArray[np.int64]
-    nearest_y: NDArray[np.int64]
+    opposite: NDArray[np.int64]
     lens: Float64
 
 
@@ -179,6 +184,7 @@ class ArmModel:
         self.digits = digit_rows(model, shape)
         self.mirror = float(shape.mirror[0])
         self.columns, self.gains, self.angle_of = free_angles(model)
+        self.rising = np.ascontiguousarray(np.argsort(self.columns, axis=1, kind="stable"))
         self.natural = model.natural[self.angle_of]
         self.prior = angle_prior(model, _HABITS, self.columns)
         self.c_max = float(model.limits[DIGIT_ANGLES[0, 4], 1])
@@ -224,6 +230,7 @@ class ArmModel:
     def fit(
         self, start: ArmPose, expected: Expected, evidence: Evidence, *, iterations: int | None = None,
         loose: float | None = None, arm: bool = True, tips: Float64 | None = None,
+        keep: float = 0.67,
     ) -> Fitted:  # fmt: skip
         """The best pose near a start.
 
@@ -233,6 +240,7 @@ class ArmModel:
             evidence: see there.
             iterations, loose: the settings' where not given.
             arm: whether the forearm and upper arm may explain points, too.
+            keep: in which part of the iterations `tips` count.
             tips: (5, 3) where fingertips are believed to be, camera [m], NaN where not; it helps to begin.
         """
         s, k = self.settings, kernels()
@@ -244,19 +252,19 @@ class ArmModel:
         numbers = np.array(
             [s.point_scale_m, s.silhouette_scale_m, share / s.point_sd_m**2, 1 / s.silhouette_sd_m**2,
              1 / s.collision_sd_m**2, s.ahead_m, s.overlap_m, float(pieces),
-             0.5 * float(pose.t[2] / evidence.lens[0])]
+             s.edge * float(pose.t[2] / evidence.lens[0])]
         )  # fmt: skip
         costs, assigned = np.empty(4), np.empty(len(self.owners))
         n = 6 + len(self.natural) + k.BODY_DOFS
         information = np.empty((n, n))
-        picture = (evidence.front, evidence.nearest_x, evidence.nearest_y, evidence.lens)
+        picture = (evidence.front, evidence.opposite, evidence.lens)
         e = expected
         k.fit(
-            self.digits, self.mirror, self.radii, self.palm, self.owners, self.columns, self.gains, self.c_max,
-            evidence.points, evidence.weights, picture, self.natural, self.prior, e.pose.R, e.pose.t, e.pose.z,
+            self.digits, self.mirror, self.radii, self.palm, self.owners, self.columns, self.gains, self.rising,
+            self.c_max, evidence.points, evidence.weights, picture, self.natural, self.prior, e.pose.R, e.pose.t, e.pose.z,
             e.certainty, e.v, e.information, pose.R, pose.t, pose.z, pose.v, numbers,
             s.loose if loose is None else loose, s.iterations if iterations is None else iterations, costs, assigned,
-            information, _NOWHERE if tips is None else tips,
+            information, _NOWHERE if tips is None else tips, keep,
         )  # fmt: skip
         costs[0] /= total
         costs[1] /= max(costs[3], 1e-4)
@@ -303,7 +311,10 @@ class ArmModel:
         x[0] = 0.0
         x[1:21] = joints
         x[21] = 0.5 * x[9]
-        x[22] = pose.v[2] * pose.v[4:7]
+        f, u = pose.v[4:7], pose.v[7:10]
+        bent = u - (u @ f) * f
+        along, behind = pose.v[0] * np.array(_ELBOW_M)
+        x[22] = (pose.v[2] + along) * f + behind * bent / max(float(np.linalg.norm(bent)), 0.3)
         return np.asarray(x @ pose.R.reshape(3, 3).T + pose.t)
 
     def angles(self, pose: ArmPose) -> Float64:
@@ -323,24 +334,27 @@ _NOWHERE: Final = np.full((5, 3), np.nan)
 def _palm(shape: HandShape, big: float) -> Float64:
     """(k, 8) of a right hand: two points and the radii there [m]."""
     thumb, index, middle, ring, little = shape.bases
-    wrist = big * np.array([[0.013, 0.0, 0.004], [0.004, 0.0, 0.002], [-0.005, 0.0, 0.002], [-0.013, 0.0, 0.004]])
+    # The flesh of the palm is on the side to which the fingers bend: the joints are nearer to the back of the hand.
+    wrist = big * np.array(
+        [[0.013, -0.003, 0.004], [0.004, -0.003, 0.002], [-0.005, -0.003, 0.002], [-0.013, -0.003, 0.004]]
+    )
 
-    def between(a: Float64, b: Float64, f: float) -> Float64:
-        return np.asarray(a + f * (b - a))
+    def between(a: Float64, b: Float64, f: float, y: float = 0.0) -> Float64:
+        return np.asarray(a + f * (b - a) + big * np.array([0.0, y, 0.0]))
 
+    low = big * np.array([0.0, -0.001, 0.0])
     rows = [
-        (wrist[0], index, 0.0185, 0.0122),
-        (wrist[1], middle, 0.0185, 0.0122),
-        (wrist[2], ring, 0.0180, 0.0118),
-        (wrist[3], little, 0.0175, 0.0112),
-        (index, middle, 0.0118, 0.0118),
-        (middle, ring, 0.0116, 0.0116),
-        (ring, little, 0.0112, 0.0110),
-        (thumb, between(wrist[0], index, 0.75), 0.0145, 0.0115),
-        (thumb, between(wrist[1], middle, 0.45), 0.0150, 0.0125),
-        (between(wrist[3], little, 0.25) + big * np.array([-0.004, -0.005, 0.0]), between(wrist[3], little, 0.7),
-         0.0140, 0.0125),
-    ]  # fmt: skip
+        (wrist[0], index + low, 0.0195, 0.0124),
+        (wrist[1], middle + low, 0.0195, 0.0126),
+        (wrist[2], ring + low, 0.0190, 0.0122),
+        (wrist[3], little + low, 0.0180, 0.0114),
+        (index + low, middle + low, 0.0120, 0.0120),
+        (middle + low, ring + low, 0.0118, 0.0118),
+        (ring + low, little + low, 0.0114, 0.0110),
+        (between(thumb, index, 0.05, -0.004), between(wrist[0], index, 0.75), 0.0160, 0.0120),
+        (between(thumb, middle, 0.1, -0.004), between(wrist[1], middle, 0.5, -0.002), 0.0170, 0.0130),
+        (between(wrist[3], little, 0.25, -0.007), between(wrist[3], little, 0.7, -0.002), 0.0165, 0.0128),
+    ]
     return np.array([[*a, *b, big * ra, big * rb] for a, b, ra, rb in rows])
 
 

@@ -44,6 +44,7 @@ BODY_DOFS = 13
 
 _MOST = 24  # dofs of one residual
 _JUDGED = 0.7  # of the robust scales, when what came out is judged
+_FAR_PX = 30  # edges farther away are not looked for
 _TARGET_SD = 0.004  # of a fingertip that was found as the end of a branch [m]
 
 
@@ -138,14 +139,17 @@ def balls(pieces, owners, R, t, spacing, out):
 
 
 @njit(cache=True)
-def closest(pieces, few, x, y, z, vx, vy, vz, out):
+def closest(pieces, few, first, x, y, z, vx, vy, vz, out):
     """The piece that explains a point best; its outward normal, where on its axis, and the distance into out (5,).
 
     On the side that the camera cannot see, the distance is that from the front, along the view (vx, vy, vz): this is
     what the silhouette-aware correspondences of Tagliasacchi et al. (section 4.1) come to for a capsule.
     """
     best, which, nearest = 1e9, -1, 1e9
-    for i in range(few):
+    for k in range(-1, few):
+        i = first if k < 0 else k
+        if k == first:
+            continue
         p = pieces[i]
         mx, my, mz = x - p[MIDDLE], y - p[MIDDLE + 1], z - p[MIDDLE + 2]
         reach = nearest + p[BOUND]
@@ -173,7 +177,7 @@ def closest(pieces, few, x, y, z, vx, vy, vz, out):
 
 
 @njit(cache=True)
-def _derivatives(owner, bone, nx, ny, nz, px, py, pz, r, joints, axes, columns, gains, v, nz_free, J, at):
+def _derivatives(owner, bone, nx, ny, nz, px, py, pz, r, joints, axes, columns, gains, rising, v, nz_free, J, at):
     """Write how a point of the flesh at (px, py, pz) on a bone's axis moves along a normal; how many dofs it has."""
     J[0], J[1], J[2] = nx, ny, nz
     sx, sy, sz = px + r * nx, py + r * ny, pz + r * nz
@@ -182,16 +186,9 @@ def _derivatives(owner, bone, nx, ny, nz, px, py, pz, r, joints, axes, columns, 
         at[k] = k
     n, body = 6, 6 + nz_free
     if owner >= OF_PALM:
-        J[n], at[n] = px * nx + py * ny + pz * nz + r, body + D_SCALE
-        J[n + 1], at[n + 1] = r, body + D_THICK
-        n += 2
         if owner >= 0:
-            J[n] = (
-                (px - joints[owner, 0, 0]) * nx + (py - joints[owner, 0, 1]) * ny + (pz - joints[owner, 0, 2]) * nz
-            )
-            at[n] = body + D_DIGITS + owner
-            n += 1
-            for k in range(5):
+            for i in range(5):
+                k = rising[owner, i]
                 column = columns[owner, k]
                 origin = 0 if k < 2 else (2 if k == 3 else 1)
                 if column < 0 or bone < origin:
@@ -207,29 +204,35 @@ def _derivatives(owner, bone, nx, ny, nz, px, py, pz, r, joints, axes, columns, 
                 )
                 at[n] = 6 + column
                 n += 1
+        J[n], at[n] = px * nx + py * ny + pz * nz + r, body + D_SCALE
+        J[n + 1], at[n + 1] = r, body + D_THICK
+        n += 2
+        if owner >= 0:
+            J[n] = (
+                (px - joints[owner, 0, 0]) * nx + (py - joints[owner, 0, 1]) * ny + (pz - joints[owner, 0, 2]) * nz
+            )
+            at[n] = body + D_DIGITS + owner
+            n += 1
         return n
     fx, fy, fz = v[FOREARM], v[FOREARM + 1], v[FOREARM + 2]
     along = min(px * fx + py * fy + pz * fz, v[FOREARM_M])
     reach = max(along, 0.0) if owner == OF_FOREARM else v[FOREARM_M]
-    # Two directions across the forearm: x × f and f × (x × f) would be singular only where f is along x.
     ax, ay, az = _across(fx, fy, fz)
     J[n], at[n] = reach * (ax * nx + ay * ny + az * nz), body + D_FOREARM
     bx, by, bz = fy * az - fz * ay, fz * ax - fx * az, fx * ay - fy * ax
     J[n + 1], at[n + 1] = reach * (bx * nx + by * ny + bz * nz), body + D_FOREARM + 1
-    J[n + 2], at[n + 2] = reach / v[FOREARM_M] * (fx * nx + fy * ny + fz * nz), body + D_LENGTH
-    J[n + 3], at[n + 3] = r, body + D_ARM_THICK
-    n += 4
+    n += 2
     if owner == OF_UPPER_ARM:
         ux, uy, uz = v[UPPER], v[UPPER + 1], v[UPPER + 2]
-        out = (
-            (px - v[FOREARM_M] * fx) * ux + (py - v[FOREARM_M] * fy) * uy + (pz - v[FOREARM_M] * fz) * uz
-        )
+        out = (px - v[FOREARM_M] * fx) * ux + (py - v[FOREARM_M] * fy) * uy + (pz - v[FOREARM_M] * fz) * uz
         ax, ay, az = _across(ux, uy, uz)
         J[n], at[n] = out * (ax * nx + ay * ny + az * nz), body + D_UPPER
         bx, by, bz = uy * az - uz * ay, uz * ax - ux * az, ux * ay - uy * ax
         J[n + 1], at[n + 1] = out * (bx * nx + by * ny + bz * nz), body + D_UPPER + 1
         n += 2
-    return n
+    J[n], at[n] = reach / v[FOREARM_M] * (fx * nx + fy * ny + fz * nz), body + D_LENGTH
+    J[n + 1], at[n + 1] = r, body + D_ARM_THICK
+    return n + 2
 
 
 @njit(cache=True)
@@ -244,12 +247,34 @@ def _across(x, y, z):
 
 @njit(cache=True)
 def _add(J, at, n, w, e, H, g):
+    """Add a residual; its dofs rise."""
     for i in range(n):
-        a = w * J[i]
-        g[at[i]] += a * e
-        for k in range(n):
-            if at[k] <= at[i]:
-                H[at[i], at[k]] += a * J[k]
+        a, row = w * J[i], at[i]
+        g[row] += a * e
+        for k in range(i + 1):
+            H[row, at[k]] += a * J[k]
+
+
+@njit(cache=True)
+def _nearest_opposite(front, opposite, line, column):
+    """The nearest pixel that is the arm's where this is not, or the other way round; itself where none is near."""
+    height = front.shape[0]
+    arm = front[line, column] > 0.0
+    best, y, x = 1e9, line, column
+    for away in range(_FAR_PX):
+        if away * away >= best:
+            break
+        for side in range(1 if away == 0 else 2):
+            i = line + away if side == 0 else line - away
+            if not 0 <= i < height:
+                continue
+            j = column if (front[i, column] > 0.0) != arm else opposite[i, column]
+            if j < 0:
+                continue
+            d = (j - column) ** 2 + away * away
+            if d < best:
+                best, y, x = d, i, j
+    return y, x
 
 
 @njit(cache=True)
@@ -274,17 +299,19 @@ def _robust(e, scale):
 
 @njit(cache=True)
 def system(
-    digits, mirror, radii, palm, owners, columns, gains, points, weights, picture, R, t, z, v, numbers, H, g, costs,
-    assigned, targets,
+    digits, mirror, radii, palm, owners, columns, gains, rising, points, weights, which, picture, R, t, z, v, numbers, H,
+    g, costs, assigned, targets,
 ):  # fmt: skip
     """Add the normal equations of the fit's geometric terms to the lower triangle of H and to g.
 
     Args:
         owners: (pieces, 2) digit, or what else a piece is of, and bone.
+        rising: (5, 5) the places of `columns` of each digit in ascending order.
         points, weights: (m, 3) of the image, camera [m], and (m,) how much each counts.
-        picture: (front, nearest_x, nearest_y, lens): `front` (h, w) [m] the surface of what may be the arm, minus that
-            of other things, 0 where nothing was measured; the nearest pixel that is the arm's where this is not, and
-            the other way round; lens (4,) of these pixels.
+        which: (m,) the piece of each point when it was last assigned, in and out.
+        picture: (front, opposite, lens): `front` (h, w) [m] the surface of what may be the arm, minus that of other
+            things, 0 where nothing was measured; the nearest column in a line that is the arm's where a pixel is not,
+            and the other way round; lens (4,) of these pixels.
         numbers: (9,) scale of the points' robust cost [m], of the silhouette's [m], variances' inverses of points,
             silhouette and collisions, how far before the surface flesh may stand [m], how far digits may overlap [m],
             how many pieces may explain points, half a pixel's side [m].
@@ -293,15 +320,15 @@ def system(
         assigned: (pieces,) how much was assigned to each piece, out.
         targets: (5, 3) where fingertips should be, camera [m]; NaN where that is not known.
     """
-    front, nearest_x, nearest_y, lens = picture
+    front, opposite, lens = picture
     nz_free = len(z)
     rows, joints, axes = np.empty((5, DIGIT)), np.empty((5, 4, 3)), np.empty((5, 5, 3))
     pieces = np.empty((len(owners), PIECE))
     flesh(digits, mirror, radii, palm, columns, gains, z, v, rows, joints, axes, pieces)
     J, at, hit = np.empty(_MOST), np.empty(_MOST, dtype=np.int64), np.empty(5)
-    ox, oy, oz = -(R[0] * t[0] + R[3] * t[1] + R[6] * t[2]), -(R[1] * t[0] + R[4] * t[1] + R[7] * t[2]), -(
-        R[2] * t[0] + R[5] * t[1] + R[8] * t[2]
-    )
+    ox = -(R[0] * t[0] + R[3] * t[1] + R[6] * t[2])
+    oy = -(R[1] * t[0] + R[4] * t[1] + R[7] * t[2])
+    oz = -(R[2] * t[0] + R[5] * t[1] + R[8] * t[2])
     few = int(numbers[7])
     for k in range(4):
         costs[k] = 0.0
@@ -314,17 +341,18 @@ def system(
         w = R[2] * X + R[5] * Y + R[8] * Z + oz
         vx, vy, vz = x - ox, y - oy, w - oz
         f = 1.0 / math.sqrt(vx * vx + vy * vy + vz * vz)
-        which = closest(pieces, few, x, y, w, f * vx, f * vy, f * vz, hit)
+        piece = closest(pieces, few, which[i], x, y, w, f * vx, f * vy, f * vz, hit)
+        which[i] = piece
         weight, cost = _robust(hit[4], numbers[0])
         costs[0] += weights[i] * cost
-        if which < 0 or weight < 0.01:
+        if weight < 0.01:
             continue
-        assigned[which] += weights[i] * weight
-        p, c = pieces[which], hit[3]
+        assigned[piece] += weights[i] * weight
+        p, c = pieces[piece], hit[3]
         r = p[RA] + (p[RB] - p[RA]) * c / max(p[LENGTH], 1e-6)
         n = _derivatives(
-            owners[which, 0], owners[which, 1], hit[0], hit[1], hit[2], p[A] + c * p[U], p[A + 1] + c * p[U + 1],
-            p[A + 2] + c * p[U + 2], r, joints, axes, columns, gains, v, nz_free, J, at,
+            owners[piece, 0], owners[piece, 1], hit[0], hit[1], hit[2], p[A] + c * p[U], p[A + 1] + c * p[U + 1],
+            p[A + 2] + c * p[U + 2], r, joints, axes, columns, gains, rising, v, nz_free, J, at,
         )  # fmt: skip
         _add(J, at, n, weights[i] * weight * numbers[2], hit[4], H, g)
     height, width = front.shape
@@ -350,13 +378,15 @@ def system(
             there = front[line, column]
             # Palm and forearm overlap themselves.
             area = 2.0 * r * max(p[LENGTH] / (steps - 1), 0.005) * (1.0 if owner >= 0 else 0.4)
+            if owner == OF_UPPER_ARM:
+                area *= 0.1  # often hidden, and then it may be anywhere
             costs[3] += area
             surface = Z - r
             if there < 0.0 and -there < surface:
                 continue  # behind another thing
             # Flesh that stands out of the silhouette is drawn in, sideways.
-            dx = (nearest_x[line, column] - px) * Z / lens[0]
-            dy = (nearest_y[line, column] - py) * Z / lens[1]
+            edge_y, edge_x = _nearest_opposite(front, opposite, line, column)
+            dx, dy = (edge_x - px) * Z / lens[0], (edge_y - py) * Z / lens[1]
             apart = math.sqrt(dx * dx + dy * dy)
             inside = there > 0.0
             beyond = r - apart + numbers[8] if inside else r + apart - numbers[8]
@@ -366,7 +396,7 @@ def system(
                 ux, uy = f * dx, f * dy
                 nx, ny, nz = R[0] * ux + R[3] * uy, R[1] * ux + R[4] * uy, R[2] * ux + R[5] * uy
                 weight, lost = _robust(beyond, numbers[1])
-                n = _derivatives(owner, bone, nx, ny, nz, x, y, w, 0.0, joints, axes, columns, gains, v, nz_free, J, at)
+                n = _derivatives(owner, bone, nx, ny, nz, x, y, w, 0.0, joints, axes, columns, gains, rising, v, nz_free, J, at)
                 _sized(owner, r, J, at, n, 6 + nz_free)
                 _add(J, at, n, max(weight, 0.1) * numbers[3], min(beyond, 0.03), H, g)
             ahead = there - surface - numbers[5]
@@ -377,10 +407,10 @@ def system(
                 nz = f * (R[2] * X + R[5] * Y + R[8] * Z)
                 weight, cost = _robust(ahead, numbers[1])
                 lost = max(lost, cost)
-                n = _derivatives(owner, bone, nx, ny, nz, x, y, w, 0.0, joints, axes, columns, gains, v, nz_free, J, at)
+                n = _derivatives(owner, bone, nx, ny, nz, x, y, w, 0.0, joints, axes, columns, gains, rising, v, nz_free, J, at)
                 _add(J, at, n, weight * numbers[3], ahead, H, g)
             costs[1] += area * lost
-    _collisions(pieces, owners, joints, axes, columns, gains, v, nz_free, numbers, J, at, H, g, costs)
+    _collisions(pieces, owners, joints, axes, columns, gains, rising, v, nz_free, numbers, J, at, H, g, costs)
     for d in range(5):
         X, Y, Z = targets[d, 0], targets[d, 1], targets[d, 2]
         if not math.isfinite(X):
@@ -392,12 +422,12 @@ def system(
         for k in range(3):
             nx, ny, nz = 1.0 * (k == 0), 1.0 * (k == 1), 1.0 * (k == 2)
             e = nx * (x - px) + ny * (y - py) + nz * (w - pz)
-            n = _derivatives(d, 2, nx, ny, nz, px, py, pz, 0.0, joints, axes, columns, gains, v, nz_free, J, at)
+            n = _derivatives(d, 2, nx, ny, nz, px, py, pz, 0.0, joints, axes, columns, gains, rising, v, nz_free, J, at)
             _add(J, at, n, 1.0 / _TARGET_SD**2, e, H, g)
 
 
 @njit(cache=True)
-def _collisions(pieces, owners, joints, axes, columns, gains, v, nz_free, numbers, J, at, H, g, costs):
+def _collisions(pieces, owners, joints, axes, columns, gains, rising, v, nz_free, numbers, J, at, H, g, costs):
     """Digits push one another apart where balls along their two outer bones overlap."""
     K, to = np.empty(2 * _MOST), np.empty(2 * _MOST, dtype=np.int64)
     for one in range(5):
@@ -427,16 +457,16 @@ def _collisions(pieces, owners, joints, axes, columns, gains, v, nz_free, number
                     over = within_m - d
                     costs[2] += (over / 0.01) ** 2
                     n = _derivatives(
-                        other, 1 + k // 3, nx, ny, nz, X, Y, Z, 0.0, joints, axes, columns, gains, v, nz_free, J, at
+                        other, 1 + k // 3, nx, ny, nz, X, Y, Z, 0.0, joints, axes, columns, gains, rising, v, nz_free, J, at
                     )
                     m = 0
-                    for j in range(6, n):
+                    for j in range(6, n):  # the palm moves both
                         K[m], to[m] = J[j], at[j]
                         m += 1
                     n = _derivatives(
-                        one, 1 + i // 3, nx, ny, nz, x, y, z, 0.0, joints, axes, columns, gains, v, nz_free, J, at
+                        one, 1 + i // 3, nx, ny, nz, x, y, z, 0.0, joints, axes, columns, gains, rising, v, nz_free, J, at
                     )
-                    for j in range(8, n):  # not the size, which both have
+                    for j in range(6, n):
                         K[m], to[m] = -J[j], at[j]
                         m += 1
                     for a in range(m):
@@ -496,9 +526,9 @@ def _expected_body(expected, information, v, first, H, g):
 
 @njit(cache=True)
 def fit(
-    digits, mirror, radii, palm, owners, columns, gains, c_max, points, weights, picture, prior_mean, prior,
+    digits, mirror, radii, palm, owners, columns, gains, rising, c_max, points, weights, picture, prior_mean, prior,
     predicted_R, predicted_t, predicted_z, certainty, expected, information, R, t, z, v, numbers, loose, iterations,
-    costs, assigned, H, targets,
+    costs, assigned, H, targets, keep,
 ):  # fmt: skip
     """Bring R (9,), t (3,), z (n,), v (STATE,) to the best fit near where they are, in place.
 
@@ -509,13 +539,14 @@ def fit(
         iterations: that are made.
         costs, assigned: as of `system`, of the end.
         H: (6 + n + BODY_DOFS, same) the information at the end, out; its lower triangle.
-        targets: as of `system`; they count in the first two thirds of the iterations.
+        targets: as of `system`; they count in the first part `keep` of the iterations.
     """
     n = 6 + len(z)
     full = n + BODY_DOFS
     g, M, d = np.empty(full), np.empty((full, full)), np.empty(full)
     Ha, ga = np.empty((n, n)), np.empty(n)
     nowhere = np.full((5, 3), math.nan)
+    which = np.zeros(len(points), np.int64)
     now, new_R = numbers.copy(), np.empty(9)
     for turn in range(iterations + 1):
         last = turn == iterations
@@ -527,8 +558,8 @@ def fit(
             for k in range(full):
                 H[i, k] = 0.0
         system(
-            digits, mirror, radii, palm, owners, columns, gains, points, weights, picture, R, t, z, v, now, H, g,
-            costs, assigned, targets if 3 * turn < 2 * iterations else nowhere,
+            digits, mirror, radii, palm, owners, columns, gains, rising, points, weights, which, picture, R, t, z, v, now,
+            H, g, costs, assigned, targets if turn < keep * iterations else nowhere,
         )  # fmt: skip
         for i in range(n):
             ga[i] = 0.0

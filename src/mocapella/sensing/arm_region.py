@@ -5,7 +5,7 @@ All of it is looked at on a grid of every so many pixels, that is as fine as a f
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from types import ModuleType
 from typing import Final, NamedTuple
@@ -53,7 +53,7 @@ class ArmRegionSettings:
     widest_m: float = 0.16
     finger_m: float = 0.027
     branch_m: float = 0.012
-    points: int = 1500
+    points: int = 700
 
     def __post_init__(self) -> None:
         check(0 < self.near_m < self.far_m <= 20, "near_m", self.near_m, "above 0, below far_m, which is at most 20 m")
@@ -87,14 +87,13 @@ class Region(NamedTuple):
     Attributes:
         points: (m, 3) camera [m].
         front: (h, w) the arm's surface, minus other things', 0 where nothing was measured [m].
-        nearest_x, nearest_y: (h, w) the nearest pixel of the arm.
+        opposite: (h, w) the nearest column in a line that is the arm's where a pixel is not, and the other way round.
         lens: (4,) of these pixels.
     """
 
     points: Float64
     front: Float64
-    nearest_x: Int64
-    nearest_y: Int64
+    opposite: Int64
     lens: Float64
 
 
@@ -167,14 +166,16 @@ def region(grid: Grid, spheres: Float64, s: ArmRegionSettings) -> Region:
 def evidence(grid: Grid, front: Float64, s: ArmRegionSettings) -> Region:
     """What a surface that may be an arm's says."""
     k = kernels()
-    nearest_x, nearest_y = np.empty(front.shape, np.int64), np.empty(front.shape, np.int64)
-    k.nearest(front, nearest_x, nearest_y)
+    opposite = np.empty(front.shape, np.int64)
+    k.opposite(front, opposite)
     points = np.empty((s.points, 3))
     count = k.unprojected(front, grid.lens, points)
-    return Region(points[:count], front, nearest_x, nearest_y, grid.lens)
+    return Region(points[:count], front, opposite, grid.lens)
 
 
-def palm_candidates(depth: Float32, lens: Float64, s: ArmRegionSettings, most: int = 6) -> list[PalmCandidate]:
+def palm_candidates(
+    depth: Float32, lens: Float64, s: ArmRegionSettings, most: int = 6, near: Float64 | None = None
+) -> list[PalmCandidate]:
     """Where palms and fists may be, the likeliest first: middles of surfaces as wide as a palm, at the end of an arm.
 
     Args:
@@ -182,24 +183,56 @@ def palm_candidates(depth: Float32, lens: Float64, s: ArmRegionSettings, most: i
         lens: (4,) or (9,).
         s: see there.
         most: so many at most.
+        near: (3,) only those within 15 cm of a place [m].
     """
     grid = whole_grid(depth, lens, max(round(depth.shape[1] / s.columns), 1), s)
     k, (height, width) = kernels(), grid.seen.shape
     labels = np.empty((height, width), np.int64)
     sizes = np.zeros(4096, np.int64)
-    k.labelled(grid.seen, s.jump, labels, sizes)
+    count = k.labelled(grid.seen, s.jump, labels, sizes)
     inner = np.empty((height, width))
     k.inner_distance(grid.seen, labels, grid.lens, inner)
     least, most_m = s.palm_radii_m
+    places = [*_ends(grid, labels, inner, count, s), *_peaks(inner, least, most_m, 2 * most)]
+    finer = replace(s, spacing_m=(_FINE if near is None else _COARSE) * s.spacing_m)
     found: list[tuple[float, PalmCandidate]] = []
-    for y, x in _peaks(inner, least, most_m, 4 * most):
-        centre = _points(grid, np.array([y]), np.array([x]))
-        if all(np.linalg.norm(other.centre - centre[0]) > 0.02 for _, other in found):
-            candidate = _candidate(depth, lens, centre[0], float(inner[y, x]), s)
+    for y, x in places:
+        centre = _points(grid, np.array([y]), np.array([x]))[0]
+        if near is not None and np.linalg.norm(centre - near) > _NEAR_M:
+            continue
+        if all(np.linalg.norm(other.centre - centre) > 0.02 for _, other in found):
+            candidate = _candidate(depth, lens, centre, float(inner[y, x]), finer)
             if candidate is not None:
                 found.append(candidate)
     found.sort(key=lambda pair: -pair[0])
     return [candidate for _, candidate in found[:most]]
+
+
+def _ends(grid: Grid, labels: Int64, inner: Float64, count: int, s: ArmRegionSettings) -> list[tuple[int, int]]:
+    """Places before the ends of surfaces, where the hand of an arm would be: a fist's, and an open hand's."""
+    k, places = kernels(), []
+    pixel = (grid.seen / grid.lens[0]) ** 2
+    areas = np.bincount(labels.ravel(), pixel.ravel(), count + 1)
+    areas[0] = 0.0
+    away, found = np.empty(grid.seen.shape), np.empty((_BRANCHES, 8))
+    for label in np.argsort(-areas, kind="stable")[:_SURFACES]:
+        if areas[label] < _LEAST_AREA_M2:
+            break
+        y, x = np.unravel_index(int(np.argmax(np.where(labels == label, inner, -1.0))), labels.shape)
+        k.geodesic(grid.seen, grid.lens, _WIDE_JUMP * s.jump, y, x, 3.0, away)
+        for end in found[: k.branches(grid.seen, away, grid.lens, _WIDE_JUMP * s.jump, 0.04, found)]:
+            if end[2] < 0.12:
+                continue
+            for back in _BEFORE_END_M:
+                # As thick as can be, so far from the end, and on the way to it.
+                ys, xs = np.nonzero((away > end[2] - back - 0.02) & (away < end[2] - back + 0.02))
+                if len(ys):
+                    at = _points(grid, ys, xs) - _points(grid, end[:1].astype(int), end[1:2].astype(int))
+                    near = np.linalg.norm(at, axis=1) < 1.3 * back + 0.02
+                    if near.any():
+                        best = np.argmax(np.where(near, inner[ys, xs], -1.0))
+                        places.append((int(ys[best]), int(xs[best])))
+    return places
 
 
 def _peaks(inner: Float64, least: float, most: float, count: int) -> list[tuple[int, int]]:
@@ -250,11 +283,13 @@ def _candidate(
     normal = np.linalg.svd(around, full_matrices=False)[2][2]
     normal = -normal if normal @ centre > 0 else normal
     found = np.empty((_BRANCHES, 8))
-    found = found[: k.branches(grid.seen, away, grid.lens, s.branch_m, found)]
+    found = found[: k.branches(grid.seen, away, grid.lens, s.jump, s.branch_m, found)]
     ends, middles = _points(grid, *found[:, :2].T.astype(int)), _points(grid, *found[:, 5:7].T.astype(int))
     long, wide_m = found[:, 2], found[:, 4]
     # Fingers do not reach so far; where the forearm is foreshortened, it is still wider than they are.
     arm = long >= inner_m
+    if ((long >= inner_m + 0.02) & (found[:, 3] > 0.08) & (wide_m > s.finger_m)).sum() > 1:
+        return None  # in the middle of an arm, or of a body
     if not arm.any():
         arm = (wide_m > s.finger_m) & (long > 0.08) & (found[:, 3] > 0.03)
     forearm = None
@@ -285,6 +320,16 @@ def _turn(direction: Float64, begin: Float64) -> float:
     return float(angle % (2 * np.pi))
 
 
+_SURFACES: Final = 6
+"""So many of the largest surfaces are looked at for arms."""
+_LEAST_AREA_M2: Final = 0.004
+_WIDE_JUMP: Final = 1.8
+"""Fingers before the palm are joined to it, on the way to an arm's end."""
+_BEFORE_END_M: Final = (0.05, 0.10)
+_FINE: Final = 0.75
+_COARSE: Final = 1.4
+"""The grid on which a candidate is looked at is so many times as coarse: anywhere, and where an arm is followed."""
+_NEAR_M: Final = 0.15
 _COARSER: Final = 3
 """Every so manyth sphere is enough for what lies far around."""
 _BRANCHES: Final = 24

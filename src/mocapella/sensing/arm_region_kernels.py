@@ -15,24 +15,41 @@ from mocapella.compiled import njit
 
 @njit(cache=True)
 def thinned(depth, x0, y0, step, near, far, out):
-    """Write every so manyth pixel into out (h, w) [m], 0 where it is out of range or stands alone.
+    """Write the depth at every so manyth pixel into out (h, w) [m], 0 where it is out of range, or stands alone.
 
-    A pixel stands alone when fewer than two of its four neighbours are within 1.5 cm of it: at edges such pixels are a
-    mixture of both sides.
+    It is the mean of its surroundings within half a step, of those pixels that are within 1.5 cm of it. Where the pixel
+    itself has no depth, its surroundings' will do where they are measured for the most part. At the edges of surfaces
+    pixels are a mixture of both sides; there fewer than a third of the surroundings are within 1.5 cm.
     """
     height, width = depth.shape
+    half = max(step // 2, 1)
     for i in range(out.shape[0]):
         y = y0 + i * step
         for j in range(out.shape[1]):
             x = x0 + j * step
+            out[i, j] = 0.0
             z = depth[y, x]
-            keep = 0
-            if near <= z <= far:
-                keep += x > 0 and abs(depth[y, x - 1] - z) < 0.015
-                keep += x + 1 < width and abs(depth[y, x + 1] - z) < 0.015
-                keep += y > 0 and abs(depth[y - 1, x] - z) < 0.015
-                keep += y + 1 < height and abs(depth[y + 1, x] - z) < 0.015
-            out[i, j] = z if keep >= 2 else 0.0
+            if not near <= z <= far:
+                # The nearest of the surroundings, where most of them are measured.
+                valid, looked, least = 0, 0, math.inf
+                for b in range(max(y - half, 0), min(y + half + 1, height)):
+                    for a in range(max(x - half, 0), min(x + half + 1, width)):
+                        looked += 1
+                        if near <= depth[b, a] <= far:
+                            valid += 1
+                            least = min(least, depth[b, a])
+                if 2 * valid <= looked:
+                    continue
+                z = least
+            count, looked, total = 0, 0, 0.0
+            for b in range(max(y - half, 0), min(y + half + 1, height)):
+                for a in range(max(x - half, 0), min(x + half + 1, width)):
+                    looked += 1
+                    if abs(depth[b, a] - z) < 0.015:
+                        count += 1
+                        total += depth[b, a]
+            if 3 * count >= looked:
+                out[i, j] = total / count
 
 
 @njit(cache=True)
@@ -66,7 +83,8 @@ def bands(spheres, lens, gate, arm_gate, low, high):
 def grown(seen, low, high, wide_low, wide_high, jump, front):
     """Write the surface that may be the arm into front (h, w): seeds in the narrow bands, grown within the wide ones.
 
-    It grows over neighbours whose depths differ by less than the jump [m]. Other things are told by minus their depth.
+    What is before the narrow bands, and in the wide ones, is a seed, too: a finger before the palm, in whose shadow
+    nothing joins it to the hand. It grows over neighbours whose depths differ by less than the jump [m]. Other things are told by minus their depth.
     """
     height, width = seen.shape
     stack = np.empty(height * width, np.int64)
@@ -75,7 +93,7 @@ def grown(seen, low, high, wide_low, wide_high, jump, front):
         for j in range(width):
             z = seen[i, j]
             front[i, j] = -z
-            if low[i, j] <= z <= high[i, j]:
+            if (low[i, j] <= z or (low[i, j] < math.inf and wide_low[i, j] <= z)) and 0.0 < z <= high[i, j]:
                 front[i, j] = z
                 stack[n] = i * width + j
                 n += 1
@@ -94,51 +112,21 @@ def grown(seen, low, high, wide_low, wide_high, jump, front):
 
 
 @njit(cache=True)
-def nearest(front, nearest_x, nearest_y):
-    """Write the nearest pixel whose front is above 0 where a pixel's is not, and the other way round.
-
-    Two passes of vectors: P.-E. Danielsson, "Euclidean distance mapping", Computer Graphics and Image Processing 14
-    (1980) 227. Where there is none, a pixel is its own nearest.
-    """
+def opposite(front, out):
+    """Write the nearest column in its line that is the arm's where a pixel is not, and the other way round; -1: none."""
     height, width = front.shape
-    far = 4 * (height + width)
-    one_x, one_y = np.empty((height, width), np.int64), np.empty((height, width), np.int64)
-    for kind in range(2):
-        for i in range(height):
-            for j in range(width):
-                there = (front[i, j] > 0.0) == (kind == 0)
-                one_x[i, j] = j if there else -far
-                one_y[i, j] = i if there else -far
-        for sweep in range(2):
-            for row in range(height):
-                i = row if sweep == 0 else height - 1 - row
-                a = i - 1 if sweep == 0 else i + 1
-                if 0 <= a < height:
-                    for j in range(width):
-                        _take(one_x, one_y, i, j, a, j)
-                        if j > 0:
-                            _take(one_x, one_y, i, j, a, j - 1)
-                        if j + 1 < width:
-                            _take(one_x, one_y, i, j, a, j + 1)
-                for j in range(1, width):
-                    _take(one_x, one_y, i, j, i, j - 1)
-                for j in range(width - 2, -1, -1):
-                    _take(one_x, one_y, i, j, i, j + 1)
-        for i in range(height):
-            for j in range(width):
-                if (front[i, j] > 0.0) == (kind == 1):
-                    nearest_x[i, j] = one_x[i, j] if one_x[i, j] >= 0 else j
-                    nearest_y[i, j] = one_y[i, j] if one_x[i, j] >= 0 else i
-
-
-@njit(cache=True)
-def _take(nearest_x, nearest_y, i, j, a, b):
-    x, y = nearest_x[a, b], nearest_y[a, b]
-    if x < 0:
-        return
-    X, Y = nearest_x[i, j], nearest_y[i, j]
-    if X < 0 or (x - j) ** 2 + (y - i) ** 2 < (X - j) ** 2 + (Y - i) ** 2:
-        nearest_x[i, j], nearest_y[i, j] = x, y
+    for i in range(height):
+        last = -1
+        for j in range(width):
+            if j > 0 and (front[i, j] > 0.0) != (front[i, j - 1] > 0.0):
+                last = j - 1
+            out[i, j] = last
+        last = -1
+        for j in range(width - 1, -1, -1):
+            if j + 1 < width and (front[i, j] > 0.0) != (front[i, j + 1] > 0.0):
+                last = j + 1
+            if last >= 0 and (out[i, j] < 0 or last - j < j - out[i, j]):
+                out[i, j] = last
 
 
 @njit(cache=True)
@@ -306,7 +294,7 @@ def geodesic(seen, lens, jump, from_y, from_x, most, out):
 
 
 @njit(cache=True)
-def branches(seen, away, lens, least, found):
+def branches(seen, away, lens, jump, least, found):
     """Write the branches of a surface, seen from where `away` is 0, into found (n, 8); how many there are.
 
     A branch grows from a farthest pixel towards the middle, until it meets one that reaches farther: its persistence
@@ -341,7 +329,7 @@ def branches(seen, away, lens, least, found):
                 if parent[other] < 0 or other == at:
                     continue
                 z = seen[i, j]
-                if abs(seen[a, b] - z) > 0.025 * z:
+                if abs(seen[a, b] - z) > jump * z:
                     continue
                 one, two = at, other
                 while parent[one] != one:
@@ -387,7 +375,7 @@ def branches(seen, away, lens, least, found):
                     other = a * width + b
                     if marked[other] != k + 1 and level <= flat[other] < math.inf and abs(
                         seen[a, b] - z
-                    ) <= 0.025 * z:
+                    ) <= jump * z:
                         marked[other] = k + 1
                         stack[m] = other
                         m += 1

@@ -8,10 +8,10 @@ either hand.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import combinations
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from mocapella.errors import SettingsError
 from mocapella.kinematics.arm_fit import ArmFitSettings, ArmModel, ArmPose, Evidence, Expected, Fitted
 from mocapella.kinematics.arm_fit import kernels as fit_kernels
-from mocapella.model.arms import SeenArm, SeenArms
+from mocapella.model.arms import PALM, SeenArm, SeenArms
 from mocapella.model.camera import Camera
 from mocapella.model.hand import Handedness, hand_model
 from mocapella.model.observations import JointState
@@ -46,8 +46,13 @@ class DepthArmsSettings:
         hand_length_m: of the average hand.
         believe: a fit whose cost is above this is no arm.
         keep: likewise of an arm that is followed.
-        doubt: an arm whose cost is above this is looked for anew …
-        better: … and changed for one whose cost is below this part of its own.
+        trials: other poses that are tried in each image for an arm …
+        trials_in_doubt: … whose cost is above `doubt`.
+        doubt: see there.
+        better: another pose is taken when its cost is below this part of that of the arm's own.
+        look_again_every: images between two times that a doubtful hand is looked for anew where it is.
+        firm: an arm whose cost was below this for some images is sure, and others are not looked for in its stead.
+        refuse_for: images for which a place is not looked at again, where no arm was.
         lost_after: frames in a row that an arm may be doubtful.
         look_every: frames between two looks for further arms, while there is one.
         region, fit: of the steps.
@@ -55,10 +60,15 @@ class DepthArmsSettings:
 
     arms: int = 2
     hand_length_m: float = 0.189
-    believe: float = 0.35
-    keep: float = 0.6
+    believe: float = 0.25
+    keep: float = 0.35
+    trials: int = 2
+    trials_in_doubt: int = 5
     doubt: float = 0.12
-    better: float = 0.8
+    better: float = 0.93
+    look_again_every: int = 10
+    firm: float = 0.16
+    refuse_for: int = 60
     lost_after: int = 3
     look_every: int = 5
     region: ArmRegionSettings = field(default_factory=ArmRegionSettings)
@@ -78,9 +88,50 @@ class _Arm:
     def __init__(self, number: int, side: Handedness, fitted: Fitted, at_s: float) -> None:
         self.id, self.side, self.fitted, self.at_s = number, side, fitted, at_s
         self.velocity = np.zeros(6 + len(fitted.pose.z))
-        self.doubtful = 0
-        self.evidence = 0.0
+        self.doubtful = self.since_look = self.firm = 0
         self.region: Region | None = None
+        self.trials: list[_Trial] = []
+
+    def moved(self, fitted: Fitted, dt: float) -> None:
+        """Take in the pose of the next image."""
+        self.velocity = 0.6 * _motion(self.fitted.pose, fitted.pose) / dt + 0.4 * self.velocity
+        self.fitted = fitted
+
+
+class _Found(NamedTuple):
+    """A hand that was found."""
+
+    cost: float
+    side: Handedness
+    fitted: Fitted
+
+
+class _Trial(NamedTuple):
+    """A pose that might be better; as it was when the palm's middle was at a place [m]."""
+
+    side: Handedness
+    pose: ArmPose | None
+    tips: Float64 | None
+    centre: Float64
+    digit: int = -1
+    held: tuple[int, int, int] = (0, 0, 0)
+
+    def start(self, arm: _Arm, models: Mapping[Handedness, ArmModel]) -> ArmPose:
+        """The pose to begin from, where the arm is now."""
+        if self.pose is None:
+            model = models[self.side]
+            pose = arm.fitted.pose.copied()
+            _bend(model, pose.z, self.digit, *self.held)
+            fit_kernels().within(model.digits, model.columns, model.gains, pose.z, model.c_max)
+            return pose
+        pose = self.pose.copied()
+        pose.t[:] += models[arm.side].points(arm.fitted.pose)[PALM] - self.centre
+        return pose
+
+    @property
+    def tips_m(self) -> Float64 | None:
+        """Only those of a start that is not moved would be right; fits without them."""
+        return None
 
 
 class DepthArms:
@@ -102,6 +153,7 @@ class DepthArms:
     def reset(self) -> None:
         """Forget everything, as if newly made."""
         self._arms: list[_Arm] = []
+        self._refused: list[tuple[Float64, int]] = []
         self._frames = self._next_id = 0
 
     def update(self, depth: Float32, at_s: float) -> SeenArms:
@@ -113,7 +165,8 @@ class DepthArms:
         for arm in list(self._arms):
             if not self._follow(arm, depth, at_s):
                 self._arms.remove(arm)
-        if len(self._arms) < self.settings.arms and (not self._arms or self._frames % self.settings.look_every == 0):
+        firm = sum(arm.firm >= _FIRM_AFTER for arm in self._arms)
+        if firm < self.settings.arms and (not self._arms or self._frames % self.settings.look_every == 0):
             self._look(depth, at_s)
         self._frames += 1
         told = tuple(self._told(arm) for arm in sorted(self._arms, key=lambda arm: arm.id))
@@ -135,33 +188,72 @@ class DepthArms:
         dt = max(at_s - arm.at_s, 1e-3)
         predicted = self._predicted(arm, model, dt)
         part = self._region(depth, model.spheres(predicted))
-        if part is None:
+        if part is None or len(part.points) < _FEW:
             return False
         fitted = model.fit(predicted, self._expected(model, arm, predicted, dt), _evidence(part, model, predicted))
-        side = arm.side
-        if fitted.cost > s.doubt:
-            better = self._again(depth, fitted, arm)
-            if better is not None and better[1].cost < s.better * fitted.cost:
-                side, fitted = better
-                part = self._region(depth, self.models[side].spheres(fitted.pose)) or part
-        arm.doubtful = arm.doubtful + 1 if fitted.cost > s.keep else 0
-        if arm.doubtful >= s.lost_after:
-            return False
-        if side == arm.side:
-            arm.velocity = 0.6 * _motion(arm.fitted.pose, fitted.pose) / dt + 0.4 * arm.velocity
-        arm.fitted, arm.at_s, arm.region, arm.side = fitted, at_s, part, side
-        return True
+        arm.moved(fitted, dt)
+        arm.at_s, arm.region = at_s, part
+        self._search(arm, depth)
+        arm.doubtful = arm.doubtful + 1 if arm.fitted.cost > s.keep else 0
+        arm.firm = min(arm.firm + 1, _FIRM_AFTER) if arm.fitted.cost < s.firm else max(arm.firm - 1, 0)
+        return arm.doubtful < s.lost_after
 
-    def _again(self, depth: Float32, fitted: Fitted, arm: _Arm) -> tuple[Handedness, Fitted] | None:
-        """The hand found anew where it is, or may have gone."""
-        centre = self.models[arm.side].points(fitted.pose)[21]
-        best: tuple[Handedness, Fitted] | None = None
-        for candidate in palm_candidates(depth, self._lens, self.settings.region):
-            if np.linalg.norm(candidate.centre - centre) < 0.15:
-                found = self._best_start(depth, candidate)
-                if found is not None and (best is None or found[1].cost < best[1].cost):
-                    best = found
-        return None if best is None else self._repaired(depth, *best)
+    def _search(self, arm: _Arm, depth: Float32) -> None:
+        """Try a few other poses; those of an arm that fits badly more often."""
+        s = self.settings
+        doubt = arm.fitted.cost > s.doubt
+        if not arm.trials or (doubt and arm.since_look >= s.look_again_every and len(arm.trials) < _FEW):
+            if doubt and arm.since_look >= s.look_again_every:
+                arm.since_look = 0
+                centre = self.models[arm.side].points(arm.fitted.pose)[PALM]
+                for candidate in palm_candidates(depth, self._lens, s.region, 1, centre):
+                    arm.trials = [
+                        _Trial(side, start, tips, centre)
+                        for side, model in self.models.items()
+                        for start, tips in _starts(model, candidate)
+                    ]
+            arm.trials = [*_digits_otherwise(self.models[arm.side], arm), *arm.trials]
+        arm.since_look += 1
+        assert arm.region is not None
+        now: dict[Handedness, float] = {}
+        for _ in range(min(s.trials_in_doubt if doubt else s.trials, len(arm.trials))):
+            if not arm.trials:
+                break  # another side was taken
+            trial = arm.trials.pop(0)
+            model = self.models[trial.side]
+            start = trial.start(arm, self.models)
+            evidence = _evidence(arm.region, model, start, 250, 0.15)
+            if arm.side not in now:
+                own = self.models[arm.side]
+                now[arm.side] = own.fit(
+                    arm.fitted.pose, own.unexpected(arm.fitted.pose),
+                    _evidence(arm.region, own, arm.fitted.pose, 250, 0.15), iterations=0,
+                ).cost  # fmt: skip
+            other = model.fit(start, model.unexpected(start), evidence, iterations=5, loose=2.0, tips=trial.tips_m)
+            if other.cost < s.better * now[arm.side]:
+                self._change(arm, trial.side, other, depth)
+                now.clear()
+
+    def _change(self, arm: _Arm, side: Handedness, other: Fitted, depth: Float32) -> None:
+        """Take another pose for an arm, where it is still better when all points are looked at."""
+        model = self.models[side]
+        part = self._region(depth, model.spheres(other.pose))
+        if part is None or len(part.points) < _FEW:
+            return
+        fitted = model.fit(
+            other.pose, model.unexpected(other.pose), _evidence(part, model, other.pose, beyond=0.15), iterations=4,
+            loose=1.0,
+        )  # fmt: skip
+        own = self.models[arm.side]
+        before = own.fit(
+            arm.fitted.pose, own.unexpected(arm.fitted.pose), _evidence(part, own, arm.fitted.pose, beyond=0.15),
+            iterations=0,
+        )  # fmt: skip
+        if fitted.cost < self.settings.better * before.cost:
+            if side != arm.side:
+                arm.trials = []
+            arm.fitted, arm.side, arm.region = fitted, side, part
+            arm.velocity[6:] = 0.0
 
     def _predicted(self, arm: _Arm, model: ArmModel, dt: float) -> ArmPose:
         pose = arm.fitted.pose.copied()
@@ -189,69 +281,84 @@ class DepthArms:
 
     def _look(self, depth: Float32, at_s: float) -> None:
         s = self.settings
-        found: list[tuple[float, Handedness, Fitted]] = []
-        for candidate in palm_candidates(depth, self._lens, s.region):
-            if not any(self._same(arm, candidate) for arm in self._arms):
-                best = self._best_start(depth, candidate)
-                if best is not None and best[1].cost <= s.believe:
-                    found.append((best[1].cost, *best))
-        found.sort(key=lambda one: one[0])
-        found = [(one[1].cost, *one) for one in (self._repaired(depth, *pair[1:]) for pair in found[: s.arms + 1])]
-        found.sort(key=lambda one: one[0])
-        for _, side, fitted in found:
-            if len(self._arms) == s.arms:
-                return
-            centre = self.models[side].points(fitted.pose)[21]
-            if any(np.linalg.norm(self.models[arm.side].points(arm.fitted.pose)[21] - centre) < 0.08 for arm in self._arms):
+        self._refused = [(at, frame) for at, frame in self._refused if self._frames - frame < s.refuse_for]
+        candidates = [
+            candidate
+            for candidate in palm_candidates(depth, self._lens, s.region)
+            if not any(self._same(arm, candidate) for arm in self._arms)
+            and not any(np.linalg.norm(candidate.centre - at) < _REFUSED_M for at, _ in self._refused)
+        ]
+        found = [one for one in self._best(depth, candidates) if one.cost <= s.believe]
+        found = sorted((self._repaired(depth, one) for one in found[: s.arms + 2]), key=lambda one: one.cost)
+        for one in found:
+            centre = self._palm(one.side, one.fitted)
+            if any(np.linalg.norm(self._palm(arm.side, arm.fitted) - centre) < _REFUSED_M for arm in self._arms):
                 continue
-            arm = _Arm(self._next_id, side, fitted, at_s)
+            if len(self._arms) == s.arms:  # one that was never sure makes room
+                worst = max(self._arms, key=lambda arm: (arm.firm < _FIRM_AFTER, arm.fitted.cost))
+                if worst.firm >= _FIRM_AFTER or worst.fitted.cost < one.cost:
+                    break
+                self._arms.remove(worst)
+            arm = _Arm(self._next_id, one.side, one.fitted, at_s)
             self._next_id += 1
-            arm.region = self._region(depth, self.models[side].spheres(fitted.pose))
+            arm.region = self._region(depth, self.models[one.side].spheres(one.fitted.pose))
             self._arms.append(arm)
+        for candidate in candidates:
+            if self._arms and not any(self._same(arm, candidate) for arm in self._arms):
+                self._refused.append((candidate.centre, self._frames))
+
+    def _palm(self, side: Handedness, fitted: Fitted) -> Float64:
+        return np.asarray(self.models[side].points(fitted.pose)[PALM])
 
     def _same(self, arm: _Arm, candidate: PalmCandidate) -> bool:
         spheres = self.models[arm.side].spheres(arm.fitted.pose)
         return bool((np.linalg.norm(spheres[:, :3] - candidate.centre, axis=1) < spheres[:, 3] + 0.04).any())
 
-    def _best_start(self, depth: Float32, candidate: PalmCandidate) -> tuple[Handedness, Fitted] | None:
-        part = self._region(depth, candidate.spheres)
-        if part is None or len(part.points) < 60:
-            return None
-        tried: list[tuple[float, Handedness, Fitted]] = []
-        for side, model in self.models.items():
-            for start, tips in _starts(model, candidate):
-                fitted = model.fit(start, model.unexpected(start), _evidence(part, model, start, 200, 0.3), iterations=6, loose=3.0, tips=tips)
-                tried.append((fitted.cost, side, fitted))
-        tried.sort(key=lambda one: one[0])
-        found: list[tuple[float, Handedness, Fitted]] = []
-        for _, side, fitted in tried[:12]:
-            model = self.models[side]
-            finer = self._region(depth, model.spheres(fitted.pose))
-            if finer is None:
+    def _best(self, depth: Float32, candidates: list[PalmCandidate]) -> list[_Found]:
+        """The hands that fit best, one or few for each candidate: all starts a little, the better ones more."""
+        pool: list[tuple[Region, _Found, Float64 | None]] = []
+        for candidate in candidates:
+            part = self._region(depth, candidate.spheres)
+            if part is None or len(part.points) < _FEW:
                 continue
-            better = model.fit(fitted.pose, model.unexpected(fitted.pose), _evidence(finer, model, fitted.pose, 400, 0.3), iterations=8)
-            found.append((better.cost, side, better))
-        if not found:
-            return None
-        found.sort(key=lambda one: one[0])
-        DEBUG.append([(round(c, 3), np.round(f.costs,3), a, bool(f.pose.R[5+2-0-0] > 9) , 'back' if f.pose.R[7] < 0 else 'palm') for c, a, f in found])
-        return found[0][1], found[0][2]
+            for side, model in self.models.items():
+                for start, tips in _starts(model, candidate):
+                    evidence = _evidence(part, model, start, 120, 0.3)
+                    fitted = model.fit(start, model.unexpected(start), evidence, iterations=4, loose=3.0, tips=tips, keep=1.0)
+                    pool.append((part, _Found(fitted.cost, side, fitted), tips))
+        for most, points, iterations, loose in _ROUNDS:
+            pool.sort(key=lambda entry: entry[1].cost)
+            better = []
+            for part, (_, side, before), tips in pool[:most]:
+                model = self.models[side]
+                part = self._region(depth, model.spheres(before.pose)) if points > 250 else part  # noqa: PLW2901
+                if part is None:
+                    continue
+                evidence = _evidence(part, model, before.pose, points, 0.3)
+                fitted = model.fit(
+                    before.pose, model.unexpected(before.pose), evidence, iterations=iterations, loose=loose,
+                    tips=tips if points <= 250 else None,
+                )  # fmt: skip
+                better.append((part, _Found(fitted.cost, side, fitted), tips))
+            pool = better
+        return sorted((entry[1] for entry in pool), key=lambda one: one.cost)
 
-    def _repaired(self, depth: Float32, side: Handedness, fitted: Fitted) -> tuple[Handedness, Fitted]:
+    def _repaired(self, depth: Float32, found: _Found) -> _Found:
         """With each digit held otherwise where that is better."""
-        model = self.models[side]
+        model, fitted = self.models[found.side], found.fitted
         for digit in range(5):
             part = self._region(depth, model.spheres(fitted.pose))
             if part is None:
                 break
-            for flexion, abduction, middle in _OTHERWISE[digit > 0]:
+            for held in _OTHERWISE[digit > 0]:
                 start = fitted.pose.copied()
-                _bend(model, start.z, digit, flexion, abduction, middle)
+                _bend(model, start.z, digit, *held)
                 fit_kernels().within(model.digits, model.columns, model.gains, start.z, model.c_max)
-                other = model.fit(start, model.unexpected(start), _evidence(part, model, start, 400, 0.3), iterations=5, loose=1.5)
+                evidence = _evidence(part, model, start, 400, 0.3)
+                other = model.fit(start, model.unexpected(start), evidence, iterations=5, loose=1.5)
                 if other.cost < 0.97 * fitted.cost:
                     fitted = other
-        return side, fitted
+        return _Found(fitted.cost, found.side, fitted)
 
     # Telling.
 
@@ -289,8 +396,8 @@ def _states(points: Float64, part: Region | None, model: ArmModel, pose: ArmPose
 
 
 def _evidence(part: Region, model: ArmModel, pose: ArmPose, most: int = 10_000, beyond: float = 0.05) -> Evidence:
-    points = np.ascontiguousarray(part.points[:: -(-len(part.points) // most)])
-    return Evidence(points, model.relevance(points, pose, beyond), part.front, part.nearest_x, part.nearest_y, part.lens)
+    points = np.ascontiguousarray(part.points[:: max(-(-len(part.points) // most), 1)])
+    return Evidence(points, model.relevance(points, pose, beyond), part.front, part.opposite, part.lens)
 
 
 def _motion(before: ArmPose, after: ArmPose) -> Float64:
@@ -328,17 +435,25 @@ def _starts(model: ArmModel, candidate: PalmCandidate) -> Iterator[tuple[ArmPose
             v = model.state()
             if candidate.forearm is not None:
                 v[4:7] = R.T @ candidate.forearm
-                v[7:10] = v[4:7]
-            # Seen from its back, a right hand's digits go clockwise from the thumb on.
+                # The upper arm goes back to the shoulder, away from the camera.
+                back = 0.5 * candidate.forearm + candidate.centre / np.linalg.norm(candidate.centre)
+                v[7:10] = R.T @ (back / np.linalg.norm(back))
+            # Seen from its back, a right hand's digits go clockwise from the thumb on; from its side, either way.
             clockwise = (np.cos(roll) > 0) == (model.mirror > 0)
-            ordered = tips[::-1] if clockwise else tips
-            for digits in combinations(range(5), len(tips)):
-                z = _posed(model, tuple(_OPEN[d] if d in digits else _BENT[d] for d in range(5)))
-                targets = np.full((5, 3), np.nan)
-                targets[list(digits)] = ordered
-                yield ArmPose(np.ascontiguousarray(R).reshape(9), t.copy(), z, v.copy()), targets
+            orders = [tips[::-1] if clockwise else tips]
+            if roll not in _FLAT and len(tips) == 2:
+                orders = [tips, tips[::-1]]
+            for ordered in orders:
+                for digits in combinations(range(5), len(tips)):
+                    z = _posed(model, tuple(_OPEN[d] if d in digits else _BENT[d] for d in range(5)))
+                    targets = np.full((5, 3), np.nan)
+                    targets[list(digits)] = ordered
+                    yield ArmPose(np.ascontiguousarray(R).reshape(9), t.copy(), z, v.copy()), targets
             if len(tips) < 2:
-                yield ArmPose(np.ascontiguousarray(R).reshape(9), t.copy(), _posed(model, _OPEN), v.copy()), None
+                for shift in _SHIFTS_M:
+                    for postures in (_OPEN, _BENT, _HOLDING):
+                        moved = t + shift * z_axis
+                        yield ArmPose(np.ascontiguousarray(R).reshape(9), moved, _posed(model, postures), v.copy()), None
 
 
 def _across(normal: Float64, z_axis: Float64, centre: Float64) -> Float64:
@@ -356,9 +471,29 @@ _FLAT: Final = (0.0, np.pi)
 _ROLLS: Final = (*_FLAT, 0.5 * np.pi, -0.5 * np.pi)
 _OPEN: Final = ((0, 0, 10), *[(5, 0, 8)] * 4)
 _BENT: Final = ((0, 0, 40), *[(70, 0, 85)] * 4)
+_HOLDING: Final = ((10, -15, 40), *[(45, 0, 60)] * 4)
 """Flexion, abduction and second flexion of thumb to little finger [degrees]."""
+_SHIFTS_M: Final = (-0.03, 0.0, 0.03)
+"""Along the hand: where there are no fingers to be seen, its middle is not known so well."""
 
 
+def _digits_otherwise(model: ArmModel, arm: _Arm) -> list[_Trial]:
+    """Each digit held otherwise; fingers in turn."""
+    nowhere = np.zeros(3)
+    return [
+        _Trial(arm.side, None, None, nowhere, digit, held)
+        for k in range(len(_OTHERWISE[1]))
+        for digit in range(5)
+        if k < len(_OTHERWISE[digit > 0])
+        for held in (_OTHERWISE[digit > 0][k],)
+    ]
+
+
+_ROUNDS: Final = ((48, 250, 8, 2.0), (10, 400, 8, 1.5))
+"""How many starts are kept, with how many points, iterations, and how loose at the beginning."""
+_FIRM_AFTER: Final = 5
+_REFUSED_M: Final = 0.08
+_FEW: Final = 40
 _OTHERWISE: Final = (
     ((0, 0, 10), (20, 15, 50), (-20, -15, 10), (20, -15, 50)),
     ((0, 0, 5), (45, 0, 45), (80, 0, 95), (5, 0, 95), (80, 0, 15)),

@@ -2,7 +2,7 @@
 
 A scene's keys say what the hand does and how the arm moves from where it is held; between them all goes the smoothest
 way (T. Flash, N. Hogan, 1985). Then fingers are moved, as little as possible and within the hand's limits, until none
-is inside another or the palm by more than flesh gives, and tips that shall touch do.
+is inside another or the palm by more than flesh gives, and digits that shall touch do.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Posture(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     what is not given is as in ``open``.
 
     Attributes:
-        touch: two digits whose tips touch; none by default.
+        touch: two digits that touch: the thumb's tip and another, or two fingers' sides; none by default.
         gesture: its name; empty where it has none.
     """
 
@@ -294,7 +294,7 @@ def untangled(
 
     Args:
         start: (21,) where to begin; at those wished, where not given.
-        touch: (n, 3) two digits whose tips shall touch, and how much, 0 to 1.
+        touch: (n, 3) two digits that shall touch, the thumb first and with its tip, and how much, 0 to 1.
         flesh: radii of the digits (5, 4) and half the palm's thickness [m]; the mesh's own where not given.
     """
     radii, palm_m = flesh or (finger_radii(mesh.shape), _PALM_HALF_M * mesh.shape.hand_length_m / 0.189)
@@ -304,6 +304,19 @@ def untangled(
         model.cones, model.limits, radii, palm_m, np.zeros((0, 3)) if touch is None else touch, FLESH_GIVES_M, angles,
     )  # fmt: skip
     return angles
+
+
+def worst_overlap(mesh: ArmMesh, angles: Float64) -> float:
+    """How far one finger is inside another, or in the palm, at most [m]; 0 where none is.
+
+    Flesh is taken as tapered limbs about the bones; neighbouring fingers' first bones count from 45 % of their length.
+    """
+    pose = ArmPose(angles, np.zeros(4), np.eye(4))
+    limbs, out, k = np.empty((19, 8)), np.empty(_kernels().PAIRS), _kernels()
+    palm_m = _PALM_HALF_M * mesh.shape.hand_length_m / 0.189
+    k.limbs_of(mesh.frames(pose)[1], finger_radii(mesh.shape), palm_m, limbs)
+    k.overlaps(limbs, out)
+    return max(float(out.max()), 0.0)
 
 
 def held_at(mesh: ArmMesh, joints: Float64, R_camera_palm: Float64, at: Float64, which: int = PALM) -> ArmPose:

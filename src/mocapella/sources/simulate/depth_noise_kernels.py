@@ -103,6 +103,7 @@ def structured_light(depth, slope, lit, key, row, unit_m, out):
         row[14],
     )
     one, two, three, four = mixed(key, 1), mixed(key, 2), mixed(key, 3), mixed(key, 4)
+    per_step = 1.0 / step if step > 0.0 else 0.0
     own, together, per_unit = math.sqrt(1.0 - shared), math.sqrt(shared), 1.0 / unit_m
     # By the cosine of the angle of incidence: what it adds to the noise, and how many pixels are lost.
     more, lost = np.empty(_ANGLES + 1), np.empty(_ANGLES + 1)
@@ -112,6 +113,7 @@ def structured_light(depth, slope, lit, key, row, unit_m, out):
         lost[i] = dropout + max(angle - steep0, 0.0) / (steep1 - steep0)
     # Smooth noise: bilinear between the nodes of a lattice, of variance 1 everywhere.
     above, below, blocks = np.empty(w // cell + 2), np.empty(w // cell + 2), np.empty(w // 4 + 1, np.bool_)
+    nodes, columns = np.arange(w) // cell, np.arange(w) % cell
     u, size = np.empty(cell), np.empty((cell, cell))
     for i in range(cell):
         u[i] = i / cell
@@ -154,14 +156,14 @@ def structured_light(depth, slope, lit, key, row, unit_m, out):
             if angular > 0.0:
                 sd += more[i] / math.sqrt(z)
             sd = math.sqrt(max(sd * sd - quantum * quantum * (1.0 / 12.0), 0.04 * sd * sd))  # rounding adds the rest
-            k = x // cell
-            t = u[x - k * cell]
+            k, column = nodes[x], columns[x]
+            t = u[column]
             smooth = (1.0 - v) * ((1.0 - t) * above[k] + t * above[k + 1]) + v * (
                 (1.0 - t) * below[k] + t * below[k + 1]
             )
-            z += sd * (own * normal(g) + together * smooth * size[part, x - k * cell])
+            z += sd * (own * normal(g) + together * smooth * size[part, column])
             if step > 0.0:
-                z = 1.0 / (step * math.floor(1.0 / (z * step) + 0.5))
+                z = 1.0 / (step * int(per_step / z + 0.5))
             if least <= z <= most:
                 out[y, x] = min(int(z * per_unit + 0.5), 65535)
 

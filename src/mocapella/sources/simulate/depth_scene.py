@@ -329,12 +329,13 @@ class DepthScene:
         """The body's mesh, the shoulder being its origin, and how far it is from there (3,) [m]."""
         if not self.settings.person:
             return None, np.zeros(3)
-        vertices, triangles = body_mesh(self.settings.arms)
+        before_torso = self.settings.before_torso_m
+        vertices, triangles = body_mesh(self.settings.arms if before_torso is None else 2)
         size = float(rng.uniform(0.92, 1.06))
         vertices = vertices * size
-        if self.settings.before_torso_m is None:
+        if before_torso is None:
             return (vertices, triangles), np.zeros(3)
-        gap = float(rng.uniform(*self.settings.before_torso_m))
+        gap = float(rng.uniform(*before_torso))
         motion = self._actors[0].motion
         deepest, shoulder = -math.inf, motion.start.T_camera_shoulder[:3, 3]
         for at_s in np.linspace(0.0, motion.period_s, 40):
@@ -342,7 +343,8 @@ class DepthScene:
             T = pose.T_camera_shoulder
             z = (motion.mesh.frames(pose)[1] @ T[2, :3] + T[2, 3])[: ELBOW + 1].max()
             deepest = max(deepest, float(z - T[2, 3] + shoulder[2]))
-        front = float(vertices[:, 2][np.abs(vertices[:, 1] - 0.25) < 0.2].min())
+        chest = (np.abs(vertices[:, 1] - 0.25) < 0.2) & (np.abs(vertices[:, 0] - 0.18) < 0.12)
+        front = float(vertices[chest, 2].min())
         return (vertices, triangles), np.array([-0.04, 0.0, deepest + 0.03 + gap - front - shoulder[2]])
 
 

@@ -1,6 +1,6 @@
 """The loops of `mocapella.sources.simulate.depth_scene`, compiled; importing this module imports numba."""
 
-# ruff: noqa: PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0917, SIM110 - compiled: arrays come by position, and loops are written out
 from __future__ import annotations
 
 import math
