@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 from mocapella import __version__
 from mocapella.cli import (  # noqa: F401  (they register)
     align,
+    arm,
     calibrate,
     colours,
     demo,
@@ -47,7 +48,9 @@ VERBS = [
     ["node", "datagrams"],
     ["node", "osc"],
     ["node", "openvr"],
+    ["node", "arm"],
     ["align"],
+    ["arm"],
     ["replay"],
     ["record"],
     ["export", "csv"],
@@ -89,6 +92,8 @@ def test_an_option_has_one_word_for_its_value_in_every_verb() -> None:
         for option in command.params:
             if not getattr(option, "is_flag", False) and verb != ["view"]:
                 words.setdefault(option.opts[0], set()).add(str(option.metavar))
+    # Of cameras in a rig, or of the one depth camera.
+    assert words.pop("--intrinsics") == {"RIG.toml", "F,CX,CY"}
     assert {name: used for name, used in words.items() if len(used) != 1 or "None" in used} == {}
 
 
