@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from mocapella.errors import SettingsError
 from mocapella.geometry.rigid import rotation_about_x, rotation_about_y
 from mocapella.kinematics import arm_fit_kernels as k
-from mocapella.kinematics.arm_fit import ArmFitSettings, ArmModel, ArmPose, Evidence, Fitted
+from mocapella.kinematics.arm_fit import ArmFitSettings, ArmModel, ArmPose, Evidence
 from mocapella.kinematics.chain_kernels import turned
 from mocapella.model.arms import ELBOW, PALM
 from mocapella.model.hand import ANGLES, BASES, TIPS, WRIST, Handedness, hand_model
@@ -44,7 +44,7 @@ def posed(model: ArmModel, rng: np.random.Generator, opened: bool = False) -> Ar
         z = OPEN[model.angle_of] + rng.normal(0, 0.05, len(model.natural))
     k.within(model.digits, model.columns, model.gains, z, model.c_max)
     v = model.state(np.array([rng.normal(0, 0.1), rng.normal(0, 0.2), -1.0]))
-    v[7:10] = rng.normal(0, 0.5, 3) + [0, 0.5, -0.5]
+    v[7:10] = np.array([0, 0.5, -0.5]) + rng.normal(0, 0.5, 3)
     v[7:10] /= np.linalg.norm(v[7:10])
     v[[0, 1, 3]] = rng.uniform(0.9, 1.1, 3)
     v[2] = model.forearm_m * rng.uniform(0.9, 1.1)
@@ -228,7 +228,9 @@ def rendered(model: ArmModel, pose: ArmPose) -> np.ndarray:
         for f in np.linspace(0, 1, max(int(p[k.LENGTH] / 0.0015), 2)):
             c, r = R @ (p[:3] + f * p[k.LENGTH] * p[3:6]) + pose.t, p[k.RA] + f * (p[k.RB] - p[k.RA])
             u, w, reach = LENS[0] * c[0] / c[2] + LENS[2], LENS[1] * c[1] / c[2] + LENS[3], LENS[0] * 1.1 * r / c[2] + 1
-            part = np.s_[max(int(w - reach), 0) : max(int(w + reach) + 1, 0), max(int(u - reach), 0) : max(int(u + reach) + 1, 0)]
+            part = np.s_[
+                max(int(w - reach), 0) : max(int(w + reach) + 1, 0), max(int(u - reach), 0) : max(int(u + reach) + 1, 0)
+            ]
             ray = rays[part]
             a, b = (ray**2).sum(-1), ray @ c
             inner = b * b - a * (c @ c - r * r)
@@ -264,3 +266,228 @@ def seen(seed: int, side: Handedness, far: float) -> tuple[ArmModel, ArmPose, Ar
 
 def off_m(model: ArmModel, one: ArmPose, other: ArmPose) -> np.ndarray:
     return np.linalg.norm(model.points(one) - model.points(other), axis=1)
+
+
+def near_its_front(model: ArmModel, pose: ArmPose, points: np.ndarray) -> np.ndarray:
+    """Those within 15 mm of the hand's flesh, on the side that is seen."""
+    pieces, hit, R = model.pieces(pose)[0], np.empty(5), pose.R.reshape(3, 3)
+    kept = []
+    for point in points:
+        x, view = R.T @ (point - pose.t), R.T @ (point / np.linalg.norm(point))
+        k.closest(pieces, model.hand_pieces, 0, *x, *view, hit)
+        if abs(hit[4]) < 0.015 and hit[:3] @ view < -0.1:
+            kept.append(point)
+    assert len(kept) > 100
+    return np.array(kept)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("side", SIDES)
+def test_the_points_gradient_is_that_of_their_robust_cost(side: Handedness, seed: int) -> None:
+    """Of motion, angles and size; where the distance has a derivative, and no point counts for nothing."""
+    model, _, pose, evidence = seen(seed, side, 1.0)
+    points = near_its_front(model, pose, evidence.points[::5] - [0, 0, 0.004])
+    body = 6 + len(pose.z)
+    n, pieces = body + k.BODY_DOFS, len(model.owners)
+    numbers = np.array([0.02, 0.015, 1.0, 0.0, 0.0, 0.0, 0.0, model.hand_pieces, 0.0])
+    nothing = (np.zeros((2, 2)), np.full((2, 2), -1), LENS)
+
+    def at(pose: ArmPose) -> tuple[float, np.ndarray]:
+        g, costs = np.zeros(n), np.empty(4)
+        k.system(
+            model.digits, model.mirror, model.radii, model.palm, model.owners, model.columns, model.gains, model.rising,
+            points, np.ones(len(points)), np.zeros(len(points), np.int64), nothing, *pose, numbers, np.zeros((n, n)), g,
+            costs, np.empty(pieces), np.full((5, 3), np.nan),
+        )  # fmt: skip
+        return 0.5 * numbers[0] ** 2 * float(costs[0]), g
+
+    dofs = [*range(body), body + k.D_SCALE]
+    steps = [at(moved(model, pose, dof, h))[0] for dof in dofs for h in (-1e-6, 1e-6)]
+    true = -np.diff(np.reshape(steps, (-1, 2)), axis=1)[:, 0] / 2e-6
+    told = at(pose)[1][dofs]
+    np.testing.assert_allclose(told, true, atol=1e-3 * np.abs(true).max())
+
+
+def test_what_is_not_in_the_image_is_not_pulled_at() -> None:
+    """Without points, and with the flesh beside the image, what was expected stays."""
+    model = arm_model("left")
+    pose = ArmPose(np.eye(3).reshape(9), np.array([0, 0, 0.6]), model.natural.copy(), model.state())
+    blank = Evidence(np.empty((0, 3)), np.empty(0), np.zeros((2, 2)), np.full((2, 2), -1), LENS)
+    end = model.fit(pose, model.unexpected(pose), blank)
+    np.testing.assert_allclose(model.points(end.pose), model.points(pose), atol=2e-4)
+    assert end.costs[0] == 0.0
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_a_pose_that_is_nearly_right_is_found_again(side: Handedness) -> None:
+    """From frame to frame; a thumb behind the hand may stay where it was."""
+    offs = []
+    for seed in range(8):
+        model, true, start, evidence = seen(seed, side, 1.0)
+        before = model.fit(start, model.unexpected(start), evidence, iterations=0)
+        end = model.fit(start, model.unexpected(start), evidence, iterations=12, loose=1.0)
+        assert end.cost < 0.3 * before.cost
+        off = off_m(model, end.pose, true)
+        assert off[PALM] < 0.010
+        assert np.median(off[[*TIPS]]) < 0.008
+        offs.append(off)
+    assert np.median(np.array(offs)[:, [*TIPS]]) < 0.005
+    assert np.median(np.array(offs)[:, [WRIST, PALM]]) < 0.005
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_from_farther_away_what_fits_well_is_right(side: Handedness) -> None:
+    """A fit goes down to where it is best nearby, which may be the neighbouring finger; its cost tells."""
+    fitting = []
+    for seed in range(10):
+        model, true, start, evidence = seen(seed, side, 2.3)
+        before = model.fit(start, model.unexpected(start), evidence, iterations=0)
+        end = model.fit(start, model.unexpected(start), evidence, iterations=15)
+        assert end.cost < 0.5 * before.cost
+        if end.cost < 0.02:
+            fitting.append(off_m(model, end.pose, true)[[*TIPS, PALM]])
+    assert len(fitting) >= 5
+    assert np.median(fitting) < 0.005
+    assert np.percentile(fitting, 90) < 0.015
+
+
+def mirrored(pose: ArmPose) -> ArmPose:
+    M, v = np.diag([-1.0, 1, 1]), pose.v.copy()
+    v[[k.FOREARM, k.UPPER]] *= -1
+    return ArmPose((M @ pose.R.reshape(3, 3) @ M).reshape(9).copy(), M @ pose.t, pose.z.copy(), v)
+
+
+@settings(max_examples=6)
+@given(st.integers(0, 1000), sides)
+def test_the_mirrored_picture_of_the_other_hand_gives_the_mirrored_pose(seed: int, side: Handedness) -> None:
+    model, _, start, seen_so = seen(seed, side, 1.0)
+    other = arm_model("left" if side == "right" else "right")
+    mirrored_columns = seen_so.opposite[:, ::-1]
+    mirrored_columns = np.where(mirrored_columns < 0, -1, WIDTH - 1 - mirrored_columns)
+    seen_other = Evidence(
+        seen_so.points * [-1, 1, 1], seen_so.weights, np.ascontiguousarray(seen_so.front[:, ::-1]), mirrored_columns,
+        LENS,
+    )  # fmt: skip
+    begin = mirrored(start)
+    one = model.fit(start, model.unexpected(start), seen_so)
+    two = other.fit(begin, other.unexpected(begin), seen_other)
+    np.testing.assert_allclose(other.points(two.pose) * [-1, 1, 1], model.points(one.pose), atol=1e-6)
+    np.testing.assert_allclose(two.costs, one.costs, atol=1e-6)
+
+
+@settings(max_examples=12)
+@given(seeds, sides, st.floats(0, 0.3))
+def test_limits_and_sizes_are_kept_whatever_is_seen(seed: int, side: Handedness, spread_m: float) -> None:
+    """Points anywhere, and a picture that is not theirs."""
+    rng = np.random.default_rng(seed)
+    model = arm_model(side)
+    start = posed(model, rng)
+    front = rng.choice([0.0, 0.55, 0.62, -0.7], (HEIGHT, WIDTH))
+    columns = np.empty(front.shape, np.int64)
+    region.opposite(front, columns)
+    points = start.t + rng.normal(0, 0.02 + spread_m, (150, 3))
+    evidence = Evidence(np.ascontiguousarray(points), np.ones(150), front, columns, LENS)
+    targets = start.t + rng.normal(0, 0.1, (5, 3))
+    end = model.fit(start, model.unexpected(start), evidence, tips=targets)
+    R, t, z, v = end.pose
+    assert model.model.within(model.angles(end.pose), 1e-6)
+    np.testing.assert_allclose(R.reshape(3, 3) @ R.reshape(3, 3).T, np.eye(3), atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(v[4:10].reshape(2, 3), axis=1), 1.0)
+    for least, most, sizes in (
+        (0.6, 1.4, v[:1]), (0.7, 1.4, v[1:2]), (0.12, 0.4, v[2:3]), (0.7, 1.6, v[3:4]), (0.75, 1.3, v[10:])
+    ):  # fmt: skip
+        assert ((sizes >= least) & (sizes <= most)).all()
+    assert np.isfinite(t).all()
+    assert np.isfinite(z).all()
+    assert (end.costs >= 0).all()
+    assert end.costs[:2].max() <= 1.0
+
+
+def test_a_start_is_not_written_into() -> None:
+    model, _, start, evidence = seen(0, "right", 1.0)
+    before = start.copied()
+    end = model.fit(start, model.unexpected(start), evidence)
+    assert not np.array_equal(end.pose.t, before.t)
+    for one, other in zip(start, before, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_digits_that_overlap_are_pushed_apart() -> None:
+    model = arm_model("right")
+    pose = ArmPose(np.eye(3).reshape(9), np.array([0, 0, 0.6]), OPEN[model.angle_of], model.state())
+    index, middle = model.columns[1, 1], model.columns[2, 1]
+    pose.z[index], pose.z[middle] = np.radians([-8.0, 8.0])
+    blank = Evidence(np.empty((0, 3)), np.empty(0), np.zeros((2, 2)), np.full((2, 2), -1), LENS)
+    before = model.fit(pose, model.unexpected(pose), blank, iterations=0)
+    after = model.fit(pose, model.unexpected(pose), blank, iterations=8)
+    assert before.costs[2] > 1.0
+    assert after.costs[2] < 0.1 * before.costs[2]
+
+
+def test_tips_that_are_known_are_reached() -> None:
+    model = arm_model("left")
+    pose = ArmPose(np.eye(3).reshape(9), np.array([0, 0, 0.6]), OPEN[model.angle_of], model.state())
+    bent = pose.copied()
+    bent.z[model.columns[1, 0]] += 0.6
+    tips = np.full((5, 3), np.nan)
+    tips[1] = model.points(bent)[TIPS[1]]
+    blank = Evidence(np.empty((0, 3)), np.empty(0), np.zeros((2, 2)), np.full((2, 2), -1), LENS)
+    end = model.fit(pose, model.unexpected(pose), blank, tips=tips, keep=1.0, iterations=15)
+    began = np.linalg.norm(model.points(pose)[TIPS[1]] - tips[1])
+    assert np.linalg.norm(model.points(end.pose)[TIPS[1]] - tips[1]) < 0.2 * began
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_angles_are_those_of_the_hand_and_points_those_of_its_chain(side: Handedness) -> None:
+    model, rng = arm_model(side), np.random.default_rng(5)
+    pose = posed(model, rng)
+    angles = model.angles(pose)
+    assert angles.shape == (len(ANGLES),)
+    np.testing.assert_allclose(angles[model.angle_of], pose.z)
+    points = model.points(pose)
+    in_palm = (points - pose.t) @ pose.R.reshape(3, 3)
+    np.testing.assert_allclose(in_palm[WRIST], 0.0, atol=1e-12)
+    np.testing.assert_allclose(in_palm[[*BASES]], model.shape.bases * model.shape.mirror * pose.v[0], atol=1e-12)
+    bones = np.linalg.norm(np.diff(in_palm[1:21].reshape(5, 4, 3), axis=1), axis=-1)
+    np.testing.assert_allclose(bones, model.shape.lengths * pose.v[0] * pose.v[10:, None], atol=1e-12)
+    np.testing.assert_allclose(pose.T_camera_palm[:3, :3].reshape(9), pose.R)
+    np.testing.assert_allclose(points[PALM], points[[WRIST, 9]].mean(axis=0))
+    assert np.linalg.norm(in_palm[ELBOW]) == pytest.approx(pose.v[2], abs=0.03)
+
+
+def test_relevance_is_of_the_hand_then_the_forearm_then_little() -> None:
+    model = arm_model("right")
+    pose = ArmPose(np.eye(3).reshape(9), np.array([0, 0, 0.6]), OPEN[model.angle_of], model.state())
+    places = np.array([[0, 0, 0.7], [0, 0, 0.4], [0.2, 0, 0.4], [0, 0, 1.2]])
+    np.testing.assert_allclose(model.relevance(places, pose), [1.0, 0.5, 0.05, 0.05])
+    np.testing.assert_allclose(model.relevance(places, pose, 0.2)[2:], 0.2)
+
+
+def test_balls_along_the_flesh_say_whose_they_are() -> None:
+    model = arm_model("right")
+    pose = posed(model, np.random.default_rng(3))
+    balls = model.spheres(pose)
+    hand = balls[:, 4] == 1
+    points = model.points(pose)
+    for tip in TIPS:
+        assert (np.linalg.norm(balls[hand, :3] - points[tip], axis=1) < 0.01).any()
+    elbow = np.linalg.norm(balls[:, :3] - points[ELBOW], axis=1)
+    assert elbow[~hand].min() < 0.04 < elbow[hand].min()
+    assert len(model.spheres(pose, 0.001)) == 400  # as many as are kept
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        *((name, (0.0, 1.0, -1.0)) for name in ("point_scale_m", "silhouette_scale_m", "point_sd_m", "silhouette_sd_m",
+          "collision_sd_m", "size_sd", "thickness_sd", "digit_sd", "forearm_sd")),
+        *((name, (-0.01, 0.1)) for name in ("ahead_m", "overlap_m")),
+        *((name, (0.0, 1e5, float("nan"))) for name in ("deviation_sd_deg", "flexion_sd_deg", "angle_rate_deg_s",
+          "palm_rate_deg_s", "palm_rate_m_s")),
+        ("edge", (-1.1, 1.1)), ("loose", (0.9, 10.1)), ("iterations", (0, 101)),
+    ],
+)  # fmt: skip
+def test_settings_that_cannot_be_are_refused(name: str, values: tuple[float, ...]) -> None:
+    for value in values:
+        with pytest.raises(SettingsError, match=name):
+            replace(ArmFitSettings(), **{name: value})
