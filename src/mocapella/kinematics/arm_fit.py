@@ -33,8 +33,8 @@ _ARM_RADII_M: Final = (0.0165, 0.0100, 0.0400, 0.0430, 0.0025)
 """Of the forearm at the wrist, half the distance of its two bones there, at the elbow, of the upper arm; and how far
 from the landmark the middle of the fingertip's end is, inwards."""
 _ELBOW_M: Final = (0.008, 0.012)
-"""The elbow's joint is so far beyond where the forearm's flesh tells its end, and so far behind it where it is bent; from
-rendered arms (seeds below 100)."""
+"""The elbow's joint is so far beyond where the forearm's flesh tells its end, and so far behind it where it is bent;
+from rendered arms (seeds below 100)."""
 _FOREARM_OF_HAND: Final = 1.33
 """Length of the forearm over that of the hand: D. Winter, *Biomechanics and Motor Control of Human Movement* (2009),
 figure 4.1: 0.146 and 0.108 of the stature."""
@@ -261,8 +261,8 @@ class ArmModel:
         e = expected
         k.fit(
             self.digits, self.mirror, self.radii, self.palm, self.owners, self.columns, self.gains, self.rising,
-            self.c_max, evidence.points, evidence.weights, picture, self.natural, self.prior, e.pose.R, e.pose.t, e.pose.z,
-            e.certainty, e.v, e.information, pose.R, pose.t, pose.z, pose.v, numbers,
+            self.c_max, evidence.points, evidence.weights, picture, self.natural, self.prior, e.pose.R, e.pose.t,
+            e.pose.z, e.certainty, e.v, e.information, pose.R, pose.t, pose.z, pose.v, numbers,
             s.loose if loose is None else loose, s.iterations if iterations is None else iterations, costs, assigned,
             information, _NOWHERE if tips is None else tips, keep,
         )  # fmt: skip

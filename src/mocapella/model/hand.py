@@ -244,7 +244,6 @@ class HandModel:
         check(constraints in ("full", "thesis"), "constraints", constraints, "full or thesis")
         return replace(self, constraints=constraints)
 
-
     def stretched(self, extension_deg: float, abduction_deg: float) -> HandModel:
         """The same hand with fingers that bend backwards at the knuckles, and spread, so far; the thumb half as far again.
 
