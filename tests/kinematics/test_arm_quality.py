@@ -124,7 +124,7 @@ def test_arms_are_told_apart_by_their_ids() -> None:
 
 def test_a_rate_is_of_the_last_minute_and_a_sum_of_all() -> None:
     jump = POINTS.copy()
-    jump[8] += [0, 0.1, 0]
+    jump[8] += [0, 0.2, 0]
     meter = ArmQualityMeter()
     for k in range(900):
         quality = meter.update([arm(jump if k in (30, 31) else POINTS)], k / 10)

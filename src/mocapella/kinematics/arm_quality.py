@@ -28,6 +28,7 @@ _TIPS: Final = slice(3, 8)
 """In `ARM_JOINTS`."""
 _PARTS: Final = 4
 _OVER_S: Final = 60.0
+_USUAL_HZ: Final = 30.0
 _NOISY: Final = 4.0
 """Standard deviations of a quarter's mean."""
 
@@ -51,7 +52,8 @@ class ArmQualitySettings:
         still_window_s: an arm is still if it was for so long.
         still_m: its palm's mean in no quarter of that time was farther than this from another's, and its noise.
         least_frames: in that time.
-        jump_m: farther than this between two frames is a jump.
+        jump_m: farther than this between two frames is a jump; between frames that are more than a 30th of a second
+            apart, as many times farther.
         gap_s: frames that are farther apart are not compared.
     """
 
@@ -154,7 +156,7 @@ class ArmQualityMeter:
             followed, joints = self._arms[arm.id], np.asarray(arm.points, dtype=np.float64)[list(ARM_JOINTS)]
             if followed.frames:
                 seen_s += step_s
-                found = found.plus(misdetected(followed.frames[-1][1], joints, s.jump_m))
+                found = found.plus(misdetected(followed.frames[-1][1], joints, s.jump_m * max(1.0, _USUAL_HZ * step_s)))
                 found = found.plus(Misdetections(swapped=int(arm.left != followed.left)))
             followed.left = arm.left
             followed.frames.append((at_s, joints))
