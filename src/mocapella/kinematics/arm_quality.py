@@ -30,7 +30,9 @@ _PARTS: Final = 4
 _OVER_S: Final = 60.0
 _USUAL_HZ: Final = 30.0
 _NOISY: Final = 4.0
-"""Standard deviations of a quarter's mean."""
+"""Standard deviations of a quarter's mean …"""
+_MOST_NOISE_M: Final = 0.006
+"""… but no more than this, or a moving arm would pass for a noisy one."""
 
 
 class Arm(Protocol):
@@ -58,7 +60,7 @@ class ArmQualitySettings:
     """
 
     still_window_s: float = 2.0
-    still_m: float = 0.004
+    still_m: float = 0.002
     least_frames: int = 20
     jump_m: float = 0.05
     gap_s: float = 0.2
@@ -217,6 +219,9 @@ def _still(joints: Float64, still_m: float) -> NDArray[np.bool_]:
     parts = np.array_split(joints, _PARTS)
     means = np.stack([part.mean(axis=0) for part in parts])
     apart = np.linalg.norm(means[:, None] - means[None], axis=-1).max(axis=(0, 1))
-    within = np.mean([part.var(axis=0).sum(axis=-1) / len(part) for part in parts], axis=0)
+    # In second differences noise is left, and hardly any motion; their variance is six times that of noise, and the
+    # median of a normal point's squared distance 0.789 of its mean.
+    bends = (np.diff(joints, n=2, axis=0) ** 2).sum(axis=-1)
+    noise = np.sqrt(np.median(bends, axis=0) / (6 * 0.789))
     with np.errstate(invalid="ignore"):
-        return np.asarray(apart <= still_m + _NOISY * np.sqrt(within))
+        return np.asarray(apart <= still_m + np.minimum(_NOISY * noise / math.sqrt(len(parts[-1])), _MOST_NOISE_M))

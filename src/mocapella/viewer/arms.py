@@ -216,7 +216,8 @@ def _headline(arm: TrackedArm, place: int) -> Tag:
         words.append(f"{arm.gesture} {100 * arm.gesture_sure:.0f} %")
     if arm.grabbing:
         words.append("grabbing")
-    words.append(f"{int((arm.joint_states == JointState.TRACKED).sum())} of {len(ARM_JOINTS)} measured")
+    measured = (arm.joint_states == JointState.TRACKED) & np.isfinite(arm.joints).all(axis=-1)
+    words.append(f"{int(measured.sum())} of {len(ARM_JOINTS)} measured")
     return _tag(" · ".join(words), _MIDDLE, -0.5 * _HIGH_M - 0.30 - 0.14 * place)
 
 
