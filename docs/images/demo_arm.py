@@ -32,9 +32,10 @@ def main(file: Path, seed: str) -> None:
             page.set_default_timeout(120_000)
             page.goto(url)
             page.locator(".mocapella-arms").wait_for()
-            time.sleep(12)  # the noise of a still arm is there, and the first pictures have been drawn
-            page.locator(".mocapella-arms", has_text="grabbing").wait_for()
-            time.sleep(1.0)
+            page.locator("button[aria-label=Close]").or_(page.locator(".mantine-CloseButton-root")).first.click()
+            time.sleep(20)  # the first pictures are drawn
+            page.locator(".mocapella-arms", has_text="· grabbing").wait_for()
+            time.sleep(1.2)
             page.screenshot(path=file)
             browser.close()
     finally:

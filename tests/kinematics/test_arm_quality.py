@@ -41,7 +41,7 @@ def measured(frames: list[Any], meter: ArmQualityMeter | None = None) -> ArmQual
 
 
 @settings(max_examples=8)
-@given(seeds, st.floats(1e-4, 0.005))
+@given(seeds, st.floats(1e-4, 0.0025))
 def test_the_noise_of_a_still_arm_is_what_was_added(seed: int, sd: float) -> None:
     rng = np.random.default_rng(seed)
     quality = measured([POINTS + rng.normal(0, sd, POINTS.shape) for _ in range(300)])
@@ -124,7 +124,7 @@ def test_arms_are_told_apart_by_their_ids() -> None:
 
 def test_a_rate_is_of_the_last_minute_and_a_sum_of_all() -> None:
     jump = POINTS.copy()
-    jump[8] += [0, 0.1, 0]
+    jump[8] += [0, 0.2, 0]
     meter = ArmQualityMeter()
     for k in range(900):
         quality = meter.update([arm(jump if k in (30, 31) else POINTS)], k / 10)
@@ -149,6 +149,13 @@ def test_an_arm_that_moves_has_no_noise_and_of_one_that_moves_a_finger_that_fing
     np.testing.assert_array_equal(np.isnan(noise), [joint == 8 for joint in ARM_JOINTS])
     known = measured([np.where(np.arange(23)[:, None] == 8, np.nan, POINTS)] * 90).noise_m
     np.testing.assert_array_equal(np.isnan(known), [joint == 8 for joint in ARM_JOINTS])
+
+
+def test_an_arm_that_sways_is_not_noisy() -> None:
+    sways = [POINTS + np.array([0.02 * np.sin(2 * np.pi * 0.4 * k / HZ), 0, 0]) for k in range(200)]
+    quality = measured(sways)
+    assert quality.still_s == 0
+    assert np.isnan(quality.noise_whole_m).all()
 
 
 def test_frames_with_a_gap_between_them_are_not_compared() -> None:

@@ -44,7 +44,7 @@ def demo(
         What, typer.Argument(metavar="[WHAT]", help="people, hands with painted fingertips, or an arm.")
     ] = What.PEOPLE,
     scene: Annotated[
-        str | None, typer.Option("--scene", metavar="NAME", help="Name of the scene; obstacle, or of arm grab.")
+        str | None, typer.Option("--scene", metavar="NAME", help="Name of the scene; obstacle, or of arm cloth.")
     ] = None,
     method: Method = "default",
     seconds: Seconds = None,
@@ -64,7 +64,7 @@ def demo(
 
     `demo hands` renders a hand with painted fingertips before two cameras, finds the paint in their pictures, and makes
     a hand of it. `demo arm` renders an arm before a depth camera, finds it and its fingers in the images, and lets it
-    grab a cloth; --scene is one of the arm's scenes there (grab), and --method how arms are found.
+    grab a cloth; --scene is one of the arm's scenes there (cloth), and --method how arms are found.
 
     Needs no hardware and downloads nothing. Every sensor is a process of its own, as real ones are.
 
@@ -116,7 +116,7 @@ def _show_of(what: What, scene: str | None, method: str, seed: int) -> Show:
     if what is What.HANDS:
         return _hands_show(seed)
     if what is What.ARM:
-        return _arm_show(scene or "grab", method, seed)
+        return _arm_show(scene or "cloth", method, seed)
     return _people_show(scene or "obstacle", method, seed)
 
 

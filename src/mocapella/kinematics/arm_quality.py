@@ -28,8 +28,11 @@ _TIPS: Final = slice(3, 8)
 """In `ARM_JOINTS`."""
 _PARTS: Final = 4
 _OVER_S: Final = 60.0
+_USUAL_HZ: Final = 30.0
 _NOISY: Final = 4.0
-"""Standard deviations of a quarter's mean."""
+"""Standard deviations of a quarter's mean …"""
+_MOST_NOISE_M: Final = 0.006
+"""… but no more than this, or a moving arm would pass for a noisy one."""
 
 
 class Arm(Protocol):
@@ -51,12 +54,13 @@ class ArmQualitySettings:
         still_window_s: an arm is still if it was for so long.
         still_m: its palm's mean in no quarter of that time was farther than this from another's, and its noise.
         least_frames: in that time.
-        jump_m: farther than this between two frames is a jump.
+        jump_m: farther than this between two frames is a jump; between frames that are more than a 30th of a second
+            apart, as many times farther.
         gap_s: frames that are farther apart are not compared.
     """
 
     still_window_s: float = 2.0
-    still_m: float = 0.004
+    still_m: float = 0.002
     least_frames: int = 20
     jump_m: float = 0.05
     gap_s: float = 0.2
@@ -154,7 +158,7 @@ class ArmQualityMeter:
             followed, joints = self._arms[arm.id], np.asarray(arm.points, dtype=np.float64)[list(ARM_JOINTS)]
             if followed.frames:
                 seen_s += step_s
-                found = found.plus(misdetected(followed.frames[-1][1], joints, s.jump_m))
+                found = found.plus(misdetected(followed.frames[-1][1], joints, s.jump_m * max(1.0, _USUAL_HZ * step_s)))
                 found = found.plus(Misdetections(swapped=int(arm.left != followed.left)))
             followed.left = arm.left
             followed.frames.append((at_s, joints))
@@ -215,6 +219,9 @@ def _still(joints: Float64, still_m: float) -> NDArray[np.bool_]:
     parts = np.array_split(joints, _PARTS)
     means = np.stack([part.mean(axis=0) for part in parts])
     apart = np.linalg.norm(means[:, None] - means[None], axis=-1).max(axis=(0, 1))
-    within = np.mean([part.var(axis=0).sum(axis=-1) / len(part) for part in parts], axis=0)
+    # In second differences noise is left, and hardly any motion; their variance is six times that of noise, and the
+    # median of a normal point's squared distance 0.789 of its mean.
+    bends = (np.diff(joints, n=2, axis=0) ** 2).sum(axis=-1)
+    noise = np.sqrt(np.median(bends, axis=0) / (6 * 0.789))
     with np.errstate(invalid="ignore"):
-        return np.asarray(apart <= still_m + _NOISY * np.sqrt(within))
+        return np.asarray(apart <= still_m + np.minimum(_NOISY * noise / math.sqrt(len(parts[-1])), _MOST_NOISE_M))

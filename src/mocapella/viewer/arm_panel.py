@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from html import escape
 from typing import Final
 
 import numpy as np
@@ -42,7 +43,7 @@ def quality_html(scene: Scene | None, quality: ArmQuality) -> str:
     """What every hand does, the noise of each joint, and misdetections a minute."""
     grey = GREY.css
     hands = "".join(
-        f"<div><b>{'Left' if arm.left else 'Right'} arm</b> · {arm.gesture or 'no gesture'}"
+        f"<div><b>{'Left' if arm.left else 'Right'} arm</b> · {escape(arm.gesture) or 'no gesture'}"
         f"{f' {100 * arm.gesture_sure:.0f} %' if arm.gesture else ''}{' · grabbing' if arm.grabbing else ''}</div>"
         for arm in (scene.arms if scene is not None else ())
     )

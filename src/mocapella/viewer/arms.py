@@ -6,6 +6,7 @@ hollow: a pale, translucent ball.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import Final
@@ -39,6 +40,9 @@ COLOURS: Final = (WHITE, WHITE, WHITE, *DIGIT_COLOURS)
 _RADII_M: Final = np.array([0.024, 0.018, 0.02, *[0.0115] * 5])
 _LINE_M: Final = np.array([0.010, 0.008, *[0.0055] * 5])
 _HOLLOW: Final = 0.45
+_NAMED: Final = (3, 7, 5, 0, 1, 4, 6, 2)
+"""In this order joints get their names, as far as there is room."""
+_NAME_WIDE_M, _NAME_HIGH_M = 0.2, 0.075
 _FRAME: Final = Rgb(70, 88, 118)
 _FORGET: Final = 0.05
 _STAYS_M: Final = 0.22
@@ -120,7 +124,7 @@ class ArmsDrawing:
 
 def arms_drawing(scene: Scene | None, shown: ArmsShown) -> ArmsDrawing:
     """What a scene's arms show in all panels."""
-    lines, joints, hollow, tags = [], [], [], []
+    lines, joints, hollow, tags, names = [], [], [], [], []
     arms = () if scene is None else scene.arms
     R_level = _level(scene)
     clothes = []
@@ -137,13 +141,12 @@ def arms_drawing(scene: Scene | None, shown: ArmsShown) -> ArmsDrawing:
             for parts, part in zip((lines, joints, hollow), drawn, strict=True):
                 parts.append(part)
             if panel is PANELS[0]:
-                tags += _names(arm, stand)
+                names += _names(arm, stand)
         if shown.cloth is not None:
             clothes.append(stand(shown.cloth))
-    if arms:
-        tags += [_headline(arm, k) for k, arm in enumerate(arms)]
+    tags += [_headline(arm, k) for k, arm in enumerate(arms)]
     cloth = cloth_mesh(np.stack(clothes)) if clothes else None
-    return ArmsDrawing(join(lines), join(joints), join(hollow), tags, cloth)
+    return ArmsDrawing(join(lines), join(joints), join(hollow), tags + names, cloth)
 
 
 def arm_strokes(p: Float64, states: NDArray[np.uint8], scale: float) -> tuple[Strokes, Strokes, Strokes]:
@@ -194,14 +197,17 @@ def _frame(panel: Panel) -> Strokes:
     return line_strokes(corners, _FRAME.paint, 0.006)
 
 
-def _names(arm: TrackedArm, stand: object) -> list[Tag]:
-    assert callable(stand)
-    p = stand(arm.joints)
-    return [
-        _tag(name.removesuffix(" tip"), p[k], 0.03)
-        for k, name in enumerate(ARM_JOINT_NAMES)
-        if np.isfinite(p[k]).all() and arm.joint_states[k] != JointState.NOT_TRACKED
-    ]
+def _names(arm: TrackedArm, stand: Callable[[Float64], Float64]) -> list[Tag]:
+    """Names of all joints, visible as far as they do not cover each other."""
+    p, taken = stand(arm.joints), np.full((len(ARM_JOINTS), 2), np.inf)
+    tags = []
+    for k in _NAMED:
+        known = bool(np.isfinite(p[k]).all()) and arm.joint_states[k] != JointState.NOT_TRACKED
+        room = (np.abs(taken - p[k, :2]) > [_NAME_WIDE_M, _NAME_HIGH_M]).any(axis=1).all() if known else False
+        if room:
+            taken[k] = p[k, :2]
+        tags.append(_tag(ARM_JOINT_NAMES[k].removesuffix(" tip"), np.nan_to_num(p[k]), 0.04, bool(room)))
+    return tags
 
 
 def _headline(arm: TrackedArm, place: int) -> Tag:
@@ -210,13 +216,14 @@ def _headline(arm: TrackedArm, place: int) -> Tag:
         words.append(f"{arm.gesture} {100 * arm.gesture_sure:.0f} %")
     if arm.grabbing:
         words.append("grabbing")
-    words.append(f"{int((arm.joint_states == JointState.TRACKED).sum())} of {len(ARM_JOINTS)} measured")
-    return _tag(" · ".join(words), _MIDDLE, 0.5 * _HIGH_M + 0.06 + 0.14 * place)
+    measured = (arm.joint_states == JointState.TRACKED) & np.isfinite(arm.joints).all(axis=-1)
+    words.append(f"{int(measured.sum())} of {len(ARM_JOINTS)} measured")
+    return _tag(" · ".join(words), _MIDDLE, -0.5 * _HIGH_M - 0.30 - 0.14 * place)
 
 
-def _tag(text: str, at: Float64, above_m: float) -> Tag:
+def _tag(text: str, at: Float64, above_m: float, visible: bool = True) -> Tag:
     x, y, z = at.round(3).tolist()
-    return Tag(text, (x, y + above_m, z))
+    return Tag(text, (x, y + above_m, z), visible)
 
 
 def cloth_mesh(grids: Float64) -> Mesh:

@@ -28,6 +28,7 @@ from mocapella.viewer.trails import TrailChoice, Trails
 
 FOV = np.radians(36.0)
 _ELEVATION = np.radians(13.0)
+_ELEVATION_OF_ARMS = np.radians(7.0)
 _ASIDE = 1e-3
 """[m]."""
 ROUND = 1.2
@@ -98,7 +99,8 @@ class Browser:
             self._panel.show(status, scene, board, arms)
             if (arms is not None) != self._arms:  # the stages change, and the camera with them, unless it was moved
                 self._arms = arms is not None
-                self._wish = self._wish or (None if self._touched() else Aim.TRACKING if self._arms else Aim.BOTH)
+                if self._wish in (None, Aim.BOTH) and not self._touched():
+                    self._wish = Aim.TRACKING if self._arms else Aim.BOTH
             wish, self._wish = self._wish, None  # before the perspective: a callback sets it first, and then the wish
             perspective = self._panel.perspective
             self._stage.draw(
@@ -166,7 +168,7 @@ class Browser:
         tracking = layout.arms_box().corners if self._arms else layout.tracking_box().corners
         sensors = layout.sensors_box(lanes).corners
         seen = {Aim.TRACKING: tracking, Aim.SENSORS: sensors}.get(self._aim, np.concatenate([tracking, sensors]))
-        elevation = 0.0 if self._arms and self._aim is Aim.TRACKING else _ELEVATION
+        elevation = _ELEVATION_OF_ARMS if self._arms and self._aim is Aim.TRACKING else _ELEVATION
         self._put(layout.frame(seen, fov=FOV, aspect=width / tall, elevation=elevation))
 
     def _touched(self) -> bool:

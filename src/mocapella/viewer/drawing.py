@@ -28,10 +28,11 @@ _FROM_PICTURE = np.diag([-1.0, -1.0, 1.0])
 
 @dataclass(frozen=True)
 class Tag:
-    """A text in the scene: what it says and where (3,) [m]."""
+    """A text in the scene: what it says and where (3,) [m]; one that is not ``visible`` keeps its place among others."""
 
     text: str
     position: tuple[float, float, float]
+    visible: bool = True
 
 
 class StrokeNode:
@@ -106,7 +107,7 @@ class ClothNode:
                 mesh.faces,
                 color=self._colour.paint,
                 side="double",
-                opacity=0.82,
+                opacity=0.55,
                 cast_shadow=False,
                 receive_shadow=False,
             )
@@ -175,7 +176,7 @@ class TagNodes:
         for i, handle in enumerate(self._handles):
             if i < len(tags):
                 handle.text, handle.position = tags[i].text, tags[i].position
-            handle.visible = i < len(tags)
+            handle.visible = i < len(tags) and tags[i].visible
 
 
 class SensorNode:

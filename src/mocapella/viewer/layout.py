@@ -77,7 +77,7 @@ def tracking_box() -> Box:
 def arms_box() -> Box:
     """What the stage of arms fills, with their titles."""
     _, _, deep = stage_centre()
-    return Box(np.array([-2.6, -0.25, deep]), np.array([2.6, 2.4, deep + 0.3]))
+    return Box(np.array([-2.6, -0.45, deep]), np.array([2.6, 2.2, deep + 0.3]))
 
 
 def sensors_box(count: int) -> Box:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.geometry.rigid import apply, inverse
-from mocapella.model.arms import ARM_JOINTS, PALM
+from mocapella.model.arms import PALM
 from mocapella.model.hand import TIPS, WRIST
 from mocapella.model.scene import TrackedArm
 from mocapella.settings import check
@@ -207,17 +207,17 @@ class Cloth:
 
 
 class ClothBeforeHand:
-    """A cloth that hangs itself where the first hand can reach it.
+    """A cloth that hangs itself where the first hand that is not closed can reach it.
 
     Args:
         settings: of the cloth.
-        before_m: it hangs so far before the palm, towards the camera.
+        before_m: it hangs so far before what of the hand is nearest to the camera.
         above_m: its upper edge is so far above the palm.
         lost_after_s: it is taken away when there was no arm for so long.
     """
 
     def __init__(
-        self, settings: ClothSettings | None = None, *, before_m: float = 0.075, above_m: float = 0.24,
+        self, settings: ClothSettings | None = None, *, before_m: float = 0.05, above_m: float = 0.24,
         lost_after_s: float = 5.0,
     ) -> None:  # fmt: skip
         self.settings = settings or ClothSettings()
@@ -242,20 +242,22 @@ class ClothBeforeHand:
             self._seen_s = at_s
         elif self.cloth is not None and not 0 <= at_s - self._seen_s <= self._lost_after_s:
             self.cloth = None
-        if self.cloth is None and found:
-            palm = next(arm.points[PALM] for arm in arms if np.isfinite(arm.points[list(ARM_JOINTS)]).any())
-            self.cloth = Cloth(self._place(palm, eye), self.settings)
+        loose = [hand for hand in found if not hand.grabbing]
+        if self.cloth is None and loose:
+            self.cloth = Cloth(self._place(loose[0].grips, eye), self.settings)
         if self.cloth is not None:
             self.cloth.update(found, at_s)
         return self.cloth
 
-    def _place(self, palm: Float64, eye: Float64 | None) -> Float64:
+    def _place(self, grips: Float64, eye: Float64 | None) -> Float64:
+        palm = grips[0]
         towards = np.array([0.0, 0.0, 1.0]) if eye is None else (eye - palm) * [1.0, 0.0, 1.0]
         length = float(np.linalg.norm(towards))
         z = towards / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
         T = np.eye(4)
         T[:3, :3] = np.stack([np.cross([0.0, 1.0, 0.0], z), [0.0, 1.0, 0.0], z], axis=1)
-        T[:3, 3] = palm + self._before_m * z + [0.0, self._above_m, 0.0]
+        nearest = float(((grips - palm) @ z).max())
+        T[:3, 3] = palm + (nearest + self._before_m) * z + [0.0, self._above_m, 0.0]
         return T
 
 
