@@ -245,7 +245,7 @@ class HandModel:
         return replace(self, constraints=constraints)
 
     def stretched(self, extension_deg: float, abduction_deg: float) -> HandModel:
-        """The same hand with fingers that bend backwards at the knuckles, and spread, so far; the thumb half as far again.
+        """The same hand with fingers that bend backwards, and spread, so far; the thumb half as far again.
 
         Raises:
             SettingsError: farther than a hand can.
