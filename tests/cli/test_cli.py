@@ -51,6 +51,7 @@ VERBS = [
     ["replay"],
     ["record"],
     ["export", "csv"],
+    ["export", "arms"],
     ["view"],
     ["doctor"],
     ["evaluate", "kinectmultitrack"],
