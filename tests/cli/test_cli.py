@@ -54,6 +54,7 @@ VERBS = [
     ["replay"],
     ["record"],
     ["export", "csv"],
+    ["export", "arms"],
     ["view"],
     ["doctor"],
     ["evaluate", "kinectmultitrack"],
