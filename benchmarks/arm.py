@@ -116,7 +116,9 @@ def _figures(totals: dict[str, ArmScores]) -> list[Row]:
     for key, (what, unit, goal) in _GOALS.items():
         rows.append(compared(f"arm: {what}", ours[key], unit, peer="line-skeleton", peer_value=peer[key], goal=goal))
     for key, (what, part_goal) in _PARTS.items():
-        rows.append(measured(f"arm: {what} (line-skeleton {100 * peer[key]:.1f} %)", 100 * ours[key], "%", goal=part_goal))
+        rows.append(
+            measured(f"arm: {what} (line-skeleton {100 * peer[key]:.1f} %)", 100 * ours[key], "%", goal=part_goal)
+        )
     rows.append(measured("arm: fingertips without a pixel, median", ours["hidden_median_mm"], "mm"))
     rows.append(measured("arm: longest loss", ours["longest_loss_frames"], "frames", goal=at_most(3)))
     return rows

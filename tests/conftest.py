@@ -3,11 +3,27 @@
 from __future__ import annotations
 
 import os
+import sys
+from pathlib import Path
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
 
 # Two workers share two cores: threads within a product of small matrices would only wait for each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+CACHE = Path(__file__).resolve().parents[1] / ".pytest_cache"
+# More than a hundred programs are started. Without the bytecode of what they import, each takes seconds more; who wants
+# none beside the sources has it elsewhere.
+if sys.dont_write_bytecode:
+    sys.pycache_prefix = str(CACHE / "bytecode")
+    sys.dont_write_bytecode = False
+    os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
-from pathlib import Path
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -76,9 +92,26 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """A program that is waited for does not compile meanwhile."""
-    if item.get_closest_marker("real_time") and not _place(item).startswith(BROWSER):
-        make_ready("default")
+    """A program that is waited for does not compile meanwhile. Each method is compiled once, by whoever comes first."""
+    if _place(item).startswith(COMPILING):
+        methods: tuple[str, ...] = ("default", "hands")
+    elif item.get_closest_marker("real_time") and not _place(item).startswith(BROWSER):
+        methods = ("hands", "default")  # the other worker has begun with the other one
+    else:
+        return
+    for method in methods:
+        with _alone(method):
+            make_ready(method)
+
+
+@contextmanager
+def _alone(what: str) -> Iterator[None]:
+    """Neither of the two workers does it while the other does."""
+    CACHE.mkdir(exist_ok=True)
+    with (CACHE / f"{what}.lock").open("w") as lock:
+        if fcntl is not None:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 def _place(item: pytest.Item) -> str:

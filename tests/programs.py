@@ -1,7 +1,8 @@
-"""Whole processes of ours, started as a user starts them, and ended by their own id."""
+"""Whole processes of ours, started as a user starts them, and ended by their own id; and their commands without one."""
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -10,9 +11,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from io import StringIO
 from pathlib import Path
 from types import TracebackType
 from typing import Any
+from unittest.mock import patch
+
+from mocapella import cli
 
 
 def free_port() -> int:
@@ -96,5 +101,32 @@ def run(folder: Path, *arguments: str, timeout: float = 120.0) -> subprocess.Com
 def result(folder: Path, *arguments: str, timeout: float = 120.0) -> Any:
     """What ``--json -`` prints."""
     done = run(folder, *arguments, "--json", "-", timeout=timeout)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def run_here(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """`run` in this process, which need not start another: for commands that end by themselves."""
+    out, err, status = StringIO(), StringIO(), 0
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    with (
+        contextlib.chdir(folder),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+        patch.dict(os.environ, COLUMNS="200"),
+    ):
+        try:
+            cli.run(arguments)
+        except SystemExit as ended:
+            status = ended.code if isinstance(ended.code, int) else int(ended.code is not None)
+        finally:
+            for number, handler in handlers.items():
+                signal.signal(number, handler)
+    return subprocess.CompletedProcess(["mocapella", *arguments], status, out.getvalue(), err.getvalue())
+
+
+def result_here(folder: Path, *arguments: str) -> Any:
+    """`result` in this process."""
+    done = run_here(folder, *arguments, "--json", "-")
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)

@@ -19,6 +19,7 @@ HERE = Path(__file__).parent
 
 
 def main(file: Path, seed: str) -> None:
+    """Take the picture."""
     from playwright.sync_api import sync_playwright
 
     command = [sys.executable, "-m", "mocapella", "demo", "arm", "--no-browser", "--seconds", "240", "--seed", seed]

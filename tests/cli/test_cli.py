@@ -8,13 +8,14 @@ import re
 from pathlib import Path
 
 import pytest
-from programs import result, run
+from programs import result, result_here, run, run_here
 from typer.main import get_command
 from typer.testing import CliRunner
 
 from mocapella import __version__
 from mocapella.cli import (  # noqa: F401  (they register)
     align,
+    arm,
     calibrate,
     colours,
     demo,
@@ -47,10 +48,13 @@ VERBS = [
     ["node", "datagrams"],
     ["node", "osc"],
     ["node", "openvr"],
+    ["node", "arm"],
     ["align"],
+    ["arm"],
     ["replay"],
     ["record"],
     ["export", "csv"],
+    ["export", "arms"],
     ["view"],
     ["doctor"],
     ["evaluate", "kinectmultitrack"],
@@ -89,6 +93,8 @@ def test_an_option_has_one_word_for_its_value_in_every_verb() -> None:
         for option in command.params:
             if not getattr(option, "is_flag", False) and verb != ["view"]:
                 words.setdefault(option.opts[0], set()).add(str(option.metavar))
+    # Of cameras in a rig, or of the one depth camera.
+    assert words.pop("--intrinsics") == {"RIG.toml", "F,CX,CY"}
     assert {name: used for name, used in words.items() if len(used) != 1 or "None" in used} == {}
 
 
@@ -128,18 +134,20 @@ def test_the_doctor_names_a_port_in_use(tmp_path: Path) -> None:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        (finding,) = [f for f in result(tmp_path, "doctor", "--port", str(port)) if f["what"] == f"bus port {port}"]
+        (finding,) = [
+            f for f in result_here(tmp_path, "doctor", "--port", str(port)) if f["what"] == f"bus port {port}"
+        ]
     assert finding["verdict"] == "note"
     assert "--port" in finding["advice"]
 
 
 @pytest.mark.parametrize("verb", [["demo"], ["node", "simulate"]], ids=" ".join)
 def test_scenes_are_listed_where_asked_for_and_where_none_has_the_name(verb: list[str], tmp_path: Path) -> None:
-    listed = run(tmp_path, *verb, "--scene", "help")
+    listed = run_here(tmp_path, *verb, "--scene", "help")
     assert listed.returncode == 0
     rows = [line.split(maxsplit=1) for line in listed.stdout.splitlines()]
     assert dict(rows) == scene_summaries()
-    unknown = run(tmp_path, *verb, "--scene", "obstacel")
+    unknown = run_here(tmp_path, *verb, "--scene", "obstacel")
     assert unknown.returncode == 1
     assert listed.stdout in SCREEN.sub("", unknown.stderr)
     assert "did you mean obstacle" in SCREEN.sub("", unknown.stderr)
@@ -147,7 +155,7 @@ def test_scenes_are_listed_where_asked_for_and_where_none_has_the_name(verb: lis
 
 @pytest.mark.parametrize("verb", [["demo"], ["serve"], ["node", "simulate"], ["record", "walk"], ["doctor"]])
 def test_a_result_file_that_cannot_be_written_is_refused_before_the_run(verb: list[str], tmp_path: Path) -> None:
-    refused = run(tmp_path, *verb, "--json", "no/such/folder.json")
+    refused = run_here(tmp_path, *verb, "--json", "no/such/folder.json")
     assert refused.returncode == 1
     assert SCREEN.sub("", refused.stderr).startswith("mocapella: --json no/such/folder.json: ")
     assert refused.stdout == ""
@@ -210,7 +218,7 @@ def test_bad_input_is_one_line_that_says_where_and_what(
 ) -> None:
     arguments = broken(tmp_path, study_logs / "Study_7_Kinect_2_Time_3_11_06_PM.csv.gz", what)
     before = sorted(tmp_path.iterdir())
-    done = run(tmp_path, "replay", *arguments, "--json", "out.json")
+    done = run_here(tmp_path, "replay", *arguments, "--json", "out.json")
     assert done.returncode == 1, done.stdout
     message = SCREEN.sub("", done.stderr).strip()
     assert message.startswith("mocapella: ")
@@ -221,14 +229,14 @@ def test_bad_input_is_one_line_that_says_where_and_what(
 
 def test_an_unknown_sensor_is_named_with_those_there_are(study_logs: Path, tmp_path: Path) -> None:
     log = study_logs / "Study_7_Kinect_2_Time_3_11_06_PM.csv.gz"
-    done = run(tmp_path, "node", "replay", str(log), "--sensor", "frnt")
+    done = run_here(tmp_path, "node", "replay", str(log), "--sensor", "frnt")
     assert done.returncode == 1
     assert "front" in done.stderr
     assert "side" in done.stderr
 
 
 def test_a_real_log_is_replayed_and_the_results_are_json(study_logs: Path, tmp_path: Path) -> None:
-    (row,) = result(tmp_path, "replay", str(study_logs / "Study_7_Kinect_2_Time_3_11_06_PM.csv.gz"))
+    (row,) = result_here(tmp_path, "replay", str(study_logs / "Study_7_Kinect_2_Time_3_11_06_PM.csv.gz"))
     assert row["sensors"] == ["front", "side"]
     assert row["frames_in"] == row["frames_out"] > 3000
     assert row["most_people"] == 1
@@ -248,24 +256,24 @@ def test_options_that_would_do_nothing_are_refused(study_logs: Path, tmp_path: P
         ([log, "--record", "copy.mcap"], "--record wants --live and one file"),
         ([log, log, "--live", "--record", "copy.mcap"], "--record wants --live and one file"),
     ):
-        refused = run(tmp_path, "replay", *arguments)
+        refused = run_here(tmp_path, "replay", *arguments)
         assert refused.returncode == 1
         assert words in SCREEN.sub("", refused.stderr)
 
 
 def test_json_goes_to_a_file_too(tmp_path: Path) -> None:
-    assert run(tmp_path, "doctor", "--json", "found.json").returncode == 0
+    assert run_here(tmp_path, "doctor", "--json", "found.json").returncode == 0
     assert json.loads((tmp_path / "found.json").read_text())
 
 
 def test_a_replay_that_never_tracks_says_why(study_logs: Path, tmp_path: Path) -> None:
     source = study_logs / "Study_7_Kinect_2_Time_3_11_06_PM.csv.gz"
     (tmp_path / "short.csv").write_text("\n".join(gzip.decompress(source.read_bytes()).decode().splitlines()[:61]))
-    done = run(tmp_path, "replay", "short.csv", "--method", "stand-still", "--json", "out.json")
+    done = run_here(tmp_path, "replay", "short.csv", "--method", "stand-still", "--json", "out.json")
     (row,) = json.loads((tmp_path / "out.json").read_text())
     assert "calibration never succeeded" in row["never_tracked"]
     assert f"short.csv: nobody was tracked: {row['never_tracked']}\n" in done.stderr
-    assert run(tmp_path, "replay", "short.csv", "--json", "out.json").returncode == 0
+    assert run_here(tmp_path, "replay", "short.csv", "--json", "out.json").returncode == 0
     (row,) = json.loads((tmp_path / "out.json").read_text())
     assert [place["sensor"] for place in row["sensor_places"]] == ["front", "side"]
     assert row["phase"] == "calibrating"
@@ -276,10 +284,10 @@ def test_a_replay_that_never_tracks_says_why(study_logs: Path, tmp_path: Path) -
 def test_settings_of_the_method_are_checked_by_name_and_range(study_logs: Path, tmp_path: Path) -> None:
     log = str(study_logs / "Study_7_Kinect_2_Time_3_11_06_PM.csv.gz")
     verb = ["replay", log, "--method", "stand-still"]
-    (sooner,) = result(tmp_path, *verb, "--set", "frames=30", "--set", "compare_with=first")
-    (later,) = result(tmp_path, *verb)
+    (sooner,) = result_here(tmp_path, *verb, "--set", "frames=30", "--set", "compare_with=first")
+    (later,) = result_here(tmp_path, *verb)
     assert sooner["state_changes"][-1]["at_s"] < later["state_changes"][-1]["at_s"]
     for wrong, words in {"framse=3": "did you mean frames", "frames=0": "from 1 to", "frames": "NAME=VALUE"}.items():
-        refused = run(tmp_path, *verb, "--set", wrong)
+        refused = run_here(tmp_path, *verb, "--set", wrong)
         assert refused.returncode == 1
         assert words in SCREEN.sub("", refused.stderr)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from evaluation.sessions import log_of
-from programs import result, run
+from programs import result, result_here, run_here
 
 from mocapella.cli.evaluate import failures
 from mocapella.recording.study_log import write_study_log
@@ -45,7 +45,7 @@ def test_the_json_has_every_figure_by_method_task_and_placement(folder: Path) ->
 
 
 def test_interactions_have_switches_and_both_people(study_logs: Path, tmp_path: Path) -> None:
-    scored = result(tmp_path, *VERB, str(study_logs), "--participants", "22")
+    scored = result_here(tmp_path, *VERB, str(study_logs), "--participants", "22")
     interactions = scored["methods"]["stand-still"]["interactions"]
     assert interactions["identity_switches"] == interactions["missed"] == 0
     (file,) = interactions["files"].values()
@@ -54,12 +54,12 @@ def test_interactions_have_switches_and_both_people(study_logs: Path, tmp_path: 
 
 
 def test_a_person_reads_a_table_and_a_program_only_json(folder: Path) -> None:
-    shown = run(folder, *VERB, "logs", "--json", "out.json")
+    shown = run_here(folder, *VERB, "logs", "--json", "out.json")
     assert shown.returncode == 0, shown.stderr
     assert "walk" in shown.stdout
     assert "bone length variation" in shown.stdout
     written = json.loads((folder / "out.json").read_text())
-    piped = json.loads(run(folder, *VERB, "logs", "--json", "-").stdout)
+    piped = json.loads(run_here(folder, *VERB, "logs", "--json", "-").stdout)
     assert piped == written
 
 
@@ -83,7 +83,7 @@ def test_a_row_that_fails_is_said() -> None:
     ],
 )
 def test_bad_input_is_one_line_that_says_what_would_work(arguments: list[str], words: list[str], folder: Path) -> None:
-    done = run(folder, *VERB, *arguments)
+    done = run_here(folder, *VERB, *arguments)
     assert done.returncode == 1
     message = done.stderr.strip().splitlines()[-1]
     assert message.startswith("mocapella: ")
@@ -92,6 +92,6 @@ def test_bad_input_is_one_line_that_says_what_would_work(arguments: list[str], w
 
 def test_a_log_that_cannot_be_read_is_named(folder: Path) -> None:
     (folder / "logs" / "Study_9_Kinect_1_Time_3.csv").write_text("what, is, this\n1, 2, 3\n")
-    done = run(folder, *VERB, "logs")
+    done = run_here(folder, *VERB, "logs")
     assert done.returncode == 1
     assert "Study_9_Kinect_1_Time_3.csv" in done.stderr

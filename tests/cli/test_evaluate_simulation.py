@@ -6,7 +6,7 @@ from io import StringIO
 from pathlib import Path
 
 import pytest
-from programs import run
+from programs import run_here
 from rich.console import Console
 
 from mocapella.cli.evaluate import _JOINTS, _WHO_AND_WHERE, show_simulation
@@ -35,15 +35,15 @@ def test_a_person_reads_every_figure_every_target_and_what_is_not_known() -> Non
 
 
 def test_the_scenes_are_listed_and_what_is_unknown_is_refused(tmp_path: Path) -> None:
-    listed = run(tmp_path, *VERB, "--scenes", "help")
+    listed = run_here(tmp_path, *VERB, "--scenes", "help")
     assert [line.split()[0] for line in listed.stdout.splitlines()] == list(scene_summaries())
-    refused = run(tmp_path, *VERB, "--methods", "default", "--scenes", "crosing")
+    refused = run_here(tmp_path, *VERB, "--methods", "default", "--scenes", "crosing")
     assert refused.returncode == 1
     assert "crossing" in refused.stderr
 
 
 @pytest.mark.parametrize(("option", "value"), [("--seeds", "one"), ("--methods", "defalt")])
 def test_bad_options_are_refused_before_anything_is_done(tmp_path: Path, option: str, value: str) -> None:
-    refused = run(tmp_path, *VERB, option, value)
+    refused = run_here(tmp_path, *VERB, option, value)
     assert refused.returncode == 1
     assert option[2:-1] in refused.stderr

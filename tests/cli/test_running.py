@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from programs import free_port, result, run
+from programs import free_port, result, result_here, run, run_here
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def test_a_take_replays_as_it_was_and_is_never_recorded_over(demo: Recorded) -> 
 def test_a_take_that_was_cut_off_says_what_is_left(demo: Recorded, tmp_path: Path) -> None:
     whole = (demo.folder / "whole.mcap").read_bytes()
     (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 3])
-    (row,) = result(tmp_path, "replay", "cut.mcap")
+    (row,) = result_here(tmp_path, "replay", "cut.mcap")
     assert not row["clean"]
     assert row["problems"]
     assert 0 < row["frames_out"] < demo.summary["frames_out"]
@@ -73,7 +73,7 @@ def test_the_demo_of_hands_finds_one_and_its_take_replays_as_it_was(tmp_path: Pa
     assert summary["frames_in"] == summary["frames_out"] > 0
     assert summary["most_hands"] == 1
     assert "tracking" in [change["phase"] for change in summary["state_changes"]]
-    again = run(tmp_path, "replay", "hand")
+    again = run_here(tmp_path, "replay", "hand")
     assert f"all {summary['frames_out']} results identical to the live run" in again.stderr
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from evaluation.reference_methods import Method
 from evaluation.sessions import KINECT, log_of, session_of
-from programs import result, run
+from programs import result_here, run_here
 
 from mocapella.errors import InputError
 from mocapella.evaluation.bias_sessions import ROWS, bias_session, bias_sessions, make_tracker
@@ -31,7 +31,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, A
         log = log_of(frames=150, seed=participant)
         log = msgspec.structs.replace(log, study_id=np.full_like(log.study_id, participant))
         write_study_log(folder / "logs" / f"Study_{participant}_Kinect_2_Time_1.csv.gz", log.rows())
-    return folder, result(folder, "train", "bias", "logs", "--out", "model.json", "--folds", "2")
+    return folder, result_here(folder, "train", "bias", "logs", "--out", "model.json", "--folds", "2")
 
 
 def test_the_file_says_what_it_learnt_from_and_has_what_is_learnt_without_each(
@@ -59,7 +59,7 @@ def test_it_prints_rows_of_people_left_out_with_and_without(trained: tuple[Path,
 
 
 def test_where_the_model_cannot_be_written_is_said_before_the_work(tmp_path: Path) -> None:
-    done = run(tmp_path, "train", "bias", "logs", "--out", "no/m.json")
+    done = run_here(tmp_path, "train", "bias", "logs", "--out", "no/m.json")
     assert done.returncode == 1
     assert "--out no/m.json: no folder no; name a file in a folder that exists" in done.stderr
 

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from programs import result, run
+from programs import result_here, run_here
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.evaluation.facing_sessions import FacingSession, facing_sessions, figures, split
@@ -29,7 +29,7 @@ def trained(study_logs: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple
     """The folder in which `mocapella train facing` was run on three people, and what it said."""
     folder = tmp_path_factory.mktemp("facing")
     line = ("train", "facing", str(study_logs), "--out", "model.json", "--participants", "2,4,7", "--folds", "3")
-    return folder, result(folder, *line)
+    return folder, result_here(folder, *line)
 
 
 def test_people_who_were_left_out_face_where_they_should(trained: tuple[Path, dict[str, Any]]) -> None:
@@ -54,7 +54,7 @@ def test_the_file_says_what_it_learnt_from(trained: tuple[Path, dict[str, Any]])
 
 
 def test_where_the_model_cannot_be_written_is_said_before_the_work(study_logs: Path, tmp_path: Path) -> None:
-    done = run(tmp_path, "train", "facing", str(study_logs), "--out", "no/m.json")
+    done = run_here(tmp_path, "train", "facing", str(study_logs), "--out", "no/m.json")
     assert done.returncode == 1
     assert "--out no/m.json: no folder no; name a file in a folder that exists" in done.stderr
 

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from board_pictures import BASELINE_M, BOARD, FPS, Pictures, board_pictures, off_mm
 from browser import FLAGS
-from programs import Program, free_port, result, run, wait_until
+from programs import Program, free_port, result_here, run, wait_until
 
 from mocapella.model.camera import CameraRig
 from mocapella.model.camera_rig_file import load_camera_rig
@@ -148,7 +148,7 @@ def test_cameras_are_calibrated_in_the_view_and_used_and_stand_in_the_next_take(
     count = status.recording.frames
     wait_until("more of the recording", lambda: room.status().recording.frames > count + 5)
     assert send_command(room.session, "record-stop", timeout=60.0).ok
-    (row,) = result(room.folder, "replay", "across")
+    (row,) = result_here(room.folder, "replay", "across")
     assert (row["recorded_scenes"] > 10, row["differing_scenes"]) == (True, 0)
 
 

@@ -8,11 +8,12 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import psutil
 import pytest
-from programs import Program, free_port, result, run, wait_until
+from programs import Program, free_port, result, result_here, run, wait_until
 
 from mocapella.errors import NoServerError
 from mocapella.model.session import SensorHealth, SessionStatus
@@ -62,6 +63,14 @@ def served(tmp_path: Path) -> Iterator[Served]:
     server.close()
 
 
+@pytest.fixture(scope="module")
+def one_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    """Of several tests, each of which has sensors of its own names."""
+    server = Served(tmp_path_factory.mktemp("server"), "--no-view")
+    yield server
+    server.close()
+
+
 def simulate(folder: Path, address: str, sensor: str, *options: str, name: str | None = None) -> Program:
     return Program(
         folder,
@@ -85,33 +94,33 @@ def seen(served: Served, name: str, frames: int = 1) -> bool:
     return row is not None and row.frames >= frames and not row.silent
 
 
-def test_a_silent_node_is_noticed_and_so_is_its_return(served: Served, tmp_path: Path) -> None:
-    with simulate(tmp_path, served.address, "1", "--name", "front") as node:
-        wait_until("frames", lambda: seen(served, "front", 10))
+def test_a_silent_node_is_noticed_and_so_is_its_return(one_server: Served, tmp_path: Path) -> None:
+    with simulate(tmp_path, one_server.address, "1", "--name", "quiet") as node:
+        wait_until("frames", lambda: seen(one_server, "quiet", 10))
         os.kill(node.process.pid, signal.SIGSTOP)
         # Within 3 s is held in tests/live/test_roster.py, where time is an argument.
-        wait_until("the silence is noticed", lambda: (row := served.sensor("front")) is not None and row.silent)
+        wait_until("the silence is noticed", lambda: (row := one_server.sensor("quiet")) is not None and row.silent)
         os.kill(node.process.pid, signal.SIGCONT)
-        wait_until("the return", lambda: (row := served.sensor("front")) is not None and not row.silent)
-        wait_until("a notice", lambda: any('"front" is back' in notice for notice in served.status().notices))
+        wait_until("the return", lambda: (row := one_server.sensor("quiet")) is not None and not row.silent)
+        wait_until("a notice", lambda: any('"quiet" is back' in notice for notice in one_server.status().notices))
         assert node.end() == 0
 
 
-def test_a_killed_node_leaves_the_others_alone_and_a_new_one_takes_its_name(served: Served, tmp_path: Path) -> None:
+def test_a_killed_node_leaves_the_others_alone_and_a_new_one_takes_its_name(one_server: Served, tmp_path: Path) -> None:
     with (
-        simulate(tmp_path, served.address, "1", "--name", "front") as front,
-        simulate(tmp_path, served.address, "2", "--name", "side") as side,
+        simulate(tmp_path, one_server.address, "1", "--name", "front") as front,
+        simulate(tmp_path, one_server.address, "2", "--name", "side") as side,
     ):
-        wait_until("both", lambda: seen(served, "front") and seen(served, "side"))
-        first = served.sensor("front")
+        wait_until("both", lambda: seen(one_server, "front") and seen(one_server, "side"))
+        first = one_server.sensor("front")
         front.process.kill()
-        wait_until("it is gone", lambda: (row := served.sensor("front")) is not None and not row.connected)
-        count = served.sensor("side")
+        wait_until("it is gone", lambda: (row := one_server.sensor("front")) is not None and not row.connected)
+        count = one_server.sensor("side")
         assert count is not None
-        wait_until("the other goes on", lambda: seen(served, "side", count.frames + 30))
-        with simulate(tmp_path, served.address, "1", "--name", "front", name="again") as again:
-            wait_until("the new node is served", lambda: (r := served.sensor("front")) is not None and r.connected)
-            row = served.sensor("front")
+        wait_until("the other goes on", lambda: seen(one_server, "side", count.frames + 30))
+        with simulate(tmp_path, one_server.address, "1", "--name", "front", name="again") as again:
+            wait_until("the new node is served", lambda: (r := one_server.sensor("front")) is not None and r.connected)
+            row = one_server.sensor("front")
             assert row is not None
             assert first is not None
             assert row.node_id != first.node_id
@@ -119,12 +128,12 @@ def test_a_killed_node_leaves_the_others_alone_and_a_new_one_takes_its_name(serv
         assert side.end() == 0
 
 
-def test_a_second_node_under_a_name_ends_with_the_reason(served: Served, tmp_path: Path) -> None:
-    with simulate(tmp_path, served.address, "1", "--name", "front") as first:
-        wait_until("the first", lambda: seen(served, "front"))
-        with simulate(tmp_path, served.address, "2", "--name", "front", name="second") as second:
+def test_a_second_node_under_a_name_ends_with_the_reason(one_server: Served, tmp_path: Path) -> None:
+    with simulate(tmp_path, one_server.address, "1", "--name", "door") as first:
+        wait_until("the first", lambda: seen(one_server, "door"))
+        with simulate(tmp_path, one_server.address, "2", "--name", "door", name="second") as second:
             assert second.process.wait(60.0) == 1
-            assert "another node serves the sensor front" in second.output
+            assert "another node serves the sensor door" in second.output
         assert first.process.poll() is None
 
 
@@ -145,23 +154,29 @@ def test_a_server_that_stood_still_has_every_frame_afterwards(served: Served, tm
     assert frames.last == json.loads((tmp_path / "front.json").read_text())["published"] - 1
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
-def test_ending_the_server_closes_the_take_and_exits_with_0(how: signal.Signals, tmp_path: Path) -> None:
-    served = Served(tmp_path, "--no-view", "--record", "take.mcap")
-    try:
-        with simulate(tmp_path, served.address, "1", "--name", "front") as node:
-            wait_until("frames", lambda: seen(served, "front", 30))
+def test_ending_the_server_closes_the_take_and_exits_with_0(tmp_path: Path) -> None:
+    """By Ctrl-C, and by SIGTERM: two servers at once, for a node takes a while to notice."""
+    folders = {how: tmp_path / how.name for how in (signal.SIGINT, signal.SIGTERM)}
+    with ExitStack() as programs:
+        servers, nodes = {}, {}
+        for how, folder in folders.items():
+            folder.mkdir()
+            servers[how] = served = Served(folder, "--no-view", "--record", "take.mcap")
+            programs.callback(served.close)
+            nodes[how] = programs.enter_context(simulate(folder, served.address, "1", "--name", "front"))
+        for how, served in servers.items():
+            wait_until("frames", lambda served=served: seen(served, "front", 30))
             served.session.close()
             assert served.program.end(how) == 0
+        for node in nodes.values():
             wait_until("the node notices", node.said("frames are kept for it"))
             assert node.end() == 0
-    finally:
-        served.close()
-    take = read_take(tmp_path / "take.mcap")
-    assert take.clean
-    assert take.frame_count > 0
-    summary = json.loads((tmp_path / "server.json").read_text())
-    assert summary["recording"]["frames"] == take.frame_count
+    for folder in folders.values():
+        take = read_take(folder / "take.mcap")
+        assert take.clean
+        assert take.frame_count > 0
+        summary = json.loads((folder / "server.json").read_text())
+        assert summary["recording"]["frames"] == take.frame_count
 
 
 def test_a_take_recorded_by_command_begins_mid_session_and_replays_alike(served: Served, tmp_path: Path) -> None:
@@ -173,7 +188,7 @@ def test_a_take_recorded_by_command_begins_mid_session_and_replays_alike(served:
         made = result(tmp_path, "record", "mid", "--connect", served.address, "--seconds", "2")
         assert made["frames"] > 0
         assert made["lost"] == 0
-    (row,) = result(tmp_path, "replay", made["path"])
+    (row,) = result_here(tmp_path, "replay", made["path"])
     assert row["differing_scenes"] == 0
     assert row["frames_out"] > 0
     assert row["most_people"] == 1
@@ -211,7 +226,7 @@ def test_takes_are_whole_and_nobody_flaps_when_something_stands_still_as_they_be
         assert "sent nothing" not in notices
         assert "left" not in notices
         assert served.status().people == 1
-    for row in result(tmp_path, "replay", *map(str, takes)):
+    for row in result_here(tmp_path, "replay", *map(str, takes)):
         assert row["differing_scenes"] == 0
         assert row["frames_out"] > 30
         assert row["state_changes"][0]["phase"] != "waiting for sensors"
@@ -227,12 +242,12 @@ def test_no_server_is_an_error_and_not_a_hang(tmp_path: Path) -> None:
         open_reader(f"tcp/127.0.0.1:{free_port()}", timeout=0.2)
 
 
-def test_a_port_in_use_is_named(served: Served, tmp_path: Path) -> None:
-    done = run(tmp_path, "serve", "--port", str(served.port), "--no-view")
+def test_a_port_in_use_is_named(one_server: Served, tmp_path: Path) -> None:
+    done = run(tmp_path, "serve", "--port", str(one_server.port), "--no-view")
     assert done.returncode == 1
-    assert str(served.port) in done.stderr
+    assert str(one_server.port) in done.stderr
     assert "--port" in done.stderr
-    view = run(tmp_path, "serve", "--port", str(free_port()), "--view-port", str(served.port))
+    view = run(tmp_path, "serve", "--port", str(free_port()), "--view-port", str(one_server.port))
     assert view.returncode == 1
     assert "--view-port" in view.stderr
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from programs import Program, free_port, result, wait_until
+from programs import Program, free_port, result_here, wait_until
 
 from mocapella.model.observations import BodyFrame
 from mocapella.recording.study_log import read_study_log
@@ -160,7 +160,7 @@ def test_a_real_recording_goes_through_every_process_and_comes_out_whole(runs: R
 
 
 def test_its_offline_replay_gives_the_same_results_to_the_bit(runs: Runs) -> None:
-    (row,) = result(runs.undisturbed, "replay", "take.mcap")
+    (row,) = result_here(runs.undisturbed, "replay", "take.mcap")
     assert row["differing_scenes"] == 0
     summary = json.loads((runs.undisturbed / "server.json").read_text())
     assert row["frames_out"] == summary["frames_out"] > 0
@@ -180,7 +180,7 @@ def test_no_frame_is_missing_from_a_take_whose_server_was_killed(runs: Runs) -> 
 
 
 def test_both_of_its_runs_replay_to_the_same_results(runs: Runs) -> None:
-    (row,) = result(runs.killed, "replay", "take.mcap")
+    (row,) = result_here(runs.killed, "replay", "take.mcap")
     assert row["differing_scenes"] == 0
     assert [scene.step for _, scene in read_take(runs.killed / "take.mcap").scenes()].count(0) == 2
 
@@ -205,7 +205,7 @@ def test_a_finished_take_is_never_recorded_over(runs: Runs) -> None:
 
 
 def test_the_study_log_comes_out_of_it(runs: Runs) -> None:
-    made = result(
+    made = result_here(
         runs.undisturbed,
         "export",
         "csv",

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from browser import FLAGS
-from programs import Program, free_port, result, wait_until
+from programs import Program, free_port, result_here, wait_until
 
 from mocapella.recording.take_reader import read_take
 from mocapella.wire.reader import send_command
@@ -124,7 +124,7 @@ def test_the_demo_is_shown_recorded_and_not_hurt_by_a_closed_browser(tmp_path: P
     assert read_take(take).clean
     last = [scene for _, scene in read_take(take).scenes()][-1]
     assert "Ada" in [person.name for person in last.people]
-    (row,) = result(tmp_path, "replay", str(take))
+    (row,) = result_here(tmp_path, "replay", str(take))
     assert row["differing_scenes"] == 0
 
 

@@ -33,8 +33,8 @@ def arm(**changed: Any) -> TrackedArm:
 
 
 def scene(*arms: TrackedArm, **changed: Any) -> Scene:
-    made = Scene(0, 0, "arm", 0, 0, topology("hand"), TrackerState(Phase.TRACKING), (), (SensorPlace("arm", np.eye(4)),),
-                 arms=arms)  # fmt: skip
+    state, place = TrackerState(Phase.TRACKING), SensorPlace("arm", np.eye(4))
+    made = Scene(0, 0, "arm", 0, 0, topology("hand"), state, (), (place,), arms=arms)
     return msgspec.structs.replace(made, **changed)
 
 
@@ -143,7 +143,9 @@ def test_an_image_in_its_lane_has_the_arm_where_the_camera_sees_it() -> None:
 
 def test_the_readout_has_every_joints_noise_and_says_when_there_is_none() -> None:
     noise = np.array([0.001, np.nan, *[0.0005] * 6])
-    quality = ArmQuality(noise, noise, True, 12.5, Misdetections(3, 1, 2, 4, 5), Misdetections(3, 1, 2, 4, 5), 60.0, 5.0)
+    quality = ArmQuality(
+        noise, noise, True, 12.5, Misdetections(3, 1, 2, 4, 5), Misdetections(3, 1, 2, 4, 5), 60.0, 5.0
+    )
     html = quality_html(scene(arm(gesture="<b>")), quality)
     assert "1.00 mm" in html
     assert html.count("0.50 mm") == 6

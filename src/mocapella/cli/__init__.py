@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from collections.abc import Sequence
 
 RUN_UNTIL_CTRL_C = frozenset({"demo", "serve", "node", "record", "view"})
 INTERRUPTED = 130
@@ -16,9 +17,22 @@ INTERRUPTED = 130
 
 
 def main() -> None:
-    """Run the command line; an error of ours is one line on standard error and exit status 1."""
+    """Run the command line as a process of its own, which Ctrl-C and SIGTERM end."""
     _end_at_once_on_signals(0 if sys.argv[1:2] and sys.argv[1] in RUN_UNTIL_CTRL_C else INTERRUPTED)
-    # What takes any time to import comes after it, so that Ctrl-C finds a handler.
+    try:
+        run(sys.argv[1:])
+    finally:
+        # While the interpreter takes itself down, Ctrl-C changes no exit status.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def run(arguments: Sequence[str]) -> None:
+    """Do what a command line says; an error of ours is one line on standard error and exit status 1.
+
+    Raises:
+        SystemExit: at its end, with the exit status.
+    """
+    # What takes any time to import comes here, so that Ctrl-C finds a handler.
     import typer
 
     from mocapella.cli import (  # noqa: F401
@@ -46,13 +60,10 @@ def main() -> None:
     from mocapella.errors import MocapellaError
 
     try:
-        app(prog_name="mocapella")
+        app(list(arguments), prog_name="mocapella")
     except MocapellaError as error:
         typer.secho(f"mocapella: {error}", fg=typer.colors.RED, err=True)
         sys.exit(1)
-    finally:
-        # While the interpreter takes itself down, Ctrl-C changes no exit status.
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _end_at_once_on_signals(status: int) -> None:

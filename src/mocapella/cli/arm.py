@@ -55,7 +55,8 @@ Unit = Annotated[
     ),
 ]
 Rig = Annotated[
-    str | None, typer.Option("--rig", metavar="FILE[:CAMERA]", help="Take the lens of a camera rig's file instead.")
+    str | None,
+    typer.Option("--rig", metavar="FILE", help="Take the lens of a camera rig's file instead: FILE or FILE:CAMERA."),
 ]
 Method = Annotated[
     str, typer.Option("--method", metavar="NAME", help="default, or line-skeleton, which is that of 2012.")

@@ -116,6 +116,7 @@ def two_camera_scores(
     seconds: float = 6.0,
     rig: bool = True,
     settings: ArmsSettings | None = None,
+    make: Callable[..., ArmsTracker] = ArmsTracker,
 ) -> dict[str, Mapping[str, float]]:
     """Score each camera by itself and both together.
 
@@ -126,6 +127,7 @@ def two_camera_scores(
         fps: a camera.
         rig: whether the tracker is told where the cameras are; else it finds out, and is scored from then on.
         settings: of the tracker.
+        make: makes the tracker.
 
     Returns:
         Figures of ``first``, ``second`` and ``fused``; without a rig, of ``place``: how wrong the second camera's place
@@ -135,7 +137,7 @@ def two_camera_scores(
     check(scene.settings.arms == 1, "scene", scene.name, "one with one arm")
     scenes = (scene, beside(scene, angle_deg))
     T_world = (TO_SENSOR, TO_SENSOR @ inverse(scenes[1].T_camera_first))
-    tracker = ArmsTracker(settings, rig=_rig(scenes, T_world) if rig else None, sensors_expected=2)
+    tracker = make(settings, rig=_rig(scenes, T_world) if rig else None, sensors_expected=2)
     errors = {name: _Errors() for name in (*CAMERAS, FUSED)}
     newest: dict[int, DepthShot] = {}
     known_s = math.nan

@@ -280,6 +280,7 @@ def _learnt(model: FacingModel, topology: Topology) -> tuple[Float64, Int64, Int
     tables[k.SHAPE_AT : k.MOTION_AT] = model.shape.T
     terms = np.argwhere(sums != 0)
     joints = np.concatenate([[(topology.index("Head"), topology.index("SpineBase"))], terms])
+    joints = np.ascontiguousarray(joints)  # as the kernels are compiled for
     numbers = np.concatenate([classifier.mean, classifier.spread, classifier.weights, [MOST_SPREADS]])
     return tables, across, joints, sums[sums != 0], numbers
 

@@ -182,7 +182,7 @@ class MarkerRays:
         variances[:] = np.square(sd_px)
         _kernels().observe(
             k, seen, variances, times, *self._arrays, self._views.numbers, self._counted,
-            s.acceleration_density, s.gate_sd, s.keep_s, s.together_s, s.image_speed_px, s.speed_sd,
+            *_floats(s.acceleration_density, s.gate_sd, s.keep_s, s.together_s, s.image_speed_px, s.speed_sd),
             math.sin(s.least_angle_rad) ** 2,
         )  # fmt: skip
         # A frame in which nothing is seen tells the time, too: else what has gone would stay where it was for ever.
@@ -196,8 +196,8 @@ class MarkerRays:
         points, velocities, covariances = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
         states = np.empty(n, dtype=np.uint8)
         _kernels().tell(
-            at_s, *self._arrays, self._views.numbers, self._counted,
-            s.acceleration_density, s.gate_sd, s.alone_s, s.forget_after_s, s.largest_sd_m,
+            float(at_s), *self._arrays, self._views.numbers, self._counted,
+            *_floats(s.acceleration_density, s.gate_sd, s.alone_s, s.forget_after_s, s.largest_sd_m),
             points, velocities, covariances, states,
         )  # fmt: skip
         return MarkerPoints(at_s, points, velocities, covariances, states)
@@ -208,6 +208,11 @@ class MarkerRays:
             self._states, self._covariances, self._begins, self._counts, self._times, self._cameras, self._pixels,
             self._variances, self._used_s, self._refused,
         )  # fmt: skip
+
+
+def _floats(*numbers: float) -> tuple[float, ...]:
+    """A setting may be a whole number; the kernels are compiled for floats alone."""
+    return tuple(map(float, numbers))
 
 
 def captured(camera: PlacedCamera, rows_px: Any, at_s: float) -> Float64:

@@ -33,8 +33,8 @@ _ARM_RADII_M: Final = (0.0165, 0.0100, 0.0400, 0.0430, 0.0025)
 """Of the forearm at the wrist, half the distance of its two bones there, at the elbow, of the upper arm; and how far
 from the landmark the middle of the fingertip's end is, inwards."""
 _ELBOW_M: Final = (0.008, 0.012)
-"""The elbow's joint is so far beyond where the forearm's flesh tells its end, and so far behind it where it is bent; from
-rendered arms (seeds below 100)."""
+"""The elbow's joint is so far beyond where the forearm's flesh tells its end, and so far behind it where it is bent;
+from rendered arms (seeds below 100)."""
 _FOREARM_OF_HAND: Final = 1.33
 """Length of the forearm over that of the hand: D. Winter, *Biomechanics and Motor Control of Human Movement* (2009),
 figure 4.1: 0.146 and 0.108 of the stature."""
@@ -64,22 +64,22 @@ class ArmFitSettings:
     point_scale_m: float = 0.010
     silhouette_scale_m: float = 0.015
     point_sd_m: float = 0.012
-    silhouette_sd_m: float = 0.006
+    silhouette_sd_m: float = 0.015
     collision_sd_m: float = 0.002
     ahead_m: float = 0.008
     overlap_m: float = 0.002
-    size_sd: float = 0.10
+    size_sd: float = 0.2
     thickness_sd: float = 0.08
     digit_sd: float = 0.05
     forearm_sd: float = 0.07
     deviation_sd_deg: float = 15.0
     flexion_sd_deg: float = 35.0
-    angle_rate_deg_s: float = 600.0
-    palm_rate_m_s: float = 0.8
-    palm_rate_deg_s: float = 250.0
-    edge: float = 0.1
+    angle_rate_deg_s: float = 1500.0
+    palm_rate_m_s: float = 3.0
+    palm_rate_deg_s: float = 800.0
+    edge: float = 0.3
     loose: float = 2.5
-    iterations: int = 8
+    iterations: int = 10
 
     def __post_init__(self) -> None:
         for name in (
@@ -157,7 +157,7 @@ class Fitted(NamedTuple):
     @property
     def cost(self) -> float:
         """One number to compare poses by."""
-        return float(self.costs[0] + self.costs[1] + 0.1 * min(self.costs[2], 2.0) + 0.002 * self.costs[3])
+        return float(self.costs[0] + 0.5 * self.costs[1] + 0.1 * min(self.costs[2], 2.0) + 0.002 * self.costs[3])
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,8 +261,8 @@ class ArmModel:
         e = expected
         k.fit(
             self.digits, self.mirror, self.radii, self.palm, self.owners, self.columns, self.gains, self.rising,
-            self.c_max, evidence.points, evidence.weights, picture, self.natural, self.prior, e.pose.R, e.pose.t, e.pose.z,
-            e.certainty, e.v, e.information, pose.R, pose.t, pose.z, pose.v, numbers,
+            self.c_max, evidence.points, evidence.weights, picture, self.natural, self.prior, e.pose.R, e.pose.t,
+            e.pose.z, e.certainty, e.v, e.information, pose.R, pose.t, pose.z, pose.v, numbers,
             s.loose if loose is None else loose, s.iterations if iterations is None else iterations, costs, assigned,
             information, _NOWHERE if tips is None else tips, keep,
         )  # fmt: skip

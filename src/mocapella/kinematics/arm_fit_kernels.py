@@ -297,8 +297,8 @@ def _robust(e, scale):
 
 @njit(cache=True)
 def system(
-    digits, mirror, radii, palm, owners, columns, gains, rising, points, weights, which, picture, R, t, z, v, numbers, H,
-    g, costs, assigned, targets,
+    digits, mirror, radii, palm, owners, columns, gains, rising, points, weights, which, picture, R, t, z, v, numbers,
+    H, g, costs, assigned, targets,
 ):  # fmt: skip
     """Add the normal equations of the fit's geometric terms to the lower triangle of H and to g.
 
@@ -596,8 +596,8 @@ def fit(
             for k in range(full):
                 H[i, k] = 0.0
         system(
-            digits, mirror, radii, palm, owners, columns, gains, rising, points, weights, which, picture, R, t, z, v, now,
-            H, g, costs, assigned, targets if turn < keep * iterations else nowhere,
+            digits, mirror, radii, palm, owners, columns, gains, rising, points, weights, which, picture, R, t, z, v,
+            now, H, g, costs, assigned, targets if turn < keep * iterations else nowhere,
         )  # fmt: skip
         for i in range(n):
             ga[i] = 0.0

@@ -244,9 +244,8 @@ class HandModel:
         check(constraints in ("full", "thesis"), "constraints", constraints, "full or thesis")
         return replace(self, constraints=constraints)
 
-
     def stretched(self, extension_deg: float, abduction_deg: float) -> HandModel:
-        """The same hand with fingers that bend backwards at the knuckles, and spread, so far.
+        """The same hand with fingers that bend backwards, and spread, so far; the thumb half as far again.
 
         Raises:
             SettingsError: farther than a hand can.
@@ -260,6 +259,8 @@ class HandModel:
             "flexion_deg": (-extension_deg, fingers[0].flexion_deg[1]),
             "abduction_deg": (-abduction_deg, abduction_deg),
         }
+        wide = {name: tuple(1.5 * limit for limit in getattr(thumb, name)) for name in ("flexion_deg", "abduction_deg")}
+        thumb = replace(thumb, **wide)  # type: ignore[arg-type]
         index, middle, ring, little = (replace(finger, **limits) for finger in fingers)  # type: ignore[arg-type]
         return replace(self, digits=(thumb, index, middle, ring, little))
 

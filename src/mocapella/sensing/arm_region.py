@@ -141,7 +141,7 @@ def grid_about(depth: Float32, lens: Float64, spheres: Float64, s: ArmRegionSett
     return _grid(depth, lens, x0, y0, x1, y1, step, s)
 
 
-def _grid(depth: Float32, lens: Float64, x0: int, y0: int, x1: int, y1: int, step: int, s: ArmRegionSettings) -> Grid:
+def _grid(depth: Float32, lens: Float64, x0: int, y0: int, x1: int, y1: int, step: int, s: ArmRegionSettings) -> Grid:  # noqa: PLR0917 - corners
     seen = np.empty(((y1 - y0 + step - 1) // step, (x1 - x0 + step - 1) // step))
     kernels().thinned(depth, x0, y0, step, s.near_m, s.far_m, seen)
     fx, fy, cx, cy = lens[:4]

@@ -3,7 +3,7 @@
 Images are looked at on a grid of every so many pixels. Importing this module imports numba.
 """
 
-# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, loops are written out
+# ruff: noqa: PLR0912, PLR0915, PLR0917 - compiled: arrays come by position, loops are written out
 from __future__ import annotations
 
 import math
@@ -89,7 +89,8 @@ def grown(seen, low, high, wide_low, wide_high, jump, front):
     """Write the surface that may be the arm into front (h, w): seeds in the narrow bands, grown within the wide ones.
 
     What is before the narrow bands, and in the wide ones, is a seed, too: a finger before the palm, in whose shadow
-    nothing joins it to the hand. It grows over neighbours whose depths differ by less than the jump [m]. Other things are told by minus their depth.
+    nothing joins it to the hand. It grows over neighbours whose depths differ by less than the jump [m]. Other things
+    are told by minus their depth.
     """
     height, width = seen.shape
     stack = np.empty(height * width, np.int64)
@@ -118,7 +119,7 @@ def grown(seen, low, high, wide_low, wide_high, jump, front):
 
 @njit(cache=True)
 def opposite(front, out):
-    """Write the nearest column in its line that is the arm's where a pixel is not, and the other way round; -1: none."""
+    """Write the nearest column in its line that is the arm's where a pixel is not, and the reverse; -1: none."""
     height, width = front.shape
     for i in range(height):
         last = -1
@@ -194,10 +195,10 @@ def labelled(seen, jump, labels, sizes):
 
 @njit(cache=True)
 def inner_distance(seen, labels, lens, out):
-    """Write how far each pixel is from the edge of its surface [m], and whether that edge is the image's: chamfer 5-7-11.
+    """Write how far each pixel is from the edge of its surface [m], 0 outside of any: chamfer 5-7-11.
 
     G. Borgefors, "Distance transformations in digital images", Computer Vision, Graphics, and Image Processing 34
-    (1986) 344. The image's edge is no edge of a surface.
+    (1986) 344. The image's edge is no edge of a surface. A pixel at the edge is 1 pixel from it.
     """
     height, width = seen.shape
     for i in range(height):

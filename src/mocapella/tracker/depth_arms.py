@@ -61,13 +61,13 @@ class DepthArmsSettings:
     arms: int = 2
     hand_length_m: float = 0.189
     believe: float = 0.30
-    keep: float = 0.35
+    keep: float = 0.38
     trials: int = 2
     trials_in_doubt: int = 5
-    doubt: float = 0.12
+    doubt: float = 0.14
     better: float = 0.93
     look_again_every: int = 10
-    firm: float = 0.16
+    firm: float = 0.19
     refuse_for: int = 60
     lost_after: int = 3
     look_every: int = 12
@@ -449,7 +449,7 @@ def _states(points: Float64, part: Region | None, model: ArmModel, pose: ArmPose
         j, k = round(float(u)), round(float(v))
         if not (0 <= j < width and 0 <= k < height):
             continue
-        near = part.front[max(k - 1, 0) : k + 2, max(j - 1, 0) : j + 2]
+        near = part.front[max(k - 2, 0) : k + 3, max(j - 2, 0) : j + 3]
         fits = np.abs(near - (z - radii[i])) < 0.010
         if fits.sum() >= 2:
             states[i] = JointState.TRACKED
@@ -475,17 +475,7 @@ def _starts(model: ArmModel, candidate: PalmCandidate) -> Iterator[tuple[ArmPose
     is none, the hand is a fist, or seen from its side.
     """
     normal, tips = candidate.normal, candidate.tips
-    if candidate.forearm is not None:
-        pointing = [-candidate.forearm]
-    elif len(tips) >= 2:
-        mean = tips.mean(axis=0) - candidate.centre
-        pointing = [mean / np.linalg.norm(mean)]
-    else:
-        across = np.cross(normal, [1.0, 0.0, 0.0] if abs(normal[0]) < 0.9 else [0.0, 1.0, 0.0])
-        across /= np.linalg.norm(across)
-        other = np.cross(normal, across)
-        pointing = [np.cos(a) * across + np.sin(a) * other for a in np.arange(6) * np.pi / 3]
-    for z_axis in pointing:
+    for z_axis in _pointing(candidate):
         y_axis = _across(normal, z_axis, candidate.centre)
         for roll in _ROLLS:
             if len(tips) >= 3 and roll not in _FLAT:
@@ -520,6 +510,20 @@ def _starts(model: ArmModel, candidate: PalmCandidate) -> Iterator[tuple[ArmPose
                         )
 
 
+def _pointing(candidate: PalmCandidate) -> list[Float64]:
+    """Where the hand may point: away from the forearm, else to the fingertips, else anywhere across the normal."""
+    normal, tips = candidate.normal, candidate.tips
+    if candidate.forearm is not None:
+        return [-candidate.forearm]
+    if len(tips) >= 2:
+        mean = tips.mean(axis=0) - candidate.centre
+        return [mean / np.linalg.norm(mean)]
+    across = np.cross(normal, [1.0, 0.0, 0.0] if abs(normal[0]) < 0.9 else [0.0, 1.0, 0.0])
+    across /= np.linalg.norm(across)
+    other = np.cross(normal, across)
+    return [np.cos(a) * across + np.sin(a) * other for a in np.arange(6) * np.pi / 3]
+
+
 def _across(normal: Float64, z_axis: Float64, centre: Float64) -> Float64:
     """The normal's part across the hand's axis; where there is none, that of the view."""
     for direction in (normal, -centre / np.linalg.norm(centre), np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])):
@@ -530,7 +534,6 @@ def _across(normal: Float64, z_axis: Float64, centre: Float64) -> Float64:
     return np.asarray(across / length)
 
 
-DEBUG: list = []
 _FLAT: Final = (0.0, np.pi)
 _ROLLS: Final = (*_FLAT, 0.5 * np.pi, -0.5 * np.pi)
 _OPEN: Final = ((0, 0, 10), *[(5, 0, 8)] * 4)
@@ -574,7 +577,7 @@ def _posed(model: ArmModel, flexions: tuple[tuple[int, int, int], ...]) -> Float
     return z
 
 
-def _bend(model: ArmModel, z: Float64, digit: int, flexion: float, abduction: float, middle: float) -> None:
+def _bend(model: ArmModel, z: Float64, digit: int, flexion: float, abduction: float, middle: float) -> None:  # noqa: PLR0917
     """Hold a digit so [degrees]."""
     columns = model.columns[digit]
     for k, value in ((0, flexion), (1, abduction), (2, middle), (3, middle * model.model.coupling[digit])):

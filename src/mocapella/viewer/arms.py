@@ -166,9 +166,7 @@ def arm_strokes(p: Float64, states: NDArray[np.uint8], scale: float) -> tuple[St
             both = measured[a] and measured[b]
             lines.append(line_strokes(p[[a, b]], paints[b], radius * (1.0 if both else _HOLLOW)))
     radii = scale * _RADII_M
-    solid = [
-        joint_strokes(p[None, [k]], states[None, [k]], paints[[k]], radii[[k]]) for k in np.flatnonzero(measured)
-    ]
+    solid = [joint_strokes(p[None, [k]], states[None, [k]], paints[[k]], radii[[k]]) for k in np.flatnonzero(measured)]
     pale = [_hollow(p[k], paints[k], 1.15 * radii[k]) for k in np.flatnonzero(known & ~measured)]
     return join(lines), join(solid), join(pale)
 

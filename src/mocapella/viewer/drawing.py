@@ -28,7 +28,7 @@ _FROM_PICTURE = np.diag([-1.0, -1.0, 1.0])
 
 @dataclass(frozen=True)
 class Tag:
-    """A text in the scene: what it says and where (3,) [m]; one that is not ``visible`` keeps its place among others."""
+    """A text in the scene: what it says and where (3,) [m]; one that is not ``visible`` keeps its place."""
 
     text: str
     position: tuple[float, float, float]
