@@ -75,3 +75,15 @@ def test_the_demo_of_hands_finds_one_and_its_take_replays_as_it_was(tmp_path: Pa
     assert "tracking" in [change["phase"] for change in summary["state_changes"]]
     again = run_here(tmp_path, "replay", "hand")
     assert f"all {summary['frames_out']} results identical to the live run" in again.stderr
+
+
+def test_the_demo_of_an_arm_finds_it_and_its_take_replays_as_it_was(tmp_path: Path) -> None:
+    summary = result(tmp_path, "demo", "arm", "--headless", "--seconds", "6", "--record", "arm")
+    assert [row["name"] for row in summary["sensors"]] == ["arm"]
+    assert summary["frames_in"] == summary["frames_out"] > 0
+    assert summary["most_arms"] >= 1
+    quality = summary["arm_quality"]
+    assert quality["seen_s"] > 1
+    assert set(quality["misdetections"]) == {"jumped", "appeared", "vanished", "swapped", "lost"}
+    again = run(tmp_path, "replay", "arm")
+    assert f"all {summary['frames_out']} results identical to the live run" in again.stderr

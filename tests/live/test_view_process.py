@@ -128,6 +128,20 @@ def test_the_demo_is_shown_recorded_and_not_hurt_by_a_closed_browser(tmp_path: P
     assert row["differing_scenes"] == 0
 
 
+@needs_browser
+def test_the_demo_of_an_arm_shows_it_with_its_figures(tmp_path: Path, browser: Browser) -> None:
+    port, page_port = free_port(), free_port()
+    with Program(tmp_path, "arm", "demo", "arm", "--no-browser", "--port", str(port), "--view-port",
+                 str(page_port)) as demo:  # fmt: skip
+        wait_until("its URL", demo.said(f"live view: http://127.0.0.1:{page_port}"), timeout=120.0)
+        page = open_page(browser, page_port)
+        expect_state(page, "Tracking")
+        figures = page.locator(".mocapella-arms")
+        figures.filter(has_text="little tip").filter(has_text="a minute").filter(has_text=" arm ·").wait_for()
+        page.close()
+        assert demo.end() == 0, demo.output
+
+
 def _set_name(page: Page) -> bool:
     """Press the button, until what was typed has reached the view before it."""
     page.get_by_role("button", name="Set name", exact=True).click()

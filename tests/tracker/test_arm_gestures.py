@@ -63,6 +63,11 @@ def test_an_arm_that_comes_back_soon_goes_on_and_one_that_was_long_away_begins_a
         assert {number: one.instants for number, one in gestures.reports.items()} == {1: 11 + away if goes_on else 1}
 
 
+def test_a_gesture_that_the_method_told_itself_stays() -> None:
+    own = replace(arm(1, True), gesture="victory", gesture_sure=0.4, grabbing=False)
+    assert last(ArmGestures(), (own,), 0) == (own,)
+
+
 def test_reset_forgets() -> None:
     gestures = ArmGestures()
     last(gestures, (arm(1, True),), 0)

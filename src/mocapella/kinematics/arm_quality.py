@@ -26,11 +26,11 @@ Float64 = NDArray[np.float64]
 _PALM: Final = 2
 _TIPS: Final = slice(3, 8)
 """In `ARM_JOINTS`."""
-_PARTS: Final = 4
+_PARTS: Final = 8
 _OVER_S: Final = 60.0
 _USUAL_HZ: Final = 30.0
 _NOISY: Final = 4.0
-"""Standard deviations of a quarter's mean …"""
+"""Standard deviations of a part's mean …"""
 _MOST_NOISE_M: Final = 0.006
 """… but no more than this, or a moving arm would pass for a noisy one."""
 
@@ -52,7 +52,7 @@ class ArmQualitySettings:
 
     Attributes:
         still_window_s: an arm is still if it was for so long.
-        still_m: its palm's mean in no quarter of that time was farther than this from another's, and its noise.
+        still_m: its palm's mean in no eighth of that time was farther than this from another's, and its noise.
         least_frames: in that time.
         jump_m: farther than this between two frames is a jump; between frames that are more than a 30th of a second
             apart, as many times farther.

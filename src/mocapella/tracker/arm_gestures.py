@@ -14,7 +14,9 @@ _HAND: Final = slice(0, PALM)
 
 
 class ArmGestures:
-    """Fills in what each arm's hand does; an arm that is gone for longer than gestures are held is forgotten.
+    """Fills in what each arm's hand does, where the method has not told a gesture itself.
+
+    An arm that is gone for longer than gestures are held is forgotten.
 
     Args:
         settings: of every hand.
@@ -59,4 +61,6 @@ class ArmGestures:
             unsure=self.settings.unsure,
         )  # fmt: skip
         shown = hand.update(features, at_s)
+        if arm.gesture:
+            return arm
         return replace(arm, gesture=shown.gesture, gesture_sure=shown.sure, grabbing=shown.grabbing)
