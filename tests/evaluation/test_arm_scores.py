@@ -21,7 +21,7 @@ Change = Callable[[int, SeenArm], SeenArm | None]
 
 def truth(k: int, at_x: float = 0.0) -> ArmTruth:
     """An arm that drifts; its tips are 5 cm apart, one before the palm, one without pixels."""
-    points = np.zeros((23, 3)) + [at_x + 0.001 * k, 0.0, 0.7]
+    points = np.tile([at_x + 0.001 * k, 0.0, 0.7], (23, 1))
     points[[*TIPS], 0] += 0.02 * np.arange(-2, 3)
     points[[*TIPS], 1] -= 0.08
     points[WRIST, 1], points[ELBOW, 1] = 0.05, 0.15
