@@ -152,3 +152,20 @@ def test_a_file_that_is_no_hand_says_what_and_where(tmp_path: Path) -> None:
         load_hand_shape(tmp_path / "absent.json")
     with pytest.raises(InputError, match="choose another folder"):
         save_hand_shape(tmp_path / "absent" / "hand.json", hand_model().shape("left"))
+
+
+@given(anything)
+def test_a_stretched_hand_bends_backwards_and_spreads_so_far(angles: np.ndarray) -> None:
+    model = hand_model("full").stretched(25.0, 28.0)
+    limited = model.limited(angles)
+    assert model.within(limited)
+    for k, row in enumerate(DIGIT_ANGLES[1:]):
+        assert np.degrees(model.limits[row[0]]).round(9).tolist() == [-25, 90], k
+        assert np.degrees(model.limits[row[1]]).round(9).tolist() == [-28, 28]
+    np.testing.assert_array_equal(model.limits[DIGIT_ANGLES[0]], hand_model("full").limits[DIGIT_ANGLES[0]])
+
+
+@pytest.mark.parametrize(("extension", "abduction"), [(-1, 20), (46, 20), (20, 4), (20, 41)])
+def test_a_hand_is_not_stretched_farther_than_one_can(extension: float, abduction: float) -> None:
+    with pytest.raises(SettingsError, match=r"extension_deg|abduction_deg"):
+        hand_model("full").stretched(extension, abduction)
