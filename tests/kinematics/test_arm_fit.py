@@ -318,6 +318,19 @@ def test_what_is_not_in_the_image_is_not_pulled_at() -> None:
     assert end.costs[0] == 0.0
 
 
+def test_flesh_is_not_pulled_to_pixels_where_no_edge_is_near() -> None:
+    """Far from any edge there is nothing to tell which way: outside it costs all, deep inside nothing."""
+    model = arm_model("left")
+    pose = ArmPose(np.eye(3).reshape(9), np.array([0, 0, 0.6]), OPEN[model.angle_of], model.state())
+    for depth, cost in ((0.0, 1.0), (0.04, 0.0)):  # behind a surface that is very near
+        front = np.full((HEIGHT, WIDTH), depth)
+        picture = Evidence(np.empty((0, 3)), np.empty(0), front, np.full(front.shape, -1), LENS)
+        end = model.fit(pose, model.unexpected(pose), picture, iterations=0)
+        assert end.costs[1] == pytest.approx(cost)
+        moving = model.fit(pose, model.unexpected(pose), picture)
+        np.testing.assert_allclose(moving.pose.t, pose.t, atol=1e-3)
+
+
 @pytest.mark.parametrize("side", SIDES)
 def test_a_pose_that_is_nearly_right_is_found_again(side: Handedness) -> None:
     """From frame to frame; a thumb behind the hand may stay where it was."""

@@ -388,8 +388,9 @@ def system(
             apart = math.sqrt(dx * dx + dy * dy)
             inside = there > 0.0
             beyond = r - apart + numbers[8] if inside else r + apart - numbers[8]
-            lost = 0.0
-            if beyond > 0.0 and apart > 1e-6 and (inside or apart > 0.0):
+            nowhere = edge_y == line and edge_x == column  # no edge is near: inside all is well, outside nothing is
+            lost = 1.0 if nowhere and not inside else 0.0
+            if beyond > 0.0 and apart > 1e-6 and not nowhere:
                 f = (-1.0 if inside else 1.0) / apart
                 ux, uy = f * dx, f * dy
                 nx, ny, nz = R[0] * ux + R[3] * uy, R[1] * ux + R[4] * uy, R[2] * ux + R[5] * uy
