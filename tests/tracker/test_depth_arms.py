@@ -216,7 +216,7 @@ def test_the_hand_of_the_real_recording_is_found_in_each_frame_by_itself() -> No
 @pytest.mark.parametrize(
     ("name", "values"),
     [
-        ("arms", (0, 9)), ("hand_length_m", (0.09, 0.31)), ("believe", (0.0, 0.36)), ("keep", (0.2, 2.0)),
+        ("arms", (0, 9)), ("hand_length_m", (0.09, 0.31)), ("believe", (0.0, 0.39)), ("keep", (0.2, 2.0)),
         ("lost_after", (0, 1001)), ("look_every", (0, 1001)),
     ],
 )  # fmt: skip
