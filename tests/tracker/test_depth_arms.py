@@ -217,6 +217,8 @@ def test_the_hand_of_the_real_recording_is_found_in_each_frame_by_itself() -> No
     ("name", "values"),
     [
         ("arms", (0, 9)), ("hand_length_m", (0.09, 0.31)), ("believe", (0.0, 0.39)), ("keep", (0.2, 2.0)),
+        ("trials", (-1, 101)), ("trials_in_doubt", (1, 101)), ("doubt", (0.0, 2.0)), ("better", (0.0, 1.1)),
+        ("firm", (0.0, 2.0)), ("look_again_every", (0, 1001)), ("refuse_for", (-1, 100_001)),
         ("lost_after", (0, 1001)), ("look_every", (0, 1001)),
     ],
 )  # fmt: skip

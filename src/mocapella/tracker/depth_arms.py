@@ -78,6 +78,13 @@ class DepthArmsSettings:
         check(1 <= self.arms <= 8, "arms", self.arms, "1 to 8")
         check(0.1 <= self.hand_length_m <= 0.3, "hand_length_m", self.hand_length_m, "0.1 to 0.3 m")
         check(0 < self.believe <= self.keep < 2, "believe", self.believe, "above 0, at most keep, which is below 2")
+        check(0 <= self.trials <= 100, "trials", self.trials, "0 to 100")
+        check(self.trials <= self.trials_in_doubt <= 100, "trials_in_doubt", self.trials_in_doubt, "trials to 100")
+        check(0 < self.doubt < 2, "doubt", self.doubt, "above 0, below 2")
+        check(0 < self.better <= 1, "better", self.better, "above 0, at most 1")
+        check(0 < self.firm < 2, "firm", self.firm, "above 0, below 2")
+        check(1 <= self.look_again_every <= 1000, "look_again_every", self.look_again_every, "1 to 1000")
+        check(0 <= self.refuse_for <= 100_000, "refuse_for", self.refuse_for, "0 to 100000")
         check(1 <= self.lost_after <= 1000, "lost_after", self.lost_after, "1 to 1000")
         check(1 <= self.look_every <= 1000, "look_every", self.look_every, "1 to 1000")
 
@@ -290,7 +297,8 @@ class DepthArms:
             and not any(np.linalg.norm(candidate.centre - at) < _REFUSED_M for at, _ in self._refused)
         ]
         found = [one for one in self._best(depth, candidates) if one.cost <= s.believe]
-        found = [self._repaired(depth, one) for one in self._apart(found)[: 2 * s.arms + 2]]
+        better = (self._repaired(depth, one) for one in self._apart(found)[: 2 * s.arms + 2])
+        found = [one for one in better if one.cost <= s.believe]
         for one in self._judged(depth, found):
             rivals = [arm for arm in self._arms if self._overlap(_Found(0.0, arm.side, arm.fitted), one)]
             if rivals:  # the same arm, from its other end
