@@ -38,10 +38,11 @@ def test_once_it_is_ready_nothing_is_compiled_while_people_are_tracked() -> None
 
 def test_once_it_is_ready_nothing_is_compiled_while_a_hand_is_tracked() -> None:
     make_ready("hands")
+    seen = list(watched(0, 30))
     compiled: list[str] = []
     with _told_of_compiling(lambda: compiled.append("something")):
         one = tracker_of_a_hand()
-        for arrival in watched(0, 30):
+        for arrival in seen:
             one.update(Arrival(decode_frame(encode_frame(arrival.frame)), arrival.at_ns))
         one.restore(one.snapshot())
     assert compiled == []
