@@ -110,10 +110,9 @@ def test_the_time_is_that_of_arrival_not_of_reading(monkeypatch: pytest.MonkeyPa
     with cameras() as made:
         made.send(b"1,0;,")
         before_ns = marker_datagrams.time.monotonic_ns()
-        while marker_datagrams.time.monotonic_ns() < before_ns + 20_000_000:
-            pass  # it waits meanwhile
+        marker_datagrams.time.sleep(0.3)  # it waits meanwhile
         (frame,) = made.poll()
-        assert frame.time_ns < before_ns + 1_000_000
+        assert frame.time_ns < before_ns + 150_000_000
 
 
 def test_a_port_belongs_to_its_first_sender_until_that_is_silent() -> None:
