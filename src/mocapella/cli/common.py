@@ -57,7 +57,7 @@ def check_out(path: Path) -> Path:
     return path
 
 
-def _check_scene(name: str) -> str:
+def check_scene(name: str) -> str:
     """List the scenes where that is asked for, and where there is none of that name."""
     from mocapella.sources.simulate import scene_summaries
 
@@ -88,7 +88,7 @@ JsonOut = Annotated[
 SceneName = Annotated[
     str,
     typer.Option(
-        "--scene", metavar="NAME", help="Which simulated room; `--scene help` lists them.", callback=_check_scene
+        "--scene", metavar="NAME", help="Which simulated room; `--scene help` lists them.", callback=check_scene
     ),
 ]
 Seed = Annotated[int, typer.Option(metavar="NUMBER", help="The same seed gives the same noise.")]

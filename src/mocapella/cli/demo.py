@@ -19,6 +19,7 @@ from mocapella.cli.common import (
     RecordTo,
     Seconds,
     Seed,
+    check_scene,
     exit_by,
     say,
     take_file,
@@ -44,7 +45,7 @@ def demo(
         What, typer.Argument(metavar="[WHAT]", help="people, hands with painted fingertips, or an arm.")
     ] = What.PEOPLE,
     scene: Annotated[
-        str | None, typer.Option("--scene", metavar="NAME", help="Name of the scene; obstacle, or of arm cloth.")
+        str | None, typer.Option("--scene", metavar="NAME", help="Name of the scene; `--scene help` lists them.")
     ] = None,
     method: Method = "default",
     seconds: Seconds = None,
@@ -117,7 +118,7 @@ def _show_of(what: What, scene: str | None, method: str, seed: int) -> Show:
         return _hands_show(seed)
     if what is What.ARM:
         return _arm_show(scene or "cloth", method, seed)
-    return _people_show(scene or "obstacle", method, seed)
+    return _people_show(check_scene(scene or "obstacle"), method, seed)
 
 
 def _people_show(scene: str, method: str, seed: int) -> Show:
@@ -162,9 +163,12 @@ def _arm_show(scene: str, method: str, seed: int) -> Show:
     from mocapella.cli.common import need_cameras
     from mocapella.model.camera import Camera
     from mocapella.model.session import Setup
-    from mocapella.sources.simulate.depth_scene import load_depth_scene
+    from mocapella.sources.simulate.depth_scene import depth_scene_names, load_depth_scene
     from mocapella.tracker.arm_methods import arm_method
 
+    if scene == "help":
+        typer.echo("\n".join(depth_scene_names()))
+        raise typer.Exit
     need_cameras("demo arm")
     with working("making the arm …", status=0):
         made = load_depth_scene(scene, seed=seed)
