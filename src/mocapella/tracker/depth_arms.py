@@ -288,10 +288,8 @@ class DepthArms:
             if not any(self._same(arm, candidate) for arm in self._arms)
             and not any(np.linalg.norm(candidate.centre - at) < _REFUSED_M for at, _ in self._refused)
         ]
-        found = [one for one in self._best(depth, candidates) if one.cost <= s.believe]
-        better = (self._repaired(depth, one) for one in self._apart(found)[: 2 * s.arms + 2])
-        found = [one for one in better if one.cost <= s.believe]
-        for one in self._judged(depth, found):
+        found = [one for candidate in candidates for one in self._best(depth, candidate)]
+        for one in self._judged(depth, self._apart(found)):
             rivals = [arm for arm in self._arms if self._overlap(_Found(0.0, arm.side, arm.fitted), one)]
             if rivals:  # the same arm, from its other end
                 best = self._judged(depth, [one, *(_Found(0.0, arm.side, arm.fitted) for arm in rivals)])[0]
@@ -316,10 +314,10 @@ class DepthArms:
         return np.asarray(self.models[side].points(fitted.pose)[PALM])
 
     def _apart(self, found: list[_Found]) -> list[_Found]:
-        """The best of either side at each place."""
+        """The best at each place, of whichever side."""
         kept: list[_Found] = []
-        for one in found:
-            if not any(other.side == one.side and self._near(other, one) for other in kept):
+        for one in sorted(found, key=lambda one: one.cost):
+            if not any(self._near(other, one) for other in kept):
                 kept.append(one)
         return kept
 
@@ -364,36 +362,35 @@ class DepthArms:
         spheres = spheres[spheres[:, 4] > 0]
         return bool((np.linalg.norm(spheres[:, :3] - candidate.centre, axis=1) < spheres[:, 3] + 0.04).any())
 
-    def _best(self, depth: Float32, candidates: list[PalmCandidate]) -> list[_Found]:
-        """The hands that fit best, one or few for each candidate: all starts a little, the better ones more."""
-        pool: list[tuple[Region, _Found, Float64 | None]] = []
-        for candidate in candidates:
-            part = self._region(depth, candidate.spheres)
-            if part is None or len(part.points) < _FEW:
-                continue
-            for side, model in self.models.items():
-                for start, tips in _starts(model, candidate):
-                    evidence = _evidence(part, model, start, 120, 0.3)
-                    fitted = model.fit(
-                        start, model.unexpected(start), evidence, iterations=4, loose=3.0, tips=tips, keep=1.0
-                    )
-                    pool.append((part, _Found(fitted.cost, side, fitted), tips))
+    def _best(self, depth: Float32, candidate: PalmCandidate) -> list[_Found]:
+        """The hand of either side that fits best there: all starts a little, the better ones more."""
+        part = self._region(depth, candidate.spheres)
+        if part is None or len(part.points) < _FEW:
+            return []
+        pool: list[tuple[_Found, Float64 | None]] = []
+        for side, model in self.models.items():
+            for start, tips in _starts(model, candidate):
+                evidence = _evidence(part, model, start, 120, 0.3)
+                fitted = model.fit(
+                    start, model.unexpected(start), evidence, iterations=4, loose=3.0, tips=tips, keep=1.0
+                )
+                pool.append((_Found(fitted.cost, side, fitted), tips))
         for most, points, iterations, loose in _ROUNDS:
-            pool.sort(key=lambda entry: entry[1].cost)
             better = []
-            for part, (_, side, before), tips in pool[:most]:
+            for (_, side, before), tips in _of_each_side(pool, most):
                 model = self.models[side]
-                part = self._region(depth, model.spheres(before.pose)) if points > 250 else part  # noqa: PLW2901
-                if part is None:
+                closer = self._region(depth, model.spheres(before.pose)) if points > 250 else part
+                if closer is None:
                     continue
-                evidence = _evidence(part, model, before.pose, points, 0.3)
+                evidence = _evidence(closer, model, before.pose, points, 0.3)
                 fitted = model.fit(
                     before.pose, model.unexpected(before.pose), evidence, iterations=iterations, loose=loose,
                     tips=tips if points <= 250 else None,
                 )  # fmt: skip
-                better.append((part, _Found(fitted.cost, side, fitted), tips))
+                better.append((_Found(fitted.cost, side, fitted), tips))
             pool = better
-        return sorted((entry[1] for entry in pool), key=lambda one: one.cost)
+        best = (self._repaired(depth, one) for one, _ in _of_each_side(pool, 1) if one.cost < _HOPELESS)
+        return [one for one in best if one.cost <= self.settings.believe]
 
     def _repaired(self, depth: Float32, found: _Found) -> _Found:
         """With each digit held otherwise where that is better."""
@@ -446,6 +443,12 @@ def _evidence(part: Region, model: ArmModel, pose: ArmPose, most: int = 10_000, 
     return Evidence(points, model.relevance(points, pose, beyond), part.front, part.opposite, part.lens)
 
 
+def _of_each_side(pool: list[tuple[_Found, Float64 | None]], most: int) -> list[tuple[_Found, Float64 | None]]:
+    """The best of either side, so many at most."""
+    pool = sorted(pool, key=lambda entry: entry[0].cost)
+    return [entry for side in ("right", "left") for entry in [one for one in pool if one[0].side == side][:most]]
+
+
 def _motion(before: ArmPose, after: ArmPose) -> Float64:
     turn = fit_kernels().turn_between(before.R, 0, after.R)
     moved = before.R.reshape(3, 3).T @ (after.t - before.t)
@@ -460,11 +463,10 @@ def _starts(model: ArmModel, candidate: PalmCandidate) -> Iterator[tuple[ArmPose
     is none, the hand is a fist, or seen from its side.
     """
     normal, tips = candidate.normal, candidate.tips
+    edge_on = candidate.radius_m < _EDGE_ON_M
     for z_axis in _pointing(candidate):
         y_axis = _across(normal, z_axis, candidate.centre)
         for roll in _ROLLS:
-            if len(tips) >= 3 and roll not in _FLAT:
-                continue
             y = np.cos(roll) * y_axis + np.sin(roll) * np.cross(z_axis, y_axis)
             R = np.stack([np.cross(y, z_axis), y, z_axis], axis=1)
             t = candidate.centre - 0.012 * normal - R @ (0.5 * model.shape.bases[2] * model.shape.mirror)
@@ -474,25 +476,20 @@ def _starts(model: ArmModel, candidate: PalmCandidate) -> Iterator[tuple[ArmPose
                 # The upper arm goes back to the shoulder, away from the camera.
                 back = 0.5 * candidate.forearm + candidate.centre / np.linalg.norm(candidate.centre)
                 v[7:10] = R.T @ (back / np.linalg.norm(back))
-            # Seen from its back, a right hand's digits go clockwise from the thumb on; from its side, either way.
-            clockwise = (np.cos(roll) > 0) == (model.mirror > 0)
-            orders = [tips[::-1] if clockwise else tips]
-            if roll not in _FLAT and len(tips) == 2:
-                orders = [tips, tips[::-1]]
-            for ordered in orders:
+            turned = np.ascontiguousarray(R).reshape(9)
+            if roll in _FLAT or len(tips) < 2:
+                # Seen from its back, a right hand's digits go clockwise from the thumb on.
+                clockwise = (np.cos(roll) > 0) == (model.mirror > 0)
+                ordered = tips[::-1] if clockwise else tips
                 for digits in combinations(range(5), len(tips)):
                     z = _posed(model, tuple(_OPEN[d] if d in digits else _BENT[d] for d in range(5)))
                     targets = np.full((5, 3), np.nan)
                     targets[list(digits)] = ordered
-                    yield ArmPose(np.ascontiguousarray(R).reshape(9), t.copy(), z, v.copy()), targets
-            if len(tips) < 2:
+                    yield ArmPose(turned, t.copy(), z, v.copy()), targets
+            if len(tips) < 2 or (edge_on and roll not in _FLAT):
                 for shift in _SHIFTS_M:
                     for postures in (_OPEN, _BENT, _HOLDING):
-                        moved = t + shift * z_axis
-                        yield (
-                            ArmPose(np.ascontiguousarray(R).reshape(9), moved, _posed(model, postures), v.copy()),
-                            None,
-                        )
+                        yield ArmPose(turned, t + shift * z_axis, _posed(model, postures), v.copy()), None
 
 
 def _pointing(candidate: PalmCandidate) -> list[Float64]:
@@ -520,6 +517,8 @@ def _across(normal: Float64, z_axis: Float64, centre: Float64) -> Float64:
 
 
 _FLAT: Final = (0.0, np.pi)
+_EDGE_ON_M: Final = 0.026
+"""A hand in which no larger circle fits may be seen from its side."""
 _ROLLS: Final = (*_FLAT, 0.5 * np.pi, -0.5 * np.pi)
 _OPEN: Final = ((0, 0, 10), *[(5, 0, 8)] * 4)
 _BENT: Final = ((0, 0, 40), *[(70, 0, 85)] * 4)
@@ -529,8 +528,9 @@ _SHIFTS_M: Final = (-0.03, 0.0, 0.03)
 """Along the hand: where there are no fingers to be seen, its middle is not known so well."""
 
 
-_ROUNDS: Final = ((48, 250, 8, 2.0), (10, 400, 8, 1.5))
-"""How many starts are kept, with how many points, iterations, and how loose at the beginning."""
+_ROUNDS: Final = ((5, 250, 8, 2.0), (2, 400, 8, 1.5))
+"""How many starts of either side are kept, with how many points, iterations, and how loose at the beginning."""
+_HOPELESS: Final = 0.4
 _SUREST: Final = 0.95
 _FIRM_AFTER: Final = 5
 _REFUSED_M: Final = 0.08
