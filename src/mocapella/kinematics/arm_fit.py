@@ -143,8 +143,8 @@ class Fitted(NamedTuple):
 
     Attributes:
         pose: see there.
-        costs: (4,) mean robust cost of points and of flesh, from 0 to 1; of digits that overlap; and how unusual size
-            and angles are, in standard deviations squared.
+        costs: (5,) mean robust cost of points and of flesh, from 0 to 1; of digits that overlap; how unusual size and
+            angles are, in standard deviations squared; and which part of the flesh is behind other things.
         assigned: (pieces,) weight of the points that each piece explains.
         information: (n, n) of the dofs.
     """
@@ -248,7 +248,7 @@ class ArmModel:
         pose = start.copied()
         total = max(float(evidence.weights.sum()), 1.0)
         numbers = self._numbers(pose, evidence, total)
-        costs, assigned = np.empty(4), np.empty(len(self.owners))
+        costs, assigned = np.empty(5), np.empty(len(self.owners))
         n = 6 + len(self.natural) + k.BODY_DOFS
         information = np.empty((n, n))
         picture = (evidence.front, evidence.opposite, evidence.lens)
@@ -262,6 +262,7 @@ class ArmModel:
         )  # fmt: skip
         costs[0] /= total
         costs[1] /= max(costs[3], 1e-4)
+        costs[4] /= max(costs[3], 1e-4)
         off = pose.z - self.natural
         v = (pose.v - e.v) * np.sqrt(self.sizes)
         costs[3] = off @ self.prior @ off + v[:2] @ v[:2] + v[10:] @ v[10:]

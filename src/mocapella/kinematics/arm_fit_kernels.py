@@ -44,6 +44,7 @@ BODY_DOFS = 13
 
 COSTS = (1.0, 0.5, 0.1, 0.002)  # of points, flesh, digits that overlap (at most 2), unusual angles and sizes
 _MOST = 24  # dofs of one residual
+_UNMEASURED = 0.4  # of the cost of flesh where nothing was measured
 _JUDGED = 0.7  # of the robust scales, when what came out is judged
 _FAR_PX = 30  # edges farther away are not looked for
 _TARGET_SD = 0.004  # of a fingertip that was found as the end of a branch [m]
@@ -341,6 +342,8 @@ def _beside(front, opposite, lens, X, Y, Z, r, numbers, out):
     if inside and ahead > 0.0:
         out[3] = ahead
         out[4] = max(out[4], _robust(ahead, numbers[1])[1])
+    if there == 0.0:  # where nothing was measured, there may be flesh
+        out[4] *= _UNMEASURED
     return 1
 
 
@@ -362,8 +365,8 @@ def system(
         numbers: (9,) scale of the points' robust cost [m], of the silhouette's [m], variances' inverses of points,
             silhouette and collisions, how far before the surface flesh may stand [m], how far digits may overlap [m],
             how many pieces may explain points, half a pixel's side [m].
-        costs: (4,) sums of robust costs from 0 to 1: of points, of the silhouette by its area [m²], of collisions; and
-            that area, out.
+        costs: (5,) sums of robust costs from 0 to 1: of points, of the silhouette by its area [m²], of collisions; and
+            that area, and what of it other things hide, out.
         assigned: (pieces,) how much was assigned to each piece, out.
         targets: (5, 3) where fingertips should be, camera [m]; NaN where that is not known.
     """
@@ -377,7 +380,7 @@ def system(
     oy = -(R[1] * t[0] + R[4] * t[1] + R[7] * t[2])
     oz = -(R[2] * t[0] + R[5] * t[1] + R[8] * t[2])
     few = int(numbers[7])
-    for k in range(4):
+    for k in range(len(costs)):
         costs[k] = 0.0
     for i in range(len(owners)):
         assigned[i] = 0.0
@@ -421,6 +424,7 @@ def system(
                 area *= 0.1  # often hidden, and then it may be anywhere
             said = _beside(front, opposite, lens, X, Y, Z, r, numbers, beside)
             costs[3] += area * (said >= 0)
+            costs[4] += area * (said == 0)
             if said <= 0:
                 continue
             # Flesh that stands out of the silhouette is drawn in, sideways.

@@ -297,7 +297,7 @@ class DepthArms:
                     continue
             elif len(self._arms) == s.arms:  # one that was never sure makes room
                 rivals = [max(self._arms, key=lambda arm: (arm.firm < _FIRM_AFTER, arm.fitted.cost))]
-                if rivals[0].firm >= _FIRM_AFTER or rivals[0].fitted.cost < one.cost:
+                if rivals[0].firm >= _FIRM_AFTER or _MUCH_BETTER * rivals[0].fitted.cost < one.cost:
                     continue
             for arm in rivals:
                 self._arms.remove(arm)
@@ -421,7 +421,7 @@ class DepthArms:
             for iterations, loose in ((0, 1.0), (12, 1.0), (12, 2.0))
         ]
         best = min(ends, key=lambda end: end.cost)
-        return _Found(best.cost, found.side, best)
+        return _Found(best.cost + _HIDDEN * float(best.costs[4]), found.side, best)
 
     # Telling.
 
@@ -531,6 +531,9 @@ _SHIFTS_M: Final = (-0.03, 0.0, 0.03)
 _ROUNDS: Final = ((5, 250, 8, 2.0), (2, 400, 8, 1.5))
 """How many starts of either side are kept, with how many points, iterations, and how loose at the beginning."""
 _HOPELESS: Final = 0.4
+_HIDDEN: Final = 0.3
+"""An arm that is all but hidden is none, when it is first seen."""
+_MUCH_BETTER: Final = 0.7
 _SUREST: Final = 0.95
 _FIRM_AFTER: Final = 5
 _REFUSED_M: Final = 0.08
