@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from types import ModuleType
@@ -297,6 +298,15 @@ class ArmModel:
         z[columns[free]] = tries[best, free]
         return float(costs[0] - costs[best]), pose._replace(z=z)
 
+    def exchanged(self, pose: ArmPose) -> Iterator[ArmPose]:
+        """The poses in which two neighbouring fingers that are bent unlike are held as the other is."""
+        for one, other in ((1, 2), (2, 3), (3, 4)):
+            a, b = (self.columns[digit][self.columns[digit] >= 0] for digit in (one, other))
+            if np.abs(pose.z[a] - pose.z[b]).max() > _UNLIKE:
+                z = pose.z.copy()
+                z[a], z[b] = pose.z[b], pose.z[a]
+                yield pose._replace(z=z)
+
     def spheres(self, pose: ArmPose, spacing_m: float = 0.025) -> Float64:
         """(k, 5) balls along the flesh, camera [m], and 1 for the hand's, 0 for the arm's."""
         out = np.empty((400, 5))
@@ -375,6 +385,7 @@ def _ways(model: HandModel, digit: int) -> Float64:
 
 _HABITS: Final = replace(HandSettings(), flexion_sd_deg=120.0, abduction_sd_deg=12.0, thumb_sd_deg=25.0)
 _NEAR_M: Final = 0.015
+_UNLIKE: Final = np.radians(40)
 _NOWHERE: Final = np.full((5, 3), np.nan)
 
 

@@ -36,6 +36,8 @@ class ArmRegionSettings:
         columns: of the coarse grid on which palms are looked for.
         widest_m: a forearm is no wider.
         finger_m: nor is a finger.
+        hidden: of what may be a hand, no larger part of its edges is that of a nearer thing before it …
+        nearer_m: … by this.
         branch_m: how far a piece sticks out at least to be looked at.
         points: at most.
     """
@@ -52,12 +54,25 @@ class ArmRegionSettings:
     columns: int = 160
     widest_m: float = 0.16
     finger_m: float = 0.027
+    hidden: float = 0.4
+    nearer_m: float = 0.02
     branch_m: float = 0.012
     points: int = 700
 
     def __post_init__(self) -> None:
         check(0 < self.near_m < self.far_m <= 20, "near_m", self.near_m, "above 0, below far_m, which is at most 20 m")
-        for name in ("spacing_m", "seed_m", "grow_m", "arm_m", "jump", "widest_m", "finger_m", "branch_m"):
+        for name in (
+            "spacing_m",
+            "seed_m",
+            "grow_m",
+            "arm_m",
+            "jump",
+            "widest_m",
+            "finger_m",
+            "hidden",
+            "nearer_m",
+            "branch_m",
+        ):
             check(0 < getattr(self, name) < 1, name, getattr(self, name), "above 0, below 1")
         least, most = self.palm_radii_m
         check(0 < least < most < 0.2, "palm_radii_m", self.palm_radii_m, "two lengths in ascending order")
@@ -171,6 +186,11 @@ def evidence(grid: Grid, front: Float64, s: ArmRegionSettings) -> Region:
     return Region(points[:count], front, opposite, grid.lens)
 
 
+def others_edges(front: Float64, s: ArmRegionSettings) -> float:
+    """Which part of the edges of a surface, as `Region.front` has it, is that of nearer things, from 0 to 1."""
+    return float(kernels().others_edges(front, s.nearer_m))
+
+
 def palm_candidates(
     depth: Float32, lens: Float64, s: ArmRegionSettings, most: int = 6, near: Float64 | None = None
 ) -> list[PalmCandidate]:
@@ -253,7 +273,7 @@ def _peaks(inner: Float64, least: float, most: float, count: int) -> list[tuple[
     return kept
 
 
-def _candidate(
+def _candidate(  # noqa: PLR0911 - each says why it is none
     depth: Float32, lens: Float64, centre: Float64, radius: float, s: ArmRegionSettings
 ) -> tuple[float, PalmCandidate] | None:
     inner_m, outer_m = s.forearm_m
@@ -270,6 +290,10 @@ def _candidate(
     ys, xs = np.nonzero(away < np.inf)
     points, d = _points(grid, ys, xs), away[ys, xs]
     if (d < 0.05).sum() < 12:
+        return None
+    # The wall between two bodies is as wide as a hand, too; but its edges are theirs.
+    hidden = others_edges(np.where(away < np.inf, grid.seen, -grid.seen), s)
+    if hidden > s.hidden:
         return None
     area = (points[:, 2] / grid.lens[0]) ** 2
     # Beyond the fingers' reach there is nothing but the forearm; where it is as wide as a body, this is no hand.
@@ -303,6 +327,7 @@ def _candidate(
     chosen = points[reach][:: max(int(reach.sum()) // 300, 1)]
     spheres = np.ascontiguousarray(np.hstack([chosen, np.tile([0.01, 1.0], (len(chosen), 1))]))
     score = 0.25 * len(tips) + (forearm is not None) - abs(radius - 0.038) / 0.02 - max(wide - 0.10, 0.0) / 0.05
+    score -= 3.0 * hidden + 1.0 * float(centre[2])
     return score, PalmCandidate(centre, radius, normal, forearm, tips, spheres)
 
 

@@ -118,6 +118,37 @@ def grown(seen, low, high, wide_low, wide_high, jump, front):
 
 
 @njit(cache=True)
+def others_edges(front, jump):
+    """Which part of a surface's edges, from 0 to 1, is that of a nearer thing which hides its rest.
+
+    An edge is the nearer side's, in whose shadow nothing may be measured: so what is beyond that is looked at.
+
+    Args:
+        front: (h, w) the surface, minus other things', 0 where nothing was measured [m].
+        jump: how much nearer another thing is at least [m].
+    """
+    own, others = 0, 0
+    for axis in range(2):
+        lines, length = front.shape if axis == 0 else front.shape[::-1]
+        for i in range(lines):
+            for j in range(length):
+                z = front[i, j] if axis == 0 else front[j, i]
+                if z <= 0.0:
+                    continue
+                for step in (-1, 1):
+                    k = j + step
+                    beyond = 0.0
+                    while 0 <= k < length and beyond == 0.0:
+                        beyond = front[i, k] if axis == 0 else front[k, i]
+                        k += step
+                    if beyond > 0.0:
+                        continue  # itself
+                    own += beyond == 0.0 or -beyond > z - jump
+                    others += beyond < 0.0 and -beyond <= z - jump
+    return others / max(own + others, 1)
+
+
+@njit(cache=True)
 def opposite(front, out):
     """Write the nearest column in its line that is the arm's where a pixel is not, and the reverse; -1: none."""
     height, width = front.shape

@@ -1,0 +1,306 @@
+"""Arms looked for in a depth image, where none is followed: from places that may be palms to poses that fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.kinematics.arm_fit import ArmModel, ArmPose, Evidence, Fitted
+from mocapella.kinematics.arm_fit import kernels as fit_kernels
+from mocapella.model.arms import PALM
+from mocapella.model.hand import Handedness
+from mocapella.sensing.arm_region import (
+    ArmRegionSettings,
+    PalmCandidate,
+    Region,
+    grid_about,
+    others_edges,
+    palm_candidates,
+    region,
+)
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+
+FEW_POINTS: Final = 40
+"""With fewer there is no arm."""
+
+
+class Found(NamedTuple):
+    """An arm that was found; its cost may be more than that of its fit."""
+
+    cost: float
+    side: Handedness
+    fitted: Fitted
+
+
+@dataclass(frozen=True, eq=False)
+class ArmFinder:
+    """Looks for arms.
+
+    Attributes:
+        models: of either side.
+        lens: (4,) or (9,) of the camera.
+        settings: of the region.
+        believe: a fit whose cost is above this is no arm.
+        gain: a way to hold a digit is tried where it promises to lower the cost by so much.
+    """
+
+    models: Mapping[Handedness, ArmModel]
+    lens: Float64
+    settings: ArmRegionSettings
+    believe: float
+    gain: float
+
+    def candidates(self, depth: Float32, most: int = 6, near: Float64 | None = None) -> list[PalmCandidate]:
+        """As `palm_candidates` says, of an image (height, width) [m]."""
+        return palm_candidates(depth, self.lens, self.settings, most, near)
+
+    def region(self, depth: Float32, spheres: Float64) -> Region | None:
+        """What may be an arm about spheres (k, 5) [m]; None where they are outside of the image or few points are."""
+        grid = grid_about(depth, self.lens, spheres, self.settings)
+        if grid is None:
+            return None
+        part = region(grid, spheres, self.settings)
+        return part if len(part.points) >= FEW_POINTS else None
+
+    def _palm(self, side: Handedness, fitted: Fitted) -> Float64:
+        return np.asarray(self.models[side].points(fitted.pose)[PALM])
+
+    def apart(self, found: list[Found]) -> list[Found]:
+        """The best at each place, of whichever side."""
+        kept: list[Found] = []
+        for one in sorted(found, key=lambda one: one.cost):
+            if not any(self.near(other, one) for other in kept):
+                kept.append(one)
+        return kept
+
+    def near(self, one: Found, other: Found) -> bool:
+        """Whether the palms of two are so near that they can only be one."""
+        apart = self._palm(one.side, one.fitted) - self._palm(other.side, other.fitted)
+        return float(np.linalg.norm(apart)) < _SAME_M
+
+    def sure(self, one: Found, found: list[Found]) -> float:
+        """How sure the side of a hand is, by how much better it is than the best of the other side there."""
+        others = [other.cost for other in found if other.side != one.side and self.near(other, one)]
+        if not others:
+            return SUREST
+        return float(np.clip(0.5 + 0.5 * (min(others) - one.cost) / max(one.cost, 1e-6), 0.5, SUREST))
+
+    def overlap(self, one: Found, other: Found) -> bool:
+        """Whether two are of one forearm or hand."""
+        a = self.models[one.side].spheres(one.fitted.pose)[:, :3]
+        b = self.models[other.side].spheres(other.fitted.pose)[:, :3]
+        near = np.linalg.norm(a[:, None] - b[None], axis=2).min(axis=1) < 0.04
+        return bool(near.mean() > 0.2)
+
+    def judged(self, depth: Float32, found: list[Found]) -> list[Found]:
+        """The best first, by how well each explains what is around any of them."""
+        if len(found) < 2:
+            return found
+        judged: list[tuple[float, int]] = []
+        for k, one in enumerate(found):
+            rivals = [other for other in found if other is one or self.overlap(one, other)]
+            around = np.vstack([self.models[other.side].spheres(other.fitted.pose) for other in rivals])
+            part = self.region(depth, around)
+            if part is None:
+                continue
+            model = self.models[one.side]
+            points = np.ascontiguousarray(part.points)
+            evidence = Evidence(points, np.ones(len(points)), part.front, part.opposite, part.lens)
+            around_cost = model.fit(one.fitted.pose, model.unexpected(one.fitted.pose), evidence, iterations=0).cost
+            judged.append((around_cost + one.fitted.cost, k))
+        return [found[k] for _, k in sorted(judged)]
+
+    def best(self, depth: Float32, candidate: PalmCandidate) -> list[Found]:
+        """The hand of either side that fits best there: all starts a little, the better ones more."""
+        part = self.region(depth, candidate.spheres)
+        if part is None:
+            return []
+        points = np.ascontiguousarray(part.points[:: max(-(-len(part.points) // _POINTS), 1)])
+        weights = np.where(np.linalg.norm(points - candidate.centre, axis=1) < _ABOUT_M, 1.0, 0.4)
+        evidence = Evidence(points, weights, part.front, part.opposite, part.lens)
+        pool: list[tuple[Found, Float64 | None]] = []
+        for side, model in self.models.items():
+            for start, tips in _starts(model, candidate):
+                fitted = model.fit(
+                    start, model.unexpected(start), evidence, iterations=4, loose=3.0, tips=tips, keep=1.0
+                )
+                pool.append((Found(fitted.cost, side, fitted), tips))
+        for most, count, iterations, loose in _ROUNDS:
+            better = []
+            for (_, side, before), tips in _of_each_side(pool, most):
+                model = self.models[side]
+                closer = self.region(depth, model.spheres(before.pose)) if count > 250 else part
+                if closer is None:
+                    continue
+                evidence = evidence_of(closer, model, before.pose, count, 0.3)
+                fitted = model.fit(
+                    before.pose, model.unexpected(before.pose), evidence, iterations=iterations, loose=loose,
+                    tips=tips if count <= 250 else None,
+                )  # fmt: skip
+                better.append((Found(fitted.cost, side, fitted), tips))
+            pool = better
+        best = (self._repaired(depth, one) for one, _ in _of_each_side(pool, 1) if one.cost < _HOPELESS)
+        return [one for one in best if one.cost <= self.believe]
+
+    def _repaired(self, depth: Float32, found: Found) -> Found:
+        """With each digit held otherwise, or two exchanged, where that is better."""
+        model, fitted = self.models[found.side], found.fitted
+        left, exchanged = set(range(5)), False
+        for _ in range(_REPAIRS):
+            part = self.region(depth, model.spheres(fitted.pose))
+            if part is None or not left:
+                break
+            evidence = evidence_of(part, model, fitted.pose, 400, 0.3)
+            gain, start, digit = max(
+                ((*model.held_otherwise(fitted.pose, evidence, digit), digit) for digit in left),
+                key=lambda way: way[0],
+            )
+            if gain < self.gain:
+                if exchanged:
+                    break
+                starts, exchanged = [*model.exchanged(fitted.pose)], True
+            else:
+                starts = [start]
+                left.discard(digit)
+            others = [model.fit(start, model.unexpected(start), evidence, iterations=6, loose=1.5) for start in starts]
+            other = min(others, key=lambda other: other.cost, default=fitted)
+            if other.cost < 0.98 * cost_of(model, fitted.pose, evidence):
+                fitted, left, exchanged = other, set(range(5)), False
+        part = self.region(depth, model.spheres(fitted.pose))
+        if part is None:
+            return Found(fitted.cost, found.side, fitted)
+        evidence = evidence_of(part, model, fitted.pose, beyond=0.3)
+        ends = [
+            model.fit(fitted.pose, model.unexpected(fitted.pose), evidence, iterations=iterations, loose=loose)
+            for iterations, loose in ((0, 1.0), (12, 1.0), (12, 2.0))
+        ]
+        best = min(ends, key=lambda end: end.cost)
+        hidden = max(float(best.costs[4]), others_edges(part.front, self.settings))
+        return Found(best.cost + _HIDDEN * hidden, found.side, best)
+
+
+def cost_of(model: ArmModel, pose: ArmPose, evidence: Evidence) -> float:
+    """What a pose costs, as it is."""
+    return model.fit(pose, model.unexpected(pose), evidence, iterations=0).cost
+
+
+def evidence_of(part: Region, model: ArmModel, pose: ArmPose, most: int = 10_000, beyond: float = 0.05) -> Evidence:
+    """Of a region, with at most so many points, weighted as `ArmModel.relevance` says."""
+    points = np.ascontiguousarray(part.points[:: max(-(-len(part.points) // most), 1)])
+    return Evidence(points, model.relevance(points, pose, beyond), part.front, part.opposite, part.lens)
+
+
+def _of_each_side(pool: list[tuple[Found, Float64 | None]], most: int) -> list[tuple[Found, Float64 | None]]:
+    """The best of either side, so many at most."""
+    pool = sorted(pool, key=lambda entry: entry[0].cost)
+    return [entry for side in ("right", "left") for entry in [one for one in pool if one[0].side == side][:most]]
+
+
+def _starts(model: ArmModel, candidate: PalmCandidate) -> Iterator[tuple[ArmPose, Float64 | None]]:
+    """Poses to begin from, and where fingertips should be.
+
+    The palm or the back of the hand is to the camera, along the forearm. The tips that were found go round the hand as
+    the digits do; where they are fewer than five, every choice of digits is tried, and the others are bent. Where there
+    is none, the hand is a fist, or seen from its side.
+    """
+    normal, tips = candidate.normal, candidate.tips
+    edge_on = candidate.radius_m < _EDGE_ON_M
+    for z_axis in _pointing(candidate):
+        y_axis = _across(normal, z_axis, candidate.centre)
+        for roll in _ROLLS:
+            y = np.cos(roll) * y_axis + np.sin(roll) * np.cross(z_axis, y_axis)
+            R = np.stack([np.cross(y, z_axis), y, z_axis], axis=1)
+            t = candidate.centre - 0.012 * normal - R @ (0.5 * model.shape.bases[2] * model.shape.mirror)
+            v = model.state()
+            if candidate.forearm is not None:
+                v[4:7] = R.T @ candidate.forearm
+                # The upper arm goes back to the shoulder, away from the camera.
+                back = 0.5 * candidate.forearm + candidate.centre / np.linalg.norm(candidate.centre)
+                v[7:10] = R.T @ (back / np.linalg.norm(back))
+            turned = np.ascontiguousarray(R).reshape(9)
+            if roll in _FLAT or len(tips) < 2:
+                # Seen from its back, a right hand's digits go clockwise from the thumb on.
+                clockwise = (np.cos(roll) > 0) == (model.mirror > 0)
+                ordered = tips[::-1] if clockwise else tips
+                for digits in combinations(range(5), len(tips)):
+                    z = _posed(model, tuple(_OPEN[d] if d in digits else _BENT[d] for d in range(5)))
+                    targets = np.full((5, 3), np.nan)
+                    targets[list(digits)] = ordered
+                    yield ArmPose(turned, t.copy(), z, v.copy()), targets
+            if len(tips) < 2 or (edge_on and roll not in _FLAT):
+                for shift in _SHIFTS_M:
+                    for postures in (_OPEN, _BENT, _HOLDING):
+                        yield ArmPose(turned, t + shift * z_axis, _posed(model, postures), v.copy()), None
+
+
+def _pointing(candidate: PalmCandidate) -> list[Float64]:
+    """Where the hand may point: away from the forearm, else to the fingertips, else anywhere across the normal."""
+    normal, tips = candidate.normal, candidate.tips
+    if candidate.forearm is not None:
+        return [-candidate.forearm]
+    if len(tips) >= 2:
+        mean = tips.mean(axis=0) - candidate.centre
+        return [mean / np.linalg.norm(mean)]
+    across = np.cross(normal, [1.0, 0.0, 0.0] if abs(normal[0]) < 0.9 else [0.0, 1.0, 0.0])
+    across /= np.linalg.norm(across)
+    other = np.cross(normal, across)
+    return [np.cos(a) * across + np.sin(a) * other for a in np.arange(6) * np.pi / 3]
+
+
+def _across(normal: Float64, z_axis: Float64, centre: Float64) -> Float64:
+    """The normal's part across the hand's axis; where there is none, that of the view."""
+    for direction in (normal, -centre / np.linalg.norm(centre), np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])):
+        across = direction - (direction @ z_axis) * z_axis
+        length = float(np.linalg.norm(across))
+        if length > 0.3:
+            break
+    return np.asarray(across / length)
+
+
+_FLAT: Final = (0.0, np.pi)
+_EDGE_ON_M: Final = 0.026
+"""A hand in which no larger circle fits may be seen from its side."""
+_ROLLS: Final = (*_FLAT, 0.5 * np.pi, -0.5 * np.pi)
+_OPEN: Final = ((0, 0, 10), *[(5, 0, 8)] * 4)
+_BENT: Final = ((0, 0, 40), *[(70, 0, 85)] * 4)
+_HOLDING: Final = ((10, -15, 40), *[(45, 0, 60)] * 4)
+"""Flexion, abduction and second flexion of thumb to little finger [degrees]."""
+_SHIFTS_M: Final = (-0.03, 0.0, 0.03)
+"""Along the hand: where there are no fingers to be seen, its middle is not known so well."""
+
+
+SUREST: Final = 0.95
+"""Nothing is said of a hand's side with more than this."""
+_SAME_M: Final = 0.10
+_POINTS: Final = 120
+_ABOUT_M: Final = 0.16
+_REPAIRS: Final = 10
+_ROUNDS: Final = ((5, 250, 8, 2.0), (2, 400, 8, 1.5))
+"""How many starts of either side are kept, with how many points, iterations, and how loose at the beginning."""
+_HOPELESS: Final = 0.4
+_HIDDEN: Final = 0.3
+"""An arm that is all but hidden is none, when it is first seen."""
+_MUCH_BETTER: Final = 0.7
+
+
+def _posed(model: ArmModel, flexions: tuple[tuple[int, int, int], ...]) -> Float64:
+    z = model.natural.copy()
+    for digit, held in enumerate(flexions):
+        _bend(model, z, digit, *held)
+    fit_kernels().within(model.digits, model.columns, model.gains, z, model.c_max)
+    return z
+
+
+def _bend(model: ArmModel, z: Float64, digit: int, flexion: float, abduction: float, middle: float) -> None:  # noqa: PLR0917
+    """Hold a digit so [degrees]."""
+    columns = model.columns[digit]
+    for k, value in ((0, flexion), (1, abduction), (2, middle), (3, middle * model.model.coupling[digit])):
+        if columns[k] >= 0:
+            z[columns[k]] = np.radians(value)
