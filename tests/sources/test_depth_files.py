@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.geometry.kinect_depth import UNIT_M, kinect_metres
+from mocapella.model.camera import Camera
 from mocapella.sources.depth_files import DamagedImageError, DepthFiles, natural, read_depth_png
 from mocapella.sources.depth_options import (
     DepthOptions,
@@ -109,6 +110,15 @@ def test_a_kinects_disparities_become_depths(tmp_path: Path) -> None:
         assert one.depth is not None
         np.testing.assert_allclose(one.depth * UNIT_M, kinect_metres(raw), atol=UNIT_M)
         (tmp_path / "depth.toml").write_text("raw = 'kinect-raw'")
+
+
+def test_depths_are_no_disparities(tmp_path: Path) -> None:
+    png(tmp_path / "a.png", np.full((12, 16), 2047, np.uint16))
+    png(tmp_path / "b.png", np.full((12, 16), 5600, np.uint16))
+    images = DepthFiles([tmp_path], DepthOptions(kinect_raw=True)).images()
+    assert next(images).depth is not None
+    with pytest.raises(InputError, match=r"b.png: .*unit.*kinect-raw.*values up to 5600.*--unit 0.001 or 0.000125"):
+        next(images)
 
 
 def test_what_is_missing_is_said_with_how_to_give_it(tmp_path: Path) -> None:
@@ -285,6 +295,18 @@ def test_empty_images_are_counted_and_say_nothing_of_the_unit() -> None:
     for depth in (np.full((12, 16), 700, np.uint16), np.zeros((12, 16), np.uint16)):
         good.update(depth)
     assert (good.images, good.empty) == (2, 1)
+
+
+def test_where_no_arm_is_found_a_likely_unit_and_lens_are_named() -> None:
+    check = UnitCheck(0.001, "here")
+    camera = Camera("depth", (640, 480), np.array([952.0, 952, 320, 240, 0, 0, 0, 0, 0]))
+    assert check.doubt(camera) == ""
+    check.update(np.full((480, 640), 5600, np.uint16))
+    assert check.doubt(camera) == (
+        "if there is an arm, unit or lens are wrong: with 0.001 m a unit the median distance is 5.6 m, likely would be "
+        "--unit 0.000125 (70 cm) or 0.0001 (56 cm); a lens of f 952 px sees 37° across, usual for 640 × 480 is "
+        "--intrinsics 575.8,319.5,239.5"
+    )
 
 
 def test_disparities_without_their_name_are_recognised() -> None:
