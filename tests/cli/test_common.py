@@ -7,6 +7,7 @@ import signal
 from collections.abc import Callable
 from pathlib import Path
 
+import numba
 import pytest
 import typer
 from hypothesis import given
@@ -18,6 +19,7 @@ from mocapella.cli.common import (
     get_ready,
     recording_row,
     take_file,
+    telling_of_compiling,
     warn_if_open,
     working,
 )
@@ -107,6 +109,17 @@ def test_who_waits_for_a_method_to_be_compiled_is_told(
     get_ready("default")
     assert made == ["default"]
     assert ("compiling the method default for this machine" in capsys.readouterr().err) == compiles
+
+
+def test_who_waits_for_kernels_is_told_what_is_compiled(capsys: pytest.CaptureFixture[str]) -> None:
+    @numba.njit
+    def new(x: float) -> float:
+        return x + 1
+
+    for told in (True, False):
+        with telling_of_compiling("the arm"):
+            new(1.0)
+        assert ("compiling the arm for this machine" in capsys.readouterr().err) == told
 
 
 def test_the_method_where_none_is_named_is_the_same_everywhere() -> None:

@@ -24,6 +24,7 @@ from mocapella.cli.common import (
     need_cameras,
     parse_size,
     say,
+    telling_of_compiling,
     write_json,
 )
 from mocapella.cli.node import Epoch, EpochFromInput, read_epoch
@@ -107,7 +108,7 @@ def arm(
     options, settings = depth_options(intrinsics, unit, rig, fps), settings_of_pairs(method_settings)
     found = []
     try:
-        with interruptible(), ExitStack() as open_files:
+        with interruptible(), telling_of_compiling(f"the method {method}"), ExitStack() as open_files:
             writer = None if table is None else _table(open_files, table)
             for recording in depth_recordings(paths, options):
                 camera = complete(recording.state, recording.name)
@@ -202,7 +203,9 @@ def node_arm(
     with Acquisition(images, say=say) as acquisition:
         camera = complete(acquisition.state, source)
         _tell_state(name, acquisition)
-        work = ArmWork(name, acquisition, camera, arm_method(method, camera, settings_of_pairs(method_settings)))
+        finds = arm_method(method, camera, settings_of_pairs(method_settings))
+        with telling_of_compiling(f"the method {method}"):
+            work = ArmWork(name, acquisition, camera, finds)
         zero = read_epoch() if epoch_from_input else epoch
         wait = not (images.live or zero is not None)
         # From here on standard input is watched for the end of who started this process.
