@@ -187,6 +187,7 @@ def node_arm(
     from mocapella.live.arm_work import ArmWork
     from mocapella.live.camera_node import CameraNodeSettings
     from mocapella.live.stopping import stop_on_signals
+    from mocapella.model.depth import IMAGES_SUFFIX
     from mocapella.model.observations import check_sensor_name
     from mocapella.settings import check, settings_of_pairs
     from mocapella.sources.acquisition import Acquisition
@@ -196,7 +197,7 @@ def node_arm(
     from mocapella.wire.node import DEPTH_HISTORY_FRAMES, NodeLink
 
     check(fps is None or 0 < fps <= 1000, "--fps", fps, "above 0, at most 1000")
-    depth_name = check_sensor_name(f"{check_sensor_name(name)}.depth")
+    depth_name = check_sensor_name(check_sensor_name(name) + IMAGES_SUFFIX)
     options = depth_options(intrinsics, unit, rig, fps, None if size is None else parse_size(size))
     settings = CameraNodeSettings(drop_after_ms / 1e3, report)
     images = open_depth(source, options, loop=loop, recorded=lambda text: depth_of_take(text, options))

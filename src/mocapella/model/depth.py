@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 import numpy as np
@@ -15,6 +15,10 @@ from mocapella.settings import check
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 UInt16 = NDArray[np.uint16]
+
+
+IMAGES_SUFFIX: Final = ".depth"
+"""What a node that finds arms adds to its sensor's name where it sends the images, too."""
 
 
 class DepthFrame(msgspec.Struct, frozen=True, eq=False):
