@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
 import inspect
 import signal
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -92,6 +94,24 @@ def test_work_that_is_interrupted_is_an_exit_status_and_a_line(
     assert ended.value.exit_code == 130
     assert "stopped before the end" in capsys.readouterr().err
     assert signal.getsignal(number) is before
+
+
+@pytest.mark.parametrize("fails_then", [True, False])
+def test_an_interruption_that_c_has_lost_is_one_all_the_same(
+    fails_then: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A compiler that is called back when the signal comes goes on as if nothing were, or fails in its own way."""
+    called_back = ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGINT))
+    went_on = []
+    hook = sys.unraisablehook
+    with pytest.raises(typer.Exit) as ended, working("compiling …", status=130):
+        called_back()
+        went_on.append(1)
+        if fails_then:
+            raise RuntimeError("no compiled object yet")
+    assert (ended.value.exit_code, went_on) == (130, [1])
+    assert capsys.readouterr().err.strip() == "stopped before the end"
+    assert sys.unraisablehook is hook
 
 
 @pytest.mark.parametrize("compiles", [True, False])
