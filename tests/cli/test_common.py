@@ -104,11 +104,15 @@ def test_an_interruption_that_c_has_lost_is_one_all_the_same(
     called_back = ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGINT))
     went_on = []
     hook = sys.unraisablehook
-    with pytest.raises(typer.Exit) as ended, working("compiling …", status=130):
+
+    def compile_it() -> None:
         called_back()
         went_on.append(1)
         if fails_then:
             raise RuntimeError("no compiled object yet")
+
+    with pytest.raises(typer.Exit) as ended, working("compiling …", status=130):
+        compile_it()
     assert (ended.value.exit_code, went_on) == (130, [1])
     assert capsys.readouterr().err.strip() == "stopped before the end"
     assert sys.unraisablehook is hook
