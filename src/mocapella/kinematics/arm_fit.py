@@ -143,8 +143,8 @@ class Fitted(NamedTuple):
 
     Attributes:
         pose: see there.
-        costs: (4,) mean robust cost of points and of flesh, from 0 to 1; of digits that overlap; and how unusual size
-            and angles are, in standard deviations squared.
+        costs: (5,) mean robust cost of points and of flesh, from 0 to 1; of digits that overlap; how unusual size and
+            angles are, in standard deviations squared; and which part of the flesh is behind other things.
         assigned: (pieces,) weight of the points that each piece explains.
         information: (n, n) of the dofs.
     """
@@ -157,7 +157,9 @@ class Fitted(NamedTuple):
     @property
     def cost(self) -> float:
         """One number to compare poses by."""
-        return float(self.costs[0] + 0.5 * self.costs[1] + 0.1 * min(self.costs[2], 2.0) + 0.002 * self.costs[3])
+        points, flesh, overlap, unusual = kernels().COSTS
+        c = self.costs
+        return float(points * c[0] + flesh * c[1] + overlap * min(c[2], 2.0) + unusual * c[3])
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,12 +201,13 @@ class ArmModel:
         self.sizes = np.zeros(kernels().STATE)
         self.sizes[:2], self.sizes[10:] = (1 / s.size_sd**2, 1 / s.thickness_sd**2), 1 / s.digit_sd**2
         self.length_m = length
+        arm = 15 + len(self.palm)
+        joints = [(3 * digit + bone, 0.0, 0) for digit in range(5) for bone in range(3)]
+        for digit in range(5):
+            joints.insert(4 * digit + 3, (3 * digit + 2, 1.0, 1))
+        self._places = np.array([(arm, 0.0, 0), *joints, (16, 0.5, 0), (arm, 1.0, 0)])
+        self._ways = [np.vstack([np.zeros((1, 5)), _ways(model, digit)]) for digit in range(5)]
         self.forearm_m = _FOREARM_OF_HAND * length
-
-    @property
-    def hand_pieces(self) -> int:
-        """How many pieces the hand has; those of the arm come after them."""
-        return 15 + len(self.palm)
 
     def state(self, forearm: Float64 | None = None) -> Float64:
         """(STATE,) of an average arm, straight or with the forearm along a direction of the palm's frame."""
@@ -229,8 +232,7 @@ class ArmModel:
 
     def fit(
         self, start: ArmPose, expected: Expected, evidence: Evidence, *, iterations: int | None = None,
-        loose: float | None = None, arm: bool = True, tips: Float64 | None = None,
-        keep: float = 0.67,
+        loose: float | None = None, tips: Float64 | None = None, keep: float = 0.67,
     ) -> Fitted:  # fmt: skip
         """The best pose near a start.
 
@@ -239,22 +241,14 @@ class ArmModel:
             expected: see there.
             evidence: see there.
             iterations, loose: the settings' where not given.
-            arm: whether the forearm and upper arm may explain points, too.
             keep: in which part of the iterations `tips` count.
             tips: (5, 3) where fingertips are believed to be, camera [m], NaN where not; it helps to begin.
         """
         s, k = self.settings, kernels()
         pose = start.copied()
         total = max(float(evidence.weights.sum()), 1.0)
-        pieces = len(self.owners) if arm else self.hand_pieces
-        # As many points as a hand at arm's length has: more of them do not know more.
-        share = min(400.0 / total, 2.0)
-        numbers = np.array(
-            [s.point_scale_m, s.silhouette_scale_m, share / s.point_sd_m**2, 1 / s.silhouette_sd_m**2,
-             1 / s.collision_sd_m**2, s.ahead_m, s.overlap_m, float(pieces),
-             s.edge * float(pose.t[2] / evidence.lens[0])]
-        )  # fmt: skip
-        costs, assigned = np.empty(4), np.empty(len(self.owners))
+        numbers = self._numbers(pose, evidence, total)
+        costs, assigned = np.empty(5), np.empty(len(self.owners))
         n = 6 + len(self.natural) + k.BODY_DOFS
         information = np.empty((n, n))
         picture = (evidence.front, evidence.opposite, evidence.lens)
@@ -268,10 +262,40 @@ class ArmModel:
         )  # fmt: skip
         costs[0] /= total
         costs[1] /= max(costs[3], 1e-4)
+        costs[4] /= max(costs[3], 1e-4)
         off = pose.z - self.natural
         v = (pose.v - e.v) * np.sqrt(self.sizes)
         costs[3] = off @ self.prior @ off + v[:2] @ v[:2] + v[10:] @ v[10:]
         return Fitted(pose, costs, assigned, information)
+
+    def _numbers(self, pose: ArmPose, evidence: Evidence, total: float) -> Float64:
+        """As the kernels have the settings."""
+        s = self.settings
+        # As many points as a hand at arm's length has: more of them do not know more.
+        share = min(400.0 / total, 2.0)
+        return np.array(
+            [s.point_scale_m, s.silhouette_scale_m, share / s.point_sd_m**2, 1 / s.silhouette_sd_m**2,
+             1 / s.collision_sd_m**2, s.ahead_m, s.overlap_m, float(len(self.owners)),
+             s.edge * float(pose.t[2] / evidence.lens[0])]
+        )  # fmt: skip
+
+    def held_otherwise(self, pose: ArmPose, evidence: Evidence, digit: int) -> tuple[float, ArmPose]:
+        """How much less a fit costs with a digit held in the best of many ways, all else as it is, and that pose."""
+        columns = self.columns[digit]
+        free = columns >= 0
+        tries = self._ways[digit].copy()
+        tries[0, free] = pose.z[columns[free]]
+        costs = np.empty(len(tries))
+        kernels().swept(
+            self.digits, self.mirror, self.radii, self.palm, self.owners, self.columns, self.gains, self.c_max,
+            evidence.points, evidence.weights, (evidence.front, evidence.opposite, evidence.lens), self.natural,
+            self.prior, pose.R, pose.t, pose.z, pose.v,
+            self._numbers(pose, evidence, max(float(evidence.weights.sum()), 1.0)), digit, tries, costs,
+        )  # fmt: skip
+        best = int(np.argmin(costs))
+        z = pose.z.copy()
+        z[columns[free]] = tries[best, free]
+        return float(costs[0] - costs[best]), pose._replace(z=z)
 
     def spheres(self, pose: ArmPose, spacing_m: float = 0.025) -> Float64:
         """(k, 5) balls along the flesh, camera [m], and 1 for the hand's, 0 for the arm's."""
@@ -317,6 +341,14 @@ class ArmModel:
         x[22] = (pose.v[2] + along) * f + behind * bent / max(float(np.linalg.norm(bent)), 0.3)
         return np.asarray(x @ pose.R.reshape(3, 3).T + pose.t)
 
+    def visible(self, pose: ArmPose, evidence: Evidence) -> Float64:
+        """(23,) which part of the flesh about each landmark, of what faces the camera, the image shows in its place."""
+        out = np.empty(23)
+        kernels().visible(
+            self.pieces(pose)[0], self._places, pose.R, pose.t, evidence.front, evidence.lens, _NEAR_M, out
+        )
+        return out
+
     def angles(self, pose: ArmPose) -> Float64:
         """(21,) of `ANGLES` [rad]."""
         out = np.zeros(21)
@@ -327,7 +359,22 @@ class ArmModel:
         return out
 
 
-_HABITS: Final = replace(HandSettings(), flexion_sd_deg=60.0, abduction_sd_deg=12.0, thumb_sd_deg=25.0)
+def _ways(model: HandModel, digit: int) -> Float64:
+    """(k, 5) ways to hold a digit [rad]; the flexion of the last joint follows that of the one before."""
+    if digit == 0:
+        ways = [(f, a, m, last, 0) for f in (-28, 0, 28) for a in (-24, 0, 24) for m in (5, 40) for last in (5, 55)]
+    else:
+        ways = [
+            (f, a, m, m * model.coupling[digit], 0)
+            for f in (-12, 15, 40, 65, 88)
+            for a in ((-16, 0, 16) if f < 60 else (0,))
+            for m in (5, 40, 75, 104)
+        ]
+    return np.radians(np.array(ways, dtype=np.float64))
+
+
+_HABITS: Final = replace(HandSettings(), flexion_sd_deg=120.0, abduction_sd_deg=12.0, thumb_sd_deg=25.0)
+_NEAR_M: Final = 0.015
 _NOWHERE: Final = np.full((5, 3), np.nan)
 
 

@@ -42,7 +42,9 @@ STATE = 15
 D_FOREARM, D_UPPER, D_LENGTH, D_SCALE, D_THICK, D_ARM_THICK, D_DIGITS = 0, 2, 4, 5, 6, 7, 8
 BODY_DOFS = 13
 
+COSTS = (1.0, 0.5, 0.1, 0.002)  # of points, flesh, digits that overlap (at most 2), unusual angles and sizes
 _MOST = 24  # dofs of one residual
+_UNMEASURED = 0.4  # of the cost of flesh where nothing was measured
 _JUDGED = 0.7  # of the robust scales, when what came out is judged
 _FAR_PX = 30  # edges farther away are not looked for
 _TARGET_SD = 0.004  # of a fingertip that was found as the end of a branch [m]
@@ -63,6 +65,22 @@ def _piece(row, ax, ay, az, bx, by, bz, ra, rb):
 
 
 @njit(cache=True)
+def _digit_pieces(d, outer, radii, thick, x, pieces):
+    """Write the three pieces of a digit whose joints are x (4, 3), and whose outer bone is so long [m]."""
+    for bone in range(3):
+        bx, by, bz = x[bone + 1, 0], x[bone + 1, 1], x[bone + 1, 2]
+        if bone == 2:  # the landmark is nearer to the flesh's end than a radius
+            f = radii[5, 4] * thick / max(outer, 1e-6)
+            bx -= f * (bx - x[2, 0])
+            by -= f * (by - x[2, 1])
+            bz -= f * (bz - x[2, 2])
+        _piece(
+            pieces[3 * d + bone], x[bone, 0], x[bone, 1], x[bone, 2], bx, by, bz,
+            thick * radii[d, bone], thick * radii[d, bone + 1],
+        )  # fmt: skip
+
+
+@njit(cache=True)
 def flesh(digits, mirror, radii, palm, columns, gains, z, v, rows, joints, axes, pieces):
     """Write the pieces (15 + palm + 3, PIECE) of an arm in the palm's frame, its digits' joints and axes.
 
@@ -75,7 +93,6 @@ def flesh(digits, mirror, radii, palm, columns, gains, z, v, rows, joints, axes,
         rows, joints, axes: (5, DIGIT), (5, 4, 3), (5, 5, 3), out.
     """
     s, thick, q = v[SCALE], v[THICK] * v[SCALE], np.empty(5)
-    n = 0
     for d in range(5):
         for k in range(DIGIT):
             rows[d, k] = digits[d, k]
@@ -84,18 +101,8 @@ def flesh(digits, mirror, radii, palm, columns, gains, z, v, rows, joints, axes,
             rows[d, BASE + k] *= s
         digit_angles(z, columns, gains, d, q)
         digit_points(rows[d], mirror, q, joints[d], axes[d])
-        for bone in range(3):
-            bx, by, bz = joints[d, bone + 1, 0], joints[d, bone + 1, 1], joints[d, bone + 1, 2]
-            if bone == 2:  # the landmark is nearer to the flesh's end than a radius
-                f = radii[5, 4] * thick / max(rows[d, L1 + 2], 1e-6)
-                bx -= f * (bx - joints[d, 2, 0])
-                by -= f * (by - joints[d, 2, 1])
-                bz -= f * (bz - joints[d, 2, 2])
-            _piece(
-                pieces[n], joints[d, bone, 0], joints[d, bone, 1], joints[d, bone, 2], bx, by, bz,
-                thick * radii[d, bone], thick * radii[d, bone + 1],
-            )  # fmt: skip
-            n += 1
+        _digit_pieces(d, rows[d, L1 + 2], radii, thick, joints[d], pieces)
+    n = 15
     for k in range(len(palm)):
         _piece(
             pieces[n], mirror * s * palm[k, 0], s * palm[k, 1], s * palm[k, 2], mirror * s * palm[k, 3],
@@ -296,6 +303,51 @@ def _robust(e, scale):
 
 
 @njit(cache=True)
+def _beside(front, opposite, lens, X, Y, Z, r, numbers, out):
+    """How a ball of flesh at (X, Y, Z) in the camera's space stands out of the silhouette or before the surface.
+
+    Args:
+        out: (5,) out: how far it stands out [m], 0 where it does not; the direction in the image in which it does,
+            which is from the edge outwards; how far it is before what was measured; the robust cost of the worse.
+
+    Returns:
+        -1 outside of the image, 0 behind another thing, where the image says nothing of it, else 1.
+    """
+    if Z < 0.05:
+        return -1
+    height, width = front.shape
+    px, py = lens[0] * X / Z + lens[2], lens[1] * Y / Z + lens[3]
+    if not (-0.5 <= px < width - 0.5 and -0.5 <= py < height - 0.5):
+        return -1
+    column, line = int(px + 0.5), int(py + 0.5)
+    there = front[line, column]
+    surface = Z - r
+    for k in range(5):
+        out[k] = 0.0
+    if there < 0.0 and -there < surface:
+        return 0
+    inside = there > 0.0
+    edge_y, edge_x = _nearest_opposite(front, opposite, line, column)
+    if edge_y == line and edge_x == column:  # no edge is near: inside all is well, outside nothing is
+        out[4] = 0.0 if inside else 1.0
+    else:
+        dx, dy = (edge_x - px) * Z / lens[0], (edge_y - py) * Z / lens[1]
+        apart = math.sqrt(dx * dx + dy * dy)
+        beyond = r - apart + numbers[8] if inside else r + apart - numbers[8]
+        if beyond > 0.0 and apart > 1e-6:
+            f = (-1.0 if inside else 1.0) / apart
+            out[0], out[1], out[2] = beyond, f * dx, f * dy
+            out[4] = _robust(beyond, numbers[1])[1]
+    ahead = there - surface - numbers[5]
+    if inside and ahead > 0.0:
+        out[3] = ahead
+        out[4] = max(out[4], _robust(ahead, numbers[1])[1])
+    if there == 0.0:  # where nothing was measured, there may be flesh
+        out[4] *= _UNMEASURED
+    return 1
+
+
+@njit(cache=True)
 def system(
     digits, mirror, radii, palm, owners, columns, gains, rising, points, weights, which, picture, R, t, z, v, numbers,
     H, g, costs, assigned, targets,
@@ -313,8 +365,8 @@ def system(
         numbers: (9,) scale of the points' robust cost [m], of the silhouette's [m], variances' inverses of points,
             silhouette and collisions, how far before the surface flesh may stand [m], how far digits may overlap [m],
             how many pieces may explain points, half a pixel's side [m].
-        costs: (4,) sums of robust costs from 0 to 1: of points, of the silhouette by its area [m²], of collisions; and
-            that area, out.
+        costs: (5,) sums of robust costs from 0 to 1: of points, of the silhouette by its area [m²], of collisions; and
+            that area, and what of it other things hide, out.
         assigned: (pieces,) how much was assigned to each piece, out.
         targets: (5, 3) where fingertips should be, camera [m]; NaN where that is not known.
     """
@@ -323,12 +375,12 @@ def system(
     rows, joints, axes = np.empty((5, DIGIT)), np.empty((5, 4, 3)), np.empty((5, 5, 3))
     pieces = np.empty((len(owners), PIECE))
     flesh(digits, mirror, radii, palm, columns, gains, z, v, rows, joints, axes, pieces)
-    J, at, hit = np.empty(_MOST), np.empty(_MOST, dtype=np.int64), np.empty(5)
+    J, at, hit, beside = np.empty(_MOST), np.empty(_MOST, dtype=np.int64), np.empty(5), np.empty(5)
     ox = -(R[0] * t[0] + R[3] * t[1] + R[6] * t[2])
     oy = -(R[1] * t[0] + R[4] * t[1] + R[7] * t[2])
     oz = -(R[2] * t[0] + R[5] * t[1] + R[8] * t[2])
     few = int(numbers[7])
-    for k in range(4):
+    for k in range(len(costs)):
         costs[k] = 0.0
     for i in range(len(owners)):
         assigned[i] = 0.0
@@ -353,7 +405,6 @@ def system(
             p[A + 2] + c * p[U + 2], r, joints, axes, columns, gains, rising, v, nz_free, J, at,
         )  # fmt: skip
         _add(J, at, n, weights[i] * weight * numbers[2], hit[4], H, g)
-    height, width = front.shape
     for i in range(few):
         owner, bone = owners[i, 0], owners[i, 1]
         p = pieces[i]
@@ -367,52 +418,36 @@ def system(
             X = R[0] * x + R[1] * y + R[2] * w + t[0]
             Y = R[3] * x + R[4] * y + R[5] * w + t[1]
             Z = R[6] * x + R[7] * y + R[8] * w + t[2]
-            if Z < 0.05:
-                continue
-            px, py = lens[0] * X / Z + lens[2], lens[1] * Y / Z + lens[3]
-            if not (-0.5 <= px < width - 0.5 and -0.5 <= py < height - 0.5):
-                continue
-            column, line = int(px + 0.5), int(py + 0.5)
-            there = front[line, column]
             # Palm and forearm overlap themselves.
             area = 2.0 * r * max(p[LENGTH] / (steps - 1), 0.005) * (1.0 if owner >= 0 else 0.4)
             if owner == OF_UPPER_ARM:
                 area *= 0.1  # often hidden, and then it may be anywhere
-            costs[3] += area
-            surface = Z - r
-            if there < 0.0 and -there < surface:
-                continue  # behind another thing
+            said = _beside(front, opposite, lens, X, Y, Z, r, numbers, beside)
+            costs[3] += area * (said >= 0)
+            costs[4] += area * (said == 0)
+            if said <= 0:
+                continue
             # Flesh that stands out of the silhouette is drawn in, sideways.
-            edge_y, edge_x = _nearest_opposite(front, opposite, line, column)
-            dx, dy = (edge_x - px) * Z / lens[0], (edge_y - py) * Z / lens[1]
-            apart = math.sqrt(dx * dx + dy * dy)
-            inside = there > 0.0
-            beyond = r - apart + numbers[8] if inside else r + apart - numbers[8]
-            nowhere = edge_y == line and edge_x == column  # no edge is near: inside all is well, outside nothing is
-            lost = 1.0 if nowhere and not inside else 0.0
-            if beyond > 0.0 and apart > 1e-6 and not nowhere:
-                f = (-1.0 if inside else 1.0) / apart
-                ux, uy = f * dx, f * dy
+            if beside[0] > 0.0:
+                ux, uy = beside[1], beside[2]
                 nx, ny, nz = R[0] * ux + R[3] * uy, R[1] * ux + R[4] * uy, R[2] * ux + R[5] * uy
-                weight, lost = _robust(beyond, numbers[1])
+                weight = _robust(beside[0], numbers[1])[0]
                 n = _derivatives(
                     owner, bone, nx, ny, nz, x, y, w, 0.0, joints, axes, columns, gains, rising, v, nz_free, J, at
                 )
                 _sized(owner, r, J, at, n, 6 + nz_free)
-                _add(J, at, n, max(weight, 0.1) * numbers[3], min(beyond, 0.03), H, g)
-            ahead = there - surface - numbers[5]
-            if inside and ahead > 0.0:  # it is before what was measured: back along the view
+                _add(J, at, n, max(weight, 0.1) * numbers[3], min(beside[0], 0.03), H, g)
+            if beside[3] > 0.0:  # it is before what was measured: back along the view
                 f = 1.0 / math.sqrt(X * X + Y * Y + Z * Z)
                 nx = f * (R[0] * X + R[3] * Y + R[6] * Z)
                 ny = f * (R[1] * X + R[4] * Y + R[7] * Z)
                 nz = f * (R[2] * X + R[5] * Y + R[8] * Z)
-                weight, cost = _robust(ahead, numbers[1])
-                lost = max(lost, cost)
+                weight = _robust(beside[3], numbers[1])[0]
                 n = _derivatives(
                     owner, bone, nx, ny, nz, x, y, w, 0.0, joints, axes, columns, gains, rising, v, nz_free, J, at
                 )
-                _add(J, at, n, weight * numbers[3], ahead, H, g)
-            costs[1] += area * lost
+                _add(J, at, n, weight * numbers[3], beside[3], H, g)
+            costs[1] += area * beside[4]
     _collisions(pieces, owners, joints, axes, columns, gains, rising, v, nz_free, numbers, J, at, H, g, costs)
     for d in range(5):
         X, Y, Z = targets[d, 0], targets[d, 1], targets[d, 2]
@@ -430,28 +465,26 @@ def system(
 
 
 @njit(cache=True)
+def _ball(pieces, digit, i, out):
+    """Write the middle and the radius of the i-th of six balls along a digit's two outer bones into out (4,)."""
+    p, f = pieces[3 * digit + 1 + i // 3], 0.5 * (i % 3)
+    c = f * p[LENGTH]
+    out[0], out[1], out[2] = p[A] + c * p[U], p[A + 1] + c * p[U + 1], p[A + 2] + c * p[U + 2]
+    out[3] = p[RA] + f * (p[RB] - p[RA])
+
+
+@njit(cache=True)
 def _collisions(pieces, owners, joints, axes, columns, gains, rising, v, nz_free, numbers, J, at, H, g, costs):
     """Digits push one another apart where balls along their two outer bones overlap."""
-    K, to = np.empty(2 * _MOST), np.empty(2 * _MOST, dtype=np.int64)
+    K, to, p, o = np.empty(2 * _MOST), np.empty(2 * _MOST, dtype=np.int64), np.empty(4), np.empty(4)
     for one in range(5):
         for other in range(one + 1, 5):
             for i in range(6):
-                p, c = pieces[3 * one + 1 + i // 3], 0.5 * (i % 3)
-                x, y, z = (
-                    p[A] + c * p[LENGTH] * p[U],
-                    p[A + 1] + c * p[LENGTH] * p[U + 1],
-                    p[A + 2] + c * p[LENGTH] * p[U + 2],
-                )
-                r = p[RA] + c * (p[RB] - p[RA])
+                _ball(pieces, one, i, p)
                 for k in range(6):
-                    o, s = pieces[3 * other + 1 + k // 3], 0.5 * (k % 3)
-                    X, Y, Z = (
-                        o[A] + s * o[LENGTH] * o[U],
-                        o[A + 1] + s * o[LENGTH] * o[U + 1],
-                        o[A + 2] + s * o[LENGTH] * o[U + 2],
-                    )
-                    within_m = r + o[RA] + s * (o[RB] - o[RA]) - numbers[6]
-                    dx, dy, dz = X - x, Y - y, Z - z
+                    _ball(pieces, other, k, o)
+                    within_m = p[3] + o[3] - numbers[6]
+                    dx, dy, dz = o[0] - p[0], o[1] - p[1], o[2] - p[2]
                     d2 = dx * dx + dy * dy + dz * dz
                     if d2 >= within_m * within_m or d2 < 1e-12:
                         continue
@@ -459,59 +492,176 @@ def _collisions(pieces, owners, joints, axes, columns, gains, rising, v, nz_free
                     nx, ny, nz = dx / d, dy / d, dz / d
                     over = within_m - d
                     costs[2] += (over / 0.01) ** 2
-                    n = _derivatives(
-                        other,
-                        1 + k // 3,
-                        nx,
-                        ny,
-                        nz,
-                        X,
-                        Y,
-                        Z,
-                        0.0,
-                        joints,
-                        axes,
-                        columns,
-                        gains,
-                        rising,
-                        v,
-                        nz_free,
-                        J,
-                        at,
-                    )
                     m = 0
-                    for j in range(6, n):  # the palm moves both
-                        K[m], to[m] = J[j], at[j]
-                        m += 1
-                    n = _derivatives(
-                        one,
-                        1 + i // 3,
-                        nx,
-                        ny,
-                        nz,
-                        x,
-                        y,
-                        z,
-                        0.0,
-                        joints,
-                        axes,
-                        columns,
-                        gains,
-                        rising,
-                        v,
-                        nz_free,
-                        J,
-                        at,
-                    )
-                    for j in range(6, n):
-                        K[m], to[m] = -J[j], at[j]
-                        m += 1
+                    for side in range(2):
+                        digit, bone = (other, 1 + k // 3) if side == 0 else (one, 1 + i // 3)
+                        x, y, w = (o[0], o[1], o[2]) if side == 0 else (p[0], p[1], p[2])
+                        n = _derivatives(
+                            digit, bone, nx, ny, nz, x, y, w, 0.0, joints, axes, columns, gains, rising, v, nz_free,
+                            J, at,
+                        )  # fmt: skip
+                        for j in range(6, n):  # the palm moves both
+                            K[m], to[m] = J[j] if side == 0 else -J[j], at[j]
+                            m += 1
                     for a in range(m):
                         w = numbers[4] * K[a]
                         g[to[a]] += w * over
                         for b in range(m):
                             if to[b] <= to[a]:
                                 H[to[a], to[b]] += w * K[b]
+
+
+@njit(cache=True)
+def swept(
+    digits, mirror, radii, palm, owners, columns, gains, c_max, points, weights, picture, prior_mean, prior, R, t, z,
+    v, numbers, digit, tries, out,
+):  # fmt: skip
+    """Write into out (k,) what a fit costs with a digit held in each of some ways, but for what all have in common.
+
+    Only what depends on the digit is looked at: points that nothing else explains, its own flesh, and what it overlaps.
+    So dozens of ways cost no more than a step of the fit.
+
+    Args:
+        tries: (k, 5) free angles of the digit, in the order of `columns`; brought within the limits in place.
+        Others: as of `system`.
+    """
+    front, opposite, lens = picture
+    rows, joints, axes = np.empty((5, DIGIT)), np.empty((5, 4, 3)), np.empty((5, 5, 3))
+    pieces = np.empty((len(owners), PIECE))
+    flesh(digits, mirror, radii, palm, columns, gains, z, v, rows, joints, axes, pieces)
+    now, hit, beside, q = numbers.copy(), np.empty(5), np.empty(5), np.empty(5)
+    now[0], now[1] = _JUDGED * numbers[0], _JUDGED * numbers[1]
+    ox = -(R[0] * t[0] + R[3] * t[1] + R[6] * t[2])
+    oy = -(R[1] * t[0] + R[4] * t[1] + R[7] * t[2])
+    oz = -(R[2] * t[0] + R[5] * t[1] + R[8] * t[2])
+    for bone in range(3):  # away
+        for k in range(3):
+            pieces[3 * digit + bone, MIDDLE + k] = 1e9
+    reach = 0.03
+    for k in range(3):
+        reach += rows[digit, L1 + k]
+    kept, few, total, first = np.empty((len(points), 8)), 0, 0.0, 15
+    for i in range(len(points)):
+        total += weights[i]
+        X, Y, Z = points[i, 0], points[i, 1], points[i, 2]
+        x = R[0] * X + R[3] * Y + R[6] * Z + ox
+        y = R[1] * X + R[4] * Y + R[7] * Z + oy
+        w = R[2] * X + R[5] * Y + R[8] * Z + oz
+        dx, dy, dz = x - joints[digit, 0, 0], y - joints[digit, 0, 1], w - joints[digit, 0, 2]
+        if weights[i] <= 0.0 or dx * dx + dy * dy + dz * dz > reach * reach:
+            continue
+        vx, vy, vz = x - ox, y - oy, w - oz
+        f = 1.0 / math.sqrt(vx * vx + vy * vy + vz * vz)
+        first = closest(pieces, len(pieces), first, x, y, w, f * vx, f * vy, f * vz, hit)
+        cost = _robust(hit[4], now[0])[1]
+        if cost < 0.05:
+            continue
+        kept[few, 0], kept[few, 1], kept[few, 2] = x, y, w
+        kept[few, 3], kept[few, 4], kept[few, 5] = f * vx, f * vy, f * vz
+        kept[few, 6], kept[few, 7] = weights[i], cost
+        few += 1
+    area = 0.0
+    for i in range(len(pieces)):
+        p = pieces[i]
+        area += (p[RA] + p[RB]) * max(p[LENGTH], 0.005) * (1.0 if owners[i, 0] >= 0 else 0.4)
+    own, one, other, angles = np.empty((3, PIECE)), np.empty(4), np.empty(4), z.copy()
+    for c in range(len(tries)):
+        for k in range(5):
+            if columns[digit, k] >= 0:
+                angles[columns[digit, k]] = tries[c, k]
+        within(digits, columns, gains, angles, c_max)
+        unusual = 0.0
+        for i in range(len(angles)):
+            for k in range(len(angles)):
+                unusual += (angles[i] - prior_mean[i]) * prior[i, k] * (angles[k] - prior_mean[k])
+        for k in range(5):
+            if columns[digit, k] >= 0:
+                tries[c, k] = angles[columns[digit, k]]
+        digit_angles(angles, columns, gains, digit, q)
+        digit_points(rows[digit], mirror, q, joints[digit], axes[digit])
+        _digit_pieces(digit, rows[digit, L1 + 2], radii, v[THICK] * v[SCALE], joints[digit], pieces)
+        for k in range(3):
+            for i in range(PIECE):
+                own[k, i] = pieces[3 * digit + k, i]
+        unexplained = 0.0
+        for i in range(few):
+            closest(own, 3, 0, kept[i, 0], kept[i, 1], kept[i, 2], kept[i, 3], kept[i, 4], kept[i, 5], hit)
+            unexplained += kept[i, 6] * min(_robust(hit[4], now[0])[1], kept[i, 7])
+        outside = 0.0
+        for bone in range(3):
+            p = own[bone]
+            for step in range(3):
+                if bone < 2 and step == 2:
+                    continue  # the next bone's first
+                a, r = 0.5 * step * p[LENGTH], p[RA] + (p[RB] - p[RA]) * 0.5 * step
+                x, y, w = p[A] + a * p[U], p[A + 1] + a * p[U + 1], p[A + 2] + a * p[U + 2]
+                X = R[0] * x + R[1] * y + R[2] * w + t[0]
+                Y = R[3] * x + R[4] * y + R[5] * w + t[1]
+                Z = R[6] * x + R[7] * y + R[8] * w + t[2]
+                if _beside(front, opposite, lens, X, Y, Z, r, now, beside) > 0:
+                    outside += 2.0 * r * max(0.5 * p[LENGTH], 0.005) * beside[4]
+        overlap = 0.0
+        for rival in range(5):
+            if rival == digit:
+                continue
+            for i in range(6):
+                _ball(pieces, digit, i, one)
+                for k in range(6):
+                    _ball(pieces, rival, k, other)
+                    within_m = one[3] + other[3] - now[6]
+                    d2 = (one[0] - other[0]) ** 2 + (one[1] - other[1]) ** 2 + (one[2] - other[2]) ** 2
+                    if d2 < within_m * within_m:
+                        overlap += ((within_m - math.sqrt(d2)) / 0.01) ** 2
+        out[c] = (
+            unexplained / max(total, 1.0) + COSTS[1] * outside / area + COSTS[2] * min(overlap, 2.0)
+            + COSTS[3] * unusual
+        )  # fmt: skip
+
+
+@njit(cache=True)
+def visible(pieces, places, R, t, front, lens, near, out):
+    """Write how much of the flesh about each place is seen where it should be, of what faces the camera, into out (k,).
+
+    The flesh's surface is looked at in rings about its axis: before the place, at it, and at its end beyond it.
+
+    Args:
+        pieces: of `flesh`.
+        places: (k, 3) the piece, how far along it from 0 to 1, and whether it ends there.
+        near: how far the image's surface may be from the flesh's [m].
+    """
+    for i in range(len(places)):
+        p, f = pieces[int(places[i, 0])], places[i, 1]
+        r = p[RA] + f * (p[RB] - p[RA])
+        ax, ay, az = _across(p[U], p[U + 1], p[U + 2])
+        bx, by, bz = p[U + 1] * az - p[U + 2] * ay, p[U + 2] * ax - p[U] * az, p[U] * ay - p[U + 1] * ax
+        facing, agree = 0, 0
+        for ring in range(3):
+            along = f * p[LENGTH] + (ring - 1) * (r if places[i, 2] == 0.0 else 0.7 * r)
+            tilt = 0.7 if places[i, 2] > 0.0 and ring == 2 else 0.0
+            if tilt > 0.0:
+                along = f * p[LENGTH]
+            for k in range(12):
+                c, s = math.cos(k * math.pi / 6), math.sin(k * math.pi / 6)
+                nx = math.sqrt(1.0 - tilt * tilt) * (c * ax + s * bx) + tilt * p[U]
+                ny = math.sqrt(1.0 - tilt * tilt) * (c * ay + s * by) + tilt * p[U + 1]
+                nz = math.sqrt(1.0 - tilt * tilt) * (c * az + s * bz) + tilt * p[U + 2]
+                x, y, w = (
+                    p[A] + along * p[U] + r * nx,
+                    p[A + 1] + along * p[U + 1] + r * ny,
+                    p[A + 2] + along * p[U + 2] + r * nz,
+                )
+                X = R[0] * x + R[1] * y + R[2] * w + t[0]
+                Y = R[3] * x + R[4] * y + R[5] * w + t[1]
+                Z = R[6] * x + R[7] * y + R[8] * w + t[2]
+                away = nx * (R[0] * X + R[3] * Y + R[6] * Z) + ny * (R[1] * X + R[4] * Y + R[7] * Z)
+                away += nz * (R[2] * X + R[5] * Y + R[8] * Z)
+                if Z < 0.05 or away > -0.1 * math.sqrt(X * X + Y * Y + Z * Z):
+                    continue
+                facing += 1
+                column, line = int(lens[0] * X / Z + lens[2] + 0.5), int(lens[1] * Y / Z + lens[3] + 0.5)
+                if 0 <= line < front.shape[0] and 0 <= column < front.shape[1]:
+                    agree += abs(front[line, column] - Z) < near
+        out[i] = agree / max(facing, 1)
 
 
 @njit(cache=True)

@@ -244,14 +244,19 @@ class HandModel:
         check(constraints in ("full", "thesis"), "constraints", constraints, "full or thesis")
         return replace(self, constraints=constraints)
 
-    def stretched(self, extension_deg: float, abduction_deg: float) -> HandModel:
+    def stretched(self, extension_deg: float, abduction_deg: float, apart: float = 1.0) -> HandModel:
         """The same hand with fingers that bend backwards, and spread, so far; the thumb half as far again.
+
+        Args:
+            extension_deg, abduction_deg: see there.
+            apart: neighbouring fingers' flexions differ so many times as much.
 
         Raises:
             SettingsError: farther than a hand can.
         """
         check(0 <= extension_deg <= 45, "extension_deg", extension_deg, "0 to 45")
         check(5 <= abduction_deg <= 40, "abduction_deg", abduction_deg, "5 to 40")
+        check(0 < apart <= 100, "apart", apart, "above 0, at most 100")
         thumb, *fingers = self.digits
         centre = 0.5 * (fingers[0].flexion_deg[1] - extension_deg)
         limits = {
@@ -262,7 +267,8 @@ class HandModel:
         wide = {name: tuple(1.5 * limit for limit in getattr(thumb, name)) for name in ("flexion_deg", "abduction_deg")}
         thumb = replace(thumb, **wide)  # type: ignore[arg-type]
         index, middle, ring, little = (replace(finger, **limits) for finger in fingers)  # type: ignore[arg-type]
-        return replace(self, digits=(thumb, index, middle, ring, little))
+        one, two, three = (apart * sd_deg for sd_deg in self.neighbours_deg)
+        return replace(self, digits=(thumb, index, middle, ring, little), neighbours_deg=(one, two, three))
 
 
 class HandShape(msgspec.Struct, frozen=True, eq=False):

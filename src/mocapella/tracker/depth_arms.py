@@ -8,7 +8,7 @@ either hand.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Final, NamedTuple
@@ -46,9 +46,10 @@ class DepthArmsSettings:
         hand_length_m: of the average hand.
         believe: a fit whose cost is above this is no arm.
         keep: likewise of an arm that is followed.
-        trials: other poses that are tried in each image for an arm …
-        trials_in_doubt: … whose cost is above `doubt`.
-        doubt: see there.
+        digits: so many digits are looked at in each image for a better way to hold them, all where it is doubtful.
+        gain: a way is tried where it promises to lower the cost by so much.
+        doubt: an arm whose cost is above this is doubtful.
+        trials: poses that are tried in each image for a doubtful arm.
         better: another pose is taken when its cost is below this part of that of the arm's own.
         look_again_every: images between two times that a doubtful hand is looked for anew where it is.
         firm: an arm whose cost was below this for some images is sure, and others are not looked for in its stead.
@@ -62,9 +63,10 @@ class DepthArmsSettings:
     hand_length_m: float = 0.189
     believe: float = 0.30
     keep: float = 0.38
-    trials: int = 2
-    trials_in_doubt: int = 5
+    digits: int = 2
+    gain: float = 0.006
     doubt: float = 0.14
+    trials: int = 2
     better: float = 0.93
     look_again_every: int = 10
     firm: float = 0.19
@@ -78,8 +80,9 @@ class DepthArmsSettings:
         check(1 <= self.arms <= 8, "arms", self.arms, "1 to 8")
         check(0.1 <= self.hand_length_m <= 0.3, "hand_length_m", self.hand_length_m, "0.1 to 0.3 m")
         check(0 < self.believe <= self.keep < 2, "believe", self.believe, "above 0, at most keep, which is below 2")
+        check(1 <= self.digits <= 5, "digits", self.digits, "1 to 5")
+        check(0 < self.gain < 2, "gain", self.gain, "above 0, below 2")
         check(0 <= self.trials <= 100, "trials", self.trials, "0 to 100")
-        check(self.trials <= self.trials_in_doubt <= 100, "trials_in_doubt", self.trials_in_doubt, "trials to 100")
         check(0 < self.doubt < 2, "doubt", self.doubt, "above 0, below 2")
         check(0 < self.better <= 1, "better", self.better, "above 0, at most 1")
         check(0 < self.firm < 2, "firm", self.firm, "above 0, below 2")
@@ -95,7 +98,7 @@ class _Arm:
     def __init__(self, number: int, side: Handedness, fitted: Fitted, at_s: float) -> None:
         self.id, self.side, self.fitted, self.at_s = number, side, fitted, at_s
         self.velocity = np.zeros(6 + len(fitted.pose.z))
-        self.doubtful = self.since_look = self.firm = 0
+        self.doubtful = self.since_look = self.firm = self.next_digit = 0
         self.sure = _SUREST
         self.region: Region | None = None
         self.trials: list[_Trial] = []
@@ -118,28 +121,8 @@ class _Trial(NamedTuple):
     """A pose that might be better; as it was when the palm's middle was at a place [m]."""
 
     side: Handedness
-    pose: ArmPose | None
-    tips: Float64 | None
+    pose: ArmPose
     centre: Float64
-    digit: int = -1
-    held: tuple[int, int, int] = (0, 0, 0)
-
-    def start(self, arm: _Arm, models: Mapping[Handedness, ArmModel]) -> ArmPose:
-        """The pose to begin from, where the arm is now."""
-        if self.pose is None:
-            model = models[self.side]
-            pose = arm.fitted.pose.copied()
-            _bend(model, pose.z, self.digit, *self.held)
-            fit_kernels().within(model.digits, model.columns, model.gains, pose.z, model.c_max)
-            return pose
-        pose = self.pose.copied()
-        pose.t[:] += models[arm.side].points(arm.fitted.pose)[PALM] - self.centre
-        return pose
-
-    @property
-    def tips_m(self) -> Float64 | None:
-        """Only those of a start that is not moved would be right; fits without them."""
-        return None
 
 
 class DepthArms:
@@ -149,7 +132,7 @@ class DepthArms:
 
     def __init__(self, camera: Camera, settings: DepthArmsSettings | None = None) -> None:
         self.camera, self.settings = camera, settings or DepthArmsSettings()
-        model = hand_model("full").stretched(25.0, 28.0)
+        model = hand_model("full").stretched(25.0, 28.0, 4.0)
         s = self.settings
         sides: tuple[Handedness, Handedness] = ("right", "left")
         self.models = {side: ArmModel(model, model.shape(side, hand_length_m=s.hand_length_m), s.fit) for side in sides}
@@ -207,40 +190,49 @@ class DepthArms:
         return arm.doubtful < s.lost_after
 
     def _search(self, arm: _Arm, depth: Float32) -> None:
-        """Try a few other poses; those of an arm that fits badly more often."""
+        """Look for digits that fit better otherwise, and try other poses of an arm that fits badly."""
         s = self.settings
-        doubt = arm.fitted.cost > s.doubt
-        if not arm.trials or (doubt and arm.since_look >= s.look_again_every and len(arm.trials) < _FEW):
-            if doubt and arm.since_look >= s.look_again_every:
-                arm.since_look = 0
-                centre = self.models[arm.side].points(arm.fitted.pose)[PALM]
-                for candidate in palm_candidates(depth, self._lens, s.region, 1, centre):
-                    arm.trials = [
-                        _Trial(side, start, tips, centre)
-                        for side, model in self.models.items()
-                        for start, tips in _starts(model, candidate)
-                    ]
-            arm.trials = [*_digits_otherwise(self.models[arm.side], arm), *arm.trials]
-        arm.since_look += 1
         assert arm.region is not None
-        now: dict[Handedness, float] = {}
-        for _ in range(min(s.trials_in_doubt if doubt else s.trials, len(arm.trials))):
+        model, doubt = self.models[arm.side], arm.fitted.cost > s.doubt
+        evidence = _evidence(arm.region, model, arm.fitted.pose, 250, 0.15)
+        digits = range(5) if doubt else [(arm.next_digit + k) % 5 for k in range(s.digits)]
+        arm.next_digit = (arm.next_digit + s.digits) % 5
+        gain, start = max(
+            (model.held_otherwise(arm.fitted.pose, evidence, digit) for digit in digits), key=lambda way: way[0]
+        )
+        if gain > s.gain:
+            other = model.fit(start, model.unexpected(start), evidence, iterations=5, loose=2.0)
+            if other.cost < s.better * self._cost(model, arm.fitted.pose, evidence):
+                self._change(arm, arm.side, other, depth)
+        arm.since_look += 1
+        if not doubt:
+            return
+        if not arm.trials and arm.since_look >= s.look_again_every:
+            arm.since_look = 0
+            centre = model.points(arm.fitted.pose)[PALM]
+            for candidate in palm_candidates(depth, self._lens, s.region, 1, centre):
+                arm.trials = [
+                    _Trial(side, start, centre)
+                    for side, model in self.models.items()
+                    for start, _ in _starts(model, candidate)
+                ]
+        for _ in range(min(s.trials, len(arm.trials))):
             if not arm.trials:
                 break  # another side was taken
             trial = arm.trials.pop(0)
             model = self.models[trial.side]
-            start = trial.start(arm, self.models)
+            start = trial.pose.copied()
+            start.t[:] += self.models[arm.side].points(arm.fitted.pose)[PALM] - trial.centre
             evidence = _evidence(arm.region, model, start, 250, 0.15)
-            if arm.side not in now:
-                own = self.models[arm.side]
-                now[arm.side] = own.fit(
-                    arm.fitted.pose, own.unexpected(arm.fitted.pose),
-                    _evidence(arm.region, own, arm.fitted.pose, 250, 0.15), iterations=0,
-                ).cost  # fmt: skip
-            other = model.fit(start, model.unexpected(start), evidence, iterations=5, loose=2.0, tips=trial.tips_m)
-            if other.cost < s.better * now[arm.side]:
+            other = model.fit(start, model.unexpected(start), evidence, iterations=5, loose=2.0)
+            own = self.models[arm.side]
+            before = self._cost(own, arm.fitted.pose, _evidence(arm.region, own, arm.fitted.pose, 250, 0.15))
+            if other.cost < s.better * before:
                 self._change(arm, trial.side, other, depth)
-                now.clear()
+
+    @staticmethod
+    def _cost(model: ArmModel, pose: ArmPose, evidence: Evidence) -> float:
+        return model.fit(pose, model.unexpected(pose), evidence, iterations=0).cost
 
     def _change(self, arm: _Arm, side: Handedness, other: Fitted, depth: Float32) -> None:
         """Take another pose for an arm, where it is still better when all points are looked at."""
@@ -296,10 +288,8 @@ class DepthArms:
             if not any(self._same(arm, candidate) for arm in self._arms)
             and not any(np.linalg.norm(candidate.centre - at) < _REFUSED_M for at, _ in self._refused)
         ]
-        found = [one for one in self._best(depth, candidates) if one.cost <= s.believe]
-        better = (self._repaired(depth, one) for one in self._apart(found)[: 2 * s.arms + 2])
-        found = [one for one in better if one.cost <= s.believe]
-        for one in self._judged(depth, found):
+        found = [one for candidate in candidates for one in self._best(depth, candidate)]
+        for one in self._judged(depth, self._apart(found)):
             rivals = [arm for arm in self._arms if self._overlap(_Found(0.0, arm.side, arm.fitted), one)]
             if rivals:  # the same arm, from its other end
                 best = self._judged(depth, [one, *(_Found(0.0, arm.side, arm.fitted) for arm in rivals)])[0]
@@ -307,7 +297,7 @@ class DepthArms:
                     continue
             elif len(self._arms) == s.arms:  # one that was never sure makes room
                 rivals = [max(self._arms, key=lambda arm: (arm.firm < _FIRM_AFTER, arm.fitted.cost))]
-                if rivals[0].firm >= _FIRM_AFTER or rivals[0].fitted.cost < one.cost:
+                if rivals[0].firm >= _FIRM_AFTER or _MUCH_BETTER * rivals[0].fitted.cost < one.cost:
                     continue
             for arm in rivals:
                 self._arms.remove(arm)
@@ -324,10 +314,10 @@ class DepthArms:
         return np.asarray(self.models[side].points(fitted.pose)[PALM])
 
     def _apart(self, found: list[_Found]) -> list[_Found]:
-        """The best of either side at each place."""
+        """The best at each place, of whichever side."""
         kept: list[_Found] = []
-        for one in found:
-            if not any(other.side == one.side and self._near(other, one) for other in kept):
+        for one in sorted(found, key=lambda one: one.cost):
+            if not any(self._near(other, one) for other in kept):
                 kept.append(one)
         return kept
 
@@ -372,52 +362,56 @@ class DepthArms:
         spheres = spheres[spheres[:, 4] > 0]
         return bool((np.linalg.norm(spheres[:, :3] - candidate.centre, axis=1) < spheres[:, 3] + 0.04).any())
 
-    def _best(self, depth: Float32, candidates: list[PalmCandidate]) -> list[_Found]:
-        """The hands that fit best, one or few for each candidate: all starts a little, the better ones more."""
-        pool: list[tuple[Region, _Found, Float64 | None]] = []
-        for candidate in candidates:
-            part = self._region(depth, candidate.spheres)
-            if part is None or len(part.points) < _FEW:
-                continue
-            for side, model in self.models.items():
-                for start, tips in _starts(model, candidate):
-                    evidence = _evidence(part, model, start, 120, 0.3)
-                    fitted = model.fit(
-                        start, model.unexpected(start), evidence, iterations=4, loose=3.0, tips=tips, keep=1.0
-                    )
-                    pool.append((part, _Found(fitted.cost, side, fitted), tips))
+    def _best(self, depth: Float32, candidate: PalmCandidate) -> list[_Found]:
+        """The hand of either side that fits best there: all starts a little, the better ones more."""
+        part = self._region(depth, candidate.spheres)
+        if part is None or len(part.points) < _FEW:
+            return []
+        pool: list[tuple[_Found, Float64 | None]] = []
+        for side, model in self.models.items():
+            for start, tips in _starts(model, candidate):
+                evidence = _evidence(part, model, start, 120, 0.3)
+                fitted = model.fit(
+                    start, model.unexpected(start), evidence, iterations=4, loose=3.0, tips=tips, keep=1.0
+                )
+                pool.append((_Found(fitted.cost, side, fitted), tips))
         for most, points, iterations, loose in _ROUNDS:
-            pool.sort(key=lambda entry: entry[1].cost)
             better = []
-            for part, (_, side, before), tips in pool[:most]:
+            for (_, side, before), tips in _of_each_side(pool, most):
                 model = self.models[side]
-                part = self._region(depth, model.spheres(before.pose)) if points > 250 else part  # noqa: PLW2901
-                if part is None:
+                closer = self._region(depth, model.spheres(before.pose)) if points > 250 else part
+                if closer is None:
                     continue
-                evidence = _evidence(part, model, before.pose, points, 0.3)
+                evidence = _evidence(closer, model, before.pose, points, 0.3)
                 fitted = model.fit(
                     before.pose, model.unexpected(before.pose), evidence, iterations=iterations, loose=loose,
                     tips=tips if points <= 250 else None,
                 )  # fmt: skip
-                better.append((part, _Found(fitted.cost, side, fitted), tips))
+                better.append((_Found(fitted.cost, side, fitted), tips))
             pool = better
-        return sorted((entry[1] for entry in pool), key=lambda one: one.cost)
+        best = (self._repaired(depth, one) for one, _ in _of_each_side(pool, 1) if one.cost < _HOPELESS)
+        return [one for one in best if one.cost <= self.settings.believe]
 
     def _repaired(self, depth: Float32, found: _Found) -> _Found:
         """With each digit held otherwise where that is better."""
         model, fitted = self.models[found.side], found.fitted
-        for digit in range(5):
+        left = set(range(5))
+        for _ in range(_REPAIRS):
             part = self._region(depth, model.spheres(fitted.pose))
-            if part is None:
+            if part is None or not left:
                 break
-            for held in _OTHERWISE[digit > 0]:
-                start = fitted.pose.copied()
-                _bend(model, start.z, digit, *held)
-                fit_kernels().within(model.digits, model.columns, model.gains, start.z, model.c_max)
-                evidence = _evidence(part, model, start, 400, 0.3)
-                other = model.fit(start, model.unexpected(start), evidence, iterations=5, loose=1.5)
-                if other.cost < 0.97 * fitted.cost:
-                    fitted = other
+            evidence = _evidence(part, model, fitted.pose, 400, 0.3)
+            gain, start, digit = max(
+                ((*model.held_otherwise(fitted.pose, evidence, digit), digit) for digit in left),
+                key=lambda way: way[0],
+            )
+            if gain < self.settings.gain:
+                break
+            other = model.fit(start, model.unexpected(start), evidence, iterations=6, loose=1.5)
+            if other.cost < 0.98 * self._cost(model, fitted.pose, evidence):
+                fitted, left = other, set(range(5))
+            else:
+                left.discard(digit)
         part = self._region(depth, model.spheres(fitted.pose))
         if part is None:
             return _Found(fitted.cost, found.side, fitted)
@@ -427,46 +421,32 @@ class DepthArms:
             for iterations, loose in ((0, 1.0), (12, 1.0), (12, 2.0))
         ]
         best = min(ends, key=lambda end: end.cost)
-        return _Found(best.cost, found.side, best)
+        return _Found(best.cost + _HIDDEN * float(best.costs[4]), found.side, best)
 
     # Telling.
 
     def _told(self, arm: _Arm) -> SeenArm:
         model, pose = self.models[arm.side], arm.fitted.pose
         points = model.points(pose)
-        states = _states(points, arm.region, model, pose)
+        seen = np.zeros(len(points), np.bool_)
+        if arm.region is not None:
+            seen = model.visible(pose, _evidence(arm.region, model, pose)) > _VISIBLE
+        states = np.where(seen, JointState.TRACKED, JointState.INFERRED).astype(np.uint8)
         sd = np.where(states == JointState.TRACKED, 0.006, 0.02).astype(np.float32)
         return SeenArm(
             arm.id, arm.side == "left", arm.sure, points, states, sd, model.angles(pose), pose.T_camera_palm
         )  # fmt: skip
 
 
-def _states(points: Float64, part: Region | None, model: ArmModel, pose: ArmPose) -> NDArray[np.uint8]:
-    """Measured where the image has the flesh's surface at the joint."""
-    states = np.full(len(points), JointState.INFERRED, dtype=np.uint8)
-    if part is None:
-        return states
-    radii = np.full(len(points), 0.015)
-    radii[1:21] = (model.radii[:5, :4] * pose.v[0] * pose.v[1]).reshape(20)
-    radii[22] = 0.035
-    height, width = part.front.shape
-    for i, (x, y, z) in enumerate(points):
-        if z < 0.1:
-            continue
-        u, v = part.lens[0] * x / z + part.lens[2], part.lens[1] * y / z + part.lens[3]
-        j, k = round(float(u)), round(float(v))
-        if not (0 <= j < width and 0 <= k < height):
-            continue
-        near = part.front[max(k - 2, 0) : k + 3, max(j - 2, 0) : j + 3]
-        fits = np.abs(near - (z - radii[i])) < 0.010
-        if fits.sum() >= 2:
-            states[i] = JointState.TRACKED
-    return states
-
-
 def _evidence(part: Region, model: ArmModel, pose: ArmPose, most: int = 10_000, beyond: float = 0.05) -> Evidence:
     points = np.ascontiguousarray(part.points[:: max(-(-len(part.points) // most), 1)])
     return Evidence(points, model.relevance(points, pose, beyond), part.front, part.opposite, part.lens)
+
+
+def _of_each_side(pool: list[tuple[_Found, Float64 | None]], most: int) -> list[tuple[_Found, Float64 | None]]:
+    """The best of either side, so many at most."""
+    pool = sorted(pool, key=lambda entry: entry[0].cost)
+    return [entry for side in ("right", "left") for entry in [one for one in pool if one[0].side == side][:most]]
 
 
 def _motion(before: ArmPose, after: ArmPose) -> Float64:
@@ -483,11 +463,10 @@ def _starts(model: ArmModel, candidate: PalmCandidate) -> Iterator[tuple[ArmPose
     is none, the hand is a fist, or seen from its side.
     """
     normal, tips = candidate.normal, candidate.tips
+    edge_on = candidate.radius_m < _EDGE_ON_M
     for z_axis in _pointing(candidate):
         y_axis = _across(normal, z_axis, candidate.centre)
         for roll in _ROLLS:
-            if len(tips) >= 3 and roll not in _FLAT:
-                continue
             y = np.cos(roll) * y_axis + np.sin(roll) * np.cross(z_axis, y_axis)
             R = np.stack([np.cross(y, z_axis), y, z_axis], axis=1)
             t = candidate.centre - 0.012 * normal - R @ (0.5 * model.shape.bases[2] * model.shape.mirror)
@@ -497,25 +476,20 @@ def _starts(model: ArmModel, candidate: PalmCandidate) -> Iterator[tuple[ArmPose
                 # The upper arm goes back to the shoulder, away from the camera.
                 back = 0.5 * candidate.forearm + candidate.centre / np.linalg.norm(candidate.centre)
                 v[7:10] = R.T @ (back / np.linalg.norm(back))
-            # Seen from its back, a right hand's digits go clockwise from the thumb on; from its side, either way.
-            clockwise = (np.cos(roll) > 0) == (model.mirror > 0)
-            orders = [tips[::-1] if clockwise else tips]
-            if roll not in _FLAT and len(tips) == 2:
-                orders = [tips, tips[::-1]]
-            for ordered in orders:
+            turned = np.ascontiguousarray(R).reshape(9)
+            if roll in _FLAT or len(tips) < 2:
+                # Seen from its back, a right hand's digits go clockwise from the thumb on.
+                clockwise = (np.cos(roll) > 0) == (model.mirror > 0)
+                ordered = tips[::-1] if clockwise else tips
                 for digits in combinations(range(5), len(tips)):
                     z = _posed(model, tuple(_OPEN[d] if d in digits else _BENT[d] for d in range(5)))
                     targets = np.full((5, 3), np.nan)
                     targets[list(digits)] = ordered
-                    yield ArmPose(np.ascontiguousarray(R).reshape(9), t.copy(), z, v.copy()), targets
-            if len(tips) < 2:
+                    yield ArmPose(turned, t.copy(), z, v.copy()), targets
+            if len(tips) < 2 or (edge_on and roll not in _FLAT):
                 for shift in _SHIFTS_M:
                     for postures in (_OPEN, _BENT, _HOLDING):
-                        moved = t + shift * z_axis
-                        yield (
-                            ArmPose(np.ascontiguousarray(R).reshape(9), moved, _posed(model, postures), v.copy()),
-                            None,
-                        )
+                        yield ArmPose(turned, t + shift * z_axis, _posed(model, postures), v.copy()), None
 
 
 def _pointing(candidate: PalmCandidate) -> list[Float64]:
@@ -543,6 +517,8 @@ def _across(normal: Float64, z_axis: Float64, centre: Float64) -> Float64:
 
 
 _FLAT: Final = (0.0, np.pi)
+_EDGE_ON_M: Final = 0.026
+"""A hand in which no larger circle fits may be seen from its side."""
 _ROLLS: Final = (*_FLAT, 0.5 * np.pi, -0.5 * np.pi)
 _OPEN: Final = ((0, 0, 10), *[(5, 0, 8)] * 4)
 _BENT: Final = ((0, 0, 40), *[(70, 0, 85)] * 4)
@@ -552,29 +528,19 @@ _SHIFTS_M: Final = (-0.03, 0.0, 0.03)
 """Along the hand: where there are no fingers to be seen, its middle is not known so well."""
 
 
-def _digits_otherwise(model: ArmModel, arm: _Arm) -> list[_Trial]:
-    """Each digit held otherwise; fingers in turn."""
-    nowhere = np.zeros(3)
-    return [
-        _Trial(arm.side, None, None, nowhere, digit, held)
-        for k in range(len(_OTHERWISE[1]))
-        for digit in range(5)
-        if k < len(_OTHERWISE[digit > 0])
-        for held in (_OTHERWISE[digit > 0][k],)
-    ]
-
-
-_ROUNDS: Final = ((48, 250, 8, 2.0), (10, 400, 8, 1.5))
-"""How many starts are kept, with how many points, iterations, and how loose at the beginning."""
+_ROUNDS: Final = ((5, 250, 8, 2.0), (2, 400, 8, 1.5))
+"""How many starts of either side are kept, with how many points, iterations, and how loose at the beginning."""
+_HOPELESS: Final = 0.4
+_HIDDEN: Final = 0.3
+"""An arm that is all but hidden is none, when it is first seen."""
+_MUCH_BETTER: Final = 0.7
 _SUREST: Final = 0.95
 _FIRM_AFTER: Final = 5
 _REFUSED_M: Final = 0.08
 _FEW: Final = 40
-_OTHERWISE: Final = (
-    ((0, 0, 10), (20, 15, 50), (-20, -15, 10), (20, -15, 50)),
-    ((0, 0, 5), (45, 0, 45), (80, 0, 95), (5, 0, 95), (80, 0, 15)),
-)
-"""Of a thumb, and of a finger: straight, half bent, fist, hook, at right angles to the palm."""
+_VISIBLE: Final = 0.05
+
+_REPAIRS: Final = 10
 
 
 def _posed(model: ArmModel, flexions: tuple[tuple[int, int, int], ...]) -> Float64:
