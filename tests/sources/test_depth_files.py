@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import struct
 import threading
+import zlib
 from pathlib import Path
 
 import cv2
@@ -15,7 +17,7 @@ from hypothesis import strategies as st
 from mocapella.errors import InputError, SettingsError
 from mocapella.geometry.kinect_depth import UNIT_M, kinect_metres
 from mocapella.model.camera import Camera
-from mocapella.sources.depth_files import DamagedImageError, DepthFiles, natural, read_depth_png
+from mocapella.sources.depth_files import DamagedImageError, DepthFiles, natural, read_depth_png, write_png
 from mocapella.sources.depth_options import (
     DepthOptions,
     UnitCheck,
@@ -162,6 +164,37 @@ def test_a_file_that_is_cut_off_anywhere_or_changed_is_damaged(tmp_path: Path) -
         path.write_bytes(data)
         with pytest.raises(DamagedImageError, match=r"a.png.*(cut off|damaged)"):
             read_depth_png(path)
+
+
+def chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+def header(width: int, height: int) -> bytes:
+    return chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 16, 0, 0, 0, 0))
+
+
+@pytest.mark.parametrize(
+    ("parts", "kind", "named"),
+    [
+        (chunk(b"IHDR", b"12"), DamagedImageError, "has no header that can be read"),
+        (header(16, 12) + chunk(b"IDAT", b"nonsense") + chunk(b"IEND", b""), DamagedImageError, "cannot be unpacked"),
+        (header(1 << 20, 1 << 20) + chunk(b"IEND", b""), InputError, "is 1048576 × 1048576 px"),
+    ],
+)
+def test_files_whose_parts_are_whole_and_say_what_cannot_be(
+    tmp_path: Path, parts: bytes, kind: type[InputError], named: str
+) -> None:
+    (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n" + parts)
+    with pytest.raises(kind, match=rf"a.png: {named}"):
+        read_depth_png(tmp_path / "a.png")
+
+
+def test_a_file_that_is_not_there_cannot_be_read_nor_one_be_written_where_there_is_no_folder(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"a.png: cannot be read \(No such file"):
+        read_depth_png(tmp_path / "a.png")
+    with pytest.raises(InputError, match=r"a.png: cannot be written \(No such file"):
+        write_png(tmp_path / "no" / "a.png", np.zeros((2, 2), np.uint8))
 
 
 def test_a_sequence_with_a_damaged_file_goes_on_and_says_so(tmp_path: Path) -> None:
