@@ -23,6 +23,7 @@ from mocapella.cli import view as _view  # noqa: F401 - and another: an app of o
 from mocapella.cli.app import app
 from mocapella.errors import InputError, SettingsError
 from mocapella.geometry.lens import project
+from mocapella.model.arms import SeenArms
 from mocapella.model.camera import Camera, CameraRig, PlacedCamera
 from mocapella.model.camera_rig_file import save_camera_rig
 from mocapella.model.depth import depth_frame
@@ -236,7 +237,7 @@ def nobody(number: int) -> Any:
 def test_a_take_says_lens_and_unit_itself(folder: Path) -> None:
     take(folder / "one.mcap", {"front": nobody, "arm": seen("arm")})
     take(folder / "two.mcap", {"arm": seen("arm"), "other": seen("other")})
-    for text, sensor in (("one.mcap", "arm"), ("one", "arm"), ("two.mcap:other", "other")):
+    for text, sensor in (("one.mcap", "arm"), ("one", "arm"), ("two.mcap:other", "other"), ("two:other", "other")):
         (recording,) = result(text)["recordings"]
         assert [frame["time_s"] for frame in recording["frames"]] == [0.0, 0.05, 0.1]
         assert recording["recording"].endswith(f".mcap:{sensor}")
@@ -256,6 +257,19 @@ def test_a_take_that_cannot_be_used_is_said(folder: Path) -> None:
         ("changed.mcap", "has another size, unit or lens than the first"),
     ):
         assert named in refusal(text)
+    assert "one.mcap: field unit" in refusal(
+        str(take(folder / "one.mcap", {"arm": seen("arm")})), "--unit", "kinect-raw"
+    )
+
+
+def test_where_no_arm_is_found_unit_and_lens_are_doubted(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = result("frames", *SAID)["recordings"][0]
+    assert recording["problems"] == []
+    assert recording["quality"]["misdetections_per_minute"] is None  # of a tenth of a second
+    monkeypatch.setattr(NearestArm, "update", lambda self, depth, at_s: SeenArms((), "no hand is seen"))
+    (problem,) = result("frames", *SAID)["recordings"][0]["problems"]
+    assert "the median distance is 1 m" in problem
+    assert problem in arm("frames", *SAID).stderr
 
 
 def test_a_cut_off_take_is_read_as_far_as_it_goes(folder: Path) -> None:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import ctypes
 import inspect
 import signal
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numba
 import pytest
 import typer
 from hypothesis import given
@@ -18,6 +21,7 @@ from mocapella.cli.common import (
     get_ready,
     recording_row,
     take_file,
+    telling_of_compiling,
     warn_if_open,
     working,
 )
@@ -92,6 +96,28 @@ def test_work_that_is_interrupted_is_an_exit_status_and_a_line(
     assert signal.getsignal(number) is before
 
 
+@pytest.mark.parametrize("fails_then", [True, False])
+def test_an_interruption_that_c_has_lost_is_one_all_the_same(
+    fails_then: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A compiler that is called back when the signal comes goes on as if nothing were, or fails in its own way."""
+    called_back = ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGINT))
+    went_on = []
+    hook = sys.unraisablehook
+
+    def compile_it() -> None:
+        called_back()
+        went_on.append(1)
+        if fails_then:
+            raise RuntimeError("no compiled object yet")
+
+    with pytest.raises(typer.Exit) as ended, working("compiling …", status=130):
+        compile_it()
+    assert (ended.value.exit_code, went_on) == (130, [1])
+    assert capsys.readouterr().err.strip() == "stopped before the end"
+    assert sys.unraisablehook is hook
+
+
 @pytest.mark.parametrize("compiles", [True, False])
 def test_who_waits_for_a_method_to_be_compiled_is_told(
     compiles: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -107,6 +133,17 @@ def test_who_waits_for_a_method_to_be_compiled_is_told(
     get_ready("default")
     assert made == ["default"]
     assert ("compiling the method default for this machine" in capsys.readouterr().err) == compiles
+
+
+def test_who_waits_for_kernels_is_told_what_is_compiled(capsys: pytest.CaptureFixture[str]) -> None:
+    @numba.njit
+    def new(x: float) -> float:
+        return x + 1
+
+    for told in (True, False):
+        with telling_of_compiling("the arm"):
+            new(1.0)
+        assert ("compiling the arm for this machine" in capsys.readouterr().err) == told
 
 
 def test_the_method_where_none_is_named_is_the_same_everywhere() -> None:

@@ -102,8 +102,10 @@ def test_that_no_arm_is_found_is_said_with_the_methods_reason(monkeypatch: pytes
     monkeypatch.setattr(made.method, "update", lambda depth, at_s: nobody)
     assert said(made, 0, 700) == ["no arm is found: nobody is near"]
     assert made.report()["reasons"] == {"nobody is near": 8}
+    assert "the median distance is 70 cm" in made.report()["problems"][-1]
     monkeypatch.setattr(made.method, "update", lambda depth, at_s: found)
     assert said(made, 10, 700) == ["arms: well again"]
+    assert made.report()["problems"] == ["a screw is loose"]
 
 
 def test_late_looks_are_counted_and_what_is_too_late_is_not_sent() -> None:

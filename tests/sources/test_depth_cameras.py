@@ -173,6 +173,13 @@ def test_a_kinects_disparities_become_depths_where_that_is_asked_for() -> None:
     assert state.lens[0] == pytest.approx(575.8, abs=0.05)
 
 
+@pytest.mark.parametrize("text", ["openni:0", "realsense:", "orbbec:0", "rendered:fist"])
+def test_disparities_of_what_has_none_are_refused(text: str) -> None:
+    with pytest.raises(SettingsError, match=rf"kinect-raw: {text.partition(':')[0]} gives depths"):
+        open_depth(text, DepthOptions(kinect_raw=True))
+    assert isinstance(open_depth("freenect:0", DepthOptions(kinect_raw=True)), FreenectCamera)
+
+
 def test_a_realsense_is_asked_for_by_serial_size_and_rate() -> None:
     camera = FakeCamera(0.001)
     options = DepthOptions(size_px=(848, 480), fps=60)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import struct
 import threading
+import zlib
 from pathlib import Path
 
 import cv2
@@ -14,7 +16,8 @@ from hypothesis import strategies as st
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.geometry.kinect_depth import UNIT_M, kinect_metres
-from mocapella.sources.depth_files import DamagedImageError, DepthFiles, natural, read_depth_png
+from mocapella.model.camera import Camera
+from mocapella.sources.depth_files import DamagedImageError, DepthFiles, natural, read_depth_png, write_png
 from mocapella.sources.depth_options import (
     DepthOptions,
     UnitCheck,
@@ -111,6 +114,15 @@ def test_a_kinects_disparities_become_depths(tmp_path: Path) -> None:
         (tmp_path / "depth.toml").write_text("raw = 'kinect-raw'")
 
 
+def test_depths_are_no_disparities(tmp_path: Path) -> None:
+    png(tmp_path / "a.png", np.full((12, 16), 2047, np.uint16))
+    png(tmp_path / "b.png", np.full((12, 16), 5600, np.uint16))
+    images = DepthFiles([tmp_path], DepthOptions(kinect_raw=True)).images()
+    assert next(images).depth is not None
+    with pytest.raises(InputError, match=r"b.png: .*unit.*kinect-raw.*values up to 5600.*--unit 0.001 or 0.000125"):
+        next(images)
+
+
 def test_what_is_missing_is_said_with_how_to_give_it(tmp_path: Path) -> None:
     sequence(tmp_path, [1])
     for options, named in (
@@ -152,6 +164,37 @@ def test_a_file_that_is_cut_off_anywhere_or_changed_is_damaged(tmp_path: Path) -
         path.write_bytes(data)
         with pytest.raises(DamagedImageError, match=r"a.png.*(cut off|damaged)"):
             read_depth_png(path)
+
+
+def chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+def header(width: int, height: int) -> bytes:
+    return chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 16, 0, 0, 0, 0))
+
+
+@pytest.mark.parametrize(
+    ("parts", "kind", "named"),
+    [
+        (chunk(b"IHDR", b"12"), DamagedImageError, "has no header that can be read"),
+        (header(16, 12) + chunk(b"IDAT", b"nonsense") + chunk(b"IEND", b""), DamagedImageError, "cannot be unpacked"),
+        (header(1 << 20, 1 << 20) + chunk(b"IEND", b""), InputError, "is 1048576 × 1048576 px"),
+    ],
+)
+def test_files_whose_parts_are_whole_and_say_what_cannot_be(
+    tmp_path: Path, parts: bytes, kind: type[InputError], named: str
+) -> None:
+    (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n" + parts)
+    with pytest.raises(kind, match=rf"a.png: {named}"):
+        read_depth_png(tmp_path / "a.png")
+
+
+def test_a_file_that_is_not_there_cannot_be_read_nor_one_be_written_where_there_is_no_folder(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"a.png: cannot be read \(No such file"):
+        read_depth_png(tmp_path / "a.png")
+    with pytest.raises(InputError, match=r"a.png: cannot be written \(No such file"):
+        write_png(tmp_path / "no" / "a.png", np.zeros((2, 2), np.uint8))
 
 
 def test_a_sequence_with_a_damaged_file_goes_on_and_says_so(tmp_path: Path) -> None:
@@ -285,6 +328,18 @@ def test_empty_images_are_counted_and_say_nothing_of_the_unit() -> None:
     for depth in (np.full((12, 16), 700, np.uint16), np.zeros((12, 16), np.uint16)):
         good.update(depth)
     assert (good.images, good.empty) == (2, 1)
+
+
+def test_where_no_arm_is_found_a_likely_unit_and_lens_are_named() -> None:
+    check = UnitCheck(0.001, "here")
+    camera = Camera("depth", (640, 480), np.array([952.0, 952, 320, 240, 0, 0, 0, 0, 0]))
+    assert check.doubt(camera) == ""
+    check.update(np.full((480, 640), 5600, np.uint16))
+    assert check.doubt(camera) == (
+        "if there is an arm, unit or lens are wrong: with 0.001 m a unit the median distance is 5.6 m, likely would be "
+        "--unit 0.000125 (70 cm) or 0.0001 (56 cm); a lens of f 952 px sees 37° across, usual for 640 × 480 is "
+        "--intrinsics 575.8,319.5,239.5"
+    )
 
 
 def test_disparities_without_their_name_are_recognised() -> None:

@@ -367,9 +367,14 @@ def test_frames_that_cannot_be_used_are_counted_and_change_nothing() -> None:
     for said in ("goes backwards", "repeats", "320 × 240, the rig's 640 × 480", "skeletons", "markers", "node arm"):
         assert said in words
     assert (tracker.report.frames, tracker.report.kept) == (7, 1)
+    # Images that a camera's node sends beside its arms are for the take.
+    beside = depth_frame("a.depth", np.ones((3, 4), np.uint16), unit_m=0.001, lens=LENS, time_ns=1)
+    scene = tracker.update(Arrival(beside, 2))
+    assert (scene.step, scene.arms) == (7, first.arms)
+    assert (tracker.report.frames, tracker.report.kept) == (8, 2)
     # A node that was started anew may have another clock.
-    assert tracker.update(frame("a", [arm], -1.0, node_id=2)).step == 7
-    assert tracker.report.kept == 2
+    assert tracker.update(frame("a", [arm], -1.0, node_id=2)).step == 8
+    assert tracker.report.kept == 3
 
 
 def test_a_snapshot_goes_on_to_the_bit() -> None:

@@ -8,10 +8,10 @@ from tracker.hand_frames import watched
 from tracker.test_default import frames, told
 from walking_people import Walker
 
+from mocapella.compiled import told_of_compiling
 from mocapella.model.observations import Arrival
 from mocapella.schema import decode_frame, encode_frame
 from mocapella.tracker import make_ready
-from mocapella.tracker.ready import _told_of_compiling
 
 
 def as_it_comes(arrival: Arrival) -> Arrival:
@@ -25,7 +25,7 @@ def test_once_it_is_ready_nothing_is_compiled_while_people_are_tracked() -> None
     make_ready("default")
     compiled: list[str] = []
     walker = Walker()
-    with _told_of_compiling(lambda: compiled.append("something")):
+    with told_of_compiling(lambda: compiled.append("something")):
         tracker = told()
         for arrival in frames({1: walker}, 3.0, noise=0.01):
             tracker.update(as_it_comes(arrival))
@@ -40,7 +40,7 @@ def test_once_it_is_ready_nothing_is_compiled_while_a_hand_is_tracked() -> None:
     make_ready("hands")
     seen = list(watched(0, 30))
     compiled: list[str] = []
-    with _told_of_compiling(lambda: compiled.append("something")):
+    with told_of_compiling(lambda: compiled.append("something")):
         one = tracker_of_a_hand()
         for arrival in seen:
             one.update(Arrival(decode_frame(encode_frame(arrival.frame)), arrival.at_ns))
@@ -54,11 +54,11 @@ def test_who_waits_is_told_once_and_only_where_something_is_compiled() -> None:
         return x + 1
 
     said: list[int] = []
-    with _told_of_compiling(lambda: said.append(1)):
+    with told_of_compiling(lambda: said.append(1)):
         assert said == []
         new(1)
         new(1.0)
     assert said == [1]
-    with _told_of_compiling(lambda: said.append(2)):
+    with told_of_compiling(lambda: said.append(2)):
         new(2)
     assert said == [1]

@@ -257,12 +257,7 @@ def vectors() -> dict[str, tuple[bytes, dict[str, Any]]]:
 
 def _frame_values(frame: BodyFrame) -> dict[str, Any]:
     return {
-        "schema_version": 1,
-        "sensor": frame.sensor,
-        "node_id": str(frame.node_id),
-        "sequence": str(frame.sequence),
-        "time_ns": str(frame.time_ns),
-        "sent_ns": str(frame.sent_ns),
+        **_identity(frame),
         "topology": frame.topology.name,
         "depth_width_px": frame.depth_size_px[0],
         "depth_height_px": frame.depth_size_px[1],
@@ -278,7 +273,8 @@ def _frame_values(frame: BodyFrame) -> dict[str, Any]:
     }
 
 
-def _marker_values(frame: MarkerFrame) -> dict[str, Any]:
+def _identity(frame: Frame) -> dict[str, Any]:
+    """The fields that all frames have."""
     return {
         "schema_version": 1,
         "sensor": frame.sensor,
@@ -286,6 +282,12 @@ def _marker_values(frame: MarkerFrame) -> dict[str, Any]:
         "sequence": str(frame.sequence),
         "time_ns": str(frame.time_ns),
         "sent_ns": str(frame.sent_ns),
+    }
+
+
+def _marker_values(frame: MarkerFrame) -> dict[str, Any]:
+    return {
+        **_identity(frame),
         "width_px": frame.size_px[0],
         "height_px": frame.size_px[1],
         "names": list(frame.names),
@@ -298,12 +300,7 @@ def _marker_values(frame: MarkerFrame) -> dict[str, Any]:
 
 def _pose_values(frame: PoseFrame) -> dict[str, Any]:
     return {
-        "schema_version": 1,
-        "sensor": frame.sensor,
-        "node_id": str(frame.node_id),
-        "sequence": str(frame.sequence),
-        "time_ns": str(frame.time_ns),
-        "sent_ns": str(frame.sent_ns),
+        **_identity(frame),
         "space": frame.space,
         "names": list(frame.names),
         "positions_m": _lists(frame.positions),
@@ -314,12 +311,7 @@ def _pose_values(frame: PoseFrame) -> dict[str, Any]:
 
 def _depth_values(frame: DepthFrame) -> dict[str, Any]:
     return {
-        "schema_version": 1,
-        "sensor": frame.sensor,
-        "node_id": str(frame.node_id),
-        "sequence": str(frame.sequence),
-        "time_ns": str(frame.time_ns),
-        "sent_ns": str(frame.sent_ns),
+        **_identity(frame),
         "width_px": frame.size_px[0],
         "height_px": frame.size_px[1],
         "unit_m": frame.unit_m,
@@ -330,12 +322,7 @@ def _depth_values(frame: DepthFrame) -> dict[str, Any]:
 
 def _arm_values(frame: ArmFrame) -> dict[str, Any]:
     return {
-        "schema_version": 1,
-        "sensor": frame.sensor,
-        "node_id": str(frame.node_id),
-        "sequence": str(frame.sequence),
-        "time_ns": str(frame.time_ns),
-        "sent_ns": str(frame.sent_ns),
+        **_identity(frame),
         "width_px": frame.size_px[0],
         "height_px": frame.size_px[1],
         "lens": frame.lens.tolist(),

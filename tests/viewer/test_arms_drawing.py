@@ -19,7 +19,7 @@ from mocapella.viewer.arm_panel import quality_html
 from mocapella.viewer.arms import COLOURS, PANELS, SCALE, ArmsShown, arms_drawing, centre_of, cloth_mesh, lane_arms
 from mocapella.viewer.palette import Rgb
 from mocapella.viewer.perspective import Floors, Perspectives
-from mocapella.viewer.stages import tracking_drawing
+from mocapella.viewer.stages import tracking_drawing, tracking_title
 
 POINTS = np.random.default_rng(4).normal(0, 0.1, (23, 3)) + np.array([0.0, 0.0, 0.8])
 CENTRE = POINTS.mean(axis=0)
@@ -128,6 +128,20 @@ def test_the_stage_is_that_of_arms_where_there_are_any() -> None:
     assert drawn.cloth is not None
     assert drawn.scale == SCALE
     assert not tracking_drawing(scene(), "free", Perspectives(), Floors()).arms
+
+
+def test_the_title_is_at_the_edge_of_what_the_picture_has() -> None:
+    shown = ArmsShown(CENTRE)
+    for arms, box in ((shown, layout.arms_box()), (None, layout.tracking_box())):
+        drawing = tracking_drawing(None if arms is None else scene(arm()), "arm", Perspectives(), Floors(), arms)
+        place = tracking_title(drawing, "arm").position
+        assert (np.array(place) >= box.low).all()
+        assert (np.array(place) <= box.high).all()
+        assert place[0] > max(panel.middle[0] for panel in PANELS)
+    assert (
+        "2.3 times as large"
+        in tracking_title(tracking_drawing(None, "arm", Perspectives(), Floors(), shown), "arm").text
+    )
 
 
 def test_an_image_in_its_lane_has_the_arm_where_the_camera_sees_it() -> None:

@@ -91,7 +91,7 @@ def test_a_person_that_the_sensor_lost_stays_and_one_that_it_never_saw_is_named(
     drawing = tracking_drawing(blind, "front", fresh, floors)
     assert drawing.unseen == ("person 1", "person 2")
     assert len(drawing.bones) == 0
-    assert tracking_title(drawing, "front") == "Tracking · seen from front (never saw person 1, person 2)"
+    assert tracking_title(drawing, "front").text == "Tracking · seen from front (never saw person 1, person 2)"
 
 
 def test_who_is_gone_is_forgotten():
@@ -121,7 +121,7 @@ def test_without_a_scene_the_stage_is_empty():
     drawing = tracking_drawing(None, FREE, Perspectives(), Floors())
     assert len(drawing.bones) == 0
     assert drawing.tags == []
-    assert tracking_title(drawing, FREE) == "Tracking · free"
+    assert tracking_title(drawing, FREE).text == "Tracking · free"
 
 
 def test_a_known_height_is_taken_and_an_unknown_one_is_the_lowest_joint():

@@ -109,7 +109,7 @@ def test_from_a_sensor_without_a_place_nobody_is_shown_and_the_title_says_why():
     )
     drawing = tracking_drawing(blind, "left", *learned(blind))
     assert len(drawing.bones) == 0
-    assert "not calibrated yet: look from another sensor, or free" in tracking_title(drawing, "left")
+    assert "not calibrated yet: look from another sensor, or free" in tracking_title(drawing, "left").text
 
 
 def test_a_world_that_is_laid_anew_forgets_where_sensors_were():

@@ -5,17 +5,15 @@ Corners are triangulated one by one, without the board's shape, and distances be
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.geometry.alignment import cross_matrix
 from mocapella.geometry.lens_jacobian import project_with_jacobian
-from mocapella.geometry.triangulation import TriangulationSettings, triangulate
+from mocapella.geometry.triangulation import EVERY_CAMERA, triangulate
 from mocapella.geometry.triangulation import views as triangulation_views
 from mocapella.model.board import Board, BoardView
 from mocapella.model.camera import PlacedCamera
@@ -23,8 +21,6 @@ from mocapella.model.camera import PlacedCamera
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
-EVERY_CAMERA: Final = TriangulationSettings(gate_sd=math.inf, least_angle_rad=0.0)
-"""No corner and no camera is left out: all count."""
 
 Pairs = tuple[Int64, Int64]
 

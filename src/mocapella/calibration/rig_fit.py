@@ -13,18 +13,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.geometry.triangulation import TriangulationSettings, Views, triangulate, views
+from mocapella.geometry.triangulation import EVERY_CAMERA, Views, triangulate, views
 from mocapella.model.camera import CameraRig
 from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
-
-EVERYTHING: Final = TriangulationSettings(gate_sd=math.inf, least_angle_rad=0.0)
 
 
 @dataclass(frozen=True)
@@ -122,7 +120,7 @@ class RigFit:
         self._sums[pair] += len(both), self._squares(pair, both), self._squares(pair, both[:, ::-1])
 
     def _squares(self, pair: int, pixels: Float64) -> float:
-        residuals = triangulate(pixels, self._views[pair], settings=EVERYTHING).residuals_px
+        residuals = triangulate(pixels, self._views[pair], settings=EVERY_CAMERA).residuals_px
         squares = np.square(residuals).mean(axis=1)
         return float(np.minimum(np.nan_to_num(squares, nan=np.inf), self.settings.cap_px**2).sum())
 

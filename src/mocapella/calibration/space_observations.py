@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.calibration.space_alignment import Shortfall, SpaceAlignmentSettings, SpaceFit, try_to_align
+from mocapella.calibration.space_alignment import Shortfall, SpaceAlignmentSettings, SpaceFit, align_space, try_to_align
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import InputError, SettingsError, one_of
 from mocapella.geometry.rigid import apply
@@ -87,8 +87,20 @@ class SpaceObservations:
             InputError: the space or the body has not come; says which have.
             SettingsError: the thing or the marker has not come.
         """
-        poses_s, poses = self.poses()
-        return try_to_align(*self.points(), poses_s, poses, settings)
+        return try_to_align(*self._observed(), settings)
+
+    def align(self, settings: SpaceAlignmentSettings) -> SpaceFit:
+        """The alignment; see `align_space`.
+
+        Raises:
+            InputError, SettingsError: as of `attempt`.
+            CalibrationError: it cannot be found; says what to do.
+        """
+        return align_space(*self._observed(), settings)
+
+    def _observed(self) -> tuple[Float64, Float64, Float64, Float64]:
+        poses = self.poses()  # of nothing heard there is more to say than of nothing seen
+        return (*self.points(), *poses)
 
     def poses(self) -> tuple[Float64, Float64]:
         """Rising times (n,) on the common clock [s] and ``T_space_body`` (n, 4, 4).

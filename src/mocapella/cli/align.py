@@ -95,15 +95,13 @@ def align(
 
 
 def _of_take(path: Path, observations: SpaceObservations, settings: SpaceAlignmentSettings) -> SpaceFit:
-    from mocapella.calibration.space_alignment import align_space
     from mocapella.recording.take_reader import read_take
 
     with working("reading …", status=INTERRUPTED):
         recorded: Take = read_take(path)
         observations.update(arrival.frame for arrival in recorded.arrivals())
         observations.update(scene for _, scene in recorded.scenes())
-        poses_s, poses = observations.poses()
-        return align_space(*observations.points(), poses_s, poses, settings)
+        return observations.align(settings)
 
 
 def _guided(

@@ -24,6 +24,7 @@ from mocapella.cli.common import (
     need_cameras,
     parse_size,
     say,
+    telling_of_compiling,
     write_json,
 )
 from mocapella.cli.node import Epoch, EpochFromInput, read_epoch
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
     from mocapella.model.camera import Camera
     from mocapella.sources.acquisition import Acquisition
     from mocapella.sources.depth_files import DepthRecording, RecordedDepth
-    from mocapella.sources.depth_options import UnitCheck
     from mocapella.tracker.arm_methods import HasStages
 
 _SHOWN_EVERY_S: Final = 0.2
@@ -67,7 +67,7 @@ Method = Annotated[
 def arm(
     paths: Annotated[
         list[str],
-        typer.Argument(metavar="PATH…", help="16-bit PNGs, folders of them, or takes: TAKE, TAKE.mcap:SENSOR."),
+        typer.Argument(metavar="PATH…", help="16-bit PNGs, folders of them, or takes: TAKE, TAKE:SENSOR."),
     ],
     intrinsics: Intrinsics = None,
     unit: Unit = None,
@@ -108,7 +108,7 @@ def arm(
     options, settings = depth_options(intrinsics, unit, rig, fps), settings_of_pairs(method_settings)
     found = []
     try:
-        with interruptible(), ExitStack() as open_files:
+        with interruptible(), telling_of_compiling(f"the method {method}"), ExitStack() as open_files:
             writer = None if table is None else _table(open_files, table)
             for recording in depth_recordings(paths, options):
                 camera = complete(recording.state, recording.name)
@@ -187,6 +187,7 @@ def node_arm(
     from mocapella.live.arm_work import ArmWork
     from mocapella.live.camera_node import CameraNodeSettings
     from mocapella.live.stopping import stop_on_signals
+    from mocapella.model.depth import IMAGES_SUFFIX
     from mocapella.model.observations import check_sensor_name
     from mocapella.settings import check, settings_of_pairs
     from mocapella.sources.acquisition import Acquisition
@@ -196,14 +197,16 @@ def node_arm(
     from mocapella.wire.node import DEPTH_HISTORY_FRAMES, NodeLink
 
     check(fps is None or 0 < fps <= 1000, "--fps", fps, "above 0, at most 1000")
-    depth_name = check_sensor_name(f"{check_sensor_name(name)}.depth")
+    depth_name = check_sensor_name(check_sensor_name(name) + IMAGES_SUFFIX)
     options = depth_options(intrinsics, unit, rig, fps, None if size is None else parse_size(size))
     settings = CameraNodeSettings(drop_after_ms / 1e3, report)
     images = open_depth(source, options, loop=loop, recorded=lambda text: depth_of_take(text, options))
     with Acquisition(images, say=say) as acquisition:
         camera = complete(acquisition.state, source)
         _tell_state(name, acquisition)
-        work = ArmWork(name, acquisition, camera, arm_method(method, camera, settings_of_pairs(method_settings)))
+        finds = arm_method(method, camera, settings_of_pairs(method_settings))
+        with telling_of_compiling(f"the method {method}"):
+            work = ArmWork(name, acquisition, camera, finds)
         zero = read_epoch() if epoch_from_input else epoch
         wait = not (images.live or zero is not None)
         # From here on standard input is watched for the end of who started this process.
@@ -241,7 +244,11 @@ class _Run:
         self, recording: DepthRecording, camera: Camera, method: ArmMethod, stages: Path | None, all_points: bool
     ) -> None:
         from mocapella.kinematics.arm_quality import ArmQualityMeter
+        from mocapella.sources.depth_options import UnitCheck
 
+        unit_m = recording.state.unit_m
+        assert unit_m is not None  # `complete` has seen to it
+        self._unit_m, self._check = unit_m, UnitCheck(unit_m, recording.name)
         self.recording, self.camera, self.method = recording, camera, method
         self._stages, self._all_points = stages, all_points
         self._rows: list[dict[str, Any]] = []
@@ -257,17 +264,14 @@ class _Run:
             InputError: the unit cannot be right, or the images cannot be used.
         """
         from mocapella.conventions import NS_PER_S
-        from mocapella.sources.depth_options import UnitCheck
 
-        unit_m = self.recording.state.unit_m
-        assert unit_m is not None  # `complete` has seen to it
-        check, zero_ns, at_s, shown_s = UnitCheck(unit_m, self.recording.name), None, -1.0, 0.0
+        zero_ns, at_s, shown_s = None, -1.0, 0.0
         with console.status(f"{self.recording.name}: reading …") as status:
             for number, image in enumerate(self.recording.images()):
                 zero_ns = image.time_ns if zero_ns is None else zero_ns
                 # A camera that was started again has a new clock; a method wants time to rise.
                 at_s = max((image.time_ns - zero_ns) / NS_PER_S, at_s + 1e-3 if number else 0.0)
-                row = self._row(image, check, unit_m, at_s)
+                row = self._row(image, at_s)
                 self._rows.append(row)
                 self._reasons.update([row["reason"]] if row["reason"] else [])
                 yield row
@@ -276,7 +280,7 @@ class _Run:
                     name = self.recording.name.replace("[", "(")
                     status.update(f"{name}: image {number + 1} of {self.recording.count} …")
 
-    def _row(self, image: RecordedDepth, check: UnitCheck, unit_m: float, at_s: float) -> dict[str, Any]:
+    def _row(self, image: RecordedDepth, at_s: float) -> dict[str, Any]:
         import numpy as np
 
         from mocapella.exports.arm_rows import frame_row
@@ -287,10 +291,10 @@ class _Run:
             self.counts["damaged"] += 1
             found = SeenArms((), image.problem)
         else:
-            check.update(image.depth)
+            self._check.update(image.depth)
             empty = not image.depth.any()
             self.counts["empty"] += empty
-            metres = image.depth * np.float32(unit_m)
+            metres = image.depth * np.float32(self._unit_m)
             begin_s = time.perf_counter()
             found = self.method.update(metres, at_s)
             self._took_s.append(time.perf_counter() - begin_s)
@@ -316,18 +320,22 @@ class _Run:
         for number, (name, picture) in enumerate(method.stages(metres).items(), start=1):
             write_png(folder / f"{number:02d}-{name.replace('/', '-').replace(' ', '-')}.png", picture)
 
+    def _problems(self) -> list[str]:
+        """What is wrong with the recording, and what may be with what was said of it."""
+        doubt = "" if self.counts["with_arms"] else self._check.doubt(self.camera)
+        return [*self.recording.state.problems, *([doubt] if doubt else [])]
+
     def result(self) -> dict[str, Any]:
         """The recording's part of the JSON."""
-        state = self.recording.state
         return {
             "recording": self.recording.name,
             "size_px": list(self.camera.size_px),
             "lens": self.camera.lens.tolist(),
-            "unit_m": state.unit_m,
+            "unit_m": self._unit_m,
             "counts": {name: self.counts[name] for name in ("images", "with_arms", "arms", "empty", "damaged")},
             "median_ms": round(1e3 * statistics.median(self._took_s), 3) if self._took_s else None,
             "quality": self._quality.quality.as_json(),
-            "problems": list(state.problems),
+            "problems": self._problems(),
             "frames": self._rows,
         }
 
@@ -338,7 +346,7 @@ class _Run:
                    (("empty", "with nothing measured"), ("damaged", "damaged")) if n[name]]  # fmt: skip
         said = f"; {', '.join(lacking)}" if lacking else ""
         say(f"{self.recording.name}: arms in {n['with_arms']} of {n['images']} images{said}")
-        for problem in self.recording.state.problems:
+        for problem in self._problems():
             say(f"{self.recording.name}: {problem}")
         for reason, count in self._reasons.most_common(_MOST_NAMED):
             say(f"  {count} times: {reason}")

@@ -198,11 +198,21 @@ def get_ready(method: str, *, status: int = 0) -> None:
     """Compile what the method needs before the first frame, and say so; Ctrl-C ends the command with that status."""
     from mocapella.tracker import make_ready
 
-    def tell() -> None:
-        say(f"compiling the method {method} for this machine: this once, for about a minute")
-
     with working(f"making the method {method} ready …", status=status):
-        make_ready(method, tell)
+        make_ready(method, lambda: _tell_of_compiling(f"the method {method}"))
+
+
+@contextmanager
+def telling_of_compiling(what: str) -> Iterator[None]:
+    """Where something is compiled within, say that ``what`` is."""
+    from mocapella.compiled import told_of_compiling
+
+    with told_of_compiling(lambda: _tell_of_compiling(what)):
+        yield
+
+
+def _tell_of_compiling(what: str) -> None:
+    say(f"compiling {what} for this machine: this once, for about a minute")
 
 
 def take_file(path: Path) -> Path:

@@ -160,7 +160,7 @@ def _hands_show(seed: int) -> Show:
 def _arm_show(scene: str, method: str, seed: int) -> Show:
     import numpy as np
 
-    from mocapella.cli.common import need_cameras
+    from mocapella.cli.common import need_cameras, telling_of_compiling
     from mocapella.model.camera import Camera
     from mocapella.model.session import Setup
     from mocapella.sources.simulate.depth_scene import depth_scene_names, load_depth_scene
@@ -170,7 +170,7 @@ def _arm_show(scene: str, method: str, seed: int) -> Show:
         typer.echo("\n".join(depth_scene_names()))
         raise typer.Exit
     need_cameras("demo arm")
-    with working("making the arm …", status=0):
+    with working("making the arm …", status=0), telling_of_compiling(f"the rendered arm and the method {method}"):
         made = load_depth_scene(scene, seed=seed)
         shot = made.at(0.0)  # compiles once a machine, and not while the camera is running
         finds = arm_method(method, Camera("arm", made.sensor.size_px, made.lens))

@@ -14,7 +14,7 @@ from mocapella.model.depth import DepthFrame
 from mocapella.recording.disk import SUFFIX
 from mocapella.recording.take_reader import Take, read_take
 from mocapella.sources.depth_files import DepthFiles, DepthRecording, RecordedDepth
-from mocapella.sources.depth_options import DepthOptions, parse_lens, parse_unit
+from mocapella.sources.depth_options import KINECT_RAW, DepthOptions, parse_lens, parse_unit
 from mocapella.sources.open_depth import CAMERAS
 from mocapella.sources.picture_source import SourceState
 
@@ -62,12 +62,15 @@ class TakeDepth:
         options: what the user says, which goes before what the take says.
 
     Raises:
-        InputError: it has no depth images, or none of that sensor.
+        InputError: it has no depth images, or none of that sensor; the user says that they are disparities.
         SettingsError: several sensors send depth images, and none is named.
     """
 
     def __init__(self, path: Path, sensor: str | None, options: DepthOptions | None = None) -> None:
         options = options or DepthOptions()
+        if options.kinect_raw:
+            fix = "leave --unit out: a take has depths, and says their unit itself"
+            raise InputError("has no disparities", file=path, field="unit", value=KINECT_RAW, fix=fix)
         self._take = read_take(path)
         first = {name: frame for name in self._take.sensors if (frame := _first(self._take, name)) is not None}
         if not first:
@@ -117,13 +120,13 @@ def _first(take: Take, sensor: str) -> DepthFrame | None:
 
 
 def depth_of_take(text: str, options: DepthOptions | None = None) -> TakeDepth | None:
-    """The depth images of TAKE or TAKE.mcap:SENSOR; None where the text names no take.
+    """The depth images of TAKE or TAKE:SENSOR, with .mcap or without; None where the text names no take.
 
     Raises:
         InputError, SettingsError: as `TakeDepth`.
     """
     name, colon, sensor = text.rpartition(":")
-    if not (colon and name.endswith(SUFFIX)):
+    if not (colon and (name.endswith(SUFFIX) or Path(name + SUFFIX).is_file())):
         name, sensor = text, ""
     path = Path(name)
     if not path.exists():

@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cache
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 import numpy as np
@@ -57,6 +57,10 @@ class TriangulationSettings:
     def __post_init__(self) -> None:
         check(self.gate_sd > 0, "gate_sd", self.gate_sd, "above 0")
         check(0 <= self.least_angle_rad < math.pi / 2, "least_angle_rad", self.least_angle_rad, "0 to below π/2")
+
+
+EVERY_CAMERA: Final = TriangulationSettings(gate_sd=math.inf, least_angle_rad=0.0)
+"""Nothing is left out: all count."""
 
 
 class Views(msgspec.Struct, frozen=True, eq=False):

@@ -17,7 +17,7 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.model.arm_quality import ArmQuality, Misdetections
+from mocapella.model.arm_quality import LEAST_SEEN_S, ArmQuality, Misdetections
 from mocapella.model.arms import ARM_JOINTS
 from mocapella.settings import check
 
@@ -208,7 +208,7 @@ class ArmQualityMeter:
                 lately = lately.plus(found)
         with np.errstate(invalid="ignore", divide="ignore"):
             whole = np.sqrt(self._squares / self._squared)
-        per_minute = lately.of_joints * 60.0 / seen_s if seen_s >= 1.0 else math.nan
+        per_minute = lately.of_joints * 60.0 / seen_s if seen_s >= LEAST_SEEN_S else math.nan
         return ArmQuality(
             self._noise, whole, self._still, per_minute, lately, self._whole, self._seen_s, self._still_s
         )  # fmt: skip

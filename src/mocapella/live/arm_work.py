@@ -120,8 +120,12 @@ class ArmWork:
             "damaged": getattr(self.acquisition.source, "damaged", 0),
             "median_ms": round(1e3 * statistics.median(self._times), 3) if self._times else None,
             "reasons": dict(self._reasons.most_common()),
-            "problems": [*self._problems((0, 0, 0)).values(), *self.acquisition.state.problems],
+            "problems": [*self._problems((0, 0, 0)).values(), *self.acquisition.state.problems, *self._doubts()],
         }
+
+    def _doubts(self) -> list[str]:
+        doubt = "" if self.with_arms else self._check.doubt(self.camera)
+        return [doubt] if doubt else []
 
     def words(self) -> str:
         """The report in a line."""

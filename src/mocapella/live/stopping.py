@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -25,13 +26,29 @@ _Handler = Callable[[int, FrameType | None], None]
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """The signals raise `KeyboardInterrupt`; earlier handlers come back afterwards."""
+    """The signals raise `KeyboardInterrupt`, at the end at the latest; earlier handlers come back afterwards.
+
+    What C calls back loses what is raised in it, as numba's compiler does: it goes on, or fails in its own way.
+    """
+    asked, unraisable = False, sys.unraisablehook
 
     def handle(_signal: int, _frame: FrameType | None) -> NoReturn:
+        nonlocal asked
+        asked = True
         raise KeyboardInterrupt
 
+    def lost(told: sys.UnraisableHookArgs) -> None:
+        if not issubclass(told.exc_type, KeyboardInterrupt):
+            unraisable(told)
+
     with _handled_by(handle):
-        yield
+        sys.unraisablehook = lost
+        try:
+            yield
+        finally:
+            sys.unraisablehook = unraisable
+            if asked:
+                raise KeyboardInterrupt
 
 
 @contextmanager

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +11,9 @@ from numpy.typing import NDArray
 from mocapella.model.arms import ARM_JOINT_NAMES
 
 Float64 = NDArray[np.float64]
+
+LEAST_SEEN_S: Final = 1.0
+"""An arm that was seen for less has no misdetections a minute."""
 
 
 class Misdetections(msgspec.Struct, frozen=True):
@@ -68,7 +73,7 @@ class ArmQuality(msgspec.Struct, frozen=True, eq=False):
         def number(value: float, digits: int) -> float | None:
             return round(float(value), digits) if np.isfinite(value) else None
 
-        minutes = self.seen_s / 60
+        per_minute = self.whole.of_joints * 60 / self.seen_s if self.seen_s >= LEAST_SEEN_S else np.nan
         return {
             "seen_s": round(self.seen_s, 3),
             "still_s": round(self.still_s, 3),
@@ -76,5 +81,5 @@ class ArmQuality(msgspec.Struct, frozen=True, eq=False):
                 name: number(1e3 * value, 3) for name, value in zip(ARM_JOINT_NAMES, self.noise_whole_m, strict=True)
             },
             "misdetections": msgspec.structs.asdict(self.whole),
-            "misdetections_per_minute": number(self.whole.of_joints / minutes, 2) if minutes > 0 else None,
+            "misdetections_per_minute": number(per_minute, 2),
         }

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.model.hand import LANDMARKS, TIPS, WRIST
+from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.topology import Topology, topology
 
 Float32 = NDArray[np.float32]
@@ -80,15 +81,10 @@ class SeenArms(msgspec.Struct, frozen=True, eq=False):
     reason: str = ""
 
 
-class ArmFrame(msgspec.Struct, frozen=True, eq=False):
-    """The arms that one depth camera saw at one instant; identified like a `mocapella.model.observations.BodyFrame`.
+class ArmFrame(SensorFrame, frozen=True, eq=False):
+    """The arms that one depth camera saw at one instant.
 
     Attributes:
-        sensor: the camera's name.
-        node_id: random number of the process that serves the camera, new at each start.
-        sequence: 0, 1, 2, … of that process.
-        time_ns: of the capture, on the *camera's own* clock.
-        sent_ns: when the node published it, on the node's monotonic clock; 0 where there was no node.
         size_px: (width, height) of the depth image.
         lens: (9,) of `mocapella.geometry.lens`.
         method: that found them.
@@ -96,21 +92,11 @@ class ArmFrame(msgspec.Struct, frozen=True, eq=False):
         reason: as of `SeenArms`.
     """
 
-    sensor: str
-    node_id: int
-    sequence: int
-    time_ns: int
-    sent_ns: int
     size_px: tuple[int, int]
     lens: Float64
     method: str
     arms: tuple[SeenArm, ...]
     reason: str = ""
-
-    @property
-    def key(self) -> tuple[str, int, int]:
-        """What identifies the frame: (sensor, node_id, sequence)."""
-        return self.sensor, self.node_id, self.sequence
 
     @property
     def topology(self) -> Topology:

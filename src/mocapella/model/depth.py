@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.errors import SettingsError
+from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.topology import Topology, topology
 from mocapella.settings import check
 
@@ -17,33 +17,22 @@ Float64 = NDArray[np.float64]
 UInt16 = NDArray[np.uint16]
 
 
-class DepthFrame(msgspec.Struct, frozen=True, eq=False):
-    """A depth image of one camera; identified like a `mocapella.model.observations.BodyFrame`.
+IMAGES_SUFFIX: Final = ".depth"
+"""What a node that finds arms adds to its sensor's name where it sends the images, too."""
+
+
+class DepthFrame(SensorFrame, frozen=True, eq=False):
+    """A depth image of one camera.
 
     Attributes:
-        sensor: the camera's name.
-        node_id: random number of the process that serves the camera, new at each start.
-        sequence: 0, 1, 2, … of that process.
-        time_ns: of the capture, on the *camera's own* clock.
-        sent_ns: when the node published it, on the node's monotonic clock; 0 where there was no node.
         depth: (height, width) distance along the optical axis in units; 0 where nothing was measured.
         unit_m: metres a unit.
         lens: (9,) of `mocapella.geometry.lens`.
     """
 
-    sensor: str
-    node_id: int
-    sequence: int
-    time_ns: int
-    sent_ns: int
     depth: UInt16
     unit_m: float
     lens: Float64
-
-    @property
-    def key(self) -> tuple[str, int, int]:
-        """What identifies the frame: (sensor, node_id, sequence)."""
-        return self.sensor, self.node_id, self.sequence
 
     @property
     def topology(self) -> Topology:

@@ -10,20 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.errors import SettingsError
+from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.topology import Topology, topology
 
 Float32 = NDArray[np.float32]
 
 
-class MarkerFrame(msgspec.Struct, frozen=True, eq=False):
-    """The markers that one camera saw at one instant; identified like a `mocapella.model.observations.BodyFrame`.
+class MarkerFrame(SensorFrame, frozen=True, eq=False):
+    """The markers that one camera saw at one instant.
 
     Attributes:
-        sensor: the camera's name.
-        node_id: random number of the process that serves the camera, new at each start.
-        sequence: 0, 1, 2, … of that process.
-        time_ns: when its first row was captured, the middle of the exposure, on the *camera's own* clock.
-        sent_ns: when the node published it, on the node's monotonic clock; 0 where there was no node.
+        time_ns: when its first row was captured, the middle of the exposure; else see `SensorFrame`.
         size_px: (width, height) of the picture.
         names: (markers,) of the colours that are looked for.
         positions_px: (markers, 2) x, y, with the lens' distortion; the middle of the first pixel is (0, 0). NaN where
@@ -35,11 +32,6 @@ class MarkerFrame(msgspec.Struct, frozen=True, eq=False):
         candidates: (markers,) how many pieces of the picture could have been it; 255 stands for more, too.
     """
 
-    sensor: str
-    node_id: int
-    sequence: int
-    time_ns: int
-    sent_ns: int
     size_px: tuple[int, int]
     names: tuple[str, ...]
     positions_px: Float32
@@ -48,11 +40,6 @@ class MarkerFrame(msgspec.Struct, frozen=True, eq=False):
     confidences: Float32
     elongations: Float32 | None = None
     candidates: NDArray[np.uint8] | None = None
-
-    @property
-    def key(self) -> tuple[str, int, int]:
-        """What identifies the frame: (sensor, node_id, sequence)."""
-        return self.sensor, self.node_id, self.sequence
 
     @property
     def topology(self) -> Topology:

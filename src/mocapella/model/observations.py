@@ -15,6 +15,7 @@ from mocapella.model.arms import ArmFrame
 from mocapella.model.depth import DepthFrame
 from mocapella.model.markers import MarkerFrame
 from mocapella.model.poses import PoseFrame
+from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.topology import Topology
 
 Float32 = NDArray[np.float32]
@@ -55,18 +56,10 @@ def check_sensor_name(name: str) -> str:
     return name
 
 
-class BodyFrame(msgspec.Struct, frozen=True, eq=False):
+class BodyFrame(SensorFrame, frozen=True, eq=False):
     """The skeletons that one sensor saw at one instant: arrays over (bodies, joints), and no limit of bodies.
 
-    A frame is identified by (sensor, node_id, sequence): the node's process numbers its frames from 0, so that a gap
-    is a loss and a second arrival is a duplicate.
-
     Attributes:
-        sensor: the sensor's name.
-        node_id: random number of the process that serves the sensor, new at each start.
-        sequence: 0, 1, 2, … of that process.
-        time_ns: when the sensor captured it, on the *sensor's own* clock.
-        sent_ns: when the node published it, on the node's monotonic clock; 0 where there was no node.
         topology: which joints, in which order.
         depth_size_px: (width, height) of the sensor's depth image; (0, 0) where it has none.
         tilt: of the sensor, upwards positive [rad].
@@ -80,11 +73,6 @@ class BodyFrame(msgspec.Struct, frozen=True, eq=False):
         orientations: (bodies, joints, 4) float32 quaternions (w, x, y, z); NaN and None alike.
     """
 
-    sensor: str
-    node_id: int
-    sequence: int
-    time_ns: int
-    sent_ns: int
     topology: Topology
     depth_size_px: tuple[int, int]
     tilt: float
@@ -101,11 +89,6 @@ class BodyFrame(msgspec.Struct, frozen=True, eq=False):
     def bodies(self) -> int:
         """How many bodies there are."""
         return len(self.tracking_ids)
-
-    @property
-    def key(self) -> tuple[str, int, int]:
-        """What identifies the frame: (sensor, node_id, sequence)."""
-        return self.sensor, self.node_id, self.sequence
 
 
 def body_frame(

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.errors import SettingsError
 from mocapella.geometry.rigid import rigid
+from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.topology import Topology, topology
 
 Float32 = NDArray[np.float32]
@@ -18,15 +18,10 @@ Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
 
-class PoseFrame(msgspec.Struct, frozen=True, eq=False):
-    """The bodies of one tracker at one instant; identified like a `mocapella.model.observations.BodyFrame`.
+class PoseFrame(SensorFrame, frozen=True, eq=False):
+    """The bodies of one tracker at one instant.
 
     Attributes:
-        sensor: the tracker's name.
-        node_id: random number of the process that serves the tracker, new at each start.
-        sequence: 0, 1, 2, … of that process.
-        time_ns: of the poses, on the *tracker's own* clock.
-        sent_ns: when the node published it, on the node's monotonic clock; 0 where there was no node.
         space: name of the space that the poses are in; right-handed, metres.
         names: (bodies,).
         positions: (bodies, 3) [m]; NaN where not tracked.
@@ -34,21 +29,11 @@ class PoseFrame(msgspec.Struct, frozen=True, eq=False):
         states: (bodies,) `mocapella.model.observations.JointState`: 2 measured, 1 inferred, 0 not tracked.
     """
 
-    sensor: str
-    node_id: int
-    sequence: int
-    time_ns: int
-    sent_ns: int
     space: str
     names: tuple[str, ...]
     positions: Float32
     orientations: Float32
     states: UInt8
-
-    @property
-    def key(self) -> tuple[str, int, int]:
-        """What identifies the frame: (sensor, node_id, sequence)."""
-        return self.sensor, self.node_id, self.sequence
 
     @property
     def topology(self) -> Topology:

@@ -17,11 +17,12 @@ from mocapella.schema.checks import (
     F4,
     F8,
     MAX_NAME,
-    SCHEMA_VERSION,
     STATES,
     array,
     choices,
     deviations,
+    identity,
+    identity_of,
     points,
     sensor_name,
     transform,
@@ -41,12 +42,7 @@ MAX_REASON: Final = 1000
 def encode_arm_frame(frame: ArmFrame) -> bytes:
     """Write a frame; the same numbers give the same bytes."""
     return pb.ArmFrame(
-        schema_version=SCHEMA_VERSION,
-        sensor=frame.sensor,
-        node_id=frame.node_id,
-        sequence=frame.sequence,
-        time_ns=frame.time_ns,
-        sent_ns=frame.sent_ns,
+        **identity(frame),
         width_px=frame.size_px[0],
         height_px=frame.size_px[1],
         lens=frame.lens.astype(F8, copy=False).tobytes(),
@@ -73,11 +69,7 @@ def arm_frame_of(m: pb.ArmFrame) -> ArmFrame:
     if len({arm.id for arm in arms}) != len(arms):
         raise WireError("ArmFrame.arms has an id twice; each arm wants its own")
     return ArmFrame(
-        sensor_name(m.sensor),
-        m.node_id,
-        m.sequence,
-        m.time_ns,
-        m.sent_ns,
+        *identity_of(m),
         size,
         lens_of(m.lens, "ArmFrame.lens"),
         m.method,

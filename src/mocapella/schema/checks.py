@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from mocapella.errors import SchemaVersionError, SettingsError, WireError, one_of
 from mocapella.model.observations import check_sensor_name
+from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.topology import Topology, topology, topology_names
 
 SCHEMA_VERSION: Final = 1
@@ -81,6 +82,23 @@ def sensor_name(name: str) -> str:
         return check_sensor_name(name[:80])
     except SettingsError as error:
         raise WireError(str(error)) from None
+
+
+def identity(frame: SensorFrame) -> dict[str, Any]:
+    """The fields of a message that say which frame it is."""
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "sensor": frame.sensor,
+        "node_id": frame.node_id,
+        "sequence": frame.sequence,
+        "time_ns": frame.time_ns,
+        "sent_ns": frame.sent_ns,
+    }
+
+
+def identity_of(m: Any) -> tuple[str, int, int, int, int]:
+    """What a `SensorFrame` begins with, of a message; a `WireError` where its sensor's name cannot be used."""
+    return sensor_name(m.sensor), m.node_id, m.sequence, m.time_ns, m.sent_ns
 
 
 def array(data: bytes, dtype: np.dtype[Any], shape: tuple[int, ...], field: str) -> NDArray[Any]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mocapella.errors import WireError
 from mocapella.model.depth import DepthFrame
 from mocapella.schema import mocapella_pb2 as pb
-from mocapella.schema.checks import F8, SCHEMA_VERSION, array, sensor_name
+from mocapella.schema.checks import F8, array, identity, identity_of
 
 UInt16 = NDArray[np.uint16]
 Float64 = NDArray[np.float64]
@@ -34,12 +34,7 @@ _MAX_LENS: Final = 1e6
 def encode_depth_frame(frame: DepthFrame) -> bytes:
     """Write a frame; the same numbers give the same bytes, with one version of Zstandard."""
     return pb.DepthFrame(
-        schema_version=SCHEMA_VERSION,
-        sensor=frame.sensor,
-        node_id=frame.node_id,
-        sequence=frame.sequence,
-        time_ns=frame.time_ns,
-        sent_ns=frame.sent_ns,
+        **identity(frame),
         width_px=frame.size_px[0],
         height_px=frame.size_px[1],
         unit_m=frame.unit_m,
@@ -60,11 +55,7 @@ def depth_frame_of(m: pb.DepthFrame) -> DepthFrame:
             f"DepthFrame.unit_m is {m.unit_m:g}; metres a unit, {UNITS_M[0]:g} to {UNITS_M[1]:g}, are wanted"
         )
     return DepthFrame(
-        sensor_name(m.sensor),
-        m.node_id,
-        m.sequence,
-        m.time_ns,
-        m.sent_ns,
+        *identity_of(m),
         unpack_depth(m.depth, size, "DepthFrame.depth"),
         m.unit_m,
         lens_of(m.lens, "DepthFrame.lens"),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mocapella.errors import WireError
 from mocapella.model.markers import MarkerFrame
 from mocapella.schema import mocapella_pb2 as pb
-from mocapella.schema.checks import F4, SCHEMA_VERSION, array, deviations, names, sensor_name
+from mocapella.schema.checks import F4, array, deviations, identity, identity_of, names
 
 MAX_SIDE_PX: Final = 65_536
 
@@ -18,12 +18,7 @@ MAX_SIDE_PX: Final = 65_536
 def encode_marker_frame(frame: MarkerFrame) -> bytes:
     """Write a frame; the same numbers give the same bytes."""
     return pb.MarkerFrame(
-        schema_version=SCHEMA_VERSION,
-        sensor=frame.sensor,
-        node_id=frame.node_id,
-        sequence=frame.sequence,
-        time_ns=frame.time_ns,
-        sent_ns=frame.sent_ns,
+        **identity(frame),
         width_px=frame.size_px[0],
         height_px=frame.size_px[1],
         names=frame.names,
@@ -57,11 +52,7 @@ def marker_frame_of(m: pb.MarkerFrame) -> MarkerFrame:
     if not np.array_equal(seen, np.isfinite(positions).any(axis=-1)):
         raise WireError("MarkerFrame.positions_px has a point with one coordinate; write NaN for both, or neither")
     return MarkerFrame(
-        sensor_name(m.sensor),
-        m.node_id,
-        m.sequence,
-        m.time_ns,
-        m.sent_ns,
+        *identity_of(m),
         size,
         told,
         positions,

@@ -13,12 +13,12 @@ from mocapella.schema.checks import (
     F4,
     MAX_COORDINATE,
     MAX_NAME,
-    SCHEMA_VERSION,
     STATES,
     array,
     choices,
+    identity,
+    identity_of,
     names,
-    sensor_name,
 )
 
 _UNIT: Final = 1e-3
@@ -28,12 +28,7 @@ _UNIT: Final = 1e-3
 def encode_pose_frame(frame: PoseFrame) -> bytes:
     """Write a frame; the same numbers give the same bytes."""
     return pb.PoseFrame(
-        schema_version=SCHEMA_VERSION,
-        sensor=frame.sensor,
-        node_id=frame.node_id,
-        sequence=frame.sequence,
-        time_ns=frame.time_ns,
-        sent_ns=frame.sent_ns,
+        **identity(frame),
         space=frame.space,
         names=frame.names,
         positions_m=frame.positions.astype(F4, copy=False).tobytes(),
@@ -74,6 +69,6 @@ def pose_frame_of(m: pb.PoseFrame) -> PoseFrame:
     else:
         states = np.where(there, 2, 0).astype(np.uint8)
     return PoseFrame(
-        sensor_name(m.sensor), m.node_id, m.sequence, m.time_ns, m.sent_ns, m.space, told, positions, orientations,
+        *identity_of(m), m.space, told, positions, orientations,
         states,
     )  # fmt: skip

@@ -87,10 +87,8 @@ class LineSkeleton:
             self._id, self._seen = self._id + self._seen, False
             return SeenArms((), looked.reason)
         self._seen = True
-        points, states = (
-            np.full((len(ARM_POINTS), 3), np.nan),
-            np.full(len(ARM_POINTS), JointState.NOT_TRACKED, np.uint8),
-        )
+        points = np.full((len(ARM_POINTS), 3), np.nan)
+        states = np.full(len(ARM_POINTS), JointState.NOT_TRACKED, np.uint8)
         sd, joints = np.full(len(ARM_POINTS), np.nan, dtype=np.float32), list(ARM_JOINTS)
         points[joints] = looked.joints
         known = np.isfinite(looked.joints).all(axis=-1)  # not where the lens shows nothing

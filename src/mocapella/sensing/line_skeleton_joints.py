@@ -68,7 +68,7 @@ class Hand:
 
 
 def grid(of: Outline, rays: Float64, s: LineSkeletonSettings) -> Grid:
-    """Every so manieth pixel of the arm that lies in the cube region.
+    """Every ``grid_px``-th pixel of every so many rows that is of the arm and lies in the cube region.
 
     Args:
         of: see there.

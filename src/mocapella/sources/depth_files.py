@@ -19,7 +19,7 @@ from mocapella.conventions import NS_PER_S
 from mocapella.errors import InputError, SettingsError
 from mocapella.geometry.kinect_depth import UNIT_M, kinect_units
 from mocapella.settings import parse
-from mocapella.sources.depth_options import KINECT_RAW, DepthOptions, lens_of
+from mocapella.sources.depth_options import KINECT_RAW, DepthOptions, check_disparities, lens_of
 from mocapella.sources.picture_source import SourceState
 
 UInt16 = NDArray[np.uint16]
@@ -125,7 +125,7 @@ class DepthFiles:
         """As `DepthRecording.images`; a file that is damaged or cut off has no image, and says so.
 
         Raises:
-            InputError: a file has no 16 bits, or another size than the first.
+            InputError: a file has no 16 bits, another size than the first, or more than a Kinect's 11 bits.
         """
         for number, file in enumerate(self._files):
             time_ns = round(number * NS_PER_S / self.fps) + 1
@@ -139,6 +139,8 @@ class DepthFiles:
                 was = "{} × {}".format(*(self.state.size_px or ()))
                 fix = f"put images of one camera there: {self._files[0].name} is {was}"
                 raise InputError(f"is {size[0]} × {size[1]} px", file=file, fix=fix)
+            if self._raw:
+                check_disparities(depth, file)
             yield RecordedDepth(str(file), time_ns, kinect_units(depth) if self._raw else depth)
 
     def _first(self) -> UInt16:

@@ -107,6 +107,12 @@ def parse_lens(text: str | None) -> tuple[float, ...] | None:
     return lens
 
 
+def _usual_lens(size_px: tuple[int, int]) -> str:
+    """F,CX,CY of common cameras with images of that size."""
+    width, height = size_px
+    return f"{_FOCAL_PX.get(size_px, 0.9 * width):g},{(width - 1) / 2:g},{(height - 1) / 2:g}"
+
+
 def check_lens(lens: Sequence[float], size_px: tuple[int, int], source: object) -> None:
     """Refuse a lens that no depth camera with images of this size has.
 
@@ -114,14 +120,13 @@ def check_lens(lens: Sequence[float], size_px: tuple[int, int], source: object) 
         InputError: the centre lies outside the image, or the view is too narrow or wide; says what is likely.
     """
     (width, height), (fx, fy, cx, cy) = size_px, lens[:4]
-    focal = _FOCAL_PX.get(size_px, 0.9 * width)
-    likely = f"{focal:g},{(width - 1) / 2:g},{(height - 1) / 2:g}"
-    fix = f"--intrinsics F,CX,CY are in pixels of these images; {likely} would be usual for {width} × {height}"
+    usual = f"{_usual_lens(size_px)} would be usual for {width} × {height}"
+    fix = f"--intrinsics F,CX,CY are in pixels of these images; {usual}"
     if not (0 <= cx <= width - 1 and 0 <= cy <= height - 1):
         problem = f"the lens' centre ({cx:g}, {cy:g}) lies outside the image of {width} × {height} px"
         raise InputError(problem, file=source, field="intrinsics", fix=fix)
     for side, f, name in ((width, fx, "wide"), (height, fy, "high")):
-        angle = math.degrees(2 * math.atan(side / (2 * f)))
+        angle = _view_deg(side, f)
         if not (NARROWEST_DEG if name == "wide" else 0.5 * NARROWEST_DEG) <= angle <= WIDEST_DEG:
             problem = f"a focal length of {f:g} px makes the view {angle:.3g}° {name}, which no depth camera has"
             raise InputError(problem, file=source, field="intrinsics", fix=fix)
@@ -158,7 +163,7 @@ class UnitCheck:
     def __init__(self, unit_m: float, source: object) -> None:
         self.unit_m, self.source = unit_m, source
         self.images = self.empty = 0
-        self._sure = False
+        self._median: float | None = None
 
     def update(self, depth: UInt16) -> None:
         """Look at the next image (height, width).
@@ -167,17 +172,47 @@ class UnitCheck:
             InputError: its median distance cannot be; says which unit is likely.
         """
         self.images += 1
-        if self._sure:
+        if self._median is not None:
             self.empty += not depth.any()
             return
         there = depth[depth > 0]
         self.empty += there.size == 0
         if there.size < _ENOUGH_PX:
             return
-        self._sure = True
+        self._median = float(np.median(there))
         if problem := unit_problem(there, self.unit_m):
             words, fix = problem
             raise InputError(words, file=self.source, field="unit", value=self.unit_m, fix=fix)
+
+    def doubt(self, camera: Camera) -> str:
+        """Which unit and lens would be likely where no arm was found in any image; empty where too little was measured.
+
+        A unit or a lens that is wrong by a factor of a few makes a room that can be, and an arm that cannot.
+        """
+        if self._median is None:
+            return ""
+        likely = [unit for unit in _likely_units(self._median) if not math.isclose(unit, self.unit_m, rel_tol=0.01)]
+        named = " or ".join(f"{unit:g} ({_length(self._median * unit)})" for unit in likely[:2])
+        width, height = camera.size_px
+        return (
+            f"if there is an arm, unit or lens are wrong: with {self.unit_m:g} m a unit the median distance is "
+            f"{_length(self._median * self.unit_m)}{f', likely would be --unit {named}' if named else ''}; a lens of f "
+            f"{camera.lens[0]:g} px sees {_view_deg(width, camera.lens[0]):.0f}° across, usual for {width} × {height} "
+            f"is --intrinsics {_usual_lens(camera.size_px)}"
+        )
+
+
+def check_disparities(raw: UInt16, source: object) -> None:
+    """Refuse an image (height, width) as a Kinect v1's disparities that has more than 11 bits.
+
+    Raises:
+        InputError: says which unit is likely.
+    """
+    if (most := int(raw.max(initial=0))) <= NOTHING:
+        return
+    likely = " or ".join(f"{unit:g}" for unit in _likely_units(float(np.median(raw[raw > 0])))) or "METRES"
+    fix = f"these are depths, not a Kinect v1's disparities, which end at {NOTHING}: --unit {likely}"
+    raise InputError(f"has values up to {most}", file=source, field="unit", value=KINECT_RAW, fix=fix)
 
 
 def unit_problem(there: UInt16, unit_m: float) -> tuple[str, str] | None:
@@ -191,12 +226,21 @@ def unit_problem(there: UInt16, unit_m: float) -> tuple[str, str] | None:
     median_m = units * unit_m
     if NEAREST_M <= median_m <= FARTHEST_M:
         return None
-    likely = [unit for unit in _UNITS_M if _USUAL_M[0] <= units * unit <= _USUAL_M[1]][:3]
+    likely = _likely_units(units)
     named = " or ".join(f"{unit:g} ({_length(units * unit)})" for unit in likely)
     fix = f"--unit {named} would be likely" if likely else "look how many metres a unit of this camera is"
     if there.max() == NOTHING:
         fix += f"; of a Kinect v1's 11-bit images, --unit {KINECT_RAW}"
     return f"the median distance would be {_length(median_m)}", fix
+
+
+def _likely_units(median: float) -> list[float]:
+    """Common units with which a median of so many units is a usual distance, the most common first; three at most."""
+    return [unit for unit in _UNITS_M if _USUAL_M[0] <= median * unit <= _USUAL_M[1]][:3]
+
+
+def _view_deg(side_px: int, focal_px: float) -> float:
+    return math.degrees(2 * math.atan(side_px / (2 * focal_px)))
 
 
 def _length(metres: float) -> str:

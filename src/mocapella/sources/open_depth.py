@@ -9,7 +9,7 @@ from typing import Final
 
 from mocapella.errors import SettingsError
 from mocapella.sources.depth_files import DepthFiles, DepthRecording
-from mocapella.sources.depth_options import DepthOptions
+from mocapella.sources.depth_options import KINECT_RAW, DepthOptions
 from mocapella.sources.paced_depth import PacedDepth
 from mocapella.sources.picture_source import PictureSource
 
@@ -20,6 +20,8 @@ CAMERAS: Final = {
     "orbbec": ("orbbec", "OrbbecCamera", "0"),
 }
 """By the word before the colon: module, class, and which camera where nothing comes after it."""
+RAW: Final = "freenect"
+"""The one that has disparities, too."""
 RENDERED: Final = "rendered"
 KINDS: Final = (
     "16-bit PNGs or a folder of them, a take, openni:0, freenect:0, realsense:SERIAL, orbbec:0 or rendered:SCENE/SEED"
@@ -42,11 +44,13 @@ def open_depth(
         recorded: opens what is a recording of another kind, a take; None where it is none.
 
     Raises:
-        SettingsError: it has the form of none, or there is no such scene.
+        SettingsError: it has the form of none, there is no such scene, or it has no disparities where the user says so.
         InputError: files cannot be read.
     """
     options = options or DepthOptions()
     kind, colon, which = text.partition(":")
+    if colon and kind in (*CAMERAS, RENDERED) and kind != RAW and options.kinect_raw:
+        raise SettingsError(f"--unit {KINECT_RAW}: {kind} gives depths, and says their unit itself; leave --unit out")
     if colon and kind in CAMERAS:
         module, name, usual = CAMERAS[kind]
         made = getattr(import_module(f"mocapella.sources.depth_cameras.{module}"), name)

@@ -24,7 +24,7 @@ from mocapella.conventions import NS_PER_S
 from mocapella.geometry.rigid import inverse, rigid, rotation_about_x
 from mocapella.model.arms import ArmFrame
 from mocapella.model.camera import CameraRig
-from mocapella.model.depth import DepthFrame
+from mocapella.model.depth import IMAGES_SUFFIX, DepthFrame
 from mocapella.model.memory import pack, unpack
 from mocapella.model.observations import Arrival, BodyFrame, Frame
 from mocapella.model.scene import Phase, Scene, SensorPlace, TrackedArm, TrackerState
@@ -33,6 +33,7 @@ from mocapella.model.topology import topology
 from mocapella.settings import check
 from mocapella.tracker.arm_tracks import REMEMBERED as TRACKS_REMEMBERED
 from mocapella.tracker.arm_tracks import TO_SENSOR, ArmTracks, ArmTracksSettings
+from mocapella.tracker.arrivals import time_problem
 from mocapella.tracker.protocol import TrackerReport
 
 Float64 = NDArray[np.float64]
@@ -170,12 +171,16 @@ class ArmsTracker:
         return self._places
 
     def update(self, arrival: Arrival) -> Scene:
-        """Take one frame in and say what there is now. A frame that cannot be used is counted and changes nothing."""
+        """Take one frame in and say what there is now. A frame that cannot be used is counted and changes nothing.
+
+        Nor do images that a camera's node sends beside its arms, for the take.
+        """
         frame = arrival.frame
         if problem := self._problem(frame):
             self._rejected[problem] += 1
             return self._scene(arrival)
-        assert isinstance(frame, ArmFrame)
+        if not isinstance(frame, ArmFrame):
+            return self._scene(arrival)
         camera = frame.sensor
         self._newest[camera] = (frame.node_id, frame.time_ns)
         self._heard_ns[camera] = arrival.at_ns
@@ -193,22 +198,15 @@ class ArmsTracker:
         return self._scene(arrival)
 
     def _problem(self, frame: Frame) -> str:
+        if isinstance(frame, DepthFrame):
+            return "" if frame.sensor.endswith(IMAGES_SUFFIX) else NO_IMAGES
         if not isinstance(frame, ArmFrame):
-            return (
-                NO_BODIES
-                if isinstance(frame, BodyFrame)
-                else NO_IMAGES
-                if isinstance(frame, DepthFrame)
-                else NO_MARKERS
-            )
+            return NO_BODIES if isinstance(frame, BodyFrame) else NO_MARKERS
         placed = None if self.camera_rig is None else self.camera_rig.cameras.get(frame.sensor)
         if placed is not None and placed.camera.size_px != frame.size_px:
             told, size = (f"{w} × {h}" for w, h in (frame.size_px, placed.camera.size_px))
             return f"its images are {told}, the rig's {size}: calibrate with this size"
-        node_id, last_ns = self._newest.get(frame.sensor, (frame.node_id, frame.time_ns - 1))
-        if frame.node_id == node_id and frame.time_ns <= last_ns:  # a new process may have a new clock
-            return "time goes backwards" if frame.time_ns < last_ns else "repeats the time of the frame before"
-        return ""
+        return time_problem(frame, self._newest.get(frame.sensor))
 
     def _level(self, camera: str) -> Float64:
         """``T_world_camera`` of the camera that is the world's own."""

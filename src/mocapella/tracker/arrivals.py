@@ -12,7 +12,7 @@ from mocapella.model.arms import ArmFrame
 from mocapella.model.bodies import Bodies, tracked_bodies
 from mocapella.model.depth import DepthFrame
 from mocapella.model.markers import MarkerFrame
-from mocapella.model.observations import Arrival, BodyFrame
+from mocapella.model.observations import Arrival, BodyFrame, Frame
 from mocapella.model.poses import PoseFrame
 from mocapella.model.topology import Topology
 
@@ -30,6 +30,18 @@ NO_DEPTH: Final = (
 )
 
 _NOT_BODIES: Final = {MarkerFrame: NO_BODIES, PoseFrame: NO_POSES, ArmFrame: NO_ARMS, DepthFrame: NO_DEPTH}
+
+
+def time_problem(frame: Frame, last: tuple[int, int] | None) -> str:
+    """Why a frame cannot follow its sensor's last one; empty where it can: a new process may have a new clock.
+
+    Args:
+        frame: the newer one.
+        last: ``node_id`` and ``time_ns`` of the last; None where there is none.
+    """
+    if last is None or frame.node_id != last[0] or frame.time_ns > last[1]:
+        return ""
+    return "time goes backwards" if frame.time_ns < last[1] else "repeats the time of the frame before"
 
 
 class Sighting(msgspec.Struct, frozen=True, eq=False):
@@ -99,10 +111,8 @@ class Arrivals:
                 return f"topology {frame.topology.name} names no {', '.join(missing)}"
         elif frame.topology.name != self.topology.name:
             return f"topology {frame.topology.name}, where the first frame had {self.topology.name}"
-        if last is not None and frame.time_ns < last.frame.time_ns:
-            return "time goes backwards"
-        if last is not None and frame.time_ns == last.frame.time_ns:
-            return "repeats the time of the frame before"
+        if problem := time_problem(frame, None if last is None else (last.frame.node_id, last.frame.time_ns)):
+            return problem
         if len(set(bodies.ids)) != len(bodies.ids):
             return "two bodies have the same tracking id"
         return ""

@@ -41,6 +41,7 @@ from mocapella.model.space import SpaceAlignment
 from mocapella.model.topology import topology
 from mocapella.settings import check
 from mocapella.smoothing.one_euro import OneEuro, OneEuroSettings
+from mocapella.tracker.arrivals import time_problem
 from mocapella.tracker.protocol import TrackerReport
 from mocapella.tracker.things import REMEMBERED, UNSAID_SD_PX, ObjectSettings, Things
 
@@ -238,10 +239,7 @@ class HandsTracker:
             return f"it sends {what} of a depth camera, of which the method hands makes nothing; a take keeps them"
         if problem := self._bodies_problem(frame) if isinstance(frame, PoseFrame) else self._markers_problem(frame):
             return problem
-        node_id, last_ns = self._newest.get(frame.sensor, (frame.node_id, frame.time_ns - 1))
-        if frame.node_id == node_id and frame.time_ns <= last_ns:  # a new process may have a new clock
-            return "time goes backwards" if frame.time_ns < last_ns else "repeats the time of the frame before"
-        return ""
+        return time_problem(frame, self._newest.get(frame.sensor))
 
     def _bodies_problem(self, frame: PoseFrame) -> str:
         if frame.space not in self._spaces:

@@ -25,6 +25,7 @@ from mocapella.model.topology import Topology
 from mocapella.settings import check
 from mocapella.tracker.arm_tracks import REMEMBERED as TRACKS_REMEMBERED
 from mocapella.tracker.arm_tracks import TO_SENSOR, ArmTracks, ArmTracksSettings
+from mocapella.tracker.arrivals import time_problem
 
 Float64 = NDArray[np.float64]
 
@@ -95,10 +96,7 @@ class PeopleArms:
         sensor = self._in[frame.sensor][0]
         if sensor not in sensors:
             return f"it sends arms, and where {sensor} stands is not known yet"
-        node_id, last_ns = self._newest.get(frame.sensor, (frame.node_id, frame.time_ns - 1))
-        if frame.node_id == node_id and frame.time_ns <= last_ns:  # a new process may have a new clock
-            return "time goes backwards" if frame.time_ns < last_ns else "repeats the time of the frame before"
-        return ""
+        return time_problem(frame, self._newest.get(frame.sensor))
 
     def update(self, frame: ArmFrame, at_s: float, sensors: Mapping[str, Float64]) -> None:
         """Take a frame in that has no `problem`."""

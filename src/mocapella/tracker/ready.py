@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
+from mocapella.compiled import told_of_compiling
 from mocapella.geometry.lens import project
 from mocapella.geometry.rigid import apply, inverse, rigid, rotation_about_y
 from mocapella.kinematics.body_model import body_model
@@ -43,32 +43,12 @@ def make_ready(method: str, on_compiling: Callable[[], None] = lambda: None) -> 
     if method not in _PRACTICES or method in _READY:
         return
     make, practice = _PRACTICES[method]
-    with _told_of_compiling(on_compiling):
+    with told_of_compiling(on_compiling):
         tracker = make()
         for arrival in practice():
             tracker.update(arrival)
         tracker.restore(tracker.snapshot())
     _READY.add(method)
-
-
-@contextmanager
-def _told_of_compiling(tell: Callable[[], None]) -> Iterator[None]:
-    """``tell`` is called when numba begins to compile the first time; loading what it has kept is no such time."""
-    from numba.core import event
-
-    class First(event.Listener):
-        told = False
-
-        def on_start(self, event: Any) -> None:
-            if not self.told:
-                self.told = True
-                tell()
-
-        def on_end(self, event: Any) -> None:
-            pass
-
-    with event.install_listener("numba:compile", First()):
-        yield
 
 
 _SIZE: Final = (640, 480)

@@ -22,6 +22,7 @@ from mocapella.model.scene import Scene, TrackedArm
 from mocapella.viewer import layout
 from mocapella.viewer.bones import Strokes, join, joint_strokes, line_strokes
 from mocapella.viewer.drawing import Tag
+from mocapella.viewer.lane_picture import LanePicture
 from mocapella.viewer.meshes import Mesh
 from mocapella.viewer.palette import Rgb
 
@@ -246,23 +247,14 @@ def lane_arms(frame: ArmFrame, origin: Float64, colour: Rgb) -> tuple[Strokes, S
         origin: (3,) where the lane begins [m].
         colour: the camera's own.
     """
-    width, height = frame.size_px
-    wide = 0.85 * layout.LANE_WIDTH_M * layout.SENSORS_SCALE
-    px = wide / width
-    deep = 0.35 * layout.LANE_DEPTH_M * layout.SENSORS_SCALE
-
-    def stand(pixels: Float64) -> Float64:
-        x, y = 0.5 * wide - px * pixels[..., 0], 0.1 + px * (height - pixels[..., 1])
-        return origin + np.stack([x, y, np.full(x.shape, deep)], axis=-1)
-
-    corners = np.array([[0, 0], [width, 0], [width, height], [0, height], [0, 0]], dtype=np.float64)
-    lines, balls = [line_strokes(stand(corners), colour.paint, 0.008)], []
+    picture = LanePicture(frame.size_px, origin)
+    lines, balls = [picture.edge(colour)], []
     for arm in frame.arms:
         x, y, z = arm.joints.T
         with np.errstate(invalid="ignore", divide="ignore"):
             fx, fy, cx, cy = frame.lens[:4]
             pixels = np.where((z > 0)[:, None], np.stack([fx * x / z + cx, fy * y / z + cy], axis=-1), np.nan)
-        near, solid, hollow = arm_strokes(stand(pixels), arm.joint_states, 1.6)
+        near, solid, hollow = arm_strokes(picture.at(pixels), arm.joint_states, 1.6)
         lines.append(near)
         balls += [solid, hollow]
     return join(lines), join(balls)

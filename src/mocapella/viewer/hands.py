@@ -21,6 +21,7 @@ from mocapella.model.scene import Scene, TrackedHand
 from mocapella.viewer import layout
 from mocapella.viewer.bones import Strokes, bone_strokes, halo_strokes, join, joint_strokes, line_strokes
 from mocapella.viewer.drawing import Tag
+from mocapella.viewer.lane_picture import LanePicture
 from mocapella.viewer.palette import AMBER, FUSED, Rgb
 from mocapella.viewer.sensor_marks import SensorMark, standing, words
 
@@ -182,22 +183,13 @@ def lane_picture(frame: MarkerFrame, origin: Float64, colour: Rgb) -> tuple[Stro
         origin: (3,) where the lane begins [m].
         colour: the camera's own.
     """
-    width, height = frame.size_px
-    wide = 0.85 * layout.LANE_WIDTH_M * layout.SENSORS_SCALE
-    px = wide / width
-    high = px * height
-
-    def stand(points: Float64) -> Float64:
-        x, y = 0.5 * wide - px * points[..., 0], 0.1 + high - px * points[..., 1]
-        return origin + np.stack([x, y, np.full(x.shape, 0.35 * layout.LANE_DEPTH_M * layout.SENSORS_SCALE)], axis=-1)
-
-    corners = np.array([[0, 0], [width, 0], [width, height], [0, height], [0, 0]], dtype=np.float64)
-    edge = line_strokes(stand(corners), colour.paint, 0.008)
-    p = stand(frame.positions_px.astype(np.float64))
-    radii = px * np.maximum(np.sqrt(np.maximum(frame.areas_px, 0.0) / np.pi), 0.006 * width)
+    picture = LanePicture(frame.size_px, origin)
+    p = picture.at(frame.positions_px.astype(np.float64))
+    radii = np.sqrt(np.maximum(frame.areas_px, 0.0) / np.pi)
+    radii = picture.px * np.maximum(radii, 0.006 * frame.size_px[0])
     states = np.where(frame.found, JointState.TRACKED, JointState.NOT_TRACKED)
     balls = [
         joint_strokes(p[None, i : i + 1], states[None, i : i + 1], [marker_colour(name).paint], radii[i : i + 1])
         for i, name in enumerate(frame.names)
     ]
-    return edge, join(balls)
+    return picture.edge(colour), join(balls)

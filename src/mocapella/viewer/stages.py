@@ -143,8 +143,13 @@ def _joint_radii(scene: Scene) -> Float32:
     return radii
 
 
-def tracking_title(drawing: TrackingDrawing, perspective: str) -> str:
+def tracking_title(drawing: TrackingDrawing, perspective: str) -> Tag:
     """What stands before the Tracking stage: whose perspective it is, and who cannot be shown in it."""
+    box = layout.arms_box() if drawing.arms else layout.tracking_box()
+    return Tag(_title(drawing, perspective), layout.title_place(box))
+
+
+def _title(drawing: TrackingDrawing, perspective: str) -> str:
     if drawing.scale != 1.0:
         return f"Tracking · {drawing.scale:.1f} times as large"
     title = "Tracking · free" if perspective == FREE else f"Tracking · seen from {perspective}"
@@ -204,10 +209,10 @@ class TrackingStage:
         sensor can see is drawn.
         """
         nobody = not drawing.tags and not drawing.unseen
-        title = layout.title_place(layout.tracking_box())
         self._empty.draw([Tag(empty, layout.stage_centre())] if nobody else [])
-        self._title.draw([Tag(tracking_title(drawing, perspective), title)])
-        over = [title + (len(conditions) - k) * _OVER_TITLE for k in range(len(conditions))]
+        title = tracking_title(drawing, perspective)
+        self._title.draw([title])
+        over = [title.position + (len(conditions) - k) * _OVER_TITLE for k in range(len(conditions))]
         lines = [Tag(text, tuple(at.tolist())) for text, at in zip(conditions, over, strict=True)]
         self._conditions.draw([] if nobody else lines)
         self._bones.draw(drawing.bones)

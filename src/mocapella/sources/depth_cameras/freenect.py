@@ -29,9 +29,6 @@ class FreenectCamera(DepthDevice):
     install = "install libfreenect with its Python module (Debian: python3-freenect; freenect of the package index)"
     _first: Stamped | None = None
 
-    def _errors(self, package: Any) -> tuple[type[BaseException], ...]:
-        return (OSError, RuntimeError)
-
     def _start(self, package: Any) -> SourceState:
         self.times = "the monotonic clock, when an image was there"
         self._first = self._grab(package)

@@ -1,0 +1,48 @@
+"""A camera's picture as it stands upright in its lane of the gallery."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.viewer import layout
+from mocapella.viewer.bones import Strokes, line_strokes
+from mocapella.viewer.palette import Rgb
+
+Float64 = NDArray[np.float64]
+
+_WIDE_M = 0.85 * layout.LANE_WIDTH_M * layout.SENSORS_SCALE
+_DEEP_M = 0.35 * layout.LANE_DEPTH_M * layout.SENSORS_SCALE
+_LOW_M = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class LanePicture:
+    """Where a picture stands.
+
+    Attributes:
+        size_px: (width, height).
+        origin: (3,) where the lane begins [m].
+    """
+
+    size_px: tuple[int, int]
+    origin: Float64
+
+    @property
+    def px(self) -> float:
+        """How large a pixel is [m]."""
+        return _WIDE_M / self.size_px[0]
+
+    def at(self, pixels: Float64) -> Float64:
+        """(..., 3) of pixels (..., 2) [m]."""
+        x = 0.5 * _WIDE_M - self.px * pixels[..., 0]
+        y = _LOW_M + self.px * (self.size_px[1] - pixels[..., 1])
+        return np.asarray(self.origin + np.stack([x, y, np.full(x.shape, _DEEP_M)], axis=-1))
+
+    def edge(self, colour: Rgb) -> Strokes:
+        """The line about it."""
+        width, height = self.size_px
+        corners = np.array([[0, 0], [width, 0], [width, height], [0, height], [0, 0]], dtype=np.float64)
+        return line_strokes(self.at(corners), colour.paint, 0.008)
