@@ -299,12 +299,14 @@ class ArmModel:
         return float(costs[0] - costs[best]), pose._replace(z=z)
 
     def exchanged(self, pose: ArmPose) -> Iterator[ArmPose]:
-        """The poses in which two neighbouring fingers that are bent unlike are held as the other is."""
-        for one, other in ((1, 2), (2, 3), (3, 4)):
-            a, b = (self.columns[digit][self.columns[digit] >= 0] for digit in (one, other))
-            if np.abs(pose.z[a] - pose.z[b]).max() > _UNLIKE:
+        """The poses in which fingers that are bent unlike are held as their neighbours are: two exchanged, or all."""
+        columns = [self.columns[digit][self.columns[digit] >= 0] for digit in range(1, 5)]
+        held = np.array([pose.z[c] for c in columns])
+        for order in ((1, 0, 2, 3), (0, 2, 1, 3), (0, 1, 3, 2), (0, 0, 1, 2), (1, 2, 3, 3)):
+            if np.abs(held[list(order)] - held).max() > _UNLIKE:
                 z = pose.z.copy()
-                z[a], z[b] = pose.z[b], pose.z[a]
+                for c, row in zip(columns, held[list(order)], strict=True):
+                    z[c] = row
                 yield pose._replace(z=z)
 
     def spheres(self, pose: ArmPose, spacing_m: float = 0.025) -> Float64:
