@@ -228,7 +228,7 @@ class ArmModel:
         information[:4] = 1 / s.size_sd**2, 1 / s.thickness_sd**2, 1 / (s.forearm_sd * self.forearm_m) ** 2, 1 / 0.15**2
         information[4:6] = 1 / np.sin(np.radians([s.deviation_sd_deg, s.flexion_sd_deg])) ** 2
         information[7:10] = 0.2
-        information[10:] = 1 / s.digit_sd**2
+        information[10:] = self.sizes[10:]
         return Expected(pose, np.zeros(6 + len(self.natural)), v, information)
 
     def fit(

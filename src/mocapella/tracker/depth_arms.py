@@ -156,6 +156,11 @@ class DepthArms:
         if part is None:
             return False
         fitted = model.fit(predicted, self._expected(model, arm, predicted, dt), evidence_of(part, model, predicted))
+        if fitted.cost > _JUMP * arm.fitted.cost:  # it turned, or stopped: not as was predicted
+            starts = [arm.fitted.pose, ArmPose(arm.fitted.pose.R, predicted.t, arm.fitted.pose.z, arm.fitted.pose.v)]
+            evidence = evidence_of(part, model, predicted)
+            others = [model.fit(start, model.unexpected(start), evidence, loose=3.0) for start in starts]
+            fitted = min([fitted, *others], key=lambda other: other.cost)
         arm.moved(fitted, dt)
         arm.at_s, arm.region = at_s, part
         self._search(arm, depth)
@@ -295,4 +300,5 @@ _SD_M: Final = (0.006, 0.02)
 """Of a landmark that is measured, and of one that is not; from rendered arms."""
 _MUCH_BETTER: Final = 0.7
 _LONGEST_WAIT: Final = 240
+_JUMP: Final = 1.25
 _EXCHANGED_EVERY: Final = 5
