@@ -20,6 +20,7 @@ from mocapella.cli import (  # noqa: F401  (they register)
     colours,
     demo,
     depth,
+    depth_lines,
     doctor,
     evaluate,
     export,
@@ -70,6 +71,7 @@ VERBS = [
     ["train", "sensor-errors"],
     ["triangulate"],
     ["depth", "fit"],
+    ["depth", "lines"],
     ["tune", "one-euro"],
     ["hand", "measure"],
 ]

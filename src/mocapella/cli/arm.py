@@ -67,7 +67,10 @@ Method = Annotated[
 def arm(
     paths: Annotated[
         list[str],
-        typer.Argument(metavar="PATH…", help="16-bit PNGs, folders of them, or takes: TAKE, TAKE.mcap:SENSOR."),
+        typer.Argument(
+            metavar="PATH…",
+            help="16-bit PNGs, folders of them, takes (TAKE, TAKE.mcap:SENSOR), or rendered:SCENE/SEED.",
+        ),
     ],
     intrinsics: Intrinsics = None,
     unit: Unit = None,
@@ -91,7 +94,8 @@ def arm(
 ) -> None:
     """Find arms and hands in recorded depth images.
 
-    docs/arms/recordings.md describes files, depth.toml and results. A camera is served by mocapella node arm.
+    docs/arms/recordings.md describes files, depth.toml and results. A camera is served by mocapella node arm. Whole
+    bodies as lines: mocapella depth lines.
 
     Example:  mocapella arm frames/ --intrinsics 476.0,313.7,242.8 --unit 0.000125 --json arms.json
     """
@@ -304,17 +308,10 @@ class _Run:
         return frame_row(image.file, at_s, found, self.camera.lens, all_points=self._all_points)
 
     def _write_stages(self, method: HasStages, metres: Any, file: str) -> None:
-        from mocapella.sources.depth_files import write_png
+        from mocapella.cli.depth_recordings import write_stages
 
         assert self._stages is not None
-        stem = Path(file).stem if file.endswith(".png") else Path(file).name
-        folder = self._stages / f"{self.counts['images'] - 1:05d}-{stem}"
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise SettingsError(f"--stages {self._stages}: {error.strerror}; name a folder to write to") from error
-        for number, (name, picture) in enumerate(method.stages(metres).items(), start=1):
-            write_png(folder / f"{number:02d}-{name.replace('/', '-').replace(' ', '-')}.png", picture)
+        write_stages(self._stages, self.counts["images"] - 1, file, method.stages(metres))
 
     def result(self) -> dict[str, Any]:
         """The recording's part of the JSON."""
