@@ -62,6 +62,7 @@ VERBS = [
     ["evaluate", "simulation"],
     ["evaluate", "charuco"],
     ["evaluate", "hands"],
+    ["evaluate", "line-skeleton-grid"],
     ["calibrate"],
     ["colours", "learn"],
     ["colours", "check"],

@@ -126,8 +126,9 @@ def test_what_cannot_be_is_refused() -> None:
     camera = shot(*CASES[0])[1]
     with pytest.raises(SettingsError, match="320 × 240; camera depth has 640 × 480"):
         body_lines(np.zeros((240, 320), np.float32), camera)
-    for name, value in (
+    wrong: tuple[tuple[str, Any], ...] = (
         ("near_m", 4.0), ("far_m", 21.0), ("floor_clear_m", -0.1), ("tilt_deg", 81.0), ("least_m2", -1.0),
-    ):  # fmt: skip
+    )  # fmt: skip
+    for name, value in wrong:
         with pytest.raises(SettingsError, match="near_m" if name == "far_m" else name):
             replace(BodyLinesSettings(), **{name: value})

@@ -23,8 +23,12 @@ class Scene(Protocol):
     """What is rendered: a `mocapella.sources.simulate.depth_scene.DepthScene` or `room_depth.RoomDepthScene`."""
 
     sensor: Any
-    lens: Any
     period_s: float
+
+    @property
+    def lens(self) -> Any:
+        """(9,) of `mocapella.geometry.lens`."""
+        ...
 
     def at(self, at_s: float) -> Any:
         """The image of that instant [s], and what is true of it."""

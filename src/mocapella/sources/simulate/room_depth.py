@@ -86,7 +86,7 @@ class RoomDepthScene:
     def at(self, at_s: float) -> RoomShot:
         """The image of that instant [s], and what is true of it."""
         people = apply(self.T_camera_world, self.room.positions_at(round(1e9 * at_s)))
-        depth, parts, slope = (image.copy() for image in self._background)
+        depth, parts, slope = self._background[0].copy(), self._background[1].copy(), self._background[2].copy()
         for number, (joints, radii) in enumerate(zip(people, self.room.motion.radii, strict=True)):
             for vertices, triangles in self._limbs(joints, radii):
                 seen = np.empty_like(vertices)
