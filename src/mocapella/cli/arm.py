@@ -245,12 +245,16 @@ class _Run:
         self, recording: DepthRecording, camera: Camera, method: ArmMethod, stages: Path | None, all_points: bool
     ) -> None:
         from mocapella.kinematics.arm_quality import ArmQualityMeter
+        from mocapella.sources.depth_options import HandSizeCheck
 
+        assert recording.state.unit_m is not None  # `complete` has seen to it
+        self._sizes = HandSizeCheck(camera.lens, camera.size_px, recording.state.unit_m)
         self.recording, self.camera, self.method = recording, camera, method
         self._stages, self._all_points = stages, all_points
         self._rows: list[dict[str, Any]] = []
         self.counts: Counter[str] = Counter()
         self._took_s: list[float] = []
+        self._medians_m: list[float] = []
         self._reasons: Counter[str] = Counter()
         self._quality = ArmQualityMeter()
 
@@ -295,6 +299,8 @@ class _Run:
             empty = not image.depth.any()
             self.counts["empty"] += empty
             metres = image.depth * np.float32(unit_m)
+            if not (empty or self.counts["with_arms"]):
+                self._medians_m.append(float(np.median(metres[metres > 0])))
             begin_s = time.perf_counter()
             found = self.method.update(metres, at_s)
             self._took_s.append(time.perf_counter() - begin_s)
@@ -303,6 +309,7 @@ class _Run:
             if self._stages is not None:
                 self._write_stages(self.method, metres, image.file)  # type: ignore[arg-type]
         self._quality.update(found.arms, at_s)
+        self._sizes.update(found.arms)
         self.counts["with_arms"] += bool(found.arms)
         self.counts["arms"] += len(found.arms)
         return frame_row(image.file, at_s, found, self.camera.lens, all_points=self._all_points)
@@ -324,9 +331,18 @@ class _Run:
             "counts": {name: self.counts[name] for name in ("images", "with_arms", "arms", "empty", "damaged")},
             "median_ms": round(1e3 * statistics.median(self._took_s), 3) if self._took_s else None,
             "quality": self._quality.quality.as_json(),
-            "problems": list(state.problems),
+            "problems": self.problems(),
             "frames": self._rows,
         }
+
+    def problems(self) -> list[str]:
+        """Of the recording, and of what was said of it."""
+        from mocapella.sources.depth_options import without_arms
+
+        own = self._sizes.problem
+        if self._medians_m and not self.counts["with_arms"]:
+            own = without_arms(statistics.median(self._medians_m), self.camera.lens, self.camera.size_px)
+        return [*self.recording.state.problems, *filter(None, [own])]
 
     def tell(self) -> None:
         """The counts and the most frequent reasons, for a person."""
@@ -335,7 +351,7 @@ class _Run:
                    (("empty", "with nothing measured"), ("damaged", "damaged")) if n[name]]  # fmt: skip
         said = f"; {', '.join(lacking)}" if lacking else ""
         say(f"{self.recording.name}: arms in {n['with_arms']} of {n['images']} images{said}")
-        for problem in self.recording.state.problems:
+        for problem in self.problems():
             say(f"{self.recording.name}: {problem}")
         for reason, count in self._reasons.most_common(_MOST_NAMED):
             say(f"  {count} times: {reason}")

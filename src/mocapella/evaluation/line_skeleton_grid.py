@@ -135,7 +135,9 @@ def plot_grid(rows: Sequence[GridRow], path: Path) -> None:
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise SettingsError(f"{path}: no plot, because matplotlib is not installed; it is in the extra plots") from error
+        raise SettingsError(
+            f"{path}: no plot, because matplotlib is not installed; it is in the extra plots"
+        ) from error
     grids = [row.grid_px for row in rows]
     figure = Figure(figsize=(7, 3.2), layout="constrained")
     time, accuracy = figure.subplots(1, 2)
