@@ -207,6 +207,7 @@ def two_camera_rows(quick: bool) -> list[Row]:
         first, second = (arm_method("default", camera) for camera in cameras)
         told = two_camera_scores(scene, looks_of((first, second)), seconds=0.7 if quick else 3.0)
         for key, words in (("tip_median_mm", "fingertips, median"), ("tip_p95_mm", "fingertips, 95 %"),
+                           ("tips_of_one_camera_median_mm", "fingertips that only the other sees, median"),
                            ("palm_median_mm", "palm, median")):  # fmt: skip
             alone = ", ".join(f"{told[camera][key]:.1f}" for camera in CAMERAS)
             rows.append(measured(f"arm: two cameras, {name}, {words} (alone {alone})", told[FUSED][key], "mm"))
