@@ -17,7 +17,8 @@ from mocapella.cli import arm as _arm  # noqa: F401 - registers the verb
 from mocapella.cli import view as _view  # noqa: F401 - and another: an app of one verb has no verbs
 from mocapella.cli.app import app
 from mocapella.errors import InputError
-from mocapella.sources.simulate.depth_scene import BODY, DepthShot, load_depth_scene
+from mocapella.model.hand import TIPS
+from mocapella.sources.simulate.depth_scene import BODY, FIRST_ARM, DepthShot, load_depth_scene
 
 METHODS = ("default", "line-skeleton")
 SAID = ["--intrinsics", "580,319.5,239.5", "--unit", "0.0001"]
@@ -198,3 +199,37 @@ def test_an_arm_that_leaves_is_waited_for_and_found_at_once(tmp_path: Path) -> N
     assert [len(frame["arms"]) for frame in frames] == [1, *[0] * 10, 1]
     assert {frame["reason"] for frame in frames[1:-1]} == {"nothing was measured in the whole image"}
     assert away_m(frames[-1]["arms"][0], shots("rotation", 1)[1]) < 0.02
+
+
+def test_an_arm_that_goes_out_of_the_image_comes_back(tmp_path: Path) -> None:
+    scene = load_depth_scene("leaves", seed=1, sensor="exact")
+    made = [scene.at(k / 10) for k in range(13, 36)]
+    gone = [not (shot.parts >= FIRST_ARM).any() for shot in made]
+    whole = [bool(shot.arms[0].seen[list(TIPS)].all()) for shot in made]
+    assert sum(gone) >= 8
+    back = whole.index(True, gone.index(True))  # the first image that shows all fingertips again
+    found = recording(tmp_path / "frames", [shot.depth for shot in made], "--fps", "10")
+    for frame, away in zip(found["frames"], gone, strict=True):
+        if away:
+            assert frame["arms"] == []
+            assert frame["reason"]
+    arms = found["frames"][back]["arms"]
+    assert arms
+    assert min(away_m(arm, made[back]) for arm in arms) < 0.05
+
+
+@pytest.mark.parametrize("size_px", [(30, 20), (15, 15), (100, 20)])
+def test_a_small_flat_thing_is_no_arm(size_px: tuple[int, int], tmp_path: Path) -> None:
+    assert recording(tmp_path / "frames", [flat(*size_px)] * 2)["counts"]["with_arms"] == 0
+
+
+@pytest.mark.xfail(strict=True, reason="the method fits a hand to flat things of a palm's size; docs/methods/arm.md")
+def test_a_flat_thing_of_a_palms_size_is_no_arm(tmp_path: Path) -> None:
+    assert recording(tmp_path / "frames", [flat(60, 40)] * 2)["counts"]["with_arms"] == 0
+
+
+def flat(width: int, height: int) -> Any:
+    """A plate 0.7 m before the camera."""
+    image = np.zeros((480, 640), np.uint16)
+    image[230 : 230 + height, 300 : 300 + width] = 7000
+    return image
