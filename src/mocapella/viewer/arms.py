@@ -247,7 +247,7 @@ def lane_arms(frame: ArmFrame, origin: Float64, colour: Rgb) -> tuple[Strokes, S
         colour: the camera's own.
     """
     width, height = frame.size_px
-    wide = 0.85 * layout.LANE_WIDTH_M * layout.SENSORS_SCALE
+    wide = 0.6 * layout.LANE_WIDTH_M * layout.SENSORS_SCALE  # so that the view shows all of it
     px = wide / width
     deep = 0.35 * layout.LANE_DEPTH_M * layout.SENSORS_SCALE
 
