@@ -223,7 +223,7 @@ class HandSizeCheck:
         unit_m: metres a unit.
     """
 
-    def __init__(self, lens: Sequence[float], size_px: tuple[int, int], unit_m: float) -> None:
+    def __init__(self, lens: Sequence[float] | NDArray[np.float64], size_px: tuple[int, int], unit_m: float) -> None:
         self._focal_px, self._size_px, self._unit_m = float(lens[0]), size_px, unit_m
         self._lengths_m: deque[float] = deque(maxlen=_HANDS_KEPT)
 
@@ -259,7 +259,7 @@ class HandSizeCheck:
         )
 
 
-def without_arms(median_m: float, lens: Sequence[float], size_px: tuple[int, int]) -> str:
+def without_arms(median_m: float, lens: Sequence[float] | NDArray[np.float64], size_px: tuple[int, int]) -> str:
     """What to look at where no arm was found in any image.
 
     Args:
