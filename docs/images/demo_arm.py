@@ -41,7 +41,7 @@ def main(file: Path, seed: str) -> None:
             page.locator(".mocapella-arms", has_text="· grabbing").wait_for()
             time.sleep(1.2)
             os.killpg(demo.pid, signal.SIGSTOP)  # a browser that draws slowly catches up
-            time.sleep(1.2)  # not so long that the page says that nothing comes any more
+            time.sleep(0.8)  # not so long that the page says that nothing comes any more
             page.screenshot(path=file)
             os.killpg(demo.pid, signal.SIGCONT)
             browser.close()
