@@ -73,7 +73,7 @@ def test_it_is_drawn(tmp_path: Path) -> None:
 
 def test_without_matplotlib_it_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    with pytest.raises(SettingsError, match="matplotlib is not installed"):
+    with pytest.raises(SettingsError, match="matplotlib is not installed: uv sync --extra plots"):
         plot_grid(ROWS, tmp_path / "grid.png")
 
 

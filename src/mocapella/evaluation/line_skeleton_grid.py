@@ -136,7 +136,8 @@ def plot_grid(rows: Sequence[GridRow], path: Path) -> None:
         from matplotlib.figure import Figure
     except ImportError as error:
         raise SettingsError(
-            f"{path}: no plot, because matplotlib is not installed; it is in the extra plots"
+            f"{path}: no plot, because matplotlib is not installed: uv sync --extra plots "
+            "(elsewhere: install 'mocapella[plots]')"
         ) from error
     grids = [row.grid_px for row in rows]
     figure = Figure(figsize=(7, 3.2), layout="constrained")
