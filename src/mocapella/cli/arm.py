@@ -338,13 +338,27 @@ class _Run:
             "frames": self._rows,
         }
 
+    def _arms_in_words(self) -> str:
+        """How many arms were followed, of which sides, and in how many images each gesture was seen."""
+        sides: dict[int, Counter[str]] = {}
+        gestures: Counter[str] = Counter()
+        for arm in (arm for row in self._rows for arm in row["arms"]):
+            sides.setdefault(arm["id"], Counter())[arm["handedness"]] += 1
+            gestures.update([arm["gesture"]] if arm["gesture"] else [])
+        if not sides:
+            return ""
+        of_side = Counter(counts.most_common(1)[0][0] for counts in sides.values())
+        told = " and ".join(f"{number} {side}" for side, number in sorted(of_side.items()))
+        seen = ", ".join(f"{gesture} {number}" for gesture, number in gestures.most_common())
+        return f"; {told} arm{'s' if len(sides) > 1 else ''}{f'; gestures: {seen}' if seen else ''}"
+
     def tell(self) -> None:
         """The counts and the most frequent reasons, for a person."""
         n = self.counts
         lacking = [f"{n[name]} {words}" for name, words in
                    (("empty", "with nothing measured"), ("damaged", "damaged")) if n[name]]  # fmt: skip
         said = f"; {', '.join(lacking)}" if lacking else ""
-        say(f"{self.recording.name}: arms in {n['with_arms']} of {n['images']} images{said}")
+        say(f"{self.recording.name}: arms in {n['with_arms']} of {n['images']} images{said}{self._arms_in_words()}")
         for problem in self._problems():
             say(f"{self.recording.name}: {problem}")
         for reason, count in self._reasons.most_common(_MOST_NAMED):
