@@ -145,7 +145,7 @@ class ArmWork:
         if self._warned.due(now_s):
             problems = self._problems(self._before)
             self._before = (self.looked_at, self.with_arms, self._check.empty)
-            yield from self._warned.update(problems)
+            yield from self._warned.update(problems, now_s)
 
     def _problems(self, before: tuple[int, int, int]) -> dict[str, str]:
         """By kind: what is wrong since ``before``, counts of images looked at, with arms, and empty."""
