@@ -81,7 +81,7 @@ def test_a_closed_fist_has_no_extra_finger_and_opens_with_the_same_names() -> No
 
 
 def test_rotation_loses_neither_elbow_nor_order() -> None:
-    made = clip("rotation", 5, 24, 99, 3)
+    made = clip("rotation", 5, 24, 99, 2)
     ours, theirs = table("default", made), table("line-skeleton", made)
     assert theirs["named"] < 0.6
     assert theirs["elbow_median_mm"] > 100
