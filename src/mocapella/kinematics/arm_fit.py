@@ -50,6 +50,7 @@ class ArmFitSettings:
         silhouette_scale_m: likewise of flesh beside the silhouette or before the surface.
         point_sd_m, silhouette_sd_m, collision_sd_m: how sure one residual is; those of points are not independent, so
             this is far above the noise.
+        sharp_sd_m: that of the silhouette in the last third of a fit.
         ahead_m: flesh may stand so far before the surface.
         overlap_m: digits may overlap so far.
         size_sd, thickness_sd: of a hand's size and thickness over the average.
@@ -66,6 +67,7 @@ class ArmFitSettings:
     silhouette_scale_m: float = 0.015
     point_sd_m: float = 0.012
     silhouette_sd_m: float = 0.015
+    sharp_sd_m: float = 0.006
     collision_sd_m: float = 0.002
     ahead_m: float = 0.008
     overlap_m: float = 0.002
@@ -84,7 +86,7 @@ class ArmFitSettings:
 
     def __post_init__(self) -> None:
         for name in (
-            *("point_scale_m", "silhouette_scale_m", "point_sd_m", "silhouette_sd_m", "collision_sd_m"),
+            *("point_scale_m", "silhouette_scale_m", "point_sd_m", "silhouette_sd_m", "sharp_sd_m", "collision_sd_m"),
             *("size_sd", "thickness_sd", "digit_sd", "forearm_sd"),
         ):
             check(0 < getattr(self, name) < 1, name, getattr(self, name), "above 0, below 1")
@@ -277,7 +279,7 @@ class ArmModel:
         return np.array(
             [s.point_scale_m, s.silhouette_scale_m, share / s.point_sd_m**2, 1 / s.silhouette_sd_m**2,
              1 / s.collision_sd_m**2, s.ahead_m, s.overlap_m, float(len(self.owners)),
-             s.edge * float(pose.t[2] / evidence.lens[0])]
+             s.edge * float(pose.t[2] / evidence.lens[0]), (s.silhouette_sd_m / s.sharp_sd_m) ** 2]
         )  # fmt: skip
 
     def held_otherwise(self, pose: ArmPose, evidence: Evidence, digit: int) -> tuple[float, ArmPose]:

@@ -362,9 +362,10 @@ def system(
         picture: (front, opposite, lens): `front` (h, w) [m] the surface of what may be the arm, minus that of other
             things, 0 where nothing was measured; the nearest column in a line that is the arm's where a pixel is not,
             and the other way round; lens (4,) of these pixels.
-        numbers: (9,) scale of the points' robust cost [m], of the silhouette's [m], variances' inverses of points,
+        numbers: (10,) scale of the points' robust cost [m], of the silhouette's [m], variances' inverses of points,
             silhouette and collisions, how far before the surface flesh may stand [m], how far digits may overlap [m],
-            how many pieces may explain points, half a pixel's side [m].
+            how many pieces may explain points, half a pixel's side [m], how many times as sure the silhouette is in the
+            last third of a fit.
         costs: (5,) sums of robust costs from 0 to 1: of points, of the silhouette by its area [m²], of collisions; and
             that area, and what of it other things hide, out.
         assigned: (pieces,) how much was assigned to each piece, out.
@@ -742,6 +743,8 @@ def fit(
         f = 1.0 if last or iterations < 2 else max(loose * (1.0 - 1.5 * turn / (iterations - 1)), 1.0)
         f *= _JUDGED if last else 1.0
         now[0], now[1] = f * numbers[0], f * numbers[1]
+        # Edges tell where the flesh ends more sharply than points, but from afar they mislead.
+        now[3] = numbers[3] * (numbers[9] if 3 * turn >= 2 * iterations else 1.0)
         for i in range(full):
             g[i] = 0.0
             for k in range(full):
