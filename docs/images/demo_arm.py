@@ -7,8 +7,10 @@ Needs chromium on the PATH, and playwright.
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -23,7 +25,8 @@ def main(file: Path, seed: str) -> None:
     from playwright.sync_api import sync_playwright
 
     command = [sys.executable, "-m", "mocapella", "demo", "arm", "--no-browser", "--seconds", "240", "--seed", seed]
-    demo = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    demo = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+                            start_new_session=True)  # fmt: skip
     try:
         assert demo.stdout is not None
         url = next(m[1] for line in demo.stdout if (m := re.search(r"live view: (http\S+)", line)))
@@ -37,9 +40,13 @@ def main(file: Path, seed: str) -> None:
             time.sleep(20)  # the first pictures are drawn
             page.locator(".mocapella-arms", has_text="· grabbing").wait_for()
             time.sleep(1.2)
+            os.killpg(demo.pid, signal.SIGSTOP)  # a browser that draws slowly catches up
+            time.sleep(0.8)  # not so long that the page says that nothing comes any more
             page.screenshot(path=file)
+            os.killpg(demo.pid, signal.SIGCONT)
             browser.close()
     finally:
+        os.killpg(demo.pid, signal.SIGCONT)
         demo.terminate()
         demo.wait()
 

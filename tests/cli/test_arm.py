@@ -11,6 +11,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import cv2
+import msgspec
 import numpy as np
 import pytest
 from nearest_arm import NearestArm
@@ -153,11 +154,21 @@ def test_a_damaged_image_is_passed_over_and_said(folder: Path) -> None:
     path = folder / "frames" / "10.png"
     path.write_bytes(path.read_bytes()[:-20])
     done = arm("frames", *SAID, "--json", "out.json")
-    assert "arms in 2 of 3 images; 1 damaged" in done.stderr
+    assert "arms in 2 of 3 images; 1 damaged; 1 left arm; gestures: open 2" in " ".join(done.stderr.split())
     (recording,) = json.loads(Path("out.json").read_text(encoding="utf-8"))["recordings"]
     assert "cut off" in recording["frames"][1]["reason"]
     assert recording["counts"]["damaged"] == 1
     assert len(made[0].times) == 2
+
+
+def test_sides_arms_and_gestures_are_said_in_a_line(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    one = NearestArm(Camera("a", (16, 12), LENS), {}).update(depth() * np.float32(0.001), 0.0).arms[0]
+    other = msgspec.structs.replace(one, id=8, left=False, gesture="fist")
+    again = msgspec.structs.replace(one, left=False, gesture="")  # most of its images show a left one
+    seen = iter([(one, other), (one, other), (again,)])
+    monkeypatch.setattr(NearestArm, "update", lambda self, depth, at_s: SeenArms(next(seen)))
+    line = next(line for line in arm("frames", *SAID).stderr.splitlines() if "arms in" in line)
+    assert line == "frames: arms in 3 of 3 images; 1 left and 1 right arms; gestures: open 2, fist 2"
 
 
 @pytest.mark.parametrize(

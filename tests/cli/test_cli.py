@@ -20,6 +20,7 @@ from mocapella.cli import (  # noqa: F401  (they register)
     colours,
     demo,
     depth,
+    depth_lines,
     doctor,
     evaluate,
     export,
@@ -61,6 +62,7 @@ VERBS = [
     ["evaluate", "simulation"],
     ["evaluate", "charuco"],
     ["evaluate", "hands"],
+    ["evaluate", "line-skeleton-grid"],
     ["calibrate"],
     ["colours", "learn"],
     ["colours", "check"],
@@ -70,6 +72,7 @@ VERBS = [
     ["train", "sensor-errors"],
     ["triangulate"],
     ["depth", "fit"],
+    ["depth", "lines"],
     ["tune", "one-euro"],
     ["hand", "measure"],
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from itertools import count
 from pathlib import Path
@@ -12,9 +13,13 @@ import pytest
 pytest.importorskip("cv2")
 
 from sensing.drawn_arms import CAMERA, arm
+from typer.testing import CliRunner
 
+from mocapella.cli import evaluate as _evaluate  # noqa: F401 - registers the verb
+from mocapella.cli import view as _view  # noqa: F401 - and another: an app of one verb has no verbs
+from mocapella.cli.app import app
 from mocapella.errors import EvaluationError, SettingsError
-from mocapella.evaluation.line_skeleton_grid import GRIDS_PX, GridRow, grid_table, plot_grid
+from mocapella.evaluation.line_skeleton_grid import GRIDS_PX, GridRow, grid_table, plot_grid, rendered_frames
 from mocapella.sensing.line_skeleton import LineSkeletonSettings
 
 ROWS = (GridRow(1, 3, 3, 20.0, 25.0, 30.0, 9.0, 1.0), GridRow(10, 3, 3, 12.0, 14.0, 35.0, 20.0, 0.8))
@@ -68,5 +73,37 @@ def test_it_is_drawn(tmp_path: Path) -> None:
 
 def test_without_matplotlib_it_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    with pytest.raises(SettingsError, match="matplotlib is not installed"):
+    with pytest.raises(SettingsError, match="matplotlib is not installed: uv sync --extra plots"):
         plot_grid(ROWS, tmp_path / "grid.png")
+
+
+def test_rendered_frames_are_those_of_right_arms() -> None:
+    camera, frames = rendered_frames(("still", "fist"), (100, 102), "exact", images=1)
+    found = list(frames)
+    assert camera.size_px == (640, 480)
+    assert 0 < len(found) < 4  # some of the four are left ones
+    for depth, truth, _ in found:
+        assert depth.dtype == np.float32
+        assert depth.shape == (480, 640)
+        assert truth.shape == (23, 3)
+    with pytest.raises(EvaluationError, match="no right arm in still with seeds 102"):
+        rendered_frames(("still",), (102,))
+    with pytest.raises(SettingsError, match="unknown scene 'stil'"):
+        rendered_frames(("stil",))
+
+
+def test_the_experiment_is_a_command(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    words = ["--scenes", "still", "--seeds", "101", "--sensor", "exact", "--plot", str(tmp_path / "grid.svg")]
+    done = CliRunner().invoke(
+        app, ["evaluate", "line-skeleton-grid", *words, "--json", str(tmp_path / "grid.json")], env={"COLUMNS": "120"}
+    )
+    assert done.exit_code == 0, (done.output, done.exception)
+    rows = json.loads((tmp_path / "grid.json").read_text(encoding="utf-8"))["rows"]
+    assert [row["grid_px"] for row in rows] == [1, 2, 4, 5, 8, 10]
+    assert all(row["frames"] == row["arms"] == 6 for row in rows)
+    assert all(row["median_ms"] > 0 for row in rows)
+    assert rows[2]["tips_found"] >= 0.5
+    assert rows[2]["tips_mm"] < 30
+    assert "<svg" in (tmp_path / "grid.svg").read_text(encoding="utf-8")
+    assert "line-skeleton, 6 images of rendered right arms" in done.output

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from mocapella.calibration.centre_and_angle import world_from_sensor
 from mocapella.errors import RecordingError, SettingsError, TakeExistsError
 from mocapella.geometry import rigid
-from mocapella.model.scene import Person, Phase, PotentialSkeleton, Scene, TrackerState
+from mocapella.model.scene import Person, Phase, PotentialSkeleton, Scene, TrackedArm, TrackerState
 from mocapella.model.session import Setup
 from mocapella.model.study_log import YEAR_1_TO_1970_MS
 from mocapella.model.topology import Topology, topology
@@ -174,6 +174,10 @@ def test_rows_keep_the_sensors_labels_and_those_that_were_swapped_are_counted(tm
 def test_what_cannot_be_exported_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="no scene is a result"):
         export(tmp_path / "log.csv", [scene(two_views().people[0].views, phase=Phase.CALIBRATING), scene()])
+    nowhere = np.zeros((23, 3)), np.zeros(23, np.uint8), np.zeros(23, np.float32), np.zeros(21)
+    arm = TrackedArm(1, True, *nowhere, None, "open", 0.5, False, -1, ("a",))
+    with pytest.raises(RecordingError, match="no scene is a result; mocapella export arms writes the arms"):
+        export(tmp_path / "log.csv", [scene(), msgspec.structs.replace(scene(), arms=(arm,))])
     with pytest.raises(SettingsError, match=r"'front'; there are a, b"):
         export(tmp_path / "log.csv", [two_views()], reference="front")
     with pytest.raises(SettingsError, match="every is 0"):

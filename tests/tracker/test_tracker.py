@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Iterable
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,6 +13,7 @@ from standing_people import KINECT, RIGHT_HAND, RIGHT_SHOULDER, inverse, moved, 
 
 from mocapella.errors import SettingsError, WireError
 from mocapella.geometry.rigid import apply, rigid, rotation_about_y
+from mocapella.model.depth import depth_frame
 from mocapella.model.observations import Arrival, JointState
 from mocapella.model.scene import Phase, Scene
 from mocapella.model.session import SensorPose
@@ -256,6 +258,22 @@ def test_a_tracker_that_is_given_anothers_memory_goes_on_as_it_would_have() -> N
         other = make_tracker("stand-still", sensors_expected=2, settings=QUICK)
         other.restore(memory)
         assert [encode_scene(scene) for scene in run(other, arrivals[step : step + 8])] == scenes[step : step + 8]
+
+
+@pytest.mark.parametrize("method", PEOPLE_METHODS)
+def test_images_that_are_sent_for_the_take_change_nothing(method: str) -> None:
+    tracker, alone = (make_tracker(method, sensors_expected=1) for _ in range(2))
+    for frame in range(3):
+        (arrival,) = standing(range(frame, frame + 1), ME, front=FRONT)
+        image = depth_frame("depth.depth", np.ones((2, 2), np.uint16), unit_m=0.001, lens=[2, 2, 1, 1], time_ns=frame)
+        before, after = tracker.update(arrival), tracker.update(Arrival(image, arrival.at_ns))
+        assert encode_scene(msgspec.structs.replace(before, step=0)) == encode_scene(
+            msgspec.structs.replace(alone.update(arrival), step=0)
+        )
+        assert (after.sensor, after.people, after.state) == ("depth.depth", before.people, before.state)
+    assert (tracker.report.frames, tracker.report.kept, tracker.report.rejected) == (6, 6, {})
+    tracker.update(Arrival(msgspec.structs.replace(image, sensor="depth"), arrival.at_ns))
+    assert "of which no method makes people" in " ".join(tracker.report.rejected)
 
 
 def test_what_is_no_memory_of_a_tracker_is_refused() -> None:

@@ -7,8 +7,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from walkers import health, status
 
-from mocapella.model.session import RecordingHealth
-from mocapella.viewer.controls import allowed, default_perspective, perspectives, progress_percent, take_name
+from mocapella.model.session import RecordingHealth, Setup
+from mocapella.tracker import METHODS, PEOPLE_METHODS
+from mocapella.viewer.controls import (
+    allowed,
+    default_perspective,
+    makes_people,
+    perspectives,
+    progress_percent,
+    take_name,
+)
 from mocapella.viewer.perspective import FREE
 
 
@@ -21,6 +29,12 @@ def test_of_every_pair_of_opposites_exactly_one_can_be_used(running, recording):
     assert can.record == (not recording)
     assert can.record_stop == recording
     assert can.setup
+
+
+def test_people_can_be_there_unless_the_method_makes_arms_or_hands_alone():
+    methods = {method: makes_people(status(setup=Setup(method=method))) for method in METHODS}
+    assert methods == {method: method in PEOPLE_METHODS for method in METHODS}
+    assert makes_people(None)
 
 
 def test_without_a_server_nothing_can_be_used():

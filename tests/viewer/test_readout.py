@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from walkers import Room, health, status
 
 from mocapella.model.scene import Phase, SensorPlace
-from mocapella.model.session import RecordingHealth
+from mocapella.model.session import RecordingHealth, Setup
 from mocapella.viewer.palette import SensorColours
 from mocapella.viewer.readout import (
     condition_lines,
@@ -127,6 +127,8 @@ def test_while_stopped_a_silent_sensor_is_no_matter_of_the_headline():
         ),
         (status(phase="needs recalibration", reason="everybody is gone"), "Needs recalibration: everybody is gone"),
         (status(), "Nobody is in view"),
+        (status(setup=Setup(method="arms")), "No arm is in view"),
+        (status(setup=Setup(method="hands")), "No hand is in view"),
         (status(sensors=(health("left", **GONE),)), "No sensor delivers"),
     ],
 )

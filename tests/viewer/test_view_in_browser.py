@@ -379,6 +379,17 @@ def test_unsure_joints_have_halos_and_sure_ones_none(server, tab):
     until(tab, lambda: shown(stage(server)._halos) == 0, "the halos are gone")
 
 
+def test_where_the_method_makes_arms_alone_no_people_are_listed(server, tab):
+    server.empty = True
+    server.change(running=True, phase="tracking")
+    tab.expect("Nobody is in view.")
+    server.change(setup=Setup(method="arms"))
+    tab.page.locator(".mocapella-people").locator("visible=true").wait_for(state="detached")
+    assert not tab.field("Who").is_visible()
+    server.change(setup=Setup())
+    tab.expect("Nobody is in view.")
+
+
 def test_whom_to_name_is_chosen_and_stays_so_while_nobody_sees_them(server, tab):
     server.change(running=True, phase="tracking")
     tab.expect_value("Who", "Person 2")

@@ -42,6 +42,7 @@ def run(arguments: Sequence[str]) -> None:
         colours,
         demo,
         depth,
+        depth_lines,
         doctor,
         evaluate,
         export,

@@ -56,7 +56,7 @@ evaluate_app = typer.Typer(
     """,
 )
 train_app = typer.Typer(no_args_is_help=True, help="Learn from recordings of real people.")
-depth_app = typer.Typer(no_args_is_help=True, help="Depth from two parallel cameras.")
+depth_app = typer.Typer(no_args_is_help=True, help="Depth images: bodies as lines; depth from two parallel cameras.")
 tune_app = typer.Typer(no_args_is_help=True, help="Find settings from recordings, step by step.")
 hand_app = typer.Typer(no_args_is_help=True, help="A person's hand, measured.")
 app.add_typer(node_app, name="node")

@@ -67,7 +67,10 @@ Method = Annotated[
 def arm(
     paths: Annotated[
         list[str],
-        typer.Argument(metavar="PATH…", help="16-bit PNGs, folders of them, or takes: TAKE, TAKE:SENSOR."),
+        typer.Argument(
+            metavar="PATH…",
+            help="16-bit PNGs, folders of them, takes (TAKE, TAKE:SENSOR), or rendered:SCENE/SEED.",
+        ),
     ],
     intrinsics: Intrinsics = None,
     unit: Unit = None,
@@ -91,7 +94,8 @@ def arm(
 ) -> None:
     """Find arms and hands in recorded depth images.
 
-    docs/arms/recordings.md describes files, depth.toml and results. A camera is served by mocapella node arm.
+    docs/arms/recordings.md describes files, depth.toml and results. A camera is served by mocapella node arm. Whole
+    bodies as lines: mocapella depth lines.
 
     Example:  mocapella arm frames/ --intrinsics 476.0,313.7,242.8 --unit 0.000125 --json arms.json
     """
@@ -244,11 +248,12 @@ class _Run:
         self, recording: DepthRecording, camera: Camera, method: ArmMethod, stages: Path | None, all_points: bool
     ) -> None:
         from mocapella.kinematics.arm_quality import ArmQualityMeter
-        from mocapella.sources.depth_options import UnitCheck
+        from mocapella.sources.depth_options import HandSizeCheck, UnitCheck
 
         unit_m = recording.state.unit_m
         assert unit_m is not None  # `complete` has seen to it
         self._unit_m, self._check = unit_m, UnitCheck(unit_m, recording.name)
+        self._sizes = HandSizeCheck(camera.lens, camera.size_px, unit_m)
         self.recording, self.camera, self.method = recording, camera, method
         self._stages, self._all_points = stages, all_points
         self._rows: list[dict[str, Any]] = []
@@ -303,26 +308,20 @@ class _Run:
             if self._stages is not None:
                 self._write_stages(self.method, metres, image.file)  # type: ignore[arg-type]
         self._quality.update(found.arms, at_s)
+        self._sizes.update(found.arms)
         self.counts["with_arms"] += bool(found.arms)
         self.counts["arms"] += len(found.arms)
         return frame_row(image.file, at_s, found, self.camera.lens, all_points=self._all_points)
 
     def _write_stages(self, method: HasStages, metres: Any, file: str) -> None:
-        from mocapella.sources.depth_files import write_png
+        from mocapella.cli.depth_recordings import write_stages
 
         assert self._stages is not None
-        stem = Path(file).stem if file.endswith(".png") else Path(file).name
-        folder = self._stages / f"{self.counts['images'] - 1:05d}-{stem}"
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise SettingsError(f"--stages {self._stages}: {error.strerror}; name a folder to write to") from error
-        for number, (name, picture) in enumerate(method.stages(metres).items(), start=1):
-            write_png(folder / f"{number:02d}-{name.replace('/', '-').replace(' ', '-')}.png", picture)
+        write_stages(self._stages, self.counts["images"] - 1, file, method.stages(metres))
 
     def _problems(self) -> list[str]:
         """What is wrong with the recording, and what may be with what was said of it."""
-        doubt = "" if self.counts["with_arms"] else self._check.doubt(self.camera)
+        doubt = self._sizes.problem if self.counts["with_arms"] else self._check.doubt(self.camera)
         return [*self.recording.state.problems, *([doubt] if doubt else [])]
 
     def result(self) -> dict[str, Any]:
@@ -339,13 +338,27 @@ class _Run:
             "frames": self._rows,
         }
 
+    def _arms_in_words(self) -> str:
+        """How many arms were followed, of which sides, and in how many images each gesture was seen."""
+        sides: dict[int, Counter[str]] = {}
+        gestures: Counter[str] = Counter()
+        for arm in (arm for row in self._rows for arm in row["arms"]):
+            sides.setdefault(arm["id"], Counter())[arm["handedness"]] += 1
+            gestures.update([arm["gesture"]] if arm["gesture"] else [])
+        if not sides:
+            return ""
+        of_side = Counter(counts.most_common(1)[0][0] for counts in sides.values())
+        told = " and ".join(f"{number} {side}" for side, number in sorted(of_side.items()))
+        seen = ", ".join(f"{gesture} {number}" for gesture, number in gestures.most_common())
+        return f"; {told} arm{'s' if len(sides) > 1 else ''}{f'; gestures: {seen}' if seen else ''}"
+
     def tell(self) -> None:
         """The counts and the most frequent reasons, for a person."""
         n = self.counts
         lacking = [f"{n[name]} {words}" for name, words in
                    (("empty", "with nothing measured"), ("damaged", "damaged")) if n[name]]  # fmt: skip
         said = f"; {', '.join(lacking)}" if lacking else ""
-        say(f"{self.recording.name}: arms in {n['with_arms']} of {n['images']} images{said}")
+        say(f"{self.recording.name}: arms in {n['with_arms']} of {n['images']} images{said}{self._arms_in_words()}")
         for problem in self._problems():
             say(f"{self.recording.name}: {problem}")
         for reason, count in self._reasons.most_common(_MOST_NAMED):

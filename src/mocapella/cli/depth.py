@@ -95,7 +95,10 @@ def _plot(table: DistanceTable, path: Path) -> None:
     try:
         from matplotlib.figure import Figure
     except ImportError:
-        say(f"--plot {path}: no plot, because matplotlib is not installed; install it, or leave the option out")
+        say(
+            f"--plot {path}: no plot, because matplotlib is not installed: uv sync --extra plots "
+            "(elsewhere: install 'mocapella[plots]')"
+        )
         return
     rows = table.rows_cm()
     axes = (figure := Figure(figsize=(6, 4), layout="constrained")).subplots()

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.cli.recordings import find_recording, is_take
 from mocapella.errors import InputError, SettingsError, one_of
@@ -13,9 +14,9 @@ from mocapella.model.camera_rig_file import load_camera_rig
 from mocapella.model.depth import DepthFrame
 from mocapella.recording.disk import SUFFIX
 from mocapella.recording.take_reader import Take, read_take
-from mocapella.sources.depth_files import DepthFiles, DepthRecording, RecordedDepth
+from mocapella.sources.depth_files import DepthFiles, DepthRecording, RecordedDepth, write_png
 from mocapella.sources.depth_options import KINECT_RAW, DepthOptions, parse_lens, parse_unit
-from mocapella.sources.open_depth import CAMERAS
+from mocapella.sources.open_depth import CAMERAS, RENDERED
 from mocapella.sources.picture_source import SourceState
 
 
@@ -142,10 +143,10 @@ def depth_of_take(text: str, options: DepthOptions | None = None) -> TakeDepth |
 
 
 def depth_recordings(paths: Sequence[str], options: DepthOptions) -> list[DepthRecording]:
-    """Each folder and each take is a recording, and so are files that are named one after the other.
+    """Each folder, take and rendered scene is a recording, and so are files that are named one after the other.
 
     Raises:
-        SettingsError: a camera is named.
+        SettingsError: a camera is named, or a scene that there is not.
         InputError: something cannot be read.
     """
     found: list[DepthRecording] = []
@@ -159,6 +160,12 @@ def depth_recordings(paths: Sequence[str], options: DepthOptions) -> list[DepthR
     for text in paths:
         if text.partition(":")[0] in CAMERAS:
             raise SettingsError(f"{text} is a camera; mocapella node arm {text} serves it")
+        if text.startswith(f"{RENDERED}:"):
+            from mocapella.sources.simulate.rendered_depth import RenderedRecording, rendered_scene
+
+            close()
+            found.append(RenderedRecording(rendered_scene(text.partition(":")[2], text), text, options))
+            continue
         take = depth_of_take(text, options)
         if take is None and not Path(text).is_dir():
             files.append(Path(text))
@@ -167,3 +174,25 @@ def depth_recordings(paths: Sequence[str], options: DepthOptions) -> list[DepthR
         found.append(DepthFiles([Path(text)], options) if take is None else take)
     close()
     return found
+
+
+def write_stages(folder: Path, number: int, file: str, stages: Mapping[str, NDArray[np.uint8]]) -> None:
+    """Write the pictures of an image's stages into a folder of their own in ``folder``.
+
+    Args:
+        number: of the image in its recording, from 0.
+        file: what the image is called.
+        stages: pictures by name, in order.
+
+    Raises:
+        SettingsError: there can be no such folder.
+        InputError: a picture cannot be written.
+    """
+    stem = Path(file).stem if file.endswith(".png") else Path(file).name
+    own = folder / f"{number:05d}-{stem}"
+    try:
+        own.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SettingsError(f"--stages {folder}: {error.strerror}; name a folder to write to") from error
+    for k, (name, picture) in enumerate(stages.items(), start=1):
+        write_png(own / f"{k:02d}-{name.replace('/', '-').replace(' ', '-')}.png", picture)

@@ -204,6 +204,53 @@ def hands(
         out.print(table)
 
 
+@evaluate_app.command("line-skeleton-grid")
+def line_skeleton_grid(
+    scenes: Annotated[
+        str | None, typer.Option(metavar="NAME,NAME,…", help="Which scenes of rendered arms; `help` lists them.")
+    ] = None,
+    seeds: Annotated[str, typer.Option(metavar="N,N,…", help="Of person, motion and noise.")] = "100,101,102,103",
+    sensor: Annotated[str, typer.Option(metavar="SENSOR", help="Camera: kinect, sr305, tof or exact.")] = "kinect",
+    plot: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw it, where matplotlib is installed.")] = None,
+    json: JsonOut = None,
+) -> None:
+    """Measure what the grid of the arm method line-skeleton costs and is worth: 1, 2, 4, 5, 8 and 10 pixels.
+
+    docs/arms/line-skeleton.md says what is counted.
+
+    Example:  mocapella evaluate line-skeleton-grid --plot grid.png --json grid.json
+    """
+    need_cameras("evaluate line-skeleton-grid")
+    import time
+
+    import msgspec
+
+    from mocapella.evaluation.line_skeleton_grid import SCENES, grid_table, plot_grid, rendered_frames
+    from mocapella.sources.simulate.depth_scene import depth_scene_names
+
+    if scenes == "help":
+        typer.echo("\n".join(depth_scene_names()))
+        return
+    numbers = participant_numbers(seeds, "--seeds") or []
+    camera, frames = rendered_frames(SCENES if scenes is None else _names(scenes), numbers, sensor)
+    with console.status("rendering arms, and looking at each with six grids …"):
+        rows = grid_table(frames, camera, time.perf_counter)
+    write_json(json, {"sensor": sensor, "seeds": numbers, "rows": msgspec.to_builtins(rows)})
+    if plot is not None:
+        plot_grid(rows, plot)
+        say(f"plot in {plot}")
+    if json == "-":
+        return
+    title = f"line-skeleton, {rows[0].frames} images of rendered right arms"
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1))
+    for heading in ("grid px", "ms", "95 %", "elbow, wrist, palm mm", "tips found %", "of these mm"):
+        table.add_column(heading, justify="right")
+    for row in rows:
+        cells = (row.median_ms, row.p95_ms, row.arm_mm, 100 * row.tips_found, row.tips_mm)
+        table.add_row(str(row.grid_px), *(f"{value:.1f}" for value in cells))
+    Console().print(table)
+
+
 def _names(text: str) -> list[str]:
     return list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
 

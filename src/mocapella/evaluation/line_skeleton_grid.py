@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -16,11 +16,17 @@ from mocapella.model.arms import ARM_JOINTS
 from mocapella.model.camera import Camera
 from mocapella.model.observations import JointState
 from mocapella.sensing.line_skeleton import LineSkeleton, LineSkeletonSettings
+from mocapella.sources.simulate.depth_scene import load_depth_scene
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
 GRIDS_PX: Final = (1, 2, 4, 5, 8, 10)
+SCENES: Final = ("open-close", "counting", "each-finger-before-palm", "still")
+SEEDS: Final = (100, 101, 102, 103)
+"""What is rendered for the table; of these, the scenes with a right arm, which is what the method expects."""
+IMAGES: Final = 6
+"""Of each scene, evenly over its period."""
 NEAR_M: Final = 0.05
 """A fingertip within this of its true place counts as found: farther off it is another part of the hand."""
 _ARM: Final = 3
@@ -93,6 +99,33 @@ def grid_table(
     return tuple(_row(*columns) for columns in zip(grids_px, took, off, strict=True))
 
 
+def rendered_frames(
+    scenes: Sequence[str] = SCENES, seeds: Sequence[int] = SEEDS, sensor: str = "kinect", images: int = IMAGES
+) -> tuple[Camera, Iterator[tuple[Float32, Float64, float]]]:
+    """Frames for `grid_table`: right arms before a depth camera, which are rendered as they are asked for.
+
+    Args:
+        scenes, seeds, sensor: of `mocapella.sources.simulate.depth_scene.load_depth_scene`.
+        images: of each scene.
+
+    Raises:
+        SettingsError: no such scene or sensor.
+        EvaluationError: none of the scenes has a right arm.
+    """
+    made = [load_depth_scene(name, seed=seed, sensor=sensor) for name in scenes for seed in seeds]
+    right = [scene for scene in made if all(mesh.handedness == "right" for mesh in scene.meshes)]
+    if not right:
+        raise EvaluationError(f"no right arm in {', '.join(scenes)} with seeds {', '.join(map(str, seeds))}; name more")
+
+    def frames() -> Iterator[tuple[Float32, Float64, float]]:
+        for scene in right:
+            for k in range(images):
+                shot = scene.at(scene.period_s * (k + 0.5) / images)
+                yield shot.depth * np.float32(shot.unit_m), shot.arms[0].points, shot.at_s
+
+    return Camera(sensor, right[0].sensor.size_px, right[0].lens), frames()
+
+
 def plot_grid(rows: Sequence[GridRow], path: Path) -> None:
     """Time and accuracy over the grid, as a picture.
 
@@ -102,7 +135,10 @@ def plot_grid(rows: Sequence[GridRow], path: Path) -> None:
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise SettingsError(f"{path}: no plot, because matplotlib is not installed; install it") from error
+        raise SettingsError(
+            f"{path}: no plot, because matplotlib is not installed: uv sync --extra plots "
+            "(elsewhere: install 'mocapella[plots]')"
+        ) from error
     grids = [row.grid_px for row in rows]
     figure = Figure(figsize=(7, 3.2), layout="constrained")
     time, accuracy = figure.subplots(1, 2)

@@ -19,7 +19,7 @@ from mocapella.model.arms import ArmFrame, ArmMethod
 from mocapella.model.camera import Camera
 from mocapella.model.depth import DepthFrame
 from mocapella.sources.acquisition import Acquisition
-from mocapella.sources.depth_options import UnitCheck
+from mocapella.sources.depth_options import HandSizeCheck, UnitCheck
 from mocapella.sources.picture_source import Picture
 
 OFTEN: Final = 0.5
@@ -61,6 +61,7 @@ class ArmWork:
         unit_m = self._state.unit_m
         assert unit_m is not None  # `mocapella.sources.depth_options.complete` has seen to it
         self._unit_m, self._check, self._clock = unit_m, UnitCheck(unit_m, acquisition.source.name), clock
+        self._sizes = HandSizeCheck(camera.lens, camera.size_px, unit_m)
         self.late = self.too_late = self.looked_at = self.with_arms = 0
         self._times: deque[float] = deque(maxlen=_TIMES)
         self._reasons: Counter[str] = Counter()
@@ -85,6 +86,7 @@ class ArmWork:
         self._times.append(self._clock() - begin_s)
         self.looked_at += 1
         self.with_arms += bool(found.arms)
+        self._sizes.update(found.arms)
         if found.reason and (found.reason in self._reasons or len(self._reasons) < _MOST_REASONS):
             self._reasons[found.reason] += 1
         self._reason = found.reason or self._reason
@@ -143,7 +145,7 @@ class ArmWork:
         if self._warned.due(now_s):
             problems = self._problems(self._before)
             self._before = (self.looked_at, self.with_arms, self._check.empty)
-            yield from self._warned.update(problems)
+            yield from self._warned.update(problems, now_s)
 
     def _problems(self, before: tuple[int, int, int]) -> dict[str, str]:
         """By kind: what is wrong since ``before``, counts of images looked at, with arms, and empty."""
@@ -156,6 +158,8 @@ class ArmWork:
         looked, arms, empty = (now - then for now, then in zip(counts, before, strict=True))
         if looked and empty > OFTEN * looked:
             found["images"] = f"nothing is measured in {100 * empty / looked:.0f} % of the images; is it covered?"
+        elif self._sizes.problem:
+            found["sizes"] = self._sizes.problem
         elif looked and not arms:
             found["arms"] = "no arm is found" + (f": {self._reason}" if self._reason else "")
         return found

@@ -19,6 +19,8 @@ from mocapella.wire.node import NodeLink
 
 WARN_AFTER_S: Final = 3.0
 """Between two looks at what might be wrong."""
+STEADY_S: Final = 60.0
+"""A problem that came back so soon after its end is over only when it has been away for so long."""
 _POLL_S: Final = 0.1
 """So soon Ctrl-C is seen while no picture comes."""
 
@@ -130,11 +132,17 @@ def run_camera_node(
 
 
 class Warned:
-    """Says each problem when it begins and when it is over, and looks for them now and then."""
+    """Says each problem when it begins and when it is over, and looks for them now and then.
+
+    Of what comes and goes nothing more is said until it has been away for `STEADY_S`.
+    """
 
     def __init__(self) -> None:
         self._next_s = -np.inf
         self._said: set[str] = set()
+        self._there_s: dict[str, float] = {}
+        self._over_s: dict[str, float] = {}
+        self._returned: set[str] = set()
 
     def due(self, now_s: float) -> bool:
         """Whether it is time to look; the first time, nothing can be wrong yet."""
@@ -143,8 +151,19 @@ class Warned:
         first, self._next_s = self._next_s == -np.inf, now_s + WARN_AFTER_S
         return not first
 
-    def update(self, problems: Mapping[str, str]) -> Iterator[str]:
+    def update(self, problems: Mapping[str, str], now_s: float) -> Iterator[str]:
         """What is to be said of the problems that there are now, by kind."""
-        yield from (text for kind, text in problems.items() if kind not in self._said)
-        yield from (f"{kind}: well again" for kind in sorted(self._said - set(problems)))
-        self._said = set(problems)
+        for kind, text in problems.items():
+            begins = kind not in self._said
+            if begins and now_s < self._over_s.get(kind, -np.inf) + STEADY_S:
+                self._returned.add(kind)
+            self._said.add(kind)
+            self._there_s[kind] = now_s
+            if begins:
+                yield text
+        for kind in sorted(self._said - set(problems)):
+            if kind not in self._returned or now_s >= self._there_s[kind] + STEADY_S:
+                self._said.remove(kind)
+                self._returned.discard(kind)
+                self._over_s[kind] = now_s
+                yield f"{kind}: well again"

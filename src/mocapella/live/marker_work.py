@@ -145,7 +145,7 @@ class MarkerWork:
         seen = None if self.detector is None else self.detector.report
         problems = dict(self._problems(seen, self._before))
         self._before = seen
-        yield from self._warned.update(problems)
+        yield from self._warned.update(problems, now_s)
 
     def _problems(self, seen: MarkerReport | None, before: MarkerReport | None) -> Iterator[tuple[str, str]]:
         """By kind: what is wrong since ``before``, or since the beginning."""

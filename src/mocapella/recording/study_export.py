@@ -136,10 +136,12 @@ class _Counting:
         self._options: dict[str, Any] = {"setup": setup, "reference": reference, "kinect_ids": kinect_ids}
         self._reference, self._every = reference, every
         self._sensors: set[str] = set()
+        self._arms = False
         self.results = self.written = self.without_reference = self.mirrored = 0
 
     def rows(self, scenes: Iterable[tuple[Scene, int]], path: Path | str) -> Iterator[StudyRow]:
         for scene, tracker_time_ms in scenes:
+            self._arms |= bool(scene.arms)
             if scene.state.phase != Phase.TRACKING or not scene.people:
                 continue
             self.results += 1
@@ -159,7 +161,12 @@ class _Counting:
 
     def _check(self, path: Path | str) -> None:
         if not self.results:
-            raise RecordingError(f"cannot write {path}: no scene is a result; export scenes that were tracking people")
+            fix = (
+                "mocapella export arms writes the arms that are in it"
+                if self._arms
+                else "export scenes that were tracking people"
+            )
+            raise RecordingError(f"cannot write {path}: no scene is a result; {fix}")
         if self._reference is not None and self._reference not in self._sensors:
             known = one_of(self._reference, sorted(self._sensors))
             raise SettingsError(f"no result has a view of the reference sensor {self._reference!r}; there are {known}")

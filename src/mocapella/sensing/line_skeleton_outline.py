@@ -120,7 +120,7 @@ def outline(pictures: Separated, s: LineSkeletonSettings) -> Outline | None:
     if not large:
         return None
     gray = pictures.gaussian[:, ::-1] if s.mirror else pictures.gaussian
-    fillings = [_filled(one, padded.shape)[p:-p, p:-p] for one in large]
+    fillings = [filled(one, padded.shape)[p:-p, p:-p] for one in large]
     order = np.argsort([-float(gray[(filling > 0) & (pictures.mirrored > 0)].mean()) for filling in fillings])
     height, width = pictures.mirrored.shape
     outlines = tuple(np.clip(large[k][:, 0] - p, 0, (width - 1, height - 1)).astype(np.int32) for k in order)
@@ -145,7 +145,8 @@ def lines(of: Outline, s: LineSkeletonSettings) -> Lines:
     return Lines(made, segments[np.argsort(-lengths, kind="stable")], float(cv2.fitEllipse(of.outlines[0])[2]))
 
 
-def _filled(contour: Any, shape: tuple[int, ...]) -> UInt8:
+def filled(contour: Any, shape: tuple[int, ...]) -> UInt8:
+    """255 within an outline, else 0."""
     out = np.zeros(shape, dtype=np.uint8)
     cv2.drawContours(out, [contour], -1, (255,), cv2.FILLED)
     return out

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.geometry.kinect_depth import NOTHING
+from mocapella.model.arms import SeenArm
 from mocapella.model.camera import Camera
 from mocapella.sources.picture_source import SourceState
 
@@ -34,6 +36,16 @@ _FOCAL_PX: Final = {
     (640, 576): 504.0, (640, 400): 475.0, (1280, 800): 620.0,
 }  # fmt: skip
 """Of common cameras by the size of their images: where somebody is told what would be likely."""
+SHORTEST_HAND_M: Final = 0.14
+LONGEST_HAND_M: Final = 0.235
+"""From the wrist to the tip of the middle finger, with what a fit may be wrong by."""
+_HAND_M: Final = 0.186
+_LEAST_M, _MOST_M = 0.03, 1.0
+_HANDS_WANTED: Final = 5
+_HANDS_KEPT: Final = 300
+_MIDDLE: Final = (0, 9, 10, 11, 12)
+_ALIKE: Final = 0.45
+"""Logarithm of a factor: sizes are fitted with limits, and do not show all of what is wrong."""
 _ENOUGH_PX: Final = 100
 """An image with fewer pixels that were measured says nothing about its unit."""
 
@@ -107,10 +119,14 @@ def parse_lens(text: str | None) -> tuple[float, ...] | None:
     return lens
 
 
+def _usual_focal_px(size_px: tuple[int, int]) -> float:
+    return _FOCAL_PX.get(size_px, 0.9 * size_px[0])
+
+
 def _usual_lens(size_px: tuple[int, int]) -> str:
     """F,CX,CY of common cameras with images of that size."""
     width, height = size_px
-    return f"{_FOCAL_PX.get(size_px, 0.9 * width):g},{(width - 1) / 2:g},{(height - 1) / 2:g}"
+    return f"{_usual_focal_px(size_px):g},{(width - 1) / 2:g},{(height - 1) / 2:g}"
 
 
 def check_lens(lens: Sequence[float], size_px: tuple[int, int], source: object) -> None:
@@ -232,6 +248,53 @@ def unit_problem(there: UInt16, unit_m: float) -> tuple[str, str] | None:
     if there.max() == NOTHING:
         fix += f"; of a Kinect v1's 11-bit images, --unit {KINECT_RAW}"
     return f"the median distance would be {_length(median_m)}", fix
+
+
+class HandSizeCheck:
+    """Looks at the hands that were found, whose size says whether lens and unit can be right.
+
+    A wrong focal length or unit makes a hand as much longer or shorter; a method that fits sizes shows most of it.
+
+    Args:
+        lens: the nine numbers that were used.
+        size_px: of the images.
+        unit_m: metres a unit.
+    """
+
+    def __init__(self, lens: Sequence[float] | NDArray[np.float64], size_px: tuple[int, int], unit_m: float) -> None:
+        self._focal_px, self._size_px, self._unit_m = float(lens[0]), size_px, unit_m
+        self._lengths_m: deque[float] = deque(maxlen=_HANDS_KEPT)
+
+    def update(self, arms: Sequence[SeenArm]) -> None:
+        """Take in the arms of the next image; those whose middle finger is not all known do not count."""
+        for arm in arms:
+            bones = np.diff(arm.points[list(_MIDDLE)], axis=0)
+            length_m = float(np.linalg.norm(bones, axis=1).sum())
+            if _LEAST_M < length_m < _MOST_M:  # what is not known is neither
+                self._lengths_m.append(length_m)
+
+    @property
+    def problem(self) -> str:
+        """What is likely wrong, and what would be right; empty where nothing is, or with too few hands to say."""
+        if len(self._lengths_m) < _HANDS_WANTED:
+            return ""
+        length_m = float(np.median(self._lengths_m))
+        if SHORTEST_HAND_M <= length_m <= LONGEST_HAND_M:
+            return ""
+        factor = length_m / _HAND_M
+        focal_px, unit_m = self._focal_px * factor, self._unit_m / factor
+        usual_px = _usual_focal_px(self._size_px)
+        focal = f"about {focal_px:.0f}"
+        if abs(math.log(usual_px / focal_px)) < min(_ALIKE, abs(math.log(usual_px / self._focal_px))):
+            focal = f"{usual_px:g}, which is usual for {self._size_px[0]} × {self._size_px[1]}"
+        known = min(_UNITS_M, key=lambda known: abs(math.log(known / unit_m)))
+        unit = f"about {unit_m:.2g}"
+        if abs(math.log(known / unit_m)) < min(_ALIKE, abs(math.log(known / self._unit_m))):
+            unit = f"{known:g}"
+        return (
+            f"hands are {100 * length_m:.0f} cm long, people's {100 * SHORTEST_HAND_M:.0f} to "
+            f"{100 * LONGEST_HAND_M:.1f} cm; --intrinsics with an F of {focal}, or --unit {unit}, would be likely"
+        )
 
 
 def _likely_units(median: float) -> list[float]:

@@ -10,7 +10,7 @@ import msgspec
 from mocapella.conventions import NS_PER_S
 from mocapella.model.arms import ArmFrame
 from mocapella.model.bodies import Bodies, tracked_bodies
-from mocapella.model.depth import DepthFrame
+from mocapella.model.depth import IMAGES_SUFFIX, DepthFrame
 from mocapella.model.markers import MarkerFrame
 from mocapella.model.observations import Arrival, BodyFrame, Frame
 from mocapella.model.poses import PoseFrame
@@ -30,6 +30,11 @@ NO_DEPTH: Final = (
 )
 
 _NOT_BODIES: Final = {MarkerFrame: NO_BODIES, PoseFrame: NO_POSES, ArmFrame: NO_ARMS, DepthFrame: NO_DEPTH}
+
+
+def for_the_take(frame: Frame) -> bool:
+    """Whether a depth camera's node sends this beside its arms, for takes: no method has to use it."""
+    return isinstance(frame, DepthFrame) and frame.sensor.endswith(IMAGES_SUFFIX)
 
 
 def time_problem(frame: Frame, last: tuple[int, int] | None) -> str:

@@ -54,7 +54,7 @@ from mocapella.model.scene import (
 )
 from mocapella.model.session import SensorPose
 from mocapella.settings import check
-from mocapella.tracker.arrivals import Arrivals, Heard, Sighting
+from mocapella.tracker.arrivals import Arrivals, Heard, Sighting, for_the_take
 from mocapella.tracker.people import People, PeopleMemory, PeopleSettings, Sights, Told
 from mocapella.tracker.people_arms import REMEMBERED as ARMS_REMEMBERED
 from mocapella.tracker.people_arms import PeopleArms, PeopleArmsSettings
@@ -219,9 +219,14 @@ class DefaultTracker:
         return TrackerReport(self._steps, self._steps - self._rejected.total(), dict(self._rejected), 0, 0)
 
     def update(self, arrival: Arrival) -> Scene:
-        """Take one frame in and say what there is now. A frame that cannot be used is counted and changes nothing."""
+        """Take one frame in and say what there is now. A frame that cannot be used is counted and changes nothing.
+
+        Nor do images that a depth camera's node sends beside its arms, for the take.
+        """
         if isinstance(arrival.frame, ArmFrame):
             return self._see_arms(arrival, arrival.frame)
+        if for_the_take(arrival.frame):
+            return self._scene(arrival)
         heard = self._arrivals.update(arrival)
         if heard.problem:
             self._rejected[heard.problem] += 1

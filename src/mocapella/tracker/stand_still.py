@@ -25,7 +25,7 @@ from mocapella.model.observations import Arrival, BodyFrame, JointState
 from mocapella.model.scene import Float64, Person, Phase, PotentialSkeleton, Scene, TrackerState
 from mocapella.model.session import SensorPose
 from mocapella.settings import check
-from mocapella.tracker.arrivals import Arrivals, Heard, Sighting
+from mocapella.tracker.arrivals import Arrivals, Heard, Sighting, for_the_take
 from mocapella.tracker.protocol import TrackerReport
 
 
@@ -109,7 +109,12 @@ class StandStillTracker:
         return TrackerReport(self._steps, kept, dict(self._rejected), calibration.completed, calibration.restarts)
 
     def update(self, arrival: Arrival) -> Scene:
-        """Take one frame in and say what there is now. A frame that cannot be used is counted and changes nothing."""
+        """Take one frame in and say what there is now. A frame that cannot be used is counted and changes nothing.
+
+        Nor do images that a depth camera's node sends beside its arms, for the take.
+        """
+        if for_the_take(arrival.frame):
+            return self._scene(arrival)
         heard = self._arrivals.update(arrival)
         if heard.problem:
             self._rejected[heard.problem] += 1

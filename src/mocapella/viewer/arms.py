@@ -46,6 +46,8 @@ _NAMED: Final = (3, 7, 5, 0, 1, 4, 6, 2)
 _NAME_WIDE_M, _NAME_HIGH_M = 0.2, 0.075
 _FRAME: Final = Rgb(70, 88, 118)
 _FORGET: Final = 0.05
+_OF_LANE: Final = 0.6
+"""So wide an image of a usual shape is seen whole above the panels."""
 _STAYS_M: Final = 0.22
 _HIGH_M, _WIDE_M = 1.9, 1.6
 _MIDDLE: Final = np.array([0.0, 0.5 * _HIGH_M + 0.12, layout.stage_centre()[2]])
@@ -247,7 +249,7 @@ def lane_arms(frame: ArmFrame, origin: Float64, colour: Rgb) -> tuple[Strokes, S
         origin: (3,) where the lane begins [m].
         colour: the camera's own.
     """
-    picture = LanePicture(frame.size_px, origin)
+    picture = LanePicture(frame.size_px, origin, _OF_LANE)
     lines, balls = [picture.edge(colour)], []
     for arm in frame.arms:
         x, y, z = arm.joints.T

@@ -40,6 +40,11 @@ def allowed(status: SessionStatus | None) -> Allowed:
     )
 
 
+def makes_people(status: SessionStatus | None) -> bool:
+    """Whether people can be there; not where the method makes arms or hands alone."""
+    return status is None or status.setup.method not in ("arms", "hands")
+
+
 def progress_percent(status: SessionStatus | None) -> float | None:
     """How far the calibration is, 0 to 100; None where none is going on."""
     if status is None or status.frames_wanted <= 0 or status.frames_remaining <= 0:

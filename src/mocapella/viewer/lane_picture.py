@@ -13,7 +13,6 @@ from mocapella.viewer.palette import Rgb
 
 Float64 = NDArray[np.float64]
 
-_WIDE_M = 0.85 * layout.LANE_WIDTH_M * layout.SENSORS_SCALE
 _DEEP_M = 0.35 * layout.LANE_DEPTH_M * layout.SENSORS_SCALE
 _LOW_M = 0.1
 
@@ -25,19 +24,26 @@ class LanePicture:
     Attributes:
         size_px: (width, height).
         origin: (3,) where the lane begins [m].
+        part: of the lane's width.
     """
 
     size_px: tuple[int, int]
     origin: Float64
+    part: float = 0.85
+
+    @property
+    def wide_m(self) -> float:
+        """How wide it is."""
+        return self.part * layout.LANE_WIDTH_M * layout.SENSORS_SCALE
 
     @property
     def px(self) -> float:
         """How large a pixel is [m]."""
-        return _WIDE_M / self.size_px[0]
+        return self.wide_m / self.size_px[0]
 
     def at(self, pixels: Float64) -> Float64:
         """(..., 3) of pixels (..., 2) [m]."""
-        x = 0.5 * _WIDE_M - self.px * pixels[..., 0]
+        x = 0.5 * self.wide_m - self.px * pixels[..., 0]
         y = _LOW_M + self.px * (self.size_px[1] - pixels[..., 1])
         return np.asarray(self.origin + np.stack([x, y, np.full(x.shape, _DEEP_M)], axis=-1))
 

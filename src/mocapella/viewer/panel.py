@@ -26,6 +26,7 @@ from mocapella.viewer.controls import (
     FIRST_TAKE,
     allowed,
     default_perspective,
+    makes_people,
     perspectives,
     progress_percent,
     take_name,
@@ -148,7 +149,8 @@ class Panel:
         self._notices.content = readout.notices_html(status)
         places = {place.sensor: place for place in scene.sensors} if scene else {}
         self._sensors.content = readout.sensors_html(status, self._colours, places)
-        self._people.show(scene.people if scene and status else (), enabled=can.name)
+        people = scene.people if scene and status else ()
+        self._people.show(people, enabled=can.name, visible=makes_people(status))
 
     def _button(self, label: str, verb: str, icon: Any, colour: Any) -> viser.GuiButtonHandle:
         button = self._client.gui.add_button(label, disabled=True, icon=icon, color=colour)

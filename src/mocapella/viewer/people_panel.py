@@ -21,7 +21,7 @@ class PeoplePanel:
         self._name = name
         self._chosen: int | None = None
         self._people: dict[int, str] = {}
-        with gui.add_folder("People"):
+        with gui.add_folder("People") as self._folder:
             self._list = gui.add_html(readout.people_html(()))
             self._who = gui.add_dropdown("Who", (NOBODY,), disabled=True, hint="Whom to give a name")
             self._text = gui.add_text("Name", "", disabled=True, hint="What everybody sees; empty takes the name away")
@@ -37,8 +37,14 @@ class PeoplePanel:
             if self._chosen is not None:
                 self._name({"person": self._chosen, "name": self._text.value.strip()})
 
-    def show(self, people: tuple[Person, ...], *, enabled: bool) -> None:
-        """Bring it up to who is there; whoever is chosen stays so, also while nobody sees them."""
+    def show(self, people: tuple[Person, ...], *, enabled: bool, visible: bool = True) -> None:
+        """Bring it up to who is there; whoever is chosen stays so, also while nobody sees them.
+
+        Args:
+            enabled: whether somebody can be given a name now.
+            visible: whether there can be people at all.
+        """
+        self._folder.visible = visible
         self._list.content = readout.people_html(people)
         chosen, called = self._chosen, self._people.get(self._chosen, "") if self._chosen is not None else ""
         now = {person.id: person.name for person in people}

@@ -20,6 +20,8 @@ _PHASE_COLOUR: dict[str, str] = {
     Phase.NEEDS_RECALIBRATION: _AMBER,
     Phase.STOPPED: _GREY,
 }
+_NOTHING = {"arms": "No arm is in view", "hands": "No hand is in view"}
+"""By method: what an empty stage says; of all others, that nobody is there."""
 _NEWEST_NOTICES = 4
 _MOST_LINES, _LONGEST_LINE = 3, 110
 _COUNTED = {
@@ -72,7 +74,7 @@ def stage_text(status: SessionStatus | None) -> str:
     if status.phase == Phase.STOPPED:
         why = "press Start to track"
     elif status.phase == Phase.TRACKING:
-        title, why = "Nobody is in view", ""
+        title, why = _NOTHING.get(status.setup.method, "Nobody is in view"), ""
     elif status.phase == Phase.CALIBRATING:
         still = status.frames_remaining and not status.reason.startswith("nobody")
         why = f"stand still ({_to_go(status)})" if still else " · ".join(_conditions(status, {}))

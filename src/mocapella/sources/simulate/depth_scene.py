@@ -509,6 +509,18 @@ def depth_sensor_names() -> tuple[str, ...]:
     return tuple(_data()["sensors"])
 
 
+def depth_sensor(name: str) -> Sensor:
+    """The camera of that name.
+
+    Raises:
+        SettingsError: no such sensor; lists those there are.
+    """
+    known: dict[str, Sensor] = _data()["sensors"]
+    if name not in known:
+        raise SettingsError(f"unknown sensor {name!r}; known: {one_of(name, known)}")
+    return known[name]
+
+
 def load_depth_scene(name: str, *, seed: int = 0, sensor: str = "kinect") -> DepthScene:
     """The scene of that name before that camera.
 
@@ -520,11 +532,10 @@ def load_depth_scene(name: str, *, seed: int = 0, sensor: str = "kinect") -> Dep
         SettingsError: no such scene or sensor; lists those there are.
     """
     data = _data()
-    for what, value, known in (("scene", name, data["scenes"]), ("sensor", sensor, data["sensors"])):
-        if value not in known:
-            raise SettingsError(f"unknown {what} {value!r}; known: {one_of(value, known)}")
+    if name not in data["scenes"]:
+        raise SettingsError(f"unknown scene {name!r}; known: {one_of(name, data['scenes'])}")
     check(0 <= seed < 1 << 63, "seed", seed, "0 or more")
-    return DepthScene(name, data["scenes"][name], data["sensors"][sensor], seed)
+    return DepthScene(name, data["scenes"][name], depth_sensor(sensor), seed)
 
 
 @cache

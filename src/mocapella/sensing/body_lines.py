@@ -1,0 +1,277 @@
+"""The line skeleton of whole bodies: range, floor, outlines, thinning and lines, one depth image by itself.
+
+    seen = body_lines(depth_m, camera, BodyLinesSettings(far_m=3.5))
+    for body in seen.bodies:
+        body.segments, body.ends        # lines in space, and where they end: head, hands, feet
+
+The stages are those of `mocapella.sensing.line_skeleton` from the separation of 16 and 8 bits to the Hough transform,
+at the distance of a room. It knows nothing of people: whatever stands in the range is thinned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import SettingsError
+from mocapella.geometry.lens import undistort
+from mocapella.model.camera import Camera
+from mocapella.sensing.line_skeleton_outline import Outline, Separated, filled, lines, outline, separated
+from mocapella.sensing.line_skeleton_settings import LineSkeletonSettings
+from mocapella.settings import check
+
+UInt8 = NDArray[np.uint8]
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+
+_HYPOTHESES: Final = 300
+_STEP_PX: Final = 8
+_INLIER_PART: Final = 0.012
+"""A point lies in a plane where it is at most this part of its depth from it: the noise of a camera at a slant."""
+_LEAST_SHARE: Final = 0.05
+_BELOW_SHARE: Final = 0.03
+_NEIGHBOURS: Final = np.array([[1, 1, 1], [1, 0, 1], [1, 1, 1]], dtype=np.float32)
+
+
+@dataclass(frozen=True)
+class BodyLinesSettings:
+    """What counts as a body.
+
+    Attributes:
+        near_m, far_m: the range along the optical axis; a wall beyond it is left out.
+        floor: whether the floor is looked for and left out. It is the plane that most points are in, of those that lie
+            at most tilt_deg from level and have next to nothing below them.
+        floor_clear_m: what is so near above the floor is left out with it.
+        tilt_deg: of the camera, at most.
+        least_m2: a body's outline has at least this area, at its distance.
+        image: of the stages after that; its range and reach are those above.
+    """
+
+    near_m: float = 0.8
+    far_m: float = 4.0
+    floor: bool = True
+    floor_clear_m: float = 0.05
+    tilt_deg: float = 40.0
+    least_m2: float = 0.08
+    image: LineSkeletonSettings = LineSkeletonSettings(  # noqa: RUF009 - frozen
+        mirror=False, noise="median", least_area_px=200.0, ridge_least=110, hough_length_px=12.0, hough_votes=12
+    )
+
+    def __post_init__(self) -> None:
+        check(0 < self.near_m < self.far_m <= 20, "near_m", self.near_m, f"above 0 and below far_m, {self.far_m}")
+        check(0 <= self.floor_clear_m <= 1, "floor_clear_m", self.floor_clear_m, "0 to 1 m")
+        check(0 <= self.tilt_deg <= 80, "tilt_deg", self.tilt_deg, "0 to 80°")
+        check(0 <= self.least_m2 <= 10, "least_m2", self.least_m2, "0 to 10 m²")
+
+
+@dataclass(frozen=True, eq=False)
+class BodyLines:
+    """The lines of one body.
+
+    Attributes:
+        mask: (height, width) 255 within its outline, else 0.
+        thinned: (height, width) 255 where its thin lines are, else 0.
+        distance_m: median along the optical axis.
+        segments_px: (n, 2, 2) x and y of both ends of each straight line, the longest first.
+        segments: (n, 2, 3) the same on the surface, in the camera's space [m].
+        ends_px: (m, 2) where thin lines end.
+        ends: (m, 3) the same on the surface [m].
+    """
+
+    mask: UInt8
+    thinned: UInt8
+    distance_m: float
+    segments_px: Float64
+    segments: Float64
+    ends_px: Float64
+    ends: Float64
+
+
+@dataclass(frozen=True, eq=False)
+class SeenBodies:
+    """What came of an image.
+
+    Attributes:
+        floor: (4,) unit normal n, upwards, and d of n·x + d = 0 in the camera's space [m]; None where there is none.
+        separated: of what is left of the image in the range, above the floor.
+        outline: of the nearest; None without any.
+        bodies: the nearest first.
+        reason: why there is none; empty where there are.
+    """
+
+    floor: Float64 | None
+    separated: Separated
+    outline: Outline | None
+    bodies: tuple[BodyLines, ...]
+    reason: str = ""
+
+
+def body_lines(depth: Float32, camera: Camera, settings: BodyLinesSettings | None = None) -> SeenBodies:
+    """Look at an image.
+
+    Args:
+        depth: (height, width) [m]; what is not above 0 was not measured.
+        camera: its size and lens.
+        settings: see there.
+
+    Raises:
+        SettingsError: the image has another size than the camera's.
+    """
+    s, (width, height) = settings or BodyLinesSettings(), camera.size_px
+    metres = np.asarray(depth, dtype=np.float32)
+    if metres.shape != (height, width):
+        given = " × ".join(map(str, metres.shape[::-1]))
+        raise SettingsError(f"the depth image is {given}; camera {camera.name} has {width} × {height} px")
+    metres = np.where(metres > 0, metres, np.float32(0))
+    floor = floor_plane(metres, camera, s) if s.floor else None
+    above = metres if floor is None else np.where(_height(metres, floor, camera) > s.floor_clear_m, metres, 0)
+    image = replace(s.image, near_m=s.near_m, far_m=s.far_m, reach_m=s.far_m - s.near_m)
+    first = separated(above.astype(np.float32), image)
+    second = outline(first, image) if first.gray.any() else None
+    if second is None:
+        return SeenBodies(floor, first, None, (), _nothing(metres, s))
+    bodies = []
+    for one in second.outlines:
+        mask = filled(one[:, None], (height, width))
+        there = (mask > 0) & (above >= s.near_m) & (above <= s.far_m)
+        if not there.any():
+            continue
+        distance_m = float(np.median(above[there]))
+        if np.count_nonzero(mask) * (distance_m / float(camera.lens[0])) ** 2 >= s.least_m2:
+            bodies.append(_of(replace(second, arm=mask, outlines=(one,)), np.where(there, above, 0), distance_m,
+                              camera, image))  # fmt: skip
+    bodies.sort(key=lambda body: body.distance_m)
+    small = f"nothing in the range is larger than {s.least_m2:g} m²" if not bodies else ""
+    return SeenBodies(floor, first, second, tuple(bodies), small)
+
+
+def floor_plane(metres: Float32, camera: Camera, settings: BodyLinesSettings) -> Float64 | None:
+    """(4,) unit normal, upwards, and offset of the floor in the camera's space [m]; None where none is seen.
+
+    Random sample consensus (M. Fischler and R. Bolles, 1981) with the same samples for the same image; then least
+    squares of the points that agree.
+    """
+    points = _points(metres, camera)
+    if len(points) < 100:
+        return None
+    rng = np.random.default_rng(len(points))
+    near = _INLIER_PART * points[:, 2]
+    upright = np.cos(np.radians(settings.tilt_deg))
+    best: Any = (0, None)
+    low = points[points[:, 1] >= np.median(points[:, 1])]  # y is down: a floor is in the lower half
+    for three in low[rng.integers(len(low), size=(_HYPOTHESES, 3))]:
+        plane = _plane(three)
+        if plane is None or plane[1] > -upright:
+            continue
+        off = points @ plane[:3] + plane[3]
+        count = np.count_nonzero(np.abs(off) < near)
+        if count > best[0] and np.count_nonzero(off < -2 * near) <= _BELOW_SHARE * len(points):
+            best = (count, plane)
+    count, plane = best
+    if plane is None or count < _LEAST_SHARE * len(points):
+        return None
+    for _ in range(3):
+        off = np.abs(points @ plane[:3] + plane[3])
+        # What stands on the floor is near it, too: only what is as near as most of it is kept.
+        flat = points[off < np.minimum(near, 3 * np.median(off[off < near]) + 1e-4)]
+        middle = flat.mean(axis=0)
+        normal = np.linalg.svd(flat - middle, full_matrices=False)[2][2]
+        normal = normal if normal[1] < 0 else -normal
+        plane = np.append(normal, -normal @ middle)
+    return np.asarray(plane)
+
+
+def pictures(seen: SeenBodies) -> Mapping[str, UInt8]:
+    """The picture of each stage that was reached, by its name, in order: gray, or blue, green, red."""
+    first = seen.separated
+    most = max(int(first.millimetres.max()), 1)
+    out: dict[str, UInt8] = {
+        "16 bits above the floor": (first.millimetres.astype(np.float64) * (255 / most)).astype(np.uint8),
+        "8 bits": first.gray, "median": first.median, "Gaussian": first.gaussian, "threshold": first.near,
+    }  # fmt: skip
+    if not seen.bodies:
+        return out
+    mask = np.bitwise_or.reduce([body.mask for body in seen.bodies])
+    thinned = np.bitwise_or.reduce([body.thinned for body in seen.bodies])
+    dim: Any = cv2.cvtColor((mask // 4).astype(np.uint8), cv2.COLOR_GRAY2BGR)
+    drawn, lit = dim.copy(), dim.copy()
+    lit[cv2.dilate(thinned, np.ones((2, 2), np.uint8)) > 0] = 255
+    for body in seen.bodies:
+        for a, b in np.rint(body.segments_px).astype(int).tolist():
+            cv2.line(drawn, a, b, (60, 220, 255), 2, cv2.LINE_AA)
+        for end in np.rint(body.ends_px).astype(int).tolist():
+            cv2.circle(drawn, end, 5, (80, 220, 80), -1, cv2.LINE_AA)
+    return out | {"outlines": mask, "thinning": lit, "lines": np.asarray(drawn)}
+
+
+def _of(of: Outline, metres: Float32, distance_m: float, camera: Camera, s: LineSkeletonSettings) -> BodyLines:
+    """A body's lines; ``metres`` is 0 where it is not."""
+    made = lines(of, s)
+    thin = made.skeleton.thinned
+    count = cv2.filter2D((thin > 0).astype(np.float32), -1, _NEIGHBOURS, borderType=cv2.BORDER_CONSTANT)
+    y, x = np.nonzero((thin > 0) & (np.rint(count) == 1))
+    ends = np.stack([x, y], axis=1).astype(np.float64)
+    segments = made.segments.reshape(-1, 2, 2)
+    return BodyLines(
+        of.arm, thin, distance_m, segments, _on_surface(segments, metres, distance_m, camera), ends,
+        _on_surface(ends, metres, distance_m, camera),
+    )  # fmt: skip
+
+
+def _on_surface(pixels: Float64, metres: Float32, otherwise_m: float, camera: Camera) -> Float64:
+    """(..., 3) of pixels (..., 2): the median depth of 7 × 7 pixels, or that of the whole body where there is none."""
+    flat = pixels.reshape(-1, 2)
+    wide = np.pad(np.where(metres > 0, metres, np.nan), 3, constant_values=np.nan)
+    z = np.full(len(flat), otherwise_m)
+    for k, (x, y) in enumerate(np.rint(flat).astype(int).tolist()):
+        around = wide[y : y + 7, x : x + 7]
+        if np.isfinite(around).any():
+            z[k] = float(np.nanmedian(around))
+    rays = np.concatenate([undistort(flat, camera.lens), np.ones((len(flat), 1))], axis=1)
+    return np.asarray((rays * z[:, None]).reshape(*pixels.shape[:-1], 3))
+
+
+def _points(metres: Float32, camera: Camera) -> Float64:
+    """(n, 3) of every eighth pixel of every eighth row that was measured [m]."""
+    y, x = np.mgrid[_STEP_PX // 2 : metres.shape[0] : _STEP_PX, _STEP_PX // 2 : metres.shape[1] : _STEP_PX]
+    z = metres[y, x].astype(np.float64)
+    there = z > 0
+    pixels = np.stack([x[there], y[there]], axis=1).astype(np.float64)
+    rays = np.concatenate([undistort(pixels, camera.lens), np.ones((len(pixels), 1))], axis=1)
+    return np.asarray(rays * z[there][:, None])
+
+
+def _plane(three: Float64) -> Float64 | None:
+    """(4,) through three points, its normal upwards; None where they are in a line."""
+    normal = np.cross(three[1] - three[0], three[2] - three[0])
+    size = float(np.linalg.norm(normal))
+    if size < 1e-6:
+        return None
+    normal = normal / size if normal[1] < 0 else -normal / size
+    return np.append(normal, -normal @ three[0])
+
+
+def _height(metres: Float32, floor: Float64, camera: Camera) -> Float64:
+    """(height, width) above the floor [m]; of a lens without distortion, which is enough for what is left out."""
+    fx, fy, cx, cy = camera.lens[:4]
+    y, x = np.mgrid[: metres.shape[0], : metres.shape[1]]
+    ray = floor[0] * (x - cx) / fx + floor[1] * (y - cy) / fy + floor[2]
+    return np.asarray(metres * ray + floor[3])
+
+
+def _nothing(metres: Float32, s: BodyLinesSettings) -> str:
+    seen = metres[metres > 0]
+    if not seen.size:
+        return "nothing was measured in the whole image"
+    within = (seen >= s.near_m) & (seen <= s.far_m)
+    if not within.any():
+        return (
+            f"nothing lies between {s.near_m:g} and {s.far_m:g} m; the nearest is at {seen.min():.2f} m, the median at "
+            f"{np.median(seen):.2f} m"
+        )
+    return "nothing but the floor lies in the range"

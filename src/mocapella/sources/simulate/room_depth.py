@@ -1,0 +1,196 @@
+"""People of a simulated room, from head to foot, before a depth camera.
+
+    scene = room_depth_scene("stand", seed=1, sensor="kinect")
+    shot = scene.at(2.5)
+    shot.depth, shot.unit_m, shot.people       # (480, 640) uint16, metres a unit, (people, 25, 3) joints
+
+Bones are tapered capsules, as thick as those that hide each other in the room (`body`); the floor is there, and a wall.
+What the camera makes of it is that of `depth_scene`. Its place is the room's first sensor's, looking level.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from functools import cache
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry.rigid import apply, rigid
+from mocapella.sources.simulate.body import JOINT, body_model
+from mocapella.sources.simulate.depth_noise import measured
+from mocapella.sources.simulate.depth_scene import Sensor, depth_sensor
+from mocapella.sources.simulate.room import Room
+from mocapella.sources.simulate.scenes import load_scene
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+UInt8 = NDArray[np.uint8]
+
+WALL_M: Final = 5.0
+"""How far the wall is from the camera."""
+FLOOR, WALL, FIRST_PERSON = 1, 2, 3
+"""Values of `RoomShot.parts`; 0 is nothing."""
+_AROUND, _ALONG = 24, 6
+_ABOVE_EYES: Final = 1.23
+"""A head ends above its joint, which is at the eyes' height, by so many of its radii: 0.064 of the stature."""
+
+
+class RoomShot(msgspec.Struct, frozen=True, eq=False):
+    """A depth image and what is true of it.
+
+    Attributes:
+        at_s: when [s].
+        depth: (height, width) distance along the optical axis in units; 0 where nothing was measured.
+        unit_m: metres a unit.
+        lens: (9,) of `mocapella.geometry.lens`.
+        people: (people, 25, 3) joints of `mocapella.sources.simulate.body.BODY` in the camera's space [m].
+        parts: (height, width) what each pixel shows before noise: `FLOOR`, `WALL`, `FIRST_PERSON` and above.
+    """
+
+    at_s: float
+    depth: NDArray[np.uint16]
+    unit_m: float
+    lens: Float64
+    people: Float64
+    parts: UInt8
+
+
+class RoomDepthScene:
+    """A room before one depth camera; `room_depth_scene` makes it.
+
+    Attributes:
+        room: who moves in it.
+        sensor: the camera.
+        T_camera_world: (4, 4).
+        period_s: after which all but the noise repeats.
+    """
+
+    def __init__(self, room: Room, sensor: Sensor, seed: int) -> None:
+        self.room, self.sensor = room, sensor
+        R = np.diag([-1.0, -1.0, 1.0])  # the world's x is to the left, its y up
+        self.T_camera_world = rigid(R, -R @ np.array(room.settings.sensors[0].position))
+        self.period_s = room.duration_s
+        self._key = zlib.crc32(f"{room.name}/{seed}".encode())
+        self._background = self._behind()
+
+    @property
+    def lens(self) -> Float64:
+        """(9,) of `mocapella.geometry.lens`."""
+        return np.array([*self.sensor.lens, *[0.0] * 5])
+
+    def at(self, at_s: float) -> RoomShot:
+        """The image of that instant [s], and what is true of it."""
+        people = apply(self.T_camera_world, self.room.positions_at(round(1e9 * at_s)))
+        depth, parts, slope = self._background[0].copy(), self._background[1].copy(), self._background[2].copy()
+        for number, (joints, radii) in enumerate(zip(people, self.room.motion.radii, strict=True)):
+            for vertices, triangles in self._limbs(joints, radii):
+                seen = np.empty_like(vertices)
+                _kernels().project(vertices, np.array(self.lens), seen)
+                labels = np.zeros(len(triangles), np.uint8)
+                first = np.uint8(FIRST_PERSON + number)
+                _kernels().draw(seen, triangles, labels, first, vertices, depth, parts, slope)
+        noise = self.sensor.structured_light or self.sensor.time_of_flight
+        units = measured(
+            depth, slope, noise, focal_px=self.sensor.lens[0], unit_m=self.sensor.unit_m,
+            key=self._key + round(1e9 * at_s),
+        )  # fmt: skip
+        return RoomShot(at_s, units, self.sensor.unit_m, self.lens, people, parts)
+
+    def _limbs(self, joints: Float64, radii: Float64) -> list[tuple[Float64, Int64]]:
+        """Each bone's capsule, the sides of the chest, and the head above the eyes."""
+        parents, made = body_model().parents, []
+        for joint, parent in enumerate(parents):
+            if joint != parent and radii[joint] > 0:
+                begin = radii[parent] if 0 < radii[parent] < radii[joint] else radii[joint]
+                made.append(capsule(joints[parent], joints[joint], float(begin), float(radii[joint])))
+        for side in ("Left", "Right"):  # the chest is as broad as shoulders and hips
+            a, b = joints[JOINT[f"Shoulder{side}"]], joints[JOINT[f"Hip{side}"]]
+            a = a + 0.35 * (joints[JOINT["SpineShoulder"]] - a)
+            hip = float(radii[JOINT[f"Hip{side}"]])
+            made.append(capsule(a, b, hip, hip))
+        head = JOINT["Head"]
+        up = joints[head] - joints[parents[head]]
+        radius = float(radii[head])
+        top = joints[head] + up / np.linalg.norm(up) * (_ABOVE_EYES - 1) * radius
+        made.append(capsule(joints[head], top, radius, radius))
+        return made
+
+    def _behind(self) -> tuple[Float32, UInt8, Float32]:
+        """Depth, parts and slope of floor and wall."""
+        width, height = self.sensor.size_px
+        fx, fy, cx, cy = self.sensor.lens
+        x, y = np.meshgrid((np.arange(width) - cx) / fx, (np.arange(height) - cy) / fy)
+        camera_m = self.room.settings.sensors[0].position[1]
+        with np.errstate(divide="ignore"):
+            floor = np.where(y > 0, camera_m / y, np.inf)
+        depth = np.minimum(floor, WALL_M)
+        parts = np.where(floor < WALL_M, FLOOR, WALL)
+        slope = np.where(floor < WALL_M, y, 1.0) / np.sqrt(x * x + y * y + 1.0)
+        return depth.astype(np.float32), parts.astype(np.uint8), slope.astype(np.float32)
+
+
+def capsule(a: Float64, b: Float64, radius_a: float, radius_b: float) -> tuple[Float64, Int64]:
+    """The surface of a tapered limb with round ends: vertices (n, 3) and triangles (m, 3), closed, seen from outside.
+
+    Args:
+        a, b: (3,) its ends [m].
+        radius_a, radius_b: of the ends [m].
+    """
+    along = b - a
+    length = float(np.linalg.norm(along))
+    w = along / length if length > 1e-9 else np.array([0.0, 0.0, 1.0])
+    u = np.cross(w, np.eye(3)[int(np.argmin(np.abs(w)))])
+    u /= np.linalg.norm(u)
+    ring = 2 * math.pi * np.arange(_AROUND) / _AROUND
+    round_ = np.cos(ring)[:, None] * u + np.sin(ring)[:, None] * np.cross(w, u)
+    angles = 0.5 * math.pi * np.arange(_ALONG) / _ALONG
+    rings = [
+        *((a, radius_a, -math.sin(angle), math.cos(angle)) for angle in angles[::-1]),
+        *((b, radius_b, math.sin(angle), math.cos(angle)) for angle in angles),
+    ]
+    vertices = np.concatenate([
+        *(centre + radius * (back * w + wide * round_) for centre, radius, back, wide in rings),
+        [a - radius_a * w, b + radius_b * w],
+    ])  # fmt: skip
+    return np.ascontiguousarray(vertices), _triangles(len(rings))
+
+
+@cache
+def _triangles(rings: int) -> Int64:
+    """Of rings of vertices, and of the two poles after them."""
+    i, j = np.arange(_AROUND), (np.arange(_AROUND) + 1) % _AROUND
+    found = []
+    for ring in range(rings - 1):
+        low, high = ring * _AROUND, (ring + 1) * _AROUND
+        found += [np.stack([low + i, low + j, high + i], axis=1), np.stack([low + j, high + j, high + i], axis=1)]
+    first, last = rings * _AROUND, rings * _AROUND + 1
+    found.append(np.stack([np.full(_AROUND, first), j, i], axis=1))
+    found.append(np.stack([np.full(_AROUND, last), (rings - 1) * _AROUND + i, (rings - 1) * _AROUND + j], axis=1))
+    return np.ascontiguousarray(np.concatenate(found))
+
+
+def room_depth_scene(name: str, *, seed: int = 0, sensor: str = "kinect") -> RoomDepthScene:
+    """The people of a room of that name before that camera.
+
+    Args:
+        name: of `mocapella.sources.simulate.scenes.scene_names`.
+        seed: of their motion and of the noise.
+        sensor: of `depth_scene.depth_sensor_names`.
+
+    Raises:
+        SettingsError: no such scene or sensor; lists those there are.
+    """
+    return RoomDepthScene(load_scene(name, seed=seed), depth_sensor(sensor), seed)
+
+
+@cache
+def _kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.sources.simulate import depth_scene_kernels
+
+    return depth_scene_kernels
