@@ -1,11 +1,27 @@
 """numba's ``njit``, for all files of kernels: what was compiled of older sources is gone before the first is loaded."""
 
 from pathlib import Path
+from typing import Any
 
-from numba import njit
+import numba
 
 from mocapella.kernel_cache import discard_stale
 
 __all__ = ["njit"]
 
 discard_stale(Path(__file__).parent)
+
+
+def njit(*function: Any, **options: Any) -> Any:
+    """numba's ``njit``, always with IEEE arithmetic, so that a take is replayed to the bit on the machine it is of.
+
+    A kernel's code is also in the kernels that call it, where it is optimised once more, and which of these copies runs
+    depends on what a process has compiled or loaded before. Where the optimiser may regroup or fuse, copies round
+    differently.
+
+    Raises:
+        ValueError: ``fastmath`` is asked for.
+    """
+    if options.get("fastmath"):
+        raise ValueError(f"fastmath={options['fastmath']!r}: kernels keep to IEEE arithmetic; write the faster sum out")
+    return numba.njit(*function, **options)
