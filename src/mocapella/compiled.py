@@ -24,4 +24,4 @@ def njit(*function: Any, **options: Any) -> Any:
     """
     if options.get("fastmath"):
         raise ValueError(f"fastmath={options['fastmath']!r}: kernels keep to IEEE arithmetic; write the faster sum out")
-    return numba.njit(*function, **options)
+    return numba.njit(*function, no_cfunc_wrapper=True, **options)  # nobody calls kernels from C: sooner compiled

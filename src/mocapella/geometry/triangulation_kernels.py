@@ -240,7 +240,7 @@ def consensus(views, pixels, at, rays, weights, gate2, least_sin2, kept, tried):
             score = truncated(views, pixels, at, weights, x, y, z, gate2, best, tried)
             if score < best and two_or_more(tried):
                 best, X, Y, Z = score, x, y, z
-                kept[:] = tried
+                keep(kept, tried)
     if not best < math.inf:
         return state, X, Y, Z, A, B, C, D, E, F
     best, state = math.inf, INCONSISTENT
@@ -254,7 +254,7 @@ def consensus(views, pixels, at, rays, weights, gate2, least_sin2, kept, tried):
         best, state, X, Y, Z, A, B, C, D, E, F = score, SEEN, x, y, z, a, b, c, d, e, f
         if same(kept, tried):
             break
-        kept[:] = tried
+        keep(kept, tried)
     return state, X, Y, Z, A, B, C, D, E, F
 
 
@@ -265,6 +265,13 @@ def same(kept, tried):
     for k in range(len(kept)):
         equal &= (kept[k] > 0.0) == (tried[k] > 0.0)
     return equal
+
+
+@njit(**INLINED)
+def keep(kept, tried):
+    """Of the views that were tried."""
+    for k in range(len(kept)):
+        kept[k] = tried[k]
 
 
 @njit(**COMPILED)
