@@ -28,7 +28,7 @@ def inverse_of_positive(A):
             elif s > 0.0:
                 L[i, i] = np.sqrt(s)
             else:
-                return np.full((n, n), np.nan)
+                L[i, i] = np.nan  # and with it all that follows
     # Columns of L⁻¹, kept as rows, so that the products below run along memory.
     X = np.zeros((n, n))
     for c in range(n):

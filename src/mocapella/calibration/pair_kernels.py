@@ -109,7 +109,7 @@ def add_frame(times, points, weights, held, frozen_since, at, positions, states,
         points[end, j] = 0.0
         weights[end, j] = 0.0
         if good and states[j] > 0:
-            points[end, j] = positions[j]
+            points[end, j, 0], points[end, j, 1], points[end, j, 2] = x, y, z
             weights[end, j] = 1.0 if states[j] == TRACKED else inferred
             seen += 1
         for k in range(3):
@@ -306,8 +306,8 @@ def _step(
         S[k] *= keep
     S[BLOCKS_SQ] *= keep * keep
     keep_clock = np.exp(-counts / CLOCK_MEMORY)
-    clock[:CLOCK_AA] *= keep_clock
-    clock[CLOCK_AA:] *= keep_clock * keep_clock
+    for k in range(len(clock)):
+        clock[k] *= keep_clock if k < CLOCK_AA else keep_clock * keep_clock
     S[COST_WEIGHT] += counts
     S[COST] += counts * min(mean, FARTHEST)
     S[APART_SQ] += counts * min(apart, FARTHEST) ** 2 if started else 0.0
@@ -330,7 +330,7 @@ def _step(
 def _apart(T, offset, p, q, v, labels, w, centre):
     """How far apart the two views of the body's centre are [m]; write a's into centre (3,)."""
     x, used = np.zeros(3), 0
-    centre[:] = 0.0
+    centre[0] = centre[1] = centre[2] = 0.0
     for j in range(len(w)):
         if w[j] <= 0.0:
             continue
