@@ -99,19 +99,23 @@ def add_frame(times, points, weights, held, frozen_since, at, positions, states,
         return False
     if end == len(times):
         for i in range(FRAMES_KEPT):
-            times[i], points[i], weights[i] = times[i + FRAMES_KEPT], points[i + FRAMES_KEPT], weights[i + FRAMES_KEPT]
+            times[i] = times[i + FRAMES_KEPT]
+            for j in range(len(states)):
+                weights[i, j] = weights[i + FRAMES_KEPT, j]
+                for k in range(3):
+                    points[i, j, k] = points[i + FRAMES_KEPT, j, k]
         begin, end = 0, FRAMES_KEPT
     times[end] = at
     seen, same = 0, end > begin
     for j in range(len(states)):
-        x, y, z = positions[j]
+        x, y, z = positions[j, 0], positions[j, 1], positions[j, 2]
         good = np.isfinite(x) and np.isfinite(y) and np.isfinite(z) and (x != 0.0 or y != 0.0 or z != 0.0)
-        points[end, j] = 0.0
-        weights[end, j] = 0.0
         if good and states[j] > 0:
-            points[end, j, 0], points[end, j, 1], points[end, j, 2] = x, y, z
             weights[end, j] = 1.0 if states[j] == TRACKED else inferred
             seen += 1
+        else:
+            x, y, z, weights[end, j] = 0.0, 0.0, 0.0, 0.0
+        points[end, j, 0], points[end, j, 1], points[end, j, 2] = x, y, z
         for k in range(3):
             same = same and points[end, j, k] == points[end - 1, j, k]
     if not (same and seen > 0):
