@@ -193,8 +193,9 @@ def add_motion(evidence, velocity, zero, factor, tables):
 @njit(cache=True)
 def believe(p, evidence):
     """See `mocapella.fusion.facing_training.believed`; p (BINS,) is written over."""
-    most = evidence.max()
-    total = 0.0
+    most, total = evidence[0], 0.0
+    for i in range(BINS):
+        most = max(most, evidence[i])
     for i in range(BINS):
         p[i] *= np.exp(evidence[i] - most)
         total += p[i]

@@ -46,7 +46,8 @@ def prepare(
     for b in range(len(bodies)):
         move_points(T, bodies[b], world[b])
         for m in range(len(middle)):
-            middles[b, m] = world[b, middle[m]]
+            for k in range(3):
+                middles[b, m, k] = world[b, middle[m], k]
     if len(ends):
         measure(bodies, ends, lengths)
     expect(middle, at_s, now_s, positions, velocities, seen_s, forget_after_s, expected)
@@ -88,7 +89,7 @@ def expect(middle, at_s, now_s, positions, velocities, seen_s, forget_after_s, o
         for m in range(len(middle)):
             j = middle[m]
             if now_s - seen_s[r, j] > forget_after_s:
-                out[r, m] = np.nan
+                out[r, m, 0] = out[r, m, 1] = out[r, m, 2] = np.nan
             else:
                 for k in range(3):
                     out[r, m, k] = positions[r, j, k] + dt * velocities[r, j, k]
@@ -419,8 +420,10 @@ def pose_people(rows, model, body, measured, measured_variances, at_s, steady, d
                 variances,
             )  # fmt: skip
         if known:
-            steady[r] = positions
-            doubts[r] = variances
+            for j in range(len(variances)):
+                doubts[r, j] = variances[j]
+                for k in range(3):
+                    steady[r, j, k] = positions[j, k]
 
 
 @njit(cache=True)
