@@ -297,8 +297,10 @@ def begin_offsets(offsets, view, expected):
     """Offsets (joints, 3) that are not known yet: with them, a view begins where the person is expected."""
     for j in range(len(offsets)):
         if np.isnan(offsets[j, 0]):
-            away = view[j] - expected[j]
-            offsets[j] = away if np.isfinite(away).all() else np.zeros(3)
+            x, y, z = view[j, 0] - expected[j, 0], view[j, 1] - expected[j, 1], view[j, 2] - expected[j, 2]
+            if not (np.isfinite(x) and np.isfinite(y) and np.isfinite(z)):
+                x, y, z = 0.0, 0.0, 0.0
+            offsets[j, 0], offsets[j, 1], offsets[j, 2] = x, y, z
 
 
 @njit(cache=True)
