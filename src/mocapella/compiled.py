@@ -24,4 +24,5 @@ def njit(*function: Any, **options: Any) -> Any:
     """
     if options.get("fastmath"):
         raise ValueError(f"fastmath={options['fastmath']!r}: kernels keep to IEEE arithmetic; write the faster sum out")
-    return numba.njit(*function, no_cfunc_wrapper=True, **options)  # nobody calls kernels from C: sooner compiled
+    compile_kernel: Any = numba.njit  # an option that its types do not list: nobody calls kernels from C
+    return compile_kernel(*function, no_cfunc_wrapper=True, **options)
