@@ -148,10 +148,10 @@ class DepthArms:
         return SeenArms(told, "" if told else self._reason(depth))
 
     def _believed(self) -> list[_Arm]:
-        """The arm that fits best, and others that once were sure."""
+        """The arm that fits best, and others that once fitted well."""
         best = min(self._arms, key=lambda arm: arm.fitted.cost, default=None)
         for arm in self._arms:
-            arm.believed |= arm is best or arm.firm >= _FIRM_AFTER
+            arm.believed |= arm is best or arm.fitted.cost < self.settings.firm
         return [arm for arm in self._arms if arm.believed]
 
     def _reason(self, depth: Float32) -> str:
