@@ -148,14 +148,10 @@ class Fitted(NamedTuple):
         pose: see there.
         costs: (5,) mean robust cost of points and of flesh, from 0 to 1; of digits that overlap; how unusual size and
             angles are, in standard deviations squared; and which part of the flesh is behind other things.
-        assigned: (pieces,) weight of the points that each piece explains.
-        information: (n, n) of the dofs.
     """
 
     pose: ArmPose
     costs: Float64
-    assigned: Float64
-    information: Float64
 
     @property
     def cost(self) -> float:
@@ -251,17 +247,15 @@ class ArmModel:
         pose = start.copied()
         total = max(float(evidence.weights.sum()), 1.0)
         numbers = self._numbers(pose, evidence, total)
-        costs, assigned = np.empty(5), np.empty(len(self.owners))
-        n = 6 + len(self.natural) + k.BODY_DOFS
-        information = np.empty((n, n))
+        costs = np.empty(5)
         picture = (evidence.front, evidence.opposite, evidence.lens)
         e = expected
         k.fit(
             self.digits, self.mirror, self.radii, self.palm, self.owners, self.columns, self.gains, self.rising,
             self.c_max, evidence.points, evidence.weights, picture, self.natural, self.prior, e.pose.R, e.pose.t,
             e.pose.z, e.certainty, e.v, e.information, pose.R, pose.t, pose.z, pose.v, numbers,
-            s.loose if loose is None else loose, s.iterations if iterations is None else iterations, costs, assigned,
-            information, _NOWHERE if tips is None else tips, keep,
+            s.loose if loose is None else loose, s.iterations if iterations is None else iterations, costs,
+            _NOWHERE if tips is None else tips, keep,
         )  # fmt: skip
         costs[0] /= total
         costs[1] /= max(costs[3], 1e-4)
@@ -269,7 +263,7 @@ class ArmModel:
         off = pose.z - self.natural
         v = (pose.v - e.v) * np.sqrt(self.sizes)
         costs[3] = off @ self.prior @ off + v[:2] @ v[:2] + v[10:] @ v[10:]
-        return Fitted(pose, costs, assigned, information)
+        return Fitted(pose, costs)
 
     def _numbers(self, pose: ArmPose, evidence: Evidence, total: float) -> Float64:
         """As the kernels have the settings."""

@@ -299,8 +299,9 @@ class DepthArms:
         else:
             place = _Refused(centre, self.settings.refuse_for * (_PATIENCE if self._arms else 1))
             self._refused = [*self._refused[-_MOST_REFUSED:], place]
-        place.until = self._frames + place.wait
-        place.wait = min(2 * place.wait, _LONGEST_REFUSED)
+        if place.until <= self._frames:  # several candidates may be of one place
+            place.until = self._frames + place.wait
+            place.wait = min(2 * place.wait, _LONGEST_REFUSED)
 
     # Telling.
 
