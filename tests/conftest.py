@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 
@@ -23,6 +22,8 @@ if sys.dont_write_bytecode:
     os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -32,8 +33,9 @@ from xdist.scheduler import LoadScopeScheduling
 
 from mocapella.tracker import make_ready
 
-# The same examples every time, so that a change is judged by itself; `explore` tries others. A first call may compile.
-settings.register_profile("same", deadline=None, derandomize=True)
+# The same examples every time, so that a change is judged by itself; `explore` tries others, and more. A first call may
+# compile.
+settings.register_profile("same", deadline=None, derandomize=True, max_examples=50)
 settings.register_profile("explore", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
@@ -99,26 +101,18 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     else:
         return
     for method in methods:
-        _ready_alone(method)
+        with _alone(method):
+            make_ready(method)
 
 
-def _ready_alone(method: str) -> None:
-    """Neither of the two workers compiles a method while the other does, and both load what a process of its own left.
-
-    In the process that compiles them, kernels can round otherwise than where they are loaded, as all programs do.
-    """
-    run = os.environ.get("PYTEST_XDIST_TESTRUNUID", str(os.getpid()))
+@contextmanager
+def _alone(what: str) -> Iterator[None]:
+    """Neither of the two workers does it while the other does."""
     CACHE.mkdir(exist_ok=True)
-    with (CACHE / f"{method}.lock").open("a+") as lock:
+    with (CACHE / f"{what}.lock").open("w") as lock:
         if fcntl is not None:
             fcntl.flock(lock, fcntl.LOCK_EX)
-        lock.seek(0)
-        if lock.read() != run:
-            code = f"from mocapella.tracker import make_ready; make_ready({method!r})"
-            subprocess.run([sys.executable, "-c", code], check=True)
-            lock.truncate(0)
-            lock.write(run)
-    make_ready(method)
+        yield
 
 
 def _place(item: pytest.Item) -> str:

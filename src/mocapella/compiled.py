@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from numba import njit
+import numba
 from numba.core import event
 
 from mocapella.kernel_cache import discard_stale
@@ -35,3 +35,19 @@ def told_of_compiling(tell: Callable[[], None]) -> Iterator[None]:
 
     with event.install_listener("numba:compile", First()):
         yield
+
+
+def njit(*function: Any, **options: Any) -> Any:
+    """numba's ``njit``, always with IEEE arithmetic, so that a take is replayed to the bit on the machine it is of.
+
+    A kernel's code is also in the kernels that call it, where it is optimised once more, and which of these copies runs
+    depends on what a process has compiled or loaded before. Where the optimiser may regroup or fuse, copies round
+    differently.
+
+    Raises:
+        ValueError: ``fastmath`` is asked for.
+    """
+    if options.get("fastmath"):
+        raise ValueError(f"fastmath={options['fastmath']!r}: kernels keep to IEEE arithmetic; write the faster sum out")
+    compile_kernel: Any = numba.njit  # an option that its types do not list: nobody calls kernels from C
+    return compile_kernel(*function, no_cfunc_wrapper=True, **options)

@@ -22,6 +22,7 @@ from mocapella.sensing import arm_region_kernels as region
 
 SIDES: tuple[Handedness, Handedness] = ("right", "left")
 WIDTH, HEIGHT = 120, 140
+HAND_PIECES = 25
 OPEN = np.radians([-5, 4, 6, 0, 6, 4, 9, 8, 5, 3, 1, 8, 5, 4, -7, 8, 5, 5, -13, 9, 6])
 LENS = np.array([150.0, 150.0, (WIDTH - 1) / 2, (HEIGHT - 1) / 2])
 seeds = st.integers(0, 2**32 - 1)
@@ -30,7 +31,7 @@ sides = st.sampled_from(SIDES)
 
 @cache
 def arm_model(side: Handedness) -> ArmModel:
-    model = hand_model("full").stretched(25.0, 28.0)
+    model = hand_model("full").stretched(25.0, 28.0, 4.0)
     return ArmModel(model, model.shape(side))
 
 
@@ -192,14 +193,6 @@ def test_behind_a_capsule_the_distance_is_from_its_front_along_the_view() -> Non
         assert hit[3] == pytest.approx(0.06)
 
 
-def test_only_the_first_pieces_are_looked_at_where_the_arm_does_not_count() -> None:
-    model = arm_model("right")
-    pieces, _ = model.pieces(posed(model, np.random.default_rng(0)))
-    elbow, hit = pieces[-1, :3], np.empty(5)
-    assert k.closest(pieces, len(pieces), 0, *elbow, 0.0, 1.0, 0.0, hit) >= model.hand_pieces
-    assert k.closest(pieces, model.hand_pieces, 0, *elbow, 0.0, 1.0, 0.0, hit) < model.hand_pieces
-
-
 @settings(max_examples=8)
 @given(seeds)
 def test_the_nearest_opposite_pixel_is_that_of_all(seed: int) -> None:
@@ -274,7 +267,7 @@ def near_its_front(model: ArmModel, pose: ArmPose, points: np.ndarray) -> np.nda
     kept = []
     for point in points:
         x, view = R.T @ (point - pose.t), R.T @ (point / np.linalg.norm(point))
-        k.closest(pieces, model.hand_pieces, 0, *x, *view, hit)
+        k.closest(pieces, HAND_PIECES, 0, *x, *view, hit)
         if abs(hit[4]) < 0.015 and hit[:3] @ view < -0.1:
             kept.append(point)
     assert len(kept) > 100
@@ -288,16 +281,16 @@ def test_the_points_gradient_is_that_of_their_robust_cost(side: Handedness, seed
     model, _, pose, evidence = seen(seed, side, 1.0)
     points = near_its_front(model, pose, evidence.points[::5] - [0, 0, 0.004])
     body = 6 + len(pose.z)
-    n, pieces = body + k.BODY_DOFS, len(model.owners)
-    numbers = np.array([0.02, 0.015, 1.0, 0.0, 0.0, 0.0, 0.0, model.hand_pieces, 0.0])
+    n = body + k.BODY_DOFS
+    numbers = np.array([0.02, 0.015, 1.0, 0.0, 0.0, 0.0, 0.0, HAND_PIECES, 0.0, 1.0])
     nothing = (np.zeros((2, 2)), np.full((2, 2), -1), LENS)
 
     def at(pose: ArmPose) -> tuple[float, np.ndarray]:
-        g, costs = np.zeros(n), np.empty(4)
+        g, costs = np.zeros(n), np.empty(5)
         k.system(
             model.digits, model.mirror, model.radii, model.palm, model.owners, model.columns, model.gains, model.rising,
             points, np.ones(len(points)), np.zeros(len(points), np.int64), nothing, *pose, numbers, np.zeros((n, n)), g,
-            costs, np.empty(pieces), np.full((5, 3), np.nan),
+            costs, np.full((5, 3), np.nan),
         )  # fmt: skip
         return 0.5 * numbers[0] ** 2 * float(costs[0]), g
 
@@ -319,10 +312,11 @@ def test_what_is_not_in_the_image_is_not_pulled_at() -> None:
 
 
 def test_flesh_is_not_pulled_to_pixels_where_no_edge_is_near() -> None:
-    """Far from any edge there is nothing to tell which way: outside it costs all, deep inside nothing."""
+    """Far from any edge there is nothing to tell which way: outside it costs much, deep inside nothing."""
     model = arm_model("left")
     pose = ArmPose(np.eye(3).reshape(9), np.array([0, 0, 0.6]), OPEN[model.angle_of], model.state())
-    for depth, cost in ((0.0, 1.0), (0.04, 0.0)):  # behind a surface that is very near
+    # Where nothing was measured it costs less than before what was; behind a surface that is very near, nothing.
+    for depth, cost in ((0.0, k._UNMEASURED), (-2.0, 1.0), (0.04, 0.0)):
         front = np.full((HEIGHT, WIDTH), depth)
         picture = Evidence(np.empty((0, 3)), np.empty(0), front, np.full(front.shape, -1), LENS)
         end = model.fit(pose, model.unexpected(pose), picture, iterations=0)
@@ -435,6 +429,75 @@ def test_digits_that_overlap_are_pushed_apart() -> None:
     after = model.fit(pose, model.unexpected(pose), blank, iterations=8)
     assert before.costs[2] > 1.0
     assert after.costs[2] < 0.1 * before.costs[2]
+
+
+def folded(model: ArmModel, pose: ArmPose, digit: int) -> ArmPose:
+    z = pose.z.copy()
+    for column, angle in zip(
+        model.columns[digit], np.radians([65, 0, 80, 50, 0] if digit else [30, 20, 30, 60, 0]), strict=True
+    ):
+        if column >= 0:
+            z[column] = angle
+    k.within(model.digits, model.columns, model.gains, z, model.c_max)
+    return pose._replace(z=z)
+
+
+@pytest.mark.parametrize("digit", range(5))
+def test_a_digit_that_is_held_otherwise_is_found_and_what_is_promised_is_gained(digit: int) -> None:
+    for seed, side in ((0, "right"), (1, "left")):
+        model, true, _, _ = seen(seed, side, 1.0)
+        true = folded(model, true, digit)
+        evidence = evidence_of(rendered(model, true))
+        wrong = true._replace(z=posed(model, np.random.default_rng(seed), opened=True).z)
+        gain, better = model.held_otherwise(wrong, evidence, digit)
+        before, after = (
+            model.fit(pose, model.unexpected(pose), evidence, iterations=0).cost for pose in (wrong, better)
+        )
+        assert gain > 0.006
+        assert before - after == pytest.approx(gain, abs=0.02)
+        tip = 4 + 4 * digit
+        assert off_m(model, better, true)[tip] < 0.6 * off_m(model, wrong, true)[tip]
+        others = [column for d in range(5) if d != digit for column in model.columns[d] if column >= 0]
+        np.testing.assert_array_equal(better.z[others], wrong.z[others])
+
+
+def test_a_digit_that_is_right_is_left_as_it_is() -> None:
+    for seed in range(3):
+        model, true, _, evidence = seen(seed, "right", 1.0)
+        for digit in range(5):
+            gain, _ = model.held_otherwise(true, evidence, digit)
+            assert 0 <= gain < 0.02
+
+
+def test_fingers_that_are_bent_unlike_are_exchanged_and_others_are_not() -> None:
+    model, true, _, _ = seen(0, "right", 1.0)
+    assert not list(model.exchanged(true))
+    pointing = true
+    for digit in (2, 3, 4):
+        pointing = folded(model, pointing, digit)
+    poses = list(model.exchanged(pointing))
+    columns = [[column for column in model.columns[digit] if column >= 0] for digit in range(1, 5)]
+    straight = [[bool(pose.z[c[0]] < 0.5) for c in columns] for pose in poses]
+    assert [False, True, False, False] in straight
+    assert all(np.array_equal(pose.z[model.columns[0]], pointing.z[model.columns[0]]) for pose in poses)
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_landmarks_are_visible_where_their_flesh_is_seen(side: Handedness) -> None:
+    model, true, _, evidence = seen(3, side, 1.0)
+    shown = model.visible(true, evidence)
+    assert (shown[[TIPS[1], TIPS[2], TIPS[4], 9]] > 0.1).all()
+    assert np.median(shown) > 0.5
+    behind = evidence._replace(front=np.where(evidence.front > 0, 0.3, -0.3))
+    assert (model.visible(true, behind) == 0).all()
+    assert (model.visible(true._replace(t=true.t + np.array([5.0, 0, 0])), evidence) == 0).all()
+
+
+def test_what_other_things_hide_is_told() -> None:
+    model, true, _, evidence = seen(0, "right", 1.0)
+    for front, hidden in ((evidence.front, 0.0), (np.full(evidence.front.shape, -0.3), 1.0)):
+        end = model.fit(true, model.unexpected(true), evidence._replace(front=front), iterations=0)
+        assert end.costs[4] == pytest.approx(hidden, abs=0.02)
 
 
 def test_tips_that_are_known_are_reached() -> None:

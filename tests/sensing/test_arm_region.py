@@ -32,6 +32,23 @@ LENS = np.array([150.0, 150.0, 40.0, 30.0])
 masks = arrays(np.bool_, st.tuples(st.integers(1, 12), st.integers(1, 14)))
 
 
+def test_edges_are_of_the_nearer_thing_across_what_was_not_measured() -> None:
+    """Of a surface before others none is theirs, of one that shows between them all, whatever their shadows."""
+    front = np.full((20, 30), -1.5)
+    front[6:14, 8:22] = 0.7
+    assert k.others_edges(front, 0.02) == 0.0
+    front[6:14, 4:8] = front[2:6] = 0.0  # shadows on what is behind
+    assert k.others_edges(front, 0.02) == 0.0
+    between = np.where(front == 0.7, 2.0, -0.9)
+    between[6:14, 8:11] = between[6:14, 19:22] = 0.0
+    assert k.others_edges(between, 0.02) == 1.0
+    half = np.where(front == 0.7, 1.0, -2.0)
+    half[:, 15:] = np.where(front[:, 15:] == 0.7, 1.0, -0.5)
+    assert 0.3 < k.others_edges(half, 0.02) < 0.7
+    assert k.others_edges(np.full((5, 5), 0.8), 0.02) == 0.0
+    assert k.others_edges(np.where(front == 0.7, 0.7, -0.69), 0.02) == 0.0
+
+
 @given(masks)
 def test_the_opposite_column_is_the_nearest_in_its_line(mask: np.ndarray) -> None:
     out = np.empty(mask.shape, np.int64)

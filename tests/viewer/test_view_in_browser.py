@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import colorsys
 import dataclasses
 import re
@@ -10,6 +9,7 @@ import shutil
 import time
 from pathlib import Path
 
+import cv2
 import msgspec
 import numpy as np
 import pytest
@@ -33,6 +33,8 @@ LEFT = 1
 """Place of the sensor ``left`` among those of the room, by name."""
 ARTIFACTS = Path(__file__).resolve().parents[2] / "artifacts"
 WAIT_MS = 45_000
+LARGE, SMALL = {"width": 1100, "height": 640}, {"width": 640, "height": 480}
+"""Of a page that is looked at, and of one that is not: it is drawn in software."""
 
 pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="needs chromium on the PATH"),
@@ -82,25 +84,9 @@ class Tab:
         self.page.locator(selector).filter(has_text=re.compile(rf"^\s*{name}\s*$")).first.wait_for()
 
     def pixels(self):
-        """(height, width, 3) of the page as it is on the screen, decoded by the browser itself."""
-        shot = base64.b64encode(self.page.screenshot()).decode()
-        raw, width, height = self.page.evaluate(
-            """async (shot) => {
-                const image = new Image();
-                image.src = "data:image/png;base64," + shot;
-                await image.decode();
-                const canvas = new OffscreenCanvas(image.width, image.height);
-                const context = canvas.getContext("2d");
-                context.drawImage(image, 0, 0);
-                const data = context.getImageData(0, 0, image.width, image.height).data;
-                let text = "";
-                for (let i = 0; i < data.length; i += 32768)
-                    text += String.fromCharCode(...data.subarray(i, i + 32768));
-                return [btoa(text), image.width, image.height];
-            }""",
-            shot,
-        )
-        return np.frombuffer(base64.b64decode(raw), np.uint8).reshape(height, width, 4)[..., :3]
+        """(height, width, 3) of the page as it is on the screen."""
+        shot = np.frombuffer(self.page.screenshot(), np.uint8)
+        return cv2.imdecode(shot, cv2.IMREAD_COLOR)[..., ::-1]
 
 
 def until(tab, holds, what):
@@ -126,7 +112,7 @@ def chromium(tmp_path_factory):
             tmp_path_factory.mktemp("profile"),
             executable_path=CHROMIUM,
             args=FLAGS,
-            viewport={"width": 1100, "height": 640},
+            viewport=LARGE,
         )
         yield context
         context.close()
@@ -139,9 +125,9 @@ def tab(server, chromium):
 
 @pytest.fixture(scope="module")
 def tabs(server, chromium, tab):
-    """Two browsers; the second is opened late and small, because it draws in software like the first."""
+    """Two browsers; the second is opened late, because it draws in software like the first."""
     page = chromium.new_page()
-    page.set_viewport_size({"width": 960, "height": 320})
+    page.set_viewport_size(SMALL)
     return tab, Tab(page, server.viewer.url)
 
 
@@ -182,6 +168,7 @@ def test_the_canvas_shows_people_in_their_colours_sensors_in_theirs_and_the_fuse
     tab.page.screenshot(path=ARTIFACTS / "view-test.png")
     server.empty = True
     empty = settled(tab, lambda pixels: figures(server, pixels).max() < 0.05)
+    tab.page.set_viewport_size(SMALL)  # the tests below look at no pixels
     assert canvas(shown).astype(float).var() > 50
     for colour in (person_colour(2), person_colour(3)):
         assert of_hue(canvas(shown), colour) > 100
@@ -460,7 +447,7 @@ def test_the_page_that_is_cut_off_says_so_and_goes_on_when_it_is_not(server, tab
     server.held.set()
     lost.wait_for(state="visible")
     box = lost.bounding_box()
-    assert (box["x"], box["y"], box["width"], box["height"]) == (0, 0, 1100, 640)
+    assert (box["x"], box["y"], box["width"], box["height"]) == (0, 0, *tab.page.viewport_size.values())
     server.held.clear()
     lost.wait_for(state="hidden")
 

@@ -157,7 +157,7 @@ def take(
         body[r, column], body_s[r, column] = ids[b], seen_s[r]
         for j in range(middle.shape[1]):
             if np.isfinite(middles[b, j, 0]) and np.isfinite(middles[b, j, 1]) and np.isfinite(middles[b, j, 2]):
-                middle[r, j] = middles[b, j]
+                middle[r, j, 0], middle[r, j, 1], middle[r, j, 2] = middles[b, j, 0], middles[b, j, 1], middles[b, j, 2]
         if len(lengths):
             learn_size(size[r], lengths[b])
     present = np.zeros(tracks, dtype=np.bool_)
@@ -231,4 +231,7 @@ def follow(at_s, ids, middles, there, known_ids, known_at_s, known_middle, known
         if not there[b]:
             known_jumped[i] = True
         elif is_placed(middles[b]):
-            known_at_s[i], known_middle[i], known_jumped[i] = at_s, middles[b], False
+            known_at_s[i], known_jumped[i] = at_s, False
+            for j in range(middles.shape[1]):
+                for k in range(3):
+                    known_middle[i, j, k] = middles[b, j, k]

@@ -34,9 +34,10 @@ def stand(sums, back, plane, ids_before, feet_before, ids, feet, dt, positions, 
         if not found:
             continue
         if _seen(p[root], states[i, root]) and _seen(p[head], states[i, head]):
-            length = np.sqrt(((p[head] - p[root]) ** 2).sum())
+            length = _distance(p[head], p[root])
             if length > 0.0:
-                back[:3] += LOOKED_AT * (p[head] - p[root]) / length
+                for m in range(3):
+                    back[m] += LOOKED_AT * (p[head, m] - p[root, m]) / length
                 back[3] += LOOKED_AT
         # The lower one: the other may be lifted and still.
         lowest, least = 0, np.inf
@@ -53,15 +54,21 @@ def stand(sums, back, plane, ids_before, feet_before, ids, feet, dt, positions, 
 
 @njit(cache=True)
 def _seen(p, state):
-    return state == TRACKED and np.isfinite(p).all() and (p != 0.0).any()
+    finite = np.isfinite(p[0]) and np.isfinite(p[1]) and np.isfinite(p[2])
+    return state == TRACKED and finite and (p[0] != 0.0 or p[1] != 0.0 or p[2] != 0.0)
+
+
+@njit(cache=True)
+def _distance(p, q):
+    return np.sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
 
 
 @njit(cache=True)
 def _add(sums, plane, earlier, x, dt):
-    if not np.sqrt(((x - earlier) ** 2).sum()) <= STANDS_BELOW_M_S * dt:
+    if not _distance(x, earlier) <= STANDS_BELOW_M_S * dt:
         return
     weight = dt / STANCE_S
-    if (plane[:3] != 0.0).any():
+    if plane[0] != 0.0 or plane[1] != 0.0 or plane[2] != 0.0:
         off = plane[0] * x[0] + plane[1] * x[1] + plane[2] * x[2] + plane[3] - FOOT_HEIGHT_M
         weight *= (OUTLIER_M**2 / (OUTLIER_M**2 + off * off)) ** 2
     sums[0] += weight

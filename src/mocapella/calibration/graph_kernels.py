@@ -1,6 +1,7 @@
 """Small linear algebra of `mocapella.calibration.sensor_graph`, compiled; importing this module imports numba.
 
-LAPACK starts threads for matrices as small as these, which takes longer than the work on a machine that is busy.
+LAPACK starts threads for matrices as small as these, which takes longer than the work on a machine that is busy. Sums
+are written out: numba compiles them sooner than expressions of arrays.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ def inverse_of_positive(A):
             elif s > 0.0:
                 L[i, i] = np.sqrt(s)
             else:
-                return np.full((n, n), np.nan)
+                L[i, i] = np.nan  # and with it all that follows
     # Columns of L⁻¹, kept as rows, so that the products below run along memory.
     X = np.zeros((n, n))
     for c in range(n):
@@ -66,21 +67,37 @@ def refine(world, a, b, T_a_b, weights, most_steps, smallest_step):  # noqa: PLR
         for e in range(len(a)):
             T_a_root = _inverse(world[a[e]])
             to_a = _adjoint(T_a_root)
-            weighted = np.ascontiguousarray(to_a.T) @ weights[e]
-            W = weighted @ to_a
-            force = weighted @ _log(T_a_root @ world[b[e]] @ _inverse(T_a_b[e]))
+            weighted = _product(_transposed(to_a), weights[e])
+            W = _product(weighted, to_a)
+            off = _log(_product(_product(T_a_root, world[b[e]]), _inverse(T_a_b[e])))
             i, k = 6 * a[e], 6 * b[e]
-            A[i : i + 6, i : i + 6] += W
-            A[k : k + 6, k : k + 6] += W
-            A[i : i + 6, k : k + 6] -= W
-            A[k : k + 6, i : i + 6] -= W
-            g[i : i + 6] += force
-            g[k : k + 6] -= force
-        C = inverse_of_positive(np.ascontiguousarray(A[6:, 6:]))
-        step = C @ g[6:]
+            for r in range(6):
+                force = 0.0
+                for c in range(6):
+                    force += weighted[r, c] * off[c]
+                    A[i + r, i + c] += W[r, c]
+                    A[k + r, k + c] += W[r, c]
+                    A[i + r, k + c] -= W[r, c]
+                    A[k + r, i + c] -= W[r, c]
+                g[i + r] += force
+                g[k + r] -= force
+        free = np.empty_like(C)
+        for r in range(len(C)):
+            for c in range(len(C)):
+                free[r, c] = A[6 + r, 6 + c]
+        C = inverse_of_positive(free)
+        largest, step = 0.0, np.empty(6)
         for i in range(1, n):
-            world[i] = _exp(step[6 * i - 6 : 6 * i]) @ world[i]
-        if np.abs(step).max() < smallest_step:
+            for r in range(6):
+                step[r] = 0.0
+                for c in range(len(C)):
+                    step[r] += C[6 * i - 6 + r, c] * g[6 + c]
+                largest = max(largest, abs(step[r]))
+            moved = _product(_exp(step), world[i])
+            for r in range(4):
+                for c in range(4):
+                    world[i, r, c] = moved[r, c]
+        if largest < smallest_step:
             break
     return C
 
@@ -96,65 +113,96 @@ def _inverse(T):
 
 
 @njit(cache=True)
-def _cross(x):
-    return np.array([[0.0, -x[2], x[1]], [x[2], 0.0, -x[0]], [-x[1], x[0], 0.0]])
+def _product(A, B):
+    out = np.zeros((A.shape[0], B.shape[1]))
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            for k in range(B.shape[1]):
+                out[i, k] += A[i, j] * B[j, k]
+    return out
+
+
+@njit(cache=True)
+def _transposed(A):
+    out = np.empty((A.shape[1], A.shape[0]))
+    for i in range(A.shape[0]):
+        for k in range(A.shape[1]):
+            out[k, i] = A[i, k]
+    return out
+
+
+@njit(cache=True)
+def _cross(x, y, z):
+    out = np.zeros((3, 3))
+    out[0, 1], out[0, 2], out[1, 2] = -z, y, -x
+    out[1, 0], out[2, 0], out[2, 1] = z, -y, x
+    return out
 
 
 @njit(cache=True)
 def _adjoint(T):
-    out, R = np.zeros((6, 6)), np.ascontiguousarray(T[:3, :3])
-    out[:3, :3] = R
-    out[3:, 3:] = R
-    out[:3, 3:] = _cross(T[:3, 3]) @ R
+    out, across = np.zeros((6, 6)), _cross(T[0, 3], T[1, 3], T[2, 3])
+    for i in range(3):
+        for k in range(3):
+            out[i, k] = out[3 + i, 3 + k] = T[i, k]
+            for j in range(3):
+                out[i, 3 + k] += across[i, j] * T[j, k]
     return out
 
 
 @njit(cache=True)
 def _exp(twist):
     """As `twists.exp_twist`."""
-    angle = np.sqrt((twist[3:] ** 2).sum())
-    K = _cross(twist[3:])
-    KK = K @ K
-    a, b, c = 1 - angle**2 / 6, 0.5 - angle**2 / 24, 1 / 6 - angle**2 / 120
+    square = twist[3] ** 2 + twist[4] ** 2 + twist[5] ** 2
+    angle = np.sqrt(square)
+    K = _cross(twist[3], twist[4], twist[5])
+    KK = _product(K, K)
+    a, b, c = 1 - square / 6, 0.5 - square / 24, 1 / 6 - square / 120
     if angle >= 1e-4:
-        a, b, c = np.sin(angle) / angle, (1 - np.cos(angle)) / angle**2, (angle - np.sin(angle)) / angle**3
+        a, b, c = np.sin(angle) / angle, (1 - np.cos(angle)) / square, (angle - np.sin(angle)) / (angle * square)
     out = np.eye(4)
-    out[:3, :3] += a * K + b * KK
-    out[:3, 3] = twist[:3] + (b * K + c * KK) @ np.ascontiguousarray(twist[:3])
+    for i in range(3):
+        out[i, 3] = twist[i]
+        for k in range(3):
+            out[i, k] += a * K[i, k] + b * KK[i, k]
+            out[i, 3] += (b * K[i, k] + c * KK[i, k]) * twist[k]
     return out
 
 
 @njit(cache=True)
 def _log(T):
     """As `twists.log_motion`: by the longest column of 4 q qᵀ of the unit quaternion q."""
-    R = T[:3, :3]
-    trace = R[0, 0] + R[1, 1] + R[2, 2]
+    trace = T[0, 0] + T[1, 1] + T[2, 2]
     best, most = -1, trace
     for i in range(3):
-        if R[i, i] > most:
-            best, most = i, R[i, i]
+        if T[i, i] > most:
+            best, most = i, T[i, i]
     q = np.empty(4)
     if best < 0:
         q[0] = 1 + trace
         for i in range(3):
             j, k = (i + 1) % 3, (i + 2) % 3
-            q[1 + i] = R[k, j] - R[j, k]
+            q[1 + i] = T[k, j] - T[j, k]
     else:
         i, j, k = best, (best + 1) % 3, (best + 2) % 3
-        q[0] = R[k, j] - R[j, k]
-        q[1 + i] = 1 + 2 * R[i, i] - trace
-        q[1 + j] = R[i, j] + R[j, i]
-        q[1 + k] = R[i, k] + R[k, i]
+        q[0] = T[k, j] - T[j, k]
+        q[1 + i] = 1 + 2 * T[i, i] - trace
+        q[1 + j] = T[i, j] + T[j, i]
+        q[1 + k] = T[i, k] + T[k, i]
     if q[0] < 0:
-        q = -q
-    sine = np.sqrt((q[1:] ** 2).sum())
+        for i in range(4):
+            q[i] = -q[i]
+    sine = np.sqrt(q[1] ** 2 + q[2] ** 2 + q[3] ** 2)
     angle = 2 * np.arctan2(sine, q[0])
-    phi = q[1:] * (angle / sine if sine > 1e-12 * q[0] else 2 / q[0])
-    K = _cross(phi)
+    f = angle / sine if sine > 1e-12 * q[0] else 2 / q[0]
+    K = _cross(f * q[1], f * q[2], f * q[3])
+    KK = _product(K, K)
     c = 1 / 12 + angle**2 / 720
     if angle >= 1e-3:
         c = (1 - 0.5 * angle * np.cos(0.5 * angle) / np.sin(0.5 * angle)) / angle**2
     out = np.empty(6)
-    out[:3] = (np.eye(3) - 0.5 * K + c * (K @ K)) @ np.ascontiguousarray(T[:3, 3])
-    out[3:] = phi
+    for i in range(3):
+        out[i], out[3 + i] = T[i, 3], f * q[1 + i]
+        for k in range(3):
+            out[i] += (c * KK[i, k] - 0.5 * K[i, k]) * T[k, 3]
     return out

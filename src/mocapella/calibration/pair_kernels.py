@@ -99,19 +99,23 @@ def add_frame(times, points, weights, held, frozen_since, at, positions, states,
         return False
     if end == len(times):
         for i in range(FRAMES_KEPT):
-            times[i], points[i], weights[i] = times[i + FRAMES_KEPT], points[i + FRAMES_KEPT], weights[i + FRAMES_KEPT]
+            times[i] = times[i + FRAMES_KEPT]
+            for j in range(len(states)):
+                weights[i, j] = weights[i + FRAMES_KEPT, j]
+                for k in range(3):
+                    points[i, j, k] = points[i + FRAMES_KEPT, j, k]
         begin, end = 0, FRAMES_KEPT
     times[end] = at
     seen, same = 0, end > begin
     for j in range(len(states)):
-        x, y, z = positions[j]
+        x, y, z = positions[j, 0], positions[j, 1], positions[j, 2]
         good = np.isfinite(x) and np.isfinite(y) and np.isfinite(z) and (x != 0.0 or y != 0.0 or z != 0.0)
-        points[end, j] = 0.0
-        weights[end, j] = 0.0
         if good and states[j] > 0:
-            points[end, j] = positions[j]
             weights[end, j] = 1.0 if states[j] == TRACKED else inferred
             seen += 1
+        else:
+            x, y, z, weights[end, j] = 0.0, 0.0, 0.0, 0.0
+        points[end, j, 0], points[end, j, 1], points[end, j, 2] = x, y, z
         for k in range(3):
             same = same and points[end, j, k] == points[end - 1, j, k]
     if not (same and seen > 0):
@@ -306,8 +310,8 @@ def _step(
         S[k] *= keep
     S[BLOCKS_SQ] *= keep * keep
     keep_clock = np.exp(-counts / CLOCK_MEMORY)
-    clock[:CLOCK_AA] *= keep_clock
-    clock[CLOCK_AA:] *= keep_clock * keep_clock
+    for k in range(len(clock)):
+        clock[k] *= keep_clock if k < CLOCK_AA else keep_clock * keep_clock
     S[COST_WEIGHT] += counts
     S[COST] += counts * min(mean, FARTHEST)
     S[APART_SQ] += counts * min(apart, FARTHEST) ** 2 if started else 0.0
@@ -330,7 +334,7 @@ def _step(
 def _apart(T, offset, p, q, v, labels, w, centre):
     """How far apart the two views of the body's centre are [m]; write a's into centre (3,)."""
     x, used = np.zeros(3), 0
-    centre[:] = 0.0
+    centre[0] = centre[1] = centre[2] = 0.0
     for j in range(len(w)):
         if w[j] <= 0.0:
             continue

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mocapella.conventions import NS_PER_S
 from mocapella.geometry.rigid import apply, inverse, rigid, rotation_about_y
-from mocapella.model.arms import ELBOW, PALM, ArmFrame, SeenArms
+from mocapella.model.arms import ELBOW, PALM, ArmFrame, ArmMethod, SeenArms
 from mocapella.model.camera import Camera, CameraRig, PlacedCamera
 from mocapella.model.hand import TIPS, WRIST
 from mocapella.model.observations import Arrival, JointState
@@ -96,6 +96,15 @@ def beside(scene: DepthScene, angle_deg: float) -> DepthScene:
     distance = 0.5 * sum(scene.sensor.distance_m) * scene.settings.distance
     R, middle = rotation_about_y(math.radians(angle_deg)), np.array([0.0, 0.0, distance])
     return scene.from_camera(rigid(R, middle - R @ middle))
+
+
+def looks_of(methods: tuple[ArmMethod, ArmMethod]) -> tuple[Look, Look]:
+    """Two methods, one made for each camera, as what finds arms in shots."""
+
+    def of(method: ArmMethod) -> Look:
+        return lambda shot: method.update(shot.depth * np.float32(shot.unit_m), shot.at_s)
+
+    return of(methods[0]), of(methods[1])
 
 
 def two_camera_scores(

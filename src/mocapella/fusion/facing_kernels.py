@@ -61,9 +61,9 @@ def turning(steps, tables, kernel):
 @njit(cache=True)
 def turn_on(p, kernel, twice):
     """See `mocapella.fusion.facing_grid.turned_on`; p (BINS,) is written over, twice (2 · BINS,) is room to work in."""
-    twice[:BINS] = p
-    twice[BINS:] = p
-    p[:] = 0.0
+    for d in range(BINS):
+        twice[d] = twice[BINS + d] = p[d]
+        p[d] = 0.0
     for d in range(BINS):
         for i in range(BINS):
             p[i] += kernel[d] * twice[i + d]
@@ -193,8 +193,9 @@ def add_motion(evidence, velocity, zero, factor, tables):
 @njit(cache=True)
 def believe(p, evidence):
     """See `mocapella.fusion.facing_training.believed`; p (BINS,) is written over."""
-    most = evidence.max()
-    total = 0.0
+    most, total = evidence[0], 0.0
+    for i in range(BINS):
+        most = max(most, evidence[i])
     for i in range(BINS):
         p[i] *= np.exp(evidence[i] - most)
         total += p[i]
@@ -273,7 +274,8 @@ def predict(slots, at, zero, p, at_s, tables, out):
         if slots[n] < 0:
             out[0, n], out[1, n] = np.nan, np.inf
             continue
-        later[:] = p[slots[n]]
+        for d in range(BINS):
+            later[d] = p[slots[n], d]
         steps = (at - at_s[slots[n]]) / STEP_S
         if steps > 0.0:
             turning(steps, tables, kernel)

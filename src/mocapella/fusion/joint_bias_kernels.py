@@ -35,10 +35,22 @@ def across_body(view_positions, view_at, view_swapped, lines, now_s, view_age_s)
             continue
         sign = -1.0 if view_swapped[c] else 1.0
         for n in range(len(lines)):
-            line = view_positions[c, lines[n, 0]] - view_positions[c, lines[n, 1]]
-            if np.isfinite(line).all():
-                across += sign * line
+            left, right = view_positions[c, lines[n, 0]], view_positions[c, lines[n, 1]]
+            x, y, z = left[0] - right[0], left[1] - right[1], left[2] - right[2]
+            if np.isfinite(x) and np.isfinite(y) and np.isfinite(z):
+                across[0] += sign * x
+                across[1] += sign * y
+                across[2] += sign * z
     return across
+
+
+@njit(cache=True)
+def _turned(R, x, y, z):
+    return (
+        R[0, 0] * x + R[0, 1] * y + R[0, 2] * z,
+        R[1, 0] * x + R[1, 1] * y + R[1, 2] * z,
+        R[2, 0] * x + R[2, 1] * y + R[2, 2] * z,
+    )
 
 
 @njit(cache=True)
@@ -57,15 +69,19 @@ def corrections(
         out: (bodies, joints, 3).
     """
     out[:] = 0.0
-    R = R_level @ np.ascontiguousarray(T[:3, :3])
+    R, joints = np.empty((3, 3)), np.empty(weights.shape[1])
+    for k in range(3):
+        R[0, k], R[1, k], R[2, k] = _turned(R_level, T[0, k], T[1, k], T[2, k])
     for b in range(len(rows)):
         r = rows[b]
         if r < 0:
             continue
-        across = R_level @ across_body(view_positions[r], view_at[r], view_swapped[r], lines, now_s, view_age_s)
-        place = R_level @ (positions[r, root] - T[:3, 3])
-        moving = R_level @ velocities[r, root]
-        known = np.isfinite(place).all() and np.isfinite(moving).all()
+        line = across_body(view_positions[r], view_at[r], view_swapped[r], lines, now_s, view_age_s)
+        p, v = positions[r, root], velocities[r, root]
+        across = _turned(R_level, line[0], line[1], line[2])
+        place = _turned(R_level, p[0] - T[0, 3], p[1] - T[1, 3], p[2] - T[2, 3])
+        moving = _turned(R_level, v[0], v[1], v[2])
+        known = np.isfinite(place[0] + place[1] + place[2]) and np.isfinite(moving[0] + moving[1] + moving[2])
         if not known or (across[0] == 0.0 and across[2] == 0.0):
             continue
         yaw = np.arctan2(-across[2], across[0])
@@ -76,7 +92,10 @@ def corrections(
             moving[0] * sine + moving[2] * cosine,
             moving[0] * cosine - moving[2] * sine,
         )
-        joints = of_view @ weights
+        for k in range(len(joints)):
+            joints[k] = 0.0
+            for i in range(len(of_view)):
+                joints[k] += of_view[i] * weights[i, k]
         swapped = view_swapped[r, column]
         for j in range(len(mirror)):
             k = 3 * (mirror[j] if swapped else j)

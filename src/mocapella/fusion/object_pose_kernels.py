@@ -90,7 +90,11 @@ def correct(views, camera, places, pixels, sd_px, later_s, chosen, R_0, x_0, inf
     Returns:
         the cost, infinite where it fails.
     """
-    R[:], x[:] = R_0, x_0
+    for i in range(3):
+        for j in range(3):
+            R[i, j] = R_0[i, j]
+    for i in range(len(x_0)):
+        x[i] = x_0[i]
     A, L, g, off, J = np.empty((N, N)), np.zeros((N, N)), np.empty(N), np.zeros(N), np.empty((2, N))
     cost = math.inf
     for step in range(STEPS):
@@ -146,8 +150,9 @@ def correct(views, camera, places, pixels, sd_px, later_s, chosen, R_0, x_0, inf
             off[6 + i] = x[3 + i] - x_0[3 + i]
             off[9 + i] = x[6 + i] - x_0[6 + i]
     for j in range(N):
-        g[:] = 0.0
-        g[j] = 1.0
+        for i in range(N):
+            g[i] = 1.0 if i == j else 0.0
         solve(L, g)
-        covariance[:, j] = g
+        for i in range(N):
+            covariance[i, j] = g[i]
     return cost

@@ -92,16 +92,16 @@ def begin(
     for i in range(counts[j]):  # the newest of each camera comes last
         gap, k = newest - times[j, i], cameras[j, i]
         if gap <= together_s:
-            seen[0, k] = pixels[j, i]
+            seen[0, k, 0], seen[0, k, 1] = pixels[j, i, 0], pixels[j, i, 1]
             sd[0, k] = math.sqrt(variances[j, i] + (image_speed_px * gap) ** 2)
     point, covariance, residuals = np.empty((1, 3)), np.empty((1, 3, 3)), np.empty((1, count))
     used, state = np.empty((1, count), dtype=np.bool_), np.empty(1, dtype=np.uint8)
     triangulate(views, seen, sd, gate, least_sin2, point, covariance, residuals, used, state)
     if state[0] != 0:
         return False
-    states[j, :3], states[j, 3:] = point[0], 0.0
     covariances[j] = 0.0
     for i in range(3):
+        states[j, i], states[j, 3 + i] = point[0, i], 0.0
         covariances[j, i, i] = POSITION_SD_M**2
         covariances[j, 3 + i, 3 + i] = speed_sd**2
     begins[j] = times[j, 0]

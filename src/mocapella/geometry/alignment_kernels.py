@@ -39,7 +39,8 @@ def accumulate(M, p, q, v, w, order):
 @njit(cache=True)
 def largest_eigenvector(N):
     """Of a symmetric (4, 4) matrix, which is overwritten; by cyclic Jacobi rotations (Golub and Van Loan, 8.5)."""
-    V = np.eye(4)
+    V = np.zeros((4, 4))
+    V[0, 0] = V[1, 1] = V[2, 2] = V[3, 3] = 1.0
     for _ in range(30):
         off, on = 0.0, 0.0
         for i in range(4):
@@ -102,7 +103,8 @@ def align(M, offset, T):
     T[2, 0], T[2, 1], T[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
     for i in range(3):
         T[i, 3] = mp[i] - T[i, 0] * mq[0] - T[i, 1] * mq[1] - T[i, 2] * mq[2]
-    T[3, :3], T[3, 3] = 0.0, 1.0
+    T[3, 0] = T[3, 1] = T[3, 2] = 0.0
+    T[3, 3] = 1.0
 
 
 @njit(cache=True)

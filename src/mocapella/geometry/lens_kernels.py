@@ -11,17 +11,19 @@ STEPS = 20
 """Newton's method needs about 4; what takes more does not come back."""
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)  # into its callers' loops, which are vectorised
 def distort(x, y, k1, k2, p1, p2, k3):
     """(x', y') and the derivatives (∂x'/∂x, ∂x'/∂y = ∂y'/∂x, ∂y'/∂y) of `lens.distort`."""
-    r2 = x * x + y * y
+    xx, xy, yy = x * x, x * y, y * y
+    r2 = xx + yy
     radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    slope = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3))  # ∂radial/∂x = slope · x
-    u = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
-    v = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
-    uu = radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x
-    uv = slope * x * y + 2.0 * p1 * x + 2.0 * p2 * y
-    vv = radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x
+    slope = 2.0 * k1 + r2 * (4.0 * k2 + r2 * (6.0 * k3))  # ∂radial/∂x = slope · x
+    u = x * radial + 2.0 * p1 * xy + p2 * (3.0 * xx + yy)
+    v = y * radial + 2.0 * p2 * xy + p1 * (xx + 3.0 * yy)
+    px, py, qx, qy = 2.0 * p1 * x, 2.0 * p1 * y, 2.0 * p2 * x, 2.0 * p2 * y
+    uu = radial + slope * xx + py + 3.0 * qx
+    uv = slope * xy + px + qy
+    vv = radial + slope * yy + 3.0 * py + qx
     return u, v, uu, uv, vv
 
 

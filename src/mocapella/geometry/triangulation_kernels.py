@@ -13,16 +13,11 @@ from typing import Any, Final
 import numpy as np
 
 from mocapella.compiled import njit
-from mocapella.geometry import lens_kernels
+from mocapella.geometry.lens_kernels import distort
 from mocapella.geometry.lens_kernels import undistort as undistort_fully
 
-COMPILED: Final[dict[str, Any]] = {
-    "cache": True,
-    "error_model": "numpy",
-    "fastmath": {"contract", "nsz", "arcp", "reassoc"},
-}
+COMPILED: Final[dict[str, Any]] = {"cache": True, "error_model": "numpy"}
 INLINED: Final[dict[str, Any]] = {**COMPILED, "forceinline": True}
-distort = njit(**INLINED)(lens_kernels.distort.py_func)  # into its callers, with their freedom to fuse
 SEEN, ONE_VIEW, PARALLEL, BEHIND, INCONSISTENT = 0, 1, 2, 3, 4
 LANES = 32
 STEPS = 12
@@ -52,8 +47,9 @@ def undistort(views, n, u, v):
 def offset(views, n, X, Y, Z, u, v):
     """(dx, dy) [px] from where a point is seen to the pixel (u, v); infinite where it is not seen."""
     z = views[n, 16] * X + views[n, 17] * Y + views[n, 18] * Z + views[n, 21]
-    x = (views[n, 10] * X + views[n, 11] * Y + views[n, 12] * Z + views[n, 19]) / z
-    y = (views[n, 13] * X + views[n, 14] * Y + views[n, 15] * Z + views[n, 20]) / z
+    w = 1.0 / z
+    x = (views[n, 10] * X + views[n, 11] * Y + views[n, 12] * Z + views[n, 19]) * w
+    y = (views[n, 13] * X + views[n, 14] * Y + views[n, 15] * Z + views[n, 20]) * w
     r2 = x * x + y * y
     radial = 1.0 + r2 * (views[n, 4] + r2 * (views[n, 5] + r2 * views[n, 8]))
     at_u = x * radial + 2.0 * views[n, 6] * x * y + views[n, 7] * (r2 + 2.0 * x * x)
@@ -74,10 +70,11 @@ def linearised(views, n, X, Y, Z, u, v):
     ax, ay, az = views[n, 10] - x * views[n, 16], views[n, 11] - x * views[n, 17], views[n, 12] - x * views[n, 18]
     bx, by, bz = views[n, 13] - y * views[n, 16], views[n, 14] - y * views[n, 17], views[n, 15] - y * views[n, 18]
     fu, fv = views[n, 0] * w, views[n, 1] * w
+    ux, uy, vx, vy = fu * uu, fu * uv, fv * uv, fv * vv
     return (
         u - (views[n, 0] * at_u + views[n, 2]) + shown, v - (views[n, 1] * at_v + views[n, 3]) + shown,
-        fu * (uu * ax + uv * bx), fu * (uu * ay + uv * by), fu * (uu * az + uv * bz),
-        fv * (uv * ax + vv * bx), fv * (uv * ay + vv * by), fv * (uv * az + vv * bz),
+        ux * ax + uy * bx, ux * ay + uy * by, ux * az + uy * bz,
+        vx * ax + vy * bx, vx * ay + vy * by, vx * az + vy * bz,
     )  # fmt: skip
 
 
@@ -243,7 +240,7 @@ def consensus(views, pixels, at, rays, weights, gate2, least_sin2, kept, tried):
             score = truncated(views, pixels, at, weights, x, y, z, gate2, best, tried)
             if score < best and two_or_more(tried):
                 best, X, Y, Z = score, x, y, z
-                kept[:] = tried
+                keep(kept, tried)
     if not best < math.inf:
         return state, X, Y, Z, A, B, C, D, E, F
     best, state = math.inf, INCONSISTENT
@@ -257,7 +254,7 @@ def consensus(views, pixels, at, rays, weights, gate2, least_sin2, kept, tried):
         best, state, X, Y, Z, A, B, C, D, E, F = score, SEEN, x, y, z, a, b, c, d, e, f
         if same(kept, tried):
             break
-        kept[:] = tried
+        keep(kept, tried)
     return state, X, Y, Z, A, B, C, D, E, F
 
 
@@ -268,6 +265,13 @@ def same(kept, tried):
     for k in range(len(kept)):
         equal &= (kept[k] > 0.0) == (tried[k] > 0.0)
     return equal
+
+
+@njit(**INLINED)
+def keep(kept, tried):
+    """Of the views that were tried."""
+    for k in range(len(kept)):
+        kept[k] = tried[k]
 
 
 @njit(**COMPILED)
@@ -296,27 +300,29 @@ def fit_most(  # noqa: PLR0912, PLR0915 - one function, in which the compiler kn
         for k in range(count):
             fx, fy, cx, cy, farthest = views[k, 0], views[k, 1], views[k, 2], views[k, 3], views[k, 9]
             k1, k2, p1, p2, k3 = views[k, 4], views[k, 5], views[k, 6], views[k, 7], views[k, 8]
+            per_fx, per_fy, area = 1.0 / fx, 1.0 / fy, fx * fy
             tx, ty, tz = views[k, 19], views[k, 20], views[k, 21]
             R0, R1, R2 = views[k, 10], views[k, 11], views[k, 12]
             R3, R4, R5 = views[k, 13], views[k, 14], views[k, 15]
             R6, R7, R8 = views[k, 16], views[k, 17], views[k, 18]
             for m in range(lanes):
-                u, v, w = (P[3 * k, m] - cx) / fx, (P[3 * k + 1, m] - cy) / fy, P[3 * k + 2, m] * fx * fy
+                u, v, w = (P[3 * k, m] - cx) * per_fx, (P[3 * k + 1, m] - cy) * per_fy, P[3 * k + 2, m] * area
                 x, y, dx, dy = newton(u, v, u, v, k1, k2, p1, p2, k3)
                 x, y, dx, dy = newton(u, v, x, y, k1, k2, p1, p2, k3)
                 S[17, m] += 0.0 if dx * dx + dy * dy < 1e-4 and x * x + y * y <= farthest else 1.0
                 px, py, pz = R0 - x * R6, R1 - x * R7, R2 - x * R8
                 qx, qy, qz = R3 - y * R6, R4 - y * R7, R5 - y * R8
-                p, q = w * (x * tz - tx), w * (y * tz - ty)
-                S[0, m] += w * (px * px + qx * qx)
-                S[1, m] += w * (px * py + qx * qy)
-                S[2, m] += w * (px * pz + qx * qz)
-                S[3, m] += w * (py * py + qy * qy)
-                S[4, m] += w * (py * pz + qy * qz)
-                S[5, m] += w * (pz * pz + qz * qz)
-                S[6, m] += px * p + qx * q
-                S[7, m] += py * p + qy * q
-                S[8, m] += pz * p + qz * q
+                p, q = x * tz - tx, y * tz - ty
+                wpx, wpy, wpz, wqx, wqy, wqz = w * px, w * py, w * pz, w * qx, w * qy, w * qz
+                S[0, m] += wpx * px + wqx * qx
+                S[1, m] += wpx * py + wqx * qy
+                S[2, m] += wpx * pz + wqx * qz
+                S[3, m] += wpy * py + wqy * qy
+                S[4, m] += wpy * pz + wqy * qz
+                S[5, m] += wpz * pz + wqz * qz
+                S[6, m] += wpx * p + wqx * q
+                S[7, m] += wpy * p + wqy * q
+                S[8, m] += wpz * p + wqz * q
         for m in range(lanes):
             A, B, C, D, E, F = inverse(S[0, m], S[1, m], S[2, m], S[3, m], S[4, m], S[5, m])
             S[10, m] = A * S[6, m] + B * S[7, m] + C * S[8, m]
@@ -331,15 +337,16 @@ def fit_most(  # noqa: PLR0912, PLR0915 - one function, in which the compiler kn
                         views, k, S[10, m], S[11, m], S[12, m], P[3 * k, m], P[3 * k + 1, m]
                     )
                     S[9, m] += w * (du * du + dv * dv)
-                    S[0, m] += w * (px * px + qx * qx)
-                    S[1, m] += w * (px * py + qx * qy)
-                    S[2, m] += w * (px * pz + qx * qz)
-                    S[3, m] += w * (py * py + qy * qy)
-                    S[4, m] += w * (py * pz + qy * qz)
-                    S[5, m] += w * (pz * pz + qz * qz)
-                    S[6, m] += w * (px * du + qx * dv)
-                    S[7, m] += w * (py * du + qy * dv)
-                    S[8, m] += w * (pz * du + qz * dv)
+                    wpx, wpy, wpz, wqx, wqy, wqz = w * px, w * py, w * pz, w * qx, w * qy, w * qz
+                    S[0, m] += wpx * px + wqx * qx
+                    S[1, m] += wpx * py + wqx * qy
+                    S[2, m] += wpx * pz + wqx * qz
+                    S[3, m] += wpy * py + wqy * qy
+                    S[4, m] += wpy * pz + wqy * qz
+                    S[5, m] += wpz * pz + wqz * qz
+                    S[6, m] += wpx * du + wqx * dv
+                    S[7, m] += wpy * du + wqy * dv
+                    S[8, m] += wpz * du + wqz * dv
             open_ = 0.0
             for m in range(lanes):
                 A, B, C, D, E, F = inverse(S[0, m], S[1, m], S[2, m], S[3, m], S[4, m], S[5, m])

@@ -50,6 +50,7 @@ class ArmFitSettings:
         silhouette_scale_m: likewise of flesh beside the silhouette or before the surface.
         point_sd_m, silhouette_sd_m, collision_sd_m: how sure one residual is; those of points are not independent, so
             this is far above the noise.
+        sharp_sd_m: that of the silhouette in the last third of a fit.
         ahead_m: flesh may stand so far before the surface.
         overlap_m: digits may overlap so far.
         size_sd, thickness_sd: of a hand's size and thickness over the average.
@@ -66,6 +67,7 @@ class ArmFitSettings:
     silhouette_scale_m: float = 0.015
     point_sd_m: float = 0.012
     silhouette_sd_m: float = 0.015
+    sharp_sd_m: float = 0.006
     collision_sd_m: float = 0.002
     ahead_m: float = 0.008
     overlap_m: float = 0.002
@@ -84,7 +86,7 @@ class ArmFitSettings:
 
     def __post_init__(self) -> None:
         for name in (
-            *("point_scale_m", "silhouette_scale_m", "point_sd_m", "silhouette_sd_m", "collision_sd_m"),
+            *("point_scale_m", "silhouette_scale_m", "point_sd_m", "silhouette_sd_m", "sharp_sd_m", "collision_sd_m"),
             *("size_sd", "thickness_sd", "digit_sd", "forearm_sd"),
         ):
             check(0 < getattr(self, name) < 1, name, getattr(self, name), "above 0, below 1")
@@ -146,14 +148,10 @@ class Fitted(NamedTuple):
         pose: see there.
         costs: (5,) mean robust cost of points and of flesh, from 0 to 1; of digits that overlap; how unusual size and
             angles are, in standard deviations squared; and which part of the flesh is behind other things.
-        assigned: (pieces,) weight of the points that each piece explains.
-        information: (n, n) of the dofs.
     """
 
     pose: ArmPose
     costs: Float64
-    assigned: Float64
-    information: Float64
 
     @property
     def cost(self) -> float:
@@ -249,17 +247,15 @@ class ArmModel:
         pose = start.copied()
         total = max(float(evidence.weights.sum()), 1.0)
         numbers = self._numbers(pose, evidence, total)
-        costs, assigned = np.empty(5), np.empty(len(self.owners))
-        n = 6 + len(self.natural) + k.BODY_DOFS
-        information = np.empty((n, n))
+        costs = np.empty(5)
         picture = (evidence.front, evidence.opposite, evidence.lens)
         e = expected
         k.fit(
             self.digits, self.mirror, self.radii, self.palm, self.owners, self.columns, self.gains, self.rising,
             self.c_max, evidence.points, evidence.weights, picture, self.natural, self.prior, e.pose.R, e.pose.t,
             e.pose.z, e.certainty, e.v, e.information, pose.R, pose.t, pose.z, pose.v, numbers,
-            s.loose if loose is None else loose, s.iterations if iterations is None else iterations, costs, assigned,
-            information, _NOWHERE if tips is None else tips, keep,
+            s.loose if loose is None else loose, s.iterations if iterations is None else iterations, costs,
+            _NOWHERE if tips is None else tips, keep,
         )  # fmt: skip
         costs[0] /= total
         costs[1] /= max(costs[3], 1e-4)
@@ -267,7 +263,7 @@ class ArmModel:
         off = pose.z - self.natural
         v = (pose.v - e.v) * np.sqrt(self.sizes)
         costs[3] = off @ self.prior @ off + v[:2] @ v[:2] + v[10:] @ v[10:]
-        return Fitted(pose, costs, assigned, information)
+        return Fitted(pose, costs)
 
     def _numbers(self, pose: ArmPose, evidence: Evidence, total: float) -> Float64:
         """As the kernels have the settings."""
@@ -277,7 +273,7 @@ class ArmModel:
         return np.array(
             [s.point_scale_m, s.silhouette_scale_m, share / s.point_sd_m**2, 1 / s.silhouette_sd_m**2,
              1 / s.collision_sd_m**2, s.ahead_m, s.overlap_m, float(len(self.owners)),
-             s.edge * float(pose.t[2] / evidence.lens[0])]
+             s.edge * float(pose.t[2] / evidence.lens[0]), (s.silhouette_sd_m / s.sharp_sd_m) ** 2]
         )  # fmt: skip
 
     def held_otherwise(self, pose: ArmPose, evidence: Evidence, digit: int) -> tuple[float, ArmPose]:

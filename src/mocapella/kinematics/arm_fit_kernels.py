@@ -350,7 +350,7 @@ def _beside(front, opposite, lens, X, Y, Z, r, numbers, out):
 @njit(cache=True)
 def system(
     digits, mirror, radii, palm, owners, columns, gains, rising, points, weights, which, picture, R, t, z, v, numbers,
-    H, g, costs, assigned, targets,
+    H, g, costs, targets,
 ):  # fmt: skip
     """Add the normal equations of the fit's geometric terms to the lower triangle of H and to g.
 
@@ -362,12 +362,12 @@ def system(
         picture: (front, opposite, lens): `front` (h, w) [m] the surface of what may be the arm, minus that of other
             things, 0 where nothing was measured; the nearest column in a line that is the arm's where a pixel is not,
             and the other way round; lens (4,) of these pixels.
-        numbers: (9,) scale of the points' robust cost [m], of the silhouette's [m], variances' inverses of points,
+        numbers: (10,) scale of the points' robust cost [m], of the silhouette's [m], variances' inverses of points,
             silhouette and collisions, how far before the surface flesh may stand [m], how far digits may overlap [m],
-            how many pieces may explain points, half a pixel's side [m].
+            how many pieces may explain points, half a pixel's side [m], how many times as sure the silhouette is in the
+            last third of a fit.
         costs: (5,) sums of robust costs from 0 to 1: of points, of the silhouette by its area [m²], of collisions; and
             that area, and what of it other things hide, out.
-        assigned: (pieces,) how much was assigned to each piece, out.
         targets: (5, 3) where fingertips should be, camera [m]; NaN where that is not known.
     """
     front, opposite, lens = picture
@@ -382,8 +382,6 @@ def system(
     few = int(numbers[7])
     for k in range(len(costs)):
         costs[k] = 0.0
-    for i in range(len(owners)):
-        assigned[i] = 0.0
     for i in range(len(points)):
         X, Y, Z = points[i, 0], points[i, 1], points[i, 2]
         x = R[0] * X + R[3] * Y + R[6] * Z + ox
@@ -397,7 +395,6 @@ def system(
         costs[0] += weights[i] * cost
         if weight < 0.01:
             continue
-        assigned[piece] += weights[i] * weight
         p, c = pieces[piece], hit[3]
         r = p[RA] + (p[RB] - p[RA]) * c / max(p[LENGTH], 1e-6)
         n = _derivatives(
@@ -717,7 +714,7 @@ def _expected_body(expected, information, v, first, H, g):
 def fit(
     digits, mirror, radii, palm, owners, columns, gains, rising, c_max, points, weights, picture, prior_mean, prior,
     predicted_R, predicted_t, predicted_z, certainty, expected, information, R, t, z, v, numbers, loose, iterations,
-    costs, assigned, H, targets, keep,
+    costs, targets, keep,
 ):  # fmt: skip
     """Bring R (9,), t (3,), z (n,), v (STATE,) to the best fit near where they are, in place.
 
@@ -726,13 +723,12 @@ def fit(
         expected, information: (STATE,) of v, and inverse variances.
         loose: the robust scales begin so many times as wide, and narrow down to `numbers`.
         iterations: that are made.
-        costs, assigned: as of `system`, of the end.
-        H: (6 + n + BODY_DOFS, same) the information at the end, out; its lower triangle.
+        costs: as of `system`, of the end.
         targets: as of `system`; they count in the first part `keep` of the iterations.
     """
     n = 6 + len(z)
     full = n + BODY_DOFS
-    g, M, d = np.empty(full), np.empty((full, full)), np.empty(full)
+    H, g, M, d = np.empty((full, full)), np.empty(full), np.empty((full, full)), np.empty(full)
     Ha, ga = np.empty((n, n)), np.empty(n)
     nowhere = np.full((5, 3), math.nan)
     which = np.zeros(len(points), np.int64)
@@ -742,13 +738,15 @@ def fit(
         f = 1.0 if last or iterations < 2 else max(loose * (1.0 - 1.5 * turn / (iterations - 1)), 1.0)
         f *= _JUDGED if last else 1.0
         now[0], now[1] = f * numbers[0], f * numbers[1]
+        # Edges tell where the flesh ends more sharply than points, but from afar they mislead.
+        now[3] = numbers[3] * (numbers[9] if 3 * turn >= 2 * iterations else 1.0)
         for i in range(full):
             g[i] = 0.0
             for k in range(full):
                 H[i, k] = 0.0
         system(
             digits, mirror, radii, palm, owners, columns, gains, rising, points, weights, which, picture, R, t, z, v,
-            now, H, g, costs, assigned, targets if turn < keep * iterations else nowhere,
+            now, H, g, costs, targets if turn < keep * iterations else nowhere,
         )  # fmt: skip
         for i in range(n):
             ga[i] = 0.0

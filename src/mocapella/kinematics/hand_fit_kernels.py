@@ -124,10 +124,9 @@ def _measured(digits, mirror, layout, points, information, columns, gains, R, t,
         if i < 5:
             digit_angles(z, columns, gains, i, q)
             digit_points(digits[i], mirror, q, x, axes)
-            n = _columns_of(i, 3, x, axes, columns, gains, J, at)
         else:
             x[3, 0], x[3, 1], x[3, 2] = mirror * layout[i - 5, 0], layout[i - 5, 1], layout[i - 5, 2]
-            n = _columns_of(-1, 3, x, axes, columns, gains, J, at)
+        n = _columns_of(i if i < 5 else -1, len(x) - 1, x, axes, columns, gains, J, at)
         dx, dy, dz = points[i, 0] - t[0], points[i, 1] - t[1], points[i, 2] - t[2]
         rx = R[0] * dx + R[3] * dy + R[6] * dz - x[3, 0]
         ry = R[1] * dx + R[4] * dy + R[7] * dz - x[3, 1]
@@ -376,12 +375,10 @@ def describe(
         digit, joint = (landmark - 1) // 4, (landmark - 1) % 4 if landmark > 0 else 0
         if landmark == 0:
             joints[0, 0] = joints[0, 1] = joints[0, 2] = 0.0
-            count = _columns_of(-1, 0, joints, axes, columns, gains, J, at)
-        else:
-            if joint == 0:
-                digit_angles(z, columns, gains, digit, q)
-                digit_points(digits[digit], mirror, q, joints, axes)
-            count = _columns_of(digit, joint, joints, axes, columns, gains, J, at)
+        elif joint == 0:
+            digit_angles(z, columns, gains, digit, q)
+            digit_points(digits[digit], mirror, q, joints, axes)
+        count = _columns_of(digit, joint, joints, axes, columns, gains, J, at)
         all_of, of_markers = 0.0, 0.0
         for c in range(3):
             x[landmark, c] = t[c]

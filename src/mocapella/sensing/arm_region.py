@@ -191,9 +191,10 @@ def others_edges(front: Float64, s: ArmRegionSettings) -> float:
     return float(kernels().others_edges(front, s.nearer_m))
 
 
-def palm_candidates(
-    depth: Float32, lens: Float64, s: ArmRegionSettings, most: int = 6, near: Float64 | None = None
-) -> list[PalmCandidate]:
+def palm_candidates(  # noqa: PLR0917 - of an image, in this order
+    depth: Float32, lens: Float64, s: ArmRegionSettings, most: int = 6, near: Float64 | None = None,
+    but: Float64 | None = None,
+) -> list[PalmCandidate]:  # fmt: skip
     """Where palms and fists may be, the likeliest first: middles of surfaces as wide as a palm, at the end of an arm.
 
     Args:
@@ -202,6 +203,7 @@ def palm_candidates(
         s: see there.
         most: so many at most.
         near: (3,) only those within 15 cm of a place [m].
+        but: (k, 4) not those within these balls [m].
     """
     grid = whole_grid(depth, lens, max(round(depth.shape[1] / s.columns), 1), s)
     k, (height, width) = kernels(), grid.seen.shape
@@ -217,6 +219,8 @@ def palm_candidates(
     for y, x in places:
         centre = _points(grid, np.array([y]), np.array([x]))[0]
         if near is not None and np.linalg.norm(centre - near) > _NEAR_M:
+            continue
+        if but is not None and (np.linalg.norm(but[:, :3] - centre, axis=1) < but[:, 3]).any():
             continue
         if all(np.linalg.norm(other.centre - centre) > 0.02 for _, other in found):
             candidate = _candidate(depth, lens, centre, float(inner[y, x]), finer)

@@ -39,8 +39,8 @@ def correct(positions, velocities, variances, seen_s, at_s, measured, measured_v
         seen_s[j] = at_s
         r = scale * measured_variance[j]
         if not np.isfinite(positions[j, 0]):
-            positions[j] = measured[j]
-            velocities[j] = 0.0
+            for k in range(3):
+                positions[j, k], velocities[j, k] = measured[j, k], 0.0
             variances[j, 0], variances[j, 1], variances[j, 2] = r, 0.0, speed_variance
             continue
         p, c, v = variances[j, 0], variances[j, 1], variances[j, 2]

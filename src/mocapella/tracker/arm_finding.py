@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mocapella.kinematics.arm_fit import ArmModel, ArmPose, Evidence, Fitted
 from mocapella.kinematics.arm_fit import kernels as fit_kernels
-from mocapella.model.arms import PALM
+from mocapella.model.arms import ELBOW, PALM
 from mocapella.model.hand import Handedness
 from mocapella.sensing.arm_region import (
     ArmRegionSettings,
@@ -57,9 +57,11 @@ class ArmFinder:
     believe: float
     gain: float
 
-    def candidates(self, depth: Float32, most: int = 6, near: Float64 | None = None) -> list[PalmCandidate]:
+    def candidates(
+        self, depth: Float32, most: int = 6, near: Float64 | None = None, but: Float64 | None = None
+    ) -> list[PalmCandidate]:
         """As `palm_candidates` says, of an image (height, width) [m]."""
-        return palm_candidates(depth, self.lens, self.settings, most, near)
+        return palm_candidates(depth, self.lens, self.settings, most, near, but)
 
     def region(self, depth: Float32, spheres: Float64) -> Region | None:
         """What may be an arm about spheres (k, 5) [m]; None where they are outside of the image or few points are."""
@@ -94,10 +96,17 @@ class ArmFinder:
 
     def overlap(self, one: Found, other: Found) -> bool:
         """Whether two are of one forearm or hand."""
-        a = self.models[one.side].spheres(one.fitted.pose)[:, :3]
-        b = self.models[other.side].spheres(other.fitted.pose)[:, :3]
-        near = np.linalg.norm(a[:, None] - b[None], axis=2).min(axis=1) < 0.04
-        return bool(near.mean() > 0.2)
+        a, b = (self.models[found.side].spheres(found.fitted.pose) for found in (one, other))
+        near = np.linalg.norm(a[:, None, :3] - b[None, :, :3], axis=2) < _OVERLAP_M
+        # What is taken for the hand and forearm of one may be the upper arm and elbow of the other.
+        elbows = [self.models[found.side].points(found.fitted.pose)[ELBOW] for found in (one, other)]
+        return float(np.linalg.norm(elbows[0] - elbows[1])) < _ELBOWS_M or any(
+            float(part.mean()) > share
+            for part, share in (
+                (near.any(axis=1), 0.2), (near.any(axis=0), 0.2),
+                (near[a[:, 4] == 0].any(axis=1), 0.5), (near[:, b[:, 4] == 0].any(axis=0), 0.5),
+            )
+        )  # fmt: skip
 
     def judged(self, depth: Float32, found: list[Found]) -> list[Found]:
         """The best first, by how well each explains what is around any of them."""
@@ -279,7 +288,9 @@ _SHIFTS_M: Final = (-0.03, 0.0, 0.03)
 SUREST: Final = 0.95
 """Nothing is said of a hand's side with more than this."""
 _SAME_M: Final = 0.10
-_POINTS: Final = 120
+_OVERLAP_M: Final = 0.05
+_ELBOWS_M: Final = 0.10
+_POINTS: Final = 90
 _ABOUT_M: Final = 0.16
 _REPAIRS: Final = 10
 _ROUNDS: Final = ((5, 250, 8, 2.0), (2, 400, 8, 1.5))

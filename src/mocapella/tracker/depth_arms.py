@@ -21,7 +21,7 @@ from mocapella.model.arms import PALM, SeenArm, SeenArms
 from mocapella.model.camera import Camera
 from mocapella.model.hand import Handedness, hand_model
 from mocapella.model.observations import JointState
-from mocapella.sensing.arm_region import ArmRegionSettings, PalmCandidate, Region
+from mocapella.sensing.arm_region import ArmRegionSettings, Region
 from mocapella.settings import check
 from mocapella.tracker.arm_finding import SUREST, ArmFinder, Found, cost_of, evidence_of
 
@@ -45,7 +45,8 @@ class DepthArmsSettings:
         look_again_after: images for which a hand is doubtful before it is looked for anew where it is, and twice as
             long each time that nothing better is found.
         firm: an arm whose cost was below this for some images is sure, and others are not looked for in its stead.
-        refuse_for: images for which a place is not looked at again, where no arm was.
+        refuse_for: images for which a place is not looked at again where no arm was; eight times as long while there is
+            an arm, and twice as long each time.
         lost_after: frames in a row that an arm may be doubtful.
         look_every: frames between two looks for further arms, while there is one.
         region, fit: of the steps.
@@ -61,9 +62,9 @@ class DepthArmsSettings:
     better: float = 0.93
     look_again_after: int = 12
     firm: float = 0.19
-    refuse_for: int = 60
+    refuse_for: int = 8
     lost_after: int = 3
-    look_every: int = 12
+    look_every: int = 20
     region: ArmRegionSettings = field(default_factory=ArmRegionSettings)
     fit: ArmFitSettings = field(default_factory=ArmFitSettings)
 
@@ -77,7 +78,7 @@ class DepthArmsSettings:
         check(0 < self.better <= 1, "better", self.better, "above 0, at most 1")
         check(0 < self.firm < 2, "firm", self.firm, "above 0, below 2")
         check(1 <= self.look_again_after <= 1000, "look_again_after", self.look_again_after, "1 to 1000")
-        check(0 <= self.refuse_for <= 100_000, "refuse_for", self.refuse_for, "0 to 100000")
+        check(1 <= self.refuse_for <= 100_000, "refuse_for", self.refuse_for, "1 to 100000")
         check(1 <= self.lost_after <= 1000, "lost_after", self.lost_after, "1 to 1000")
         check(1 <= self.look_every <= 1000, "look_every", self.look_every, "1 to 1000")
 
@@ -85,17 +86,26 @@ class DepthArmsSettings:
 class _Arm:
     """An arm that is followed."""
 
-    def __init__(self, number: int, side: Handedness, fitted: Fitted, at_s: float, wait: int) -> None:
-        self.id, self.side, self.fitted, self.at_s = number, side, fitted, at_s
+    def __init__(self, number: int, side: Handedness, model: ArmModel, fitted: Fitted, at_s: float, wait: int) -> None:  # noqa: PLR0917
+        self.id, self.side, self.model, self.fitted, self.at_s = number, side, model, fitted, at_s
         self.velocity = np.zeros(6 + len(fitted.pose.z))
         self.doubtful = self.in_doubt = self.firm = self.next_digit = 0
-        self.wait, self.sure = wait, SUREST
+        self.wait, self.sure, self.believed = wait, SUREST, False
         self.region: Region | None = None
 
     def moved(self, fitted: Fitted, dt: float) -> None:
         """Take in the pose of the next image."""
         self.velocity = 0.6 * _motion(self.fitted.pose, fitted.pose) / dt + 0.4 * self.velocity
         self.fitted = fitted
+
+
+@dataclass(eq=False)
+class _Refused:
+    """A place where no arm was."""
+
+    centre: Float64
+    wait: int
+    until: int = 0
 
 
 class DepthArms:
@@ -116,7 +126,7 @@ class DepthArms:
     def reset(self) -> None:
         """Forget everything, as if newly made."""
         self._arms: list[_Arm] = []
-        self._refused: list[tuple[Float64, int]] = []
+        self._refused: list[_Refused] = []
         self._frames = self._next_id = 0
 
     def update(self, depth: Float32, at_s: float) -> SeenArms:
@@ -134,8 +144,15 @@ class DepthArms:
         if firm < self.settings.arms and (not self._arms or self._frames % self.settings.look_every == 0):
             self._look(depth, at_s)
         self._frames += 1
-        told = tuple(self._told(arm) for arm in sorted(self._arms, key=lambda arm: arm.id))
+        told = tuple(self._told(arm) for arm in sorted(self._believed(), key=lambda arm: arm.id))
         return SeenArms(told, "" if told else self._reason(depth))
+
+    def _believed(self) -> list[_Arm]:
+        """The arm that fits best, and others that once fitted well."""
+        best = min(self._arms, key=lambda arm: arm.fitted.cost, default=None)
+        for arm in self._arms:
+            arm.believed |= arm is best or arm.fitted.cost < self.settings.firm
+        return [arm for arm in self._arms if arm.believed]
 
     def _reason(self, depth: Float32) -> str:
         s = self.settings.region
@@ -149,7 +166,7 @@ class DepthArms:
     # Following.
 
     def _follow(self, arm: _Arm, depth: Float32, at_s: float) -> bool:
-        model, s = self.models[arm.side], self.settings
+        model, s = arm.model, self.settings
         dt = max(at_s - arm.at_s, 1e-3)
         predicted = self._predicted(arm, model, dt)
         part = self.finder.region(depth, model.spheres(predicted))
@@ -172,7 +189,7 @@ class DepthArms:
         """Look for digits that fit better otherwise; look for the hand anew where it has been doubtful for long."""
         s = self.settings
         assert arm.region is not None
-        model, doubt = self.models[arm.side], arm.fitted.cost > s.doubt
+        model, doubt = arm.model, arm.fitted.cost > s.doubt
         evidence = evidence_of(arm.region, model, arm.fitted.pose, 250, 0.15)
         digits = range(5) if doubt else [(arm.next_digit + k) % 5 for k in range(s.digits)]
         arm.next_digit = (arm.next_digit + s.digits) % 5
@@ -190,7 +207,7 @@ class DepthArms:
                 self._change(arm, arm.side, other, depth)
         if arm.in_doubt >= arm.wait:
             arm.in_doubt, arm.wait = 0, min(2 * arm.wait, _LONGEST_WAIT)
-            centre = self.models[arm.side].points(arm.fitted.pose)[PALM]
+            centre = arm.model.points(arm.fitted.pose)[PALM]
             found = [
                 one
                 for candidate in self.finder.candidates(depth, 2, centre)
@@ -202,7 +219,7 @@ class DepthArms:
 
     def _change(self, arm: _Arm, side: Handedness, other: Fitted, depth: Float32) -> bool:
         """Take another pose for an arm, where it is still better when all points are looked at; whether it was."""
-        model, own = self.models[side], self.models[arm.side]
+        model, own = self.models[side], arm.model
         part = self.finder.region(depth, model.spheres(other.pose))
         if part is None:
             return False
@@ -211,7 +228,7 @@ class DepthArms:
         before = cost_of(own, arm.fitted.pose, evidence_of(part, own, arm.fitted.pose, beyond=0.15))
         if fitted.cost >= self.settings.better * before:
             return False
-        arm.fitted, arm.side, arm.region = fitted, side, part
+        arm.fitted, arm.side, arm.model, arm.region = fitted, side, model, part
         arm.velocity[6:] = 0.0
         return True
 
@@ -237,13 +254,12 @@ class DepthArms:
 
     def _look(self, depth: Float32, at_s: float) -> None:
         s = self.settings
-        self._refused = [(at, frame) for at, frame in self._refused if self._frames - frame < s.refuse_for]
-        candidates = [
-            candidate
-            for candidate in self.finder.candidates(depth)
-            if not any(self._same(arm, candidate) for arm in self._arms)
-            and not any(np.linalg.norm(candidate.centre - at) < _REFUSED_M for at, _ in self._refused)
-        ]
+        now = [place for place in self._refused if self._frames < place.until]
+        known = [self._hand(arm) for arm in self._arms]
+        known += [np.array([[*place.centre, _REFUSED_M]]) for place in now]
+        # One place at a time while there is an arm, which must not wait long.
+        most = 1 if self._arms else _PLACES
+        candidates = self.finder.candidates(depth, most, but=np.vstack(known) if known else None)
         found = [one for candidate in candidates for one in self.finder.best(depth, candidate)]
         for one in self.finder.judged(depth, self.finder.apart(found)):
             rivals = [arm for arm in self._arms if self.finder.overlap(Found(0.0, arm.side, arm.fitted), one)]
@@ -257,24 +273,40 @@ class DepthArms:
                     continue
             for arm in rivals:
                 self._arms.remove(arm)
-            arm = _Arm(self._next_id, one.side, one.fitted, at_s, s.look_again_after)
+            arm = _Arm(self._next_id, one.side, self.models[one.side], one.fitted, at_s, s.look_again_after)
             self._next_id += 1
             arm.region = self.finder.region(depth, self.models[one.side].spheres(one.fitted.pose))
             arm.sure = self.finder.sure(one, found)
             self._arms.append(arm)
+        hands = [self._hand(arm) for arm in self._arms]
         for candidate in candidates:
-            if self._arms and not any(self._same(arm, candidate) for arm in self._arms):
-                self._refused.append((candidate.centre, self._frames))
+            if not any(_within(candidate.centre, balls) for balls in hands):
+                self._refuse(candidate.centre)
 
-    def _same(self, arm: _Arm, candidate: PalmCandidate) -> bool:
-        spheres = self.models[arm.side].spheres(arm.fitted.pose)
-        spheres = spheres[spheres[:, 4] > 0]
-        return bool((np.linalg.norm(spheres[:, :3] - candidate.centre, axis=1) < spheres[:, 3] + 0.04).any())
+    @staticmethod
+    def _hand(arm: _Arm) -> Float64:
+        """(k, 4) balls about a hand [m], whose surface is no other hand's."""
+        balls = arm.model.spheres(arm.fitted.pose)
+        balls = balls[balls[:, 4] > 0, :4]
+        balls[:, 3] += _ABOUT_HAND_M
+        return balls
+
+    def _refuse(self, centre: Float64) -> None:
+        """Look at a place, where no arm was, ever more rarely."""
+        for place in self._refused:
+            if np.linalg.norm(place.centre - centre) < _REFUSED_M:
+                break
+        else:
+            place = _Refused(centre, self.settings.refuse_for * (_PATIENCE if self._arms else 1))
+            self._refused = [*self._refused[-_MOST_REFUSED:], place]
+        if place.until <= self._frames:  # several candidates may be of one place
+            place.until = self._frames + place.wait
+            place.wait = min(2 * place.wait, _LONGEST_REFUSED)
 
     # Telling.
 
     def _told(self, arm: _Arm) -> SeenArm:
-        model, pose = self.models[arm.side], arm.fitted.pose
+        model, pose = arm.model, arm.fitted.pose
         points = model.points(pose)
         seen = np.zeros(len(points), np.bool_)
         if arm.region is not None:
@@ -294,6 +326,11 @@ def _motion(before: ArmPose, after: ArmPose) -> Float64:
 
 _FIRM_AFTER: Final = 5
 _REFUSED_M: Final = 0.08
+_ABOUT_HAND_M: Final = 0.04
+_LONGEST_REFUSED: Final = 480
+_MOST_REFUSED: Final = 63
+_PLACES: Final = 6
+_PATIENCE: Final = 8
 _VISIBLE: Final = 0.05
 """So much of a landmark's flesh must be seen where it should be."""
 _SD_M: Final = (0.006, 0.02)
@@ -302,3 +339,7 @@ _MUCH_BETTER: Final = 0.7
 _LONGEST_WAIT: Final = 240
 _JUMP: Final = 1.25
 _EXCHANGED_EVERY: Final = 5
+
+
+def _within(point: Float64, balls: Float64) -> bool:
+    return bool((np.linalg.norm(balls[:, :3] - point, axis=1) < balls[:, 3]).any())

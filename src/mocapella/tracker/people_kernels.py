@@ -46,7 +46,8 @@ def prepare(
     for b in range(len(bodies)):
         move_points(T, bodies[b], world[b])
         for m in range(len(middle)):
-            middles[b, m] = world[b, middle[m]]
+            for k in range(3):
+                middles[b, m, k] = world[b, middle[m], k]
     if len(ends):
         measure(bodies, ends, lengths)
     expect(middle, at_s, now_s, positions, velocities, seen_s, forget_after_s, expected)
@@ -88,7 +89,7 @@ def expect(middle, at_s, now_s, positions, velocities, seen_s, forget_after_s, o
         for m in range(len(middle)):
             j = middle[m]
             if now_s - seen_s[r, j] > forget_after_s:
-                out[r, m] = np.nan
+                out[r, m, 0] = out[r, m, 1] = out[r, m, 2] = np.nan
             else:
                 for k in range(3):
                     out[r, m, k] = positions[r, j, k] + dt * velocities[r, j, k]
@@ -111,18 +112,19 @@ def bring(
             fading = np.exp(-dt / speed_memory_s)
             for j in range(len(seen_s[r])):
                 if now_s - seen_s[r, j] > view_age_s:
-                    velocities[r, j] *= fading
+                    for k in range(3):
+                        velocities[r, j, k] *= fading
 
 
 @njit(cache=True)
 def distance_of(joints):
     """From the origin to the middle of the joints that are seen [m]."""
-    middle, count = np.zeros(3), 0
+    x, y, z, count = 0.0, 0.0, 0.0, 0
     for j in range(len(joints)):
         if np.isfinite(joints[j, 0]):
-            middle += joints[j]
+            x, y, z = x + joints[j, 0], y + joints[j, 1], z + joints[j, 2]
             count += 1
-    return np.sqrt((middle**2).sum()) / max(count, 1)
+    return np.sqrt(x * x + y * y + z * z) / max(count, 1)
 
 
 @njit(cache=True)
@@ -157,9 +159,11 @@ def see(
                 view_noise[r, column],
             )  # fmt: skip
         view_at[r, column] = captured_s
-        view_positions[r, column] = seen[b]
-        view_bias[r, column] = bias[b]
-        view_states[r, column] = seen_states[b]
+        for j in range(seen.shape[1]):
+            view_states[r, column, j] = seen_states[b, j]
+            for k in range(3):
+                view_positions[r, column, j, k] = seen[b, j, k]
+                view_bias[r, column, j, k] = bias[b, j, k]
         sd = sd_at(fusion[0], distance_of(own_positions[b]), clipped[b], fusion[2])
         joint_variances(seen_states[b], sd, fusion[1], 0.0, view_variances[r, column])
         for j in range(view_noise.shape[2]):
@@ -253,7 +257,7 @@ def turn_views(
         if changed and sds[b] <= sure_sd:
             view_mirrored[r, column] = mirrored[b]
         changed = changed and view_mirrored[r, column] == mirrored[b]
-        if changed and np.sqrt((speeds[b] ** 2).sum()) < still_m_s:
+        if changed and np.sqrt(speeds[b, 0] ** 2 + speeds[b, 1] ** 2 + speeds[b, 2] ** 2) < still_m_s:
             view_offsets[r, column] = np.nan
         said = reported[b] + (np.pi if mirrored[b] != view_mirrored[r, column] else 0.0)
         for n in range(len(lines)):
@@ -293,8 +297,19 @@ def begin_offsets(offsets, view, expected):
     """Offsets (joints, 3) that are not known yet: with them, a view begins where the person is expected."""
     for j in range(len(offsets)):
         if np.isnan(offsets[j, 0]):
-            away = view[j] - expected[j]
-            offsets[j] = away if np.isfinite(away).all() else np.zeros(3)
+            x, y, z = view[j, 0] - expected[j, 0], view[j, 1] - expected[j, 1], view[j, 2] - expected[j, 2]
+            if not (np.isfinite(x) and np.isfinite(y) and np.isfinite(z)):
+                x, y, z = 0.0, 0.0, 0.0
+            offsets[j, 0], offsets[j, 1], offsets[j, 2] = x, y, z
+
+
+@njit(cache=True)
+def take_off(offsets, view, kept):
+    """Take a view's offsets (joints, 3) off it, and keep them."""
+    for j in range(len(offsets)):
+        for k in range(3):
+            kept[j, k] = offsets[j, k]
+            view[j, k] -= offsets[j, k]
 
 
 @njit(cache=True)
@@ -346,8 +361,7 @@ def make(
         step = 1.0 if offset_s == 0.0 else -np.expm1(-max(0.0, now_s - fused_s[r]) / offset_s)
         follow_offsets(offsets[:count], views[:count], measured[i], step)
         for n in range(count):
-            view_offsets[r, used[n]] = offsets[n]
-            views[n] -= offsets[n]
+            take_off(offsets[n], views[n], view_offsets[r, used[n]])
         fuse(views[:count], worth[:count], positions[r], doubts, nu, measured[i], measured_variances[i])
         # The views that are not of this frame were taken in before: their news is not counted twice.
         correct(
@@ -364,7 +378,11 @@ def make(
     infer(now_s, view_age_s, positions, states, view_at)
     for r in range(len(positions)):
         for j in range(joints):
-            steady[r, j] = positions[r, j]
+            steady[r, j, 0], steady[r, j, 1], steady[r, j, 2] = (
+                positions[r, j, 0],
+                positions[r, j, 1],
+                positions[r, j, 2],
+            )
             steady_variances[r, j] = variances[r, j, 0]
     return measured, measured_variances
 
@@ -404,8 +422,10 @@ def pose_people(rows, model, body, measured, measured_variances, at_s, steady, d
                 variances,
             )  # fmt: skip
         if known:
-            steady[r] = positions
-            doubts[r] = variances
+            for j in range(len(variances)):
+                doubts[r, j] = variances[j]
+                for k in range(3):
+                    steady[r, j, k] = positions[j, k]
 
 
 @njit(cache=True)
@@ -423,7 +443,8 @@ def smooth_people(
     for r in range(len(steady)):
         for j in range(steady.shape[1]):
             if at_s - euro_seen_s[r, j] <= view_age_s:
-                steady[r, j] = euro_positions[r, j]
+                for k in range(3):
+                    steady[r, j, k] = euro_positions[r, j, k]
 
 
 @njit(cache=True)

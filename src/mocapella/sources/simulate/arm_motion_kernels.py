@@ -167,6 +167,12 @@ def solve(H, more, g, M, x):
 
 
 @njit(cache=True)
+def _copy(one, other):
+    for k in range(len(one)):
+        other[k] = one[k]
+
+
+@njit(cache=True)
 def untangle(
     wished, start, digit_frames, which, bases, lengths, cones, limits, radii, palm_m, touch, allowed_m, angles
 ):  # fmt: skip
@@ -189,11 +195,11 @@ def untangle(
     for i in range(len(touch)):
         pulled += touch[i, 2]
     cost, before, damping, e, worst = -1.0, -1.0, 1e-3, 1e-5, 0.0
-    angles[:] = wished
+    _copy(wished, angles)
     limit(angles, which, cones, limits)
     # Step -1 looks whether all is well as wished, step 0 at the start; one after the other each derivative and step.
     step, column, tries = -1, n, 0
-    trial[:] = angles
+    _copy(angles, trial)
     while True:
         there = _residuals(
             trial, wished, digit_frames, which, bases, lengths, radii, palm_m, touch, allowed_m, bones, points, limbs, s
@@ -222,18 +228,20 @@ def untangle(
                 if there <= allowed_m and pulled == 0.0:
                     return there
                 step = 0
-                trial[:] = start
+                _copy(start, trial)
                 limit(trial, which, cones, limits)
                 continue
             if step == 0 or now < cost:
                 gained, before = cost - now, cost
-                angles[:], r[:], cost, worst = trial, s, now, there
+                _copy(trial, angles)
+                _copy(s, r)
+                cost, worst = now, there
                 damping = max(damping * 0.2, 1e-6)
                 if step == _STEPS or (step > 0 and gained < 1e-3 * before + 1e-9):
                     return worst
                 step += 1
                 column = 0
-                trial[:] = angles
+                _copy(angles, trial)
                 trial[0] += e
                 continue
             damping *= 8.0
