@@ -44,7 +44,8 @@ class DepthArmsSettings:
         better: another pose is taken when its cost is below this part of that of the arm's own.
         look_again_after: images for which a hand is doubtful before it is looked for anew where it is, and twice as
             long each time that nothing better is found.
-        firm: an arm whose cost was below this for some images is sure, and others are not looked for in its stead.
+        firm: an arm is told once its cost was below this; where it was so for some images, others are not looked for in
+            its stead.
         refuse_for: images for which a place is not looked at again where no arm was; eight times as long while there is
             an arm, and twice as long each time.
         lost_after: frames in a row that an arm may be doubtful.
@@ -148,10 +149,9 @@ class DepthArms:
         return SeenArms(told, "" if told else self._reason(depth))
 
     def _believed(self) -> list[_Arm]:
-        """The arm that fits best, and others that once fitted well."""
-        best = min(self._arms, key=lambda arm: arm.fitted.cost, default=None)
+        """Those that once fitted well."""
         for arm in self._arms:
-            arm.believed |= arm is best or arm.fitted.cost < self.settings.firm
+            arm.believed |= arm.fitted.cost < self.settings.firm
         return [arm for arm in self._arms if arm.believed]
 
     def _reason(self, depth: Float32) -> str:
@@ -161,7 +161,7 @@ class DepthArms:
             return "nothing was measured in the whole image"
         if not ((depth >= s.near_m) & (depth <= s.far_m)).any():
             return f"nothing is between {s.near_m:g} and {s.far_m:g} m"
-        return "no hand is seen"
+        return "what may be a hand does not fit one well" if self._arms else "no hand is seen"
 
     # Following.
 
