@@ -21,7 +21,7 @@ from mocapella.model.hand import DIGITS, TIPS
 from mocapella.sensing.arm_region import PalmCandidate
 from mocapella.sources.simulate.depth_scene import DepthShot, load_depth_scene
 from mocapella.tracker.arm_finding import ArmFinder
-from mocapella.tracker.depth_arms import DepthArms, DepthArmsSettings
+from mocapella.tracker.depth_arms import DepthArms, DepthArmsSettings, _sd_m
 
 ROOT = Path(__file__).resolve().parents[2]
 FRAMES = ROOT.parent / "shared" / "data" / "depth_hand_sr305" / "frames"
@@ -243,3 +243,12 @@ def test_settings_that_cannot_be_are_refused(name: str, values: tuple[Any, ...])
     for value in values:
         with pytest.raises(SettingsError, match="believe" if name == "keep" else name):
             replace(DepthArmsSettings(), **{name: value})
+
+
+def test_what_is_seen_well_in_a_good_fit_is_surest() -> None:
+    shown = np.array([0.9, 0.3, 0.1, *[0.0] * 20])
+    good, bad = _sd_m(shown, 0.06), _sd_m(shown, 0.3)
+    assert good[0] < good[1] < good[2] < good[3]
+    assert (bad >= good).all()
+    assert bad[0] == pytest.approx(0.0063, abs=1e-4)
+    assert good[4] == 0.024, "a hidden fingertip may be anywhere in its reach"
