@@ -247,8 +247,16 @@ class DepthArms:
         s = self.settings.fit
         rates = np.full(6 + len(predicted.z), np.radians(s.angle_rate_deg_s))
         rates[:3], rates[3:6] = s.palm_rate_m_s, np.radians(s.palm_rate_deg_s)
-        base = model.unexpected(predicted)
-        return replace(base, certainty=1.0 / (rates * dt) ** 2)
+        rates = np.clip(_MAY_CHANGE * np.abs(arm.velocity), _STILL * rates, rates)
+        base, before = model.unexpected(predicted), arm.fitted.pose.v.copy()
+        # Nobody grows while he is looked at. A forearm's length is told by that of the hand.
+        known = np.full(len(before), 1.0 / _SIZE_SD**2)
+        before[2] /= before[0]
+        known[2] /= model.forearm_m**2
+        known[4:10] = 1.0 / np.radians(_FOREARM_RATE_DEG_S * dt) ** 2
+        information = base.information + known
+        v = (base.information * base.v + known * before) / information
+        return replace(base, certainty=1.0 / (rates * dt) ** 2, v=v, information=information)
 
     # Finding.
 
@@ -349,6 +357,13 @@ _HIDDEN_SD_M[[*TIPS]] = 0.024
 """Of a coordinate of a landmark that is not seen."""
 _MUCH_BETTER: Final = 0.7
 _LONGEST_WAIT: Final = 240
+_SIZE_SD: Final = 0.03
+"""Of sizes from image to image."""
+_FOREARM_RATE_DEG_S: Final = 300.0
+_MAY_CHANGE: Final = 4.0
+"""In an image a motion may become so many times as fast …"""
+_STILL: Final = 0.1
+"""… or reach this part of what it may at most, where it is still: which calms a still hand."""
 _JUMP: Final = 1.25
 _EXCHANGED_EVERY: Final = 5
 
