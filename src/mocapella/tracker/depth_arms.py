@@ -142,7 +142,7 @@ class DepthArms:
             if not self._follow(arm, depth, at_s):
                 self._arms.remove(arm)
         firm = sum(arm.firm >= _FIRM_AFTER for arm in self._arms)
-        if firm < self.settings.arms and (not self._arms or self._frames % self.settings.look_every == 0):
+        if firm < self.settings.arms and (not self._believed() or self._frames % self.settings.look_every == 0):
             self._look(depth, at_s)
         self._frames += 1
         told = tuple(self._told(arm) for arm in sorted(self._believed(), key=lambda arm: arm.id))
@@ -266,7 +266,7 @@ class DepthArms:
         known = [self._hand(arm) for arm in self._arms]
         known += [np.array([[*place.centre, _REFUSED_M]]) for place in now]
         # One place at a time while there is an arm, which must not wait long.
-        most = 1 if self._arms else _PLACES
+        most = 1 if self._believed() else _PLACES
         candidates = self.finder.candidates(depth, most, but=np.vstack(known) if known else None)
         found = [one for candidate in candidates for one in self.finder.best(depth, candidate)]
         for one in self.finder.judged(depth, self.finder.apart(found)):
@@ -277,7 +277,8 @@ class DepthArms:
                     continue
             elif len(self._arms) == s.arms:  # one that was never sure makes room
                 rivals = [max(self._arms, key=lambda arm: (arm.firm < _FIRM_AFTER, arm.fitted.cost))]
-                if rivals[0].firm >= _FIRM_AFTER or _MUCH_BETTER * rivals[0].fitted.cost < one.cost:
+                most_cost = (_MUCH_BETTER if rivals[0].believed else 1.0) * rivals[0].fitted.cost
+                if rivals[0].firm >= _FIRM_AFTER or most_cost < one.cost:
                     continue
             for arm in rivals:
                 self._arms.remove(arm)
@@ -305,7 +306,7 @@ class DepthArms:
             if np.linalg.norm(place.centre - centre) < _REFUSED_M:
                 break
         else:
-            place = _Refused(centre, self.settings.refuse_for * (_PATIENCE if self._arms else 1))
+            place = _Refused(centre, self.settings.refuse_for * (_PATIENCE if self._believed() else 1))
             self._refused = [*self._refused[-_MOST_REFUSED:], place]
         if place.until <= self._frames:  # several candidates may be of one place
             place.until = self._frames + place.wait
