@@ -318,12 +318,9 @@ class ArmModel:
             pose: see there.
             beyond: how much those count that are farther away.
         """
-        x = (points - pose.t) @ pose.R.reshape(3, 3) / pose.v[0]
-        hand = ((x - [0.0, 0.0, 0.45 * self.length_m]) ** 2).sum(axis=1) < (0.85 * self.length_m) ** 2
-        along = x @ pose.v[4:7]
-        across = (x**2).sum(axis=1) - along**2
-        forearm = (along > 0) & (along < self.forearm_m + 0.05) & (across < 0.07**2)
-        return np.where(forearm, 0.5, np.where(hand, 1.0, beyond))
+        out = np.empty(len(points))
+        kernels().relevance(points, pose.R, pose.t, pose.v, self.length_m, self.forearm_m, beyond, out)
+        return out
 
     def pieces(self, pose: ArmPose) -> tuple[Float64, Float64]:
         """(k, PIECE) the flesh in the palm's frame, and (5, 4, 3) the digits' joints."""
@@ -349,11 +346,16 @@ class ArmModel:
         x[22] = (pose.v[2] + along) * f + behind * bent / max(float(np.linalg.norm(bent)), 0.3)
         return np.asarray(x @ pose.R.reshape(3, 3).T + pose.t)
 
-    def visible(self, pose: ArmPose, evidence: Evidence) -> Float64:
-        """(23,) which part of the flesh about each landmark, of what faces the camera, the image shows in its place."""
+    def visible(self, pose: ArmPose, front: Float64, lens: Float64) -> Float64:
+        """(23,) which part of the flesh about each landmark, of what faces the camera, the image shows in its place.
+
+        Args:
+            pose: see there.
+            front, lens: as of `Evidence`.
+        """
         out = np.empty(23)
         kernels().visible(
-            self.pieces(pose)[0], self._places, pose.R, pose.t, evidence.front, evidence.lens, _NEAR_M, out
+            self.pieces(pose)[0], self._places, pose.R, pose.t, front, lens, _NEAR_M, out
         )
         return out
 

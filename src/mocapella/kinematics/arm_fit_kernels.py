@@ -47,6 +47,7 @@ _MOST = 24  # dofs of one residual
 _UNMEASURED = 0.4  # of the cost of flesh where nothing was measured
 _JUDGED = 0.7  # of the robust scales, when what came out is judged
 _FAR_PX = 30  # edges farther away are not looked for
+_REST_M, _REST_RAD = 0.0002, 0.004  # a step of the fit that is smaller changes nothing
 _TARGET_SD = 0.004  # of a fingertip that was found as the end of a branch [m]
 
 
@@ -616,6 +617,24 @@ def swept(
 
 
 @njit(cache=True)
+def relevance(points, R, t, v, length, forearm, beyond, out):
+    """Write how much each point (m, 3) counts into out (m,); as `ArmModel.relevance` says."""
+    for i in range(len(points)):
+        X, Y, Z = points[i, 0] - t[0], points[i, 1] - t[1], points[i, 2] - t[2]
+        x = (R[0] * X + R[3] * Y + R[6] * Z) / v[SCALE]
+        y = (R[1] * X + R[4] * Y + R[7] * Z) / v[SCALE]
+        z = (R[2] * X + R[5] * Y + R[8] * Z) / v[SCALE]
+        along = x * v[FOREARM] + y * v[FOREARM + 1] + z * v[FOREARM + 2]
+        across = x * x + y * y + z * z - along * along
+        if 0.0 < along < forearm + 0.05 and across < 0.07**2:
+            out[i] = 0.5
+        elif x * x + y * y + (z - 0.45 * length) ** 2 < (0.85 * length) ** 2:
+            out[i] = 1.0
+        else:
+            out[i] = beyond
+
+
+@njit(cache=True)
 def visible(pieces, places, R, t, front, lens, near, out):
     """Write how much of the flesh about each place is seen where it should be, of what faces the camera, into out (k,).
 
@@ -722,7 +741,7 @@ def fit(
         certainty: (6 + n,) inverse variances of the palm's twist and of the angles about what was predicted.
         expected, information: (STATE,) of v, and inverse variances.
         loose: the robust scales begin so many times as wide, and narrow down to `numbers`.
-        iterations: that are made.
+        iterations: that are made at most.
         costs: as of `system`, of the end.
         targets: as of `system`; they count in the first part `keep` of the iterations.
     """
@@ -733,13 +752,14 @@ def fit(
     nowhere = np.full((5, 3), math.nan)
     which = np.zeros(len(points), np.int64)
     now, new_R = numbers.copy(), np.empty(9)
-    for turn in range(iterations + 1):
+    turn, sharp = 0, (2 * iterations + 2) // 3
+    while True:
         last = turn == iterations
         f = 1.0 if last or iterations < 2 else max(loose * (1.0 - 1.5 * turn / (iterations - 1)), 1.0)
         f *= _JUDGED if last else 1.0
         now[0], now[1] = f * numbers[0], f * numbers[1]
         # Edges tell where the flesh ends more sharply than points, but from afar they mislead.
-        now[3] = numbers[3] * (numbers[9] if 3 * turn >= 2 * iterations else 1.0)
+        now[3] = numbers[3] * (numbers[9] if turn >= sharp else 1.0)
         for i in range(full):
             g[i] = 0.0
             for k in range(full):
@@ -791,6 +811,9 @@ def fit(
         for k in range(5):
             v[DIGITS + k] = min(max(v[DIGITS + k] * math.exp(min(max(d[n + D_DIGITS + k], -0.1), 0.1)), 0.75), 1.3)
         within(digits, columns, gains, z, c_max)
+        # What rests needs no further steps of its kind.
+        rests = most < _REST_RAD and max(abs(d[0]), abs(d[1]), abs(d[2])) < _REST_M
+        turn = (sharp if turn < sharp else iterations) if rests else turn + 1
 
 
 @njit(cache=True)

@@ -202,7 +202,7 @@ def palm_candidates(  # noqa: PLR0917 - of an image, in this order
         lens: (4,) or (9,).
         s: see there.
         most: so many at most.
-        near: (3,) only those within 15 cm of a place [m].
+        near: (3,) or (k, 3) only those within 15 cm of a place [m].
         but: (k, 4) not those within these balls [m].
     """
     grid = whole_grid(depth, lens, max(round(depth.shape[1] / s.columns), 1), s)
@@ -218,7 +218,7 @@ def palm_candidates(  # noqa: PLR0917 - of an image, in this order
     found: list[tuple[float, PalmCandidate]] = []
     for y, x in places:
         centre = _points(grid, np.array([y]), np.array([x]))[0]
-        if near is not None and np.linalg.norm(centre - near) > _NEAR_M:
+        if near is not None and np.linalg.norm(near - centre, axis=-1).min() > _NEAR_M:
             continue
         if but is not None and (np.linalg.norm(but[:, :3] - centre, axis=1) < but[:, 3]).any():
             continue

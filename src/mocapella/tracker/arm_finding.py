@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Final, NamedTuple
@@ -70,6 +70,40 @@ class ArmFinder:
             return None
         part = region(grid, spheres, self.settings)
         return part if len(part.points) >= FEW_POINTS else None
+
+    def all_of(
+        self, depth: Float32, candidates: Iterable[PalmCandidate], most: int, good: float, enough: int
+    ) -> tuple[list[Found], list[PalmCandidate]]:
+        """What fits best at so many candidates, and which these were.
+
+        Those beside one that was looked at are left out, and those on an arm whose cost is below what is good; all that
+        are left when there are enough such arms.
+        """
+        found: list[Found] = []
+        tried: list[PalmCandidate] = []
+        arms: list[Float64] = []
+        for candidate in candidates:
+            centre = candidate.centre
+            if len(tried) == most or enough == 0:
+                break
+            if any(np.linalg.norm(other.centre - centre) < _BESIDE_M for other in tried):
+                continue
+            if any(within(centre, balls) for balls in arms):
+                continue
+            tried.append(candidate)
+            ones = self.best(depth, candidate)
+            found += ones
+            sure = [one for one in ones if one.cost < good]
+            arms += [self.models[one.side].spheres(one.fitted.pose) + _ABOUT_ARM for one in sure]
+            enough -= bool(sure)
+        return found, tried
+
+    def hand(self, side: Handedness, pose: ArmPose, about_m: float = 0.0) -> Float64:
+        """(k, 4) balls of a hand and so much about it, camera [m]."""
+        balls = self.models[side].spheres(pose)
+        balls = balls[balls[:, 4] > 0, :4]
+        balls[:, 3] += about_m
+        return balls
 
     def _palm(self, side: Handedness, fitted: Fitted) -> Float64:
         return np.asarray(self.models[side].points(fitted.pose)[PALM])
@@ -195,6 +229,11 @@ class ArmFinder:
         return Found(best.cost + _HIDDEN * hidden, found.side, best)
 
 
+def within(point: Float64, balls: Float64) -> bool:
+    """Whether a point (3,) is in any of some balls (k, 4) [m]."""
+    return bool((np.linalg.norm(balls[:, :3] - point, axis=1) < balls[:, 3]).any())
+
+
 def cost_of(model: ArmModel, pose: ArmPose, evidence: Evidence) -> float:
     """What a pose costs, as it is."""
     return model.fit(pose, model.unexpected(pose), evidence, iterations=0).cost
@@ -287,6 +326,8 @@ _SHIFTS_M: Final = (-0.03, 0.0, 0.03)
 
 SUREST: Final = 0.95
 """Nothing is said of a hand's side with more than this."""
+_BESIDE_M: Final = 0.03
+_ABOUT_ARM: Final = np.array([0.0, 0.0, 0.0, 0.02, 0.0])
 _SAME_M: Final = 0.10
 _OVERLAP_M: Final = 0.05
 _ELBOWS_M: Final = 0.10

@@ -22,8 +22,9 @@ from mocapella.model.camera import Camera
 from mocapella.model.hand import TIPS, Handedness, hand_model
 from mocapella.model.observations import JointState
 from mocapella.sensing.arm_region import ArmRegionSettings, Region
+from mocapella.sensing.nearer import Nearer
 from mocapella.settings import check
-from mocapella.tracker.arm_finding import SUREST, ArmFinder, Found, cost_of, evidence_of
+from mocapella.tracker.arm_finding import SUREST, ArmFinder, Found, cost_of, evidence_of, within
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -49,7 +50,8 @@ class DepthArmsSettings:
         refuse_for: images for which a place is not looked at again where no arm was; eight times as long while there is
             an arm, and twice as long each time.
         lost_after: frames in a row that an arm may be doubtful.
-        look_every: frames between two looks for further arms, while there is one.
+        look_every: frames between two looks for further arms where something came nearer, while there is one.
+        look_anyway_every: likewise where nothing did.
         region, fit: of the steps.
     """
 
@@ -66,6 +68,7 @@ class DepthArmsSettings:
     refuse_for: int = 8
     lost_after: int = 3
     look_every: int = 20
+    look_anyway_every: int = 150
     region: ArmRegionSettings = field(default_factory=ArmRegionSettings)
     fit: ArmFitSettings = field(default_factory=ArmFitSettings)
 
@@ -82,6 +85,7 @@ class DepthArmsSettings:
         check(1 <= self.refuse_for <= 100_000, "refuse_for", self.refuse_for, "1 to 100000")
         check(1 <= self.lost_after <= 1000, "lost_after", self.lost_after, "1 to 1000")
         check(1 <= self.look_every <= 1000, "look_every", self.look_every, "1 to 1000")
+        check(1 <= self.look_anyway_every <= 100_000, "look_anyway_every", self.look_anyway_every, "1 to 100000")
 
 
 class _Arm:
@@ -129,6 +133,7 @@ class DepthArms:
         self._arms: list[_Arm] = []
         self._refused: list[_Refused] = []
         self._frames = self._next_id = 0
+        self._nearer = Nearer(self.finder.lens, self.settings.region)
 
     def update(self, depth: Float32, at_s: float) -> SeenArms:
         """As `ArmMethod.update` says."""
@@ -141,9 +146,7 @@ class DepthArms:
         for arm in list(self._arms):
             if not self._follow(arm, depth, at_s):
                 self._arms.remove(arm)
-        firm = sum(arm.firm >= _FIRM_AFTER for arm in self._arms)
-        if firm < self.settings.arms and (not self._believed() or self._frames % self.settings.look_every == 0):
-            self._look(depth, at_s)
+        self._look(depth, at_s)
         self._frames += 1
         told = tuple(self._told(arm) for arm in sorted(self._believed(), key=lambda arm: arm.id))
         return SeenArms(told, "" if told else self._reason(depth))
@@ -261,14 +264,29 @@ class DepthArms:
     # Finding.
 
     def _look(self, depth: Float32, at_s: float) -> None:
+        """Look for further arms: all places where there is none; else where something came nearer, one at a time."""
         s = self.settings
+        firm = sum(arm.firm >= _FIRM_AFTER for arm in self._arms)
+        if firm >= s.arms:
+            return
+        near, most = None, _PLACES
+        if self._believed():
+            most = 1
+            if firm and self._frames % s.look_anyway_every:
+                if self._frames % s.look_every:
+                    return
+                near = self._nearer.places(depth, (arm.model.spheres(arm.fitted.pose) for arm in self._arms))
+                if not len(near):
+                    return
+            elif self._frames % s.look_every:
+                return
         now = [place for place in self._refused if self._frames < place.until]
         known = [self._hand(arm) for arm in self._arms]
         known += [np.array([[*place.centre, _REFUSED_M]]) for place in now]
-        # One place at a time while there is an arm, which must not wait long.
-        most = 1 if self._believed() else _PLACES
-        candidates = self.finder.candidates(depth, most, but=np.vstack(known) if known else None)
-        found = [one for candidate in candidates for one in self.finder.best(depth, candidate)]
+        candidates = self.finder.candidates(depth, _CANDIDATES, near, np.vstack(known) if known else None)
+        found, tried = self.finder.all_of(depth, candidates, most, s.doubt, s.arms - firm)
+        if len(tried) < most or most > 1:
+            self._nearer.looked(depth)
         for one in self.finder.judged(depth, self.finder.apart(found)):
             rivals = [arm for arm in self._arms if self.finder.overlap(Found(0.0, arm.side, arm.fitted), one)]
             if rivals:  # the same arm, from its other end
@@ -288,17 +306,13 @@ class DepthArms:
             arm.sure = self.finder.sure(one, found)
             self._arms.append(arm)
         hands = [self._hand(arm) for arm in self._arms]
-        for candidate in candidates:
-            if not any(_within(candidate.centre, balls) for balls in hands):
+        for candidate in tried:
+            if not any(within(candidate.centre, balls) for balls in hands):
                 self._refuse(candidate.centre)
 
-    @staticmethod
-    def _hand(arm: _Arm) -> Float64:
+    def _hand(self, arm: _Arm) -> Float64:
         """(k, 4) balls about a hand [m], whose surface is no other hand's."""
-        balls = arm.model.spheres(arm.fitted.pose)
-        balls = balls[balls[:, 4] > 0, :4]
-        balls[:, 3] += _ABOUT_HAND_M
-        return balls
+        return self.finder.hand(arm.side, arm.fitted.pose, _ABOUT_HAND_M)
 
     def _refuse(self, centre: Float64) -> None:
         """Look at a place, where no arm was, ever more rarely."""
@@ -319,7 +333,7 @@ class DepthArms:
         points = model.points(pose)
         shown = np.zeros(len(points))
         if arm.region is not None:
-            shown = model.visible(pose, evidence_of(arm.region, model, pose))
+            shown = model.visible(pose, arm.region.front, arm.region.lens)
         states = np.where(shown > _VISIBLE, JointState.TRACKED, JointState.INFERRED).astype(np.uint8)
         sd = _sd_m(shown, arm.fitted.cost).astype(np.float32)
         return SeenArm(
@@ -349,7 +363,8 @@ _REFUSED_M: Final = 0.08
 _ABOUT_HAND_M: Final = 0.04
 _LONGEST_REFUSED: Final = 480
 _MOST_REFUSED: Final = 63
-_PLACES: Final = 6
+_PLACES: Final = 8
+_CANDIDATES: Final = 24
 _PATIENCE: Final = 8
 _VISIBLE: Final = 0.05
 """So much of a landmark's flesh must be seen where it should be."""
@@ -368,6 +383,3 @@ _STILL: Final = 0.1
 _JUMP: Final = 1.25
 _EXCHANGED_EVERY: Final = 5
 
-
-def _within(point: Float64, balls: Float64) -> bool:
-    return bool((np.linalg.norm(balls[:, :3] - point, axis=1) < balls[:, 3]).any())
