@@ -229,6 +229,19 @@ class ArmModel:
         information[10:] = self.sizes[10:]
         return Expected(pose, np.zeros(6 + len(self.natural)), v, information)
 
+    def rigid(self, pose: ArmPose, sd: float) -> Expected:
+        """What is believed of an arm that may be anywhere, of known size, whose hand keeps its posture but for so much.
+
+        Args:
+            pose: see there.
+            sd: of an angle [rad], and of sizes.
+        """
+        base = self.unexpected(pose)
+        certainty, v, information = base.certainty.copy(), pose.v.copy(), base.information.copy()
+        certainty[6:] = information[:2] = information[3] = information[10:] = 1 / sd**2
+        v[2] /= v[0]  # a forearm's length is told by that of the hand
+        return replace(base, certainty=certainty, v=v, information=information)
+
     def fit(
         self, start: ArmPose, expected: Expected, evidence: Evidence, *, iterations: int | None = None,
         loose: float | None = None, tips: Float64 | None = None, keep: float = 0.67,
@@ -304,6 +317,21 @@ class ArmModel:
                 for c, row in zip(columns, held[list(order)], strict=True):
                     z[c] = row
                 yield pose._replace(z=z)
+
+    def alike(self, pose: ArmPose) -> Iterator[ArmPose]:
+        """The poses in which all fingers are bent alike, from straight to a fist, and spread or turned as they are."""
+        for flexion, middle in _ALIKE_DEG:
+            z = pose.z.copy()
+            for digit in range(1, 5):
+                self.hold(z, digit, flexion, None, middle)
+            yield pose._replace(z=z)
+
+    def hold(self, z: Float64, digit: int, flexion: float, abduction: float | None, middle: float) -> None:  # noqa: PLR0917
+        """Write how a digit is held [degrees] into free angles z (n,); the last joint's flexion follows the middle's."""
+        columns = self.columns[digit]
+        for k, value in ((0, flexion), (1, abduction), (2, middle), (3, middle * self.model.coupling[digit])):
+            if columns[k] >= 0 and value is not None:
+                z[columns[k]] = np.radians(value)
 
     def spheres(self, pose: ArmPose, spacing_m: float = 0.025) -> Float64:
         """(k, 5) balls along the flesh, camera [m], and 1 for the hand's, 0 for the arm's."""
@@ -386,6 +414,7 @@ def _ways(model: HandModel, digit: int) -> Float64:
 _HABITS: Final = replace(HandSettings(), flexion_sd_deg=120.0, abduction_sd_deg=12.0, thumb_sd_deg=25.0)
 _NEAR_M: Final = 0.015
 _UNLIKE: Final = np.radians(40)
+_ALIKE_DEG: Final = ((-5, 5), (15, 30), (40, 40), (20, 80), (65, 70), (85, 100))
 _NOWHERE: Final = np.full((5, 3), np.nan)
 
 

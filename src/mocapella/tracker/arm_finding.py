@@ -345,14 +345,7 @@ _MUCH_BETTER: Final = 0.7
 def _posed(model: ArmModel, flexions: tuple[tuple[int, int, int], ...]) -> Float64:
     z = model.natural.copy()
     for digit, held in enumerate(flexions):
-        _bend(model, z, digit, *held)
+        model.hold(z, digit, *held)
     fit_kernels().within(model.digits, model.columns, model.gains, z, model.c_max)
     return z
 
-
-def _bend(model: ArmModel, z: Float64, digit: int, flexion: float, abduction: float, middle: float) -> None:  # noqa: PLR0917
-    """Hold a digit so [degrees]."""
-    columns = model.columns[digit]
-    for k, value in ((0, flexion), (1, abduction), (2, middle), (3, middle * model.model.coupling[digit])):
-        if columns[k] >= 0:
-            z[columns[k]] = np.radians(value)

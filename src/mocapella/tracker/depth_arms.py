@@ -177,10 +177,13 @@ class DepthArms:
             return False
         fitted = model.fit(predicted, self._expected(model, arm, predicted, dt), evidence_of(part, model, predicted))
         if fitted.cost > _JUMP * arm.fitted.cost:  # it turned, or stopped: not as was predicted
-            starts = [arm.fitted.pose, ArmPose(arm.fitted.pose.R, predicted.t, arm.fitted.pose.z, arm.fitted.pose.v)]
-            evidence = evidence_of(part, model, predicted)
-            others = [model.fit(start, model.unexpected(start), evidence, loose=3.0) for start in starts]
-            fitted = min([fitted, *others], key=lambda other: other.cost)
+            # The palm may be anywhere, but in the time of an image the hand's posture hardly changes.
+            starts = [predicted, arm.fitted.pose, *(predicted._replace(t=predicted.t + shift) for shift in _SHIFTS_M)]
+            few, all_ = (evidence_of(part, model, predicted, most) for most in (_FEW, 10_000))
+            others = [model.fit(start, model.rigid(start, _POSTURE_SD), few, iterations=_COARSELY, loose=4.0) for start in starts]
+            other = min(others, key=lambda other: other.cost)
+            other = model.fit(other.pose, model.unexpected(other.pose), all_, iterations=4, loose=1.0)
+            fitted = min(fitted, other, key=lambda other: other.cost)
         arm.moved(fitted, dt)
         arm.at_s, arm.region = at_s, part
         self._search(arm, depth)
@@ -201,11 +204,12 @@ class DepthArms:
         )
         starts = [start] if gain > s.gain else []
         arm.in_doubt = arm.in_doubt + 1 if doubt else 0
-        if doubt and arm.in_doubt % _EXCHANGED_EVERY == 0:
-            starts += model.exchanged(arm.fitted.pose)
+        if doubt:
+            others = [*model.exchanged(arm.fitted.pose), *model.alike(arm.fitted.pose)]
+            starts += sorted(others, key=lambda pose: cost_of(model, pose, evidence))[:_TRIED]
         if starts:
-            others = [model.fit(start, model.unexpected(start), evidence, iterations=5, loose=2.0) for start in starts]
-            other = min(others, key=lambda other: other.cost)
+            fits = [model.fit(start, model.unexpected(start), evidence, iterations=5, loose=2.0) for start in starts]
+            other = min(fits, key=lambda other: other.cost)
             if other.cost < s.better * cost_of(model, arm.fitted.pose, evidence):
                 self._change(arm, arm.side, other, depth)
         if arm.in_doubt >= arm.wait:
@@ -381,5 +385,9 @@ _MAY_CHANGE: Final = 4.0
 _STILL: Final = 0.1
 """… or reach this part of what it may at most, where it is still: which calms a still hand."""
 _JUMP: Final = 1.25
-_EXCHANGED_EVERY: Final = 5
+_FEW: Final = 250
+_COARSELY: Final = 6
+_SHIFTS_M: Final = 0.035 * np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
+_POSTURE_SD: Final = np.radians(1)
+_TRIED: Final = 2
 
