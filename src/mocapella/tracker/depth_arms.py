@@ -175,15 +175,19 @@ class DepthArms:
         part = self.finder.region(depth, model.spheres(predicted))
         if part is None:
             return False
-        fitted = model.fit(predicted, self._expected(model, arm, predicted, dt), evidence_of(part, model, predicted))
+        expected = self._expected(model, arm, predicted, dt)
+        fitted = model.fit(predicted, expected, evidence_of(part, model, predicted))
         if fitted.cost > _JUMP * arm.fitted.cost:  # it turned, or stopped: not as was predicted
             # The palm may be anywhere, but in the time of an image the hand's posture hardly changes.
             starts = [predicted, arm.fitted.pose, *(predicted._replace(t=predicted.t + shift) for shift in _SHIFTS_M)]
             few, all_ = (evidence_of(part, model, predicted, most) for most in (_FEW, 10_000))
             others = [model.fit(start, model.rigid(start, _POSTURE_SD), few, iterations=_COARSELY, loose=4.0) for start in starts]
             other = min(others, key=lambda other: other.cost)
-            other = model.fit(other.pose, model.unexpected(other.pose), all_, iterations=4, loose=1.0)
-            fitted = min(fitted, other, key=lambda other: other.cost)
+            certainty = expected.certainty.copy()
+            certainty[:6] = 0.0
+            other = model.fit(other.pose, replace(expected, certainty=certainty), all_, iterations=4, loose=1.0)
+            if other.cost < _MARGIN * fitted.cost:
+                fitted = other
         arm.moved(fitted, dt)
         arm.at_s, arm.region = at_s, part
         self._search(arm, depth)
@@ -386,6 +390,7 @@ _STILL: Final = 0.1
 """… or reach this part of what it may at most, where it is still: which calms a still hand."""
 _JUMP: Final = 1.25
 _FEW: Final = 250
+_MARGIN: Final = 0.93
 _COARSELY: Final = 6
 _SHIFTS_M: Final = 0.035 * np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
 _POSTURE_SD: Final = np.radians(1)
