@@ -76,7 +76,7 @@ class ArmFinder:
     ) -> tuple[list[Found], list[PalmCandidate]]:
         """What fits best at so many candidates, and which these were.
 
-        Those beside one that was looked at are left out, and those on an arm whose cost is below what is good; all that
+        Those beside two that were looked at are left out, and those on an arm whose cost is below what is good; all that
         are left when there are enough such arms.
         """
         found: list[Found] = []
@@ -86,7 +86,7 @@ class ArmFinder:
             centre = candidate.centre
             if len(tried) == most or enough == 0:
                 break
-            if any(np.linalg.norm(other.centre - centre) < _BESIDE_M for other in tried):
+            if sum(np.linalg.norm(other.centre - centre) < _BESIDE_M for other in tried) == _TRIES:
                 continue
             if any(within(centre, balls) for balls in arms):
                 continue
@@ -326,7 +326,8 @@ _SHIFTS_M: Final = (-0.03, 0.0, 0.03)
 
 SUREST: Final = 0.95
 """Nothing is said of a hand's side with more than this."""
-_BESIDE_M: Final = 0.03
+_BESIDE_M: Final = 0.04
+_TRIES: Final = 2
 _ABOUT_ARM: Final = np.array([0.0, 0.0, 0.0, 0.02, 0.0])
 _SAME_M: Final = 0.10
 _OVERLAP_M: Final = 0.05
