@@ -635,10 +635,22 @@ def relevance(points, R, t, v, length, forearm, beyond, out):
 
 
 @njit(cache=True)
+def _shows(front, lens, X, Y, Z, near):
+    """Whether an image's surface is near a point in its place, or a pixel beside it."""
+    column, line = int(lens[0] * X / Z + lens[2] + 0.5), int(lens[1] * Y / Z + lens[3] + 0.5)
+    for i in range(max(line - 1, 0), min(line + 2, front.shape[0])):
+        for j in range(max(column - 1, 0), min(column + 2, front.shape[1])):
+            if abs(front[i, j] - Z) < near:
+                return True
+    return False
+
+
+@njit(cache=True)
 def visible(pieces, places, R, t, front, lens, near, out):
     """Write how much of the flesh about each place is seen where it should be, of what faces the camera, into out (k,).
 
-    The flesh's surface is looked at in rings about its axis: before the place, at it, and at its end beyond it.
+    The flesh's surface is looked at in rings about its axis: before the place, at it and beyond it; where a finger ends,
+    before it and on the round end.
 
     Args:
         pieces: of `flesh`.
@@ -650,17 +662,20 @@ def visible(pieces, places, R, t, front, lens, near, out):
         r = p[RA] + f * (p[RB] - p[RA])
         ax, ay, az = _across(p[U], p[U + 1], p[U + 2])
         bx, by, bz = p[U + 1] * az - p[U + 2] * ay, p[U + 2] * ax - p[U] * az, p[U] * ay - p[U + 1] * ax
-        facing, agree = 0, 0
-        for ring in range(3):
-            along = f * p[LENGTH] + (ring - 1) * (r if places[i, 2] == 0.0 else 0.7 * r)
-            tilt = 0.7 if places[i, 2] > 0.0 and ring == 2 else 0.0
-            if tilt > 0.0:
-                along = f * p[LENGTH]
+        facing, agree, ends = 0, 0, places[i, 2] > 0.0
+        for ring in range(5 if ends else 3):
+            along, sine = f * p[LENGTH] + (ring - 1) * r, 0.0
+            if ends:
+                along = f * p[LENGTH] + min(0.5 * ring - 1.0, 0.0) * r
+                sine = 0.0 if ring < 3 else (0.5 if ring == 3 else 0.9)
+            cosine = math.sqrt(1.0 - sine * sine)
             for k in range(12):
-                c, s = math.cos(k * math.pi / 6), math.sin(k * math.pi / 6)
-                nx = math.sqrt(1.0 - tilt * tilt) * (c * ax + s * bx) + tilt * p[U]
-                ny = math.sqrt(1.0 - tilt * tilt) * (c * ay + s * by) + tilt * p[U + 1]
-                nz = math.sqrt(1.0 - tilt * tilt) * (c * az + s * bz) + tilt * p[U + 2]
+                c, s = cosine * math.cos(k * math.pi / 6), cosine * math.sin(k * math.pi / 6)
+                nx, ny, nz = (
+                    c * ax + s * bx + sine * p[U],
+                    c * ay + s * by + sine * p[U + 1],
+                    c * az + s * bz + sine * p[U + 2],
+                )
                 x, y, w = (
                     p[A] + along * p[U] + r * nx,
                     p[A + 1] + along * p[U + 1] + r * ny,
@@ -674,9 +689,7 @@ def visible(pieces, places, R, t, front, lens, near, out):
                 if Z < 0.05 or away > -0.1 * math.sqrt(X * X + Y * Y + Z * Z):
                     continue
                 facing += 1
-                column, line = int(lens[0] * X / Z + lens[2] + 0.5), int(lens[1] * Y / Z + lens[3] + 0.5)
-                if 0 <= line < front.shape[0] and 0 <= column < front.shape[1]:
-                    agree += abs(front[line, column] - Z) < near
+                agree += _shows(front, lens, X, Y, Z, near)
         out[i] = agree / max(facing, 1)
 
 

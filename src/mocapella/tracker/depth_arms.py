@@ -374,7 +374,7 @@ _MOST_REFUSED: Final = 63
 _PLACES: Final = 8
 _CANDIDATES: Final = 24
 _PATIENCE: Final = 8
-_VISIBLE: Final = 0.05
+_VISIBLE: Final = 0.1
 """So much of a landmark's flesh must be seen where it should be."""
 _HIDDEN_SD_M: Final = np.full(23, 0.011)
 _HIDDEN_SD_M[[*TIPS]] = 0.024
