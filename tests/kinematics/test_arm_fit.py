@@ -485,12 +485,12 @@ def test_fingers_that_are_bent_unlike_are_exchanged_and_others_are_not() -> None
 @pytest.mark.parametrize("side", SIDES)
 def test_landmarks_are_visible_where_their_flesh_is_seen(side: Handedness) -> None:
     model, true, _, evidence = seen(3, side, 1.0)
-    shown = model.visible(true, evidence)
+    shown = model.visible(true, evidence.front, evidence.lens)
     assert (shown[[TIPS[1], TIPS[2], TIPS[4], 9]] > 0.1).all()
     assert np.median(shown) > 0.5
     behind = evidence._replace(front=np.where(evidence.front > 0, 0.3, -0.3))
-    assert (model.visible(true, behind) == 0).all()
-    assert (model.visible(true._replace(t=true.t + np.array([5.0, 0, 0])), evidence) == 0).all()
+    assert (model.visible(true, behind.front, behind.lens) == 0).all()
+    assert (model.visible(true._replace(t=true.t + np.array([5.0, 0, 0])), evidence.front, evidence.lens) == 0).all()
 
 
 def test_what_other_things_hide_is_told() -> None:

@@ -326,8 +326,8 @@ class ArmModel:
                 self.hold(z, digit, flexion, None, middle)
             yield pose._replace(z=z)
 
-    def hold(self, z: Float64, digit: int, flexion: float, abduction: float | None, middle: float) -> None:  # noqa: PLR0917
-        """Write how a digit is held [degrees] into free angles z (n,); the last joint's flexion follows the middle's."""
+    def hold(self, z: Float64, digit: int, flexion: float, abduction: float | None, middle: float) -> None:
+        """Write how a digit is held [degrees] into free angles z (n,); its last joint follows the one before."""
         columns = self.columns[digit]
         for k, value in ((0, flexion), (1, abduction), (2, middle), (3, middle * self.model.coupling[digit])):
             if columns[k] >= 0 and value is not None:
@@ -382,9 +382,7 @@ class ArmModel:
             front, lens: as of `Evidence`.
         """
         out = np.empty(23)
-        kernels().visible(
-            self.pieces(pose)[0], self._places, pose.R, pose.t, front, lens, _NEAR_M, out
-        )
+        kernels().visible(self.pieces(pose)[0], self._places, pose.R, pose.t, front, lens, _NEAR_M, out)
         return out
 
     def angles(self, pose: ArmPose) -> Float64:

@@ -649,8 +649,8 @@ def _shows(front, lens, X, Y, Z, near):
 def visible(pieces, places, R, t, front, lens, near, out):
     """Write how much of the flesh about each place is seen where it should be, of what faces the camera, into out (k,).
 
-    The flesh's surface is looked at in rings about its axis: before the place, at it and beyond it; where a finger ends,
-    before it and on the round end.
+    The flesh's surface is looked at in rings about its axis: before the place, at it and beyond it; where a finger
+    ends, before it and on the round end.
 
     Args:
         pieces: of `flesh`.

@@ -76,8 +76,8 @@ class ArmFinder:
     ) -> tuple[list[Found], list[PalmCandidate]]:
         """What fits best at so many candidates, and which these were.
 
-        Those beside two that were looked at are left out, and those on an arm whose cost is below what is good; all that
-        are left when there are enough such arms.
+        Those beside two that were looked at are left out, and those on an arm whose cost is below what is good, and all
+        others once there are enough such arms.
         """
         found: list[Found] = []
         tried: list[PalmCandidate] = []
@@ -340,7 +340,6 @@ _ROUNDS: Final = ((5, 250, 8, 2.0), (2, 400, 8, 1.5))
 _HOPELESS: Final = 0.4
 _HIDDEN: Final = 0.3
 """An arm that is all but hidden is none, when it is first seen."""
-_MUCH_BETTER: Final = 0.7
 
 
 def _posed(model: ArmModel, flexions: tuple[tuple[int, int, int], ...]) -> Float64:
@@ -349,4 +348,3 @@ def _posed(model: ArmModel, flexions: tuple[tuple[int, int, int], ...]) -> Float
         model.hold(z, digit, *held)
     fit_kernels().within(model.digits, model.columns, model.gains, z, model.c_max)
     return z
-

@@ -140,7 +140,8 @@ class DepthArms:
         width, height = self.camera.size_px
         if depth.shape != (height, width):
             raise SettingsError(
-                f"a depth image of {depth.shape[::-1]}; camera {self.camera.name} has {(width, height)}"
+                f"the depth image is {depth.shape[1]} × {depth.shape[0]}; "
+                f"camera {self.camera.name} has {width} × {height} px"
             )
         depth = np.ascontiguousarray(depth, dtype=np.float32)
         for arm in list(self._arms):
@@ -171,50 +172,65 @@ class DepthArms:
     def _follow(self, arm: _Arm, depth: Float32, at_s: float) -> bool:
         model, s = arm.model, self.settings
         dt = max(at_s - arm.at_s, 1e-3)
-        predicted = self._predicted(arm, model, dt)
+        predicted = self._predicted(arm, dt)
         part = self.finder.region(depth, model.spheres(predicted))
         if part is None:
             return False
-        expected = self._expected(model, arm, predicted, dt)
+        expected = self._expected(arm, predicted, dt)
         fitted = model.fit(predicted, expected, evidence_of(part, model, predicted))
-        if fitted.cost > _JUMP * arm.fitted.cost:  # it turned, or stopped: not as was predicted
-            # The palm may be anywhere, but in the time of an image the hand's posture hardly changes.
-            starts = [predicted, arm.fitted.pose, *(predicted._replace(t=predicted.t + shift) for shift in _SHIFTS_M)]
-            few, all_ = (evidence_of(part, model, predicted, most) for most in (_FEW, 10_000))
-            others = [model.fit(start, model.rigid(start, _POSTURE_SD), few, iterations=_COARSELY, loose=4.0) for start in starts]
-            other = min(others, key=lambda other: other.cost)
-            certainty = expected.certainty.copy()
-            certainty[:6] = 0.0
-            other = model.fit(other.pose, replace(expected, certainty=certainty), all_, iterations=4, loose=1.0)
-            if other.cost < _MARGIN * fitted.cost:
-                fitted = other
+        jumped = fitted.cost > _JUMP * arm.fitted.cost  # it turned, or stopped: not as was predicted
+        if jumped:
+            fitted = self._elsewhere(arm, fitted, predicted, expected, part)
         arm.moved(fitted, dt)
         arm.at_s, arm.region = at_s, part
-        self._search(arm, depth)
+        if not jumped or fitted.cost > s.doubt:  # no image should take too long
+            self._search(arm, depth)
         arm.doubtful = arm.doubtful + 1 if arm.fitted.cost > s.keep else 0
         arm.firm = min(arm.firm + 1, _FIRM_AFTER) if arm.fitted.cost < s.firm else max(arm.firm - 1, 0)
         return arm.doubtful < s.lost_after
+
+    @staticmethod
+    def _elsewhere(arm: _Arm, fitted: Fitted, predicted: ArmPose, expected: Expected, part: Region) -> Fitted:
+        """A better fit than one, of a hand that is anywhere about: in so short a time its posture hardly changes."""
+        model = arm.model
+        few = evidence_of(part, model, predicted, _FEW)
+
+        def rigid(starts: list[ArmPose]) -> list[Fitted]:
+            return [
+                model.fit(pose, model.rigid(pose, _POSTURE_SD), few, iterations=_COARSELY, loose=4.0) for pose in starts
+            ]
+
+        others = rigid([predicted, arm.fitted.pose])
+        if min(other.cost for other in others) > _JUMP * arm.fitted.cost:
+            others += rigid([predicted._replace(t=predicted.t + shift) for shift in _SHIFTS_M])
+        best = min(others, key=lambda other: other.cost)
+        certainty = expected.certainty.copy()
+        certainty[:6] = 0.0
+        expected, evidence = replace(expected, certainty=certainty), evidence_of(part, model, predicted)
+        other = model.fit(best.pose, expected, evidence, iterations=4, loose=1.0)
+        return other if other.cost < _MARGIN * fitted.cost else fitted
 
     def _search(self, arm: _Arm, depth: Float32) -> None:
         """Look for digits that fit better otherwise; look for the hand anew where it has been doubtful for long."""
         s = self.settings
         assert arm.region is not None
-        model, doubt = arm.model, arm.fitted.cost > s.doubt
-        evidence = evidence_of(arm.region, model, arm.fitted.pose, 250, 0.15)
-        digits = range(5) if doubt else [(arm.next_digit + k) % 5 for k in range(s.digits)]
-        arm.next_digit = (arm.next_digit + s.digits) % 5
-        gain, start = max(
-            (model.held_otherwise(arm.fitted.pose, evidence, digit) for digit in digits), key=lambda way: way[0]
-        )
-        starts = [start] if gain > s.gain else []
+        model, pose, doubt = arm.model, arm.fitted.pose, arm.fitted.cost > s.doubt
+        evidence = evidence_of(arm.region, model, pose, _FEW, 0.15)
         arm.in_doubt = arm.in_doubt + 1 if doubt else 0
-        if doubt:
-            others = [*model.exchanged(arm.fitted.pose), *model.alike(arm.fitted.pose)]
-            starts += sorted(others, key=lambda pose: cost_of(model, pose, evidence))[:_TRIED]
+        starts = []
+        if arm.in_doubt <= _AT_ONCE or arm.in_doubt % 2:
+            digits = range(5) if doubt else [(arm.next_digit + k) % 5 for k in range(s.digits)]
+            arm.next_digit = (arm.next_digit + s.digits) % 5
+            gain, start = max((model.held_otherwise(pose, evidence, digit) for digit in digits), key=lambda way: way[0])
+            starts = [start] if gain > s.gain else []
+        if doubt and (arm.in_doubt <= _AT_ONCE or not arm.in_doubt % 2):
+            poses = [*model.exchanged(pose), *model.alike(pose)]
+            coarse = evidence_of(arm.region, model, pose, _FEWER, 0.15)
+            starts += sorted(poses, key=lambda pose: cost_of(model, pose, coarse))[:_TRIED]
         if starts:
             fits = [model.fit(start, model.unexpected(start), evidence, iterations=5, loose=2.0) for start in starts]
             other = min(fits, key=lambda other: other.cost)
-            if other.cost < s.better * cost_of(model, arm.fitted.pose, evidence):
+            if other.cost < s.better * cost_of(model, pose, evidence):
                 self._change(arm, arm.side, other, depth)
         if arm.in_doubt >= arm.wait:
             arm.in_doubt, arm.wait = 0, min(2 * arm.wait, _LONGEST_WAIT)
@@ -243,8 +259,8 @@ class DepthArms:
         arm.velocity[6:] = 0.0
         return True
 
-    def _predicted(self, arm: _Arm, model: ArmModel, dt: float) -> ArmPose:
-        pose = arm.fitted.pose.copied()
+    def _predicted(self, arm: _Arm, dt: float) -> ArmPose:
+        model, pose = arm.model, arm.fitted.pose.copied()
         step = arm.velocity * min(dt, 0.1)
         step[6:] *= 0.5
         turned = np.empty(9)
@@ -254,8 +270,8 @@ class DepthArms:
         fit_kernels().within(model.digits, model.columns, model.gains, z, model.c_max)
         return ArmPose(turned, t, z, pose.v)
 
-    def _expected(self, model: ArmModel, arm: _Arm, predicted: ArmPose, dt: float) -> Expected:
-        s = self.settings.fit
+    def _expected(self, arm: _Arm, predicted: ArmPose, dt: float) -> Expected:
+        model, s = arm.model, self.settings.fit
         rates = np.full(6 + len(predicted.z), np.radians(s.angle_rate_deg_s))
         rates[:3], rates[3:6] = s.palm_rate_m_s, np.radians(s.palm_rate_deg_s)
         rates = np.clip(_MAY_CHANGE * np.abs(arm.velocity), _STILL * rates, rates)
@@ -271,28 +287,32 @@ class DepthArms:
 
     # Finding.
 
-    def _look(self, depth: Float32, at_s: float) -> None:
-        """Look for further arms: all places where there is none; else where something came nearer, one at a time."""
+    def _worth_a_look(self, depth: Float32) -> tuple[int, Float64 | None]:
+        """How many places are looked at, 0 where it is not worth while, and (k, 3) near to what [m]; None for anywhere.
+
+        All while there is no arm. Else one, now and then: where something came nearer, or anywhere while none is firm.
+        """
         s = self.settings
-        firm = sum(arm.firm >= _FIRM_AFTER for arm in self._arms)
-        if firm >= s.arms:
+        if not self._believed():
+            return _PLACES, None
+        if self._frames % s.look_every and self._frames % s.look_anyway_every:
+            return 0, None
+        if not any(arm.firm >= _FIRM_AFTER for arm in self._arms) or self._frames % s.look_anyway_every == 0:
+            return 1, None
+        near = self._nearer.places(depth, (arm.model.spheres(arm.fitted.pose) for arm in self._arms))
+        return min(len(near), 1), near
+
+    def _look(self, depth: Float32, at_s: float) -> None:
+        s = self.settings
+        wanted = s.arms - sum(arm.firm >= _FIRM_AFTER for arm in self._arms)
+        most, near = self._worth_a_look(depth) if wanted else (0, None)
+        if most == 0:
             return
-        near, most = None, _PLACES
-        if self._believed():
-            most = 1
-            if firm and self._frames % s.look_anyway_every:
-                if self._frames % s.look_every:
-                    return
-                near = self._nearer.places(depth, (arm.model.spheres(arm.fitted.pose) for arm in self._arms))
-                if not len(near):
-                    return
-            elif self._frames % s.look_every:
-                return
         now = [place for place in self._refused if self._frames < place.until]
         known = [self._hand(arm) for arm in self._arms]
         known += [np.array([[*place.centre, _REFUSED_M]]) for place in now]
         candidates = self.finder.candidates(depth, _CANDIDATES, near, np.vstack(known) if known else None)
-        found, tried = self.finder.all_of(depth, candidates, most, s.doubt, s.arms - firm)
+        found, tried = self.finder.all_of(depth, candidates, most, s.doubt, wanted)
         if len(tried) < most or most > 1:
             self._nearer.looked(depth)
         for one in self.finder.judged(depth, self.finder.apart(found)):
@@ -367,20 +387,23 @@ def _motion(before: ArmPose, after: ArmPose) -> Float64:
 
 
 _FIRM_AFTER: Final = 5
-_REFUSED_M: Final = 0.08
+"""Images in which an arm fitted well, for none to be looked for in its stead."""
+_PLACES: Final = 8
+"""Are looked at in an image while there is no arm …"""
+_CANDIDATES: Final = 24
+"""… of so many, for some are of one arm."""
 _ABOUT_HAND_M: Final = 0.04
+_REFUSED_M: Final = 0.08
+"""So near to a place where no arm was, there is none."""
+_PATIENCE: Final = 8
+"""A place is refused so many times as long while there is an arm."""
 _LONGEST_REFUSED: Final = 480
 _MOST_REFUSED: Final = 63
-_PLACES: Final = 8
-_CANDIDATES: Final = 24
-_PATIENCE: Final = 8
-_VISIBLE: Final = 0.1
-"""So much of a landmark's flesh must be seen where it should be."""
-_HIDDEN_SD_M: Final = np.full(23, 0.011)
-_HIDDEN_SD_M[[*TIPS]] = 0.024
-"""Of a coordinate of a landmark that is not seen."""
 _MUCH_BETTER: Final = 0.7
+"""What makes room for another arm costs so much more, where it has been told."""
 _LONGEST_WAIT: Final = 240
+"""Images between two looks for a doubtful hand where it is."""
+
 _SIZE_SD: Final = 0.03
 """Of sizes from image to image."""
 _FOREARM_RATE_DEG_S: Final = 300.0
@@ -388,11 +411,26 @@ _MAY_CHANGE: Final = 4.0
 """In an image a motion may become so many times as fast …"""
 _STILL: Final = 0.1
 """… or reach this part of what it may at most, where it is still: which calms a still hand."""
+
 _JUMP: Final = 1.25
-_FEW: Final = 250
-_MARGIN: Final = 0.93
-_COARSELY: Final = 6
-_SHIFTS_M: Final = 0.035 * np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
+"""A fit that costs so many times as much as that of the image before was predicted wrongly."""
+_SHIFTS_M: Final = 0.042 * np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
+"""How far a hand that turned may be from its prediction: 2 m/s turned back in a third of an image at 30 Hz."""
 _POSTURE_SD: Final = np.radians(1)
+_COARSELY: Final = 4
+"""Steps of a fit that only tells where a hand is."""
+_MARGIN: Final = 0.93
+"""What is elsewhere costs so much less."""
+
+_FEW: Final = 250
+_FEWER: Final = 100
+"""Points that are enough to find a better posture, and to sort postures by what they promise."""
+_AT_ONCE: Final = 5
+"""For so many images of doubt all kinds of postures are tried in each; then they take turns."""
 _TRIED: Final = 2
 
+_VISIBLE: Final = 0.1
+"""So much of a landmark's flesh must be seen where it should be."""
+_HIDDEN_SD_M: Final = np.full(23, 0.011)
+_HIDDEN_SD_M[[*TIPS]] = 0.024
+"""Of a coordinate of a landmark that is not seen."""
