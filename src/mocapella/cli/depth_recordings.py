@@ -15,9 +15,10 @@ from mocapella.model.depth import DepthFrame
 from mocapella.recording.disk import SUFFIX
 from mocapella.recording.take_reader import Take, read_take
 from mocapella.sensing.line_skeleton_sheet import write_pictures
+from mocapella.sources.depth_cameras import CAMERAS
 from mocapella.sources.depth_files import DepthFiles, DepthRecording, RecordedDepth
 from mocapella.sources.depth_options import KINECT_RAW, DepthOptions, parse_lens, parse_unit
-from mocapella.sources.open_depth import CAMERAS, RENDERED
+from mocapella.sources.open_depth import RENDERED
 from mocapella.sources.picture_source import SourceState
 
 
