@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -10,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import mocapella
-from mocapella.kernel_cache import COMPILED, STAMPS, discard_stale
+from mocapella.kernel_cache import COMPILED, STAMPS, discard_stale, kept_in
 
 SOURCES = {
     "stage/outer_kernels.py": COMPILED
@@ -104,3 +105,25 @@ def test_the_package_itself_is_looked_at_when_a_kernel_is_imported() -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
     assert (folder / "__pycache__" / STAMPS).is_file()
+
+
+def test_what_is_kept_elsewhere_is_looked_at_there(package: Path, tmp_path: Path) -> None:
+    cache = tmp_path / "cache"
+    assert set(discard_stale(package, cache)) == ALL
+    kept = kept_in(package / "stage", cache) / "inner_kernels.half-3.py311.nbi"
+    kept.parent.mkdir()
+    kept.write_bytes(b"compiled")
+    (package / "base/far_kernels.py").write_text(COMPILED + "one, two = 1, 3\n", encoding="utf-8")
+    assert "base/far_kernels.py" in discard_stale(package)  # beside the sources; the other has stamps of its own
+    assert kept.exists()
+    assert "stage/inner_kernels.py" in discard_stale(package, cache)
+    assert not kept.exists()
+
+
+def test_numba_keeps_elsewhere_what_it_is_told_to_where_it_is_looked_for(tmp_path: Path) -> None:
+    code = "from mocapella.geometry.lens_kernels import distort; distort(*[0.1] * 7)"
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    subprocess.run([sys.executable, "-c", code], env=environment, check=True)
+    folder = Path(mocapella.__file__).parent
+    assert list(kept_in(folder / "geometry", tmp_path).glob("lens_kernels.distort-*.nbi"))
+    assert (kept_in(folder, tmp_path) / STAMPS).is_file()

@@ -12,8 +12,7 @@ import numpy as np
 
 from mocapella.model.camera import Camera
 from mocapella.sensing.body_lines import body_lines, pictures
-from mocapella.sensing.line_skeleton_sheet import contact_sheet
-from mocapella.sources.depth_files import write_png
+from mocapella.sensing.line_skeleton_sheet import contact_sheet, write_picture
 from mocapella.sources.simulate.room_depth import room_depth_scene
 
 
@@ -26,7 +25,7 @@ def main(file: Path) -> None:
     made = pictures(seen)
     whole = (np.minimum(shot.depth / shot.depth.max(), 1) * 255).astype(np.uint8)
     chosen = {"depth": whole, **{name: made[name] for name in ("8 bits", "outlines", "thinning", "lines")}}
-    write_png(file, contact_sheet(chosen))
+    write_picture(file, contact_sheet(chosen))
 
 
 if __name__ == "__main__":

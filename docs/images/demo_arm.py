@@ -38,8 +38,10 @@ def main(file: Path, seed: str) -> None:
             page.locator(".mocapella-arms").wait_for()
             page.locator("button[aria-label=Close]").or_(page.locator(".mantine-CloseButton-root")).first.click()
             time.sleep(20)  # the first pictures are drawn
-            page.locator(".mocapella-arms", has_text="· grabbing").wait_for()
-            time.sleep(1.2)
+            # A fist is closed, too, and takes hold of nothing: the cloth is grabbed where the scene says so.
+            page.locator(".mocapella-arms", has_not_text="· grabbing").wait_for()
+            page.locator(".mocapella-arms", has_text=re.compile(r"grab \d+ % · grabbing")).wait_for()
+            time.sleep(2.0)  # it is pulled
             os.killpg(demo.pid, signal.SIGSTOP)  # a browser that draws slowly catches up
             time.sleep(0.8)  # not so long that the page says that nothing comes any more
             page.screenshot(path=file)

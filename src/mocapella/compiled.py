@@ -15,7 +15,8 @@ from mocapella.kernel_cache import discard_stale
 
 __all__ = ["njit", "told_of_compiling"]
 
-discard_stale(Path(__file__).parent)
+_CACHE_DIR: Any = numba.config.CACHE_DIR  # type: ignore[attr-defined]
+discard_stale(Path(__file__).parent, Path(_CACHE_DIR) if _CACHE_DIR else None)
 
 
 @contextmanager

@@ -1,9 +1,9 @@
 """Compiled kernels that are kept are of the kernels as they are now.
 
-numba keeps what it has compiled beside the source, and compiles anew where that one file has changed. But kernels call
-kernels of other files, and have their constants, which are compiled into them: after an update those would still be
-the old ones, and with another layout of their arrays they would write where they must not. So what is kept of a file of
-kernels is thrown away whenever it, or a file that it imports, is not as it was.
+numba keeps what it has compiled beside the source (or where ``NUMBA_CACHE_DIR`` says), and compiles anew where that one
+file has changed. But kernels call kernels of other files, and have their constants, which are compiled into them: after
+an update those would still be the old ones, and with another layout of their arrays they would write where they must
+not. So what is kept of a file of kernels is thrown away whenever it, or a file that it imports, is not as it was.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ COMPILED: Final = "\nfrom mocapella.compiled import njit\n"
 _IMPORT: Final = re.compile(r"^from mocapella\.([\w.]+) import (?:\(([^)]*)\)|(.*))$", re.MULTILINE)
 
 
-def discard_stale(package: Path) -> list[str]:
+def discard_stale(package: Path, cache: Path | None = None) -> list[str]:
     """Throw away what was compiled of other sources than those that are there.
 
     Where nothing can be written (a package that is installed for all), numba keeps its files elsewhere, and nothing is
@@ -30,11 +30,12 @@ def discard_stale(package: Path) -> list[str]:
 
     Args:
         package: the folder of the package.
+        cache: where numba keeps what it compiles, if not beside the sources.
 
     Returns:
         The files of kernels of which it was thrown away, by their path in the package.
     """
-    stamps = package / "__pycache__" / STAMPS
+    stamps = kept_in(package, cache) / STAMPS
     try:
         was = json.loads(stamps.read_bytes())
     except (OSError, ValueError):
@@ -49,11 +50,19 @@ def discard_stale(package: Path) -> list[str]:
     with contextlib.suppress(OSError):
         for name in stale:
             source = package / name
-            for index in (source.parent / "__pycache__").glob(f"{source.stem}.*.nbi"):
+            for index in kept_in(source.parent, cache).glob(f"{source.stem}.*.nbi"):
                 index.unlink(missing_ok=True)
-        stamps.parent.mkdir(exist_ok=True)
+        stamps.parent.mkdir(exist_ok=True, parents=True)
         stamps.write_text(json.dumps(now), encoding="ascii")
     return stale
+
+
+def kept_in(folder: Path, cache: Path | None) -> Path:
+    """Where numba keeps what it compiles of the sources of a folder; ``cache`` is as of `discard_stale`."""
+    if cache is None:
+        return folder / "__pycache__"
+    whole = str(folder.absolute())  # as numba names it: links are not followed
+    return cache / f"{folder.name}_{hashlib.sha1(whole.encode(), usedforsecurity=False).hexdigest()}"
 
 
 def _state(package: Path, name: str, imports: Mapping[str, list[str]]) -> str:

@@ -154,7 +154,7 @@ def test_a_damaged_image_is_passed_over_and_said(folder: Path) -> None:
     path = folder / "frames" / "10.png"
     path.write_bytes(path.read_bytes()[:-20])
     done = arm("frames", *SAID, "--json", "out.json")
-    assert "arms in 2 of 3 images; 1 damaged; 1 left arm; gestures: open 2" in " ".join(done.stderr.split())
+    assert "arms in 2 of 3 images; 1 damaged; arms: 1 left; gestures: open 2" in " ".join(done.stderr.split())
     (recording,) = json.loads(Path("out.json").read_text(encoding="utf-8"))["recordings"]
     assert "cut off" in recording["frames"][1]["reason"]
     assert recording["counts"]["damaged"] == 1
@@ -168,7 +168,7 @@ def test_sides_arms_and_gestures_are_said_in_a_line(folder: Path, monkeypatch: p
     seen = iter([(one, other), (one, other), (again,)])
     monkeypatch.setattr(NearestArm, "update", lambda self, depth, at_s: SeenArms(next(seen)))
     line = next(line for line in arm("frames", *SAID).stderr.splitlines() if "arms in" in line)
-    assert line == "frames: arms in 3 of 3 images; 1 left and 1 right arms; gestures: open 2, fist 2"
+    assert line == "frames: arms in 3 of 3 images; arms: 1 left, 1 right; gestures: open 2, fist 2"
 
 
 @pytest.mark.parametrize(

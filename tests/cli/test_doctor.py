@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shutil
+import subprocess
+import sys
 import webbrowser
 from collections import namedtuple
 from pathlib import Path
@@ -57,3 +59,31 @@ def test_a_browser_is_found_by_its_name_where_python_cannot_open_it(
     assert found.startswith(str(browser))
     monkeypatch.setattr(webbrowser, "get", object)
     assert look(tmp_path)["browser"] == ("ok", str(browser))
+
+
+def test_the_packages_of_depth_cameras_are_named_with_what_brings_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whether they are there, without importing them."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+    for module in ("openni", "primesense", "freenect", "pyrealsense2", "pyorbbecsdk"):
+        monkeypatch.delitem(sys.modules, module, raising=False)
+    found = look(tmp_path)
+    assert found["depth camera openni:"] == ("note", "not installed: openni or primesense")
+    assert found["depth camera orbbec:"] == ("note", "not installed: pyorbbecsdk")
+    advice = {finding.what: finding.advice for finding in examine(free_port(), free_port(), tmp_path)}
+    assert "OpenNI2 itself" in advice["depth camera openni:"]
+    assert "python3-freenect" in advice["depth camera freenect:"]
+    (tmp_path / "primesense").mkdir()
+    for name in ("primesense/__init__.py", "primesense/openni2.py", "pyrealsense2.py"):
+        (tmp_path / name).write_text("raise RuntimeError('imported')\n" if "/__init__" not in name else "")
+    found = look(tmp_path)
+    assert found["depth camera openni:"] == ("ok", "primesense.openni2")
+    assert found["depth camera realsense:"] == ("ok", "pyrealsense2")
+
+
+def test_the_doctor_needs_no_package_of_cameras() -> None:
+    code = "import sys; sys.modules['cv2'] = None; from mocapella.cli.doctor import examine; from pathlib import Path; "
+    code += "print(*(finding.what for finding in examine(1024, 1025, Path())))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "depth camera orbbec:" in done.stdout

@@ -115,7 +115,8 @@ def test_a_take_is_told_from_a_log_by_its_beginning_too(tmp_path: Path) -> None:
     TakeWriter.create(take, info=TakeInfo(Setup(), 0, 0), reserve_bytes=0).close()
     plain = take.rename(tmp_path / "x")
     assert is_take(plain)
-    assert open_recording(plain).sensors == ()
+    with pytest.raises(InputError, match=r"x: is a take without frames; name one that was recorded while sensors sent"):
+        open_recording(plain)
     log = tmp_path / "log.csv"
     log.write_text("Study_Id, Kinect_Config")
     assert not is_take(log)

@@ -94,6 +94,14 @@ def packed(size: int, *, told: bool = True) -> bytes:
     return zstandard.ZstdCompressor(write_content_size=told).compress(bytes(size))
 
 
+def forged(size: int) -> bytes:
+    """A frame that says that it unpacks to 24 bytes, and unpacks to so many."""
+    data = bytearray(packed(size))
+    assert data[5] == size
+    data[5] = 24
+    return bytes(data)
+
+
 @pytest.mark.parametrize(
     ("changed", "named"),
     [
@@ -112,6 +120,8 @@ def packed(size: int, *, told: bool = True) -> bytes:
         ({"depth": packed(24)[:-3]}, "cannot be unpacked"),
         ({"depth": packed(24) + b"x"}, "cannot be unpacked"),
         ({"depth": packed(24, told=False)}, "does not say"),
+        ({"depth": forged(20)}, "cannot be unpacked"),
+        ({"depth": forged(30)}, "cannot be unpacked"),
         ({"sensor": "-"}, "sensor name"),
         ({"schema_version": 2}, "version 2"),
     ],

@@ -242,6 +242,9 @@ def test_stages_are_not_written_where_a_file_is(tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("")
     with pytest.raises(SettingsError, match="name a folder that can be written to"):
         write_stages({"x": np.zeros((4, 4), dtype=np.uint8)}, tmp_path / "taken")
+    (tmp_path / "stages-01-x.png").mkdir()
+    with pytest.raises(SettingsError, match=r"stages-01-x.png: .*name a folder that can be written to"):
+        write_stages({"x": np.zeros((4, 4), dtype=np.uint8)}, tmp_path)
 
 
 def filled(value: float, shape: tuple[int, int] = (120, 160)) -> Any:

@@ -35,7 +35,7 @@ class FakeCamera:
         return 5000 + 1e3 * self.frames / 30
 
 
-def openni2(camera: FakeCamera, *, mirrored: bool = True, stays_mirrored: bool = False) -> Any:
+def openni2(camera: FakeCamera, *, mirrored: bool = True, stays_mirrored: bool = False, can_mirror: bool = True) -> Any:
     """``openni.openni2``."""
 
     class OpenNIError(Exception):
@@ -54,6 +54,8 @@ def openni2(camera: FakeCamera, *, mirrored: bool = True, stays_mirrored: bool =
             self.mode.pixelFormat = pixel_format
 
         def set_mirroring_enabled(self, enabled: bool) -> None:
+            if not can_mirror:
+                raise OpenNIError("property is not supported")
             self.mirrored = enabled or stays_mirrored
 
         def get_mirroring_enabled(self) -> bool:
@@ -174,7 +176,7 @@ def pyrealsense2(camera: FakeCamera, *, model: str = "brown_conrady", coeffs: tu
     )  # fmt: skip
 
 
-def pyorbbecsdk(camera: FakeCamera, *, obeys: bool = True) -> Any:
+def pyorbbecsdk(camera: FakeCamera, *, obeys: bool = True, silent: bool = False) -> Any:
     """``pyorbbecsdk``."""
 
     class OBError(Exception):
@@ -211,7 +213,7 @@ def pyorbbecsdk(camera: FakeCamera, *, obeys: bool = True) -> Any:
 
         def wait_for_frames(self, timeout_ms: int) -> Any:
             assert timeout_ms > 0
-            if not camera.plugged:
+            if silent or not camera.plugged:
                 time.sleep(0.001)
                 return None
             image = camera.image()

@@ -16,8 +16,8 @@ from programs import wait_until
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.geometry.kinect_depth import UNIT_M
-from mocapella.sources import open_depth as door
 from mocapella.sources.acquisition import Acquisition, AcquisitionSettings
+from mocapella.sources.depth_cameras import CAMERAS
 from mocapella.sources.depth_cameras import device as device_module
 from mocapella.sources.depth_cameras.device import DepthDevice
 from mocapella.sources.depth_cameras.freenect import FreenectCamera
@@ -25,7 +25,7 @@ from mocapella.sources.depth_cameras.openni import OpenNiCamera
 from mocapella.sources.depth_cameras.orbbec import OrbbecCamera
 from mocapella.sources.depth_cameras.realsense import RealSenseCamera
 from mocapella.sources.depth_options import DepthOptions, complete
-from mocapella.sources.open_depth import CAMERAS, open_depth
+from mocapella.sources.open_depth import open_depth
 
 STOP = threading.Event()
 QUICK = AcquisitionSettings(retry_s=0.02, longest_retry_s=0.05, silent_s=0.5, close_s=0.5)
@@ -128,7 +128,7 @@ def test_the_door_makes_each_kind_by_its_name(monkeypatch: pytest.MonkeyPatch) -
         open_depth("kinect:0")
     with pytest.raises(SettingsError, match="cannot be used"):
         open_depth("")
-    assert set(MAKERS) == set(door.CAMERAS)
+    assert set(MAKERS) == set(CAMERAS)
 
 
 def test_numbers_are_wanted_where_cameras_are_counted() -> None:
@@ -148,6 +148,7 @@ def test_openni_is_unmirrored_and_its_lens_is_that_of_its_view() -> None:
     camera = FakeCamera(101)
     stays = OpenNiCamera("0", "openni:0", package=openni2(camera, stays_mirrored=True)).open()
     assert "mirrored" in stays.problems[0]
+    assert OpenNiCamera("0", "openni:0", package=openni2(FakeCamera(101), can_mirror=False)).open().problems == ()
     with pytest.raises(InputError, match="no depth sensor"):
         OpenNiCamera("0", "openni:0", package=openni2(FakeCamera(None))).open()
     with pytest.raises(InputError, match="pixels of the format 7"):
@@ -206,6 +207,10 @@ def test_an_orbbec_is_found_by_number_or_serial_and_says_what_it_refuses() -> No
     assert state.lens == (6.0, 6.5, 3.25, 2.75, 0.1, 0.2, 0.01, 0.02, 0.3)
     with pytest.raises(InputError, match="no device CP99"):
         OrbbecCamera("CP99", "orbbec:CP99", package=pyorbbecsdk(FakeCamera(1.0))).open()
+    silent = FakeCamera(1.0)
+    with pytest.raises(InputError, match=r"orbbec:0: gave no image within 5 s; plug it in again"):
+        OrbbecCamera("0", "orbbec:0", package=pyorbbecsdk(silent, silent=True)).open()
+    assert silent.stopped == 1
     package = pyorbbecsdk(FakeCamera(1.0), obeys=False)
     assert OrbbecCamera("0", "orbbec:0", package=package).open().problems == ()
     assert OrbbecCamera("0", "orbbec:0", DepthOptions(fps=60), package=package).open().problems != ()

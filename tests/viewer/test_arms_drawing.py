@@ -11,6 +11,7 @@ import pytest
 from mocapella.geometry.rigid import rigid, rotation_about_y
 from mocapella.model.arm_quality import ArmQuality, Misdetections
 from mocapella.model.arms import ARM_BONES, ARM_JOINTS, ArmFrame, SeenArm
+from mocapella.model.hand import DIGITS, TIPS
 from mocapella.model.observations import JointState
 from mocapella.model.scene import Phase, Scene, SensorPlace, TrackedArm, TrackerState
 from mocapella.model.topology import topology
@@ -23,7 +24,7 @@ from mocapella.viewer.stages import tracking_drawing, tracking_title
 
 POINTS = np.random.default_rng(4).normal(0, 0.1, (23, 3)) + np.array([0.0, 0.0, 0.8])
 CENTRE = POINTS.mean(axis=0)
-GRID = np.stack(np.meshgrid([0.0, 0.1, 0.2], [0.0, 0.1], [0.8]), axis=-1)[:, :, 0]
+GRID = np.stack(np.meshgrid([0.0, 0.1, 0.2, 0.3], [0.0, 0.1], [0.8]), axis=-1)[:, :, 0]
 
 
 def arm(**changed: Any) -> TrackedArm:
@@ -42,7 +43,7 @@ def test_every_view_has_all_joints_at_their_distances_and_the_front_is_what_the_
     drawing = arms_drawing(scene(arm()), ArmsShown(CENTRE))
     assert len(drawing.joints) == 3 * 8
     assert len(drawing.hollow) == 0
-    assert len(drawing.lines) == 3 * (4 + len(ARM_BONES))  # and the frames
+    assert len(drawing.lines) == 3 * (4 + len(ARM_BONES)) + 5  # and the frames, and those that lead to names
     views = drawing.joints.positions.reshape(3, 8, 3)
     joints = POINTS[list(ARM_JOINTS)]
     apart = np.linalg.norm(joints[:, None] - joints[None], axis=-1)
@@ -81,7 +82,7 @@ def test_what_is_inferred_is_hollow_and_what_is_not_known_is_not_there() -> None
     assert len(drawing.joints) == 3 * 5
     assert len(drawing.hollow) == 3
     assert (drawing.hollow.opacities < 0.6).all()
-    assert len(drawing.lines) == 3 * (4 + len(ARM_BONES) - 2)
+    assert len(drawing.lines) == 3 * (4 + len(ARM_BONES) - 2) + 3
     for strokes in (drawing.lines, drawing.joints, drawing.hollow):
         assert all(np.isfinite(a).all() for a in (strokes.positions, strokes.wxyzs, strokes.scales))
     names = {tag.text: tag.visible for tag in drawing.tags}
@@ -90,22 +91,40 @@ def test_what_is_inferred_is_hollow_and_what_is_not_known_is_not_there() -> None
     assert "Left arm · fist 93 % · grabbing · 5 of 8 measured" in names
 
 
-def test_names_that_would_cover_each_other_are_left_out() -> None:
+def test_fingertips_have_their_names_wherever_they_are_and_others_as_far_as_there_is_room() -> None:
     drawing = arms_drawing(scene(arm(points=np.tile(CENTRE, (23, 1)))), ArmsShown(CENTRE))
-    names = [tag for tag in drawing.tags if tag.text in ("elbow", "wrist", "palm", "thumb", "index", "little")]
-    assert [tag.visible for tag in names] == [tag.text == "thumb" for tag in names]
+    visible = {tag.text: tag.visible for tag in drawing.tags}
+    assert [visible[name] for name in ("elbow", "wrist", "palm")] == [True, False, False]
+    places = np.array([tag.position for tag in drawing.tags if tag.text in DIGITS])
+    assert all(visible[name] for name in DIGITS)
+    assert np.abs(np.diff(places[:, 0])).min() > 0.2  # so wide is a name
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_the_row_of_names_begins_on_the_thumbs_side_and_each_arm_has_its_own(turned: bool) -> None:
+    points = POINTS.copy()
+    points[TIPS, :] = CENTRE + np.outer(np.linspace(0.1, -0.1, 5) * (-1 if turned else 1), [1.0, 0.0, 0.0])
+    drawing = arms_drawing(scene(arm(points=points), arm(points=points, id=3)), ArmsShown(CENTRE))
+    rows = np.array([tag.position for tag in drawing.tags if tag.text in DIGITS]).reshape(2, 5, 3)
+    for row in rows:
+        assert (np.diff(row[:, 0]) * (1 if turned else -1) > 0).all()
+    assert (rows[0, :, 1] - rows[1, :, 1] > 0.075).all()
 
 
 def test_the_cloth_is_in_every_view_and_closed_to_its_edges() -> None:
     drawing = arms_drawing(scene(arm()), ArmsShown(CENTRE, cloth=GRID))
-    mesh = drawing.cloth
-    assert mesh is not None
-    assert mesh.vertices.shape == (3 * 6, 3)
-    corners = mesh.vertices[mesh.faces].astype(np.float64)
-    areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=-1)
-    assert areas.sum() == pytest.approx(3 * SCALE**2 * 0.2 * 0.1, rel=1e-5)
-    assert cloth_mesh(GRID[None]).faces is cloth_mesh(GRID[None] + 1).faces
-    assert arms_drawing(None, ArmsShown(CENTRE)).cloth is None
+    area = 0.0
+    for mesh in drawing.cloth:
+        assert mesh is not None
+        assert mesh.vertices.shape == (3 * GRID.shape[0] * GRID.shape[1], 3)
+        corners = mesh.vertices[mesh.faces].astype(np.float64)
+        areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=-1)
+        assert areas.min() > 0
+        area += areas.sum()
+    assert area == pytest.approx(3 * SCALE**2 * 0.3 * 0.1, rel=1e-5)
+    for one, other in zip(cloth_mesh(GRID[None]), cloth_mesh(GRID[None] + 1), strict=True):
+        assert one.faces is other.faces
+    assert arms_drawing(None, ArmsShown(CENTRE)).cloth == (None, None)
 
 
 def test_what_is_looked_at_stays_while_the_hand_is_near_and_follows_when_it_goes_away() -> None:
@@ -125,7 +144,7 @@ def test_what_is_looked_at_stays_while_the_hand_is_near_and_follows_when_it_goes
 def test_the_stage_is_that_of_arms_where_there_are_any() -> None:
     drawn = tracking_drawing(scene(arm()), "free", Perspectives(), Floors(), ArmsShown(CENTRE, cloth=GRID))
     assert drawn.arms
-    assert drawn.cloth is not None
+    assert all(part is not None for part in drawn.cloth)
     assert drawn.scale == SCALE
     assert not tracking_drawing(scene(), "free", Perspectives(), Floors()).arms
 

@@ -12,17 +12,17 @@ app = typer.Typer(
     name="mocapella",
     no_args_is_help=True,
     add_completion=False,
-    rich_markup_mode="rich",
+    rich_markup_mode="markdown",  # which wraps paragraphs to the window; "rich" keeps the breaks of the source
     pretty_exceptions_enable=False,
     help="""Tracks people, live, with several cheap depth sensors, and sees around occlusion.
 
-    Try it without any hardware:  [bold]mocapella demo[/bold]
+    Try it without any hardware:  **mocapella demo**
 
-    With sensors:  [bold]mocapella serve[/bold], and one [bold]mocapella node …[/bold] for each sensor, in any order.
+    With sensors:  **mocapella serve**, and one **mocapella node …** for each sensor, in any order.
 
-    Record:  [bold]mocapella record walk-1[/bold]; afterwards [bold]mocapella replay walk-1[/bold]
+    Record:  **mocapella record walk-1**; afterwards **mocapella replay walk-1**
 
-    Something does not work?  [bold]mocapella doctor[/bold]
+    Something does not work?  **mocapella doctor**
 
     Ctrl-C ends every command, and closes a take properly.
     """,

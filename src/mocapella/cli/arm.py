@@ -69,7 +69,8 @@ def arm(
         list[str],
         typer.Argument(
             metavar="PATH…",
-            help="16-bit PNGs, folders of them, takes (TAKE, TAKE:SENSOR), or rendered:SCENE/SEED.",
+            help="16-bit PNGs, folders of them, takes (TAKE, TAKE:SENSOR), or rendered:SCENE/SEED, of the scenes that "
+            "`mocapella demo arm --scene help` lists.",
         ),
     ],
     intrinsics: Intrinsics = None,
@@ -348,9 +349,10 @@ class _Run:
         if not sides:
             return ""
         of_side = Counter(counts.most_common(1)[0][0] for counts in sides.values())
-        told = " and ".join(f"{number} {side}" for side, number in sorted(of_side.items()))
+        of_side["of unknown side"] = of_side.pop("unknown", 0)
+        told = ", ".join(f"{number} {side}" for side, number in of_side.most_common() if number)
         seen = ", ".join(f"{gesture} {number}" for gesture, number in gestures.most_common())
-        return f"; {told} arm{'s' if len(sides) > 1 else ''}{f'; gestures: {seen}' if seen else ''}"
+        return f"; arms: {told}{f'; gestures: {seen}' if seen else ''}"
 
     def tell(self) -> None:
         """The counts and the most frequent reasons, for a person."""

@@ -14,9 +14,11 @@ from mocapella.model.camera_rig_file import load_camera_rig
 from mocapella.model.depth import DepthFrame
 from mocapella.recording.disk import SUFFIX
 from mocapella.recording.take_reader import Take, read_take
-from mocapella.sources.depth_files import DepthFiles, DepthRecording, RecordedDepth, write_png
+from mocapella.sensing.line_skeleton_sheet import write_pictures
+from mocapella.sources.depth_cameras import CAMERAS
+from mocapella.sources.depth_files import DepthFiles, DepthRecording, RecordedDepth
 from mocapella.sources.depth_options import KINECT_RAW, DepthOptions, parse_lens, parse_unit
-from mocapella.sources.open_depth import CAMERAS, RENDERED
+from mocapella.sources.open_depth import RENDERED
 from mocapella.sources.picture_source import SourceState
 
 
@@ -185,14 +187,10 @@ def write_stages(folder: Path, number: int, file: str, stages: Mapping[str, NDAr
         stages: pictures by name, in order.
 
     Raises:
-        SettingsError: there can be no such folder.
-        InputError: a picture cannot be written.
+        SettingsError: there can be no such folder, or no picture can be written there.
     """
     stem = Path(file).stem if file.endswith(".png") else Path(file).name
-    own = folder / f"{number:05d}-{stem}"
     try:
-        own.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise SettingsError(f"--stages {folder}: {error.strerror}; name a folder to write to") from error
-    for k, (name, picture) in enumerate(stages.items(), start=1):
-        write_png(own / f"{k:02d}-{name.replace('/', '-').replace(' ', '-')}.png", picture)
+        write_pictures(stages, folder / f"{number:05d}-{stem}")
+    except SettingsError as error:
+        raise SettingsError(f"--stages {error}") from error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import importlib.util
 import os
 import platform
 import re
@@ -78,6 +79,7 @@ def examine(port: int, view_port: int, takes: Path) -> Iterator[Finding]:
     yield _python()
     yield from _core_packages()
     yield from _extras()
+    yield from _depth_cameras()
     yield _port("bus port", port, "--port")
     yield _port("view port", view_port, "--view-port")
     yield _disk(takes)
@@ -127,6 +129,30 @@ def _extras() -> Iterator[Finding]:
             yield Finding(f"extra {extra}", "note", f"not installed: {', '.join(missing)}", advice)
         else:
             yield Finding(f"extra {extra}", "ok", ", ".join(f"{name} {_version(name)}" for name in packages))
+
+
+def _depth_cameras() -> Iterator[Finding]:
+    """The packages that drive depth cameras, none of which is an extra: they come from the cameras' makers."""
+    from mocapella.sources.depth_cameras import CAMERAS, camera_class
+
+    for kind in CAMERAS:
+        device = camera_class(kind)
+        found = next(filter(_is_installed, device.packages), None)
+        if found is None:
+            names = " or ".join(module.partition(".")[0] for module in device.packages)
+            yield Finding(
+                f"depth camera {kind}:", "note", f"not installed: {names}", f"only if you have one: {device.install}"
+            )
+        else:
+            yield Finding(f"depth camera {kind}:", "ok", found)
+
+
+def _is_installed(module: str) -> bool:
+    """Whether there is a module of that name, which is not imported: a driver may do things then."""
+    try:
+        return importlib.util.find_spec(module) is not None
+    except ImportError:  # not even what it is in
+        return False
 
 
 def _port(what: str, port: int, option: str) -> Finding:

@@ -106,7 +106,7 @@ def open_recording(
     """Open a study log or a take, as `find_recording` finds it.
 
     Raises:
-        InputError: the file cannot be used; names file, row, field and value where it can.
+        InputError: the file cannot be used, or has no frames; names file, row, field and value where it can.
         SettingsError: a choice that a take has made already, or one that the log does not have.
     """
     file = find_recording(file)
@@ -115,7 +115,10 @@ def open_recording(
             raise SettingsError(
                 f"{file} is a take, which is tracked as it was recorded; leave --placement, --method and --set out"
             )
-        return RecordedTake(file)
+        take = RecordedTake(file)
+        if not take.sensors:
+            raise InputError("is a take without frames", file=file, fix="name one that was recorded while sensors sent")
+        return take
     return RecordedLog(file, placement, method or Setup().method, method_settings or {})
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.conventions import NS_PER_S
+from mocapella.evaluation.arms import MATCH_M
 from mocapella.geometry.rigid import apply, inverse, rigid, rotation_about_y
 from mocapella.model.arms import ELBOW, PALM, ArmFrame, ArmMethod, SeenArms
 from mocapella.model.camera import Camera, CameraRig, PlacedCamera
@@ -35,8 +36,6 @@ Look = Callable[[DepthShot], SeenArms]
 """What finds arms in a shot."""
 CAMERAS: Final = ("first", "second")
 FUSED: Final = "fused"
-MATCH_M: Final = 0.10
-"""As of `mocapella.evaluation.arms`."""
 
 
 @dataclass

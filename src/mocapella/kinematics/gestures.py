@@ -232,7 +232,7 @@ class GestureSettings:
     enter: float = 0.6
     leave: float = 0.4
     after_s: float = 0.09
-    grab: float = 0.7
+    grab: float = 0.55
     release: float = 0.35
     grab_after_s: float = 0.06
     least_certain: float = 0.5

@@ -16,6 +16,8 @@ import math
 import numpy as np
 
 from mocapella.compiled import njit
+from mocapella.geometry.cholesky_kernels import factorise as factorise  # noqa: PLC0414 - for arm_fit_kernels, too
+from mocapella.geometry.cholesky_kernels import substitute as substitute  # noqa: PLC0414
 from mocapella.kinematics.chain_kernels import orthonormal, turn_between, turned
 from mocapella.kinematics.hand_kernels import (
     A0,
@@ -203,38 +205,6 @@ def _penalty(digits, columns, gains, z, c_max, H, g):
                 g[6 + column] -= w * over * gains[i, k]
                 H[6 + column, 6 + column] += w * gains[i, k] ** 2
     return cost
-
-
-@njit(cache=True)
-def factorise(H, damping, M):
-    """Write the Cholesky factor of H with its diagonal raised; whether there is one."""
-    n = len(H)
-    for i in range(n):
-        for k in range(i + 1):
-            e = H[i, k] * (1.0 + damping) if i == k else H[i, k]
-            for j in range(k):
-                e -= M[i, j] * M[k, j]
-            if i == k:
-                if not e > 0.0:
-                    return False
-                M[i, i] = math.sqrt(e)
-            else:
-                M[i, k] = e / M[k, k]
-    return True
-
-
-@njit(cache=True)
-def substitute(M, d):
-    """Solve M Mᵀ x = d, in place."""
-    n = len(d)
-    for i in range(n):
-        for j in range(i):
-            d[i] -= M[i, j] * d[j]
-        d[i] /= M[i, i]
-    for i in range(n - 1, -1, -1):
-        for j in range(i + 1, n):
-            d[i] -= M[j, i] * d[j]
-        d[i] /= M[i, i]
 
 
 @njit(cache=True)

@@ -1,5 +1,6 @@
 """What every message is checked for at the door, and the errors that say what was wrong.
 
+Each function raises a `WireError` that names the field, what it has and what it wants.
 A stranger's text is shortened before it is compared or printed: a name of sixteen megabytes must cost nothing.
 """
 

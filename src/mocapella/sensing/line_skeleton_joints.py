@@ -150,7 +150,7 @@ def hand(of: Outline, found: Lines, points: Grid, focal_px: float, s: LineSkelet
 
 
 def nearest(points: Grid, pixel: Float64) -> int:
-    """Which point of a grid is nearest to a pixel."""
+    """Which point of a grid, by its number, is nearest to a pixel (2,)."""
     return int(((points.pixels - pixel) ** 2).sum(axis=-1).argmin())
 
 

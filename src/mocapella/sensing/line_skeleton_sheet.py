@@ -99,6 +99,21 @@ def write_stages(stages: Mapping[str, UInt8], folder: Path, name: str = "stages"
     Raises:
         SettingsError: they cannot be written there.
     """
+    files = write_pictures(stages, folder, f"{name}-")
+    return (*files, write_picture(folder / f"{name}-sheet.png", contact_sheet(stages)))
+
+
+def write_pictures(stages: Mapping[str, UInt8], folder: Path, prefix: str = "") -> tuple[Path, ...]:
+    """As `write_stages`, without the contact sheet, and for pictures of any size.
+
+    Args:
+        stages: pictures by name, in order.
+        folder: see there.
+        prefix: what the files begin with; their numbers follow.
+
+    Raises:
+        SettingsError: they cannot be written there.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -106,17 +121,18 @@ def write_stages(stages: Mapping[str, UInt8], folder: Path, name: str = "stages"
     files = []
     for number, (stage, picture) in enumerate(stages.items(), start=1):
         word = "".join(letter if letter.isalnum() else "-" for letter in stage.lower()).replace("--", "-")
-        files.append(_written(folder / f"{name}-{number:02d}-{word}.png", picture))
-    files.append(_written(folder / f"{name}-sheet.png", contact_sheet(stages)))
+        files.append(write_picture(folder / f"{prefix}{number:02d}-{word}.png", picture))
     return tuple(files)
 
 
-def _written(path: Path, picture: UInt8) -> Path:
-    done, data = cv2.imencode(".png", picture)
+def write_picture(path: Path, picture: UInt8) -> Path:
+    """Write a picture, (height, width) gray or (height, width, 3) blue, green, red, as PNG; returns the path.
+
+    Raises:
+        SettingsError: it cannot be written there.
+    """
     try:
-        if not done:
-            raise OSError(0, "it cannot be made a PNG")
-        path.write_bytes(bytes(data))
+        path.write_bytes(cv2.imencode(".png", picture)[1].tobytes())
     except OSError as error:
         raise SettingsError(f"{path}: {error.strerror}; name a folder that can be written to") from error
     return path

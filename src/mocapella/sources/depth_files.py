@@ -242,17 +242,3 @@ def _files(paths: Sequence[Path]) -> list[Path]:
     if not paths:
         raise SettingsError("no depth images; name 16-bit PNGs, a folder of them, or a take")
     return list(paths)
-
-
-def write_png(path: Path, image: NDArray[np.uint8] | UInt16) -> None:
-    """Write a picture: (height, width) of 8 or 16 bits, or (height, width, 3) blue, green, red.
-
-    Raises:
-        InputError: it cannot be written there.
-    """
-    made, data = cv2.imencode(".png", image)
-    assert made, f"{image.dtype} {image.shape} is no picture"
-    try:
-        path.write_bytes(data.tobytes())
-    except OSError as error:
-        raise InputError(f"cannot be written ({error.strerror})", file=path, fix="name another folder") from error

@@ -15,6 +15,7 @@ from mocapella.errors import InputError, SettingsError
 from mocapella.geometry.kinect_depth import NOTHING
 from mocapella.model.arms import SeenArm
 from mocapella.model.camera import Camera
+from mocapella.model.observations import JointState
 from mocapella.sources.picture_source import SourceState
 
 UInt16 = NDArray[np.uint16]
@@ -39,11 +40,15 @@ _FOCAL_PX: Final = {
 SHORTEST_HAND_M: Final = 0.14
 LONGEST_HAND_M: Final = 0.235
 """From the wrist to the tip of the middle finger, with what a fit may be wrong by."""
+_SHORTEST_BENT_M: Final = 0.12
+"""Likewise of hands whose fingers are bent, or not seen to the tip: a fit has guessed them, mostly too short."""
 _HAND_M: Final = 0.186
 _LEAST_M, _MOST_M = 0.03, 1.0
 _HANDS_WANTED: Final = 5
 _HANDS_KEPT: Final = 300
 _MIDDLE: Final = (0, 9, 10, 11, 12)
+_STRAIGHT: Final = 0.9
+"""Of the way along the bones to the middle finger's tip, its distance from the wrist; a fist's is 0.3 to 0.6."""
 _ALIKE: Final = 0.45
 """Logarithm of a factor: sizes are fitted with limits, and do not show all of what is wrong."""
 _ENOUGH_PX: Final = 100
@@ -254,6 +259,7 @@ class HandSizeCheck:
     """Looks at the hands that were found, whose size says whether lens and unit can be right.
 
     A wrong focal length or unit makes a hand as much longer or shorter; a method that fits sizes shows most of it.
+    Hands whose middle finger is straight and measured count, or all, where there are too few of them.
 
     Args:
         lens: the nine numbers that were used.
@@ -264,22 +270,30 @@ class HandSizeCheck:
     def __init__(self, lens: Sequence[float] | NDArray[np.float64], size_px: tuple[int, int], unit_m: float) -> None:
         self._focal_px, self._size_px, self._unit_m = float(lens[0]), size_px, unit_m
         self._lengths_m: deque[float] = deque(maxlen=_HANDS_KEPT)
+        self._straight_m: deque[float] = deque(maxlen=_HANDS_KEPT)
 
     def update(self, arms: Sequence[SeenArm]) -> None:
         """Take in the arms of the next image; those whose middle finger is not all known do not count."""
         for arm in arms:
-            bones = np.diff(arm.points[list(_MIDDLE)], axis=0)
-            length_m = float(np.linalg.norm(bones, axis=1).sum())
-            if _LEAST_M < length_m < _MOST_M:  # what is not known is neither
-                self._lengths_m.append(length_m)
+            joints = arm.points[list(_MIDDLE)]
+            length_m = float(np.linalg.norm(np.diff(joints, axis=0), axis=1).sum())
+            if not _LEAST_M < length_m < _MOST_M:  # what is not known is neither
+                continue
+            self._lengths_m.append(length_m)
+            straight = np.linalg.norm(joints[-1] - joints[0]) >= _STRAIGHT * length_m
+            if straight and arm.states[_MIDDLE[-1]] == JointState.TRACKED:
+                self._straight_m.append(length_m)
 
     @property
     def problem(self) -> str:
         """What is likely wrong, and what would be right; empty where nothing is, or with too few hands to say."""
-        if len(self._lengths_m) < _HANDS_WANTED:
+        lengths_m, shortest_m = self._straight_m, SHORTEST_HAND_M
+        if len(lengths_m) < _HANDS_WANTED:
+            lengths_m, shortest_m = self._lengths_m, _SHORTEST_BENT_M
+        if len(lengths_m) < _HANDS_WANTED:
             return ""
-        length_m = float(np.median(self._lengths_m))
-        if SHORTEST_HAND_M <= length_m <= LONGEST_HAND_M:
+        length_m = float(np.median(lengths_m))
+        if shortest_m <= length_m <= LONGEST_HAND_M:
             return ""
         factor = length_m / _HAND_M
         focal_px, unit_m = self._focal_px * factor, self._unit_m / factor

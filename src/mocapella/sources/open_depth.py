@@ -3,23 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 from typing import Final
 
 from mocapella.errors import SettingsError
+from mocapella.sources.depth_cameras import CAMERAS, camera_class
 from mocapella.sources.depth_files import DepthFiles, DepthRecording
 from mocapella.sources.depth_options import KINECT_RAW, DepthOptions
 from mocapella.sources.paced_depth import PacedDepth
 from mocapella.sources.picture_source import PictureSource
 
-CAMERAS: Final = {
-    "openni": ("openni", "OpenNiCamera", "0"),
-    "freenect": ("freenect", "FreenectCamera", "0"),
-    "realsense": ("realsense", "RealSenseCamera", ""),
-    "orbbec": ("orbbec", "OrbbecCamera", "0"),
-}
-"""By the word before the colon: module, class, and which camera where nothing comes after it."""
 RAW: Final = "freenect"
 """The one that has disparities, too."""
 RENDERED: Final = "rendered"
@@ -52,10 +45,7 @@ def open_depth(
     if colon and kind in (*CAMERAS, RENDERED) and kind != RAW and options.kinect_raw:
         raise SettingsError(f"--unit {KINECT_RAW}: {kind} gives depths, and says their unit itself; leave --unit out")
     if colon and kind in CAMERAS:
-        module, name, usual = CAMERAS[kind]
-        made = getattr(import_module(f"mocapella.sources.depth_cameras.{module}"), name)
-        source: PictureSource = made(which or usual, text, options)
-        return source
+        return camera_class(kind)(which or CAMERAS[kind][2], text, options)
     if colon and kind == RENDERED:
         from mocapella.sources.simulate.rendered_depth import open_rendered
 

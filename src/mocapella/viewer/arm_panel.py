@@ -52,7 +52,7 @@ def quality_html(scene: Scene | None, quality: ArmQuality) -> str:
         f'<td style="text-align:right">{"–" if not np.isfinite(noise) else f"{1e3 * noise:.2f} mm"}</td></tr>'
         for name, colour, noise in zip(ARM_JOINT_NAMES, COLOURS, quality.noise_m, strict=True)
     )
-    still = "measured now: an arm is still" if quality.still else "of the last time an arm was still for 2 s"
+    still = "measured now: an arm is still" if quality.still else "when an arm was last still"
     if not np.isfinite(quality.noise_m).any():
         still = "hold an arm still for 2 s to measure it"
     n, rate = quality.lately, quality.per_minute

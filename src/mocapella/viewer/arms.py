@@ -6,7 +6,6 @@ hollow: a pale, translucent ball.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import Final
@@ -41,9 +40,16 @@ COLOURS: Final = (WHITE, WHITE, WHITE, *DIGIT_COLOURS)
 _RADII_M: Final = np.array([0.024, 0.018, 0.02, *[0.0115] * 5])
 _LINE_M: Final = np.array([0.010, 0.008, *[0.0055] * 5])
 _HOLLOW: Final = 0.45
-_NAMED: Final = (3, 7, 5, 0, 1, 4, 6, 2)
-"""In this order joints get their names, as far as there is room."""
-_NAME_WIDE_M, _NAME_HIGH_M = 0.2, 0.075
+_NAME_HIGH_M: Final = 0.075
+_BESIDE_M: Final = 0.19
+"""Elbow, wrist and palm have their names beside them."""
+_TIP_NAMES_M: Final = 0.29
+"""From one fingertip's name to the next, in a row below the upper edge of the front view."""
+_CHECKS: Final = 2
+"""So many meshes wide are a cloth's checks, without which one does not see how it hangs."""
+_TIPS: Final = (3, 4, 5, 6, 7)
+"""Of the eight joints, the thumb's first."""
+_LEAD_M: Final = 0.003
 _FRAME: Final = Rgb(70, 88, 118)
 _FORGET: Final = 0.05
 _OF_LANE: Final = 0.6
@@ -116,18 +122,25 @@ def centre_of(arms: tuple[TrackedArm, ...], before: Float64 | None) -> Float64 |
 
 @dataclass(frozen=True, eq=False)
 class ArmsDrawing:
-    """What is drawn of arms, in the view's own space; ``hollow`` are the joints that are inferred, and translucent."""
+    """What is drawn of arms, in the view's own space.
+
+    Attributes:
+        lines, joints: of all that is known; joints only as far as they are measured.
+        hollow: the joints that are inferred, which are translucent.
+        tags: titles, names of joints, and a line for each arm.
+        cloth: its checks, of both colours; None without a cloth.
+    """
 
     lines: Strokes
     joints: Strokes
     hollow: Strokes
     tags: list[Tag]
-    cloth: Mesh | None
+    cloth: tuple[Mesh | None, Mesh | None]
 
 
 def arms_drawing(scene: Scene | None, shown: ArmsShown) -> ArmsDrawing:
     """What a scene's arms show in all panels."""
-    lines, joints, hollow, tags, names = [], [], [], [], []
+    lines, joints, hollow, tags = [], [], [], []
     arms = () if scene is None else scene.arms
     R_level = _level(scene)
     clothes = []
@@ -139,17 +152,20 @@ def arms_drawing(scene: Scene | None, shown: ArmsShown) -> ArmsDrawing:
 
         lines.append(_frame(panel))
         tags.append(_tag(panel.title, panel.middle, -0.5 * _HIGH_M - 0.12))
-        for arm in arms:
-            drawn = arm_strokes(stand(arm.joints), arm.joint_states, SCALE)
+        for place, arm in enumerate(arms):
+            p = stand(arm.joints)
+            drawn = arm_strokes(p, arm.joint_states, SCALE)
             for parts, part in zip((lines, joints, hollow), drawn, strict=True):
                 parts.append(part)
             if panel is PANELS[0]:
-                names += _names(arm, stand)
+                named, leads = _names(p, arm.joint_states, place)
+                tags += named
+                lines += leads
         if shown.cloth is not None:
             clothes.append(stand(shown.cloth))
     tags += [_headline(arm, k) for k, arm in enumerate(arms)]
-    cloth = cloth_mesh(np.stack(clothes)) if clothes else None
-    return ArmsDrawing(join(lines), join(joints), join(hollow), tags + names, cloth)
+    cloth = cloth_mesh(np.stack(clothes)) if clothes else (None, None)
+    return ArmsDrawing(join(lines), join(joints), join(hollow), tags, cloth)
 
 
 def arm_strokes(p: Float64, states: NDArray[np.uint8], scale: float) -> tuple[Strokes, Strokes, Strokes]:
@@ -198,17 +214,33 @@ def _frame(panel: Panel) -> Strokes:
     return line_strokes(corners, _FRAME.paint, 0.006)
 
 
-def _names(arm: TrackedArm, stand: Callable[[Float64], Float64]) -> list[Tag]:
-    """Names of all joints, visible as far as they do not cover each other."""
-    p, taken = stand(arm.joints), np.full((len(ARM_JOINTS), 2), np.inf)
-    tags = []
-    for k in _NAMED:
-        known = bool(np.isfinite(p[k]).all()) and arm.joint_states[k] != JointState.NOT_TRACKED
-        room = (np.abs(taken - p[k, :2]) > [_NAME_WIDE_M, _NAME_HIGH_M]).any(axis=1).all() if known else False
-        if room:
-            taken[k] = p[k, :2]
-        tags.append(_tag(ARM_JOINT_NAMES[k].removesuffix(" tip"), np.nan_to_num(p[k]), 0.04, bool(room)))
-    return tags
+def _names(p: Float64, states: NDArray[np.uint8], place: int) -> tuple[list[Tag], list[Strokes]]:
+    """Names of the joints of an arm in the front view, and lines that lead from those of fingertips to the tips.
+
+    Fingertips' names stand in a row above, which begins on the thumb's side: lines of an open hand do not cross. The
+    others' stand beside their joints, away from the thumb, as far as they do not cover each other.
+
+    Args:
+        p: (8, 3) where the joints are drawn [m].
+        states: (8,) `JointState`.
+        place: of the arm among those that are drawn; each has a row of its own.
+    """
+    known = np.isfinite(p).all(axis=-1) & (states != JointState.NOT_TRACKED)
+    aside = rotation_about_y(np.arctan2(PANELS[0].left_m, _EYE_M))
+    thumb = -1.0 if p[_TIPS[0], 0] < p[_TIPS[-1], 0] else 1.0  # the side that it is on; x is to the left
+    tags, leads, taken = [], [], np.inf
+    for k, name in enumerate(ARM_JOINT_NAMES):
+        if k in _TIPS:
+            row = [thumb * (2 - _TIPS.index(k)) * _TIP_NAMES_M, 0.5 * _HIGH_M - 0.12 - 0.1 * place, 0.0]
+            at, room = aside @ row + PANELS[0].middle, True
+            if known[k]:
+                leads.append(line_strokes(np.stack([at, p[k]]), COLOURS[k].paint, _LEAD_M))
+        else:
+            at = np.nan_to_num(p[k]) - [thumb * _BESIDE_M, 0.5 * _NAME_HIGH_M, 0.0]
+            room = bool(known[k] and abs(taken - p[k, 1]) > _NAME_HIGH_M)
+            taken = p[k, 1] if room else taken
+        tags.append(_tag(name.removesuffix(" tip"), at, 0.0, bool(known[k] and room)))
+    return tags, leads
 
 
 def _headline(arm: TrackedArm, place: int) -> Tag:
@@ -227,18 +259,25 @@ def _tag(text: str, at: Float64, above_m: float, visible: bool = True) -> Tag:
     return Tag(text, (x, y + above_m, z), visible)
 
 
-def cloth_mesh(grids: Float64) -> Mesh:
-    """One mesh of several pieces of cloth (pieces, rows, columns, 3)."""
+def cloth_mesh(grids: Float64) -> tuple[Mesh, Mesh]:
+    """Several pieces of cloth (pieces, rows, columns, 3) [m] as the checks of one colour, and of the other."""
     pieces, rows, columns, _ = grids.shape
-    return Mesh(grids.reshape(-1, 3).astype(np.float32), _cloth_faces(pieces, rows, columns))
+    vertices = grids.reshape(-1, 3).astype(np.float32)
+    one, other = _cloth_faces(pieces, rows, columns)
+    return Mesh(vertices, one), Mesh(vertices, other)
 
 
 @cache
-def _cloth_faces(pieces: int, rows: int, columns: int) -> NDArray[np.uint32]:
+def _cloth_faces(pieces: int, rows: int, columns: int) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
     number = np.arange(pieces * rows * columns, dtype=np.uint32).reshape(pieces, rows, columns)
     a, b, c, d = number[:, :-1, :-1], number[:, :-1, 1:], number[:, 1:, :-1], number[:, 1:, 1:]
-    faces = np.concatenate([np.stack([a, c, b], axis=-1).reshape(-1, 3), np.stack([b, c, d], axis=-1).reshape(-1, 3)])
-    return np.ascontiguousarray(faces)
+    faces = np.stack([np.stack([a, c, b], axis=-1), np.stack([b, c, d], axis=-1)])
+    row, column = np.indices((rows - 1, columns - 1)) // _CHECKS
+    first = (row + column) % 2 == 0
+    return (
+        np.ascontiguousarray(faces[:, :, first].reshape(-1, 3)),
+        np.ascontiguousarray(faces[:, :, ~first].reshape(-1, 3)),
+    )
 
 
 def lane_arms(frame: ArmFrame, origin: Float64, colour: Rgb) -> tuple[Strokes, Strokes]:

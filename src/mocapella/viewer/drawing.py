@@ -107,7 +107,7 @@ class ClothNode:
                 mesh.faces,
                 color=self._colour.paint,
                 side="double",
-                opacity=0.55,
+                opacity=0.4,
                 cast_shadow=False,
                 receive_shadow=False,
             )

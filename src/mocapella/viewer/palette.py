@@ -34,7 +34,8 @@ class Rgb(NamedTuple):
 FUSED = Rgb(255, 255, 255)
 """The fused skeleton."""
 FLOOR = Rgb(20, 27, 40)
-CLOTH = Rgb(120, 150, 235)
+CLOTH = Rgb(90, 130, 255), Rgb(225, 232, 255)
+"""Its checks."""
 GREEN, AMBER, BLUE, RED, GREY = (
     Rgb(61, 220, 151),
     Rgb(255, 184, 77),

@@ -55,7 +55,7 @@ class TrackingDrawing:
 
     ``halos`` are about the joints that are unsure. ``unseen`` is what people are called whom the perspective's sensor
     never saw, who therefore cannot be placed in it. ``scale``: how many times larger than they are things are drawn.
-    ``arms``: that it is the stage of arms, from three sides; ``cloth`` is what they hold there.
+    ``arms``: that it is the stage of arms, from three sides; ``cloth`` is what they hold there, by its colours.
     """
 
     bones: Strokes
@@ -66,7 +66,7 @@ class TrackingDrawing:
     unseen: tuple[str, ...]
     scale: float = 1.0
     arms: bool = False
-    cloth: Mesh | None = None
+    cloth: tuple[Mesh | None, Mesh | None] = (None, None)
 
 
 def tracking_drawing(
@@ -179,7 +179,7 @@ class TrackingStage:
         self._bones = StrokeNode(scene, "/tracking/bones", bone_mesh())
         self._joints = StrokeNode(scene, "/tracking/joints", ball_mesh())
         self._halos = StrokeNode(scene, "/tracking/halos", ball_mesh(), shadow=False, translucent=True)
-        self._cloth = ClothNode(scene, "/tracking/cloth", CLOTH)
+        self._cloth = [ClothNode(scene, f"/tracking/cloth/{k}", colour) for k, colour in enumerate(CLOTH)]
         self._trails = LineNode(scene, "/tracking/trails", thickness=0.02)
         self._field_lines = LineNode(scene, "/tracking/fields", thickness=0.008)
         self._trails_of: tuple[object, ...] = ()
@@ -218,7 +218,8 @@ class TrackingStage:
         self._bones.draw(drawing.bones)
         self._joints.draw(drawing.joints)
         self._halos.draw(drawing.halos)
-        self._cloth.draw(drawing.cloth)
+        for node, part in zip(self._cloth, drawing.cloth, strict=True):
+            node.draw(part)
         self._tags.draw(drawing.tags)
         shown = {name: mark for name, mark in drawing.sensors.items() if not (eyes and name == perspective)}
         self._draw_sensors(shown, fields)

@@ -142,9 +142,7 @@ class ArmMotion:
         self._values = np.hstack([np.radians(degrees), [k.shift_m for k in keys]])
         self._ends = np.cumsum([key.move_s + key.hold_s for key in keys])
         self.period_s, self._rate, self._phase = float(self._ends[-1]), rate, phase
-        radii = finger_radii(mesh.shape)
-        big = mesh.shape.hand_length_m / 0.189
-        self._flesh = (radii, _PALM_HALF_M * big)
+        self._flesh = _flesh(mesh)
         self._open = posture_angles(postures["open"], postures["open"])
         self._postures = [self._settled(k) for k in range(len(keys))]
         self._corrections = [self._correction(k) for k in range(len(keys))]
@@ -290,14 +288,16 @@ def untangled(
     touch: Float64 | None = None,
     flesh: tuple[Float64, float] | None = None,
 ) -> Float64:
-    """(21,) the angles nearest to those wished at which no finger is in another.
+    """(21,) the angles nearest to those wished at which no finger is in another [rad].
 
     Args:
+        mesh: whose hand it is.
+        wished: (21,) [rad].
         start: (21,) where to begin; at those wished, where not given.
         touch: (n, 3) two digits that shall touch, the thumb first and with its tip, and how much, 0 to 1.
         flesh: radii of the digits (5, 4) and half the palm's thickness [m]; the mesh's own where not given.
     """
-    radii, palm_m = flesh or (finger_radii(mesh.shape), _PALM_HALF_M * mesh.shape.hand_length_m / 0.189)
+    radii, palm_m = flesh or _flesh(mesh)
     angles, model = np.empty(len(ANGLES)), mesh.model
     _kernels().untangle(
         wished, wished if start is None else start, model.frames, DIGIT_ANGLES, mesh.hand.bases, mesh.hand.lengths,
@@ -310,17 +310,33 @@ def worst_overlap(mesh: ArmMesh, angles: Float64) -> float:
     """How far one finger is inside another, or in the palm, at most [m]; 0 where none is.
 
     Flesh is taken as tapered limbs about the bones; neighbouring fingers' first bones count from 45 % of their length.
+
+    Args:
+        mesh: whose hand it is.
+        angles: (21,) [rad].
     """
-    pose = ArmPose(angles, np.zeros(4), np.eye(4))
-    limbs, out, k = np.empty((19, 8)), np.empty(_kernels().PAIRS), _kernels()
-    palm_m = _PALM_HALF_M * mesh.shape.hand_length_m / 0.189
-    k.limbs_of(mesh.frames(pose)[1], finger_radii(mesh.shape), palm_m, limbs)
+    pose, k = ArmPose(angles, np.zeros(4), np.eye(4)), _kernels()
+    limbs, out = np.empty((19, 8)), np.empty(k.PAIRS)
+    k.limbs_of(mesh.frames(pose)[1], *_flesh(mesh), limbs)
     k.overlaps(limbs, out)
     return max(float(out.max()), 0.0)
 
 
+def _flesh(mesh: ArmMesh) -> tuple[Float64, float]:
+    """Radii of the digits (5, 4) and half the palm's thickness [m]."""
+    return finger_radii(mesh.shape), _PALM_HALF_M * (mesh.shape.hand_length_m / 0.189)
+
+
 def held_at(mesh: ArmMesh, joints: Float64, R_camera_palm: Float64, at: Float64, which: int = PALM) -> ArmPose:
-    """The pose of a right arm, all angles 0, whose palm is turned so and one of whose joints is there [m]."""
+    """The pose of a right arm, all of whose hand's angles are 0, one of whose points is at a place.
+
+    Args:
+        mesh: whose arm it is.
+        joints: (4,) of `ArmPose` [rad].
+        R_camera_palm: (3, 3).
+        at: (3,) in the camera's space [m].
+        which: of `mocapella.model.arms.ARM_POINTS`, is there.
+    """
     pose = ArmPose(np.zeros(len(ANGLES)), np.asarray(joints, dtype=np.float64), np.eye(4))
     bones, points = mesh.frames(pose)
     R = R_camera_palm @ bones[3, :, :3].T

@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from mocapella.compiled import njit
+from mocapella.geometry.cholesky_kernels import factorise, substitute
 from mocapella.sources.simulate.arm_mesh_kernels import arm_frames
 
 _PALM_SPANS = 4
@@ -147,26 +148,6 @@ def squared(r):
 
 
 @njit(cache=True)
-def solve(H, more, g, M, x):
-    """Write the solution of (H, its diagonal times ``more``) x = g by Cholesky's factor M; H's lower half counts."""
-    n = len(g)
-    for i in range(n):
-        x[i] = g[i]
-        for k in range(i + 1):
-            total = H[i, k] * more if i == k else H[i, k]
-            for j in range(k):
-                total -= M[i, j] * M[k, j]
-            M[i, k] = math.sqrt(total) if i == k else total / M[k, k]
-        for j in range(i):
-            x[i] -= M[i, j] * x[j]
-        x[i] /= M[i, i]
-    for i in range(n - 1, -1, -1):
-        for j in range(i + 1, n):
-            x[i] -= M[j, i] * x[j]
-        x[i] /= M[i, i]
-
-
-@njit(cache=True)
 def _copy(one, other):
     for k in range(len(one)):
         other[k] = one[k]
@@ -248,7 +229,9 @@ def untangle(
             tries += 1
             if tries == _TRIES:
                 return worst
-        solve(H, 1.0 + damping, g, M, trial)
+        factorise(H, damping, M)  # each angle is wished for, too: there is always one
+        _copy(g, trial)
+        substitute(M, trial)
         for i in range(n):
             trial[i] = angles[i] - trial[i]
         limit(trial, which, cones, limits)

@@ -217,7 +217,7 @@ class ClothBeforeHand:
     """
 
     def __init__(
-        self, settings: ClothSettings | None = None, *, before_m: float = 0.05, above_m: float = 0.24,
+        self, settings: ClothSettings | None = None, *, before_m: float = 0.03, above_m: float = 0.24,
         lost_after_s: float = 5.0,
     ) -> None:  # fmt: skip
         self.settings = settings or ClothSettings()

@@ -156,23 +156,31 @@ class ArmTruth(msgspec.Struct, frozen=True, eq=False):
     shape: str
 
 
-class DepthShot(msgspec.Struct, frozen=True, eq=False):
-    """A depth image and what is true of it.
+class Shot(msgspec.Struct, frozen=True, eq=False):
+    """A rendered depth image.
 
     Attributes:
         at_s: when [s].
         depth: (height, width) distance along the optical axis in units; 0 where nothing was measured.
         unit_m: metres a unit.
         lens: (9,) of `mocapella.geometry.lens`.
-        arms: that there are, in the image or not.
-        exact_m: (height, width) float32 before noise [m]; infinite where nothing is.
-        parts: (height, width) what each pixel shows before noise: `NOTHING`, `BEHIND`, `BODY`, `FIRST_ARM` and above.
     """
 
     at_s: float
     depth: UInt16
     unit_m: float
     lens: Float64
+
+
+class DepthShot(Shot, frozen=True, eq=False):
+    """A depth image and what is true of it.
+
+    Attributes:
+        arms: that there are, in the image or not.
+        exact_m: (height, width) float32 before noise [m]; infinite where nothing is.
+        parts: (height, width) what each pixel shows before noise: `NOTHING`, `BEHIND`, `BODY`, `FIRST_ARM` and above.
+    """
+
     arms: tuple[ArmTruth, ...]
     exact_m: Float32
     parts: UInt8

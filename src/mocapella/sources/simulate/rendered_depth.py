@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
-from typing import Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import SettingsError
@@ -13,6 +13,9 @@ from mocapella.sources.depth_files import RecordedDepth
 from mocapella.sources.depth_options import DepthOptions
 from mocapella.sources.picture_source import Image, SourceState
 from mocapella.sources.simulate.rendered_source import RenderedSource
+
+if TYPE_CHECKING:
+    from mocapella.sources.simulate.depth_scene import Shot
 
 USUAL_FPS: Final = 30.0
 ROOM: Final = "room-"
@@ -30,7 +33,7 @@ class Scene(Protocol):
         """(9,) of `mocapella.geometry.lens`."""
         ...
 
-    def at(self, at_s: float) -> Any:
+    def at(self, at_s: float) -> Shot:
         """The image of that instant [s], and what is true of it."""
         ...
 

@@ -15,14 +15,13 @@ import zlib
 from functools import cache
 from typing import Any, Final
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.geometry.rigid import apply, rigid
 from mocapella.sources.simulate.body import JOINT, body_model
 from mocapella.sources.simulate.depth_noise import measured
-from mocapella.sources.simulate.depth_scene import Sensor, depth_sensor
+from mocapella.sources.simulate.depth_scene import Sensor, Shot, depth_sensor
 from mocapella.sources.simulate.room import Room
 from mocapella.sources.simulate.scenes import load_scene
 
@@ -40,22 +39,14 @@ _ABOVE_EYES: Final = 1.23
 """A head ends above its joint, which is at the eyes' height, by so many of its radii: 0.064 of the stature."""
 
 
-class RoomShot(msgspec.Struct, frozen=True, eq=False):
+class RoomShot(Shot, frozen=True, eq=False):
     """A depth image and what is true of it.
 
     Attributes:
-        at_s: when [s].
-        depth: (height, width) distance along the optical axis in units; 0 where nothing was measured.
-        unit_m: metres a unit.
-        lens: (9,) of `mocapella.geometry.lens`.
         people: (people, 25, 3) joints of `mocapella.sources.simulate.body.BODY` in the camera's space [m].
         parts: (height, width) what each pixel shows before noise: `FLOOR`, `WALL`, `FIRST_PERSON` and above.
     """
 
-    at_s: float
-    depth: NDArray[np.uint16]
-    unit_m: float
-    lens: Float64
     people: Float64
     parts: UInt8
 

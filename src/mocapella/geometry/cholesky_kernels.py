@@ -1,0 +1,45 @@
+"""Positive definite systems by Cholesky's factor, in place: for the fits that are compiled; importing it imports numba.
+
+G. Golub, C. Van Loan, *Matrix Computations*, 4.2. NumPy's, which is LAPACK's, starts threads for matrices as small as
+these, and takes a second to compile.
+"""
+
+from __future__ import annotations
+
+import math
+
+from mocapella.compiled import njit
+
+
+@njit(cache=True, error_model="numpy")
+def factorise(A, damping, L):
+    """Write the lower factor L of A (n, n), whose diagonal is raised by that part of it; whether there is one.
+
+    Of A the lower half is read; of L the upper half is left as it is.
+    """
+    for i in range(len(A)):
+        for k in range(i + 1):
+            e = A[i, k] * (1.0 + damping) if i == k else A[i, k]
+            for j in range(k):
+                e -= L[i, j] * L[k, j]
+            if i == k:
+                if not e > 0.0:
+                    return False
+                L[i, i] = math.sqrt(e)
+            else:
+                L[i, k] = e / L[k, k]
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def substitute(L, b):
+    """b (n,) becomes the solution x of L Lᵀ x = b."""
+    n = len(b)
+    for i in range(n):
+        for k in range(i):
+            b[i] -= L[i, k] * b[k]
+        b[i] /= L[i, i]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            b[i] -= L[k, i] * b[k]
+        b[i] /= L[i, i]
