@@ -25,7 +25,7 @@ from mocapella.kinematics.articulated_model import ABOUT, OF_BALL
 
 _IDENTITY = np.eye(3).reshape(9)
 FIRST = np.int64(0)
-"""Where the only rotation of an array begins. A plain 0 would be a type of its own, and what is called compiled twice."""
+"""Where an array of one rotation has it. A plain 0 would be a type of its own, and what is called compiled twice."""
 
 
 @njit(cache=True)
