@@ -95,9 +95,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """A program that is waited for does not compile meanwhile. Each part is compiled once, by whoever comes first."""
     if _place(item).startswith(COMPILING):
-        parts: tuple[str, ...] = ("people", "arms", "hands", "pictures of hands")
+        parts: tuple[str, ...] = ("people", "arms", "hands", "pictures of hands", "rooms")
     elif item.get_closest_marker("real_time") and not _place(item).startswith(BROWSER):
-        parts = ("hands", "pictures of hands", "people")  # the other worker has begun with the others
+        parts = ("hands", "pictures of hands", "rooms", "people")  # the other worker has begun with the others
         if "arm" in item.nodeid:
             parts = (*parts, "arms")
     else:
@@ -129,10 +129,17 @@ def _make_pictures_ready() -> None:
     next(SimulatedHandCamera(load_hand_scene("demo", seed=1), "left").frames())
 
 
+def _make_rooms_ready() -> None:
+    from mocapella.sources.simulate import SimulatedSensor, load_scene
+
+    next(SimulatedSensor(load_scene("obstacle", seed=1), 1).frames())
+
+
 PARTS = {
     "people": lambda: make_ready("default"),
     "hands": lambda: make_ready("hands"),
     "pictures of hands": _make_pictures_ready,
+    "rooms": _make_rooms_ready,
     "arms": _make_arms_ready,
 }
 _compiled: set[str] = set()
