@@ -93,16 +93,57 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """A program that is waited for does not compile meanwhile. Each method is compiled once, by whoever comes first."""
+    """A program that is waited for does not compile meanwhile. Each part is compiled once, by whoever comes first."""
     if _place(item).startswith(COMPILING):
-        methods: tuple[str, ...] = ("default", "hands")
+        parts: tuple[str, ...] = ("people", "arms", "hands", "pictures of hands", "rooms")
     elif item.get_closest_marker("real_time") and not _place(item).startswith(BROWSER):
-        methods = ("hands", "default")  # the other worker has begun with the other one
+        parts = ("hands", "pictures of hands", "rooms", "people")  # the other worker has begun with the others
+        if "arm" in item.nodeid:
+            parts = (*parts, "arms")
     else:
         return
-    for method in methods:
-        with _alone(method):
-            make_ready(method)
+    for part in parts:
+        if part not in _compiled:
+            with _alone(part):
+                PARTS[part]()
+            _compiled.add(part)
+
+
+def _make_arms_ready() -> None:
+    from mocapella.model.camera import Camera
+    from mocapella.sources.simulate.depth_scene import load_depth_scene
+    from mocapella.tracker.arm_methods import arm_method
+
+    scene = load_depth_scene("cloth", seed=1)
+    finds = arm_method("default", Camera("arm", scene.sensor.size_px, scene.lens))
+    for k in range(3):
+        shot = scene.at(k / 30)
+        finds.update(shot.depth * np.float32(shot.unit_m), k / 30)
+
+
+def _make_pictures_ready() -> None:
+    """Rendered, and markers found in them."""
+    from mocapella.sources.simulate.hand_camera import SimulatedHandCamera
+    from mocapella.sources.simulate.hand_scene import load_hand_scene
+
+    next(SimulatedHandCamera(load_hand_scene("demo", seed=1), "left").frames())
+
+
+def _make_rooms_ready() -> None:
+    from mocapella.sources.simulate import SimulatedSensor, load_scene
+
+    next(SimulatedSensor(load_scene("obstacle", seed=1), 1).frames())
+
+
+PARTS = {
+    "people": lambda: make_ready("default"),
+    "hands": lambda: make_ready("hands"),
+    "pictures of hands": _make_pictures_ready,
+    "rooms": _make_rooms_ready,
+    "arms": _make_arms_ready,
+}
+_compiled: set[str] = set()
+"""By this worker, or loaded after the other one had."""
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,15 @@ import mocapella.cli.colours  # noqa: F401 - registers the verbs
 from mocapella.cli.app import app
 from mocapella.errors import MocapellaError
 from mocapella.sensing.colour_profile import load_profile
-from mocapella.sources.simulate.hand_scene import load_hand_scene
+from mocapella.sources.simulate.hand_scene import HandShot, load_hand_scene
 
 SCENE = load_hand_scene("demo", seed=3)
-SHOT = SCENE.at("left", 0.2)
+
+
+@cache
+def shot() -> HandShot:
+    """Not while tests are collected: all workers would compile for it at once."""
+    return SCENE.at("left", 0.2)
 
 
 def run(*arguments: str) -> Result:
@@ -26,14 +32,14 @@ def run(*arguments: str) -> Result:
 
 
 def pointing() -> list[str]:
-    clicks = zip(SCENE.names, SHOT.centres_px, strict=True)
+    clicks = zip(SCENE.names, shot().centres_px, strict=True)
     return [word for name, (x, y) in clicks for word in ("--point", f"{name}={x:.1f},{y:.1f}")]
 
 
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    cv2.imwrite("shot.png", SHOT.image)
+    cv2.imwrite("shot.png", shot().image)
     return tmp_path
 
 
@@ -43,9 +49,9 @@ def read(path: Path) -> Any:
 
 def test_what_is_pointed_at_is_found_again_and_drawn(here: Path) -> None:
     (here / "films").mkdir()
-    cv2.imwrite("films/0.png", np.zeros_like(SHOT.image))
-    cv2.imwrite("films/1.png", SHOT.image)
-    cv2.imwrite("empty.png", np.full_like(SHOT.image, 90))
+    cv2.imwrite("films/0.png", np.zeros_like(shot().image))
+    cv2.imwrite("films/1.png", shot().image)
+    cv2.imwrite("empty.png", np.full_like(shot().image, 90))
     done = run(
         *("learn", "films", "--frame", "1", "--name", "left", *pointing(), "--background", "empty.png", "--background"),
         *("films@0", "--exposure", "120", "--out", "left.json", "--json", "learnt.json"),
@@ -61,24 +67,24 @@ def test_what_is_pointed_at_is_found_again_and_drawn(here: Path) -> None:
     seen = read(here / "seen.json")["markers"]
     off = [
         np.hypot(seen[n]["x_px"] - x, seen[n]["y_px"] - y)
-        for n, (x, y) in zip(SCENE.names, SHOT.centres_px, strict=True)
+        for n, (x, y) in zip(SCENE.names, shot().centres_px, strict=True)
     ]
     assert max(off) < 3.0
     mask = cv2.imread("mask.png")
-    assert mask.shape == SHOT.image.shape
-    assert np.median(mask) < 0.5 * np.median(SHOT.image)
+    assert mask.shape == shot().image.shape
+    assert np.median(mask) < 0.5 * np.median(shot().image)
 
 
 def test_a_picture_to_point_at_is_written_as_it_is(here: Path) -> None:
     assert run("check", "rendered:demo/left", "--seed", "3", "--frame", "4", "--out", "plain.png").exit_code == 0
-    np.testing.assert_array_equal(cv2.imread("plain.png"), SHOT.image)
+    np.testing.assert_array_equal(cv2.imread("plain.png"), shot().image)
 
 
 def test_two_markers_of_one_colour_are_said(here: Path) -> None:
     assert run("learn", "shot.png", "--name", "left", *pointing(), "--out", "left.json").exit_code == 0
     double = (
-        np.concatenate([SHOT.image[:, :160], SHOT.image[:, :160]], axis=1),
-        np.concatenate([SHOT.image[:, 160:], SHOT.image[:, 160:]], axis=1),
+        np.concatenate([shot().image[:, :160], shot().image[:, :160]], axis=1),
+        np.concatenate([shot().image[:, 160:], shot().image[:, 160:]], axis=1),
     )
     counts = []
     for image in double:

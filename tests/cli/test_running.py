@@ -78,7 +78,7 @@ def test_the_demo_of_hands_finds_one_and_its_take_replays_as_it_was(tmp_path: Pa
 
 
 def test_the_demo_of_an_arm_finds_it_and_its_take_replays_as_it_was(tmp_path: Path) -> None:
-    summary = result(tmp_path, "demo", "arm", "--headless", "--seconds", "6", "--record", "arm")
+    summary = result(tmp_path, "demo", "arm", "--headless", "--seconds", "8", "--record", "arm")
     assert [row["name"] for row in summary["sensors"]] == ["arm"]
     assert summary["frames_in"] == summary["frames_out"] > 0
     assert summary["most_arms"] >= 1

@@ -2,20 +2,34 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from mocapella.errors import SettingsError
+from mocapella.sensing.colour_profile import ColourProfile
 from mocapella.sensing.colour_table import cell_of
 from mocapella.sensing.marker_mask import encode_image, labels_of, mask_image, paint_of
 from mocapella.sensing.markers import MarkerDetector
 from mocapella.sources.simulate.hand_camera import pointed_at
 from mocapella.sources.simulate.hand_scene import load_hand_scene
 
+UInt8 = NDArray[np.uint8]
 SCENE = load_hand_scene("demo", seed=3)
-PROFILE = pointed_at(SCENE, "left")
-SHOT = SCENE.at("left", 0.2).image
+
+
+@cache
+def profile() -> ColourProfile:
+    """Like the shot, not while tests are collected: all workers would compile for it at once."""
+    return pointed_at(SCENE, "left")
+
+
+@cache
+def shot() -> UInt8:
+    return SCENE.at("left", 0.2).image
 
 
 def test_labels_are_those_of_the_table() -> None:
@@ -26,10 +40,10 @@ def test_labels_are_those_of_the_table() -> None:
 
 
 def test_every_colour_is_painted_where_it_is_and_only_there() -> None:
-    detector = MarkerDetector(PROFILE)
-    labels, mask = labels_of(SHOT, detector.table), mask_image(SHOT, PROFILE, detector.table)
-    paint = paint_of(PROFILE)
-    assert len({tuple(row) for row in paint.tolist()}) == len(PROFILE.colours) + 1
+    detector = MarkerDetector(profile())
+    labels, mask = labels_of(shot(), detector.table), mask_image(shot(), profile(), detector.table)
+    paint = paint_of(profile())
+    assert len({tuple(row) for row in paint.tolist()}) == len(profile().colours) + 1
     for label in range(1, len(paint)):
         assert (labels == label).any()
         np.testing.assert_array_equal(mask[labels == label], np.broadcast_to(paint[label], mask[labels == label].shape))
@@ -40,9 +54,9 @@ def test_every_colour_is_painted_where_it_is_and_only_there() -> None:
 
 
 def test_crosses_stand_where_markers_were_found() -> None:
-    detector = MarkerDetector(PROFILE)
-    frame = detector.update(SHOT, 0.0)
-    plain, crossed = (mask_image(SHOT, PROFILE, detector.table, f) for f in (None, frame))
+    detector = MarkerDetector(profile())
+    frame = detector.update(shot(), 0.0)
+    plain, crossed = (mask_image(shot(), profile(), detector.table, f) for f in (None, frame))
     changed = (plain != crossed).any(axis=-1)
     for x, y in frame.positions_px:
         assert changed[round(float(y)), round(float(x))]
@@ -50,10 +64,10 @@ def test_crosses_stand_where_markers_were_found() -> None:
 
 
 def test_pictures_are_encoded_as_asked_for() -> None:
-    again = cv2.imdecode(np.frombuffer(encode_image(SHOT, "png"), np.uint8), cv2.IMREAD_COLOR)
-    np.testing.assert_array_equal(again, SHOT)
-    half = cv2.imdecode(np.frombuffer(encode_image(SHOT, "jpeg", 0.5), np.uint8), cv2.IMREAD_COLOR)
+    again = cv2.imdecode(np.frombuffer(encode_image(shot(), "png"), np.uint8), cv2.IMREAD_COLOR)
+    np.testing.assert_array_equal(again, shot())
+    half = cv2.imdecode(np.frombuffer(encode_image(shot(), "jpeg", 0.5), np.uint8), cv2.IMREAD_COLOR)
     assert half.shape == (120, 160, 3)
-    assert np.abs(half.astype(float) - cv2.resize(SHOT, (160, 120), interpolation=cv2.INTER_AREA)).mean() < 8
+    assert np.abs(half.astype(float) - cv2.resize(shot(), (160, 120), interpolation=cv2.INTER_AREA)).mean() < 8
     with pytest.raises(SettingsError, match="nothing of 4 × 4 px would be left"):
         encode_image(np.zeros((4, 4, 3), np.uint8), "png", 0.05)

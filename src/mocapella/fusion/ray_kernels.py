@@ -194,11 +194,11 @@ def tell(
         last = times[j, counts[j] - 1] if counts[j] else begins[j]
         predict(x, P, at_s - last, q)
         variance = max(P[0, 0], P[1, 1], P[2, 2])
-        recently = 0
+        recently, seen_s = 0, -math.inf
         for k in range(len(views)):
             if used_s[j, k] >= at_s - alone_s:
                 recently += 1
-        seen_s = used_s[j].max()
+            seen_s = max(seen_s, used_s[j, k])
         if at_s - seen_s > forget_after_s or (recently < 2 and not variance <= largest_sd_m**2):
             forget(j, begins, counts, used_s, refused, report)
             continue

@@ -21,8 +21,9 @@ import math
 import numpy as np
 
 from mocapella.compiled import njit
-from mocapella.kinematics.chain_kernels import orthonormal, turn_between, turned
-from mocapella.kinematics.hand_fit_kernels import _penalty, digit_angles, digit_points, factorise, substitute, within
+from mocapella.geometry.cholesky_kernels import factorise, substitute
+from mocapella.kinematics.chain_kernels import FIRST, orthonormal, turn_between, turned
+from mocapella.kinematics.hand_fit_kernels import _penalty, digit_angles, digit_points, within
 from mocapella.kinematics.hand_kernels import BASE, DIGIT, L1
 
 # A piece's row of numbers: its axis from A along U for LENGTH, radii at both ends, and what is made of them.
@@ -31,6 +32,7 @@ TAN, MIDDLE, BOUND = 9, 10, 13
 PIECE = 14
 # Which dofs move a piece: its digit, or one of these, and the bone of the digit.
 OF_PALM, OF_FOREARM, OF_UPPER_ARM = -1, -2, -3
+_OUTER = np.int64(2)  # bone; a plain number in a call is a type of its own, for which what is called is compiled again
 
 # Of the state's vector v.
 SCALE, THICK, FOREARM_M, ARM_THICK = 0, 1, 2, 3  # hand's size and thickness over the shape's, length [m], thickness
@@ -458,7 +460,9 @@ def system(
         for k in range(3):
             nx, ny, nz = 1.0 * (k == 0), 1.0 * (k == 1), 1.0 * (k == 2)
             e = nx * (x - px) + ny * (y - py) + nz * (w - pz)
-            n = _derivatives(d, 2, nx, ny, nz, px, py, pz, 0.0, joints, axes, columns, gains, rising, v, nz_free, J, at)
+            n = _derivatives(
+                d, _OUTER, nx, ny, nz, px, py, pz, 0.0, joints, axes, columns, gains, rising, v, nz_free, J, at
+            )
             _add(J, at, n, 1.0 / _TARGET_SD**2, e, H, g)
 
 
@@ -538,7 +542,7 @@ def swept(
     reach = 0.03
     for k in range(3):
         reach += rows[digit, L1 + k]
-    kept, few, total, first = np.empty((len(points), 8)), 0, 0.0, 15
+    kept, few, total, first = np.empty((len(points), 8)), 0, 0.0, np.int64(15)
     for i in range(len(points)):
         total += weights[i]
         X, Y, Z = points[i, 0], points[i, 1], points[i, 2]
@@ -583,7 +587,7 @@ def swept(
                 own[k, i] = pieces[3 * digit + k, i]
         unexplained = 0.0
         for i in range(few):
-            closest(own, 3, 0, kept[i, 0], kept[i, 1], kept[i, 2], kept[i, 3], kept[i, 4], kept[i, 5], hit)
+            closest(own, len(own), FIRST, kept[i, 0], kept[i, 1], kept[i, 2], kept[i, 3], kept[i, 4], kept[i, 5], hit)
             unexplained += kept[i, 6] * min(_robust(hit[4], now[0])[1], kept[i, 7])
         outside = 0.0
         for bone in range(3):
@@ -807,7 +811,7 @@ def fit(
         if most > 0.5:
             for i in range(full):
                 d[i] *= 0.5 / most
-        turned(R, 0, d[3], d[4], d[5], new_R)
+        turned(R, FIRST, d[3], d[4], d[5], new_R)
         orthonormal(new_R)
         for k in range(3):
             t[k] += R[3 * k] * d[0] + R[3 * k + 1] * d[1] + R[3 * k + 2] * d[2]
@@ -843,7 +847,7 @@ def _usual(prior_mean, prior, predicted_R, predicted_t, predicted_z, certainty, 
         g[6 + i] -= certainty[6 + i] * (z[i] - predicted_z[i])
     if certainty[0] > 0.0 or certainty[3] > 0.0:
         d = np.empty(6)
-        d[3], d[4], d[5] = turn_between(predicted_R, 0, R)
+        d[3], d[4], d[5] = turn_between(predicted_R, FIRST, R)
         dx, dy, dz = t[0] - predicted_t[0], t[1] - predicted_t[1], t[2] - predicted_t[2]
         for k in range(3):
             d[k] = R[k] * dx + R[3 + k] * dy + R[6 + k] * dz

@@ -24,6 +24,8 @@ from mocapella.compiled import njit
 from mocapella.kinematics.articulated_model import ABOUT, OF_BALL
 
 _IDENTITY = np.eye(3).reshape(9)
+FIRST = np.int64(0)
+"""Where an array of one rotation has it. A plain 0 would be a type of its own, and what is called compiled twice."""
 
 
 @njit(cache=True)
@@ -93,7 +95,7 @@ def swing(ox, oy, oz, dx, dy, dz, out):
     if f == 0.0 and cosine < 0.0:  # opposite: half a turn about any axis across
         x, y, z = (-oy, ox, 0.0) if abs(oz) < 0.9 else (0.0, -oz, oy)
         f = np.pi / np.sqrt(x * x + y * y + z * z)
-    turned(_IDENTITY, 0, f * x, f * y, f * z, out)
+    turned(_IDENTITY, FIRST, f * x, f * y, f * z, out)
 
 
 @njit(cache=True)
@@ -129,7 +131,7 @@ def limited(values, B, out):
         dx, dy, dz = cosine * cx + f * px, cosine * cy + f * py, cosine * cz + f * pz
     S = np.empty(9)
     swing(ox, oy, oz, dx, dy, dz, S)
-    turned(S, 0, allowed * ox, allowed * oy, allowed * oz, out)
+    turned(S, FIRST, allowed * ox, allowed * oy, allowed * oz, out)
     return True
 
 

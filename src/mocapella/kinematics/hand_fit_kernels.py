@@ -16,9 +16,8 @@ import math
 import numpy as np
 
 from mocapella.compiled import njit
-from mocapella.geometry.cholesky_kernels import factorise as factorise  # noqa: PLC0414 - for arm_fit_kernels, too
-from mocapella.geometry.cholesky_kernels import substitute as substitute  # noqa: PLC0414
-from mocapella.kinematics.chain_kernels import orthonormal, turn_between, turned
+from mocapella.geometry.cholesky_kernels import factorise, substitute
+from mocapella.kinematics.chain_kernels import FIRST, orthonormal, turn_between, turned
 from mocapella.kinematics.hand_kernels import (
     A0,
     AX,
@@ -161,7 +160,7 @@ def _expected(prior_mean, prior, predicted_R, predicted_t, predicted_z, certaint
         cost += w * d * d
     if certainty[0] > 0.0 or certainty[3] > 0.0:
         d = np.empty(6)
-        d[3], d[4], d[5] = turn_between(predicted_R, 0, R)
+        d[3], d[4], d[5] = turn_between(predicted_R, FIRST, R)
         dx, dy, dz = t[0] - predicted_t[0], t[1] - predicted_t[1], t[2] - predicted_t[2]
         for k in range(3):
             d[k] = R[k] * dx + R[3 + k] * dy + R[6 + k] * dz
@@ -290,7 +289,7 @@ def fit(
         if most > 0.5:
             for i in range(n):
                 d[i] *= 0.5 / most
-        turned(R, 0, d[3], d[4], d[5], new_R)
+        turned(R, FIRST, d[3], d[4], d[5], new_R)
         orthonormal(new_R)
         for k in range(3):
             new_t[k] = t[k] + R[3 * k] * d[0] + R[3 * k + 1] * d[1] + R[3 * k + 2] * d[2]

@@ -41,6 +41,8 @@ _COS = np.cos(2 * np.pi * np.arange(RAYS) / RAYS)
 _SIN = np.sin(2 * np.pi * np.arange(RAYS) / RAYS)
 
 
+# What is written as 0 or True where a kernel is called would be another type, and the kernel compiled once more for it.
+_0, _YES = np.int64(0), np.bool_(True)
 _2, _3, _7, _248 = np.uint16(2), np.uint16(3), np.uint16(7), np.uint16(248)
 
 
@@ -285,7 +287,8 @@ def choose(found, count, label, x0, y0, predicted, px, py, area_before, usual, l
         if best < 0:
             return best
         plausible = max(0.25 * found[best, SIZE], least)
-    mine[:] = found[best]
+    for k in range(PIECE):
+        mine[k] = found[best, k]
     for p in range(count):  # pieces a highlight has cut off
         if p == best or found[p, LABEL] != label or found[p, SIZE] > found[best, SIZE]:
             continue
@@ -443,7 +446,7 @@ def follow(
                     k + 1,
                     x0,
                     y0,
-                    True,
+                    _YES,
                     px,
                     py,
                     memory[k, AREA],
@@ -465,7 +468,7 @@ def follow(
                 lost = True
     if lost:
         said = 1
-        count = pieces(image, table, 0, 0, w, h, 0, index, labels, runs, parent, found)
+        count = pieces(image, table, _0, _0, w, h, _0, index, labels, runs, parent, found)
         if count < 0:
             count, said = -1 - count, 3
         for k in range(len(out)):
@@ -478,10 +481,10 @@ def follow(
                 px, py, area = memory[k, X] + age * memory[k, VX], memory[k, Y] + age * memory[k, VY], memory[k, AREA]
             out[k] = 0.0
             if (
-                choose(found, count, k + 1, 0, 0, known, px, py, area, memory[k, USUAL], limits, shape, mine, out[k])
+                choose(found, count, k + 1, _0, _0, known, px, py, area, memory[k, USUAL], limits, shape, mine, out[k])
                 >= 0
             ):
-                tell(image, table, light, mine, 0, 0, area, limits, shape, out[k])
+                tell(image, table, light, mine, _0, _0, area, limits, shape, out[k])
     for k in range(len(out)):
         if out[k, FOUND] > 0.0:
             age = at_s - memory[k, SEEN_S]

@@ -13,6 +13,8 @@ import numpy as np
 from mocapella.compiled import njit
 
 LIMB = 9
+# Plain numbers where a kernel is called would be types of their own, and the kernel compiled once for each.
+_X, _Y, _Z = np.int64(0), np.int64(1), np.int64(2)
 
 
 @njit(cache=True)
@@ -201,6 +203,22 @@ def turned(R, axis, angle):
 
 
 @njit(cache=True)
+def _place(point, p):
+    """Write a point (3,)."""
+    for i in range(3):
+        point[i] = p[i]
+
+
+@njit(cache=True)
+def _stand(bone, R, p):
+    """Write how a bone (3, 4) stands."""
+    for i in range(3):
+        for k in range(3):
+            bone[i, k] = R[i, k]
+        bone[i, 3] = p[i]
+
+
+@njit(cache=True)
 def arm_frames(digit_frames, which, bases, lengths, upper_m, forearm_m, joints, angles, bones, points):
     """Where the bones and joints of a right arm are, in the shoulder's frame.
 
@@ -215,25 +233,23 @@ def arm_frames(digit_frames, which, bases, lengths, upper_m, forearm_m, joints, 
             wrist.
         points: (24, 3) out: 21 landmarks, middle of the palm, elbow, shoulder [m].
     """
-    R, p = np.eye(3), np.zeros(3)
-    points[23] = 0.0
+    R, p = np.zeros((3, 3)), np.zeros(3)
+    for i in range(3):
+        R[i, i] = 1.0
+    _place(points[23], p)
     p[2] = upper_m
-    points[22] = p
-    for i in range(3):
-        bones[0, i, :3], bones[0, i, 3] = R[i], p[i]
-    turned(R, 1, joints[0])
-    for i in range(3):
-        bones[1, i, :3], bones[1, i, 3] = R[i], p[i]
-    turned(R, 2, -joints[1])
+    _place(points[22], p)
+    _stand(bones[0], R, p)
+    turned(R, _Y, joints[0])
+    _stand(bones[1], R, p)
+    turned(R, _Z, -joints[1])
     for i in range(3):
         p[i] += forearm_m * R[i, 2]
-    for i in range(3):
-        bones[2, i, :3], bones[2, i, 3] = R[i], p[i]
-    turned(R, 1, joints[3])
-    turned(R, 0, joints[2])
-    for i in range(3):
-        bones[3, i, :3], bones[3, i, 3] = R[i], p[i]
-    points[0] = p
+    _stand(bones[2], R, p)
+    turned(R, _Y, joints[3])
+    turned(R, _X, joints[2])
+    _stand(bones[3], R, p)
+    _place(points[0], p)
     Q, q = np.empty((3, 3)), np.empty(3)
     for d in range(5):
         for i in range(3):
@@ -243,17 +259,16 @@ def arm_frames(digit_frames, which, bases, lengths, upper_m, forearm_m, joints, 
                 Q[i, k] = R[i, 0] * digit_frames[d, 0, k] + R[i, 1] * digit_frames[d, 1, k]
                 Q[i, k] += R[i, 2] * digit_frames[d, 2, k]
         for bone in range(3):
-            points[1 + 4 * d + bone] = q
+            _place(points[1 + 4 * d + bone], q)
             if bone == 0:
-                turned(Q, 1, angles[which[d, 1]])
+                turned(Q, _Y, angles[which[d, 1]])
             elif bone == 1 and which[d, 4] >= 0:
-                turned(Q, 1, angles[which[d, 4]])
-            turned(Q, 0, angles[which[d, 0 if bone == 0 else bone + 1]])
-            for i in range(3):
-                bones[4 + 3 * d + bone, i, :3], bones[4 + 3 * d + bone, i, 3] = Q[i], q[i]
+                turned(Q, _Y, angles[which[d, 4]])
+            turned(Q, _X, angles[which[d, 0 if bone == 0 else bone + 1]])
+            _stand(bones[4 + 3 * d + bone], Q, q)
             for i in range(3):
                 q[i] += lengths[d, bone] * Q[i, 2]
-        points[4 + 4 * d] = q
+        _place(points[4 + 4 * d], q)
     for i in range(3):
         points[21, i] = 0.5 * (points[0, i] + points[9, i])
 

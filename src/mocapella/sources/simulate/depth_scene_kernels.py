@@ -87,16 +87,17 @@ def count_alone(seen, triangles, chosen, depth):
     x0, x1, y0, y1 = max(x0, -w), min(x1, 2 * w), max(y0, -h), min(y1, 2 * h)
     if x0 > x1 or y0 > y1:
         return 0
-    hit = np.zeros((y1 - y0 + 1, x1 - x0 + 1), np.bool_)
+    hit, count = np.zeros((y1 - y0 + 1, x1 - x0 + 1), np.bool_), 0
     for t in range(len(triangles)):
         if not chosen[t]:
             continue
         a, b, c = seen[triangles[t, 0]], seen[triangles[t, 1]], seen[triangles[t, 2]]
         for y in range(max(math.ceil(min(a[1], b[1], c[1])), y0), min(math.floor(max(a[1], b[1], c[1])), y1) + 1):
             for x in range(max(math.ceil(min(a[0], b[0], c[0])), x0), min(math.floor(max(a[0], b[0], c[0])), x1) + 1):
-                if not hit[y - y0, x - x0] and inside(seen, triangles[t], x, y):
+                if not hit[y - y0, x - x0] and inside(seen, triangles[t], float(x), float(y)):
                     hit[y - y0, x - x0] = True
-    return np.count_nonzero(hit)
+                    count += 1
+    return count
 
 
 @njit(cache=True, error_model="numpy")

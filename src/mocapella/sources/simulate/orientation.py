@@ -43,12 +43,20 @@ def _orientations(positions, bones, forward):  # type: ignore[no-untyped-def]
     for body in range(bodies):
         for joint in range(joints):
             y = positions[body, bones[joint, 1]] - positions[body, bones[joint, 0]]
-            x = np.cross(y, forward[body])
+            x = _cross(y, forward[body])
             long, wide = np.sqrt(np.dot(y, y)), np.sqrt(np.dot(x, x))
             if long > 1e-6 and wide > 1e-6 * long:
                 y, x = y / long, x / wide
-                result[body, joint] = _quaternion(x, y, np.cross(x, y))
+                q = _quaternion(x, y, _cross(x, y))
+                for k in range(4):
+                    result[body, joint, k] = q[k]
     return result
+
+
+@njit(cache=True)
+def _cross(a, b):  # type: ignore[no-untyped-def]
+    """As numpy's, which takes seconds to compile."""
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 @njit(cache=True)
