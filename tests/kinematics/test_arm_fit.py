@@ -482,6 +482,29 @@ def test_fingers_that_are_bent_unlike_are_exchanged_and_others_are_not() -> None
     assert all(np.array_equal(pose.z[model.columns[0]], pointing.z[model.columns[0]]) for pose in poses)
 
 
+def test_fingers_are_held_alike_and_the_thumb_and_what_spreads_them_as_they_are() -> None:
+    model = arm_model("left")
+    pose = posed(model, np.random.default_rng(6))
+    poses = list(model.alike(pose))
+    for alike in poses:
+        for column in (0, 2):
+            assert np.ptp(alike.z[model.columns[1:, column]]) == 0
+        assert np.array_equal(alike.z[model.columns[1:, 1]], pose.z[model.columns[1:, 1]])
+        thumb = model.columns[0][model.columns[0] >= 0]
+        assert np.array_equal(alike.z[thumb], pose.z[thumb])
+    assert np.ptp([alike.z[model.columns[1, 0]] for alike in poses]) > 1.2
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_a_rigid_hand_is_found_five_centimetres_away_in_its_posture(side: Handedness) -> None:
+    model, true, _, evidence = seen(3, side, 1.0)
+    start = true._replace(t=true.t + np.array([0.04, -0.03, 0.0]))
+    end = model.fit(start, model.rigid(start, np.radians(1)), evidence, iterations=12, loose=4.0).pose
+    assert np.linalg.norm(end.t - true.t) < 0.006
+    assert np.abs(end.z - true.z).max() < np.radians(6)
+    np.testing.assert_allclose(end.v[[0, 1, 3, *range(10, 15)]], true.v[[0, 1, 3, *range(10, 15)]], atol=0.06)
+
+
 @pytest.mark.parametrize("side", SIDES)
 def test_landmarks_are_visible_where_their_flesh_is_seen(side: Handedness) -> None:
     model, true, _, evidence = seen(3, side, 1.0)

@@ -15,7 +15,7 @@ import pytest
 from mocapella.errors import SettingsError
 from mocapella.evaluation.arms import matched, score
 from mocapella.geometry.lens import project
-from mocapella.model.arms import ArmMethod, SeenArm, SeenArms
+from mocapella.model.arms import PALM, ArmMethod, SeenArm, SeenArms
 from mocapella.model.camera import Camera
 from mocapella.model.hand import DIGITS, TIPS
 from mocapella.sensing.arm_region import PalmCandidate
@@ -182,6 +182,57 @@ def test_where_no_arm_was_is_looked_at_ever_more_rarely(monkeypatch: pytest.Monk
     assert [at for at, place in looked if np.linalg.norm(place.centre - first) < 1e-9] == [0, 2, 6, 14, 30]
 
 
+def test_a_further_arm_is_looked_for_where_it_comes_and_nowhere_where_nothing_does(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    camera, shots = clip("two-hands", "exact", 2, 6)
+    alone = [metres(shot) for shot in shots]
+    other = max(shots[0].arms, key=lambda truth: truth.points[PALM, 0])
+    columns = slice(int(project(other.points, camera.lens)[:, 0].min()) - 20, None)
+    for image in alone:
+        image[:, columns] = 0
+    looks: list[Any] = []
+    candidates = ArmFinder.candidates
+    monkeypatch.setattr(ArmFinder, "candidates", lambda *of: looks.append(of[3]) or candidates(*of))
+    method = DepthArms(camera, DepthArmsSettings(look_every=1))
+    for k in range(12):
+        assert len(method.update(alone[k % 6], k / 30).arms) == 1
+    came = len(looks)
+    assert came <= 2
+    both = [len(method.update(metres(shots[k]), (12 + k) / 30).arms) for k in range(4)]
+    assert both[-1] == 2
+    places = looks[came]
+    pixels = project(places, camera.lens)
+    assert (pixels[:, 0] > columns.start).all()
+
+
+def test_of_places_on_an_arm_that_was_found_none_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    camera, shots = clip("rotation", "exact", 1)
+    finder, depth = DepthArms(camera).finder, metres(shots[0])
+    candidates = finder.candidates(depth, 24)
+    (best, *_) = sorted((one for c in candidates for one in finder.best(depth, c)), key=lambda one: one.cost)
+    monkeypatch.setattr(ArmFinder, "best", lambda *_: [best])
+    away = PalmCandidate(np.array([0.0, 0.0, 5.0]), 0.03, *candidates[0][2:])
+    _, tried = finder.all_of(depth, [*candidates, away, away], 8, 1.0, 8)
+    assert [len(tried), tried[1:]] == [3, [away, away]]
+    assert len(finder.all_of(depth, [*candidates, away], 8, 1.0, 1)[1]) == 1  # there are enough
+    _, tried = finder.all_of(depth, [away] * 3 + candidates, 2, 0.0, 8)
+    assert len(tried) == 2
+
+
+def test_a_hand_that_is_elsewhere_at_once_keeps_its_names() -> None:
+    camera, shots = clip("rotation", "exact", 1)
+    for shift in (-40, 40):
+        method = DepthArms(camera, DepthArmsSettings(arms=1))
+        told(method, shots[:4])
+        beside = np.roll(metres(shots[4]), shift, axis=1)
+        (arm,) = method.update(beside, shots[4].at_s).arms
+        truth = shots[4].arms[0].points
+        moved = truth + np.outer(truth[:, 2], [shift / camera.lens[0], 0, 0])
+        assert np.linalg.norm(moved[PALM] - truth[PALM]) > 0.035
+        assert np.linalg.norm(arm.points - moved, axis=1)[[*TIPS]].max() < 0.015
+
+
 @pytest.mark.parametrize("sensor", ["exact", "kinect"])
 def test_an_arm_before_the_torso_is_found(sensor: str) -> None:
     camera, shots = clip("torso", sensor, 1, 6)
@@ -236,7 +287,7 @@ def test_the_hand_of_the_real_recording_is_found_in_each_frame_by_itself() -> No
         ("arms", (0, 9)), ("hand_length_m", (0.09, 0.31)), ("believe", (0.0, 0.39)), ("keep", (0.2, 2.0)),
         ("digits", (0, 6)), ("gain", (0.0, 2.0)), ("doubt", (0.0, 2.0)), ("better", (0.0, 1.1)),
         ("firm", (0.0, 2.0)), ("look_again_after", (0, 1001)), ("refuse_for", (0, 100_001)),
-        ("lost_after", (0, 1001)), ("look_every", (0, 1001)),
+        ("lost_after", (0, 1001)), ("look_every", (0, 1001)), ("look_anyway_every", (0, 100_001)),
     ],
 )  # fmt: skip
 def test_settings_that_cannot_be_are_refused(name: str, values: tuple[Any, ...]) -> None:
