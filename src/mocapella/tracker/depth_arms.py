@@ -178,13 +178,15 @@ class DepthArms:
             return False
         expected = self._expected(arm, predicted, dt)
         fitted = model.fit(predicted, expected, evidence_of(part, model, predicted))
-        jumped = fitted.cost > _JUMP * arm.fitted.cost  # it turned, or stopped: not as was predicted
+        usual = _JUMP * arm.fitted.cost
+        jumped = fitted.cost > usual  # it turned, or stopped: not as was predicted
         if jumped:
             fitted = self._elsewhere(arm, fitted, predicted, expected, part)
         arm.moved(fitted, dt)
         arm.at_s, arm.region = at_s, part
-        if not jumped or fitted.cost > s.doubt:  # no image should take too long
-            self._search(arm, depth)
+        doubt = fitted.cost > min(s.doubt, usual)
+        if doubt or not jumped:  # no image should take too long
+            self._search(arm, depth, doubt, jumped)
         arm.doubtful = arm.doubtful + 1 if arm.fitted.cost > s.keep else 0
         arm.firm = min(arm.firm + 1, _FIRM_AFTER) if arm.fitted.cost < s.firm else max(arm.firm - 1, 0)
         return arm.doubtful < s.lost_after
@@ -210,15 +212,15 @@ class DepthArms:
         other = model.fit(best.pose, expected, evidence, iterations=4, loose=1.0)
         return other if other.cost < _MARGIN * fitted.cost else fitted
 
-    def _search(self, arm: _Arm, depth: Float32) -> None:
+    def _search(self, arm: _Arm, depth: Float32, doubt: bool, jumped: bool) -> None:
         """Look for digits that fit better otherwise; look for the hand anew where it has been doubtful for long."""
         s = self.settings
         assert arm.region is not None
-        model, pose, doubt = arm.model, arm.fitted.pose, arm.fitted.cost > s.doubt
+        model, pose = arm.model, arm.fitted.pose
         evidence = evidence_of(arm.region, model, pose, _FEW, 0.15)
         arm.in_doubt = arm.in_doubt + 1 if doubt else 0
         starts = []
-        if arm.in_doubt <= _AT_ONCE or arm.in_doubt % 2:
+        if not jumped and (arm.in_doubt <= _AT_ONCE or arm.in_doubt % 2):
             digits = range(5) if doubt else [(arm.next_digit + k) % 5 for k in range(s.digits)]
             arm.next_digit = (arm.next_digit + s.digits) % 5
             gain, start = max((model.held_otherwise(pose, evidence, digit) for digit in digits), key=lambda way: way[0])
@@ -231,7 +233,7 @@ class DepthArms:
             fits = [model.fit(start, model.unexpected(start), evidence, iterations=5, loose=2.0) for start in starts]
             other = min(fits, key=lambda other: other.cost)
             if other.cost < s.better * cost_of(model, pose, evidence):
-                self._change(arm, arm.side, other, depth)
+                self._change(arm, arm.side, other, arm.region)
         if arm.in_doubt >= arm.wait:
             arm.in_doubt, arm.wait = 0, min(2 * arm.wait, _LONGEST_WAIT)
             centre = arm.model.points(arm.fitted.pose)[PALM]
@@ -241,15 +243,13 @@ class DepthArms:
                 for one in self.finder.best(depth, candidate)
             ]
             for one in sorted(found, key=lambda one: one.cost)[:1]:
-                if self._change(arm, one.side, one.fitted, depth):
+                part = self.finder.region(depth, self.models[one.side].spheres(one.fitted.pose))
+                if part is not None and self._change(arm, one.side, one.fitted, part):
                     arm.sure, arm.wait = self.finder.sure(one, found), s.look_again_after
 
-    def _change(self, arm: _Arm, side: Handedness, other: Fitted, depth: Float32) -> bool:
+    def _change(self, arm: _Arm, side: Handedness, other: Fitted, part: Region) -> bool:
         """Take another pose for an arm, where it is still better when all points are looked at; whether it was."""
         model, own = self.models[side], arm.model
-        part = self.finder.region(depth, model.spheres(other.pose))
-        if part is None:
-            return False
         evidence = evidence_of(part, model, other.pose, beyond=0.15)
         fitted = model.fit(other.pose, model.unexpected(other.pose), evidence, iterations=4, loose=1.0)
         before = cost_of(own, arm.fitted.pose, evidence_of(part, own, arm.fitted.pose, beyond=0.15))
