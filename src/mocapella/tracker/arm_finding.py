@@ -93,7 +93,8 @@ class ArmFinder:
             tried.append(candidate)
             ones = self.best(depth, candidate)
             found += ones
-            sure = [one for one in ones if one.cost < good]
+            # Where the other side fits about as well, another place on the same hand may tell it.
+            sure = [one for one in ones if one.cost < good and self.sure(one, ones) > _CLEAR]
             arms += [self.models[one.side].spheres(one.fitted.pose) + _ABOUT_ARM for one in sure]
             enough -= bool(sure)
         return found, tried
@@ -326,6 +327,7 @@ _SHIFTS_M: Final = (-0.03, 0.0, 0.03)
 
 SUREST: Final = 0.95
 """Nothing is said of a hand's side with more than this."""
+_CLEAR: Final = 0.75
 _BESIDE_M: Final = 0.04
 _TRIES: Final = 2
 _ABOUT_ARM: Final = np.array([0.0, 0.0, 0.0, 0.02, 0.0])

@@ -373,10 +373,10 @@ def _sd_m(shown: Float64, cost: float) -> Float64:
     """(23,) how unsure a coordinate is of a landmark of which so much is shown, in a fit of such a cost.
 
     Set to the errors in rendered scenes of seeds below 100: 2.6 mm where much is seen and all fits, more than twice as
-    much where the fit is doubtful, and twice as much again where little is seen.
+    much where the fit is doubtful, and up to 2.6 times as much again where little is seen.
     """
     fits = 0.0026 + 0.046 * min(max(cost - 0.06, 0.0), 0.08)
-    sd = fits * np.interp(shown, (_VISIBLE, 0.2, 0.5), (2.2, 1.6, 1.0))
+    sd = fits * np.interp(shown, (_VISIBLE, 0.35, 0.6), (2.6, 2.0, 1.0))
     return np.where(shown > _VISIBLE, sd, np.maximum(_HIDDEN_SD_M, sd))
 
 
