@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations
@@ -221,6 +222,9 @@ class ArmFinder:
         if part is None:
             return Found(fitted.cost, found.side, fitted)
         evidence = evidence_of(part, model, fitted.pose, beyond=0.3)
+        hand = evidence.points[evidence.weights == 1.0]
+        if len(hand) < _FEW_OF_HAND or _thickness(hand) < _FLAT_M:
+            return Found(math.inf, found.side, fitted)
         ends = [
             model.fit(fitted.pose, model.unexpected(fitted.pose), evidence, iterations=iterations, loose=loose)
             for iterations, loose in ((0, 1.0), (12, 1.0), (12, 2.0))
@@ -244,6 +248,12 @@ def evidence_of(part: Region, model: ArmModel, pose: ArmPose, most: int = 10_000
     """Of a region, with at most so many points, weighted as `ArmModel.relevance` says."""
     points = np.ascontiguousarray(part.points[:: max(-(-len(part.points) // most), 1)])
     return Evidence(points, model.relevance(points, pose, beyond), part.front, part.opposite, part.lens)
+
+
+def _thickness(points: Float64) -> float:
+    """How far points (n, 3) are from their plane, root mean square [m]."""
+    around = points - points.mean(axis=0)
+    return float(np.sqrt(np.linalg.eigvalsh(around.T @ around / len(points))[0].clip(0.0)))
 
 
 def _of_each_side(pool: list[tuple[Found, Float64 | None]], most: int) -> list[tuple[Found, Float64 | None]]:
@@ -340,6 +350,9 @@ _REPAIRS: Final = 10
 _ROUNDS: Final = ((5, 250, 8, 2.0), (2, 400, 8, 1.5))
 """How many starts of either side are kept, with how many points, iterations, and how loose at the beginning."""
 _HOPELESS: Final = 0.4
+_FEW_OF_HAND: Final = 10
+_FLAT_M: Final = 0.002
+"""A hand is nowhere as flat as that: of rendered ones (seeds below 100) the flattest is 3 mm off its plane."""
 _HIDDEN: Final = 0.3
 """An arm that is all but hidden is none, when it is first seen."""
 
