@@ -216,8 +216,11 @@ def test_of_places_on_an_arm_that_was_found_none_is_looked_at(monkeypatch: pytes
     _, tried = finder.all_of(depth, [*candidates, away, away], 8, 1.0, 8)
     assert [len(tried), tried[1:]] == [3, [away, away]]
     assert len(finder.all_of(depth, [*candidates, away], 8, 1.0, 1)[1]) == 1  # there are enough
-    _, tried = finder.all_of(depth, [away] * 3 + candidates, 2, 0.0, 8)
-    assert len(tried) == 2
+    assert len(finder.all_of(depth, [away] * 3, 8, 0.0, 8)[1]) == 2  # of those beside each other
+    assert len(finder.all_of(depth, candidates, 1, 0.0, 8)[1]) == 1  # so many at most
+    other = best._replace(side="left" if best.side == "right" else "right")
+    monkeypatch.setattr(ArmFinder, "best", lambda *_: [best, other])
+    assert len(finder.all_of(depth, candidates, 8, 1.0, 8)[1]) > 1  # its side is not clear
 
 
 def test_a_hand_that_is_elsewhere_at_once_keeps_its_names() -> None:

@@ -48,7 +48,7 @@ def rotation_between(R, R_0, out):
 def factor(A, L):
     """Cholesky's factor of A (12, 12); False where it is not positive definite.
 
-    Of a size that the compiler knows, these two are faster than those of `mocapella.geometry.cholesky_kernels`.
+    As in `mocapella.geometry.cholesky_kernels`, but of a size that the compiler knows, which can unroll the loops.
     """
     for i in range(N):
         for j in range(i + 1):

@@ -1,7 +1,6 @@
 """Positive definite systems by Cholesky's factor, in place: for the fits that are compiled; importing it imports numba.
 
-G. Golub, C. Van Loan, *Matrix Computations*, 4.2. NumPy's, which is LAPACK's, starts threads for matrices as small as
-these, and takes a second to compile.
+G. Golub, C. Van Loan, *Matrix Computations*, 4.2. Written out as loops, they want no library in a kernel.
 """
 
 from __future__ import annotations

@@ -411,8 +411,11 @@ def _ways(model: HandModel, digit: int) -> Float64:
 
 _HABITS: Final = replace(HandSettings(), flexion_sd_deg=120.0, abduction_sd_deg=12.0, thumb_sd_deg=25.0)
 _NEAR_M: Final = 0.010
+"""So near to the image's surface flesh is seen in its place."""
 _UNLIKE: Final = np.radians(40)
+"""Fingers whose angles differ by less are bent alike."""
 _ALIKE_DEG: Final = ((-5, 5), (15, 30), (40, 40), (20, 80), (65, 70), (85, 100))
+"""Flexion of knuckles and of middle joints."""
 _NOWHERE: Final = np.full((5, 3), np.nan)
 
 

@@ -220,7 +220,7 @@ def palm_candidates(  # noqa: PLR0917 - of an image, in this order
         centre = _points(grid, np.array([y]), np.array([x]))[0]
         if near is not None and np.linalg.norm(near - centre, axis=-1).min() > _NEAR_M:
             continue
-        if but is not None and (np.linalg.norm(but[:, :3] - centre, axis=1) < but[:, 3]).any():
+        if but is not None and within(centre, but):
             continue
         if all(np.linalg.norm(other.centre - centre) > 0.02 for _, other in found):
             candidate = _candidate(depth, lens, centre, float(inner[y, x]), finer)
@@ -228,6 +228,11 @@ def palm_candidates(  # noqa: PLR0917 - of an image, in this order
                 found.append(candidate)
     found.sort(key=lambda pair: -pair[0])
     return [candidate for _, candidate in found[:most]]
+
+
+def within(point: Float64, balls: Float64) -> bool:
+    """Whether a point (3,) is in any of some balls (k, 4) or (k, 5), whose radii are the fourth numbers [m]."""
+    return bool((np.linalg.norm(balls[:, :3] - point, axis=1) < balls[:, 3]).any())
 
 
 def _ends(grid: Grid, labels: Int64, inner: Float64, count: int, s: ArmRegionSettings) -> list[tuple[int, int]]:

@@ -32,10 +32,6 @@ class Nearer:
         seen = depth[_STEP // 2 :: _STEP, _STEP // 2 :: _STEP].astype(np.float64)
         return np.where((seen >= self.settings.near_m) & (seen <= self.settings.far_m), seen, 0.0)
 
-    def reset(self) -> None:
-        """Forget what was there."""
-        self._before = None
-
     def looked(self, depth: Float32) -> None:
         """All of an image (height, width) [m] is known."""
         self._before = self._coarse(depth)
@@ -67,4 +63,6 @@ _STEP: Final = 8
 _SHADOW: Final = 13
 """Steps that a shadow is wide."""
 _NEARER_M: Final = 0.05
+"""What moves by less is the same thing."""
 _ABOUT_M: Final = 0.08
+"""About an arm: its clothes, and what is predicted or fitted wrongly."""

@@ -23,6 +23,7 @@ from mocapella.sensing.arm_region import (
     others_edges,
     palm_candidates,
     region,
+    within,
 )
 
 Float32 = NDArray[np.float32]
@@ -75,10 +76,16 @@ class ArmFinder:
     def all_of(
         self, depth: Float32, candidates: Iterable[PalmCandidate], most: int, good: float, enough: int
     ) -> tuple[list[Found], list[PalmCandidate]]:
-        """What fits best at so many candidates, and which these were.
+        """What fits best at some of the candidates, and which these were.
 
-        Those beside two that were looked at are left out, and those on an arm whose cost is below what is good, and all
-        others once there are enough such arms.
+        Those beside two that were looked at are left out, and those on an arm that was found well.
+
+        Args:
+            depth: (height, width) [m].
+            candidates: the likeliest first.
+            most: so many are looked at.
+            good: the cost below which an arm was found well, if its side is clear.
+            enough: no further candidate is looked at once there are so many such arms.
         """
         found: list[Found] = []
         tried: list[PalmCandidate] = []
@@ -99,13 +106,6 @@ class ArmFinder:
             arms += [self.models[one.side].spheres(one.fitted.pose) + _ABOUT_ARM for one in sure]
             enough -= bool(sure)
         return found, tried
-
-    def hand(self, side: Handedness, pose: ArmPose, about_m: float = 0.0) -> Float64:
-        """(k, 4) balls of a hand and so much about it, camera [m]."""
-        balls = self.models[side].spheres(pose)
-        balls = balls[balls[:, 4] > 0, :4]
-        balls[:, 3] += about_m
-        return balls
 
     def _palm(self, side: Handedness, fitted: Fitted) -> Float64:
         return np.asarray(self.models[side].points(fitted.pose)[PALM])
@@ -234,11 +234,6 @@ class ArmFinder:
         return Found(best.cost + _HIDDEN * hidden, found.side, best)
 
 
-def within(point: Float64, balls: Float64) -> bool:
-    """Whether a point (3,) is in any of some balls (k, 4) [m]."""
-    return bool((np.linalg.norm(balls[:, :3] - point, axis=1) < balls[:, 3]).any())
-
-
 def cost_of(model: ArmModel, pose: ArmPose, evidence: Evidence) -> float:
     """What a pose costs, as it is."""
     return model.fit(pose, model.unexpected(pose), evidence, iterations=0).cost
@@ -338,9 +333,12 @@ _SHIFTS_M: Final = (-0.03, 0.0, 0.03)
 SUREST: Final = 0.95
 """Nothing is said of a hand's side with more than this."""
 _CLEAR: Final = 0.75
+"""A side that is at least so sure is clear."""
 _BESIDE_M: Final = 0.04
 _TRIES: Final = 2
+"""So many candidates are tried that are so near to each other."""
 _ABOUT_ARM: Final = np.array([0.0, 0.0, 0.0, 0.02, 0.0])
+"""Added to an arm's balls; its surface is no other's."""
 _SAME_M: Final = 0.10
 _OVERLAP_M: Final = 0.05
 _ELBOWS_M: Final = 0.10
@@ -351,8 +349,9 @@ _ROUNDS: Final = ((5, 250, 8, 2.0), (2, 400, 8, 1.5))
 """How many starts of either side are kept, with how many points, iterations, and how loose at the beginning."""
 _HOPELESS: Final = 0.4
 _FEW_OF_HAND: Final = 10
+"""With fewer points of the hand nothing says that it is one."""
 _FLAT_M: Final = 0.002
-"""A hand is nowhere as flat as that: of rendered ones (seeds below 100) the flattest is 3 mm off its plane."""
+"""No hand is as flat as that; set below all of rendered scenes (seeds below 100)."""
 _HIDDEN: Final = 0.3
 """An arm that is all but hidden is none, when it is first seen."""
 

@@ -15,16 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.errors import SettingsError
-from mocapella.kinematics.arm_fit import ArmFitSettings, ArmModel, ArmPose, Expected, Fitted
+from mocapella.kinematics.arm_fit import ArmFitSettings, ArmModel, ArmPose, Evidence, Expected, Fitted
 from mocapella.kinematics.arm_fit import kernels as fit_kernels
 from mocapella.model.arms import PALM, SeenArm, SeenArms
 from mocapella.model.camera import Camera
 from mocapella.model.hand import TIPS, Handedness, hand_model
 from mocapella.model.observations import JointState
-from mocapella.sensing.arm_region import ArmRegionSettings, Region
+from mocapella.sensing.arm_region import ArmRegionSettings, Region, within
 from mocapella.sensing.nearer import Nearer
 from mocapella.settings import check
-from mocapella.tracker.arm_finding import SUREST, ArmFinder, Found, cost_of, evidence_of, within
+from mocapella.tracker.arm_finding import SUREST, ArmFinder, Found, cost_of, evidence_of
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -176,12 +176,14 @@ class DepthArms:
         part = self.finder.region(depth, model.spheres(predicted))
         if part is None:
             return False
-        expected = self._expected(arm, predicted, dt)
-        fitted = model.fit(predicted, expected, evidence_of(part, model, predicted))
+        expected, evidence = self._expected(arm, predicted, dt), evidence_of(part, model, predicted)
+        fitted = model.fit(predicted, expected, evidence)
         usual = _JUMP * arm.fitted.cost
         jumped = fitted.cost > usual  # it turned, or stopped: not as was predicted
         if jumped:
-            fitted = self._elsewhere(arm, fitted, predicted, expected, part)
+            other = self._elsewhere(arm, predicted, expected, evidence, evidence_of(part, model, predicted, _FEW))
+            if other.cost < _MARGIN * fitted.cost:
+                fitted = other
         arm.moved(fitted, dt)
         arm.at_s, arm.region = at_s, part
         doubt = fitted.cost > min(s.doubt, usual)
@@ -192,10 +194,9 @@ class DepthArms:
         return arm.doubtful < s.lost_after
 
     @staticmethod
-    def _elsewhere(arm: _Arm, fitted: Fitted, predicted: ArmPose, expected: Expected, part: Region) -> Fitted:
-        """A better fit than one, of a hand that is anywhere about: in so short a time its posture hardly changes."""
+    def _elsewhere(arm: _Arm, predicted: ArmPose, expected: Expected, evidence: Evidence, few: Evidence) -> Fitted:
+        """The best fit of a hand that is anywhere about: in so short a time its posture hardly changes."""
         model = arm.model
-        few = evidence_of(part, model, predicted, _FEW)
 
         def rigid(starts: list[ArmPose]) -> list[Fitted]:
             return [
@@ -208,12 +209,16 @@ class DepthArms:
         best = min(others, key=lambda other: other.cost)
         certainty = expected.certainty.copy()
         certainty[:6] = 0.0
-        expected, evidence = replace(expected, certainty=certainty), evidence_of(part, model, predicted)
-        other = model.fit(best.pose, expected, evidence, iterations=4, loose=1.0)
-        return other if other.cost < _MARGIN * fitted.cost else fitted
+        return model.fit(best.pose, replace(expected, certainty=certainty), evidence, iterations=4, loose=1.0)
 
     def _search(self, arm: _Arm, depth: Float32, doubt: bool, jumped: bool) -> None:
-        """Look for digits that fit better otherwise; look for the hand anew where it has been doubtful for long."""
+        """Look for digits that fit better otherwise; look for the hand anew where it has been doubtful for long.
+
+        Args:
+            arm, depth: see there.
+            doubt: not only some digits are looked at, but all of them, and postures of the whole hand.
+            jumped: the hand was looked for elsewhere in this image, which took its time: single digits wait.
+        """
         s = self.settings
         assert arm.region is not None
         model, pose = arm.model, arm.fitted.pose
@@ -338,9 +343,13 @@ class DepthArms:
             if not any(within(candidate.centre, balls) for balls in hands):
                 self._refuse(candidate.centre)
 
-    def _hand(self, arm: _Arm) -> Float64:
+    @staticmethod
+    def _hand(arm: _Arm) -> Float64:
         """(k, 4) balls about a hand [m], whose surface is no other hand's."""
-        return self.finder.hand(arm.side, arm.fitted.pose, _ABOUT_HAND_M)
+        balls = arm.model.spheres(arm.fitted.pose)
+        balls = balls[balls[:, 4] > 0, :4]
+        balls[:, 3] += _ABOUT_HAND_M
+        return balls
 
     def _refuse(self, centre: Float64) -> None:
         """Look at a place, where no arm was, ever more rarely."""
@@ -415,8 +424,9 @@ _STILL: Final = 0.1
 _JUMP: Final = 1.25
 """A fit that costs so many times as much as that of the image before was predicted wrongly."""
 _SHIFTS_M: Final = 0.042 * np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
-"""How far a hand that turned may be from its prediction: 2 m/s turned back in a third of an image at 30 Hz."""
+"""Where a hand that turned may be beside its prediction, camera [m]."""
 _POSTURE_SD: Final = np.radians(1)
+"""Of each angle of a hand that is looked for elsewhere."""
 _COARSELY: Final = 4
 """Steps of a fit that only tells where a hand is."""
 _MARGIN: Final = 0.93
@@ -428,6 +438,7 @@ _FEWER: Final = 100
 _AT_ONCE: Final = 5
 """For so many images of doubt all kinds of postures are tried in each; then they take turns."""
 _TRIED: Final = 2
+"""So many of the postures of the whole hand are fitted."""
 
 _VISIBLE: Final = 0.1
 """So much of a landmark's flesh must be seen where it should be."""
