@@ -25,9 +25,9 @@ class FakeCamera:
         self.asked: dict[str, Any] = {}
 
     def image(self) -> np.ndarray:
-        """The next one: its pixels count from its number."""
+        """The next one: its pixels count from its number, which begins anew with all that is in 16 bits."""
         self.frames += 1
-        return (np.arange(SIZE[0] * SIZE[1], dtype=np.uint16) + 700 + self.frames).reshape(SIZE[1], SIZE[0])
+        return (np.arange(SIZE[0] * SIZE[1]) + 700 + self.frames).astype(np.uint16).reshape(SIZE[1], SIZE[0])
 
     @property
     def stamp_ms(self) -> float:
