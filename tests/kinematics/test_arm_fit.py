@@ -78,7 +78,7 @@ def moved(model: ArmModel, pose: ArmPose, dof: int, by: float) -> ArmPose:
 def support(model: ArmModel, pose: ArmPose, piece: int, part: float, normal: Any) -> float:
     """How far a ball of the flesh reaches along a normal of the camera's space [m]."""
     p = model.pieces(pose)[0][piece]
-    centre = p[k.A : k.A + 3] + part * p[k.LENGTH] * p[k.U : k.U + 3]
+    centre = p[k.FROM : k.FROM + 3] + part * p[k.LENGTH] * p[k.U : k.U + 3]
     in_camera = pose.R.reshape(3, 3) @ centre + pose.t
     return float(in_camera @ normal + p[k.RA] + part * (p[k.RB] - p[k.RA]))
 
@@ -92,7 +92,7 @@ def derivatives(model: ArmModel, pose: ArmPose, piece: int, part: float, normal:
         axes, pieces,
     )  # fmt: skip
     p = pieces[piece]
-    centre = p[k.A : k.A + 3] + part * p[k.LENGTH] * p[k.U : k.U + 3]
+    centre = p[k.FROM : k.FROM + 3] + part * p[k.LENGTH] * p[k.U : k.U + 3]
     J, at = np.empty(24), np.empty(24, np.int64)
     n = k._derivatives(
         *model.owners[piece], *normal, *centre, p[k.RA] + part * (p[k.RB] - p[k.RA]), joints, axes, model.columns,

@@ -26,13 +26,12 @@ from mocapella.kinematics.chain_kernels import FIRST, orthonormal, turn_between,
 from mocapella.kinematics.hand_fit_kernels import _penalty, digit_angles, digit_points, within
 from mocapella.kinematics.hand_kernels import BASE, DIGIT, L1
 
-# A piece's row of numbers: its axis from A along U for LENGTH, radii at both ends, and what is made of them.
-A, U, LENGTH, RA, RB = 0, 3, 6, 7, 8
+# A piece's row of numbers: its axis from FROM along U for LENGTH, radii at both ends, and what is made of them.
+FROM, U, LENGTH, RA, RB = 0, 3, 6, 7, 8
 TAN, MIDDLE, BOUND = 9, 10, 13
 PIECE = 14
 # Which dofs move a piece: its digit, or one of these, and the bone of the digit.
 OF_PALM, OF_FOREARM, OF_UPPER_ARM = -1, -2, -3
-_OUTER = np.int64(2)  # bone; a plain number in a call is a type of its own, for which what is called is compiled again
 
 # Of the state's vector v.
 SCALE, THICK, FOREARM_M, ARM_THICK = 0, 1, 2, 3  # hand's size and thickness over the shape's, length [m], thickness
@@ -45,7 +44,9 @@ D_FOREARM, D_UPPER, D_LENGTH, D_SCALE, D_THICK, D_ARM_THICK, D_DIGITS = 0, 2, 4,
 BODY_DOFS = 13
 
 COSTS = (1.0, 0.5, 0.1, 0.002)  # of points, flesh, digits that overlap (at most 2), unusual angles and sizes
-_MOST = 24  # dofs of one residual
+MOVERS = 8  # dofs of one piece beside the palm's, at most
+GROUPS = 18  # of pieces that the same dofs move
+Q_R, Q_ALONG, ROW = 6, 7, 10  # where numbers of a residual are, and how many
 _UNMEASURED = 0.4  # of the cost of flesh where nothing was measured
 _JUDGED = 0.7  # of the robust scales, when what came out is judged
 _FAR_PX = 30  # edges farther away are not looked for
@@ -58,7 +59,7 @@ def _piece(row, ax, ay, az, bx, by, bz, ra, rb):
     dx, dy, dz = bx - ax, by - ay, bz - az
     length = math.sqrt(dx * dx + dy * dy + dz * dz)
     f = 1.0 / max(length, 1e-6)
-    row[A], row[A + 1], row[A + 2] = ax, ay, az
+    row[FROM], row[FROM + 1], row[FROM + 2] = ax, ay, az
     row[U], row[U + 1], row[U + 2] = f * dx, f * dy, f * dz
     row[LENGTH], row[RA], row[RB] = length, ra, rb
     s = min(max((ra - rb) * f, -0.9), 0.9)
@@ -139,7 +140,7 @@ def balls(pieces, owners, R, t, spacing, out):
                 return n
             f = k / (count - 1)
             c = f * p[LENGTH]
-            x, y, z = p[A] + c * p[U], p[A + 1] + c * p[U + 1], p[A + 2] + c * p[U + 2]
+            x, y, z = p[FROM] + c * p[U], p[FROM + 1] + c * p[U + 1], p[FROM + 2] + c * p[U + 2]
             for a in range(3):
                 out[n, a] = R[3 * a] * x + R[3 * a + 1] * y + R[3 * a + 2] * z + t[a]
             out[n, 3] = p[RA] + f * (p[RB] - p[RA])
@@ -165,7 +166,7 @@ def closest(pieces, few, first, x, y, z, vx, vy, vz, out):
         reach = nearest + p[BOUND]
         if mx * mx + my * my + mz * mz > reach * reach:
             continue
-        dx, dy, dz = x - p[A], y - p[A + 1], z - p[A + 2]
+        dx, dy, dz = x - p[FROM], y - p[FROM + 1], z - p[FROM + 2]
         along = dx * p[U] + dy * p[U + 1] + dz * p[U + 2]
         across = math.sqrt(max(dx * dx + dy * dy + dz * dz - along * along, 0.0))
         c = min(max(along - across * p[TAN], 0.0), p[LENGTH])
@@ -187,63 +188,6 @@ def closest(pieces, few, first, x, y, z, vx, vy, vz, out):
 
 
 @njit(cache=True)
-def _derivatives(owner, bone, nx, ny, nz, px, py, pz, r, joints, axes, columns, gains, rising, v, nz_free, J, at):
-    """Write how a point of the flesh at (px, py, pz) on a bone's axis moves along a normal; how many dofs it has."""
-    J[0], J[1], J[2] = nx, ny, nz
-    sx, sy, sz = px + r * nx, py + r * ny, pz + r * nz
-    J[3], J[4], J[5] = sy * nz - sz * ny, sz * nx - sx * nz, sx * ny - sy * nx
-    for k in range(6):
-        at[k] = k
-    n, body = 6, 6 + nz_free
-    if owner >= OF_PALM:
-        if owner >= 0:
-            for i in range(5):
-                k = rising[owner, i]
-                column = columns[owner, k]
-                origin = 0 if k < 2 else (2 if k == 3 else 1)
-                if column < 0 or bone < origin:
-                    continue
-                dx, dy, dz = (
-                    sx - joints[owner, origin, 0],
-                    sy - joints[owner, origin, 1],
-                    sz - joints[owner, origin, 2],
-                )
-                wx, wy, wz = axes[owner, k, 0], axes[owner, k, 1], axes[owner, k, 2]
-                J[n] = gains[owner, k] * (
-                    nx * (wy * dz - wz * dy) + ny * (wz * dx - wx * dz) + nz * (wx * dy - wy * dx)
-                )
-                at[n] = 6 + column
-                n += 1
-        J[n], at[n] = px * nx + py * ny + pz * nz + r, body + D_SCALE
-        J[n + 1], at[n + 1] = r, body + D_THICK
-        n += 2
-        if owner >= 0:
-            J[n] = (px - joints[owner, 0, 0]) * nx + (py - joints[owner, 0, 1]) * ny + (pz - joints[owner, 0, 2]) * nz
-            at[n] = body + D_DIGITS + owner
-            n += 1
-        return n
-    fx, fy, fz = v[FOREARM], v[FOREARM + 1], v[FOREARM + 2]
-    along = min(px * fx + py * fy + pz * fz, v[FOREARM_M])
-    reach = max(along, 0.0) if owner == OF_FOREARM else v[FOREARM_M]
-    ax, ay, az = _across(fx, fy, fz)
-    J[n], at[n] = reach * (ax * nx + ay * ny + az * nz), body + D_FOREARM
-    bx, by, bz = fy * az - fz * ay, fz * ax - fx * az, fx * ay - fy * ax
-    J[n + 1], at[n + 1] = reach * (bx * nx + by * ny + bz * nz), body + D_FOREARM + 1
-    n += 2
-    if owner == OF_UPPER_ARM:
-        ux, uy, uz = v[UPPER], v[UPPER + 1], v[UPPER + 2]
-        out = (px - v[FOREARM_M] * fx) * ux + (py - v[FOREARM_M] * fy) * uy + (pz - v[FOREARM_M] * fz) * uz
-        ax, ay, az = _across(ux, uy, uz)
-        J[n], at[n] = out * (ax * nx + ay * ny + az * nz), body + D_UPPER
-        bx, by, bz = uy * az - uz * ay, uz * ax - ux * az, ux * ay - uy * ax
-        J[n + 1], at[n + 1] = out * (bx * nx + by * ny + bz * nz), body + D_UPPER + 1
-        n += 2
-    J[n], at[n] = reach / v[FOREARM_M] * (fx * nx + fy * ny + fz * nz), body + D_LENGTH
-    J[n + 1], at[n + 1] = r, body + D_ARM_THICK
-    return n + 2
-
-
-@njit(cache=True)
 def _across(x, y, z):
     """A unit vector across a unit vector."""
     if abs(x) < 0.8:
@@ -254,13 +198,132 @@ def _across(x, y, z):
 
 
 @njit(cache=True)
-def _add(J, at, n, w, e, H, g):
-    """Add a residual; its dofs rise."""
-    for i in range(n):
-        a, row = w * J[i], at[i]
-        g[row] += a * e
-        for k in range(i + 1):
-            H[row, at[k]] += a * J[k]
+def _group(owner, bone):
+    """Which dofs move a piece: those of a digit as far as its bone, of the palm, of the forearm, of the upper arm."""
+    return 3 * owner + bone if owner >= 0 else 14 - owner
+
+
+@njit(cache=True)
+def _movers(joints, axes, columns, gains, rising, v, nz_free, A, at, counts):
+    """Write the dofs of each group but the palm's six, for these are the same of all.
+
+    A residual whose normal n is at a point p + r·n of the flesh is moved by each dof as a linear function of a few
+    numbers q: n, the moment p × n, r, and of the hand p·n, of the arm n times how far along the point is. So of all
+    residuals of a group only Σ q qᵀ is kept, and told of the dofs once (`_tell`).
+
+    Args:
+        A: (GROUPS, MOVERS, ROW) the linear functions, out.
+        at: (GROUPS, MOVERS) where each dof is, ascending, out.
+        counts: (GROUPS,) how many, out.
+    """
+    body = 6 + nz_free
+    A[:] = 0.0
+    for group in range(GROUPS):
+        n, row = 0, A[group]
+        if group <= 15:
+            if group < 15:
+                d, bone = group // 3, group % 3
+                for i in range(5):
+                    k = rising[d, i]
+                    column = columns[d, k]
+                    origin = 0 if k < 2 else (2 if k == 3 else 1)
+                    if column < 0 or bone < origin:
+                        continue
+                    x, y, z = joints[d, origin, 0], joints[d, origin, 1], joints[d, origin, 2]
+                    wx, wy, wz = gains[d, k] * axes[d, k, 0], gains[d, k] * axes[d, k, 1], gains[d, k] * axes[d, k, 2]
+                    row[n, 0], row[n, 1], row[n, 2] = y * wz - z * wy, z * wx - x * wz, x * wy - y * wx
+                    row[n, 3], row[n, 4], row[n, 5] = wx, wy, wz
+                    at[group, n] = 6 + column
+                    n += 1
+            row[n, Q_R], row[n, Q_ALONG], at[group, n] = 1.0, 1.0, body + D_SCALE
+            row[n + 1, Q_R], at[group, n + 1] = 1.0, body + D_THICK
+            n += 2
+            if group < 15:
+                for k in range(3):
+                    row[n, k] = -joints[group // 3, 0, k]
+                row[n, Q_ALONG], at[group, n] = 1.0, body + D_DIGITS + group // 3
+                n += 1
+            counts[group] = n
+            continue
+        fx, fy, fz = v[FOREARM], v[FOREARM + 1], v[FOREARM + 2]
+        ax, ay, az = _across(fx, fy, fz)
+        bx, by, bz = fy * az - fz * ay, fz * ax - fx * az, fx * ay - fy * ax
+        # The forearm moves with how far along it a point is; the upper arm all alike.
+        first, reach = (Q_ALONG, 1.0) if group == 14 - OF_FOREARM else (0, v[FOREARM_M])
+        row[0, first], row[0, first + 1], row[0, first + 2] = reach * ax, reach * ay, reach * az
+        row[1, first], row[1, first + 1], row[1, first + 2] = reach * bx, reach * by, reach * bz
+        at[group, 0], at[group, 1], n = body + D_FOREARM, body + D_FOREARM + 1, 2
+        if group == 14 - OF_UPPER_ARM:
+            ux, uy, uz = v[UPPER], v[UPPER + 1], v[UPPER + 2]
+            ax, ay, az = _across(ux, uy, uz)
+            row[2, Q_ALONG], row[2, Q_ALONG + 1], row[2, Q_ALONG + 2] = ax, ay, az
+            row[3, Q_ALONG], row[3, Q_ALONG + 1], row[3, Q_ALONG + 2] = (
+                uy * az - uz * ay,
+                uz * ax - ux * az,
+                ux * ay - uy * ax,
+            )
+            at[group, 2], at[group, 3], n = body + D_UPPER, body + D_UPPER + 1, 4
+        reach /= v[FOREARM_M]
+        row[n, first], row[n, first + 1], row[n, first + 2] = reach * fx, reach * fy, reach * fz
+        at[group, n] = body + D_LENGTH
+        row[n + 1, Q_R], at[group, n + 1] = 1.0, body + D_ARM_THICK
+        counts[group] = n + 2
+
+
+@njit(cache=True)
+def _numbers(group, nx, ny, nz, px, py, pz, r, v, q):
+    """Write the numbers (ROW,) of a residual of a group that `_movers` speaks of."""
+    q[0], q[1], q[2] = nx, ny, nz
+    q[3], q[4], q[5] = py * nz - pz * ny, pz * nx - px * nz, px * ny - py * nx
+    q[Q_R] = r
+    if group <= 15:
+        q[Q_ALONG], q[Q_ALONG + 1], q[Q_ALONG + 2] = px * nx + py * ny + pz * nz, 0.0, 0.0
+        return
+    length = v[FOREARM_M]
+    if group == 14 - OF_FOREARM:
+        along = min(max(px * v[FOREARM] + py * v[FOREARM + 1] + pz * v[FOREARM + 2], 0.0), length)
+    else:
+        along = (px - length * v[FOREARM]) * v[UPPER] + (py - length * v[FOREARM + 1]) * v[UPPER + 1]
+        along += (pz - length * v[FOREARM + 2]) * v[UPPER + 2]
+    q[Q_ALONG], q[Q_ALONG + 1], q[Q_ALONG + 2] = along * nx, along * ny, along * nz
+
+
+@njit(cache=True)
+def _add(q, w, e, Q, b):
+    """Add a residual to what is kept of its group: Q (ROW, ROW) and b (ROW,)."""
+    for i in range(ROW):
+        a = w * q[i]
+        b[i] += a * e
+        for k in range(ROW):
+            Q[i, k] += a * q[k]
+
+
+@njit(cache=True)
+def _tell(A, at, counts, Q, b, H, g):
+    """Add what is kept of all groups to the lower triangle of H and to g."""
+    T = np.empty(ROW)
+    for group in range(GROUPS):
+        kept = Q[group]
+        for i in range(6):
+            g[i] += b[group, i]
+            for k in range(i + 1):
+                H[i, k] += kept[i, k]
+        for i in range(counts[group]):
+            row, to, e = A[group, i], at[group, i], 0.0
+            T[:] = 0.0
+            for k in range(ROW):
+                if row[k] != 0.0:
+                    e += row[k] * b[group, k]
+                    for j in range(ROW):
+                        T[j] += row[k] * kept[k, j]
+            g[to] += e
+            for k in range(6):
+                H[to, k] += T[k]
+            for k in range(i + 1):
+                e = 0.0
+                for j in range(ROW):
+                    e += T[j] * A[group, k, j]
+                H[to, at[group, k]] += e
 
 
 @njit(cache=True)
@@ -283,18 +346,6 @@ def _nearest_opposite(front, opposite, line, column):
             if d < best:
                 best, y, x = d, i, j
     return y, x
-
-
-@njit(cache=True)
-def _sized(owner, r, J, at, n, body):
-    """Let a residual of a radius that stands out know what makes the radius: it shrinks as the flesh gets thinner."""
-    for k in range(6, n):
-        if (
-            (at[k] == body + D_THICK and owner >= OF_PALM)
-            or (at[k] == body + D_SCALE and owner >= OF_PALM)
-            or (at[k] == body + D_ARM_THICK and owner < OF_PALM)
-        ):
-            J[k] -= r
 
 
 @njit(cache=True)
@@ -353,7 +404,7 @@ def _beside(front, opposite, lens, X, Y, Z, r, numbers, out):
 @njit(cache=True)
 def system(
     digits, mirror, radii, palm, owners, columns, gains, rising, points, weights, which, picture, R, t, z, v, numbers,
-    H, g, costs, targets,
+    H, g, costs, targets, only_costs,
 ):  # fmt: skip
     """Add the normal equations of the fit's geometric terms to the lower triangle of H and to g.
 
@@ -372,13 +423,18 @@ def system(
         costs: (5,) sums of robust costs from 0 to 1: of points, of the silhouette by its area [m²], of collisions; and
             that area, and what of it other things hide, out.
         targets: (5, 3) where fingertips should be, camera [m]; NaN where that is not known.
+        only_costs: H and g stay as they are.
     """
     front, opposite, lens = picture
     nz_free = len(z)
     rows, joints, axes = np.empty((5, DIGIT)), np.empty((5, 4, 3)), np.empty((5, 5, 3))
     pieces = np.empty((len(owners), PIECE))
     flesh(digits, mirror, radii, palm, columns, gains, z, v, rows, joints, axes, pieces)
-    J, at, hit, beside = np.empty(_MOST), np.empty(_MOST, dtype=np.int64), np.empty(5), np.empty(5)
+    q, hit, beside = np.empty(ROW), np.empty(5), np.empty(5)
+    A, at, counts = np.empty((GROUPS, MOVERS, ROW)), np.empty((GROUPS, MOVERS), np.int64), np.empty(GROUPS, np.int64)
+    Q, b = np.zeros((GROUPS, ROW, ROW)), np.zeros((GROUPS, ROW))
+    if not only_costs:
+        _movers(joints, axes, columns, gains, rising, v, nz_free, A, at, counts)
     ox = -(R[0] * t[0] + R[3] * t[1] + R[6] * t[2])
     oy = -(R[1] * t[0] + R[4] * t[1] + R[7] * t[2])
     oz = -(R[2] * t[0] + R[5] * t[1] + R[8] * t[2])
@@ -396,15 +452,16 @@ def system(
         which[i] = piece
         weight, cost = _robust(hit[4], numbers[0])
         costs[0] += weights[i] * cost
-        if weight < 0.01:
+        if only_costs or weight < 0.01:
             continue
         p, c = pieces[piece], hit[3]
         r = p[RA] + (p[RB] - p[RA]) * c / max(p[LENGTH], 1e-6)
-        n = _derivatives(
-            owners[piece, 0], owners[piece, 1], hit[0], hit[1], hit[2], p[A] + c * p[U], p[A + 1] + c * p[U + 1],
-            p[A + 2] + c * p[U + 2], r, joints, axes, columns, gains, rising, v, nz_free, J, at,
+        group = _group(owners[piece, 0], owners[piece, 1])
+        _numbers(
+            group, hit[0], hit[1], hit[2], p[FROM] + c * p[U], p[FROM + 1] + c * p[U + 1], p[FROM + 2] + c * p[U + 2],
+            r, v, q,
         )  # fmt: skip
-        _add(J, at, n, weights[i] * weight * numbers[2], hit[4], H, g)
+        _add(q, weights[i] * weight * numbers[2], hit[4], Q[group], b[group])
     for i in range(few):
         owner, bone = owners[i, 0], owners[i, 1]
         p = pieces[i]
@@ -414,7 +471,7 @@ def system(
                 continue  # the next bone's first
             c = p[LENGTH] * step / (steps - 1)
             r = p[RA] + (p[RB] - p[RA]) * step / (steps - 1)
-            x, y, w = p[A] + c * p[U], p[A + 1] + c * p[U + 1], p[A + 2] + c * p[U + 2]
+            x, y, w = p[FROM] + c * p[U], p[FROM + 1] + c * p[U + 1], p[FROM + 2] + c * p[U + 2]
             X = R[0] * x + R[1] * y + R[2] * w + t[0]
             Y = R[3] * x + R[4] * y + R[5] * w + t[1]
             Z = R[6] * x + R[7] * y + R[8] * w + t[2]
@@ -427,28 +484,28 @@ def system(
             costs[4] += area * (said == 0)
             if said <= 0:
                 continue
+            costs[1] += area * beside[4]
+            if only_costs:
+                continue
+            group = _group(owner, bone)
             # Flesh that stands out of the silhouette is drawn in, sideways.
             if beside[0] > 0.0:
                 ux, uy = beside[1], beside[2]
                 nx, ny, nz = R[0] * ux + R[3] * uy, R[1] * ux + R[4] * uy, R[2] * ux + R[5] * uy
                 weight = _robust(beside[0], numbers[1])[0]
-                n = _derivatives(
-                    owner, bone, nx, ny, nz, x, y, w, 0.0, joints, axes, columns, gains, rising, v, nz_free, J, at
-                )
-                _sized(owner, r, J, at, n, 6 + nz_free)
-                _add(J, at, n, max(weight, 0.1) * numbers[3], min(beside[0], 0.03), H, g)
+                _numbers(group, nx, ny, nz, x, y, w, -r, v, q)  # it stands out less as it gets thinner
+                _add(q, max(weight, 0.1) * numbers[3], min(beside[0], 0.03), Q[group], b[group])
             if beside[3] > 0.0:  # it is before what was measured: back along the view
                 f = 1.0 / math.sqrt(X * X + Y * Y + Z * Z)
                 nx = f * (R[0] * X + R[3] * Y + R[6] * Z)
                 ny = f * (R[1] * X + R[4] * Y + R[7] * Z)
                 nz = f * (R[2] * X + R[5] * Y + R[8] * Z)
                 weight = _robust(beside[3], numbers[1])[0]
-                n = _derivatives(
-                    owner, bone, nx, ny, nz, x, y, w, 0.0, joints, axes, columns, gains, rising, v, nz_free, J, at
-                )
-                _add(J, at, n, weight * numbers[3], beside[3], H, g)
-            costs[1] += area * beside[4]
-    _collisions(pieces, owners, joints, axes, columns, gains, rising, v, nz_free, numbers, J, at, H, g, costs)
+                _numbers(group, nx, ny, nz, x, y, w, 0.0, v, q)
+                _add(q, weight * numbers[3], beside[3], Q[group], b[group])
+    _collisions(pieces, A, at, counts, v, numbers, only_costs, H, g, costs)
+    if only_costs:
+        return
     for d in range(5):
         X, Y, Z = targets[d, 0], targets[d, 1], targets[d, 2]
         if not math.isfinite(X):
@@ -460,10 +517,9 @@ def system(
         for k in range(3):
             nx, ny, nz = 1.0 * (k == 0), 1.0 * (k == 1), 1.0 * (k == 2)
             e = nx * (x - px) + ny * (y - py) + nz * (w - pz)
-            n = _derivatives(
-                d, _OUTER, nx, ny, nz, px, py, pz, 0.0, joints, axes, columns, gains, rising, v, nz_free, J, at
-            )
-            _add(J, at, n, 1.0 / _TARGET_SD**2, e, H, g)
+            _numbers(3 * d + 2, nx, ny, nz, px, py, pz, 0.0, v, q)
+            _add(q, 1.0 / _TARGET_SD**2, e, Q[3 * d + 2], b[3 * d + 2])
+    _tell(A, at, counts, Q, b, H, g)
 
 
 @njit(cache=True)
@@ -471,14 +527,15 @@ def _ball(pieces, digit, i, out):
     """Write the middle and the radius of the i-th of six balls along a digit's two outer bones into out (4,)."""
     p, f = pieces[3 * digit + 1 + i // 3], 0.5 * (i % 3)
     c = f * p[LENGTH]
-    out[0], out[1], out[2] = p[A] + c * p[U], p[A + 1] + c * p[U + 1], p[A + 2] + c * p[U + 2]
+    out[0], out[1], out[2] = p[FROM] + c * p[U], p[FROM + 1] + c * p[U + 1], p[FROM + 2] + c * p[U + 2]
     out[3] = p[RA] + f * (p[RB] - p[RA])
 
 
 @njit(cache=True)
-def _collisions(pieces, owners, joints, axes, columns, gains, rising, v, nz_free, numbers, J, at, H, g, costs):
+def _collisions(pieces, A, at, counts, v, numbers, only_costs, H, g, costs):
     """Digits push one another apart where balls along their two outer bones overlap."""
-    K, to, p, o = np.empty(2 * _MOST), np.empty(2 * _MOST, dtype=np.int64), np.empty(4), np.empty(4)
+    K, to, q = np.empty(2 * MOVERS), np.empty(2 * MOVERS, dtype=np.int64), np.empty(ROW)
+    p, o = np.empty(4), np.empty(4)
     for one in range(5):
         for other in range(one + 1, 5):
             for i in range(6):
@@ -491,19 +548,20 @@ def _collisions(pieces, owners, joints, axes, columns, gains, rising, v, nz_free
                     if d2 >= within_m * within_m or d2 < 1e-12:
                         continue
                     d = math.sqrt(d2)
-                    nx, ny, nz = dx / d, dy / d, dz / d
                     over = within_m - d
                     costs[2] += (over / 0.01) ** 2
+                    if only_costs:
+                        continue
                     m = 0
                     for side in range(2):
-                        digit, bone = (other, 1 + k // 3) if side == 0 else (one, 1 + i // 3)
-                        x, y, w = (o[0], o[1], o[2]) if side == 0 else (p[0], p[1], p[2])
-                        n = _derivatives(
-                            digit, bone, nx, ny, nz, x, y, w, 0.0, joints, axes, columns, gains, rising, v, nz_free,
-                            J, at,
-                        )  # fmt: skip
-                        for j in range(6, n):  # the palm moves both
-                            K[m], to[m] = J[j] if side == 0 else -J[j], at[j]
+                        digit, bone, ball = (other, 1 + k // 3, o) if side == 0 else (one, 1 + i // 3, p)
+                        group, f = _group(digit, bone), (1.0 if side == 0 else -1.0) / d
+                        _numbers(group, f * dx, f * dy, f * dz, ball[0], ball[1], ball[2], 0.0, v, q)
+                        for j in range(counts[group]):  # the palm moves both
+                            moved = 0.0
+                            for c in range(ROW):
+                                moved += A[group, j, c] * q[c]
+                            K[m], to[m] = moved, at[group, j]
                             m += 1
                     for a in range(m):
                         w = numbers[4] * K[a]
@@ -596,7 +654,7 @@ def swept(
                 if bone < 2 and step == 2:
                     continue  # the next bone's first
                 a, r = 0.5 * step * p[LENGTH], p[RA] + (p[RB] - p[RA]) * 0.5 * step
-                x, y, w = p[A] + a * p[U], p[A + 1] + a * p[U + 1], p[A + 2] + a * p[U + 2]
+                x, y, w = p[FROM] + a * p[U], p[FROM + 1] + a * p[U + 1], p[FROM + 2] + a * p[U + 2]
                 X = R[0] * x + R[1] * y + R[2] * w + t[0]
                 Y = R[3] * x + R[4] * y + R[5] * w + t[1]
                 Z = R[6] * x + R[7] * y + R[8] * w + t[2]
@@ -681,9 +739,9 @@ def visible(pieces, places, R, t, front, lens, near, out):
                     c * az + s * bz + sine * p[U + 2],
                 )
                 x, y, w = (
-                    p[A] + along * p[U] + r * nx,
-                    p[A + 1] + along * p[U + 1] + r * ny,
-                    p[A + 2] + along * p[U + 2] + r * nz,
+                    p[FROM] + along * p[U] + r * nx,
+                    p[FROM + 1] + along * p[U + 1] + r * ny,
+                    p[FROM + 2] + along * p[U + 2] + r * nz,
                 )
                 X = R[0] * x + R[1] * y + R[2] * w + t[0]
                 Y = R[3] * x + R[4] * y + R[5] * w + t[1]
@@ -783,7 +841,7 @@ def fit(
                 H[i, k] = 0.0
         system(
             digits, mirror, radii, palm, owners, columns, gains, rising, points, weights, which, picture, R, t, z, v,
-            now, H, g, costs, targets if turn < keep * iterations else nowhere,
+            now, H, g, costs, targets if turn < keep * iterations else nowhere, last,
         )  # fmt: skip
         for i in range(n):
             ga[i] = 0.0

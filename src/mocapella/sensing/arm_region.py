@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.settings import check
+from mocapella.steps import Steps
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -194,7 +195,7 @@ def others_edges(front: Float64, s: ArmRegionSettings) -> float:
 def palm_candidates(  # noqa: PLR0917 - of an image, in this order
     depth: Float32, lens: Float64, s: ArmRegionSettings, most: int = 6, near: Float64 | None = None,
     but: Float64 | None = None,
-) -> list[PalmCandidate]:  # fmt: skip
+) -> Steps[list[PalmCandidate]]:  # fmt: skip
     """Where palms and fists may be, the likeliest first: middles of surfaces as wide as a palm, at the end of an arm.
 
     Args:
@@ -213,7 +214,8 @@ def palm_candidates(  # noqa: PLR0917 - of an image, in this order
     inner = np.empty((height, width))
     k.inner_distance(grid.seen, labels, grid.lens, inner)
     least, most_m = s.palm_radii_m
-    places = [*_ends(grid, labels, inner, count, s), *_peaks(inner, least, most_m, 2 * most)]
+    yield _GRID
+    places = [*(yield from _ends(grid, labels, inner, count, s)), *_peaks(inner, least, most_m, 2 * most)]
     finer = replace(s, spacing_m=(_FINE if near is None else _COARSE) * s.spacing_m)
     found: list[tuple[float, PalmCandidate]] = []
     for y, x in places:
@@ -226,6 +228,7 @@ def palm_candidates(  # noqa: PLR0917 - of an image, in this order
             candidate = _candidate(depth, lens, centre, float(inner[y, x]), finer)
             if candidate is not None:
                 found.append(candidate)
+            yield _LOOKED_AT
     found.sort(key=lambda pair: -pair[0])
     return [candidate for _, candidate in found[:most]]
 
@@ -235,7 +238,7 @@ def within(point: Float64, balls: Float64) -> bool:
     return bool((np.linalg.norm(balls[:, :3] - point, axis=1) < balls[:, 3]).any())
 
 
-def _ends(grid: Grid, labels: Int64, inner: Float64, count: int, s: ArmRegionSettings) -> list[tuple[int, int]]:
+def _ends(grid: Grid, labels: Int64, inner: Float64, count: int, s: ArmRegionSettings) -> Steps[list[tuple[int, int]]]:
     """Places before the ends of surfaces, where the hand of an arm would be: a fist's, and an open hand's."""
     k, places = kernels(), []
     pixel = (grid.seen / grid.lens[0]) ** 2
@@ -259,6 +262,7 @@ def _ends(grid: Grid, labels: Int64, inner: Float64, count: int, s: ArmRegionSet
                     if near.any():
                         best = np.argmax(np.where(near, inner[ys, xs], -1.0))
                         places.append((int(ys[best]), int(xs[best])))
+        yield _SURFACE
     return places
 
 
@@ -352,6 +356,10 @@ def _turn(direction: Float64, begin: Float64) -> float:
     return float(angle % (2 * np.pi))
 
 
+_GRID: Final = 1000
+_SURFACE: Final = 2000
+_LOOKED_AT: Final = 800
+"""How long it takes: what comes first, a surface's ends, and a candidate [µs]."""
 _SURFACES: Final = 6
 """So many of the largest surfaces are looked at for arms."""
 _LEAST_AREA_M2: Final = 0.004

@@ -25,6 +25,7 @@ from mocapella.sensing.arm_region import (
     region,
     within,
 )
+from mocapella.steps import Steps
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -61,7 +62,7 @@ class ArmFinder:
 
     def candidates(
         self, depth: Float32, most: int = 6, near: Float64 | None = None, but: Float64 | None = None
-    ) -> list[PalmCandidate]:
+    ) -> Steps[list[PalmCandidate]]:
         """As `palm_candidates` says, of an image (height, width) [m]."""
         return palm_candidates(depth, self.lens, self.settings, most, near, but)
 
@@ -75,7 +76,7 @@ class ArmFinder:
 
     def all_of(
         self, depth: Float32, candidates: Iterable[PalmCandidate], most: int, good: float, enough: int
-    ) -> tuple[list[Found], list[PalmCandidate]]:
+    ) -> Steps[tuple[list[Found], list[PalmCandidate]]]:
         """What fits best at some of the candidates, and which these were.
 
         Those beside two that were looked at are left out, and those on an arm that was found well.
@@ -99,7 +100,7 @@ class ArmFinder:
             if any(within(centre, balls) for balls in arms):
                 continue
             tried.append(candidate)
-            ones = self.best(depth, candidate)
+            ones = yield from self.best(depth, candidate)
             found += ones
             # Where the other side fits about as well, another place on the same hand may tell it.
             sure = [one for one in ones if one.cost < good and self.sure(one, ones) > _CLEAR]
@@ -155,14 +156,24 @@ class ArmFinder:
             part = self.region(depth, around)
             if part is None:
                 continue
-            model = self.models[one.side]
             points = np.ascontiguousarray(part.points)
             evidence = Evidence(points, np.ones(len(points)), part.front, part.opposite, part.lens)
-            around_cost = model.fit(one.fitted.pose, model.unexpected(one.fitted.pose), evidence, iterations=0).cost
-            judged.append((around_cost + one.fitted.cost, k))
+            judged.append((self._around_cost(one, rivals, evidence) + one.cost, k))
         return [found[k] for _, k in sorted(judged)]
 
-    def best(self, depth: Float32, candidate: PalmCandidate) -> list[Found]:
+    def _around_cost(self, one: Found, rivals: list[Found], evidence: Evidence) -> float:
+        """What a pose costs where all around it is to be explained; a rival may be its upper arm."""
+        model, pose = self.models[one.side], one.fitted.pose
+        elbow, starts = model.points(pose)[ELBOW], [pose]
+        for rival in rivals:
+            if rival is not one:
+                v = pose.v.copy()
+                v[7:10] = pose.R.reshape(3, 3).T @ (self._palm(rival.side, rival.fitted) - elbow)
+                v[7:10] /= np.linalg.norm(v[7:10])
+                starts.append(pose._replace(v=v))
+        return min(model.fit(start, model.unexpected(start), evidence, iterations=_AROUND).cost for start in starts)
+
+    def best(self, depth: Float32, candidate: PalmCandidate) -> Steps[list[Found]]:
         """The hand of either side that fits best there: all starts a little, the better ones more."""
         part = self.region(depth, candidate.spheres)
         if part is None:
@@ -177,6 +188,7 @@ class ArmFinder:
                     start, model.unexpected(start), evidence, iterations=4, loose=3.0, tips=tips, keep=1.0
                 )
                 pool.append((Found(fitted.cost, side, fitted), tips))
+                yield _work(evidence, 4)
         for most, count, iterations, loose in _ROUNDS:
             better = []
             for (_, side, before), tips in _of_each_side(pool, most):
@@ -190,11 +202,15 @@ class ArmFinder:
                     tips=tips if count <= 250 else None,
                 )  # fmt: skip
                 better.append((Found(fitted.cost, side, fitted), tips))
+                yield _work(evidence, iterations) + (REGION if count > 250 else 0)
             pool = better
-        best = (self._repaired(depth, one) for one, _ in _of_each_side(pool, 1) if one.cost < _HOPELESS)
+        best = []
+        for one, _ in _of_each_side(pool, 1):
+            if one.cost < _HOPELESS:
+                best.append((yield from self._repaired(depth, one)))
         return [one for one in best if one.cost <= self.believe]
 
-    def _repaired(self, depth: Float32, found: Found) -> Found:
+    def _repaired(self, depth: Float32, found: Found) -> Steps[Found]:
         """With each digit held otherwise, or two exchanged, where that is better."""
         model, fitted = self.models[found.side], found.fitted
         left, exchanged = set(range(5)), False
@@ -216,6 +232,7 @@ class ArmFinder:
                 left.discard(digit)
             others = [model.fit(start, model.unexpected(start), evidence, iterations=6, loose=1.5) for start in starts]
             other = min(others, key=lambda other: other.cost, default=fitted)
+            yield _work(evidence, 7 * len(starts)) + _HELD_OTHERWISE * len(left) + REGION
             if other.cost < 0.98 * cost_of(model, fitted.pose, evidence):
                 fitted, left, exchanged = other, set(range(5)), False
         part = self.region(depth, model.spheres(fitted.pose))
@@ -229,9 +246,15 @@ class ArmFinder:
             model.fit(fitted.pose, model.unexpected(fitted.pose), evidence, iterations=iterations, loose=loose)
             for iterations, loose in ((0, 1.0), (12, 1.0), (12, 2.0))
         ]
+        yield _work(evidence, 26) + REGION
         best = min(ends, key=lambda end: end.cost)
         hidden = max(float(best.costs[4]), others_edges(part.front, self.settings))
         return Found(best.cost + _HIDDEN * hidden, found.side, best)
+
+
+def _work(evidence: Evidence, iterations: int) -> int:
+    """Of a fit [µs]."""
+    return round((iterations + 1) * (40 + 0.09 * len(evidence.points)))
 
 
 def cost_of(model: ArmModel, pose: ArmPose, evidence: Evidence) -> float:
@@ -342,11 +365,15 @@ _ABOUT_ARM: Final = np.array([0.0, 0.0, 0.0, 0.02, 0.0])
 _SAME_M: Final = 0.10
 _OVERLAP_M: Final = 0.05
 _ELBOWS_M: Final = 0.10
+REGION: Final = 500
+_HELD_OTHERWISE: Final = 180
+"""How long it takes [µs]."""
 _POINTS: Final = 90
 _ABOUT_M: Final = 0.16
 _REPAIRS: Final = 10
 _ROUNDS: Final = ((5, 250, 8, 2.0), (2, 400, 8, 1.5))
 """How many starts of either side are kept, with how many points, iterations, and how loose at the beginning."""
+_AROUND: Final = 6
 _HOPELESS: Final = 0.4
 _FEW_OF_HAND: Final = 10
 """With fewer points of the hand nothing says that it is one."""

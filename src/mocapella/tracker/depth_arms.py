@@ -24,6 +24,7 @@ from mocapella.model.observations import JointState
 from mocapella.sensing.arm_region import ArmRegionSettings, Region, within
 from mocapella.sensing.nearer import Nearer
 from mocapella.settings import check
+from mocapella.steps import Steps
 from mocapella.tracker.arm_finding import SUREST, ArmFinder, Found, cost_of, evidence_of
 
 Float32 = NDArray[np.float32]
@@ -91,8 +92,9 @@ class DepthArmsSettings:
 class _Arm:
     """An arm that is followed."""
 
-    def __init__(self, number: int, side: Handedness, model: ArmModel, fitted: Fitted, at_s: float, wait: int) -> None:  # noqa: PLR0917
-        self.id, self.side, self.model, self.fitted, self.at_s = number, side, model, fitted, at_s
+    def __init__(self, side: Handedness, model: ArmModel, fitted: Fitted, at_s: float, wait: int) -> None:
+        self.side, self.model, self.fitted, self.at_s = side, model, fitted, at_s
+        self.id = -1
         self.velocity = np.zeros(6 + len(fitted.pose.z))
         self.doubtful = self.in_doubt = self.firm = self.next_digit = 0
         self.wait, self.sure, self.believed = wait, SUREST, False
@@ -111,6 +113,35 @@ class _Refused:
     centre: Float64
     wait: int
     until: int = 0
+
+
+class _Look:
+    """A look for arms, which takes longer than an image may: a little of it is done in each of those that follow.
+
+    Attributes:
+        images: (depth, time) since the one that is looked at: what is found there is followed through them.
+        newest: of them.
+    """
+
+    def __init__(self, depth: Float32) -> None:
+        self.newest = depth
+        self.images: list[tuple[Float32, float]] = []
+        self.steps: Steps[None]
+
+    def add(self, depth: Float32, at_s: float) -> None:
+        """Another image has come."""
+        self.newest = depth
+        self.images.append((depth, at_s))
+
+    def go_on(self, work: float) -> bool:
+        """Do so much of it; whether there is more to do."""
+        done = 0
+        while done < work:
+            try:
+                done += next(self.steps)
+            except StopIteration:
+                return False
+        return True
 
 
 class DepthArms:
@@ -133,6 +164,7 @@ class DepthArms:
         self._arms: list[_Arm] = []
         self._refused: list[_Refused] = []
         self._frames = self._next_id = 0
+        self._look: _Look | None = None
         self._nearer = Nearer(self.finder.lens, self.settings.region)
 
     def update(self, depth: Float32, at_s: float) -> SeenArms:
@@ -144,13 +176,25 @@ class DepthArms:
                 f"camera {self.camera.name} has {width} × {height} px"
             )
         depth = np.ascontiguousarray(depth, dtype=np.float32)
+        if self._look is not None:
+            self._look.add(depth, at_s)
         for arm in list(self._arms):
             if not self._follow(arm, depth, at_s):
                 self._arms.remove(arm)
-        self._look(depth, at_s)
+        self._begin_look(depth, at_s)
+        if not self._arms and self._look is not None:
+            self._look.go_on(np.inf)  # nothing is followed, so nothing waits
+            self._look = None
+        elif self._looks and self._look is not None and not self._look.go_on(_WORK):
+            self._look = None
         self._frames += 1
         told = tuple(self._told(arm) for arm in sorted(self._believed(), key=lambda arm: arm.id))
         return SeenArms(told, "" if told else self._reason(depth))
+
+    @property
+    def _looks(self) -> bool:
+        """Whether this image's time is for the look that is under way: every other's is."""
+        return self._look is not None and self._frames % 2 == 1
 
     def _believed(self) -> list[_Arm]:
         """Those that once fitted well."""
@@ -187,7 +231,7 @@ class DepthArms:
         arm.moved(fitted, dt)
         arm.at_s, arm.region = at_s, part
         doubt = fitted.cost > min(s.doubt, usual)
-        if doubt or not jumped:  # no image should take too long
+        if (doubt or not jumped) and not self._looks:  # no image should take too long
             self._search(arm, depth, doubt, jumped)
         arm.doubtful = arm.doubtful + 1 if arm.fitted.cost > s.keep else 0
         arm.firm = min(arm.firm + 1, _FIRM_AFTER) if arm.fitted.cost < s.firm else max(arm.firm - 1, 0)
@@ -239,18 +283,39 @@ class DepthArms:
             other = min(fits, key=lambda other: other.cost)
             if other.cost < s.better * cost_of(model, pose, evidence):
                 self._change(arm, arm.side, other, arm.region)
-        if arm.in_doubt >= arm.wait:
+        if arm.in_doubt >= arm.wait and self._look is None:
             arm.in_doubt, arm.wait = 0, min(2 * arm.wait, _LONGEST_WAIT)
-            centre = arm.model.points(arm.fitted.pose)[PALM]
-            found = [
-                one
-                for candidate in self.finder.candidates(depth, 2, centre)
-                for one in self.finder.best(depth, candidate)
-            ]
-            for one in sorted(found, key=lambda one: one.cost)[:1]:
-                part = self.finder.region(depth, self.models[one.side].spheres(one.fitted.pose))
-                if part is not None and self._change(arm, one.side, one.fitted, part):
-                    arm.sure, arm.wait = self.finder.sure(one, found), s.look_again_after
+            self._look = _Look(depth)
+            self._look.steps = self._anew(arm, depth, self._look)
+
+    def _anew(self, arm: _Arm, depth: Float32, look: _Look) -> Steps[None]:
+        """Look for a hand where it is, as if nothing were known of it."""
+        found: list[Found] = []
+        at_s = arm.at_s
+        for candidate in (yield from self.finder.candidates(depth, 2, arm.model.points(arm.fitted.pose)[PALM])):
+            found += yield from self.finder.best(depth, candidate)
+        others = [self._new(one, found, depth, at_s) for one in sorted(found, key=lambda one: one.cost)[:1]]
+        yield from self._caught_up(others, look)
+        for other in others:
+            if arm not in self._arms or other.region is None:
+                continue
+            if self._change(arm, other.side, other.fitted, other.region):
+                arm.sure, arm.wait = other.sure, self.settings.look_again_after
+
+    def _new(self, one: Found, found: list[Found], depth: Float32, at_s: float) -> _Arm:
+        """An arm that is followed from where it was found, with others."""
+        model = self.models[one.side]
+        arm = _Arm(one.side, model, one.fitted, at_s, self.settings.look_again_after)
+        arm.sure, arm.region = self.finder.sure(one, found), self.finder.region(depth, model.spheres(one.fitted.pose))
+        return arm
+
+    def _caught_up(self, arms: list[_Arm], look: _Look) -> Steps[None]:
+        """Follow arms to the newest image, and leave out, in place, those that are lost on the way."""
+        while look.images and arms:
+            depth, at_s = look.images[:_STRIDE][-1]
+            del look.images[:_STRIDE]
+            arms[:] = [arm for arm in arms if self._follow(arm, depth, at_s)]
+            yield _FOLLOWED * len(arms)
 
     def _change(self, arm: _Arm, side: Handedness, other: Fitted, part: Region) -> bool:
         """Take another pose for an arm, where it is still better when all points are looked at; whether it was."""
@@ -307,41 +372,53 @@ class DepthArms:
         near = self._nearer.places(depth, (arm.model.spheres(arm.fitted.pose) for arm in self._arms))
         return min(len(near), 1), near
 
-    def _look(self, depth: Float32, at_s: float) -> None:
-        s = self.settings
-        wanted = s.arms - sum(arm.firm >= _FIRM_AFTER for arm in self._arms)
-        most, near = self._worth_a_look(depth) if wanted else (0, None)
-        if most == 0:
+    def _begin_look(self, depth: Float32, at_s: float) -> None:
+        wanted = self.settings.arms - sum(arm.firm >= _FIRM_AFTER for arm in self._arms)
+        if self._look is not None or not wanted:
             return
+        most, near = self._worth_a_look(depth)
+        if most:
+            self._look = _Look(depth)
+            self._look.steps = self._further(depth, at_s, most, near, wanted, self._look)
+
+    def _further(
+        self, depth: Float32, at_s: float, most: int, near: Float64 | None, wanted: int, look: _Look
+    ) -> Steps[None]:
+        """Look for further arms in an image, and follow what is found to the newest."""
         now = [place for place in self._refused if self._frames < place.until]
-        known = [self._hand(arm) for arm in self._arms]
-        known += [np.array([[*place.centre, _REFUSED_M]]) for place in now]
-        candidates = self.finder.candidates(depth, _CANDIDATES, near, np.vstack(known) if known else None)
-        found, tried = self.finder.all_of(depth, candidates, most, s.doubt, wanted)
+        hands = {arm: self._hand(arm) for arm in self._arms}
+        known = [*hands.values(), *(np.array([[*place.centre, _REFUSED_M]]) for place in now)]
+        candidates = yield from self.finder.candidates(depth, _CANDIDATES, near, np.vstack(known) if known else None)
+        found, tried = yield from self.finder.all_of(depth, candidates, most, self.settings.doubt, wanted)
         if len(tried) < most or most > 1:
             self._nearer.looked(depth)
-        for one in self.finder.judged(depth, self.finder.apart(found)):
-            rivals = [arm for arm in self._arms if self.finder.overlap(Found(0.0, arm.side, arm.fitted), one)]
-            if rivals:  # the same arm, from its other end
-                best = self.finder.judged(depth, [one, *(Found(0.0, arm.side, arm.fitted) for arm in rivals)])[0]
-                if best.fitted is not one.fitted:
-                    continue
-            elif len(self._arms) == s.arms:  # one that was never sure makes room
-                rivals = [max(self._arms, key=lambda arm: (arm.firm < _FIRM_AFTER, arm.fitted.cost))]
-                most_cost = (_MUCH_BETTER if rivals[0].believed else 1.0) * rivals[0].fitted.cost
-                if rivals[0].firm >= _FIRM_AFTER or most_cost < one.cost:
-                    continue
-            for arm in rivals:
-                self._arms.remove(arm)
-            arm = _Arm(self._next_id, one.side, self.models[one.side], one.fitted, at_s, s.look_again_after)
-            self._next_id += 1
-            arm.region = self.finder.region(depth, self.models[one.side].spheres(one.fitted.pose))
-            arm.sure = self.finder.sure(one, found)
-            self._arms.append(arm)
-        hands = [self._hand(arm) for arm in self._arms]
+        judged = self.finder.judged(depth, self.finder.apart(found))
+        arms = [self._new(one, found, depth, at_s) for one in judged]
+        hands |= {arm: self._hand(arm) for arm in arms}
+        yield from self._caught_up(arms, look)
+        for arm in arms:
+            self._admit(arm, look.newest)
         for candidate in tried:
-            if not any(within(candidate.centre, balls) for balls in hands):
+            if not any(within(candidate.centre, balls) for arm, balls in hands.items() if arm in self._arms):
                 self._refuse(candidate.centre)
+
+    def _admit(self, arm: _Arm, depth: Float32) -> None:
+        """Follow a further arm from now on, unless another explains it better."""
+        one = Found(arm.fitted.cost, arm.side, arm.fitted)
+        rivals = [other for other in self._arms if self.finder.overlap(Found(0.0, other.side, other.fitted), one)]
+        if rivals:  # the same arm, from its other end
+            best = self.finder.judged(depth, [one, *(Found(0.0, other.side, other.fitted) for other in rivals)])[0]
+            if best.fitted is not one.fitted:
+                return
+        elif len(self._arms) == self.settings.arms:  # one that was never sure makes room
+            rivals = [max(self._arms, key=lambda other: (other.firm < _FIRM_AFTER, other.fitted.cost))]
+            most_cost = (_MUCH_BETTER if rivals[0].believed else 1.0) * rivals[0].fitted.cost
+            if rivals[0].firm >= _FIRM_AFTER or most_cost < one.cost:
+                return
+        for other in rivals:
+            self._arms.remove(other)
+        arm.id, self._next_id = self._next_id, self._next_id + 1
+        self._arms.append(arm)
 
     @staticmethod
     def _hand(arm: _Arm) -> Float64:
@@ -395,6 +472,12 @@ def _motion(before: ArmPose, after: ArmPose) -> Float64:
     return np.concatenate([moved, turn, after.z - before.z])
 
 
+_WORK: Final = 3500
+"""So long is looked in every other image, while there is an arm [µs]."""
+_STRIDE: Final = 2
+"""What was found is followed through every second image until it has caught up."""
+_FOLLOWED: Final = 2000
+"""Following an arm takes so long [µs]."""
 _FIRM_AFTER: Final = 5
 """Images in which an arm fitted well, for none to be looked for in its stead."""
 _PLACES: Final = 8
