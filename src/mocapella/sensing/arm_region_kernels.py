@@ -29,6 +29,28 @@ def thinned(depth, x0, y0, step, near, far, out):
             x = x0 + j * step
             out[i, j] = 0.0
             z = depth[y, x]
+            if half == 1 and 0 < y < height - 1 and 0 < x < width - 1:  # the usual case: as below, and faster
+                if not near <= z <= far:
+                    count, least = 0, np.float32(math.inf)
+                    for b in range(-1, 2):
+                        for a in range(-1, 2):
+                            other = depth[y + b, x + a]
+                            if near <= other <= far:
+                                count += 1
+                                least = min(least, other)
+                    if count < 5:
+                        continue
+                    z = least
+                count, total = 0, 0.0
+                for b in range(-1, 2):
+                    for a in range(-1, 2):
+                        other = depth[y + b, x + a]
+                        close = abs(other - z) < 0.015
+                        count += close
+                        total += other if close else np.float32(0.0)
+                if count >= 3:
+                    out[i, j] = total / count
+                continue
             if not near <= z <= far:
                 # The nearest of the surroundings, where most of them are measured.
                 valid, looked, least = 0, 0, math.inf
@@ -76,12 +98,16 @@ def bands(spheres, lens, gate, arm_gate, low, high):
             continue
         px, py, size = lens[0] * x / z + lens[2], lens[1] * y / z + lens[3], lens[0] * r / z
         for i in range(max(int(py - size), 0), min(int(py + size) + 2, height)):
-            for j in range(max(int(px - size), 0), min(int(px + size) + 2, width)):
-                d2 = ((i - py) / size) ** 2 + ((j - px) / size) ** 2
-                if d2 < 1.0:
-                    half = r * math.sqrt(1.0 - d2)
-                    low[i, j] = min(low[i, j], z - half)
-                    high[i, j] = max(high[i, j], z + half)
+            left = 1.0 - ((i - py) / size) ** 2
+            if left <= 0.0:
+                continue
+            reach, f = size * math.sqrt(left), 1.0 / size
+            # Without a branch within, several columns are done at a time.
+            for j in range(max(math.ceil(px - reach), 0), min(math.floor(px + reach) + 1, width)):
+                d = f * (j - px)
+                half = r * math.sqrt(max(left - d * d, 0.0))
+                low[i, j] = min(low[i, j], z - half)
+                high[i, j] = max(high[i, j], z + half)
 
 
 @njit(cache=True)

@@ -472,7 +472,7 @@ def _motion(before: ArmPose, after: ArmPose) -> Float64:
     return np.concatenate([moved, turn, after.z - before.z])
 
 
-_WORK: Final = 3500
+_WORK: Final = 2500
 """So long is looked in every other image, while there is an arm [µs]."""
 _STRIDE: Final = 2
 """What was found is followed through every second image until it has caught up."""
