@@ -262,7 +262,7 @@ def _reduced(normal: _Normal, damping: float) -> tuple[Float64, Float64, Float64
         inverse of the boards' equations; and (boards, 6, 15 cameras) these solved for what they share with the cameras.
     """
     size = len(normal.cameras)
-    boards = np.linalg.inv(normal.boards * (1 + damping * np.eye(6)))
+    boards = np.asarray(np.linalg.inv(normal.boards * (1 + damping * np.eye(6))), dtype=np.float64)
     solved = boards @ np.moveaxis(normal.mixed, 0, -1)
     S = normal.cameras * (1 + damping * np.eye(size)) - normal.mixed.reshape(size, -1) @ solved.reshape(-1, size)
     scale = 1.0 / np.sqrt(np.diag(normal.cameras))

@@ -275,7 +275,7 @@ def _linear(p: Float64, R: Float64, b: Float64) -> tuple[float, Float64, Float64
         weight = np.repeat(1.0 / np.sqrt(np.maximum(off / max(float(np.median(off)), 1e-9), 1.0)), 3)
     U, _, Vt = np.linalg.svd(x[:9].reshape(3, 3))
     R_space_world = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-    lever = x[12:].reshape(m, 3)
+    lever = np.asarray(x[12:].reshape(m, 3), dtype=np.float64)
     moved = b[:, None] + np.einsum("kij,mj->kmi", R, lever)
     R_world = R_space_world.T
     shift = np.median((p - moved @ R_world.T).reshape(-1, 3), axis=0)

@@ -405,7 +405,7 @@ def _white(views: Sequence[_Views], sd: Float64, share: Float64) -> Float64:
     # Of a coordinate: a second difference of white noise has 6 times its variance.
     measured = np.array([np.median([jitter(p[:, [j]]) for p in still]) for j in range(len(BODY))]) ** 2 / 3
     smooth = sum(
-        part * float(np.array([6.0, -8.0, 2.0]) @ _knot_autocorrelation(knot, np.arange(3) * _LAG_S))
+        part * float(np.array([6.0, -8.0, 2.0]) @ _knot_autocorrelation(knot, np.arange(3, dtype=np.float64) * _LAG_S))
         for knot, part in zip(KNOTS_S, share, strict=True)
     )
     return np.asarray(np.sqrt(np.maximum(measured - smooth * sd[:, 0, 0] ** 2, 0.0) / 6))

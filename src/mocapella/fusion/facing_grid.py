@@ -19,7 +19,7 @@ Float64 = NDArray[np.float64]
 BINS: Final = 48
 BIN: Final = 2 * np.pi / BINS
 """7.5° [rad]."""
-YAWS: Final[Float64] = np.arange(BINS) * BIN
+YAWS: Final[Float64] = np.arange(BINS, dtype=np.float64) * BIN
 """(BINS,) of the bins [rad]."""
 STEP_S: Final = 1 / 29
 """In which somebody makes one turn of up to two bins, on average [s]."""

@@ -231,7 +231,8 @@ def _with_shape(
     counts = np.zeros((BINS, SHAPE_BINS))
     for sequence, p in zip(sequences, about, strict=True):
         score, _ = classifier.score(sequence.view.features)
-        _count(counts, p, shape_place(score), np.isfinite(sequence.view.features).all(axis=-1), wraps=False)
+        known = np.asarray(np.isfinite(sequence.view.features).all(axis=-1))
+        _count(counts, p, shape_place(score), known, wraps=False)
     counts = _blurred(counts + _mirrored(counts))
     return msgspec.structs.replace(model, classifier=classifier, shape=log_rows(counts, training.shape_floor))
 

@@ -90,8 +90,8 @@ def train(sessions: Sequence[ViewPairs], tree: Topology, settings: BiasTrainingS
             T = second_to_first(session, of_view, R, weights)
             apart.append(session.positions[:, 0] - apply(T, session.positions[:, 1]))
             axes = (R[:, 0], -T[:3, :3] @ R[:, 1])
-            design = sum(a[:, :, None, :] * of_view[:, v, None, :, None] for v, a in enumerate(axes))
-            designs.append(np.asarray(design).reshape(len(design), 3, -1))
+            design = np.asarray(sum(a[:, :, None, :] * of_view[:, v, None, :, None] for v, a in enumerate(axes)))
+            designs.append(design.reshape(len(design), 3, -1))
         weights = _solve(np.concatenate(apart), np.concatenate(designs), weight / weight.mean(), tree, settings)
     return weights
 

@@ -108,7 +108,7 @@ def centred_products(M: Float64, offset: float = 0.0) -> Float64:
 
 def _rotation(S: Float64) -> Float64:
     """The rotation of q's axes to p's, of S = Σ w (q − q̄)(p − p̄)ᵀ, (..., 3, 3)."""
-    finite = np.isfinite(S).all(axis=(-1, -2))
+    finite = np.asarray(np.isfinite(S).all(axis=(-1, -2)))
     S = np.where(finite[..., None, None], S, 0.0)
     N = np.empty((*S.shape[:-2], 4, 4))
     N[..., 0, 0] = np.trace(S, axis1=-2, axis2=-1)

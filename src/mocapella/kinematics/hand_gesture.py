@@ -159,7 +159,7 @@ class GesturePoints:
         rows = self._kept[phase]
         if not rows:
             return ["no markers were tracked meanwhile: do two cameras see the hand, and is the method hands?"]
-        seen = np.isfinite(np.stack([positions for positions, _ in rows])).all(axis=-1)
+        seen = np.asarray(np.isfinite(np.stack([positions for positions, _ in rows])).all(axis=-1))
         whole = seen[:, 5:].all(axis=1)
         if whole.sum() < least:
             said = ", ".join(f"{name} {count}" for name, count in zip(self.base, seen[:, 5:].sum(axis=0), strict=True))

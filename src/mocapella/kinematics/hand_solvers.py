@@ -89,7 +89,7 @@ def _squared_distance(lengths: Float64, thirds: int) -> Float64:
     coefficients[0] = one**2 + two**2 + three**2
     for k, product in ((3, one * two), (thirds, two * three), (3 + thirds, one * three)):
         coefficients[k] += 2 * product
-    powers = np.asarray(chebyshev.cheb2poly(coefficients))  # type: ignore[no-untyped-call]
+    powers = np.asarray(chebyshev.cheb2poly(coefficients))
     return np.concatenate([powers, np.zeros(8 - len(powers))])
 
 

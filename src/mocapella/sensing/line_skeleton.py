@@ -156,7 +156,7 @@ class LineSkeleton:
         z = points.metres[[nearest(points, pixel) for pixel in pixels]]
         z[2] -= s.palm_forward_m
         joints = self._in_space(pixels, z)
-        seen = np.isfinite(joints).all(axis=-1)
+        seen = np.asarray(np.isfinite(joints).all(axis=-1))
         seen[3:] &= (found.tips != 0).any(axis=-1) & (np.linalg.norm(joints[3:] - joints[2], axis=-1) <= s.longest_m)
         joints[3:][~seen[3:]] = joints[2]
         return joints, seen

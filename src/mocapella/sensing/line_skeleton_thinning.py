@@ -116,9 +116,9 @@ def _thin_box(mask: UInt8, border: tuple[bool, bool, bool, bool], out: UInt8) ->
     free = np.full(len(words), np.iinfo(np.uint64).max)
     if any(border):
         inside = np.ones(mask.shape, dtype=np.uint8)
-        for side, edge in zip(border, (np.s_[0], np.s_[-1], np.s_[:, 0], np.s_[:, -1]), strict=True):
+        for side, edge in zip(border, (inside[0], inside[-1], inside[:, 0], inside[:, -1]), strict=True):
             if side:
-                inside[edge] = 0
+                edge[:] = 0
         free = _words(inside, stride)
     # Apart from the others by more than a strip: what is compiled for several words at a time is left out where the
     # processor has to assume that they overlap.
