@@ -58,7 +58,7 @@ class ArmRegionSettings:
     hidden: float = 0.4
     nearer_m: float = 0.02
     branch_m: float = 0.012
-    points: int = 700
+    points: int = 500
 
     def __post_init__(self) -> None:
         check(0 < self.near_m < self.far_m <= 20, "near_m", self.near_m, "above 0, below far_m, which is at most 20 m")

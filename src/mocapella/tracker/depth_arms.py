@@ -496,7 +496,7 @@ _MUCH_BETTER: Final = 0.7
 _LONGEST_WAIT: Final = 240
 """Images between two looks for a doubtful hand where it is."""
 
-_SIZE_SD: Final = 0.03
+_SIZE_SD: Final = 0.003
 """Of sizes from image to image."""
 _FOREARM_RATE_DEG_S: Final = 300.0
 _MAY_CHANGE: Final = 4.0
