@@ -93,14 +93,17 @@ def derivatives(model: ArmModel, pose: ArmPose, piece: int, part: float, normal:
     )  # fmt: skip
     p = pieces[piece]
     centre = p[k.FROM : k.FROM + 3] + part * p[k.LENGTH] * p[k.U : k.U + 3]
-    J, at = np.empty(24), np.empty(24, np.int64)
-    n = k._derivatives(
-        *model.owners[piece], *normal, *centre, p[k.RA] + part * (p[k.RB] - p[k.RA]), joints, axes, model.columns,
-        model.gains, model.rising, pose.v, len(pose.z), J, at,
-    )  # fmt: skip
-    assert (np.diff(at[:n]) > 0).all()  # what `_add` relies on
+    A, at = np.empty((k.GROUPS, k.MOVERS, k.ROW)), np.empty((k.GROUPS, k.MOVERS), np.int64)
+    counts, q = np.empty(k.GROUPS, np.int64), np.empty(k.ROW)
+    k._movers(joints, axes, model.columns, model.gains, model.rising, pose.v, len(pose.z), A, at, counts)
+    group = k._group(*model.owners[piece])
+    k._numbers(group, *normal, *centre, p[k.RA] + part * (p[k.RB] - p[k.RA]), pose.v, q)
+    own = at[group, : counts[group]]
+    assert (np.diff(own) > 0).all()  # what `_tell` relies on
+    assert own[0] >= 6
     out = np.zeros(6 + len(pose.z) + k.BODY_DOFS)
-    out[at[:n]] = J[:n]
+    out[:6] = q[:6]
+    out[own] = A[group, : counts[group]] @ q
     return out
 
 
@@ -290,7 +293,7 @@ def test_the_points_gradient_is_that_of_their_robust_cost(side: Handedness, seed
         k.system(
             model.digits, model.mirror, model.radii, model.palm, model.owners, model.columns, model.gains, model.rising,
             points, np.ones(len(points)), np.zeros(len(points), np.int64), nothing, *pose, numbers, np.zeros((n, n)), g,
-            costs, np.full((5, 3), np.nan),
+            costs, np.full((5, 3), np.nan), False,
         )  # fmt: skip
         return 0.5 * numbers[0] ** 2 * float(costs[0]), g
 
@@ -299,6 +302,56 @@ def test_the_points_gradient_is_that_of_their_robust_cost(side: Handedness, seed
     true = -np.diff(np.reshape(steps, (-1, 2)), axis=1)[:, 0] / 2e-6
     told = at(pose)[1][dofs]
     np.testing.assert_allclose(told, true, atol=1e-3 * np.abs(true).max())
+
+
+@settings(max_examples=4)
+@given(seeds, sides)
+def test_what_is_kept_of_residuals_tells_as_much_as_each_of_them(seed: int, side: Handedness) -> None:
+    """Their normal equations, summed by group and told once, are those of their rows."""
+    model, rng = arm_model(side), np.random.default_rng(seed)
+    pose = posed(model, rng)
+    n = 6 + len(pose.z) + k.BODY_DOFS
+    rows, joints, axes = np.empty((5, k.DIGIT)), np.empty((5, 4, 3)), np.empty((5, 5, 3))
+    pieces, _ = model.pieces(pose)
+    k.flesh(
+        model.digits, model.mirror, model.radii, model.palm, model.columns, model.gains, pose.z, pose.v, rows, joints,
+        axes, pieces,
+    )  # fmt: skip
+    A, at = np.empty((k.GROUPS, k.MOVERS, k.ROW)), np.empty((k.GROUPS, k.MOVERS), np.int64)
+    counts, q = np.empty(k.GROUPS, np.int64), np.empty(k.ROW)
+    k._movers(joints, axes, model.columns, model.gains, model.rising, pose.v, len(pose.z), A, at, counts)
+    Q, b = np.zeros((k.GROUPS, k.ROW, k.ROW)), np.zeros((k.GROUPS, k.ROW))
+    H, g, true_H, true_g = np.zeros((n, n)), np.zeros(n), np.zeros((n, n)), np.zeros(n)
+    for piece in rng.integers(len(pieces), size=60):
+        normal, part, w, e = rng.normal(size=3), float(rng.uniform()), float(rng.uniform()), float(rng.normal())
+        p, group = pieces[piece], k._group(*model.owners[piece])
+        centre = p[k.FROM : k.FROM + 3] + part * p[k.LENGTH] * p[k.U : k.U + 3]
+        k._numbers(group, *normal, *centre, p[k.RA] + part * (p[k.RB] - p[k.RA]), pose.v, q)
+        k._add(q, w, e, Q[group], b[group])
+        row = derivatives(model, pose, int(piece), part, normal)
+        true_H += w * np.outer(row, row)
+        true_g += w * e * row
+    k._tell(A, at, counts, Q, b, H, g)
+    np.testing.assert_allclose(np.tril(H), np.tril(true_H), atol=1e-9)
+    np.testing.assert_allclose(g, true_g, atol=1e-9)
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_costs_alone_are_those_of_the_whole_system(side: Handedness) -> None:
+    model, _, pose, evidence = seen(1, side, 2.0)
+    numbers, n = model._numbers(pose, evidence, 400.0), 6 + len(pose.z) + k.BODY_DOFS
+    told = []
+    for only in (False, True):
+        H, g, costs = np.zeros((n, n)), np.zeros(n), np.empty(5)
+        k.system(
+            model.digits, model.mirror, model.radii, model.palm, model.owners, model.columns, model.gains, model.rising,
+            evidence.points, evidence.weights, np.zeros(len(evidence.points), np.int64),
+            (evidence.front, evidence.opposite, evidence.lens), *pose, numbers, H, g, costs, np.zeros((5, 3)), only,
+        )  # fmt: skip
+        assert np.any(H) == np.any(g) == (not only)
+        told.append(costs)
+    np.testing.assert_array_equal(told[0], told[1])
+    assert (told[0][[0, 1, 3]] > 0).all()
 
 
 def test_what_is_not_in_the_image_is_not_pulled_at() -> None:

@@ -26,6 +26,7 @@ from mocapella.sensing.arm_region import (
     region,
     whole_grid,
 )
+from mocapella.steps import at_once
 
 SETTINGS = ArmRegionSettings()
 LENS = np.array([150.0, 150.0, 40.0, 30.0])
@@ -309,7 +310,7 @@ def test_a_grid_keeps_rays_where_they_are() -> None:
 @pytest.mark.parametrize("behind_m", [0.0, 1.3])
 def test_the_palm_of_a_drawn_arm_is_found(degrees: int, behind_m: float) -> None:
     scene = arm(rotation_degrees=degrees, behind_m=behind_m)
-    candidates = palm_candidates(scene.depth, CAMERA.lens, SETTINGS)
+    candidates = at_once(palm_candidates(scene.depth, CAMERA.lens, SETTINGS))
     best, truth = candidates[0], scene.truth
     off = [np.linalg.norm(one.centre - truth[PALM] + [0, 0, 0.014]) for one in candidates]
     assert off[0] < 0.04  # along the hand its middle is not known well
@@ -332,7 +333,7 @@ def test_the_order_of_tips_is_the_same_however_the_arm_is_turned() -> None:
     rising = set()
     for degrees in (0, 90, 120, 180, -120):
         scene = arm(rotation_degrees=degrees)
-        tips = palm_candidates(scene.depth, CAMERA.lens, SETTINGS)[0].tips
+        tips = at_once(palm_candidates(scene.depth, CAMERA.lens, SETTINGS))[0].tips
         order = [int(np.linalg.norm(scene.truth[[*TIPS]] - tip, axis=1).argmin()) for tip in tips]
         rising.add(order == sorted(order))
     assert len(rising) == 1
@@ -340,7 +341,7 @@ def test_the_order_of_tips_is_the_same_however_the_arm_is_turned() -> None:
 
 def test_a_fist_has_a_palm_and_hardly_tips() -> None:
     scene = arm("fist", rotation_degrees=-45)
-    best = palm_candidates(scene.depth, CAMERA.lens, SETTINGS)[0]
+    best = at_once(palm_candidates(scene.depth, CAMERA.lens, SETTINGS))[0]
     assert np.linalg.norm((best.centre - scene.truth[PALM])[:2]) < 0.03
     assert len(best.tips) <= 1
 
@@ -351,18 +352,18 @@ def test_where_nothing_is_like_a_hand_there_is_no_candidate() -> None:
     ball = nothing.copy()
     ball[238:243, 318:323] = 0.8
     for depth in (nothing, wall, ball):
-        assert palm_candidates(depth, CAMERA.lens, SETTINGS) == []
+        assert at_once(palm_candidates(depth, CAMERA.lens, SETTINGS)) == []
 
 
 def test_candidates_are_near_where_they_are_wanted_and_so_many_at_most() -> None:
     scene = arm()
-    everywhere = palm_candidates(scene.depth, CAMERA.lens, SETTINGS)
-    assert len(palm_candidates(scene.depth, CAMERA.lens, SETTINGS, most=1)) == 1
+    everywhere = at_once(palm_candidates(scene.depth, CAMERA.lens, SETTINGS))
+    assert len(at_once(palm_candidates(scene.depth, CAMERA.lens, SETTINGS, most=1))) == 1
     assert len(everywhere) >= 1
-    here = palm_candidates(scene.depth, CAMERA.lens, SETTINGS, near=scene.truth[PALM])
+    here = at_once(palm_candidates(scene.depth, CAMERA.lens, SETTINGS, near=scene.truth[PALM]))
     assert here
     assert all(np.linalg.norm(one.centre - scene.truth[PALM]) <= 0.15 for one in here)
-    assert palm_candidates(scene.depth, CAMERA.lens, SETTINGS, near=np.array([0.6, 0.0, DISTANCE_M])) == []
+    assert at_once(palm_candidates(scene.depth, CAMERA.lens, SETTINGS, near=np.array([0.6, 0.0, DISTANCE_M]))) == []
 
 
 @pytest.mark.parametrize(

@@ -20,12 +20,24 @@ from mocapella.model.camera import Camera
 from mocapella.model.hand import DIGITS, TIPS
 from mocapella.sensing.arm_region import PalmCandidate
 from mocapella.sources.simulate.depth_scene import DepthShot, load_depth_scene
+from mocapella.steps import Steps, at_once
+from mocapella.tracker import depth_arms
 from mocapella.tracker.arm_finding import ArmFinder
 from mocapella.tracker.depth_arms import DepthArms, DepthArmsSettings, _sd_m
 
 ROOT = Path(__file__).resolve().parents[2]
 FRAMES = ROOT.parent / "shared" / "data" / "depth_hand_sr305" / "frames"
 SR305 = Camera("sr305", (640, 480), np.array([476.007, 476.007, 313.683, 242.755, 0, 0, 0, 0, 0]))
+
+
+LOOK = 80
+"""Images in which a look for further arms ends."""
+
+
+def done(result: Any) -> Steps[Any]:
+    """What takes no time."""
+    yield 0
+    return result
 
 
 @cache
@@ -175,7 +187,9 @@ def test_an_arm_that_never_fitted_well_is_not_told() -> None:
 def test_where_no_arm_was_is_looked_at_ever_more_rarely(monkeypatch: pytest.MonkeyPatch) -> None:
     camera, shots = clip("rotation", "exact", 1)
     method, looked = DepthArms(camera, DepthArmsSettings(refuse_for=2)), list[tuple[int, PalmCandidate]]()
-    monkeypatch.setattr(ArmFinder, "best", lambda _, __, candidate: looked.append((method._frames, candidate)) or [])
+    monkeypatch.setattr(
+        ArmFinder, "best", lambda _, __, candidate: looked.append((method._frames, candidate)) or done([])
+    )
     for frame in range(40):
         method.update(metres(shots[0]), frame / 30)
     first = looked[0][1].centre
@@ -199,7 +213,7 @@ def test_a_further_arm_is_looked_for_where_it_comes_and_nowhere_where_nothing_do
         assert len(method.update(alone[k % 6], k / 30).arms) == 1
         came = came if k > 6 else len(looks)  # the arm is firm by then
     assert len(looks) == came
-    both = [len(method.update(metres(shots[k]), (12 + k) / 30).arms) for k in range(4)]
+    both = [len(method.update(metres(shots[k % 6]), (12 + k) / 30).arms) for k in range(LOOK)]
     assert both[-1] == 2
     places = looks[came]
     pixels = project(places, camera.lens)
@@ -209,18 +223,94 @@ def test_a_further_arm_is_looked_for_where_it_comes_and_nowhere_where_nothing_do
 def test_of_places_on_an_arm_that_was_found_none_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
     camera, shots = clip("rotation", "exact", 1)
     finder, depth = DepthArms(camera).finder, metres(shots[0])
-    candidates = finder.candidates(depth, 24)
-    (best, *_) = sorted((one for c in candidates for one in finder.best(depth, c)), key=lambda one: one.cost)
-    monkeypatch.setattr(ArmFinder, "best", lambda *_: [best])
+    candidates = at_once(finder.candidates(depth, 24))
+    (best, *_) = sorted((one for c in candidates for one in at_once(finder.best(depth, c))), key=lambda one: one.cost)
+    monkeypatch.setattr(ArmFinder, "best", lambda *_: done([best]))
     away = PalmCandidate(np.array([0.0, 0.0, 5.0]), 0.03, *candidates[0][2:])
-    _, tried = finder.all_of(depth, [*candidates, away, away], 8, 1.0, 8)
+    _, tried = at_once(finder.all_of(depth, [*candidates, away, away], 8, 1.0, 8))
     assert [len(tried), tried[1:]] == [3, [away, away]]
-    assert len(finder.all_of(depth, [*candidates, away], 8, 1.0, 1)[1]) == 1  # there are enough
-    assert len(finder.all_of(depth, [away] * 3, 8, 0.0, 8)[1]) == 2  # of those beside each other
-    assert len(finder.all_of(depth, candidates, 1, 0.0, 8)[1]) == 1  # so many at most
+    assert len(at_once(finder.all_of(depth, [*candidates, away], 8, 1.0, 1))[1]) == 1  # there are enough
+    assert len(at_once(finder.all_of(depth, [away] * 3, 8, 0.0, 8))[1]) == 2  # of those beside each other
+    assert len(at_once(finder.all_of(depth, candidates, 1, 0.0, 8))[1]) == 1  # so many at most
     other = best._replace(side="left" if best.side == "right" else "right")
-    monkeypatch.setattr(ArmFinder, "best", lambda *_: [best, other])
-    assert len(finder.all_of(depth, candidates, 8, 1.0, 8)[1]) > 1  # its side is not clear
+    monkeypatch.setattr(ArmFinder, "best", lambda *_: done([best, other]))
+    assert len(at_once(finder.all_of(depth, candidates, 8, 1.0, 8))[1]) > 1  # its side is not clear
+
+
+def one_arm_and_then_another(seed: int) -> tuple[Camera, list[np.ndarray], list[DepthShot]]:
+    """Images of which twelve show only one of two arms, the others both, and the truth."""
+    camera, shots = clip("two-hands", "exact", seed, 12 + LOOK)
+    images = [metres(shot) for shot in shots]
+    other = max(shots[0].arms, key=lambda truth: truth.points[PALM, 0])
+    for image in images[:12]:
+        image[:, int(project(other.points, camera.lens)[:, 0].min()) - 20 :] = 0
+    return camera, images, shots
+
+
+def test_no_image_waits_for_a_look_for_further_arms(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is done a little at a time; and what is found then is followed to where it is by then."""
+    camera, images, shots = one_arm_and_then_another(2)
+    done: list[list[int]] = []
+    furthest = depth_arms._Look.go_on
+
+    def go_on(look: Any, work: float) -> bool:
+        inner, done_now = look.steps, []
+
+        def counted() -> Steps[None]:
+            for step in inner:
+                done_now.append(step)
+                yield step
+
+        look.steps = counted()
+        more = furthest(look, work)
+        look.steps = inner
+        done.append(done_now)
+        return more
+
+    monkeypatch.setattr(depth_arms._Look, "go_on", go_on)
+    method = DepthArms(camera, DepthArmsSettings(look_every=1))
+    found = None
+    for image, shot in zip(images, shots, strict=True):
+        before = len(done)
+        seen = method.update(image, shot.at_s)
+        assert len(done) - before <= 1
+        if len(seen.arms) == 2:
+            found = seen, shot
+            break
+    assert found is not None
+    spread = done[1:]  # in the first image nothing is followed
+    assert len(spread) > 5
+    assert all(sum(steps[:-1]) < depth_arms._WORK[0][1] for steps in spread)
+    seen, shot = found
+    for truth in shot.arms:
+        arm = matched(truth, seen)
+        assert arm is not None
+        assert np.linalg.norm(arm.points[PALM] - truth.points[PALM]) < 0.02
+
+
+def test_of_images_that_come_during_a_look_not_all_are_kept() -> None:
+    image = np.zeros((2, 2), np.float32)
+    look = depth_arms._Look(image, 0.0)
+    for k in range(1, 1000):
+        image[:] = k
+        look.add(image, k / 30)
+        assert len(look.images) <= depth_arms._MOST_IMAGES
+        times = [at_s for _, at_s in look.images]
+        assert times == sorted(times)
+        assert times[-1] == k / 30
+        assert [float(depth[0, 0]) for depth, _ in look.images] == [round(at_s * 30) for at_s in times]  # copies
+    assert look.newest[0, 0] == 999
+    assert look.depth[0, 0] == 0
+
+
+@pytest.mark.parametrize(("seed", "start_s"), [(1, 1 / 6), (3, 3 / 6)])
+def test_the_end_of_an_upper_arm_is_not_taken_for_the_hand(seed: int, start_s: float) -> None:
+    """It ends as a fist does."""
+    scene = load_depth_scene("torso", seed=seed, sensor="kinect")
+    shot = scene.at(scene.period_s * start_s)
+    method = DepthArms(Camera("kinect", scene.sensor.size_px, scene.lens))
+    arm = that_of(shot, method.update(metres(shot), 0.0))
+    assert np.linalg.norm(arm.points[PALM] - shot.arms[0].points[PALM]) < 0.02
 
 
 def test_a_hand_that_is_elsewhere_at_once_keeps_its_names() -> None:

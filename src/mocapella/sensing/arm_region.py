@@ -58,7 +58,7 @@ class ArmRegionSettings:
     hidden: float = 0.4
     nearer_m: float = 0.02
     branch_m: float = 0.012
-    points: int = 500
+    points: int = 700
 
     def __post_init__(self) -> None:
         check(0 < self.near_m < self.far_m <= 20, "near_m", self.near_m, "above 0, below far_m, which is at most 20 m")
@@ -228,7 +228,7 @@ def palm_candidates(  # noqa: PLR0917 - of an image, in this order
             candidate = _candidate(depth, lens, centre, float(inner[y, x]), finer)
             if candidate is not None:
                 found.append(candidate)
-            yield _LOOKED_AT
+            yield _LOOKED_AT if near is None else _LOOKED_AT_COARSELY
     found.sort(key=lambda pair: -pair[0])
     return [candidate for _, candidate in found[:most]]
 
@@ -356,9 +356,10 @@ def _turn(direction: Float64, begin: Float64) -> float:
     return float(angle % (2 * np.pi))
 
 
-_GRID: Final = 1000
+_GRID: Final = 1500
 _SURFACE: Final = 2000
-_LOOKED_AT: Final = 800
+_LOOKED_AT: Final = 3000
+_LOOKED_AT_COARSELY: Final = 1000
 """How long it takes: what comes first, a surface's ends, and a candidate [µs]."""
 _SURFACES: Final = 6
 """So many of the largest surfaces are looked at for arms."""

@@ -31,7 +31,7 @@ def thinned(depth, x0, y0, step, near, far, out):
             z = depth[y, x]
             if half == 1 and 0 < y < height - 1 and 0 < x < width - 1:  # the usual case: as below, and faster
                 if not near <= z <= far:
-                    count, least = 0, np.float32(math.inf)
+                    count, least = 0, math.inf
                     for b in range(-1, 2):
                         for a in range(-1, 2):
                             other = depth[y + b, x + a]
@@ -47,7 +47,7 @@ def thinned(depth, x0, y0, step, near, far, out):
                         other = depth[y + b, x + a]
                         close = abs(other - z) < 0.015
                         count += close
-                        total += other if close else np.float32(0.0)
+                        total += other if close else 0.0
                 if count >= 3:
                     out[i, j] = total / count
                 continue

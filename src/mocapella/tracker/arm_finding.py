@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Final, NamedTuple
 
@@ -66,12 +66,18 @@ class ArmFinder:
         """As `palm_candidates` says, of an image (height, width) [m]."""
         return palm_candidates(depth, self.lens, self.settings, most, near, but)
 
-    def region(self, depth: Float32, spheres: Float64) -> Region | None:
-        """What may be an arm about spheres (k, 5) [m]; None where they are outside of the image or few points are."""
-        grid = grid_about(depth, self.lens, spheres, self.settings)
+    def region(self, depth: Float32, spheres: Float64, most: int | None = None) -> Region | None:
+        """What may be an arm about spheres (k, 5) [m]; None where they are outside of the image or few points are.
+
+        Args:
+            depth, spheres: see there.
+            most: points; the settings' where not given.
+        """
+        s = self.settings if most is None else replace(self.settings, points=most)
+        grid = grid_about(depth, self.lens, spheres, s)
         if grid is None:
             return None
-        part = region(grid, spheres, self.settings)
+        part = region(grid, spheres, s)
         return part if len(part.points) >= FEW_POINTS else None
 
     def all_of(
@@ -168,8 +174,8 @@ class ArmFinder:
         for rival in rivals:
             if rival is not one:
                 v = pose.v.copy()
-                v[7:10] = pose.R.reshape(3, 3).T @ (self._palm(rival.side, rival.fitted) - elbow)
-                v[7:10] /= np.linalg.norm(v[7:10])
+                upper = pose.R.reshape(3, 3).T @ (self._palm(rival.side, rival.fitted) - elbow)
+                v[7:10] = upper / max(float(np.linalg.norm(upper)), 1e-3)
                 starts.append(pose._replace(v=v))
         return min(model.fit(start, model.unexpected(start), evidence, iterations=_AROUND).cost for start in starts)
 
@@ -202,7 +208,7 @@ class ArmFinder:
                     tips=tips if count <= 250 else None,
                 )  # fmt: skip
                 better.append((Found(fitted.cost, side, fitted), tips))
-                yield _work(evidence, iterations) + (REGION if count > 250 else 0)
+                yield _work(evidence, iterations) + (_REGION if count > 250 else 0)
             pool = better
         best = []
         for one, _ in _of_each_side(pool, 1):
@@ -232,7 +238,7 @@ class ArmFinder:
                 left.discard(digit)
             others = [model.fit(start, model.unexpected(start), evidence, iterations=6, loose=1.5) for start in starts]
             other = min(others, key=lambda other: other.cost, default=fitted)
-            yield _work(evidence, 7 * len(starts)) + _HELD_OTHERWISE * len(left) + REGION
+            yield _work(evidence, 7 * len(starts)) + _HELD_OTHERWISE * len(left) + _REGION
             if other.cost < 0.98 * cost_of(model, fitted.pose, evidence):
                 fitted, left, exchanged = other, set(range(5)), False
         part = self.region(depth, model.spheres(fitted.pose))
@@ -246,7 +252,7 @@ class ArmFinder:
             model.fit(fitted.pose, model.unexpected(fitted.pose), evidence, iterations=iterations, loose=loose)
             for iterations, loose in ((0, 1.0), (12, 1.0), (12, 2.0))
         ]
-        yield _work(evidence, 26) + REGION
+        yield _work(evidence, 26) + _REGION
         best = min(ends, key=lambda end: end.cost)
         hidden = max(float(best.costs[4]), others_edges(part.front, self.settings))
         return Found(best.cost + _HIDDEN * hidden, found.side, best)
@@ -254,7 +260,7 @@ class ArmFinder:
 
 def _work(evidence: Evidence, iterations: int) -> int:
     """Of a fit [µs]."""
-    return round((iterations + 1) * (40 + 0.09 * len(evidence.points)))
+    return round((iterations + 1) * (60 + 0.12 * len(evidence.points)))
 
 
 def cost_of(model: ArmModel, pose: ArmPose, evidence: Evidence) -> float:
@@ -365,15 +371,16 @@ _ABOUT_ARM: Final = np.array([0.0, 0.0, 0.0, 0.02, 0.0])
 _SAME_M: Final = 0.10
 _OVERLAP_M: Final = 0.05
 _ELBOWS_M: Final = 0.10
-REGION: Final = 500
-_HELD_OTHERWISE: Final = 180
-"""How long it takes [µs]."""
+_REGION: Final = 700
+_HELD_OTHERWISE: Final = 250
+"""How long each takes [µs]."""
 _POINTS: Final = 90
 _ABOUT_M: Final = 0.16
 _REPAIRS: Final = 10
 _ROUNDS: Final = ((5, 250, 8, 2.0), (2, 400, 8, 1.5))
 """How many starts of either side are kept, with how many points, iterations, and how loose at the beginning."""
 _AROUND: Final = 6
+"""Iterations in which the upper arm finds where it is."""
 _HOPELESS: Final = 0.4
 _FEW_OF_HAND: Final = 10
 """With fewer points of the hand nothing says that it is one."""

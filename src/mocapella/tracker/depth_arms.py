@@ -119,19 +119,26 @@ class _Look:
     """A look for arms, which takes longer than an image may: a little of it is done in each of those that follow.
 
     Attributes:
-        images: (depth, time) since the one that is looked at: what is found there is followed through them.
+        depth, at_s: the image that is looked at.
+        images: (depth, time) of those since: what is found is followed through them.
         newest: of them.
+        steps: the work.
     """
 
-    def __init__(self, depth: Float32) -> None:
-        self.newest = depth
+    steps: Steps[None]
+
+    def __init__(self, depth: Float32, at_s: float) -> None:
+        # The caller's images may be written over.
+        self.depth, self.at_s = depth.copy(), at_s
+        self.newest = self.depth
         self.images: list[tuple[Float32, float]] = []
-        self.steps: Steps[None]
 
     def add(self, depth: Float32, at_s: float) -> None:
         """Another image has come."""
-        self.newest = depth
-        self.images.append((depth, at_s))
+        self.newest = depth.copy()
+        self.images.append((self.newest, at_s))
+        if len(self.images) > _MOST_IMAGES:
+            del self.images[-2::-2]
 
     def go_on(self, work: float) -> bool:
         """Do so much of it; whether there is more to do."""
@@ -182,10 +189,10 @@ class DepthArms:
             if not self._follow(arm, depth, at_s):
                 self._arms.remove(arm)
         self._begin_look(depth, at_s)
-        if not self._arms and self._look is not None:
-            self._look.go_on(np.inf)  # nothing is followed, so nothing waits
+        if self._look is not None and not self._believed():
+            self._look.go_on(np.inf)  # nothing is told, so nothing waits
             self._look = None
-        elif self._looks and self._look is not None and not self._look.go_on(_WORK):
+        elif self._look is not None and not self._look.go_on(_WORK[len(self._arms) > 1][self._looks]):
             self._look = None
         self._frames += 1
         told = tuple(self._told(arm) for arm in sorted(self._believed(), key=lambda arm: arm.id))
@@ -193,7 +200,7 @@ class DepthArms:
 
     @property
     def _looks(self) -> bool:
-        """Whether this image's time is for the look that is under way: every other's is."""
+        """Whether nothing else is looked for in this image than the look that is under way does: in every other."""
         return self._look is not None and self._frames % 2 == 1
 
     def _believed(self) -> list[_Arm]:
@@ -217,7 +224,7 @@ class DepthArms:
         model, s = arm.model, self.settings
         dt = max(at_s - arm.at_s, 1e-3)
         predicted = self._predicted(arm, dt)
-        part = self.finder.region(depth, model.spheres(predicted))
+        part = self.finder.region(depth, model.spheres(predicted), _ENOUGH)
         if part is None:
             return False
         expected, evidence = self._expected(arm, predicted, dt), evidence_of(part, model, predicted)
@@ -285,16 +292,15 @@ class DepthArms:
                 self._change(arm, arm.side, other, arm.region)
         if arm.in_doubt >= arm.wait and self._look is None:
             arm.in_doubt, arm.wait = 0, min(2 * arm.wait, _LONGEST_WAIT)
-            self._look = _Look(depth)
-            self._look.steps = self._anew(arm, depth, self._look)
+            self._look = _Look(depth, arm.at_s)
+            self._look.steps = self._anew(arm, self._look)
 
-    def _anew(self, arm: _Arm, depth: Float32, look: _Look) -> Steps[None]:
+    def _anew(self, arm: _Arm, look: _Look) -> Steps[None]:
         """Look for a hand where it is, as if nothing were known of it."""
         found: list[Found] = []
-        at_s = arm.at_s
-        for candidate in (yield from self.finder.candidates(depth, 2, arm.model.points(arm.fitted.pose)[PALM])):
-            found += yield from self.finder.best(depth, candidate)
-        others = [self._new(one, found, depth, at_s) for one in sorted(found, key=lambda one: one.cost)[:1]]
+        for candidate in (yield from self.finder.candidates(look.depth, 2, arm.model.points(arm.fitted.pose)[PALM])):
+            found += yield from self.finder.best(look.depth, candidate)
+        others = [self._new(one, found, look) for one in sorted(found, key=lambda one: one.cost)[:1]]
         yield from self._caught_up(others, look)
         for other in others:
             if arm not in self._arms or other.region is None:
@@ -302,11 +308,14 @@ class DepthArms:
             if self._change(arm, other.side, other.fitted, other.region):
                 arm.sure, arm.wait = other.sure, self.settings.look_again_after
 
-    def _new(self, one: Found, found: list[Found], depth: Float32, at_s: float) -> _Arm:
-        """An arm that is followed from where it was found, with others."""
+    def _new(self, one: Found, found: list[Found], look: _Look) -> _Arm:
+        """An arm to follow from where it was found, with others."""
         model = self.models[one.side]
-        arm = _Arm(one.side, model, one.fitted, at_s, self.settings.look_again_after)
-        arm.sure, arm.region = self.finder.sure(one, found), self.finder.region(depth, model.spheres(one.fitted.pose))
+        arm = _Arm(one.side, model, one.fitted, look.at_s, self.settings.look_again_after)
+        arm.sure, arm.region = (
+            self.finder.sure(one, found),
+            self.finder.region(look.depth, model.spheres(one.fitted.pose)),
+        )
         return arm
 
     def _caught_up(self, arms: list[_Arm], look: _Look) -> Steps[None]:
@@ -378,13 +387,12 @@ class DepthArms:
             return
         most, near = self._worth_a_look(depth)
         if most:
-            self._look = _Look(depth)
-            self._look.steps = self._further(depth, at_s, most, near, wanted, self._look)
+            self._look = _Look(depth, at_s)
+            self._look.steps = self._further(self._look, most, near, wanted)
 
-    def _further(
-        self, depth: Float32, at_s: float, most: int, near: Float64 | None, wanted: int, look: _Look
-    ) -> Steps[None]:
-        """Look for further arms in an image, and follow what is found to the newest."""
+    def _further(self, look: _Look, most: int, near: Float64 | None, wanted: int) -> Steps[None]:
+        """Look for so many further arms, at so many places."""
+        depth = look.depth
         now = [place for place in self._refused if self._frames < place.until]
         hands = {arm: self._hand(arm) for arm in self._arms}
         known = [*hands.values(), *(np.array([[*place.centre, _REFUSED_M]]) for place in now)]
@@ -393,7 +401,7 @@ class DepthArms:
         if len(tried) < most or most > 1:
             self._nearer.looked(depth)
         judged = self.finder.judged(depth, self.finder.apart(found))
-        arms = [self._new(one, found, depth, at_s) for one in judged]
+        arms = [self._new(one, found, look) for one in judged]
         hands |= {arm: self._hand(arm) for arm in arms}
         yield from self._caught_up(arms, look)
         for arm in arms:
@@ -472,11 +480,13 @@ def _motion(before: ArmPose, after: ArmPose) -> Float64:
     return np.concatenate([moved, turn, after.z - before.z])
 
 
-_WORK: Final = 2500
-"""So long is looked in every other image, while there is an arm [µs]."""
-_STRIDE: Final = 2
-"""What was found is followed through every second image until it has caught up."""
-_FOLLOWED: Final = 2000
+_WORK: Final = ((3000, 5000), (0, 3000))
+"""So long is looked in an image while an arm is told, and while several are; the second where nothing else is [µs]."""
+_MOST_IMAGES: Final = 40
+"""Are kept meanwhile; of more, every other."""
+_STRIDE: Final = 3
+"""What was found is followed through every third image until it has caught up."""
+_FOLLOWED: Final = 2500
 """Following an arm takes so long [µs]."""
 _FIRM_AFTER: Final = 5
 """Images in which an arm fitted well, for none to be looked for in its stead."""
@@ -496,7 +506,7 @@ _MUCH_BETTER: Final = 0.7
 _LONGEST_WAIT: Final = 240
 """Images between two looks for a doubtful hand where it is."""
 
-_SIZE_SD: Final = 0.003
+_SIZE_SD: Final = 0.002
 """Of sizes from image to image."""
 _FOREARM_RATE_DEG_S: Final = 300.0
 _MAY_CHANGE: Final = 4.0
@@ -515,9 +525,10 @@ _COARSELY: Final = 4
 _MARGIN: Final = 0.93
 """What is elsewhere costs so much less."""
 
+_ENOUGH: Final = 500
 _FEW: Final = 250
 _FEWER: Final = 100
-"""Points that are enough to find a better posture, and to sort postures by what they promise."""
+"""Points that are enough to follow an arm, to find a better posture, and to sort postures by what they promise."""
 _AT_ONCE: Final = 5
 """For so many images of doubt all kinds of postures are tried in each; then they take turns."""
 _TRIED: Final = 2
