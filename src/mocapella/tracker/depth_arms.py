@@ -24,7 +24,7 @@ from mocapella.model.observations import JointState
 from mocapella.sensing.arm_region import ArmRegionSettings, Region, within
 from mocapella.sensing.nearer import Nearer
 from mocapella.settings import check
-from mocapella.steps import Steps
+from mocapella.steps import Steps, at_once
 from mocapella.tracker.arm_finding import SUREST, ArmFinder, Found, cost_of, evidence_of
 
 Float32 = NDArray[np.float32]
@@ -116,7 +116,7 @@ class _Refused:
 
 
 class _Look:
-    """A look for arms, which takes longer than an image may: a little of it is done in each of those that follow.
+    """A look for further arms, which takes longer than an image may: a little of it is done in each of those that follow.
 
     Attributes:
         depth, at_s: the image that is looked at.
@@ -290,33 +290,19 @@ class DepthArms:
             other = min(fits, key=lambda other: other.cost)
             if other.cost < s.better * cost_of(model, pose, evidence):
                 self._change(arm, arm.side, other, arm.region)
-        if arm.in_doubt >= arm.wait and self._look is None:
+        if arm.in_doubt >= arm.wait:
             arm.in_doubt, arm.wait = 0, min(2 * arm.wait, _LONGEST_WAIT)
-            self._look = _Look(depth, arm.at_s)
-            self._look.steps = self._anew(arm, self._look)
+            self._anew(arm, depth)
 
-    def _anew(self, arm: _Arm, look: _Look) -> Steps[None]:
-        """Look for a hand where it is, as if nothing were known of it."""
+    def _anew(self, arm: _Arm, depth: Float32) -> None:
+        """Look for a hand where it is, as if nothing were known of it: at once, for it is told wrongly meanwhile."""
         found: list[Found] = []
-        for candidate in (yield from self.finder.candidates(look.depth, 2, arm.model.points(arm.fitted.pose)[PALM])):
-            found += yield from self.finder.best(look.depth, candidate)
-        others = [self._new(one, found, look) for one in sorted(found, key=lambda one: one.cost)[:1]]
-        yield from self._caught_up(others, look)
-        for other in others:
-            if arm not in self._arms or other.region is None:
-                continue
-            if self._change(arm, other.side, other.fitted, other.region):
-                arm.sure, arm.wait = other.sure, self.settings.look_again_after
-
-    def _new(self, one: Found, found: list[Found], look: _Look) -> _Arm:
-        """An arm to follow from where it was found, with others."""
-        model = self.models[one.side]
-        arm = _Arm(one.side, model, one.fitted, look.at_s, self.settings.look_again_after)
-        arm.sure, arm.region = (
-            self.finder.sure(one, found),
-            self.finder.region(look.depth, model.spheres(one.fitted.pose)),
-        )
-        return arm
+        for candidate in at_once(self.finder.candidates(depth, 2, arm.model.points(arm.fitted.pose)[PALM])):
+            found += at_once(self.finder.best(depth, candidate))
+        for one in sorted(found, key=lambda one: one.cost)[:1]:
+            part = self.finder.region(depth, self.models[one.side].spheres(one.fitted.pose))
+            if part is not None and self._change(arm, one.side, one.fitted, part):
+                arm.sure, arm.wait = self.finder.sure(one, found), self.settings.look_again_after
 
     def _caught_up(self, arms: list[_Arm], look: _Look) -> Steps[None]:
         """Follow arms to the newest image, and leave out, in place, those that are lost on the way."""
@@ -400,8 +386,14 @@ class DepthArms:
         found, tried = yield from self.finder.all_of(depth, candidates, most, self.settings.doubt, wanted)
         if len(tried) < most or most > 1:
             self._nearer.looked(depth)
-        judged = self.finder.judged(depth, self.finder.apart(found))
-        arms = [self._new(one, found, look) for one in judged]
+        arms = []
+        for one in self.finder.judged(depth, self.finder.apart(found)):
+            arm = _Arm(one.side, self.models[one.side], one.fitted, look.at_s, self.settings.look_again_after)
+            arm.sure, arm.region = (
+                self.finder.sure(one, found),
+                self.finder.region(depth, arm.model.spheres(one.fitted.pose)),
+            )
+            arms.append(arm)
         hands |= {arm: self._hand(arm) for arm in arms}
         yield from self._caught_up(arms, look)
         for arm in arms:
