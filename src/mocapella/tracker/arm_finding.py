@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 from typing import Final, NamedTuple
 
@@ -66,18 +66,12 @@ class ArmFinder:
         """As `palm_candidates` says, of an image (height, width) [m]."""
         return palm_candidates(depth, self.lens, self.settings, most, near, but)
 
-    def region(self, depth: Float32, spheres: Float64, most: int | None = None) -> Region | None:
-        """What may be an arm about spheres (k, 5) [m]; None where they are outside of the image or few points are.
-
-        Args:
-            depth, spheres: see there.
-            most: points; the settings' where not given.
-        """
-        s = self.settings if most is None else replace(self.settings, points=most)
-        grid = grid_about(depth, self.lens, spheres, s)
+    def region(self, depth: Float32, spheres: Float64) -> Region | None:
+        """What may be an arm about spheres (k, 5) [m]; None where they are outside of the image or few points are."""
+        grid = grid_about(depth, self.lens, spheres, self.settings)
         if grid is None:
             return None
-        part = region(grid, spheres, s)
+        part = region(grid, spheres, self.settings)
         return part if len(part.points) >= FEW_POINTS else None
 
     def all_of(

@@ -116,7 +116,7 @@ class _Refused:
 
 
 class _Look:
-    """A look for further arms, which takes longer than an image may: a little of it is done in each of those that follow.
+    """A look for further arms. It takes longer than an image may: a little is done in each of those that follow.
 
     Attributes:
         depth, at_s: the image that is looked at.
@@ -172,6 +172,7 @@ class DepthArms:
         self._refused: list[_Refused] = []
         self._frames = self._next_id = 0
         self._look: _Look | None = None
+        self._unfinished = False
         self._nearer = Nearer(self.finder.lens, self.settings.region)
 
     def update(self, depth: Float32, at_s: float) -> SeenArms:
@@ -189,14 +190,19 @@ class DepthArms:
             if not self._follow(arm, depth, at_s):
                 self._arms.remove(arm)
         self._begin_look(depth, at_s)
-        if self._look is not None and not self._believed():
-            self._look.go_on(np.inf)  # nothing is told, so nothing waits
+        if self._look is not None and self._unsure:
+            self._look.go_on(np.inf)  # nothing waits
             self._look = None
         elif self._look is not None and not self._look.go_on(_WORK[len(self._arms) > 1][self._looks]):
             self._look = None
         self._frames += 1
         told = tuple(self._told(arm) for arm in sorted(self._believed(), key=lambda arm: arm.id))
         return SeenArms(told, "" if told else self._reason(depth))
+
+    @property
+    def _unsure(self) -> bool:
+        """Whether no arm is told, or none for long and there are places that nobody has looked at."""
+        return not self._believed() or (self._unfinished and all(arm.firm < _FIRM_AFTER for arm in self._arms))
 
     @property
     def _looks(self) -> bool:
@@ -224,7 +230,7 @@ class DepthArms:
         model, s = arm.model, self.settings
         dt = max(at_s - arm.at_s, 1e-3)
         predicted = self._predicted(arm, dt)
-        part = self.finder.region(depth, model.spheres(predicted), _ENOUGH)
+        part = self.finder.region(depth, model.spheres(predicted))
         if part is None:
             return False
         expected, evidence = self._expected(arm, predicted, dt), evidence_of(part, model, predicted)
@@ -358,7 +364,7 @@ class DepthArms:
         All while there is no arm. Else one, now and then: where something came nearer, or anywhere while none is firm.
         """
         s = self.settings
-        if not self._believed():
+        if self._unsure:
             return _PLACES, None
         if self._frames % s.look_every and self._frames % s.look_anyway_every:
             return 0, None
@@ -384,6 +390,8 @@ class DepthArms:
         known = [*hands.values(), *(np.array([[*place.centre, _REFUSED_M]]) for place in now)]
         candidates = yield from self.finder.candidates(depth, _CANDIDATES, near, np.vstack(known) if known else None)
         found, tried = yield from self.finder.all_of(depth, candidates, most, self.settings.doubt, wanted)
+        if most > 1:
+            self._unfinished = len(tried) == most
         if len(tried) < most or most > 1:
             self._nearer.looked(depth)
         arms = []
@@ -517,10 +525,9 @@ _COARSELY: Final = 4
 _MARGIN: Final = 0.93
 """What is elsewhere costs so much less."""
 
-_ENOUGH: Final = 500
 _FEW: Final = 250
 _FEWER: Final = 100
-"""Points that are enough to follow an arm, to find a better posture, and to sort postures by what they promise."""
+"""Points that are enough to find a better posture, and to sort postures by what they promise."""
 _AT_ONCE: Final = 5
 """For so many images of doubt all kinds of postures are tried in each; then they take turns."""
 _TRIED: Final = 2
