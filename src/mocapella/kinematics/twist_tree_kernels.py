@@ -66,7 +66,7 @@ def add_constraints(kind, part, points, targets, weights, about, sums):
         kind: `LINES`, `POINTS` or `PLANES`.
         part: (n,) of each point.
         points: (n, 3) at rest [m].
-        targets: world: of lines (n, 6) direction and moment, of points (n, 3) [m], of planes n·x = d (n, 4) n and d [m].
+        targets: in the world: lines (n, 6), points (n, 3) [m], or planes n·x = d (n, 4), n and then d [m].
         weights: (n,) [1/m²]; what is not above 0, or has a number that is not finite, does not count.
         about: (3,) [m].
         sums: (parts, SUMS) are added to.
@@ -511,14 +511,15 @@ def fit(
         t, xi, Q, D, e,
     )  # fmt: skip
     steps, rests, damping, better = 0, False, 0.0, True
-    while steps < most_steps and not rests:
+    while steps < most_steps and not rests and damping < _MOST_DAMPING:
         if better:
             normal_equations(parents, joint_parts, above, xi, Q, H, g)
             for j in range(joints):
                 H[ROOT + j, ROOT + j] += D[j]
                 g[ROOT + j] += e[j]
         steps += 1
-        if step(above, H, g, damping, angles, limits, L, held, delta):
+        better = step(above, H, g, damping, angles, limits, L, held, delta)
+        if better:
             far = _moved(T, delta, root, about, new_T)
             turn = math.sqrt(delta[3] * delta[3] + delta[4] * delta[4] + delta[5] * delta[5])
             for j in range(joints):
@@ -528,10 +529,8 @@ def fit(
                 parents, joint_parts, twists, root, sums, about, prior_T, prior_root, prior_angles, prior_joints, new_T,
                 new_angles, R, t, xi, Q, D, e,
             )  # fmt: skip
-            rests = far < rest_m and turn < rest_rad
             better = new_cost + new_expected <= cost + expected + rounding
-        else:
-            better = False
+            rests = far < rest_m and turn < rest_rad
         if better:
             cost, expected = new_cost, new_expected
             for i in range(3):
@@ -542,7 +541,6 @@ def fit(
             damping = damping / 10.0 if damping > _LEAST_DAMPING else 0.0
         else:
             damping = max(10.0 * damping, _FIRST_DAMPING)
-            rests = rests or damping > _MOST_DAMPING
     for j in range(joints):
         held[j] = angles[j] <= limits[j, 0] or angles[j] >= limits[j, 1]
     return steps, rests, max(cost, 0.0), expected  # below 0 by rounding only
