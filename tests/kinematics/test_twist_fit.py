@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mocapella.errors import SettingsError
 from mocapella.geometry.plucker import join, moved
 from mocapella.geometry.rigid import apply, inverse, rigid
-from mocapella.geometry.twists import adjoint, exp_twist
+from mocapella.geometry.twists import adjoint, exp_twist, revolute
 from mocapella.kinematics.twist_fit import (
     Constraints,
     FitSettings,
@@ -124,7 +124,7 @@ def test_a_known_pose_is_found_from_exact_lines_of_two_cameras_or_more(seed: int
     truth = trees.pose(rng, model)
     found = fit(model, trees.near(rng, model, truth, 0.05), [trees.seen(rng, model, truth, 120, cameras)], (), FINE)
     assert found.rests
-    assert found.cost < 1e-9
+    assert 0 <= found.cost < 1e-9
     same(found.pose, truth)
 
 
@@ -268,20 +268,25 @@ def test_no_step_costs_more_however_far_the_start(seed: int, steps: int) -> None
     assert (np.diff(costs) <= 1e-9 * costs[0]).all()
 
 
-def test_steps_that_would_cost_more_are_not_taken() -> None:
+def test_steps_that_would_cost_more_are_not_taken_and_shorter_ones_are_tried() -> None:
     """From far away, with one camera, many a step without damping is worse than none."""
     rng = np.random.default_rng(0)
-    worse = 0
-    for _ in range(20):
+    worse, rest = 0, []
+    for _ in range(30):
         model = trees.tree(rng)
         truth = trees.pose(rng, model)
         start = trees.near(rng, model, truth, 1.5)
-        data = [trees.seen(rng, model, truth, 16, cameras=1)]
-        begun = normal_equations(model, start, data)
-        there = trees.stepped(model, start, np.linalg.lstsq(begun.H, begun.g, rcond=None)[0])
-        worse += normal_equations(model, there, data).cost > begun.cost
-        assert fit(model, start, data, (), FitSettings(most_steps=1)).cost <= begun.cost
+        data, priors = [trees.seen(rng, model, truth, 16, cameras=1)], [Prior(truth, 1.0, 1.0, np.ones(9))]
+        begun = normal_equations(model, start, data, priors)
+        there = trees.stepped(model, start, np.linalg.solve(begun.H, begun.g))
+        if normal_equations(model, there, data, priors).cost > begun.cost:
+            worse += 1
+            one, some = (fit(model, start, data, priors, FitSettings(most_steps=most)) for most in (1, 12))
+            assert one.cost + one.prior_cost <= begun.cost
+            assert some.cost + some.prior_cost < 0.9 * begun.cost
+        rest.append(fit(model, start, data, priors, FitSettings(most_steps=60)).rests)
     assert worse >= 5
+    assert np.mean(rest) > 0.5  # with a damping that stays, few do
 
 
 @few
@@ -349,23 +354,65 @@ def test_too_few_steps_are_said() -> None:
     assert fit(model, at, constraints, priors).rests
 
 
-def test_what_cannot_be_computed_does_not_rest_and_stays_where_it_is() -> None:
-    model, at, constraints, priors = problem(3)
+def test_what_cannot_be_computed_does_not_rest_and_stays_where_it_is_within_limits() -> None:
+    free, at, constraints, priors = problem(3)
     constraints[1].points[0] = 1e200  # finite, but not its square
-    found = fit(model, at, constraints, priors)
+    found = fit(free, at, constraints, priors, FitSettings(most_steps=1000))
     assert not found.rests
+    assert found.steps < 30
+    assert not found.held.any()
     same(found.pose, at, atol=1e-15)
+    limits = np.c_[at.angles - 2, at.angles - 1]
+    model = twist_tree(free.parents, free.joint_parts, free.twists, limits, free.root)
+    found = fit(model, at, constraints, priors)
+    assert found.held.all()
+    np.testing.assert_array_equal(found.pose.angles, limits[:, 1])
 
 
-def test_a_rotation_stays_one_after_many_steps() -> None:
+def test_a_rotation_is_one_whatever_it_begins_with() -> None:
     rng = np.random.default_rng(1)
     model = trees.tree(rng)
-    truth = at = trees.pose(rng, model)
-    for _ in range(200):
-        truth = trees.near(rng, model, truth, 0.1)
-        at = fit(model, at, [trees.seen(rng, model, truth)], (), FitSettings(most_steps=2)).pose
-    R = at.T_world_model[:3, :3]
+    truth = trees.pose(rng, model)
+    start = truth.T_world_model + 1e-8 * rng.normal(size=(4, 4)) * [[1, 1, 1, 0]]
+    R = fit(model, TreePose(start, truth.angles), [trees.seen(rng, model, truth)]).pose.T_world_model[:3, :3]
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-14)
+
+
+@few
+@given(seeds, st.sampled_from([0.001, 0.01, 0.1]))
+def test_a_step_ends_at_limits_and_is_the_best_for_all_that_is_free(seed: int, width: float) -> None:
+    model, at, constraints, priors = problem(seed)
+    rng = np.random.default_rng(seed)
+    equations = normal_equations(model, at, constraints, priors)
+    low = at.angles - width * rng.integers(0, 2, 9)
+    limits = np.c_[low, low + width]
+    above, held, delta = np.empty(model.dofs, dtype=np.int64), np.empty(9, dtype=np.bool_), np.empty(model.dofs)
+    path(model.parents, model.joint_parts, above)
+    L = np.empty((model.dofs, model.dofs))
+    assert step(above, np.tril(equations.H), equations.g, 0.0, at.angles, limits, L, held, delta)
+    angles = at.angles + delta[6:]
+    assert ((angles >= limits[:, 0] - 1e-15) & (angles <= limits[:, 1] + 1e-15)).all()
+    ends = np.abs(angles[held, None] - limits[held]).min(axis=1)
+    np.testing.assert_allclose(ends, 0, atol=1e-15)
+    free = np.r_[np.ones(6, dtype=np.bool_), ~held]
+    left = (equations.g - equations.H @ delta)[free]
+    np.testing.assert_allclose(left, 0, atol=1e-8 * np.abs(equations.H).max())
+
+
+def test_a_limit_is_not_passed_by_rounding() -> None:
+    """Where an angle and the rest of its way add up to more than the limit, it is at the limit."""
+    rng, passed = np.random.default_rng(0), 0
+    axis = revolute([0.0, 0.0, 1.0], np.zeros(3))
+    part, points = np.ones(20, dtype=np.int64), rng.normal(size=(20, 3))
+    for begun, most in rng.uniform([-1, 0], [0, 0.1], (100, 2)):
+        if begun < most < begun + (most - begun):
+            passed += 1
+            model = twist_tree([-1, 0], [1], [axis], [[-1, most]])
+            turned = points @ exp_twist((most + 0.2) * axis)[:3, :3].T
+            kept = Prior(TreePose(np.eye(4), np.zeros(1)), 1e3, 1e3, np.zeros(1))
+            data = [OnPoints(part, points, turned, np.ones(20))]
+            assert fit(model, TreePose(np.eye(4), np.array([begun])), data, [kept]).pose.angles[0] == most
+    assert passed > 10
 
 
 @few

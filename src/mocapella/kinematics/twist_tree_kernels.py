@@ -167,8 +167,6 @@ def linearised(sums, R, t, Q):
         S, out = sums[p], Q[p]
         for i in range(MOTION):
             out[i] = 0.0
-        if not S[0] + S[3] + S[5] > 0.0:
-            continue
         for i in range(3):
             T[0, i] = t[p, i]
             T[1, i], T[2, i], T[3, i] = R[p, 3 * i], R[p, 3 * i + 1], R[p, 3 * i + 2]
@@ -435,8 +433,7 @@ def measure(
     for j in range(len(angles)):
         D[j] = e[j] = 0.0
     for k in range(len(prior_T)):
-        if prior_root[k, 0] > 0.0 or prior_root[k, 1] > 0.0:
-            expected += expect_root(prior_T[k], prior_root[k, 0], prior_root[k, 1], root, about, R[0], t[0], Q[0])
+        expected += expect_root(prior_T[k], prior_root[k, 0], prior_root[k, 1], root, about, R[0], t[0], Q[0])
         for j in range(len(angles)):
             w, d = prior_joints[k, j] * prior_joints[k, j], prior_angles[k, j] - angles[j]
             D[j] += w
