@@ -464,6 +464,9 @@ def test_what_does_not_fit_together_is_refused() -> None:
     ):
         with pytest.raises(SettingsError, match="shapes"):
             fit(model, at, [wrong])
+    for n in (1, 8):
+        with pytest.raises(SettingsError, match="angles_per_rad"):
+            fit(model, at, [c], [Prior(at, 1.0, 1.0, np.ones(n))])
     for pose, said in (
         (TreePose(at.T_world_model, at.angles[1:]), "shapes"),
         (TreePose(at.T_world_model[:3], at.angles), "shapes"),

@@ -232,6 +232,8 @@ def _problem(
     prior_angles, prior_joints = np.empty((len(priors), joints)), np.empty((len(priors), joints))
     for k, prior in enumerate(priors):
         _check_pose(prior.pose.T_world_model, prior.pose.angles, joints)
+        shape = np.shape(prior.angles_per_rad)
+        check(shape == (joints,), "the shape of angles_per_rad", shape, f"({joints},)")
         prior_T[k], prior_angles[k] = prior.pose.T_world_model, prior.pose.angles
         prior_root[k], prior_joints[k] = (prior.root_per_m, prior.root_per_rad), prior.angles_per_rad
     return sums, about, prior_T, prior_root, prior_angles, prior_joints
