@@ -1,4 +1,4 @@
-"""Small rigid motions as twists (translation [m], rotation [rad]): exponential, logarithm and adjoint.
+"""Rigid motions as twists (translation [m], rotation [rad]): exponential, logarithm, adjoint, and a joint's.
 
 Source: R. Murray, Z. Li, S. Sastry, *A Mathematical Introduction to Robotic Manipulation* (1994), chapter 2 and
 appendix A.
@@ -81,3 +81,20 @@ def adjoint(T: Float64) -> Float64:
     out[..., :3, :3] = out[..., 3:, 3:] = R
     out[..., :3, 3:] = cross_matrix(t) @ R
     return out
+
+
+def revolute(axis: Any, point: Any) -> Float64:
+    """The twist of a turn by one radian about an axis in space: without translation along it, that is, of zero pitch.
+
+    Args:
+        axis: (..., 3) of any length.
+        point: (..., 3) on the axis [m].
+
+    Returns:
+        (..., 6); NaN where the axis has no length.
+    """
+    axis = np.asarray(axis, dtype=np.float64)
+    length = np.linalg.norm(axis, axis=-1)[..., None]
+    w = axis / np.where(length > 0, length, np.nan)
+    point, w = np.broadcast_arrays(np.asarray(point, dtype=np.float64), w)
+    return np.concatenate([np.cross(point, w), w], axis=-1)

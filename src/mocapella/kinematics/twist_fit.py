@@ -1,0 +1,262 @@
+"""The pose in which a tree's points come nearest to lines of sight, points and planes, with what was expected of it.
+
+The estimate minimises
+
+    Σ w |x × n − m|² + Σ w |x − y|² + Σ w (n·x − d)²
+    + Σ (per_m |p − p̂|)² + (per_rad φ)² + Σ (angles_per_rad (θ − θ̂))²
+
+over the root's motion and the angles within their limits, x being points of the parts, by Gauss–Newton steps in twists:
+B. Rosenhahn, T. Brox, D. Cremers, H.-P. Seidel, "Online Smoothing for Markerless Motion Capture", DAGM 2007, equations
+10 to 14 and 26. `mocapella.kinematics.twist_tree_kernels` says how. The second line is a `Prior`; p is the tree's point
+``root`` and φ the angle between the root's rotation and the expected one.
+
+Weights are 1/variance: w in 1/m², those of priors, which are squared, in 1/m and 1/rad. Only their ratios matter to
+what is found. Robust weights are the caller's, from the residuals at the pose before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.kinematics.twist_tree import TreePose, TwistTree, kernels
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+
+class OnLines(msgspec.Struct, frozen=True, eq=False):
+    """Points that are to lie on lines, such as the lines of sight of a camera.
+
+    What has a number that is not finite, or a weight that is not above 0, does not count; in `OnPoints` and `InPlanes`
+    neither.
+
+    Attributes:
+        part: (n,) which part each point is of.
+        points: (n, 3) where it is at rest [m].
+        lines: (n, 6) of `geometry.plucker`, in the world.
+        weights: (n,) [1/m²].
+    """
+
+    part: Int64
+    points: Float64
+    lines: Float64
+    weights: Float64
+
+
+class OnPoints(msgspec.Struct, frozen=True, eq=False):
+    """Points that are to lie on points.
+
+    Attributes:
+        part, points, weights: as of `OnLines`.
+        targets: (n, 3) in the world [m].
+    """
+
+    part: Int64
+    points: Float64
+    targets: Float64
+    weights: Float64
+
+
+class InPlanes(msgspec.Struct, frozen=True, eq=False):
+    """Points that are to lie in planes.
+
+    Attributes:
+        part, points, weights: as of `OnLines`.
+        planes: (n, 4) of n·x = d in the world: unit normals, then d [m].
+    """
+
+    part: Int64
+    points: Float64
+    planes: Float64
+    weights: Float64
+
+
+Constraints = OnLines | OnPoints | InPlanes
+
+
+class Prior(msgspec.Struct, frozen=True, eq=False):
+    """What is known of the pose beforehand: a prediction, or what is usual.
+
+    Attributes:
+        pose: the one that is expected.
+        root_per_m: how sure its place is, as 1/standard deviation [1/m]; 0: nothing is known.
+        root_per_rad: how sure its orientation is [1/rad].
+        angles_per_rad: (joints,) how sure its angles are [1/rad].
+
+    Raises:
+        SettingsError: a weight is below 0 or not finite.
+    """
+
+    pose: TreePose
+    root_per_m: float
+    root_per_rad: float
+    angles_per_rad: Float64
+
+    def __post_init__(self) -> None:
+        weights = np.array([self.root_per_m, self.root_per_rad, *self.angles_per_rad])
+        check(bool(((weights >= 0) & (weights < np.inf)).all()), "weights of a prior", weights.tolist(), "0 or more")
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """When a fit ends.
+
+    Attributes:
+        most_steps: at most so many.
+        rest_m: a step that moves the root by less …
+        rest_rad: … and turns it and every joint by less is the last.
+    """
+
+    most_steps: int = 20
+    rest_m: float = 1e-5
+    rest_rad: float = 1e-5
+
+    def __post_init__(self) -> None:
+        check(self.most_steps >= 1, "most_steps", self.most_steps, "1 or more")
+        check(self.rest_m > 0, "rest_m", self.rest_m, "above 0 m")
+        check(self.rest_rad > 0, "rest_rad", self.rest_rad, "above 0 rad")
+
+
+DEFAULT = FitSettings()
+
+
+class TreeFit(msgspec.Struct, frozen=True, eq=False):
+    """What a fit found.
+
+    Attributes:
+        pose: its angles are within the limits.
+        held: (joints,) which angles are at a limit.
+        steps: how many it took.
+        rests: whether the last one was small, not the last that was allowed.
+        cost: what is left of the constraints.
+        prior_cost: what is left of the priors.
+    """
+
+    pose: TreePose
+    held: NDArray[np.bool_]
+    steps: int
+    rests: bool
+    cost: float
+    prior_cost: float
+
+
+def fit(
+    tree: TwistTree,
+    start: TreePose,
+    constraints: Sequence[Constraints],
+    priors: Sequence[Prior] = (),
+    settings: FitSettings = DEFAULT,
+) -> TreeFit:
+    """The pose that costs least, from where it is thought to be; what nothing holds stays as it is there.
+
+    Args:
+        tree: what is fitted.
+        start: one pose; angles beyond the limits begin at them.
+        constraints: any number, also none.
+        priors: any number; weights of 0 are as none.
+        settings: see there.
+
+    Raises:
+        SettingsError: arrays of other shapes than said, a part that the tree has not, or a start that is not finite.
+    """
+    problem = _problem(tree, start, constraints, priors)
+    T, angles = np.array(start.T_world_model, np.float64), np.array(start.angles, np.float64)
+    held = np.empty(len(angles), dtype=np.bool_)
+    steps, rests, cost, prior_cost = kernels().fit(
+        *tree.arrays, tree.limits, tree.root, *problem, settings.most_steps, settings.rest_m, settings.rest_rad,
+        T, angles, held,
+    )  # fmt: skip
+    return TreeFit(TreePose(T, angles), held, steps, rests, cost, prior_cost)
+
+
+class NormalEquations(msgspec.Struct, frozen=True, eq=False):
+    """H δ = g of a Gauss–Newton step δ: the root's twist, translation and rotation, then the angles.
+
+    The twist is told about the place ``about``, with the world's axes. H is half the second derivative of the cost,
+    without its second-order terms, and g half its descent.
+
+    Attributes:
+        H, g: (dofs, dofs), (dofs,); limits do not show in them.
+        about: (3,) where the tree's point ``root`` is [m].
+        cost: of constraints and priors.
+    """
+
+    H: Float64
+    g: Float64
+    about: Float64
+    cost: float
+
+
+def normal_equations(
+    tree: TwistTree, pose: TreePose, constraints: Sequence[Constraints], priors: Sequence[Prior] = ()
+) -> NormalEquations:
+    """The equations of a step from a pose; H's inverse is the covariance of what is estimated there.
+
+    Raises:
+        SettingsError: as of `fit`.
+    """
+    problem = _problem(tree, pose, constraints, priors)
+    parts, joints, k = len(tree.parents), len(tree.joint_parts), kernels()
+    above = np.empty(tree.dofs, dtype=np.int64)
+    k.path(tree.parents, tree.joint_parts, above)
+    R, t, xi, Q = np.empty((parts, 9)), np.empty((parts, 3)), np.empty((joints, 6)), np.empty((parts, k.MOTION))
+    D, e, H, g = np.empty(joints), np.empty(joints), np.empty((tree.dofs, tree.dofs)), np.empty(tree.dofs)
+    T, angles = np.array(pose.T_world_model, np.float64), np.array(pose.angles, np.float64)
+    cost = k.measure(*tree.arrays, tree.root, *problem, T, angles, R, t, xi, Q, D, e)
+    k.normal_equations(tree.parents, tree.joint_parts, above, xi, Q, H, g)
+    g[k.ROOT :] += e
+    H = np.tril(H) + np.tril(H, -1).T
+    H[k.ROOT :, k.ROOT :] += np.diag(D)
+    return NormalEquations(H, g, problem[1], sum(cost))
+
+
+def _problem(
+    tree: TwistTree, start: TreePose, constraints: Sequence[Constraints], priors: Sequence[Prior]
+) -> tuple[Float64, ...]:
+    """What `measure` takes: sums about the start's place, and priors."""
+    joints = len(tree.joint_parts)
+    T, angles = np.asarray(start.T_world_model), np.asarray(start.angles)
+    _check_pose(T, angles, joints)
+    about = T[:3, :3] @ tree.root + T[:3, 3]
+    sums = np.zeros((len(tree.parents), kernels().SUMS))
+    for given in constraints:
+        _add(given, about, sums)
+    prior_T, prior_root = np.empty((len(priors), 4, 4)), np.empty((len(priors), 2))
+    prior_angles, prior_joints = np.empty((len(priors), joints)), np.empty((len(priors), joints))
+    for k, prior in enumerate(priors):
+        _check_pose(prior.pose.T_world_model, prior.pose.angles, joints)
+        shape = np.shape(prior.angles_per_rad)
+        check(shape == (joints,), "the shape of angles_per_rad", shape, f"({joints},)")
+        prior_T[k], prior_angles[k] = prior.pose.T_world_model, prior.pose.angles
+        prior_root[k], prior_joints[k] = (prior.root_per_m, prior.root_per_rad), prior.angles_per_rad
+    return sums, about, prior_T, prior_root, prior_angles, prior_joints
+
+
+def _check_pose(T: Any, angles: Any, joints: int) -> None:
+    shapes = (np.shape(T), np.shape(angles))
+    check(shapes == ((4, 4), (joints,)), "a pose's shapes", shapes, f"(4, 4) and ({joints},)")
+    check(bool(np.isfinite(T).all() and np.isfinite(angles).all()), "a pose", (T, angles), "finite")
+
+
+def _add(given: Constraints, about: Float64, sums: Float64) -> None:
+    k = kernels()
+    if isinstance(given, OnLines):
+        kind, targets, width = k.LINES, given.lines, 6
+    elif isinstance(given, OnPoints):
+        kind, targets, width = k.POINTS, given.targets, 3
+    else:
+        kind, targets, width = k.PLANES, given.planes, 4
+    n = len(given.part)
+    shapes = (given.points.shape, targets.shape, given.weights.shape)
+    check(shapes == ((n, 3), (n, width), (n,)), "shapes", shapes, f"({n}, 3), ({n}, {width}) and ({n},)")
+    part = np.ascontiguousarray(given.part, np.int64)
+    points, targets, weights = (np.ascontiguousarray(a, np.float64) for a in (given.points, targets, given.weights))
+    wrong = k.add_constraints(kind, part, points, targets, weights, about, sums)
+    check(wrong < 0, "part", int(part[wrong]) if n else 0, f"0 to {len(sums) - 1}")

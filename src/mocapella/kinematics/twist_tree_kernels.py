@@ -1,0 +1,543 @@
+"""A tree of rigid parts and revolute joints: where it is, and the step that brings its points to lines, points, planes.
+
+Every constraint on a point x of a part costs (x − y)ᵀW(x − y): for a line along n, W = (n·n)1 − n nᵀ, which makes it
+|x × n − m|²; for a point, W = 1; for a plane with the normal n, W = n nᵀ. With x = T·(1, x₀), where x₀ is the point at
+rest and T the part's motion (translation, then the columns of its rotation), this is a polynomial of the second degree
+in T's twelve numbers. So of all constraints on a part only its coefficients are kept, Σ w (1, x₀)(1, x₀)ᵀ ⊗ W and what
+belongs to Wy and yᵀWy: points are looked at once, whatever the number of steps.
+
+In a step these sums tell each part's symmetric (6, 6) matrix Q and vector b of a small twist; a child's are its
+parent's too, so they are added from the leaves inwards as inertias of composite bodies are; and the normal equations
+of the degrees of freedom i and j, of which i moves j, are H_ij = ξ_iᵀ Q ξ_j with the Q of all that j moves
+(R. Featherstone, Rigid Body Dynamics Algorithms, 2008, section 6.2). Where neither moves the other H_ij = 0. Factorised
+from the leaves inwards, H keeps these zeros (R. Featherstone, Efficient Factorization of the Joint-Space Inertia Matrix
+for Branched Kinematic Trees, Int. J. Robotics Research 24, 2005).
+
+Twists are (v, ω): they move the point x by v + ω × x. Points, twists and motions are told from one place, ``about``,
+with the axes of the world. Degrees of freedom are the root's twist, six numbers, and then the joints' angles. Importing
+this module imports numba.
+"""
+
+# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mocapella.compiled import njit
+from mocapella.kinematics.chain_kernels import FIRST, orthonormal, turn_between, turned
+
+ROOT = 6
+"""Degrees of freedom of the root."""
+SUMS = 73
+"""Numbers of a part: ten products of (1, x₀) by six of W (upper triangles, by rows), then four by Wy, then yᵀWy."""
+MOTION = 27
+"""Numbers of a part: of Q the upper triangle of the block vv, the block vω, the upper triangle of ωω, and b."""
+LINES, POINTS, PLANES = np.int64(0), np.int64(1), np.int64(2)
+"""What points are to lie on."""
+_RELATIVE_FLOOR = 1e-12  # of the largest diagonal element: what nothing holds stays where it is
+_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-7, 1e12
+_ROUNDING = 1e-13  # of the constant term: costs that differ by less are equal
+
+
+@njit(cache=True)
+def _add_weight(S, o, a, s0, s1, s2, s3, s4, s5):
+    S[o] += a * s0
+    S[o + 1] += a * s1
+    S[o + 2] += a * s2
+    S[o + 3] += a * s3
+    S[o + 4] += a * s4
+    S[o + 5] += a * s5
+
+
+@njit(cache=True)
+def _add_target(S, o, a, t0, t1, t2):
+    S[o] += a * t0
+    S[o + 1] += a * t1
+    S[o + 2] += a * t2
+
+
+@njit(cache=True)
+def add_constraints(kind, part, points, targets, weights, about, sums):
+    """Add constraints of one kind to the sums of their parts.
+
+    Args:
+        kind: `LINES`, `POINTS` or `PLANES`.
+        part: (n,) of each point.
+        points: (n, 3) at rest [m].
+        targets: in the world: lines (n, 6), points (n, 3) [m], or planes n·x = d (n, 4), n and then d [m].
+        weights: (n,) [1/m²]; what is not above 0, or has a number that is not finite, does not count.
+        about: (3,) [m].
+        sums: (parts, SUMS) are added to.
+
+    Returns:
+        The first point of a part that there is not, -1 where there is none.
+    """
+    f, g, h = about[0], about[1], about[2]
+    for k in range(len(part)):
+        p, w = part[k], weights[k]
+        if p < 0 or p >= len(sums):
+            return k
+        a, b, c = targets[k, 0], targets[k, 1], targets[k, 2]
+        s0, s1, s2, s3, s4, s5 = a * a, a * b, a * c, b * b, b * c, c * c
+        if kind == LINES:
+            d0, d1, d2 = targets[k, 3] - g * c + h * b, targets[k, 4] - h * a + f * c, targets[k, 5] - f * b + g * a
+            t0, t1, t2, t3 = b * d2 - c * d1, c * d0 - a * d2, a * d1 - b * d0, d0 * d0 + d1 * d1 + d2 * d2
+            s0, s1, s2, s3, s4, s5 = s3 + s5, -s1, -s2, s0 + s5, -s4, s0 + s3
+        elif kind == POINTS:
+            s0, s1, s2, s3, s4, s5 = 1.0, 0.0, 0.0, 1.0, 0.0, 1.0
+            t0, t1, t2 = a - f, b - g, c - h
+            t3 = t0 * t0 + t1 * t1 + t2 * t2
+        else:
+            d = targets[k, 3] - a * f - b * g - c * h
+            t0, t1, t2, t3 = a * d, b * d, c * d, d * d
+        x, y, z = points[k, 0], points[k, 1], points[k, 2]
+        if not w > 0.0 or not math.isfinite(w + x + y + z + a + b + c + t3):
+            continue
+        S, wx, wy, wz = sums[p], w * x, w * y, w * z
+        _add_weight(S, 0, w, s0, s1, s2, s3, s4, s5)
+        _add_weight(S, 6, wx, s0, s1, s2, s3, s4, s5)
+        _add_weight(S, 12, wy, s0, s1, s2, s3, s4, s5)
+        _add_weight(S, 18, wz, s0, s1, s2, s3, s4, s5)
+        _add_weight(S, 24, wx * x, s0, s1, s2, s3, s4, s5)
+        _add_weight(S, 30, wx * y, s0, s1, s2, s3, s4, s5)
+        _add_weight(S, 36, wx * z, s0, s1, s2, s3, s4, s5)
+        _add_weight(S, 42, wy * y, s0, s1, s2, s3, s4, s5)
+        _add_weight(S, 48, wy * z, s0, s1, s2, s3, s4, s5)
+        _add_weight(S, 54, wz * z, s0, s1, s2, s3, s4, s5)
+        _add_target(S, 60, w, t0, t1, t2)
+        _add_target(S, 63, wx, t0, t1, t2)
+        _add_target(S, 66, wy, t0, t1, t2)
+        _add_target(S, 69, wz, t0, t1, t2)
+        S[72] += w * t3
+    return -1
+
+
+@njit(cache=True)
+def forward(parents, joint_parts, twists, T, angles, about, R, t, xi):
+    """Write the motions R (parts, 9), row by row, and t (parts, 3), and the joints' twists xi (joints, 6).
+
+    The product of exponentials along the tree: R. Murray, Z. Li, S. Sastry (1994), section 3.2.
+
+    Args:
+        parents, joint_parts, twists: of `TwistTree`.
+        T: (4, 4) the root's motion.
+        angles: (joints,) [rad].
+        about: (3,) [m].
+        R, t, xi: written.
+    """
+    new, j = np.empty(9), 0
+    for p in range(len(parents)):
+        k = parents[p]
+        if k < 0:
+            for i in range(3):
+                R[p, 3 * i], R[p, 3 * i + 1], R[p, 3 * i + 2] = T[i, 0], T[i, 1], T[i, 2]
+                t[p, i] = T[i, 3] - about[i]
+        else:
+            for i in range(9):
+                R[p, i] = R[k, i]
+            for i in range(3):
+                t[p, i] = t[k, i]
+        B, o = R[p], t[p]
+        while j < len(joint_parts) and joint_parts[j] == p:
+            v0, v1, v2, a, b, c = twists[j, 0], twists[j, 1], twists[j, 2], twists[j, 3], twists[j, 4], twists[j, 5]
+            q0, q1, q2 = b * v2 - c * v1, c * v0 - a * v2, a * v1 - b * v0  # of the axis, nearest to the origin
+            x, y, z = B[0] * a + B[1] * b + B[2] * c, B[3] * a + B[4] * b + B[5] * c, B[6] * a + B[7] * b + B[8] * c
+            u = B[0] * q0 + B[1] * q1 + B[2] * q2 + o[0]
+            v = B[3] * q0 + B[4] * q1 + B[5] * q2 + o[1]
+            w = B[6] * q0 + B[7] * q1 + B[8] * q2 + o[2]
+            xi[j, 0], xi[j, 1], xi[j, 2] = v * z - w * y, w * x - u * z, u * y - v * x
+            xi[j, 3], xi[j, 4], xi[j, 5] = x, y, z
+            angle = angles[j]
+            turned(B, FIRST, angle * a, angle * b, angle * c, new)
+            for i in range(9):
+                B[i] = new[i]
+            o[0] = u - (B[0] * q0 + B[1] * q1 + B[2] * q2)
+            o[1] = v - (B[3] * q0 + B[4] * q1 + B[5] * q2)
+            o[2] = w - (B[6] * q0 + B[7] * q1 + B[8] * q2)
+            j += 1
+
+
+@njit(cache=True)
+def linearised(sums, R, t, Q):
+    """Write Q (parts, MOTION) of each part where it is; returns what its constraints cost."""
+    cost, T = 0.0, np.empty((4, 3))
+    for p in range(len(sums)):
+        S, out = sums[p], Q[p]
+        for i in range(MOTION):
+            out[i] = 0.0
+        for i in range(3):
+            T[0, i] = t[p, i]
+            T[1, i], T[2, i], T[3, i] = R[p, 3 * i], R[p, 3 * i + 1], R[p, 3 * i + 2]
+        cost += S[72]
+        for i in range(4):
+            # M = Σ S_ij [T_j]× and f = h_i − Σ S_ij T_j
+            m00 = m01 = m02 = m10 = m11 = m12 = m20 = m21 = m22 = 0.0
+            f0, f1, f2 = S[60 + 3 * i], S[61 + 3 * i], S[62 + 3 * i]
+            h0, h1, h2 = f0, f1, f2
+            for j in range(4):
+                low, high = min(i, j), max(i, j)
+                o = 6 * (low * (7 - low) // 2 + high)
+                s0, s1, s2, s3, s4, s5 = S[o], S[o + 1], S[o + 2], S[o + 3], S[o + 4], S[o + 5]
+                a, b, c = T[j, 0], T[j, 1], T[j, 2]
+                m00, m01, m02 = m00 + s1 * c - s2 * b, m01 + s2 * a - s0 * c, m02 + s0 * b - s1 * a
+                m10, m11, m12 = m10 + s3 * c - s4 * b, m11 + s4 * a - s1 * c, m12 + s1 * b - s3 * a
+                m20, m21, m22 = m20 + s4 * c - s5 * b, m21 + s5 * a - s2 * c, m22 + s2 * b - s4 * a
+                f0 -= s0 * a + s1 * b + s2 * c
+                f1 -= s1 * a + s3 * b + s4 * c
+                f2 -= s2 * a + s4 * b + s5 * c
+            a, b, c = T[i, 0], T[i, 1], T[i, 2]
+            cost -= a * (h0 + f0) + b * (h1 + f1) + c * (h2 + f2)
+            out[15] += c * m10 - b * m20
+            out[16] += c * m11 - b * m21
+            out[17] += c * m12 - b * m22
+            out[18] += a * m21 - c * m01
+            out[19] += a * m22 - c * m02
+            out[20] += b * m02 - a * m12
+            out[24] += b * f2 - c * f1
+            out[25] += c * f0 - a * f2
+            out[26] += a * f1 - b * f0
+            if i == 0:
+                for k in range(6):
+                    out[k] = S[k]
+                out[6], out[7], out[8] = -m00, -m01, -m02
+                out[9], out[10], out[11] = -m10, -m11, -m12
+                out[12], out[13], out[14] = -m20, -m21, -m22
+                out[21], out[22], out[23] = f0, f1, f2
+    return cost
+
+
+@njit(cache=True)
+def expect_root(expected, per_m, per_rad, root, about, R, t, out):
+    """Add to the root's Q (MOTION,) what keeps it to a pose; returns what that costs.
+
+    The cost is (per_m·|p − p̂|)² of the point ``root`` and (per_rad·φ)² of the angle φ: both are the same wherever the
+    world's origin lies. Of φ² the derivative is that of |ω|² where the turn is ω: the Jacobian of the logarithm leaves
+    its own axis alone.
+
+    Args:
+        expected: (4, 4).
+        per_m, per_rad: [1/m], [1/rad].
+        root: (3,) of the root part at rest [m].
+        about: (3,) [m].
+        R, t: (9,), (3,) of the root.
+        out: (MOTION,) is added to.
+    """
+    E = np.empty(9)
+    w, f, cost = per_m * per_m, np.empty(3), 0.0
+    p = np.empty(3)
+    for i in range(3):
+        p[i] = R[3 * i] * root[0] + R[3 * i + 1] * root[1] + R[3 * i + 2] * root[2] + t[i]
+        f[i] = expected[i, 3] - about[i] - p[i]
+        for k in range(3):
+            E[3 * i + k] = expected[i, k]
+            f[i] += expected[i, k] * root[k]
+        cost += w * f[i] * f[i]
+        f[i] *= w
+    x, y, z = p[0], p[1], p[2]
+    out[0] += w
+    out[3] += w
+    out[5] += w
+    out[7] += w * z
+    out[8] -= w * y
+    out[9] -= w * z
+    out[11] += w * x
+    out[12] += w * y
+    out[13] -= w * x
+    a, b, c = turn_between(R, FIRST, E)
+    u = per_rad * per_rad
+    cost += u * (a * a + b * b + c * c)
+    out[15] += w * (y * y + z * z) + u
+    out[16] -= w * x * y
+    out[17] -= w * x * z
+    out[18] += w * (x * x + z * z) + u
+    out[19] -= w * y * z
+    out[20] += w * (x * x + y * y) + u
+    out[21] += f[0]
+    out[22] += f[1]
+    out[23] += f[2]
+    out[24] += y * f[2] - z * f[1] + u * (R[0] * a + R[1] * b + R[2] * c)
+    out[25] += z * f[0] - x * f[2] + u * (R[3] * a + R[4] * b + R[5] * c)
+    out[26] += x * f[1] - y * f[0] + u * (R[6] * a + R[7] * b + R[8] * c)
+    return cost
+
+
+@njit(cache=True)
+def path(parents, joint_parts, above):
+    """Write above (dofs,): which degree of freedom is next towards the root, -1 for none."""
+    last, j = np.empty(len(parents), dtype=np.int64), 0
+    for i in range(ROOT):
+        above[i] = i - 1
+    for p in range(len(parents)):
+        last[p] = ROOT - 1 if parents[p] < 0 else last[parents[p]]
+        while j < len(joint_parts) and joint_parts[j] == p:
+            above[ROOT + j] = last[p]
+            last[p] = ROOT + j
+            j += 1
+
+
+@njit(cache=True)
+def normal_equations(parents, joint_parts, above, xi, Q, H, g):
+    """Write the lower triangle of H (dofs, dofs) and g (dofs,); Q becomes that of each part with all it carries."""
+    for p in range(len(parents) - 1, 0, -1):
+        k = parents[p]
+        for i in range(MOTION):
+            Q[k, i] += Q[p, i]
+    q = Q[0]
+    for i in range(3):
+        for k in range(3):
+            H[3 + i, k] = q[6 + 3 * k + i]
+    H[0, 0], H[1, 0], H[2, 0], H[1, 1], H[2, 1], H[2, 2] = q[0], q[1], q[2], q[3], q[4], q[5]
+    H[3, 3], H[4, 3], H[5, 3], H[4, 4], H[5, 4], H[5, 5] = q[15], q[16], q[17], q[18], q[19], q[20]
+    for i in range(ROOT):
+        g[i] = q[21 + i]
+    for j in range(len(joint_parts)):
+        q, row = Q[joint_parts[j]], H[ROOT + j]
+        x, y, z, a, b, c = xi[j, 0], xi[j, 1], xi[j, 2], xi[j, 3], xi[j, 4], xi[j, 5]
+        g[ROOT + j] = x * q[21] + y * q[22] + z * q[23] + a * q[24] + b * q[25] + c * q[26]
+        u0 = q[0] * x + q[1] * y + q[2] * z + q[6] * a + q[7] * b + q[8] * c
+        u1 = q[1] * x + q[3] * y + q[4] * z + q[9] * a + q[10] * b + q[11] * c
+        u2 = q[2] * x + q[4] * y + q[5] * z + q[12] * a + q[13] * b + q[14] * c
+        u3 = q[6] * x + q[9] * y + q[12] * z + q[15] * a + q[16] * b + q[17] * c
+        u4 = q[7] * x + q[10] * y + q[13] * z + q[16] * a + q[18] * b + q[19] * c
+        u5 = q[8] * x + q[11] * y + q[14] * z + q[17] * a + q[19] * b + q[20] * c
+        for i in range(ROOT, ROOT + j):
+            row[i] = 0.0
+        row[0], row[1], row[2], row[3], row[4], row[5] = u0, u1, u2, u3, u4, u5
+        i = ROOT + j
+        while i >= ROOT:
+            k = i - ROOT
+            row[i] = u0 * xi[k, 0] + u1 * xi[k, 1] + u2 * xi[k, 2] + u3 * xi[k, 3] + u4 * xi[k, 4] + u5 * xi[k, 5]
+            i = above[i]
+
+
+@njit(cache=True, error_model="numpy")
+def factorise(above, H):
+    """H (n, n) becomes L with LᵀL = H, in place and only along paths; whether there is one. The lower half is used."""
+    for k in range(len(H) - 1, -1, -1):
+        row = H[k]
+        if not row[k] > 0.0:
+            return False
+        row[k] = math.sqrt(row[k])
+        f = 1.0 / row[k]
+        i = above[k]
+        while i >= 0:
+            row[i] *= f
+            i = above[i]
+        i = above[k]
+        while i >= 0:
+            f, other, j = row[i], H[i], i
+            while j >= 0:
+                other[j] -= f * row[j]
+                j = above[j]
+            i = above[i]
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def substitute(above, L, b):
+    """b (n,) becomes the solution x of LᵀL x = b."""
+    for i in range(len(b) - 1, -1, -1):
+        b[i] /= L[i, i]
+        j = above[i]
+        while j >= 0:
+            b[j] -= L[i, j] * b[i]
+            j = above[j]
+    for i in range(len(b)):
+        j = above[i]
+        while j >= 0:
+            b[i] -= L[i, j] * b[j]
+            j = above[j]
+        b[i] /= L[i, i]
+
+
+@njit(cache=True)
+def _equations_of_free(above, H, g, damping, floor, held, L, delta):
+    """Write what is to be factorised into L, and into delta the right hand side, that of held angles left as it is."""
+    for i in range(len(g)):
+        fixed = i >= ROOT and held[i - ROOT]
+        L[i, i] = 1.0 if fixed else H[i, i] * (1.0 + damping) + floor
+        if not fixed:
+            delta[i] = g[i]
+        k = above[i]
+        while k >= 0:
+            other = k >= ROOT and held[k - ROOT]
+            L[i, k] = 0.0 if fixed or other else H[i, k]
+            if other and not fixed:
+                delta[i] -= H[i, k] * delta[k]
+            elif fixed and not other:
+                delta[k] -= H[i, k] * delta[i]
+            k = above[k]
+
+
+@njit(cache=True)
+def step(above, H, g, damping, angles, limits, L, held, delta):
+    """Write the step delta (dofs,) that H and g ask for, the angles within their limits; whether there is one.
+
+    An angle at a limit beyond which g would push it is held there, and so is one that the step would take beyond: the
+    rest is solved anew (D. Bertsekas, Projected Newton Methods for Optimization Problems with Simple Constraints, SIAM
+    J. Control and Optimization 20, 1982).
+
+    Args:
+        above: of `path`.
+        H, g: of `normal_equations`.
+        damping: by which part of itself the diagonal is raised (Levenberg and Marquardt).
+        angles: (joints,) within the limits [rad].
+        limits: (joints, 2) [rad].
+        L: (dofs, dofs) workspace.
+        held: (joints,) written: at a limit.
+        delta: written.
+    """
+    largest = 0.0
+    for i in range(len(g)):
+        largest = max(largest, H[i, i])
+    floor = _RELATIVE_FLOOR * largest if largest > 0.0 else 1.0
+    for j in range(len(angles)):
+        push = g[ROOT + j]
+        held[j] = (angles[j] <= limits[j, 0] and push <= 0.0) or (angles[j] >= limits[j, 1] and push >= 0.0)
+        delta[ROOT + j] = 0.0
+    within = False
+    while not within:
+        _equations_of_free(above, H, g, damping, floor, held, L, delta)
+        if not factorise(above, L):
+            return False
+        substitute(above, L, delta)
+        within = True
+        for j in range(len(angles)):
+            least, most = limits[j, 0] - angles[j], limits[j, 1] - angles[j]
+            if not held[j] and not least <= delta[ROOT + j] <= most:
+                delta[ROOT + j] = min(max(delta[ROOT + j], least), most)
+                held[j], within = True, False
+    return True
+
+
+@njit(cache=True)
+def measure(
+    parents, joint_parts, twists, root, sums, about, prior_T, prior_root, prior_angles, prior_joints, T, angles,
+    R, t, xi, Q, D, e,
+):  # fmt: skip
+    """Where the tree is, what it costs there, of the constraints and of the priors, and how that changes.
+
+    Args:
+        parents, joint_parts, twists, root: of `TwistTree`.
+        sums, about: of `add_constraints`.
+        prior_T, prior_root: (priors, 4, 4) and (priors, 2) [1/m], [1/rad]; see `expect_root`.
+        prior_angles, prior_joints: (priors, joints) [rad], [1/rad].
+        T, angles: (4, 4), (joints,) [rad].
+        R, t, xi, Q: of `forward` and `linearised`, written.
+        D, e: (joints,) written: what priors add to the diagonal of H, and to g.
+    """
+    forward(parents, joint_parts, twists, T, angles, about, R, t, xi)
+    cost, expected = linearised(sums, R, t, Q), 0.0
+    for j in range(len(angles)):
+        D[j] = e[j] = 0.0
+    for k in range(len(prior_T)):
+        expected += expect_root(prior_T[k], prior_root[k, 0], prior_root[k, 1], root, about, R[0], t[0], Q[0])
+        for j in range(len(angles)):
+            w, d = prior_joints[k, j] * prior_joints[k, j], prior_angles[k, j] - angles[j]
+            D[j] += w
+            e[j] += w * d
+            expected += w * d * d
+    return cost, expected
+
+
+@njit(cache=True)
+def _moved(T, delta, root, about, new):
+    """Write T after the root's twist delta: it turns by ω, and its point ``root`` moves by v + ω × x."""
+    B, C = np.empty(9), np.empty(9)
+    for i in range(3):
+        for k in range(3):
+            B[3 * i + k] = T[i, k]
+    x = T[0, 3] - about[0] + B[0] * root[0] + B[1] * root[1] + B[2] * root[2]
+    y = T[1, 3] - about[1] + B[3] * root[0] + B[4] * root[1] + B[5] * root[2]
+    z = T[2, 3] - about[2] + B[6] * root[0] + B[7] * root[1] + B[8] * root[2]
+    a, b, c = delta[3], delta[4], delta[5]
+    dx, dy, dz = delta[0] + b * z - c * y, delta[1] + c * x - a * z, delta[2] + a * y - b * x
+    u, v, w = B[0] * a + B[3] * b + B[6] * c, B[1] * a + B[4] * b + B[7] * c, B[2] * a + B[5] * b + B[8] * c
+    turned(B, FIRST, u, v, w, C)
+    orthonormal(C)
+    new[0, 3] = about[0] + x + dx - (C[0] * root[0] + C[1] * root[1] + C[2] * root[2])
+    new[1, 3] = about[1] + y + dy - (C[3] * root[0] + C[4] * root[1] + C[5] * root[2])
+    new[2, 3] = about[2] + z + dz - (C[6] * root[0] + C[7] * root[1] + C[8] * root[2])
+    for i in range(3):
+        for k in range(3):
+            new[i, k] = C[3 * i + k]
+    return math.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@njit(cache=True)
+def fit(
+    parents, joint_parts, twists, limits, root, sums, about, prior_T, prior_root, prior_angles, prior_joints,
+    most_steps, rest_m, rest_rad, T, angles, held,
+):  # fmt: skip
+    """Gauss–Newton steps, damped where one would cost more (Levenberg and Marquardt), until a step rests.
+
+    Args:
+        parents, joint_parts, twists, limits, root: of `TwistTree`.
+        sums, about, prior_T, prior_root, prior_angles, prior_joints: of `measure`.
+        most_steps, rest_m, rest_rad: of `FitSettings`.
+        T, angles: (4, 4), (joints,) where it begins; what is found, written.
+        held: (joints,) written: at a limit.
+
+    Returns:
+        How many steps, whether the last one rested, and what constraints and priors cost.
+    """
+    parts, joints = len(parents), len(angles)
+    n = ROOT + joints
+    above = np.empty(n, dtype=np.int64)
+    path(parents, joint_parts, above)
+    R, t, xi, Q = np.empty((parts, 9)), np.empty((parts, 3)), np.empty((joints, 6)), np.empty((parts, MOTION))
+    D, e, H, g, L, delta = (
+        np.empty(joints),
+        np.empty(joints),
+        np.empty((n, n)),
+        np.empty(n),
+        np.empty((n, n)),
+        np.empty(n),
+    )
+    new_T, new_angles = np.eye(4), np.empty(joints)
+    for j in range(joints):
+        angles[j] = min(max(angles[j], limits[j, 0]), limits[j, 1])
+        held[j] = False
+    rounding = 0.0
+    for p in range(parts):
+        rounding += _ROUNDING * sums[p, 72]
+    cost, expected = measure(
+        parents, joint_parts, twists, root, sums, about, prior_T, prior_root, prior_angles, prior_joints, T, angles, R,
+        t, xi, Q, D, e,
+    )  # fmt: skip
+    steps, rests, damping, better = 0, False, 0.0, True
+    while steps < most_steps and not rests and damping < _MOST_DAMPING:
+        if better:
+            normal_equations(parents, joint_parts, above, xi, Q, H, g)
+            for j in range(joints):
+                H[ROOT + j, ROOT + j] += D[j]
+                g[ROOT + j] += e[j]
+        steps += 1
+        better = step(above, H, g, damping, angles, limits, L, held, delta)
+        if better:
+            far = _moved(T, delta, root, about, new_T)
+            turn = math.sqrt(delta[3] * delta[3] + delta[4] * delta[4] + delta[5] * delta[5])
+            for j in range(joints):
+                turn = max(turn, abs(delta[ROOT + j]))
+                new_angles[j] = min(max(angles[j] + delta[ROOT + j], limits[j, 0]), limits[j, 1])
+            new_cost, new_expected = measure(
+                parents, joint_parts, twists, root, sums, about, prior_T, prior_root, prior_angles, prior_joints, new_T,
+                new_angles, R, t, xi, Q, D, e,
+            )  # fmt: skip
+            better = new_cost + new_expected <= cost + expected + rounding
+            rests = far < rest_m and turn < rest_rad
+        if better:
+            cost, expected = new_cost, new_expected
+            for i in range(3):
+                for k in range(4):
+                    T[i, k] = new_T[i, k]
+            for j in range(joints):
+                angles[j] = new_angles[j]
+            damping = damping / 10.0 if damping > _LEAST_DAMPING else 0.0
+        else:
+            damping = max(10.0 * damping, _FIRST_DAMPING)
+    for j in range(joints):
+        held[j] = angles[j] <= limits[j, 0] or angles[j] >= limits[j, 1]
+    return steps, rests, max(cost, 0.0), expected  # below 0 by rounding only
