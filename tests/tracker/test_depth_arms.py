@@ -209,11 +209,11 @@ def test_a_further_arm_is_looked_for_where_it_comes_and_nowhere_where_nothing_do
     candidates = ArmFinder.candidates
     monkeypatch.setattr(ArmFinder, "candidates", lambda *of: looks.append(of[3]) or candidates(*of))
     method, came = DepthArms(camera, DepthArmsSettings(look_every=1)), 0
-    for k in range(12):
+    for k in range(2 * LOOK):
         assert len(method.update(alone[k % 6], k / 30).arms) == 1
-        came = came if k > 6 else len(looks)  # the arm is firm by then
+        came = came if k > LOOK else len(looks)  # by then the arm is firm, and all places have been looked at
     assert len(looks) == came
-    both = [len(method.update(metres(shots[k % 6]), (12 + k) / 30).arms) for k in range(LOOK)]
+    both = [len(method.update(metres(shots[k % 6]), (2 * LOOK + k) / 30).arms) for k in range(LOOK)]
     assert both[-1] == 2
     places = looks[came]
     pixels = project(places, camera.lens)
@@ -286,6 +286,20 @@ def test_no_image_waits_for_a_look_for_further_arms(monkeypatch: pytest.MonkeyPa
         arm = matched(truth, seen)
         assert arm is not None
         assert np.linalg.norm(arm.points[PALM] - truth.points[PALM]) < 0.02
+
+
+def test_once_an_arm_is_lost_every_place_is_looked_at_again() -> None:
+    """It may have stood for another, whose place was refused."""
+    camera, shots = clip("two-hands", "exact", 2, 2)
+    method = DepthArms(camera)
+    told(method, shots)
+    method._refuse(np.array([0.0, 0.0, 1.0]))
+    assert not method._unfinished
+    assert method._refused
+    method.update(np.zeros_like(metres(shots[0])), 0.1)
+    method.update(np.zeros_like(metres(shots[0])), 0.2)
+    assert not method._arms
+    assert method._refused == []
 
 
 def test_of_images_that_come_during_a_look_not_all_are_kept() -> None:

@@ -189,6 +189,7 @@ class DepthArms:
         for arm in list(self._arms):
             if not self._follow(arm, depth, at_s):
                 self._arms.remove(arm)
+                self._refused, self._unfinished = [], True  # it may have stood for another
         self._begin_look(depth, at_s)
         if self._look is not None and self._unsure:
             self._look.go_on(np.inf)  # nothing waits
@@ -361,11 +362,14 @@ class DepthArms:
     def _worth_a_look(self, depth: Float32) -> tuple[int, Float64 | None]:
         """How many places are looked at, 0 where it is not worth while, and (k, 3) near to what [m]; None for anywhere.
 
-        All while there is no arm. Else one, now and then: where something came nearer, or anywhere while none is firm.
+        All while there is no arm. Else one: in each image while there are places that nobody has looked at, and then now
+        and then, where something came nearer, or anywhere while no arm is firm.
         """
         s = self.settings
         if self._unsure:
             return _PLACES, None
+        if self._unfinished:
+            return 1, None
         if self._frames % s.look_every and self._frames % s.look_anyway_every:
             return 0, None
         if not any(arm.firm >= _FIRM_AFTER for arm in self._arms) or self._frames % s.look_anyway_every == 0:
@@ -390,7 +394,7 @@ class DepthArms:
         known = [*hands.values(), *(np.array([[*place.centre, _REFUSED_M]]) for place in now)]
         candidates = yield from self.finder.candidates(depth, _CANDIDATES, near, np.vstack(known) if known else None)
         found, tried = yield from self.finder.all_of(depth, candidates, most, self.settings.doubt, wanted)
-        if most > 1:
+        if near is None:
             self._unfinished = len(tried) == most
         if len(tried) < most or most > 1:
             self._nearer.looked(depth)
