@@ -208,7 +208,7 @@ def test_a_further_arm_is_looked_for_where_it_comes_and_nowhere_where_nothing_do
     looks: list[Any] = []
     candidates = ArmFinder.candidates
     monkeypatch.setattr(ArmFinder, "candidates", lambda *of: looks.append(of[3]) or candidates(*of))
-    method, came = DepthArms(camera, DepthArmsSettings(look_every=1)), 0
+    method, came = DepthArms(camera, DepthArmsSettings(look_every=1, look_anyway_every=1000)), 0
     for k in range(2 * LOOK):
         assert len(method.update(alone[k % 6], k / 30).arms) == 1
         came = came if k > LOOK else len(looks)  # by then the arm is firm, and all places have been looked at
