@@ -362,7 +362,7 @@ class DepthArms:
     def _worth_a_look(self, depth: Float32) -> tuple[int, Float64 | None]:
         """How many places are looked at, 0 where it is not worth while, and (k, 3) near to what [m]; None for anywhere.
 
-        All while there is no arm. Else one: in each image while there are places that nobody has looked at, then now and
+        All while there is no arm. Else one: in each image while there are places that nobody looked at, then now and
         then where something came nearer, or anywhere while no arm is firm.
         """
         s = self.settings
