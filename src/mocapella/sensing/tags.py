@@ -35,6 +35,7 @@ _LINEAR: Final = 255.0 * linear_light()
 _STEP_PX: Final = 0.5
 """Between the samples of a profile."""
 _REFINED_TWICE: Final = 2
+_FRAME_PX: Final = 16
 _UNREFINED_SD_PX: Final = 0.7
 """Of a corner as OpenCV finds it, from a contour of whole pixels."""
 
@@ -123,14 +124,16 @@ class TagDetector:
             raise SettingsError(f"an image of the shape {image.shape}, {image.dtype}; wanted is {wanted}")
         grey: Any = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         gray: UInt8 = np.ascontiguousarray(grey)
-        outlines, numbers, _ = self._detector.detectMarkers(gray)
+        # Beside the image's edge some versions of OpenCV (4.14) find no tag: so there is something beyond it.
+        framed = cv2.copyMakeBorder(gray, _FRAME_PX, _FRAME_PX, _FRAME_PX, _FRAME_PX, cv2.BORDER_REPLICATE)
+        outlines, numbers, _ = self._detector.detectMarkers(framed)
         ids = [] if numbers is None else [int(i) for i in numbers.ravel()]
         wanted_ids = self.settings.ids
         twice = {i for i in ids if ids.count(i) > 1}
         told: list[tuple[int, Float64, Float64]] = []
         for i, outline in zip(ids, outlines, strict=True):
             if i not in twice and (not wanted_ids or i in wanted_ids):
-                told.append((i, *self._corners(gray, outline.reshape(4, 2).astype(np.float64))))
+                told.append((i, *self._corners(gray, outline.reshape(4, 2).astype(np.float64) - _FRAME_PX)))
         told.sort(key=lambda tag: tag[0])
         was = self.report
         self.report = TagReport(
