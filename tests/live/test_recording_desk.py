@@ -165,6 +165,9 @@ def test_a_take_that_is_being_closed_is_waited_for_and_none_begins_meanwhile(off
     wait_until("one of them closes it", lambda: office.desk.recorder is None)
     with pytest.raises(NotNowError, match="being closed"):
         office.desk.begin(tmp_path / "b.mcap")
+    closing = office.desk.health()  # a client that asks now hears of this take, not of the one before or of none
+    assert closing.active
+    assert closing.path == str(tmp_path / "a.mcap")
     office.desk.fetch_missing()
     office.bus.may_end.set()
     for thread in ends:

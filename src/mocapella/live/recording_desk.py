@@ -54,14 +54,13 @@ class RecordingDesk:
         self._session, self._link, self._on_frame, self._say = session, link, on_frame, say
         self._reserve_bytes = reserve_bytes
         self._between_steps = between_steps or nullcontext()
-        self._last = RecordingHealth()
+        self._health: Callable[[], RecordingHealth] = RecordingHealth
         self._changing = threading.Lock()
         self._refetch = Refetch()
 
     def health(self) -> RecordingHealth:
         """How the present take goes, or how the last one ended."""
-        recorder = self.recorder
-        return self._last if recorder is None else recorder.health()
+        return self._health()
 
     def begin(self, path: Path, *, resume: bool = False, newest: Mapping[NodeKey, int] | None = None) -> str:
         """Begin a take at ``path``; with ``resume``, go on with one that was cut off.
@@ -99,7 +98,7 @@ class RecordingDesk:
         self._refetch = Refetch()
         if not fresh:  # a sensor may have begun meanwhile
             self._refetch.newcomer(now_s - history_s, now_s)
-        self.recorder = recorder
+        self.recorder, self._health = recorder, recorder.health
         self._link.start_record_path(self._on_frame)
         return f"recording {path}"
 
@@ -124,7 +123,7 @@ class RecordingDesk:
                 while not recorder.wait_for(given_up, CATCH_UP_S) and self._ask_again(recorder, at_once=True):
                     pass
             self._end()
-        return self._last
+            return self._health()
 
     def fetch_missing(self) -> None:
         """Ask the nodes again for frames that are missing, when it is time to; called several times a second."""
@@ -154,8 +153,9 @@ class RecordingDesk:
         if recorder is None:
             return
         self._link.stop_record_path()
-        self._last = recorder.close()
-        self._say(outcome(self._last))
+        ended = recorder.close()
+        self._health = lambda: ended
+        self._say(outcome(ended))
 
     def _command(self, recorder: Recorder, verb: str, arguments: Mapping[str, Any]) -> None:
         recorder.command(verb, arguments, time.monotonic_ns(), self._session.next_step)
