@@ -21,7 +21,7 @@ from mocapella.geometry.rigid import apply, rigid
 from mocapella.geometry.twists import adjoint, exp_twist, revolute
 from mocapella.kinematics.twist_fit import FitSettings, OnLines, Prior, fit
 from mocapella.kinematics.twist_prediction import JitterPenalty, predicted, smoothness
-from mocapella.kinematics.twist_tree import TreePose, TwistTree, part_motions, twist_tree
+from mocapella.model.twist_tree import TreePose, TwistTree, part_motions, twist_tree
 
 Float64 = NDArray[np.float64]
 

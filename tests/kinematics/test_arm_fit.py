@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from mocapella.errors import SettingsError
 from mocapella.geometry.rigid import rotation_about_x, rotation_about_y
+from mocapella.geometry.turn_kernels import turned
 from mocapella.kinematics import arm_fit_kernels as k
 from mocapella.kinematics.arm_fit import ArmFitSettings, ArmModel, ArmPose, Evidence
-from mocapella.kinematics.chain_kernels import turned
 from mocapella.model.arms import ELBOW, PALM
 from mocapella.model.hand import ANGLES, BASES, TIPS, WRIST, Handedness, hand_model
 from mocapella.sensing import arm_region_kernels as region

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from mocapella.geometry.turn_kernels import turn_between, turned
 from mocapella.kinematics.articulated_body import Pose, joints
 from mocapella.kinematics.articulated_model import OF_BALL, ROOT_DOFS
 from mocapella.kinematics.chain_kernels import (
@@ -18,8 +19,6 @@ from mocapella.kinematics.chain_kernels import (
     marginals,
     solve,
     swing,
-    turn_between,
-    turned,
 )
 
 Float64 = NDArray[np.float64]

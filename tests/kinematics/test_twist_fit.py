@@ -24,8 +24,8 @@ from mocapella.kinematics.twist_fit import (
     fit,
     normal_equations,
 )
-from mocapella.kinematics.twist_tree import TreePose, TwistTree, twist_tree
-from mocapella.kinematics.twist_tree_kernels import factorise, path, step, substitute
+from mocapella.kinematics.twist_fit_kernels import factorise, path, step, substitute
+from mocapella.model.twist_tree import TreePose, TwistTree, twist_tree
 
 Float64 = NDArray[np.float64]
 seeds = st.integers(0, 2**32 - 1)

@@ -14,7 +14,7 @@ from mocapella.geometry.rigid import rigid
 from mocapella.geometry.twists import exp_twist, log_motion
 from mocapella.kinematics.twist_fit import FitSettings, fit, normal_equations
 from mocapella.kinematics.twist_prediction import JitterPenalty, predicted, smoothness
-from mocapella.kinematics.twist_tree import TreePose
+from mocapella.model.twist_tree import TreePose
 
 Float64 = NDArray[np.float64]
 seeds = st.integers(0, 2**32 - 1)

@@ -22,7 +22,7 @@ import numpy as np
 
 from mocapella.compiled import njit
 from mocapella.geometry.cholesky_kernels import factorise, substitute
-from mocapella.kinematics.chain_kernels import FIRST, orthonormal, turn_between, turned
+from mocapella.geometry.turn_kernels import FIRST, orthonormal, turn_between, turned
 from mocapella.kinematics.hand_fit_kernels import _penalty, digit_angles, digit_points, within
 from mocapella.kinematics.hand_kernels import BASE, DIGIT, L1
 

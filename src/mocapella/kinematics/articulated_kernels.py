@@ -11,6 +11,7 @@ import numpy as np
 
 from mocapella.compiled import njit
 from mocapella.geometry.alignment_kernels import accumulate, align
+from mocapella.geometry.turn_kernels import orthonormal, turn_between, turned
 from mocapella.kinematics import articulated_memory as at
 from mocapella.kinematics.articulated_model import OF_BALL, ROOT_DOFS
 from mocapella.kinematics.chain_kernels import (
@@ -18,11 +19,8 @@ from mocapella.kinematics.chain_kernels import (
     independent,
     limited,
     marginals,
-    orthonormal,
     solve,
     swing,
-    turn_between,
-    turned,
 )
 
 PINNED = 1e12

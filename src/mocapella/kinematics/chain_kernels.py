@@ -21,69 +21,10 @@ from __future__ import annotations
 import numpy as np
 
 from mocapella.compiled import njit
+from mocapella.geometry.turn_kernels import FIRST, turned
 from mocapella.kinematics.articulated_model import ABOUT, OF_BALL
 
 _IDENTITY = np.eye(3).reshape(9)
-FIRST = np.int64(0)
-"""Where an array of one rotation has it. A plain 0 would be a type of its own, and what is called compiled twice."""
-
-
-@njit(cache=True)
-def turned(B, b, x, y, z, out):
-    """Write B[b : b + 9]·exp(x, y, z) into out (9,): rotations row by row, and a small turn about the own axes [rad].
-
-    The exponential is Rodrigues' formula.
-    """
-    s = x * x + y * y + z * z
-    if s < 1e-8:
-        f, g = 1.0 - s / 6.0, 0.5 - s / 24.0
-    else:
-        angle = np.sqrt(s)
-        f, g = np.sin(angle) / angle, (1.0 - np.cos(angle)) / s
-    r0, r1, r2 = 1.0 - g * (y * y + z * z), g * x * y - f * z, g * x * z + f * y
-    r3, r4, r5 = g * x * y + f * z, 1.0 - g * (x * x + z * z), g * y * z - f * x
-    r6, r7, r8 = g * x * z - f * y, g * y * z + f * x, 1.0 - g * (x * x + y * y)
-    for i in range(0, 9, 3):
-        u, v, w = B[b + i], B[b + i + 1], B[b + i + 2]
-        out[i], out[i + 1], out[i + 2] = u * r0 + v * r3 + w * r6, u * r1 + v * r4 + w * r7, u * r2 + v * r5 + w * r8
-
-
-@njit(cache=True)
-def turn_between(A, a, B):
-    """The vector (x, y, z) [rad] with A[a : a + 9]·exp(x, y, z) = B (9,); angles up to π, where one sign is taken."""
-    r = np.empty(9)
-    for i in range(3):
-        for k in range(3):
-            r[3 * i + k] = A[a + i] * B[k] + A[a + 3 + i] * B[3 + k] + A[a + 6 + i] * B[6 + k]
-    x, y, z = r[7] - r[5], r[2] - r[6], r[3] - r[1]
-    sine, cosine = 0.5 * np.sqrt(x * x + y * y + z * z), 0.5 * (r[0] + r[4] + r[8] - 1.0)
-    angle = np.arctan2(sine, cosine)
-    if sine > 1e-3 or cosine > 0.0:
-        f = 0.5 + sine * sine / 12.0 if sine < 1e-4 else 0.5 * angle / sine
-        return f * x, f * y, f * z
-    k = 0  # close to π the axis is the longest column of R + 1
-    for i in range(1, 3):
-        if r[4 * i] > r[4 * k]:
-            k = i
-    r[4 * k] += 1.0
-    u, v, w = r[k], r[3 + k], r[6 + k]
-    f = angle / np.sqrt(u * u + v * v + w * w)
-    if u * x + v * y + w * z < 0.0:
-        f = -f
-    return f * u, f * v, f * w
-
-
-@njit(cache=True)
-def orthonormal(R):
-    """Take the rounding errors of many turns out of R (9,), in place: Gram–Schmidt on its columns."""
-    n = 1.0 / np.sqrt(R[0] * R[0] + R[3] * R[3] + R[6] * R[6])
-    ax, ay, az = n * R[0], n * R[3], n * R[6]
-    d = ax * R[1] + ay * R[4] + az * R[7]
-    bx, by, bz = R[1] - d * ax, R[4] - d * ay, R[7] - d * az
-    n = 1.0 / np.sqrt(bx * bx + by * by + bz * bz)
-    bx, by, bz = n * bx, n * by, n * bz
-    R[0], R[3], R[6], R[1], R[4], R[7] = ax, ay, az, bx, by, bz
-    R[2], R[5], R[8] = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 
 @njit(cache=True)

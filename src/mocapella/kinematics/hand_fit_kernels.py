@@ -17,7 +17,7 @@ import numpy as np
 
 from mocapella.compiled import njit
 from mocapella.geometry.cholesky_kernels import factorise, substitute
-from mocapella.kinematics.chain_kernels import FIRST, orthonormal, turn_between, turned
+from mocapella.geometry.turn_kernels import FIRST, orthonormal, turn_between, turned
 from mocapella.kinematics.hand_kernels import (
     A0,
     AX,

@@ -7,7 +7,7 @@ The estimate minimises
 
 over the root's motion and the angles within their limits, x being points of the parts, by Gauss–Newton steps in twists:
 B. Rosenhahn, T. Brox, D. Cremers, H.-P. Seidel, "Online Smoothing for Markerless Motion Capture", DAGM 2007, equations
-10 to 14 and 26. `mocapella.kinematics.twist_tree_kernels` says how. The second line is a `Prior`; p is the tree's point
+10 to 14 and 26. `mocapella.kinematics.twist_fit_kernels` says how. The second line is a `Prior`; p is the tree's point
 ``root`` and φ the angle between the root's rotation and the expected one.
 
 Weights are 1/variance: w in 1/m², those of priors, which are squared, in 1/m and 1/rad. Only their ratios matter to
@@ -18,13 +18,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.kinematics.twist_tree import TreePose, TwistTree, kernels
+from mocapella.model.twist_tree import TreePose, TwistTree
 from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
@@ -260,3 +261,11 @@ def _add(given: Constraints, about: Float64, sums: Float64) -> None:
     points, targets, weights = (np.ascontiguousarray(a, np.float64) for a in (given.points, targets, given.weights))
     wrong = k.add_constraints(kind, part, points, targets, weights, about, sums)
     check(wrong < 0, "part", int(part[wrong]) if n else 0, f"0 to {len(sums) - 1}")
+
+
+@cache
+def kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.kinematics import twist_fit_kernels
+
+    return twist_fit_kernels

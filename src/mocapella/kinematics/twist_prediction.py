@@ -14,7 +14,7 @@ import numpy as np
 from mocapella.geometry.rigid import inverse
 from mocapella.geometry.twists import exp_twist, log_motion
 from mocapella.kinematics.twist_fit import Prior
-from mocapella.kinematics.twist_tree import TreePose, TwistTree
+from mocapella.model.twist_tree import TreePose, TwistTree
 from mocapella.settings import check
 
 

@@ -26,7 +26,8 @@ import math
 import numpy as np
 
 from mocapella.compiled import njit
-from mocapella.kinematics.chain_kernels import FIRST, orthonormal, turn_between, turned
+from mocapella.geometry.turn_kernels import FIRST, orthonormal, turn_between, turned
+from mocapella.geometry.twist_tree_kernels import forward
 
 ROOT = 6
 """Degrees of freedom of the root."""
@@ -112,51 +113,6 @@ def add_constraints(kind, part, points, targets, weights, about, sums):
         _add_target(S, 69, wz, t0, t1, t2)
         S[72] += w * t3
     return -1
-
-
-@njit(cache=True)
-def forward(parents, joint_parts, twists, T, angles, about, R, t, xi):
-    """Write the motions R (parts, 9), row by row, and t (parts, 3), and the joints' twists xi (joints, 6).
-
-    The product of exponentials along the tree: R. Murray, Z. Li, S. Sastry (1994), section 3.2.
-
-    Args:
-        parents, joint_parts, twists: of `TwistTree`.
-        T: (4, 4) the root's motion.
-        angles: (joints,) [rad].
-        about: (3,) [m].
-        R, t, xi: written.
-    """
-    new, j = np.empty(9), 0
-    for p in range(len(parents)):
-        k = parents[p]
-        if k < 0:
-            for i in range(3):
-                R[p, 3 * i], R[p, 3 * i + 1], R[p, 3 * i + 2] = T[i, 0], T[i, 1], T[i, 2]
-                t[p, i] = T[i, 3] - about[i]
-        else:
-            for i in range(9):
-                R[p, i] = R[k, i]
-            for i in range(3):
-                t[p, i] = t[k, i]
-        B, o = R[p], t[p]
-        while j < len(joint_parts) and joint_parts[j] == p:
-            v0, v1, v2, a, b, c = twists[j, 0], twists[j, 1], twists[j, 2], twists[j, 3], twists[j, 4], twists[j, 5]
-            q0, q1, q2 = b * v2 - c * v1, c * v0 - a * v2, a * v1 - b * v0  # of the axis, nearest to the origin
-            x, y, z = B[0] * a + B[1] * b + B[2] * c, B[3] * a + B[4] * b + B[5] * c, B[6] * a + B[7] * b + B[8] * c
-            u = B[0] * q0 + B[1] * q1 + B[2] * q2 + o[0]
-            v = B[3] * q0 + B[4] * q1 + B[5] * q2 + o[1]
-            w = B[6] * q0 + B[7] * q1 + B[8] * q2 + o[2]
-            xi[j, 0], xi[j, 1], xi[j, 2] = v * z - w * y, w * x - u * z, u * y - v * x
-            xi[j, 3], xi[j, 4], xi[j, 5] = x, y, z
-            angle = angles[j]
-            turned(B, FIRST, angle * a, angle * b, angle * c, new)
-            for i in range(9):
-                B[i] = new[i]
-            o[0] = u - (B[0] * q0 + B[1] * q1 + B[2] * q2)
-            o[1] = v - (B[3] * q0 + B[4] * q1 + B[5] * q2)
-            o[2] = w - (B[6] * q0 + B[7] * q1 + B[8] * q2)
-            j += 1
 
 
 @njit(cache=True)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from mocapella.errors import SettingsError
 from mocapella.geometry.rigid import apply
 from mocapella.geometry.twists import revolute
-from mocapella.kinematics.twist_tree import TreePose, joint_twists, part_motions, twist_tree
+from mocapella.model.twist_tree import TreePose, joint_twists, part_motions, twist_tree
 
 seeds = st.integers(0, 2**32 - 1)
 AXES = revolute(np.eye(3), np.ones((3, 3)))

@@ -12,7 +12,7 @@ from mocapella.geometry.plucker import join, residual
 from mocapella.geometry.rigid import apply, rigid
 from mocapella.geometry.twists import adjoint, exp_twist, revolute
 from mocapella.kinematics.twist_fit import Constraints, InPlanes, OnLines, OnPoints, Prior
-from mocapella.kinematics.twist_tree import TreePose, TwistTree, twist_tree
+from mocapella.model.twist_tree import TreePose, TwistTree, twist_tree
 
 Float64 = NDArray[np.float64]
 

@@ -127,13 +127,13 @@ def _forward(tree: TwistTree, pose: TreePose) -> tuple[Float64, Float64, Float64
     R, t, xi = np.empty((len(T), parts, 9)), np.empty((len(T), parts, 3)), np.empty((len(T), joints, 6))
     origin = np.zeros(3)
     for k in range(len(T)):
-        kernels().forward(*tree.arrays, T[k], angles[k], origin, R[k], t[k], xi[k])
+        _kernels().forward(*tree.arrays, T[k], angles[k], origin, R[k], t[k], xi[k])
     return R.reshape(*batch, parts, 9), t.reshape(*batch, parts, 3), xi.reshape(*batch, joints, 6)
 
 
 @cache
-def kernels() -> Any:
+def _kernels() -> Any:
     """Compiled; numba is imported when it is first needed."""
-    from mocapella.kinematics import twist_tree_kernels
+    from mocapella.geometry import twist_tree_kernels
 
     return twist_tree_kernels

@@ -1,0 +1,30 @@
+"""A mesh that follows rigid parts; compiled. Importing this module imports numba."""
+
+# ruff: noqa: PLR0917 - compiled: arrays come by position
+from __future__ import annotations
+
+from mocapella.compiled import njit
+
+
+@njit(cache=True)
+def skin(vertices, bones, shares, R, t, out):
+    """Write where the vertices are: linear blend skinning, x = Σ share · (R x₀ + t).
+
+    Args:
+        vertices: (n, 3) at rest [m].
+        bones, shares: (n, most) parts that move each vertex, and how much; the first share of 0 ends a row.
+        R, t: (parts, 9), (parts, 3) the parts' motions, rotations row by row.
+        out: (n, 3) is written.
+    """
+    for k in range(len(vertices)):
+        x, y, z = vertices[k, 0], vertices[k, 1], vertices[k, 2]
+        a = b = c = 0.0
+        for i in range(bones.shape[1]):
+            s = shares[k, i]
+            if s == 0.0:
+                break
+            A, o = R[bones[k, i]], t[bones[k, i]]
+            a += s * (A[0] * x + A[1] * y + A[2] * z + o[0])
+            b += s * (A[3] * x + A[4] * y + A[5] * z + o[1])
+            c += s * (A[6] * x + A[7] * y + A[8] * z + o[2])
+        out[k, 0], out[k, 1], out[k, 2] = a, b, c

@@ -1,0 +1,131 @@
+"""A body as a mesh that joints move: a person, a pair of legs, a hand, a tool, an animal.
+
+What has no joints, a rigid object, is a mesh of one part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.model.twist_tree import TreePose, TwistTree, part_motions
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+Int32 = NDArray[np.int32]
+
+
+class Landmark(msgspec.Struct, frozen=True, eq=False):
+    """A point of a body that has a name, such as a knee.
+
+    Attributes:
+        part: which part it moves with.
+        point: (3,) where it is at rest [m].
+    """
+
+    part: int
+    point: Float64
+
+
+class RiggedMesh(msgspec.Struct, frozen=True, eq=False):
+    """A surface of triangles, and the tree of parts that moves it.
+
+    Attributes:
+        name: what it is.
+        tree: parts and joints, in the mesh's rest frame.
+        part_names: one for each part of the tree.
+        joint_names: one for each angle of the tree.
+        vertices: (n, 3) at rest [m].
+        faces: (m, 3) corners, counter-clockwise as seen from outside.
+        bones: (n, most) parts that move each vertex, the one that moves it most first.
+        shares: (n, most) how much they do, falling; they add up to 1, and where one is 0 the rest are.
+        landmarks: by name.
+
+    Raises:
+        SettingsError: arrays that are not as said; names the vertex, face, part or landmark.
+    """
+
+    name: str
+    tree: TwistTree
+    part_names: tuple[str, ...]
+    joint_names: tuple[str, ...]
+    vertices: Float64
+    faces: Int32
+    bones: Int32
+    shares: Float64
+    landmarks: Mapping[str, Landmark]
+
+    def __post_init__(self) -> None:
+        n, parts, most = len(self.vertices), len(self.tree.parents), self.bones.shape[-1]
+        shapes = (self.vertices.shape, self.faces.shape[1:], self.bones.shape, self.shares.shape)
+        wanted = ((n, 3), (3,), (n, most), (n, most))
+        check(shapes == wanted and most > 0, f"{self.name}: shapes of vertices, faces, bones and shares", shapes,
+              f"{wanted}, with a part for each vertex at least")  # fmt: skip
+        check(bool(np.isfinite(self.vertices).all()), f"{self.name}: vertices", "not finite", "finite")
+        counts = (len(self.part_names), len(self.joint_names))
+        wanted_names = (parts, len(self.tree.joint_parts))
+        check(
+            counts == wanted_names,
+            f"{self.name}: names of parts and joints",
+            counts,
+            f"as many as there are {wanted_names}",
+        )
+        for what, index, end in (("faces", self.faces, n), ("bones", self.bones, parts)):
+            wrong = np.argwhere((index < 0) | (index >= end))
+            check(len(wrong) == 0, f"{self.name}: {what}{wrong[:1].tolist()}", index[tuple(wrong[:1].T)].tolist(),
+                  f"0 to {end - 1}")  # fmt: skip
+        total = self.shares.sum(axis=1)
+        good = (
+            (np.abs(total - 1.0) < 1e-6)
+            & (self.shares >= 0).all(axis=1)
+            & (np.diff(self.shares, axis=1) <= 0).all(axis=1)
+        )
+        bad = np.flatnonzero(~good)
+        check(len(bad) == 0, f"{self.name}: shares of vertex {bad[:1].tolist()}", self.shares[bad[:1]].tolist(),
+              "falling, 0 or more, and 1 together")  # fmt: skip
+        for name, landmark in self.landmarks.items():
+            check(
+                0 <= landmark.part < parts,
+                f"{self.name}: part of the landmark {name}",
+                landmark.part,
+                f"0 to {parts - 1}",
+            )
+
+
+def posed(mesh: RiggedMesh, pose: TreePose) -> Float64:
+    """Where the vertices are: (..., n, 3) in the world, by linear blend skinning; poses may have leading batch axes."""
+    T = part_motions(mesh.tree, pose)
+    batch, parts = T.shape[:-3], T.shape[-3]
+    R = np.ascontiguousarray(T[..., :3, :3]).reshape(-1, parts, 9)
+    t = np.ascontiguousarray(T[..., :3, 3]).reshape(-1, parts, 3)
+    out = np.empty((len(R), *mesh.vertices.shape))
+    for k in range(len(R)):
+        _kernels().skin(mesh.vertices, mesh.bones, mesh.shares, R[k], t[k], out[k])
+    return out.reshape(*batch, *mesh.vertices.shape)
+
+
+def landmarks_at(mesh: RiggedMesh, pose: TreePose) -> Float64:
+    """Where the landmarks are: (..., landmarks, 3) in the world, in the mapping's order."""
+    if not mesh.landmarks:
+        return np.empty((*np.shape(pose.angles)[:-1], 0, 3))
+    T = part_motions(mesh.tree, pose)[..., [landmark.part for landmark in mesh.landmarks.values()], :, :]
+    points = np.array([landmark.point for landmark in mesh.landmarks.values()])
+    return np.asarray((T[..., :3, :3] @ points[..., None])[..., 0] + T[..., :3, 3])
+
+
+def rest(mesh: RiggedMesh) -> TreePose:
+    """As it was built: the root where it is at rest, all angles 0."""
+    return TreePose(np.eye(4), np.zeros(len(mesh.joint_names)))
+
+
+@cache
+def _kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.geometry import skinning_kernels
+
+    return skinning_kernels

@@ -1,0 +1,38 @@
+"""An outline in an image, as the level set that the region model moves and that a projected mesh gives."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+Float64 = NDArray[np.float64]
+Float32 = NDArray[np.float32]
+
+
+class Silhouette(msgspec.Struct, frozen=True, eq=False):
+    """What a body covers in a window of an image.
+
+    Attributes:
+        origin_px: (x, y) of the window's first sample in the image; whole pixels.
+        step_px: between samples; 1 is the image's own grid.
+        phi: (rows, columns) signed distance to the outline [px of the image], above 0 inside; cut off at a few
+            pixels. Beyond the window there is nothing of the body.
+    """
+
+    origin_px: tuple[int, int]
+    step_px: int
+    phi: Float32
+
+    def mask(self, size_px: tuple[int, int]) -> NDArray[np.bool_]:
+        """(height, width) what it covers of an image of size (width, height), every sample standing for its square."""
+        width, height = size_px
+        out = np.zeros((height, width), dtype=np.bool_)
+        x, y = self.origin_px
+        inside = np.kron(self.phi > 0, np.ones((self.step_px, self.step_px), dtype=np.bool_))
+        x -= (self.step_px - 1) // 2
+        y -= (self.step_px - 1) // 2
+        left, top = max(x, 0), max(y, 0)
+        part = inside[top - y : max(height - y, 0), left - x : max(width - x, 0)]
+        out[top : top + part.shape[0], left : left + part.shape[1]] = part
+        return out
