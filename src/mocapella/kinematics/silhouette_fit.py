@@ -1,0 +1,212 @@
+"""A body's outline in a camera, and the planes that an image's outline wants its points to lie in.
+
+    seen  = see(figure, vertices, eye, window)         the projected mesh: what it covers, and its outline
+    given = touching(figure, seen, motions, contour, eye)   constraints of `mocapella.kinematics.twist_fit`
+
+Correspondences are made both ways: from the body's outline to the nearest of the image's, and from the image's to the
+nearest of the body's, which alone notices a limb where the body has none (B. Rosenhahn, T. Brox, D. Cremers,
+H.-P. Seidel, "Online Smoothing for Markerless Motion Capture", DAGM 2007, section 2.3). Weights fall with the miss
+(S. Geman, D. McClure, "Statistical methods for tomographic image reconstruction", Bull. ISI 52, 1987).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry import lens as lenses
+from mocapella.kinematics.twist_fit import InPlanes
+from mocapella.model.camera import PlacedCamera
+from mocapella.model.rigged_mesh import RiggedMesh
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+Int32 = NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class CorrespondenceSettings:
+    """How outlines are brought together.
+
+    Attributes:
+        spacing_px: a point of the body's outline for about so much of it.
+        every: so manieth sample of the image's outline has a point of the body sought.
+        soft_px: a miss of so much counts a quarter, and larger ones ever less.
+        sd_px: of one pixel of an outline; much more than an edge's own, for neighbours err alike.
+    """
+
+    spacing_px: float = 4.0
+    every: int = 3
+    soft_px: float = 8.0
+    sd_px: float = 8.0
+
+    def __post_init__(self) -> None:
+        check(self.spacing_px > 0, "spacing_px", self.spacing_px, "above 0 px")
+        check(self.every >= 1, "every", self.every, "1 or more")
+        check(self.soft_px > 0, "soft_px", self.soft_px, "above 0 px")
+        check(self.sd_px > 0, "sd_px", self.sd_px, "above 0 px")
+
+
+DEFAULT = CorrespondenceSettings()
+
+
+class Figure(msgspec.Struct, frozen=True, eq=False):
+    """A mesh made ready to be seen.
+
+    Attributes:
+        mesh: see there.
+        edges: (e, 4) its edges, with the faces beside them.
+        part: (n,) the part that moves each vertex most.
+    """
+
+    mesh: RiggedMesh
+    edges: Int32
+    part: Int32
+
+
+def figure(mesh: RiggedMesh) -> Figure:
+    """Make a mesh ready."""
+    return Figure(mesh, _seeing().outline_edges(mesh.faces), np.ascontiguousarray(mesh.bones[:, 0]))
+
+
+class Eye(msgspec.Struct, frozen=True, eq=False):
+    """A camera made ready to look.
+
+    Attributes:
+        size_px: (width, height).
+        lens, farthest_r2: of `geometry.lens`.
+        T_camera_world: (4, 4).
+    """
+
+    size_px: tuple[int, int]
+    lens: Float64
+    farthest_r2: float
+    T_camera_world: Float64
+
+
+def eye(placed: PlacedCamera) -> Eye:
+    """Make a camera ready."""
+    lens = np.ascontiguousarray(placed.camera.lens, np.float64)
+    T = np.ascontiguousarray(placed.T_camera_world, np.float64)
+    return Eye(placed.camera.size_px, lens, lenses.farthest_r2(lens), T)
+
+
+class Outline(msgspec.Struct, frozen=True, eq=False):
+    """A body as a camera sees it.
+
+    Attributes:
+        origin_px, step_px: of the window, as of `Silhouette`.
+        mask: (rows, columns) uint8, 1 where it covers a sample.
+        at: (n, 2) points of the outline [px].
+        normals: (n, 2) outwards, of the length of outline that each stands for [px].
+        points: (n, 3) where they are in the world [m].
+        part: (n,) of which part.
+        depth: (n,) before the camera [m].
+    """
+
+    origin_px: tuple[int, int]
+    step_px: int
+    mask: NDArray[np.uint8]
+    at: Float64
+    normals: Float64
+    points: Float64
+    part: Int32
+    depth: Float64
+
+
+def see(
+    body: Figure,
+    vertices: Float64,
+    by: Eye,
+    step_px: int = 2,
+    margin_px: int = 24,
+    spacing_px: float = 4.0,
+    window: Outline | None = None,
+) -> Outline | None:
+    """How a body is seen; None where nothing of it is in the image.
+
+    Args:
+        body: see there.
+        vertices: (n, 3) of `rigged_mesh.posed`.
+        by: see there.
+        step_px: of the window's samples.
+        margin_px: how much wider than the body the window is.
+        spacing_px: of the outline's points.
+        window: take the window of this one.
+    """
+    n, k = len(vertices), _seeing()
+    pixels, depth = np.empty((n, 2)), np.empty(n)
+    k.see(vertices, by.T_camera_world, by.lens, by.farthest_r2, pixels, depth)
+    if window is None:
+        x0, y0, columns, rows = k.window(pixels, depth, by.size_px[0], by.size_px[1], step_px, margin_px)
+        if columns < 3 or rows < 3:
+            return None
+    else:
+        (x0, y0), (rows, columns) = window.origin_px, window.mask.shape
+    faces = body.mesh.faces
+    sides, mask = np.empty(len(faces), np.int8), np.zeros((rows, columns), np.uint8)
+    k.face_sides(pixels, depth, faces, sides)
+    k.cover(pixels, faces, sides, x0, y0, step_px, mask)
+    most = 4096
+    at, normals, points = np.empty((most, 2)), np.empty((most, 2)), np.empty((most, 3))
+    part, far = np.empty(most, np.int32), np.empty(most)
+    m = k.outline(
+        vertices, pixels, depth, faces, body.edges, sides, mask, x0, y0, step_px, spacing_px, body.part, at, normals, points,
+        part, far,
+    )  # fmt: skip
+    return Outline((x0, y0), step_px, mask, at[:m], normals[:m], points[:m], part[:m], far[:m])
+
+
+def touching(
+    seen: Outline,
+    motions: tuple[Float64, Float64],
+    phi: NDArray[np.float32],
+    surety: NDArray[np.float32],
+    by: Eye,
+    reach_px: float,
+    settings: CorrespondenceSettings = DEFAULT,
+) -> InPlanes:
+    """The planes in which the body's points are to lie so that its outline is the image's.
+
+    Args:
+        seen: the body's outline.
+        motions: R (parts, 9) and t (parts, 3) of the pose in which it was seen.
+        phi: (rows, columns) the image's outline, in the window of ``seen``.
+        surety: (rows, columns) how much the image says for an edge, 0 to 1.
+        by: the camera.
+        reach_px: up to where ``phi`` is a distance.
+        settings: see there.
+    """
+    R, t = motions
+    x0, y0 = seen.origin_px
+    s, count, k = settings, len(seen.at), _fitting()
+    room = count + seen.mask.size
+    part, rest, planes, weights = np.empty(room, np.int64), np.empty((room, 3)), np.empty((room, 4)), np.empty(room)
+    common = (seen.at, seen.normals, seen.points, seen.part, seen.depth, count, s.soft_px, s.sd_px, R, t, by.lens,
+              by.farthest_r2, by.T_camera_world)  # fmt: skip
+    n = k.to_image(phi, surety, x0, y0, seen.step_px, reach_px, *common, part, rest, planes, weights)
+    n += k.to_body(
+        phi, surety, x0, y0, seen.step_px, s.every, reach_px, *common, part[n:], rest[n:], planes[n:], weights[n:]
+    )
+    return InPlanes(part[:n], rest[:n], planes[:n], weights[:n])
+
+
+@cache
+def _seeing() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.geometry import outline_kernels
+
+    return outline_kernels
+
+
+@cache
+def _fitting() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.kinematics import outline_fit_kernels
+
+    return outline_fit_kernels
