@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.errors import SettingsError, one_of
+from mocapella.geometry.limb_surface import group_distances, polygonise
 from mocapella.geometry.rigid import rigid
 from mocapella.model.hand import ANGLES, DIGIT_ANGLES, DIGITS, Handedness, HandModel, HandShape, hand_model
 from mocapella.settings import check, parse
@@ -280,28 +281,6 @@ def _right_arm(shape: ArmShape) -> _RightArm:
     return _RightArm(vertices + wrist, triangles, parts, bones_of, weights, limbs, radii, bones)
 
 
-def polygonise(limbs: Float64, within: Float64, between: float, nodes: Float64) -> tuple[Float64, Int64]:
-    """The surface of a smooth union of limbs: vertices (n, 3) and triangles (m, 3), closed.
-
-    Args:
-        limbs: (n, 9), see `arm_mesh_kernels`, sorted by group.
-        within: (groups,) how far the limbs of a group flow into each other [m].
-        between: and groups [m].
-        nodes: (a, b, c, 3) a grid, warped at will, that goes beyond the limbs on all sides.
-    """
-    k = _kernels()
-    values = np.empty(nodes.shape[:3])
-    k.sample(limbs, within, between, nodes, values)
-    if not k.separate(values):
-        raise AssertionError("the surface touches itself")
-    crossed = int(sum((np.diff(values < 0, axis=axis)).sum() for axis in range(3)))
-    vertices, triangles = np.empty((4 * crossed + 8, 3)), np.empty((2 * crossed + 8, 3), np.int64)
-    n, m = k.surface_net(values, nodes, vertices, triangles)
-    vertices = vertices[:n].copy()
-    k.settle(limbs, within, between, vertices, 0.3 * float(np.linalg.norm(nodes[1, 1, -1] - nodes[0, 0, -1])))
-    return vertices, triangles[:m].copy()
-
-
 def _limbs(shape: ArmShape, at_rest: Float64) -> tuple[Float64, Float64]:
     """(n, 9) about the joints (24, 3), the wrist being the origin; and the radii of the fingertips (5,) [m]."""
     big = shape.hand_length_m / 0.189
@@ -409,8 +388,7 @@ def _weights(
     vertex, with little between.
     """
     big = shape.hand_length_m / 0.189
-    distance = np.empty((len(vertices), _GROUPS))
-    _kernels().group_distances(limbs, within, vertices, distance)
+    distance = group_distances(limbs, within, vertices)
     of_finger = np.exp(-np.clip((distance[:, 1:5] - distance[:, 1:5].min(axis=1)[:, None]) / (1.2e-3 * big), 0, 60))
     of_finger /= of_finger.sum(axis=1)[:, None]
     others = distance[:, [1, 2, 3, 4, _CORE]].min(axis=1)

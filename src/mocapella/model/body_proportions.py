@@ -1,0 +1,174 @@
+"""How long a person's segments are: of the people of a height, or measured.
+
+Widths and girths follow; `mocapella.model.body_meshes` makes a body of them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Final, Literal
+
+import numpy as np
+
+from mocapella.errors import SettingsError, one_of
+from mocapella.settings import check, parse
+
+Sex = Literal["female", "male"]
+UPRIGHT: Final = ("ankle_height", "shank", "thigh", "trunk", "head")
+"""What a height is made of."""
+SPREAD: Final = (0.6, 1.6)
+"""How much shorter or longer than that of the people of a height a segment may be."""
+HEIGHTS_M: Final = (0.5, 2.5)
+
+
+@dataclass(frozen=True)
+class Lengths:
+    """Of the segments: over the height in a table, else [m].
+
+    Attributes:
+        ankle_height: of the ankles over the ground.
+        shank, thigh: from joint to joint.
+        trunk: from between the hips to between the shoulders.
+        head: from there to the top of the head.
+        shoulder_width, hip_width: between the joints' centres.
+        upper_arm, forearm: from joint to joint.
+        hand: from the wrist to the fingertips.
+        foot: from heel to toes.
+    """
+
+    ankle_height: float
+    shank: float
+    thigh: float
+    trunk: float
+    head: float
+    shoulder_width: float
+    hip_width: float
+    upper_arm: float
+    forearm: float
+    hand: float
+    foot: float
+
+    def __post_init__(self) -> None:
+        for name, value in dataclasses.asdict(self).items():
+            check(0 < value < np.inf, name, value, "above 0")
+
+    @property
+    def height(self) -> float:
+        """From the ground to the top of the head."""
+        return float(sum(getattr(self, name) for name in UPRIGHT))
+
+
+@dataclass(frozen=True)
+class BodyProportions:
+    """What is known of a person's segments [m]; None: as those of other people of that height. See `Lengths`.
+
+    Attributes:
+        girth: breadths, depths and girths over those of an average person of the same height.
+    """
+
+    ankle_height: float | None = None
+    shank: float | None = None
+    thigh: float | None = None
+    trunk: float | None = None
+    head: float | None = None
+    shoulder_width: float | None = None
+    hip_width: float | None = None
+    upper_arm: float | None = None
+    forearm: float | None = None
+    hand: float | None = None
+    foot: float | None = None
+    girth: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name, value in self.known.items():
+            check(0.01 <= value <= 1.5, name, value, "0.01 to 1.5 m")
+        check(0.6 <= self.girth <= 1.6, "girth", self.girth, "0.6 to 1.6")
+
+    @property
+    def known(self) -> dict[str, float]:
+        """The segments that are."""
+        named = {name: getattr(self, name) for name in SEGMENTS}
+        return {name: float(value) for name, value in named.items() if value is not None}
+
+
+SEGMENTS: Final = tuple(field.name for field in dataclasses.fields(Lengths))
+
+
+@dataclass(frozen=True)
+class Flesh:
+    """How broad and deep a body is; the files in ``body_shapes`` explain the rows."""
+
+    trunk: tuple[tuple[float, float, float, float], ...]
+    thigh: tuple[tuple[float, float, float], ...]
+    shank: tuple[tuple[float, float, float], ...]
+    upper_arm: tuple[tuple[float, float, float], ...]
+    forearm: tuple[tuple[float, float, float], ...]
+    neck: float
+    jaw: float
+    breasts: float
+    buttocks: float
+
+
+@dataclass(frozen=True)
+class BodyShape:
+    """What people of a sex look like, over their height."""
+
+    name: str
+    lengths: Lengths
+    flesh: Flesh
+
+
+@cache
+def body_shape(sex: Sex) -> BodyShape:
+    """The people of that sex.
+
+    Raises:
+        SettingsError: there is no such table; says which there are.
+    """
+    folder = files("mocapella.model").joinpath("body_shapes")
+    names = sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+    if sex not in names:
+        raise SettingsError(f"unknown sex {sex!r}; known: {one_of(sex, names)}")
+    text = folder.joinpath(f"{sex}.toml").read_text(encoding="utf-8")
+    return parse(BodyShape, tomllib.loads(text), where=f"body shape {sex}")
+
+
+def lengths_of(sex: Sex, height_m: float | None, proportions: BodyProportions) -> Lengths:
+    """A person's segments [m]: what is known as it is, and the others so that they add up to the height.
+
+    Args:
+        sex: whose table fills in.
+        height_m: from the ground to the top of the head; None: the median of what the known segments say.
+        proportions: see there.
+
+    Raises:
+        SettingsError: a height of nobody, neither a height nor a segment, or segments that cannot be of that height.
+    """
+    table, known = dataclasses.asdict(body_shape(sex).lengths), proportions.known
+    if height_m is None:
+        check(bool(known), "height_m", height_m, "given, where no segment is")
+        height = float(np.median([value / table[name] for name, value in known.items()]))
+        scale = 1.0
+    else:
+        height = height_m
+        left = height - sum(value for name, value in known.items() if name in UPRIGHT)
+        unknown = sum(table[name] for name in UPRIGHT if name not in known)
+        scale = left / (height * unknown) if unknown else 1.0
+        check(bool(unknown) or abs(left) < 1e-6, "height_m", height_m,
+              f"{height - left:.4f}, what {', '.join(UPRIGHT)} add up to, or not given")  # fmt: skip
+        check(bool(SPREAD[0] <= scale <= SPREAD[1]), "height_m", height_m,
+              f"such that, with {_told(known)}, what is left is shared by the other segments")  # fmt: skip
+    check(HEIGHTS_M[0] <= height <= HEIGHTS_M[1], "height_m", height, f"{HEIGHTS_M[0]} to {HEIGHTS_M[1]} m")
+    for name, value in known.items():
+        least, most = (round(bound * table[name] * height, 3) for bound in SPREAD)
+        check(least <= value <= most, name, value, f"{least} to {most} m of a person {height:.2f} m high")
+    filled = {name: height * value * (scale if name in UPRIGHT else 1.0) for name, value in table.items()}
+    return Lengths(**{**filled, **known})
+
+
+def _told(known: dict[str, float]) -> str:
+    return ", ".join(f"{name} {value:.3f} m" for name, value in known.items())
