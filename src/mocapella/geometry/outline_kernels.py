@@ -3,7 +3,7 @@
 Importing this module imports numba.
 """
 
-# ruff: noqa: PLR0917, PLR0912 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0917 - compiled: arrays come by position, and loops are written out
 from __future__ import annotations
 
 import math
@@ -55,7 +55,7 @@ def window(pixels, depth, width, height, step, margin):
         return 0, 0, 0, 0
     left, right = max(left, 0.0) - margin, min(right, width - 1.0) + margin
     top, bottom = max(top, 0.0) - margin, min(bottom, height - 1.0) + margin
-    x, y = math.floor(left), math.floor(top)
+    x, y = step * math.floor(left / step), step * math.floor(top / step)
     return x, y, math.ceil((right - x) / step) + 1, math.ceil((bottom - y) / step) + 1
 
 
@@ -113,7 +113,9 @@ def _covered(mask, x0, y0, step, x, y):
 
 
 @njit(cache=True)
-def outline(vertices, pixels, depth, faces, edges, sides, mask, x0, y0, step, spacing, bones, at, normals, points, bone, far):
+def outline(
+    vertices, pixels, depth, faces, edges, sides, mask, x0, y0, step, spacing, bones, at, normals, points, bone, far
+):
     """Write points of the outline: of edges between a face seen from outside and one that is not, beside the mask.
 
     Args:

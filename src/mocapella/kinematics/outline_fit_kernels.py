@@ -53,7 +53,29 @@ def touching_plane(lens, farthest_r2, T_camera_world, x, y, nx, ny, plane):
 
 
 @njit(cache=True)
-def _add(k, x, y, gx, gy, far, point, bone, length, miss, soft_px, sd_px, R, t, lens, farthest_r2, T, part, rest, planes, weights):
+def _add(
+    k,
+    x,
+    y,
+    gx,
+    gy,
+    far,
+    point,
+    bone,
+    length,
+    miss,
+    soft_px,
+    sd_px,
+    R,
+    t,
+    lens,
+    farthest_r2,
+    T,
+    part,
+    rest,
+    planes,
+    weights,
+):
     """One constraint: the surface's point ``point`` of ``bone`` is to be seen on the line through (x, y) across g."""
     if not touching_plane(lens, farthest_r2, T, x, y, gx, gy, planes[k]):
         return k
@@ -71,20 +93,22 @@ def _add(k, x, y, gx, gy, far, point, bone, length, miss, soft_px, sd_px, R, t, 
 
 @njit(cache=True)
 def to_image(
-    phi, surety, x0, y0, step, reach_px, at, normals, points, bone, far, count, soft_px, sd_px, R, t, lens, farthest_r2, T,
-    part, rest, planes, weights,
+    phi, surety, x0, y0, step, reach_px, at, normals, points, bone, far, count, soft_px, sd_px, full, R, t, lens,
+    farthest_r2, T, part, rest, planes, weights, shift,
 ):  # fmt: skip
     """From the body's outline to the nearest of the image's, along the slope of its level set.
 
     Args:
         phi, x0, y0, step: of `Silhouette`: signed distances up to ``reach_px``.
-        surety: (rows, columns) how much the image says for an edge, 0 to 1.
+        surety: (rows, columns) how much the image says for an edge [nats]; from ``full`` on it counts in full.
         at, normals, points, bone, far, count: of `outline_kernels.outline`.
         soft_px: a miss of so much counts a quarter, and larger ones ever less (Geman and McClure).
         sd_px: of an outline [px].
         R, t: (parts, 9), (parts, 3) the parts' motions.
         lens, farthest_r2, T: of the camera.
         part, rest, planes, weights: written: `twist_fit.InPlanes`.
+        shift: (5,) the normal equations of the image's shift that would bring the outlines together are added:
+            Σ w nn, of the matrix xx, xy, yy, and Σ w n (miss along n), x, y.
 
     Returns:
         How many.
@@ -113,7 +137,15 @@ def to_image(
         row, column = round((v - y0) / step), round((u - x0) / step)
         if not (0 <= row < phi.shape[0] and 0 <= column < phi.shape[1]):
             continue
-        sure = surety[row, column]
+        sure = min(max(surety[row, column] / full, 0.0), 1.0)
+        m = miss / soft_px
+        w = sure * length / ((1.0 + m * m) * (1.0 + m * m) * slope2)
+        along = hx * (u - x) + hy * (v - y)
+        shift[0] += w * hx * hx
+        shift[1] += w * hx * hy
+        shift[2] += w * hy * hy
+        shift[3] += w * hx * along
+        shift[4] += w * hy * along
         k = _add(k, u, v, hx, hy, far[i], points[i], bone[i], sure * length, miss, soft_px, sd_px, R, t, lens, farthest_r2, T,
                  part, rest, planes, weights)  # fmt: skip
     return k
@@ -121,8 +153,8 @@ def to_image(
 
 @njit(cache=True)
 def to_body(
-    phi, surety, x0, y0, step, every, reach_px, at, normals, points, bone, far, count, soft_px, sd_px, R, t, lens, farthest_r2,
-    T, part, rest, planes, weights,
+    phi, surety, x0, y0, step, every, reach_px, at, normals, points, bone, far, count, soft_px, sd_px, full, R, t,
+    lens, farthest_r2, T, part, rest, planes, weights,
 ):  # fmt: skip
     """From the image's outline, at every so many samples, to the nearest of the body's with a similar direction.
 
@@ -156,6 +188,6 @@ def to_body(
                         best, which = d2, m
             if which < 0:
                 continue
-            k = _add(k, u, v, gx, gy, far[which], points[which], bone[which], surety[i, j] * step * every, math.sqrt(best),
-                     soft_px, sd_px, R, t, lens, farthest_r2, T, part, rest, planes, weights)  # fmt: skip
+            k = _add(k, u, v, gx, gy, far[which], points[which], bone[which], min(max(surety[i, j] / full, 0.0), 1.0) * step * every,
+                     math.sqrt(best), soft_px, sd_px, R, t, lens, farthest_r2, T, part, rest, planes, weights)  # fmt: skip
     return k

@@ -31,25 +31,28 @@ Int32 = NDArray[np.int32]
 
 @dataclass(frozen=True)
 class CorrespondenceSettings:
-    """How outlines are brought together.
+    """How outlines are brought together, in samples of the images' windows.
 
     Attributes:
-        spacing_px: a point of the body's outline for about so much of it.
+        spacing_steps: a point of the body's outline for about so much of it.
         every: so manieth sample of the image's outline has a point of the body sought.
-        soft_px: a miss of so much counts a quarter, and larger ones ever less.
-        sd_px: of one pixel of an outline; much more than an edge's own, for neighbours err alike.
+        soft_steps: a miss of so much counts a quarter, and larger ones ever less.
+        sd_steps: of a pixel's length of outline; much more than an edge's own, for neighbours err alike.
+        sure_nats: where an image says so much for an edge, and more, it counts in full.
     """
 
-    spacing_px: float = 4.0
+    spacing_steps: float = 2.0
     every: int = 3
-    soft_px: float = 8.0
-    sd_px: float = 8.0
+    soft_steps: float = 5.0
+    sd_steps: float = 5.0
+    sure_nats: float = 1.0
 
     def __post_init__(self) -> None:
-        check(self.spacing_px > 0, "spacing_px", self.spacing_px, "above 0 px")
+        check(self.spacing_steps > 0, "spacing_steps", self.spacing_steps, "above 0")
         check(self.every >= 1, "every", self.every, "1 or more")
-        check(self.soft_px > 0, "soft_px", self.soft_px, "above 0 px")
-        check(self.sd_px > 0, "sd_px", self.sd_px, "above 0 px")
+        check(self.soft_steps > 0, "soft_steps", self.soft_steps, "above 0")
+        check(self.sd_steps > 0, "sd_steps", self.sd_steps, "above 0")
+        check(self.sure_nats > 0, "sure_nats", self.sure_nats, "above 0 nats")
 
 
 DEFAULT = CorrespondenceSettings()
@@ -170,30 +173,36 @@ def touching(
     by: Eye,
     reach_px: float,
     settings: CorrespondenceSettings = DEFAULT,
-) -> InPlanes:
+) -> tuple[InPlanes, Float64]:
     """The planes in which the body's points are to lie so that its outline is the image's.
 
     Args:
         seen: the body's outline.
         motions: R (parts, 9) and t (parts, 3) of the pose in which it was seen.
         phi: (rows, columns) the image's outline, in the window of ``seen``.
-        surety: (rows, columns) how much the image says for an edge, 0 to 1.
+        surety: (rows, columns) how much the image says for an edge [nats].
         by: the camera.
         reach_px: up to where ``phi`` is a distance.
         settings: see there.
+
+    Returns:
+        The planes, and (5,) the normal equations of the image's shift that would bring the outlines together: the
+        matrix's xx, xy, yy, and the right side [px].
     """
     R, t = motions
     x0, y0 = seen.origin_px
     s, count, k = settings, len(seen.at), _fitting()
     room = count + seen.mask.size
     part, rest, planes, weights = np.empty(room, np.int64), np.empty((room, 3)), np.empty((room, 4)), np.empty(room)
-    common = (seen.at, seen.normals, seen.points, seen.part, seen.depth, count, s.soft_px, s.sd_px, R, t, by.lens,
+    shift = np.zeros(5)
+    common = (seen.at, seen.normals, seen.points, seen.part, seen.depth, count, s.soft_steps * seen.step_px,
+              s.sd_steps * seen.step_px, s.sure_nats, R, t, by.lens,
               by.farthest_r2, by.T_camera_world)  # fmt: skip
-    n = k.to_image(phi, surety, x0, y0, seen.step_px, reach_px, *common, part, rest, planes, weights)
+    n = k.to_image(phi, surety, x0, y0, seen.step_px, reach_px, *common, part, rest, planes, weights, shift)
     n += k.to_body(
         phi, surety, x0, y0, seen.step_px, s.every, reach_px, *common, part[n:], rest[n:], planes[n:], weights[n:]
     )
-    return InPlanes(part[:n], rest[:n], planes[:n], weights[:n])
+    return InPlanes(part[:n], rest[:n], planes[:n], weights[:n]), shift
 
 
 @cache

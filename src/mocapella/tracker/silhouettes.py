@@ -11,7 +11,8 @@ Capture", DAGM 2007). See docs/methods/silhouettes.md.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import dataclasses
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import msgspec
@@ -19,27 +20,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.conventions import NS_PER_S
-from mocapella.geometry.distance_field import signed_distance
-from mocapella.kinematics.silhouette_fit import (
-    CorrespondenceSettings,
-    Eye,
-    Outline,
-    eye,
-    figure,
-    see,
-    touching,
-)
+from mocapella.errors import SettingsError
+from mocapella.geometry.signed_distance import signed_distance
+from mocapella.kinematics.silhouette_fit import CorrespondenceSettings, Eye, Figure, Outline, eye, figure, see, touching
 from mocapella.kinematics.twist_fit import FitSettings, InPlanes, Prior, fit
 from mocapella.kinematics.twist_prediction import JitterPenalty, predicted, smoothness
 from mocapella.model.camera import CameraRig
 from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at, posed
 from mocapella.model.silhouettes import Silhouette
 from mocapella.model.twist_tree import TreePose, part_motions
+from mocapella.sensing.background_memory import BackgroundMemory, MemorySettings
 from mocapella.sensing.region_contour import RegionSettings, region_contour
 from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
+Float32 = NDArray[np.float32]
 UInt8 = NDArray[np.uint8]
+
+USUAL_STEP_PX = 2
+"""For which a region's settings in pixels hold; other steps have them scaled."""
 
 
 @dataclass(frozen=True)
@@ -72,30 +71,35 @@ class SilhouetteSettings:
 
     Attributes:
         steadiness: the penalty on jitter; None: there is none.
-        region: how an image is segmented.
+        region: how an image is segmented, for samples of two pixels.
+        background: how what is behind people is learnt; None: it is not, as where cameras move.
         correspondences: how outlines are brought together.
-        step_px: images are segmented at every so manieth pixel.
-        margin_px: how far from where the body is expected its outline is looked for [px].
+        step_px: images are looked at in squares of so many pixels; 0: so that a body is about 200 of them high.
+        margin_steps: how far from where the body is expected its outline is looked for.
         rounds: how often a pose is fitted to a frame.
         segmented: in how many of these rounds, the first ones, the images are segmented.
         usual_per_rad: how little angles that nothing shows stray from the resting pose [1/rad].
+        unlike: a camera of whose background more than this share is not as it was shows something else.
     """
 
     steadiness: Steadiness | None = field(default_factory=Steadiness)
-    region: RegionSettings = field(default_factory=RegionSettings)
+    region: RegionSettings = field(default_factory=lambda: RegionSettings(band_px=16.0))
+    background: MemorySettings | None = field(default_factory=MemorySettings)
     correspondences: CorrespondenceSettings = field(default_factory=CorrespondenceSettings)
-    step_px: int = 2
-    margin_px: int = 24
+    step_px: int = 0
+    margin_steps: int = 12
     rounds: int = 3
-    segmented: int = 1
+    segmented: int = 2
     usual_per_rad: float = 0.5
+    unlike: float = 0.5
 
     def __post_init__(self) -> None:
-        check(self.step_px >= 1, "step_px", self.step_px, "1 or more")
-        check(self.margin_px >= 4, "margin_px", self.margin_px, "4 px or more")
+        check(self.step_px >= 0, "step_px", self.step_px, "0 or more")
+        check(2 <= self.margin_steps <= 100, "margin_steps", self.margin_steps, "2 to 100")
         check(self.rounds >= 1, "rounds", self.rounds, "1 or more")
         check(1 <= self.segmented <= self.rounds, "segmented", self.segmented, f"1 to {self.rounds}")
         check(self.usual_per_rad >= 0, "usual_per_rad", self.usual_per_rad, "0 or more")
+        check(0 < self.unlike <= 1, "unlike", self.unlike, "above 0 and at most 1")
 
 
 class SeenIn(msgspec.Struct, frozen=True, eq=False):
@@ -105,11 +109,13 @@ class SeenIn(msgspec.Struct, frozen=True, eq=False):
         contour: what was segmented.
         outline: of the posed mesh.
         overlap: intersection over union of both.
+        shift_px: (2,) by which the image would have to be shifted for its outline to lie on the body's.
     """
 
     contour: Silhouette
     outline: Outline
     overlap: float
+    shift_px: Float64
 
 
 class Followed(msgspec.Struct, frozen=True, eq=False):
@@ -119,7 +125,8 @@ class Followed(msgspec.Struct, frozen=True, eq=False):
         time_ns: of capture.
         pose: see there.
         landmarks: (n, 3) [m], in the order of the mesh's.
-        seen: by camera; those that see nothing of it are left out.
+        seen: by camera.
+        left_out: by camera, why its image did not count.
         steps: of all fits.
     """
 
@@ -127,6 +134,7 @@ class Followed(msgspec.Struct, frozen=True, eq=False):
     pose: TreePose
     landmarks: Float64
     seen: Mapping[str, SeenIn]
+    left_out: Mapping[str, str]
     steps: int
 
 
@@ -142,14 +150,26 @@ class SilhouetteTracker:
         self.reset()
 
     def reset(self) -> None:
-        """Forget where it is."""
+        """Forget where it is, and what is behind it."""
         self._past: list[tuple[int, TreePose]] = []
-        self._contours: dict[str, Silhouette] = {}
+        self._cameras: dict[str, _Camera] = {}
 
     def start(self, pose: TreePose, time_ns: int) -> None:
-        """It is about there, and at rest."""
-        self.reset()
+        """It is about there, and at rest.
+
+        Raises:
+            SettingsError: no camera sees it there.
+        """
         self._past = [(time_ns, pose)]
+        vertices, s = posed(self.mesh, pose), self.settings
+        for name, by in self._eyes.items():
+            if name not in self._cameras:
+                outline = see(self._figure, vertices, by, 1, 1)
+                if outline is not None:
+                    step = s.step_px or max(1, round(max(outline.mask.shape) / 200))
+                    self._cameras[name] = _Camera(by, step, s)
+        if not self._cameras:
+            raise SettingsError("no camera of the rig sees a body that stands there; is the pose in the rig's space?")
 
     def expected(self, time_ns: int) -> TreePose:
         """Where it will be if it goes on as it did."""
@@ -165,85 +185,125 @@ class SilhouetteTracker:
         s, tree = self.settings, self.mesh.tree
         expected = pose = self.expected(time_ns)
         priors = self._priors(expected, time_ns)
-        contours: dict[str, tuple[Silhouette, NDArray[np.float32]]] = {}
-        windows: dict[str, Outline] = {}
+        left_out: dict[str, str] = {}
         steps = 0
+        for camera in self._cameras.values():
+            camera.forget_frame()
         for number in range(s.rounds):
-            seen = self._see(pose, windows)
-            windows = windows or seen
-            if number < s.segmented:
-                contours = self._segment(images, seen)
-            given = self._touching(pose, seen, contours)
+            vertices, motions = posed(self.mesh, pose), self._motions(pose)
+            given = []
+            for name, camera in self._cameras.items():
+                if name not in images or name in left_out:
+                    continue
+                if camera.look(self._figure, vertices, s):
+                    if number == 0:
+                        reason = camera.reason_against(images[name])
+                        if reason:
+                            left_out[name] = reason
+                            continue
+                    if number < s.segmented:
+                        camera.segment(images[name])
+                    given.append(camera.planes(motions))
             found = fit(tree, pose, given, priors, FitSettings(most_steps=3))
             pose, steps = found.pose, steps + found.steps
-        seen = self._see(pose, windows)
+        vertices, seen = posed(self.mesh, pose), {}
+        for name, camera in self._cameras.items():
+            if name in images and name not in left_out and camera.look(self._figure, vertices, s):
+                seen[name] = camera.seen()
+                camera.learn(images[name])
         self._past = [*self._past[-1:], (time_ns, pose)]
-        self._contours = {name: contour for name, (contour, _) in contours.items()}
-        return Followed(time_ns, pose, landmarks_at(self.mesh, pose), _overlaps(seen, contours), steps)
+        return Followed(time_ns, pose, landmarks_at(self.mesh, pose), seen, left_out, steps)
 
-    def _priors(self, expected: TreePose, time_ns: int) -> list[Prior]:
+    def _priors(self, expected: TreePose, time_ns: int) -> Sequence[Prior]:
         s = self.settings
-        usual = Prior(
-            TreePose(expected.T_world_model, self._usual), 0.0, 0.0, np.full(len(self._usual), s.usual_per_rad)
-        )
+        weak = np.full(len(self._usual), s.usual_per_rad)
+        usual = Prior(TreePose(expected.T_world_model, self._usual), 0.0, 0.0, weak)
         if s.steadiness is None or len(self._past) < 2:
             return [usual]
         (before_ns, _), (last_ns, _) = self._past
         penalty = s.steadiness.penalty((time_ns - last_ns) / NS_PER_S, (last_ns - before_ns) / NS_PER_S)
         return [usual, smoothness(self.mesh.tree, expected, penalty)]
 
-    def _see(self, pose: TreePose, windows: Mapping[str, Outline]) -> dict[str, Outline]:
-        vertices = posed(self.mesh, pose)
-        s, found = self.settings, {}
-        for name, by in self._eyes.items():
-            outline = see(
-                self._figure, vertices, by, s.step_px, s.margin_px, s.correspondences.spacing_px, windows.get(name)
-            )
-            if outline is not None:
-                found[name] = outline
-        return found
-
-    def _segment(
-        self, images: Mapping[str, UInt8], seen: Mapping[str, Outline]
-    ) -> dict[str, tuple[Silhouette, NDArray[np.float32]]]:
-        s, found = self.settings, {}
-        for name, outline in seen.items():
-            if name not in images:
-                continue
-            phi = signed_distance(outline.mask, s.margin_px / s.step_px) * np.float32(s.step_px)
-            prior = Silhouette(outline.origin_px, s.step_px, phi)
-            if images[name].dtype == np.bool_:
-                raise NotImplementedError
-            contour = region_contour(images[name], prior, settings=s.region)
-            found[name] = (contour.silhouette, contour.surety)
-        return found
-
-    def _touching(
-        self,
-        pose: TreePose,
-        seen: Mapping[str, Outline],
-        contours: Mapping[str, tuple[Silhouette, NDArray[np.float32]]],
-    ) -> list[InPlanes]:
+    def _motions(self, pose: TreePose) -> tuple[Float64, Float64]:
         T = part_motions(self.mesh.tree, pose)
-        motions = np.ascontiguousarray(T[:, :3, :3]).reshape(-1, 9), np.ascontiguousarray(T[:, :3, 3])
-        s, given = self.settings, []
-        for name, (contour, surety) in contours.items():
-            if name in seen:
-                given.append(
-                    touching(
-                        seen[name], motions, contour.phi, surety, self._eyes[name], float(s.margin_px), s.correspondences
-                    )
-                )
-        return given
+        return np.ascontiguousarray(T[:, :3, :3]).reshape(-1, 9), np.ascontiguousarray(T[:, :3, 3])
 
 
-def _overlaps(
-    seen: Mapping[str, Outline], contours: Mapping[str, tuple[Silhouette, NDArray[np.float32]]]
-) -> dict[str, SeenIn]:
-    found = {}
-    for name, (contour, _) in contours.items():
-        if name in seen:
-            a, b = contour.phi > 0, seen[name].mask > 0
-            union = np.count_nonzero(a | b)
-            found[name] = SeenIn(contour, seen[name], np.count_nonzero(a & b) / union if union else 0.0)
-    return found
+class _Camera:
+    """What is known of a camera's images."""
+
+    def __init__(self, by: Eye, step_px: int, settings: SilhouetteSettings) -> None:
+        self._eye, self._step, self._settings = by, step_px, settings
+        scale, region = step_px / USUAL_STEP_PX, settings.region
+        self._region = dataclasses.replace(
+            region,
+            prior_weight=region.prior_weight / scale**2,
+            window_px=region.window_px * scale,
+            band_px=region.band_px * scale,
+            fewest_px2=region.fewest_px2 * scale**2,
+        )
+        self._reach = float(settings.margin_steps * step_px)
+        self.memory = None if settings.background is None else BackgroundMemory(step_px, settings.background)
+        self._contour: Silhouette | None = None
+        self.forget_frame()
+
+    def forget_frame(self) -> None:
+        self._window: Outline | None = None
+        self._outline: Outline | None = None
+        self._found: tuple[Silhouette, Float32] | None = None
+        self._shift = np.zeros(5)
+
+    def look(self, body: Figure, vertices: Float64, s: SilhouetteSettings) -> bool:
+        """See the body; all of a frame's looks have one window. False where it is not in the image."""
+        spacing = s.correspondences.spacing_steps * self._step
+        seen = see(body, vertices, self._eye, self._step, int(self._reach), spacing, self._window)
+        self._window, self._outline = self._window or seen, seen
+        return seen is not None
+
+    def reason_against(self, image: UInt8) -> str:
+        """Why an image is not to count; empty where it is."""
+        if self.memory is None:
+            return ""
+        unlike = self.memory.unlike(image, self._prior())
+        if unlike > self._settings.unlike:
+            return f"it shows something else: {unlike:.0%} of what is behind the body differs from before"
+        return ""
+
+    def segment(self, image: UInt8) -> None:
+        """What the image says, the body's outline in mind."""
+        prior = self._prior()
+        costs = None if self.memory is None else self.memory.costs(image, prior)
+        found = region_contour(image, prior, outside=costs, settings=self._region)
+        self._found = found.silhouette, found.surety
+
+    def planes(self, motions: tuple[Float64, Float64]) -> InPlanes:
+        """Where the outlines want the body to be."""
+        assert self._outline is not None
+        assert self._found is not None
+        contour, surety = self._found
+        planes, self._shift = touching(
+            self._outline, motions, contour.phi, surety, self._eye, self._reach, self._settings.correspondences
+        )
+        return planes
+
+    def seen(self) -> SeenIn:
+        """The outcome of a frame."""
+        assert self._outline is not None
+        assert self._found is not None
+        a, b = self._found[0].phi > 0, self._outline.mask > 0
+        union = np.count_nonzero(a | b)
+        xx, xy, yy, x, y = self._shift / max(self._shift[0] + self._shift[2], 1e-12)
+        shift = np.linalg.solve([[xx + 1e-6, xy], [xy, yy + 1e-6]], [x, y])
+        overlap = np.count_nonzero(a & b) / union if union else 0.0
+        return SeenIn(self._found[0], self._outline, overlap, shift)
+
+    def learn(self, image: UInt8) -> None:
+        """Take in what is behind the body."""
+        if self.memory is not None and self._found is not None:
+            phi = np.maximum(self._prior().phi, self._found[0].phi)
+            self.memory.update(image, Silhouette(self._found[0].origin_px, self._step, phi))
+
+    def _prior(self) -> Silhouette:
+        assert self._outline is not None
+        phi = signed_distance(self._outline.mask, self._reach, self._step)
+        return Silhouette(self._outline.origin_px, self._step, phi)

@@ -1,0 +1,150 @@
+"""The method ``silhouettes`` on real video: ``pose2sim_single_person``, four calibrated cameras of a person balancing.
+
+The body starts from the keypoints of the first frame alone. What follows is scored beside Pose2Sim's joints, beside
+the 2D keypoints, which it never saw but in that frame, and beside outlines drawn by hand.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.evaluation.point_references import WEIGHTED_LINEAR, trc_points
+from mocapella.fusion.point_tracks import triangulate_tracks
+from mocapella.geometry.signed_distance import signed_distance
+from mocapella.kinematics.silhouette_fit import Figure, eye, figure, see
+from mocapella.model.camera import CameraRig
+from mocapella.model.camera_rig_file import load_camera_rig
+from mocapella.model.rigged_mesh import posed
+from mocapella.recording.viewed_tracks import read_viewed_tracks
+from mocapella.sources.video import pictures
+from mocapella.tracker.silhouettes import Followed
+
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+
+LANDMARKS: Final = {
+    "Nose": "nose", "LEye": "left eye", "REye": "right eye", "LEar": "left ear", "REar": "right ear", "Head": "head",
+    "LShoulder": "left shoulder", "RShoulder": "right shoulder", "LElbow": "left elbow", "RElbow": "right elbow",
+    "LWrist": "left wrist", "RWrist": "right wrist", "LHip": "left hip", "RHip": "right hip", "LKnee": "left knee",
+    "RKnee": "right knee", "LAnkle": "left ankle", "RAnkle": "right ankle", "LBigToe": "left toe",
+    "RBigToe": "right toe", "LHeel": "left heel", "RHeel": "right heel",
+}  # fmt: skip
+"""OpenPose's names of a body's landmarks."""
+SCORED: Final = tuple(
+    f"{side}{name}" for name in ("Hip", "Knee", "Ankle", "Shoulder", "Elbow", "Wrist") for side in "LR"
+)
+CONFIDENT: Final = 0.3
+GROWN_PX: Final = 15
+FRAME_NS: Final = 16_666_667
+
+
+class VideoScore(msgspec.Struct, frozen=True):
+    """How well a body was followed.
+
+    Attributes:
+        frames: how many.
+        median_mm, p95_mm: from Pose2Sim's joints.
+        joints_mm: the median of each.
+        inside: share of the limbs' confident 2D keypoints in the projected mesh grown by 15 px.
+        overlaps: intersection over union with outlines drawn by hand, by camera and frame.
+    """
+
+    frames: int
+    median_mm: float
+    p95_mm: float
+    joints_mm: dict[str, float]
+    inside: float
+    overlaps: dict[str, float]
+
+
+def rig_of(folder: Path) -> CameraRig:
+    """Its cameras, under the videos' names."""
+    rig = load_camera_rig(folder / "calibration" / "Calib_qualisys.toml")
+    return CameraRig({name.replace("_", ""): camera for name, camera in rig.cameras.items()})
+
+
+def images_of(folder: Path, cameras: Mapping[str, object]) -> Iterator[dict[str, UInt8]]:
+    """What the cameras saw, instant by instant."""
+    videos = [pictures(folder / "videos" / f"{name}.mp4") for name in cameras]
+    for shown in zip(*videos, strict=False):
+        yield {name: image for name, (_, image) in zip(cameras, shown, strict=True)}
+
+
+def first_points(folder: Path) -> dict[str, Float64]:
+    """(3,) [m] of landmarks, from the keypoints of the first frame."""
+    tracks = read_viewed_tracks(sorted((folder / "pose-associated").glob("*_json")))
+    tracks = msgspec.structs.replace(
+        tracks,
+        frames=tracks.frames[:1],
+        at_s=tracks.at_s[:1],
+        pixels=tracks.pixels[:1],
+        confidences=tracks.confidences[:1],
+    )
+    rig = load_camera_rig(folder / "calibration" / "Calib_qualisys.toml")
+    space, _ = triangulate_tracks(tracks, rig, WEIGHTED_LINEAR)
+    return {LANDMARKS[name]: space.positions[0, i] for i, name in enumerate(space.points) if name in LANDMARKS}
+
+
+def score_video(
+    folder: Path,
+    body: Figure,
+    followed: list[Followed],
+    outlines: Path,
+    draw: Callable[[list[Float64], list[Float64]], UInt8],
+) -> VideoScore:
+    """Score what was followed from the first frame on.
+
+    Args:
+        folder: of the recording.
+        body: whose landmarks and mesh are meant.
+        followed: one for each frame, from the first.
+        outlines: the file of outlines drawn by hand.
+        draw: (height, width) uint8 of polygons and holes (n, 2) [px], for a 1920 × 1088 image.
+    """
+    names = list(body.mesh.landmarks)
+    rig = rig_of(folder)
+    (path,) = (p for p in (folder / "pose-3d").glob("*.trc") if "filt" not in p.name)
+    markers, reference = trc_points(path)
+    theirs = reference[: len(followed), [markers.index(name) for name in SCORED]][..., [2, 0, 1]]
+    ours = np.array([one.landmarks for one in followed])[:, [names.index(LANDMARKS[name]) for name in SCORED]]
+    far = 1000.0 * np.linalg.norm(ours[: len(theirs)] - theirs, axis=-1)
+    joints = dict(zip(SCORED, np.nanmedian(far, axis=0).tolist(), strict=True))
+    far = far[np.isfinite(far)]
+
+    tracks = read_viewed_tracks(sorted((folder / "pose-associated").glob("*_json")))
+    columns = [tracks.points.index(name) for name in SCORED]
+    drawn = tomllib.loads(outlines.read_text(encoding="utf-8"))["outline"]
+    within, overlaps = [], {}
+    for frame, one in enumerate(followed):
+        vertices = posed(body.mesh, one.pose)
+        for c, (name, placed) in enumerate(rig.cameras.items()):
+            outline = see(body, vertices, eye(placed), 1, 2 * GROWN_PX)
+            if outline is None:
+                continue
+            x0, y0 = outline.origin_px
+            grown = signed_distance(outline.mask, GROWN_PX + 2) > -GROWN_PX
+            pixels, sure = tracks.pixels[frame, c, columns], tracks.confidences[frame, c, columns] > CONFIDENT
+            for x, y in np.round(pixels[sure]).astype(int) - [x0, y0]:
+                within.append(0 <= y < grown.shape[0] and 0 <= x < grown.shape[1] and grown[y, x])
+            for label in drawn:
+                if (label["camera"], label["frame"]) == (name, frame):
+                    truth = draw([np.array(p) for p in label["person"]], [np.array(p) for p in label["without"]]) > 0
+                    mesh = np.zeros_like(truth)
+                    part = outline.mask[max(-y0, 0) :, max(-x0, 0) :]
+                    into = mesh[max(y0, 0) : max(y0, 0) + part.shape[0], max(x0, 0) : max(x0, 0) + part.shape[1]]
+                    into[:] = part[: into.shape[0], : into.shape[1]] > 0
+                    union = np.count_nonzero(truth | mesh)
+                    overlaps[f"{name} {frame}"] = np.count_nonzero(truth & mesh) / union
+    return VideoScore(
+        len(followed), float(np.median(far)), float(np.percentile(far, 95)), joints, float(np.mean(within)), overlaps
+    )
+
+
+__all__ = ["VideoScore", "figure", "first_points", "images_of", "rig_of", "score_video"]

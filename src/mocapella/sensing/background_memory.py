@@ -1,0 +1,160 @@
+"""What a camera that stands still sees behind people, learnt while they are there.
+
+Wherever nobody is near, the image is background. When somebody comes there it is known what was behind; when somebody
+goes, it is learnt. So a clip needs no images of the empty room, only people who move, and what was never seen free of
+them is left to the local densities of `region_contour`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import InputError
+from mocapella.model.silhouettes import Silhouette
+from mocapella.settings import check
+
+Float32 = NDArray[np.float32]
+UInt8 = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class MemorySettings:
+    """How a background is learnt.
+
+    Attributes:
+        guard_steps: nearer than so many samples to a person nothing is learnt.
+        rate: how much a new image counts, once there were more than 1/rate.
+        least_sd: of a sample [grey levels].
+        sweep_images: what is far from people is taken in within so many images.
+        cut_sd: a sample that is farther from what it was is not as it was [standard deviations].
+        every: so manieth row and column of samples is asked whether an image is of this room.
+    """
+
+    guard_steps: float = 6.0
+    rate: float = 0.05
+    least_sd: float = 10.0
+    sweep_images: int = 16
+    cut_sd: float = 4.0
+    every: int = 6
+
+    def __post_init__(self) -> None:
+        check(self.guard_steps >= 0, "guard_steps", self.guard_steps, "0 or more")
+        check(0 < self.rate <= 1, "rate", self.rate, "above 0 and at most 1")
+        check(self.least_sd > 0, "least_sd", self.least_sd, "above 0 grey levels")
+        check(self.sweep_images >= 1, "sweep_images", self.sweep_images, "1 or more")
+        check(self.cut_sd > 0, "cut_sd", self.cut_sd, "above 0")
+        check(self.every >= 1, "every", self.every, "1 or more")
+
+
+DEFAULT = MemorySettings()
+
+
+class BackgroundMemory:
+    """Of one camera, in samples of step × step pixels."""
+
+    def __init__(self, step_px: int, settings: MemorySettings = DEFAULT) -> None:
+        check(step_px >= 1, "step_px", step_px, "1 or more")
+        self.settings = settings
+        self.step_px = step_px
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._mean = np.empty((0, 0, 0), np.float32)
+        self._variance = np.empty((0, 0), np.float32)
+        self._count = np.empty((0, 0), np.uint8)
+        self._next_row = 0
+        self._shape: tuple[int, ...] = ()
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """(rows, columns) which samples of the image are known."""
+        return self._count > 0
+
+    def update(self, image: UInt8, person: Silhouette | None) -> None:
+        """Take in an image, but for what is near a person.
+
+        Args:
+            image: (height, width) or (height, width, 3).
+            person: a window at this memory's step, aligned with it; None: nobody is there.
+
+        Raises:
+            InputError: an image of another size than the first, or a window that is not aligned.
+        """
+        image, (left, top), phi = self._door(image, person)
+        s, rows = self.settings, len(self._count)
+        if not self._count.any():
+            begin, end = 0, rows
+        else:
+            begin, end = self._next_row, self._next_row + -(-rows // s.sweep_images)
+            self._next_row = end if end < rows else 0
+        _kernels().learn(
+            image, self.step_px, phi, left, top, s.guard_steps * self.step_px, begin, end, s.rate, s.least_sd, self._mean,
+            self._variance, self._count,
+        )  # fmt: skip
+
+    def unlike(self, image: UInt8, person: Silhouette | None) -> float:
+        """Share of what is known, and no person is near of, that is not as it was; NaN where nothing is.
+
+        Arguments and errors as of `update`.
+        """
+        image, (left, top), phi = self._door(image, person)
+        s = self.settings
+        differ, known = _kernels().unlike(
+            image, self.step_px, phi, left, top, s.guard_steps * self.step_px, s.every, s.least_sd, s.cut_sd, self._mean,
+            self._variance, self._count,
+        )  # fmt: skip
+        return differ / known if known else float("nan")
+
+    def costs(self, image: UInt8, window: Silhouette) -> Float32:
+        """(rows, columns) −log p of a window's samples being background, NaN where it is not known.
+
+        Errors as of `update`.
+        """
+        image, (left, top), _ = self._door(image, window)
+        out = np.empty(window.phi.shape, np.float32)
+        _kernels().costs(
+            image, self.step_px, left, top, self.settings.least_sd, self._mean, self._variance, self._count, out
+        )
+        return out
+
+    def _door(self, image: UInt8, person: Silhouette | None) -> tuple[UInt8, tuple[int, int], Float32]:
+        image = np.ascontiguousarray(image).reshape(*image.shape[:2], -1)
+        if not self._shape:
+            self._shape = image.shape
+            height, width, channels = image.shape
+            rows, columns = -(-height // self.step_px), -(-width // self.step_px)
+            self._mean = np.zeros((rows, columns, channels), np.float32)
+            self._variance = np.zeros((rows, columns), np.float32)
+            self._count = np.zeros((rows, columns), np.uint8)
+        if image.shape != self._shape:
+            raise InputError(
+                "an image's size changed", field="shape", value=image.shape, fix=f"as the first one's, {self._shape}"
+            )
+        if person is None:
+            return image, (0, 0), _NOBODY
+        (x, y), step = person.origin_px, self.step_px
+        if person.step_px != step or x % step or y % step:
+            raise InputError(
+                "a window does not fit the memory's samples",
+                field="origin_px, step_px",
+                value=(person.origin_px, person.step_px),
+                fix=f"begin at a multiple of {step} px, with that step",
+            )
+        return image, (x // step, y // step), person.phi
+
+
+_NOBODY = np.empty((0, 0), np.float32)
+
+
+@cache
+def _kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.sensing import background_memory_kernels
+
+    return background_memory_kernels

@@ -1,0 +1,101 @@
+"""What a camera that stands still sees behind people, learnt while they are there; compiled.
+
+Arrays are those of `background_memory`. Importing this module imports numba.
+"""
+
+# ruff: noqa: PLR0917 - compiled: arrays come by position, and loops are written out
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mocapella.compiled import njit
+
+WIDE = 3.0
+"""What is farther from the mean than so many standard deviations moves it no more than that."""
+
+
+@njit(cache=True)
+def _sample(image, step, i, j, c):
+    """The mean of a square of step × step pixels [grey levels], of what there is of it in the image."""
+    total, count = 0, 0
+    for y in range(i * step, min((i + 1) * step, image.shape[0])):
+        for x in range(j * step, min((j + 1) * step, image.shape[1])):
+            total += np.int64(image[y, x, c])
+            count += 1
+    return total / count
+
+
+@njit(cache=True)
+def _free(phi, left, top, i, j, guard):
+    """Whether no person is near a sample of the whole image."""
+    a, b = i - top, j - left
+    return not (0 <= a < phi.shape[0] and 0 <= b < phi.shape[1]) or phi[a, b] < -guard
+
+
+@njit(cache=True)
+def learn(image, step, phi, left, top, guard, begin, end, rate, least_sd, mean, variance, count):
+    """Take in the rows from ``begin`` to ``end`` of samples, and those of the window, where nobody is."""
+    rows, columns, channels = mean.shape
+    for i in range(rows):
+        whole = begin <= i < end
+        if not whole and not top <= i < top + phi.shape[0]:
+            continue
+        first, last = (0, columns) if whole else (max(left, 0), min(left + phi.shape[1], columns))
+        for j in range(first, last):
+            if not _free(phi, left, top, i, j, guard):
+                continue
+            n = count[i, j]
+            if n == 0:
+                for c in range(channels):
+                    mean[i, j, c] = _sample(image, step, i, j, c)
+                variance[i, j] = least_sd * least_sd
+            else:
+                r, most, squares = max(1.0 / (n + 1.0), rate), WIDE * math.sqrt(variance[i, j]), 0.0
+                for c in range(channels):
+                    d = _sample(image, step, i, j, c) - mean[i, j, c]
+                    d = min(max(d, -most), most)
+                    mean[i, j, c] += r * d
+                    squares += d * d
+                variance[i, j] += r * (squares / channels - variance[i, j])
+            if n < 255:
+                count[i, j] = n + 1
+
+
+@njit(cache=True)
+def unlike(image, step, phi, left, top, guard, every, least_sd, cut_sd, mean, variance, count):
+    """(how many, of how many) samples where nobody is, at every so manieth row and column, are not as they were."""
+    differ = known = 0
+    for i in range(every // 2, mean.shape[0], every):
+        for j in range(every // 2, mean.shape[1], every):
+            if count[i, j] == 0 or not _free(phi, left, top, i, j, guard):
+                continue
+            known += 1
+            squares = 0.0
+            for c in range(mean.shape[2]):
+                d = _sample(image, step, i, j, c) - mean[i, j, c]
+                squares += d * d
+            if squares > cut_sd * cut_sd * max(variance[i, j], least_sd * least_sd) * mean.shape[2]:
+                differ += 1
+    return differ, known
+
+
+@njit(cache=True)
+def costs(image, step, left, top, least_sd, mean, variance, count, out):
+    """Write −log p [nats] of a window's samples (rows, columns) being background, per channel, NaN where nobody knows.
+
+    Values are halves of grey levels, and the log 2π/2 that all densities share is left out.
+    """
+    for a in range(out.shape[0]):
+        i = a + top
+        for b in range(out.shape[1]):
+            j = b + left
+            if not (0 <= i < mean.shape[0] and 0 <= j < mean.shape[1]) or count[i, j] == 0:
+                out[a, b] = math.nan
+                continue
+            v, squares = max(variance[i, j], least_sd * least_sd), 0.0
+            for c in range(mean.shape[2]):
+                d = _sample(image, step, i, j, c) - mean[i, j, c]
+                squares += d * d
+            out[a, b] = 0.5 * squares / (v * mean.shape[2]) + 0.5 * math.log(4.0 * v)
