@@ -62,6 +62,9 @@ class Lengths:
         return float(sum(getattr(self, name) for name in UPRIGHT))
 
 
+SEGMENTS: Final = tuple(field.name for field in dataclasses.fields(Lengths))
+
+
 @dataclass(frozen=True)
 class BodyProportions:
     """What is known of a person's segments [m]; None: as those of other people of that height. See `Lengths`.
@@ -95,7 +98,7 @@ class BodyProportions:
         return {name: float(value) for name, value in named.items() if value is not None}
 
 
-SEGMENTS: Final = tuple(field.name for field in dataclasses.fields(Lengths))
+AVERAGE: Final = BodyProportions()
 
 
 @dataclass(frozen=True)
@@ -103,7 +106,7 @@ class Flesh:
     """How broad and deep a body is; the files in ``body_shapes`` explain the rows."""
 
     trunk: tuple[tuple[float, float, float, float], ...]
-    thigh: tuple[tuple[float, float, float], ...]
+    thigh: tuple[tuple[float, float, float, float], ...]
     shank: tuple[tuple[float, float, float], ...]
     upper_arm: tuple[tuple[float, float, float], ...]
     forearm: tuple[tuple[float, float, float], ...]
@@ -115,9 +118,10 @@ class Flesh:
 
 @dataclass(frozen=True)
 class BodyShape:
-    """What people of a sex look like, over their height."""
+    """What people of a sex look like: their average height, and all else over that."""
 
     name: str
+    height_m: float
     lengths: Lengths
     flesh: Flesh
 

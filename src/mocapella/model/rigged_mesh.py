@@ -123,6 +123,17 @@ def rest(mesh: RiggedMesh) -> TreePose:
     return TreePose(np.eye(4), np.zeros(len(mesh.joint_names)))
 
 
+def strongest(weights: Float64, most: int = 4) -> tuple[Int32, Float64]:
+    """What `RiggedMesh` has of weights (n, parts) of 0 or more: bones and shares (n, most), at most so many of them.
+
+    What is below a thousandth of what moves a vertex most is left out.
+    """
+    order = np.argsort(-weights, axis=1, kind="stable")[:, :most]
+    kept = np.take_along_axis(weights, order, axis=1)
+    kept = np.where(kept < 1e-3 * kept[:, :1], 0.0, kept)
+    return order.astype(np.int32), kept / kept.sum(axis=1)[:, None]
+
+
 @cache
 def _kernels() -> Any:
     """Compiled; numba is imported when it is first needed."""
