@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.model.body_proportions import Flesh, Lengths
+from mocapella.model.body_proportions import HEEL, TOE, Flesh, Lengths
 
 Float64 = NDArray[np.float64]
 
@@ -54,8 +54,8 @@ def joint_places(lengths: Lengths) -> dict[str, Float64]:
             f"{side} hip": (x, hip, 0.0),
             f"{side} knee": (x, lengths.ankle_height + lengths.shank, 0.0),
             f"{side} ankle": (x, lengths.ankle_height, 0.0),
-            f"{side} heel": (x, 0.12 * foot, -0.27 * foot),
-            f"{side} toe": (x, 0.08 * foot, 0.73 * foot),
+            f"{side} heel": (x, HEEL[0] * foot, HEEL[1] * foot),
+            f"{side} toe": (x, TOE[0] * foot, TOE[1] * foot),
         }
     return {name: np.array(place, dtype=np.float64) for name, place in places.items()}
 
