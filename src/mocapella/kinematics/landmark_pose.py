@@ -29,8 +29,8 @@ NEAR_M: Final = 1e-4
 STARTS: Final = 24
 _FIT: Final = FitSettings(most_steps=40, rest_m=1e-7, rest_rad=1e-7)
 _USUAL_PER_RAD: Final = 0.0005
-"""How much the middle of an angle's limits is preferred, against landmarks that are a metre off: so little that it shows
-only where no landmark says anything, such as the turn of a straight arm."""
+"""How much angles of 0 are preferred, 1 being a landmark that is a metre off: so little that it shows only where no
+landmark says anything, such as of the turn of a straight arm."""
 _HELD: Final = 1e3
 """How sure the other limbs are while one is begun anew [1/m, 1/rad]."""
 _LINE: Final = 0.05

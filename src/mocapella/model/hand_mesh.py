@@ -70,7 +70,7 @@ def hand_mesh(shape: HandShape, thickness: float = 1.0, detail: float = 1.0) -> 
     within = np.array(WITHIN_M)
     vertices, faces = polygonise(limbs, within, BETWEEN_M, _grid(limbs, 0.0034 * big / detail))
     distance = group_distances(limbs, within, vertices)
-    weights, shares = strongest(hand_weights(vertices, distance, bones, hand_length_m=length))
+    moved_by, shares = strongest(hand_weights(vertices, distance, bones, hand_length_m=length))
     twists, joint_parts, limits, names = _joints(bones)
     M = shape.mirror
     left = shape.handedness == "left"
@@ -78,6 +78,7 @@ def hand_mesh(shape: HandShape, thickness: float = 1.0, detail: float = 1.0) -> 
         axes, points = twists[:, 3:] * -M, np.cross(twists[:, 3:], twists[:, :3]) * M
         twists = revolute(axes, points)
     part_of = [0, *(1 + 3 * (k // 4) + max(k % 4 - 1, 0) if k % 4 else 0 for k in range(20))]
+    named = zip(LANDMARKS, part_of, places, strict=True)
     return RiggedMesh(
         name=f"{shape.handedness} hand",
         tree=twist_tree([-1, *(0 if k % 3 == 0 else k for k in range(15))], joint_parts, twists, limits),
@@ -85,9 +86,9 @@ def hand_mesh(shape: HandShape, thickness: float = 1.0, detail: float = 1.0) -> 
         joint_names=tuple(names),
         vertices=vertices * M,
         faces=np.ascontiguousarray(faces[:, ::-1] if left else faces).astype(np.int32),
-        bones=weights,
+        bones=moved_by,
         shares=shares,
-        landmarks={name: Landmark(part, place * M) for name, part, place in zip(LANDMARKS, part_of, places, strict=True)},
+        landmarks={name: Landmark(part, place * M) for name, part, place in named},
     )  # fmt: skip
 
 

@@ -319,13 +319,11 @@ def _ours(gltf: Gltf, holder: Any, field: str, kind: Any) -> Any:
     try:
         return msgspec.convert(extras[OURS], kind)
     except msgspec.ValidationError as error:
-        raise gltf.error(
-            str(error), f"{field}.extras.{OURS}", fix="the documentation says what may stand there"
-        ) from None
+        raise gltf.error(str(error), f"{field}.extras.{OURS}", fix="docs/bodies.md says what may stand there") from None
 
 
 def _content(library: Any, mesh: RiggedMesh) -> Any:
-    """The mesh as glTF: a node for each part where its first joint is, none turned; the mesh's node comes after them."""
+    """The mesh as glTF: a node for each part where its first joint is, none turned; then the mesh's own node."""
     tree, parts, blob = mesh.tree, len(mesh.part_names), bytearray()
     content = library.GLTF2(asset=library.Asset(generator="Mocapella"))
     content.scene, content.bufferViews, content.accessors = 0, [], []
