@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import dataclasses
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -22,6 +23,10 @@ UPRIGHT: Final = ("ankle_height", "shank", "thigh", "trunk", "head")
 """What a height is made of."""
 SPREAD: Final = (0.6, 1.6)
 """How much shorter or longer than that of the people of a height a segment may be."""
+HEEL: Final = (0.12, -0.27)
+TOE: Final = (0.08, 0.73)
+"""Where the landmarks of a foot are, upwards and forwards of where the ankle is over the ground, over its length."""
+FOOT_SPAN: Final = float(np.hypot(HEEL[0] - TOE[0], HEEL[1] - TOE[1]))
 HEIGHTS_M: Final = (0.5, 2.5)
 
 
@@ -62,6 +67,9 @@ class Lengths:
         return float(sum(getattr(self, name) for name in UPRIGHT))
 
 
+SEGMENTS: Final = tuple(field.name for field in dataclasses.fields(Lengths))
+
+
 @dataclass(frozen=True)
 class BodyProportions:
     """What is known of a person's segments [m]; None: as those of other people of that height. See `Lengths`.
@@ -95,7 +103,7 @@ class BodyProportions:
         return {name: float(value) for name, value in named.items() if value is not None}
 
 
-SEGMENTS: Final = tuple(field.name for field in dataclasses.fields(Lengths))
+AVERAGE: Final = BodyProportions()
 
 
 @dataclass(frozen=True)
@@ -103,7 +111,7 @@ class Flesh:
     """How broad and deep a body is; the files in ``body_shapes`` explain the rows."""
 
     trunk: tuple[tuple[float, float, float, float], ...]
-    thigh: tuple[tuple[float, float, float], ...]
+    thigh: tuple[tuple[float, float, float, float], ...]
     shank: tuple[tuple[float, float, float], ...]
     upper_arm: tuple[tuple[float, float, float], ...]
     forearm: tuple[tuple[float, float, float], ...]
@@ -115,9 +123,10 @@ class Flesh:
 
 @dataclass(frozen=True)
 class BodyShape:
-    """What people of a sex look like, over their height."""
+    """What people of a sex look like: their average height, and all else over that."""
 
     name: str
+    height_m: float
     lengths: Lengths
     flesh: Flesh
 
@@ -168,6 +177,53 @@ def lengths_of(sex: Sex, height_m: float | None, proportions: BodyProportions) -
         check(least <= value <= most, name, value, f"{least} to {most} m of a person {height:.2f} m high")
     filled = {name: height * value * (scale if name in UPRIGHT else 1.0) for name, value in table.items()}
     return Lengths(**{**filled, **known})
+
+
+_SPANS: Final = {
+    "shank": ("{} knee", "{} ankle"),
+    "thigh": ("{} hip", "{} knee"),
+    "trunk": ("middle hip", "middle shoulder"),
+    "head": ("middle shoulder", "head"),
+    "shoulder_width": ("left shoulder", "right shoulder"),
+    "hip_width": ("left hip", "right hip"),
+    "upper_arm": ("{} shoulder", "{} elbow"),
+    "forearm": ("{} elbow", "{} wrist"),
+    "hand": ("{} wrist", "{} fingertip"),
+    "foot": ("{} heel", "{} toe"),
+}
+"""Between which landmarks of `body_mesh` a segment lies; {}: of both sides."""
+
+
+def proportions_of(joints: Mapping[str, Any], girth: float = 1.0) -> BodyProportions:
+    """A person's segments, from joints that were seen: of one frame, such as a T-pose, or of a tracked skeleton.
+
+    Of each segment the median over frames and sides, so that both sides are alike and a frame that went wrong does not
+    count. A segment whose ends are never seen together is not known; the ankles' height, which needs a ground, never.
+
+    Args:
+        joints: places [m] in space, (3,) or (frames, 3) each, by the names of the landmarks of `body_mesh`; NaN: not
+            seen. Names that no segment needs do no harm.
+        girth: see `BodyProportions`.
+
+    Raises:
+        SettingsError: arrays of other shapes, no segment that is seen, or one that no person has.
+    """
+    seen = {name: np.atleast_2d(np.asarray(place, dtype=np.float64)) for name, place in joints.items()}
+    shapes = {place.shape for place in seen.values()}
+    right = len(shapes) <= 1 and all(len(shape) == 2 and shape[1] == 3 for shape in shapes)
+    check(right, "shapes of joints", sorted(shapes), "all (3,), or all (frames, 3) of as many frames")
+    for kind in ("hip", "shoulder"):
+        if f"left {kind}" in seen and f"right {kind}" in seen:
+            seen[f"middle {kind}"] = 0.5 * (seen[f"left {kind}"] + seen[f"right {kind}"])
+    found = {}
+    for segment, (start, end) in _SPANS.items():
+        sides = [(start.format(side), end.format(side)) for side in ("left", "right")]
+        pairs = [seen[a] - seen[b] for a, b in sides if a in seen and b in seen]
+        spans = np.linalg.norm(np.concatenate([np.empty((0, 3)), *pairs]), axis=1)
+        if np.isfinite(spans).any():
+            found[segment] = float(np.nanmedian(spans)) / (FOOT_SPAN if segment == "foot" else 1.0)
+    check(bool(found), "joints", sorted(joints), f"such that both ends of a segment are seen together, as {_SPANS}")
+    return BodyProportions(**found, girth=girth)
 
 
 def _told(known: dict[str, float]) -> str:
