@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 
 from mocapella.geometry.limb_surface import group_distances, polygonise
 from mocapella.geometry.twists import revolute
-from mocapella.model.body_flesh import ARM, ARM_DOWN, BETWEEN, LEG, TRUNK, WITHIN, body_limbs, joint_places
+from mocapella.model.body_flesh import APART, ARM, ARM_DOWN, BETWEEN, LEG, TRUNK, WITHIN, body_limbs, joint_places
 from mocapella.model.body_proportions import (
     AVERAGE,
     BodyProportions,
@@ -224,14 +224,14 @@ def _grid(limbs: Float64, lengths: Lengths, places: dict[str, Float64], detail: 
     low = (np.minimum(limbs[:, 2], limbs[:, 5]) - r).min() - 0.04 * fine
     high = (np.maximum(limbs[:, 2], limbs[:, 5]) + r).max() + 0.04 * fine
     step = 0.0130 * fine
-    half = np.arange(0.5 * step, shoulder[0] + 0.03 * h, step)
+    half = np.arange(min(0.5 * step, 0.4 * APART * h), shoulder[0] + 0.03 * h, step)
     x = np.concatenate([half, _steps([
         (half[-1], wrist[0] - 0.01 * h, 0.020 * fine), (0, tip[0] + 0.025 * h, 0.0110 * fine),
         (0, tip[0] + 0.025 * h + 0.02 * fine, 0.01 * fine),
     ])[1:]])  # fmt: skip
     neck = places["neck"][1]
     y = _steps([
-        (-0.03 * fine, lengths.ankle_height + 0.02 * h, 0.0105 * fine),
+        (-0.012 * h - 0.02 * fine, lengths.ankle_height + 0.02 * h, 0.0105 * fine),
         (0, 0.93 * places["pelvis"][1], 0.026 * fine), (0, neck - 0.06 * h, 0.0165 * fine),
         (0, neck + 0.03 * h, 0.0125 * fine), (0, lengths.height + 0.03 * fine, 0.0115 * fine),
     ])  # fmt: skip

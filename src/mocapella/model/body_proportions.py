@@ -94,7 +94,7 @@ class BodyProportions:
     def __post_init__(self) -> None:
         for name, value in self.known.items():
             check(0.01 <= value <= 1.5, name, value, "0.01 to 1.5 m")
-        check(0.6 <= self.girth <= 1.6, "girth", self.girth, "0.6 to 1.6")
+        check(0.75 <= self.girth <= 1.5, "girth", self.girth, "0.75 to 1.5")
 
     @property
     def known(self) -> dict[str, float]:
