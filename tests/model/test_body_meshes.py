@@ -165,6 +165,28 @@ def test_mirrored_angles_make_a_mirrored_pose(sex: str) -> None:
         )
 
 
+@pytest.mark.parametrize("sex", SEXES)
+def test_a_supple_body_nods_tilts_its_head_and_turns_its_waist_and_is_else_the_same(sex: str) -> None:
+    stiff, supple = body_mesh(sex), body_mesh(sex, supple=True)  # type: ignore[arg-type]
+    assert supple.tree.dofs == 29
+    np.testing.assert_array_equal(supple.vertices, stiff.vertices)
+    assert [name for name in supple.joint_names if name in stiff.joint_names] == list(stiff.joint_names)
+    nose, neck = places(supple)["nose"], places(supple)["neck"]
+    forwards = at(supple, "nose", neck_nod=30) - neck
+    assert forwards[1] < (nose - neck)[1]
+    assert forwards[0] == pytest.approx(0)
+    assert at(supple, "nose", neck_tilt_to_the_left=30)[0] > 0.05
+    turned_left = at(supple, "nose", waist_turn_to_the_left=30)
+    assert turned_left[0] > 0.02
+    assert turned_left[1] == pytest.approx(nose[1])
+    for name in ("left shoulder", "left wrist"):  # the head alone
+        np.testing.assert_allclose(at(supple, name, neck_nod=30), places(supple)[name])
+    moved = np.abs(posed(supple, turned(supple, neck_nod=30)) - supple.vertices).max(axis=1) > 1e-9
+    assert moved.any()
+    assert supple.vertices[moved, 1].min() > neck[1] - 0.02
+    assert supple.vertices[~moved, 1].max() < neck[1] + 0.08
+
+
 def test_limits_hold_the_rest() -> None:
     limits = body_mesh("male").tree.limits
     assert ((limits[:, 0] <= 0) & (limits[:, 1] > 0)).all()
@@ -177,9 +199,7 @@ def test_legs_are_those_of_the_body(sex: str) -> None:
     assert legs.tree.dofs == 6 + 2 * 5
     assert is_closed(legs)
     assert is_own_mirror_image(legs)
-    assert legs.part_names == tuple(
-        part for part in PARTS if part.endswith(("pelvis", "thigh", "shank", "foot"))
-    )
+    assert legs.part_names == tuple(part for part in PARTS if part.endswith(("pelvis", "thigh", "shank", "foot")))
     assert {name: point.tolist() for name, point in places(legs).items()} == {
         name: places(body)[name].tolist() for name in places(legs)
     }
