@@ -1,0 +1,243 @@
+"""Where a body's outline is in an image: local densities of grey or colour on both sides, and the model as a prior.
+
+Equation 15 of B. Rosenhahn, T. Brox, D. Cremers, H.-P. Seidel, Online Smoothing for Markerless Motion Capture, DAGM
+2007, with the sign of its length term put right:
+
+    E(Φ) = −∫ H(Φ) log p1 + (1 − H(Φ)) log p2 dx + ν ∫ |∇H(Φ)| dx + λ ∫ (Φ − Φ0)² dx
+
+It is not descended by gradients. For an outline that is given, Φ is known (Φ0 where that has the right sign, 0
+elsewhere), so the prior costs λ Φ0² wherever a sample is on the other side than in the model; the length is that of a
+blurred mask (S. Esedoglu, F. Otto, Threshold Dynamics for Networks with Arbitrary Surface Tensions, 2015), so that
+every sample can go at once to the side where it costs less, and E falls with every move (D. Wang, H. Li, X. Wei, X.-P.
+Wang, An Efficient Iterative Thresholding Method for Image Segmentation, 2017). p1 and p2 are Gaussian densities at the
+nodes of a lattice (T. Brox, D. Cremers, On Local Statistical Region Models, 2009), between which −log p is linear.
+`docs/methods/silhouettes.md` says what is chosen differently than in the paper, and why.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import SettingsError
+from mocapella.geometry.signed_distance import kernels as distance_kernels
+from mocapella.model.silhouettes import Silhouette
+from mocapella.settings import check
+
+if TYPE_CHECKING:
+    from mocapella.sensing.background import BackgroundModel
+
+UInt8 = NDArray[np.uint8]
+Bool = NDArray[np.bool_]
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+
+NOTHING: Final = np.zeros((0, 0), dtype=np.float32)
+HALF_LEVELS: Final = 510
+"""Values are counted in halves of grey levels."""
+
+
+@dataclass(frozen=True)
+class RegionSettings:
+    """How an outline is found.
+
+    Attributes:
+        prior_weight: λ [nats/px²]: what a pixel costs that is on the other side than in the model, by the square of how
+            far it is from the model's outline; beside the log-likelihood of a pixel's value, a mean over its channels.
+        length_weight: ν [nats px] that a pixel's length of outline costs.
+        window_px: from a node of the densities' lattice to the next; each is of what is nearer to it than that.
+        band_px: farther from the prior's outline nothing moves.
+        iterations: how many times the outline is moved, at most.
+        least_sd: of a density [grey levels].
+        outliers: share of pixels whose value is like neither side, so that one of them says only so much.
+        fewest_px2: where less than about that area is on a side, its density leans on that of both sides.
+        median: whether single wrong pixels are taken away by a median over 3 × 3.
+    """
+
+    prior_weight: float = 0.05
+    length_weight: float = 1.0
+    window_px: float = 20.0
+    band_px: float = 12.0
+    iterations: int = 6
+    least_sd: float = 2.0
+    outliers: float = 0.05
+    fewest_px2: float = 40.0
+    median: bool = True
+
+    def __post_init__(self) -> None:
+        check(0 <= self.prior_weight <= 1e6, "prior_weight", self.prior_weight, "from 0 to 1e6")
+        check(0 <= self.length_weight <= 1e3, "length_weight", self.length_weight, "from 0 to 1000")
+        check(2 <= self.window_px <= 200, "window_px", self.window_px, "from 2 to 200")
+        check(0 < self.band_px <= 200, "band_px", self.band_px, "above 0 and up to 200")
+        check(1 <= self.iterations <= 1000, "iterations", self.iterations, "from 1 to 1000")
+        check(0.5 <= self.least_sd <= 100, "least_sd", self.least_sd, "from 0.5 to 100")
+        check(0 < self.outliers < 1, "outliers", self.outliers, "between 0 and 1")
+        check(0 < self.fewest_px2 <= 1e4, "fewest_px2", self.fewest_px2, "above 0 and up to 10000")
+
+    @property
+    def most_nats(self) -> float:
+        """At which −log p is cut off, without the log 2π/2 that all densities share."""
+        return -math.log(self.outliers / HALF_LEVELS) - 0.5 * math.log(2 * math.pi)
+
+
+DEFAULT: Final = RegionSettings()
+
+
+class RegionContour(msgspec.Struct, frozen=True, eq=False):
+    """An outline, and how clearly the image shows it.
+
+    Attributes:
+        silhouette: in the prior's window; phi is cut off at the prior's reach.
+        surety: (rows, columns) by how much the values about a sample are likelier on the side that they are on than on
+            the other, a mean over 5 × 5 samples, to be read beside the outline [nats a pixel]; 0 where the image shows
+            no edge, where nothing is known and far from the prior's outline.
+        iterations: after which the outline rested, or that were allowed.
+        energies: E [nats px²] at the beginning and after every iteration, but for what does not depend on the outline
+            within the band; empty unless asked for.
+    """
+
+    silhouette: Silhouette
+    surety: Float32
+    iterations: int
+    energies: Float64
+
+
+def region_contour(
+    image: UInt8,
+    prior: Silhouette,
+    start: Silhouette | None = None,
+    *,
+    ignore: Bool | None = None,
+    background: BackgroundModel | None = None,
+    settings: RegionSettings = DEFAULT,
+    energies: bool = False,
+) -> RegionContour:
+    """Move an outline to where the image shows it.
+
+    Args:
+        image: (height, width) or (height, width, 3) uint8; only the prior's window is read. Beyond the image, and
+            where it is ignored, the prior alone says what is inside.
+        prior: the model's outline.
+        start: where to begin, such as the outline of the image before; the prior's where not given.
+        ignore: (height, width) bool pixels that say nothing.
+        background: what the image is like without anybody, instead of a local density outside.
+        settings: how.
+        energies: whether they are told; that takes longer.
+
+    Raises:
+        SettingsError: an array of another shape or type.
+    """
+    values, known = read_window(image, prior, ignore, median=settings.median)
+    outside = NOTHING
+    if background is not None:
+        outside = background.costs(values, prior, settings)
+    return settle(values, known, prior, start, outside, math.nan, settings, energies=energies)
+
+
+def read_window(
+    image: UInt8, window: Silhouette, ignore: Bool | None, *, median: bool
+) -> tuple[NDArray[np.int16], Bool]:
+    """(channels, rows, columns) values of a window's samples, and (rows, columns) which are known.
+
+    Values are counted in half grey levels from the middle of the scale.
+
+    Raises:
+        SettingsError: an array of another shape or type.
+    """
+    check_silhouette(window, "prior")
+    good = image.dtype == np.uint8 and (image.ndim == 2 or (image.ndim == 3 and image.shape[2] in (1, 3)))
+    if not good or not image.size:
+        raise SettingsError(
+            f"image is {image.dtype} of shape {image.shape}; it must be uint8, (height, width) or (height, width, 3)"
+        )
+    image = np.ascontiguousarray(image).reshape(*image.shape[:2], -1)
+    (x, y), step = window.origin_px, window.step_px
+    values = np.empty((image.shape[2], *window.phi.shape), dtype=np.int16)
+    known = np.empty(window.phi.shape, dtype=np.bool_)
+    k = kernels()
+    k.read_samples(image, x, y, step, median, values, known)
+    if ignore is not None:
+        if ignore.dtype != np.bool_ or ignore.shape != image.shape[:2]:
+            raise SettingsError(
+                f"ignore is {ignore.dtype} of shape {ignore.shape}; it must be bool of shape {image.shape[:2]}"
+            )
+        k.forget(np.ascontiguousarray(ignore), x, y, step, step - 1 + median, known)
+    return values, known
+
+
+def check_silhouette(silhouette: Silhouette, name: str) -> None:
+    """Refuse one that is no window of distances.
+
+    Raises:
+        SettingsError: phi is of another shape or type, or the step is below 1.
+    """
+    phi = silhouette.phi
+    if phi.dtype != np.float32 or phi.ndim != 2 or min(phi.shape) < 2:
+        raise SettingsError(f"{name}.phi is {phi.dtype} of shape {phi.shape}; it must be float32, at least 2 × 2")
+    check(silhouette.step_px >= 1, f"{name}.step_px", silhouette.step_px, "1 or more")
+
+
+def settle(
+    values: NDArray[np.int16],
+    known: Bool,
+    prior: Silhouette,
+    start: Silhouette | None,
+    outside: Float32,
+    inside_cost: float,
+    s: RegionSettings,
+    *,
+    guided: bool = True,
+    energies: bool = False,
+) -> RegionContour:
+    """Move the outline; ``outside`` and ``inside_cost`` as in the kernel `segment`, NaN for a density that is learnt."""
+    k, step, phi = kernels(), prior.step_px, np.ascontiguousarray(prior.phi)
+    farthest = float(np.abs(phi).max())
+    check(math.isfinite(farthest), "prior.phi", "of NaN or infinite values", "finite")
+    inside = starting(prior, start)
+    field, contrast, surety = (np.empty(phi.shape, dtype=np.float32) for _ in range(3))
+    told = np.empty(s.iterations + 1 if energies else 0)
+    moved = k.segment(
+        values, known, phi, inside, outside, max(round(s.window_px / step), 1), np.float32(s.prior_weight),
+        np.float32(s.length_weight * math.sqrt(2 * math.pi) / step), np.float32(math.sqrt(2 / math.pi) / step),
+        np.float32(min(s.band_px, np.nextafter(np.float32(farthest), np.float32(0)))), guided, s.fewest_px2 / step**2,
+        2.0 * s.least_sd, np.float32(s.most_nats), inside_cost, s.iterations, field, contrast, told,
+    )  # fmt: skip
+    k.surety_of(contrast, inside, surety)
+    found = np.empty(phi.shape, dtype=np.float32)
+    reach = math.ceil(farthest / step) if guided else math.ceil(s.band_px / step)
+    distance_kernels().signed_distance(field, min(max(reach, 1), 255), np.float32(step), found)
+    return RegionContour(Silhouette(prior.origin_px, step, found), surety, int(moved), told * step**2)
+
+
+def starting(prior: Silhouette, start: Silhouette | None) -> UInt8:
+    """(rows, columns) 1 inside the outline to begin with, on the prior's samples; beyond its window the prior's."""
+    inside: UInt8 = (prior.phi > 0).astype(np.uint8)
+    if start is None:
+        return inside
+    check_silhouette(start, "start")
+    index: list[NDArray[np.int64]] = []
+    for axis, origin in ((0, 1), (1, 0)):
+        pixel = prior.origin_px[origin] + prior.step_px * np.arange(prior.phi.shape[axis])
+        index.append((pixel - start.origin_px[origin] + start.step_px // 2) // start.step_px)
+    rows, columns = index
+    of_rows = np.flatnonzero((rows >= 0) & (rows < start.phi.shape[0]))
+    of_columns = np.flatnonzero((columns >= 0) & (columns < start.phi.shape[1]))
+    if len(of_rows) and len(of_columns):
+        part = start.phi[np.ix_(rows[of_rows], columns[of_columns])]
+        inside[of_rows[0] : of_rows[-1] + 1, of_columns[0] : of_columns[-1] + 1] = part > 0
+    return inside
+
+
+@cache
+def kernels() -> ModuleType:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.sensing import region_contour_kernels
+
+    return region_contour_kernels
