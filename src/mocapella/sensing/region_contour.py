@@ -69,11 +69,11 @@ class RegionSettings:
     length_weight: float = 1.5
     window_px: float = 32.0
     band_px: float = 12.0
-    unsure_px: float = 3.0
-    iterations: int = 6
+    unsure_px: float = 4.0
+    iterations: int = 5
     least_sd: float = 2.0
-    outliers: float = 0.05
-    fewest_px2: float = 40.0
+    outliers: float = 0.1
+    fewest_px2: float = 15.0
     median: bool = True
 
     def __post_init__(self) -> None:
@@ -141,7 +141,7 @@ def region_contour(
         SettingsError: an array of another shape or type.
     """
     band = read_band(image, prior, start, ignore, settings)
-    outside = NOTHING if background is None else background.costs(band)
+    outside = NOTHING if background is None else background.costs(band, settings)
     unsure_px = settings.unsure_px if start is None else 0.0
     return settle(band, outside, math.nan, settings, unsure_px=unsure_px, energies=energies)
 
@@ -151,6 +151,7 @@ class Band(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         prior: the outline's.
+        size_px: (width, height) of the image.
         pad: columns of padding before the first.
         values: (channels, rows, padded) int16 half grey levels from the middle of the scale; anything beyond the band.
         phi: (rows, padded) the prior's.
@@ -161,6 +162,7 @@ class Band(msgspec.Struct, frozen=True, eq=False):
     """
 
     prior: Silhouette
+    size_px: tuple[int, int]
     pad: int
     values: NDArray[np.int16]
     phi: Float32
@@ -217,7 +219,7 @@ def read_band(
             raise SettingsError(f"ignore is {ignore.dtype} of shape {ignore.shape}; it must be bool, {height, width}")
         k.forget(np.ascontiguousarray(ignore), x - pad * step, y, step, step - 1 + settings.median, known)
     reach = math.ceil((farthest if guided else settings.band_px) / step)
-    return Band(prior, pad, values, phi, inside, active, known, blocks, min(max(reach, 1), MOST_REACH))
+    return Band(prior, (width, height), pad, values, phi, inside, active, known, blocks, min(max(reach, 1), MOST_REACH))
 
 
 def check_silhouette(silhouette: Silhouette, name: str) -> None:

@@ -632,3 +632,39 @@ def surety_of(contrast, inside, out):
         for j in range(columns):
             mean = scale * ((a[j] + e[j]) + four * (b[j] + d[j]) + six * c[j])
             to[j] = mean if mean > _0F else _0F
+
+
+@njit(cache=True, error_model="numpy")
+def background_costs(values, usual, spread, known, least_sd, darkest, shadow, out):
+    """Write −log p of every sample's value, as of three channels, where nobody is [nats].
+
+    Args:
+        values, usual: (channels, rows, padded) int16 half grey levels from the middle of the scale.
+        spread: (channels, rows, padded) int16, a standard deviation as 8 × grey levels − 255.
+        known: (rows, padded) uint8; least_sd: [half grey levels].
+        darkest: of its usual brightness, in a shadow; shadow: [nats] that it costs to say that there is one.
+        out: (rows, padded) float32; 0 where nothing is known.
+    """
+    channels, rows, columns = values.shape
+    share = 3.0 / channels
+    for i in range(rows):
+        for j in range(columns):
+            out[i, j] = 0.0
+            if not known[i, j]:
+                continue
+            plain, product, above, below = 0.0, 1.0, 0.0, 0.0
+            for c in range(channels):
+                sd = max((spread[c, i, j] + 255) * 0.25, least_sd)
+                off, level = float(values[c, i, j] - usual[c, i, j]), usual[c, i, j] + 255.0
+                plain += 0.5 * off * off / (sd * sd)
+                product *= sd
+                above += (level + off) * level / (sd * sd)
+                below += level * level / (sd * sd)
+            if channels == 3 and below > 0 and darkest <= above / below < 1:
+                dim, shaded = above / below, shadow
+                for c in range(3):
+                    sd = max((spread[c, i, j] + 255) * 0.25, least_sd)
+                    off = values[c, i, j] + 255.0 - dim * (usual[c, i, j] + 255.0)
+                    shaded += 0.5 * off * off / (sd * sd)
+                plain = min(plain, shaded)
+            out[i, j] = share * (plain + math.log(product))
