@@ -14,6 +14,7 @@ from mocapella.errors import InputError, SettingsError
 from mocapella.geometry.signed_distance import signed_distance
 from mocapella.model.silhouettes import Silhouette
 from mocapella.sensing.background_memory import BackgroundMemory, MemorySettings
+from mocapella.sensing.region_contour import RegionSettings, read_band
 
 UInt8 = NDArray[np.uint8]
 HEIGHT, WIDTH = 60, 80
@@ -23,6 +24,13 @@ def room(seed: int = 0, channels: int = 3) -> UInt8:
     rng = np.random.default_rng(seed)
     coarse = rng.integers(30, 220, (HEIGHT // 5, WIDTH // 5, channels))
     return np.asarray(np.kron(coarse, np.ones((5, 5, 1))), dtype=np.uint8)
+
+
+def costs(memory: BackgroundMemory, image: UInt8, window: Silhouette) -> NDArray[np.float32]:
+    """(rows, columns) of the window, all of which is looked at."""
+    settings = RegionSettings(median=False)
+    band = read_band(image, window, None, None, settings, guided=False)
+    return memory.costs(band, settings)[:, band.pad : band.pad + window.phi.shape[1]]
 
 
 def person(x: int, step: int = 2, reach: float = 16.0) -> tuple[Silhouette, NDArray[np.bool_]]:
@@ -46,16 +54,16 @@ def test_what_is_learnt_is_the_room_wherever_nobody_was_near(step: int) -> None:
         memory.update(shown(k, mask), who)
     empty = room()
     everywhere = Silhouette((0, 0), step, np.zeros(memory.known.shape, np.float32))
-    costs = memory.costs(empty, everywhere)
-    assert (np.isfinite(costs) == memory.known).all()
+    told = costs(memory, empty, everywhere)
+    assert (np.isfinite(told) == memory.known).all()
     assert memory.known.mean() > 0.9  # it walked by
-    usual = np.log(2 * memory.settings.least_sd)
-    assert np.nanmedian(costs) == pytest.approx(usual, abs=0.05)
-    assert np.nanmax(costs) < usual + 0.5
+    usual = 3 * np.log(2 * memory.settings.least_sd)
+    assert np.nanmedian(told) == pytest.approx(usual, abs=0.5)  # squares and tents differ at edges
+    assert np.nanpercentile(told, 90) < usual + 2
     who, mask = person(30, step)
     inside = (who.phi > step) & memory.known
-    other = memory.costs(shown(77, mask, level=255), everywhere)
-    assert np.median(other[inside]) > usual + 3
+    other = costs(memory, shown(77, mask, level=255), everywhere)
+    assert np.median(other[inside]) > usual + 9
 
 
 def test_near_a_person_nothing_is_learnt() -> None:
@@ -103,7 +111,7 @@ def noisy(image: UInt8, seed: int) -> UInt8:
 def test_before_anything_is_known_nobody_can_say() -> None:
     memory = BackgroundMemory(2)
     assert np.isnan(memory.unlike(room(), None))
-    assert np.isnan(memory.costs(room(), person(30)[0])).all()
+    assert np.isnan(costs(memory, room(), person(30)[0])).all()
 
 
 def test_grey_images_have_no_axis_of_channels() -> None:
@@ -112,17 +120,17 @@ def test_grey_images_have_no_axis_of_channels() -> None:
     grey.update(image[..., 0], None)
     both.update(image, None)
     window = person(30)[0]
-    assert grey.costs(image[..., 0], window) == pytest.approx(both.costs(image, window))
+    assert costs(grey, image[..., 0], window) == pytest.approx(costs(both, image, window))
 
 
 def test_beyond_the_image_nothing_is_known() -> None:
     memory = BackgroundMemory(2)
     memory.update(room(), None)
     window = Silhouette((-6, -4), 2, np.zeros((10, 12), np.float32))
-    costs = memory.costs(room(), window)
-    assert np.isnan(costs[:2]).all()
-    assert np.isnan(costs[:, :3]).all()
-    assert np.isfinite(costs[2:, 3:]).all()
+    told = costs(memory, room(), window)
+    assert np.isnan(told[:2]).all()
+    assert np.isnan(told[:, :3]).all()
+    assert np.isfinite(told[2:, 3:]).all()
 
 
 def test_what_is_forgotten_is_not_known() -> None:
@@ -141,7 +149,7 @@ def test_a_window_that_does_not_fit_is_refused() -> None:
         Silhouette((0, 0), 1, np.zeros((4, 4), np.float32)),
     ):
         with pytest.raises(InputError, match="multiple of 2 px"):
-            memory.costs(room(), window)
+            costs(memory, room(), window)
     with pytest.raises(InputError, match="size changed"):
         memory.update(room()[:-2], None)
 

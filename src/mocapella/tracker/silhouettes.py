@@ -240,6 +240,7 @@ class _Camera:
             prior_weight=region.prior_weight / scale**2,
             window_px=region.window_px * scale,
             band_px=region.band_px * scale,
+            unsure_px=region.unsure_px * scale,
             fewest_px2=region.fewest_px2 * scale**2,
         )
         self._reach = float(settings.margin_steps * step_px)
@@ -272,8 +273,7 @@ class _Camera:
     def segment(self, image: UInt8) -> None:
         """What the image says, the body's outline in mind."""
         prior = self._prior()
-        costs = None if self.memory is None else self.memory.costs(image, prior)
-        found = region_contour(image, prior, outside=costs, settings=self._region)
+        found = region_contour(image, prior, background=self.memory, settings=self._region)
         self._found = found.silhouette, found.surety
 
     def planes(self, motions: tuple[Float64, Float64]) -> InPlanes:
