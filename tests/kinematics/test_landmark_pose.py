@@ -98,7 +98,10 @@ def test_a_rigid_object_is_only_aligned() -> None:
     ("names", "said"),
     [
         (("left hip", "left knie"), r"male has no landmark 'left knie'; known: .*did you mean left knee\?"),
-        (("left hip", "right hip"), r"joints that are seen are \['left hip', 'right hip'\]; they must be three or more"),
+        (
+            ("left hip", "right hip"),
+            r"joints that are seen are \['left hip', 'right hip'\]; they must be three or more",
+        ),
         (("left hip", "right hip", "pelvis"), "that are not on a line"),
         ((), r"joints that are seen are \[\]"),
     ],

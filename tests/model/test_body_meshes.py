@@ -177,9 +177,7 @@ def test_legs_are_those_of_the_body(sex: str) -> None:
     assert legs.tree.dofs == 6 + 2 * 5
     assert is_closed(legs)
     assert is_own_mirror_image(legs)
-    assert legs.part_names == tuple(
-        part for part in PARTS if part.endswith(("pelvis", "thigh", "shank", "foot"))
-    )
+    assert legs.part_names == tuple(part for part in PARTS if part.endswith(("pelvis", "thigh", "shank", "foot")))
     assert {name: point.tolist() for name, point in places(legs).items()} == {
         name: places(body)[name].tolist() for name in places(legs)
     }

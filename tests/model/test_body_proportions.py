@@ -110,7 +110,10 @@ def test_both_sides_count_alike() -> None:
         (lambda: BodyProportions(thigh=float("nan")), "thigh is nan"),
         (lambda: BodyProportions(girth=2.0), "girth is 2.0; it must be 0.75 to 1.5"),
         (lambda: lengths_of("male", None, AVERAGE), "height_m is None; it must be given, where no segment is"),
-        (lambda: lengths_of("male", 1.7, BodyProportions(shank=0.6, thigh=0.6)), "height_m is 1.7; .* with shank 0.600 m"),
+        (
+            lambda: lengths_of("male", 1.7, BodyProportions(shank=0.6, thigh=0.6)),
+            "height_m is 1.7; .* with shank 0.600 m",
+        ),
         (lambda: lengths_of("male", 1.8, BodyProportions(forearm=0.05)), "forearm is 0.05; it must be 0.158 to 0.42"),
         (
             lambda: lengths_of("male", 2.0, BodyProportions(0.07, 0.43, 0.43, 0.5, 0.3)),
