@@ -25,7 +25,7 @@ BOX_FACES = np.array([
 
 def worm() -> RiggedMesh:
     """Two boxes' length of three parts in a row along x, the joints between them about z and y."""
-    vertices = np.concatenate([CORNERS, CORNERS + [1.0, 0.0, 0.0]])
+    vertices = np.concatenate([CORNERS, np.add(CORNERS, [1.0, 0.0, 0.0])])
     shares = np.zeros((16, 2))
     shares[:, 0] = 1.0
     shares[4:8] = 0.75, 0.25

@@ -47,7 +47,8 @@ def test_a_mirrored_surface_is_its_own_mirror_image_also_in_two_pieces() -> None
 
 
 def test_distances_are_of_groups_apart() -> None:
-    two = np.concatenate([BALL, DUMB_BELL[:1] + [0, 0, 0, 0, 0, 0, 0, 0, 1]])
+    two = np.concatenate([BALL, DUMB_BELL[:1]])
+    two[1, 8] = 1
     distance = group_distances(two, np.array([0.02, 0.02]), np.array([[0.0, 0.2, 0.0], [0.3, 0.0, 0.3]]))
     np.testing.assert_allclose(distance[:, 0], [0.1, np.hypot(0.3, 0.3) - 0.1])
     np.testing.assert_allclose(distance[:, 1], [np.hypot(0.1, 0.2) - 0.05, 0.2])

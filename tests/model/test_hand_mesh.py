@@ -68,7 +68,7 @@ def test_the_left_hand_is_the_mirror_image_of_the_right_in_any_pose() -> None:
 
 def test_settings_out_of_range_are_refused() -> None:
     shape = hand_model("full").shape("right")
-    with pytest.raises(SettingsError, match="thickness is 2.0; it must be 0.7 to 1.3"):
+    with pytest.raises(SettingsError, match=r"thickness is 2.0; it must be 0.7 to 1.3"):
         hand_mesh(shape, thickness=2.0)
     with pytest.raises(SettingsError, match=r"detail is 0.1; it must be 0.9 to 3.0"):
         hand_mesh(shape, detail=0.1)
