@@ -57,6 +57,9 @@ class MemorySettings:
 
 DEFAULT = MemorySettings()
 
+FIRST_SDS = 1.5
+"""A sample's deviation is taken for so many times the image's noise at first: its mean is of one image, too."""
+
 
 class BackgroundMemory:
     """Of one camera, in samples of step × step pixels."""
@@ -74,6 +77,7 @@ class BackgroundMemory:
         self._count = np.empty((0, 0), np.uint8)
         self._next_row = 0
         self._shape: tuple[int, ...] = ()
+        self._first_sd = self.settings.least_sd
 
     @property
     def known(self) -> NDArray[np.bool_]:
@@ -94,12 +98,16 @@ class BackgroundMemory:
         s, rows = self.settings, len(self._count)
         if not self._count.any():
             begin, end = 0, rows
+            guard = s.guard_steps * self.step_px
+            noise = _kernels().noise_of(image, self.step_px, phi, left, top, guard, s.every)
+            self._first_sd = max(s.least_sd, FIRST_SDS * noise)
         else:
             begin, end = self._next_row, self._next_row + -(-rows // s.sweep_images)
             self._next_row = end if end < rows else 0
+        learnt = self._mean, self._variance, self._count
         _kernels().learn(
-            image, self.step_px, phi, left, top, s.guard_steps * self.step_px, begin, end, s.window_images, s.rate, s.least_sd, self._mean,
-            self._variance, self._count,
+            image, self.step_px, phi, left, top, s.guard_steps * self.step_px, begin, end, s.window_images,
+            s.rate, self._first_sd, *learnt,
         )  # fmt: skip
 
     def unlike(self, image: UInt8, person: Silhouette | None) -> float:
@@ -110,8 +118,8 @@ class BackgroundMemory:
         image, (left, top), phi = self._door(image, person)
         s = self.settings
         differ, known = _kernels().unlike(
-            image, self.step_px, phi, left, top, s.guard_steps * self.step_px, s.every, s.least_sd, s.cut_sd, self._mean,
-            self._variance, self._count,
+            image, self.step_px, phi, left, top, s.guard_steps * self.step_px, s.every, s.least_sd, s.cut_sd,
+            self._mean, self._variance, self._count,
         )  # fmt: skip
         return differ / known if known else float("nan")
 

@@ -14,6 +14,8 @@ from mocapella.compiled import njit
 
 MIDDLE = 255.0
 """Of the scale [half grey levels]."""
+SD_OF_FIFTH = 1.0 / 0.25335
+"""Of a normal distribution: over what a fifth of all deviations is below."""
 WIDE = 3.0
 """What is farther from the mean than so many standard deviations moves it no more than that."""
 
@@ -35,6 +37,24 @@ def _free(phi, left, top, i, j, guard):
     """Whether no person is near a sample of the whole image."""
     a, b = i - top, j - left
     return not (0 <= a < phi.shape[0] and 0 <= b < phi.shape[1]) or phi[a, b] < -guard
+
+
+@njit(cache=True)
+def noise_of(image, step, phi, left, top, guard, every):
+    """The standard deviation of samples [grey levels], of what neighbours do not explain.
+
+    Of the smallest fifth: the larger ones may be the room's texture.
+    """
+    rows, columns, channels = -(-image.shape[0] // step), -(-image.shape[1] // step), image.shape[2]
+    rest, n = np.empty((rows // every + 1) * (columns // every + 1) * channels), 0
+    for i in range(0, rows, every):
+        for j in range(1, columns - 1, every):
+            if _free(phi, left, top, i, j, guard):
+                for c in range(channels):
+                    beside = _sample(image, step, i, j - 1, c) + _sample(image, step, i, j + 1, c)
+                    rest[n] = abs(_sample(image, step, i, j, c) - 0.5 * beside)
+                    n += 1
+    return SD_OF_FIFTH * np.sort(rest[:n])[n // 5] / math.sqrt(1.5) if n else 0.0
 
 
 @njit(cache=True)
