@@ -13,12 +13,11 @@ from mocapella.geometry.rigid import apply, rigid
 from mocapella.geometry.twists import exp_twist
 from mocapella.model.arms import ELBOW, PALM
 from mocapella.model.hand import ANGLES, DIGIT_ANGLES, TIPS, HandPose
+from mocapella.model.hand_flesh import BEYOND_TIP, REST_ANGLES
 from mocapella.sources.simulate.arm_mesh import (
-    BEYOND_TIP,
     ELBOW_FLEXION_RAD,
     FIRST_DIGIT,
     FIRST_TIP,
-    REST_ANGLES,
     SHOULDER,
     WRIST_FLEXION_RAD,
     ArmMesh,
@@ -27,7 +26,6 @@ from mocapella.sources.simulate.arm_mesh import (
     arm_mesh,
     arm_shape,
     arm_shapes,
-    finger_radii,
 )
 from mocapella.sources.simulate.arm_motion import untangled, worst_overlap
 from mocapella.sources.simulate.depth_scene import depth_scene_names, load_depth_scene
@@ -156,7 +154,7 @@ def test_a_bent_finger_keeps_its_thickness_at_the_knuckle(mesh: ArmMesh) -> None
     outwards = 2 * points[10] - points[9] - points[11]
     outwards /= np.linalg.norm(outwards)
     reach = ((back - points[10]) @ outwards).max()
-    assert reach > 0.9 * finger_radii(mesh.shape)[2, 1]
+    assert reach > 0.9 * mesh.shape.finger_radii[2, 1]
 
 
 def test_shapes_span_children_to_large_men_bare_and_sleeved() -> None:
@@ -224,7 +222,7 @@ def test_untangled_fingers_keep_limits_and_are_less_inside_each_other(unit: np.n
     wished = posed(mesh, 0.8 * unit, np.eye(4)).angles
     angles = untangled(mesh, wished)
     assert mesh.model.within(angles, 1e-6)
-    radii = finger_radii(mesh.shape)
+    radii = mesh.shape.finger_radii
     before, after = (
         sampled_overlap(mesh.frames(ArmPose(a, np.zeros(4), np.eye(4)))[1], radii) for a in (wished, angles)
     )
@@ -235,7 +233,7 @@ def test_untangled_fingers_keep_limits_and_are_less_inside_each_other(unit: np.n
 def test_scenes_keep_limits_and_fingers_are_not_inside_each_other(name: str) -> None:
     scene = load_depth_scene(name, seed=100, sensor="exact")
     mesh = scene.meshes[0]
-    radii = finger_radii(mesh.shape)
+    radii = mesh.shape.finger_radii
     for at_s in np.linspace(0.0, scene.period_s, 31):
         pose = scene.poses(float(at_s))[0]
         assert mesh.model.within(pose.angles, 1e-6)
@@ -257,7 +255,7 @@ def test_fast_is_fast(seed: int) -> None:
 def test_digits_touch_where_they_shall() -> None:
     scene = load_depth_scene("touching", seed=100, sensor="exact")
     mesh = scene.meshes[0]
-    r = finger_radii(mesh.shape)
+    r = mesh.shape.finger_radii
     apart = np.full((5, 5), np.inf)
     for at_s in np.arange(0.0, scene.period_s, 0.1):
         p = mesh.points(scene.poses(float(at_s))[0])

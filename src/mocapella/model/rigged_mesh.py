@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.model.twist_tree import TreePose, TwistTree, part_motions
+from mocapella.model.twist_tree import TreePose, TwistTree, part_motions, twist_tree
 from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
@@ -89,12 +89,37 @@ class RiggedMesh(msgspec.Struct, frozen=True, eq=False):
         check(len(bad) == 0, f"{self.name}: shares of vertex {bad[:1].tolist()}", self.shares[bad[:1]].tolist(),
               "falling, 0 or more, and 1 together")  # fmt: skip
         for name, landmark in self.landmarks.items():
-            check(
-                0 <= landmark.part < parts,
-                f"{self.name}: part of the landmark {name}",
-                landmark.part,
-                f"0 to {parts - 1}",
-            )
+            where = f"{self.name}: landmark {name}: "
+            check(0 <= landmark.part < parts, f"{where}part", landmark.part, f"0 to {parts - 1}")
+            good = landmark.point.shape == (3,) and bool(np.isfinite(landmark.point).all())
+            check(good, f"{where}point", landmark.point.tolist(), "three finite numbers")
+
+
+def rigid_mesh(name: str, vertices: Any, faces: Any, landmarks: Mapping[str, Any] | None = None) -> RiggedMesh:
+    """An object without joints: six degrees of freedom, about the middle of its vertices.
+
+    Args:
+        name: what it is; that of its one part, too.
+        vertices: (n, 3) [m].
+        faces: (m, 3) corners, counter-clockwise as seen from outside.
+        landmarks: points (3,) [m] by name.
+
+    Raises:
+        SettingsError: no vertices, or arrays that are not as `RiggedMesh` wants them.
+    """
+    vertices = np.array(vertices, dtype=np.float64)
+    check(vertices.ndim == 2 and len(vertices) > 0, f"{name}: shape of vertices", vertices.shape, "(1 or more, 3)")
+    return RiggedMesh(
+        name=name,
+        tree=twist_tree([-1], root=vertices.mean(axis=0)),
+        part_names=(name,),
+        joint_names=(),
+        vertices=vertices,
+        faces=np.array(faces, dtype=np.int32),
+        bones=np.zeros((len(vertices), 1), dtype=np.int32),
+        shares=np.ones((len(vertices), 1)),
+        landmarks={key: Landmark(0, np.array(point, dtype=np.float64)) for key, point in (landmarks or {}).items()},
+    )
 
 
 def posed(mesh: RiggedMesh, pose: TreePose) -> Float64:
@@ -121,6 +146,17 @@ def landmarks_at(mesh: RiggedMesh, pose: TreePose) -> Float64:
 def rest(mesh: RiggedMesh) -> TreePose:
     """As it was built: the root where it is at rest, all angles 0."""
     return TreePose(np.eye(4), np.zeros(len(mesh.joint_names)))
+
+
+def strongest(weights: Float64, most: int = 4) -> tuple[Int32, Float64]:
+    """What `RiggedMesh` has of weights (n, parts) of 0 or more: bones and shares (n, most), at most so many of them.
+
+    What is below a thousandth of what moves a vertex most is left out.
+    """
+    order = np.argsort(-weights, axis=1, kind="stable")[:, :most]
+    kept = np.take_along_axis(weights, order, axis=1)
+    kept = np.where(kept < 1e-3 * kept[:, :1], 0.0, kept)
+    return order.astype(np.int32), kept / kept.sum(axis=1)[:, None]
 
 
 @cache

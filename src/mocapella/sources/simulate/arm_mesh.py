@@ -7,13 +7,11 @@
 The flesh at rest is a smooth union of tapered limbs: fingers, a palm of four metacarpals with the balls of the thumb
 and of the little finger, the skin between the digits, an oval wrist, two bones' forearm, the upper arm. Its surface is
 made into triangles once (surface net) and moved by dual quaternions, so that knuckles stay round. It shares nothing
-with what finds arms but the description of a hand, `mocapella.model.hand`.
+with what finds arms but the description of a hand, `mocapella.model.hand`, and its flesh, `mocapella.model.hand_flesh`.
 
 **Rest.** The arm is straight along z, all angles are 0 but the fingers' abductions, `REST_ANGLES`.
 
-**Fingertips.** The landmark of a fingertip is where the hand's model has it. With r the radius of the fingertip, it
-lies on the axis of the last bone, and the flesh ends 0.6 r beyond it: the last limb's round end has its middle 0.4 r
-before the landmark. r is `ArmMesh.tip_radii_m`.
+**Fingertips**: see `mocapella.model.hand_flesh`; r is `ArmMesh.tip_radii_m`.
 """
 
 from __future__ import annotations
@@ -30,8 +28,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.errors import SettingsError, one_of
+from mocapella.geometry.limb_surface import group_distances, polygonise
 from mocapella.geometry.rigid import rigid
-from mocapella.model.hand import ANGLES, DIGIT_ANGLES, DIGITS, Handedness, HandModel, HandShape, hand_model
+from mocapella.model.hand import DIGIT_ANGLES, DIGITS, Handedness, HandModel, HandShape, hand_model
+from mocapella.model.hand_flesh import (
+    BETWEEN_M,
+    CORE,
+    REST_ANGLES,
+    WITHIN_M,
+    finger_radii,
+    hand_limbs,
+    hand_weights,
+    smooth,
+)
 from mocapella.settings import check, parse
 
 Float64 = NDArray[np.float64]
@@ -48,8 +57,6 @@ PARTS: Final = (*BONES, *(f"{digit} tip" for digit in DIGITS))
 are parts of their own."""
 FIRST_TIP: Final = len(BONES)
 TIP_PATCH_M: Final = 0.008
-BEYOND_TIP: Final = 0.6
-"""How far the flesh reaches beyond a fingertip's landmark, over the fingertip's radius."""
 SHOULDER: Final = 23
 """Where the shoulder is in `ArmMesh.points`, after `mocapella.model.arms.ARM_POINTS`."""
 WRIST_FLEXION_RAD: Final = (np.radians(-70), np.radians(75))
@@ -57,28 +64,6 @@ WRIST_DEVIATION_RAD: Final = (np.radians(-35), np.radians(22))
 ELBOW_FLEXION_RAD: Final = (0.0, np.radians(145))
 PRONATION_RAD: Final = (np.radians(-90), np.radians(90))
 """Limits: American Academy of Orthopaedic Surgeons, *Joint motion: method of measuring and recording* (1965)."""
-
-
-def _rest_angles() -> Float64:
-    angles = np.zeros(len(ANGLES))
-    angles[DIGIT_ANGLES[1:, 1]] = np.radians([7.0, 0.0, -8.0, -14.0])
-    return angles
-
-
-REST_ANGLES: Final = _rest_angles()
-
-_FINGER_RADII_MM: Final = (
-    (12.5, 10.6, 9.3, 8.4),
-    (9.7, 8.7, 7.6, 6.8),
-    (9.8, 8.9, 7.7, 6.9),
-    (9.2, 8.3, 7.2, 6.5),
-    (8.2, 7.2, 6.3, 5.7),
-)
-"""At the joints and the tip, of a hand of the reference's length; breadths of index finger and thumb as of T. Greiner,
-*Hand anthropometry of U.S. Army personnel* (1991), the others in proportion."""
-_THENAR, _CORE, _GROUPS = 5, 6, 7  # after the digits: what goes with the thumb, and all else
-_FLOW_M: Final = (0.003, 0.002, 0.002, 0.002, 0.002, 0.008, 0.010)
-_BETWEEN_M: Final = 0.006
 
 
 @dataclass(frozen=True)
@@ -115,6 +100,11 @@ class ArmShape:
         least, most = 0.02, self.forearm_m
         ok = self.sleeve_from_m == 0 or least <= self.sleeve_from_m <= most
         check(ok, "sleeve_from_m", self.sleeve_from_m, f"0 for none, or {least} to {most} m")
+
+    @property
+    def finger_radii(self) -> Float64:
+        """(5, 4) of the digits at their joints and tips [m]."""
+        return finger_radii(self.hand_length_m, self.finger_thickness)
 
     def hand(self, handedness: Handedness) -> HandShape:
         """The hand as a value of the model."""
@@ -222,11 +212,6 @@ def arm_frames(model: HandModel, shape: ArmShape, hand: HandShape, pose: ArmPose
     return bones, points
 
 
-def finger_radii(shape: ArmShape) -> Float64:
-    """(5, 4) of the digits at their joints and tips [m]."""
-    return 1e-3 * shape.hand_length_m / 0.189 * shape.finger_thickness * np.array(_FINGER_RADII_MM)
-
-
 @cache
 def arm_mesh(shape: ArmShape, handedness: Handedness) -> ArmMesh:
     """The mesh of that arm."""
@@ -271,35 +256,13 @@ def _right_arm(shape: ArmShape) -> _RightArm:
     bones, points = arm_frames(model, shape, hand, pose)
     wrist = points[0]
     limbs, radii = _limbs(shape, points - wrist)
-    within = np.array(_FLOW_M)
+    within = np.array(WITHIN_M)
     fine = 0.0031 * shape.hand_length_m / 0.189
     nodes = _grid(limbs, fine)
-    vertices, triangles = polygonise(limbs, within, _BETWEEN_M, nodes)
+    vertices, triangles = polygonise(limbs, within, BETWEEN_M, nodes)
     bones_of, weights = _weights(vertices, limbs, within, bones=bones, wrist=wrist, shape=shape)
     parts = _parts(vertices, triangles, bones_of, bones=bones, wrist=wrist, hand=hand)
     return _RightArm(vertices + wrist, triangles, parts, bones_of, weights, limbs, radii, bones)
-
-
-def polygonise(limbs: Float64, within: Float64, between: float, nodes: Float64) -> tuple[Float64, Int64]:
-    """The surface of a smooth union of limbs: vertices (n, 3) and triangles (m, 3), closed.
-
-    Args:
-        limbs: (n, 9), see `arm_mesh_kernels`, sorted by group.
-        within: (groups,) how far the limbs of a group flow into each other [m].
-        between: and groups [m].
-        nodes: (a, b, c, 3) a grid, warped at will, that goes beyond the limbs on all sides.
-    """
-    k = _kernels()
-    values = np.empty(nodes.shape[:3])
-    k.sample(limbs, within, between, nodes, values)
-    if not k.separate(values):
-        raise AssertionError("the surface touches itself")
-    crossed = int(sum((np.diff(values < 0, axis=axis)).sum() for axis in range(3)))
-    vertices, triangles = np.empty((4 * crossed + 8, 3)), np.empty((2 * crossed + 8, 3), np.int64)
-    n, m = k.surface_net(values, nodes, vertices, triangles)
-    vertices = vertices[:n].copy()
-    k.settle(limbs, within, between, vertices, 0.3 * float(np.linalg.norm(nodes[1, 1, -1] - nodes[0, 0, -1])))
-    return vertices, triangles[:m].copy()
 
 
 def _limbs(shape: ArmShape, at_rest: Float64) -> tuple[Float64, Float64]:
@@ -307,44 +270,12 @@ def _limbs(shape: ArmShape, at_rest: Float64) -> tuple[Float64, Float64]:
     big = shape.hand_length_m / 0.189
     wide = shape.hand_breadth_m / 0.085
     mm = 1e-3 * big
-    rows: list[list[float]] = []
+    radii = shape.finger_radii
+    rows = hand_limbs(at_rest, radii, hand_length_m=shape.hand_length_m, hand_breadth_m=shape.hand_breadth_m)
 
     def add(group: int, a: Any, b: Any, ra: float, rb: float) -> None:
         rows.append([*map(float, a), *map(float, b), ra, rb, group])
 
-    radii = finger_radii(shape)
-    for digit in range(5):
-        joints = at_rest[1 + 4 * digit : 5 + 4 * digit]
-        r = radii[digit]
-        for bone in range(2):
-            middle, waist = 0.5 * (joints[bone] + joints[bone + 1]), 0.49 * (r[bone] + r[bone + 1])
-            add(digit, joints[bone], middle, r[bone], waist)
-            add(digit, middle, joints[bone + 1], waist, r[bone + 1])
-        along = (joints[3] - joints[2]) / np.linalg.norm(joints[3] - joints[2])
-        add(digit, joints[2], joints[3] - (1.0 - BEYOND_TIP) * r[3] * along, r[2], r[3])
-    bases = at_rest[[1, 5, 9, 13, 17]]
-    # The palm: metacarpals, thicker towards the wrist and lower than the knuckles.
-    carpus = np.array([[13.0 * wide / big, -3, 10], [4, -3, 10], [-5, -3, 10], [-13 * wide / big, -3, 12]]) * mm
-    for base, carpal, r in zip(bases[1:], carpus, (12.0, 12.2, 11.5, 10.3), strict=True):
-        middle = 0.45 * carpal + 0.55 * base + [0.0, -1.5 * mm, 0.0]
-        add(_CORE, carpal, middle, 14.0 * mm, 11.8 * mm)
-        add(_CORE, middle, base + mm * np.array([0.0, -1.0, -2.0]), 11.8 * mm, r * mm)
-    thumb, index, little = bases[0], bases[1], bases[4]
-    thumb_mcp = at_rest[2]
-    add(
-        _THENAR, thumb + np.array([-5, -4, 0]) * mm, 0.2 * thumb + 0.8 * thumb_mcp + [0, -1 * mm, 0], 15 * mm, 11.5 * mm
-    )
-    add(_THENAR, thumb + np.array([-8, -5, 6]) * mm, 0.6 * thumb + 0.4 * thumb_mcp + np.array([-8, -3, 4]) * mm,
-        14 * mm, 12 * mm)  # fmt: skip
-    add(_CORE, [-20 * mm * wide / big, -9 * mm, 18 * mm], 0.25 * carpus[3] + 0.75 * little + [0, -6 * mm, 0],
-        12.5 * mm, 10 * mm)  # fmt: skip
-    # Skin between thumb and index finger, and between the fingers.
-    add(_THENAR, 0.45 * thumb + 0.55 * thumb_mcp, 0.45 * carpus[0] + 0.55 * index, 8.5 * mm, 8.5 * mm)
-    add(_THENAR, 0.25 * thumb + 0.75 * thumb_mcp, 0.22 * carpus[0] + 0.78 * index, 6.5 * mm, 7.5 * mm)
-    for digit in range(1, 4):
-        one, other = at_rest[1 + 4 * digit : 3 + 4 * digit], at_rest[5 + 4 * digit : 7 + 4 * digit]
-        a, b = one[0] + 0.30 * (one[1] - one[0]), other[0] + 0.32 * (other[1] - other[0])
-        add(_CORE, a, b, 5.5 * mm, 5.0 * mm)
     # Wrist and forearm: two bones side by side, muscle towards the elbow. Radius on the thumb's side.
     arm, L = 1e-3 * (0.5 + 0.5 * big) * shape.forearm_thickness, shape.forearm_m
     wrist = 1e-3 * (0.35 + 0.65 * wide) * (0.5 + 0.5 * shape.forearm_thickness)
@@ -355,10 +286,10 @@ def _limbs(shape: ArmShape, at_rest: Float64) -> tuple[Float64, Float64]:
     sections = [(z if z > 0 else z * L, x * unit, r * unit) for z, x, r, unit in profile]
     for (z0, x0, r0), (z1, x1, r1) in pairwise(sections):
         for side in (-1.0, 1.0):
-            add(_CORE, [side * x0, -0.06 * r0, z0], [side * x1, -0.06 * r1, z1], r0, r1)
+            add(CORE, [side * x0, -0.06 * r0, z0], [side * x1, -0.06 * r1, z1], r0, r1)
     U = shape.upper_arm_m
-    add(_CORE, [0, 0, -L], [0, 0, -L - 0.4 * U], 36 * arm, 43 * arm)
-    add(_CORE, [0, 0, -L - 0.4 * U], [0, 0, -L - 0.96 * U], 43 * arm, 52 * arm)
+    add(CORE, [0, 0, -L], [0, 0, -L - 0.4 * U], 36 * arm, 43 * arm)
+    add(CORE, [0, 0, -L - 0.4 * U], [0, 0, -L - 0.96 * U], 43 * arm, 52 * arm)
     if shape.sleeve_from_m:
         start = -shape.sleeve_from_m - 0.02
         z = np.array([-s[0] for s in sections])
@@ -366,8 +297,8 @@ def _limbs(shape: ArmShape, at_rest: Float64) -> tuple[Float64, Float64]:
             x0, x1 = np.interp([-z0, -z1], z, [s[1] for s in sections])
             r0, r1 = np.interp([-z0, -z1], z, [s[2] for s in sections]) + 0.008
             for side in (-1.0, 1.0):
-                add(_CORE, [side * x0, 0, z0], [side * x1, 0, z1], r0, r1)
-        add(_CORE, [0, 0, -L], [0, 0, -L - 0.96 * U], 36 * arm + 0.01, 52 * arm + 0.01)
+                add(CORE, [side * x0, 0, z0], [side * x1, 0, z1], r0, r1)
+        add(CORE, [0, 0, -L], [0, 0, -L - 0.96 * U], 36 * arm + 0.01, 52 * arm + 0.01)
     return np.array(sorted(rows, key=lambda row: row[8])), radii[:, 3].copy()
 
 
@@ -395,46 +326,20 @@ def _grid(limbs: Float64, fine: float) -> Float64:
     return nodes
 
 
-def _smooth(x: Float64, start: float, end: float) -> Float64:
-    u = np.clip((x - start) / (end - start), 0.0, 1.0)
-    return np.asarray(u * u * (3.0 - 2.0 * u))
-
-
 def _weights(
     vertices: Float64, limbs: Float64, within: Float64, *, bones: Float64, wrist: Float64, shape: ArmShape
 ) -> tuple[Int64, Float64]:
-    """(n, 4) bones and (n, 4) weights.
-
-    Along a chain a joint hands over from one bone to the next within about a radius; between digits the nearer has the
-    vertex, with little between.
-    """
+    """(n, 4) bones and (n, 4) weights."""
     big = shape.hand_length_m / 0.189
-    distance = np.empty((len(vertices), _GROUPS))
-    _kernels().group_distances(limbs, within, vertices, distance)
-    of_finger = np.exp(-np.clip((distance[:, 1:5] - distance[:, 1:5].min(axis=1)[:, None]) / (1.2e-3 * big), 0, 60))
-    of_finger /= of_finger.sum(axis=1)[:, None]
-    others = distance[:, [1, 2, 3, 4, _CORE]].min(axis=1)
-    nearer = distance[:, [0, _THENAR]].min(axis=1) - others
-    thumb = 1.0 / (1.0 + np.exp(np.clip(nearer / (3e-3 * big), -40, 40)))
-    share = np.column_stack([thumb, (1.0 - thumb)[:, None] * of_finger])
+    distance = group_distances(limbs, within, vertices)
     weights = np.zeros((len(vertices), len(BONES)))
-    for digit in range(5):
-        handed = [np.ones(len(vertices))]
-        for bone in range(3):
-            T = bones[FIRST_DIGIT + 3 * digit + bone]
-            along = (vertices - (T[:, 3] - wrist)) @ T[:, 2]
-            r = big * 1e-3 * _FINGER_RADII_MM[digit][bone]
-            before, after = (0.9, 1.0) if bone == 0 else (0.55, 0.55)
-            s = _smooth(along, -before * r, after * r)
-            handed.append(np.minimum(s, handed[-1]))
-        handed.append(np.zeros(len(vertices)))
-        weights[:, PALM_BONE] += share[:, digit] * (handed[0] - handed[1])
-        for bone in range(3):
-            weights[:, FIRST_DIGIT + 3 * digit + bone] = share[:, digit] * (handed[bone + 1] - handed[bone + 2])
+    digits = bones[FIRST_DIGIT:].copy()
+    digits[:, :, 3] -= wrist
+    weights[:, PALM_BONE:] = hand_weights(vertices, distance, digits, hand_length_m=shape.hand_length_m)
     z, L = vertices[:, 2], shape.forearm_m
-    at_hand = _smooth(z, -0.016 * big, 0.012 * big)
+    at_hand = smooth(z, -0.016 * big, 0.012 * big)
     at_wrist = np.clip((z + 0.88 * L) / (0.78 * L), 0.0, 1.0)
-    at_forearm = _smooth(z, -L - 0.03, -L + 0.03)
+    at_forearm = smooth(z, -L - 0.03, -L + 0.03)
     weights *= at_hand[:, None]
     weights[:, WRIST_END] = (1 - at_hand) * at_wrist * at_forearm
     weights[:, ELBOW_END] = (1 - at_hand) * (1 - at_wrist) * at_forearm

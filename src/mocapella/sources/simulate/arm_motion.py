@@ -28,7 +28,6 @@ from mocapella.sources.simulate.arm_mesh import (
     WRIST_FLEXION_RAD,
     ArmMesh,
     ArmPose,
-    finger_radii,
 )
 
 Float64 = NDArray[np.float64]
@@ -324,7 +323,7 @@ def worst_overlap(mesh: ArmMesh, angles: Float64) -> float:
 
 def _flesh(mesh: ArmMesh) -> tuple[Float64, float]:
     """Radii of the digits (5, 4) and half the palm's thickness [m]."""
-    return finger_radii(mesh.shape), _PALM_HALF_M * (mesh.shape.hand_length_m / 0.189)
+    return mesh.shape.finger_radii, _PALM_HALF_M * (mesh.shape.hand_length_m / 0.189)
 
 
 def held_at(mesh: ArmMesh, joints: Float64, R_camera_palm: Float64, at: Float64, which: int = PALM) -> ArmPose:

@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 
 from mocapella.errors import SettingsError, one_of
 from mocapella.geometry.lens import project
+from mocapella.geometry.limb_surface import polygonise
 from mocapella.geometry.rigid import apply, rotation_about_x, rotation_about_y
 from mocapella.model.arms import ARM_POINTS, ELBOW, PALM
 from mocapella.model.depth import DepthFrame
@@ -50,7 +51,6 @@ from mocapella.sources.simulate.arm_mesh import (
     ArmPose,
     arm_mesh,
     arm_shapes,
-    polygonise,
 )
 from mocapella.sources.simulate.arm_motion import ArmMotion, Key, Posture, held_at
 from mocapella.sources.simulate.depth_noise import StructuredLight, TimeOfFlight, measured

@@ -1,0 +1,110 @@
+"""The pose in which a rigged mesh's landmarks come nearest to given points: how a tracker begins from a rough skeleton.
+
+    pose = pose_of(body, {"left hip": (0.1, 0.9, 2.0), "left knee": …})
+
+It needs no start. The trunk is aligned as a rigid body, then all joints are fitted (`twist_fit`). A joint that turns
+far has poses from which no small step leads on, such as an arm that points the wrong way; so each limb is begun anew
+from several places, and kept where that comes nearer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import SettingsError, one_of
+from mocapella.geometry.alignment import align, moments
+from mocapella.kinematics.twist_fit import FitSettings, OnPoints, Prior, fit
+from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at
+from mocapella.model.twist_tree import TreePose, TwistTree
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+
+NEAR_M: Final = 1e-4
+"""A limb whose landmarks are all as near as this is not begun anew."""
+STARTS: Final = 24
+_FIT: Final = FitSettings(most_steps=40, rest_m=1e-7, rest_rad=1e-7)
+_USUAL_PER_RAD: Final = 0.0005
+"""How much angles of 0 are preferred, 1 being a landmark that is a metre off: so little that it shows only where no
+landmark says anything, such as of the turn of a straight arm."""
+_HELD: Final = 1e3
+"""How sure the other limbs are while one is begun anew [1/m, 1/rad]."""
+_LINE: Final = 0.05
+"""Points as narrow as this, over their length, say nothing of the turn about it."""
+
+
+def pose_of(mesh: RiggedMesh, joints: Mapping[str, Any]) -> TreePose:
+    """The pose, its angles within their limits.
+
+    Args:
+        mesh: a body, a hand, or what else has landmarks.
+        joints: where landmarks are in the world, (3,) each [m], by name; NaN: not seen.
+
+    Raises:
+        SettingsError: a landmark that the mesh does not have, or fewer that are seen than say where it is: three that
+            are not on a line.
+    """
+    for name in joints:
+        if name not in mesh.landmarks:
+            raise SettingsError(f"{mesh.name} has no landmark {name!r}; known: {one_of(name, mesh.landmarks)}")
+    targets = np.array([joints.get(name, (np.nan,) * 3) for name in mesh.landmarks], dtype=np.float64)
+    check(targets.shape == (len(mesh.landmarks), 3), "shape of joints", targets.shape, "(3,) each")
+    parts = np.array([landmark.part for landmark in mesh.landmarks.values()], dtype=np.int64)
+    points = np.array([landmark.point for landmark in mesh.landmarks.values()], dtype=np.float64).reshape(-1, 3)
+    seen = np.isfinite(targets).all(axis=1)
+    usual = _usual(mesh.tree)
+    start = TreePose(_aligned(mesh, parts, points, targets, seen), np.clip(0.0, *mesh.tree.limits.T))
+    constraints = [OnPoints(parts, points, targets, np.ones(len(parts)))]
+    prior = Prior(TreePose(np.eye(4), usual), 0.0, 0.0, np.full(len(usual), _USUAL_PER_RAD))
+
+    best, rng = fit(mesh.tree, start, constraints, [prior], _FIT), np.random.default_rng(0)
+    limits = np.clip(mesh.tree.limits, -np.pi, np.pi)
+    for _ in range(STARTS):
+        for joints_of, parts_of in _limbs(mesh.tree):
+            away = np.linalg.norm(landmarks_at(mesh, best.pose) - targets, axis=1)[np.isin(parts, parts_of) & seen]
+            if away.max(initial=0.0) > NEAR_M:
+                # The limb alone to begin with, or it drags all else along.
+                sure = np.full(len(usual), _HELD)
+                sure[joints_of] = 0.0
+                angles = best.pose.angles.copy()
+                angles[joints_of] = rng.uniform(*limits[joints_of].T)
+                at = TreePose(best.pose.T_world_model, angles)
+                alone = fit(mesh.tree, at, constraints, [prior, Prior(best.pose, _HELD, _HELD, sure)], _FIT)
+                other = fit(mesh.tree, alone.pose, constraints, [prior], _FIT)
+                best = other if other.cost + other.prior_cost < best.cost + best.prior_cost else best
+    return fit(mesh.tree, best.pose, constraints, (), _FIT).pose
+
+
+def _usual(tree: TwistTree) -> Float64:
+    """(joints,) 0, or the nearest to it that the limits allow."""
+    return np.asarray(np.clip(0.0, tree.limits[:, 0], tree.limits[:, 1]))
+
+
+def _aligned(mesh: RiggedMesh, parts: Any, points: Float64, targets: Float64, seen: Any) -> Float64:
+    """(4, 4) from the landmarks of the root; where those are on a line, with the part on it that shows most, or all."""
+    children = np.flatnonzero(mesh.tree.parents == 0)
+    shown = [np.count_nonzero(seen & (parts == child)) for child in children]
+    trunk = [0, *([int(children[np.argmax(shown)])] if shown else [])]
+    for chosen in (parts == 0, np.isin(parts, trunk), np.ones(len(parts), np.bool_)):
+        used = chosen & seen
+        spans = [np.linalg.svd(p[used] - p[used].mean(axis=0))[1] for p in (points, targets)] if used.sum() > 2 else []
+        if spans and all(span[1] > _LINE * span[0] for span in spans):
+            return align(moments(targets[used], points[used]))
+    names = [name for name, is_seen in zip(mesh.landmarks, seen, strict=True) if is_seen]
+    raise SettingsError(f"joints that are seen are {names}; they must be three or more that are not on a line")
+
+
+def _limbs(tree: TwistTree) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Joints and parts of what hangs on a part that has more than one part hanging on it."""
+    limbs: dict[int, list[int]] = {}
+    of = np.zeros(len(tree.parents), dtype=np.int64)
+    for part in range(1, len(tree.parents)):
+        parent = int(tree.parents[part])
+        alone = np.count_nonzero(tree.parents == parent) == 1 and parent > 0
+        of[part] = of[parent] if alone else part
+        limbs.setdefault(int(of[part]), []).append(part)
+    return [(np.flatnonzero(np.isin(tree.joint_parts, limb)), np.array(limb)) for limb in limbs.values()]

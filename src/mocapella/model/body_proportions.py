@@ -1,0 +1,230 @@
+"""How long a person's segments are: of the people of a height, or measured.
+
+Widths and girths follow; `mocapella.model.body_meshes` makes a body of them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Any, Final, Literal
+
+import numpy as np
+
+from mocapella.errors import SettingsError, one_of
+from mocapella.settings import check, parse
+
+Sex = Literal["female", "male"]
+UPRIGHT: Final = ("ankle_height", "shank", "thigh", "trunk", "head")
+"""What a height is made of."""
+SPREAD: Final = (0.6, 1.6)
+"""How much shorter or longer than that of the people of a height a segment may be."""
+HEEL: Final = (0.12, -0.27)
+TOE: Final = (0.08, 0.73)
+"""Where the landmarks of a foot are, upwards and forwards of where the ankle is over the ground, over its length."""
+FOOT_SPAN: Final = float(np.hypot(HEEL[0] - TOE[0], HEEL[1] - TOE[1]))
+HEIGHTS_M: Final = (0.5, 2.5)
+
+
+@dataclass(frozen=True)
+class Lengths:
+    """Of the segments: over the height in a table, else [m].
+
+    Attributes:
+        ankle_height: of the ankles over the ground.
+        shank, thigh: from joint to joint.
+        trunk: from between the hips to between the shoulders.
+        head: from there to the top of the head.
+        shoulder_width, hip_width: between the joints' centres.
+        upper_arm, forearm: from joint to joint.
+        hand: from the wrist to the fingertips.
+        foot: from heel to toes.
+    """
+
+    ankle_height: float
+    shank: float
+    thigh: float
+    trunk: float
+    head: float
+    shoulder_width: float
+    hip_width: float
+    upper_arm: float
+    forearm: float
+    hand: float
+    foot: float
+
+    def __post_init__(self) -> None:
+        for name, value in dataclasses.asdict(self).items():
+            check(0 < value < np.inf, name, value, "above 0")
+
+    @property
+    def height(self) -> float:
+        """From the ground to the top of the head."""
+        return float(sum(getattr(self, name) for name in UPRIGHT))
+
+
+SEGMENTS: Final = tuple(field.name for field in dataclasses.fields(Lengths))
+
+
+@dataclass(frozen=True)
+class BodyProportions:
+    """What is known of a person's segments [m]; None: as those of other people of that height. See `Lengths`.
+
+    Attributes:
+        girth: breadths, depths and girths over those of an average person of the same height.
+    """
+
+    ankle_height: float | None = None
+    shank: float | None = None
+    thigh: float | None = None
+    trunk: float | None = None
+    head: float | None = None
+    shoulder_width: float | None = None
+    hip_width: float | None = None
+    upper_arm: float | None = None
+    forearm: float | None = None
+    hand: float | None = None
+    foot: float | None = None
+    girth: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name, value in self.known.items():
+            check(0.01 <= value <= 1.5, name, value, "0.01 to 1.5 m")
+        check(0.6 <= self.girth <= 1.6, "girth", self.girth, "0.6 to 1.6")
+
+    @property
+    def known(self) -> dict[str, float]:
+        """The segments that are."""
+        named = {name: getattr(self, name) for name in SEGMENTS}
+        return {name: float(value) for name, value in named.items() if value is not None}
+
+
+AVERAGE: Final = BodyProportions()
+
+
+@dataclass(frozen=True)
+class Flesh:
+    """How broad and deep a body is; the files in ``body_shapes`` explain the rows."""
+
+    trunk: tuple[tuple[float, float, float, float], ...]
+    thigh: tuple[tuple[float, float, float, float], ...]
+    shank: tuple[tuple[float, float, float], ...]
+    upper_arm: tuple[tuple[float, float, float], ...]
+    forearm: tuple[tuple[float, float, float], ...]
+    neck: float
+    jaw: float
+    breasts: float
+    buttocks: float
+
+
+@dataclass(frozen=True)
+class BodyShape:
+    """What people of a sex look like: their average height, and all else over that."""
+
+    name: str
+    height_m: float
+    lengths: Lengths
+    flesh: Flesh
+
+
+@cache
+def body_shape(sex: Sex) -> BodyShape:
+    """The people of that sex.
+
+    Raises:
+        SettingsError: there is no such table; says which there are.
+    """
+    folder = files("mocapella.model").joinpath("body_shapes")
+    names = sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+    if sex not in names:
+        raise SettingsError(f"unknown sex {sex!r}; known: {one_of(sex, names)}")
+    text = folder.joinpath(f"{sex}.toml").read_text(encoding="utf-8")
+    return parse(BodyShape, tomllib.loads(text), where=f"body shape {sex}")
+
+
+def lengths_of(sex: Sex, height_m: float | None, proportions: BodyProportions) -> Lengths:
+    """A person's segments [m]: what is known as it is, and the others so that they add up to the height.
+
+    Args:
+        sex: whose table fills in.
+        height_m: from the ground to the top of the head; None: the median of what the known segments say.
+        proportions: see there.
+
+    Raises:
+        SettingsError: a height of nobody, neither a height nor a segment, or segments that cannot be of that height.
+    """
+    table, known = dataclasses.asdict(body_shape(sex).lengths), proportions.known
+    if height_m is None:
+        check(bool(known), "height_m", height_m, "given, where no segment is")
+        height = float(np.median([value / table[name] for name, value in known.items()]))
+        scale = 1.0
+    else:
+        height = height_m
+        left = height - sum(value for name, value in known.items() if name in UPRIGHT)
+        unknown = sum(table[name] for name in UPRIGHT if name not in known)
+        scale = left / (height * unknown) if unknown else 1.0
+        check(bool(unknown) or abs(left) < 1e-6, "height_m", height_m,
+              f"{height - left:.4f}, what {', '.join(UPRIGHT)} add up to, or not given")  # fmt: skip
+        check(bool(SPREAD[0] <= scale <= SPREAD[1]), "height_m", height_m,
+              f"such that, with {_told(known)}, what is left is shared by the other segments")  # fmt: skip
+    check(HEIGHTS_M[0] <= height <= HEIGHTS_M[1], "height_m", height, f"{HEIGHTS_M[0]} to {HEIGHTS_M[1]} m")
+    for name, value in known.items():
+        least, most = (round(bound * table[name] * height, 3) for bound in SPREAD)
+        check(least <= value <= most, name, value, f"{least} to {most} m of a person {height:.2f} m high")
+    filled = {name: height * value * (scale if name in UPRIGHT else 1.0) for name, value in table.items()}
+    return Lengths(**{**filled, **known})
+
+
+_SPANS: Final = {
+    "shank": ("{} knee", "{} ankle"),
+    "thigh": ("{} hip", "{} knee"),
+    "trunk": ("middle hip", "middle shoulder"),
+    "head": ("middle shoulder", "head"),
+    "shoulder_width": ("left shoulder", "right shoulder"),
+    "hip_width": ("left hip", "right hip"),
+    "upper_arm": ("{} shoulder", "{} elbow"),
+    "forearm": ("{} elbow", "{} wrist"),
+    "hand": ("{} wrist", "{} fingertip"),
+    "foot": ("{} heel", "{} toe"),
+}
+"""Between which landmarks of `body_mesh` a segment lies; {}: of both sides."""
+
+
+def proportions_of(joints: Mapping[str, Any], girth: float = 1.0) -> BodyProportions:
+    """A person's segments, from joints that were seen: of one frame, such as a T-pose, or of a tracked skeleton.
+
+    Of each segment the median over frames and sides, so that both sides are alike and a frame that went wrong does not
+    count. A segment whose ends are never seen together is not known; the ankles' height, which needs a ground, never.
+
+    Args:
+        joints: places [m] in space, (3,) or (frames, 3) each, by the names of the landmarks of `body_mesh`; NaN: not
+            seen. Names that no segment needs do no harm.
+        girth: see `BodyProportions`.
+
+    Raises:
+        SettingsError: arrays of other shapes, no segment that is seen, or one that no person has.
+    """
+    seen = {name: np.atleast_2d(np.asarray(place, dtype=np.float64)) for name, place in joints.items()}
+    shapes = {place.shape for place in seen.values()}
+    right = len(shapes) <= 1 and all(len(shape) == 2 and shape[1] == 3 for shape in shapes)
+    check(right, "shapes of joints", sorted(shapes), "all (3,), or all (frames, 3) of as many frames")
+    for kind in ("hip", "shoulder"):
+        if f"left {kind}" in seen and f"right {kind}" in seen:
+            seen[f"middle {kind}"] = 0.5 * (seen[f"left {kind}"] + seen[f"right {kind}"])
+    found = {}
+    for segment, (start, end) in _SPANS.items():
+        sides = [(start.format(side), end.format(side)) for side in ("left", "right")]
+        pairs = [seen[a] - seen[b] for a, b in sides if a in seen and b in seen]
+        spans = np.linalg.norm(np.concatenate([np.empty((0, 3)), *pairs]), axis=1)
+        if np.isfinite(spans).any():
+            found[segment] = float(np.nanmedian(spans)) / (FOOT_SPAN if segment == "foot" else 1.0)
+    check(bool(found), "joints", sorted(joints), f"such that both ends of a segment are seen together, as {_SPANS}")
+    return BodyProportions(**found, girth=girth)
+
+
+def _told(known: dict[str, float]) -> str:
+    return ", ".join(f"{name} {value:.3f} m" for name, value in known.items())
