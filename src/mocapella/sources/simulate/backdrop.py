@@ -26,12 +26,12 @@ from mocapella.model.camera import PlacedCamera
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
-FREE_M: Final = 5.2
-"""Nothing but the floor is nearer than this to the middle; cameras stand within."""
+FREE_M: Final = 3.9
+"""Nothing but the floor is nearer than this to the middle."""
 _SOFTNESS: Final = 0.12
 _SAMPLES_PX: Final = ((0.0, 0.0), (-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375))
 """A pixel's middle, and four places turned against the pixels' rows, so that slanted edges are smooth."""
-_FLOORS: Final = ("planks", "tiles", "paint")
+_FLOORS: Final = (("planks", 0.13), ("planks", 0.09), ("tiles", 0.45), ("tiles", 0.6), ("cloth", 0.5), ("paint", 0.4))
 _WALLS: Final = ("paint", "paint", "bricks", "stripes", "paint")
 _KINDS: Final = (
     *("paint", "planks", "bricks", "tiles", "carpet", "stripes", "books", "poster", "window", "curtain"),
@@ -105,9 +105,10 @@ def make_backdrop(seed: int = 0) -> Backdrop:
     """A room by chance, y up, its floor at y = 0, its middle at the origin."""
     rng = np.random.default_rng([seed, 11])
     maker = _Maker(rng)
-    half = np.array([rng.uniform(5.9, 7.0), rng.uniform(1.45, 1.8), rng.uniform(5.9, 7.0)])
-    floor = maker.material(_FLOORS[rng.integers(len(_FLOORS))], maker.floor_colours(), 0.13 if rng.random() < 0.6 else 0.4)
-    ceiling = maker.material("paint", (np.full(3, 0.72), np.full(3, 0.72)), 1.0)
+    half = np.array([rng.uniform(4.9, 5.8), rng.uniform(1.35, 1.7), rng.uniform(4.9, 5.8)])
+    kind, size_m = _FLOORS[rng.integers(len(_FLOORS))]
+    floor = maker.material(kind, maker.floor_colours(), size_m)
+    ceiling = maker.material("paint", (np.full(3, 0.8), np.full(3, 0.8)), 1.0)
     wall = _WALLS[rng.integers(len(_WALLS))]
     main, other = maker.wall_colours(), maker.wall_colours()
     walls = [
@@ -125,8 +126,8 @@ def _light(rng: np.random.Generator) -> Light:
     around, up = rng.uniform(0, 2 * math.pi), math.radians(rng.uniform(50, 72))
     towards = np.array([math.cos(up) * math.cos(around), math.sin(up), math.cos(up) * math.sin(around)])
     warm = rng.uniform(-0.08, 0.12)
-    strength = rng.uniform(0.55, 0.85) * np.array([1 + warm, 1.0, 1 - warm])
-    sky = rng.uniform(0.42, 0.6) * np.array([1 - 0.3 * warm, 1.0, 1 + 0.5 * warm])
+    strength = rng.uniform(0.75, 1.1) * np.array([1 + warm, 1.0, 1 - warm])
+    sky = rng.uniform(0.55, 0.75) * np.array([1 - 0.3 * warm, 1.0, 1 + 0.5 * warm])
     return Light(towards, strength, sky, 0.55 * sky * np.array([1.05, 1.0, 0.9]))
 
 

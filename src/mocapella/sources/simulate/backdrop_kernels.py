@@ -166,12 +166,24 @@ def reflected(material, u, v, w, h, out):
         out[k] = min(max(light * (material[1 + k] * (1.0 - mix) + material[4 + k] * mix), 0.005), 0.95)
 
 
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def passes(o, d, box):
+    """Whether a ray passes the ball around a box, or begins beyond it."""
+    x, y, z = box[0] - o[0], box[1] - o[1], box[2] - o[2]
+    along, size = x * d[0] + y * d[1] + z * d[2], d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+    r2 = box[3] * box[3] + box[4] * box[4] + box[5] * box[5]
+    off = x * x + y * y + z * z
+    return off > r2 and (along < 0.0 or off - along * along / size > r2)
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def hit(o, d, boxes):
     """(distance, box, axis, sign) of what a ray meets first; box 0 is the room, seen from inside."""
     best, axis, sign = enter_box(o, d, boxes[0], True)
     which = 0
     for b in range(1, len(boxes)):
+        if passes(o, d, boxes[b]):
+            continue
         t, a, s = enter_box(o, d, boxes[b], False)
         if t < best:
             best, which, axis, sign = t, b, a, s
@@ -242,7 +254,7 @@ def trace(rays, T_world_camera, boxes, faces, materials, light, sky, ground, tow
                 lit = max(facing, 0.0)
                 if lit > 0.0:
                     for other in range(1, len(boxes)):
-                        if enter_box(p, q, boxes[other], False)[0] < FAR_M:
+                        if not passes(p, q, boxes[other]) and enter_box(p, q, boxes[other], False)[0] < FAR_M:
                             lit = 0.0
                             break
                 # Where the room's faces meet, less of the light that comes from everywhere.
