@@ -199,9 +199,11 @@ def _zone(part: str, at: dict[str, Float64], outfit: Outfit, which: tuple[int, .
         if outfit.leg >= 0.9:
             ends, worn = [1.0 * length], [trousers, shoes]
     elif "waist" in at:
-        belt, neck = at["waist"][1] - 0.05, at["neck"][1] + 0.015 if "neck" in at else np.inf
+        belt, neck = at["waist"][1] - 0.05, np.inf
+        if {"neck", "nose"} <= at.keys():  # a collar, above the shoulders
+            neck = at["neck"][1] + 0.35 * (at["nose"][1] - at["neck"][1])
         if outfit.shirt.pattern == "chest":  # the kernel has the print's middle at 1 m along
-            middle = 0.7 * neck + 0.3 * belt
+            middle = 0.68 * min(neck, belt + 0.5) + 0.32 * belt
             origin = np.array([0.0, middle - 1.0, 0.0])
         ends, worn = [belt - origin[1], neck - origin[1]], [trousers, shirt, skin]
         if {"left eye", "left ear", "head"} <= at.keys():
