@@ -106,6 +106,7 @@ def test_both_sides_count_alike() -> None:
 @pytest.mark.parametrize(
     ("build", "said"),
     [
+        (lambda: dataclasses.replace(body_shape("male").lengths, foot=0.0), "foot is 0.0; it must be above 0"),
         (lambda: BodyProportions(thigh=43.0), "thigh is 43.0; it must be 0.01 to 1.5 m"),
         (lambda: BodyProportions(thigh=float("nan")), "thigh is nan"),
         (lambda: BodyProportions(girth=2.0), "girth is 2.0; it must be 0.75 to 1.5"),

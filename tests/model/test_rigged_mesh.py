@@ -112,6 +112,8 @@ def changed(array: np.ndarray, where: tuple[int, ...], value: float) -> np.ndarr
         (lambda m: {"bones": m.bones[:, :0], "shares": m.shares[:, :0]}, "a part for each vertex at least"),
         (lambda m: {"part_names": ("tail",)}, r"worm: names of parts and joints is \(1, 2\)"),
         (lambda m: {"joint_names": ("bend",)}, r"worm: names of parts and joints is \(3, 1\)"),
+        (lambda m: {"part_names": ("a", "a", "b")}, r"worm: names of parts that are there twice is \['a'\]"),
+        (lambda m: {"joint_names": ("a", "a")}, r"worm: names of joints that are there twice is \['a'\]"),
         (lambda m: {"landmarks": {"eye": Landmark(3, np.zeros(3))}}, "worm: landmark eye: part is 3"),
         (lambda m: {"landmarks": {"eye": Landmark(-1, np.zeros(3))}}, "worm: landmark eye: part is -1"),
         (lambda m: {"landmarks": {"eye": Landmark(0, np.zeros(2))}}, "worm: landmark eye: point"),

@@ -277,6 +277,8 @@ ATTRIBUTES = ("meshes", 0, "primitives", 0, "attributes")
 @pytest.mark.parametrize(
     ("change", "said"),
     [
+        (gone("skins"), r"field skins\[0\]: is not there; the file has 0"),
+        (put(1, "nodes", 4, "skin"), r"field skins\[1\]: is not there; the file has 1"),
         (gone("nodes", 4, "mesh"), "field nodes: has no mesh on a node; export the mesh, too"),
         (put([{"joints": [1]}] * 2, "skins"), "field skins: .* has 2 skins; one can be read; join the meshes"),
         (gone(*ATTRIBUTES, "WEIGHTS_0"), r"attributes.WEIGHTS_0: is missing; export the mesh with its weights"),
@@ -394,6 +396,15 @@ def test_whatever_stands_in_the_json_is_refused_or_read(
         holder[key] = data.draw(VALUES)
 
     assert_refused_or_read(foreign(tmp_path_factory.mktemp("odd"), change))
+
+
+def test_a_binary_file_of_another_version_is_refused(tmp_path: Path) -> None:
+    save_rigged_mesh(tmp_path / "worm.glb", worm())
+    data = bytearray((tmp_path / "worm.glb").read_bytes())
+    data[4] = 1
+    (tmp_path / "worm.glb").write_bytes(data)
+    with pytest.raises(InputError, match=r"worm.glb: field version: 1: is not of version 2"):
+        load_rigged_mesh(tmp_path / "worm.glb")
 
 
 @pytest.mark.parametrize("data", [b"", b"{}", b"[]", b"not a mesh", b"\xff\xfe", b'{"asset": 5}', b"solid cube"])

@@ -17,13 +17,13 @@ from mocapella.sensing.background_memory import BackgroundMemory, MemorySettings
 from mocapella.sensing.region_contour import RegionSettings, read_band
 
 UInt8 = NDArray[np.uint8]
-HEIGHT, WIDTH = 60, 80
+HEIGHT, WIDTH = 120, 160
 
 
 def room(seed: int = 0, channels: int = 3) -> UInt8:
     rng = np.random.default_rng(seed)
-    coarse = rng.integers(30, 220, (HEIGHT // 5, WIDTH // 5, channels))
-    return np.asarray(np.kron(coarse, np.ones((5, 5, 1))), dtype=np.uint8)
+    coarse = rng.integers(30, 220, (HEIGHT // 10, WIDTH // 10, channels))
+    return np.asarray(np.kron(coarse, np.ones((10, 10, 1))), dtype=np.uint8)
 
 
 def costs(memory: BackgroundMemory, image: UInt8, window: Silhouette) -> NDArray[np.float32]:

@@ -30,7 +30,7 @@ stretched sidewards by 90°.
 
 from __future__ import annotations
 
-from functools import cache
+from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -86,7 +86,7 @@ def body_mesh(
     *,
     supple: bool = False,
 ) -> RiggedMesh:
-    """A person; made once and kept.
+    """A person; of the same arguments the same mesh.
 
     Args:
         sex: whose widths and girths, and whose proportions where they are not known.
@@ -204,7 +204,7 @@ def _rig(name: str, places: dict[str, Float64], parts: tuple[str, ...]) -> dict[
     }
 
 
-@cache
+@lru_cache(maxsize=32)  # of a tracker that tries many sizes not all
 def _made(shape: BodyShape, lengths: Lengths, girth: float, detail: float, legs_only: bool, supple: bool) -> RiggedMesh:
     limbs = body_limbs(shape.flesh, lengths, girth, legs_only=legs_only)
     places, height = joint_places(lengths), lengths.height

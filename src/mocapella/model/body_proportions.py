@@ -198,7 +198,8 @@ def proportions_of(joints: Mapping[str, Any], girth: float = 1.0) -> BodyProport
     """A person's segments, from joints that were seen: of one frame, such as a T-pose, or of a tracked skeleton.
 
     Of each segment the median over frames and sides, so that both sides are alike and a frame that went wrong does not
-    count. A segment whose ends are never seen together is not known; the ankles' height, which needs a ground, never.
+    count; of the trunk that is right of people who mostly stand upright. A segment whose ends are never seen together
+    is not known; the ankles' height, which needs a ground, never.
 
     Args:
         joints: places [m] in space, (3,) or (frames, 3) each, by the names of the landmarks of `body_mesh`; NaN: not

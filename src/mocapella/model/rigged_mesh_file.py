@@ -226,6 +226,8 @@ def _surfaces(
     pieces = []
     for node, placement in placed:
         mesh = gltf.item("meshes", placement.mesh)
+        if placement.skin is not None:
+            gltf.item("skins", placement.skin)
         for k, primitive in enumerate(mesh.primitives):
             field = f"meshes[{placement.mesh}].primitives[{k}]"
             points, faces = _triangles(gltf, primitive, field)
