@@ -6,7 +6,7 @@ of Computing 8, 2012, section 2.1). Within a short reach, to try every offset is
 because the compiler makes vectors of it.
 """
 
-# ruff: noqa: PLR1730 - compiled: a conditional becomes a vector's minimum, `min` heeds NaN and does not
+# ruff: noqa: PLR0912, PLR0915 - compiled: loops are written out; a conditional becomes a vector's minimum, `min` does not
 from __future__ import annotations
 
 import math

@@ -20,7 +20,7 @@ import math
 from dataclasses import dataclass
 from functools import cache
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import msgspec
 import numpy as np
@@ -51,8 +51,8 @@ class RegionSettings:
 
     Attributes:
         prior_weight: λ [nats/px²]: what a pixel costs that is on the other side than in the model, by the square of how
-            far it is from the model's outline; beside the sum of its three channels' log-likelihoods. A gray pixel counts
-            as three equal channels.
+            far it is from the model's outline; beside the sum of its three channels' log-likelihoods. A gray pixel
+            counts as three equal channels.
         length_weight: ν [nats/px] that a pixel's length of outline costs.
         window_px: from a node of the densities' lattice to the next; each is of what is nearer to it than that. It is
             rounded to a multiple of 8 samples.
@@ -247,10 +247,11 @@ def settle(
     """Move the outline; ``outside``, ``inside_cost`` and ``unsure_px`` as in the kernel `segment`."""
     k, step = kernels(), band.prior.step_px
     size = block_of(s, step)
+    odd = 1 + 2 * np.arange(size, dtype=np.int32)
     field, contrast, surety = (np.empty(band.phi.shape, dtype=np.float32) for _ in range(3))
     told = np.empty(s.iterations + 1 if energies else 0)
     moved = k.segment(
-        band.values.reshape(len(band.values), len(band.phi), -1, size), band.active, band.known, band.phi, band.blocks, band.inside, 1 + 2 * np.arange(size, dtype=np.int32), outside, np.float32(s.prior_weight),
+        band.values.reshape(len(band.values), len(band.phi), -1, size), band.active, band.known, band.phi, band.blocks, band.inside, odd, outside, np.float32(s.prior_weight),
         np.float32(s.length_weight * math.sqrt(2 * math.pi) / step), np.float32(math.sqrt(2 / math.pi) / step), guided,
         np.float32(unsure_px), s.fewest_px2 / step**2, 2.0 * s.least_sd, np.float32(3 * s.most_nats), inside_cost,
         s.iterations, field, contrast, told,

@@ -6,7 +6,7 @@ middle of the scale), weights of the lattice, too: sums that are kept up as samp
 depend on the order.
 """
 
-# ruff: noqa: PLR0912, PLR0915, PLR0917, PLR1730, PLR1714, E501 - compiled: arrays come by position, loops are written out
+# ruff: noqa: PLR0912, PLR0915, PLR0917, PLR1714, SIM109, E501 - compiled: arrays come by position, loops are written out
 from __future__ import annotations
 
 import math
