@@ -1,4 +1,4 @@
-"""The region model: laws of its energy and of images that are the same seen otherwise, then pictures whose truth is known."""
+"""The region model: laws of its energy and of images seen otherwise, then pictures whose truth is known."""
 
 from __future__ import annotations
 

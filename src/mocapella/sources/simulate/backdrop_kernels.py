@@ -68,7 +68,9 @@ def reflected(material, u, v, w, h, out):
     kind, size, seed = int(material[0]), material[7], int(material[8])
     mix, light = 0.0, 1.0
     if kind == PAINT:
-        light = 1.0 + 0.10 * (rough2(u / size, v / size, seed) - 0.5) + 0.03 * (noise2(u / 0.006, v / 0.006, seed) - 0.5)
+        light = (
+            1.0 + 0.10 * (rough2(u / size, v / size, seed) - 0.5) + 0.03 * (noise2(u / 0.006, v / 0.006, seed) - 0.5)
+        )
     elif kind == PLANKS:
         row = math.floor(v / size)
         shift = 3.0 * hashed(row, seed, 1)
@@ -262,8 +264,10 @@ def trace(rays, T_world_camera, boxes, faces, materials, light, sky, ground, tow
                 low, high = p[1] - room[1] + room[4], room[4] - p[1] + room[1]
                 near_x = 1.0 - (0.0 if axis == 0 and which == 0 else 0.35 * math.exp(-rx / 0.35))
                 near_z = 1.0 - (0.0 if axis == 2 and which == 0 else 0.35 * math.exp(-rz / 0.35))
-                near_y = 1.0 - (0.0 if n[1] > 0.5 else 0.30 * math.exp(-low / 0.3)) - (
-                    0.0 if n[1] < -0.5 else 0.20 * math.exp(-high / 0.3)
+                near_y = (
+                    1.0
+                    - (0.0 if n[1] > 0.5 else 0.30 * math.exp(-low / 0.3))
+                    - (0.0 if n[1] < -0.5 else 0.20 * math.exp(-high / 0.3))
                 )
                 open_sky = near_x * near_z * near_y
                 share = 0.5 + 0.5 * n[1]

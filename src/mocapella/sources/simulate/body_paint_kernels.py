@@ -39,7 +39,9 @@ def worn(material, x, y, z, along, out):
         if kind == HOOPS:
             mix = 1.0 if (along / size) % 1.0 < 0.5 else 0.0
         elif kind == CHECKS:
-            mix = 0.5 * (1.0 if (along / size) % 1.0 < 0.4 else 0.0) + 0.5 * (1.0 if ((x + z) / size) % 1.0 < 0.4 else 0.0)
+            mix = 0.5 * (1.0 if (along / size) % 1.0 < 0.4 else 0.0) + 0.5 * (
+                1.0 if ((x + z) / size) % 1.0 < 0.4 else 0.0
+            )
         elif kind == PRINT:
             mix = 1.0 if noise3(x / size, y / size, z / size, seed + 3) > 0.5 else 0.0
         elif kind == DOTS:
@@ -149,12 +151,16 @@ def paint(
             above = 0.5 + 0.5 * n[1] / size
             for i in range(3):
                 around = light[1, i] * above + light[2, i] * (1.0 - above)
-                colour[r // per_pixel, k // per_pixel, i] += share * (c[i] * (light[0, i] * lit + around) + shine * light[0, i])
+                colour[r // per_pixel, k // per_pixel, i] += share * (
+                    c[i] * (light[0, i] * lit + around) + shine * light[0, i]
+                )
             alpha[r // per_pixel, k // per_pixel] += share
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def develop(backdrop, floor, colour, alpha, left, top, shade, first, cell_m, dark, gain, coded, spread, noise, starts, image):
+def develop(
+    backdrop, floor, colour, alpha, left, top, shade, first, cell_m, dark, gain, coded, spread, noise, starts, image
+):
     """Write a camera's picture: a body before a room with its shadow on the floor, exposed, coded, with noise.
 
     Args:
@@ -195,7 +201,11 @@ def develop(backdrop, floor, colour, alpha, left, top, shade, first, cell_m, dar
                 red = a * red + colour[r - top, c - left, 0]
                 green = a * green + colour[r - top, c - left, 1]
                 blue = a * blue + colour[r - top, c - left, 2]
-            i, j, k = int(min(max(g * blue, zero), last)), int(min(max(g * green, zero), last)), int(min(max(g * red, zero), last))
+            i, j, k = (
+                int(min(max(g * blue, zero), last)),
+                int(min(max(g * green, zero), last)),
+                int(min(max(g * red, zero), last)),
+            )
             half = np.float32(0.5)
             top_value = np.float32(255.0)
             image[r, c, 0] = np.uint8(min(max(coded[i] + spread[i] * noise[at] + half, zero), top_value))
