@@ -1,6 +1,6 @@
 """The loops of `mocapella.sources.simulate.backdrop`, compiled; importing this module imports numba."""
 
-# ruff: noqa: PLR0911, PLR0912, PLR0914, PLR0915, PLR0917 - compiled: arrays come by position, loops are written out
+# ruff: noqa: PLR0912, PLR0915, PLR0917 - compiled: arrays come by position, loops are written out
 from __future__ import annotations
 
 import math

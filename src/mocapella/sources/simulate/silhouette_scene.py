@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.geometry.lens import project
-from mocapella.geometry.rigid import apply, rigid, rotation_about_y
+from mocapella.geometry.rigid import apply, rotation_about_y
 from mocapella.model.body_meshes import body_mesh
 from mocapella.model.body_proportions import Sex
 from mocapella.model.camera import Camera, CameraRig, PlacedCamera
