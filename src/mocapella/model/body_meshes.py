@@ -19,8 +19,8 @@ same on both sides::
 Three turns in a row lose a degree of freedom where the second brings the axis of the third onto that of the first. The
 swing comes first, about the axis that is perpendicular to the arm at rest and to z, because the poles are then where
 the arm seldom is: 45° above the horizontal to the side, and across the trunk. Were the raise first, they would be
-straight forwards, where people reach, and up to where they pass when they lift an arm. A leg would have to be
-stretched sidewards by 90°.
+straight forwards, where people reach and where an arm passes as it is lifted. Those of a leg are at an abduction of
+90°, beyond its limits.
 
 **Flesh** is a smooth union of tapered limbs (`mocapella.geometry.limb_surface`), of breadths and depths of a table in
 ``body_shapes``. Vertices near a joint go with both of its parts, blended.
@@ -66,8 +66,9 @@ _JOINTS: Final[dict[str, tuple[tuple[str, float, float], ...]]] = {
     "ankle": (("flexion", -50, 20),),
 }
 """Of each joint: what its turns are called and their limits [degrees], from American Academy of Orthopaedic Surgeons,
-*Joint motion: method of measuring and recording* (1965), but for the shoulder's raise: the table has 180° from hanging
-arms, here 45° below the rest, and beyond that the arm comes down across the trunk."""
+*Joint motion: method of measuring and recording* (1965), but for the shoulder. Its raise has the 180° from a hanging
+arm, which is 45° below the rest, and 40° more to cross the trunk. How far it can turn depends on the way it came; it
+has 90° both ways."""
 DETAIL: Final = (0.8, 4.0)
 _ABOVE: Final = ("torso", "upper arm", "forearm")
 
