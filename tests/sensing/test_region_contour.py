@@ -204,6 +204,10 @@ def test_a_start_in_another_window_is_taken_over() -> None:
     true = disc((60.0, 46.0), 28.0, prior.phi.shape, 2) > 0
     assert iou(begun > 0, true) > 0.93
     assert iou(prior.phi > 0, true) < 0.88
+    for x in (-7, 4, 31):
+        beside = Silhouette((x, -6), 2, prior.phi)
+        dense = Silhouette((x, -6), 1, np.repeat(np.repeat(prior.phi, 2, axis=0), 2, axis=1))
+        assert iou(starting(prior, beside) > 0, starting(prior, dense) > 0) > 0.93
     away = Silhouette((1000, 1000), 1, moved.phi)
     np.testing.assert_array_equal(starting(prior, away), prior.phi > 0)
 
@@ -213,11 +217,14 @@ def test_the_same_images_give_the_same_bits() -> None:
     same(a, b)
 
 
-def test_images_need_not_be_contiguous() -> None:
+def test_arrays_need_not_be_contiguous() -> None:
     image, prior = noisy(12), prior_of(2)
     wide = np.zeros((96, 112, 6), dtype=np.uint8)
     wide[..., ::2] = image
     same(region_contour(wide[..., ::2], prior), region_contour(image, prior))
+    spread = np.zeros((2 * prior.phi.shape[0], prior.phi.shape[1]), dtype=np.float32)
+    spread[::2] = prior.phi
+    same(region_contour(image, Silhouette((0, 0), 2, spread[::2])), region_contour(image, prior))
 
 
 # Pictures
