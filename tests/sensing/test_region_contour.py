@@ -16,7 +16,7 @@ from benchmarks._outlined_people import KINDS, SIZE_PX, Shot, at_every_pixel, sh
 from mocapella.errors import SettingsError
 from mocapella.model.silhouettes import Silhouette
 from mocapella.sensing.background import BackgroundModel, background_contour, learn_background
-from mocapella.sensing.region_contour import DEFAULT, RegionContour, RegionSettings, region_contour, starting
+from mocapella.sensing.region_contour import DEFAULT, GRAY, RegionContour, RegionSettings, region_contour, starting
 
 UInt8 = NDArray[np.uint8]
 Bool = NDArray[np.bool_]
@@ -240,6 +240,19 @@ def test_an_outline_is_found(kind: str, step: int) -> None:
     assert np.mean(before) < 0.9
     assert np.mean(after) > 0.92
     assert all(a > b + 0.03 for a, b in zip(after, before, strict=True))
+
+
+def test_in_gray_images_a_heavier_prior_is_better() -> None:
+    gain = []
+    for kind in KINDS:
+        s = picture(kind, 0)
+        gray = np.rint(s.image @ [0.114, 0.587, 0.299]).astype(np.uint8)
+        usual, heavy = (
+            iou(at_every_pixel(region_contour(gray, s.prior(2), settings=how).silhouette), s.mask)
+            for how in (DEFAULT, GRAY)
+        )
+        gain.append(heavy - usual)
+    assert np.mean(gain) > 0
 
 
 def test_an_edge_is_surer_than_none() -> None:
