@@ -95,7 +95,7 @@ class RegionSettings:
 
 DEFAULT: Final = RegionSettings()
 GRAY: Final = RegionSettings(prior_weight=0.1, length_weight=3.0)
-"""Better for gray images: one channel is not worth three, as it is counted, so that the prior is to weigh twice as much."""
+"""Better for gray images: one channel is not worth three, as which it is counted, so the prior weighs twice as much."""
 
 
 class RegionContour(msgspec.Struct, frozen=True, eq=False):
