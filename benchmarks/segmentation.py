@@ -1,11 +1,11 @@
 """Outlines of a person by the region model, beside scikit-image's Chan–Vese in the same run.
 
-Pictures are drawn (`benchmarks/_outlined_people.py`), with other seeds than those on which settings were compared; the
-person covers about a tenth of 640 × 480 px, and where both begin is off by some pixels. The peers (`chan_vese`, `morphological_chan_vese`)
-get the same prior to begin with and the same part of the picture, in gray as they need it. Their smoothness is swept,
-and so is their number of iterations; of all that, the best mean intersection over union (IoU) is taken, and the time of
-the setting that is the first to reach ours, or else of the best. Ours has every second pixel (`step_px` 2) unless a row
-says otherwise. `uv run --group peers python -m benchmarks segmentation`.
+Pictures are drawn (`benchmarks/_outlined_people.py`), with other seeds than those on which settings were compared;
+the person covers about a tenth of 640 × 480 px, and where both begin is off by some pixels. The peers (`chan_vese`,
+`morphological_chan_vese`) get the same prior to begin with and the same part of the picture, in gray as they need it.
+Their smoothness is swept, and so is their number of iterations; of all that, the best mean intersection over union
+(IoU) is taken, and the time of the setting that is the first to reach ours, or else of the best. Ours has every
+second pixel (`step_px` 2) unless a row says otherwise. `uv run --group peers python -m benchmarks segmentation`.
 """
 
 from __future__ import annotations
