@@ -1,11 +1,11 @@
 """Outlines of a person by the region model, beside scikit-image's Chan–Vese in the same run.
 
-Pictures are drawn (`benchmarks/_outlined_people.py`), with seeds that nothing was tuned on; the person covers about a
-tenth of 640 × 480 px, and where both begin is off by some pixels. The peers (`chan_vese`, `morphological_chan_vese`)
-get the same prior to begin with and the same part of the picture, in gray as they need it. Their smoothness is swept,
-and so is their number of iterations; of all that, the best mean intersection over union (IoU) is taken, and the time of
-the setting that is the first to reach ours, or else of the best. Ours has every second pixel (`step_px` 2) unless a row
-says otherwise. `uv run --group peers python -m benchmarks segmentation`.
+Pictures are drawn (`benchmarks/_outlined_people.py`), with other seeds than those on which settings were compared;
+the person covers about a tenth of 640 × 480 px, and where both begin is off by some pixels. The peers (`chan_vese`,
+`morphological_chan_vese`) get the same prior to begin with and the same part of the picture, in gray as they need it.
+Their smoothness is swept, and so is their number of iterations; of all that, the best mean intersection over union
+(IoU) is taken, and the time of the setting that is the first to reach ours, or else of the best. Ours has every
+second pixel (`step_px` 2) unless a row says otherwise. `uv run --group peers python -m benchmarks segmentation`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from benchmarks._outlined_people import KINDS, Shot, at_every_pixel, shot, windo
 from benchmarks.harness import Row, at_least, at_most, compared, measured, median_seconds, times_the_peer
 from mocapella.geometry.signed_distance import signed_distance
 from mocapella.model.silhouettes import Silhouette
-from mocapella.sensing.region_contour import region_contour
+from mocapella.sensing.region_contour import DEFAULT, GRAY, region_contour
 
 UInt8 = NDArray[np.uint8]
 Bool = NDArray[np.bool_]
@@ -85,14 +85,15 @@ def beside_peer(kind: str, shots: list[Shot], runs: list[Run], *, gray: bool, qu
     """How good and how fast ours is, beside the best of the peers."""
     images = [_gray(s) if gray else s.image for s in shots]
     priors = [s.prior(2, AROUND_PX) for s in shots]
-    found = [region_contour(i, p) for i, p in zip(images, priors, strict=True)]
+    ask = partial(region_contour, settings=GRAY if gray else DEFAULT)
+    found = [ask(i, p) for i, p in zip(images, priors, strict=True)]
     ours = statistics.mean(_iou(at_every_pixel(f.silhouette), s.mask) for f, s in zip(found, shots, strict=True))
     best = max(runs, key=lambda r: r.iou)
     reaching = [r for r in runs if r.iou >= ours]
     timed = min(reaching, key=lambda r: (r.iterations, r.name)) if reaching else best
     turns = []
     for _ in range(2 if quick else 5):
-        mine = median_seconds(lambda: [region_contour(i, p) for i, p in zip(images, priors, strict=True)], 1, 10)
+        mine = median_seconds(lambda: [ask(i, p) for i, p in zip(images, priors, strict=True)], 1, 10)
         theirs = median_seconds(lambda: [_peer(timed, s) for s in shots], 1, 1)
         turns.append((1e3 * mine / len(shots), 1e3 * theirs / len(shots)))
     mine, theirs = (statistics.median(column) for column in zip(*turns, strict=True))

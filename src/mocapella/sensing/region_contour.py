@@ -91,6 +91,8 @@ class RegionSettings:
 
 
 DEFAULT: Final = RegionSettings()
+GRAY: Final = RegionSettings(prior_weight=0.1, length_weight=3.0)
+"""Better for gray images: one channel is not worth three, as which it is counted, so the prior weighs twice as much."""
 
 
 class RegionContour(msgspec.Struct, frozen=True, eq=False):
@@ -218,7 +220,21 @@ def read_band(
     blocks = np.empty((rows * count, 2), dtype=np.int32)
     begin = starting(prior, start)
     found = k.lay_out(
-        prior.phi, begin, within, not guided, pad, size, (width, height), x, y, step, phi, inside, active, known, blocks
+        np.ascontiguousarray(prior.phi),
+        begin,
+        within,
+        not guided,
+        pad,
+        size,
+        (width, height),
+        x,
+        y,
+        step,
+        phi,
+        inside,
+        active,
+        known,
+        blocks,
     )
     blocks = blocks[:found]
     values = np.zeros((pixels.shape[2], rows, padded), dtype=np.int16)
@@ -285,16 +301,20 @@ def starting(prior: Silhouette, start: Silhouette | None) -> UInt8:
     if start is None:
         return inside
     check_silhouette(start, "start")
-    index: list[NDArray[np.int64]] = []
-    for axis, origin in ((0, 1), (1, 0)):
-        pixel = prior.origin_px[origin] + prior.step_px * np.arange(prior.phi.shape[axis])
-        index.append((pixel - start.origin_px[origin] + start.step_px // 2) // start.step_px)
-    rows, columns = index
+    picked: list[NDArray[np.int64]] = []
+    for axis in (0, 1):
+        first = prior.origin_px[1 - axis] - start.origin_px[1 - axis] + start.step_px // 2
+        picked.append((first + prior.step_px * np.arange(prior.phi.shape[axis])) // start.step_px)
+    rows, columns = picked
     of_rows = np.flatnonzero((rows >= 0) & (rows < start.phi.shape[0]))
     of_columns = np.flatnonzero((columns >= 0) & (columns < start.phi.shape[1]))
     if len(of_rows) and len(of_columns):
-        part = start.phi[np.ix_(rows[of_rows], columns[of_columns])]
-        inside[of_rows[0] : of_rows[-1] + 1, of_columns[0] : of_columns[-1] + 1] = part > 0
+        i, j = slice(of_rows[0], of_rows[-1] + 1), slice(of_columns[0], of_columns[-1] + 1)
+        if prior.step_px == start.step_px:  # one after another: no list of places
+            part = start.phi[rows[i][0] : rows[i][-1] + 1, columns[j][0] : columns[j][-1] + 1]
+        else:
+            part = start.phi[np.ix_(rows[i], columns[j])]
+        inside[i, j] = part > 0
     return inside
 
 
