@@ -26,8 +26,6 @@ from mocapella.model.camera import PlacedCamera
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
-FREE_M: Final = 3.9
-"""Nothing but the floor is nearer than this to the middle."""
 _SOFTNESS: Final = 0.12
 _SAMPLES_PX: Final = ((0.0, 0.0), (-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375))
 """A pixel's middle, and four places turned against the pixels' rows, so that slanted edges are smooth."""
@@ -101,11 +99,11 @@ class Backdrop:
         return BackdropView(linear, floor)
 
 
-def make_backdrop(seed: int = 0) -> Backdrop:
-    """A room by chance, y up, its floor at y = 0, its middle at the origin."""
+def make_backdrop(seed: int = 0, least_half_m: float = 4.9) -> Backdrop:
+    """A room by chance, y up, its floor at y = 0, its middle at the origin, its walls at least so far away [m]."""
     rng = np.random.default_rng([seed, 11])
     maker = _Maker(rng)
-    half = np.array([rng.uniform(4.9, 5.8), rng.uniform(1.35, 1.7), rng.uniform(4.9, 5.8)])
+    half = np.array([least_half_m, 1.35, least_half_m]) + rng.uniform(0, 1, 3) * [0.9, 0.35, 0.9]
     kind, size_m = _FLOORS[rng.integers(len(_FLOORS))]
     floor = maker.material(kind, maker.floor_colours(), size_m)
     ceiling = maker.material("paint", (np.full(3, 0.8), np.full(3, 0.8)), 1.0)
