@@ -256,7 +256,10 @@ def _motion(name: str, mesh: RiggedMesh, seconds: float | None, seed: int, bvh: 
     from mocapella.sources.simulate.bvh import read_bvh
     from mocapella.sources.simulate.bvh_body import body_motion_of
 
-    return body_motion_of(read_bvh(bvh), mesh, seconds, file=bvh)
+    file = read_bvh(bvh)
+    if seconds is None:  # as much as cameras around it can see well
+        seconds = min((len(file.channels) - 1) * file.frame_s, usual_seconds(name))
+    return body_motion_of(file, mesh, seconds, file=bvh)
 
 
 def _moved(motion: BodyMotion, turn: float, aside_m: float) -> BodyMotion:
