@@ -1,4 +1,4 @@
-"""Which triangle of a surface a picture's samples see, through a lens; compiled. Importing this module imports numba."""
+"""Which triangles of a surface a picture's samples see; compiled. Importing this module imports numba."""
 
 # ruff: noqa: PLR0917 - compiled: arrays come by position, and loops are written out
 from __future__ import annotations
@@ -95,7 +95,12 @@ def cover(seen, triangles, left, top, step, nearest, which):
             s = ((bx - ax) * (y - ay) - (by - ay) * (x0 - ax)) * f
             near = u * ia + v * ib + s * ic
             for k in range(x1 - x0 + 1):
-                if u + k * du >= 0.0 and v + k * dv >= 0.0 and s + k * ds >= 0.0 and near + k * near_x > nearest[y, x0 + k]:
+                if (
+                    u + k * du >= 0.0
+                    and v + k * dv >= 0.0
+                    and s + k * ds >= 0.0
+                    and near + k * near_x > nearest[y, x0 + k]
+                ):
                     nearest[y, x0 + k], which[y, x0 + k] = near + k * near_x, t
 
 

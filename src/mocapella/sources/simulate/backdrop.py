@@ -169,7 +169,9 @@ def _rug(maker: _Maker, rng: np.random.Generator) -> None:
         colours = (maker.colour((0.1, 0.4), 0.4), maker.colour((0.2, 0.6), 0.3))
         rug = maker.material("carpet", colours, rng.uniform(0.15, 0.3))
         half = np.array([rng.uniform(1.2, 2.0), 0.002, rng.uniform(0.9, 1.6)])
-        maker.box(np.array([rng.uniform(-0.4, 0.4), 0.002, rng.uniform(-0.4, 0.4)]), half, rng.uniform(0, math.pi), (rug,))
+        maker.box(
+            np.array([rng.uniform(-0.4, 0.4), 0.002, rng.uniform(-0.4, 0.4)]), half, rng.uniform(0, math.pi), (rug,)
+        )
 
 
 def _furnish(maker: _Maker, rng: np.random.Generator, half: Float64, side: int) -> None:
@@ -215,7 +217,9 @@ def _furnish(maker: _Maker, rng: np.random.Generator, half: Float64, side: int) 
                 top += 0.3
         elif kind == "boxes":
             for k in range(3):
-                card = maker.material("sketch", (np.array([0.4, 0.28, 0.17]) * rng.uniform(0.7, 1.2), np.full(3, 0.1)), 0.4)
+                card = maker.material(
+                    "sketch", (np.array([0.4, 0.28, 0.17]) * rng.uniform(0.7, 1.2), np.full(3, 0.1)), 0.4
+                )
                 size = float(rng.uniform(0.35, 0.55))
                 put(middle + rng.uniform(-0.1, 0.1) * width, 0.4 * k, (size, 0.4, size), rng.uniform(-0.2, 0.2), card)
             top = 1.2

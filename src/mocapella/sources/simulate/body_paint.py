@@ -91,7 +91,7 @@ class Stage:
         cast: who.
         vertices, normals: (n, 3) in the world, y up, the floor at 0 [m].
         light: see there.
-        tops: (k, l) 1 m more than the height of what is first in the light, over cells of the floor; 0 where nothing is.
+        tops: (k, l) 1 m more than the height of what is first in the light, over cells of the floor; 0 for nothing.
         shade: (k, l) float32 how much of the directed light does not arrive at the floor.
         first_m: (2,) x and z of the first cell.
     """

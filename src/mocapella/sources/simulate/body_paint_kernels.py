@@ -1,6 +1,6 @@
 """The loops of `mocapella.sources.simulate.body_paint`, compiled; importing this module imports numba."""
 
-# ruff: noqa: PLR0912, PLR0914, PLR0915, PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0917 - compiled: arrays come by position, and loops are written out
 from __future__ import annotations
 
 import math
@@ -39,7 +39,9 @@ def worn(material, x, y, z, along, out):
         if kind == HOOPS:
             mix = 1.0 if (along / size) % 1.0 < 0.5 else 0.0
         elif kind == CHECKS:
-            mix = 0.5 * (1.0 if (along / size) % 1.0 < 0.4 else 0.0) + 0.5 * (1.0 if ((x + z) / size) % 1.0 < 0.4 else 0.0)
+            mix = 0.5 * (1.0 if (along / size) % 1.0 < 0.4 else 0.0) + 0.5 * (
+                1.0 if ((x + z) / size) % 1.0 < 0.4 else 0.0
+            )
         elif kind == PRINT:
             mix = 1.0 if noise3(x / size, y / size, z / size, seed + 3) > 0.5 else 0.0
         elif kind == DOTS:
@@ -195,7 +197,9 @@ def paint(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def develop(backdrop, floor, colour, alpha, left, top, shade, first, cell_m, dark, gain, coded, spread, noise, starts, image):
+def develop(
+    backdrop, floor, colour, alpha, left, top, shade, first, cell_m, dark, gain, coded, spread, noise, starts, image
+):
     """Write a camera's picture: a body before a room with its shadow on the floor, exposed, coded, with noise.
 
     Args:
@@ -237,7 +241,11 @@ def develop(backdrop, floor, colour, alpha, left, top, shade, first, cell_m, dar
                 red = a * red + colour[r - top, c - left, 0]
                 green = a * green + colour[r - top, c - left, 1]
                 blue = a * blue + colour[r - top, c - left, 2]
-            i, j, k = int(min(max(g * blue, zero), last)), int(min(max(g * green, zero), last)), int(min(max(g * red, zero), last))
+            i, j, k = (
+                int(min(max(g * blue, zero), last)),
+                int(min(max(g * green, zero), last)),
+                int(min(max(g * red, zero), last)),
+            )
             image[r, c, 0] = np.uint8(min(max(coded[i] + spread[i] * noise[at] + half, zero), white))
             image[r, c, 1] = np.uint8(min(max(coded[j] + spread[j] * noise[at + 1] + half, zero), white))
             image[r, c, 2] = np.uint8(min(max(coded[k] + spread[k] * noise[at + 2] + half, zero), white))

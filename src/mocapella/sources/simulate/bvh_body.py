@@ -152,7 +152,9 @@ def _leg(thigh: Float64, shank: Float64, toes: Float64 | None) -> dict[str, Floa
         """As it would point were the thigh straight down."""
         y = np.cos(flexed) * v[:, 1] - np.sin(flexed) * v[:, 2]
         z = np.sin(flexed) * v[:, 1] + np.cos(flexed) * v[:, 2]
-        return np.stack([np.cos(open_) * v[:, 0] + np.sin(open_) * y, np.cos(open_) * y - np.sin(open_) * v[:, 0], z], 1)
+        return np.stack(
+            [np.cos(open_) * v[:, 0] + np.sin(open_) * y, np.cos(open_) * y - np.sin(open_) * v[:, 0], z], 1
+        )
 
     f = at_rest(shank)
     knee = np.arccos(np.clip(-f[:, 1], -1, 1))

@@ -56,7 +56,9 @@ def write_sequence(folder: Path | str, scene: SilhouetteScene, *, codec: str = "
         raise InputError(f"cannot be written: {reason}", file=folder, fix="name a folder that can be made") from error
     names = list(scene.rig.cameras)
     fps = float(1.0 / np.median(np.diff(scene.times_s))) if len(scene) > 1 else 60.0
-    films = [_film(folder / f"{name}.avi", CODECS[codec], fps, scene.rig.cameras[name].camera.size_px) for name in names]
+    films = [
+        _film(folder / f"{name}.avi", CODECS[codec], fps, scene.rig.cameras[name].camera.size_px) for name in names
+    ]
     of_masks = [
         _film(folder / f"{name}.mask.avi", CODECS["lossless"], fps, scene.rig.cameras[name].camera.size_px)
         for name in names

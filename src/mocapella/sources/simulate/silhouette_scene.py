@@ -102,7 +102,9 @@ class SilhouetteScene:
         self.meshes, self.outfits, self.motions = tuple(meshes), tuple(outfits), tuple(motions)
         self.backdrop, self.rig, self.times_s = backdrop, rig, times_s
         self.look, self.corruption = look, corruption
-        clothes = [dressed(mesh, outfit, seed + k) for k, (mesh, outfit) in enumerate(zip(meshes, outfits, strict=True))]
+        clothes = [
+            dressed(mesh, outfit, seed + k) for k, (mesh, outfit) in enumerate(zip(meshes, outfits, strict=True))
+        ]
         self._cast = make_cast(self.meshes, clothes)
         self._placed = list(rig.cameras.values())
         phase = np.random.default_rng([seed, 41]).uniform(0, 2 * math.pi)
@@ -240,9 +242,7 @@ def silhouette_scene(
     backdrop = make_backdrop(seed, max(4.9, float(np.abs(eyes).max()) + _BEHIND_M))
     colours = _room_colours(backdrop)
     outfits = [make_outfit(outfit, seed + 100 * person, colours) for person in range(people)]
-    return SilhouetteScene(
-        name, seed, meshes, outfits, motions, backdrop, rig, times, look or CameraLook(), corruption
-    )
+    return SilhouetteScene(name, seed, meshes, outfits, motions, backdrop, rig, times, look or CameraLook(), corruption)
 
 
 def scene_names() -> tuple[str, ...]:
@@ -327,7 +327,9 @@ def _coding(look: CameraLook) -> tuple[Float32, Float32]:
 
     def code(linear: Float64) -> Float64:
         linear = np.clip(linear, 0, 1)
-        return 255 * np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055)
+        return 255 * np.where(
+            linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055
+        )
 
     sd = np.sqrt(look.read_noise**2 + x / look.photons)
     return code(x).astype(np.float32), (0.5 * (code(x + sd) - code(x - sd))).astype(np.float32)
