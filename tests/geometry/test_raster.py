@@ -22,8 +22,9 @@ def ball(middle: NDArray[np.float64], radius: float, around: int = 96) -> tuple[
     """Vertices and faces, counter-clockwise as seen from outside, of a ball between its own inside and outside."""
     up = np.linspace(0, math.pi, around // 2 + 1)[1:-1]
     a = np.arange(around) * 2 * math.pi / around
-    rings = np.stack(np.broadcast_arrays(
-        np.sin(up)[:, None] * np.cos(a), np.cos(up)[:, None], np.sin(up)[:, None] * np.sin(a)), axis=-1).reshape(-1, 3)  # fmt: skip
+    across = np.sin(up)[:, None]
+    rings = np.stack(np.broadcast_arrays(across * np.cos(a), np.cos(up)[:, None], across * np.sin(a)), axis=-1)
+    rings = rings.reshape(-1, 3)
     vertices = np.vstack([rings, [[0, 1, 0], [0, -1, 0]]])
     faces = []
     for i in range(len(up) - 1):

@@ -93,11 +93,13 @@ def body_angles(bvh: Bvh, mesh: RiggedMesh, file: object = None) -> tuple[Float6
             )
         }  # fmt: skip
         legs += float(np.median(np.linalg.norm(bones["thigh"], axis=1) + np.linalg.norm(bones["shank"], axis=1)))
-        arm = _arm(*(_unit(_into(torso, bones[bone])) * mirror for bone in ("upper arm", "forearm")))
+        upper, fore = (_unit(_into(torso, bones[bone])) * mirror for bone in ("upper arm", "forearm"))
+        arm = _arm(upper, fore)
         toes = None
         if f"Foot{capital}" in joints:
             toes = _into(pelvis, joints[f"Foot{capital}"] - joints[f"Ankle{capital}"]) * mirror
-        leg = _leg(*(_unit(_into(pelvis, bones[bone])) * mirror for bone in ("thigh", "shank")), toes)
+        thigh, shank = (_unit(_into(pelvis, bones[bone])) * mirror for bone in ("thigh", "shank"))
+        leg = _leg(thigh, shank, toes)
         if toes is None:
             leg["ankle flexion"] = np.zeros(len(at))
         else:
@@ -162,8 +164,7 @@ def _leg(thigh: Float64, shank: Float64, toes: Float64 | None) -> dict[str, Floa
     slope = np.zeros(len(f))
     if toes is not None:
         g = at_rest(toes)
-        x, z = np.cos(turn) * g[:, 0] - np.sin(turn) * g[:, 2], np.sin(turn) * g[:, 0] + np.cos(turn) * g[:, 2]
-        del x
+        z = np.sin(turn) * g[:, 0] + np.cos(turn) * g[:, 2]
         y, z = np.cos(knee) * g[:, 1] + np.sin(knee) * z, np.cos(knee) * z - np.sin(knee) * g[:, 1]
         slope = np.arctan2(y, z)
     return {
@@ -197,7 +198,7 @@ def _unit(v: Float64) -> Float64:
 
 def _into(R: Float64, v: Float64) -> Float64:
     """(n, 3) of the world in the frames R (n, 3, 3)."""
-    return np.einsum("nji,nj->ni", R, v)
+    return np.asarray(np.einsum("nji,nj->ni", R, v))
 
 
 def _yaw_pitch_roll(R: Float64) -> Float64:

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.geometry.lens import project
-from mocapella.geometry.rigid import apply, inverse, rigid, rotation_about_y
+from mocapella.geometry.rigid import apply, inverse, rotation_about_y
 from mocapella.model.body_meshes import body_mesh
 from mocapella.model.body_proportions import Sex
 from mocapella.model.camera import Camera, CameraRig, PlacedCamera
@@ -94,7 +94,7 @@ class SilhouetteScene:
     """
 
     def __init__(
-        self, name: str, seed: int, meshes: Sequence[RiggedMesh], outfits: Sequence[Outfit],
+        self, name: str, seed: int, *, meshes: Sequence[RiggedMesh], outfits: Sequence[Outfit],
         motions: Sequence[BodyMotion], backdrop: Backdrop, rig: CameraRig, times_s: Float64, look: CameraLook,
         corruption: Corruption | None,
     ) -> None:  # fmt: skip
@@ -194,7 +194,8 @@ class SilhouetteScene:
 
 def silhouette_scene(
     name: str, *, seed: int = 0, cameras: int = 4, size_px: tuple[int, int] = (640, 480), seconds: float | None = None,
-    fps: float = 60.0, outfit: str | None = None, people: int = 1, sex: Sex | None = None, height_m: float | None = None,
+    fps: float = 60.0, outfit: str | None = None, people: int = 1, sex: Sex | None = None,
+    height_m: float | None = None,
     look: CameraLook | None = None, corruption: Corruption | None = None, bvh: Path | str | None = None,
 ) -> SilhouetteScene:  # fmt: skip
     """A scene of `scene_names`.
@@ -237,12 +238,15 @@ def silhouette_scene(
         motions.append(_moved(motion, rng.uniform(0, 2 * math.pi), _APART_M * (person - 0.5 * (people - 1))))
     lasts = min(motion.seconds for motion in motions)
     times = np.arange(max(math.floor(lasts * fps + 1e-9), 1)) / fps
-    rig = _ring(cameras, size_px, meshes, motions, times, rng)
+    rig = _ring(cameras, size_px, meshes, motions, times, rng=rng)
     eyes = [inverse(placed.T_camera_world)[:3, 3] for placed in rig.cameras.values()]
     backdrop = make_backdrop(seed, max(4.9, float(np.abs(eyes).max()) + _BEHIND_M))
     colours = _room_colours(backdrop)
     outfits = [make_outfit(outfit, seed + 100 * person, colours) for person in range(people)]
-    return SilhouetteScene(name, seed, meshes, outfits, motions, backdrop, rig, times, look or CameraLook(), corruption)
+    return SilhouetteScene(
+        name, seed, meshes=meshes, outfits=outfits, motions=motions, backdrop=backdrop, rig=rig, times_s=times,
+        look=look or CameraLook(), corruption=corruption,
+    )  # fmt: skip
 
 
 def scene_names() -> tuple[str, ...]:
@@ -275,7 +279,7 @@ def _moved(motion: BodyMotion, turn: float, aside_m: float) -> BodyMotion:
 
 def _ring(
     count: int, size_px: tuple[int, int], meshes: Sequence[RiggedMesh], motions: Sequence[BodyMotion], times: Float64,
-    rng: np.random.Generator,
+    *, rng: np.random.Generator,
 ) -> CameraRig:  # fmt: skip
     """Cameras all around, whose lenses are as long as they may be for everybody to be in all pictures."""
     some = times[:: max(len(times) // 40, 1)]
@@ -293,9 +297,8 @@ def _ring(
         position = np.array([middle[0] + far * math.sin(around), up, middle[2] + far * math.cos(around)])
         radial = rng.uniform(-0.14, -0.04)
         distortion = (radial, -0.35 * radial, rng.normal(0, 6e-4), rng.normal(0, 6e-4), 0.0)
-        camera = SimulatedCamera(
-            f"camera{k + 1}", tuple(position), tuple(middle), 50.0, (640, 480), tuple(map(float, distortion))
-        )
+        x, y, z = map(float, middle)
+        camera = SimulatedCamera(f"camera{k + 1}", (float(position[0]), up, float(position[2])), (x, y, z))
         T, lens = camera.T_camera_world, np.array([1.0, 1.0, 0.0, 0.0, *distortion])
         seen = np.abs(project(apply(T, points), lens))
         halves = 0.5 * _FILLED * np.array(size_px)
