@@ -18,8 +18,9 @@ from mocapella.geometry.rigid import apply, rigid
 from mocapella.model.body_meshes import body_mesh
 from mocapella.model.rigged_mesh import landmarks_at, posed
 from mocapella.model.twist_tree import TreePose
+from mocapella.sources.simulate import body_paint_kernels
 from mocapella.sources.simulate.body_motion import body_motion, motion_names, turned
-from mocapella.sources.simulate.body_paint import make_cast, painted, stand
+from mocapella.sources.simulate.body_paint import cell_m, make_cast, painted, stand
 from mocapella.sources.simulate.bvh import read_bvh
 from mocapella.sources.simulate.bvh_body import body_angles, body_motion_of
 from mocapella.sources.simulate.corruption import Corruption
@@ -175,6 +176,28 @@ def test_bodies_are_as_bright_as_the_light_allows_and_throw_a_shadow() -> None:
         grey = layer.colour[inside][:, 1] / 0.5
         assert grey.min() >= light.ground.min() * 0.7  # never darker than what comes from below on folds
         assert grey.max() <= 1.25 * (light.strength[1] + light.sky[1])
+
+
+def test_shadows_fall_away_from_the_light() -> None:
+    s = scene("t-pose")
+    stage = s._stage(0)
+    cells = np.argwhere(stage.shade > 0.5)[:, ::-1]
+    on_floor = stage.first_m + cell_m() * cells
+    head = s.landmarks(0)[list(s.mesh.landmarks).index("head")]
+    towards = s.backdrop.light.towards
+    expected = head[[0, 2]] - (head[1] - 0.05) * towards[[0, 2]] / towards[1]
+    assert np.linalg.norm(on_floor - expected, axis=1).min() < 0.03
+    assert np.linalg.norm(on_floor - (2 * head[[0, 2]] - expected), axis=1).min() > 0.2
+
+
+def test_light_arrives_where_nothing_is_above() -> None:
+    tops = np.zeros((9, 9))
+    tops[4, 4] = 1.0 + 1.5  # a thing at 1.5 m
+    first = np.zeros(2)
+    for (x, z, y), share in {
+        (0.4, 0.4, 0.2): 0.0, (0.4, 0.4, 1.5): 1.0, (0.1, 0.1, 0.2): 1.0, (0.45, 0.4, 0.2): 0.5, (5.0, 0.4, 0.2): 1.0
+    }.items():  # fmt: skip
+        assert body_paint_kernels.lit_share(tops, first, 0.1, x, z, y) == pytest.approx(share, abs=1e-6)
 
 
 # ------------------------------------------------------------------ how they move
