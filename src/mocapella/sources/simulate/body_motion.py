@@ -133,9 +133,9 @@ def grounded(
         before = at
     wanted = above - lowest
     y = gaussian_filter1d(wanted, sd, mode="nearest")
-    reach = math.ceil(4 * sd)  # as far as the filter looks, so that what it leaves below the floor is lifted
+    reach = int(1.5 * sd + 0.5)  # as far as the second filter looks: what the first leaves below the floor is lifted
     below = maximum_filter1d(np.maximum(wanted - y, 0.0), 2 * reach + 1, mode="nearest")
-    y = y + gaussian_filter1d(below, sd, mode="nearest")
+    y = y + gaussian_filter1d(below, sd, mode="nearest", truncate=1.5)
     if path is None:
         free = above > 1e-3
         if free.any() and not free.all():  # through the air about as fast as before and after
@@ -318,7 +318,7 @@ def _cartwheel(_seconds: float, rng: np.random.Generator) -> tuple[list[Key], bo
 
 
 def _flick_flack(_seconds: float, rng: np.random.Generator) -> tuple[list[Key], bool]:
-    slow, high = rng.uniform(0.98, 1.12), rng.uniform(0.12, 0.2)
+    slow, high = rng.uniform(1.15, 1.28), rng.uniform(0.12, 0.2)
     stand: Mapping[str, float] = {"hip": 1.0, "knee": 2.0, "ankle": 1.0, "bend": 0.0, "elbow": 6.0, "open": 3.0}
     keys: list[Key] = [
         (0.0, {**stand, **_forwards(10.0), "pitch": 0.0}), (0.15, {}),
@@ -347,5 +347,5 @@ _MOTIONS: Final[dict[str, tuple[Callable[[float, np.random.Generator], tuple[lis
     "runner": (_runner, 3.0),
     "walk": (_walk, 2.4),
     "cartwheel": (_cartwheel, 3.6),
-    "flick-flack": (_flick_flack, 3.0),
+    "flick-flack": (_flick_flack, 3.6),
 }
