@@ -130,8 +130,8 @@ class BackgroundMemory:
         out = np.full(band.phi.shape, np.nan, np.float32)
         if self._shape:
             _kernels().costs(
-                band.values, band.blocks, block_of(settings, self.step_px), self.step_px, left - band.pad, top, self.settings.least_sd, self._mean, self._variance,
-                self._count, out,
+                band.values, band.blocks, block_of(settings, self.step_px), self.step_px, left - band.pad, top,
+                self.settings.least_sd, self._mean, self._variance, self._count, out,
             )  # fmt: skip
         return out
 

@@ -37,6 +37,8 @@ Float64 = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 UInt8 = NDArray[np.uint8]
 
+LEAST_CONTRAST = 6
+"""An image whose values differ by no more is all of one colour [grey levels]."""
 HALF_LIFE_S = 0.15
 """How long what nobody sees goes on as it did, until it is half as fast [s]."""
 SETTLING = 4
@@ -55,9 +57,9 @@ class Steadiness:
         angle_rad_per_s2: of a joint [rad/s²].
     """
 
-    root_m_per_s2: float = 12.0
-    root_rad_per_s2: float = 60.0
-    angle_rad_per_s2: float = 90.0
+    root_m_per_s2: float = 20.0
+    root_rad_per_s2: float = 150.0
+    angle_rad_per_s2: float = 150.0
 
     def __post_init__(self) -> None:
         for name in ("root_m_per_s2", "root_rad_per_s2", "angle_rad_per_s2"):
@@ -84,7 +86,9 @@ class SilhouetteSettings:
         rounds: how often a pose is fitted to a frame.
         segmented: in how many of these rounds, the first ones, the images are segmented.
         usual_per_rad: how little angles that nothing shows stray from the resting pose [1/rad].
-        unlike: a camera of whose background more than this share is not as it was shows something else.
+        unlike: a camera of whose background more than this share of what usually is as it was is not, shows something
+            else.
+        something_else_s: after so long it is taken for a new background: the light changed, or the camera moved [s].
     """
 
     steadiness: Steadiness | None = field(default_factory=Steadiness)
@@ -100,6 +104,7 @@ class SilhouetteSettings:
     segmented: int = 2
     usual_per_rad: float = 0.5
     unlike: float = 0.5
+    something_else_s: float = 0.5
 
     def __post_init__(self) -> None:
         check(self.step_px >= 0, "step_px", self.step_px, "0 or more")
@@ -108,6 +113,7 @@ class SilhouetteSettings:
         check(1 <= self.segmented <= self.rounds, "segmented", self.segmented, f"1 to {self.rounds}")
         check(self.usual_per_rad >= 0, "usual_per_rad", self.usual_per_rad, "0 or more")
         check(0 < self.unlike <= 1, "unlike", self.unlike, "above 0 and at most 1")
+        check(self.something_else_s > 0, "something_else_s", self.something_else_s, "above 0 s")
 
 
 class SeenIn(msgspec.Struct, frozen=True, eq=False):
@@ -173,7 +179,7 @@ class SilhouetteTracker:
         vertices, s = posed(self.mesh, pose), self.settings
         for name, by in self._eyes.items():
             if name not in self._cameras:
-                outline = see(self._figure, vertices, by, 1, 1)
+                outline = see(self._figure, vertices, by, step_px=1, margin_px=1)
                 if outline is not None:
                     step = s.step_px or max(1, round(max(outline.mask.shape) / 200))
                     self._cameras[name] = _Camera(by, step, s)
@@ -195,7 +201,7 @@ class SilhouetteTracker:
         s, tree = self.settings, self.mesh.tree
         expected = pose = self.expected(time_ns)
         priors = self._priors(expected, time_ns)
-        left_out: dict[str, str] = {}
+        left_out = self._unusable(images)
         steps = 0
         for camera in self._cameras.values():
             camera.forget_frame()
@@ -208,7 +214,7 @@ class SilhouetteTracker:
                 if name not in images or name in left_out or not camera.look(self._figure, vertices, s):
                     continue
                 if number == 0:
-                    reason = camera.reason_against(images[name])
+                    reason = camera.reason_against(images[name], time_ns)
                     if reason:
                         left_out[name] = reason
                         continue
@@ -228,6 +234,23 @@ class SilhouetteTracker:
         # Where it was thought to be before the first frame was rough: it is at rest, until it is seen to move.
         self._past = [(last_ns, pose if first and seen else last), (time_ns, pose)]
         return Followed(time_ns, pose, landmarks_at(self.mesh, pose), seen, left_out, steps)
+
+    def _unusable(self, images: Mapping[str, UInt8]) -> dict[str, str]:
+        """Why images do not count that show nothing, or nothing new, by camera."""
+        reasons, same = {}, []
+        for name, camera in self._cameras.items():
+            if name in images:
+                thinned = images[name][:: camera.sparse_px, :: camera.sparse_px]
+                if camera.thinned is not None and np.array_equal(thinned, camera.thinned):
+                    same.append(name)
+                if int(thinned.max()) - int(thinned.min()) <= LEAST_CONTRAST:
+                    reasons[name] = "it is all of one colour, as of a covered or broken camera"
+                camera.thinned = thinned.copy()
+        if len(same) < len(images):  # else the recording stands still
+            reasons |= dict.fromkeys(
+                (name for name in same if name not in reasons), "it is frozen: the same image as before"
+            )
+        return reasons
 
     def _priors(self, expected: TreePose, time_ns: int) -> Sequence[Prior]:
         s = self.settings
@@ -252,7 +275,10 @@ class _Camera:
         self._region, self._closer = (_scaled(region, step_px) for region in (settings.region, settings.closer))
         self._reach = float(settings.margin_steps * step_px)
         self.memory = None if settings.background is None else BackgroundMemory(step_px, settings.background)
-        self._contour: Silhouette | None = None
+        self.sparse_px = 8 * step_px
+        self.thinned: UInt8 | None = None
+        self._usual_unlike = 0.0
+        self._else_since_ns: int | None = None
         self.forget_frame()
 
     def forget_frame(self) -> None:
@@ -269,19 +295,29 @@ class _Camera:
 
     def look(self, body: Figure, vertices: Float64, s: SilhouetteSettings) -> bool:
         """See the body; all of a frame's looks have one window. False where it is not in the image."""
-        spacing = s.correspondences.spacing_steps * self._step
-        seen = see(body, vertices, self._eye, self._step, int(self._reach), spacing, self._window)
+        seen = see(
+            body, vertices, self._eye, step_px=self._step, margin_px=int(self._reach),
+            spacing_px=s.correspondences.spacing_steps * self._step, window=self._window,
+        )  # fmt: skip
         self._window, self._outline, self._prior = self._window or seen, seen, None
         return seen is not None
 
-    def reason_against(self, image: UInt8) -> str:
+    def reason_against(self, image: UInt8, time_ns: int) -> str:
         """Why an image is not to count; empty where it is."""
         if self.memory is None:
             return ""
-        unlike = self.memory.unlike(image, self._expected())
-        if unlike > self._settings.unlike:
-            return f"it shows something else: {unlike:.0%} of what is behind the body differs from before"
-        return ""
+        unlike, s = self.memory.unlike(image, self._expected()), self._settings
+        if not unlike > self._usual_unlike + s.unlike * (1.0 - self._usual_unlike):
+            self._usual_unlike += 0.2 * ((0.0 if np.isnan(unlike) else unlike) - self._usual_unlike)
+            self._else_since_ns = None
+            return ""
+        if self._else_since_ns is None:
+            self._else_since_ns = time_ns
+        if time_ns - self._else_since_ns >= s.something_else_s * NS_PER_S:
+            self.memory.reset()
+            self._usual_unlike, self._else_since_ns = 0.0, None
+            return ""
+        return f"it shows something else: {unlike:.0%} of what is behind the body differs from before"
 
     def segment(self, image: UInt8, *, last: bool) -> None:
         """What the image says, the body's outline in mind; the ``last`` time of a frame it is nearly right."""
@@ -295,8 +331,9 @@ class _Camera:
         assert self._found is not None
         contour, surety = self._found
         planes, self._shift = touching(
-            self._outline, motions, contour.phi, surety, self._eye, self._reach, self._settings.correspondences
-        )
+            self._outline, motions, contour.phi, surety, self._eye,
+            reach_px=self._reach, settings=self._settings.correspondences,
+        )  # fmt: skip
         return planes
 
     def seen(self) -> SeenIn:
