@@ -83,8 +83,10 @@ class SilhouetteSettings:
         correspondences: how outlines are brought together.
         step_px: images are looked at in squares of so many pixels; 0: so that a body is about 200 of them high.
         margin_steps: how far from where the body is expected its outline is looked for.
-        rounds: how often a pose is fitted to a frame.
-        segmented: in how many of these rounds, the first ones, the images are segmented.
+        rounds: how often a pose is fitted to a frame; once less where nothing was unexpected in the frame before.
+        segmented: in how many of these rounds, the first ones, the images are segmented; once where nothing was
+            unexpected in the frame before.
+        expected_steps: a body that is so near to where it was expected, in samples, is as expected.
         usual_per_rad: how little angles that nothing shows stray from the resting pose [1/rad].
         unlike: a camera of whose background more than this share of what usually is as it was is not, shows something
             else.
@@ -102,6 +104,7 @@ class SilhouetteSettings:
     margin_steps: int = 12
     rounds: int = 3
     segmented: int = 2
+    expected_steps: float = 1.5
     usual_per_rad: float = 0.5
     unlike: float = 0.5
     something_else_s: float = 0.5
@@ -111,6 +114,7 @@ class SilhouetteSettings:
         check(2 <= self.margin_steps <= 100, "margin_steps", self.margin_steps, "2 to 100")
         check(self.rounds >= 1, "rounds", self.rounds, "1 or more")
         check(1 <= self.segmented <= self.rounds, "segmented", self.segmented, f"1 to {self.rounds}")
+        check(self.expected_steps >= 0, "expected_steps", self.expected_steps, "0 or more")
         check(self.usual_per_rad >= 0, "usual_per_rad", self.usual_per_rad, "0 or more")
         check(0 < self.unlike <= 1, "unlike", self.unlike, "above 0 and at most 1")
         check(self.something_else_s > 0, "something_else_s", self.something_else_s, "above 0 s")
@@ -168,6 +172,7 @@ class SilhouetteTracker:
         self._past: list[tuple[int, TreePose]] = []
         self._cameras: dict[str, _Camera] = {}
         self._blind_ns = 0
+        self._as_expected = False
 
     def start(self, pose: TreePose, time_ns: int) -> None:
         """It is about there, and at rest.
@@ -175,7 +180,7 @@ class SilhouetteTracker:
         Raises:
             SettingsError: no camera sees it there.
         """
-        self._past, self._blind_ns = [(time_ns, pose)], 0
+        self._past, self._blind_ns, self._as_expected = [(time_ns, pose)], 0, False
         vertices, s = posed(self.mesh, pose), self.settings
         for name, by in self._eyes.items():
             if name not in self._cameras:
@@ -207,6 +212,8 @@ class SilhouetteTracker:
             camera.forget_frame()
         first = len(self._past) == 1
         rounds, segmented = (s.rounds * SETTLING, s.rounds * SETTLING - 1) if first else (s.rounds, s.segmented)
+        if self._as_expected:
+            rounds, segmented = max(rounds - 1, 1), 1
         for number in range(rounds):
             vertices, motions = posed(self.mesh, pose), self._motions(pose)
             given = []
@@ -233,6 +240,9 @@ class SilhouetteTracker:
         self._blind_ns = 0 if seen else self._blind_ns + time_ns - last_ns
         # Where it was thought to be before the first frame was rough: it is at rest, until it is seen to move.
         self._past = [(last_ns, pose if first and seen else last), (time_ns, pose)]
+        away_m = np.linalg.norm(posed(self.mesh, expected) - vertices, axis=1).max()
+        nearest_m = min((camera.sample_m for camera in self._cameras.values() if camera.segmented), default=0.0)
+        self._as_expected = bool(seen) and away_m <= s.expected_steps * nearest_m
         return Followed(time_ns, pose, landmarks_at(self.mesh, pose), seen, left_out, steps)
 
     def _unusable(self, images: Mapping[str, UInt8]) -> dict[str, str]:
@@ -292,6 +302,12 @@ class _Camera:
     def segmented(self) -> bool:
         """Whether this frame's image was."""
         return self._found is not None
+
+    @property
+    def sample_m(self) -> float:
+        """How far samples are apart, at the distance of the body's nearest outline [m]."""
+        assert self._outline is not None
+        return float(self._outline.depth.min(initial=np.inf)) * self._step / self._eye.lens[0]
 
     def look(self, body: Figure, vertices: Float64, s: SilhouetteSettings) -> bool:
         """See the body; all of a frame's looks have one window. False where it is not in the image."""
