@@ -1,0 +1,212 @@
+"""A body followed through the videos of several cameras: what the command and the demo do, frame by frame.
+
+Images in which nothing is to be seen do not count, and why is said; where nobody is there any more who could be
+followed, the body waits where it was last, at rest, and goes on when somebody is there again.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.calibration.visual_cones import doubts, meetings
+from mocapella.conventions import NS_PER_S
+from mocapella.kinematics.silhouette_fit import Outline
+from mocapella.model.camera import CameraRig
+from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at
+from mocapella.model.silhouettes import Silhouette
+from mocapella.model.twist_tree import TreePose
+from mocapella.recording.followed_bodies import FollowedFrame, frame_of
+from mocapella.sensing.outline_picture import outlined
+from mocapella.sources.dead_images import DeadImages
+from mocapella.tracker.silhouettes import Followed, SilhouetteSettings, SilhouetteTracker
+
+UInt8 = NDArray[np.uint8]
+Say = Callable[[str], None]
+
+SEEN_FROM: Final = 0.5
+"""Overlap of the outlines from which on a camera sees the body that is meant."""
+DOUBTED_BELOW: Final = 0.7
+"""Overlap, in the first frames, below which a camera's video is doubted."""
+FIRST_FRAMES: Final = 5
+"""Over which the rig is judged."""
+
+
+class Step(msgspec.Struct, frozen=True, eq=False):
+    """One frame and what came of it.
+
+    Attributes:
+        images: (height, width, 3) BGR by camera, all.
+        followed: what the tracker says.
+        row: as the file has it.
+        took_s: how long the tracker took.
+    """
+
+    images: Mapping[str, UInt8]
+    followed: Followed
+    row: FollowedFrame
+    took_s: float
+
+    def pictures(self, width: int | None = None) -> dict[str, UInt8]:
+        """Each camera's image with the outlines drawn in, so many pixels wide; as it is without ``width``."""
+        seen = self.followed.seen
+        return {
+            name: outlined(image, seen[name].contour, covered(seen[name].outline), width)
+            if name in seen else outlined(image, None, None, width)
+            for name, image in self.images.items()
+        }  # fmt: skip
+
+
+def covered(outline: Outline) -> Silhouette:
+    """What the posed mesh covers."""
+    return Silhouette(outline.origin_px, outline.step_px, outline.mask.astype(np.float32) - 0.5)
+
+
+class SilhouetteRun:
+    """A body from its first pose on.
+
+    Args:
+        mesh: of the body.
+        rig: of the cameras, for images of their size.
+        rate_hz: frames a second.
+        settings: of the tracker.
+        say: is told what happens.
+
+    Attributes:
+        rows: of all frames so far.
+        notes: all that was said.
+        took_s: of each frame.
+    """
+
+    def __init__(
+        self,
+        mesh: RiggedMesh,
+        rig: CameraRig,
+        rate_hz: float,
+        settings: SilhouetteSettings | None = None,
+        say: Say = lambda _text: None,
+    ) -> None:
+        self.mesh, self.rig = mesh, rig
+        self.tracker = SilhouetteTracker(mesh, rig, settings)
+        self.rows: list[FollowedFrame] = []
+        self.notes: list[str] = []
+        self.took_s: list[float] = []
+        self._rate_hz, self._tell, self._dead = rate_hz, say, DeadImages()
+        self._out: dict[str, str] = {}
+        self._unseen: set[str] = set()
+        self._lost = False
+        self._last: TreePose | None = None
+        self._first: list[Followed] = []
+
+    def start(self, pose: TreePose, frame: int, step: int = 1) -> None:
+        """It is about there in the frame of that number, the frames being ``step`` apart.
+
+        Raises:
+            SettingsError: no camera sees it there.
+        """
+        self._last = pose
+        self.tracker.start(pose, self._time_ns(frame - step))
+
+    def steps(self, images: Iterable[tuple[int, dict[str, UInt8]]]) -> Iterator[Step]:
+        """Each frame when it is done."""
+        for frame, shown in images:
+            yield self.step(frame, shown)
+
+    def step(self, frame: int, images: Mapping[str, UInt8]) -> Step:
+        """The next frame."""
+        dead = self._dead.update(images)
+        begin_s = time.perf_counter()
+        found = self.tracker.update({k: v for k, v in images.items() if k not in dead}, self._time_ns(frame))
+        took_s = time.perf_counter() - begin_s
+        found = msgspec.structs.replace(found, left_out={**found.left_out, **dead})
+        lost = not any(one.overlap >= SEEN_FROM for one in found.seen.values())
+        if lost:
+            assert self._last is not None
+            found = msgspec.structs.replace(found, pose=self._last, landmarks=landmarks_at(self.mesh, self._last))
+            self.tracker.start(self._last, found.time_ns)
+        else:
+            self._last = found.pose
+        self._say_changes(frame, found, lost)
+        row = frame_of(
+            frame,
+            frame / self._rate_hz,
+            found.pose,
+            joint_names=self.mesh.joint_names,
+            landmarks=dict(zip(self.mesh.landmarks, found.landmarks, strict=True)),
+            overlap={name: one.overlap for name, one in found.seen.items()},
+            left_out=found.left_out,
+            lost=lost,
+        )
+        self.rows.append(row)
+        self.took_s.append(took_s)
+        self._judge_rig(found, lost)
+        return Step(images, found, row, took_s)
+
+    def note(self, text: str) -> None:
+        """Say it, and keep it."""
+        self.notes.append(text)
+        self._tell(text)
+
+    def summary(self) -> dict[str, object]:
+        """What the run came to, as ``--json`` has it."""
+        overlaps = [value for row in self.rows for value in row.overlap.values()]
+        left_out = Counter(name for row in self.rows for name in row.left_out)
+        return {
+            "frames": len(self.rows),
+            "lost": sum(row.lost for row in self.rows),
+            "left_out": dict(left_out),
+            "median_overlap": round(float(np.median(overlaps)), 4) if overlaps else None,
+            "median_ms": round(1e3 * float(np.median(self.took_s)), 3) if self.took_s else None,
+            "notes": self.notes,
+        }
+
+    def _time_ns(self, frame: int) -> int:
+        return round(frame * NS_PER_S / self._rate_hz)
+
+    def _say_changes(self, frame: int, found: Followed, lost: bool) -> None:
+        for name in sorted({*found.left_out} - {*self._out}):
+            self.note(f"frame {frame}: {name} is left out: {found.left_out[name]}")
+        for name in sorted({*self._out} - {*found.left_out}):
+            self.note(f"frame {frame}: {name} counts again")
+        self._out = dict(found.left_out)
+        unseen = {name for name in self.rig.cameras if name not in found.seen and name not in found.left_out}
+        for name in sorted(unseen - self._unseen):
+            self.note(f"frame {frame}: the body is outside of {name}'s image")
+        self._unseen = unseen
+        if lost and not self._lost:
+            self.note(f"frame {frame}: the body is in no camera's image any more; it waits where it was last")
+        elif self._lost and not lost:
+            self.note(f"frame {frame}: the body is there again")
+        self._lost = lost
+
+    def _judge_rig(self, found: Followed, lost: bool) -> None:
+        """After the first frames: whether the cameras see one body, each where the rig says that it would."""
+        if len(self.rows) > FIRST_FRAMES or lost:
+            return
+        self._first.append(found)
+        if len(self.rows) < FIRST_FRAMES:
+            return
+        for text in rig_doubts(self._first, self.rig):
+            self.note(text)
+        self._first = []
+
+
+def rig_doubts(first: list[Followed], rig: CameraRig) -> list[str]:
+    """What in the first frames says that a camera is not where the rig says, a line each."""
+    said = []
+    for name in rig.cameras:
+        seen = [one.seen[name] for one in first if name in one.seen]
+        if seen and float(np.median([one.overlap for one in seen])) < DOUBTED_BELOW:
+            overlap = float(np.median([one.overlap for one in seen]))
+            x, y = np.median([one.shift_px for one in seen], axis=0)
+            said.append(
+                f"{name}: the body's outline and the image's do not agree (overlap {overlap:.0%}, {x:+.0f} px across "
+                f"and {y:+.0f} px down): is this the video of {name}, and is the rig in metres and of this recording?"
+            )
+    return said + doubts(meetings({name: one.contour for name, one in first[-1].seen.items()}, rig))
