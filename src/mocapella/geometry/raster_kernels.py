@@ -1,0 +1,136 @@
+"""Which triangle of a surface a picture's samples see, through a lens; compiled. Importing this module imports numba."""
+
+# ruff: noqa: PLR0917 - compiled: arrays come by position, and loops are written out
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mocapella.compiled import njit
+from mocapella.geometry.lens_kernels import distort
+
+NEAR_M = 0.05
+"""A corner nearer than this takes its triangles with it."""
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def project(vertices, T, lens, farthest_r2, out):
+    """Write (n, 3): x, y [px] and 1/z of vertices in the world; 1/z is 0 where the lens does not show them.
+
+    Args:
+        vertices: (n, 3) world [m].
+        T: (4, 4) from the world to the camera.
+        lens, farthest_r2: of `mocapella.geometry.lens`.
+        out: (n, 3) is written.
+    """
+    for i in range(len(vertices)):
+        p, q, r = vertices[i, 0], vertices[i, 1], vertices[i, 2]
+        z = T[2, 0] * p + T[2, 1] * q + T[2, 2] * r + T[2, 3]
+        out[i, 0], out[i, 1], out[i, 2] = 0.0, 0.0, 0.0
+        if z < NEAR_M:
+            continue
+        x = (T[0, 0] * p + T[0, 1] * q + T[0, 2] * r + T[0, 3]) / z
+        y = (T[1, 0] * p + T[1, 1] * q + T[1, 2] * r + T[1, 3]) / z
+        if x * x + y * y > farthest_r2:
+            continue
+        u, v, _, _, _ = distort(x, y, lens[4], lens[5], lens[6], lens[7], lens[8])
+        out[i, 0], out[i, 1], out[i, 2] = lens[0] * u + lens[2], lens[1] * v + lens[3], 1.0 / z
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def bounds(seen, size_px, margin_px, out):
+    """Write (x0, y0, x1, y1), whole pixels, the last ones not included: around all that is seen, within the picture."""
+    x0, y0, x1, y1 = np.inf, np.inf, -np.inf, -np.inf
+    for i in range(len(seen)):
+        if seen[i, 2] > 0.0:
+            x0, x1 = min(x0, seen[i, 0]), max(x1, seen[i, 0])
+            y0, y1 = min(y0, seen[i, 1]), max(y1, seen[i, 1])
+    if not x0 <= x1:
+        out[0], out[1], out[2], out[3] = 0, 0, 0, 0
+        return
+    w, h = float(size_px[0]), float(size_px[1])
+    out[0] = int(min(max(math.floor(x0) - margin_px, 0.0), w))
+    out[1] = int(min(max(math.floor(y0) - margin_px, 0.0), h))
+    out[2] = int(min(max(math.ceil(x1) + margin_px + 1, float(out[0])), w))
+    out[3] = int(min(max(math.ceil(y1) + margin_px + 1, float(out[1])), h))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def cover(seen, triangles, left, top, step, nearest, which):
+    """Write which triangle is nearest at each sample of a grid; a surface is closed, so only its outside is drawn.
+
+    Samples are points: one is covered where it is inside, on an edge included.
+
+    Args:
+        seen: (n, 3) of `project`.
+        triangles: (m, 3) corners, counter-clockwise as seen from outside.
+        left, top: where the first sample is [px].
+        step: between samples [px].
+        nearest: (rows, columns) float64 1/z of what is nearest, 0 where nothing is; in and out.
+        which: (rows, columns) int32 its triangle, -1 where there is none; in and out.
+    """
+    h, w = which.shape
+    scale = 1.0 / step
+    for t in range(len(triangles)):
+        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        ia, ib, ic = seen[a, 2], seen[b, 2], seen[c, 2]
+        if ia == 0.0 or ib == 0.0 or ic == 0.0:
+            continue
+        ax, ay = (seen[a, 0] - left) * scale, (seen[a, 1] - top) * scale
+        bx, by = (seen[b, 0] - left) * scale, (seen[b, 1] - top) * scale
+        cx, cy = (seen[c, 0] - left) * scale, (seen[c, 1] - top) * scale
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        if area >= 0.0:  # with y down, what is counter-clockwise outside is negative
+            continue
+        x0, x1 = max(math.ceil(min(ax, bx, cx)), 0), min(math.floor(max(ax, bx, cx)), w - 1)
+        y0, y1 = max(math.ceil(min(ay, by, cy)), 0), min(math.floor(max(ay, by, cy)), h - 1)
+        for y in range(y0, y1 + 1):
+            for x in range(x0, x1 + 1):
+                u = ((cx - bx) * (y - by) - (cy - by) * (x - bx)) / area
+                v = ((ax - cx) * (y - cy) - (ay - cy) * (x - cx)) / area
+                s = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / area
+                if u < 0.0 or v < 0.0 or s < 0.0:
+                    continue
+                near = u * ia + v * ib + s * ic  # 1/z is linear in the picture
+                if near > nearest[y, x]:
+                    nearest[y, x], which[y, x] = near, t
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def weights(seen, triangle, x, y, out):
+    """Write the corners' shares (3,) of the point of a triangle that is seen at x, y [px]; they add up to 1."""
+    a, b, c = triangle[0], triangle[1], triangle[2]
+    ax, ay, bx, by, cx, cy = seen[a, 0], seen[a, 1], seen[b, 0], seen[b, 1], seen[c, 0], seen[c, 1]
+    u = ((cx - bx) * (y - by) - (cy - by) * (x - bx)) * seen[a, 2]
+    v = ((ax - cx) * (y - cy) - (ay - cy) * (x - cx)) * seen[b, 2]
+    s = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) * seen[c, 2]
+    total = u + v + s
+    out[0], out[1], out[2] = u / total, v / total, s / total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def vertex_normals(vertices, triangles, out):
+    """Write (n, 3) unit normals out of the surface: of a corner's triangles, each as much as its area."""
+    out[:] = 0.0
+    for t in range(len(triangles)):
+        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        ux, uy, uz = (
+            vertices[b, 0] - vertices[a, 0],
+            vertices[b, 1] - vertices[a, 1],
+            vertices[b, 2] - vertices[a, 2],
+        )
+        vx, vy, vz = (
+            vertices[c, 0] - vertices[a, 0],
+            vertices[c, 1] - vertices[a, 1],
+            vertices[c, 2] - vertices[a, 2],
+        )
+        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        for k in (a, b, c):
+            out[k, 0] += nx
+            out[k, 1] += ny
+            out[k, 2] += nz
+    for i in range(len(out)):
+        size = math.sqrt(out[i, 0] * out[i, 0] + out[i, 1] * out[i, 1] + out[i, 2] * out[i, 2])
+        if size > 0.0:
+            out[i, 0], out[i, 1], out[i, 2] = out[i, 0] / size, out[i, 1] / size, out[i, 2] / size

@@ -1,0 +1,273 @@
+"""The loops of `mocapella.sources.simulate.backdrop`, compiled; importing this module imports numba."""
+
+# ruff: noqa: PLR0911, PLR0912, PLR0914, PLR0915, PLR0917 - compiled: arrays come by position, loops are written out
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mocapella.compiled import njit
+from mocapella.sources.simulate.noise_kernels import hashed, noise2, rough2
+
+PAINT, PLANKS, BRICKS, TILES, CARPET, STRIPES, BOOKS, POSTER, WINDOW, CURTAIN, CLOTH, SKETCH = range(12)
+"""What a surface is made of. Each has two colours and a size [m]; see `reflected`."""
+FAR_M = 1e9
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def enter_box(o, d, box, inside):
+    """(distance, axis, sign): where a ray meets a box turned about y; `FAR_M` where it does not.
+
+    Args:
+        o, d: (3,) origin and direction.
+        box: centre (3), half edges (3), cosine and sine of the turn, …
+        inside: whether it is the far side that is wanted, of a room.
+    """
+    c, s = box[6], box[7]
+    px, pz = o[0] - box[0], o[2] - box[2]
+    ox, oy, oz = c * px - s * pz, o[1] - box[1], s * px + c * pz
+    dx, dy, dz = c * d[0] - s * d[2], d[1], s * d[0] + c * d[2]
+    near, far, near_axis, far_axis = -FAR_M, FAR_M, 0, 0
+    for axis in range(3):
+        p = ox if axis == 0 else (oy if axis == 1 else oz)
+        q = dx if axis == 0 else (dy if axis == 1 else dz)
+        half = box[3 + axis]
+        if abs(q) < 1e-12:
+            if abs(p) > half:
+                return FAR_M, 0, 1.0
+            continue
+        a, b = (-half - p) / q, (half - p) / q
+        if a > b:
+            a, b = b, a
+        if a > near:
+            near, near_axis = a, axis
+        if b < far:
+            far, far_axis = b, axis
+    if near > far:
+        return FAR_M, 0, 1.0
+    if inside:
+        q = dx if far_axis == 0 else (dy if far_axis == 1 else dz)
+        return far, far_axis, -1.0 if q > 0.0 else 1.0
+    if near < 1e-4:
+        return FAR_M, 0, 1.0
+    q = dx if near_axis == 0 else (dy if near_axis == 1 else dz)
+    return near, near_axis, -1.0 if q > 0.0 else 1.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def reflected(material, u, v, w, h, out):
+    """Write what a surface reflects of red, green and blue at u across and v up [m], of a face of w × h [m].
+
+    Args:
+        material: kind, first colour (3), second colour (3), size [m], seed, shine.
+        u, v: from the face's lower left corner.
+        w, h: of the face.
+        out: (3,) is written.
+    """
+    kind, size, seed = int(material[0]), material[7], int(material[8])
+    mix, light = 0.0, 1.0
+    if kind == PAINT:
+        light = 1.0 + 0.10 * (rough2(u / size, v / size, seed) - 0.5) + 0.03 * (noise2(u / 0.006, v / 0.006, seed) - 0.5)
+    elif kind == PLANKS:
+        row = math.floor(v / size)
+        shift = 3.0 * hashed(row, seed, 1)
+        plank = math.floor((u + shift) / (12.0 * size))
+        tint = hashed(row, plank, seed)
+        grain = rough2(u / (4.0 * size), v / (0.12 * size) + 7.0 * tint, seed + int(97 * tint))
+        mix = 0.55 * tint + 0.45 * grain
+        across, along = v / size - row, (u + shift) / (12.0 * size) - plank
+        if across < 0.03 or along < 0.003:
+            light = 0.55
+    elif kind in (BRICKS, TILES):
+        long = 3.0 * size if kind == BRICKS else size
+        row = math.floor(v / size)
+        shift = 0.5 * long * (row % 2) if kind == BRICKS else 0.0
+        column = math.floor((u + shift) / long)
+        across, along = v / size - row, (u + shift) / long - column
+        gap = 0.12 if kind == BRICKS else 0.025
+        joint = across < gap or along * long < gap * size
+        own = hashed(row, column, seed)
+        if joint:
+            mix, light = 1.0, 0.9 + 0.2 * noise2(u / 0.01, v / 0.01, seed)
+        elif kind == BRICKS:
+            light = 0.7 + 0.5 * own + 0.3 * (rough2(u / 0.03, v / 0.03, seed) - 0.5)
+        else:
+            mix = 1.0 * ((row + column) % 2) * (0.35 + 0.1 * own)
+            light = 0.95 + 0.1 * rough2(u / (0.6 * size) + 9.0 * own, v / (0.6 * size), seed)
+    elif kind == CARPET:
+        border = min(min(u, w - u), min(v, h - v))
+        p, q = abs((u / size) % 2.0 - 1.0), abs((v / size) % 2.0 - 1.0)
+        mix = 1.0 if (abs(p + q - 1.0) < 0.16 or 0.08 < border < 0.13 or (p + q < 0.3)) else 0.0
+        light = 0.8 + 0.4 * noise2(u / 0.008, v / 0.008, seed)
+    elif kind == STRIPES:
+        mix = 1.0 if (u / size) % 1.0 < 0.5 else 0.0
+        light = 0.97 + 0.06 * rough2(u / 0.1, v / 0.1, seed)
+    elif kind == BOOKS:
+        rows = max(round(h / size), 1)
+        row = math.floor(v / h * rows)
+        up = v - row * h / rows
+        thick = 0.045
+        column = math.floor(u / thick)
+        board = up < 0.025 or u < 0.03 or w - u < 0.03 or h - v < 0.025
+        tall = (0.55 + 0.35 * hashed(column, row, seed)) * h / rows
+        gone = hashed(math.floor(column / 5.0), row, seed + 5) < 0.18
+        if board:
+            light = 0.8 + 0.3 * noise2(u / 0.2, v / 0.01, seed)
+        elif gone or up > tall:
+            light = 0.22
+        else:
+            rounded = (u / thick - column - 0.5) * 2.0
+            dark = 0.35 + 0.9 * hashed(column, row, seed + 9)
+            band = 1.35 if 0.62 < up / tall < 0.72 or 0.15 < up / tall < 0.18 else 1.0
+            shade = dark * band * (1.0 - 0.45 * rounded * rounded)
+            for k in range(3):
+                out[k] = min(shade * (0.06 + 0.45 * hashed(column, row, seed + 20 + k)), 0.9)
+            return
+    elif kind == POSTER:
+        if min(min(u, w - u), min(v, h - v)) < 0.03:
+            out[0] = out[1] = out[2] = 0.75
+            return
+        x, y = u / w, v / h
+        mix, light = y, 0.9
+        for k in range(7):
+            cx, cy, r = hashed(k, 1, seed), hashed(k, 2, seed), 0.08 + 0.2 * hashed(k, 3, seed)
+            ball = (x - cx) ** 2 * (w / h) ** 2 + (y - cy) ** 2 < r * r
+            bar = abs(x - cx) < 1.3 * r and abs(y - cy) < 0.4 * r
+            if (k % 2 == 0 and ball) or (k % 2 == 1 and bar):
+                for c in range(3):
+                    out[c] = 0.05 + 0.75 * hashed(k, 10 + c, seed)
+                return
+    elif kind == WINDOW:
+        x, y = (u / w * 2.0) % 1.0, (v / h * 2.0) % 1.0
+        if min(min(x, 1.0 - x) * w, min(y, 1.0 - y) * h) < 0.05:
+            out[0] = out[1] = out[2] = 0.7
+            return
+        sky = v / h + 0.25 * (rough2(u / 0.5, v / 0.3, seed) - 0.5)
+        for c in range(3):
+            out[c] = material[1 + c] * min(max(sky, 0.0), 1.0) + material[4 + c] * (1.0 - min(max(sky, 0.0), 1.0))
+        return
+    elif kind == CURTAIN:
+        fold = math.sin(2.0 * math.pi * (u / size + 0.35 * noise2(u / (3.0 * size), v / 1.5, seed)))
+        light = 0.8 + 0.3 * fold
+        mix = 0.5 + 0.5 * math.sin(2.0 * math.pi * v / (4.0 * size)) if seed % 2 == 0 else 0.0
+    elif kind == CLOTH:
+        light = 0.8 + 0.3 * noise2(u / 0.005, v / 0.005, seed) + 0.25 * (rough2(u / size, v / size, seed) - 0.5)
+        mix = 0.5 if (u / size) % 1.0 < 0.08 else 0.0
+    elif kind == SKETCH:  # drawers, doors, boxes with print
+        x, y = (u / size) % 1.0, (v / size) % 1.0
+        edge = min(min(x, 1.0 - x), min(y, 1.0 - y))
+        light = 0.95 + 0.1 * rough2(u / 0.3, v / 0.05, seed)
+        if edge < 0.02:
+            light = 0.5
+        elif abs(x - 0.5) < 0.12 and abs(y - 0.8) < 0.025:
+            mix = 1.0
+    for k in range(3):
+        out[k] = min(max(light * (material[1 + k] * (1.0 - mix) + material[4 + k] * mix), 0.005), 0.95)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def passes(o, d, box):
+    """Whether a ray passes the ball around a box, or begins beyond it."""
+    x, y, z = box[0] - o[0], box[1] - o[1], box[2] - o[2]
+    along, size = x * d[0] + y * d[1] + z * d[2], d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+    r2 = box[3] * box[3] + box[4] * box[4] + box[5] * box[5]
+    off = x * x + y * y + z * z
+    return off > r2 and (along < 0.0 or off - along * along / size > r2)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def hit(o, d, boxes):
+    """(distance, box, axis, sign) of what a ray meets first; box 0 is the room, seen from inside."""
+    best, axis, sign = enter_box(o, d, boxes[0], True)
+    which = 0
+    for b in range(1, len(boxes)):
+        if passes(o, d, boxes[b]):
+            continue
+        t, a, s = enter_box(o, d, boxes[b], False)
+        if t < best:
+            best, which, axis, sign = t, b, a, s
+    return best, which, axis, sign
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def trace(rays, T_world_camera, boxes, faces, materials, light, sky, ground, towards, softness, lamps, linear, floor):
+    """Write the light that comes from a room (h, w, 3), and where its floor is seen (h, w, 2) x, z [m], NaN elsewhere.
+
+    Args:
+        rays: (h, w, samples, 2) x/z and y/z of a pixel's samples; the first is its middle.
+        T_world_camera: (4, 4).
+        boxes: (n, 8) as of `enter_box`; the first is the room.
+        faces: (n, 6) material of the faces −x +x −y +y −z +z of each.
+        materials: (m, 10) of `reflected`.
+        light, sky, ground: (3,) of the light that has a direction, of what comes from above, and from below.
+        towards: (3,) unit vector to the light.
+        softness: how far the light's directions scatter, for penumbrae.
+        lamps: (3,) what a material `WINDOW` shines by itself.
+        linear, floor: float32, written.
+    """
+    h, w, samples, _ = rays.shape
+    o, d, p, q, n, colour = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    room = boxes[0]
+    for i in range(3):
+        o[i] = T_world_camera[i, 3]
+    for y in range(h):
+        for x in range(w):
+            floor[y, x, 0] = floor[y, x, 1] = np.nan
+            linear[y, x, 0] = linear[y, x, 1] = linear[y, x, 2] = 0.0
+            for k in range(samples):
+                a, b = rays[y, x, k, 0], rays[y, x, k, 1]
+                for i in range(3):
+                    d[i] = T_world_camera[i, 0] * a + T_world_camera[i, 1] * b + T_world_camera[i, 2]
+                size = math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+                for i in range(3):
+                    d[i] /= size
+                far, which, axis, sign = hit(o, d, boxes)
+                if far >= FAR_M:
+                    continue
+                box = boxes[which]
+                c, s = box[6], box[7]
+                for i in range(3):
+                    p[i] = o[i] + far * d[i]
+                px, pz = p[0] - box[0], p[2] - box[2]
+                lx, ly, lz = c * px - s * pz + box[3], p[1] - box[1] + box[4], s * px + c * pz + box[5]
+                n[0] = n[1] = n[2] = 0.0
+                if axis == 0:
+                    n[0], n[2] = sign * c, -sign * s
+                    u, v, across, up = lz, ly, 2.0 * box[5], 2.0 * box[4]
+                elif axis == 1:
+                    n[1] = sign
+                    u, v, across, up = lx, lz, 2.0 * box[3], 2.0 * box[5]
+                else:
+                    n[0], n[2] = sign * s, sign * c
+                    u, v, across, up = lx, ly, 2.0 * box[3], 2.0 * box[4]
+                outward = sign if which > 0 else -sign
+                material = materials[faces[which, 2 * axis + (1 if outward > 0.0 else 0)]]
+                reflected(material, u, v, across, up, colour)
+                if k == 0 and p[1] < 0.03 and n[1] > 0.5:
+                    floor[y, x, 0], floor[y, x, 1] = p[0], p[2]
+                # A direction of the light a sample, the same for no two neighbours: penumbrae as noise, which averages.
+                for i in range(3):
+                    q[i] = towards[i] + softness * (hashed(4 * x + k, y, 77 + i) - 0.5)
+                    p[i] += 1e-3 * n[i]
+                facing = n[0] * towards[0] + n[1] * towards[1] + n[2] * towards[2]
+                lit = max(facing, 0.0)
+                if lit > 0.0:
+                    for other in range(1, len(boxes)):
+                        if not passes(p, q, boxes[other]) and enter_box(p, q, boxes[other], False)[0] < FAR_M:
+                            lit = 0.0
+                            break
+                # Where the room's faces meet, less of the light that comes from everywhere.
+                rx, rz = room[3] - abs(p[0] - room[0]), room[5] - abs(p[2] - room[2])
+                low, high = p[1] - room[1] + room[4], room[4] - p[1] + room[1]
+                near_x = 1.0 - (0.0 if axis == 0 and which == 0 else 0.35 * math.exp(-rx / 0.35))
+                near_z = 1.0 - (0.0 if axis == 2 and which == 0 else 0.35 * math.exp(-rz / 0.35))
+                near_y = 1.0 - (0.0 if n[1] > 0.5 else 0.30 * math.exp(-low / 0.3)) - (
+                    0.0 if n[1] < -0.5 else 0.20 * math.exp(-high / 0.3)
+                )
+                open_sky = near_x * near_z * near_y
+                share = 0.5 + 0.5 * n[1]
+                shines = material[0] == WINDOW and which > 0
+                for i in range(3):
+                    e = light[i] * lit + open_sky * (sky[i] * share + ground[i] * (1.0 - share))
+                    linear[y, x, i] += colour[i] * (lamps[i] if shines else e) / samples

@@ -1,0 +1,350 @@
+"""How bodies of 26 degrees of freedom move: knee bends, running, walking, a cartwheel, a flick-flack.
+
+    motion = body_motion("cartwheel", mesh)
+    motion.pose(0.7)
+
+A motion is a table of key poses, or a cycle of them. Between keys angles run monotonically (F. Fritsch, J. Butland,
+"A Method for Constructing Local Monotone Piecewise Cubic Interpolants", SIAM J. Sci. Stat. Comput. 5, 1984) and are
+smoothed by a Gaussian: neither leaves the keys' range, so what the keys keep of the joints' limits is kept. Splines
+through the results are twice continuously differentiable.
+
+Where a body is follows from what it stands on: its lowest point is on the floor, or as high above it as a key says, and
+what touches the floor does not slide.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import SettingsError, one_of
+from mocapella.geometry.rigid import rigid, rotation_about_x, rotation_about_y
+from mocapella.model.rigged_mesh import RiggedMesh, posed
+from mocapella.model.twist_tree import TreePose
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+Key = tuple[float, Mapping[str, float]]
+
+GRID_HZ: Final = 200.0
+SMOOTH_S: Final = 0.035
+"""Standard deviation of the Gaussian."""
+_CONTACT_M: Final = 0.006
+_THROUGH_AIR: Final = 0.5
+"""Of the speeds at which a body leaves the floor and meets it: what turns about its feet is faster than what flies."""
+_TURNS: Final = ("yaw", "pitch", "roll")
+"""Of the whole body: about y, then x (positive forwards), then z (positive to the right)."""
+_WORDS: Final = {
+    "bend": ("waist bend forwards",), "lean": ("waist bend to the left",), "swing": ("shoulder swing forwards",),
+    "raise": ("shoulder raise sidewards",), "turn": ("shoulder turn outwards",), "elbow": ("elbow flexion",),
+    "hip": ("hip flexion",), "open": ("hip abduction",), "outwards": ("hip turn outwards",), "knee": ("knee flexion",),
+    "ankle": ("ankle flexion",),
+}  # fmt: skip
+"""Words of the keys; with "left " or "right " before them they are of one side."""
+
+
+@dataclass(frozen=True, eq=False)
+class BodyMotion:
+    """A motion: poses at any time; before it begins and after its end a body stands still.
+
+    Attributes:
+        seconds: how long it is.
+        angles: the spline of the joints' angles [rad].
+        turns: of yaw, pitch and roll [rad].
+        place: of the tree's root point, world [m].
+        root: (3,) that point at rest.
+    """
+
+    seconds: float
+    angles: Callable[[Any], Float64]
+    turns: Callable[[Any], Float64]
+    place: Callable[[Any], Float64]
+    root: Float64
+
+    def pose(self, at_s: Any) -> TreePose:
+        """(...,) times [s] → poses with those axes."""
+        at = np.clip(np.asarray(at_s, np.float64), 0.0, self.seconds)
+        R = _turned(self.turns(at))
+        return TreePose(rigid(R, self.place(at) - (R @ self.root[:, None])[..., 0]), self.angles(at))
+
+
+def motion_names() -> tuple[str, ...]:
+    """The motions there are."""
+    return tuple(_MOTIONS)
+
+
+def usual_seconds(name: str) -> float:
+    """How long the motion of that name usually is."""
+    return _MOTIONS[_known(name)][1]
+
+
+def body_motion(name: str, mesh: RiggedMesh, seconds: float | None = None, seed: int = 0) -> BodyMotion:
+    """The motion of that name, by a body.
+
+    Args:
+        name: of `motion_names`.
+        mesh: the body; of `body_meshes.body_mesh`.
+        seconds: how long; motions that repeat do so, the others stand still after their end.
+        seed: by it tempo and width differ a little.
+
+    Raises:
+        SettingsError: no such motion, no such time, or the mesh has not the joints of a body.
+    """
+    make, usual = _MOTIONS[_known(name)]
+    seconds = usual if seconds is None else seconds
+    check(0.1 <= seconds <= 600, "seconds", seconds, "from 0.1 to 600 s")
+    rng = np.random.default_rng([seed, 31])
+    keys, travels = make(seconds, rng)
+    return _made(mesh, keys, seconds, travels=travels)
+
+
+def grounded(
+    mesh: RiggedMesh, angles: Float64, turns: Float64, above: Float64, *, stays: bool, path: Float64 | None = None
+) -> Float64:
+    """Where the root's point is, (n, 3) [m], for what stands on the floor without sliding.
+
+    Args:
+        mesh: the body.
+        angles: (n, joints) at `GRID_HZ`.
+        turns: (n, 3).
+        above: (n,) how high its lowest point is.
+        stays: whether what is left of the travel over the whole time is taken away, as on a treadmill.
+        path: (n, 2) x and z, where these are known.
+    """
+    from scipy.ndimage import gaussian_filter1d, maximum_filter1d
+
+    n, sd = len(angles), SMOOTH_S * GRID_HZ
+    R = _turned(turns)
+    lowest, step = np.empty(n), np.zeros((n, 2))
+    before: Float64 | None = None
+    for k in range(n):
+        T = rigid(R[k], -R[k] @ mesh.tree.root)
+        at = posed(mesh, TreePose(T, angles[k]))
+        lowest[k] = at[:, 1].min()
+        if before is not None:  # what is lowest between two instants stays where it is
+            height = 0.5 * (at[:, 1] + before[:, 1])
+            share = np.exp(-(height - height.min()) / _CONTACT_M)
+            step[k] = -(share @ (at - before)[:, [0, 2]]) / share.sum()
+        before = at
+    wanted = above - lowest
+    y = gaussian_filter1d(wanted, sd, mode="nearest")
+    reach = math.ceil(4 * sd)  # as far as the filter looks, so that what it leaves below the floor is lifted
+    below = maximum_filter1d(np.maximum(wanted - y, 0.0), 2 * reach + 1, mode="nearest")
+    y = y + gaussian_filter1d(below, sd, mode="nearest")
+    if path is None:
+        free = above > 1e-3
+        if free.any() and not free.all():  # through the air about as fast as before and after
+            for i in range(2):
+                step[free, i] = _THROUGH_AIR * np.interp(np.flatnonzero(free), np.flatnonzero(~free), step[~free, i])
+        path = np.cumsum(gaussian_filter1d(step, sd, axis=0, mode="nearest"), axis=0)
+        if stays:
+            path = path - np.linspace(0, 1, n)[:, None] * (path[-1] - path[0])
+    path = path - 0.5 * (path.max(axis=0) + path.min(axis=0))
+    return np.stack([path[:, 0], y, path[:, 1]], axis=1)
+
+
+def splined(
+    mesh: RiggedMesh, angles: Float64, turns: Float64, above: Float64, *, stays: bool = False,
+    path: Float64 | None = None,
+) -> BodyMotion:  # fmt: skip
+    """A motion through poses at `GRID_HZ`; arguments as of `grounded`."""
+    from scipy.interpolate import CubicSpline
+
+    place = grounded(mesh, angles, turns, above, stays=stays, path=path)
+    at = np.arange(len(angles)) / GRID_HZ
+    angle, turn, where = (CubicSpline(at, values) for values in (angles, turns, place))
+    return BodyMotion(float(at[-1]), angle, turn, where, mesh.tree.root)
+
+
+def smoothed(values: Float64) -> Float64:
+    """(n, …) at `GRID_HZ`, by the Gaussian."""
+    from scipy.ndimage import gaussian_filter1d
+
+    return np.asarray(gaussian_filter1d(values, SMOOTH_S * GRID_HZ, axis=0, mode="nearest"))
+
+
+def _made(mesh: RiggedMesh, keys: Sequence[Key], seconds: float, *, travels: bool) -> BodyMotion:
+    from scipy.interpolate import PchipInterpolator
+
+    columns = (*mesh.joint_names, *_TURNS, "above")
+    rows, row = [], dict.fromkeys(columns, 0.0)
+    for _, values in keys:
+        for word, value in values.items():
+            for name in _named(word, columns):
+                row[name] = value
+        rows.append([row[name] for name in columns])
+    table = np.array(rows)
+    times = np.array([at for at, _ in keys])
+    at = np.arange(math.ceil(seconds * GRID_HZ) + 1) / GRID_HZ
+    through = PchipInterpolator(times, table)(np.clip(at, times[0], times[-1]))
+    through = smoothed(through)
+    joints = len(mesh.joint_names)
+    angles, turns = np.radians(through[:, :joints]), np.radians(through[:, joints : joints + 3])
+    return splined(mesh, angles, turns, np.maximum(through[:, -1], 0.0), stays=not travels)
+
+
+def _named(word: str, columns: tuple[str, ...]) -> list[str]:
+    """The columns that a word of a key is about."""
+    if word in columns:
+        return [word]
+    side, _, rest = word.partition(" ")
+    if side in ("left", "right"):
+        return [f"{side} {name}" for name in _WORDS[rest]]
+    found = [name for name in columns for end in _WORDS[word] if name == end or name.endswith(f" {end}")]
+    check(len(found) > 0, "joints of the mesh", columns, f"such that one is called {_WORDS[word]}")
+    return found
+
+
+def _turned(turns: Float64) -> Float64:
+    """(..., 3) yaw, pitch, roll → (..., 3, 3)."""
+    yaw, pitch, roll = np.moveaxis(turns, -1, 0)
+    about_z = np.zeros((*roll.shape, 3, 3))
+    about_z[..., 0, 0] = about_z[..., 1, 1] = np.cos(roll)
+    about_z[..., 1, 0] = np.sin(roll)
+    about_z[..., 0, 1] = -np.sin(roll)
+    about_z[..., 2, 2] = 1.0
+    return np.asarray(rotation_about_y(yaw) @ rotation_about_x(pitch) @ about_z)
+
+
+def _known(name: str) -> str:
+    if name not in _MOTIONS:
+        raise SettingsError(f"unknown motion {name!r}; known: {one_of(name, _MOTIONS)}")
+    return name
+
+
+def _forwards(lift: float, side: str = "") -> dict[str, float]:
+    """Arms that are lifted forwards: 0 hang down, 90 reach ahead, 175 are up."""
+    return {f"{side}swing": lift, f"{side}raise": -40.0 + 0.5 * lift}
+
+
+def _cycle(keys: Sequence[Key], period: float, seconds: float) -> list[Key]:
+    """Keys at phases 0 … 1, again and again, from before the start to after the end."""
+    count = math.ceil(seconds / period) + 2
+    return [((cycle + phase) * period, values) for cycle in range(-1, count) for phase, values in keys]
+
+
+def _t_pose(_seconds: float, _rng: np.random.Generator) -> tuple[list[Key], bool]:
+    pose = {"raise": 45.0}
+    return [(0.0, pose), (1.0, pose)], False
+
+
+def _knee_bend(seconds: float, rng: np.random.Generator) -> tuple[list[Key], bool]:
+    period, deep = rng.uniform(1.9, 2.4), rng.uniform(0.85, 1.0)
+    hip, knee, ankle = 92.0 * deep, 104.0 * deep, 18.0 * deep
+    up: Mapping[str, float] = {
+        "hip": 4.0, "knee": 6.0, "ankle": 2.0, "pitch": 0.0, "bend": 2.0, "elbow": 8.0, "open": 5.0, **_forwards(20.0)
+    }  # fmt: skip
+    low: Mapping[str, float] = {
+        "hip": hip, "knee": knee, "ankle": ankle, "pitch": hip - knee + ankle, "bend": 24.0, "elbow": 12.0, "open": 5.0,
+        **_forwards(88.0),
+    }  # fmt: skip
+    return _cycle([(0.0, up), (0.08, up), (0.46, low), (0.54, low), (0.92, up)], period, seconds), False
+
+
+def _leg(phase: float, side: str, keys: Sequence[tuple[float, float, float, float]]) -> dict[str, float]:
+    """Hip, knee and ankle of one side at a phase, of (phase, hip, knee, ankle)."""
+    from scipy.interpolate import PchipInterpolator
+
+    table = np.array([[p + c, *values] for c in (-1, 0, 1) for p, *values in keys])
+    hip, knee, ankle = PchipInterpolator(table[:, 0], table[:, 1:])(phase % 1.0)
+    return {f"{side} hip": float(hip), f"{side} knee": float(knee), f"{side} ankle": float(ankle)}
+
+
+def _strides(
+    keys: Sequence[tuple[float, float, float, float]], period: float, seconds: float, arm: float, elbow: float,
+    still: Mapping[str, float], above: Callable[[float], float],
+) -> list[Key]:  # fmt: skip
+    """A gait: legs half a period apart, arms against them."""
+    poses: list[Key] = []
+    for phase in np.arange(24) / 24:
+        swing = arm * math.cos(2 * math.pi * phase)
+        poses.append((float(phase), {
+            **still, **_leg(phase, "left", keys), **_leg(phase + 0.5, "right", keys),
+            **_forwards(8.0 - swing, "left "), **_forwards(8.0 + swing, "right "),
+            "left elbow": elbow - 0.3 * swing, "right elbow": elbow + 0.3 * swing,
+            "lean": 2.5 * math.sin(2 * math.pi * phase), "above": above(float(phase)),
+        }))  # fmt: skip
+    return _cycle(poses, period, seconds)
+
+
+def _runner(seconds: float, rng: np.random.Generator) -> tuple[list[Key], bool]:
+    period, lift = rng.uniform(0.68, 0.8), rng.uniform(52.0, 66.0)
+    # Foot down at 0.00, off at 0.36; the knee is highest at 0.66.
+    keys = ((0.0, 18, 16, 2), (0.16, 10, 32, 16), (0.36, -8, 14, -22), (0.5, 12, 72, -12), (0.66, lift, 98, -4),
+            (0.84, 40, 52, 2))  # fmt: skip
+
+    def above(phase: float) -> float:
+        p = (phase % 0.5) / 0.5
+        return 0.06 * max(math.sin(math.pi * (p - 0.72) / 0.28), 0.0) ** 2 if p > 0.72 else 0.0
+
+    still = {"bend": 6.0, "pitch": 4.0, "open": 3.0, "turn": -15.0}
+    return _strides(keys, period, seconds, -34.0, 88.0, still, above), False
+
+
+def _walk(seconds: float, rng: np.random.Generator) -> tuple[list[Key], bool]:
+    period, wide = rng.uniform(1.05, 1.25), rng.uniform(0.9, 1.1)
+    keys = ((0.0, 24 * wide, 5, 0), (0.12, 20 * wide, 16, -4), (0.3, 2, 8, 7), (0.5, -15 * wide, 12, 4),
+            (0.62, -4, 42, -18), (0.74, 20 * wide, 62, -2), (0.9, 28 * wide, 16, 2))  # fmt: skip
+    still = {"bend": 2.0, "pitch": 2.0, "open": 2.0}
+    return _strides(keys, period, seconds, 20.0 * wide, 22.0, still, lambda _: 0.0), True
+
+
+def _cartwheel(_seconds: float, rng: np.random.Generator) -> tuple[list[Key], bool]:
+    slow, wide = rng.uniform(0.95, 1.15), rng.uniform(26.0, 31.0)
+    stand: Mapping[str, float] = {"raise": -36.0, "open": 4.0, "elbow": 6.0, "roll": 0.0, "lean": 0.0, "knee": 2.0,
+                                  "hip": 1.0}  # fmt: skip
+    keys: list[Key] = [
+        (0.0, stand), (0.15, stand),
+        (0.6, {"raise": 118.0, "open": 10.0, "elbow": 4.0}),
+        (0.95, {"roll": -28.0, "left open": 26.0, "right open": 24.0, "left knee": 16.0, "left hip": 10.0, "lean": 24.0,
+                "raise": 116.0}),
+        (1.2, {"roll": -82.0, "left open": 32.0, "right open": wide, "left knee": 8.0, "left hip": 2.0, "lean": 30.0,
+               "raise": 112.0}),
+        (1.45, {"roll": -140.0, "open": wide, "lean": 12.0, "raise": 118.0}),
+        (1.65, {"roll": -188.0, "open": wide, "lean": 0.0, "raise": 120.0}),
+        (1.85, {"roll": -232.0, "open": wide, "lean": -12.0}),
+        (2.1, {"roll": -290.0, "open": wide, "lean": -30.0, "raise": 112.0}),
+        (2.4, {"roll": -338.0, "left open": 26.0, "right open": 24.0, "lean": -16.0, "right knee": 10.0, "raise": 90.0}),
+        (2.75, {"roll": -360.0, "open": 10.0, "lean": 0.0, "knee": 3.0, "raise": 40.0}),
+        (3.2, {**stand, "roll": -360.0}), (3.4, {**stand, "roll": -360.0}),
+    ]  # fmt: skip
+    return [(slow * at, values) for at, values in keys], True
+
+
+def _flick_flack(_seconds: float, rng: np.random.Generator) -> tuple[list[Key], bool]:
+    slow, high = rng.uniform(0.98, 1.12), rng.uniform(0.12, 0.2)
+    stand: Mapping[str, float] = {"hip": 1.0, "knee": 2.0, "ankle": 1.0, "bend": 0.0, "elbow": 6.0, "open": 3.0}
+    keys: list[Key] = [
+        (0.0, {**stand, **_forwards(10.0), "pitch": 0.0}), (0.15, {}),
+        (0.5, {**_forwards(95.0)}),
+        (0.85, {"hip": 82.0, "knee": 86.0, "ankle": 14.0, "pitch": 10.0, "bend": 12.0, **_forwards(-25.0)}),
+        (1.02, {"hip": 30.0, "knee": 45.0, "ankle": -10.0, "pitch": -25.0, "bend": -8.0, **_forwards(80.0)}),
+        (1.14, {"hip": -8.0, "knee": 10.0, "ankle": -35.0, "pitch": -62.0, "bend": -20.0, "above": 0.0,
+                **_forwards(150.0)}),
+        (1.26, {"hip": -20.0, "knee": 18.0, "pitch": -112.0, "bend": -23.0, "above": high, **_forwards(172.0)}),
+        (1.4, {"hip": -18.0, "knee": 30.0, "pitch": -160.0, "bend": -18.0, "above": 0.0, "elbow": 12.0}),
+        (1.52, {"hip": 5.0, "knee": 12.0, "pitch": -200.0, "bend": 0.0, "above": 0.0}),
+        (1.64, {"hip": 52.0, "knee": 8.0, "ankle": -20.0, "pitch": -248.0, "bend": 22.0, "above": 0.0, "elbow": 6.0}),
+        (1.76, {"hip": 62.0, "knee": 18.0, "ankle": 0.0, "pitch": -300.0, "bend": 26.0, "above": 0.7 * high,
+                **_forwards(150.0)}),
+        (1.9, {"hip": 48.0, "knee": 38.0, "ankle": 12.0, "pitch": -338.0, "bend": 14.0, "above": 0.0,
+               **_forwards(110.0)}),
+        (2.15, {"hip": 40.0, "knee": 46.0, "ankle": 12.0, "pitch": -354.0, "bend": 8.0, **_forwards(80.0)}),
+        (2.6, {**stand, **_forwards(20.0), "pitch": -360.0}), (2.8, {}),
+    ]  # fmt: skip
+    return [(slow * at, values) for at, values in keys], True
+
+
+_MOTIONS: Final[dict[str, tuple[Callable[[float, np.random.Generator], tuple[list[Key], bool]], float]]] = {
+    "t-pose": (_t_pose, 1.0),
+    "knee-bend": (_knee_bend, 4.0),
+    "runner": (_runner, 3.0),
+    "walk": (_walk, 2.4),
+    "cartwheel": (_cartwheel, 3.6),
+    "flick-flack": (_flick_flack, 3.0),
+}

@@ -1,0 +1,235 @@
+"""Bodies that move, lit and clothed, in pictures of cameras; and which pixels they cover, exactly.
+
+    stage = stand(cast, vertices, light)
+    layer = painted(stage, placed)
+    truth = covered(stage, placed)
+
+Surfaces are drawn through the lens, with four samples a pixel for their colours, so that edges are smooth, and with one
+in the pixel's middle for the truth. Light comes from a direction, with the bodies' shadows on each other and on the
+floor, and from everywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry.lens import farthest_r2
+from mocapella.geometry.rigid import inverse
+from mocapella.model.camera import PlacedCamera
+from mocapella.model.rigged_mesh import RiggedMesh
+from mocapella.sources.simulate.backdrop import Light
+from mocapella.sources.simulate.outfits import Clothes
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+Int32 = NDArray[np.int32]
+
+_SIDE: Final = 2
+"""Samples along a pixel's side."""
+_CELL_M: Final = 0.015
+_MARGIN: Final = 12
+"""Cells of the shadow's map beyond the shadow, for its soft edge."""
+_PENUMBRA_CELLS: Final = 2.2
+
+
+@dataclass(frozen=True, eq=False)
+class Cast:
+    """Who is there: the meshes as one.
+
+    Attributes:
+        meshes: of the people.
+        rest: (n, 3) vertices at rest.
+        faces: (m, 3).
+        people: (m,) whose a face is.
+        parts: (m,) part of that body.
+        clothes: of all.
+        face_zones: (m,) row of the clothes' zones.
+    """
+
+    meshes: tuple[RiggedMesh, ...]
+    rest: Float64
+    faces: Int32
+    people: Int32
+    parts: Int32
+    clothes: Clothes
+    face_zones: Int32
+
+
+def make_cast(meshes: Sequence[RiggedMesh], clothes: Sequence[Clothes]) -> Cast:
+    """Several dressed bodies as one surface."""
+    faces, zones, spots, materials, rows = [], [], [], [], []
+    vertex = zone = material = 0
+    for mesh, worn in zip(meshes, clothes, strict=True):
+        faces.append(mesh.faces + vertex)
+        own = worn.zones.copy()
+        own[:, 11:16] += material
+        own[own[:, 20] >= 0, 20] += material
+        zones.append(own)
+        dots = worn.spots.copy()
+        dots[:, 4] += material
+        spots.append(dots)
+        materials.append(worn.materials)
+        rows.append(worn.parts + zone)
+        vertex, zone, material = vertex + len(mesh.vertices), zone + len(own), material + len(worn.materials)
+    counts = [len(mesh.faces) for mesh in meshes]
+    parts = np.concatenate([worn.parts for worn in clothes])
+    everything = Clothes(parts, np.concatenate(zones), np.concatenate(spots), np.concatenate(materials))
+    return Cast(
+        tuple(meshes),
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate(faces).astype(np.int32),
+        np.repeat(np.arange(len(meshes)), counts).astype(np.int32),
+        parts.astype(np.int32),
+        everything,
+        np.concatenate(rows).astype(np.int32),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """Bodies at an instant, and the light on them.
+
+    Attributes:
+        cast: who.
+        vertices, normals: (n, 3) in the world, y up, the floor at 0 [m].
+        light: see there.
+        tops: (k, l) 1 m more than the height of what is first in the light, over cells of the floor; 0 where nothing is.
+        shade: (k, l) float32 how much of the directed light does not arrive at the floor.
+        first_m: (2,) x and z of the first cell.
+    """
+
+    cast: Cast
+    vertices: Float64
+    normals: Float64
+    light: Light
+    tops: Float64
+    shade: Float32
+    first_m: Float64
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """Bodies in a window of a picture.
+
+    Attributes:
+        origin_px: (x, y) of the window's first pixel.
+        colour: (rows, columns, 3) light, red, green, blue, already times alpha.
+        alpha: (rows, columns) how much of a pixel is covered.
+    """
+
+    origin_px: tuple[int, int]
+    colour: Float32
+    alpha: Float32
+
+
+@dataclass(frozen=True, eq=False)
+class Covered:
+    """What pixels' middles show.
+
+    Attributes:
+        people: (height, width) int8, whose body; -1 where nobody's.
+        parts: (height, width) int8 part of that body; -1 where nobody's.
+        depth_m: (height, width) float32 z in the camera's space; infinite where nobody is.
+    """
+
+    people: NDArray[np.int8]
+    parts: NDArray[np.int8]
+    depth_m: Float32
+
+
+def stand(cast: Cast, vertices: Float64, light: Light) -> Stage:
+    """Bodies with their vertices where they are now, (n, 3) in the world [m]."""
+    from scipy.ndimage import gaussian_filter
+
+    normals = np.empty_like(vertices)
+    _raster().vertex_normals(vertices, cast.faces, normals)
+    slant = light.towards[[0, 2]] / light.towards[1]
+    ground = vertices[:, [0, 2]] - vertices[:, 1:2] * slant
+    first = ground.min(axis=0) - _MARGIN * _CELL_M
+    wide, deep = np.ceil((ground.max(axis=0) - first) / _CELL_M).astype(int) + _MARGIN
+    seen = np.column_stack([(ground - first) / _CELL_M, np.maximum(vertices[:, 1] + 1.0, 1e-3)])
+    tops, which = np.zeros((deep, wide)), np.full((deep, wide), -1, np.int32)
+    _raster().cover(seen, cast.faces, 0.0, 0.0, 1.0, tops, which)
+    shade = gaussian_filter((which >= 0).astype(np.float32), _PENUMBRA_CELLS, truncate=3.0)
+    return Stage(cast, vertices, normals, light, tops, shade, first)
+
+
+def painted(stages: Sequence[Stage], placed: PlacedCamera) -> Layer:
+    """What a camera sees of bodies that stand as they do at each of the instants of its exposure."""
+    views = [_seen(stage, placed) for stage in stages]
+    boxes = np.array([box for _, box in views])
+    shown = boxes[boxes[:, 2] > boxes[:, 0]] if (boxes[:, 2] > boxes[:, 0]).any() else np.zeros((1, 4), np.int64)
+    left, top = shown[:, :2].min(axis=0)
+    right, low = shown[:, 2:].max(axis=0)
+    colour, alpha = np.zeros((low - top, right - left, 3), np.float32), np.zeros((low - top, right - left), np.float32)
+    eye = inverse(placed.T_camera_world)[:3, 3].copy()
+    for stage, (seen, _) in zip(stages, views, strict=True):
+        cast, light, clothes = stage.cast, stage.light, stage.cast.clothes
+        which = _nearest(seen, cast.faces, (left, top, right, low), _SIDE)[1]
+        _kernels().paint(
+            which, _SIDE, left, top, seen, cast.faces, stage.vertices, stage.normals, cast.rest, cast.face_zones,
+            clothes.zones, clothes.spots, clothes.materials, eye,
+            np.array([light.strength, light.sky, light.ground, light.towards]), stage.tops, stage.first_m, _CELL_M,
+            1.0 / (_SIDE * _SIDE * len(stages)), colour, alpha,
+        )  # fmt: skip
+    return Layer((int(left), int(top)), colour, alpha)
+
+
+def covered(stage: Stage, placed: PlacedCamera) -> Covered:
+    """Which pixels' middles show which body and which part of it."""
+    width, height = placed.camera.size_px
+    people, parts = np.full((height, width), -1, np.int8), np.full((height, width), -1, np.int8)
+    depth = np.full((height, width), np.inf, np.float32)
+    seen, box = _seen(stage, placed)
+    left, top, right, low = box
+    near, which = _nearest(seen, stage.cast.faces, box, 1)
+    window, hit = np.s_[top:low, left:right], which >= 0
+    people[window][hit] = stage.cast.people[which[hit]]
+    parts[window][hit] = stage.cast.parts[which[hit]]
+    depth[window][hit] = 1.0 / near[hit]
+    return Covered(people, parts, depth)
+
+
+def cell_m() -> float:
+    """Between the cells of a stage's shadow."""
+    return _CELL_M
+
+
+def _seen(stage: Stage, placed: PlacedCamera) -> tuple[Float64, NDArray[np.int64]]:
+    """Vertices in the picture, and the window around them: left, top, and right and low beyond it."""
+    camera = placed.camera
+    seen, box = np.empty_like(stage.vertices), np.empty(4, np.int64)
+    _raster().project(stage.vertices, placed.T_camera_world, camera.lens, farthest_r2(camera.lens), seen)
+    _raster().bounds(seen, np.array(camera.size_px), 1, box)
+    return seen, box
+
+
+def _nearest(seen: Float64, faces: Int32, box: Any, side: int) -> tuple[Float64, Int32]:
+    left, top, right, low = box
+    near = np.zeros((side * (low - top), side * (right - left)))
+    which = np.full(near.shape, -1, np.int32)
+    shift = 0.5 / side - 0.5
+    _raster().cover(seen, faces, left + shift, top + shift, 1.0 / side, near, which)
+    return near, which
+
+
+@cache
+def _kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.sources.simulate import body_paint_kernels
+
+    return body_paint_kernels
+
+
+@cache
+def _raster() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.geometry import raster_kernels
+
+    return raster_kernels

@@ -1,0 +1,204 @@
+"""The loops of `mocapella.sources.simulate.body_paint`, compiled; importing this module imports numba."""
+
+# ruff: noqa: PLR0912, PLR0914, PLR0915, PLR0917 - compiled: arrays come by position, and loops are written out
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mocapella.compiled import njit
+from mocapella.geometry.raster_kernels import weights
+from mocapella.sources.simulate.noise_kernels import noise2, noise3
+
+PLAIN, HOOPS, CHECKS, PRINT, DOTS, CHEST, SKIN, HAIR = range(8)
+"""What a part of a body wears; see `worn`."""
+_BIAS_M = 0.03
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def worn(material, x, y, z, along, out):
+    """Write what cloth, skin or hair reflects of red, green and blue at a place of the body at rest.
+
+    Args:
+        material: kind, first colour (3), second colour (3), size [m], seed, shine.
+        x, y, z: at rest [m].
+        along: from the part's origin along its limb [m].
+        out: (3,) is written.
+    """
+    kind, size, seed = int(material[0]), material[7], int(material[8])
+    mix, light = 0.0, 1.0
+    if kind == SKIN:
+        light = 0.94 + 0.12 * noise3(x / 0.05, y / 0.05, z / 0.05, seed)
+    elif kind == HAIR:
+        light = 0.6 + 0.8 * noise2(math.atan2(x, z) * 30.0, y / 0.06, seed)
+    else:
+        folds = noise3(x / 0.07, y / 0.11, z / 0.07, seed) + 0.5 * noise3(x / 0.025, y / 0.04, z / 0.025, seed + 1)
+        thread = noise3(x / 0.006, y / 0.006, z / 0.006, seed + 2)
+        light = 0.86 + 0.16 * folds + 0.12 * (thread - 0.5)
+        if kind == HOOPS:
+            mix = 1.0 if (along / size) % 1.0 < 0.5 else 0.0
+        elif kind == CHECKS:
+            mix = 0.5 * (1.0 if (along / size) % 1.0 < 0.4 else 0.0) + 0.5 * (1.0 if ((x + z) / size) % 1.0 < 0.4 else 0.0)
+        elif kind == PRINT:
+            mix = 1.0 if noise3(x / size, y / size, z / size, seed + 3) > 0.5 else 0.0
+        elif kind == DOTS:
+            p, q = (along / size) % 1.0 - 0.5, ((x + 0.7 * z) / size) % 1.0 - 0.5
+            mix = 1.0 if p * p + q * q < 0.07 else 0.0
+        elif kind == CHEST:
+            p, q = x / size, (along - 1.0) / size  # the print's middle is 1 along: whoever dresses puts it there
+            ring = p * p + q * q
+            mix = 1.0 if ring < 0.25 and not (0.06 < ring < 0.12) else 0.0
+    for k in range(3):
+        out[k] = min(max(light * (material[1 + k] * (1.0 - mix) + material[4 + k] * mix), 0.005), 0.95)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def material_of(zone, spots, x, y, z, along):
+    """Which material is worn there: by how far along the limb, then hair behind a plane, then spots such as eyes."""
+    count = int(zone[6])
+    k = 0
+    while k < count - 1 and along > zone[7 + k]:
+        k += 1
+    which = int(zone[11 + k])
+    if zone[20] >= 0.0 and k == count - 1:
+        if zone[16] * x + zone[17] * y + zone[18] * z > zone[19]:
+            which = int(zone[20])
+        for i in range(len(spots)):
+            u, v, w = x - spots[i, 0], y - spots[i, 1], z - spots[i, 2]
+            if u * u + 3.0 * v * v + w * w < spots[i, 3] * spots[i, 3]:
+                which = int(spots[i, 4])
+    return which
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def lit_share(tops, first, cell_m, x, z, y):
+    """How much of the directed light arrives at a place: of the four cells around, those where nothing is above it.
+
+    Args:
+        tops: (k, l) 1 m more than the height of what is first in the light, over cells of the floor in z and x.
+        first, cell_m: as of `develop`.
+        x, z: where the light that comes to the place would meet the floor [m]; y: its height [m].
+    """
+    deep, wide = tops.shape
+    x, z = (x - first[0]) / cell_m, (z - first[1]) / cell_m
+    i, j = math.floor(x), math.floor(z)
+    if i < 0 or j < 0 or i + 1 >= wide or j + 1 >= deep:
+        return 1.0
+    u, v, most = x - i, z - j, y + 1.0 + _BIAS_M
+    near = (1.0 - u) * (tops[j, i] <= most) + u * (tops[j, i + 1] <= most)
+    return (1.0 - v) * near + v * ((1.0 - u) * (tops[j + 1, i] <= most) + u * (tops[j + 1, i + 1] <= most))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def paint(
+    which, per_pixel, left, top, seen, triangles, vertices, normals, rest, parts, zones, spots, materials, eye, light,
+    tops, first, cell_m, share, colour, alpha,
+):  # fmt: skip
+    """Add to a window of a picture the light that a body sends, and how much of each pixel it covers.
+
+    Args:
+        which: (rows·k, columns·k) triangles of the samples of `raster_kernels.cover`, k = ``per_pixel`` a pixel's side.
+        left, top: the window's first pixel.
+        seen: (n, 3) of `raster_kernels.project`.
+        triangles, vertices, normals, rest: of the body, in the world, and at rest.
+        parts: (m,) of the triangles.
+        zones: (parts, 21) origin (3), direction (3), count, ends along it (4), materials (5), plane (4), material
+            behind it or -1, of `material_of`.
+        spots: (s, 5) middle, radius, material.
+        materials: (k, 10) of `worn`.
+        eye: (3,) the camera [m].
+        light: (4, 3) directed light, from above, from below, unit vector to the directed light.
+        tops, first, cell_m: of `lit_share`.
+        share: what one sample adds, of 1 for a whole pixel.
+        colour: (rows, columns, 3) and alpha (rows, columns), float32, in and out.
+    """
+    h, w = which.shape
+    s, p, q, n, c = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    step = 1.0 / per_pixel
+    for r in range(h):
+        y = top + (r + 0.5) * step - 0.5
+        for k in range(w):
+            t = which[r, k]
+            if t < 0:
+                continue
+            weights(seen, triangles[t], left + (k + 0.5) * step - 0.5, y, s)
+            i0, i1, i2 = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+            for i in range(3):
+                p[i] = s[0] * vertices[i0, i] + s[1] * vertices[i1, i] + s[2] * vertices[i2, i]
+                q[i] = s[0] * rest[i0, i] + s[1] * rest[i1, i] + s[2] * rest[i2, i]
+                n[i] = s[0] * normals[i0, i] + s[1] * normals[i1, i] + s[2] * normals[i2, i]
+            size = math.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+            zone = zones[parts[t]]
+            along = (q[0] - zone[0]) * zone[3] + (q[1] - zone[1]) * zone[4] + (q[2] - zone[2]) * zone[5]
+            material = materials[material_of(zone, spots, q[0], q[1], q[2], along)]
+            worn(material, q[0], q[1], q[2], along, c)
+            facing = (n[0] * light[3, 0] + n[1] * light[3, 1] + n[2] * light[3, 2]) / size
+            shine = 0.0
+            lit = max(facing, 0.0)
+            if lit > 0.0:
+                x = p[0] - p[1] * light[3, 0] / light[3, 1]
+                z = p[2] - p[1] * light[3, 2] / light[3, 1]
+                lit *= lit_share(tops, first, cell_m, x, z, p[1])
+                if lit > 0.0 and material[9] > 0.0:  # J. Blinn's halfway vector
+                    ex, ey, ez = eye[0] - p[0], eye[1] - p[1], eye[2] - p[2]
+                    far = math.sqrt(ex * ex + ey * ey + ez * ez)
+                    hx, hy, hz = ex / far + light[3, 0], ey / far + light[3, 1], ez / far + light[3, 2]
+                    cosine = (hx * n[0] + hy * n[1] + hz * n[2]) / (size * math.sqrt(hx * hx + hy * hy + hz * hz))
+                    shine = material[9] * max(cosine, 0.0) ** 24 * (lit / max(facing, 1e-6))
+            above = 0.5 + 0.5 * n[1] / size
+            for i in range(3):
+                around = light[1, i] * above + light[2, i] * (1.0 - above)
+                colour[r // per_pixel, k // per_pixel, i] += share * (c[i] * (light[0, i] * lit + around) + shine * light[0, i])
+            alpha[r // per_pixel, k // per_pixel] += share
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def develop(backdrop, floor, colour, alpha, left, top, shade, first, cell_m, dark, gain, coded, spread, noise, starts, image):
+    """Write a camera's picture: a body before a room with its shadow on the floor, exposed, coded, with noise.
+
+    Args:
+        backdrop: (h, w, 3) light; floor: (h, w, 2) x, z where a pixel shows the floor [m], NaN elsewhere.
+        colour, alpha, left, top: of `paint`: the window.
+        shade: (k, l) float32 how much of the directed light does not arrive, over cells of the floor in z and x.
+        first: (2,) x and z of the first cell's middle [m]; cell_m: between them.
+        dark: (3,) the share of the floor's light that is directed.
+        gain: what the picture is multiplied by.
+        coded, spread: (4097,) float32 8-bit values for linear 0 … 1, and the noise's standard deviation there.
+        noise: (n,) float32 standard normal numbers; starts: (h,) where each row begins in them.
+        image: (h, w, 3) uint8 blue, green, red, is written.
+    """
+    h, w, _ = backdrop.shape
+    rows, columns = alpha.shape
+    deep, wide = shade.shape
+    last = np.float32(len(coded) - 1)
+    g = np.float32(gain) * last
+    one, zero = np.float32(1.0), np.float32(0.0)
+    for r in range(h):
+        at = starts[r]
+        inside = top <= r < top + rows
+        for c in range(w):
+            red, green, blue = backdrop[r, c, 0], backdrop[r, c, 1], backdrop[r, c, 2]
+            x = (floor[r, c, 0] - first[0]) / cell_m
+            y = (floor[r, c, 1] - first[1]) / cell_m
+            if x >= 0.0 and y >= 0.0 and x < wide - 1 and y < deep - 1:
+                i, j = int(x), int(y)
+                u, v = x - i, y - j
+                gone = (1.0 - v) * ((1.0 - u) * shade[j, i] + u * shade[j, i + 1]) + v * (
+                    (1.0 - u) * shade[j + 1, i] + u * shade[j + 1, i + 1]
+                )
+                red *= np.float32(1.0 - gone * dark[0])
+                green *= np.float32(1.0 - gone * dark[1])
+                blue *= np.float32(1.0 - gone * dark[2])
+            if inside and left <= c < left + columns:
+                a = one - alpha[r - top, c - left]
+                red = a * red + colour[r - top, c - left, 0]
+                green = a * green + colour[r - top, c - left, 1]
+                blue = a * blue + colour[r - top, c - left, 2]
+            i, j, k = int(min(max(g * blue, zero), last)), int(min(max(g * green, zero), last)), int(min(max(g * red, zero), last))
+            half = np.float32(0.5)
+            top_value = np.float32(255.0)
+            image[r, c, 0] = np.uint8(min(max(coded[i] + spread[i] * noise[at] + half, zero), top_value))
+            image[r, c, 1] = np.uint8(min(max(coded[j] + spread[j] * noise[at + 1] + half, zero), top_value))
+            image[r, c, 2] = np.uint8(min(max(coded[k] + spread[k] * noise[at + 2] + half, zero), top_value))
+            at += 3

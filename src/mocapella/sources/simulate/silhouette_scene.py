@@ -1,0 +1,333 @@
+"""People who move in a room, seen by cameras all around: pictures, and everything that is true of them.
+
+    scene = silhouette_scene("cartwheel", seed=3, cameras=4, outfit="background")
+    for k in range(len(scene.times_s)):
+        scene.images(k), scene.masks(k), scene.pose(k), scene.landmarks(k)
+
+Who moves, what they wear, the room, its light and where the cameras stand are by the seed. Pictures are of OpenCV's
+order: blue, green, red. The same scene, seed and frame give the same pictures to the bit, in whatever order they are
+asked for.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry.lens import project
+from mocapella.geometry.rigid import apply, rigid, rotation_about_y
+from mocapella.model.body_meshes import body_mesh
+from mocapella.model.body_proportions import Sex
+from mocapella.model.camera import Camera, CameraRig, PlacedCamera
+from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at, posed
+from mocapella.model.twist_tree import TreePose
+from mocapella.settings import check
+from mocapella.sources.simulate.backdrop import Backdrop, BackdropView, Light, make_backdrop
+from mocapella.sources.simulate.body_motion import BodyMotion, body_motion, motion_names, usual_seconds
+from mocapella.sources.simulate.body_paint import Covered, Layer, Stage, cell_m, covered, make_cast, painted, stand
+from mocapella.sources.simulate.corruption import Corruption
+from mocapella.sources.simulate.hand_scene import SimulatedCamera
+from mocapella.sources.simulate.outfits import Outfit, dressed, make_outfit
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+
+_INSTANTS: Final = 4
+"""Of an exposure."""
+_APART_M: Final = 1.1
+"""Between the middles of several people."""
+_FILLED: Final = 0.94
+"""The part of the picture's half that people keep to, at least."""
+_TABLE: Final = 1 << 17
+
+
+@dataclass(frozen=True)
+class CameraLook:
+    """What the cameras make of the light.
+
+    Attributes:
+        exposure: full signal of the sensor over white in full light.
+        photons: electrons at full signal; fewer make more photon noise.
+        read_noise: standard deviation in parts of the full signal.
+        flicker: standard deviation of the brightness from picture to picture, in parts.
+        drift: by which part the light gets brighter and darker in the course of ten seconds.
+        exposure_s: for how long a picture is exposed; 0 shows no motion blur.
+    """
+
+    exposure: float = 0.62
+    photons: float = 9000.0
+    read_noise: float = 0.003
+    flicker: float = 0.0
+    drift: float = 0.0
+    exposure_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        check(0.01 <= self.exposure <= 100, "exposure", self.exposure, "from 0.01 to 100")
+        check(10 <= self.photons <= 1e9, "photons", self.photons, "from 10 to 1e9")
+        check(0 <= self.read_noise <= 0.2, "read_noise", self.read_noise, "from 0 to 0.2")
+        check(0 <= self.flicker <= 0.5, "flicker", self.flicker, "from 0 to 0.5")
+        check(0 <= self.drift <= 0.9, "drift", self.drift, "from 0 to 0.9")
+        check(0 <= self.exposure_s <= 0.1, "exposure_s", self.exposure_s, "from 0 to 0.1 s")
+
+
+class SilhouetteScene:
+    """People, a room and cameras.
+
+    Attributes:
+        name: of the motion.
+        seed: of the chance.
+        meshes, outfits, motions: of the people.
+        rig: the cameras, exactly known.
+        times_s: (frames,) of the pictures.
+        look: of the cameras.
+        corruption: what is wrong with the pictures, if anything.
+    """
+
+    def __init__(
+        self, name: str, seed: int, meshes: Sequence[RiggedMesh], outfits: Sequence[Outfit],
+        motions: Sequence[BodyMotion], backdrop: Backdrop, rig: CameraRig, times_s: Float64, look: CameraLook,
+        corruption: Corruption | None,
+    ) -> None:  # fmt: skip
+        self.name, self.seed = name, seed
+        self.meshes, self.outfits, self.motions = tuple(meshes), tuple(outfits), tuple(motions)
+        self.backdrop, self.rig, self.times_s = backdrop, rig, times_s
+        self.look, self.corruption = look, corruption
+        clothes = [dressed(mesh, outfit, seed + k) for k, (mesh, outfit) in enumerate(zip(meshes, outfits, strict=True))]
+        self._cast = make_cast(self.meshes, clothes)
+        self._placed = list(rig.cameras.values())
+        phase = np.random.default_rng([seed, 41]).uniform(0, 2 * math.pi)
+        flicker = np.random.default_rng([seed, 42]).normal(0, 1, len(times_s))
+        self._gains = np.exp(
+            look.flicker * flicker + math.log1p(look.drift) * np.sin(0.2 * math.pi * times_s + phase)
+        ) * look.exposure  # fmt: skip
+        self._tables = _coding(look)
+        self._noise = np.random.default_rng([seed, 43]).standard_normal(_TABLE, dtype=np.float32)
+        self._staged: tuple[int, Stage] | None = None
+
+    def __len__(self) -> int:
+        return len(self.times_s)
+
+    @property
+    def mesh(self) -> RiggedMesh:
+        """The first person's true body."""
+        return self.meshes[0]
+
+    def pose(self, k: int, person: int = 0) -> TreePose:
+        """How somebody stands in frame k."""
+        return self.motions[person].pose(self.times_s[k])
+
+    def poses(self, person: int = 0) -> TreePose:
+        """How somebody stands in all frames: (frames,) batches."""
+        return self.motions[person].pose(self.times_s)
+
+    def landmarks(self, k: int, person: int = 0) -> Float64:
+        """(landmarks, 3) in the mesh's order, world [m]."""
+        return landmarks_at(self.meshes[person], self.pose(k, person))
+
+    def images(self, k: int) -> list[UInt8]:
+        """(height, width, 3) blue, green, red of each camera in frame k, with what is wrong with them."""
+        return [self.image(k, camera) for camera in range(len(self._placed))]
+
+    def image(self, k: int, camera: int) -> UInt8:
+        """As `images`, of one camera."""
+        stage = self._stage(k)
+        stages: Sequence[Stage] = (stage,)
+        if self.look.exposure_s > 0:
+            instants = ((np.arange(_INSTANTS) + 0.5) / _INSTANTS - 0.5) * self.look.exposure_s
+            stages = [self._stage_at(self.times_s[k] + late) for late in instants]
+        image = self._developed(painted(stages, self._placed[camera]), stage, k, camera)
+        return image if self.corruption is None else self.corruption.of(image, k, camera)
+
+    def masks(self, k: int) -> list[NDArray[np.bool_]]:
+        """(height, width) of each camera: which pixels' middles show somebody."""
+        return [covered.people >= 0 for covered in self.covered(k)]
+
+    def covered(self, k: int) -> list[Covered]:
+        """Of each camera: who and which part of them pixels' middles show, and how far away."""
+        return [covered(self._stage(k), placed) for placed in self._placed]
+
+    def background(self, k: int = 0) -> list[UInt8]:
+        """(height, width, 3) of each camera, nobody being there, with the brightness and the noise of frame k."""
+        empty = Layer((0, 0), np.zeros((0, 0, 3), np.float32), np.zeros((0, 0), np.float32))
+        return [self._developed(empty, None, k, camera) for camera in range(len(self._placed))]
+
+    @cached_property
+    def _views(self) -> list[BackdropView]:
+        return [self.backdrop.seen_by(placed) for placed in self._placed]
+
+    def _stage(self, k: int) -> Stage:
+        if self._staged is None or self._staged[0] != k:
+            self._staged = (k, self._stage_at(self.times_s[k]))
+        return self._staged[1]
+
+    def _stage_at(self, at_s: float) -> Stage:
+        bodies = [posed(mesh, motion.pose(at_s)) for mesh, motion in zip(self.meshes, self.motions, strict=True)]
+        return stand(self._cast, np.concatenate(bodies), self.backdrop.light)
+
+    def _developed(self, layer: Layer, stage: Stage | None, k: int, camera: int) -> UInt8:
+        view, light = self._views[camera], self.backdrop.light
+        height, width = view.linear.shape[:2]
+        # The noise of a picture with nobody is another: no two pictures of a camera share theirs.
+        rng = np.random.default_rng([self.seed, 44, k, camera, int(stage is None)])
+        starts = rng.integers(0, _TABLE - 3 * width, height)
+        coded, spread = self._tables
+        image = np.empty((height, width, 3), np.uint8)
+        shade, first = (np.zeros((1, 1), np.float32), np.zeros(2)) if stage is None else (stage.shade, stage.first_m)
+        _kernels().develop(
+            view.linear, view.floor_m, layer.colour, layer.alpha, *layer.origin_px, shade, first, cell_m(),
+            _directed(light), self._gains[k], coded, spread, self._noise, starts, image,
+        )  # fmt: skip
+        return image
+
+
+def silhouette_scene(
+    name: str, *, seed: int = 0, cameras: int = 4, size_px: tuple[int, int] = (640, 480), seconds: float | None = None,
+    fps: float = 60.0, outfit: str | None = None, people: int = 1, sex: Sex | None = None, height_m: float | None = None,
+    look: CameraLook | None = None, corruption: Corruption | None = None, bvh: Path | str | None = None,
+) -> SilhouetteScene:  # fmt: skip
+    """A scene of `scene_names`.
+
+    Args:
+        name: of the motion.
+        seed: of bodies, clothes, room, light, tempo, and where the cameras stand.
+        cameras: how many, in a ring.
+        size_px: (width, height) of their pictures.
+        seconds: how long; None: as long as the motion.
+        fps: pictures a second.
+        outfit: of `outfits.outfit_names`; None: by chance. ``background`` has the colours of the room.
+        people: how many, next to each other.
+        sex, height_m: of the first; None: by chance.
+        look: what the cameras make of the light.
+        corruption: what is wrong with the pictures.
+        bvh: a file whose motion the people do, instead of the motion called ``walk``.
+
+    Raises:
+        SettingsError: no such motion, outfit or number; says what would work.
+        InputError: the BVH file cannot be read.
+    """
+    check(1 <= cameras <= 32, "cameras", cameras, "from 1 to 32")
+    check(1 <= people <= 4, "people", people, "from 1 to 4")
+    check(1 <= fps <= 1000, "fps", fps, "from 1 to 1000 Hz")
+    check(all(16 <= side <= 8192 for side in size_px), "size_px", size_px, "16 to 8192 each")
+    check(bvh is None or name == "walk", "bvh", bvh, "given with the motion walk only")
+    check(seed >= 0, "seed", seed, "0 or more")
+    usual_seconds(name)  # before anything is made: is there such a motion?
+    rng = np.random.default_rng([seed, 51])
+    backdrop = make_backdrop(seed)
+    meshes, outfits, motions = [], [], []
+    for person in range(people):
+        who: Sex = ("male", "female")[rng.integers(2)]
+        tall = round(float(rng.normal(1.77, 0.06) if who == "male" else rng.normal(1.65, 0.055)), 2)
+        if person == 0:
+            who = sex or who
+            tall = height_m or (tall if sex in (None, who) else 1.7)
+        meshes.append(body_mesh(who, min(max(tall, 1.5), 1.98) if height_m is None else tall))
+        outfits.append(make_outfit(outfit, seed + 100 * person, _room_colours(backdrop)))
+        motion = _motion(name, meshes[-1], seconds, seed + 100 * person, bvh)
+        motions.append(_moved(motion, rng.uniform(0, 2 * math.pi), _APART_M * (person - 0.5 * (people - 1))))
+    lasts = min(motion.seconds for motion in motions)
+    times = np.arange(max(math.floor(lasts * fps + 1e-9), 1)) / fps
+    rig = _ring(cameras, size_px, meshes, motions, times, rng)
+    return SilhouetteScene(
+        name, seed, meshes, outfits, motions, backdrop, rig, times, look or CameraLook(), corruption
+    )
+
+
+def scene_names() -> tuple[str, ...]:
+    """The scenes there are: the motions of `body_motion`."""
+    return motion_names()
+
+
+def _motion(name: str, mesh: RiggedMesh, seconds: float | None, seed: int, bvh: Path | str | None) -> BodyMotion:
+    if bvh is None:
+        return body_motion(name, mesh, seconds, seed)
+    from mocapella.sources.simulate.bvh import read_bvh
+    from mocapella.sources.simulate.bvh_body import body_motion_of
+
+    return body_motion_of(read_bvh(bvh), mesh, seconds, file=bvh)
+
+
+def _moved(motion: BodyMotion, turn: float, aside_m: float) -> BodyMotion:
+    """The same, turned about the vertical through the middle, and then put aside along x."""
+    R, shift = rotation_about_y(turn), np.array([aside_m, 0.0, 0.0])
+    turns, place = motion.turns, motion.place
+    return replace(
+        motion,
+        turns=lambda at: turns(at) + np.array([turn, 0.0, 0.0]),
+        place=lambda at: place(at) @ R.T + shift,
+    )
+
+
+def _ring(
+    count: int, size_px: tuple[int, int], meshes: Sequence[RiggedMesh], motions: Sequence[BodyMotion], times: Float64,
+    rng: np.random.Generator,
+) -> CameraRig:  # fmt: skip
+    """Cameras all around, whose lenses are as long as they may be for everybody to be in all pictures."""
+    some = times[:: max(len(times) // 40, 1)]
+    points = np.concatenate(
+        [posed(mesh, motion.pose(some))[:, ::7].reshape(-1, 3) for mesh, motion in zip(meshes, motions, strict=True)]
+    )
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle = 0.5 * (low + high)
+    first = rng.uniform(0, 2 * math.pi)
+    placed = {}
+    for k in range(count):
+        around = first + 2 * math.pi * (k + rng.uniform(-0.18, 0.18)) / count
+        far, up = rng.uniform(4.1, 4.7), rng.uniform(0.9, 2.2)
+        position = np.array([far * math.sin(around), up, far * math.cos(around)])
+        radial = rng.uniform(-0.14, -0.04)
+        distortion = (radial, -0.35 * radial, rng.normal(0, 6e-4), rng.normal(0, 6e-4), 0.0)
+        camera = SimulatedCamera(
+            f"camera{k + 1}", tuple(position), tuple(middle), 50.0, (640, 480), tuple(map(float, distortion))
+        )
+        T, lens = camera.T_camera_world, np.array([1.0, 1.0, 0.0, 0.0, *distortion])
+        seen = np.abs(project(apply(T, points), lens))
+        halves = 0.5 * _FILLED * np.array(size_px)
+        focal = float(np.min(halves / np.nanmax(seen, axis=0)))
+        centre = 0.5 * (np.array(size_px) - 1) + rng.normal(0, 0.006, 2) * size_px[0]
+        lens = np.array([focal, focal * rng.normal(1, 1e-3), *centre, *distortion])
+        placed[camera.name] = PlacedCamera(Camera(camera.name, size_px, lens), T, np.zeros((6, 6)))
+    return CameraRig(placed)
+
+
+def _room_colours(backdrop: Backdrop) -> Any:
+    """What a wall and the floor reflect."""
+    wall, floor = (backdrop.materials[backdrop.faces[0, face], 1:4] for face in (0, 2))
+    return tuple(map(float, wall)), tuple(map(float, floor))
+
+
+def _directed(light: Light) -> Float64:
+    """(3,) which part of the floor's light has a direction."""
+    directed = light.strength * light.towards[1]
+    return np.asarray(directed / (directed + light.sky))
+
+
+def _coding(look: CameraLook) -> tuple[Float32, Float32]:
+    """(4097,) each: 8-bit values of sRGB (IEC 61966-2-1) for linear 0 … 1, and the standard deviation of their noise.
+
+    Photon noise grows with the signal, read noise does not (EMVA standard 1288, section 2).
+    """
+    x = np.linspace(0, 1, 4097)
+
+    def code(linear: Float64) -> Float64:
+        linear = np.clip(linear, 0, 1)
+        return 255 * np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055)
+
+    sd = np.sqrt(look.read_noise**2 + x / look.photons)
+    return code(x).astype(np.float32), (0.5 * (code(x + sd) - code(x - sd))).astype(np.float32)
+
+
+@cache
+def _kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.sources.simulate import body_paint_kernels
+
+    return body_paint_kernels
