@@ -114,7 +114,8 @@ def score_video(
     tracks = read_viewed_tracks(sorted((folder / "pose-associated").glob("*_json")))
     columns = [tracks.points.index(name) for name in SCORED]
     drawn = tomllib.loads(outlines.read_text(encoding="utf-8"))["outline"]
-    within, overlaps = [], {}
+    within: list[bool] = []
+    overlaps: dict[str, float] = {}
     for frame, one in enumerate(followed):
         vertices = posed(body.mesh, one.pose)
         for c, (name, placed) in enumerate(rig.cameras.items()):
@@ -125,7 +126,7 @@ def score_video(
             grown = signed_distance(outline.mask, GROWN_PX + 2) > -GROWN_PX
             pixels, sure = tracks.pixels[frame, c, columns], tracks.confidences[frame, c, columns] > CONFIDENT
             for x, y in np.round(pixels[sure]).astype(int) - [x0, y0]:
-                within.append(0 <= y < grown.shape[0] and 0 <= x < grown.shape[1] and grown[y, x])
+                within.append(bool(0 <= y < grown.shape[0] and 0 <= x < grown.shape[1] and grown[y, x]))
             for label in drawn:
                 if (label["camera"], label["frame"]) == (name, frame):
                     truth = draw([np.array(p) for p in label["person"]], [np.array(p) for p in label["without"]]) > 0
@@ -134,7 +135,7 @@ def score_video(
                     into = mesh[max(y0, 0) : max(y0, 0) + part.shape[0], max(x0, 0) : max(x0, 0) + part.shape[1]]
                     into[:] = part[: into.shape[0], : into.shape[1]] > 0
                     union = np.count_nonzero(truth | mesh)
-                    overlaps[f"{name} {frame}"] = np.count_nonzero(truth & mesh) / union
+                    overlaps[f"{name} {frame}"] = float(np.count_nonzero(truth & mesh) / union)
     return VideoScore(
         len(followed), float(np.median(far)), float(np.percentile(far, 95)), joints, float(np.mean(within)), overlaps
     )

@@ -27,8 +27,8 @@ def polygonise(
         within: (groups,) how far the limbs of a group flow into each other [m].
         between: and groups [m].
         nodes: (a, b, c, 3) a grid, warped at will, that goes beyond the limbs on all sides.
-        mirrored: the surface is its own mirror image in x, triangles too. The limbs must be; of the nodes, which then
-            are those of x > 0 only, the first are half as far from x = 0 as from the next.
+        mirrored: the surface is its own mirror image in x, triangles too. The limbs must be; the nodes are those
+            of x > 0 only, and what lies between them and x = 0 is one cell with its mirror image.
     """
     k = _kernels()
     values = np.empty(nodes.shape[:3])

@@ -6,7 +6,6 @@ of Computing 8, 2012, section 2.1). Within a short reach, to try every offset is
 because the compiler makes vectors of it.
 """
 
-
 from __future__ import annotations
 
 import math

@@ -51,8 +51,8 @@ def pose_of(mesh: RiggedMesh, joints: Mapping[str, Any]) -> TreePose:
     for name in joints:
         if name not in mesh.landmarks:
             raise SettingsError(f"{mesh.name} has no landmark {name!r}; known: {one_of(name, mesh.landmarks)}")
-    targets = np.array([joints.get(name, (np.nan,) * 3) for name in mesh.landmarks], dtype=np.float64)
-    check(targets.shape == (len(mesh.landmarks), 3), "shape of joints", targets.shape, "(3,) each")
+        check(np.shape(joints[name]) == (3,), f"shape of {name}", np.shape(joints[name]), "(3,)")
+    targets = np.array([joints.get(name, (np.nan,) * 3) for name in mesh.landmarks], dtype=np.float64).reshape(-1, 3)
     parts = np.array([landmark.part for landmark in mesh.landmarks.values()], dtype=np.int64)
     points = np.array([landmark.point for landmark in mesh.landmarks.values()], dtype=np.float64).reshape(-1, 3)
     seen = np.isfinite(targets).all(axis=1)

@@ -17,7 +17,7 @@ Float64 = NDArray[np.float64]
 
 TRUNK, ARM, LEG = range(3)
 """Groups of limbs: of arms and legs, the left ones only. The right ones are their mirror image."""
-WITHIN: Final = (0.010, 0.008, 0.010)
+WITHIN: Final = (0.010, 0.003, 0.004)
 BETWEEN: Final = 0.030
 """How far limbs of a group, and groups, flow into each other, over the height."""
 APART: Final = 0.014
@@ -102,8 +102,8 @@ class _Limbs:
             x, r = 0.045 * g * sign, flesh.buttocks * g
             self.add(TRUNK, [x, hip - 0.02 * trunk, -0.022 * g], [x, hip - 0.01 * h, -0.022 * g], (r, r))
             if flesh.breasts and up_to > 1:
-                x, y, r = 0.042 * g * sign, hip + 0.70 * trunk, flesh.breasts * g
-                self.add(TRUNK, [x, y, 0.036 * g], [x, y + 0.02 * h, 0.020 * g], (r, 0.9 * r))
+                x, y, r = 0.042 * g * sign, hip + 0.685 * trunk, flesh.breasts * g
+                self.add(TRUNK, [x, y, 0.032 * g], [x, y + 0.03 * h, 0.014 * g], (r, 0.9 * r))
 
     def head(self) -> None:
         """And the neck, down to the shoulders."""

@@ -16,6 +16,8 @@ same on both sides::
     knee            flexion
     ankle           flexion, toes up
 
+A body that is ``supple`` has three more, 29 degrees of freedom: the neck nods and tilts, and the waist turns.
+
 Three turns in a row lose a degree of freedom where the second brings the axis of the third onto that of the first. The
 swing comes first, about the axis that is perpendicular to the arm at rest and to z, because the poles are then where
 the arm seldom is: 45° above the horizontal to the side, and across the trunk. Were the raise first, they would be
@@ -28,7 +30,7 @@ stretched sidewards by 90°.
 
 from __future__ import annotations
 
-from functools import cache
+from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -36,7 +38,7 @@ from numpy.typing import NDArray
 
 from mocapella.geometry.limb_surface import group_distances, polygonise
 from mocapella.geometry.twists import revolute
-from mocapella.model.body_flesh import ARM, ARM_DOWN, BETWEEN, LEG, TRUNK, WITHIN, body_limbs, joint_places
+from mocapella.model.body_flesh import APART, ARM, ARM_DOWN, BETWEEN, LEG, TRUNK, WITHIN, body_limbs, joint_places
 from mocapella.model.body_proportions import (
     AVERAGE,
     BodyProportions,
@@ -64,29 +66,39 @@ _JOINTS: Final[dict[str, tuple[tuple[str, float, float], ...]]] = {
     "hip": (("flexion", -30, 120), ("abduction", -30, 45), ("turn outwards", -45, 45)),
     "knee": (("flexion", 0, 135),),
     "ankle": (("flexion", -50, 20),),
+    "neck": (("nod", -45, 45), ("tilt to the left", -45, 45)),
 }
 """Of each joint: what its turns are called and their limits [degrees], from American Academy of Orthopaedic Surgeons,
 *Joint motion: method of measuring and recording* (1965), but for the shoulder's raise: the table has 180° from hanging
 arms, here 45° below the rest, and beyond that the arm comes down across the trunk."""
+_TURN_OF_WAIST: Final = ("turn to the left", -45.0, 45.0)
+_HEAD: Final = "head"
+"""The part that a supple body has beside `PARTS`; it hangs on the torso."""
 DETAIL: Final = (0.8, 4.0)
 _ABOVE: Final = ("torso", "upper arm", "forearm")
 
 
 def body_mesh(
-    sex: Sex = "male", height_m: float | None = None, proportions: BodyProportions = AVERAGE, detail: float = 1.0
+    sex: Sex = "male",
+    height_m: float | None = None,
+    proportions: BodyProportions = AVERAGE,
+    detail: float = 1.0,
+    *,
+    supple: bool = False,
 ) -> RiggedMesh:
-    """A person; made once and kept.
+    """A person; of the same arguments the same mesh.
 
     Args:
         sex: whose widths and girths, and whose proportions where they are not known.
         height_m: from the ground to the top of the head; None: as the known segments say, or the average.
         proportions: what is known of the segments.
         detail: how fine the mesh is: so many times as many vertices along a line.
+        supple: whether the neck moves and the waist turns.
 
     Raises:
         SettingsError: no such sex, nobody's height or proportions, or detail out of range.
     """
-    return _mesh(sex, height_m, proportions, detail, legs_only=False)
+    return _mesh(sex, height_m, proportions, detail, legs_only=False, supple=supple)
 
 
 def legs_mesh(
@@ -97,13 +109,19 @@ def legs_mesh(
 
 
 def _mesh(
-    sex: Sex, height_m: float | None, proportions: BodyProportions, detail: float, *, legs_only: bool
+    sex: Sex,
+    height_m: float | None,
+    proportions: BodyProportions,
+    detail: float,
+    *,
+    legs_only: bool,
+    supple: bool = False,
 ) -> RiggedMesh:
     check(DETAIL[0] <= detail <= DETAIL[1], "detail", detail, f"{DETAIL[0]} to {DETAIL[1]}")
     shape = body_shape(sex)
     if height_m is None and not proportions.known:
         height_m = shape.height_m
-    return _made(shape, lengths_of(sex, height_m, proportions), proportions.girth, detail, legs_only)
+    return _made(shape, lengths_of(sex, height_m, proportions), proportions.girth, detail, legs_only, supple)
 
 
 _PART_OF: Final = {
@@ -123,13 +141,19 @@ _JOINT_OF: Final = {
     "thigh": "hip",
     "shank": "knee",
     "foot": "ankle",
+    _HEAD: "neck",
 }
+_OF_HEAD: Final = ("head", "nose", "eye", "ear")
 
 
 def _split(name: str) -> tuple[str, str]:
     """("left ", "knee") of "left knee"."""
     side, _, rest = name.partition(" ")
     return (f"{side} ", rest) if side in ("left", "right") else ("", name)
+
+
+def _turns(joint: str, supple: bool) -> tuple[tuple[str, float, float], ...]:
+    return (*_JOINTS[joint], _TURN_OF_WAIST) if supple and joint == "waist" else _JOINTS[joint]
 
 
 def _axes(joint: str, side: str) -> Float64:
@@ -139,7 +163,8 @@ def _axes(joint: str, side: str) -> Float64:
     arm = np.array([sign * ARM_DOWN, -ARM_DOWN, 0.0])
     return np.array(
         {
-            "waist": [x, -z],
+            "waist": [x, -z, y],
+            "neck": [x, -z],
             "shoulder": [np.cross(arm, z), sign * z, -sign * arm],
             "elbow": [np.cross(arm, z)],
             "hip": [-x, sign * z, sign * y],
@@ -151,18 +176,21 @@ def _axes(joint: str, side: str) -> Float64:
 
 def _rig(name: str, places: dict[str, Float64], parts: tuple[str, ...]) -> dict[str, Any]:
     """What a mesh of these parts has beside its surface."""
+    supple = _HEAD in parts
     parents = [-1 if k < 0 else parts.index(PARTS[k]) for p, k in zip(PARTS, _PARENTS, strict=True) if p in parts]
+    parents += [parts.index("torso")] * supple
     joint_parts, twists, limits, names = [], [], [], []
     for k, part in enumerate(parts[1:], start=1):
         side, kind = _split(part)
         joint = _JOINT_OF[kind]
-        for axis, (turn, least, most) in zip(_axes(joint, side), _JOINTS[joint], strict=True):
+        for axis, (turn, least, most) in zip(_axes(joint, side), _turns(joint, supple), strict=False):
             joint_parts.append(k)
             twists.append(revolute(axis, places[f"{side}{joint}"]))
             limits.append(np.radians([least, most]))
             names.append(f"{side}{joint} {turn}")
     of_part = {place: "".join((_split(place)[0], _PART_OF[_split(place)[1]])) for place in places}
     of_part |= {place: _PART_OF[_split(place)[1]] for place in places if _PART_OF[_split(place)[1]] in PARTS}
+    of_part |= {place: _HEAD for place in places if supple and _split(place)[1] in _OF_HEAD}
     return {
         "name": name,
         "tree": twist_tree(parents, joint_parts, twists, limits, root=places["pelvis"]),
@@ -176,8 +204,8 @@ def _rig(name: str, places: dict[str, Float64], parts: tuple[str, ...]) -> dict[
     }
 
 
-@cache
-def _made(shape: BodyShape, lengths: Lengths, girth: float, detail: float, legs_only: bool) -> RiggedMesh:
+@lru_cache(maxsize=32)  # of a tracker that tries many sizes not all
+def _made(shape: BodyShape, lengths: Lengths, girth: float, detail: float, legs_only: bool, supple: bool) -> RiggedMesh:
     limbs = body_limbs(shape.flesh, lengths, girth, legs_only=legs_only)
     places, height = joint_places(lengths), lengths.height
     within = height * np.array(WITHIN)
@@ -187,6 +215,11 @@ def _made(shape: BodyShape, lengths: Lengths, girth: float, detail: float, legs_
     weights = _weights(vertices, group_distances(limbs, within, np.abs(vertices)), places, height)
     if legs_only:
         weights["pelvis"] = weights["pelvis"] + weights["torso"]
+    if supple:
+        parts = (*parts, _HEAD)
+        height_of_neck = places["neck"][1]
+        share = _smooth(vertices[:, 1], height_of_neck - 0.005 * height, height_of_neck + 0.04 * height)
+        weights[_HEAD], weights["torso"] = share * weights["torso"], (1.0 - share) * weights["torso"]
     bones, shares = strongest(np.column_stack([weights[part] for part in parts]))
     vertices[:, 1] = np.maximum(vertices[:, 1], 0.0)  # flat soles
     if not legs_only:
@@ -224,14 +257,14 @@ def _grid(limbs: Float64, lengths: Lengths, places: dict[str, Float64], detail: 
     low = (np.minimum(limbs[:, 2], limbs[:, 5]) - r).min() - 0.04 * fine
     high = (np.maximum(limbs[:, 2], limbs[:, 5]) + r).max() + 0.04 * fine
     step = 0.0130 * fine
-    half = np.arange(0.5 * step, shoulder[0] + 0.03 * h, step)
+    half = np.arange(min(0.5 * step, 0.4 * APART * h), shoulder[0] + 0.03 * h, step)
     x = np.concatenate([half, _steps([
         (half[-1], wrist[0] - 0.01 * h, 0.020 * fine), (0, tip[0] + 0.025 * h, 0.0110 * fine),
         (0, tip[0] + 0.025 * h + 0.02 * fine, 0.01 * fine),
     ])[1:]])  # fmt: skip
     neck = places["neck"][1]
     y = _steps([
-        (-0.03 * fine, lengths.ankle_height + 0.02 * h, 0.0105 * fine),
+        (-0.012 * h - 0.02 * fine, lengths.ankle_height + 0.02 * h, 0.0105 * fine),
         (0, 0.93 * places["pelvis"][1], 0.026 * fine), (0, neck - 0.06 * h, 0.0165 * fine),
         (0, neck + 0.03 * h, 0.0125 * fine), (0, lengths.height + 0.03 * fine, 0.0115 * fine),
     ])  # fmt: skip

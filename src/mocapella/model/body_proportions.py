@@ -94,7 +94,7 @@ class BodyProportions:
     def __post_init__(self) -> None:
         for name, value in self.known.items():
             check(0.01 <= value <= 1.5, name, value, "0.01 to 1.5 m")
-        check(0.6 <= self.girth <= 1.6, "girth", self.girth, "0.6 to 1.6")
+        check(0.75 <= self.girth <= 1.5, "girth", self.girth, "0.75 to 1.5")
 
     @property
     def known(self) -> dict[str, float]:
@@ -198,7 +198,8 @@ def proportions_of(joints: Mapping[str, Any], girth: float = 1.0) -> BodyProport
     """A person's segments, from joints that were seen: of one frame, such as a T-pose, or of a tracked skeleton.
 
     Of each segment the median over frames and sides, so that both sides are alike and a frame that went wrong does not
-    count. A segment whose ends are never seen together is not known; the ankles' height, which needs a ground, never.
+    count; of the trunk that is right of people who mostly stand upright. A segment whose ends are never seen together
+    is not known; the ankles' height, which needs a ground, never.
 
     Args:
         joints: places [m] in space, (3,) or (frames, 3) each, by the names of the landmarks of `body_mesh`; NaN: not

@@ -38,8 +38,8 @@ class RiggedMesh(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         name: what it is.
         tree: parts and joints, in the mesh's rest frame.
-        part_names: one for each part of the tree.
-        joint_names: one for each angle of the tree.
+        part_names: one for each part of the tree, all different.
+        joint_names: one for each angle of the tree, all different.
         vertices: (n, 3) at rest [m].
         faces: (m, 3) corners, counter-clockwise as seen from outside.
         bones: (n, most) parts that move each vertex, the one that moves it most first.
@@ -75,6 +75,9 @@ class RiggedMesh(msgspec.Struct, frozen=True, eq=False):
             counts,
             f"as many as there are {wanted_names}",
         )
+        for what, names in (("parts", self.part_names), ("joints", self.joint_names)):
+            twice = sorted({name for name in names if names.count(name) > 1})
+            check(not twice, f"{self.name}: names of {what} that are there twice", twice, "each of one only")
         for what, index, end in (("faces", self.faces, n), ("bones", self.bones, parts)):
             wrong = np.argwhere((index < 0) | (index >= end))
             check(len(wrong) == 0, f"{self.name}: {what}{wrong[:1].tolist()}", index[tuple(wrong[:1].T)].tolist(),

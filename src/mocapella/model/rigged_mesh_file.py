@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from mocapella.errors import InputError, SettingsError, one_of
 from mocapella.geometry.twists import revolute
-from mocapella.model.gltf import Gltf, pygltflib
+from mocapella.model.gltf import EXPORT, Gltf, pygltflib
 from mocapella.model.rigged_mesh import Landmark, RiggedMesh, rigid_mesh
 from mocapella.model.twist_tree import twist_tree
 from mocapella.model.whole_file import write_whole
@@ -78,7 +78,18 @@ def load_rigged_mesh(path: Path | str) -> RiggedMesh:
         InputError: there is none, or something in it cannot be; names the field, its value, and what would do.
         SettingsError: pygltflib is not installed.
     """
-    gltf = Gltf(Path(path))
+    pygltflib()
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused in the end
+            return _read(Gltf(Path(path)))
+    except SettingsError as error:
+        raise InputError(str(error), file=path, fix="mend the model") from None
+    except (TypeError, AttributeError, ValueError, KeyError, OverflowError) as error:
+        # JSON of other types than the specification's, which the library lets through
+        raise InputError(f"is no glTF: {error}", file=path, fix=EXPORT) from error
+
+
+def _read(gltf: Gltf) -> RiggedMesh:
     skins = gltf.content.skins or []
     if len(skins) > 1:
         names = [skin.name or k for k, skin in enumerate(skins)]
@@ -86,12 +97,7 @@ def load_rigged_mesh(path: Path | str) -> RiggedMesh:
     placed = [(k, node) for k, node in enumerate(gltf.content.nodes or []) if node.mesh is not None]
     if not placed:
         raise gltf.error("has no mesh on a node", "nodes", fix="export the mesh, too")
-    try:
-        return _rigged(gltf, placed, skins[0]) if skins else _rigid(gltf, placed)
-    except SettingsError as error:
-        raise InputError(str(error), file=path, fix="mend the model") from None
-    except (TypeError, AttributeError, ValueError) as error:  # JSON of other types than the specification's
-        raise InputError(f"is no glTF: {error}", file=path, fix="export it anew") from error
+    return _rigged(gltf, placed, skins[0]) if skins else _rigid(gltf, placed)
 
 
 def save_rigged_mesh(path: Path | str, mesh: RiggedMesh) -> None:
@@ -220,6 +226,8 @@ def _surfaces(
     pieces = []
     for node, placement in placed:
         mesh = gltf.item("meshes", placement.mesh)
+        if placement.skin is not None:
+            gltf.item("skins", placement.skin)
         for k, primitive in enumerate(mesh.primitives):
             field = f"meshes[{placement.mesh}].primitives[{k}]"
             points, faces = _triangles(gltf, primitive, field)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mocapella.errors import InputError
 from mocapella.model.silhouettes import Silhouette
+from mocapella.sensing.region_contour import Band, RegionSettings
 from mocapella.settings import check
 
 Float32 = NDArray[np.float32]
@@ -30,6 +31,7 @@ class MemorySettings:
         guard_steps: nearer than so many samples to a person nothing is learnt.
         rate: how much a new image counts, once there were more than 1/rate.
         least_sd: of a sample [grey levels].
+        window_images: what is in a window is taken in within so many images.
         sweep_images: what is far from people is taken in within so many images.
         cut_sd: a sample that is farther from what it was is not as it was [standard deviations].
         every: so manieth row and column of samples is asked whether an image is of this room.
@@ -38,6 +40,7 @@ class MemorySettings:
     guard_steps: float = 6.0
     rate: float = 0.05
     least_sd: float = 10.0
+    window_images: int = 4
     sweep_images: int = 16
     cut_sd: float = 4.0
     every: int = 6
@@ -46,12 +49,16 @@ class MemorySettings:
         check(self.guard_steps >= 0, "guard_steps", self.guard_steps, "0 or more")
         check(0 < self.rate <= 1, "rate", self.rate, "above 0 and at most 1")
         check(self.least_sd > 0, "least_sd", self.least_sd, "above 0 grey levels")
+        check(self.window_images >= 1, "window_images", self.window_images, "1 or more")
         check(self.sweep_images >= 1, "sweep_images", self.sweep_images, "1 or more")
         check(self.cut_sd > 0, "cut_sd", self.cut_sd, "above 0")
         check(self.every >= 1, "every", self.every, "1 or more")
 
 
 DEFAULT = MemorySettings()
+
+FIRST_SDS = 1.5
+"""A sample's deviation is taken for so many times the image's noise at first: its mean is of one image, too."""
 
 
 class BackgroundMemory:
@@ -70,6 +77,7 @@ class BackgroundMemory:
         self._count = np.empty((0, 0), np.uint8)
         self._next_row = 0
         self._shape: tuple[int, ...] = ()
+        self._first_sd = self.settings.least_sd
 
     @property
     def known(self) -> NDArray[np.bool_]:
@@ -90,12 +98,16 @@ class BackgroundMemory:
         s, rows = self.settings, len(self._count)
         if not self._count.any():
             begin, end = 0, rows
+            guard = s.guard_steps * self.step_px
+            noise = _kernels().noise_of(image, self.step_px, phi, left, top, guard, s.every)
+            self._first_sd = max(s.least_sd, FIRST_SDS * noise)
         else:
             begin, end = self._next_row, self._next_row + -(-rows // s.sweep_images)
             self._next_row = end if end < rows else 0
+        learnt = self._mean, self._variance, self._count
         _kernels().learn(
-            image, self.step_px, phi, left, top, s.guard_steps * self.step_px, begin, end, s.rate, s.least_sd, self._mean,
-            self._variance, self._count,
+            image, self.step_px, phi, left, top, s.guard_steps * self.step_px, begin, end, s.window_images,
+            s.rate, self._first_sd, *learnt,
         )  # fmt: skip
 
     def unlike(self, image: UInt8, person: Silhouette | None) -> float:
@@ -106,21 +118,21 @@ class BackgroundMemory:
         image, (left, top), phi = self._door(image, person)
         s = self.settings
         differ, known = _kernels().unlike(
-            image, self.step_px, phi, left, top, s.guard_steps * self.step_px, s.every, s.least_sd, s.cut_sd, self._mean,
-            self._variance, self._count,
+            image, self.step_px, phi, left, top, s.guard_steps * self.step_px, s.every, s.least_sd, s.cut_sd,
+            self._mean, self._variance, self._count,
         )  # fmt: skip
         return differ / known if known else float("nan")
 
-    def costs(self, image: UInt8, window: Silhouette) -> Float32:
-        """(rows, columns) −log p of a window's samples being background, NaN where it is not known.
-
-        Errors as of `update`.
-        """
-        image, (left, top), _ = self._door(image, window)
-        out = np.empty(window.phi.shape, np.float32)
-        _kernels().costs(
-            image, self.step_px, left, top, self.settings.least_sd, self._mean, self._variance, self._count, out
-        )
+    def costs(self, band: Band, settings: RegionSettings) -> Float32:
+        """See `Background`. Its window is aligned as of `update`."""
+        prior = band.prior
+        left, top = self._place(prior)
+        out = np.full(band.phi.shape, np.nan, np.float32)
+        if self._shape:
+            _kernels().costs(
+                band.values, self.step_px, left - band.pad, top, self.settings.least_sd, self._mean, self._variance,
+                self._count, out,
+            )  # fmt: skip
         return out
 
     def _door(self, image: UInt8, person: Silhouette | None) -> tuple[UInt8, tuple[int, int], Float32]:
@@ -138,15 +150,18 @@ class BackgroundMemory:
             )
         if person is None:
             return image, (0, 0), _NOBODY
-        (x, y), step = person.origin_px, self.step_px
-        if person.step_px != step or x % step or y % step:
+        return image, self._place(person), person.phi
+
+    def _place(self, window: Silhouette) -> tuple[int, int]:
+        (x, y), step = window.origin_px, self.step_px
+        if window.step_px != step or x % step or y % step:
             raise InputError(
                 "a window does not fit the memory's samples",
                 field="origin_px, step_px",
-                value=(person.origin_px, person.step_px),
+                value=(window.origin_px, window.step_px),
                 fix=f"begin at a multiple of {step} px, with that step",
             )
-        return image, (x // step, y // step), person.phi
+        return x // step, y // step
 
 
 _NOBODY = np.empty((0, 0), np.float32)

@@ -12,16 +12,21 @@ import numpy as np
 
 from mocapella.compiled import njit
 
+MIDDLE = 255.0
+"""Of the scale [half grey levels]."""
+SD_OF_FIFTH = 1.0 / 0.25335
+"""Of a normal distribution: over what a fifth of all deviations is below."""
 WIDE = 3.0
 """What is farther from the mean than so many standard deviations moves it no more than that."""
 
 
 @njit(cache=True)
 def _sample(image, step, i, j, c):
-    """The mean of a square of step × step pixels [grey levels], of what there is of it in the image."""
-    total, count = 0, 0
-    for y in range(i * step, min((i + 1) * step, image.shape[0])):
-        for x in range(j * step, min((j + 1) * step, image.shape[1])):
+    """The mean of an odd square of pixels about a sample [grey levels], of what there is of it in the image."""
+    half = step // 2
+    total, count = np.int64(0), 0
+    for y in range(max(i * step - half, 0), min(i * step + half + 1, image.shape[0])):
+        for x in range(max(j * step - half, 0), min(j * step + half + 1, image.shape[1])):
             total += np.int64(image[y, x, c])
             count += 1
     return total / count
@@ -35,12 +40,30 @@ def _free(phi, left, top, i, j, guard):
 
 
 @njit(cache=True)
-def learn(image, step, phi, left, top, guard, begin, end, rate, least_sd, mean, variance, count):
-    """Take in the rows from ``begin`` to ``end`` of samples, and those of the window, where nobody is."""
+def noise_of(image, step, phi, left, top, guard, every):
+    """The standard deviation of samples [grey levels], of what neighbours do not explain.
+
+    Of the smallest fifth: the larger ones may be the room's texture.
+    """
+    rows, columns, channels = -(-image.shape[0] // step), -(-image.shape[1] // step), image.shape[2]
+    rest, n = np.empty((rows // every + 1) * (columns // every + 1) * channels), 0
+    for i in range(0, rows, every):
+        for j in range(1, columns - 1, every):
+            if _free(phi, left, top, i, j, guard):
+                for c in range(channels):
+                    beside = _sample(image, step, i, j - 1, c) + _sample(image, step, i, j + 1, c)
+                    rest[n] = abs(_sample(image, step, i, j, c) - 0.5 * beside)
+                    n += 1
+    return SD_OF_FIFTH * np.sort(rest[:n])[n // 5] / math.sqrt(1.5) if n else 0.0
+
+
+@njit(cache=True)
+def learn(image, step, phi, left, top, guard, begin, end, every, rate, least_sd, mean, variance, count):
+    """Take in the rows from ``begin`` to ``end`` of samples, and every so manieth of the window, where nobody is."""
     rows, columns, channels = mean.shape
     for i in range(rows):
         whole = begin <= i < end
-        if not whole and not top <= i < top + phi.shape[0]:
+        if not whole and (not top <= i < top + phi.shape[0] or (i - begin) % every != 0):
             continue
         first, last = (0, columns) if whole else (max(left, 0), min(left + phi.shape[1], columns))
         for j in range(first, last):
@@ -82,11 +105,12 @@ def unlike(image, step, phi, left, top, guard, every, least_sd, cut_sd, mean, va
 
 
 @njit(cache=True)
-def costs(image, step, left, top, least_sd, mean, variance, count, out):
-    """Write −log p [nats] of a window's samples (rows, columns) being background, per channel, NaN where nobody knows.
+def costs(values, step, left, top, least_sd, mean, variance, count, out):
+    """Write −log p [nats] of values (channels, rows, columns) being background, as of three channels; NaN: not known.
 
-    Values are halves of grey levels, and the log 2π/2 that all densities share is left out.
+    Values are half grey levels from the middle of the scale. The log 2π/2 of every channel is left out.
     """
+    channels = mean.shape[2]
     for a in range(out.shape[0]):
         i = a + top
         for b in range(out.shape[1]):
@@ -94,8 +118,8 @@ def costs(image, step, left, top, least_sd, mean, variance, count, out):
             if not (0 <= i < mean.shape[0] and 0 <= j < mean.shape[1]) or count[i, j] == 0:
                 out[a, b] = math.nan
                 continue
-            v, squares = max(variance[i, j], least_sd * least_sd), 0.0
-            for c in range(mean.shape[2]):
-                d = _sample(image, step, i, j, c) - mean[i, j, c]
+            v, squares = 4.0 * max(variance[i, j], least_sd * least_sd), 0.0
+            for c in range(channels):
+                d = values[c, a, b] - (2.0 * mean[i, j, c] - MIDDLE)
                 squares += d * d
-            out[a, b] = 0.5 * squares / (v * mean.shape[2]) + 0.5 * math.log(4.0 * v)
+            out[a, b] = 1.5 * (squares / (v * channels) + math.log(v))

@@ -20,19 +20,17 @@ import math
 from dataclasses import dataclass
 from functools import cache
 from types import ModuleType
-from typing import TYPE_CHECKING, Final
+from typing import Any, Final, Protocol
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.errors import SettingsError
+from mocapella.geometry.signed_distance import MOST_REACH
 from mocapella.geometry.signed_distance import kernels as distance_kernels
 from mocapella.model.silhouettes import Silhouette
 from mocapella.settings import check
-
-if TYPE_CHECKING:
-    from mocapella.sensing.background import BackgroundModel
 
 UInt8 = NDArray[np.uint8]
 Bool = NDArray[np.bool_]
@@ -50,10 +48,13 @@ class RegionSettings:
 
     Attributes:
         prior_weight: λ [nats/px²]: what a pixel costs that is on the other side than in the model, by the square of how
-            far it is from the model's outline; beside the log-likelihood of a pixel's value, a mean over its channels.
-        length_weight: ν [nats px] that a pixel's length of outline costs.
-        window_px: from a node of the densities' lattice to the next; each is of what is nearer to it than that.
+            far it is from the model's outline; beside the sum of its three channels' log-likelihoods. A gray pixel counts
+            as three equal channels.
+        length_weight: ν [nats/px] that a pixel's length of outline costs.
+        window_px: from a node of the densities' lattice to the next; each is of what is nearer to it than that. It is
+            rounded to a multiple of 8 samples.
         band_px: farther from the prior's outline nothing moves.
+        unsure_px: nearer to the prior's outline, nothing is learnt from before the outline is moved for the first time.
         iterations: how many times the outline is moved, at most.
         least_sd: of a density [grey levels].
         outliers: share of pixels whose value is like neither side, so that one of them says only so much.
@@ -62,13 +63,14 @@ class RegionSettings:
     """
 
     prior_weight: float = 0.05
-    length_weight: float = 1.0
-    window_px: float = 20.0
+    length_weight: float = 1.5
+    window_px: float = 32.0
     band_px: float = 12.0
-    iterations: int = 6
+    unsure_px: float = 4.0
+    iterations: int = 5
     least_sd: float = 2.0
-    outliers: float = 0.05
-    fewest_px2: float = 40.0
+    outliers: float = 0.1
+    fewest_px2: float = 15.0
     median: bool = True
 
     def __post_init__(self) -> None:
@@ -76,6 +78,7 @@ class RegionSettings:
         check(0 <= self.length_weight <= 1e3, "length_weight", self.length_weight, "from 0 to 1000")
         check(2 <= self.window_px <= 200, "window_px", self.window_px, "from 2 to 200")
         check(0 < self.band_px <= 200, "band_px", self.band_px, "above 0 and up to 200")
+        check(0 <= self.unsure_px < self.band_px, "unsure_px", self.unsure_px, "from 0 to less than band_px")
         check(1 <= self.iterations <= 1000, "iterations", self.iterations, "from 1 to 1000")
         check(0.5 <= self.least_sd <= 100, "least_sd", self.least_sd, "from 0.5 to 100")
         check(0 < self.outliers < 1, "outliers", self.outliers, "between 0 and 1")
@@ -115,8 +118,7 @@ def region_contour(
     start: Silhouette | None = None,
     *,
     ignore: Bool | None = None,
-    background: BackgroundModel | None = None,
-    outside: Float32 | None = None,
+    background: Background | None = None,
     settings: RegionSettings = DEFAULT,
     energies: bool = False,
 ) -> RegionContour:
@@ -128,49 +130,105 @@ def region_contour(
         prior: the model's outline.
         start: where to begin, such as the outline of the image before; the prior's where not given.
         ignore: (height, width) bool pixels that say nothing.
-        background: what the image is like without anybody, instead of a local density outside.
+        background: what the image is like without anybody, instead of a local density outside, where it knows that.
         settings: how.
-        energies: whether they are told; that takes longer.
+        energies: whether they are told; that takes longer, and needs a background that knows all or none.
+
+    Raises:
+        SettingsError: an array of another shape or type, or energies of what is only known in part.
+    """
+    band = read_band(image, prior, start, ignore, settings)
+    outside = NOTHING if background is None else background.costs(band, settings)
+    partly = energies and bool(np.isnan(outside).any())
+    check(not partly, "energies", energies, "False with a background that does not know everything")
+    unsure_px = settings.unsure_px if start is None else 0.0
+    return settle(band, outside, math.nan, settings, unsure_px=unsure_px, energies=energies)
+
+
+class Background(Protocol):
+    """What says what an image is like without anybody."""
+
+    def costs(self, band: Band, settings: RegionSettings) -> Float32:
+        """(rows, padded) −log p of a band's values where nobody is [nats], as of three channels of half grey levels,
+        without the log 2π/2 of each; NaN where that is not known.
+        """
+        ...
+
+
+class Band(msgspec.Struct, frozen=True, eq=False):
+    """What an image is like about an outline, in a window that is padded to whole blocks of samples.
+
+    Attributes:
+        prior: the outline's.
+        size_px: (width, height) of the image.
+        pad: columns of padding before the first.
+        values: (channels, rows, padded) int16 half grey levels from the middle of the scale; anything beyond the band.
+        phi: (rows, padded) the prior's.
+        inside: (rows, padded) uint8, 1 inside the outline to begin with.
+        active, known: (rows, padded) uint8, 1 where a sample is undecided, and where the image says anything of it.
+        blocks: (blocks, 2) int32 row and number of those that have undecided samples.
+        reach: [steps] at which distances are cut off.
+    """
+
+    prior: Silhouette
+    size_px: tuple[int, int]
+    pad: int
+    values: NDArray[np.int16]
+    phi: Float32
+    inside: UInt8
+    active: UInt8
+    known: UInt8
+    blocks: NDArray[np.int32]
+    reach: int
+
+
+def read_band(
+    image: UInt8,
+    prior: Silhouette,
+    start: Silhouette | None,
+    ignore: Bool | None,
+    settings: RegionSettings,
+    *,
+    guided: bool = True,
+) -> Band:
+    """Read an image about an outline; everywhere in the window, where not ``guided``.
 
     Raises:
         SettingsError: an array of another shape or type.
     """
-    values, known = read_window(image, prior, ignore, median=settings.median)
-    outside = NOTHING if outside is None else outside
-    if background is not None:
-        outside = background.costs(values, prior, settings)
-    return settle(values, known, prior, start, outside, math.nan, settings, energies=energies)
-
-
-def read_window(
-    image: UInt8, window: Silhouette, ignore: Bool | None, *, median: bool
-) -> tuple[NDArray[np.int16], Bool]:
-    """(channels, rows, columns) values of a window's samples, and (rows, columns) which are known.
-
-    Values are counted in half grey levels from the middle of the scale.
-
-    Raises:
-        SettingsError: an array of another shape or type.
-    """
-    check_silhouette(window, "prior")
+    check_silhouette(prior, "prior")
     good = image.dtype == np.uint8 and (image.ndim == 2 or (image.ndim == 3 and image.shape[2] in (1, 3)))
     if not good or not image.size:
         raise SettingsError(
             f"image is {image.dtype} of shape {image.shape}; it must be uint8, (height, width) or (height, width, 3)"
         )
-    image = np.ascontiguousarray(image).reshape(*image.shape[:2], -1)
-    (x, y), step = window.origin_px, window.step_px
-    values = np.empty((image.shape[2], *window.phi.shape), dtype=np.int16)
-    known = np.empty(window.phi.shape, dtype=np.bool_)
+    height, width = image.shape[:2]
+    pixels = np.ascontiguousarray(image).reshape(height, width, -1)
+    (x, y), step, (rows, columns) = prior.origin_px, prior.step_px, prior.phi.shape
+    farthest = float(max(prior.phi.max(), -prior.phi.min()))
+    check(math.isfinite(farthest), "prior.phi", "of NaN or infinite values", "finite")
+    # Where phi is cut off, nobody knows how far it is.
+    within = np.float32(min(settings.band_px, float(np.nextafter(np.float32(farthest), np.float32(0)))))
     k = kernels()
-    k.read_samples(image, x, y, step, median, values, known)
+    size = block_of(settings, step)
+    count = -(-columns // size)
+    pad, padded = (count * size - columns) // 2, count * size
+    phi = np.empty((rows, padded), dtype=np.float32)
+    inside, active, known = (np.empty((rows, padded), dtype=np.uint8) for _ in range(3))
+    blocks = np.empty((rows * count, 2), dtype=np.int32)
+    begin = starting(prior, start)
+    found = k.lay_out(
+        prior.phi, begin, within, not guided, pad, size, (width, height), x, y, step, phi, inside, active, known, blocks
+    )
+    blocks = blocks[:found]
+    values = np.zeros((pixels.shape[2], rows, padded), dtype=np.int16)
+    k.read_samples(pixels, x - pad * step, y, step, settings.median, size, blocks, values)
     if ignore is not None:
-        if ignore.dtype != np.bool_ or ignore.shape != image.shape[:2]:
-            raise SettingsError(
-                f"ignore is {ignore.dtype} of shape {ignore.shape}; it must be bool of shape {image.shape[:2]}"
-            )
-        k.forget(np.ascontiguousarray(ignore), x, y, step, step - 1 + median, known)
-    return values, known
+        if ignore.dtype != np.bool_ or ignore.shape != (height, width):
+            raise SettingsError(f"ignore is {ignore.dtype} of shape {ignore.shape}; it must be bool, {height, width}")
+        k.forget(np.ascontiguousarray(ignore), x - pad * step, y, step, step - 1 + settings.median, known)
+    reach = math.ceil((farthest if guided else settings.band_px) / step)
+    return Band(prior, (width, height), pad, values, phi, inside, active, known, blocks, min(max(reach, 1), MOST_REACH))
 
 
 def check_silhouette(silhouette: Silhouette, name: str) -> None:
@@ -186,35 +244,37 @@ def check_silhouette(silhouette: Silhouette, name: str) -> None:
 
 
 def settle(
-    values: NDArray[np.int16],
-    known: Bool,
-    prior: Silhouette,
-    start: Silhouette | None,
+    band: Band,
     outside: Float32,
     inside_cost: float,
     s: RegionSettings,
     *,
+    unsure_px: float = 0.0,
     guided: bool = True,
     energies: bool = False,
 ) -> RegionContour:
-    """Move the outline; ``outside`` and ``inside_cost`` as in the kernel `segment`, NaN for a density that is learnt."""
-    k, step, phi = kernels(), prior.step_px, np.ascontiguousarray(prior.phi)
-    farthest = float(np.abs(phi).max())
-    check(math.isfinite(farthest), "prior.phi", "of NaN or infinite values", "finite")
-    inside = starting(prior, start)
-    field, contrast, surety = (np.empty(phi.shape, dtype=np.float32) for _ in range(3))
+    """Move the outline; ``outside``, ``inside_cost`` and ``unsure_px`` as in the kernel `segment`."""
+    k, step = kernels(), band.prior.step_px
+    size = block_of(s, step)
+    field, contrast, surety = (np.empty(band.phi.shape, dtype=np.float32) for _ in range(3))
     told = np.empty(s.iterations + 1 if energies else 0)
     moved = k.segment(
-        values, known, phi, inside, outside, max(round(s.window_px / step), 1), np.float32(s.prior_weight),
-        np.float32(s.length_weight * math.sqrt(2 * math.pi) / step), np.float32(math.sqrt(2 / math.pi) / step),
-        np.float32(min(s.band_px, np.nextafter(np.float32(farthest), np.float32(0)))), guided, s.fewest_px2 / step**2,
-        2.0 * s.least_sd, np.float32(s.most_nats), inside_cost, s.iterations, field, contrast, told,
+        band.values.reshape(len(band.values), len(band.phi), -1, size), band.active, band.known, band.phi, band.blocks, band.inside, 1 + 2 * np.arange(size, dtype=np.int32), outside, np.float32(s.prior_weight),
+        np.float32(s.length_weight * math.sqrt(2 * math.pi) / step), np.float32(math.sqrt(2 / math.pi) / step), guided,
+        np.float32(unsure_px), s.fewest_px2 / step**2, 2.0 * s.least_sd, np.float32(3 * s.most_nats), inside_cost,
+        s.iterations, field, contrast, told,
     )  # fmt: skip
-    k.surety_of(contrast, inside, surety)
-    found = np.empty(phi.shape, dtype=np.float32)
-    reach = math.ceil(farthest / step) if guided else math.ceil(s.band_px / step)
-    distance_kernels().signed_distance(field, min(max(reach, 1), 255), np.float32(step), found)
-    return RegionContour(Silhouette(prior.origin_px, step, found), surety, int(moved), told * step**2)
+    k.surety_of(contrast, band.inside, surety)
+    window = slice(band.pad, band.pad + band.prior.phi.shape[1])
+    phi = np.empty(band.prior.phi.shape, dtype=np.float32)
+    distance_kernels().signed_distance(np.ascontiguousarray(field[:, window]), band.reach, np.float32(step), phi)
+    found = Silhouette(band.prior.origin_px, step, phi)
+    return RegionContour(found, np.ascontiguousarray(surety[:, window]), int(moved), told * step**2)
+
+
+def block_of(settings: RegionSettings, step_px: int) -> int:
+    """How many samples it is from a node of the densities to the next."""
+    return max(8 * round(settings.window_px / (8 * step_px)), 8)
 
 
 def starting(prior: Silhouette, start: Silhouette | None) -> UInt8:

@@ -37,6 +37,10 @@ Float64 = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 UInt8 = NDArray[np.uint8]
 
+HALF_LIFE_S = 0.15
+"""How long what nobody sees goes on as it did, until it is half as fast [s]."""
+SETTLING = 4
+"""How many times as many rounds the first frame has, whose pose is rough."""
 USUAL_STEP_PX = 2
 """For which a region's settings in pixels hold; other steps have them scaled."""
 
@@ -153,6 +157,7 @@ class SilhouetteTracker:
         """Forget where it is, and what is behind it."""
         self._past: list[tuple[int, TreePose]] = []
         self._cameras: dict[str, _Camera] = {}
+        self._blind_ns = 0
 
     def start(self, pose: TreePose, time_ns: int) -> None:
         """It is about there, and at rest.
@@ -160,7 +165,7 @@ class SilhouetteTracker:
         Raises:
             SettingsError: no camera sees it there.
         """
-        self._past = [(time_ns, pose)]
+        self._past, self._blind_ns = [(time_ns, pose)], 0
         vertices, s = posed(self.mesh, pose), self.settings
         for name, by in self._eyes.items():
             if name not in self._cameras:
@@ -177,7 +182,8 @@ class SilhouetteTracker:
         if len(self._past) < 2:
             return last
         before_ns, before = self._past[-2]
-        pose = predicted(before, last, (time_ns - last_ns) / (last_ns - before_ns))
+        ratio = (time_ns - last_ns) / (last_ns - before_ns)
+        pose = predicted(before, last, ratio * 0.5 ** (self._blind_ns / NS_PER_S / HALF_LIFE_S))
         return TreePose(pose.T_world_model, np.clip(pose.angles, *self.mesh.tree.limits.T))
 
     def update(self, images: Mapping[str, UInt8], time_ns: int) -> Followed:
@@ -189,7 +195,8 @@ class SilhouetteTracker:
         steps = 0
         for camera in self._cameras.values():
             camera.forget_frame()
-        for number in range(s.rounds):
+        first = len(self._past) == 1
+        for number in range(s.rounds * SETTLING if first else s.rounds):
             vertices, motions = posed(self.mesh, pose), self._motions(pose)
             given = []
             for name, camera in self._cameras.items():
@@ -201,7 +208,7 @@ class SilhouetteTracker:
                         if reason:
                             left_out[name] = reason
                             continue
-                    if number < s.segmented:
+                    if first or number < s.segmented:
                         camera.segment(images[name])
                     given.append(camera.planes(motions))
             found = fit(tree, pose, given, priors, FitSettings(most_steps=3))
@@ -211,7 +218,10 @@ class SilhouetteTracker:
             if name in images and name not in left_out and camera.look(self._figure, vertices, s):
                 seen[name] = camera.seen()
                 camera.learn(images[name])
-        self._past = [*self._past[-1:], (time_ns, pose)]
+        last_ns, last = self._past[-1]
+        self._blind_ns = 0 if seen else self._blind_ns + time_ns - last_ns
+        # Where it was thought to be before the first frame was rough: it is at rest, until it is seen to move.
+        self._past = [(last_ns, pose if first and seen else last), (time_ns, pose)]
         return Followed(time_ns, pose, landmarks_at(self.mesh, pose), seen, left_out, steps)
 
     def _priors(self, expected: TreePose, time_ns: int) -> Sequence[Prior]:
@@ -240,6 +250,7 @@ class _Camera:
             prior_weight=region.prior_weight / scale**2,
             window_px=region.window_px * scale,
             band_px=region.band_px * scale,
+            unsure_px=region.unsure_px * scale,
             fewest_px2=region.fewest_px2 * scale**2,
         )
         self._reach = float(settings.margin_steps * step_px)
@@ -272,8 +283,7 @@ class _Camera:
     def segment(self, image: UInt8) -> None:
         """What the image says, the body's outline in mind."""
         prior = self._prior()
-        costs = None if self.memory is None else self.memory.costs(image, prior)
-        found = region_contour(image, prior, outside=costs, settings=self._region)
+        found = region_contour(image, prior, background=self.memory, settings=self._region)
         self._found = found.silhouette, found.surety
 
     def planes(self, motions: tuple[Float64, Float64]) -> InPlanes:

@@ -1,0 +1,149 @@
+"""Where a body is, by what the image is like without anybody: the simple alternative to `region_contour`.
+
+Shadows are told by their colour, which is that of the background with less light (T. Horprasert, D. Harwood, L. Davis,
+A Statistical Approach for Real-time Robust Background Subtraction and Shadow Detection, 1999); in gray images, they
+cannot be told from dark clothes and are taken for a body.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import SettingsError
+from mocapella.model.silhouettes import Silhouette
+from mocapella.sensing.region_contour import (
+    DEFAULT,
+    HALF_LEVELS,
+    Band,
+    RegionContour,
+    RegionSettings,
+    block_of,
+    kernels,
+    read_band,
+    settle,
+)
+from mocapella.settings import check
+
+UInt8 = NDArray[np.uint8]
+Bool = NDArray[np.bool_]
+Float32 = NDArray[np.float32]
+
+SPREAD_UNIT: Final = 4
+"""Spreads are kept in fourths of a grey level."""
+FEWEST: Final = 3
+"""Images to learn of."""
+SD_OF_MAD: Final = 1.4826
+
+
+class BackgroundModel(msgspec.Struct, frozen=True, eq=False):
+    """What an image is like without anybody.
+
+    Attributes:
+        usual: (height, width) or (height, width, 3) uint8, the median of every pixel.
+        spread: of the same shape, uint8, four times its standard deviation [grey levels], cut off at 63.
+        least_sd: no density is narrower [grey levels].
+        darkest: a shadow leaves at least so much of a pixel's light; 1 where there are none.
+        shadow_nats: what it costs to say that a pixel is in the shadow.
+    """
+
+    usual: UInt8
+    spread: UInt8
+    least_sd: float = 4.0
+    darkest: float = 0.4
+    shadow_nats: float = 2.0
+
+    def __post_init__(self) -> None:
+        if self.usual.shape != self.spread.shape:
+            raise SettingsError(f"spread is of shape {self.spread.shape}; it must be that of usual, {self.usual.shape}")
+        check(0.5 <= self.least_sd <= 100, "least_sd", self.least_sd, "from 0.5 to 100")
+        check(0 < self.darkest <= 1, "darkest", self.darkest, "above 0 and up to 1")
+        check(0 <= self.shadow_nats <= 100, "shadow_nats", self.shadow_nats, "from 0 to 100")
+
+    def costs(self, band: Band, settings: RegionSettings = DEFAULT) -> Float32:
+        """(rows, padded) −log p of a band's values where nobody is [nats], as of three channels of half grey levels.
+
+        Raises:
+            SettingsError: the band is of an image of another size or number of channels.
+        """
+        height, width = self.usual.shape[:2]
+        channels, rows, padded = band.values.shape
+        if (width, height) != band.size_px or self.usual.size != height * width * channels:
+            raise SettingsError(
+                f"the background is of shape {self.usual.shape}; it must be that of the image, "
+                f"{band.size_px[1]} × {band.size_px[0]} of {channels} channels"
+            )
+        k, step = kernels(), band.prior.step_px
+        x, y = band.prior.origin_px
+        read = []
+        for picture in (self.usual, self.spread):
+            pixels = np.ascontiguousarray(picture).reshape(height, width, channels)
+            to = np.zeros(band.values.shape, dtype=np.int16)
+            size = block_of(settings, step)
+            k.read_samples(pixels, x - band.pad * step, y, step, settings.median, size, band.blocks, to)
+            read.append(to)
+        out = np.empty((rows, padded), dtype=np.float32)
+        least, shadow = 2.0 * self.least_sd, float(self.shadow_nats)
+        k.background_costs(band.values, *read, band.known, least, float(self.darkest), shadow, out)
+        return out
+
+
+def learn_background(images: Sequence[UInt8], **settings: float) -> BackgroundModel:
+    """Medians and spreads of images without anybody, or with somebody who does not stay where they are.
+
+    Args:
+        images: at least 3, of one shape, (height, width) or (height, width, 3) uint8.
+        settings: of `BackgroundModel`.
+
+    Raises:
+        SettingsError: there are too few, or they differ in shape.
+    """
+    check(len(images) >= FEWEST, "images", len(images), f"at least {FEWEST}")
+    shape = images[0].shape
+    for image in images:
+        if image.shape != shape or image.dtype != np.uint8 or not (image.ndim == 2 or image.shape[2:] == (3,)):
+            raise SettingsError(f"an image is {image.dtype} of shape {image.shape}; all must be uint8 of one shape")
+    stack = np.stack(images)
+    median = np.median(stack, axis=0)
+    sd = SD_OF_MAD * np.median(abs(stack - median), axis=0)
+    spread = np.clip(np.rint(SPREAD_UNIT * sd), 0, 255).astype(np.uint8)
+    return BackgroundModel(np.rint(median).astype(np.uint8), spread, **settings)
+
+
+def background_contour(
+    image: UInt8,
+    model: BackgroundModel,
+    window: Silhouette,
+    *,
+    guided: bool = True,
+    ignore: Bool | None = None,
+    settings: RegionSettings = DEFAULT,
+    energies: bool = False,
+) -> RegionContour:
+    """The outline of what is not the background, whatever its colour.
+
+    Args:
+        image: (height, width) or (height, width, 3) uint8.
+        model: of images of its size and camera.
+        window: where to look; its phi is a prior where ``guided``, and not looked at otherwise.
+        guided: whether the window's phi is a prior, as for `region_contour`.
+        ignore: (height, width) bool pixels that say nothing.
+        settings: how; of those of densities, only the share of outliers and the median say anything.
+        energies: whether they are told; that takes longer.
+
+    Raises:
+        SettingsError: an array of another shape or type.
+    """
+    band = read_band(image, window, None, ignore, settings, guided=guided)
+    outside = model.costs(band, settings)
+    # A body's pixels may have any value.
+    inside_cost = 3 * (math.log(HALF_LEVELS) - 0.5 * math.log(2 * math.pi))
+    if not guided:
+        band.inside[:] = (outside > inside_cost) & (band.known > 0)
+        band.phi[:] = -1.0
+    return settle(band, outside, inside_cost, settings, guided=guided, energies=energies)

@@ -1,0 +1,168 @@
+"""What is behind people is learnt where they are not, and whether an image is of the same room."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from mocapella.errors import InputError, SettingsError
+from mocapella.geometry.signed_distance import signed_distance
+from mocapella.model.silhouettes import Silhouette
+from mocapella.sensing.background_memory import BackgroundMemory, MemorySettings
+from mocapella.sensing.region_contour import RegionSettings, read_band
+
+UInt8 = NDArray[np.uint8]
+HEIGHT, WIDTH = 120, 160
+
+
+def room(seed: int = 0, channels: int = 3) -> UInt8:
+    rng = np.random.default_rng(seed)
+    coarse = rng.integers(30, 220, (HEIGHT // 10, WIDTH // 10, channels))
+    return np.asarray(np.kron(coarse, np.ones((10, 10, 1))), dtype=np.uint8)
+
+
+def costs(memory: BackgroundMemory, image: UInt8, window: Silhouette) -> NDArray[np.float32]:
+    """(rows, columns) of the window, all of which is looked at."""
+    settings = RegionSettings(median=False)
+    band = read_band(image, window, None, None, settings, guided=False)
+    return memory.costs(band, settings)[:, band.pad : band.pad + window.phi.shape[1]]
+
+
+def person(x: int, step: int = 2, reach: float = 16.0) -> tuple[Silhouette, NDArray[np.bool_]]:
+    """A box of 12 × 30 px in the image's middle rows, and its mask."""
+    mask = np.zeros((HEIGHT, WIDTH), dtype=bool)
+    mask[15:45, x : x + 12] = True
+    return Silhouette((0, 0), step, signed_distance(mask[::step, ::step], reach, step)), mask
+
+
+def shown(seed: int, mask: NDArray[np.bool_], noise: float = 2.0, level: int = 128) -> UInt8:
+    rng = np.random.default_rng(seed)
+    image = np.where(mask[..., None], level, room().astype(float)) + rng.normal(0, noise, (HEIGHT, WIDTH, 3))
+    return np.clip(image, 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("step", [1, 2])
+def test_what_is_learnt_is_the_room_wherever_nobody_was_near(step: int) -> None:
+    memory = BackgroundMemory(step, MemorySettings(guard_steps=3))
+    for k in range(30):
+        who, mask = person(10 + k, step)
+        memory.update(shown(k, mask), who)
+    empty = room()
+    everywhere = Silhouette((0, 0), step, np.zeros(memory.known.shape, np.float32))
+    told = costs(memory, empty, everywhere)
+    assert (np.isfinite(told) == memory.known).all()
+    assert memory.known.mean() > 0.9  # it walked by
+    usual = 3 * np.log(2 * memory.settings.least_sd)
+    assert np.nanmedian(told) == pytest.approx(usual, abs=0.5)  # squares and tents differ at edges
+    assert np.nanpercentile(told, 90) < usual + 2
+    who, mask = person(30, step)
+    inside = (who.phi > step) & memory.known
+    other = costs(memory, shown(77, mask, level=255), everywhere)
+    assert np.median(other[inside]) > usual + 9
+
+
+def test_near_a_person_nothing_is_learnt() -> None:
+    memory = BackgroundMemory(2, MemorySettings(guard_steps=3))
+    who, mask = person(30)
+    memory.update(shown(0, mask), who)
+    assert (memory.known == (who.phi < -6)).all()
+
+
+def test_whoever_stands_still_is_not_learnt_but_what_lies_far_away_is() -> None:
+    """What is far from people is taken in stripe by stripe, so that a lamp that is switched on is background soon."""
+    memory = BackgroundMemory(2, MemorySettings(rate=0.5, sweep_images=4))
+    who, mask = person(30)
+    memory.update(shown(0, mask), who)
+    for k in range(40):
+        image = shown(k, mask)
+        image[:, 70:] = 250
+        memory.update(image, who)
+    lit = shown(99, mask)
+    lit[:, 70:] = 250
+    assert memory.unlike(lit, who) == 0
+    assert not memory.known[who.phi > 0].any()
+
+
+@given(st.integers(0, 1000), st.sampled_from([1, 3]))
+def test_another_image_is_told_from_noise(seed: int, channels: int) -> None:
+    memory = BackgroundMemory(2, MemorySettings(every=2))
+    who, _ = person(30)
+    for k in range(5):
+        memory.update(noisy(room(0, channels), k), who)
+    assert memory.unlike(noisy(room(0, channels), seed + 100), who) < 0.05
+    assert memory.unlike(noisy(room(seed + 1, channels), seed), who) > 0.4
+    assert memory.unlike(np.zeros((HEIGHT, WIDTH, channels), np.uint8), who) > 0.5
+    rng = np.random.default_rng(seed)
+    salted = noisy(room(0, channels), 3)
+    hit = rng.random((HEIGHT, WIDTH)) < 0.15
+    salted[hit] = rng.integers(0, 256, (int(hit.sum()), channels))
+    assert memory.unlike(salted, who) < 0.5
+
+
+def noisy(image: UInt8, seed: int) -> UInt8:
+    return np.clip(image + np.random.default_rng(seed).normal(0, 4, image.shape), 0, 255).astype(np.uint8)
+
+
+def test_before_anything_is_known_nobody_can_say() -> None:
+    memory = BackgroundMemory(2)
+    assert np.isnan(memory.unlike(room(), None))
+    assert np.isnan(costs(memory, room(), person(30)[0])).all()
+
+
+def test_grey_images_have_no_axis_of_channels() -> None:
+    grey, both = BackgroundMemory(2), BackgroundMemory(2)
+    image = room(0, 1)
+    grey.update(image[..., 0], None)
+    both.update(image, None)
+    window = person(30)[0]
+    assert costs(grey, image[..., 0], window) == pytest.approx(costs(both, image, window))
+
+
+def test_beyond_the_image_nothing_is_known() -> None:
+    memory = BackgroundMemory(2)
+    memory.update(room(), None)
+    window = Silhouette((-6, -4), 2, np.zeros((10, 12), np.float32))
+    told = costs(memory, room(), window)
+    assert np.isnan(told[:2]).all()
+    assert np.isnan(told[:, :3]).all()
+    assert np.isfinite(told[2:, 3:]).all()
+
+
+def test_what_is_forgotten_is_not_known() -> None:
+    memory = BackgroundMemory(2)
+    memory.update(room(), None)
+    memory.reset()
+    memory.update(np.zeros((10, 10), np.uint8), None)  # another size is as good
+    assert memory.known.shape == (5, 5)
+
+
+def test_a_window_that_does_not_fit_is_refused() -> None:
+    memory = BackgroundMemory(2)
+    memory.update(room(), None)
+    for window in (
+        Silhouette((1, 0), 2, np.zeros((4, 4), np.float32)),
+        Silhouette((0, 0), 1, np.zeros((4, 4), np.float32)),
+    ):
+        with pytest.raises(InputError, match="multiple of 2 px"):
+            costs(memory, room(), window)
+    with pytest.raises(InputError, match="size changed"):
+        memory.update(room()[:-2], None)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"guard_steps": -1}, {"rate": 0}, {"rate": 2}, {"least_sd": 0}, {"sweep_images": 0}, {"cut_sd": 0}, {"every": 0}],
+)
+def test_settings_of_no_sense_are_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(SettingsError, match=next(iter(wrong))):
+        MemorySettings(**wrong)
+
+
+def test_a_step_below_one_is_refused() -> None:
+    with pytest.raises(SettingsError, match="step_px"):
+        BackgroundMemory(0)

@@ -1,0 +1,161 @@
+"""A body is followed by its silhouettes, also through images that are wrong."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from silhouette_room import FRAME_NS, Room, bent, ring
+
+from mocapella.errors import SettingsError
+from mocapella.geometry.twists import log_motion
+from mocapella.model.rigged_mesh import landmarks_at
+from mocapella.model.twist_tree import TreePose
+from mocapella.tracker.silhouettes import Followed, SilhouetteSettings, SilhouetteTracker, Steadiness
+
+ROOM = Room()
+FRAMES = 24
+
+
+def squat(k: int) -> TreePose:
+    """Knees and arms that bend and come back within two seconds, and a step to the side."""
+    s = 0.5 - 0.5 * np.cos(2 * np.pi * k / 120)
+    pose = bent(
+        ROOM.mesh,
+        {
+            "left hip flexion": 50 * s, "right hip flexion": 50 * s, "left knee flexion": 80 * s,
+            "right knee flexion": 80 * s, "left ankle flexion": 20 * s, "right ankle flexion": 20 * s,
+            "left elbow flexion": 20 + 40 * s, "right elbow flexion": 20 + 30 * s,
+            "left shoulder swing forwards": 30 * s
+        },
+        (0.2 * s, -0.25 * s, 0.0),
+    )  # fmt: skip
+    return pose
+
+
+def follow(
+    tracker: SilhouetteTracker, frames: int, wrong: dict[int, dict[str, Any]] | None = None, every: int = 1
+) -> list[Followed]:
+    tracker.start(squat(0), -FRAME_NS)
+    found = []
+    for k in range(0, frames, every):
+        images = ROOM.images(squat(k), k) | (wrong or {}).get(k, {})
+        found.append(tracker.update(images, k * FRAME_NS))
+    return found
+
+
+def missed_mm(found: Followed, k: int) -> Any:
+    return 1000 * np.linalg.norm(found.landmarks - landmarks_at(ROOM.mesh, squat(k)), axis=1)
+
+
+@pytest.fixture(scope="module")
+def clean() -> list[Followed]:
+    return follow(SilhouetteTracker(ROOM.mesh, ROOM.rig), FRAMES)
+
+
+def test_a_body_that_bends_its_knees_is_followed(clean: list[Followed]) -> None:
+    for k, found in enumerate(clean):
+        assert np.median(missed_mm(found, k)) < 15
+        assert missed_mm(found, k).max() < 60
+        assert min(seen.overlap for seen in found.seen.values()) > 0.85
+        assert found.left_out == {}
+        assert list(found.seen) == list(ROOM.rig.cameras)
+
+
+def test_the_same_images_give_the_same_to_the_bit(clean: list[Followed]) -> None:
+    again = follow(SilhouetteTracker(ROOM.mesh, ROOM.rig), 4)
+    for one, other in zip(again, clean, strict=False):
+        assert (one.pose.angles == other.pose.angles).all()
+        assert (one.pose.T_world_model == other.pose.T_world_model).all()
+
+
+def test_images_that_are_stored_wrong_are_left_out_and_do_not_lead_astray() -> None:
+    rng = np.random.default_rng(0)
+    garbage = {name: rng.integers(0, 256, (240, 320, 3)).astype(np.uint8) for name in ROOM.rig.cameras}
+    found = follow(SilhouetteTracker(ROOM.mesh, ROOM.rig), FRAMES, {10: garbage, 11: garbage})
+    assert list(found[10].left_out) == list(ROOM.rig.cameras)
+    assert "something else" in found[10].left_out["camera 1"]
+    assert found[10].seen == {}
+    assert found[12].left_out == {}
+    assert np.median(missed_mm(found[10], 10)) < 25, "it goes on as it did"
+    assert np.median(missed_mm(found[-1], FRAMES - 1)) < 15
+
+
+def test_a_black_camera_is_left_out_and_the_others_go_on() -> None:
+    dark = {"camera 3": np.zeros((240, 320, 3), np.uint8)}
+    found = follow(SilhouetteTracker(ROOM.mesh, ROOM.rig), 12, dict.fromkeys(range(4, 12), dark))
+    assert [list(one.left_out) for one in found] == [[]] * 4 + [["camera 3"]] * 8
+    assert np.median(missed_mm(found[-1], 11)) < 15
+
+
+def test_a_camera_without_an_image_is_no_matter(clean: list[Followed]) -> None:
+    tracker = SilhouetteTracker(ROOM.mesh, ROOM.rig)
+    tracker.start(squat(0), -FRAME_NS)
+    images = ROOM.images(squat(0))
+    del images["camera 2"]
+    found = tracker.update(images, 0)
+    assert list(found.seen) == ["camera 1", "camera 3", "camera 4"]
+    assert np.median(missed_mm(found, 0)) < 15
+
+
+def test_a_body_that_nobody_sees_goes_on_as_it_did() -> None:
+    tracker = SilhouetteTracker(ROOM.mesh, ROOM.rig)
+    follow(tracker, 6)
+    expected = tracker.expected(6 * FRAME_NS)
+    found = tracker.update({}, 6 * FRAME_NS)
+    assert found.seen == {}
+    assert np.abs(log_motion(np.linalg.inv(expected.T_world_model) @ found.pose.T_world_model)).max() < 1e-6
+    assert np.abs(found.pose.angles - expected.angles).max() < 0.02
+
+
+def test_the_penalty_makes_it_steady() -> None:
+    """Noise alone: a body that stands still, seen by few and noisy pixels."""
+    noisy = Room(rig=ring(3, (160, 120), 150.0), noise=25.0)
+    jitter = []
+    for steadiness in (None, Steadiness()):
+        tracker = SilhouetteTracker(noisy.mesh, noisy.rig, SilhouetteSettings(steadiness=steadiness))
+        tracker.start(squat(30), -FRAME_NS)
+        found = [tracker.update(noisy.images(squat(30), k), k * FRAME_NS) for k in range(30)]
+        places = np.array([one.landmarks for one in found])[8:]
+        jitter.append(np.sqrt((np.diff(places, 2, axis=0) ** 2).mean()))
+    assert jitter[1] < 0.4 * jitter[0]
+
+
+def test_frames_that_are_missing_are_bridged() -> None:
+    found = follow(SilhouetteTracker(ROOM.mesh, ROOM.rig), FRAMES, every=3)
+    assert np.median(missed_mm(found[-1], FRAMES - 3)) < 15
+
+
+def test_where_it_stands_must_be_seen_by_somebody() -> None:
+    tracker = SilhouetteTracker(ROOM.mesh, ROOM.rig)
+    far = bent(ROOM.mesh, {}, (0.0, 0.0, 100.0))
+    high = bent(ROOM.mesh, {}, (0.0, 30.0, 0.0))
+    assert far.T_world_model[2, 3] == 100.0
+    with pytest.raises(SettingsError, match="no camera of the rig sees"):
+        tracker.start(high, 0)
+
+
+def test_it_takes_samples_so_that_a_body_has_about_200() -> None:
+    tracker = SilhouetteTracker(ROOM.mesh, ring(1, (1280, 960), 1200.0))
+    tracker.start(squat(0), -FRAME_NS)
+    wide = Room(rig=ring(1, (1280, 960), 1200.0))
+    found = tracker.update(wide.images(squat(0)), 0)
+    (seen,) = found.seen.values()
+    assert seen.contour.step_px == 3
+    assert 150 <= seen.contour.phi.shape[0] <= 260
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"step_px": -1}, {"margin_steps": 1}, {"rounds": 0}, {"segmented": 9}, {"usual_per_rad": -1}, {"unlike": 0}],
+)
+def test_settings_of_no_sense_are_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(SettingsError, match=next(iter(wrong))):
+        SilhouetteSettings(**wrong)
+
+
+@pytest.mark.parametrize("name", ["root_m_per_s2", "root_rad_per_s2", "angle_rad_per_s2"])
+def test_accelerations_are_above_0(name: str) -> None:
+    with pytest.raises(SettingsError, match=name):
+        Steadiness(**{name: 0.0})
