@@ -78,10 +78,10 @@ def demo(
 
     take = None if record is None else take_file(record)
     show_of = _show_of(what, scene, method, seed)
-    bus_port = _choose(port, DEFAULT_PORT)
+    bus_port = choose_port(port, DEFAULT_PORT)
     if port is not None:
         check_port_free("127.0.0.1", port, "--port")
-    page_port = None if no_view else _choose(view_port, DEFAULT_VIEW_PORT)
+    page_port = None if no_view else choose_port(view_port, DEFAULT_VIEW_PORT)
     listen = f"tcp/127.0.0.1:{bus_port}"
     settings = ServerSettings(listen=listen, setup=show_of.setup, method_settings=show_of.method_settings)
 
@@ -181,7 +181,8 @@ def _arm_show(scene: str, method: str, seed: int) -> Show:
     return Show(Setup(method="arms", sensors_expected=1), {}, [words], said, ("--cloth",))
 
 
-def _choose(wanted: int | None, default: int) -> int:
+def choose_port(wanted: int | None, default: int) -> int:
+    """The one that is wanted; else the usual one, or a free one where that is in use."""
     from mocapella.errors import BusError
     from mocapella.live.launch import check_port_free, free_port
 

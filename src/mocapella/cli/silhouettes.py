@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import webbrowser
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,6 +17,7 @@ from rich.table import Table
 from mocapella.cli import INTERRUPTED
 from mocapella.cli.app import app
 from mocapella.cli.common import (
+    DEFAULT_VIEW_PORT,
     JsonOut,
     console,
     need_cameras,
@@ -29,6 +32,8 @@ if TYPE_CHECKING:
     from threading import Event
 
     from mocapella.live.silhouette_run import SilhouetteRun, Step
+    from mocapella.live.silhouette_view import SilhouetteView
+    from mocapella.model.twist_tree import TreePose
     from mocapella.recording.followed_bodies import FollowedBody
     from mocapella.sources.video_set import VideoSet
     from mocapella.tracker.silhouette_start import Body
@@ -138,27 +143,50 @@ def silhouettes(
         shown = VideoSet(inputs, cameras, frames=wanted, rate_hz=hz, other_size=other_size)
         body, pose = find_start(wishes, cameras, wanted)
         run = SilhouetteRun(body.mesh, shown.rig, shown.rate_hz, settings, say)
+        for note in shown.notes:
+            run.note(note)
+        said = len(shown.notes)
         begin(run, pose, wanted, start or "--points")
         if background:
             learn(run, background, cameras, shown, other_size)
         writer = None if overlay is None else _Overlays(overlay, shown.rate_hz / wanted.step)
-    with stop_on_signals() as stop, telling_of_compiling("the method silhouettes"):
+    with ExitStack() as closing, stop_on_signals() as stop, telling_of_compiling("the method silhouettes"):
+        tell = []
+        if writer is not None:
+            closing.callback(writer.close)
+            tell.append(writer.write)
         if view:
-            raise NotImplementedError
-        whole = _follow(run, shown, stop, [] if writer is None else [writer.write])
-    if writer is not None:
-        writer.close()
-    for note in shown.notes:
-        run.note(note)
-    result = as_result(run, body, shown, rig, steady=not no_steadiness)
-    write_json(json, result)
-    if json != "-":
-        show(run, Console(highlight=False))
-    if plot is not None:
-        draw_angles(result, earlier, plot, str(beside))
+            page = open_view(run, pose, view_port, no_browser=no_browser)
+            closing.callback(page.close)
+            tell.append(page.tell)
+        whole = _follow(run, shown, stop, tell)
+        for note in shown.notes[said:]:
+            run.note(note)
+        result = as_result(run, body, shown, rig, steady=not no_steadiness)
+        write_json(json, result)
+        if json != "-":
+            show(run, Console(highlight=False))
+        if plot is not None:
+            draw_angles(result, earlier, plot, str(beside))
+        if view and whole:
+            say("the view stays until Ctrl-C")
+            page.stay(stop)
     if not whole:
         say("stopped before the end: what there is by now was written")
         raise typer.Exit(INTERRUPTED)
+
+
+def open_view(run: SilhouetteRun, start: TreePose, port: int | None, *, no_browser: bool) -> SilhouetteView:
+    """Serve the view, say where, and open it."""
+    from mocapella.cli.demo import choose_port
+    from mocapella.cli.serve import say_url
+    from mocapella.live.silhouette_view import SilhouetteView
+
+    page = SilhouetteView("127.0.0.1", choose_port(port, DEFAULT_VIEW_PORT), run, start)
+    say_url(page.url)
+    if not no_browser:
+        webbrowser.open(page.url)
+    return page
 
 
 def _follow(run: SilhouetteRun, shown: VideoSet, stop: Event, tell: Sequence[Callable[[Step], None]]) -> bool:

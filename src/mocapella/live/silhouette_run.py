@@ -34,6 +34,8 @@ SEEN_FROM: Final = 0.5
 """Overlap of the outlines from which on a camera sees the body that is meant."""
 DOUBTED_BELOW: Final = 0.7
 """Overlap, in the first frames, below which a camera's video is doubted."""
+LOST_AFTER_S: Final = 0.25
+"""Without being seen for so long, nobody is there."""
 FIRST_FRAMES: Final = 5
 """Over which the rig is judged."""
 
@@ -101,7 +103,7 @@ class SilhouetteRun:
         self._out: dict[str, str] = {}
         self._unseen: set[str] = set()
         self._lost = False
-        self._last: TreePose | None = None
+        self._last: Followed | None = None
         self._first: list[Followed] = []
 
     def start(self, pose: TreePose, frame: int, step: int = 1) -> None:
@@ -110,8 +112,9 @@ class SilhouetteRun:
         Raises:
             SettingsError: no camera sees it there.
         """
-        self._last = pose
-        self.tracker.start(pose, self._time_ns(frame - step))
+        time_ns = self._time_ns(frame - step)
+        self.tracker.start(pose, time_ns)
+        self._last = Followed(time_ns, pose, landmarks_at(self.mesh, pose), {}, {}, 0)
 
     def steps(self, images: Iterable[tuple[int, dict[str, UInt8]]]) -> Iterator[Step]:
         """Each frame when it is done."""
@@ -125,13 +128,7 @@ class SilhouetteRun:
         found = self.tracker.update({k: v for k, v in images.items() if k not in dead}, self._time_ns(frame))
         took_s = time.perf_counter() - begin_s
         found = msgspec.structs.replace(found, left_out={**found.left_out, **dead})
-        lost = not any(one.overlap >= SEEN_FROM for one in found.seen.values())
-        if lost:
-            assert self._last is not None
-            found = msgspec.structs.replace(found, pose=self._last, landmarks=landmarks_at(self.mesh, self._last))
-            self.tracker.start(self._last, found.time_ns)
-        else:
-            self._last = found.pose
+        found, lost = self._held(found)
         self._say_changes(frame, found, lost)
         row = frame_of(
             frame,
@@ -147,6 +144,21 @@ class SilhouetteRun:
         self.took_s.append(took_s)
         self._judge_rig(found, lost)
         return Step(images, found, row, took_s)
+
+    def _held(self, found: Followed) -> tuple[Followed, bool]:
+        """It, or where the body was last, where nobody has been seen for some time; and whether that is so.
+
+        For a moment, as while all images show something else, the body goes on as it did.
+        """
+        if any(one.overlap >= SEEN_FROM for one in found.seen.values()):
+            self._last = found
+            return found, False
+        last = self._last
+        assert last is not None
+        if found.time_ns - last.time_ns < LOST_AFTER_S * NS_PER_S:
+            return found, False
+        self.tracker.start(last.pose, found.time_ns)
+        return msgspec.structs.replace(found, pose=last.pose, landmarks=last.landmarks), True
 
     def note(self, text: str) -> None:
         """Say it, and keep it."""
