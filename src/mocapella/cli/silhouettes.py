@@ -145,13 +145,12 @@ def silhouettes(
         run = SilhouetteRun(body.mesh, shown.rig, shown.rate_hz, settings, say)
         for note in shown.notes:
             run.note(note)
-        said = len(shown.notes)
         begin(run, pose, wanted, start or "--points")
         if background:
             learn(run, background, cameras, shown, other_size)
         writer = None if overlay is None else _Overlays(overlay, shown.rate_hz / wanted.step)
     with ExitStack() as closing, stop_on_signals() as stop, telling_of_compiling("the method silhouettes"):
-        tell = []
+        tell, page = [], None
         if writer is not None:
             closing.callback(writer.close)
             tell.append(writer.write)
@@ -160,15 +159,13 @@ def silhouettes(
             closing.callback(page.close)
             tell.append(page.tell)
         whole = _follow(run, shown, stop, tell)
-        for note in shown.notes[said:]:
-            run.note(note)
         result = as_result(run, body, shown, rig, steady=not no_steadiness)
         write_json(json, result)
         if json != "-":
             show(run, Console(highlight=False))
         if plot is not None:
             draw_angles(result, earlier, plot, str(beside))
-        if view and whole:
+        if page is not None and whole:
             say("the view stays until Ctrl-C")
             page.stay(stop)
     if not whole:
@@ -192,6 +189,7 @@ def open_view(run: SilhouetteRun, start: TreePose, port: int | None, *, no_brows
 def _follow(run: SilhouetteRun, shown: VideoSet, stop: Event, tell: Sequence[Callable[[Step], None]]) -> bool:
     """Frame by frame; False where it was stopped before the end."""
     columns = (TextColumn("following"), BarColumn(), MofNCompleteColumn(), TextColumn("frames"), TimeRemainingColumn())
+    said = len(shown.notes)
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("following", total=shown.count)
         for step in run.steps(shown):
@@ -200,6 +198,8 @@ def _follow(run: SilhouetteRun, shown: VideoSet, stop: Event, tell: Sequence[Cal
             progress.advance(task)
             if stop.is_set():
                 return shown.count is not None and len(run.rows) == shown.count
+    for note in shown.notes[said:]:
+        run.note(note)
     return True
 
 

@@ -34,6 +34,8 @@ SEEN_FROM: Final = 0.5
 """Overlap of the outlines from which on a camera sees the body that is meant."""
 DOUBTED_BELOW: Final = 0.7
 """Overlap, in the first frames, below which a camera's video is doubted."""
+SAID_AFTER: Final = 3
+"""Frames in a row in which a camera does not count."""
 LOST_AFTER_S: Final = 0.25
 """Without being seen for so long, nobody is there."""
 FIRST_FRAMES: Final = 5
@@ -100,8 +102,7 @@ class SilhouetteRun:
         self.notes: list[str] = []
         self.took_s: list[float] = []
         self._rate_hz, self._tell, self._dead = rate_hz, say, DeadImages()
-        self._out: dict[str, str] = {}
-        self._unseen: set[str] = set()
+        self._trouble: dict[str, tuple[int, int]] = {}
         self._lost = False
         self._last: Followed | None = None
         self._first: list[Followed] = []
@@ -182,15 +183,18 @@ class SilhouetteRun:
         return round(frame * NS_PER_S / self._rate_hz)
 
     def _say_changes(self, frame: int, found: Followed, lost: bool) -> None:
-        for name in sorted({*found.left_out} - {*self._out}):
-            self.note(f"frame {frame}: {name} is left out: {found.left_out[name]}")
-        for name in sorted({*self._out} - {*found.left_out}):
-            self.note(f"frame {frame}: {name} counts again")
-        self._out = dict(found.left_out)
-        unseen = {name for name in self.rig.cameras if name not in found.seen and name not in found.left_out}
-        for name in sorted(unseen - self._unseen):
-            self.note(f"frame {frame}: the body is outside of {name}'s image")
-        self._unseen = unseen
+        """What has become different, and stays so for a moment: single images are counted in the summary."""
+        for name in self.rig.cameras:
+            now = found.left_out.get(name, "" if name in found.seen else "the body is outside of its image")
+            begun, count = self._trouble.get(name, (frame, 0))
+            if now:
+                self._trouble[name] = (begun, count + 1)
+                if count + 1 == SAID_AFTER:
+                    self.note(f"{name} does not count from frame {begun} on: {now}")
+            elif count:
+                del self._trouble[name]
+                if count >= SAID_AFTER:
+                    self.note(f"{name} counts again from frame {frame} on")
         if lost and not self._lost:
             self.note(f"frame {frame}: the body is in no camera's image any more; it waits where it was last")
         elif self._lost and not lost:
