@@ -118,23 +118,17 @@ def silhouettes(
     Example:  mocapella silhouettes cam1.mp4 cam2.mp4 --rig rig.toml --start joints.json --json out.json
     """
     need_cameras("silhouettes")
-    from mocapella.cli.calibrate import named_inputs
     from mocapella.cli.silhouette_start import StartWishes, begin, find_start, learn
     from mocapella.live.silhouette_run import SilhouetteRun
     from mocapella.live.stopping import stop_on_signals
     from mocapella.model.camera_rig_file import load_camera_rig
     from mocapella.recording.followed_bodies import read_followed_body
-    from mocapella.settings import check
     from mocapella.sources.video import parse_frames
     from mocapella.sources.video_set import VideoSet
     from mocapella.tracker.silhouettes import SilhouetteSettings
 
-    check(hz is None or 0 < hz <= 1000, "--hz", hz, "above 0, at most 1000")
-    check(height is None or 0.5 <= height <= 2.5, "--height", height, "0.5 to 2.5 m")
-    if not videos:
-        raise SettingsError("no videos are named; name one for each camera: mocapella silhouettes cam1.mp4 cam2.mp4 …")
+    inputs = _inputs(videos, hz, height)
     wanted = parse_frames(frames)
-    inputs = {name: Path(path) for name, path in named_inputs(videos).items()}
     earlier = None if beside is None else read_followed_body(beside)
     wishes = StartWishes(start, points or (), model, height, order)
     settings = SilhouetteSettings(steadiness=None) if no_steadiness else SilhouetteSettings()
@@ -171,6 +165,18 @@ def silhouettes(
     if not whole:
         say("stopped before the end: what there is by now was written")
         raise typer.Exit(INTERRUPTED)
+
+
+def _inputs(videos: Sequence[str] | None, hz: float | None, height: float | None) -> dict[str, Path]:
+    """Videos by name; the numbers are looked at, too."""
+    from mocapella.cli.calibrate import named_inputs
+    from mocapella.settings import check
+
+    check(hz is None or 0 < hz <= 1000, "--hz", hz, "above 0, at most 1000")
+    check(height is None or 0.5 <= height <= 2.5, "--height", height, "0.5 to 2.5 m")
+    if not videos:
+        raise SettingsError("no videos are named; name one for each camera: mocapella silhouettes cam1.mp4 cam2.mp4 …")
+    return {name: Path(path) for name, path in named_inputs(videos).items()}
 
 
 def open_view(run: SilhouetteRun, start: TreePose, port: int | None, *, no_browser: bool) -> SilhouetteView:

@@ -141,7 +141,7 @@ def _tell(result: dict[str, Any]) -> None:
         say("no frame was followed")
         return
     say(
-        f"{score['frames']} frames: angles {score['angle_deg']:.1f}° off in the median, {score['angle_mean_deg']:.1f}° in "
-        f"the mean; joints {score['joints_mm']:.0f} mm in the median; overlap with the truth {score['overlap']:.1%}; "
-        f"{result['summary']['median_ms']:.0f} ms a frame"
+        f"{score['frames']} frames: angles {score['angle_deg']:.1f}° off in the median, {score['angle_mean_deg']:.1f}° "
+        f"in the mean; joints {score['joints_mm']:.0f} mm in the median; overlap with the truth "
+        f"{score['overlap']:.1%}; {result['summary']['median_ms']:.0f} ms a frame"
     )

@@ -17,26 +17,31 @@ from numpy.typing import NDArray
 
 from mocapella.calibration.visual_cones import doubts, meetings
 from mocapella.conventions import NS_PER_S
+from mocapella.geometry.lens import project
+from mocapella.geometry.rigid import apply
 from mocapella.kinematics.silhouette_fit import Outline
 from mocapella.model.camera import CameraRig
-from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at
+from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at, rest
 from mocapella.model.silhouettes import Silhouette
 from mocapella.model.twist_tree import TreePose
 from mocapella.recording.followed_bodies import FollowedFrame, frame_of
+from mocapella.sensing.empty_room import EmptyRoom
 from mocapella.sensing.outline_picture import outlined
 from mocapella.sources.dead_images import DeadImages
-from mocapella.tracker.silhouettes import Followed, SilhouetteSettings, SilhouetteTracker
+from mocapella.tracker.silhouettes import Followed, SeenIn, SilhouetteSettings, SilhouetteTracker
 
 UInt8 = NDArray[np.uint8]
 Say = Callable[[str], None]
 
 SEEN_FROM: Final = 0.5
 """Overlap of the outlines from which on a camera sees the body that is meant."""
+STANDS_OUT: Final = 0.3
+"""Share of what was taken for the body that has to be unlike the empty room."""
 DOUBTED_BELOW: Final = 0.7
 """Overlap, in the first frames, below which a camera's video is doubted."""
 SAID_AFTER: Final = 3
 """Frames in a row in which a camera does not count."""
-LOST_AFTER_S: Final = 0.25
+LOST_AFTER_S: Final = 0.5
 """Without being seen for so long, nobody is there."""
 FIRST_FRAMES: Final = 5
 """Over which the rig is judged."""
@@ -104,7 +109,8 @@ class SilhouetteRun:
         self._rate_hz, self._tell, self._dead = rate_hz, say, DeadImages()
         self._trouble: dict[str, tuple[int, int]] = {}
         self._lost = False
-        self._last: Followed | None = None
+        self._well = Followed(0, rest(mesh), np.empty((0, 3)), {}, {}, 0)
+        self._seen_ns, self._empty = 0, EmptyRoom()
         self._first: list[Followed] = []
 
     def start(self, pose: TreePose, frame: int, step: int = 1) -> None:
@@ -115,7 +121,8 @@ class SilhouetteRun:
         """
         time_ns = self._time_ns(frame - step)
         self.tracker.start(pose, time_ns)
-        self._last = Followed(time_ns, pose, landmarks_at(self.mesh, pose), {}, {}, 0)
+        self._seen_ns = time_ns
+        self._well = Followed(time_ns, pose, landmarks_at(self.mesh, pose), {}, {}, 0)
 
     def steps(self, images: Iterable[tuple[int, dict[str, UInt8]]]) -> Iterator[Step]:
         """Each frame when it is done."""
@@ -129,7 +136,7 @@ class SilhouetteRun:
         found = self.tracker.update({k: v for k, v in images.items() if k not in dead}, self._time_ns(frame))
         took_s = time.perf_counter() - begin_s
         found = msgspec.structs.replace(found, left_out={**found.left_out, **dead})
-        found, lost = self._held(found)
+        found, lost = self._held(found, images)
         self._say_changes(frame, found, lost)
         row = frame_of(
             frame,
@@ -146,20 +153,38 @@ class SilhouetteRun:
         self._judge_rig(found, lost)
         return Step(images, found, row, took_s)
 
-    def _held(self, found: Followed) -> tuple[Followed, bool]:
+    def _held(self, found: Followed, images: Mapping[str, UInt8]) -> tuple[Followed, bool]:
         """It, or where the body was last, where nobody has been seen for some time; and whether that is so.
 
-        For a moment, as while all images show something else, the body goes on as it did.
+        For a moment, as while all images show something else, the body goes on as it did. Where it waits, two cameras
+        have seen it; one alone would soon take anything for it.
         """
-        if any(one.overlap >= SEEN_FROM for one in found.seen.values()):
-            self._last = found
+        enough = min(2, len(self.rig.cameras))
+        good = sum(self._sees(one, images[name], name) for name, one in found.seen.items())
+        if good >= enough and not self._lost and self._whole_in(found) >= enough:
+            self._well = found
+        if good >= (enough if self._lost else 1):
+            self._seen_ns = found.time_ns
+        away_ns = found.time_ns - self._seen_ns
+        if not self._lost and away_ns < LOST_AFTER_S * NS_PER_S:
+            self._empty.learn({k: v for k, v in images.items() if k not in found.seen and k not in found.left_out})
+        if away_ns == 0 or (not self._lost and away_ns < LOST_AFTER_S * NS_PER_S):
             return found, False
-        last = self._last
-        assert last is not None
-        if found.time_ns - last.time_ns < LOST_AFTER_S * NS_PER_S:
-            return found, False
-        self.tracker.start(last.pose, found.time_ns)
-        return msgspec.structs.replace(found, pose=last.pose, landmarks=last.landmarks), True
+        self.tracker.start(self._well.pose, found.time_ns)
+        return msgspec.structs.replace(found, pose=self._well.pose, landmarks=self._well.landmarks), True
+
+    def _whole_in(self, found: Followed) -> int:
+        """In how many cameras' images all of it is."""
+        count = 0
+        for name in found.seen:
+            camera = self.rig.cameras[name].camera
+            at = project(apply(self.rig.cameras[name].T_camera_world, found.landmarks), camera.lens)
+            count += bool(((at >= 0) & (at < np.array(camera.size_px) - 1)).all())
+        return count
+
+    def _sees(self, one: SeenIn, image: UInt8, name: str) -> bool:
+        """Whether a camera sees the body that is meant, rather than the empty room."""
+        return one.overlap >= SEEN_FROM and not self._empty.differs(name, image, one.contour) < STANDS_OUT
 
     def note(self, text: str) -> None:
         """Say it, and keep it."""
