@@ -1,4 +1,4 @@
-"""Pictures of a drawn person whose outline is known, before backgrounds that are easy or hard, and priors that are off."""
+"""Pictures of a drawn person whose outline is known, before easy and hard backgrounds, and priors that are off."""
 
 from __future__ import annotations
 
@@ -96,7 +96,9 @@ def shot(kind: str, seed: int, *, off_px: float = 5.0) -> Shot:
     width, height = SIZE_PX
     if kind == "shadow":
         ramp = 0.45 + 0.75 * np.linspace(0, 1, width)[None, :, None]
-        dark = gaussian_filter((_distance(_parts(pose, middle + (25.0, 8.0)))[0] > 0).astype(float), 4)[..., None]
+        dark = gaussian_filter((_distance(_parts(pose, middle + np.array([25.0, 8.0])))[0] > 0).astype(float), 4)[
+            ..., None
+        ]
         picture = picture * ramp * np.where(phi[..., None] > 0, 1.0, 1 - 0.45 * dark)
     picture = gaussian_filter(picture, (0.5, 0.5, 0))
     picture += rng.normal(0, 25.0 if kind == "noise" else 4.0, picture.shape)
@@ -114,7 +116,7 @@ def _parts(pose: Float64, middle: Float64) -> list[tuple[Float64, Float64, float
         return np.asarray(begin + length * np.array([np.sin(angle), np.cos(angle)]))
 
     lean = pose[0]
-    hip = middle + (0.0, 25.0)
+    hip = middle + np.array([0.0, 25.0])
     neck = along(hip, lean + np.pi, 120.0)
     head = along(neck, lean + np.pi, 38.0)
     parts = [(hip, along(neck, lean, 14.0), 36.0, 42.0), (neck, head, 14.0, 25.0)]
@@ -156,7 +158,7 @@ def _textures(kind: str, rng: np.random.Generator, which: NDArray[np.intp]) -> t
     if kind == "similar":
         wall = np.array([118.0, 112, 105])
         shirt, trousers = wall + rng.choice([-1, 1], 3) * 14.0, wall + rng.choice([-1, 1], 3) * 14.0
-        body = np.stack([shirt, wall + 20.0, wall + (10.0, 18, 25), trousers])[wear]
+        body = np.stack([shirt, wall + 20.0, wall + np.array([10.0, 18, 25]), trousers])[wear]
         return body + _noise(rng, 5, 3, 3), wall + _noise(rng, 5, 12, 3) + _noise(rng, 5, 2)
     shirt, trousers = (np.array([60.0, 60, 190]), np.array([120.0, 70, 45])) if kind != "clutter" else (
         rng.uniform(40, 220, 3), rng.uniform(40, 220, 3)

@@ -30,11 +30,16 @@ def crossings(field: Float64) -> Float64:
 
 
 @given(
-    st.integers(2, 14), st.integers(2, 14), st.integers(1, 6), st.integers(1, 3), st.integers(0, 10_000), st.booleans()
+    st.tuples(st.integers(2, 14), st.integers(2, 14)),
+    st.integers(1, 6),
+    st.integers(1, 3),
+    st.integers(0, 10_000),
+    st.booleans(),
 )
 def test_it_is_the_distance_to_the_nearest_crossing_or_the_chord_beside_it(
-    rows: int, columns: int, reach: int, step: int, seed: int, mask: bool
+    size: tuple[int, int], reach: int, step: int, seed: int, mask: bool
 ) -> None:
+    rows, columns = size
     rng = np.random.default_rng(seed)
     field = rng.normal(rng.normal(), 1, (rows, columns)).astype(np.float32)
     given_field = np.where(field > 0, 1.0, -1.0) if mask else field.astype(float)

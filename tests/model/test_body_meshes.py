@@ -12,7 +12,7 @@ from mocapella.errors import SettingsError
 from mocapella.model.body_meshes import PARTS, body_mesh, legs_mesh
 from mocapella.model.body_proportions import BodyProportions, proportions_of
 from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at, posed, rest
-from mocapella.model.twist_tree import TreePose, part_motions
+from mocapella.model.twist_tree import TreePose, joint_twists, part_motions
 
 SEXES = ("female", "male")
 sexes = st.sampled_from(SEXES)
@@ -185,6 +185,22 @@ def test_a_supple_body_nods_tilts_its_head_and_turns_its_waist_and_is_else_the_s
     assert moved.any()
     assert supple.vertices[moved, 1].min() > neck[1] - 0.02
     assert supple.vertices[~moved, 1].max() < neck[1] + 0.08
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_shoulder_loses_a_degree_of_freedom_where_arms_seldom_are(side: str) -> None:
+    mesh = body_mesh()
+    turns = [k for k, name in enumerate(mesh.joint_names) if name.startswith(f"{side} shoulder")]
+
+    def freedom(**degrees: float) -> float:
+        """1 where the three axes are perpendicular, 0 where they lie in a plane."""
+        named = {f"{side}_shoulder_{name}": value for name, value in degrees.items()}
+        return abs(float(np.linalg.det(joint_twists(mesh.tree, turned(mesh, **named))[turns, 3:])))
+
+    assert freedom(raise_sidewards=90) < 1e-12
+    assert freedom(swing_forwards=90) == pytest.approx(1.0), "straight forwards"
+    assert freedom(raise_sidewards=-45) == pytest.approx(np.sqrt(0.5)), "hanging"
+    assert freedom(raise_sidewards=45) == pytest.approx(np.sqrt(0.5)), "straight to the side"
 
 
 def test_limits_hold_the_rest() -> None:

@@ -1,4 +1,4 @@
-"""The region model: laws of its energy and of images that are the same seen otherwise, then pictures whose truth is known."""
+"""The region model: laws of its energy and of images seen otherwise, then pictures whose truth is known."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from benchmarks._outlined_people import KINDS, SIZE_PX, Shot, at_every_pixel, sh
 from mocapella.errors import SettingsError
 from mocapella.model.silhouettes import Silhouette
 from mocapella.sensing.background import BackgroundModel, background_contour, learn_background
-from mocapella.sensing.region_contour import DEFAULT, RegionContour, RegionSettings, region_contour, starting
+from mocapella.sensing.region_contour import DEFAULT, GRAY, RegionContour, RegionSettings, region_contour, starting
 
 UInt8 = NDArray[np.uint8]
 Bool = NDArray[np.bool_]
@@ -204,6 +204,11 @@ def test_a_start_in_another_window_is_taken_over() -> None:
     true = disc((60.0, 46.0), 28.0, prior.phi.shape, 2) > 0
     assert iou(begun > 0, true) > 0.93
     assert iou(prior.phi > 0, true) < 0.88
+    for x in (-8, 4, 30):
+        beside = Silhouette((x, -6), 2, prior.phi)
+        dense = Silhouette((x, -6), 1, np.repeat(np.repeat(prior.phi, 2, axis=0), 2, axis=1))
+        np.testing.assert_array_equal(starting(prior, beside), starting(prior, dense))
+        assert (starting(prior, beside) != starting(prior, None)).any()
     away = Silhouette((1000, 1000), 1, moved.phi)
     np.testing.assert_array_equal(starting(prior, away), prior.phi > 0)
 
@@ -213,11 +218,14 @@ def test_the_same_images_give_the_same_bits() -> None:
     same(a, b)
 
 
-def test_images_need_not_be_contiguous() -> None:
+def test_arrays_need_not_be_contiguous() -> None:
     image, prior = noisy(12), prior_of(2)
     wide = np.zeros((96, 112, 6), dtype=np.uint8)
     wide[..., ::2] = image
     same(region_contour(wide[..., ::2], prior), region_contour(image, prior))
+    spread = np.zeros((2 * prior.phi.shape[0], prior.phi.shape[1]), dtype=np.float32)
+    spread[::2] = prior.phi
+    same(region_contour(image, Silhouette((0, 0), 2, spread[::2])), region_contour(image, prior))
 
 
 # Pictures
@@ -232,6 +240,19 @@ def test_an_outline_is_found(kind: str, step: int) -> None:
     assert np.mean(before) < 0.9
     assert np.mean(after) > 0.92
     assert all(a > b + 0.03 for a, b in zip(after, before, strict=True))
+
+
+def test_in_gray_images_a_heavier_prior_is_better() -> None:
+    gain = []
+    for kind in KINDS:
+        s = picture(kind, 0)
+        gray = np.rint(s.image @ [0.114, 0.587, 0.299]).astype(np.uint8)
+        usual, heavy = (
+            iou(at_every_pixel(region_contour(gray, s.prior(2), settings=how).silhouette), s.mask)
+            for how in (DEFAULT, GRAY)
+        )
+        gain.append(heavy - usual)
+    assert np.mean(gain) > 0
 
 
 def test_an_edge_is_surer_than_none() -> None:

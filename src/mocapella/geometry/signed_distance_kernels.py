@@ -6,6 +6,7 @@ of Computing 8, 2012, section 2.1). Within a short reach, to try every offset is
 because the compiler makes vectors of it.
 """
 
+# ruff: noqa: PLR0912 - compiled: loops are written out; a conditional becomes a vector's minimum, `min` does not
 from __future__ import annotations
 
 import math
@@ -35,21 +36,17 @@ def signed_distance(field, reach, step, out):
     for j in range(columns):
         down[0, j] = far
     for i in range(1, rows):
-        above, here, before, to = field[i - 1], field[i], down[i - 1], down[i]
         for j in range(columns):
-            a, b = above[j], here[j]
-            way = before[j] + _ONE
-            back = b / (b - a)
+            a, b = field[i - 1, j], field[i, j]
+            way, back = down[i - 1, j] + _ONE, b / (b - a)
             way = back if (a > 0) != (b > 0) else way
-            to[j] = way if way < far else far
+            down[i, j] = way if way < far else far
     for i in range(rows - 2, -1, -1):
-        below, here, after, to = field[i + 1], field[i], down[i + 1], down[i]
         for j in range(columns):
-            a, b = below[j], here[j]
-            way = after[j] + _ONE
-            back = b / (b - a)
+            a, b, best = field[i + 1, j], field[i, j], down[i, j]
+            way, back = down[i + 1, j] + _ONE, b / (b - a)
             way = back if (a > 0) != (b > 0) else way
-            to[j] = way if way < to[j] else to[j]
+            down[i, j] = way if way < best else best
     for i in range(rows):  # there are few crossings in a row: from each outwards
         here, to = field[i], across[i]
         to[:] = far
@@ -70,33 +67,28 @@ def signed_distance(field, reach, step, out):
     squares = np.empty((rows, columns), np.float32)
     line[:] = far * far
     for i in range(rows):
-        middle, source, best = line[reach : reach + columns], down[i], out[i]
         for j in range(columns):
-            middle[j] = source[j] * source[j]
-            best[j] = limit
+            line[np.uint64(reach + j)] = down[i, j] * down[i, j]
+        for j in range(columns):
+            out[i, j] = limit
         for offset in range(2 * reach + 1):
-            shifted = line[offset : offset + columns]
             more = np.float32((offset - reach) * (offset - reach))
             for j in range(columns):
-                way = shifted[j] + more
-                best[j] = way if way < best[j] else best[j]
-        source, to = across[i], squares[i]
+                way, best = line[np.uint64(offset + j)] + more, out[i, j]
+                out[i, j] = way if way < best else best
         for j in range(columns):
-            to[j] = source[j] * source[j]
+            squares[i, j] = across[i, j] * across[i, j]
     for i in range(rows):
-        best = out[i]
         for other in range(max(0, i - reach), min(rows, i + reach + 1)):
             more = np.float32((other - i) * (other - i))
-            source = squares[other]
             for j in range(columns):
-                way = source[j] + more
-                best[j] = way if way < best[j] else best[j]
+                way, best = squares[other, j] + more, out[i, j]
+                out[i, j] = way if way < best else best
         # Beside the outline: the line through the crossings of the sample's own row and column, not these alone.
-        vertical, level, here = down[i], squares[i], field[i]
         for j in range(columns):
-            v, h = vertical[j] * vertical[j], level[j]
+            v, h, best = down[i, j] * down[i, j], squares[i, j], out[i, j]
             chord = v * h / (v + h) if v + h > 0 else np.float32(0.0)
             near = (v if v < h else h) < np.float32(2.25)
-            way = chord if near and chord < best[j] else best[j]
-            way = np.float32(math.sqrt(way)) * step
-            best[j] = way if here[j] > 0 else -way
+            best = chord if near and chord < best else best
+            way = np.float32(math.sqrt(best)) * step
+            out[i, j] = way if field[i, j] > 0 else -way

@@ -21,8 +21,8 @@ A body that is ``supple`` has three more, 29 degrees of freedom: the neck nods a
 Three turns in a row lose a degree of freedom where the second brings the axis of the third onto that of the first. The
 swing comes first, about the axis that is perpendicular to the arm at rest and to z, because the poles are then where
 the arm seldom is: 45° above the horizontal to the side, and across the trunk. Were the raise first, they would be
-straight forwards, where people reach, and up to where they pass when they lift an arm. A leg would have to be
-stretched sidewards by 90°.
+straight forwards, where people reach and where an arm passes as it is lifted. Those of a leg are at an abduction of
+90°, beyond its limits.
 
 **Flesh** is a smooth union of tapered limbs (`mocapella.geometry.limb_surface`), of breadths and depths of a table in
 ``body_shapes``. Vertices near a joint go with both of its parts, blended.
@@ -69,8 +69,9 @@ _JOINTS: Final[dict[str, tuple[tuple[str, float, float], ...]]] = {
     "neck": (("nod", -45, 45), ("tilt to the left", -45, 45)),
 }
 """Of each joint: what its turns are called and their limits [degrees], from American Academy of Orthopaedic Surgeons,
-*Joint motion: method of measuring and recording* (1965), but for the shoulder's raise: the table has 180° from hanging
-arms, here 45° below the rest, and beyond that the arm comes down across the trunk."""
+*Joint motion: method of measuring and recording* (1965), but for the shoulder. Its raise has the 180° from a hanging
+arm, which is 45° below the rest, and 40° more to cross the trunk. How far it can turn depends on the way it came; it
+has 90° both ways."""
 _TURN_OF_WAIST: Final = ("turn to the left", -45.0, 45.0)
 _HEAD: Final = "head"
 """The part that a supple body has beside `PARTS`; it hangs on the torso."""
@@ -178,7 +179,8 @@ def _rig(name: str, places: dict[str, Float64], parts: tuple[str, ...]) -> dict[
     """What a mesh of these parts has beside its surface."""
     supple = _HEAD in parts
     parents = [-1 if k < 0 else parts.index(PARTS[k]) for p, k in zip(PARTS, _PARENTS, strict=True) if p in parts]
-    parents += [parts.index("torso")] * supple
+    if supple:
+        parents.append(parts.index("torso"))
     joint_parts, twists, limits, names = [], [], [], []
     for k, part in enumerate(parts[1:], start=1):
         side, kind = _split(part)

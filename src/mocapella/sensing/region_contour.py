@@ -20,7 +20,7 @@ import math
 from dataclasses import dataclass
 from functools import cache
 from types import ModuleType
-from typing import Any, Final, Protocol
+from typing import Final, Protocol
 
 import msgspec
 import numpy as np
@@ -48,8 +48,8 @@ class RegionSettings:
 
     Attributes:
         prior_weight: λ [nats/px²]: what a pixel costs that is on the other side than in the model, by the square of how
-            far it is from the model's outline; beside the sum of its three channels' log-likelihoods. A gray pixel counts
-            as three equal channels.
+            far it is from the model's outline; beside the sum of its three channels' log-likelihoods. A gray pixel
+            counts as three equal channels.
         length_weight: ν [nats/px] that a pixel's length of outline costs.
         window_px: from a node of the densities' lattice to the next; each is of what is nearer to it than that. It is
             rounded to a multiple of 8 samples.
@@ -63,13 +63,13 @@ class RegionSettings:
     """
 
     prior_weight: float = 0.05
-    length_weight: float = 1.5
+    length_weight: float = 2.0
     window_px: float = 32.0
     band_px: float = 12.0
     unsure_px: float = 4.0
-    iterations: int = 5
+    iterations: int = 4
     least_sd: float = 2.0
-    outliers: float = 0.1
+    outliers: float = 0.3
     fewest_px2: float = 15.0
     median: bool = True
 
@@ -91,6 +91,8 @@ class RegionSettings:
 
 
 DEFAULT: Final = RegionSettings()
+GRAY: Final = RegionSettings(prior_weight=0.1, length_weight=3.0)
+"""Better for gray images: one channel is not worth three, as which it is counted, so the prior weighs twice as much."""
 
 
 class RegionContour(msgspec.Struct, frozen=True, eq=False):
@@ -218,7 +220,21 @@ def read_band(
     blocks = np.empty((rows * count, 2), dtype=np.int32)
     begin = starting(prior, start)
     found = k.lay_out(
-        prior.phi, begin, within, not guided, pad, size, (width, height), x, y, step, phi, inside, active, known, blocks
+        np.ascontiguousarray(prior.phi),
+        begin,
+        within,
+        not guided,
+        pad,
+        size,
+        (width, height),
+        x,
+        y,
+        step,
+        phi,
+        inside,
+        active,
+        known,
+        blocks,
     )
     blocks = blocks[:found]
     values = np.zeros((pixels.shape[2], rows, padded), dtype=np.int16)
@@ -256,10 +272,12 @@ def settle(
     """Move the outline; ``outside``, ``inside_cost`` and ``unsure_px`` as in the kernel `segment`."""
     k, step = kernels(), band.prior.step_px
     size = block_of(s, step)
+    odd = 1 + 2 * np.arange(size, dtype=np.int32)
     field, contrast, surety = (np.empty(band.phi.shape, dtype=np.float32) for _ in range(3))
     told = np.empty(s.iterations + 1 if energies else 0)
+    values = band.values.reshape(len(band.values), len(band.phi), -1, size)
     moved = k.segment(
-        band.values.reshape(len(band.values), len(band.phi), -1, size), band.active, band.known, band.phi, band.blocks, band.inside, 1 + 2 * np.arange(size, dtype=np.int32), outside, np.float32(s.prior_weight),
+        values, band.active, band.known, band.phi, band.blocks, band.inside, odd, outside, np.float32(s.prior_weight),
         np.float32(s.length_weight * math.sqrt(2 * math.pi) / step), np.float32(math.sqrt(2 / math.pi) / step), guided,
         np.float32(unsure_px), s.fewest_px2 / step**2, 2.0 * s.least_sd, np.float32(3 * s.most_nats), inside_cost,
         s.iterations, field, contrast, told,
@@ -283,16 +301,20 @@ def starting(prior: Silhouette, start: Silhouette | None) -> UInt8:
     if start is None:
         return inside
     check_silhouette(start, "start")
-    index: list[NDArray[np.int64]] = []
-    for axis, origin in ((0, 1), (1, 0)):
-        pixel = prior.origin_px[origin] + prior.step_px * np.arange(prior.phi.shape[axis])
-        index.append((pixel - start.origin_px[origin] + start.step_px // 2) // start.step_px)
-    rows, columns = index
+    picked: list[NDArray[np.int64]] = []
+    for axis in (0, 1):
+        first = prior.origin_px[1 - axis] - start.origin_px[1 - axis] + start.step_px // 2
+        picked.append((first + prior.step_px * np.arange(prior.phi.shape[axis])) // start.step_px)
+    rows, columns = picked
     of_rows = np.flatnonzero((rows >= 0) & (rows < start.phi.shape[0]))
     of_columns = np.flatnonzero((columns >= 0) & (columns < start.phi.shape[1]))
     if len(of_rows) and len(of_columns):
-        part = start.phi[np.ix_(rows[of_rows], columns[of_columns])]
-        inside[of_rows[0] : of_rows[-1] + 1, of_columns[0] : of_columns[-1] + 1] = part > 0
+        i, j = slice(of_rows[0], of_rows[-1] + 1), slice(of_columns[0], of_columns[-1] + 1)
+        if prior.step_px == start.step_px:  # one after another: no list of places
+            part = start.phi[rows[i][0] : rows[i][-1] + 1, columns[j][0] : columns[j][-1] + 1]
+        else:
+            part = start.phi[np.ix_(rows[i], columns[j])]
+        inside[i, j] = part > 0
     return inside
 
 

@@ -6,7 +6,7 @@ middle of the scale), weights of the lattice, too: sums that are kept up as samp
 depend on the order.
 """
 
-# ruff: noqa: PLR0912, PLR0915, PLR0917, PLR1730, PLR1714, E501 - compiled: arrays come by position, loops are written out
+# ruff: noqa: PLR0912, PLR0915, PLR0917, PLR1714, SIM109, E501 - compiled: arrays come by position, loops are written out
 from __future__ import annotations
 
 import math
@@ -521,14 +521,14 @@ def segment(
     for iteration in range(iterations):
         changes, block = 0, 0
         while block < len(blocks):
-            i = np.int64(blocks[block, 0])
+            i = int(blocks[block, 0])
             top, low = _down(i, rows, size)
             above, below = coefficients[top].reshape(-1), coefficients[top + 1].reshape(-1)
             t = np.float32(low) / np.float32(2 * size)
             for q in range(len(flat_row)):
                 flat_row[q] = above[q] + t * (below[q] - above[q])
             while block < len(blocks) and blocks[block, 0] == i:
-                k = np.int64(blocks[block, 1])
+                k = int(blocks[block, 1])
                 if channels == 3:
                     _costs_of_colour(row, values, i, k, along, one, two)
                 else:
@@ -587,7 +587,7 @@ def segment(
                 if before == now:
                     continue
                 state[i, j] = now
-                if learnt:
+                if learnt and iteration > 0:
                     k = j // size
                     if before == INSIDE or before == OUTSIDE:
                         _add(values, i, k, j - k * size, -1, before - 1, sums)
@@ -595,6 +595,9 @@ def segment(
                         _add(values, i, k, j - k * size, 1, now - 1, sums)
         if changes == 0:
             return iteration
+        if learnt and iteration == 0:  # most was unsure and changes: all anew is faster
+            sums[:] = 0
+            _add_all(values, states, blocks, odd, sums)
         if iteration == iterations - 1 and not told:
             break
         blur(inside, mean)

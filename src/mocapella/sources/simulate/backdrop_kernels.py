@@ -1,6 +1,6 @@
 """The loops of `mocapella.sources.simulate.backdrop`, compiled; importing this module imports numba."""
 
-# ruff: noqa: PLR0911, PLR0912, PLR0914, PLR0915, PLR0917 - compiled: arrays come by position, loops are written out
+# ruff: noqa: PLR0912, PLR0915, PLR0917 - compiled: arrays come by position, loops are written out
 from __future__ import annotations
 
 import math
@@ -68,7 +68,9 @@ def reflected(material, u, v, w, h, out):
     kind, size, seed = int(material[0]), material[7], int(material[8])
     mix, light = 0.0, 1.0
     if kind == PAINT:
-        light = 1.0 + 0.10 * (rough2(u / size, v / size, seed) - 0.5) + 0.03 * (noise2(u / 0.006, v / 0.006, seed) - 0.5)
+        light = (
+            1.0 + 0.10 * (rough2(u / size, v / size, seed) - 0.5) + 0.03 * (noise2(u / 0.006, v / 0.006, seed) - 0.5)
+        )
     elif kind == PLANKS:
         row = math.floor(v / size)
         shift = 3.0 * hashed(row, seed, 1)
@@ -96,7 +98,7 @@ def reflected(material, u, v, w, h, out):
             mix = 1.0 * ((row + column) % 2) * (0.35 + 0.1 * own)
             light = 0.95 + 0.1 * rough2(u / (0.6 * size) + 9.0 * own, v / (0.6 * size), seed)
     elif kind == CARPET:
-        border = min(min(u, w - u), min(v, h - v))
+        border = min(u, w - u, v, h - v)
         p, q = abs((u / size) % 2.0 - 1.0), abs((v / size) % 2.0 - 1.0)
         mix = 1.0 if (abs(p + q - 1.0) < 0.16 or 0.08 < border < 0.13 or (p + q < 0.3)) else 0.0
         light = 0.8 + 0.4 * noise2(u / 0.008, v / 0.008, seed)
@@ -125,7 +127,7 @@ def reflected(material, u, v, w, h, out):
                 out[k] = min(shade * (0.06 + 0.45 * hashed(column, row, seed + 20 + k)), 0.9)
             return
     elif kind == POSTER:
-        if min(min(u, w - u), min(v, h - v)) < 0.03:
+        if min(u, w - u, v, h - v) < 0.03:
             out[0] = out[1] = out[2] = 0.75
             return
         x, y = u / w, v / h
@@ -156,7 +158,7 @@ def reflected(material, u, v, w, h, out):
         mix = 0.5 if (u / size) % 1.0 < 0.08 else 0.0
     elif kind == SKETCH:  # drawers, doors, boxes with print
         x, y = (u / size) % 1.0, (v / size) % 1.0
-        edge = min(min(x, 1.0 - x), min(y, 1.0 - y))
+        edge = min(x, 1.0 - x, y, 1.0 - y)
         light = 0.95 + 0.1 * rough2(u / 0.3, v / 0.05, seed)
         if edge < 0.02:
             light = 0.5
@@ -262,8 +264,10 @@ def trace(rays, T_world_camera, boxes, faces, materials, light, sky, ground, tow
                 low, high = p[1] - room[1] + room[4], room[4] - p[1] + room[1]
                 near_x = 1.0 - (0.0 if axis == 0 and which == 0 else 0.35 * math.exp(-rx / 0.35))
                 near_z = 1.0 - (0.0 if axis == 2 and which == 0 else 0.35 * math.exp(-rz / 0.35))
-                near_y = 1.0 - (0.0 if n[1] > 0.5 else 0.30 * math.exp(-low / 0.3)) - (
-                    0.0 if n[1] < -0.5 else 0.20 * math.exp(-high / 0.3)
+                near_y = (
+                    1.0
+                    - (0.0 if n[1] > 0.5 else 0.30 * math.exp(-low / 0.3))
+                    - (0.0 if n[1] < -0.5 else 0.20 * math.exp(-high / 0.3))
                 )
                 open_sky = near_x * near_z * near_y
                 share = 0.5 + 0.5 * n[1]

@@ -16,7 +16,11 @@ from mocapella.compiled import njit
 @njit(cache=True, nogil=True, inline="always")
 def hashed(i, j, k):
     """A number from 0 to 1 for three whole numbers: the finaliser of MurmurHash3 over a sum of multiples."""
-    x = np.uint32(i) * np.uint32(0x8DA6B343) + np.uint32(j) * np.uint32(0xD8163841) + np.uint32(k) * np.uint32(0xCB1AB31F)
+    x = (
+        np.uint32(i) * np.uint32(0x8DA6B343)
+        + np.uint32(j) * np.uint32(0xD8163841)
+        + np.uint32(k) * np.uint32(0xCB1AB31F)
+    )
     x = np.uint32(x)
     x = np.uint32(x ^ (x >> np.uint32(16))) * np.uint32(0x85EBCA6B)
     x = np.uint32(x)
