@@ -1,4 +1,4 @@
-"""Somebody before cameras in a ring, drawn so plainly that any tracker must see them: one colour before a textured wall."""
+"""Somebody before cameras in a ring, drawn so plainly that any tracker must see them: one colour before a wall."""
 
 from __future__ import annotations
 

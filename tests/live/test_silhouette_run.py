@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from silhouette_pictures import Room, pose_at, ring, somebody
 
-from mocapella.live.silhouette_run import FIRST_FRAMES, LOST_AFTER_S, SAID_AFTER, SilhouetteRun
+from mocapella.live.silhouette_run import LOST_AFTER_S, SAID_AFTER, SilhouetteRun
 from mocapella.model.camera import CameraRig
 
 HZ = 30.0
@@ -68,38 +68,52 @@ def test_a_camera_that_shows_nothing_is_left_out_and_said(fault, said):
 
 def test_a_person_who_leaves_is_said_and_followed_again():
     run, room = start(), Room(RIG)
-    there = [0.1 * k for k in range(40)]  # as in a lift: that way all cameras lose sight
-    away = [4.0] * (round(LOST_AFTER_S * HZ) + 4)
-    places = [*there, *away, *reversed(there)]
+    there = [0.06 * k for k in range(60)]  # as in a lift: that way all cameras lose sight
+    away = [3.6] * (round(LOST_AFTER_S * HZ) + 4)
+    places = [*there, *away, *reversed(there), *[0.0] * 5]
     for k, up_m in enumerate(places):
         run.step(k, room.images(MESH, pose_at(MESH, up_m=up_m)))
     lost = [row.lost for row in run.rows]
     assert any(lost[len(there) : len(there) + len(away)])
     assert not lost[0]
     assert not lost[-1]
-    assert np.linalg.norm(run.rows[-1].pose(MESH.joint_names).T_world_model[:3, 3]) < 0.1
+    assert np.linalg.norm(run.rows[-1].pose(MESH.joint_names).T_world_model[:3, 3]) < 0.2
     said = [note.partition(": ")[2] for note in run.notes if note.startswith("frame")]
     assert said[0] == "the body is in no camera's image any more; it waits where it was last"
     assert said[-1] == "the body is there again"
 
 
-def test_the_videos_of_two_cameras_the_wrong_way_round_are_said():
-    run, room = start(), Room(RIG)
-    for k in range(FIRST_FRAMES):
-        images = room.images(MESH, pose_at(MESH, 0.35))
-        images["c1"], images["c3"] = images["c3"], images["c1"]
-        run.step(k, images)
-    said = " ".join(run.notes)
-    assert "do not agree" in said or "do not meet" in said
-    assert "c1" in said or "c3" in said
+def wrong_way_round(images):
+    return {**images, "c1": images["c3"], "c3": images["c1"]}
 
 
-def test_a_camera_that_stands_elsewhere_is_said():
+def test_the_videos_of_two_cameras_the_wrong_way_round_are_said_once_somebody_moves():
+    for mixed in (False, True):
+        run, room = start(aside_m=0.5), Room(RIG)
+        for k in range(12):
+            images = room.images(MESH, pose_at(MESH, 0.5 + 0.05 * k))
+            run.step(k, wrong_way_round(images) if mixed else images)
+        said = [note for note in run.notes if "of what moves in its images is where the body is" in note]
+        assert bool(said) == mixed
+        assert all(note.startswith(("c1", "c3")) for note in said)
+
+
+def test_the_videos_of_two_cameras_the_wrong_way_round_are_said_at_once_where_the_empty_room_is_known():
+    for mixed in (False, True):
+        run, room = start(aside_m=0.3), Room(RIG)
+        empty, images = room.images(), room.images(MESH, pose_at(MESH, 0.3))
+        run.empty.learn(wrong_way_round(empty) if mixed else empty)
+        run.step(0, wrong_way_round(images) if mixed else images)
+        assert [note.partition(":")[0] for note in run.notes] == (["c1", "c3"] if mixed else [])
+
+
+def test_a_camera_that_stands_elsewhere_is_said_where_the_empty_room_is_known():
     placed = RIG.cameras["c2"]
     T = placed.T_camera_world.copy()
-    T[1, 3] += 0.6
+    T[1, 3] += 0.7
     run = start(CameraRig({**RIG.cameras, "c2": msgspec.structs.replace(placed, T_camera_world=T)}))
     room = Room(RIG)
-    for k in range(FIRST_FRAMES):
-        run.step(k, room.images(MESH, pose_at(MESH)))
-    assert [note for note in run.notes if note.startswith("c2: the body's outline") or "c2 stands elsewhere" in note]
+    run.empty.learn(room.images())
+    run.step(0, room.images(MESH, pose_at(MESH)))
+    assert "c2 stands elsewhere" in run.notes[0]
+    assert "c2: the body covers other parts" in run.notes[1]

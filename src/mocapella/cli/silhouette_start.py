@@ -167,6 +167,7 @@ def learn(run: SilhouetteRun, texts: Sequence[str], rig: CameraRig, shown: Video
         step = max(1, (video.count or 1) // BACKGROUNDS)
         for _, image in pictures(video.path, Frames(0, step * BACKGROUNDS, step)):
             learn_backgrounds(run.tracker, {name: image})
+            run.empty.learn({name: image})
     missing = [name for name in shown.rig.cameras if name not in empty.videos]
     if missing:
         run.note(f"no empty room is known of {', '.join(missing)}: what is behind the body is learnt on the way there")

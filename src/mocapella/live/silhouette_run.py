@@ -25,7 +25,7 @@ from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at, rest
 from mocapella.model.silhouettes import Silhouette
 from mocapella.model.twist_tree import TreePose
 from mocapella.recording.followed_bodies import FollowedFrame, frame_of
-from mocapella.sensing.empty_room import EmptyRoom
+from mocapella.sensing.empty_room import EmptyRoom, MovedSince
 from mocapella.sensing.outline_picture import outlined
 from mocapella.sources.dead_images import DeadImages
 from mocapella.tracker.silhouettes import Followed, SeenIn, SilhouetteSettings, SilhouetteTracker
@@ -37,14 +37,16 @@ SEEN_FROM: Final = 0.5
 """Overlap of the outlines from which on a camera sees the body that is meant."""
 STANDS_OUT: Final = 0.3
 """Share of what was taken for the body that has to be unlike the empty room."""
-DOUBTED_BELOW: Final = 0.7
-"""Overlap, in the first frames, below which a camera's video is doubted."""
+DOUBTED_BELOW: Final = 0.4
+"""Overlap of the body and of what is not in the empty room, below which a camera's video is doubted."""
+MOVES_WITH: Final = 0.85
+"""Share of what moves that has to be where the body is."""
 SAID_AFTER: Final = 3
 """Frames in a row in which a camera does not count."""
 LOST_AFTER_S: Final = 0.5
 """Without being seen for so long, nobody is there."""
-FIRST_FRAMES: Final = 5
-"""Over which the rig is judged."""
+JUDGED_BY: Final = 5
+"""Images of a camera in which something has moved: later ones may show what has nothing to do with the body."""
 
 
 class Step(msgspec.Struct, frozen=True, eq=False):
@@ -91,6 +93,7 @@ class SilhouetteRun:
         rows: of all frames so far.
         notes: all that was said.
         took_s: of each frame.
+        empty: the room without anybody, as far as it is known.
     """
 
     def __init__(
@@ -110,8 +113,9 @@ class SilhouetteRun:
         self._trouble: dict[str, tuple[int, int]] = {}
         self._lost = False
         self._well = Followed(0, rest(mesh), np.empty((0, 3)), {}, {}, 0)
-        self._seen_ns, self._empty = 0, EmptyRoom()
-        self._first: list[Followed] = []
+        self._seen_ns = 0
+        self.empty = EmptyRoom()
+        self._moved, self._shares = MovedSince(), dict[str, list[float]]()
 
     def start(self, pose: TreePose, frame: int, step: int = 1) -> None:
         """It is about there in the frame of that number, the frames being ``step`` apart.
@@ -150,7 +154,7 @@ class SilhouetteRun:
         )
         self.rows.append(row)
         self.took_s.append(took_s)
-        self._judge_rig(found, lost)
+        self._judge_rig(found, images)
         return Step(images, found, row, took_s)
 
     def _held(self, found: Followed, images: Mapping[str, UInt8]) -> tuple[Followed, bool]:
@@ -167,7 +171,7 @@ class SilhouetteRun:
             self._seen_ns = found.time_ns
         away_ns = found.time_ns - self._seen_ns
         if not self._lost and away_ns < LOST_AFTER_S * NS_PER_S:
-            self._empty.learn({k: v for k, v in images.items() if k not in found.seen and k not in found.left_out})
+            self.empty.learn({k: v for k, v in images.items() if k not in found.seen and k not in found.left_out})
         if away_ns == 0 or (not self._lost and away_ns < LOST_AFTER_S * NS_PER_S):
             return found, False
         self.tracker.start(self._well.pose, found.time_ns)
@@ -184,7 +188,7 @@ class SilhouetteRun:
 
     def _sees(self, one: SeenIn, image: UInt8, name: str) -> bool:
         """Whether a camera sees the body that is meant, rather than the empty room."""
-        return one.overlap >= SEEN_FROM and not self._empty.differs(name, image, one.contour) < STANDS_OUT
+        return one.overlap >= SEEN_FROM and not self.empty.differs(name, image, one.contour) < STANDS_OUT
 
     def note(self, text: str) -> None:
         """Say it, and keep it."""
@@ -210,7 +214,7 @@ class SilhouetteRun:
     def _say_changes(self, frame: int, found: Followed, lost: bool) -> None:
         """What has become different, and stays so for a moment: single images are counted in the summary."""
         for name in self.rig.cameras:
-            now = found.left_out.get(name, "" if name in found.seen else "the body is outside of its image")
+            now = found.left_out.get(name, "" if name in found.seen or lost else "the body is outside of its image")
             begun, count = self._trouble.get(name, (frame, 0))
             if now:
                 self._trouble[name] = (begun, count + 1)
@@ -226,28 +230,41 @@ class SilhouetteRun:
             self.note(f"frame {frame}: the body is there again")
         self._lost = lost
 
-    def _judge_rig(self, found: Followed, lost: bool) -> None:
-        """After the first frames: whether the cameras see one body, each where the rig says that it would."""
-        if len(self.rows) > FIRST_FRAMES or lost:
-            return
-        self._first.append(found)
-        if len(self.rows) < FIRST_FRAMES:
-            return
-        for text in rig_doubts(self._first, self.rig):
-            self.note(text)
-        self._first = []
+    def _judge_rig(self, found: Followed, images: Mapping[str, UInt8]) -> None:
+        """In the first frames: whether the cameras see one body, each where the rig says that it would.
+
+        The outlines alone do not say it: they are looked for where the body is expected. So it is asked what differs
+        from the empty room, and where that is not known, what moves.
+        """
+        for name, one in found.seen.items():
+            shares = self._shares.setdefault(name, [])
+            if len(shares) < JUDGED_BY:
+                share = self._moved.at_body(name, images[name], covered(one.outline))
+                shares += [share] if np.isfinite(share) else []
+                if len(shares) == JUDGED_BY and np.median(shares) < MOVES_WITH:
+                    self.note(
+                        f"{name}: only {np.median(shares):.0%} of what moves in its images is where the body is: is "
+                        f"this the video of {name}, does it begin with the others, and is the camera where the rig says?"
+                    )
+        if len(self.rows) == 1:
+            for text in rig_doubts(found, images, self.empty, self.rig):
+                self.note(text)
 
 
-def rig_doubts(first: list[Followed], rig: CameraRig) -> list[str]:
-    """What in the first frames says that a camera is not where the rig says, a line each."""
-    said = []
-    for name in rig.cameras:
-        seen = [one.seen[name] for one in first if name in one.seen]
-        if seen and float(np.median([one.overlap for one in seen])) < DOUBTED_BELOW:
-            overlap = float(np.median([one.overlap for one in seen]))
-            x, y = np.median([one.shift_px for one in seen], axis=0)
+def rig_doubts(found: Followed, images: Mapping[str, UInt8], empty: EmptyRoom, rig: CameraRig) -> list[str]:
+    """What in a frame says that a camera is not where the rig says, of the cameras whose empty room is known."""
+    said, silhouettes = [], {}
+    for name, one in found.seen.items():
+        silhouette = empty.silhouette(name, images[name])
+        if silhouette is None:
+            continue
+        silhouettes[name] = silhouette
+        size = rig.cameras[name].camera.size_px
+        a, b = silhouette.mask(size), covered(one.outline).mask(size)
+        overlap = np.count_nonzero(a & b) / max(np.count_nonzero(a | b), 1)
+        if overlap < DOUBTED_BELOW:
             said.append(
-                f"{name}: the body's outline and the image's do not agree (overlap {overlap:.0%}, {x:+.0f} px across "
-                f"and {y:+.0f} px down): is this the video of {name}, and is the rig in metres and of this recording?"
+                f"{name}: the body covers other parts of the image than what is not in the empty room (overlap "
+                f"{overlap:.0%}): is this the video of {name}, and does the camera stand where the rig says?"
             )
-    return said + doubts(meetings({name: one.contour for name, one in first[-1].seen.items()}, rig))
+    return doubts(meetings(silhouettes, rig)) + said
