@@ -52,6 +52,7 @@ def run(arguments: Sequence[str]) -> None:
         record,
         replay,
         serve,
+        silhouettes,
         train,
         triangulate,
         tune,
