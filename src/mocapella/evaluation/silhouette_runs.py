@@ -125,6 +125,7 @@ def follow(
     mesh: RiggedMesh,
     joints: Joints,
     settings: SilhouetteSettings | None = None,
+    *,
     corruption: Corruption | None = None,
     clock: Callable[[], float] = lambda: 0.0,
 ) -> Run:
