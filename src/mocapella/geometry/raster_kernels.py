@@ -1,4 +1,4 @@
-"""Which triangle of a surface a picture's samples see, through a lens; compiled. Importing this module imports numba."""
+"""Which triangles of a surface a picture's samples see; compiled. Importing this module imports numba."""
 
 # ruff: noqa: PLR0917 - compiled: arrays come by position, and loops are written out
 from __future__ import annotations
@@ -85,28 +85,34 @@ def cover(seen, triangles, left, top, step, nearest, which):
             continue
         x0, x1 = max(math.ceil(min(ax, bx, cx)), 0), min(math.floor(max(ax, bx, cx)), w - 1)
         y0, y1 = max(math.ceil(min(ay, by, cy)), 0), min(math.floor(max(ay, by, cy)), h - 1)
+        # The corners' shares along a row: what they are at its first sample, and how they change to the next.
+        f = 1.0 / area
+        du, dv, ds = -(cy - by) * f, -(ay - cy) * f, -(by - ay) * f
+        near_x = du * ia + dv * ib + ds * ic  # 1/z is linear in the picture
         for y in range(y0, y1 + 1):
-            for x in range(x0, x1 + 1):
-                u = ((cx - bx) * (y - by) - (cy - by) * (x - bx)) / area
-                v = ((ax - cx) * (y - cy) - (ay - cy) * (x - cx)) / area
-                s = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / area
-                if u < 0.0 or v < 0.0 or s < 0.0:
-                    continue
-                near = u * ia + v * ib + s * ic  # 1/z is linear in the picture
-                if near > nearest[y, x]:
-                    nearest[y, x], which[y, x] = near, t
+            u = ((cx - bx) * (y - by) - (cy - by) * (x0 - bx)) * f
+            v = ((ax - cx) * (y - cy) - (ay - cy) * (x0 - cx)) * f
+            s = ((bx - ax) * (y - ay) - (by - ay) * (x0 - ax)) * f
+            near = u * ia + v * ib + s * ic
+            for k in range(x1 - x0 + 1):
+                if (
+                    u + k * du >= 0.0
+                    and v + k * dv >= 0.0
+                    and s + k * ds >= 0.0
+                    and near + k * near_x > nearest[y, x0 + k]
+                ):
+                    nearest[y, x0 + k], which[y, x0 + k] = near + k * near_x, t
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def weights(seen, triangle, x, y, out):
-    """Write the corners' shares (3,) of the point of a triangle that is seen at x, y [px]; they add up to 1."""
-    a, b, c = triangle[0], triangle[1], triangle[2]
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def weights(seen, a, b, c, x, y):
+    """The shares of a triangle's corners a, b, c in its point that is seen at x, y [px]; they add up to 1."""
     ax, ay, bx, by, cx, cy = seen[a, 0], seen[a, 1], seen[b, 0], seen[b, 1], seen[c, 0], seen[c, 1]
     u = ((cx - bx) * (y - by) - (cy - by) * (x - bx)) * seen[a, 2]
     v = ((ax - cx) * (y - cy) - (ay - cy) * (x - cx)) * seen[b, 2]
     s = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) * seen[c, 2]
-    total = u + v + s
-    out[0], out[1], out[2] = u / total, v / total, s / total
+    total = 1.0 / (u + v + s)
+    return u * total, v * total, s * total
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

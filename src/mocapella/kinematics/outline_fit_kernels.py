@@ -11,8 +11,13 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from mocapella.compiled import njit
 from mocapella.geometry.lens_kernels import distort, undistort
+
+BIN_PX = 8.0
+"""Points of an outline are looked up by rows so high."""
 
 
 @njit(cache=True)
@@ -152,6 +157,26 @@ def to_image(
 
 
 @njit(cache=True)
+def _by_rows(at, count):
+    """Where rows of `BIN_PX` begin: of the first one [px], how many, (bins + 1,) starts in the order (count,)."""
+    if count == 0:
+        return 0.0, 0, np.zeros(1, np.int64), np.zeros(0, np.int64)
+    top, bottom = at[:count, 1].min(), at[:count, 1].max()
+    bins = int((bottom - top) / BIN_PX) + 1
+    starts, order = np.zeros(bins + 1, np.int64), np.empty(count, np.int64)
+    for m in range(count):
+        starts[int((at[m, 1] - top) / BIN_PX) + 1] += 1
+    for b in range(bins):
+        starts[b + 1] += starts[b]
+    filled = starts[:-1].copy()
+    for m in range(count):
+        b = int((at[m, 1] - top) / BIN_PX)
+        order[filled[b]] = m
+        filled[b] += 1
+    return top, bins, starts, order
+
+
+@njit(cache=True)
 def to_body(
     phi, surety, x0, y0, step, every, reach_px, at, normals, points, bone, far, count, soft_px, sd_px, full, R, t,
     lens, farthest_r2, T, part, rest, planes, weights,
@@ -162,6 +187,7 @@ def to_body(
     """
     k, seen = 0, 0
     rows, columns = phi.shape
+    top, bins, starts, order = _by_rows(at, count)
     for i in range(1, rows - 1):
         for j in range(1, columns - 1):
             value = phi[i, j]
@@ -178,7 +204,10 @@ def to_body(
                 continue
             u, v = x0 + step * j - value * gx / slope2, y0 + step * i - value * gy / slope2
             best, which = reach_px * reach_px, -1
-            for m in range(count):
+            low = max(int((v - reach_px - top) / BIN_PX), 0)
+            high = min(int((v + reach_px - top) / BIN_PX) + 1, bins)
+            for n in range(starts[low] if low < bins else 0, starts[high] if low < bins and high > low else 0):
+                m = order[n]
                 du, dv = at[m, 0] - u, at[m, 1] - v
                 d2 = du * du + dv * dv
                 if d2 < best:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mocapella.errors import InputError
 from mocapella.model.silhouettes import Silhouette
-from mocapella.sensing.region_contour import Band, RegionSettings
+from mocapella.sensing.region_contour import Band, RegionSettings, block_of
 from mocapella.settings import check
 
 Float32 = NDArray[np.float32]
@@ -40,10 +40,10 @@ class MemorySettings:
     guard_steps: float = 6.0
     rate: float = 0.05
     least_sd: float = 10.0
-    window_images: int = 4
-    sweep_images: int = 16
+    window_images: int = 8
+    sweep_images: int = 32
     cut_sd: float = 4.0
-    every: int = 6
+    every: int = 10
 
     def __post_init__(self) -> None:
         check(self.guard_steps >= 0, "guard_steps", self.guard_steps, "0 or more")
@@ -130,7 +130,7 @@ class BackgroundMemory:
         out = np.full(band.phi.shape, np.nan, np.float32)
         if self._shape:
             _kernels().costs(
-                band.values, self.step_px, left - band.pad, top, self.settings.least_sd, self._mean, self._variance,
+                band.values, band.blocks, block_of(settings, self.step_px), self.step_px, left - band.pad, top, self.settings.least_sd, self._mean, self._variance,
                 self._count, out,
             )  # fmt: skip
         return out

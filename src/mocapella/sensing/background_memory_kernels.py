@@ -12,8 +12,8 @@ import numpy as np
 
 from mocapella.compiled import njit
 
-MIDDLE = 255.0
-"""Of the scale [half grey levels]."""
+MIDDLE = 127.5
+"""Of the scale [grey levels]."""
 SD_OF_FIFTH = 1.0 / 0.25335
 """Of a normal distribution: over what a fifth of all deviations is below."""
 WIDE = 3.0
@@ -21,15 +21,27 @@ WIDE = 3.0
 
 
 @njit(cache=True)
-def _sample(image, step, i, j, c):
-    """The mean of an odd square of pixels about a sample [grey levels], of what there is of it in the image."""
-    half = step // 2
-    total, count = np.int64(0), 0
-    for y in range(max(i * step - half, 0), min(i * step + half + 1, image.shape[0])):
-        for x in range(max(j * step - half, 0), min(j * step + half + 1, image.shape[1])):
-            total += np.int64(image[y, x, c])
-            count += 1
-    return total / count
+def _sample(image, step, i, j, out):
+    """Write the mean of an odd square of pixels about a sample [grey levels], of what there is of it in the image."""
+    half, channels = step // 2, image.shape[2]
+    top, bottom = max(i * step - half, 0), min(i * step + half + 1, image.shape[0])
+    left, right = max(j * step - half, 0), min(j * step + half + 1, image.shape[1])
+    f = 1.0 / ((bottom - top) * (right - left))
+    if channels == 3:
+        p = q = r = np.int64(0)
+        for y in range(top, bottom):
+            for x in range(left, right):
+                p += np.int64(image[y, x, 0])
+                q += np.int64(image[y, x, 1])
+                r += np.int64(image[y, x, 2])
+        out[0], out[1], out[2] = f * p, f * q, f * r
+        return
+    for c in range(channels):
+        total = np.int64(0)
+        for y in range(top, bottom):
+            for x in range(left, right):
+                total += np.int64(image[y, x, c])
+        out[c] = f * total
 
 
 @njit(cache=True)
@@ -47,12 +59,15 @@ def noise_of(image, step, phi, left, top, guard, every):
     """
     rows, columns, channels = -(-image.shape[0] // step), -(-image.shape[1] // step), image.shape[2]
     rest, n = np.empty((rows // every + 1) * (columns // every + 1) * channels), 0
+    before, here, after = np.empty(channels), np.empty(channels), np.empty(channels)
     for i in range(0, rows, every):
         for j in range(1, columns - 1, every):
             if _free(phi, left, top, i, j, guard):
+                _sample(image, step, i, j - 1, before)
+                _sample(image, step, i, j, here)
+                _sample(image, step, i, j + 1, after)
                 for c in range(channels):
-                    beside = _sample(image, step, i, j - 1, c) + _sample(image, step, i, j + 1, c)
-                    rest[n] = abs(_sample(image, step, i, j, c) - 0.5 * beside)
+                    rest[n] = abs(here[c] - 0.5 * (before[c] + after[c]))
                     n += 1
     return SD_OF_FIFTH * np.sort(rest[:n])[n // 5] / math.sqrt(1.5) if n else 0.0
 
@@ -61,6 +76,7 @@ def noise_of(image, step, phi, left, top, guard, every):
 def learn(image, step, phi, left, top, guard, begin, end, every, rate, least_sd, mean, variance, count):
     """Take in the rows from ``begin`` to ``end`` of samples, and every so manieth of the window, where nobody is."""
     rows, columns, channels = mean.shape
+    here = np.empty(channels)
     for i in range(rows):
         whole = begin <= i < end
         if not whole and (not top <= i < top + phi.shape[0] or (i - begin) % every != 0):
@@ -70,14 +86,15 @@ def learn(image, step, phi, left, top, guard, begin, end, every, rate, least_sd,
             if not _free(phi, left, top, i, j, guard):
                 continue
             n = count[i, j]
+            _sample(image, step, i, j, here)
             if n == 0:
                 for c in range(channels):
-                    mean[i, j, c] = _sample(image, step, i, j, c)
+                    mean[i, j, c] = here[c]
                 variance[i, j] = least_sd * least_sd
             else:
                 r, most, squares = max(1.0 / (n + 1.0), rate), WIDE * math.sqrt(variance[i, j]), 0.0
                 for c in range(channels):
-                    d = _sample(image, step, i, j, c) - mean[i, j, c]
+                    d = here[c] - mean[i, j, c]
                     d = min(max(d, -most), most)
                     mean[i, j, c] += r * d
                     squares += d * d
@@ -90,36 +107,42 @@ def learn(image, step, phi, left, top, guard, begin, end, every, rate, least_sd,
 def unlike(image, step, phi, left, top, guard, every, least_sd, cut_sd, mean, variance, count):
     """(how many, of how many) samples where nobody is, at every so manieth row and column, are not as they were."""
     differ = known = 0
+    here = np.empty(mean.shape[2])
     for i in range(every // 2, mean.shape[0], every):
         for j in range(every // 2, mean.shape[1], every):
             if count[i, j] == 0 or not _free(phi, left, top, i, j, guard):
                 continue
             known += 1
+            _sample(image, step, i, j, here)
             squares = 0.0
             for c in range(mean.shape[2]):
-                d = _sample(image, step, i, j, c) - mean[i, j, c]
+                d = here[c] - mean[i, j, c]
                 squares += d * d
             if squares > cut_sd * cut_sd * max(variance[i, j], least_sd * least_sd) * mean.shape[2]:
                 differ += 1
     return differ, known
 
 
-@njit(cache=True)
-def costs(values, step, left, top, least_sd, mean, variance, count, out):
+@njit(cache=True, error_model="numpy")
+def costs(values, blocks, size, step, left, top, least_sd, mean, variance, count, out):
     """Write −log p [nats] of values (channels, rows, columns) being background, as of three channels; NaN: not known.
 
-    Values are half grey levels from the middle of the scale. The log 2π/2 of every channel is left out.
+    Of the blocks of ``size`` samples only, (blocks, 2) rows and numbers. Values are half grey levels from the middle of
+    the scale. The log 2π/2 of every channel is left out.
     """
-    channels = mean.shape[2]
-    for a in range(out.shape[0]):
-        i = a + top
-        for b in range(out.shape[1]):
+    channels, least = mean.shape[2], least_sd * least_sd
+    f = 1.5 / channels
+    for n in range(len(blocks)):
+        a = blocks[n, 0]
+        i, first = a + top, blocks[n, 1] * size
+        for b in range(first, first + size):
             j = b + left
             if not (0 <= i < mean.shape[0] and 0 <= j < mean.shape[1]) or count[i, j] == 0:
                 out[a, b] = math.nan
                 continue
-            v, squares = 4.0 * max(variance[i, j], least_sd * least_sd), 0.0
+            v = max(variance[i, j], least)
+            squares = 0.0
             for c in range(channels):
-                d = values[c, a, b] - (2.0 * mean[i, j, c] - MIDDLE)
+                d = 0.5 * values[c, a, b] - (mean[i, j, c] - MIDDLE)
                 squares += d * d
-            out[a, b] = 1.5 * (squares / (v * channels) + math.log(v))
+            out[a, b] = f * squares / v + 1.5 * math.log(4.0 * v)

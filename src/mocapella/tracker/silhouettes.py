@@ -76,6 +76,7 @@ class SilhouetteSettings:
     Attributes:
         steadiness: the penalty on jitter; None: there is none.
         region: how an image is segmented, for samples of two pixels.
+        closer: the same where the body is nearly where it should be: the last time that a frame is segmented.
         background: how what is behind people is learnt; None: it is not, as where cameras move.
         correspondences: how outlines are brought together.
         step_px: images are looked at in squares of so many pixels; 0: so that a body is about 200 of them high.
@@ -87,7 +88,10 @@ class SilhouetteSettings:
     """
 
     steadiness: Steadiness | None = field(default_factory=Steadiness)
-    region: RegionSettings = field(default_factory=lambda: RegionSettings(band_px=16.0))
+    region: RegionSettings = field(default_factory=lambda: RegionSettings(band_px=16.0, length_weight=3.0))
+    closer: RegionSettings = field(
+        default_factory=lambda: RegionSettings(prior_weight=0.2, band_px=8.0, window_px=16.0, length_weight=3.0)
+    )
     background: MemorySettings | None = field(default_factory=MemorySettings)
     correspondences: CorrespondenceSettings = field(default_factory=CorrespondenceSettings)
     step_px: int = 0
@@ -196,26 +200,27 @@ class SilhouetteTracker:
         for camera in self._cameras.values():
             camera.forget_frame()
         first = len(self._past) == 1
-        for number in range(s.rounds * SETTLING if first else s.rounds):
+        rounds, segmented = (s.rounds * SETTLING, s.rounds * SETTLING - 1) if first else (s.rounds, s.segmented)
+        for number in range(rounds):
             vertices, motions = posed(self.mesh, pose), self._motions(pose)
             given = []
             for name, camera in self._cameras.items():
-                if name not in images or name in left_out:
+                if name not in images or name in left_out or not camera.look(self._figure, vertices, s):
                     continue
-                if camera.look(self._figure, vertices, s):
-                    if number == 0:
-                        reason = camera.reason_against(images[name])
-                        if reason:
-                            left_out[name] = reason
-                            continue
-                    if first or number < s.segmented:
-                        camera.segment(images[name])
+                if number == 0:
+                    reason = camera.reason_against(images[name])
+                    if reason:
+                        left_out[name] = reason
+                        continue
+                if number < segmented:
+                    camera.segment(images[name], last=number == segmented - 1)
+                if camera.segmented:
                     given.append(camera.planes(motions))
             found = fit(tree, pose, given, priors, FitSettings(most_steps=3))
             pose, steps = found.pose, steps + found.steps
         vertices, seen = posed(self.mesh, pose), {}
         for name, camera in self._cameras.items():
-            if name in images and name not in left_out and camera.look(self._figure, vertices, s):
+            if name in images and camera.segmented and camera.look(self._figure, vertices, s):
                 seen[name] = camera.seen()
                 camera.learn(images[name])
         last_ns, last = self._past[-1]
@@ -244,15 +249,7 @@ class _Camera:
 
     def __init__(self, by: Eye, step_px: int, settings: SilhouetteSettings) -> None:
         self._eye, self._step, self._settings = by, step_px, settings
-        scale, region = step_px / USUAL_STEP_PX, settings.region
-        self._region = dataclasses.replace(
-            region,
-            prior_weight=region.prior_weight / scale**2,
-            window_px=region.window_px * scale,
-            band_px=region.band_px * scale,
-            unsure_px=region.unsure_px * scale,
-            fewest_px2=region.fewest_px2 * scale**2,
-        )
+        self._region, self._closer = (_scaled(region, step_px) for region in (settings.region, settings.closer))
         self._reach = float(settings.margin_steps * step_px)
         self.memory = None if settings.background is None else BackgroundMemory(step_px, settings.background)
         self._contour: Silhouette | None = None
@@ -261,29 +258,35 @@ class _Camera:
     def forget_frame(self) -> None:
         self._window: Outline | None = None
         self._outline: Outline | None = None
+        self._prior: Silhouette | None = None
         self._found: tuple[Silhouette, Float32] | None = None
         self._shift = np.zeros(5)
+
+    @property
+    def segmented(self) -> bool:
+        """Whether this frame's image was."""
+        return self._found is not None
 
     def look(self, body: Figure, vertices: Float64, s: SilhouetteSettings) -> bool:
         """See the body; all of a frame's looks have one window. False where it is not in the image."""
         spacing = s.correspondences.spacing_steps * self._step
         seen = see(body, vertices, self._eye, self._step, int(self._reach), spacing, self._window)
-        self._window, self._outline = self._window or seen, seen
+        self._window, self._outline, self._prior = self._window or seen, seen, None
         return seen is not None
 
     def reason_against(self, image: UInt8) -> str:
         """Why an image is not to count; empty where it is."""
         if self.memory is None:
             return ""
-        unlike = self.memory.unlike(image, self._prior())
+        unlike = self.memory.unlike(image, self._expected())
         if unlike > self._settings.unlike:
             return f"it shows something else: {unlike:.0%} of what is behind the body differs from before"
         return ""
 
-    def segment(self, image: UInt8) -> None:
-        """What the image says, the body's outline in mind."""
-        prior = self._prior()
-        found = region_contour(image, prior, background=self.memory, settings=self._region)
+    def segment(self, image: UInt8, *, last: bool) -> None:
+        """What the image says, the body's outline in mind; the ``last`` time of a frame it is nearly right."""
+        settings = self._closer if last else self._region
+        found = region_contour(image, self._expected(), background=self.memory, settings=settings)
         self._found = found.silhouette, found.surety
 
     def planes(self, motions: tuple[Float64, Float64]) -> InPlanes:
@@ -310,10 +313,28 @@ class _Camera:
     def learn(self, image: UInt8) -> None:
         """Take in what is behind the body."""
         if self.memory is not None and self._found is not None:
-            phi = np.maximum(self._prior().phi, self._found[0].phi)
-            self.memory.update(image, Silhouette(self._found[0].origin_px, self._step, phi))
+            # Without another distance: what is near the contour or in the body is not learnt.
+            assert self._outline is not None
+            contour = self._found[0]
+            phi = np.where(self._outline.mask > 0, np.float32(self._step), contour.phi)
+            self.memory.update(image, Silhouette(contour.origin_px, self._step, phi))
 
-    def _prior(self) -> Silhouette:
-        assert self._outline is not None
-        phi = signed_distance(self._outline.mask, self._reach, self._step)
-        return Silhouette(self._outline.origin_px, self._step, phi)
+    def _expected(self) -> Silhouette:
+        if self._prior is None:
+            assert self._outline is not None
+            phi = signed_distance(self._outline.mask, self._reach, self._step)
+            self._prior = Silhouette(self._outline.origin_px, self._step, phi)
+        return self._prior
+
+
+def _scaled(region: RegionSettings, step_px: int) -> RegionSettings:
+    """Settings for samples of `USUAL_STEP_PX` for those of others."""
+    scale = step_px / USUAL_STEP_PX
+    return dataclasses.replace(
+        region,
+        prior_weight=region.prior_weight / scale**2,
+        window_px=region.window_px * scale,
+        band_px=region.band_px * scale,
+        unsure_px=region.unsure_px * scale,
+        fewest_px2=region.fewest_px2 * scale**2,
+    )

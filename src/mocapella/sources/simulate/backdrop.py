@@ -12,8 +12,9 @@ Everything in it stands along the walls: the middle is free.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any, Final
 
 import numpy as np
@@ -26,8 +27,6 @@ from mocapella.model.camera import PlacedCamera
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
-FREE_M: Final = 3.9
-"""Nothing but the floor is nearer than this to the middle."""
 _SOFTNESS: Final = 0.12
 _SAMPLES_PX: Final = ((0.0, 0.0), (-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375))
 """A pixel's middle, and four places turned against the pixels' rows, so that slanted edges are smooth."""
@@ -101,11 +100,11 @@ class Backdrop:
         return BackdropView(linear, floor)
 
 
-def make_backdrop(seed: int = 0) -> Backdrop:
-    """A room by chance, y up, its floor at y = 0, its middle at the origin."""
+def make_backdrop(seed: int = 0, least_half_m: float = 4.9) -> Backdrop:
+    """A room by chance, y up, its floor at y = 0, its middle at the origin, its walls at least so far away [m]."""
     rng = np.random.default_rng([seed, 11])
     maker = _Maker(rng)
-    half = np.array([rng.uniform(4.9, 5.8), rng.uniform(1.35, 1.7), rng.uniform(4.9, 5.8)])
+    half = np.array([least_half_m, 1.35, least_half_m]) + rng.uniform(0, 1, 3) * [0.9, 0.35, 0.9]
     kind, size_m = _FLOORS[rng.integers(len(_FLOORS))]
     floor = maker.material(kind, maker.floor_colours(), size_m)
     ceiling = maker.material("paint", (np.full(3, 0.8), np.full(3, 0.8)), 1.0)
@@ -182,8 +181,9 @@ def _furnish(maker: _Maker, rng: np.random.Generator, half: Float64, side: int) 
     depth_at = half[2] if side < 2 else half[0]
     sign = 1.0 if side % 2 == 0 else -1.0
 
-    def put(middle: float, up: float, size: tuple[float, float, float], turn: float, *faces: int) -> None:
+    def put(middle: float, aside: float, up: float, size: tuple[float, float, float], turn: float, *faces: int) -> None:
         """A box (width, height, depth) with its back to the wall."""
+        middle += aside
         w, h, d = (0.5 * s for s in size)
         out = sign * (depth_at - d - 0.01)
         if side < 2:
@@ -196,48 +196,52 @@ def _furnish(maker: _Maker, rng: np.random.Generator, half: Float64, side: int) 
         width = min(float(rng.uniform(0.6, 1.9)), along - 0.2 - at)
         middle = at + 0.5 * width
         kind = rng.choice(["books", "sofa", "cabinet", "window", "boxes", "curtain", "gap", "picture"])
-        top = 0.0
-        if kind == "books":
-            shelf = maker.material("books", (maker.colour((0.1, 0.5), 0.15),) * 2, 0.36)
-            top = float(rng.uniform(1.2, 2.3))
-            put(middle, 0.0, (width, top, 0.32), 0.0, shelf)
-        elif kind == "sofa":
-            cloth = maker.material("cloth", (maker.colour((0.06, 0.45), 0.35), maker.colour((0.1, 0.4), 0.2)), 0.4)
-            put(middle, 0.0, (width, 0.42, 0.75), 0.0, cloth)
-            put(middle, 0.42, (width, 0.4, 0.2), 0.0, cloth)
-            pillow = maker.material("stripes", (maker.colour((0.2, 0.6), 0.4), maker.colour((0.2, 0.6), 0.4)), 0.08)
-            put(middle + 0.2 * width, 0.42, (0.42, 0.34, 0.36), 0.0, pillow)
-            top = 0.85
-        elif kind == "cabinet":
-            wood = maker.material("sketch", (maker.colour((0.1, 0.6), 0.15), np.full(3, 0.08)), 0.5 * width)
-            top = float(rng.choice([0.5, 1.0, 1.5]) * width)
-            top = min(top, 1.9)
-            put(middle, 0.0, (width, top, 0.45), 0.0, wood)
-            if top < 1.3:
-                thing = maker.material("paint", (maker.colour((0.05, 0.5), 0.4),) * 2, 0.1)
-                put(middle, top, (0.3 * width, 0.3, 0.2), 0.0, thing)
-                top += 0.3
-        elif kind == "boxes":
-            for k in range(3):
-                card = maker.material(
-                    "sketch", (np.array([0.4, 0.28, 0.17]) * rng.uniform(0.7, 1.2), np.full(3, 0.1)), 0.4
-                )
-                size = float(rng.uniform(0.35, 0.55))
-                put(middle + rng.uniform(-0.1, 0.1) * width, 0.4 * k, (size, 0.4, size), rng.uniform(-0.2, 0.2), card)
-            top = 1.2
-        elif kind == "curtain":
-            cloth = maker.material("curtain", (maker.colour((0.15, 0.5), 0.3), maker.colour((0.15, 0.5), 0.3)), 0.16)
-            top = 2.4
-            put(middle, 0.1, (width, top, 0.06), 0.0, cloth)
-        elif kind == "window":
-            sky = maker.material("window", (np.array([0.55, 0.7, 0.95]), np.array([0.35, 0.4, 0.3])), 1.0)
-            put(middle, 0.9, (width, 1.3, 0.03), 0.0, sky)
-            top = 2.3
+        top = _put_thing(maker, rng, str(kind), width, partial(put, middle))
         if top < 1.3 and kind != "gap":
             colours = (maker.colour((0.1, 0.6), 0.4), maker.colour((0.1, 0.6), 0.4))
             poster = maker.material("poster", colours, 1.0)
-            put(middle, max(top + 0.25, 1.2), (0.6 * width, min(0.8, 0.7 * width), 0.02), 0.0, poster)
+            put(middle, 0.0, max(top + 0.25, 1.2), (0.6 * width, min(0.8, 0.7 * width), 0.02), 0.0, poster)
         at += width + float(rng.uniform(0.05, 0.5))
+
+
+def _put_thing(maker: _Maker, rng: np.random.Generator, kind: str, width: float, put: Callable[..., None]) -> float:
+    """Put a thing of a kind and width [m]; returns how high it is [m]."""
+    top = 0.0
+    if kind == "books":
+        shelf = maker.material("books", (maker.colour((0.1, 0.5), 0.15),) * 2, 0.36)
+        top = float(rng.uniform(1.2, 2.3))
+        put(0.0, 0.0, (width, top, 0.32), 0.0, shelf)
+    elif kind == "sofa":
+        cloth = maker.material("cloth", (maker.colour((0.06, 0.45), 0.35), maker.colour((0.1, 0.4), 0.2)), 0.4)
+        put(0.0, 0.0, (width, 0.42, 0.75), 0.0, cloth)
+        put(0.0, 0.42, (width, 0.4, 0.2), 0.0, cloth)
+        pillow = maker.material("stripes", (maker.colour((0.2, 0.6), 0.4), maker.colour((0.2, 0.6), 0.4)), 0.08)
+        put(0.2 * width, 0.42, (0.42, 0.34, 0.36), 0.0, pillow)
+        top = 0.85
+    elif kind == "cabinet":
+        wood = maker.material("sketch", (maker.colour((0.1, 0.6), 0.15), np.full(3, 0.08)), 0.5 * width)
+        top = float(rng.choice([0.5, 1.0, 1.5]) * width)
+        top = min(top, 1.9)
+        put(0.0, 0.0, (width, top, 0.45), 0.0, wood)
+        if top < 1.3:
+            thing = maker.material("paint", (maker.colour((0.05, 0.5), 0.4),) * 2, 0.1)
+            put(0.0, top, (0.3 * width, 0.3, 0.2), 0.0, thing)
+            top += 0.3
+    elif kind == "boxes":
+        for k in range(3):
+            card = maker.material("sketch", (np.array([0.4, 0.28, 0.17]) * rng.uniform(0.7, 1.2), np.full(3, 0.1)), 0.4)
+            size = float(rng.uniform(0.35, 0.55))
+            put(rng.uniform(-0.1, 0.1) * width, 0.4 * k, (size, 0.4, size), rng.uniform(-0.2, 0.2), card)
+        top = 1.2
+    elif kind == "curtain":
+        cloth = maker.material("curtain", (maker.colour((0.15, 0.5), 0.3), maker.colour((0.15, 0.5), 0.3)), 0.16)
+        top = 2.4
+        put(0.0, 0.1, (width, top, 0.06), 0.0, cloth)
+    elif kind == "window":
+        sky = maker.material("window", (np.array([0.55, 0.7, 0.95]), np.array([0.35, 0.4, 0.3])), 1.0)
+        put(0.0, 0.9, (width, 1.3, 0.03), 0.0, sky)
+        top = 2.3
+    return top
 
 
 @cache

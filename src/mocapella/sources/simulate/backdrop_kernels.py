@@ -98,7 +98,7 @@ def reflected(material, u, v, w, h, out):
             mix = 1.0 * ((row + column) % 2) * (0.35 + 0.1 * own)
             light = 0.95 + 0.1 * rough2(u / (0.6 * size) + 9.0 * own, v / (0.6 * size), seed)
     elif kind == CARPET:
-        border = min(min(u, w - u), min(v, h - v))
+        border = min(u, w - u, v, h - v)
         p, q = abs((u / size) % 2.0 - 1.0), abs((v / size) % 2.0 - 1.0)
         mix = 1.0 if (abs(p + q - 1.0) < 0.16 or 0.08 < border < 0.13 or (p + q < 0.3)) else 0.0
         light = 0.8 + 0.4 * noise2(u / 0.008, v / 0.008, seed)
@@ -127,7 +127,7 @@ def reflected(material, u, v, w, h, out):
                 out[k] = min(shade * (0.06 + 0.45 * hashed(column, row, seed + 20 + k)), 0.9)
             return
     elif kind == POSTER:
-        if min(min(u, w - u), min(v, h - v)) < 0.03:
+        if min(u, w - u, v, h - v) < 0.03:
             out[0] = out[1] = out[2] = 0.75
             return
         x, y = u / w, v / h
@@ -158,7 +158,7 @@ def reflected(material, u, v, w, h, out):
         mix = 0.5 if (u / size) % 1.0 < 0.08 else 0.0
     elif kind == SKETCH:  # drawers, doors, boxes with print
         x, y = (u / size) % 1.0, (v / size) % 1.0
-        edge = min(min(x, 1.0 - x), min(y, 1.0 - y))
+        edge = min(x, 1.0 - x, y, 1.0 - y)
         light = 0.95 + 0.1 * rough2(u / 0.3, v / 0.05, seed)
         if edge < 0.02:
             light = 0.5

@@ -69,7 +69,7 @@ class BodyMotion:
     def pose(self, at_s: Any) -> TreePose:
         """(...,) times [s] → poses with those axes."""
         at = np.clip(np.asarray(at_s, np.float64), 0.0, self.seconds)
-        R = _turned(self.turns(at))
+        R = turned(self.turns(at))
         return TreePose(rigid(R, self.place(at) - (R @ self.root[:, None])[..., 0]), self.angles(at))
 
 
@@ -119,7 +119,7 @@ def grounded(
     from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
     n, sd = len(angles), SMOOTH_S * GRID_HZ
-    R = _turned(turns)
+    R = turned(turns)
     lowest, step = np.empty(n), np.zeros((n, 2))
     before: Float64 | None = None
     for k in range(n):
@@ -133,9 +133,9 @@ def grounded(
         before = at
     wanted = above - lowest
     y = gaussian_filter1d(wanted, sd, mode="nearest")
-    reach = math.ceil(4 * sd)  # as far as the filter looks, so that what it leaves below the floor is lifted
+    reach = int(1.5 * sd + 0.5)  # as far as the second filter looks: what the first leaves below the floor is lifted
     below = maximum_filter1d(np.maximum(wanted - y, 0.0), 2 * reach + 1, mode="nearest")
-    y = y + gaussian_filter1d(below, sd, mode="nearest")
+    y = y + gaussian_filter1d(below, sd, mode="nearest", truncate=1.5)
     if path is None:
         free = above > 1e-3
         if free.any() and not free.all():  # through the air about as fast as before and after
@@ -200,8 +200,8 @@ def _named(word: str, columns: tuple[str, ...]) -> list[str]:
     return found
 
 
-def _turned(turns: Float64) -> Float64:
-    """(..., 3) yaw, pitch, roll → (..., 3, 3)."""
+def turned(turns: Float64) -> Float64:
+    """Yaw, pitch and roll (..., 3) [rad] as rotations (..., 3, 3): about z, then x, then y."""
     yaw, pitch, roll = np.moveaxis(turns, -1, 0)
     about_z = np.zeros((*roll.shape, 3, 3))
     about_z[..., 0, 0] = about_z[..., 1, 1] = np.cos(roll)
@@ -237,10 +237,10 @@ def _knee_bend(seconds: float, rng: np.random.Generator) -> tuple[list[Key], boo
     period, deep = rng.uniform(1.9, 2.4), rng.uniform(0.85, 1.0)
     hip, knee, ankle = 92.0 * deep, 104.0 * deep, 18.0 * deep
     up: Mapping[str, float] = {
-        "hip": 4.0, "knee": 6.0, "ankle": 2.0, "pitch": 0.0, "bend": 2.0, "elbow": 8.0, "open": 5.0, **_forwards(20.0)
+        "hip": 4.0, "knee": 6.0, "ankle": 2.0, "pitch": 0.0, "bend": 2.0, "elbow": 8.0, **_forwards(20.0)
     }  # fmt: skip
     low: Mapping[str, float] = {
-        "hip": hip, "knee": knee, "ankle": ankle, "pitch": hip - knee + ankle, "bend": 24.0, "elbow": 12.0, "open": 5.0,
+        "hip": hip, "knee": knee, "ankle": ankle, "pitch": hip - knee + ankle, "bend": 24.0, "elbow": 12.0,
         **_forwards(88.0),
     }  # fmt: skip
     return _cycle([(0.0, up), (0.08, up), (0.46, low), (0.54, low), (0.92, up)], period, seconds), False
@@ -256,7 +256,7 @@ def _leg(phase: float, side: str, keys: Sequence[tuple[float, float, float, floa
 
 
 def _strides(
-    keys: Sequence[tuple[float, float, float, float]], period: float, seconds: float, arm: float, elbow: float,
+    keys: Sequence[tuple[float, float, float, float]], period: float, seconds: float, *, arm: float, elbow: float,
     still: Mapping[str, float], above: Callable[[float], float],
 ) -> list[Key]:  # fmt: skip
     """A gait: legs half a period apart, arms against them."""
@@ -283,7 +283,7 @@ def _runner(seconds: float, rng: np.random.Generator) -> tuple[list[Key], bool]:
         return 0.06 * max(math.sin(math.pi * (p - 0.72) / 0.28), 0.0) ** 2 if p > 0.72 else 0.0
 
     still = {"bend": 6.0, "pitch": 4.0, "open": 3.0, "turn": -15.0}
-    return _strides(keys, period, seconds, -34.0, 88.0, still, above), False
+    return _strides(keys, period, seconds, arm=-34.0, elbow=88.0, still=still, above=above), False
 
 
 def _walk(seconds: float, rng: np.random.Generator) -> tuple[list[Key], bool]:
@@ -291,7 +291,7 @@ def _walk(seconds: float, rng: np.random.Generator) -> tuple[list[Key], bool]:
     keys = ((0.0, 24 * wide, 5, 0), (0.12, 20 * wide, 16, -4), (0.3, 2, 8, 7), (0.5, -15 * wide, 12, 4),
             (0.62, -4, 42, -18), (0.74, 20 * wide, 62, -2), (0.9, 28 * wide, 16, 2))  # fmt: skip
     still = {"bend": 2.0, "pitch": 2.0, "open": 2.0}
-    return _strides(keys, period, seconds, 20.0 * wide, 22.0, still, lambda _: 0.0), True
+    return _strides(keys, period, seconds, arm=20.0 * wide, elbow=22.0, still=still, above=lambda _: 0.0), True
 
 
 def _cartwheel(_seconds: float, rng: np.random.Generator) -> tuple[list[Key], bool]:
@@ -301,15 +301,16 @@ def _cartwheel(_seconds: float, rng: np.random.Generator) -> tuple[list[Key], bo
     keys: list[Key] = [
         (0.0, stand), (0.15, stand),
         (0.6, {"raise": 118.0, "open": 10.0, "elbow": 4.0}),
-        (0.95, {"roll": -28.0, "left open": 26.0, "right open": 24.0, "left knee": 16.0, "left hip": 10.0, "lean": 24.0,
-                "raise": 116.0}),
-        (1.2, {"roll": -82.0, "left open": 32.0, "right open": wide, "left knee": 8.0, "left hip": 2.0, "lean": 30.0,
-               "raise": 112.0}),
-        (1.45, {"roll": -140.0, "open": wide, "lean": 12.0, "raise": 118.0}),
-        (1.65, {"roll": -188.0, "open": wide, "lean": 0.0, "raise": 120.0}),
-        (1.85, {"roll": -232.0, "open": wide, "lean": -12.0}),
-        (2.1, {"roll": -290.0, "open": wide, "lean": -30.0, "raise": 112.0}),
-        (2.4, {"roll": -338.0, "left open": 26.0, "right open": 24.0, "lean": -16.0, "right knee": 10.0, "raise": 90.0}),
+        (0.95, {"roll": -26.0, "left open": 38.0, "right open": 26.0, "left knee": 16.0, "left hip": 10.0, "lean": 28.0,
+                "left raise": 84.0, "right raise": 110.0}),
+        (1.2, {"roll": -72.0, "left open": 43.0, "right open": wide, "left knee": 6.0, "left hip": 2.0, "lean": 33.0,
+               "left raise": 72.0, "right raise": 112.0}),
+        (1.45, {"roll": -136.0, "open": wide, "lean": 14.0, "left raise": 106.0}),
+        (1.65, {"roll": -184.0, "lean": 0.0, "raise": 118.0}),
+        (1.85, {"roll": -230.0, "lean": -14.0, "right raise": 106.0}),
+        (2.1, {"roll": -292.0, "right open": 43.0, "lean": -33.0, "right raise": 72.0, "left raise": 110.0}),
+        (2.4, {"roll": -336.0, "right open": 38.0, "left open": 26.0, "lean": -24.0, "right knee": 10.0,
+               "right raise": 80.0, "left raise": 90.0}),
         (2.75, {"roll": -360.0, "open": 10.0, "lean": 0.0, "knee": 3.0, "raise": 40.0}),
         (3.2, {**stand, "roll": -360.0}), (3.4, {**stand, "roll": -360.0}),
     ]  # fmt: skip
@@ -317,7 +318,7 @@ def _cartwheel(_seconds: float, rng: np.random.Generator) -> tuple[list[Key], bo
 
 
 def _flick_flack(_seconds: float, rng: np.random.Generator) -> tuple[list[Key], bool]:
-    slow, high = rng.uniform(0.98, 1.12), rng.uniform(0.12, 0.2)
+    slow, high = rng.uniform(1.15, 1.28), rng.uniform(0.12, 0.2)
     stand: Mapping[str, float] = {"hip": 1.0, "knee": 2.0, "ankle": 1.0, "bend": 0.0, "elbow": 6.0, "open": 3.0}
     keys: list[Key] = [
         (0.0, {**stand, **_forwards(10.0), "pitch": 0.0}), (0.15, {}),
@@ -346,5 +347,5 @@ _MOTIONS: Final[dict[str, tuple[Callable[[float, np.random.Generator], tuple[lis
     "runner": (_runner, 3.0),
     "walk": (_walk, 2.4),
     "cartwheel": (_cartwheel, 3.6),
-    "flick-flack": (_flick_flack, 3.0),
+    "flick-flack": (_flick_flack, 3.6),
 }

@@ -32,6 +32,8 @@ Int32 = NDArray[np.int32]
 
 _SIDE: Final = 2
 """Samples along a pixel's side."""
+_FINE: Final = 10
+"""Points along a face's side whose colour is kept: 2 to 3 mm apart on a body."""
 _CELL_M: Final = 0.015
 _MARGIN: Final = 12
 """Cells of the shadow's map beyond the shadow, for its soft edge."""
@@ -48,8 +50,7 @@ class Cast:
         faces: (m, 3).
         people: (m,) whose a face is.
         parts: (m,) part of that body.
-        clothes: of all.
-        face_zones: (m,) row of the clothes' zones.
+        baked: (m, n, n, 4) float32 what the faces reflect; see `body_paint_kernels.bake`.
     """
 
     meshes: tuple[RiggedMesh, ...]
@@ -57,38 +58,29 @@ class Cast:
     faces: Int32
     people: Int32
     parts: Int32
-    clothes: Clothes
-    face_zones: Int32
+    baked: Float32
 
 
 def make_cast(meshes: Sequence[RiggedMesh], clothes: Sequence[Clothes]) -> Cast:
     """Several dressed bodies as one surface."""
-    faces, zones, spots, materials, rows = [], [], [], [], []
-    vertex = zone = material = 0
-    for mesh, worn in zip(meshes, clothes, strict=True):
-        faces.append(mesh.faces + vertex)
-        own = worn.zones.copy()
-        own[:, 11:16] += material
-        own[own[:, 20] >= 0, 20] += material
-        zones.append(own)
-        dots = worn.spots.copy()
-        dots[:, 4] += material
-        spots.append(dots)
-        materials.append(worn.materials)
-        rows.append(worn.parts + zone)
-        vertex, zone, material = vertex + len(mesh.vertices), zone + len(own), material + len(worn.materials)
-    counts = [len(mesh.faces) for mesh in meshes]
-    parts = np.concatenate([worn.parts for worn in clothes])
-    everything = Clothes(parts, np.concatenate(zones), np.concatenate(spots), np.concatenate(materials))
+    counts = [len(mesh.vertices) for mesh in meshes]
+    first = np.concatenate([[0], np.cumsum(counts)[:-1]])
     return Cast(
         tuple(meshes),
         np.concatenate([mesh.vertices for mesh in meshes]),
-        np.concatenate(faces).astype(np.int32),
-        np.repeat(np.arange(len(meshes)), counts).astype(np.int32),
-        parts.astype(np.int32),
-        everything,
-        np.concatenate(rows).astype(np.int32),
+        np.concatenate([mesh.faces + start for mesh, start in zip(meshes, first, strict=True)]).astype(np.int32),
+        np.repeat(np.arange(len(meshes)), [len(mesh.faces) for mesh in meshes]).astype(np.int32),
+        np.concatenate([worn.parts for worn in clothes]).astype(np.int32),
+        np.concatenate([_baked(mesh, worn) for mesh, worn in zip(meshes, clothes, strict=True)]),
     )
+
+
+def _baked(mesh: RiggedMesh, clothes: Clothes) -> Float32:
+    out = np.zeros((len(mesh.faces), _FINE, _FINE, 4), np.float32)
+    _kernels().bake(
+        mesh.faces, mesh.vertices, clothes.parts, clothes.zones, clothes.spots, clothes.materials, out
+    )  # fmt: skip
+    return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +91,7 @@ class Stage:
         cast: who.
         vertices, normals: (n, 3) in the world, y up, the floor at 0 [m].
         light: see there.
-        tops: (k, l) 1 m more than the height of what is first in the light, over cells of the floor; 0 where nothing is.
+        tops: (k, l) 1 m more than the height of what is first in the light, over cells of the floor; 0 for nothing.
         shade: (k, l) float32 how much of the directed light does not arrive at the floor.
         first_m: (2,) x and z of the first cell.
     """
@@ -170,11 +162,10 @@ def painted(stages: Sequence[Stage], placed: PlacedCamera) -> Layer:
     colour, alpha = np.zeros((low - top, right - left, 3), np.float32), np.zeros((low - top, right - left), np.float32)
     eye = inverse(placed.T_camera_world)[:3, 3].copy()
     for stage, (seen, _) in zip(stages, views, strict=True):
-        cast, light, clothes = stage.cast, stage.light, stage.cast.clothes
+        cast, light = stage.cast, stage.light
         which = _nearest(seen, cast.faces, (left, top, right, low), _SIDE)[1]
         _kernels().paint(
-            which, _SIDE, left, top, seen, cast.faces, stage.vertices, stage.normals, cast.rest, cast.face_zones,
-            clothes.zones, clothes.spots, clothes.materials, eye,
+            which, _SIDE, left, top, seen, cast.faces, stage.vertices, stage.normals, cast.baked, eye,
             np.array([light.strength, light.sky, light.ground, light.towards]), stage.tops, stage.first_m, _CELL_M,
             1.0 / (_SIDE * _SIDE * len(stages)), colour, alpha,
         )  # fmt: skip

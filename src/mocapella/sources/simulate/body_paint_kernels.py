@@ -74,6 +74,38 @@ def material_of(zone, spots, x, y, z, along):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def bake(triangles, rest, parts, zones, spots, materials, baked):
+    """Write what faces reflect, at points of a grid over each: what is worn moves with the skin, and is known at rest.
+
+    Args:
+        triangles, rest: of the body.
+        parts: (m,) zones of the triangles.
+        zones: (parts, 21) origin (3), direction (3), count, ends along it (4), materials (5), plane (4), material
+            behind it or -1, of `material_of`.
+        spots: (s, 5) middle, radius, material.
+        materials: (k, 10) of `worn`.
+        baked: (m, n, n, 4) float32 red, green, blue and shine at shares (i + ½)/n, (j + ½)/n of the first two corners.
+    """
+    n, c, q = baked.shape[1], np.empty(3), np.empty(3)
+    for t in range(len(triangles)):
+        a, b, d = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        zone = zones[parts[t]]
+        for i in range(n):
+            for j in range(n):
+                u, v = (i + 0.5) / n, (j + 0.5) / n
+                if i + j > n:
+                    continue
+                for k in range(3):
+                    q[k] = u * rest[a, k] + v * rest[b, k] + (1.0 - u - v) * rest[d, k]
+                along = (q[0] - zone[0]) * zone[3] + (q[1] - zone[1]) * zone[4] + (q[2] - zone[2]) * zone[5]
+                material = materials[material_of(zone, spots, q[0], q[1], q[2], along)]
+                worn(material, q[0], q[1], q[2], along, c)
+                for k in range(3):
+                    baked[t, i, j, k] = c[k]
+                baked[t, i, j, 3] = material[9]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def lit_share(tops, first, cell_m, x, z, y):
     """How much of the directed light arrives at a place: of the four cells around, those where nothing is above it.
 
@@ -92,10 +124,16 @@ def lit_share(tops, first, cell_m, x, z, y):
     return (1.0 - v) * near + v * ((1.0 - u) * (tops[j + 1, i] <= most) + u * (tops[j + 1, i + 1] <= most))
 
 
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def whole(which, r, k):
+    """Whether all four samples from row r and column k on show a body."""
+    return which[r, k] >= 0 and which[r, k + 1] >= 0 and which[r + 1, k] >= 0 and which[r + 1, k + 1] >= 0
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def paint(
-    which, per_pixel, left, top, seen, triangles, vertices, normals, rest, parts, zones, spots, materials, eye, light,
-    tops, first, cell_m, share, colour, alpha,
+    which, per_pixel, left, top, seen, triangles, vertices, normals, baked, eye, light, tops, first, cell_m, share,
+    colour, alpha,
 ):  # fmt: skip
     """Add to a window of a picture the light that a body sends, and how much of each pixel it covers.
 
@@ -103,12 +141,8 @@ def paint(
         which: (rows·k, columns·k) triangles of the samples of `raster_kernels.cover`, k = ``per_pixel`` a pixel's side.
         left, top: the window's first pixel.
         seen: (n, 3) of `raster_kernels.project`.
-        triangles, vertices, normals, rest: of the body, in the world, and at rest.
-        parts: (m,) of the triangles.
-        zones: (parts, 21) origin (3), direction (3), count, ends along it (4), materials (5), plane (4), material
-            behind it or -1, of `material_of`.
-        spots: (s, 5) middle, radius, material.
-        materials: (k, 10) of `worn`.
+        triangles, vertices, normals: of the body, in the world.
+        baked: (m, n, n, 4) of `bake`.
         eye: (3,) the camera [m].
         light: (4, 3) directed light, from above, from below, unit vector to the directed light.
         tops, first, cell_m: of `lit_share`.
@@ -116,45 +150,50 @@ def paint(
         colour: (rows, columns, 3) and alpha (rows, columns), float32, in and out.
     """
     h, w = which.shape
-    s, p, q, n, c = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    step = 1.0 / per_pixel
+    step, fine = 1.0 / per_pixel, baked.shape[1]
+    lx, ly, lz = light[3, 0], light[3, 1], light[3, 2]
+    red, green, blue = light[0, 0], light[0, 1], light[0, 2]
+    mean = 0.5 * (light[1] + light[2])  # of the light from around; it swings by so much from above to below
+    swing = 0.5 * (light[1] - light[2])
     for r in range(h):
-        y = top + (r + 0.5) * step - 0.5
+        y, row = top + (r + 0.5) * step - 0.5, r // per_pixel
         for k in range(w):
             t = which[r, k]
             if t < 0:
                 continue
-            weights(seen, triangles[t], left + (k + 0.5) * step - 0.5, y, s)
+            much = share
+            if per_pixel == 2 and whole(which, r - r % 2, k - k % 2):  # within a body every second sample is enough
+                if (r + k) % 2 == 1:
+                    continue
+                much = 2.0 * share
             i0, i1, i2 = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-            for i in range(3):
-                p[i] = s[0] * vertices[i0, i] + s[1] * vertices[i1, i] + s[2] * vertices[i2, i]
-                q[i] = s[0] * rest[i0, i] + s[1] * rest[i1, i] + s[2] * rest[i2, i]
-                n[i] = s[0] * normals[i0, i] + s[1] * normals[i1, i] + s[2] * normals[i2, i]
-            size = math.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
-            zone = zones[parts[t]]
-            along = (q[0] - zone[0]) * zone[3] + (q[1] - zone[1]) * zone[4] + (q[2] - zone[2]) * zone[5]
-            material = materials[material_of(zone, spots, q[0], q[1], q[2], along)]
-            worn(material, q[0], q[1], q[2], along, c)
-            facing = (n[0] * light[3, 0] + n[1] * light[3, 1] + n[2] * light[3, 2]) / size
-            shine = 0.0
-            lit = max(facing, 0.0)
+            s0, s1, s2 = weights(seen, i0, i1, i2, left + (k + 0.5) * step - 0.5, y)
+            nx = s0 * normals[i0, 0] + s1 * normals[i1, 0] + s2 * normals[i2, 0]
+            ny = s0 * normals[i0, 1] + s1 * normals[i1, 1] + s2 * normals[i2, 1]
+            nz = s0 * normals[i0, 2] + s1 * normals[i1, 2] + s2 * normals[i2, 2]
+            size = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
+            i, j = min(int(s0 * fine), fine - 1), min(int(s1 * fine), fine - 1)
+            lit, shine = max((nx * lx + ny * ly + nz * lz) * size, 0.0), 0.0
             if lit > 0.0:
-                x = p[0] - p[1] * light[3, 0] / light[3, 1]
-                z = p[2] - p[1] * light[3, 2] / light[3, 1]
-                lit *= lit_share(tops, first, cell_m, x, z, p[1])
-                if lit > 0.0 and material[9] > 0.0:  # J. Blinn's halfway vector
-                    ex, ey, ez = eye[0] - p[0], eye[1] - p[1], eye[2] - p[2]
-                    far = math.sqrt(ex * ex + ey * ey + ez * ez)
-                    hx, hy, hz = ex / far + light[3, 0], ey / far + light[3, 1], ez / far + light[3, 2]
-                    cosine = (hx * n[0] + hy * n[1] + hz * n[2]) / (size * math.sqrt(hx * hx + hy * hy + hz * hz))
-                    shine = material[9] * max(cosine, 0.0) ** 24 * (lit / max(facing, 1e-6))
-            above = 0.5 + 0.5 * n[1] / size
-            for i in range(3):
-                around = light[1, i] * above + light[2, i] * (1.0 - above)
-                colour[r // per_pixel, k // per_pixel, i] += share * (
-                    c[i] * (light[0, i] * lit + around) + shine * light[0, i]
-                )
-            alpha[r // per_pixel, k // per_pixel] += share
+                px = s0 * vertices[i0, 0] + s1 * vertices[i1, 0] + s2 * vertices[i2, 0]
+                py = s0 * vertices[i0, 1] + s1 * vertices[i1, 1] + s2 * vertices[i2, 1]
+                pz = s0 * vertices[i0, 2] + s1 * vertices[i1, 2] + s2 * vertices[i2, 2]
+                arrives = lit_share(tops, first, cell_m, px - py * lx / ly, pz - py * lz / ly, py)
+                lit *= arrives
+                gloss = baked[t, i, j, 3]
+                if arrives > 0.0 and gloss > 0.0:  # J. Blinn's halfway vector
+                    ex, ey, ez = eye[0] - px, eye[1] - py, eye[2] - pz
+                    far = 1.0 / math.sqrt(ex * ex + ey * ey + ez * ez)
+                    hx, hy, hz = ex * far + lx, ey * far + ly, ez * far + lz
+                    cosine = max(hx * nx + hy * ny + hz * nz, 0.0) * size / math.sqrt(hx * hx + hy * hy + hz * hz)
+                    cosine = cosine * cosine * cosine
+                    cosine = cosine * cosine
+                    shine = gloss * arrives * cosine * cosine * cosine * cosine
+            up, c = ny * size, k // per_pixel
+            colour[row, c, 0] += much * (baked[t, i, j, 0] * (red * lit + mean[0] + swing[0] * up) + shine * red)
+            colour[row, c, 1] += much * (baked[t, i, j, 1] * (green * lit + mean[1] + swing[1] * up) + shine * green)
+            colour[row, c, 2] += much * (baked[t, i, j, 2] * (blue * lit + mean[2] + swing[2] * up) + shine * blue)
+            alpha[row, c] += much
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -179,15 +218,16 @@ def develop(
     deep, wide = shade.shape
     last = np.float32(len(coded) - 1)
     g = np.float32(gain) * last
-    one, zero = np.float32(1.0), np.float32(0.0)
+    one, zero, half, white = np.float32(1.0), np.float32(0.0), np.float32(0.5), np.float32(255.0)
+    first_x, first_z, cells = np.float32(first[0]), np.float32(first[1]), np.float32(1.0 / cell_m)
+    right, low = np.float32(wide - 1), np.float32(deep - 1)
     for r in range(h):
         at = starts[r]
         inside = top <= r < top + rows
         for c in range(w):
             red, green, blue = backdrop[r, c, 0], backdrop[r, c, 1], backdrop[r, c, 2]
-            x = (floor[r, c, 0] - first[0]) / cell_m
-            y = (floor[r, c, 1] - first[1]) / cell_m
-            if x >= 0.0 and y >= 0.0 and x < wide - 1 and y < deep - 1:
+            x, y = (floor[r, c, 0] - first_x) * cells, (floor[r, c, 1] - first_z) * cells
+            if x >= zero and y >= zero and x < right and y < low:
                 i, j = int(x), int(y)
                 u, v = x - i, y - j
                 gone = (1.0 - v) * ((1.0 - u) * shade[j, i] + u * shade[j, i + 1]) + v * (
@@ -206,9 +246,7 @@ def develop(
                 int(min(max(g * green, zero), last)),
                 int(min(max(g * red, zero), last)),
             )
-            half = np.float32(0.5)
-            top_value = np.float32(255.0)
-            image[r, c, 0] = np.uint8(min(max(coded[i] + spread[i] * noise[at] + half, zero), top_value))
-            image[r, c, 1] = np.uint8(min(max(coded[j] + spread[j] * noise[at + 1] + half, zero), top_value))
-            image[r, c, 2] = np.uint8(min(max(coded[k] + spread[k] * noise[at + 2] + half, zero), top_value))
+            image[r, c, 0] = np.uint8(min(max(coded[i] + spread[i] * noise[at] + half, zero), white))
+            image[r, c, 1] = np.uint8(min(max(coded[j] + spread[j] * noise[at + 1] + half, zero), white))
+            image[r, c, 2] = np.uint8(min(max(coded[k] + spread[k] * noise[at + 2] + half, zero), white))
             at += 3

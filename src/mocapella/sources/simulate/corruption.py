@@ -89,14 +89,14 @@ def _texture(size: tuple[int, ...], rng: np.random.Generator) -> UInt8:
         return np.broadcast_to(one, (*size, 3)).astype(np.uint8)
     if kind == 1:
         first = ((rng.integers(-3, 4) * rows + rng.integers(1, 4) * columns) // rng.integers(4, 16)) % 2 == 0
-        return np.where(first[..., None], one, other).astype(np.uint8)
-    return rng.integers(0, 256, (*size, 3), dtype=np.uint8)
+        return np.asarray(np.where(first[..., None], one, other), np.uint8)
+    return np.asarray(rng.integers(0, 256, (*size, 3), dtype=np.uint8))
 
 
 def _instead(image: UInt8, kind: str, rng: np.random.Generator) -> UInt8:
     height, width = image.shape[:2]
     if kind == "garbage":
-        return rng.integers(0, 256, image.shape, dtype=np.uint8)
+        return np.asarray(rng.integers(0, 256, image.shape, dtype=np.uint8))
     if kind == "black":
         return np.zeros_like(image)
     if kind == "shifted":

@@ -86,8 +86,8 @@ _SNEAKERS: Final = Garment("plain", (0.6, 0.6, 0.6), shine=0.05)
 _SKIN: Final = Garment("skin", _SKINS[1], shine=0.03)
 _HAIR: Final = Garment("hair", _HAIRS[1], shine=0.04)
 OUTFITS: Final = {
-    "stripes": Outfit(Garment("hoops", (0.55, 0.55, 0.52), (0.05, 0.07, 0.2), 0.09), _JEANS, _SNEAKERS, _SKIN, _HAIR, 0.32),
-    "checks": Outfit(Garment("checks", (0.4, 0.06, 0.05), (0.04, 0.03, 0.03), 0.11), _JEANS, _BLACK, _SKIN, _HAIR, 0.96),
+    "stripes": Outfit(Garment("hoops", (0.55, 0.55, 0.52), (0.05, 0.07, 0.2), 0.09), _JEANS, _SNEAKERS, _SKIN, _HAIR),
+    "checks": Outfit(Garment("checks", (0.4, 0.06, 0.05), (0.04,) * 3, 0.11), _JEANS, _BLACK, _SKIN, _HAIR, 0.96),
     "print": Outfit(Garment("chest", (0.06, 0.25, 0.35), (0.65, 0.6, 0.2), 0.3), _BLACK, _SNEAKERS, _SKIN, _HAIR, 0.35),
     "camouflage": Outfit(
         Garment("print", (0.13, 0.14, 0.07), (0.25, 0.22, 0.13), 0.1),

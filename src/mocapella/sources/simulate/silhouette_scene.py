@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.geometry.lens import project
-from mocapella.geometry.rigid import apply, rotation_about_y
+from mocapella.geometry.rigid import apply, inverse, rotation_about_y
 from mocapella.model.body_meshes import body_mesh
 from mocapella.model.body_proportions import Sex
 from mocapella.model.camera import Camera, CameraRig, PlacedCamera
@@ -44,6 +44,8 @@ _INSTANTS: Final = 4
 """Of an exposure."""
 _APART_M: Final = 1.1
 """Between the middles of several people."""
+_BEHIND_M: Final = 0.9
+"""Between cameras and walls, at least: furniture stands there."""
 _FILLED: Final = 0.94
 """The part of the picture's half that people keep to, at least."""
 _TABLE: Final = 1 << 17
@@ -62,7 +64,7 @@ class CameraLook:
         exposure_s: for how long a picture is exposed; 0 shows no motion blur.
     """
 
-    exposure: float = 0.62
+    exposure: float = 0.75
     photons: float = 9000.0
     read_noise: float = 0.003
     flicker: float = 0.0
@@ -92,7 +94,7 @@ class SilhouetteScene:
     """
 
     def __init__(
-        self, name: str, seed: int, meshes: Sequence[RiggedMesh], outfits: Sequence[Outfit],
+        self, name: str, seed: int, *, meshes: Sequence[RiggedMesh], outfits: Sequence[Outfit],
         motions: Sequence[BodyMotion], backdrop: Backdrop, rig: CameraRig, times_s: Float64, look: CameraLook,
         corruption: Corruption | None,
     ) -> None:  # fmt: skip
@@ -192,7 +194,8 @@ class SilhouetteScene:
 
 def silhouette_scene(
     name: str, *, seed: int = 0, cameras: int = 4, size_px: tuple[int, int] = (640, 480), seconds: float | None = None,
-    fps: float = 60.0, outfit: str | None = None, people: int = 1, sex: Sex | None = None, height_m: float | None = None,
+    fps: float = 60.0, outfit: str | None = None, people: int = 1, sex: Sex | None = None,
+    height_m: float | None = None,
     look: CameraLook | None = None, corruption: Corruption | None = None, bvh: Path | str | None = None,
 ) -> SilhouetteScene:  # fmt: skip
     """A scene of `scene_names`.
@@ -223,8 +226,7 @@ def silhouette_scene(
     check(seed >= 0, "seed", seed, "0 or more")
     usual_seconds(name)  # before anything is made: is there such a motion?
     rng = np.random.default_rng([seed, 51])
-    backdrop = make_backdrop(seed)
-    meshes, outfits, motions = [], [], []
+    meshes, motions = [], []
     for person in range(people):
         who: Sex = ("male", "female")[rng.integers(2)]
         tall = round(float(rng.normal(1.77, 0.06) if who == "male" else rng.normal(1.65, 0.055)), 2)
@@ -232,13 +234,19 @@ def silhouette_scene(
             who = sex or who
             tall = height_m or (tall if sex in (None, who) else 1.7)
         meshes.append(body_mesh(who, min(max(tall, 1.5), 1.98) if height_m is None else tall))
-        outfits.append(make_outfit(outfit, seed + 100 * person, _room_colours(backdrop)))
         motion = _motion(name, meshes[-1], seconds, seed + 100 * person, bvh)
         motions.append(_moved(motion, rng.uniform(0, 2 * math.pi), _APART_M * (person - 0.5 * (people - 1))))
     lasts = min(motion.seconds for motion in motions)
     times = np.arange(max(math.floor(lasts * fps + 1e-9), 1)) / fps
-    rig = _ring(cameras, size_px, meshes, motions, times, rng)
-    return SilhouetteScene(name, seed, meshes, outfits, motions, backdrop, rig, times, look or CameraLook(), corruption)
+    rig = _ring(cameras, size_px, meshes, motions, times, rng=rng)
+    eyes = [inverse(placed.T_camera_world)[:3, 3] for placed in rig.cameras.values()]
+    backdrop = make_backdrop(seed, max(4.9, float(np.abs(eyes).max()) + _BEHIND_M))
+    colours = _room_colours(backdrop)
+    outfits = [make_outfit(outfit, seed + 100 * person, colours) for person in range(people)]
+    return SilhouetteScene(
+        name, seed, meshes=meshes, outfits=outfits, motions=motions, backdrop=backdrop, rig=rig, times_s=times,
+        look=look or CameraLook(), corruption=corruption,
+    )  # fmt: skip
 
 
 def scene_names() -> tuple[str, ...]:
@@ -252,7 +260,10 @@ def _motion(name: str, mesh: RiggedMesh, seconds: float | None, seed: int, bvh: 
     from mocapella.sources.simulate.bvh import read_bvh
     from mocapella.sources.simulate.bvh_body import body_motion_of
 
-    return body_motion_of(read_bvh(bvh), mesh, seconds, file=bvh)
+    file = read_bvh(bvh)
+    if seconds is None:  # as much as cameras around it can see well
+        seconds = min((len(file.channels) - 1) * file.frame_s, usual_seconds(name))
+    return body_motion_of(file, mesh, seconds, file=bvh)
 
 
 def _moved(motion: BodyMotion, turn: float, aside_m: float) -> BodyMotion:
@@ -268,7 +279,7 @@ def _moved(motion: BodyMotion, turn: float, aside_m: float) -> BodyMotion:
 
 def _ring(
     count: int, size_px: tuple[int, int], meshes: Sequence[RiggedMesh], motions: Sequence[BodyMotion], times: Float64,
-    rng: np.random.Generator,
+    *, rng: np.random.Generator,
 ) -> CameraRig:  # fmt: skip
     """Cameras all around, whose lenses are as long as they may be for everybody to be in all pictures."""
     some = times[:: max(len(times) // 40, 1)]
@@ -277,17 +288,17 @@ def _ring(
     )
     low, high = points.min(axis=0), points.max(axis=0)
     middle = 0.5 * (low + high)
+    reach = float(np.linalg.norm((points - middle)[:, [0, 2]], axis=1).max())
     first = rng.uniform(0, 2 * math.pi)
     placed = {}
     for k in range(count):
         around = first + 2 * math.pi * (k + rng.uniform(-0.18, 0.18)) / count
-        far, up = rng.uniform(4.1, 4.7), rng.uniform(0.9, 2.2)
-        position = np.array([far * math.sin(around), up, far * math.cos(around)])
+        far, up = max(rng.uniform(4.1, 4.7), rng.uniform(3.2, 3.5) + reach), rng.uniform(0.9, 2.2)
+        position = np.array([middle[0] + far * math.sin(around), up, middle[2] + far * math.cos(around)])
         radial = rng.uniform(-0.14, -0.04)
         distortion = (radial, -0.35 * radial, rng.normal(0, 6e-4), rng.normal(0, 6e-4), 0.0)
-        camera = SimulatedCamera(
-            f"camera{k + 1}", tuple(position), tuple(middle), 50.0, (640, 480), tuple(map(float, distortion))
-        )
+        x, y, z = map(float, middle)
+        camera = SimulatedCamera(f"camera{k + 1}", (float(position[0]), up, float(position[2])), (x, y, z))
         T, lens = camera.T_camera_world, np.array([1.0, 1.0, 0.0, 0.0, *distortion])
         seen = np.abs(project(apply(T, points), lens))
         halves = 0.5 * _FILLED * np.array(size_px)

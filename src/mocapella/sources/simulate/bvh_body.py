@@ -1,0 +1,213 @@
+"""A BVH file's motion by a body of 26 degrees of freedom: the directions of its bones, in closed form.
+
+Only where the file's joints are is used, so it does not matter how its skeleton is at rest. A shoulder's and a hip's
+first two turns follow from the direction of the bone below, the third and the next joint's flexion from the direction
+of the bone after that; a foot's flexion from where its toes are. What the body has no turn for is lost: the trunk's
+twist, and wrists, neck and collar bones. Angles are kept within the joints' limits and smoothed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import InputError
+from mocapella.geometry.rigid import rotation_about_x
+from mocapella.model.rigged_mesh import RiggedMesh
+from mocapella.settings import check
+from mocapella.sources.simulate.body_motion import GRID_HZ, BodyMotion, smoothed, splined
+from mocapella.sources.simulate.bvh import Bvh
+from mocapella.sources.simulate.retarget import joint_columns
+
+Float64 = NDArray[np.float64]
+
+_DOWN = float(np.sqrt(0.5))
+"""Arms at rest are 45° below the horizontal."""
+_STRAIGHT = 0.12
+"""Sine of a flexion below which a bone says little of how the one above it is turned about itself."""
+
+
+def body_motion_of(
+    bvh: Bvh, mesh: RiggedMesh, seconds: float | None = None, *, start_s: float = 0.0, file: object = None
+) -> BodyMotion:
+    """What the file's person does, on this body's legs: its feet are on the floor, its path is as long as its legs.
+
+    Args:
+        bvh: what the file says.
+        mesh: the body; of `body_meshes.body_mesh`.
+        seconds: how much of it; None: to its end.
+        start_s: from when.
+        file: what errors call it.
+
+    Raises:
+        InputError: joints are missing, or the legs have no length.
+        SettingsError: no such part of the file.
+    """
+    lasts = (len(bvh.channels) - 1) * bvh.frame_s
+    check(0 <= start_s < lasts, "start_s", start_s, f"from 0 to {lasts:.2f} s, the file's end")
+    seconds = lasts - start_s if seconds is None else seconds
+    check(0 < seconds <= lasts - start_s + 1e-9, "seconds", seconds, f"above 0, to {lasts - start_s:.2f} s")
+    angles, turns, path = body_angles(bvh, mesh, file)
+    at = start_s + np.arange(int(seconds * GRID_HZ) + 1) / GRID_HZ
+    frames = np.arange(len(angles)) * bvh.frame_s
+
+    def on_grid(values: Float64) -> Float64:
+        return smoothed(np.stack([np.interp(at, frames, column) for column in values.T], axis=1))
+
+    return splined(mesh, on_grid(angles), on_grid(turns), np.zeros(len(at)), path=on_grid(path))
+
+
+def body_angles(bvh: Bvh, mesh: RiggedMesh, file: object = None) -> tuple[Float64, Float64, Float64]:
+    """In the file's frames: the joints' angles (frames, joints), yaw, pitch and roll (frames, 3) [rad], and the path of
+    the hips on the floor (frames, 2) [m].
+
+    Raises:
+        InputError: as of `body_motion_of`.
+    """
+    columns = joint_columns(bvh, file)
+    at = bvh.positions()
+    joints = {name: at[:, column] for name, column in columns.items()}
+    hips = 0.5 * (joints["HipLeft"] + joints["HipRight"])
+    shoulders = 0.5 * (joints["ShoulderLeft"] + joints["ShoulderRight"])
+    middle = joints.get("SpineMid", 0.5 * (hips + shoulders))
+    pelvis = _frame(joints["HipLeft"] - joints["HipRight"], middle - hips)
+    up = _unit(_into(pelvis, shoulders - middle))
+    left = np.arcsin(np.clip(up[:, 0], -1, 1))
+    forwards = np.arctan2(up[:, 2], up[:, 1])
+    about_z = np.zeros((len(left), 3, 3))
+    about_z[:, 0, 0] = about_z[:, 1, 1] = np.cos(left)
+    about_z[:, 0, 1], about_z[:, 1, 0], about_z[:, 2, 2] = np.sin(left), -np.sin(left), 1.0
+    found = {"waist bend forwards": forwards, "waist bend to the left": left}
+    limits = dict(zip(mesh.joint_names, mesh.tree.limits, strict=True))
+    for name in ("waist bend forwards", "waist bend to the left"):
+        found[name] = np.clip(found[name], *limits[name])
+    torso = pelvis @ rotation_about_x(forwards) @ about_z
+    legs = 0.0
+    for side, capital in (("left", "Left"), ("right", "Right")):
+        mirror = np.array([1.0 if side == "left" else -1.0, 1.0, 1.0])
+        bones = {
+            bone: joints[f"{end}{capital}"] - joints[f"{begin}{capital}"]
+            for bone, begin, end in (
+                ("upper arm", "Shoulder", "Elbow"), ("forearm", "Elbow", "Wrist"), ("thigh", "Hip", "Knee"),
+                ("shank", "Knee", "Ankle"),
+            )
+        }  # fmt: skip
+        legs += float(np.median(np.linalg.norm(bones["thigh"], axis=1) + np.linalg.norm(bones["shank"], axis=1)))
+        upper, fore = (_unit(_into(torso, bones[bone])) * mirror for bone in ("upper arm", "forearm"))
+        arm = _arm(upper, fore)
+        toes = None
+        if f"Foot{capital}" in joints:
+            toes = _into(pelvis, joints[f"Foot{capital}"] - joints[f"Ankle{capital}"]) * mirror
+        thigh, shank = (_unit(_into(pelvis, bones[bone])) * mirror for bone in ("thigh", "shank"))
+        leg = _leg(thigh, shank, toes)
+        if toes is None:
+            leg["ankle flexion"] = np.zeros(len(at))
+        else:
+            rest = mesh.landmarks[f"{side} toe"].point - mesh.landmarks[f"{side} ankle"].point
+            # Where files have the toes differs: how they are most of the time, on the floor, is how they are at rest.
+            slope = leg["ankle flexion"] - np.arctan2(rest[1], rest[2])
+            leg["ankle flexion"] = slope - np.median(slope)
+        found |= {f"{side} {name}": values for name, values in (arm | leg).items()}
+    if not legs > 0:
+        raise InputError("the legs have no length", file=file, field="OFFSET", fix="export the file with its skeleton")
+    own = sum(
+        float(np.linalg.norm(mesh.landmarks[f"{side} {a}"].point - mesh.landmarks[f"{side} {b}"].point))
+        for side in ("left", "right")
+        for a, b in (("hip", "knee"), ("knee", "ankle"))
+    )
+    angles = np.stack([_kept(found[name], limits[name]) for name in mesh.joint_names], axis=1)
+    path = (own / legs) * hips[:, [0, 2]]
+    return angles, np.unwrap(_yaw_pitch_roll(pelvis), axis=0), path
+
+
+def _arm(upper: Float64, fore: Float64) -> dict[str, Float64]:
+    """Angles of a left arm whose bones point so (n, 3), in the trunk's frame.
+
+    With u down the arm at rest, n the axis of its swing and z forwards, a right-handed basis (z, n, u), the arm points
+    to cos r cos s u + cos r sin s z − sin r n when it is swung by s and raised by r.
+    """
+    u, n, z = np.array([_DOWN, -_DOWN, 0.0]), np.array([-_DOWN, -_DOWN, 0.0]), np.array([0.0, 0.0, 1.0])
+    raised = np.arcsin(np.clip(-upper @ n, -1, 1))
+    swing = np.arctan2(upper @ z, upper @ u)
+    swing = np.where(swing < -0.6 * np.pi, swing + 2 * np.pi, swing)  # arms go up in front, hardly behind
+    # The forearm as it would point were the upper arm at rest.
+    along = np.stack([fore @ u, fore @ n, fore @ z], axis=1)
+    a = np.cos(swing) * along[:, 0] + np.sin(swing) * along[:, 2]
+    c = -np.sin(swing) * along[:, 0] + np.cos(swing) * along[:, 2]
+    along_u = np.cos(raised) * a - np.sin(raised) * along[:, 1]
+    along_n = np.sin(raised) * a + np.cos(raised) * along[:, 1]
+    flexed = np.arccos(np.clip(along_u, -1, 1))
+    turned = _trusted(np.arctan2(-along_n, c), np.sin(flexed))
+    return {
+        "shoulder swing forwards": swing,
+        "shoulder raise sidewards": raised,
+        "shoulder turn outwards": turned,
+        "elbow flexion": flexed,
+    }
+
+
+def _leg(thigh: Float64, shank: Float64, toes: Float64 | None) -> dict[str, Float64]:
+    """Angles of a left leg whose bones point so (n, 3), in the pelvis' frame; the foot's is the toes' own slope."""
+    open_, flexed = np.arcsin(np.clip(thigh[:, 0], -1, 1)), np.arctan2(thigh[:, 2], -thigh[:, 1])
+
+    def at_rest(v: Float64) -> Float64:
+        """As it would point were the thigh straight down."""
+        y = np.cos(flexed) * v[:, 1] - np.sin(flexed) * v[:, 2]
+        z = np.sin(flexed) * v[:, 1] + np.cos(flexed) * v[:, 2]
+        return np.stack(
+            [np.cos(open_) * v[:, 0] + np.sin(open_) * y, np.cos(open_) * y - np.sin(open_) * v[:, 0], z], 1
+        )
+
+    f = at_rest(shank)
+    knee = np.arccos(np.clip(-f[:, 1], -1, 1))
+    turn = _trusted(np.arctan2(-f[:, 0], -f[:, 2]), np.sin(knee))
+    slope = np.zeros(len(f))
+    if toes is not None:
+        g = at_rest(toes)
+        z = np.sin(turn) * g[:, 0] + np.cos(turn) * g[:, 2]
+        y, z = np.cos(knee) * g[:, 1] + np.sin(knee) * z, np.cos(knee) * z - np.sin(knee) * g[:, 1]
+        slope = np.arctan2(y, z)
+    return {
+        "hip flexion": flexed,
+        "hip abduction": open_,
+        "hip turn outwards": turn,
+        "knee flexion": knee,
+        "ankle flexion": slope,
+    }
+
+
+def _trusted(angle: Float64, sine: Float64) -> Float64:
+    """(n,) of a turn about a bone, less of it the less the next bone says of it: a straight limb's is 0."""
+    return np.asarray(angle * np.clip(sine / _STRAIGHT, 0.0, 1.0) ** 2 * (np.abs(angle) < 0.75 * np.pi))
+
+
+def _kept(angles: Float64, limits: Float64) -> Float64:
+    return np.clip(np.unwrap(angles) if np.abs(np.diff(angles)).max(initial=0) > np.pi else angles, *limits)
+
+
+def _frame(x: Float64, y: Float64) -> Float64:
+    """(n, 3, 3) with columns x, y and z = x × y, of (n, 3) that need not be perpendicular; x is kept."""
+    x = _unit(x)
+    y = _unit(y - (y * x).sum(axis=1, keepdims=True) * x)
+    return np.stack([x, y, np.cross(x, y)], axis=-1)
+
+
+def _unit(v: Float64) -> Float64:
+    return np.asarray(v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12))
+
+
+def _into(R: Float64, v: Float64) -> Float64:
+    """(n, 3) of the world in the frames R (n, 3, 3)."""
+    return np.asarray(np.einsum("nji,nj->ni", R, v))
+
+
+def _yaw_pitch_roll(R: Float64) -> Float64:
+    """(n, 3) with R = about y · about x · about z."""
+    return np.stack(
+        [
+            np.arctan2(R[:, 0, 2], R[:, 2, 2]),
+            np.arcsin(np.clip(-R[:, 1, 2], -1, 1)),
+            np.arctan2(R[:, 1, 0], R[:, 1, 1]),
+        ],
+        axis=1,
+    )
