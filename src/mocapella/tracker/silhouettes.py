@@ -307,7 +307,7 @@ class _Camera:
     def sample_m(self) -> float:
         """How far samples are apart, at the distance of the body's nearest outline [m]."""
         assert self._outline is not None
-        return float(self._outline.depth.min(initial=np.inf)) * self._step / self._eye.lens[0]
+        return float(self._outline.depth.min(initial=np.inf) * self._step / self._eye.lens[0])
 
     def look(self, body: Figure, vertices: Float64, s: SilhouetteSettings) -> bool:
         """See the body; all of a frame's looks have one window. False where it is not in the image."""
