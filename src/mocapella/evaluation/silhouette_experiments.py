@@ -149,7 +149,7 @@ def run(
             film = filmed(silhouette_scene(scene, seed=seed, fps=plan.fps), seconds)
             for images, corruption in plan.images.items():
                 worse = corrupted(corruption, len(film.images), seed, wrong=plan.wrong)
-                found = {}
+                found: dict[Any, Any] = {}
                 for body in bodies:
                     for weight in plan.weights:
                         tell(f"following {scene}, seed {seed}: {images}, {body} body, penalty × {weight:g} …")

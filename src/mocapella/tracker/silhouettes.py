@@ -106,7 +106,7 @@ class SilhouetteSettings:
     segmented: int = 2
     expected_steps: float = 1.5
     usual_per_rad: float = 0.5
-    unlike: float = 0.5
+    unlike: float = 0.35
     something_else_s: float = 0.5
 
     def __post_init__(self) -> None:
@@ -210,6 +210,7 @@ class SilhouetteTracker:
         steps = 0
         for camera in self._cameras.values():
             camera.forget_frame()
+        left_out |= self._something_else(images, left_out, expected, time_ns)
         first = len(self._past) == 1
         rounds, segmented = (s.rounds * SETTLING, s.rounds * SETTLING - 1) if first else (s.rounds, s.segmented)
         if self._as_expected:
@@ -220,11 +221,6 @@ class SilhouetteTracker:
             for name, camera in self._cameras.items():
                 if name not in images or name in left_out or not camera.look(self._figure, vertices, s):
                     continue
-                if number == 0:
-                    reason = camera.reason_against(images[name], time_ns)
-                    if reason:
-                        left_out[name] = reason
-                        continue
                 if number < segmented:
                     camera.segment(images[name], last=number == segmented - 1)
                 if camera.segmented:
@@ -260,6 +256,21 @@ class SilhouetteTracker:
             reasons |= dict.fromkeys(
                 (name for name in same if name not in reasons), "it is frozen: the same image as before"
             )
+        return reasons
+
+    def _something_else(
+        self, images: Mapping[str, UInt8], left_out: Mapping[str, str], expected: TreePose, time_ns: int
+    ) -> dict[str, str]:
+        """Cameras whose images are of something else; where half of them are, all are: what was stored is wrong."""
+        vertices, asked, reasons = posed(self.mesh, expected), [], {}
+        for name, camera in self._cameras.items():
+            if name in images and name not in left_out and camera.look(self._figure, vertices, self.settings):
+                asked.append(name)
+                reason = camera.reason_against(images[name], time_ns)
+                if reason:
+                    reasons[name] = reason
+        if len(reasons) >= max(2, len(asked) / 2):
+            reasons = dict.fromkeys(asked, "at least half of the cameras show something else") | reasons
         return reasons
 
     def _priors(self, expected: TreePose, time_ns: int) -> Sequence[Prior]:
