@@ -87,7 +87,7 @@ class MovedSince:
             return float("nan")
         before, was = self._first[name]
         changed = _differ(image, before)
-        if np.count_nonzero(changed) < FEWEST * max(np.count_nonzero(mask), 1):
+        if np.count_nonzero(changed) < FEWEST * max(int(np.count_nonzero(mask)), 1):
             return float("nan")
         rows = np.flatnonzero(mask.any(axis=1))
         high = float(rows[-1] - rows[0]) if len(rows) else 0.0
