@@ -89,8 +89,8 @@ class MovedSince:
         changed = _differ(image, before)
         if np.count_nonzero(changed) < FEWEST * max(np.count_nonzero(mask), 1):
             return float("nan")
-        high = np.ptp(np.flatnonzero(mask.any(axis=1))) if mask.any() else 0
-        side = 2 * round(GROWN * float(high)) + 1
+        high = int(np.count_nonzero(mask.any(axis=1)))
+        side = 2 * round(GROWN * high) + 1
         near = cv2.dilate((mask | was).astype(np.uint8), np.ones((side, side), np.uint8)) > 0
         return float(near[changed].mean())
 

@@ -83,7 +83,12 @@ class OverlayWriter:
             if not self._is_video:
                 folder.mkdir(exist_ok=True)
         except OSError as error:
-            raise InputError(f"cannot be made: {error.strerror}", file=path, fix="name another folder") from error
+            raise InputError(
+                f"cannot be made: {error.strerror}",
+                file=path,
+                field="--overlay",
+                fix="name a folder in one that exists",
+            ) from error
         if not folder.is_dir() or (path.suffix and not self._is_video):
             fix = "name a folder, or a file that ends with .mp4 in a folder that exists"
             raise InputError("cannot be written", file=path, field="--overlay", fix=fix)
