@@ -35,7 +35,7 @@ def outlined(image: UInt8, contour: Silhouette | None, covered: Silhouette | Non
     scale = 1.0 if width is None else width / image.shape[1]
     size = (image.shape[1], image.shape[0]) if width is None else (width, max(1, round(image.shape[0] * scale)))
     out = image.copy() if scale == 1.0 else cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    thick = max(1, round(max(size) / 500))
+    thick = max(1, round(max(size) / (500 if width is None else 180)))  # small ones are looked at from afar
     for silhouette, colour in ((contour, SEGMENTED), (covered, MODEL)):
         if silhouette is None:
             continue

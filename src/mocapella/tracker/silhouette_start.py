@@ -103,8 +103,8 @@ def joints_of_points(tracks: ViewedTracks, rig: CameraRig, frame: int = 0) -> di
         if camera.seen >= _FEWEST_POINTS and camera.rejected_share > _REJECTED:
             share = f"{camera.rejected_share:.0%} of {camera.seen}"
             raise CalibrationError(
-                f"the points of {name} do not agree with the other cameras' in frame {frame}: {share} are elsewhere; is it "
-                "the rig's camera of that name, and of this instant?"
+                f"the points of {name} do not agree with the other cameras' in frame {frame}: {share} are elsewhere; "
+                "is it the rig's camera of that name, and of this instant?"
             )
     return found
 
