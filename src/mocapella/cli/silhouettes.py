@@ -135,6 +135,7 @@ def silhouettes(
     with working("reading …", status=INTERRUPTED), telling_of_compiling("the method silhouettes"):
         cameras = load_camera_rig(rig)
         shown = VideoSet(inputs, cameras, frames=wanted, rate_hz=hz, other_size=other_size)
+        writer = None if overlay is None else _Overlays(overlay, shown.rate_hz / wanted.step)
         body, pose = find_start(wishes, cameras, wanted)
         run = SilhouetteRun(body.mesh, shown.rig, shown.rate_hz, settings, say)
         for note in shown.notes:
@@ -142,7 +143,6 @@ def silhouettes(
         begin(run, pose, wanted, start or "--points")
         if background:
             learn(run, background, cameras, shown, other_size)
-        writer = None if overlay is None else _Overlays(overlay, shown.rate_hz / wanted.step)
     with ExitStack() as closing, stop_on_signals() as stop, telling_of_compiling("the method silhouettes"):
         tell, page = [], None
         if writer is not None:

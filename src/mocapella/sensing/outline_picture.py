@@ -35,7 +35,7 @@ def outlined(image: UInt8, contour: Silhouette | None, covered: Silhouette | Non
     scale = 1.0 if width is None else width / image.shape[1]
     size = (image.shape[1], image.shape[0]) if width is None else (width, max(1, round(image.shape[0] * scale)))
     out = image.copy() if scale == 1.0 else cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    thick = max(1, round(max(size) / 500))
+    thick = max(1, round(max(size) / (500 if width is None else 180)))  # small ones are looked at from afar
     for silhouette, colour in ((contour, SEGMENTED), (covered, MODEL)):
         if silhouette is None:
             continue
@@ -83,7 +83,12 @@ class OverlayWriter:
             if not self._is_video:
                 folder.mkdir(exist_ok=True)
         except OSError as error:
-            raise InputError(f"cannot be made: {error.strerror}", file=path, fix="name another folder") from error
+            raise InputError(
+                f"cannot be made: {error.strerror}",
+                file=path,
+                field="--overlay",
+                fix="name a folder in one that exists",
+            ) from error
         if not folder.is_dir() or (path.suffix and not self._is_video):
             fix = "name a folder, or a file that ends with .mp4 in a folder that exists"
             raise InputError("cannot be written", file=path, field="--overlay", fix=fix)

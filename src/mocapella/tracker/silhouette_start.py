@@ -35,7 +35,10 @@ ENOUGH: Final = {"legs": ("shank", "thigh"), **dict.fromkeys(("male", "female"),
 """Segments that say how large somebody is."""
 FAR_M: Final = 0.15
 """Joints that the model misses by more, in the median, are not those of a body of its size."""
-_TRIANGULATED: Final = TracksSettings("weighted-linear")
+_ERROR, _LEAST_ERROR_PX = 0.008, 4.0
+"""How far points may be from where they are in an image, over its longer side, and at least [px]."""
+_REJECTED, _FEWEST_POINTS = 0.6, 6
+"""A camera that has more than this share of its points, of so many at least, disagrees with the others."""
 
 
 @dataclass(frozen=True)
@@ -81,19 +84,28 @@ def joints_of_points(tracks: ViewedTracks, rig: CameraRig, frame: int = 0) -> di
     first = ViewedTracks(
         tracks.cameras, tracks.points, tracks.frames[one], tracks.at_s[one], tracks.pixels[one], tracks.confidences[one]
     )
-    space, _ = triangulate_tracks(first, rig, _TRIANGULATED)
+    # What a detector errs by grows with the image.
+    largest = max(_LEAST_ERROR_PX, _ERROR * float(np.median([max(c.camera.size_px) for c in rig.cameras.values()])))
+    space, report = triangulate_tracks(first, rig, TracksSettings("weighted-linear", largest_error_px=largest))
     found = {
         columns[name]: space.positions[0, k]
         for k, name in enumerate(space.points)
         if name in columns and np.isfinite(space.positions[0, k]).all()
     }
-    confident = (first.confidences[0] > _TRIANGULATED.least_confidence).sum(axis=0) >= 2
+    confident = (first.confidences[0] > TracksSettings().least_confidence).sum(axis=0) >= 2
     seen = sum(bool(confident[k]) for k, name in enumerate(tracks.points) if name in columns)
     if seen >= 4 and 2 * len(found) < seen:
         raise CalibrationError(
             f"the points of frame {frame} do not meet in space: of {seen} that two cameras or more see, {len(found)} "
-            f"do within {_TRIANGULATED.largest_error_px:g} px; are cameras and rig of one recording?"
+            f"do within {largest:.0f} px; are cameras and rig of one recording?"
         )
+    for name, camera in report.cameras.items():
+        if camera.seen >= _FEWEST_POINTS and camera.rejected_share > _REJECTED:
+            share = f"{camera.rejected_share:.0%} of {camera.seen}"
+            raise CalibrationError(
+                f"the points of {name} do not agree with the other cameras' in frame {frame}: {share} are elsewhere; "
+                "is it the rig's camera of that name, and of this instant?"
+            )
     return found
 
 

@@ -24,7 +24,7 @@ Float64 = NDArray[np.float64]
 SKIN: Final = Rgb(222, 228, 238)
 LOST: Final = Rgb(96, 104, 120)
 FLOOR_M: Final = 6.0
-_ROW_HIGH_M, _ROW_WIDE_M, _GAP_M = 1.5, 6.4, 0.06
+_ROW_HIGH_M, _ROW_WIDE_M, _GAP_M = 1.9, 6.4, 0.06
 """A row of pictures is as high as this, and no wider than that."""
 _OVER_M, _BEHIND_M = 0.35, 1.2
 """Where it begins: over the body's head at the start, and behind it."""

@@ -34,6 +34,11 @@ class BodyView:
         start: the body's first pose.
         up: (3,) of the world.
 
+    Attributes:
+        frames: all so far.
+        place: of the frame among them that is shown.
+        panel: its controls.
+
     Raises:
         AddressInUseError: somebody else listens there.
         SettingsError: an address that this machine cannot listen at.
@@ -43,12 +48,12 @@ class BodyView:
         self._server = open_page(host, port, PANEL_PX)
         self._cameras = list(rig.cameras)
         self._stage = BodyStage(self._server.scene, mesh, rig, stage_space(mesh, start, up))
-        self._panel = BodyPanel(self._server.gui, mesh.joint_names, self._cameras)
-        self._frames: list[BodyFrame] = []
+        self.panel = BodyPanel(self._server.gui, mesh.joint_names, self._cameras)
+        self.frames: list[BodyFrame] = []
         self._at_s: list[float] = []
         self._angles: list[Float64] = []
         self._bytes, self._oldest = 0, 0
-        self._place = 0
+        self.place = 0
         self._shown: tuple[int, int, bool] | None = None
         self._charted_s = -CHARTS_EVERY_S
         self._played_s: float | None = None
@@ -62,20 +67,20 @@ class BodyView:
 
     def add(self, frame: BodyFrame) -> None:
         """The next frame; it is shown where nobody looks at another."""
-        follows = self._place >= len(self._frames) - 1 and self._panel.playing
-        self._frames.append(frame)
+        follows = self.place >= len(self.frames) - 1 and self.panel.playing
+        self.frames.append(frame)
         self._at_s.append(frame.time_s)
         self._angles.append(frame.pose.angles)
         self._bytes += sum(len(picture.image) for picture in frame.pictures.values())
-        while self._bytes > KEPT_BYTES and self._oldest < len(self._frames) - 1:
-            old = self._frames[self._oldest]
+        while self._bytes > KEPT_BYTES and self._oldest < len(self.frames) - 1:
+            old = self.frames[self._oldest]
             self._bytes -= sum(len(picture.image) for picture in old.pictures.values())
-            self._frames[self._oldest] = BodyFrame(
+            self.frames[self._oldest] = BodyFrame(
                 old.frame, old.time_s, old.pose, {}, old.overlap, old.left_out, old.lost
             )
             self._oldest += 1
         if follows:
-            self._place = len(self._frames) - 1
+            self.place = len(self.frames) - 1
 
     def end(self) -> None:
         """No more frames come."""
@@ -84,21 +89,21 @@ class BodyView:
     def show(self, now_s: float) -> None:
         """Bring all browsers up to the newest, or to what somebody chose; call it steadily, up to 30 times a second."""
         self._welcome()
-        if not self._frames:
+        if not self.frames:
             return
         self._go_on(now_s)
-        what = (self._place, len(self._frames), self._panel.playing)
+        what = (self.place, len(self.frames), self.panel.playing)
         if what == self._shown and now_s - self._charted_s < CHARTS_EVERY_S:
             return
         with tolerated(), self._server.atomic():
-            shown = self._frames[self._place]
+            shown = self.frames[self.place]
             if what != self._shown:
                 words = {name: _words(name, shown) for name in self._cameras}
                 self._stage.draw(shown.pose, shown.pictures, words, lost=shown.lost)
-                self._panel.draw(self._headline(), shown, self._place, len(self._frames), self._cameras)
+                self.panel.draw(self._headline(), shown, self.place, len(self.frames), self._cameras)
             if now_s - self._charted_s >= CHARTS_EVERY_S:
                 self._charted_s = now_s
-                self._panel.draw_charts(*self._lately())
+                self.panel.draw_charts(*self._lately())
             self._shown = what
 
     def close(self) -> None:
@@ -107,43 +112,43 @@ class BodyView:
             self._server.stop()
 
     def _headline(self) -> str:
-        if self._place == len(self._frames) - 1 and self._done:
+        if self.place == len(self.frames) - 1 and self._done:
             return "End"
-        if not self._panel.playing:
+        if not self.panel.playing:
             return "Paused"
         return "Following" if not self._done else "Playing"
 
     def _go_on(self, now_s: float) -> None:
         """Take the place that somebody chose; or play what is there, as fast as it was filmed."""
-        wish, self._panel.wish = self._panel.wish, None
+        wish, self.panel.wish = self.panel.wish, None
         if wish is not None:
-            self._place = min(max(wish, 0), len(self._frames) - 1)
-        if not self._panel.playing:
+            self.place = min(max(wish, 0), len(self.frames) - 1)
+        if not self.panel.playing:
             self._played_s, self._rested = None, True
             return
         rested, self._rested = self._rested, False
-        if self._place >= len(self._frames) - 1:
+        if self.place >= len(self.frames) - 1:
             self._played_s = None
             if self._done and rested:  # Play was pressed at the end
-                self._place, self._played_s = 0, now_s
+                self.place, self._played_s = 0, now_s
             elif self._done:
-                self._panel.playing = False
+                self.panel.playing = False
             return
         if self._played_s is not None:
-            due_s = self._at_s[self._place] + (now_s - self._played_s)
-            self._place = max(self._place, bisect.bisect_right(self._at_s, due_s) - 1)
-            now_s -= max(0.0, due_s - self._at_s[self._place])  # what is left of this beat counts at the next
+            due_s = self._at_s[self.place] + (now_s - self._played_s)
+            self.place = max(self.place, bisect.bisect_right(self._at_s, due_s) - 1)
+            now_s -= max(0.0, due_s - self._at_s[self.place])  # what is left of this beat counts at the next
         self._played_s = now_s
 
     def _lately(self) -> tuple[Float64, Float64]:
         """What the charts show: up to the frame that is shown."""
-        end = self._place + 1
-        begin = bisect.bisect_left(self._at_s, self._at_s[self._place] - WINDOW_S)
+        end = self.place + 1
+        begin = bisect.bisect_left(self._at_s, self._at_s[self.place] - WINDOW_S)
         return np.array(self._at_s[begin:end]), np.array(self._angles[begin:end])
 
     def _welcome(self) -> None:
         """Put the camera of a browser before what is to be looked at, when it comes and when that is changed."""
-        clients, aim = self._server.get_clients(), str(self._panel.aim.value)
+        clients, aim = self._server.get_clients(), str(self.panel.aim.value)
         for number, client in clients.items():
             if self._looks.get(number) != aim and client.camera.image_width:
                 self._looks[number] = aim

@@ -1,0 +1,53 @@
+"""What is not in the empty room, and what moves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mocapella.model.silhouettes import Silhouette
+from mocapella.sensing.empty_room import EmptyRoom, MovedSince
+
+SIZE = (80, 60)
+RNG = np.random.default_rng(0)
+WALL = RNG.integers(100, 200, (60, 80, 3), dtype=np.uint8)
+
+
+def shape(x, y=20, wide=12, high=30):
+    phi = np.full((60, 80), -0.5, np.float32)
+    phi[y : y + high, x : x + wide] = 0.5
+    return Silhouette((0, 0), 1, phi)
+
+
+def image(x=None):
+    out = np.clip(WALL + RNG.normal(0, 2, WALL.shape), 0, 255).astype(np.uint8)
+    if x is not None:
+        out[shape(x).mask(SIZE)] = [20, 20, 220]
+    return out
+
+
+def test_somebody_differs_from_the_empty_room_and_nobody_does_not():
+    room = EmptyRoom()
+    assert np.isnan(room.differs("a", image(10), shape(10)))
+    room.learn({"a": image()})
+    assert room.differs("a", image(10), shape(10)) == 1.0
+    assert room.differs("a", image(), shape(10)) < 0.05
+    assert np.isnan(room.differs("b", image(10), shape(10)))
+
+
+def test_the_silhouette_is_what_is_not_in_the_empty_room():
+    room = EmptyRoom()
+    assert room.silhouette("a", image(10)) is None
+    room.learn({"a": image()})
+    found = room.silhouette("a", image(30)).mask(SIZE)
+    truth = shape(30).mask(SIZE)
+    assert np.count_nonzero(found & truth) / np.count_nonzero(found | truth) > 0.8
+    assert room.silhouette("a", WALL) is None
+
+
+def test_what_moves_is_where_the_body_was_or_is():
+    for follows in (True, False):
+        moved = MovedSince()
+        assert np.isnan(moved.at_body("a", image(10), shape(10)))
+        assert np.isnan(moved.at_body("a", image(10), shape(10)))
+        share = moved.at_body("a", image(40), shape(40 if follows else 10))
+        assert share == 1.0 if follows else share < 0.6

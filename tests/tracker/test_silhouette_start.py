@@ -1,0 +1,117 @@
+"""A body begins where joints are, as large as they say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from silhouette_pictures import pose_at, ring, somebody
+
+from mocapella.errors import CalibrationError, InputError, SettingsError
+from mocapella.geometry.lens import project
+from mocapella.geometry.rigid import apply
+from mocapella.model.openpose_names import LANDMARKS
+from mocapella.model.point_tracks import ViewedTracks
+from mocapella.model.rigged_mesh import landmarks_at
+from mocapella.tracker.silhouette_start import (
+    NEEDED,
+    body_of,
+    cameras_that_see,
+    check_joints,
+    joints_of_points,
+    start_pose,
+    upright,
+)
+
+MESH = somebody()
+POSE = pose_at(MESH, 0.2, 0.7)
+JOINTS = dict(zip(MESH.landmarks, landmarks_at(MESH, POSE), strict=True))
+RIG = ring(3)
+
+
+def keypoints(names=LANDMARKS, rig=RIG):
+    """What cameras see of OpenPose's points."""
+    placed = rig.cameras
+    at = np.array([JOINTS[LANDMARKS.get(name, name)] for name in names])
+    pixels = np.array([project(apply(p.T_camera_world, at), p.camera.lens) for p in placed.values()])[None]
+    shape = pixels.shape[:3]
+    return ViewedTracks(tuple(placed), tuple(names), np.array([0]), np.zeros(shape[:2]), pixels, np.ones(shape))
+
+
+def test_joints_of_points_are_where_they_were():
+    for names in (tuple(LANDMARKS), ("left hip", "right hip", "left_knee".replace("_", " "), "neck")):
+        found = joints_of_points(keypoints(names), RIG)
+        assert len(found) == len(names)
+        for name, at in found.items():
+            np.testing.assert_allclose(at, JOINTS[name], atol=1e-3)
+
+
+def test_points_of_cameras_in_another_order_do_not_meet():
+    rig = ring(3, (640, 480))
+    seen = keypoints(rig=rig)
+    mixed = ViewedTracks(("c1", "c3", "c2"), *(getattr(seen, name) for name in seen.__struct_fields__[1:]))
+    with pytest.raises(CalibrationError, match=r"do not meet in space|do not agree with the other cameras'"):
+        joints_of_points(mixed, rig)
+
+
+def test_one_camera_whose_points_are_of_another_is_named():
+    four = ring(4)
+    seen = keypoints(rig=four)
+    pixels = seen.pixels.copy()
+    pixels[:, 1, :, 1] += 30.0
+    moved = ViewedTracks(
+        seen.cameras, seen.points, seen.frames, seen.at_s, pixels, *(getattr(seen, n) for n in ("confidences", "notes"))
+    )
+    with pytest.raises(CalibrationError, match="the points of c2 do not agree with the other cameras'"):
+        joints_of_points(moved, four)
+
+
+def test_points_that_are_none_of_a_body_or_of_no_frame_are_named():
+    seen = keypoints()
+    other = ViewedTracks(
+        seen.cameras, tuple(f"p{k}" for k in range(22)), *(getattr(seen, name) for name in seen.__struct_fields__[2:])
+    )
+    with pytest.raises(InputError, match=r"p0, p1.*no point is called like a joint"):
+        joints_of_points(other, RIG)
+    with pytest.raises(InputError, match="frame: 4: the points have no such frame; there are 1"):
+        joints_of_points(seen, RIG, 4)
+
+
+def test_a_body_is_as_large_as_its_joints_and_stands_where_they_are():
+    joints = {name: JOINTS[name] for name in LANDMARKS.values()}
+    body = body_of("male", None, joints)
+    pose = start_pose(body.mesh, joints)
+    at = dict(zip(body.mesh.landmarks, landmarks_at(body.mesh, pose), strict=True))
+    assert max(np.linalg.norm(at[name] - joints[name]) for name in NEEDED["male"]) < 0.02
+    assert np.ptp(body.mesh.vertices[:, 1]) == pytest.approx(np.ptp(MESH.vertices[:, 1]), rel=0.05)
+    np.testing.assert_array_equal(upright(body.mesh, pose), [0, 1, 0])
+    assert cameras_that_see(body.mesh, pose, RIG) == ["c1", "c2", "c3"]
+
+
+def test_what_does_not_say_how_large_somebody_is_asks_for_a_height():
+    few = {name: JOINTS[name] for name in NEEDED["male"]}
+    with pytest.raises(InputError, match="how long shank and thigh are; say how tall the person is with --height"):
+        body_of("male", None, few)
+    assert np.ptp(body_of("female", 1.6, few).mesh.vertices[:, 1]) == pytest.approx(1.6, abs=0.02)
+
+
+def test_missing_joints_are_named():
+    with pytest.raises(InputError, match=r"j\.json: field right hip: is missing; a start needs left hip, right hip"):
+        check_joints("male", {"left hip": JOINTS["left hip"]}, "j.json")
+    with pytest.raises(InputError, match="field left knee"):
+        check_joints("legs", {name: JOINTS[name] for name in ("left hip", "right hip")})
+    with pytest.raises(SettingsError, match=r"'mail'.*did you mean male"):
+        body_of("mail", None, JOINTS)
+    with pytest.raises(SettingsError, match="has 1 joints"):
+        start_pose(MESH, {"nose": JOINTS["nose"], "thing": JOINTS["nose"]})
+
+
+def test_joints_in_millimetres_or_feet_are_no_persons():
+    for factor in (1000.0, 1 / 0.3048):
+        with pytest.raises(CalibrationError, match="are they in metres"):
+            body_of("male", None, {name: at * factor for name, at in JOINTS.items()})
+    with pytest.raises(CalibrationError, match=r"no pose of the model is near.*are they in metres"):
+        start_pose(MESH, {name: at * 3.28 for name, at in JOINTS.items() if name in LANDMARKS.values()})
+
+
+def test_a_start_outside_of_all_images_is_seen_by_nobody():
+    assert cameras_that_see(MESH, pose_at(MESH, 40.0), RIG) == []

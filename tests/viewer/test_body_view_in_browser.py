@@ -1,0 +1,83 @@
+"""The view of a followed body in a real browser: mesh, pictures, curves, and frames that are chosen."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from browser import FLAGS
+from silhouette_pictures import Room, pose_at, ring, somebody
+
+from mocapella.live.silhouette_run import SilhouetteRun
+from mocapella.live.silhouette_view import SilhouetteView
+
+CHROMIUM = shutil.which("chromium")
+ARTIFACTS = Path(__file__).resolve().parents[2] / "artifacts"
+WAIT_MS = 45_000
+
+pytestmark = [
+    pytest.mark.skipif(CHROMIUM is None, reason="needs chromium on the PATH"),
+    # viser warns when something is shown to a browser in the instant in which it leaves; nothing is lost by it.
+    pytest.mark.filterwarnings("ignore:Queued a .* on a closed connection:UserWarning"),
+]
+
+
+def of_hue(pixels, low, high):
+    """How many pixels (…, 3) BGR are vivid and of a hue between [°]."""
+    hsv = cv2.cvtColor(pixels, cv2.COLOR_BGR2HSV)
+    hue = hsv[..., 0].astype(int) * 2
+    return int(np.count_nonzero((hsv[..., 1] > 130) & (hsv[..., 2] > 120) & (hue >= low) & (hue <= high)))
+
+
+def test_a_body_its_pictures_and_its_angles_are_seen_and_frames_can_be_chosen(tmp_path):
+    sync_api = pytest.importorskip("playwright.sync_api")
+    mesh, rig = somebody(), ring(2)
+    run, room, start = SilhouetteRun(mesh, rig, 30.0), Room(rig), pose_at(mesh)
+    run.start(start, 0)
+    view, stop = SilhouetteView("127.0.0.1", 0, run, start), threading.Event()
+    loop = threading.Thread(target=lambda: view.stay(stop))
+    try:
+        for k in range(12):
+            view.tell(run.step(k, room.images(mesh, pose_at(mesh, 0.01 * k, 0.4 + 0.1 * k))))
+        loop.start()
+        with sync_api.sync_playwright() as playwright:
+            browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+            page = browser.new_page(viewport={"width": 1100, "height": 640})
+            page.set_default_timeout(WAIT_MS)
+            page.goto(view.url)
+            page.locator(".mocapella-status", has_text="End").wait_for()
+            page.get_by_text("12 of 12").wait_for()
+            page.locator(".mocapella-overlaps", has_text="c2").wait_for()
+            page.locator(".uplot").first.wait_for()
+            deadline = time.monotonic() + WAIT_MS / 1000
+            while True:
+                shot = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR)[:, :700]
+                red_coat = of_hue(shot, 330, 360) + of_hue(shot, 0, 15)  # of who is in the pictures
+                outlines = of_hue(shot, 100, 140)
+                grey = np.ptp(shot.astype(int), axis=-1) < 30
+                body = int(np.count_nonzero(grey & (shot.mean(axis=-1) > 110)))
+                if min(red_coat / 300, outlines / 60, body / 1500) > 1:
+                    break
+                assert time.monotonic() < deadline, f"coat {red_coat}, outlines {outlines}, body {body} pixels"
+                page.wait_for_timeout(200)
+            ARTIFACTS.mkdir(exist_ok=True)
+            page.screenshot(path=ARTIFACTS / "followed-body.png")
+            page.locator("label", has_text="Frame").locator("xpath=../../..").locator("input:not([type=hidden])").fill(
+                "4"
+            )
+            page.keyboard.press("Enter")
+            page.locator(".mocapella-status", has_text="Paused").wait_for()
+            page.get_by_text("5 of 12").wait_for()
+            page.get_by_role("button", name="Play", exact=True).click()
+            page.locator(".mocapella-status", has_text="End").wait_for()
+            browser.close()
+    finally:
+        stop.set()
+        if loop.ident is not None:
+            loop.join()
+        view.close()
