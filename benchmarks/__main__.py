@@ -1,4 +1,4 @@
-"""`python -m benchmarks [GROUP…] [--part NAME] [--json FILE] [--quick] [--strict]`: run groups, print, write rows."""
+"""`python -m benchmarks [GROUP…] [--part NAME] [--json FILE] [--quick] [--strict]`: run groups, print tables."""
 
 from __future__ import annotations
 

@@ -70,7 +70,7 @@ def test_cameras_are_matched_by_name_and_the_order_does_not_matter() -> None:
     [
         (["cam3"], ["cam1", "cam2"], "'cam3': the rig has no such camera; the rig's are cam1, cam2"),
         (["cam1"], ["cam_1", "camera1"], "the rig has several: cam_1, camera1"),
-        (["cam1", "cam_1"], ["cam1"], "two cameras of the points are the same"),
+        (["cam1", "cam_1"], ["cam1"], "two cameras are the same"),
     ],
 )
 def test_cameras_that_cannot_be_matched_are_said(seen: list[str], rig: list[str], said: str) -> None:

@@ -53,6 +53,7 @@ def run(arguments: Sequence[str]) -> None:
         record,
         replay,
         serve,
+        silhouettes,
         train,
         triangulate,
         tune,

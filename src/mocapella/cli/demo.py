@@ -26,6 +26,7 @@ from mocapella.cli.common import (
     working,
     write_json,
 )
+from mocapella.errors import SettingsError
 
 if TYPE_CHECKING:
     from mocapella.model.session import Setup
@@ -37,12 +38,13 @@ class What(StrEnum):
     PEOPLE = "people"
     HANDS = "hands"
     ARM = "arm"
+    SILHOUETTES = "silhouettes"
 
 
 @app.command()
 def demo(
     what: Annotated[
-        What, typer.Argument(metavar="[WHAT]", help="people, hands with painted fingertips, or an arm.")
+        What, typer.Argument(metavar="[WHAT]", help="people, hands with painted fingertips, an arm, or silhouettes.")
     ] = What.PEOPLE,
     scene: Annotated[
         str | None, typer.Option("--scene", metavar="NAME", help="Name of the scene; `--scene help` lists them.")
@@ -59,13 +61,23 @@ def demo(
         int | None, typer.Option(metavar="PORT", min=1, max=65535, help="View port; by default 7448, or a free one.")
     ] = None,
     seed: Seed = 0,
+    no_steadiness: Annotated[
+        bool, typer.Option("--no-steadiness", help="Of silhouettes: fit every frame for itself.")
+    ] = False,
+    corrupt: Annotated[
+        str | None,
+        typer.Option(
+            "--corrupt", metavar="NAME", help="Of silhouettes: images with noise or rectangles, or wrong ones."
+        ),
+    ] = None,
     json: JsonOut = None,
 ) -> None:
     """Simulate a room with three sensors, two people and an obstacle, track the people live, and open the view.
 
     `demo hands` renders a hand with painted fingertips before two cameras, finds the paint in their pictures, and makes
     a hand of it. `demo arm` renders an arm before a depth camera, finds it and its fingers in the images, and lets it
-    grab a cloth; --scene is one of the arm's scenes there (cloth), and --method how arms are found.
+    grab a cloth; --scene is one of the arm's scenes there (cloth), and --method how arms are found. `demo silhouettes`
+    renders somebody who runs before four cameras (or does what --scene says), and fits a body model to the outlines.
 
     Needs no hardware and downloads nothing. Every sensor is a process of its own, as real ones are.
 
@@ -76,12 +88,25 @@ def demo(
     from mocapella.live.server import ServerSettings
     from mocapella.live.stopping import stop_on_signals
 
+    if what is What.SILHOUETTES:
+        from mocapella.cli.silhouettes_demo import run_demo
+
+        for option, given in (("--record", record), ("--port", port), ("--method", method != "default" or None)):
+            if given is not None:
+                raise SettingsError(f"{option}: demo silhouettes has no bus and one method; leave it out")
+        run_demo(
+            scene, seed, corrupt, seconds=seconds, steady=not no_steadiness, view=not no_view, view_port=view_port,
+            no_browser=no_browser, json=json,
+        )  # fmt: skip
+        return
+    if no_steadiness or corrupt is not None:
+        raise SettingsError("--no-steadiness and --corrupt are of demo silhouettes; leave them out")
     take = None if record is None else take_file(record)
     show_of = _show_of(what, scene, method, seed)
-    bus_port = _choose(port, DEFAULT_PORT)
+    bus_port = choose_port(port, DEFAULT_PORT)
     if port is not None:
         check_port_free("127.0.0.1", port, "--port")
-    page_port = None if no_view else _choose(view_port, DEFAULT_VIEW_PORT)
+    page_port = None if no_view else choose_port(view_port, DEFAULT_VIEW_PORT)
     listen = f"tcp/127.0.0.1:{bus_port}"
     settings = ServerSettings(listen=listen, setup=show_of.setup, method_settings=show_of.method_settings)
 
@@ -181,7 +206,8 @@ def _arm_show(scene: str, method: str, seed: int) -> Show:
     return Show(Setup(method="arms", sensors_expected=1), {}, [words], said, ("--cloth",))
 
 
-def _choose(wanted: int | None, default: int) -> int:
+def choose_port(wanted: int | None, default: int) -> int:
+    """The one that is wanted; else the usual one, or a free one where that is in use."""
     from mocapella.errors import BusError
     from mocapella.live.launch import check_port_free, free_port
 

@@ -162,7 +162,7 @@ def overlaps(film: Film, movement: Movement, every: int = EVERY) -> Float64:
         vertices = posed(movement.mesh, TreePose(movement.poses.T_world_model[k], movement.poses.angles[k]))
         row = []
         for placed, true in zip(film.scene.rig.cameras.values(), film.scene.masks(k), strict=True):
-            outline, mesh = see(body, vertices, eye(placed), 1, 2), np.zeros_like(true)
+            outline, mesh = see(body, vertices, eye(placed), step_px=1, margin_px=2), np.zeros_like(true)
             if outline is not None:
                 (x, y), (height, width) = outline.origin_px, true.shape
                 part = outline.mask[max(-y, 0) : height - y, max(-x, 0) : width - x] > 0

@@ -21,6 +21,7 @@ from mocapella.geometry.signed_distance import signed_distance
 from mocapella.kinematics.silhouette_fit import Figure, eye, figure, see
 from mocapella.model.camera import CameraRig
 from mocapella.model.camera_rig_file import load_camera_rig
+from mocapella.model.openpose_names import LANDMARKS
 from mocapella.model.rigged_mesh import posed
 from mocapella.recording.viewed_tracks import read_viewed_tracks
 from mocapella.sources.video import pictures
@@ -29,14 +30,6 @@ from mocapella.tracker.silhouettes import Followed
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
-LANDMARKS: Final = {
-    "Nose": "nose", "LEye": "left eye", "REye": "right eye", "LEar": "left ear", "REar": "right ear", "Head": "head",
-    "LShoulder": "left shoulder", "RShoulder": "right shoulder", "LElbow": "left elbow", "RElbow": "right elbow",
-    "LWrist": "left wrist", "RWrist": "right wrist", "LHip": "left hip", "RHip": "right hip", "LKnee": "left knee",
-    "RKnee": "right knee", "LAnkle": "left ankle", "RAnkle": "right ankle", "LBigToe": "left toe",
-    "RBigToe": "right toe", "LHeel": "left heel", "RHeel": "right heel",
-}  # fmt: skip
-"""OpenPose's names of a body's landmarks."""
 SCORED: Final = tuple(
     f"{side}{name}" for name in ("Hip", "Knee", "Ankle", "Shoulder", "Elbow", "Wrist") for side in "LR"
 )
@@ -126,7 +119,7 @@ def score_video(
     for frame, one in enumerate(followed):
         vertices = posed(body.mesh, one.pose)
         for c, (name, placed) in enumerate(rig.cameras.items()):
-            outline = see(body, vertices, eye(placed), 1, 2 * GROWN_PX)
+            outline = see(body, vertices, eye(placed), step_px=1, margin_px=2 * GROWN_PX)
             if outline is None:
                 continue
             x0, y0 = outline.origin_px

@@ -78,15 +78,13 @@ def match_cameras(seen: Sequence[str], rig: Iterable[str], *, file: object = Non
                 file=file,
                 field="camera",
                 value=name,
-                fix=f"the rig's are {', '.join(names)}; name the points' cameras like them",
+                fix=f"the rig's are {', '.join(names)}; name the cameras like them",
             )
         found += candidates
     for name in found:
         if found.count(name) > 1:
             both = [a for a, b in zip(seen, found, strict=True) if b == name]
-            raise InputError(
-                "two cameras of the points are the same of the rig", file=file, value=both, fix="rename one"
-            )
+            raise InputError("two cameras are the same of the rig", file=file, value=both, fix="rename one")
     return found
 
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from mocapella.viewer.camera_feed import CameraAnswer
 from mocapella.viewer.palette import Rgb
 
 Float64 = NDArray[np.float64]
@@ -19,6 +18,18 @@ _CORNERS: Final = 40
 """Of a circle."""
 _UPRIGHT: Final = (0.0, 0.0, 0.0, 1.0)
 """From a picture's axes (x right, y down) to those of the view, whose camera has x to its left and y up."""
+
+
+class Encoded(Protocol):
+    """A picture as a file, such as a `CameraAnswer`."""
+
+    @property
+    def image(self) -> bytes:
+        """The file."""
+
+    @property
+    def format(self) -> str:
+        """Of ``image``: jpeg or png."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +106,9 @@ class PictureNode:
         self._scene, self._name = scene, name
         self._handle: viser.ImageHandle | None = None
         self._where: tuple[object, ...] | None = None
-        self._answer: CameraAnswer | None = None
+        self._answer: Encoded | None = None
 
-    def draw(self, plane: Plane, answer: CameraAnswer) -> None:
+    def draw(self, plane: Plane, answer: Encoded) -> None:
         """Show it there; nothing is sent where it is the one already shown."""
         where = (*plane.middle.tolist(), plane.wide_m, plane.size_px)
         if self._answer is answer and self._where == where:

@@ -1,0 +1,102 @@
+"""A followed body beside the truth of a rendered scene, frame by frame."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.kinematics.silhouette_fit import Outline
+from mocapella.model.silhouettes import Silhouette
+from mocapella.model.twist_tree import TreePose
+
+Float64 = NDArray[np.float64]
+Bool = NDArray[np.bool_]
+
+
+class TruthScore(msgspec.Struct, frozen=True):
+    """How far from the truth a body was.
+
+    Attributes:
+        frames: how many.
+        angle_deg: median of the joints' absolute errors.
+        angle_mean_deg: their mean.
+        angles_deg: the mean of each, by name. A turn about the axis of a straight limb shows in no outline.
+        joints_mm: median of the landmarks' distances.
+        overlap: mean intersection over union of the model and who is there, over frames and cameras.
+    """
+
+    frames: int
+    angle_deg: float
+    angle_mean_deg: float
+    angles_deg: dict[str, float]
+    joints_mm: float
+    overlap: float
+
+
+class TruthMeter:
+    """Takes in frame by frame.
+
+    Args:
+        joint_names: of the angles.
+    """
+
+    def __init__(self, joint_names: Sequence[str]) -> None:
+        self._names = tuple(joint_names)
+        self._angles: list[Float64] = []
+        self._joints: list[Float64] = []
+        self._overlaps: list[float] = []
+
+    def update(
+        self,
+        pose: TreePose,
+        landmarks: Float64,
+        outlines: Mapping[str, Outline],
+        truth: tuple[TreePose, Float64, Mapping[str, Bool]],
+    ) -> None:
+        """One frame.
+
+        Args:
+            pose, landmarks: (n, 3), outlines by camera: what was found.
+            truth: the same, with (height, width) what is covered of each image instead of the outlines.
+        """
+        true_pose, true_landmarks, masks = truth
+        self._angles.append(np.abs(pose.angles - true_pose.angles))
+        self._joints.append(np.linalg.norm(landmarks - true_landmarks, axis=-1))
+        for name, mask in masks.items():
+            if name in outlines:
+                self._overlaps.append(overlap(outlines[name], mask))
+
+    @property
+    def score(self) -> TruthScore | None:
+        """Of all frames so far; None before the first."""
+        if not self._angles:
+            return None
+        angles = np.degrees(np.array(self._angles))
+        return TruthScore(
+            len(self._angles),
+            float(np.median(angles)),
+            float(angles.mean()),
+            dict(zip(self._names, angles.mean(axis=0).tolist(), strict=True)),
+            1e3 * float(np.median(self._joints)),
+            float(np.mean(self._overlaps)) if self._overlaps else float("nan"),
+        )
+
+
+def overlap(outline: Outline, mask: Bool) -> float:
+    """Intersection over union of what a posed mesh covers, and (height, width) what is covered; 0 of nothing."""
+    silhouette = Silhouette(outline.origin_px, outline.step_px, outline.mask.astype(np.float32) - 0.5)
+    model = silhouette.mask((mask.shape[1], mask.shape[0]))
+    union = np.count_nonzero(model | mask)
+    return np.count_nonzero(model & mask) / union if union else 0.0
+
+
+def rough_start(pose: TreePose, limits: Float64, seed: int, off: Sequence[float] = (0.03, 0.08)) -> TreePose:
+    """A pose that is off as one is that somebody sets by hand: each place [m] and each angle [rad] by about so much."""
+    rng = np.random.default_rng([seed, 71])
+    T = pose.T_world_model.copy()
+    T[:3, 3] += rng.normal(0.0, off[0], 3)
+    angles = pose.angles + rng.normal(0.0, off[1], len(pose.angles))
+    return TreePose(T, np.clip(angles, *limits.T))

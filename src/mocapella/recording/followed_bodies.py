@@ -1,0 +1,162 @@
+"""A followed body as a JSON file, and what one is started from: an earlier such file, or named joints in space."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import InputError
+from mocapella.geometry.twists import exp_twist, log_motion
+from mocapella.model.twist_tree import TreePose
+from mocapella.model.whole_file import read_whole
+
+Float64 = NDArray[np.float64]
+Triple = tuple[float, float, float]
+
+FORMAT: Final = "mocapella followed body"
+VERSION: Final = 1
+"""Of the file's layout."""
+FARTHEST_M: Final = 1000.0
+"""A joint farther from the origin is not told in metres."""
+
+
+class FollowedFrame(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A body in one frame, as the file has it.
+
+    Attributes:
+        frame: its number in the videos.
+        time_s: of capture, from the videos' start.
+        root_twist: of T_world_model: translation part [m], then rotation vector [rad].
+        angles: by joint name [rad].
+        joints: where the landmarks are, by name [m].
+        overlap: intersection over union of the model's outline and the image's, by camera that saw it.
+        left_out: why a camera's image did not count, by camera.
+        lost: whether nobody is there who is followed; the pose is then where somebody was last.
+    """
+
+    frame: int
+    time_s: float
+    root_twist: tuple[float, float, float, float, float, float]
+    angles: dict[str, float]
+    joints: dict[str, Triple]
+    overlap: dict[str, float]
+    left_out: dict[str, str]
+    lost: bool = False
+
+    def pose(self, joint_names: Sequence[str]) -> TreePose:
+        """Of a model with these joints; one that the file does not have stands at 0."""
+        angles = np.array([self.angles.get(name, 0.0) for name in joint_names], dtype=np.float64)
+        return TreePose(exp_twist(self.root_twist), angles)
+
+
+def frame_of(
+    frame: int,
+    time_s: float,
+    pose: TreePose,
+    *,
+    joint_names: Sequence[str],
+    landmarks: Mapping[str, Float64],
+    overlap: Mapping[str, float],
+    left_out: Mapping[str, str],
+    lost: bool,
+) -> FollowedFrame:
+    """What the file has of a pose."""
+    twist = tuple(float(x) for x in log_motion(pose.T_world_model))
+    angles = dict(zip(joint_names, pose.angles.tolist(), strict=True))
+    joints = {name: tuple(at.tolist()) for name, at in landmarks.items()}
+    return FollowedFrame(
+        frame, time_s, twist, angles, joints,  # type: ignore[arg-type]
+        {name: round(float(value), 4) for name, value in overlap.items()}, dict(left_out), lost,
+    )  # fmt: skip
+
+
+class FollowedBody(msgspec.Struct, frozen=True):
+    """A file: whose body it was, and where it was.
+
+    Attributes:
+        format, version: what it is.
+        model: male, female, legs or a file.
+        height_m: of who is no file, where it was given.
+        proportions: lengths of segments [m], by name; those that were known.
+        frames: see there.
+    """
+
+    model: str
+    frames: list[FollowedFrame]
+    height_m: float | None = None
+    proportions: dict[str, float] = {}
+    format: str = FORMAT
+    version: int = VERSION
+
+
+def is_followed_body(data: Any) -> bool:
+    """Whether a JSON's content is meant to be one, rather than named joints."""
+    return isinstance(data, dict) and "frames" in data
+
+
+def read_json(path: Path) -> Any:
+    """The content of a JSON file.
+
+    Raises:
+        InputError: it cannot be read, or is none.
+    """
+    try:
+        return msgspec.json.decode(read_whole(path, fix="name a file that exists"))
+    except msgspec.DecodeError as error:
+        raise InputError(
+            f"is no JSON: {error}", file=path, fix="see docs/silhouettes.md for what --start reads"
+        ) from None
+
+
+def read_followed_body(path: Path) -> FollowedBody:
+    """An earlier file.
+
+    Raises:
+        InputError: it is none, is of another version, or has no frames; names the field.
+    """
+    data = read_json(path)
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
+        value = data.get("format") if isinstance(data, dict) else None
+        raise InputError("is no followed body", file=path, field="format", value=value, fix=f"it is {FORMAT!r}")
+    if data.get("version") != VERSION:
+        fix = f"this program reads version {VERSION}: run mocapella silhouettes anew"
+        raise InputError("is of another version", file=path, field="version", value=data.get("version"), fix=fix)
+    try:
+        found = msgspec.convert(data, FollowedBody)
+    except msgspec.ValidationError as error:
+        raise InputError(f"is no followed body: {error}", file=path, fix="run mocapella silhouettes anew") from None
+    if not found.frames:
+        raise InputError("has no frame", file=path, field="frames", fix="name a file in which somebody was followed")
+    return found
+
+
+def named_joints(data: Any, path: Path) -> dict[str, Float64]:
+    """(3,) [m] by name, of a JSON's content.
+
+    Raises:
+        InputError: it is no such mapping; names the joint and its value.
+    """
+    if not isinstance(data, dict) or not data:
+        fix = 'write {"left hip": [x, y, z], …} in metres of the rig\'s world'
+        raise InputError("has no named joints", file=path, value=data, fix=fix)
+    found = {}
+    for name, at in data.items():
+        numbers = isinstance(at, list) and len(at) == 3 and all(_is_number(value) for value in at)
+        if not numbers:
+            raise InputError(
+                "is no place", file=path, field=name, value=at, fix="write three numbers: [x, y, z] in metres"
+            )
+        if max(abs(value) for value in at) > FARTHEST_M:
+            raise InputError("is farther away than anything", file=path, field=name, value=at, fix="write metres")
+        found[name.replace("_", " ")] = np.array(at, dtype=np.float64)
+    return found
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

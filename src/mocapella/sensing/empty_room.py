@@ -1,0 +1,100 @@
+"""What says, without any model of a body, whether somebody is where a body was found: the empty room, and what moves.
+
+A region model always finds an outline where it expects one. So a camera in whose image the body is not keeps what it
+shows, and what is later taken for the body there is compared; and what has changed since the first image has to be
+where the body was or is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.model.silhouettes import Silhouette
+
+UInt8 = NDArray[np.uint8]
+Bool = NDArray[np.bool_]
+
+DIFFERS: Final = 25
+"""Grey levels in a channel by which a pixel differs from an empty room, whatever the light does."""
+FEWEST: Final = 0.2
+"""Of what a body covers: where less has changed, nobody has moved."""
+GROWN: Final = 0.1
+"""Of a body's height: so much beside it may change with it, as its shadow does."""
+_STEP_PX: Final = 2
+
+
+class EmptyRoom:
+    """The last image of each camera with nobody in it."""
+
+    def __init__(self) -> None:
+        self._images: dict[str, UInt8] = {}
+
+    def learn(self, images: Mapping[str, UInt8]) -> None:
+        """Nobody is in these (height, width, 3)."""
+        self._images |= {name: image.copy() for name, image in images.items()}
+
+    def differs(self, name: str, image: UInt8, taken: Silhouette) -> float:
+        """Share of what was taken for a body that is not as in the empty room; NaN where that was never seen.
+
+        Args:
+            name: of the camera.
+            image: (height, width, 3).
+            taken: for the body.
+        """
+        empty = self._images.get(name)
+        if empty is None:
+            return float("nan")
+        inside = taken.mask((image.shape[1], image.shape[0]))
+        return float(_differ(image[inside], empty[inside]).mean()) if inside.any() else float("nan")
+
+    def silhouette(self, name: str, image: UInt8) -> Silhouette | None:
+        """The largest thing in an image (height, width, 3) that is not in the empty room; None where none was seen."""
+        empty = self._images.get(name)
+        if empty is None:
+            return None
+        changed = _differ(image[::_STEP_PX, ::_STEP_PX], empty[::_STEP_PX, ::_STEP_PX]).astype(np.uint8)
+        cleaned = cv2.morphologyEx(changed, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+        _, labels, stats, _ = cv2.connectedComponentsWithStats(cleaned)
+        if len(stats) < 2:
+            return None
+        largest = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
+        return Silhouette((0, 0), _STEP_PX, (labels == largest).astype(np.float32) - 0.5)
+
+
+class MovedSince:
+    """What has changed in each camera since its first image."""
+
+    def __init__(self) -> None:
+        self._first: dict[str, tuple[UInt8, Bool]] = {}
+
+    def at_body(self, name: str, image: UInt8, covered: Silhouette) -> float:
+        """Share of what has changed that is where the body was or is; NaN where next to nothing has.
+
+        Args:
+            name: of the camera.
+            image: (height, width, 3).
+            covered: by the body as it was found.
+        """
+        mask = covered.mask((image.shape[1], image.shape[0]))[::_STEP_PX, ::_STEP_PX]
+        image = image[::_STEP_PX, ::_STEP_PX]
+        if name not in self._first:
+            self._first[name] = image.copy(), mask
+            return float("nan")
+        before, was = self._first[name]
+        changed = _differ(image, before)
+        if np.count_nonzero(changed) < FEWEST * max(int(np.count_nonzero(mask)), 1):
+            return float("nan")
+        rows = np.flatnonzero(mask.any(axis=1))
+        high = float(rows[-1] - rows[0]) if len(rows) else 0.0
+        side = 2 * round(GROWN * high) + 1
+        near = cv2.dilate((mask | was).astype(np.uint8), np.ones((side, side), np.uint8)) > 0
+        return float(near[changed].mean())
+
+
+def _differ(a: UInt8, b: UInt8) -> Bool:
+    return np.asarray(cv2.absdiff(a, b).reshape(*a.shape[:-1], -1).max(axis=-1) > DIFFERS)

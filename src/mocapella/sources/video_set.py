@@ -1,0 +1,228 @@
+"""Videos of several cameras, read in step: what is wrong with one of them is said before anything is made of it.
+
+Frames of one number are of one instant. Videos of different lengths are read up to the end of the shortest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, closing
+from pathlib import Path
+from typing import Final, Literal
+
+import cv2
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import InputError, SettingsError, one_of
+from mocapella.model.camera import CameraRig, PlacedCamera
+from mocapella.model.point_tracks import match_cameras
+from mocapella.sources.video import IMAGES, Frames, pictures
+
+UInt8 = NDArray[np.uint8]
+
+OtherSize = Literal["crop", "scale"]
+OTHER_SIZES: Final = {
+    "crop": "pixels are where the calibration says, and only the border was cut off at the right and below",
+    "scale": "the whole picture was made larger or smaller",
+}
+RATES_WITHIN: Final = 2e-4
+"""Rates that differ by a larger share are others: 29.97 and 30 a second are a frame apart after half a minute."""
+RATIO_WITHIN: Final = 0.01
+"""A picture that was scaled by other factors across and high than these allow was not only scaled."""
+
+
+class Video(msgspec.Struct, frozen=True):
+    """What a file says of itself.
+
+    Attributes:
+        path: of a video, an image or a folder of images.
+        size_px: (width, height).
+        rate_hz: frames a second; None where nobody knows, as of a folder of images.
+        count: of its frames, as its header says; None where it does not.
+    """
+
+    path: Path
+    size_px: tuple[int, int]
+    rate_hz: float | None
+    count: int | None
+
+
+def look_at(path: Path) -> Video:
+    """Open a video, an image or a folder of images, and see what it is.
+
+    Raises:
+        InputError: it cannot be read, or has no picture.
+    """
+    with closing(pictures(path)) as found:
+        first = next(found, None)
+    if first is None:
+        raise InputError("has no picture", file=path, fix="make it an MP4 (H.264) or AVI")
+    height, width = first[1].shape[:2]
+    if path.is_dir():
+        count = sum(file.suffix.lower() in IMAGES for file in path.iterdir())
+        return Video(path, (width, height), None, count)
+    if path.suffix.lower() in IMAGES:
+        return Video(path, (width, height), None, 1)
+    capture = cv2.VideoCapture(str(path))
+    try:
+        rate, count = (float(capture.get(key)) for key in (cv2.CAP_PROP_FPS, cv2.CAP_PROP_FRAME_COUNT))
+    finally:
+        capture.release()
+    known = np.isfinite(rate) and 0 < rate < 1e4
+    return Video(path, (width, height), rate if known else None, int(count) if count >= 1 else None)
+
+
+class VideoSet:
+    """The videos of a rig's cameras.
+
+    Args:
+        paths: a video, an image or a folder of images for each camera, by any name that `match_cameras` knows.
+        rig: of calibrated cameras, of which not all need have a video.
+        frames: which of them are wanted; None: all.
+        rate_hz: frames a second; None: as the files say.
+        other_size: of `OTHER_SIZES`, of pictures of another size than the calibration's; None: they are an error.
+
+    Attributes:
+        rig: of the cameras that have videos, for pictures of the videos' sizes.
+        videos: by the rig's names.
+        rate_hz: frames a second, all counted.
+        count: of the wanted frames; None where nobody knows.
+        notes: what was chosen or left out, a line each.
+
+    Raises:
+        InputError: no video, one that cannot be read, one of a camera that the rig does not have, of another rate than
+            the others, or of another size than the calibration's.
+        SettingsError: ``other_size`` is none of them.
+    """
+
+    def __init__(
+        self,
+        paths: Mapping[str, Path],
+        rig: CameraRig,
+        *,
+        frames: Frames | None = None,
+        rate_hz: float | None = None,
+        other_size: str | None = None,
+    ) -> None:
+        if not paths:
+            raise InputError("no videos are named", field="VIDEO…", fix="name a video for each camera of the rig")
+        if other_size is not None and other_size not in OTHER_SIZES:
+            raise SettingsError(f"--other-size is {other_size!r}; it must be one of {one_of(other_size, OTHER_SIZES)}")
+        for name, path in paths.items():
+            match_cameras([name], rig.cameras, file=path)  # says which file it is
+        names = match_cameras(list(paths), rig.cameras)
+        self.videos = {name: look_at(path) for name, path in zip(names, paths.values(), strict=True)}
+        self._frames, self.notes = frames or Frames(), []
+        self.rate_hz = rate_hz or self._rate()
+        placed, said = {}, []
+        for name in (name for name in rig.cameras if name in self.videos):
+            placed[name], note = _fitted(rig.cameras[name], self.videos[name], other_size)
+            said += [note] if note else []
+        self.notes += said
+        self.rig = CameraRig(placed)
+        self.count = self._count()
+
+    def __iter__(self) -> Iterator[tuple[int, dict[str, UInt8]]]:
+        """The wanted frames' numbers, and every camera's image (height, width, 3) BGR; ends with the shortest video.
+
+        Raises:
+            InputError: images of a folder change their size.
+        """
+        with ExitStack() as stack:
+            shown = {
+                name: stack.enter_context(closing(pictures(self.videos[name].path, self._frames)))
+                for name in self.rig.cameras
+            }
+            number = self._frames.first
+            while True:
+                images = {name: next(video, None) for name, video in shown.items()}
+                ended = [name for name, one in images.items() if one is None]
+                if ended:
+                    self._tell_end(ended, number)
+                    return
+                got = {name: one[1] for name, one in images.items() if one is not None}
+                for name, image in got.items():
+                    self._check_size(name, image, number)
+                yield number, got
+                number += self._frames.step
+
+    def _rate(self) -> float:
+        rates = {name: video.rate_hz for name, video in self.videos.items() if video.rate_hz is not None}
+        if not rates:
+            path = next(iter(self.videos.values())).path
+            raise InputError("nothing says how many frames a second there are", file=path, fix="say it with --hz")
+        (first, rate), *others = rates.items()
+        for name, other in others:
+            if abs(other - rate) > RATES_WITHIN * rate:
+                raise InputError(
+                    f"has {other:g} frames a second, and {self.videos[first].path} {rate:g}",
+                    file=self.videos[name].path, field="frame rate", value=other,
+                    fix="make all videos of one rate, such as with ffmpeg -r, or say with --hz which they all have",
+                )  # fmt: skip
+        return rate
+
+    def _count(self) -> int | None:
+        counts = {name: video.count for name, video in self.videos.items() if video.count is not None}
+        if len(counts) < len(self.videos):
+            return None
+        least, most = min(counts.values()), max(counts.values())
+        if least < most:
+            said = ", ".join(f"{name} {count}" for name, count in counts.items())
+            self.notes.append(f"the videos differ in length ({said} frames): the shortest, {least} frames, counts")
+        end = least if self._frames.end is None else min(least, self._frames.end)
+        count = len(range(self._frames.first, end, self._frames.step))
+        if count == 0:
+            raise InputError(
+                "has no frame of those that are wanted", field="--frames", value=f"from {self._frames.first}",
+                file=min(self.videos.values(), key=lambda video: video.count or 0).path, fix=f"it has {least} frames",
+            )  # fmt: skip
+        return count
+
+    def _tell_end(self, ended: list[str], number: int) -> None:
+        """Say what a header had promised."""
+        for name in ended:
+            count, end = self.videos[name].count, self._frames.end
+            if count is not None and number < count and (end is None or number < end):
+                self.notes.append(
+                    f"{self.videos[name].path} ends before frame {number}, though it says that it has {count}"
+                )
+
+    def _check_size(self, name: str, image: UInt8, number: int) -> None:
+        size = (image.shape[1], image.shape[0])
+        if size != self.videos[name].size_px:
+            wanted = self.videos[name].size_px
+            raise InputError(
+                "is of another size than the first image", file=self.videos[name].path, field=f"frame {number}",
+                value=size, fix=f"make all {wanted[0]} × {wanted[1]} px",
+            )  # fmt: skip
+
+
+def _fitted(placed: PlacedCamera, video: Video, other_size: str | None) -> tuple[PlacedCamera, str]:
+    """The camera for pictures of the video's size, and what is to be said of it."""
+    size, wanted = video.size_px, placed.camera.size_px
+    if size == wanted:
+        return placed, ""
+    told = (
+        f"images of {size[0]} × {size[1]} px, but the camera {placed.camera.name} is calibrated for "
+        f"{wanted[0]} × {wanted[1]} px"
+    )
+    if other_size is None:
+        turned = size == wanted[::-1]
+        fix = "turn the video: it lies on its side" if turned else (
+            "--other-size crop where pixels are as calibrated and only the right and lower border is missing, "
+            "--other-size scale where the whole picture was scaled"
+        )  # fmt: skip
+        raise InputError(f"has {told}", file=video.path, field="size", value=size, fix=fix)
+    lens, factors = placed.camera.lens.copy(), np.array(size) / wanted
+    if other_size == "scale":
+        if abs(factors[0] / factors[1] - 1) > RATIO_WITHIN:
+            raise InputError(
+                f"has {told}: no scale of the whole picture makes one of the other", file=video.path, field="size",
+                value=size, fix="try --other-size crop",
+            )  # fmt: skip
+        lens[:2] *= factors
+        lens[2:4] = (lens[2:4] + 0.5) * factors - 0.5  # the first pixel's middle is 0
+    camera = msgspec.structs.replace(placed.camera, size_px=size, lens=lens)
+    return msgspec.structs.replace(placed, camera=camera), f"{video.path}: {told}; --other-size {other_size}"

@@ -1,0 +1,214 @@
+"""How a body that is to be followed begins: whose it is, and where, from joints in space of one instant."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import CalibrationError, InputError, SettingsError, one_of
+from mocapella.fusion.point_tracks import TracksSettings, triangulate_tracks
+from mocapella.geometry import lens as lenses
+from mocapella.geometry.rigid import apply
+from mocapella.kinematics.landmark_pose import pose_of
+from mocapella.model.body_meshes import body_mesh, legs_mesh
+from mocapella.model.body_proportions import AVERAGE, BodyProportions, proportions_of
+from mocapella.model.camera import CameraRig
+from mocapella.model.openpose_names import LANDMARKS
+from mocapella.model.point_tracks import ViewedTracks
+from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at
+from mocapella.model.twist_tree import TreePose
+
+Float64 = NDArray[np.float64]
+
+MODELS: Final = ("male", "female", "legs")
+_SIDES: Final = ("left", "right")
+NEEDED: Final = {
+    "legs": tuple(f"{side} {joint}" for joint in ("hip", "knee", "ankle") for side in _SIDES),
+    **dict.fromkeys(("male", "female"), tuple(f"{side} {joint}" for joint in ("hip", "shoulder") for side in _SIDES)),
+}
+"""Joints without which nobody knows where a body is."""
+ENOUGH: Final = {"legs": ("shank", "thigh"), **dict.fromkeys(("male", "female"), ("shank", "thigh", "trunk"))}
+"""Segments that say how large somebody is."""
+FAR_M: Final = 0.15
+"""Joints that the model misses by more, in the median, are not those of a body of its size."""
+_TRIANGULATED: Final = TracksSettings("weighted-linear")
+
+
+@dataclass(frozen=True)
+class Body:
+    """Who is followed.
+
+    Attributes:
+        model: of `MODELS`, or another mesh's name.
+        height_m: where it was given.
+        proportions: where they were measured.
+        mesh: see there.
+    """
+
+    model: str
+    height_m: float | None
+    proportions: BodyProportions
+    mesh: RiggedMesh
+
+
+def joints_of_points(tracks: ViewedTracks, rig: CameraRig, frame: int = 0) -> dict[str, Float64]:
+    """Joints in space (3,) [m] of 2D points, by the names of a body's landmarks; without those not found.
+
+    Args:
+        tracks: their names are OpenPose's, or a body's landmarks'.
+        rig: of their cameras.
+        frame: of them, from 0.
+
+    Raises:
+        InputError: a camera that the rig does not have, no such frame, or names that are none of those.
+        CalibrationError: what the cameras saw does not meet in space.
+    """
+    if not 0 <= frame < len(tracks.frames):
+        raise InputError(
+            "the points have no such frame", field="frame", value=frame, fix=f"there are {len(tracks.frames)}"
+        )
+    columns = {name: _landmark(name) for name in tracks.points if _landmark(name)}
+    if not columns:
+        raise InputError(
+            "no point is called like a joint", field="point", value=", ".join(tracks.points[:5]),
+            fix="name points as OpenPose does (LHip …), or left hip, left knee …",
+        )  # fmt: skip
+    one = slice(frame, frame + 1)
+    first = ViewedTracks(
+        tracks.cameras, tracks.points, tracks.frames[one], tracks.at_s[one], tracks.pixels[one], tracks.confidences[one]
+    )
+    space, _ = triangulate_tracks(first, rig, _TRIANGULATED)
+    found = {
+        columns[name]: space.positions[0, k]
+        for k, name in enumerate(space.points)
+        if name in columns and np.isfinite(space.positions[0, k]).all()
+    }
+    confident = (first.confidences[0] > _TRIANGULATED.least_confidence).sum(axis=0) >= 2
+    seen = sum(bool(confident[k]) for k, name in enumerate(tracks.points) if name in columns)
+    if seen >= 4 and 2 * len(found) < seen:
+        raise CalibrationError(
+            f"the points of frame {frame} do not meet in space: of {seen} that two cameras or more see, {len(found)} "
+            f"do within {_TRIANGULATED.largest_error_px:g} px; are cameras and rig of one recording?"
+        )
+    return found
+
+
+def check_joints(model: str, joints: Mapping[str, Float64], file: object = None) -> None:
+    """See that there are enough of them.
+
+    Raises:
+        InputError: one is missing; says which are needed.
+    """
+    needed = NEEDED.get(model, ())
+    missing = [name for name in needed if name not in joints]
+    if missing:
+        raise InputError(
+            "is missing",
+            file=file,
+            field=missing[0],
+            fix=f"a start needs {', '.join(needed)}; there are {', '.join(joints)}",
+        )
+
+
+def body_of(model: str, height_m: float | None, joints: Mapping[str, Float64]) -> Body:
+    """The model of a person: of a height, or as large as the joints say.
+
+    Raises:
+        SettingsError: no such model, or joints that do not say how large somebody is where no height does.
+        CalibrationError: joints that are none of a person.
+    """
+    if model not in MODELS:
+        raise SettingsError(f"--model is {model!r}; it must be one of {one_of(model, MODELS)}, or a .glb or .gltf file")
+    if height_m is not None:
+        return _made(model, height_m, AVERAGE)
+    try:
+        measured = proportions_of(joints)
+        missing = [name for name in ENOUGH[model] if name not in measured.known]
+        if missing:
+            raise InputError(
+                f"the joints do not say how long {' and '.join(missing)} are", field="--start",
+                fix="say how tall the person is with --height, or give hips, knees, ankles and shoulders",
+            )  # fmt: skip
+        return _made(model, None, measured)
+    except SettingsError as error:
+        raise CalibrationError(
+            f"the joints of the start are no person's: {error}; are they in metres, and is the rig?"
+        ) from None
+
+
+def body_again(model: str, height_m: float | None, proportions: Mapping[str, float]) -> Body:
+    """The model that an earlier run had.
+
+    Raises:
+        SettingsError: there is none like that.
+    """
+    return _made(model, height_m, BodyProportions(**proportions))
+
+
+def _made(model: str, height_m: float | None, proportions: BodyProportions) -> Body:
+    if model == "legs":
+        return Body(model, height_m, proportions, legs_mesh("male", height_m, proportions))
+    return Body(
+        model, height_m, proportions, body_mesh("female" if model == "female" else "male", height_m, proportions)
+    )
+
+
+def start_pose(mesh: RiggedMesh, joints: Mapping[str, Float64]) -> TreePose:
+    """Where a body is whose joints are there; joints that it does not have do not count.
+
+    Raises:
+        SettingsError: too few that it has.
+        CalibrationError: no pose of it is near them.
+    """
+    known = {name: at for name, at in joints.items() if name in mesh.landmarks}
+    if len(known) < 3:
+        raise SettingsError(
+            f"--start has {len(known)} joints that {mesh.name} has; three at least, of {', '.join(mesh.landmarks)}"
+        )
+    pose = pose_of(mesh, known)
+    at = dict(zip(mesh.landmarks, landmarks_at(mesh, pose), strict=True))
+    away = {name: float(np.linalg.norm(at[name] - place)) for name, place in known.items()}
+    median = float(np.median(list(away.values())))
+    if median > FAR_M:
+        worst = max(away, key=lambda name: away[name])
+        raise CalibrationError(
+            f"no pose of the model is near the start's joints: {100 * median:.0f} cm off in the median, {worst} "
+            f"{100 * away[worst]:.0f} cm; are they in metres, left and right the person's own, the height right?"
+        )
+    return pose
+
+
+def cameras_that_see(mesh: RiggedMesh, pose: TreePose, rig: CameraRig) -> list[str]:
+    """In whose images a body's landmarks are, one at least."""
+    points = landmarks_at(mesh, pose) if mesh.landmarks else pose.T_world_model[None, :3, 3]
+    found = []
+    for name, placed in rig.cameras.items():
+        at, (width, height) = (
+            lenses.project(apply(placed.T_camera_world, points), placed.camera.lens),
+            placed.camera.size_px,
+        )
+        inside = (at >= -0.5).all(axis=-1) & (at[..., 0] < width - 0.5) & (at[..., 1] < height - 0.5)
+        found += [name] if inside.any() else []
+    return found
+
+
+def upright(mesh: RiggedMesh, pose: TreePose) -> Float64:
+    """(3,) the axis of the world, with its sign, that is the nearest to the body's own up."""
+    up = pose.T_world_model[:3, 1]
+    axis = int(np.argmax(np.abs(up)))
+    out = np.zeros(3)
+    out[axis] = np.sign(up[axis])
+    return out
+
+
+def _landmark(name: str) -> str:
+    """The landmark that a point's name means; empty where it means none."""
+    plain = name.replace("_", " ").strip().lower()
+    return LANDMARKS.get(name, plain if plain in LANDMARKS.values() or plain in _OTHERS else "")
+
+
+_OTHERS: Final = ("left fingertip", "right fingertip", "left hand", "right hand", "neck", "pelvis", "waist")

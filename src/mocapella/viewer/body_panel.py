@@ -1,0 +1,185 @@
+"""What stands beside a followed body: how it goes, how well each camera agrees, angles over time, and the controls."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import Final
+
+import msgspec
+import numpy as np
+import viser
+from numpy.typing import NDArray
+from viser import uplot
+
+from mocapella.model.twist_tree import TreePose
+from mocapella.viewer.body_stage import overlap_colour
+from mocapella.viewer.palette import AMBER, BLUE, GREEN, GREY
+from mocapella.viewer.picture_plane import Encoded
+
+Float64 = NDArray[np.float64]
+
+WINDOW_S: Final = 5.0
+"""So much of the angles is shown."""
+ALL: Final = "body and pictures"
+CHARTS: Final = ("knee flexion", "hip flexion")
+"""What is shown at first, where the model has it."""
+_COLOURS: Final = ("#5eb0ff", "#ff9f1c", "#9ae648", "#ff5ca8", "#b084ff", "#ffe240")
+
+
+class Picture(msgspec.Struct, frozen=True, eq=False):
+    """A camera's picture as a file."""
+
+    image: bytes
+    format: str = "jpeg"
+
+
+class BodyFrame(msgspec.Struct, frozen=True, eq=False):
+    """What is shown of one frame.
+
+    Attributes:
+        frame: its number in the videos.
+        time_s: of capture.
+        pose: of the body.
+        pictures: by camera.
+        overlap: of the outlines, by camera that saw it.
+        left_out: why a camera did not count.
+        lost: nobody is there.
+    """
+
+    frame: int
+    time_s: float
+    pose: TreePose
+    pictures: Mapping[str, Encoded]
+    overlap: Mapping[str, float]
+    left_out: Mapping[str, str]
+    lost: bool
+
+
+def groups(joint_names: Sequence[str]) -> dict[str, list[int]]:
+    """Joints that belong in one chart: left and right of the same name, or one alone; in the model's order."""
+    found: dict[str, list[int]] = {}
+    for k, name in enumerate(joint_names):
+        plain = name.removeprefix("left ").removeprefix("right ")
+        found.setdefault(plain, []).append(k)
+    return found
+
+
+class Chart:
+    """Angles [°] of one group over time."""
+
+    def __init__(self, gui: viser.GuiApi, names: Sequence[str], first: str) -> None:
+        self._gui, self._names, self._groups = gui, names, groups(names)
+        self._folder = gui.add_folder(first, expand_by_default=True)
+        with self._folder:
+            self._choice = gui.add_dropdown("Angle", tuple(self._groups), initial_value=first)
+            self._handle: viser.GuiUplotHandle | None = None
+        self._shown: str = ""
+
+    def draw(self, at_s: Float64, angles: Float64) -> None:
+        """Show these: (n,) [s] and (n, joints) [rad]."""
+        chosen = str(self._choice.value)
+        columns = self._groups[chosen]
+        data = (at_s, *(np.degrees(angles[:, k]) for k in columns))
+        if chosen == self._shown and self._handle is not None:
+            self._handle.data = data
+            return
+        if self._handle is not None:
+            self._handle.remove()
+        self._shown = chosen
+        self._folder.label = f"{chosen.capitalize()} [°]"
+        series = [uplot.Series(label="s")]
+        for k, colour in zip(columns, _COLOURS, strict=False):
+            label = self._names[k].removesuffix(chosen).strip() or "angle"
+            series.append(uplot.Series(label=label, stroke=colour, width=2))
+        axis = uplot.Axis(stroke="#8a97ab", grid=uplot.Axis_Grid(stroke="#2c384c"), size=34)
+        with self._folder:
+            self._handle = self._gui.add_uplot(
+                data, tuple(series), scales={"x": uplot.Scale(time=False)}, axes=(axis, axis), aspect=2.1,
+                legend=uplot.Legend(show=True),
+            )  # fmt: skip
+
+
+class BodyPanel:
+    """Its handles; callbacks leave wishes, which the loop that draws takes.
+
+    Attributes:
+        wish: the place among the frames that somebody chose, until it is taken; None: nobody did.
+        playing: whether it goes on by itself.
+        aim: what to look at: `ALL`, or one camera's picture.
+    """
+
+    def __init__(self, gui: viser.GuiApi, joint_names: Sequence[str], cameras: Sequence[str]) -> None:
+        self.wish: int | None = None
+        self.playing = True
+        self._said: tuple[str, str] = ("", "")
+        self._status = gui.add_html("")
+        self._button = gui.add_button("Pause")
+        self._slider = gui.add_slider("Frame", 0, 1, 1, 0)
+        self.aim = gui.add_dropdown("Look at", (ALL, *cameras), initial_value=ALL)
+        self._cameras = gui.add_html("")
+        known = groups(joint_names)
+        chosen = [name for name in CHARTS if name in known] or list(known)[:2]
+        self._charts = [Chart(gui, joint_names, name) for name in chosen]
+        self._button.on_click(lambda _event: self._toggle())
+        self._slider.on_update(self._moved)
+
+    def draw(self, headline: str, shown: BodyFrame, place: int, count: int, cameras: Sequence[str]) -> None:
+        """Show a frame: the ``place``-th of ``count``."""
+        said = status_html(headline, shown, place, count), cameras_html(shown, cameras)
+        if said != self._said:
+            self._said = said
+            self._status.content, self._cameras.content = said
+        if self._slider.max != max(count - 1, 1):
+            self._slider.max = max(count - 1, 1)
+        if self._slider.value != place:
+            self._slider.value = place
+        label = "Pause" if self.playing else "Play"
+        if self._button.label != label:
+            self._button.label = label
+
+    def draw_charts(self, at_s: Float64, angles: Float64) -> None:
+        """Show the angles' course."""
+        for chart in self._charts:
+            chart.draw(at_s, angles)
+
+    def _toggle(self) -> None:
+        self.playing = not self.playing
+
+    def _moved(self, event: viser.GuiEvent[viser.GuiSliderHandle[int]]) -> None:
+        if event.client is not None:  # somebody, not the loop
+            self.playing, self.wish = False, int(event.target.value)
+
+
+def status_html(headline: str, shown: BodyFrame, place: int, count: int) -> str:
+    """The state in large letters, and which frame it is."""
+    title, colour = ("Nobody is there", AMBER.css) if shown.lost else (headline, GREEN.css)
+    if not shown.lost and headline == "End":
+        colour = BLUE.css
+    facts = f"frame {shown.frame} · {shown.time_s:.2f} s · {place + 1} of {count}"
+    return (
+        '<div class="mocapella-status" style="padding:10px 14px 4px">'
+        f'<div style="font-size:30px;line-height:1.15;font-weight:650;letter-spacing:-0.01em;color:{colour}">'
+        f"{escape(title)}</div>"
+        f'<div style="font-size:13px;margin-top:6px;color:{GREY.css};font-variant-numeric:tabular-nums">{facts}</div>'
+        "</div>"
+    )
+
+
+def cameras_html(shown: BodyFrame, cameras: Sequence[str]) -> str:
+    """Each camera's overlap, or why it does not count; what the two lines in the pictures are."""
+    rows = ""
+    for name in cameras:
+        overlap, reason = shown.overlap.get(name), shown.left_out.get(name, "")
+        told = f"{overlap:.0%}" if overlap is not None else "left out" if reason else "not in the image"
+        colour = AMBER.css if reason else overlap_colour(overlap).css
+        rows += f'<tr><td>{escape(name)}</td><td style="text-align:right;color:{colour}">{told}</td></tr>'
+        if reason:
+            rows += f'<tr><td colspan="2" style="font-size:12px;color:{AMBER.css}">{escape(reason)}</td></tr>'
+    return (
+        '<div class="mocapella-overlaps" style="padding:2px 12px 8px;font-size:13px;line-height:1.45;'
+        'font-variant-numeric:tabular-nums"><b>Outlines agree</b>'
+        f'<table style="width:100%;border-spacing:0">{rows}</table>'
+        f'<div style="font-size:12px;color:{GREY.css};margin-top:4px"><span style="color:#3cff5a">▬</span> model '
+        '<span style="color:#ff3c3c">▬</span> image</div></div>'
+    )

@@ -1,0 +1,173 @@
+"""A followed body in the 3D scene: its mesh as it stands, the cameras around it, and their pictures above it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from mocapella.geometry.rigid import inverse
+from mocapella.model.camera import CameraRig, PlacedCamera
+from mocapella.model.rigged_mesh import RiggedMesh, posed
+from mocapella.model.twist_tree import TreePose, part_motions
+from mocapella.viewer.drawing import FloorNode, SensorNode, Tag, TagNodes
+from mocapella.viewer.layout import Look, frame
+from mocapella.viewer.palette import AMBER, GREY, Rgb, SensorColours
+from mocapella.viewer.picture_plane import Encoded, PictureNode, Plane
+
+Float64 = NDArray[np.float64]
+
+SKIN: Final = Rgb(222, 228, 238)
+LOST: Final = Rgb(96, 104, 120)
+FLOOR_M: Final = 6.0
+_ROW_HIGH_M, _ROW_WIDE_M, _GAP_M = 1.5, 6.4, 0.06
+"""A row of pictures is as high as this, and no wider than that."""
+_OVER_M, _BEHIND_M = 0.35, 1.2
+"""Where it begins: over the body's head at the start, and behind it."""
+_FOV: Final = float(np.radians(36.0))
+_ELEVATION: Final = float(np.radians(9.0))
+_FROM_PICTURE: Final = np.diag([-1.0, -1.0, 1.0, 1.0])
+"""A camera's space, x right and y down, from a sensor's, x left and y up."""
+
+
+@dataclass(frozen=True, eq=False)
+class StageSpace:
+    """How the world lies on the stage: y up from the floor, the body at first over the origin, its face to the viewer.
+
+    Attributes:
+        T_stage_world: (4, 4).
+        tall_m: of the body over the floor at first.
+    """
+
+    T_stage_world: Float64
+    tall_m: float
+
+
+def stage_space(mesh: RiggedMesh, pose: TreePose, up: Float64) -> StageSpace:
+    """Where a world stands on the stage.
+
+    Args:
+        mesh: of the body.
+        pose: its first.
+        up: (3,) unit vector of the world.
+    """
+    y = np.asarray(up, np.float64)
+    forward = pose.T_world_model[:3, 2]
+    ahead = forward - (forward @ y) * y
+    if np.linalg.norm(ahead) < 0.1:  # it lies: any way will do
+        ahead = np.cross(y, np.eye(3)[np.argmin(np.abs(y))])
+    z = -ahead / np.linalg.norm(ahead)
+    R = np.stack([np.cross(y, z), y, z])
+    vertices = posed(mesh, pose) @ R.T
+    root = R @ (pose.T_world_model[:3, :3] @ mesh.tree.root + pose.T_world_model[:3, 3])
+    T = np.eye(4)
+    T[:3, :3] = R
+    T[:3, 3] = -root[0], -vertices[:, 1].min(), -root[2]
+    return StageSpace(T, float(np.ptp(vertices[:, 1])))
+
+
+def picture_row(sizes_px: Mapping[str, tuple[int, int]], tall_m: float) -> dict[str, Plane]:
+    """Where each camera's picture stands: beside each other, the first at the left of the screen, all of one height."""
+    ratios = [width / height for width, height in sizes_px.values()]
+    gaps = _GAP_M * (len(ratios) - 1)
+    high = min(_ROW_HIGH_M, (_ROW_WIDE_M - gaps) / sum(ratios))
+    left = 0.5 * (high * sum(ratios) + gaps)
+    middle_y = tall_m + _OVER_M + 0.5 * high
+    planes = {}
+    for (name, size), ratio in zip(sizes_px.items(), ratios, strict=True):
+        wide = high * ratio
+        planes[name] = Plane(np.array([left - 0.5 * wide, middle_y, _BEHIND_M]), wide, size)
+        left -= wide + _GAP_M
+    return planes
+
+
+class BodyStage:
+    """Draws it; all browsers see the same.
+
+    Args:
+        scene: of the page.
+        mesh: of the body.
+        rig: the cameras.
+        space: how the world lies.
+    """
+
+    def __init__(self, scene: viser.SceneApi, mesh: RiggedMesh, rig: CameraRig, space: StageSpace) -> None:
+        self._mesh, self._space = mesh, space
+        parts = len(mesh.part_names)
+        self._body = scene.add_mesh_skinned(
+            "/body", mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32), color=SKIN.paint,
+            bone_wxyzs=np.tile([1.0, 0.0, 0.0, 0.0], (parts, 1)), bone_positions=np.zeros((parts, 3)),
+            skin_weights=_summed(mesh, parts), receive_shadow=False,
+        )  # fmt: skip
+        self._colour = SKIN
+        FloorNode(scene, "/floor", width=FLOOR_M, depth=FLOOR_M).place(np.zeros(3))
+        colours = SensorColours()
+        colours.learn(set(rig.cameras))
+        self._frames = {name: SensorNode(scene, f"/cameras/{name}", scale=0.12) for name in rig.cameras}
+        tags = []
+        for name, placed in rig.cameras.items():
+            T = space.T_stage_world @ inverse(placed.T_camera_world) @ _FROM_PICTURE
+            self._frames[name].place(T, colours.of(name), field_deg(placed))
+            x, y, z = T[:3, 3] + [0.0, 0.16, 0.0]
+            tags.append(Tag(name, (float(x), float(y), float(z))))
+        TagNodes(scene, "/names", size=0.8).draw(tags)
+        self.planes = picture_row({name: p.camera.size_px for name, p in rig.cameras.items()}, space.tall_m)
+        self._pictures = {name: PictureNode(scene, f"/pictures/{name}") for name in self.planes}
+        self._words = TagNodes(scene, "/pictures/words", size=0.9, anchor="bottom-left")
+
+    def look(self, aspect: float, camera: str = "") -> Look:
+        """A camera that has the body and all pictures in its picture, or that camera's picture alone."""
+        if camera in self.planes:
+            return frame(self.planes[camera].corners, fov=_FOV, aspect=aspect, elevation=0.0, margin=1.02)
+        half = 0.45
+        body = np.array([[x, y, z] for x in (-half, half) for y in (0.0, self._space.tall_m) for z in (-half, half)])
+        corners = np.concatenate([body, *(plane.corners for plane in self.planes.values())])
+        return frame(corners, fov=_FOV, aspect=aspect, elevation=_ELEVATION, margin=1.06)
+
+    def draw(self, pose: TreePose, pictures: Mapping[str, Encoded], words: Mapping[str, str], *, lost: bool) -> None:
+        """Show it.
+
+        Args:
+            pose: in the world.
+            pictures: of cameras, with the outlines.
+            words: over each picture.
+            lost: nobody is there.
+        """
+        T = self._space.T_stage_world @ part_motions(self._mesh.tree, pose)
+        wxyz = viser.transforms.SO3.from_matrix(T[:, :3, :3]).wxyz
+        for bone, q, at in zip(self._body.bones, wxyz, T[:, :3, 3], strict=True):
+            bone.wxyz, bone.position = q, at
+        if (colour := LOST if lost else SKIN) != self._colour:
+            self._colour = colour
+            self._body.color = colour.paint
+        for name, picture in pictures.items():
+            self._pictures[name].draw(self.planes[name], picture)
+        over = [(name, plane.corners[0] + [0.0, 0.03, 0.0]) for name, plane in self.planes.items()]
+        self._words.draw([Tag(words.get(name, name), (float(x), float(y), float(z))) for name, (x, y, z) in over])
+
+
+def field_deg(placed: PlacedCamera) -> tuple[float, float]:
+    """A camera's field of view, across and high [°], as if its lens did not distort."""
+    (width, height), lens = placed.camera.size_px, placed.camera.lens
+    return (
+        float(np.degrees(2 * np.arctan(0.5 * width / lens[0]))),
+        float(np.degrees(2 * np.arctan(0.5 * height / lens[1]))),
+    )
+
+
+def overlap_colour(overlap: float | None) -> Rgb:
+    """Of how well outlines agree: plain where they do, amber where they do not, grey where nobody knows."""
+    return GREY if overlap is None else SKIN if overlap >= 0.7 else AMBER
+
+
+def _summed(mesh: RiggedMesh, parts: int) -> Float64:
+    """(n, parts) how much each part moves each vertex; a part may be there more than once where its share is 0."""
+    weights = np.zeros((len(mesh.vertices), parts))
+    rows = np.arange(len(mesh.vertices))
+    for column in range(mesh.bones.shape[1]):
+        np.add.at(weights, (rows, mesh.bones[:, column]), mesh.shares[:, column])
+    return weights

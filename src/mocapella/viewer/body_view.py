@@ -1,0 +1,161 @@
+"""The view of a followed body: what was followed so far can be played, stopped and looked at frame by frame."""
+
+from __future__ import annotations
+
+import bisect
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.model.camera import CameraRig
+from mocapella.model.rigged_mesh import RiggedMesh
+from mocapella.model.twist_tree import TreePose
+from mocapella.viewer.body_panel import WINDOW_S, BodyFrame, BodyPanel
+from mocapella.viewer.body_stage import BodyStage, stage_space
+from mocapella.viewer.page import open_page, tolerated, unprinted
+
+Float64 = NDArray[np.float64]
+
+PANEL_PX: Final = 360
+KEPT_BYTES: Final = 300_000_000
+"""Of pictures; beyond, the oldest are let go."""
+CHARTS_EVERY_S: Final = 0.2
+
+
+class BodyView:
+    """Serves it on one address. Its methods belong to one loop.
+
+    Args:
+        host: the interface to serve on, and no other.
+        port: its port; 0 takes a free one.
+        mesh: of the body.
+        rig: the cameras.
+        start: the body's first pose.
+        up: (3,) of the world.
+
+    Raises:
+        AddressInUseError: somebody else listens there.
+        SettingsError: an address that this machine cannot listen at.
+    """
+
+    def __init__(self, host: str, port: int, mesh: RiggedMesh, rig: CameraRig, *, start: TreePose, up: Float64) -> None:
+        self._server = open_page(host, port, PANEL_PX)
+        self._cameras = list(rig.cameras)
+        self._stage = BodyStage(self._server.scene, mesh, rig, stage_space(mesh, start, up))
+        self._panel = BodyPanel(self._server.gui, mesh.joint_names, self._cameras)
+        self._frames: list[BodyFrame] = []
+        self._at_s: list[float] = []
+        self._angles: list[Float64] = []
+        self._bytes, self._oldest = 0, 0
+        self._place = 0
+        self._shown: tuple[int, int, bool] | None = None
+        self._charted_s = -CHARTS_EVERY_S
+        self._played_s: float | None = None
+        self._looks: dict[int, str] = {}
+        self._done = self._rested = False
+
+    @property
+    def url(self) -> str:
+        """Where a browser finds it."""
+        return self._server.url
+
+    def add(self, frame: BodyFrame) -> None:
+        """The next frame; it is shown where nobody looks at another."""
+        follows = self._place >= len(self._frames) - 1 and self._panel.playing
+        self._frames.append(frame)
+        self._at_s.append(frame.time_s)
+        self._angles.append(frame.pose.angles)
+        self._bytes += sum(len(picture.image) for picture in frame.pictures.values())
+        while self._bytes > KEPT_BYTES and self._oldest < len(self._frames) - 1:
+            old = self._frames[self._oldest]
+            self._bytes -= sum(len(picture.image) for picture in old.pictures.values())
+            self._frames[self._oldest] = BodyFrame(
+                old.frame, old.time_s, old.pose, {}, old.overlap, old.left_out, old.lost
+            )
+            self._oldest += 1
+        if follows:
+            self._place = len(self._frames) - 1
+
+    def end(self) -> None:
+        """No more frames come."""
+        self._done = True
+
+    def show(self, now_s: float) -> None:
+        """Bring all browsers up to the newest, or to what somebody chose; call it steadily, up to 30 times a second."""
+        self._welcome()
+        if not self._frames:
+            return
+        self._go_on(now_s)
+        what = (self._place, len(self._frames), self._panel.playing)
+        if what == self._shown and now_s - self._charted_s < CHARTS_EVERY_S:
+            return
+        with tolerated(), self._server.atomic():
+            shown = self._frames[self._place]
+            if what != self._shown:
+                words = {name: _words(name, shown) for name in self._cameras}
+                self._stage.draw(shown.pose, shown.pictures, words, lost=shown.lost)
+                self._panel.draw(self._headline(), shown, self._place, len(self._frames), self._cameras)
+            if now_s - self._charted_s >= CHARTS_EVERY_S:
+                self._charted_s = now_s
+                self._panel.draw_charts(*self._lately())
+            self._shown = what
+
+    def close(self) -> None:
+        """Serve no more."""
+        with unprinted():
+            self._server.stop()
+
+    def _headline(self) -> str:
+        if self._place == len(self._frames) - 1 and self._done:
+            return "End"
+        if not self._panel.playing:
+            return "Paused"
+        return "Following" if not self._done else "Playing"
+
+    def _go_on(self, now_s: float) -> None:
+        """Take the place that somebody chose; or play what is there, as fast as it was filmed."""
+        wish, self._panel.wish = self._panel.wish, None
+        if wish is not None:
+            self._place = min(max(wish, 0), len(self._frames) - 1)
+        if not self._panel.playing:
+            self._played_s, self._rested = None, True
+            return
+        rested, self._rested = self._rested, False
+        if self._place >= len(self._frames) - 1:
+            self._played_s = None
+            if self._done and rested:  # Play was pressed at the end
+                self._place, self._played_s = 0, now_s
+            elif self._done:
+                self._panel.playing = False
+            return
+        if self._played_s is not None:
+            due_s = self._at_s[self._place] + (now_s - self._played_s)
+            self._place = max(self._place, bisect.bisect_right(self._at_s, due_s) - 1)
+            now_s -= max(0.0, due_s - self._at_s[self._place])  # what is left of this beat counts at the next
+        self._played_s = now_s
+
+    def _lately(self) -> tuple[Float64, Float64]:
+        """What the charts show: up to the frame that is shown."""
+        end = self._place + 1
+        begin = bisect.bisect_left(self._at_s, self._at_s[self._place] - WINDOW_S)
+        return np.array(self._at_s[begin:end]), np.array(self._angles[begin:end])
+
+    def _welcome(self) -> None:
+        """Put the camera of a browser before what is to be looked at, when it comes and when that is changed."""
+        clients, aim = self._server.get_clients(), str(self._panel.aim.value)
+        for number, client in clients.items():
+            if self._looks.get(number) != aim and client.camera.image_width:
+                self._looks[number] = aim
+                look = self._stage.look(client.camera.image_width / max(client.camera.image_height, 1), aim)
+                with tolerated():
+                    client.camera.fov = look.fov
+                    client.camera.up_direction = (0.0, 1.0, 0.0)
+                    client.camera.position, client.camera.look_at = look.position, look.target
+        self._looks = {number: seen for number, seen in self._looks.items() if number in clients}
+
+
+def _words(name: str, shown: BodyFrame) -> str:
+    if name in shown.left_out:
+        return f"{name} · left out"
+    return f"{name} · {shown.overlap[name]:.0%}" if name in shown.overlap else f"{name} · not in the image"

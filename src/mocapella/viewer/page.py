@@ -1,0 +1,101 @@
+"""A page that browsers open: served on one interface and nowhere else, in the house's colours."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import io
+import socket
+from collections.abc import Iterator
+
+import numpy as np
+import viser
+
+from mocapella.errors import AddressInUseError, SettingsError
+
+_TOP, _BOTTOM = np.array([30.0, 41.0, 60.0]), np.array([9.0, 12.0, 19.0])
+"""The ground's colours, from the top of the picture to its bottom."""
+
+
+@contextlib.contextmanager
+def unprinted() -> Iterator[None]:
+    """viser prints a banner and a farewell; standard output is for results."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        yield
+
+
+@contextlib.contextmanager
+def tolerated() -> Iterator[None]:
+    """viser 1.1 sets an `asyncio.Event` from this thread; that fails where its own waits for it in that instant.
+
+    The message is queued by then, and the next call draws what this one did not come to.
+    """
+    try:
+        yield
+    except RuntimeError as error:
+        if str(error) != "deque mutated during iteration":
+            raise
+
+
+class PageServer(viser.ViserServer):
+    """viser's, without its tunnel."""
+
+    def request_share_url(self, verbose: bool = True) -> str | None:
+        """No: what a sensor sees of people does not leave through a public tunnel because of a message from a page."""
+        return None
+
+    @property
+    def url(self) -> str:
+        """Where a browser finds the page."""
+        host = self.get_host()
+        return f"http://{f'[{host}]' if ':' in host else host}:{self.get_port()}"
+
+
+def open_page(host: str, port: int, panel_px: int) -> PageServer:
+    """Serve a page, still empty, whose panel is so wide.
+
+    Args:
+        host: the interface to serve on, and no other.
+        port: its port; 0 takes a free one.
+        panel_px: the panel's width.
+
+    Raises:
+        AddressInUseError: somebody else listens there.
+        SettingsError: an address that this machine cannot listen at.
+    """
+    _check_free(host, port)
+    with unprinted():
+        server = PageServer(host=host, port=port, label="Mocapella", verbose=False)
+    if port not in (0, server.get_port()):
+        server.stop()
+        raise _in_use(host, port)
+    server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False, brand_color=(56, 132, 255))
+    server.gui.main_panel.dock_right()
+    server.gui.main_panel.set_width(panel_px)
+    server.scene.set_up_direction("+y")
+    server.scene.configure_environment_map("studio", environment_intensity=0.3)
+    shade = np.linspace(_TOP, _BOTTOM, 256)[:, None, :].repeat(8, axis=1)
+    server.scene.set_background_image(shade.round().astype(np.uint8), format="png")
+    return server
+
+
+def _check_free(host: str, port: int) -> None:
+    """Before the web server tries: it would silently take the next port instead."""
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind, protocol) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(address)
+            probe.listen()
+    except OSError as error:
+        if error.errno == errno.EADDRINUSE:
+            raise _in_use(host, port) from error
+        raise SettingsError(
+            f"the view cannot listen at {host}:{port} ({error.strerror or error}); take 127.0.0.1 and a port over 1023"
+        ) from error
+
+
+def _in_use(host: str, port: int) -> AddressInUseError:
+    return AddressInUseError(
+        f"the view's port {port} on {host} is in use; stop what listens there, or take another port"
+    )
