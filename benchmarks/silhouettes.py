@@ -94,13 +94,13 @@ def noise(quick: bool) -> Iterator[Row]:
     worst = [one for one in runs if all(getattr(one, key) == value for key, value in bend.items())]
     yield measured(
         "silhouettes: knee-bend, noise, peak kept, worst seed",
-        100 * min(one.kept for one in worst),
+        100 * min(one.kept or 0.0 for one in worst),
         "%",
         goal=at_least(97),
     )
     yield measured(
         "silhouettes: knee-bend, noise, lag, worst seed",
-        max(abs(one.lag) for one in worst),
+        max(np.inf if one.lag is None else abs(one.lag) for one in worst),
         "frames",
         goal=at_most(1),
     )

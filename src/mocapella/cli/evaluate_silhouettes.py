@@ -119,12 +119,13 @@ def show_runs(rows: Any, out: Console) -> None:
         table.add_column(heading, justify="right" if 3 <= k < len(_HEADINGS) - 1 else "left", no_wrap=True)
     for row in rows:
         s = row.score
+        kept = None if row.kept is None else 100 * row.kept
         cells = (s.angle_deg, s.angle_sd_deg, s.hinge_deg, s.hinge_sd_deg, s.median_mm, s.p95_mm, s.jitter, s.feet,
-                 s.true_feet, 100 * row.kept, row.lag, 100 * row.overlap)  # fmt: skip
-        table.add_row(
-            f"{row.scene} {row.seed}", row.body, row.images, f"× {row.weight:g}" if row.weight else "none",
-            *(f"{cell:.1f}" for cell in cells), str(row.blind), "fails" if row.outcome.problem else "",
-        )  # fmt: skip
+                 s.true_feet, kept, row.lag, 100 * row.overlap)  # fmt: skip
+        figures = ["–" if cell is None else f"{cell:.1f}" for cell in cells]
+        penalty = f"× {row.weight:g}" if row.weight else "none"
+        fails = "fails" if row.outcome.problem else ""
+        table.add_row(f"{row.scene} {row.seed}", row.body, row.images, penalty, *figures, str(row.blind), fails)
     out.print(table)
     out.print("jitter: acceleration of the error, all landmarks; feet: of ankles and toes as such, beside the true one")
     for row in rows:
