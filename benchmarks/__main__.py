@@ -1,4 +1,4 @@
-"""`python -m benchmarks [GROUP…] [--json FILE] [--quick] [--strict]`: run groups, print a table, write JSON rows."""
+"""`python -m benchmarks [GROUP…] [--part NAME] [--json FILE] [--quick] [--strict]`: run groups, print tables."""
 
 from __future__ import annotations
 
@@ -33,16 +33,29 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("group", nargs="*", help="which to run; all where none is named: " + ", ".join(there_are))
     parser.add_argument("--json", metavar="FILE", help="write the rows as JSON; - writes them to standard output")
     parser.add_argument("--quick", action="store_true", help="fewer repetitions, to see that it runs")
+    parser.add_argument(
+        "--part", action="append", default=[], metavar="NAME", help="only this one, of a group of parts"
+    )
     parser.add_argument("--strict", action="store_true", help="exit with 1 where a goal is missed")
     options = parser.parse_args(arguments)
     for name in options.group:
         if name not in there_are:
             parser.error(f"no group {name!r}; there are {one_of(name, there_are)}")
+    chosen = options.group or there_are
+    parts = {name: _parts(name) for name in chosen} if options.part else {}
+    for part in options.part:
+        known = [each for names in parts.values() for each in names]
+        if part not in known:
+            parser.error(f"no part {part!r} in {', '.join(chosen)}; there are {one_of(part, known) or 'none'}")
     console = Console(stderr=options.json == "-")
     rows: list[Row] = []
-    for name in options.group or there_are:
+    for name in chosen:
+        wanted = [part for part in options.part if part in parts[name]]
+        if options.part and not wanted:
+            continue
         with console.status(f"measuring {name} …"):
-            measured = importlib.import_module(f"benchmarks.{name}").run(quick=options.quick)
+            run = importlib.import_module(f"benchmarks.{name}").run
+            measured = run(quick=options.quick, parts=wanted) if wanted else run(quick=options.quick)
         console.print(table(name, measured))
         rows += measured
     if options.json:
@@ -61,6 +74,11 @@ def table(group: str, rows: list[Row]) -> Table:
         peer = "none" if row.ratio is None else row.peer
         result.add_row(row.name, f"{row.value:.4g} {row.unit}", peer, ratio, row.goal or "", met)
     return result
+
+
+def _parts(group: str) -> list[str]:
+    """What a group can be asked for alone; most are one."""
+    return list(getattr(importlib.import_module(f"benchmarks.{group}"), "PARTS", ()))
 
 
 def _defines_run(path: Path) -> bool:

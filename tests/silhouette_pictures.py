@@ -56,7 +56,7 @@ def silhouettes_of(mesh, rig, pose, step_px=1):
     body, vertices = figure(mesh), posed(mesh, pose)
     found = {}
     for name, placed in rig.cameras.items():
-        outline = see(body, vertices, eye(placed), step_px)
+        outline = see(body, vertices, eye(placed), step_px=step_px)
         if outline is not None:
             found[name] = Silhouette(outline.origin_px, step_px, outline.mask.astype(np.float32) - 0.5)
     return found

@@ -79,7 +79,7 @@ class Room:
         for name, placed in self.rig.cameras.items():
             width, height = placed.camera.size_px
             mask = np.zeros((height, width), dtype=bool)
-            seen = see(body, vertices, eye(placed), 1, 2)
+            seen = see(body, vertices, eye(placed), step_px=1, margin_px=2)
             if seen is not None:
                 x, y = seen.origin_px
                 part = seen.mask[max(-y, 0) : height - y, max(-x, 0) : width - x] > 0

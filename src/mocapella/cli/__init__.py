@@ -45,6 +45,7 @@ def run(arguments: Sequence[str]) -> None:
         depth_lines,
         doctor,
         evaluate,
+        evaluate_silhouettes,
         export,
         hand,
         markers,

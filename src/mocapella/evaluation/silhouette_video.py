@@ -119,7 +119,7 @@ def score_video(
     for frame, one in enumerate(followed):
         vertices = posed(body.mesh, one.pose)
         for c, (name, placed) in enumerate(rig.cameras.items()):
-            outline = see(body, vertices, eye(placed), 1, 2 * GROWN_PX)
+            outline = see(body, vertices, eye(placed), step_px=1, margin_px=2 * GROWN_PX)
             if outline is None:
                 continue
             x0, y0 = outline.origin_px

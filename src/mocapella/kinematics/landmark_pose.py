@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,7 +31,8 @@ STARTS: Final = 24
 _FIT: Final = FitSettings(most_steps=40, rest_m=1e-7, rest_rad=1e-7)
 _USUAL_PER_RAD: Final = 0.0005
 """How much angles of 0 are preferred, 1 being a landmark that is a metre off: so little that it shows only where no
-landmark says anything, such as of the turn of a straight arm."""
+landmark says anything, such as of the turn of a straight arm. In the end it is as much as landmarks are off, for what
+they say of the turn of an arm that is nearly straight is their noise."""
 _HELD: Final = 1e3
 """How sure the other limbs are while one is begun anew [1/m, 1/rad]."""
 _LINE: Final = 0.05
@@ -76,7 +78,15 @@ def pose_of(mesh: RiggedMesh, joints: Mapping[str, Any]) -> TreePose:
                 alone = fit(mesh.tree, at, constraints, [prior, Prior(best.pose, _HELD, _HELD, sure)], _FIT)
                 other = fit(mesh.tree, alone.pose, constraints, [prior], _FIT)
                 best = other if other.cost + other.prior_cost < best.cost + best.prior_cost else best
-    return fit(mesh.tree, best.pose, constraints, (), _FIT).pose
+    away = np.linalg.norm(landmarks_at(mesh, best.pose) - targets, axis=1)[seen]
+    noise = float(np.sqrt((away * away).mean()))
+    return fit(
+        mesh.tree,
+        best.pose,
+        constraints,
+        [msgspec.structs.replace(prior, angles_per_rad=np.full(len(usual), noise))],
+        _FIT,
+    ).pose
 
 
 def _usual(tree: TwistTree) -> Float64:

@@ -151,8 +151,10 @@ def to_image(
         shift[2] += w * hy * hy
         shift[3] += w * hx * along
         shift[4] += w * hy * along
-        k = _add(k, u, v, hx, hy, far[i], points[i], bone[i], sure * length, miss, soft_px, sd_px, R, t, lens, farthest_r2, T,
-                 part, rest, planes, weights)  # fmt: skip
+        k = _add(
+            k, u, v, hx, hy, far[i], points[i], bone[i], sure * length, miss, soft_px, sd_px, R, t, lens, farthest_r2,
+            T, part, rest, planes, weights,
+        )  # fmt: skip
     return k
 
 
@@ -217,6 +219,9 @@ def to_body(
                         best, which = d2, m
             if which < 0:
                 continue
-            k = _add(k, u, v, gx, gy, far[which], points[which], bone[which], min(max(surety[i, j] / full, 0.0), 1.0) * step * every,
-                     math.sqrt(best), soft_px, sd_px, R, t, lens, farthest_r2, T, part, rest, planes, weights)  # fmt: skip
+            sure = min(max(surety[i, j] / full, 0.0), 1.0) * step * every
+            k = _add(
+                k, u, v, gx, gy, far[which], points[which], bone[which], sure, math.sqrt(best), soft_px, sd_px, R, t,
+                lens, farthest_r2, T, part, rest, planes, weights,
+            )  # fmt: skip
     return k

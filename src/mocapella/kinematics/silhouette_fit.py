@@ -126,6 +126,7 @@ def see(
     body: Figure,
     vertices: Float64,
     by: Eye,
+    *,
     step_px: int = 2,
     margin_px: int = 24,
     spacing_px: float = 4.0,
@@ -159,8 +160,8 @@ def see(
     at, normals, points = np.empty((most, 2)), np.empty((most, 2)), np.empty((most, 3))
     part, far = np.empty(most, np.int32), np.empty(most)
     m = k.outline(
-        vertices, pixels, depth, faces, body.edges, sides, mask, x0, y0, step_px, spacing_px, body.part, at, normals, points,
-        part, far,
+        vertices, pixels, depth, faces, body.edges, sides, mask, x0, y0, step_px, spacing_px, body.part, at, normals,
+        points, part, far,
     )  # fmt: skip
     return Outline((x0, y0), step_px, mask, at[:m], normals[:m], points[:m], part[:m], far[:m])
 
@@ -171,6 +172,7 @@ def touching(
     phi: NDArray[np.float32],
     surety: NDArray[np.float32],
     by: Eye,
+    *,
     reach_px: float,
     settings: CorrespondenceSettings = DEFAULT,
 ) -> tuple[InPlanes, Float64]:

@@ -122,7 +122,9 @@ def _mesh(
     shape = body_shape(sex)
     if height_m is None and not proportions.known:
         height_m = shape.height_m
-    return _made(shape, lengths_of(sex, height_m, proportions), proportions.girth, detail, legs_only, supple)
+    return _made(
+        shape, lengths_of(sex, height_m, proportions), proportions.girth, detail, legs_only=legs_only, supple=supple
+    )
 
 
 _PART_OF: Final = {
@@ -207,7 +209,9 @@ def _rig(name: str, places: dict[str, Float64], parts: tuple[str, ...]) -> dict[
 
 
 @lru_cache(maxsize=32)  # of a tracker that tries many sizes not all
-def _made(shape: BodyShape, lengths: Lengths, girth: float, detail: float, legs_only: bool, supple: bool) -> RiggedMesh:
+def _made(
+    shape: BodyShape, lengths: Lengths, girth: float, detail: float, *, legs_only: bool, supple: bool
+) -> RiggedMesh:
     limbs = body_limbs(shape.flesh, lengths, girth, legs_only=legs_only)
     places, height = joint_places(lengths), lengths.height
     within = height * np.array(WITHIN)

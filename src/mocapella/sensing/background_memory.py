@@ -57,6 +57,8 @@ class MemorySettings:
 
 DEFAULT = MemorySettings()
 
+NOISIER = 2.0
+"""An image so many times as noisy as the first is of nothing."""
 FIRST_SDS = 1.5
 """A sample's deviation is taken for so many times the image's noise at first: its mean is of one image, too."""
 
@@ -117,6 +119,9 @@ class BackgroundMemory:
         """
         image, (left, top), phi = self._door(image, person)
         s = self.settings
+        noise = _kernels().noise_of(image, self.step_px, phi, left, top, s.guard_steps * self.step_px, s.every)
+        if self._shape and self._count.any() and noise > NOISIER * max(self._first_sd, s.least_sd):
+            return 1.0
         differ, known = _kernels().unlike(
             image, self.step_px, phi, left, top, s.guard_steps * self.step_px, s.every, s.least_sd, s.cut_sd,
             self._mean, self._variance, self._count,
@@ -130,8 +135,8 @@ class BackgroundMemory:
         out = np.full(band.phi.shape, np.nan, np.float32)
         if self._shape:
             _kernels().costs(
-                band.values, band.blocks, block_of(settings, self.step_px), self.step_px, left - band.pad, top, self.settings.least_sd, self._mean, self._variance,
-                self._count, out,
+                band.values, band.blocks, block_of(settings, self.step_px), self.step_px, left - band.pad, top,
+                self.settings.least_sd, self._mean, self._variance, self._count, out,
             )  # fmt: skip
         return out
 

@@ -87,9 +87,10 @@ class MovedSince:
             return float("nan")
         before, was = self._first[name]
         changed = _differ(image, before)
-        if np.count_nonzero(changed) < FEWEST * max(np.count_nonzero(mask), 1):
+        if np.count_nonzero(changed) < FEWEST * max(int(np.count_nonzero(mask)), 1):
             return float("nan")
-        high = int(np.count_nonzero(mask.any(axis=1)))
+        rows = np.flatnonzero(mask.any(axis=1))
+        high = float(rows[-1] - rows[0]) if len(rows) else 0.0
         side = 2 * round(GROWN * high) + 1
         near = cv2.dilate((mask | was).astype(np.uint8), np.ones((side, side), np.uint8)) > 0
         return float(near[changed].mean())

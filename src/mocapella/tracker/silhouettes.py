@@ -37,6 +37,8 @@ Float64 = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 UInt8 = NDArray[np.uint8]
 
+LEAST_CONTRAST = 6
+"""An image whose values differ by no more is all of one colour [grey levels]."""
 HALF_LIFE_S = 0.15
 """How long what nobody sees goes on as it did, until it is half as fast [s]."""
 SETTLING = 4
@@ -55,9 +57,9 @@ class Steadiness:
         angle_rad_per_s2: of a joint [rad/s²].
     """
 
-    root_m_per_s2: float = 12.0
-    root_rad_per_s2: float = 60.0
-    angle_rad_per_s2: float = 90.0
+    root_m_per_s2: float = 20.0
+    root_rad_per_s2: float = 150.0
+    angle_rad_per_s2: float = 150.0
 
     def __post_init__(self) -> None:
         for name in ("root_m_per_s2", "root_rad_per_s2", "angle_rad_per_s2"):
@@ -81,10 +83,14 @@ class SilhouetteSettings:
         correspondences: how outlines are brought together.
         step_px: images are looked at in squares of so many pixels; 0: so that a body is about 200 of them high.
         margin_steps: how far from where the body is expected its outline is looked for.
-        rounds: how often a pose is fitted to a frame.
-        segmented: in how many of these rounds, the first ones, the images are segmented.
+        rounds: how often a pose is fitted to a frame; once less where nothing was unexpected in the frame before.
+        segmented: in how many of these rounds, the first ones, the images are segmented; once where nothing was
+            unexpected in the frame before.
+        expected_steps: a body that is so near to where it was expected, in samples, is as expected.
         usual_per_rad: how little angles that nothing shows stray from the resting pose [1/rad].
-        unlike: a camera of whose background more than this share is not as it was shows something else.
+        unlike: a camera of whose background more than this share of what usually is as it was is not, shows something
+            else.
+        something_else_s: after so long it is taken for a new background: the light changed, or the camera moved [s].
     """
 
     steadiness: Steadiness | None = field(default_factory=Steadiness)
@@ -98,16 +104,20 @@ class SilhouetteSettings:
     margin_steps: int = 12
     rounds: int = 3
     segmented: int = 2
+    expected_steps: float = 1.5
     usual_per_rad: float = 0.5
-    unlike: float = 0.5
+    unlike: float = 0.35
+    something_else_s: float = 0.5
 
     def __post_init__(self) -> None:
         check(self.step_px >= 0, "step_px", self.step_px, "0 or more")
         check(2 <= self.margin_steps <= 100, "margin_steps", self.margin_steps, "2 to 100")
         check(self.rounds >= 1, "rounds", self.rounds, "1 or more")
         check(1 <= self.segmented <= self.rounds, "segmented", self.segmented, f"1 to {self.rounds}")
+        check(self.expected_steps >= 0, "expected_steps", self.expected_steps, "0 or more")
         check(self.usual_per_rad >= 0, "usual_per_rad", self.usual_per_rad, "0 or more")
         check(0 < self.unlike <= 1, "unlike", self.unlike, "above 0 and at most 1")
+        check(self.something_else_s > 0, "something_else_s", self.something_else_s, "above 0 s")
 
 
 class SeenIn(msgspec.Struct, frozen=True, eq=False):
@@ -162,6 +172,7 @@ class SilhouetteTracker:
         self._past: list[tuple[int, TreePose]] = []
         self._cameras: dict[str, _Camera] = {}
         self._blind_ns = 0
+        self._as_expected = False
 
     def start(self, pose: TreePose, time_ns: int) -> None:
         """It is about there, and at rest.
@@ -169,11 +180,11 @@ class SilhouetteTracker:
         Raises:
             SettingsError: no camera sees it there.
         """
-        self._past, self._blind_ns = [(time_ns, pose)], 0
+        self._past, self._blind_ns, self._as_expected = [(time_ns, pose)], 0, False
         vertices, s = posed(self.mesh, pose), self.settings
         for name, by in self._eyes.items():
             if name not in self._cameras:
-                outline = see(self._figure, vertices, by, 1, 1)
+                outline = see(self._figure, vertices, by, step_px=1, margin_px=1)
                 if outline is not None:
                     step = s.step_px or max(1, round(max(outline.mask.shape) / 200))
                     self._cameras[name] = _Camera(by, step, s)
@@ -195,23 +206,21 @@ class SilhouetteTracker:
         s, tree = self.settings, self.mesh.tree
         expected = pose = self.expected(time_ns)
         priors = self._priors(expected, time_ns)
-        left_out: dict[str, str] = {}
+        left_out = self._unusable(images)
         steps = 0
         for camera in self._cameras.values():
             camera.forget_frame()
+        left_out |= self._something_else(images, left_out, expected, time_ns)
         first = len(self._past) == 1
         rounds, segmented = (s.rounds * SETTLING, s.rounds * SETTLING - 1) if first else (s.rounds, s.segmented)
+        if self._as_expected:
+            rounds, segmented = max(rounds - 1, 1), 1
         for number in range(rounds):
             vertices, motions = posed(self.mesh, pose), self._motions(pose)
             given = []
             for name, camera in self._cameras.items():
                 if name not in images or name in left_out or not camera.look(self._figure, vertices, s):
                     continue
-                if number == 0:
-                    reason = camera.reason_against(images[name])
-                    if reason:
-                        left_out[name] = reason
-                        continue
                 if number < segmented:
                     camera.segment(images[name], last=number == segmented - 1)
                 if camera.segmented:
@@ -227,7 +236,42 @@ class SilhouetteTracker:
         self._blind_ns = 0 if seen else self._blind_ns + time_ns - last_ns
         # Where it was thought to be before the first frame was rough: it is at rest, until it is seen to move.
         self._past = [(last_ns, pose if first and seen else last), (time_ns, pose)]
+        away_m = np.linalg.norm(posed(self.mesh, expected) - vertices, axis=1).max()
+        nearest_m = min((camera.sample_m for camera in self._cameras.values() if camera.segmented), default=0.0)
+        self._as_expected = bool(seen) and away_m <= s.expected_steps * nearest_m
         return Followed(time_ns, pose, landmarks_at(self.mesh, pose), seen, left_out, steps)
+
+    def _unusable(self, images: Mapping[str, UInt8]) -> dict[str, str]:
+        """Why images do not count that show nothing, or nothing new, by camera."""
+        reasons, same = {}, []
+        for name, camera in self._cameras.items():
+            if name in images:
+                thinned = images[name][:: camera.sparse_px, :: camera.sparse_px]
+                if camera.thinned is not None and np.array_equal(thinned, camera.thinned):
+                    same.append(name)
+                if int(thinned.max()) - int(thinned.min()) <= LEAST_CONTRAST:
+                    reasons[name] = "it is all of one colour, as of a covered or broken camera"
+                camera.thinned = thinned.copy()
+        if len(same) < len(images):  # else the recording stands still
+            reasons |= dict.fromkeys(
+                (name for name in same if name not in reasons), "it is frozen: the same image as before"
+            )
+        return reasons
+
+    def _something_else(
+        self, images: Mapping[str, UInt8], left_out: Mapping[str, str], expected: TreePose, time_ns: int
+    ) -> dict[str, str]:
+        """Cameras whose images are of something else; where half of them are, all are: what was stored is wrong."""
+        vertices, asked, reasons = posed(self.mesh, expected), [], {}
+        for name, camera in self._cameras.items():
+            if name in images and name not in left_out and camera.look(self._figure, vertices, self.settings):
+                asked.append(name)
+                reason = camera.reason_against(images[name], time_ns)
+                if reason:
+                    reasons[name] = reason
+        if len(reasons) >= max(2, len(asked) / 2):
+            reasons = dict.fromkeys(asked, "at least half of the cameras show something else") | reasons
+        return reasons
 
     def _priors(self, expected: TreePose, time_ns: int) -> Sequence[Prior]:
         s = self.settings
@@ -252,7 +296,10 @@ class _Camera:
         self._region, self._closer = (_scaled(region, step_px) for region in (settings.region, settings.closer))
         self._reach = float(settings.margin_steps * step_px)
         self.memory = None if settings.background is None else BackgroundMemory(step_px, settings.background)
-        self._contour: Silhouette | None = None
+        self.sparse_px = 8 * step_px
+        self.thinned: UInt8 | None = None
+        self._usual_unlike = 0.0
+        self._else_since_ns: int | None = None
         self.forget_frame()
 
     def forget_frame(self) -> None:
@@ -267,21 +314,37 @@ class _Camera:
         """Whether this frame's image was."""
         return self._found is not None
 
+    @property
+    def sample_m(self) -> float:
+        """How far samples are apart, at the distance of the body's nearest outline [m]."""
+        assert self._outline is not None
+        return float(self._outline.depth.min(initial=np.inf) * self._step / self._eye.lens[0])
+
     def look(self, body: Figure, vertices: Float64, s: SilhouetteSettings) -> bool:
         """See the body; all of a frame's looks have one window. False where it is not in the image."""
-        spacing = s.correspondences.spacing_steps * self._step
-        seen = see(body, vertices, self._eye, self._step, int(self._reach), spacing, self._window)
+        seen = see(
+            body, vertices, self._eye, step_px=self._step, margin_px=int(self._reach),
+            spacing_px=s.correspondences.spacing_steps * self._step, window=self._window,
+        )  # fmt: skip
         self._window, self._outline, self._prior = self._window or seen, seen, None
         return seen is not None
 
-    def reason_against(self, image: UInt8) -> str:
+    def reason_against(self, image: UInt8, time_ns: int) -> str:
         """Why an image is not to count; empty where it is."""
         if self.memory is None:
             return ""
-        unlike = self.memory.unlike(image, self._expected())
-        if unlike > self._settings.unlike:
-            return f"it shows something else: {unlike:.0%} of what is behind the body differs from before"
-        return ""
+        unlike, s = self.memory.unlike(image, self._expected()), self._settings
+        if not unlike > self._usual_unlike + s.unlike * (1.0 - self._usual_unlike):
+            self._usual_unlike += 0.2 * ((0.0 if np.isnan(unlike) else unlike) - self._usual_unlike)
+            self._else_since_ns = None
+            return ""
+        if self._else_since_ns is None:
+            self._else_since_ns = time_ns
+        if time_ns - self._else_since_ns >= s.something_else_s * NS_PER_S:
+            self.memory.reset()
+            self._usual_unlike, self._else_since_ns = 0.0, None
+            return ""
+        return f"it shows something else: {unlike:.0%} of what is behind the body differs from before"
 
     def segment(self, image: UInt8, *, last: bool) -> None:
         """What the image says, the body's outline in mind; the ``last`` time of a frame it is nearly right."""
@@ -295,8 +358,9 @@ class _Camera:
         assert self._found is not None
         contour, surety = self._found
         planes, self._shift = touching(
-            self._outline, motions, contour.phi, surety, self._eye, self._reach, self._settings.correspondences
-        )
+            self._outline, motions, contour.phi, surety, self._eye,
+            reach_px=self._reach, settings=self._settings.correspondences,
+        )  # fmt: skip
         return planes
 
     def seen(self) -> SeenIn:

@@ -1,0 +1,214 @@
+"""What a body fitted to silhouettes is worth, on rendered scenes, whose truth is known, and a real clip; and its time.
+
+Parts, each of which `--part NAME` runs alone: ``noise`` (accuracy, jitter, and what the penalty on jitter costs),
+``corruption`` (frames stored wrong, with the penalty and without), ``live`` (time a frame), ``step`` (a Gauss–Newton
+step beside numpy, of the group twists), ``video`` (four cameras' real clip). What was tuned was tuned on seeds below
+100; these are from 100 on. `docs/evaluation.md` says how everything is scored.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from itertools import islice
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.harness import Row, at_least, at_most, measured
+from benchmarks.tracker import recordings
+from mocapella.evaluation import silhouette_video
+from mocapella.evaluation.silhouette_experiments import STRONG, RunRow, corrupted, followed
+from mocapella.evaluation.silhouette_runs import filmed, follow, rough_joints, with_penalty
+from mocapella.evaluation.silhouettes import outcome
+from mocapella.kinematics.landmark_pose import pose_of
+from mocapella.kinematics.silhouette_fit import figure
+from mocapella.model.body_meshes import body_mesh
+from mocapella.model.body_proportions import proportions_of
+from mocapella.sources.simulate.corruption import Corruption
+from mocapella.sources.simulate.silhouette_scene import silhouette_scene
+from mocapella.tracker.silhouettes import SilhouetteTracker
+
+UInt8 = NDArray[np.uint8]
+
+SEEDS: Final = (100, 101, 102)
+STRONG_SEEDS: Final = tuple(range(100, 120))
+SCENES: Final = ("knee-bend", "runner")
+NOISE: Final = Corruption(0.15)
+OUTLINES: Final = Path(__file__).resolve().parents[1] / "tests" / "labels" / "pose2sim_single_person_outlines.toml"
+SIZE_PX: Final = (1088, 1920)
+"""Of the clip's images."""
+
+
+def run(quick: bool = False, parts: Sequence[str] = ()) -> list[Row]:
+    return [row for part, measure in PARTS.items() if not parts or part in parts for row in measure(quick)]
+
+
+def noise(quick: bool) -> Iterator[Row]:
+    """Accuracy under the paper's noise, and what the penalty does to clean and noisy images."""
+    runs: list[RunRow] = []
+    for scene in SCENES:
+        for seed in SEEDS[:1] if quick else SEEDS:
+            film = filmed(silhouette_scene(scene, seed=seed), 0.2 if quick else None)
+            for images, corruption in {"clean": None, "noise": NOISE}.items():
+                worse = corrupted(corruption, len(film.images), seed, wrong=False)
+                runs += [followed(film, "own", images, worse, weight)[0] for weight in (0.0, 1.0)]
+            runs.append(followed(film, "measured", "noise", worse, 1.0)[0])
+
+    def mean(figure_of: Callable[[RunRow], float], **chosen: Any) -> float:
+        some = [figure_of(one) for one in runs if all(getattr(one, key) == value for key, value in chosen.items())]
+        return float(np.mean(some))
+
+    with_it = {"images": "noise", "weight": 1.0}
+    for body, goal in (("own", at_most(3)), ("measured", None)):
+        of = {**with_it, "body": body}
+        for scene in SCENES:
+            name = f"silhouettes: {scene}, 15 % noise, {body} body"
+            figures = {
+                "joint angle error": (lambda r: r.score.angle_deg, "°", goal),
+                "joint angle error, sd": (lambda r: r.score.angle_sd_deg, "°", goal),
+                "knees and elbows": (lambda r: r.score.hinge_deg, "°", None),
+                "knees and elbows, sd": (lambda r: r.score.hinge_sd_deg, "°", None),
+                "landmarks, median": (lambda r: r.score.median_mm, "mm", None),
+                "landmarks, 95 %": (lambda r: r.score.p95_mm, "mm", None),
+                "IoU": (lambda r: 100 * r.overlap, "%", None),
+            }
+            for what, (figure_of, unit, wanted) in figures.items():
+                yield measured(f"{name}, {what}", mean(figure_of, scene=scene, **of), unit, goal=wanted)
+    for scene in SCENES:
+        own = {"scene": scene, "body": "own"}
+        for images in ("clean", "noise"):
+            off, on = (mean(lambda r: r.score.jitter, **own, images=images, weight=w) for w in (0.0, 1.0))
+            goal = at_least(60) if images == "noise" else None
+            name = f"silhouettes: {scene}, {images}, jitter lowered by the penalty"
+            yield measured(name, 100 * (1 - on / off), "%", goal=goal)
+        more = mean(lambda r: r.score.angle_deg, **own, images="clean", weight=1.0)
+        less = mean(lambda r: r.score.angle_deg, **own, images="clean", weight=0.0)
+        yield measured(f"silhouettes: {scene}, clean, error added by the penalty", more - less, "°", goal=at_most(0.3))
+    bend = {"scene": "knee-bend", "body": "own", **with_it}
+    worst = [one for one in runs if all(getattr(one, key) == value for key, value in bend.items())]
+    yield measured(
+        "silhouettes: knee-bend, noise, peak kept, worst seed",
+        100 * min(one.kept for one in worst),
+        "%",
+        goal=at_least(97),
+    )
+    yield measured(
+        "silhouettes: knee-bend, noise, lag, worst seed",
+        max(abs(one.lag) for one in worst),
+        "frames",
+        goal=at_most(1),
+    )
+
+
+def corruption(quick: bool) -> Iterator[Row]:
+    """How many runs fail where images are as wrong as `STRONG` says."""
+    failed = {0.0: 0, 1.0: 0}
+    seeds = STRONG_SEEDS[:1] if quick else STRONG_SEEDS
+    for seed in seeds:
+        scene = STRONG.scenes[seed % len(STRONG.scenes)]
+        film = filmed(silhouette_scene(scene, seed=seed), 0.2 if quick else None)
+        joints = rough_joints(film.scene)
+        (worse,) = STRONG.images.values()
+        worse = corrupted(worse, len(film.images), seed, wrong=STRONG.wrong)
+        for weight in failed:
+            done = follow(film, film.scene.mesh, joints, with_penalty(weight), corruption=worse)
+            failed[weight] += bool(outcome(done.movement, film.truth).problem)
+    scenes, count = " and ".join(STRONG.scenes), len(seeds)
+    name = f"silhouettes: {scenes} with wrong frames, runs of {count} that"
+    yield measured(f"{name} fail without the penalty", failed[0.0], "", goal=at_least(count / 2))
+    yield measured(f"{name} succeed with it", count - failed[1.0], "", goal=at_least(count))
+
+
+def live(quick: bool) -> Iterator[Row]:
+    """Time a frame, the images being there, on one core."""
+    film = filmed(silhouette_scene("runner", seed=SEEDS[0]), 0.2 if quick else None)
+    joints = rough_joints(film.scene)
+    with one_core():
+        follow(film, film.scene.mesh, joints, clock=time.perf_counter)  # what is compiled is compiled now
+        took = follow(film, film.scene.mesh, joints, clock=time.perf_counter).seconds
+    # The first frame, whose pose is rough, is fitted for longer.
+    ms, dofs = 1e3 * took[1:], film.scene.mesh.tree.dofs
+    cameras = list(film.scene.rig.cameras.values())
+    width, height = cameras[0].camera.size_px
+    name = f"silhouettes: {len(cameras)} cameras {width} × {height}, {dofs} dofs"
+    yield measured(f"{name}, a frame, median", float(np.median(ms)), "ms")
+    yield measured(f"{name}, a frame, 99 %", float(np.percentile(ms, 99)), "ms")
+
+
+def step(quick: bool) -> Iterator[Row]:
+    """The group twists has more of it."""
+    from benchmarks import twists
+
+    yield next(twists.steps(quick))
+
+
+def video(quick: bool) -> Iterator[Row]:
+    """The real clip, from the first frame's keypoints on."""
+    folder = recordings() / "pose2sim_single_person"
+    if not folder.is_dir():
+        warnings.warn(f"no video measured: {folder} is not there (MOCAPELLA_DATA names another place)", stacklevel=2)
+        return
+    points = silhouette_video.first_points(folder)
+    mesh = body_mesh("male", None, proportions_of(points), supple=True)
+    rig = silhouette_video.rig_of(folder)
+    tracker = SilhouetteTracker(mesh, rig)
+    tracker.start(
+        pose_of(mesh, {name: at for name, at in points.items() if name in mesh.landmarks}), -silhouette_video.FRAME_NS
+    )
+    seen, took = [], []
+    for k, images in enumerate(islice(silhouette_video.images_of(folder, rig.cameras), 8 if quick else None)):
+        begin = time.perf_counter()
+        seen.append(tracker.update(images, k * silhouette_video.FRAME_NS))
+        took.append(1e3 * (time.perf_counter() - begin))
+    scored = silhouette_video.score_video(folder, figure(mesh), seen, OUTLINES, drawn)
+    name = f"silhouettes: real clip of {scored.frames} frames"
+    yield measured(f"{name}, beside Pose2Sim, median", scored.median_mm, "mm")
+    yield measured(f"{name}, beside Pose2Sim, 95 %", scored.p95_mm, "mm")
+    for joint in ("Hip", "Knee", "Ankle", "Shoulder", "Elbow", "Wrist"):
+        both = float(np.mean([scored.joints_mm[side + joint] for side in "LR"]))
+        yield measured(f"{name}, {joint.lower()}s, median", both, "mm")
+    yield measured(f"{name}, keypoints in the mesh grown by {silhouette_video.GROWN_PX} px", 100 * scored.inside, "%")
+    overlaps: Mapping[str, float] = scored.overlaps
+    if overlaps:
+        yield measured(
+            f"{name}, IoU with {len(overlaps)} outlines by hand, mean", 100 * np.mean([*overlaps.values()]), "%"
+        )
+        worst = min(overlaps, key=overlaps.__getitem__)
+        yield measured(f"{name}, IoU with outlines by hand, worst ({worst})", 100 * overlaps[worst], "%")
+    yield measured(f"{name}, a frame, median", float(np.median(took)), "ms")
+
+
+def drawn(person: Sequence[Any], without: Sequence[Any]) -> UInt8:
+    """(height, width) of polygons and holes, for `silhouette_video.score_video`."""
+    import cv2
+
+    mask = np.zeros(SIZE_PX[::-1], np.uint8)
+    for polygons, value in ((person, 1), (without, 0)):
+        for polygon in polygons:
+            cv2.fillPoly(mask, [np.round(polygon).astype(np.int32)], value)
+    return mask
+
+
+@contextmanager
+def one_core() -> Iterator[None]:
+    """What is inside runs on one core, where the system can say so."""
+    if not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {max(before)})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)
+
+
+PARTS: Final[dict[str, Callable[[bool], Iterator[Row]]]] = {
+    "noise": noise, "corruption": corruption, "live": live, "step": step, "video": video,
+}  # fmt: skip

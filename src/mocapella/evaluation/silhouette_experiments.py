@@ -1,0 +1,285 @@
+"""The experiments on the penalty on jitter, on rendered scenes: knee bends, a runner, acrobatics, and its weight.
+
+After B. Rosenhahn, T. Brox, D. Cremers, H.-P. Seidel, "Online Smoothing for Markerless Motion Capture", DAGM 2007,
+section 4: the same images are followed with the penalty and without.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+
+from mocapella.errors import SettingsError, one_of
+from mocapella.evaluation.silhouette_runs import BODIES, Film, filmed, follow, overlaps, rough_joints, with_penalty
+from mocapella.evaluation.silhouettes import (
+    FEET,
+    Movement,
+    MovementScore,
+    Outcome,
+    lag_frames,
+    outcome,
+    peak_kept,
+    score,
+)
+from mocapella.settings import check
+from mocapella.sources.simulate.corruption import Corruption
+from mocapella.sources.simulate.silhouette_scene import silhouette_scene
+
+NOISE: Final = 0.15
+"""The paper's: share of the pixels that are replaced by random ones."""
+WRONG_AT: Final = (0.2, 0.35, 0.5, 0.65, 0.8)
+"""Where in a film frames are stored wrong."""
+WRONG_IN_A_ROW: Final = 3
+_WITH, _WITHOUT, _TRUTH = "#1f77b4", "#ff7f0e", "black"
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What is followed, and what is drawn of it.
+
+    Attributes:
+        scenes: of `silhouette_scene`.
+        images: what is wrong with the images, by name; the seed is that of the scene.
+        wrong: whether frames are stored wrong, too, at `WRONG_AT`.
+        weights: of the penalty; 0: without it.
+        hinges: whose angles are drawn.
+    """
+
+    scenes: tuple[str, ...]
+    images: Mapping[str, Corruption | None]
+    hinges: tuple[str, ...]
+    wrong: bool = False
+    weights: tuple[float, ...] = (0.0, 1.0)
+    fps: float = field(default=60.0)
+
+
+STRONG: Final = Experiment(
+    ("cartwheel", "flick-flack"), {"wrong frames": Corruption(NOISE)}, ("left knee", "right elbow"), wrong=True
+)
+"""`python -m benchmarks silhouettes` counts how many runs of it fail. How strong it is was found on seeds below 100."""
+EXPERIMENTS: Final[dict[str, Experiment]] = {
+    "knee-bend": Experiment(("knee-bend",), {"clean": None, "noise": Corruption(NOISE)}, ("left knee", "right knee")),
+    "runner": Experiment(
+        ("runner",),
+        {"noise": Corruption(NOISE), "rectangles": Corruption(NOISE, rectangles=4)},
+        ("left knee", "right elbow"),
+    ),
+    "acrobatics": STRONG,
+    "weight": Experiment(
+        ("knee-bend", "runner"),
+        {"clean": None, "noise": Corruption(NOISE)},
+        (),
+        weights=(0.0, 0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0),
+    ),
+}
+
+
+class RunRow(msgspec.Struct, frozen=True):
+    """One run.
+
+    Attributes:
+        scene, seed, body, images, weight: of whom, with what, of what, and how strong the penalty was.
+        score, outcome: see there.
+        overlap: mean intersection over union of the mesh and the true masks.
+        blind: frames in which no camera counted.
+        kept: the highest flexion of the knees over the true one.
+        lag: by how many frames the knees' curve comes late.
+    """
+
+    scene: str
+    seed: int
+    body: str
+    images: str
+    weight: float
+    score: MovementScore
+    outcome: Outcome
+    overlap: float
+    blind: int
+    kept: float
+    lag: float
+
+
+class Shown(msgspec.Struct, frozen=True, eq=False):
+    """What is drawn of a scene: one seed, the subject's own mesh, the worst images.
+
+    Attributes:
+        film: see there.
+        corruption: of its images.
+        found: by the penalty's weight.
+    """
+
+    film: Film
+    corruption: Corruption | None
+    found: Mapping[float, Movement]
+
+
+def run(
+    name: str,
+    seeds: Sequence[int],
+    seconds: float | None = None,
+    bodies: Sequence[str] = tuple(BODIES),
+    tell: Callable[[str], None] = lambda _: None,
+) -> tuple[list[RunRow], list[Shown]]:
+    """Do one of `EXPERIMENTS`.
+
+    Args:
+        name: which.
+        seeds: of the scenes.
+        seconds: only so much of each scene.
+        bodies: of `BODIES`.
+        tell: is told what is being done.
+
+    Raises:
+        SettingsError: no such experiment or body, or no seed.
+    """
+    for known, words in ((EXPERIMENTS, [name]), (BODIES, bodies)):
+        for word in words:
+            if word not in known:
+                raise SettingsError(f"no {word!r}; there are {one_of(word, known)}")
+    check(len(seeds) > 0 and len(bodies) > 0, "seeds and bodies", (list(seeds), list(bodies)), "one each or more")
+    plan, rows, shown = EXPERIMENTS[name], [], []
+    for scene in plan.scenes:
+        for seed in seeds:
+            tell(f"rendering {scene}, seed {seed} …")
+            film = filmed(silhouette_scene(scene, seed=seed, fps=plan.fps), seconds)
+            for images, corruption in plan.images.items():
+                worse = corrupted(corruption, len(film.images), seed, wrong=plan.wrong)
+                found: dict[Any, Any] = {}
+                for body in bodies:
+                    for weight in plan.weights:
+                        tell(f"following {scene}, seed {seed}: {images}, {body} body, penalty × {weight:g} …")
+                        row, movement = followed(film, body, images, worse, weight)
+                        rows.append(row)
+                        found.setdefault(weight, movement)
+            if seed == seeds[0]:
+                shown.append(Shown(film, worse, found))
+    return rows, shown
+
+
+def corrupted(corruption: Corruption | None, frames: int, seed: int, *, wrong: bool) -> Corruption | None:
+    """What is wrong with a film of so many frames, by the scene's seed."""
+    if corruption is None:
+        return None
+    middles = [round(at * frames) for at in WRONG_AT] if wrong else []
+    return replace(corruption, seed=seed, wrong_frames=tuple(k + i for k in middles for i in range(WRONG_IN_A_ROW)))
+
+
+def followed(
+    film: Film, body: str, images: str, corruption: Corruption | None, weight: float
+) -> tuple[RunRow, Movement]:
+    """Follow a film with a body of `BODIES` and the penalty times ``weight``."""
+    joints = rough_joints(film.scene)
+    mesh = BODIES[body](film.scene, joints)
+    done = follow(film, mesh, joints, with_penalty(weight), corruption=corruption)
+    found, true = done.movement, film.truth
+    ours, theirs = (
+        np.mean([x.flexion_deg(f"{side} knee") for side in ("left", "right")], axis=0) for x in (found, true)
+    )
+    row = RunRow(
+        film.scene.name, film.scene.seed, body, images, weight, score(found, true), outcome(found, true),
+        float(overlaps(film, found).mean()), len(done.left_out), peak_kept(ours, theirs), lag_frames(ours, theirs),
+    )  # fmt: skip
+    return row, found
+
+
+def plot_movements(shown: Sequence[Shown], hinges: Sequence[str], path: Path) -> None:
+    """Joints' angles and the feet's acceleration over time, with the penalty and without, beside a corrupted image.
+
+    Raises:
+        SettingsError: matplotlib is not installed, or the file cannot be written.
+    """
+    figure = _figure(path, (11, 2.0 * (len(hinges) + 1) * len(shown)))
+    parts = np.atleast_1d(figure.subfigures(len(shown), 1))
+    for part, one in zip(parts, shown, strict=True):
+        true, rows = one.film.truth, len(hinges) + 1
+        axes = part.subplots(rows, 2, width_ratios=(3, 1.1), squeeze=False)
+        part.suptitle(f"{one.film.scene.name}, seed {one.film.scene.seed}")
+        at = np.arange(len(true)) / true.fps
+        wrong = [k for k in range(len(true)) if one.corruption is not None and one.corruption.is_wrong(k)]
+        marked = wrong[len(wrong) // 2] if wrong else len(true) // 2
+        for left in axes[:, 0]:
+            for k in wrong:
+                left.axvspan((k - 0.5) / true.fps, (k + 0.5) / true.fps, color="0.88", lw=0)
+            left.axvline(marked / true.fps, color="0.4", lw=0.8, ls=":")
+        for left, hinge in zip(axes, hinges, strict=False):
+            for weight, found in one.found.items():
+                left[0].plot(at, found.flexion_deg(hinge), color=_colour(weight), lw=1.4, label=_penalty(weight))
+            left[0].plot(at, true.flexion_deg(hinge), color=_TRUTH, lw=0.7, label="truth")
+            left[0].set(ylabel=f"{hinge} [°]", xlim=(at[0], at[-1]))
+        last = axes[-1, 0]
+        for weight, found in one.found.items():
+            last.plot(at[1:-1], _feet(found), color=_colour(weight), lw=1.0)
+        last.plot(at[1:-1], _feet(true), color=_TRUTH, lw=0.7)
+        last.set(ylabel="feet [m/s²]", xlabel="time [s]", xlim=(at[0], at[-1]))
+        axes[0, 0].legend(loc="upper right", fontsize=8)
+        for k, right in enumerate(axes[:, 1]):
+            right.axis("off")
+            if k < 2:
+                camera = list(one.film.images[marked])[k]
+                right.imshow(one.film.shown(marked, one.corruption)[camera][..., ::-1])
+                right.set_title(f"{camera} at {marked / true.fps:.2f} s (dotted)", fontsize=8)
+    _save(figure, path)
+
+
+def plot_weights(rows: Sequence[RunRow], path: Path) -> None:
+    """Error and jitter over the penalty's weight, of clean and noisy images.
+
+    Raises:
+        SettingsError: matplotlib is not installed, or the file cannot be written.
+    """
+    figure = _figure(path, (9, 3.4))
+    error, jitter = figure.subplots(1, 2)
+    weights = sorted({row.weight for row in rows})
+    for k, scene in enumerate(sorted({row.scene for row in rows})):
+        for images, style in zip(sorted({row.images for row in rows}), ("o-", "s--", "^:"), strict=False):
+            for axes, figure_of in ((error, "angle_deg"), (jitter, "jitter")):
+                mean = [_mean(rows, scene, images, weight, figure_of) for weight in weights]
+                axes.plot(range(len(weights)), mean, style, color=f"C{k}", label=f"{scene}, {images}")
+    for axes, label in ((error, "mean joint angle error [°]"), (jitter, "RMS acceleration of the error [m/s²]")):
+        axes.set(xlabel="penalty, times the usual", ylabel=label, ylim=(0, None))
+        axes.set_xticks(range(len(weights)), [f"{weight:g}" for weight in weights])
+        axes.axvline(weights.index(1.0) if 1.0 in weights else 0, color="0.6", lw=0.8, ls=":")
+    error.legend(fontsize=8)
+    _save(figure, path)
+
+
+def _mean(rows: Sequence[RunRow], scene: str, images: str, weight: float, name: str) -> float:
+    chosen = [r.score for r in rows if (r.scene, r.images, r.weight) == (scene, images, weight)]
+    return float(np.mean([getattr(one, name) for one in chosen]))
+
+
+def _feet(movement: Movement) -> Any:
+    """(frames − 2,) mean size of the feet's acceleration [m/s²]."""
+    places = np.stack([movement.landmarks[name] for name in FEET])
+    return np.linalg.norm(np.diff(places, 2, axis=1), axis=-1).mean(axis=0) * movement.fps**2
+
+
+def _penalty(weight: float) -> str:
+    return {0.0: "without the penalty", 1.0: "with the penalty"}.get(weight, f"penalty × {weight:g}")
+
+
+def _colour(weight: float) -> str:
+    return _WITHOUT if weight == 0 else _WITH
+
+
+def _figure(path: Path, size: tuple[float, float]) -> Any:
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise SettingsError(
+            f"{path}: no plot, because matplotlib is not installed: uv sync --extra plots "
+            "(elsewhere: install 'mocapella[plots]')"
+        ) from error
+    return Figure(figsize=size, layout="constrained")
+
+
+def _save(figure: Any, path: Path) -> None:
+    try:
+        figure.savefig(path)
+    except (OSError, ValueError) as error:
+        raise SettingsError(f"{path}: {error}; name a .png or .svg in a folder that exists") from error

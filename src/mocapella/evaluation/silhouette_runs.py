@@ -1,0 +1,173 @@
+"""The method ``silhouettes`` run over rendered scenes, whose truth is known: with any body, corruption and penalty.
+
+    film = filmed(silhouette_scene("runner", seed=100))
+    joints = rough_joints(film.scene)
+    run = follow(film, BODIES["measured"](film.scene, joints), joints, corruption=Corruption(noise=0.15))
+    score(run.movement, film.truth)
+
+Pictures are rendered once, and made worse as they are shown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Final, cast
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.conventions import NS_PER_S
+from mocapella.evaluation.silhouettes import Movement
+from mocapella.kinematics.landmark_pose import pose_of
+from mocapella.kinematics.silhouette_fit import eye, figure, see
+from mocapella.model.body_meshes import body_mesh
+from mocapella.model.body_proportions import Sex, proportions_of
+from mocapella.model.rigged_mesh import RiggedMesh, posed
+from mocapella.model.twist_tree import TreePose
+from mocapella.settings import check
+from mocapella.sources.simulate.corruption import Corruption
+from mocapella.sources.simulate.silhouette_scene import SilhouetteScene
+from mocapella.tracker.silhouettes import SilhouetteSettings, SilhouetteTracker, Steadiness
+
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+Joints = Mapping[str, Float64]
+
+ROUGH_M: Final = 0.02
+"""Standard deviation of the joints that a run starts from, along each axis."""
+EVERY: Final = 10
+"""So manieth frame has its masks compared."""
+
+
+class Film(msgspec.Struct, frozen=True, eq=False):
+    """A scene whose pictures are there.
+
+    Attributes:
+        scene: see there; without corruption.
+        images: of each frame, by camera.
+        truth: of these frames.
+    """
+
+    scene: SilhouetteScene
+    images: Sequence[Mapping[str, UInt8]]
+    truth: Movement
+
+    def shown(self, frame: int, corruption: Corruption | None = None) -> Mapping[str, UInt8]:
+        """What the cameras say they saw."""
+        images = self.images[frame]
+        if corruption is None:
+            return images
+        return {name: corruption.of(image, frame, k) for k, (name, image) in enumerate(images.items())}
+
+
+class Run(msgspec.Struct, frozen=True, eq=False):
+    """A body that was followed.
+
+    Attributes:
+        movement: where it was said to be.
+        left_out: frames in which no camera counted.
+        seconds: (frames,) what each update took; 0 without a clock.
+    """
+
+    movement: Movement
+    left_out: tuple[int, ...]
+    seconds: Float64
+
+
+def filmed(scene: SilhouetteScene, seconds: float | None = None) -> Film:
+    """Render a scene, or its first seconds."""
+    check(scene.corruption is None, "corruption of a scene", scene.corruption, "None; it is given with each run")
+    frames, fps = len(scene), 1.0 / float(scene.times_s[1] - scene.times_s[0])
+    if seconds is not None:
+        check(seconds * fps >= 3, "seconds", seconds, f"3 frames or more, {3 / fps:.3f} s")
+        frames = min(frames, round(seconds * fps))
+    images = [dict(zip(scene.rig.cameras, scene.images(k), strict=True)) for k in range(frames)]
+    return Film(scene, images, Movement(scene.mesh, scene.poses(), fps).first(frames))
+
+
+def rough_joints(scene: SilhouetteScene, sd_m: float = ROUGH_M) -> dict[str, Float64]:
+    """Where the landmarks of the first frame are, (3,) each [m], with noise."""
+    rng = np.random.default_rng([scene.seed, 61])
+    places = scene.landmarks(0)
+    return dict(zip(scene.mesh.landmarks, places + rng.normal(0.0, sd_m, places.shape), strict=True))
+
+
+def own_body(scene: SilhouetteScene, joints: Joints) -> RiggedMesh:
+    """The subject's own mesh, as if scanned."""
+    return scene.mesh
+
+
+def measured_body(scene: SilhouetteScene, joints: Joints) -> RiggedMesh:
+    """A body of which nothing but the sex and the proportions of the rough joints is known."""
+    return body_mesh(cast(Sex, scene.mesh.name), None, proportions_of(joints))
+
+
+BODIES: Final[dict[str, Callable[[SilhouetteScene, Joints], RiggedMesh]]] = {"own": own_body, "measured": measured_body}
+"""Who is tracked with what."""
+
+
+def with_penalty(weight: float, settings: SilhouetteSettings | None = None) -> SilhouetteSettings:
+    """The penalty on jitter times so much; 0: none."""
+    check(0 <= weight < np.inf, "weight", weight, "0 or more")
+    settings = settings or SilhouetteSettings()
+    usual = settings.steadiness or Steadiness()
+    if weight == 0:
+        return replace(settings, steadiness=None)
+    s = np.sqrt(weight)  # accelerations are standard deviations: a cost has their inverse squares
+    steadiness = Steadiness(usual.root_m_per_s2 / s, usual.root_rad_per_s2 / s, usual.angle_rad_per_s2 / s)
+    return replace(settings, steadiness=steadiness)
+
+
+def follow(
+    film: Film,
+    mesh: RiggedMesh,
+    joints: Joints,
+    settings: SilhouetteSettings | None = None,
+    *,
+    corruption: Corruption | None = None,
+    clock: Callable[[], float] = lambda: 0.0,
+) -> Run:
+    """Follow the first person of a film.
+
+    Args:
+        film: what is seen.
+        mesh: the body that it is thought to be.
+        joints: rough places of the first frame.
+        settings: of the tracker.
+        corruption: what is wrong with the pictures.
+        clock: such as `time.perf_counter` [s].
+    """
+    tracker = SilhouetteTracker(mesh, film.scene.rig, settings)
+    between_ns = round(NS_PER_S / film.truth.fps)
+    tracker.start(pose_of(mesh, {name: at for name, at in joints.items() if name in mesh.landmarks}), -between_ns)
+    poses, blind, took = [], [], []
+    for k in range(len(film.images)):
+        images = film.shown(k, corruption)
+        begin = clock()
+        followed = tracker.update(images, k * between_ns)
+        took.append(clock() - begin)
+        poses.append(followed.pose)
+        if not followed.seen:
+            blind.append(k)
+    batch = TreePose(np.array([pose.T_world_model for pose in poses]), np.array([pose.angles for pose in poses]))
+    return Run(Movement(mesh, batch, film.truth.fps), tuple(blind), np.array(took))
+
+
+def overlaps(film: Film, movement: Movement, every: int = EVERY) -> Float64:
+    """(frames, cameras) intersection over union of the projected mesh and the true mask, of some frames."""
+    body, out = figure(movement.mesh), []
+    for k in range(0, len(movement), every):
+        vertices = posed(movement.mesh, TreePose(movement.poses.T_world_model[k], movement.poses.angles[k]))
+        row = []
+        for placed, true in zip(film.scene.rig.cameras.values(), film.scene.masks(k), strict=True):
+            outline, mesh = see(body, vertices, eye(placed), step_px=1, margin_px=2), np.zeros_like(true)
+            if outline is not None:
+                (x, y), (height, width) = outline.origin_px, true.shape
+                part = outline.mask[max(-y, 0) : height - y, max(-x, 0) : width - x] > 0
+                mesh[max(y, 0) : max(y, 0) + part.shape[0], max(x, 0) : max(x, 0) + part.shape[1]] = part
+            union = np.count_nonzero(mesh | true)
+            row.append(np.count_nonzero(mesh & true) / union if union else 1.0)
+        out.append(row)
+    return np.array(out)

@@ -1,0 +1,329 @@
+"""How well a body was followed, beside the truth: joint angles, jitter, lag, swapped legs, limbs inside each other.
+
+    found, true = Movement(mesh, poses, fps), Movement(scene.mesh, scene.poses(), fps)
+    score(found, true).angle_deg, outcome(found, true).problem
+
+A joint's error is the angle of the turn that is between its estimated and its true rotation, so it does not matter how
+three turns are parametrised; of a hinge it is the difference of the two angles. Both bodies have all angles 0 in the
+same rest pose, but may be of different sizes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from itertools import combinations
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import EvaluationError
+from mocapella.geometry.rigid import rigid
+from mocapella.geometry.twists import log_motion
+from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at
+from mocapella.model.twist_tree import TreePose, part_motions
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+JOINT_OF: Final = {
+    "torso": "waist",
+    **{f"{side} {part}": f"{side} {joint}" for side in ("left", "right") for part, joint in (
+        ("upper arm", "shoulder"), ("forearm", "elbow"), ("thigh", "hip"), ("shank", "knee"), ("foot", "ankle"))},
+}  # fmt: skip
+"""By which joint a part hangs on its parent."""
+HINGES: Final = ("left knee", "right knee", "left elbow", "right elbow")
+"""What a marker system measures well, and the paper compares."""
+FEET: Final = ("left ankle", "right ankle", "left toe", "right toe")
+NEAR_DEG: Final = 5.0
+FAILED_DEG: Final = 10.0
+"""A body whose joints are farther off in the mean is lost."""
+LATE_FRAMES: Final = 10
+"""At the end of a run, over which it is to be right, too."""
+APART_M: Final = 0.10
+"""Legs whose knees and ankles are nearer to each other than this cannot be told apart."""
+SWAPPED_FRAMES: Final = 3
+"""A swap of fewer frames is a stumble that the method itself undid."""
+THROUGH_MM: Final = 10.0
+"""How much deeper limbs may be inside each other than the truth's are."""
+LONGEST_LAG: Final = 20
+_CAPSULES: Final[dict[str, tuple[str, str, str]]] = {
+    "trunk": ("torso", "waist", "neck"),
+    "head": ("torso", "neck", "head"),
+    **{f"{side} {name}": (f"{side} {part}", f"{side} {a}", f"{side} {b}") for side in ("left", "right")
+       for name, part, a, b in (
+           ("upper arm", "upper arm", "shoulder", "elbow"), ("forearm", "forearm", "elbow", "wrist"),
+           ("hand", "forearm", "wrist", "hand"), ("thigh", "thigh", "hip", "knee"), ("shank", "shank", "knee", "ankle"),
+           ("foot", "foot", "heel", "toe"))},
+}  # fmt: skip
+"""Part, and the landmarks between which it is."""
+_TOUCHING: Final = (
+    {"trunk", "head"}, {"left foot", "left shank"}, {"right foot", "right shank"},
+    *({"trunk", f"{side} upper arm"} for side in ("left", "right")),
+    *({"head", f"{side} upper arm"} for side in ("left", "right")),
+    *({"trunk", f"{side} thigh"} for side in ("left", "right")), {"left thigh", "right thigh"},
+)  # fmt: skip
+"""These overlap in everybody; those that share a landmark do, too."""
+
+
+class Movement(msgspec.Struct, frozen=True, eq=False, dict=True):
+    """A body's poses, frame by frame.
+
+    Attributes:
+        mesh: whose.
+        poses: (frames,) batches.
+        fps: frames a second, at equal intervals.
+    """
+
+    mesh: RiggedMesh
+    poses: TreePose
+    fps: float
+
+    def __post_init__(self) -> None:
+        check(np.ndim(self.poses.angles) == 2 and len(self) > 0, "shape of angles", np.shape(self.poses.angles),
+              "(1 frame or more, joints)")  # fmt: skip
+        check(0 < self.fps < np.inf, "fps", self.fps, "above 0")
+
+    def __len__(self) -> int:
+        return len(self.poses.angles)
+
+    @cached_property
+    def landmarks(self) -> dict[str, Float64]:
+        """(frames, 3) of each [m]."""
+        return dict(zip(self.mesh.landmarks, np.moveaxis(landmarks_at(self.mesh, self.poses), -2, 0), strict=True))
+
+    @cached_property
+    def rotations(self) -> dict[str, Float64]:
+        """(frames, 3, 3) of each joint of `JOINT_OF`: how its part is turned against the parent, and against rest."""
+        R = part_motions(self.mesh.tree, self.poses)[..., :3, :3]
+        parents = self.mesh.tree.parents
+        return {
+            JOINT_OF[part]: np.swapaxes(R[:, parents[k]], -1, -2) @ R[:, k]
+            for k, part in enumerate(self.mesh.part_names)
+            if part in JOINT_OF
+        }
+
+    def first(self, frames: int) -> Movement:
+        """Only so many frames."""
+        return Movement(self.mesh, TreePose(self.poses.T_world_model[:frames], self.poses.angles[:frames]), self.fps)
+
+    def flexion_deg(self, joint: str) -> Float64:
+        """(frames,) of a hinge.
+
+        Raises:
+            EvaluationError: it is none of this body's.
+        """
+        name = f"{joint} flexion"
+        if name not in self.mesh.joint_names:
+            raise EvaluationError(f"{self.mesh.name} has no hinge {joint!r}; hinges: {', '.join(HINGES)}")
+        return np.degrees(self.poses.angles[:, self.mesh.joint_names.index(name)])
+
+
+class MovementScore(msgspec.Struct, frozen=True):
+    """Figures of one run.
+
+    Attributes:
+        frames: how many.
+        angle_deg, angle_sd_deg: mean and standard deviation of the joints' errors, over joints and frames.
+        near: share of them that is below `NEAR_DEG`.
+        hinge_deg, hinge_sd_deg: of knees and elbows: mean size of the error, and the standard deviation of the error.
+        joints_deg: the mean of each joint.
+        median_mm, p95_mm: of the landmarks that both bodies have.
+        acceleration, true_acceleration: root mean square of the landmarks' [m/s²].
+        jitter: root mean square acceleration of the landmarks' errors [m/s²].
+        feet, true_feet, feet_jitter: the same three of `FEET`.
+    """
+
+    frames: int
+    angle_deg: float
+    angle_sd_deg: float
+    near: float
+    hinge_deg: float
+    hinge_sd_deg: float
+    joints_deg: dict[str, float]
+    median_mm: float
+    p95_mm: float
+    acceleration: float
+    true_acceleration: float
+    jitter: float
+    feet: float
+    true_feet: float
+    feet_jitter: float
+
+
+class Outcome(msgspec.Struct, frozen=True):
+    """Whether a body was followed to the last frame.
+
+    Attributes:
+        angle_deg, late_deg: mean error of the joints, of all frames and of the last ones.
+        swapped: in how many frames a leg is where the other one belongs.
+        through_mm: how much deeper than the truth's limbs are inside each other, in the worst frame.
+        problem: why it failed; empty where it did not.
+    """
+
+    angle_deg: float
+    late_deg: float
+    swapped: int
+    through_mm: float
+    problem: str
+
+
+def joint_errors_deg(found: Movement, true: Movement) -> dict[str, Float64]:
+    """(frames,) of each joint: the angle between the estimated and the true rotation."""
+    _same(found, true)
+    out = {}
+    for joint, R in true.rotations.items():
+        if joint in found.rotations:
+            between = rigid(np.swapaxes(found.rotations[joint], -1, -2) @ R, np.zeros(3))
+            out[joint] = np.degrees(np.linalg.norm(log_motion(between)[..., 3:], axis=-1))
+    return out
+
+
+def score(found: Movement, true: Movement) -> MovementScore:
+    """Compare two movements of as many frames.
+
+    Raises:
+        EvaluationError: they are not, or are of fewer than three frames.
+    """
+    errors = joint_errors_deg(found, true)
+    if len(found) < 3:
+        raise EvaluationError(f"{len(found)} frames have no acceleration; three or more are wanted")
+    every = np.array(list(errors.values()))
+    hinges = np.array([found.flexion_deg(name) - true.flexion_deg(name) for name in HINGES if name in errors])
+    names = [name for name in true.landmarks if name in found.landmarks]
+    off_mm = 1e3 * np.linalg.norm(_places(found, names) - _places(true, names), axis=-1)
+    figures = []
+    for some in (names, FEET):
+        ours, theirs = _places(found, some), _places(true, some)
+        figures += [rms_acceleration(x, true.fps) for x in (ours, theirs, ours - theirs)]
+    return MovementScore(
+        len(found), float(every.mean()), float(every.std()), float(np.mean(every < NEAR_DEG)),
+        float(np.abs(hinges).mean()), float(hinges.std()),
+        {name: float(error.mean()) for name, error in errors.items()},
+        float(np.median(off_mm)), float(np.percentile(off_mm, 95)), *figures,
+    )  # fmt: skip
+
+
+def outcome(found: Movement, true: Movement, through_mm: float = THROUGH_MM) -> Outcome:
+    """Whether a run succeeded: the joints right in the mean and at the end, the legs told apart, no limb in another.
+
+    Args:
+        found, true: see there.
+        through_mm: how much deeper than the truth's limbs may be inside each other.
+    """
+    every = np.array(list(joint_errors_deg(found, true).values()))
+    mean, late = float(every.mean()), float(every[:, -LATE_FRAMES:].mean())
+    swapped = int(legs_swapped(found, true).sum())
+    deeper = float(through_itself_mm(found, true).max())
+    problem = ""
+    if not max(mean, late) <= FAILED_DEG:
+        problem = f"joints are {mean:.0f}° off, {late:.0f}° at the end"
+    elif swapped >= SWAPPED_FRAMES:
+        problem = f"a leg is where the other one belongs in {swapped} frames"
+    elif not deeper <= through_mm:
+        problem = f"limbs are {deeper:.0f} mm deeper in each other than they are"
+    return Outcome(mean, late, swapped, deeper, problem)
+
+
+def rms_acceleration(places: Float64, fps: float) -> float:
+    """Root mean square length of the second differences of (frames, ..., 3) places, in their unit a second squared."""
+    change = np.diff(places, 2, axis=0) * fps**2
+    return float(np.sqrt(np.square(change).sum(axis=-1).mean()))
+
+
+def lag_frames(found: Float64, true: Float64, longest: int = LONGEST_LAG) -> float:
+    """By how many frames a curve (frames,) comes later than another: where it is most like it, between frames, too.
+
+    Raises:
+        EvaluationError: there are too few frames, or the true curve does not move.
+    """
+    n, longest = len(true), min(longest, len(true) // 3)
+    if longest < 1 or np.ptp(true) < 1e-9:
+        raise EvaluationError(
+            f"a curve of {n} frames that spans {np.ptp(true) if n else 0:.3g} has no lag; more, please"
+        )
+    inside = slice(longest, n - longest)
+    shifts = np.arange(-longest, longest + 1)
+    off = np.array([np.square(found[longest + s : n - longest + s] - true[inside]).mean() for s in shifts])
+    best = int(off.argmin())
+    if not 0 < best < len(off) - 1:
+        return float(shifts[best])
+    before, least, after = off[best - 1 : best + 2]
+    return float(shifts[best] + 0.5 * (before - after) / (before - 2 * least + after))
+
+
+def peak_kept(found: Float64, true: Float64) -> float:
+    """The highest value of a curve (frames,) over that of the true one, both from the true one's lowest value on."""
+    return float((found.max() - true.min()) / np.ptp(true))
+
+
+def legs_swapped(found: Movement, true: Movement) -> Bools:
+    """(frames,) whether a leg's knee and ankle are nearer to where the other's are than to their own places."""
+    _same(found, true)
+    names = ("knee", "ankle")
+    ours, theirs = (
+        np.array([[movement.landmarks[f"{side} {name}"] for name in names] for side in ("left", "right")])
+        for movement in (found, true)
+    )  # (sides, names, frames, 3)
+    own, other = (np.square(ours - at).sum(axis=(1, -1)) for at in (theirs, theirs[::-1]))
+    apart = np.square(theirs[0] - theirs[1]).sum(axis=-1).max(axis=0) > APART_M**2
+    return np.asarray((own > other).any(axis=0) & apart)
+
+
+def through_itself_mm(found: Movement, true: Movement) -> Float64:
+    """(frames,) how much deeper limbs are inside each other than the truth's, which press their flesh a little."""
+    _same(found, true)
+    ours, theirs = _depths_m(found), _depths_m(true)
+    return np.asarray(1e3 * np.max([np.maximum(ours[pair] - theirs[pair], 0.0) for pair in theirs], axis=0))
+
+
+def _depths_m(movement: Movement) -> dict[tuple[str, str], Float64]:
+    """(frames,) of each pair of limbs that can meet: how deep they are in each other; 0 where they are apart."""
+    radii, ends = capsule_radii(movement.mesh), movement.landmarks
+    out = {}
+    for one, other in combinations(_CAPSULES, 2):
+        (_, a, b), (_, c, d) = _CAPSULES[one], _CAPSULES[other]
+        if {one, other} not in _TOUCHING and not {a, b} & {c, d}:
+            between = segment_distance(ends[a], ends[b], ends[c], ends[d])
+            out[one, other] = np.maximum(radii[one] + radii[other] - between, 0.0)
+    return out
+
+
+def capsule_radii(mesh: RiggedMesh) -> dict[str, float]:
+    """How thick each limb is about the line between its landmarks [m]: three quarters of its flesh are outside."""
+    marks = mesh.landmarks
+    ends = [(marks[a].point, marks[b].point) for _, a, b in _CAPSULES.values()]
+    x = mesh.vertices
+    distances = np.array([segment_distance(x, x, *np.broadcast_arrays(a, b, x)[:2]) for a, b in ends])
+    nearest = distances.argmin(axis=0)
+    return {name: float(np.percentile(distances[k, nearest == k], 25)) for k, name in enumerate(_CAPSULES)}
+
+
+def segment_distance(a: Any, b: Any, c: Any, d: Any) -> Float64:
+    """Distances between segments from a to b and from c to d, all (..., 3); a point is a segment, too.
+
+    C. Ericson, *Real-Time Collision Detection* (2005), section 5.1.9.
+    """
+    u, v, w = b - a, d - c, a - c
+    uu, uv, vv, uw, vw = (np.sum(p * q, axis=-1) for p, q in ((u, u), (u, v), (v, v), (u, w), (v, w)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = np.clip(np.nan_to_num((uv * vw - vv * uw) / (uu * vv - uv * uv), posinf=0.0, neginf=0.0), 0.0, 1.0)
+        t = np.clip(np.nan_to_num((uv * s + vw) / vv), 0.0, 1.0)
+        s = np.clip(np.nan_to_num((uv * t - uw) / uu), 0.0, 1.0)
+    return np.asarray(np.linalg.norm(w + s[..., None] * u - t[..., None] * v, axis=-1))
+
+
+def _places(movement: Movement, names: Sequence[str]) -> Float64:
+    """(frames, names, 3)."""
+    return np.stack([movement.landmarks[name] for name in names], axis=1)
+
+
+def _same(found: Movement, true: Movement) -> None:
+    if (len(found), found.fps) != (len(true), true.fps):
+        raise EvaluationError(
+            f"{len(found)} frames at {found.fps:g} Hz cannot be compared with {len(true)} at {true.fps:g} Hz; "
+            "`Movement.first` takes as many as were followed"
+        )
