@@ -163,21 +163,23 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_an_experiment_is_a_command(name: str, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     plan = experiments.EXPERIMENTS[name]
-    line = ["evaluate", f"silhouettes-{name}", "--seeds", "5", "--bodies", "own", "--seconds", "0.06"]
+    line = ["evaluate", f"silhouettes-{name}", "--seeds", "5", "--bodies", "own", "--seconds", "0.05"]
     files = ["--plot", str(tmp_path / "plot.svg"), "--json", str(tmp_path / "rows.json")]
-    done = CliRunner().invoke(app, [*line, *files], env={"COLUMNS": "170"})
+    done = CliRunner().invoke(app, [*line, *files], env={"COLUMNS": "80"})
     assert done.exit_code == 0, (done.output, done.exception)
     rows = json.loads((tmp_path / "rows.json").read_text(encoding="utf-8"))["rows"]
     expected = [(scene, images, weight) for scene in plan.scenes for images in plan.images for weight in plan.weights]
     assert [(row["scene"], row["images"], row["weight"]) for row in rows] == expected
-    assert {(row["seed"], row["body"], row["score"]["frames"]) for row in rows} == {(5, "own", 4)}
+    assert {(row["seed"], row["body"], row["score"]["frames"]) for row in rows} == {(5, "own", 3)}
     assert all(np.isfinite(row["score"]["angle_deg"]) and row["overlap"] > 0.5 for row in rows)
     by_weight = {row["weight"]: row["score"]["jitter"] for row in rows if row["scene"] == plan.scenes[-1]}
     assert len(set(by_weight.values())) == len(plan.weights)  # a weight makes a difference
     assert "<svg" in (tmp_path / "plot.svg").read_text(encoding="utf-8")
     assert all(f"{scene} 5" in done.output for scene in plan.scenes)
     assert "none" in done.output
-    # Within 0.06 s the runner alone bends the knees.
+    assert all(row["outcome"]["problem"] in " ".join(done.output.split()) for row in rows)
+    assert "…" not in done.output  # nothing is cut off at 80 columns
+    # Within 0.05 s the runner alone bends the knees.
     assert all((row["lag"] is None) == (row["kept"] is None) == (row["scene"] != "runner") for row in rows)
     assert ("–" in done.output) == (name != "runner")
 

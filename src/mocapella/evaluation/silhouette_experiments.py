@@ -37,6 +37,8 @@ WRONG_AT: Final = (0.2, 0.35, 0.5, 0.65, 0.8)
 WRONG_IN_A_ROW: Final = 1
 MOVES_DEG: Final = 1.0
 """Knees that bend less have no lag."""
+LEAST_M_PER_S2: Final = 0.1
+"""From where on the feet's acceleration is drawn."""
 _WITH, _WITHOUT, _TRUTH = "#1f77b4", "#ff7f0e", "black"
 
 
@@ -220,7 +222,9 @@ def plot_movements(shown: Sequence[Shown], hinges: Sequence[str], path: Path) ->
             last.plot(at[1:-1], _feet(found), color=_colour(weight), lw=1.0)
         last.plot(at[1:-1], _feet(true), color=_TRUTH, lw=0.7)
         last.set(ylabel="feet [m/s²]", xlabel="time [s]", xlim=(at[0], at[-1]))
-        axes[0, 0].legend(loc="upper right", fontsize=8)
+        last.set_yscale("log")
+        last.set_ylim(bottom=LEAST_M_PER_S2)
+        part.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=3, fontsize=8)
         for k, right in enumerate(axes[:, 1]):
             right.axis("off")
             if k < 2:
