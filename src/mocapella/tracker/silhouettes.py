@@ -40,6 +40,8 @@ Bool = NDArray[np.bool_]
 
 LEAST_CONTRAST = 6
 """An image whose values differ by no more is all of one colour [grey levels]."""
+MOST_AT_FIRST = 0.6
+"""Before it is known how much of a background differs from image to image, so much may."""
 HALF_LIFE_S = 0.15
 """How long what nobody sees goes on as it did, until it is half as fast [s]."""
 SETTLING = 4
@@ -106,8 +108,8 @@ class SilhouetteSettings:
     rounds: int = 3
     segmented: int = 2
     expected_steps: float = 1.5
-    usual_per_rad: float = 0.5
-    unlike: float = 0.35
+    usual_per_rad: float = 3.0
+    unlike: float = 0.2
     something_else_s: float = 0.5
 
     def __post_init__(self) -> None:
@@ -233,7 +235,8 @@ class SilhouetteTracker:
                     camera.segment(images[name], others.get(name), last=number == segmented - 1)
                 if camera.segmented:
                     given.append(camera.planes(motions))
-            found = fit(tree, pose, given, priors, FitSettings(most_steps=3))
+            # What nobody sees goes on as it did, not to where it usually is.
+            found = fit(tree, pose, given, priors if given else priors[1:], FitSettings(most_steps=3))
             pose, steps = found.pose, steps + found.steps
         vertices, seen = posed(self.mesh, pose), {}
         for name, camera in self._cameras.items():
@@ -320,7 +323,7 @@ class _Camera:
         self.memory = None if settings.background is None else BackgroundMemory(step_px, settings.background)
         self.sparse_px = 8 * step_px
         self.thinned: UInt8 | None = None
-        self._usual_unlike = 0.0
+        self._usual_unlike: float | None = None
         self._else_since_ns: int | None = None
         self.forget_frame()
 
@@ -356,15 +359,18 @@ class _Camera:
         if self.memory is None:
             return ""
         unlike, s = self.memory.unlike(image, self._expected()), self._settings
-        if not unlike > self._usual_unlike + s.unlike * (1.0 - self._usual_unlike):
-            self._usual_unlike += 0.2 * ((0.0 if np.isnan(unlike) else unlike) - self._usual_unlike)
+        usual = self._usual_unlike
+        most = MOST_AT_FIRST if usual is None else usual + s.unlike * (1.0 - usual)
+        if not unlike > most:
+            if not np.isnan(unlike):
+                self._usual_unlike = unlike if usual is None else usual + 0.2 * (unlike - usual)
             self._else_since_ns = None
             return ""
         if self._else_since_ns is None:
             self._else_since_ns = time_ns
         if time_ns - self._else_since_ns >= s.something_else_s * NS_PER_S:
             self.memory.reset()
-            self._usual_unlike, self._else_since_ns = 0.0, None
+            self._usual_unlike, self._else_since_ns = None, None
             return ""
         return f"it shows something else: {unlike:.0%} of what is behind the body differs from before"
 
