@@ -25,7 +25,7 @@ from benchmarks.tracker import recordings
 from mocapella.evaluation import silhouette_video
 from mocapella.evaluation.silhouette_experiments import STRONG, RunRow, corrupted, followed
 from mocapella.evaluation.silhouette_runs import filmed, follow, rough_joints, with_penalty
-from mocapella.evaluation.silhouettes import outcome
+from mocapella.evaluation.silhouettes import Outcome, outcome
 from mocapella.kinematics.landmark_pose import pose_of
 from mocapella.kinematics.silhouette_fit import figure
 from mocapella.model.body_meshes import body_mesh
@@ -94,13 +94,13 @@ def noise(quick: bool) -> Iterator[Row]:
     worst = [one for one in runs if all(getattr(one, key) == value for key, value in bend.items())]
     yield measured(
         "silhouettes: knee-bend, noise, peak kept, worst seed",
-        100 * min(one.kept for one in worst),
+        100 * min(one.kept or 0.0 for one in worst),
         "%",
         goal=at_least(97),
     )
     yield measured(
         "silhouettes: knee-bend, noise, lag, worst seed",
-        max(abs(one.lag) for one in worst),
+        max(np.inf if one.lag is None else abs(one.lag) for one in worst),
         "frames",
         goal=at_most(1),
     )
@@ -118,7 +118,8 @@ def corruption(quick: bool) -> Iterator[Row]:
         worse = corrupted(worse, len(film.images), seed, wrong=STRONG.wrong)
         for weight in failed:
             done = follow(film, film.scene.mesh, joints, with_penalty(weight), corruption=worse)
-            failed[weight] += bool(outcome(done.movement, film.truth).problem)
+            ended: Outcome = outcome(done.movement, film.truth)
+            failed[weight] += bool(ended.problem)
     scenes, count = " and ".join(STRONG.scenes), len(seeds)
     name = f"silhouettes: {scenes} with wrong frames, runs of {count} that"
     yield measured(f"{name} fail without the penalty", failed[0.0], "", goal=at_least(count / 2))

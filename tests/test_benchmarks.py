@@ -142,3 +142,79 @@ def test_the_markers_peer_finds_every_colour_and_keeps_the_wall_out(monkeypatch:
         for around in (None, shot.centres_px):
             off = np.linalg.norm(peer.centres(shot.image, around) - shot.centres_px, axis=-1)
             assert (off < 2.0).all()
+
+
+@pytest.fixture
+def silhouettes(monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.syspath_prepend(ROOT)
+    import benchmarks.silhouettes
+    from mocapella.sources.simulate.silhouette_scene import silhouette_scene
+
+    def small(name: str, *, seed: int) -> Any:
+        return silhouette_scene(name, seed=seed, cameras=3, size_px=(160, 120))
+
+    monkeypatch.setattr(benchmarks.silhouettes, "silhouette_scene", small)
+    return benchmarks.silhouettes
+
+
+def test_a_part_of_a_group_runs_alone_and_an_unknown_one_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(ROOT)
+    import benchmarks.__main__ as program
+    import benchmarks.silhouettes
+
+    asked: list[Any] = []
+    monkeypatch.setattr(benchmarks.silhouettes, "run", lambda quick, parts: asked.append((quick, parts)) or [])
+    assert program.main(["silhouettes", "codec", "--part", "live", "--part", "step", "--quick"]) == 0
+    assert asked == [(True, ["live", "step"])]  # and of the group without parts nothing
+    with pytest.raises(SystemExit):
+        program.main(["silhouettes", "--part", "life"])
+    with pytest.raises(SystemExit):
+        program.main(["codec", "--part", "live"])
+
+
+def test_the_silhouettes_have_their_goals_and_what_did_not_move_misses_them(silhouettes: Any) -> None:
+    rows = {row.name.removeprefix("silhouettes: "): row for row in silhouettes.run(quick=True, parts=["noise"])}
+    own = rows["runner, 15 % noise, own body, joint angle error"]
+    assert (own.goal, own.unit) == ("≤ 3 °", "°")
+    assert 0 < own.value < 30
+    assert rows["runner, 15 % noise, measured body, joint angle error"].goal is None
+    assert rows["runner, noise, jitter lowered by the penalty"].goal == "≥ 60 %"
+    assert rows["knee-bend, clean, error added by the penalty"].goal == "≤ 0.3 °"
+    # In its first fifth of a second a knee bend does not bend a knee.
+    for what in ("peak kept", "lag"):
+        assert rows[f"knee-bend, noise, {what}, worst seed"].met is False
+
+
+def test_runs_that_fail_are_counted(silhouettes: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    fails = {0.0: "lost", 1.0: ""}
+    weights = iter([0.0, 1.0])
+    monkeypatch.setattr(silhouettes, "outcome", lambda *_: silhouettes.Outcome(0, 0, 0, 0, fails[next(weights)]))
+    without, with_it = silhouettes.run(quick=True, parts=["corruption"])
+    assert (without.value, without.met, with_it.value, with_it.met) == (1, True, 1, True)
+    weights, fails[1.0] = iter([0.0, 1.0]), "lost"
+    _, with_it = silhouettes.run(quick=True, parts=["corruption"])
+    assert (with_it.value, with_it.met) == (0, False)
+
+
+def test_a_frame_is_timed_on_one_core_which_is_given_back(silhouettes: Any) -> None:
+    import os
+
+    if hasattr(os, "sched_setaffinity"):
+        before = os.sched_getaffinity(0)
+        with silhouettes.one_core():
+            assert len(os.sched_getaffinity(0)) == 1
+        assert os.sched_getaffinity(0) == before
+    median, slow = silhouettes.run(quick=True, parts=["live"])
+    assert 0 < median.value <= slow.value
+    assert "3 cameras 160 × 120, 26 dofs" in median.name
+
+
+def test_outlines_by_hand_are_drawn_with_their_holes(silhouettes: Any) -> None:
+    pytest.importorskip("cv2")
+    square = [[10, 10], [19, 10], [19, 29], [10, 29]]
+    hole = [[12, 12], [13, 12], [13, 13], [12, 13]]
+    mask = silhouettes.drawn([square], [hole])
+    assert mask.shape == (1920, 1088)
+    assert mask.sum() == 10 * 20 - 4
+    assert mask[29, 10] == 1
+    assert mask[12, 12] == 0

@@ -105,29 +105,41 @@ def _experiment(name: str, seeds: str, bodies: str, seconds: float | None, plot:
         show_runs(rows, Console())
 
 
-_HEADINGS = (
-    *("scene", "body", "images", "penalty"),
-    *("angles\n°", "sd\n°", "hinges\n°", "sd\n°", "marks\nmm", "95 %", "jitter\nm/s²", "feet\nm/s²", "true\nm/s²"),
-    *("knees\nkept %", "late\nframes", "IoU\n%", "blind\nframes", ""),
-)
+_ACCURACY = ("angles\n°", "sd\n°", "hinges\n°", "sd\n°", "marks\nmm", "95 %", "IoU\n%")
+_STEADINESS = ("jitter\nm/s²", "feet\nm/s²", "true\nm/s²", "knees\nkept %", "late\nframes", "blind\nframes")
 
 
 def show_runs(rows: Any, out: Console) -> None:
-    """The table for a person."""
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
-    for k, heading in enumerate(_HEADINGS):
-        table.add_column(heading, justify="right" if 3 <= k < len(_HEADINGS) - 1 else "left", no_wrap=True)
-    for row in rows:
-        s = row.score
-        cells = (s.angle_deg, s.angle_sd_deg, s.hinge_deg, s.hinge_sd_deg, s.median_mm, s.p95_mm, s.jitter, s.feet,
-                 s.true_feet, 100 * row.kept, row.lag, 100 * row.overlap)  # fmt: skip
-        table.add_row(
-            f"{row.scene} {row.seed}", row.body, row.images, f"× {row.weight:g}" if row.weight else "none",
-            *(f"{cell:.1f}" for cell in cells), str(row.blind), "fails" if row.outcome.problem else "",
-        )  # fmt: skip
-    out.print(table)
-    out.print("jitter: acceleration of the error, all landmarks; feet: of ankles and toes as such, beside the true one")
+    """The tables for a person."""
+    for headings, figures_of in ((_ACCURACY, _accuracy), (_STEADINESS, _steadiness)):
+        table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+        for heading in ("", "penalty", *headings):
+            table.add_column(heading, justify="right" if heading else "left", no_wrap=True)
+        before, line = None, 0
+        for row in rows:
+            run = (row.scene, row.seed, row.body, row.images)
+            before, line = run, line + 1 if run == before else 0
+            words = (f"{row.scene} {row.seed}", f"  {row.images}, {row.body}")
+            figures = ("–" if x is None else str(x) if isinstance(x, int) else f"{x:.1f}" for x in figures_of(row))
+            table.add_row(words[line] if line < len(words) else "", _penalty(row.weight), *figures)
+        out.print(table)
+    out.print("marks: landmarks; jitter: acceleration of their error; feet: that of ankles and", highlight=False)
+    out.print("toes as such, beside the true one; blind: frames in which no camera counted", highlight=False)
     for row in rows:
         if row.outcome.problem:
-            penalty = f"penalty × {row.weight:g}" if row.weight else "no penalty"
-            out.print(f"{row.scene} {row.seed}, {row.body} body, {row.images}, {penalty}: {row.outcome.problem}")
+            what = f"{row.scene} {row.seed}, {row.images}, {row.body} body, penalty {_penalty(row.weight)}"
+            out.print(f"{what}: {row.outcome.problem}", highlight=False)
+
+
+def _accuracy(row: Any) -> tuple[float | None, ...]:
+    s = row.score
+    return s.angle_deg, s.angle_sd_deg, s.hinge_deg, s.hinge_sd_deg, s.median_mm, s.p95_mm, 100 * row.overlap
+
+
+def _steadiness(row: Any) -> tuple[float | None, ...]:
+    s, kept = row.score, None if row.kept is None else 100 * row.kept
+    return s.jitter, s.feet, s.true_feet, kept, row.lag, row.blind
+
+
+def _penalty(weight: float) -> str:
+    return f"× {weight:g}" if weight else "none"

@@ -116,10 +116,10 @@ class Movement(msgspec.Struct, frozen=True, eq=False, dict=True):
         Raises:
             EvaluationError: it is none of this body's.
         """
-        name = f"{joint} flexion"
-        if name not in self.mesh.joint_names:
+        turns = [k for k, name in enumerate(self.mesh.joint_names) if name.startswith(f"{joint} ")]
+        if len(turns) != 1:
             raise EvaluationError(f"{self.mesh.name} has no hinge {joint!r}; hinges: {', '.join(HINGES)}")
-        return np.degrees(self.poses.angles[:, self.mesh.joint_names.index(name)])
+        return np.degrees(self.poses.angles[:, turns[0]])
 
 
 class MovementScore(msgspec.Struct, frozen=True):

@@ -244,8 +244,7 @@ class SilhouetteRun:
                 if len(shares) == JUDGED_BY and np.median(shares) < MOVES_WITH:
                     self.note(
                         f"{name}: only {np.median(shares):.0%} of what moves in its images is where the body is: is "
-                        f"this the video of {name}, does it begin with the others, and is the camera where the rig "
-                        "says?"
+                        f"this the video of {name}, does it begin with the others, and stands it where the rig says?"
                     )
         if len(self.rows) == 1:
             for text in rig_doubts(found, images, self.empty, self.rig):

@@ -89,8 +89,7 @@ class MovedSince:
         changed = _differ(image, before)
         if np.count_nonzero(changed) < FEWEST * max(int(np.count_nonzero(mask)), 1):
             return float("nan")
-        rows = np.flatnonzero(mask.any(axis=1))
-        high = float(rows[-1] - rows[0]) if len(rows) else 0.0
+        high = int(np.count_nonzero(mask.any(axis=1)))
         side = 2 * round(GROWN * high) + 1
         near = cv2.dilate((mask | was).astype(np.uint8), np.ones((side, side), np.uint8)) > 0
         return float(near[changed].mean())
