@@ -50,7 +50,7 @@ REAL_TIME = (
     ),
     *("live/test_node.py", "live/test_outages.py", "live/test_processes.py", "live/test_recording_desk.py"),
     *("live/test_server.py", "live/test_server_junk.py", "live/test_view_process.py"),
-    *("viewer/test_view_in_browser.py", "viewer/test_viewer.py"),
+    *("viewer/test_body_view_in_browser.py", "viewer/test_view_in_browser.py", "viewer/test_viewer.py"),
 )
 """Tests of programs, servers and a browser that keep real time: never two at once. Those of the README and the examples
 start programs, too, but do not mind how long these take."""

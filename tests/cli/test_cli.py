@@ -31,6 +31,7 @@ from mocapella.cli import (  # noqa: F401  (they register)
     record,
     replay,
     serve,
+    silhouettes,
     train,
     triangulate,
     tune,
@@ -76,6 +77,7 @@ VERBS = [
     ["train", "facing"],
     ["train", "sensor-errors"],
     ["triangulate"],
+    ["silhouettes"],
     ["depth", "fit"],
     ["depth", "lines"],
     ["tune", "one-euro"],
@@ -103,6 +105,9 @@ def test_an_option_has_one_word_for_its_value_in_every_verb() -> None:
                 words.setdefault(option.opts[0], set()).add(str(option.metavar))
     # Of cameras in a rig, or of the one depth camera.
     assert words.pop("--intrinsics") == {"RIG.toml", "F,CX,CY"}
+    # Whom to tell to start, or from where a body does; one picture of a camera, or those of several.
+    assert words.pop("--start") == {"ADDRESS:PORT", "FILE[:FRAME]"}
+    assert words.pop("--background") == {"SOURCE[@NUMBER]", "[NAME=]VIDEO"}
     assert {name: used for name, used in words.items() if len(used) != 1 or "None" in used} == {}
 
 

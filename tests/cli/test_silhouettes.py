@@ -60,7 +60,7 @@ def test_a_body_is_followed_and_written(found):
     last = found["frames"][-1]
     truth = dict(zip(MESH.landmarks, landmarks_at(MESH, POSES[-1]), strict=True))
     assert np.median([np.linalg.norm(np.subtract(at, truth[name])) for name, at in last["joints"].items()]) < 0.04
-    assert set(last["angles"]) == set(MESH.joint_names)
+    assert set(last["angles"]) >= set(MESH.joint_names)  # which of real people are more
     assert min(last["overlap"].values()) > 0.85
     assert len(last["root_twist"]) == 6
     assert found["summary"]["frames"] == FRAMES
@@ -227,3 +227,19 @@ def test_the_real_clip_begins_at_its_keypoints(single_person: Path, tmp_path):
     assert list(found["cameras"]) == ["cam_01", "cam_02", "cam_03", "cam_04"]
     assert found["summary"]["median_overlap"] > 0.7
     assert len([note for note in found["summary"]["notes"] if "--other-size crop" in note]) == 2
+
+
+def test_the_demo_follows_and_says_how_good_that_is(tmp_path):
+    found = result_here(tmp_path, "demo", "silhouettes", "--scene", "t-pose", "--no-view", "--seed", "2")
+    assert found["score"]["frames"] == found["scene_frames"] == found["summary"]["frames"] > 10
+    assert found["score"]["joints_mm"] < 30
+    assert found["score"]["overlap"] > 0.85
+    for arguments, said in (
+        (["silhouettes", "--corrupt", "noize"], "--corrupt is 'noize'; it must be one of noise, rectangles, wrong"),
+        (["silhouettes", "--record", "take"], "--record: demo silhouettes has no bus"),
+        (["silhouettes", "--scene", "run"], "run"),
+        (["arm", "--no-steadiness"], "are of demo silhouettes"),
+    ):
+        done = run_here(tmp_path, "demo", *arguments, "--no-view")
+        assert done.returncode == 1
+        assert said in " ".join(done.stderr.split())

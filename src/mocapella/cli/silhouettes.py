@@ -44,7 +44,7 @@ def silhouettes(
     videos: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[CAMERA=]VIDEO…",
+            metavar="[NAME=]VIDEO…",
             help="A video or a folder of images of each camera, in any order; called as in the rig.",
         ),
     ] = None,
@@ -73,7 +73,7 @@ def silhouettes(
     ] = None,
     background: Annotated[
         list[str] | None,
-        typer.Option(metavar="[CAMERA=]VIDEO", help="The empty room, as a camera sees it; may be repeated."),
+        typer.Option(metavar="[NAME=]VIDEO", help="The empty room, as a camera sees it; may be repeated."),
     ] = None,
     frames: Annotated[str | None, typer.Option(metavar="odd|even|FROM:TO:STEP", help="Which frames to use.")] = None,
     hz: Annotated[

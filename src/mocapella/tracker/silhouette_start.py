@@ -15,7 +15,7 @@ from mocapella.geometry import lens as lenses
 from mocapella.geometry.rigid import apply
 from mocapella.kinematics.landmark_pose import pose_of
 from mocapella.model.body_meshes import body_mesh, legs_mesh
-from mocapella.model.body_proportions import AVERAGE, BodyProportions, proportions_of
+from mocapella.model.body_proportions import AVERAGE, BodyProportions, Sex, proportions_of
 from mocapella.model.camera import CameraRig
 from mocapella.model.openpose_names import LANDMARKS
 from mocapella.model.point_tracks import ViewedTracks
@@ -164,9 +164,9 @@ def body_again(model: str, height_m: float | None, proportions: Mapping[str, flo
 def _made(model: str, height_m: float | None, proportions: BodyProportions) -> Body:
     if model == "legs":
         return Body(model, height_m, proportions, legs_mesh("male", height_m, proportions))
-    return Body(
-        model, height_m, proportions, body_mesh("female" if model == "female" else "male", height_m, proportions)
-    )
+    # Real people nod and turn: without that, the head pulls the trunk.
+    sex: Sex = "female" if model == "female" else "male"
+    return Body(model, height_m, proportions, body_mesh(sex, height_m, proportions, supple=True))
 
 
 def start_pose(mesh: RiggedMesh, joints: Mapping[str, Float64]) -> TreePose:

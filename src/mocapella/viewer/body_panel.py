@@ -92,7 +92,7 @@ class Chart:
         for k, colour in zip(columns, _COLOURS, strict=False):
             label = self._names[k].removesuffix(chosen).strip() or "angle"
             series.append(uplot.Series(label=label, stroke=colour, width=2))
-        axis = uplot.Axis(stroke="#8a97ab", grid=uplot.Axis_Grid(stroke="#2c384c"), size=34)
+        axis = uplot.Axis(stroke="#8a97ab", grid=uplot.Axis_Grid(stroke="#2c384c"), size=42)
         with self._folder:
             self._handle = self._gui.add_uplot(
                 data, tuple(series), scales={"x": uplot.Scale(time=False)}, axes=(axis, axis), aspect=2.1,

@@ -57,7 +57,7 @@ class BodyView:
         self._shown: tuple[int, int, bool] | None = None
         self._charted_s = -CHARTS_EVERY_S
         self._played_s: float | None = None
-        self._looks: dict[int, str] = {}
+        self._looks: dict[int, tuple[str, float]] = {}
         self._done = self._rested = False
 
     @property
@@ -147,12 +147,15 @@ class BodyView:
         return np.array(self._at_s[begin:end]), np.array(self._angles[begin:end])
 
     def _welcome(self) -> None:
-        """Put the camera of a browser before what is to be looked at, when it comes and when that is changed."""
+        """Put the camera of a browser before what is to be looked at, when it comes, or that or its window changes."""
         clients, aim = self._server.get_clients(), str(self.panel.aim.value)
         for number, client in clients.items():
-            if self._looks.get(number) != aim and client.camera.image_width:
-                self._looks[number] = aim
-                look = self._stage.look(client.camera.image_width / max(client.camera.image_height, 1), aim)
+            if not client.camera.image_width:
+                continue
+            what = aim, round(client.camera.image_width / max(client.camera.image_height, 1), 2)
+            if self._looks.get(number) != what:
+                self._looks[number] = what
+                look = self._stage.look(what[1], aim)
                 with tolerated():
                     client.camera.fov = look.fov
                     client.camera.up_direction = (0.0, 1.0, 0.0)
