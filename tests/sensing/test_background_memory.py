@@ -73,6 +73,17 @@ def test_near_a_person_nothing_is_learnt() -> None:
     assert (memory.known == (who.phi < -6)).all()
 
 
+def test_where_others_are_nothing_is_learnt() -> None:
+    memory = BackgroundMemory(2, MemorySettings(guard_steps=3))
+    who, _ = person(30)
+    others = np.zeros((HEIGHT, WIDTH), dtype=bool)
+    others[:, 100:] = True
+    memory.update(room(), who, others)
+    assert (memory.known == ((who.phi < -6) & ~others[::2, ::2])).all()
+    with pytest.raises(InputError, match="mask is not of the image"):
+        memory.update(room(), who, others[:-1])
+
+
 def test_whoever_stands_still_is_not_learnt_but_what_lies_far_away_is() -> None:
     """What is far from people is taken in stripe by stripe, so that a lamp that is switched on is background soon."""
     memory = BackgroundMemory(2, MemorySettings(rate=0.5, sweep_images=4))

@@ -21,6 +21,7 @@ from mocapella.settings import check
 
 Float32 = NDArray[np.float32]
 UInt8 = NDArray[np.uint8]
+Bool = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -86,17 +87,23 @@ class BackgroundMemory:
         """(rows, columns) which samples of the image are known."""
         return self._count > 0
 
-    def update(self, image: UInt8, person: Silhouette | None) -> None:
+    def update(self, image: UInt8, person: Silhouette | None, others: Bool | None = None) -> None:
         """Take in an image, but for what is near a person.
 
         Args:
             image: (height, width) or (height, width, 3).
             person: a window at this memory's step, aligned with it; None: nobody is there.
+            others: (height, width) where other people are.
 
         Raises:
-            InputError: an image of another size than the first, or a window that is not aligned.
+            InputError: an image of another size than the first, a mask of another size than the image, or a window that
+                is not aligned.
         """
         image, (left, top), phi = self._door(image, person)
+        if others is not None and others.shape != image.shape[:2]:
+            raise InputError(
+                "a mask is not of the image", field="shape", value=others.shape, fix=f"make it {image.shape[:2]}"
+            )
         s, rows = self.settings, len(self._count)
         if not self._count.any():
             begin, end = 0, rows
@@ -108,7 +115,8 @@ class BackgroundMemory:
             self._next_row = end if end < rows else 0
         learnt = self._mean, self._variance, self._count
         _kernels().learn(
-            image, self.step_px, phi, left, top, s.guard_steps * self.step_px, begin, end, s.window_images,
+            image, self.step_px, phi, left, top, s.guard_steps * self.step_px,
+            _NO_MASK if others is None else others, begin, end, s.window_images,
             s.rate, self._first_sd, *learnt,
         )  # fmt: skip
 
@@ -170,6 +178,7 @@ class BackgroundMemory:
 
 
 _NOBODY = np.empty((0, 0), np.float32)
+_NO_MASK = np.empty((0, 0), np.bool_)
 
 
 @cache

@@ -73,8 +73,11 @@ def noise_of(image, step, phi, left, top, guard, every):
 
 
 @njit(cache=True)
-def learn(image, step, phi, left, top, guard, begin, end, every, rate, least_sd, mean, variance, count):
-    """Take in the rows from ``begin`` to ``end`` of samples, and every so manieth of the window, where nobody is."""
+def learn(image, step, phi, left, top, guard, others, begin, end, every, rate, least_sd, mean, variance, count):
+    """Take in the rows from ``begin`` to ``end`` of samples, and every so manieth of the window, where nobody is.
+
+    ``others`` is (height, width) where others are, or (0, 0).
+    """
     rows, columns, channels = mean.shape
     here = np.empty(channels)
     for i in range(rows):
@@ -83,7 +86,7 @@ def learn(image, step, phi, left, top, guard, begin, end, every, rate, least_sd,
             continue
         first, last = (0, columns) if whole else (max(left, 0), min(left + phi.shape[1], columns))
         for j in range(first, last):
-            if not _free(phi, left, top, i, j, guard):
+            if not _free(phi, left, top, i, j, guard) or (others.size and others[i * step, j * step]):
                 continue
             n = count[i, j]
             _sample(image, step, i, j, here)

@@ -36,6 +36,7 @@ from mocapella.settings import check
 Float64 = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 UInt8 = NDArray[np.uint8]
+Bool = NDArray[np.bool_]
 
 LEAST_CONTRAST = 6
 """An image whose values differ by no more is all of one colour [grey levels]."""
@@ -201,8 +202,15 @@ class SilhouetteTracker:
         pose = predicted(before, last, ratio * 0.5 ** (self._blind_ns / NS_PER_S / HALF_LIFE_S))
         return TreePose(pose.T_world_model, np.clip(pose.angles, *self.mesh.tree.limits.T))
 
-    def update(self, images: Mapping[str, UInt8], time_ns: int) -> Followed:
-        """The body in the next frame: images of one instant, by camera."""
+    def update(self, images: Mapping[str, UInt8], time_ns: int, others: Mapping[str, Bool] | None = None) -> Followed:
+        """The body in the next frame.
+
+        Args:
+            images: of one instant, by camera: (height, width) or (height, width, 3) uint8.
+            time_ns: of capture.
+            others: (height, width) by camera, where other people are: what is seen there says nothing of this one.
+        """
+        others = others or {}
         s, tree = self.settings, self.mesh.tree
         expected = pose = self.expected(time_ns)
         priors = self._priors(expected, time_ns)
@@ -222,7 +230,7 @@ class SilhouetteTracker:
                 if name not in images or name in left_out or not camera.look(self._figure, vertices, s):
                     continue
                 if number < segmented:
-                    camera.segment(images[name], last=number == segmented - 1)
+                    camera.segment(images[name], others.get(name), last=number == segmented - 1)
                 if camera.segmented:
                     given.append(camera.planes(motions))
             found = fit(tree, pose, given, priors, FitSettings(most_steps=3))
@@ -231,7 +239,7 @@ class SilhouetteTracker:
         for name, camera in self._cameras.items():
             if name in images and camera.segmented and camera.look(self._figure, vertices, s):
                 seen[name] = camera.seen()
-                camera.learn(images[name])
+                camera.learn(images[name], others.get(name))
         last_ns, last = self._past[-1]
         self._blind_ns = 0 if seen else self._blind_ns + time_ns - last_ns
         # Where it was thought to be before the first frame was rough: it is at rest, until it is seen to move.
@@ -240,6 +248,19 @@ class SilhouetteTracker:
         nearest_m = min((camera.sample_m for camera in self._cameras.values() if camera.segmented), default=0.0)
         self._as_expected = bool(seen) and away_m <= s.expected_steps * nearest_m
         return Followed(time_ns, pose, landmarks_at(self.mesh, pose), seen, left_out, steps)
+
+    def covered(self, pose: TreePose, grown_px: int = 0) -> dict[str, Bool]:
+        """(height, width) by camera: what the body covers in a pose, and so much around it."""
+        vertices, out = posed(self.mesh, pose), {}
+        for name, by in self._eyes.items():
+            step = self._cameras[name].step_px if name in self._cameras else USUAL_STEP_PX
+            seen = see(self._figure, vertices, by, step_px=step, margin_px=grown_px + 2 * step)
+            if seen is None:
+                out[name] = np.zeros(by.size_px[::-1], np.bool_)
+            else:
+                phi = signed_distance(seen.mask, grown_px + step, step) + np.float32(grown_px)
+                out[name] = Silhouette(seen.origin_px, step, phi).mask(by.size_px)
+        return out
 
     def _unusable(self, images: Mapping[str, UInt8]) -> dict[str, str]:
         """Why images do not count that show nothing, or nothing new, by camera."""
@@ -293,6 +314,7 @@ class _Camera:
 
     def __init__(self, by: Eye, step_px: int, settings: SilhouetteSettings) -> None:
         self._eye, self._step, self._settings = by, step_px, settings
+        self.step_px = step_px
         self._region, self._closer = (_scaled(region, step_px) for region in (settings.region, settings.closer))
         self._reach = float(settings.margin_steps * step_px)
         self.memory = None if settings.background is None else BackgroundMemory(step_px, settings.background)
@@ -346,10 +368,10 @@ class _Camera:
             return ""
         return f"it shows something else: {unlike:.0%} of what is behind the body differs from before"
 
-    def segment(self, image: UInt8, *, last: bool) -> None:
+    def segment(self, image: UInt8, others: Bool | None, *, last: bool) -> None:
         """What the image says, the body's outline in mind; the ``last`` time of a frame it is nearly right."""
         settings = self._closer if last else self._region
-        found = region_contour(image, self._expected(), background=self.memory, settings=settings)
+        found = region_contour(image, self._expected(), ignore=others, background=self.memory, settings=settings)
         self._found = found.silhouette, found.surety
 
     def planes(self, motions: tuple[Float64, Float64]) -> InPlanes:
@@ -374,14 +396,14 @@ class _Camera:
         overlap = np.count_nonzero(a & b) / union if union else 0.0
         return SeenIn(self._found[0], self._outline, overlap, shift)
 
-    def learn(self, image: UInt8) -> None:
+    def learn(self, image: UInt8, others: Bool | None) -> None:
         """Take in what is behind the body."""
         if self.memory is not None and self._found is not None:
             # Without another distance: what is near the contour or in the body is not learnt.
             assert self._outline is not None
             contour = self._found[0]
             phi = np.where(self._outline.mask > 0, np.float32(self._step), contour.phi)
-            self.memory.update(image, Silhouette(contour.origin_px, self._step, phi))
+            self.memory.update(image, Silhouette(contour.origin_px, self._step, phi), others)
 
     def _expected(self) -> Silhouette:
         if self._prior is None:
