@@ -54,7 +54,7 @@ def noise(quick: bool) -> Iterator[Row]:
     runs: list[RunRow] = []
     for scene in SCENES:
         for seed in SEEDS[:1] if quick else SEEDS:
-            film = filmed(silhouette_scene(scene, seed=seed), 0.2 if quick else None)
+            film = filmed(silhouette_scene(scene, seed=seed), 0.1 if quick else None)
             for images, corruption in {"clean": None, "noise": NOISE}.items():
                 worse = corrupted(corruption, len(film.images), seed, wrong=False)
                 runs += [followed(film, "own", images, worse, weight)[0] for weight in (0.0, 1.0)]
@@ -112,7 +112,7 @@ def corruption(quick: bool) -> Iterator[Row]:
     seeds = STRONG_SEEDS[:1] if quick else STRONG_SEEDS
     for seed in seeds:
         scene = STRONG.scenes[seed % len(STRONG.scenes)]
-        film = filmed(silhouette_scene(scene, seed=seed), 0.2 if quick else None)
+        film = filmed(silhouette_scene(scene, seed=seed), 0.1 if quick else None)
         joints = rough_joints(film.scene)
         (worse,) = STRONG.images.values()
         worse = corrupted(worse, len(film.images), seed, wrong=STRONG.wrong)
@@ -128,7 +128,7 @@ def corruption(quick: bool) -> Iterator[Row]:
 
 def live(quick: bool) -> Iterator[Row]:
     """Time a frame, the images being there, on one core."""
-    film = filmed(silhouette_scene("runner", seed=SEEDS[0]), 0.2 if quick else None)
+    film = filmed(silhouette_scene("runner", seed=SEEDS[0]), 0.1 if quick else None)
     joints = rough_joints(film.scene)
     with one_core():
         follow(film, film.scene.mesh, joints, clock=time.perf_counter)  # what is compiled is compiled now

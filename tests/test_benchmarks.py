@@ -180,7 +180,7 @@ def test_the_silhouettes_have_their_goals_and_what_did_not_move_misses_them(silh
     assert rows["runner, 15 % noise, measured body, joint angle error"].goal is None
     assert rows["runner, noise, jitter lowered by the penalty"].goal == "≥ 60 %"
     assert rows["knee-bend, clean, error added by the penalty"].goal == "≤ 0.3 °"
-    # In its first fifth of a second a knee bend does not bend a knee.
+    # In its first tenth of a second a knee bend does not bend a knee.
     for what in ("peak kept", "lag"):
         assert rows[f"knee-bend, noise, {what}, worst seed"].met is False
 

@@ -150,12 +150,14 @@ def test_what_is_not_known_is_refused() -> None:
 
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The experiments' scenes in small pictures."""
+    """The experiments' scenes in small pictures, and three weights instead of many."""
 
     def scene(name: str, *, seed: int, **more: Any) -> Any:
         return silhouette_scene(name, **(more | SMALL | {"seed": seed}))
 
     monkeypatch.setattr(experiments, "silhouette_scene", scene)
+    fewer = replace(experiments.EXPERIMENTS["weight"], weights=(0.0, 1.0, 10.0))
+    monkeypatch.setitem(experiments.EXPERIMENTS, "weight", fewer)
 
 
 @pytest.mark.parametrize("name", experiments.EXPERIMENTS)

@@ -223,7 +223,7 @@ def plot_movements(shown: Sequence[Shown], hinges: Sequence[str], path: Path) ->
         last.plot(at[1:-1], _feet(true), color=_TRUTH, lw=0.7)
         last.set(ylabel="feet [m/s²]", xlabel="time [s]", xlim=(at[0], at[-1]))
         last.set_yscale("log")
-        last.set_ylim(bottom=LEAST_M_PER_S2)
+        last.set_ylim(bottom=max(LEAST_M_PER_S2, last.get_ylim()[0]))
         part.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=3, fontsize=8)
         for k, right in enumerate(axes[:, 1]):
             right.axis("off")
