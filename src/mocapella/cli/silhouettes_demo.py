@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from mocapella.sources.simulate.corruption import Corruption
     from mocapella.sources.simulate.silhouette_scene import SilhouetteScene
 
-RATE_HZ: Final = 30.0
+RATE_HZ: Final = 60.0
 SCENE: Final = "runner"
 CORRUPTIONS: Final = {
     "noise": "15 % of the pixels are replaced by random ones",
