@@ -46,6 +46,8 @@ HALF_LIFE_S = 0.15
 """How long what nobody sees goes on as it did, until it is half as fast [s]."""
 SETTLING = 4
 """How many times as many rounds the first frame has, whose pose is rough."""
+WIDE = 2.0
+"""In the first half of these, outlines are looked for so many times as far away."""
 USUAL_STEP_PX = 2
 """For which a region's settings in pixels hold; other steps have them scaled."""
 
@@ -216,16 +218,19 @@ class SilhouetteTracker:
         s, tree = self.settings, self.mesh.tree
         expected = pose = self.expected(time_ns)
         priors = self._priors(expected, time_ns)
+        first = len(self._past) == 1
         left_out = self._unusable(images)
         steps = 0
         for camera in self._cameras.values():
             camera.forget_frame()
+            camera.wide = first
         left_out |= self._something_else(images, left_out, expected, time_ns)
-        first = len(self._past) == 1
         rounds, segmented = (s.rounds * SETTLING, s.rounds * SETTLING - 1) if first else (s.rounds, s.segmented)
         if self._as_expected:
             rounds, segmented = max(rounds - 1, 1), 1
         for number in range(rounds):
+            for camera in self._cameras.values():
+                camera.wide = first and number < rounds // 2
             vertices, motions = posed(self.mesh, pose), self._motions(pose)
             given = []
             for name, camera in self._cameras.items():
@@ -319,8 +324,14 @@ class _Camera:
         self._eye, self._step, self._settings = by, step_px, settings
         self.step_px = step_px
         self._region, self._closer = (_scaled(region, step_px) for region in (settings.region, settings.closer))
-        self._reach = float(settings.margin_steps * step_px)
+        self._wide_region = dataclasses.replace(
+            self._region, band_px=WIDE * self._region.band_px, prior_weight=self._region.prior_weight / WIDE**2
+        )
+        soft = settings.correspondences.soft_steps
+        self._wide_correspondences = dataclasses.replace(settings.correspondences, soft_steps=WIDE * soft)
+        self._usual_reach = float(settings.margin_steps * step_px)
         self.memory = None if settings.background is None else BackgroundMemory(step_px, settings.background)
+        self.wide = False
         self.sparse_px = 8 * step_px
         self.thinned: UInt8 | None = None
         self._usual_unlike: float | None = None
@@ -333,6 +344,10 @@ class _Camera:
         self._prior: Silhouette | None = None
         self._found: tuple[Silhouette, Float32] | None = None
         self._shift = np.zeros(5)
+
+    @property
+    def _reach(self) -> float:
+        return WIDE * self._usual_reach if self.wide else self._usual_reach
 
     @property
     def segmented(self) -> bool:
@@ -376,7 +391,7 @@ class _Camera:
 
     def segment(self, image: UInt8, others: Bool | None, *, last: bool) -> None:
         """What the image says, the body's outline in mind; the ``last`` time of a frame it is nearly right."""
-        settings = self._closer if last else self._region
+        settings = self._wide_region if self.wide else self._closer if last else self._region
         found = region_contour(image, self._expected(), ignore=others, background=self.memory, settings=settings)
         self._found = found.silhouette, found.surety
 
@@ -387,7 +402,8 @@ class _Camera:
         contour, surety = self._found
         planes, self._shift = touching(
             self._outline, motions, contour.phi, surety, self._eye,
-            reach_px=self._reach, settings=self._settings.correspondences,
+            reach_px=self._reach,
+            settings=self._wide_correspondences if self.wide else self._settings.correspondences,
         )  # fmt: skip
         return planes
 
