@@ -153,9 +153,7 @@ def test_frames_that_are_missing_are_bridged() -> None:
 
 def test_where_it_stands_must_be_seen_by_somebody() -> None:
     tracker = SilhouetteTracker(ROOM.mesh, ROOM.rig)
-    far = bent(ROOM.mesh, {}, (0.0, 0.0, 100.0))
     high = bent(ROOM.mesh, {}, (0.0, 30.0, 0.0))
-    assert far.T_world_model[2, 3] == 100.0
     with pytest.raises(SettingsError, match="no camera of the rig sees"):
         tracker.start(high, 0)
 
