@@ -99,7 +99,7 @@ def _add(
 @njit(cache=True)
 def to_image(
     phi, surety, x0, y0, step, reach_px, at, normals, points, bone, far, count, soft_px, sd_px, full, R, t, lens,
-    farthest_r2, T, part, rest, planes, weights, shift,
+    farthest_r2, T, part, rest, planes, weights,
 ):  # fmt: skip
     """From the body's outline to the nearest of the image's, along the slope of its level set.
 
@@ -112,8 +112,6 @@ def to_image(
         R, t: (parts, 9), (parts, 3) the parts' motions.
         lens, farthest_r2, T: of the camera.
         part, rest, planes, weights: written: `twist_fit.InPlanes`.
-        shift: (5,) the normal equations of the image's shift that would bring the outlines together are added:
-            Σ w nn, of the matrix xx, xy, yy, and Σ w n (miss along n), x, y.
 
     Returns:
         How many.
@@ -143,14 +141,6 @@ def to_image(
         if not (0 <= row < phi.shape[0] and 0 <= column < phi.shape[1]):
             continue
         sure = min(max(surety[row, column] / full, 0.0), 1.0)
-        m = miss / soft_px
-        w = sure * length / ((1.0 + m * m) * (1.0 + m * m) * slope2)
-        along = hx * (u - x) + hy * (v - y)
-        shift[0] += w * hx * hx
-        shift[1] += w * hx * hy
-        shift[2] += w * hy * hy
-        shift[3] += w * hx * along
-        shift[4] += w * hy * along
         k = _add(
             k, u, v, hx, hy, far[i], points[i], bone[i], sure * length, miss, soft_px, sd_px, R, t, lens, farthest_r2,
             T, part, rest, planes, weights,

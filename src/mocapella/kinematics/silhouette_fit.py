@@ -175,7 +175,7 @@ def touching(
     *,
     reach_px: float,
     settings: CorrespondenceSettings = DEFAULT,
-) -> tuple[InPlanes, Float64]:
+) -> InPlanes:
     """The planes in which the body's points are to lie so that its outline is the image's.
 
     Args:
@@ -186,25 +186,19 @@ def touching(
         by: the camera.
         reach_px: up to where ``phi`` is a distance.
         settings: see there.
-
-    Returns:
-        The planes, and (5,) the normal equations of the image's shift that would bring the outlines together: the
-        matrix's xx, xy, yy, and the right side [px].
     """
     R, t = motions
     x0, y0 = seen.origin_px
     s, count, k = settings, len(seen.at), _fitting()
     room = count + seen.mask.size
     part, rest, planes, weights = np.empty(room, np.int64), np.empty((room, 3)), np.empty((room, 4)), np.empty(room)
-    shift = np.zeros(5)
     common = (seen.at, seen.normals, seen.points, seen.part, seen.depth, count, s.soft_steps * seen.step_px,
-              s.sd_steps * seen.step_px, s.sure_nats, R, t, by.lens,
-              by.farthest_r2, by.T_camera_world)  # fmt: skip
-    n = k.to_image(phi, surety, x0, y0, seen.step_px, reach_px, *common, part, rest, planes, weights, shift)
+              s.sd_steps * seen.step_px, s.sure_nats, R, t, by.lens, by.farthest_r2, by.T_camera_world)  # fmt: skip
+    n = k.to_image(phi, surety, x0, y0, seen.step_px, reach_px, *common, part, rest, planes, weights)
     n += k.to_body(
         phi, surety, x0, y0, seen.step_px, s.every, reach_px, *common, part[n:], rest[n:], planes[n:], weights[n:]
     )
-    return InPlanes(part[:n], rest[:n], planes[:n], weights[:n]), shift
+    return InPlanes(part[:n], rest[:n], planes[:n], weights[:n])
 
 
 @cache

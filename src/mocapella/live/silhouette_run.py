@@ -112,7 +112,7 @@ class SilhouetteRun:
         self._rate_hz, self._tell, self._dead = rate_hz, say, DeadImages()
         self._trouble: dict[str, tuple[int, int]] = {}
         self._lost = False
-        self._well = Followed(0, rest(mesh), np.empty((0, 3)), {}, {}, 0)
+        self._well = Followed(0, rest(mesh), np.empty((0, 3)), {}, {})
         self._seen_ns = 0
         self.empty = EmptyRoom()
         self._moved, self._shares = MovedSince(), dict[str, list[float]]()
@@ -126,7 +126,7 @@ class SilhouetteRun:
         time_ns = self._time_ns(frame - step)
         self.tracker.start(pose, time_ns)
         self._seen_ns = time_ns
-        self._well = Followed(time_ns, pose, landmarks_at(self.mesh, pose), {}, {}, 0)
+        self._well = Followed(time_ns, pose, landmarks_at(self.mesh, pose), {}, {})
 
     def steps(self, images: Iterable[tuple[int, dict[str, UInt8]]]) -> Iterator[Step]:
         """Each frame when it is done."""

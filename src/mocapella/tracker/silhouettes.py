@@ -132,13 +132,11 @@ class SeenIn(msgspec.Struct, frozen=True, eq=False):
         contour: what was segmented.
         outline: of the posed mesh.
         overlap: intersection over union of both.
-        shift_px: (2,) by which the image would have to be shifted for its outline to lie on the body's.
     """
 
     contour: Silhouette
     outline: Outline
     overlap: float
-    shift_px: Float64
 
 
 class Followed(msgspec.Struct, frozen=True, eq=False):
@@ -150,7 +148,6 @@ class Followed(msgspec.Struct, frozen=True, eq=False):
         landmarks: (n, 3) [m], in the order of the mesh's.
         seen: by camera.
         left_out: by camera, why its image did not count.
-        steps: of all fits.
     """
 
     time_ns: int
@@ -158,7 +155,6 @@ class Followed(msgspec.Struct, frozen=True, eq=False):
     landmarks: Float64
     seen: Mapping[str, SeenIn]
     left_out: Mapping[str, str]
-    steps: int
 
 
 class SilhouetteTracker:
@@ -220,7 +216,6 @@ class SilhouetteTracker:
         priors = self._priors(expected, time_ns)
         first = len(self._past) == 1
         left_out = self._unusable(images)
-        steps = 0
         for camera in self._cameras.values():
             camera.forget_frame()
             camera.wide = first
@@ -241,8 +236,7 @@ class SilhouetteTracker:
                 if camera.segmented:
                     given.append(camera.planes(motions))
             # What nobody sees goes on as it did, not to where it usually is.
-            found = fit(tree, pose, given, priors if given else priors[1:], FitSettings(most_steps=3))
-            pose, steps = found.pose, steps + found.steps
+            pose = fit(tree, pose, given, priors if given else priors[1:], FitSettings(most_steps=3)).pose
         vertices, seen = posed(self.mesh, pose), {}
         for name, camera in self._cameras.items():
             if name in images and camera.segmented and camera.look(self._figure, vertices, s):
@@ -255,7 +249,7 @@ class SilhouetteTracker:
         away_m = np.linalg.norm(posed(self.mesh, expected) - vertices, axis=1).max()
         nearest_m = min((camera.sample_m for camera in self._cameras.values() if camera.segmented), default=0.0)
         self._as_expected = bool(seen) and away_m <= s.expected_steps * nearest_m
-        return Followed(time_ns, pose, landmarks_at(self.mesh, pose), seen, left_out, steps)
+        return Followed(time_ns, pose, landmarks_at(self.mesh, pose), seen, left_out)
 
     def covered(self, pose: TreePose, grown_px: int = 0) -> dict[str, Bool]:
         """(height, width) by camera: what the body covers in a pose, and so much around it."""
@@ -343,7 +337,6 @@ class _Camera:
         self._outline: Outline | None = None
         self._prior: Silhouette | None = None
         self._found: tuple[Silhouette, Float32] | None = None
-        self._shift = np.zeros(5)
 
     @property
     def _reach(self) -> float:
@@ -400,12 +393,11 @@ class _Camera:
         assert self._outline is not None
         assert self._found is not None
         contour, surety = self._found
-        planes, self._shift = touching(
+        return touching(
             self._outline, motions, contour.phi, surety, self._eye,
             reach_px=self._reach,
             settings=self._wide_correspondences if self.wide else self._settings.correspondences,
         )  # fmt: skip
-        return planes
 
     def seen(self) -> SeenIn:
         """The outcome of a frame."""
@@ -413,10 +405,8 @@ class _Camera:
         assert self._found is not None
         a, b = self._found[0].phi > 0, self._outline.mask > 0
         union = np.count_nonzero(a | b)
-        xx, xy, yy, x, y = self._shift / max(self._shift[0] + self._shift[2], 1e-12)
-        shift = np.linalg.solve([[xx + 1e-6, xy], [xy, yy + 1e-6]], [x, y])
         overlap = np.count_nonzero(a & b) / union if union else 0.0
-        return SeenIn(self._found[0], self._outline, overlap, shift)
+        return SeenIn(self._found[0], self._outline, overlap)
 
     def learn(self, image: UInt8, others: Bool | None) -> None:
         """Take in what is behind the body."""
