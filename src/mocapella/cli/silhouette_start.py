@@ -149,7 +149,6 @@ def learn(run: SilhouetteRun, texts: Sequence[str], rig: CameraRig, shown: Video
     from mocapella.cli.calibrate import named_inputs
     from mocapella.sources.video import Frames, pictures
     from mocapella.sources.video_set import VideoSet
-    from mocapella.tracker.silhouette_backgrounds import learn_backgrounds
 
     inputs = {name: Path(path) for name, path in named_inputs(texts).items()}
     empty = VideoSet(inputs, rig, rate_hz=1.0, other_size=other_size)
@@ -166,7 +165,7 @@ def learn(run: SilhouetteRun, texts: Sequence[str], rig: CameraRig, shown: Video
             )  # fmt: skip
         step = max(1, (video.count or 1) // BACKGROUNDS)
         for _, image in pictures(video.path, Frames(0, step * BACKGROUNDS, step)):
-            learn_backgrounds(run.tracker, {name: image})
+            run.tracker.learn_background({name: image})
             run.empty.learn({name: image})
     missing = [name for name in shown.rig.cameras if name not in empty.videos]
     if missing:

@@ -25,6 +25,7 @@ from mocapella.kinematics.silhouette_fit import eye, figure, see
 from mocapella.model.body_meshes import body_mesh
 from mocapella.model.body_proportions import Sex, proportions_of
 from mocapella.model.rigged_mesh import RiggedMesh, posed
+from mocapella.model.silhouettes import overlap
 from mocapella.model.twist_tree import TreePose
 from mocapella.settings import check
 from mocapella.sources.simulate.corruption import Corruption
@@ -162,12 +163,8 @@ def overlaps(film: Film, movement: Movement, every: int = EVERY) -> Float64:
         vertices = posed(movement.mesh, TreePose(movement.poses.T_world_model[k], movement.poses.angles[k]))
         row = []
         for placed, true in zip(film.scene.rig.cameras.values(), film.scene.masks(k), strict=True):
-            outline, mesh = see(body, vertices, eye(placed), step_px=1, margin_px=2), np.zeros_like(true)
-            if outline is not None:
-                (x, y), (height, width) = outline.origin_px, true.shape
-                part = outline.mask[max(-y, 0) : height - y, max(-x, 0) : width - x] > 0
-                mesh[max(y, 0) : max(y, 0) + part.shape[0], max(x, 0) : max(x, 0) + part.shape[1]] = part
-            union = np.count_nonzero(mesh | true)
-            row.append(np.count_nonzero(mesh & true) / union if union else 1.0)
+            outline = see(body, vertices, eye(placed), step_px=1, margin_px=2)
+            mesh = np.zeros_like(true) if outline is None else outline.silhouette.mask((true.shape[1], true.shape[0]))
+            row.append(overlap(mesh, true) if mesh.any() or true.any() else 1.0)
         out.append(row)
     return np.array(out)

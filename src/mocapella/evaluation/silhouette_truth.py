@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.kinematics.silhouette_fit import Outline
-from mocapella.model.silhouettes import Silhouette
+from mocapella.model.silhouettes import overlap
 from mocapella.model.twist_tree import TreePose
 
 Float64 = NDArray[np.float64]
@@ -67,7 +67,8 @@ class TruthMeter:
         self._joints.append(np.linalg.norm(landmarks - true_landmarks, axis=-1))
         for name, mask in masks.items():
             if name in outlines:
-                self._overlaps.append(overlap(outlines[name], mask))
+                covered = outlines[name].silhouette.mask((mask.shape[1], mask.shape[0]))
+                self._overlaps.append(overlap(covered, mask))
 
     @property
     def score(self) -> TruthScore | None:
@@ -83,14 +84,6 @@ class TruthMeter:
             1e3 * float(np.median(self._joints)),
             float(np.mean(self._overlaps)) if self._overlaps else float("nan"),
         )
-
-
-def overlap(outline: Outline, mask: Bool) -> float:
-    """Intersection over union of what a posed mesh covers, and (height, width) what is covered; 0 of nothing."""
-    silhouette = Silhouette(outline.origin_px, outline.step_px, outline.mask.astype(np.float32) - 0.5)
-    model = silhouette.mask((mask.shape[1], mask.shape[0]))
-    union = np.count_nonzero(model | mask)
-    return np.count_nonzero(model & mask) / union if union else 0.0
 
 
 def rough_start(pose: TreePose, limits: Float64, seed: int, off: Sequence[float] = (0.03, 0.08)) -> TreePose:

@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 from mocapella.evaluation.point_references import WEIGHTED_LINEAR, trc_points
 from mocapella.fusion.point_tracks import triangulate_tracks
 from mocapella.geometry.signed_distance import signed_distance
-from mocapella.kinematics.silhouette_fit import Figure, eye, figure, see
+from mocapella.kinematics.silhouette_fit import Figure, eye, see
 from mocapella.model.camera import CameraRig
 from mocapella.model.camera_rig_file import load_camera_rig
 from mocapella.model.openpose_names import LANDMARKS
 from mocapella.model.rigged_mesh import posed
+from mocapella.model.silhouettes import overlap
 from mocapella.recording.viewed_tracks import read_viewed_tracks
 from mocapella.sources.video import pictures
 from mocapella.tracker.silhouettes import Followed
@@ -130,15 +131,8 @@ def score_video(
             for label in drawn:
                 if (label["camera"], label["frame"]) == (name, frame):
                     truth = draw([np.array(p) for p in label["person"]], [np.array(p) for p in label["without"]]) > 0
-                    mesh = np.zeros_like(truth)
-                    part = outline.mask[max(-y0, 0) :, max(-x0, 0) :]
-                    into = mesh[max(y0, 0) : max(y0, 0) + part.shape[0], max(x0, 0) : max(x0, 0) + part.shape[1]]
-                    into[:] = part[: into.shape[0], : into.shape[1]] > 0
-                    union = np.count_nonzero(truth | mesh)
-                    overlaps[f"{name} {frame}"] = float(np.count_nonzero(truth & mesh) / union)
+                    mesh = outline.silhouette.mask((truth.shape[1], truth.shape[0]))
+                    overlaps[f"{name} {frame}"] = overlap(truth, mesh)
     return VideoScore(
         len(followed), float(np.median(far)), float(np.percentile(far, 95)), joints, float(np.mean(within)), overlaps
     )
-
-
-__all__ = ["VideoScore", "figure", "first_points", "images_of", "rig_of", "score_video"]

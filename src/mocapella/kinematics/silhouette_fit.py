@@ -23,6 +23,7 @@ from mocapella.geometry import lens as lenses
 from mocapella.kinematics.twist_fit import InPlanes
 from mocapella.model.camera import PlacedCamera
 from mocapella.model.rigged_mesh import RiggedMesh
+from mocapella.model.silhouettes import Silhouette
 from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
@@ -120,6 +121,11 @@ class Outline(msgspec.Struct, frozen=True, eq=False):
     points: Float64
     part: Int32
     depth: Float64
+
+    @property
+    def silhouette(self) -> Silhouette:
+        """What it covers; phi says on which side a sample is, not how far from the outline."""
+        return Silhouette(self.origin_px, self.step_px, self.mask.astype(np.float32) - np.float32(0.5))
 
 
 def see(

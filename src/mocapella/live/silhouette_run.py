@@ -19,10 +19,9 @@ from mocapella.calibration.visual_cones import doubts, meetings
 from mocapella.conventions import NS_PER_S
 from mocapella.geometry.lens import project
 from mocapella.geometry.rigid import apply
-from mocapella.kinematics.silhouette_fit import Outline
 from mocapella.model.camera import CameraRig
 from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at, rest
-from mocapella.model.silhouettes import Silhouette
+from mocapella.model.silhouettes import overlap
 from mocapella.model.twist_tree import TreePose
 from mocapella.recording.followed_bodies import FollowedFrame, frame_of
 from mocapella.sensing.empty_room import EmptyRoom, MovedSince
@@ -68,15 +67,10 @@ class Step(msgspec.Struct, frozen=True, eq=False):
         """Each camera's image with the outlines drawn in, so many pixels wide; as it is without ``width``."""
         seen = self.followed.seen
         return {
-            name: outlined(image, seen[name].contour, covered(seen[name].outline), width)
+            name: outlined(image, seen[name].contour, seen[name].outline.silhouette, width)
             if name in seen else outlined(image, None, None, width)
             for name, image in self.images.items()
         }  # fmt: skip
-
-
-def covered(outline: Outline) -> Silhouette:
-    """What the posed mesh covers."""
-    return Silhouette(outline.origin_px, outline.step_px, outline.mask.astype(np.float32) - 0.5)
 
 
 class SilhouetteRun:
@@ -239,7 +233,7 @@ class SilhouetteRun:
         for name, one in found.seen.items():
             shares = self._shares.setdefault(name, [])
             if len(shares) < JUDGED_BY:
-                share = self._moved.at_body(name, images[name], covered(one.outline))
+                share = self._moved.at_body(name, images[name], one.outline.silhouette)
                 shares += [share] if np.isfinite(share) else []
                 if len(shares) == JUDGED_BY and np.median(shares) < MOVES_WITH:
                     self.note(
@@ -260,11 +254,10 @@ def rig_doubts(found: Followed, images: Mapping[str, UInt8], empty: EmptyRoom, r
             continue
         silhouettes[name] = silhouette
         size = rig.cameras[name].camera.size_px
-        a, b = silhouette.mask(size), covered(one.outline).mask(size)
-        overlap = np.count_nonzero(a & b) / max(np.count_nonzero(a | b), 1)
-        if overlap < DOUBTED_BELOW:
+        shared = overlap(silhouette.mask(size), one.outline.silhouette.mask(size))
+        if shared < DOUBTED_BELOW:
             said.append(
                 f"{name}: the body covers other parts of the image than what is not in the empty room (overlap "
-                f"{overlap:.0%}): is this the video of {name}, and does the camera stand where the rig says?"
+                f"{shared:.0%}): is this the video of {name}, and does the camera stand where the rig says?"
             )
     return doubts(meetings(silhouettes, rig)) + said

@@ -6,7 +6,6 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-Float64 = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 
 
@@ -36,3 +35,9 @@ class Silhouette(msgspec.Struct, frozen=True, eq=False):
         part = inside[top - y : max(height - y, 0), left - x : max(width - x, 0)]
         out[top : top + part.shape[0], left : left + part.shape[1]] = part
         return out
+
+
+def overlap(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
+    """Intersection over union of two masks of one shape; 0 of nothing."""
+    union = np.count_nonzero(a | b)
+    return np.count_nonzero(a & b) / union if union else 0.0

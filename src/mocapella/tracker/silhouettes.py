@@ -27,7 +27,7 @@ from mocapella.kinematics.twist_fit import FitSettings, InPlanes, Prior, fit
 from mocapella.kinematics.twist_prediction import JitterPenalty, predicted, smoothness
 from mocapella.model.camera import CameraRig
 from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at, posed
-from mocapella.model.silhouettes import Silhouette
+from mocapella.model.silhouettes import Silhouette, overlap
 from mocapella.model.twist_tree import TreePose, part_motions
 from mocapella.sensing.background_memory import BackgroundMemory, MemorySettings
 from mocapella.sensing.region_contour import RegionSettings, region_contour
@@ -192,6 +192,17 @@ class SilhouetteTracker:
         if not self._cameras:
             raise SettingsError("no camera of the rig sees a body that stands there; is the pose in the rig's space?")
 
+    def learn_background(self, images: Mapping[str, UInt8]) -> None:
+        """Take in images of the empty room, by camera; after `start`. Cameras that move learn nothing.
+
+        Raises:
+            InputError: an image of another size than before.
+        """
+        for name, image in images.items():
+            memory = self._cameras[name].memory if name in self._cameras else None
+            if memory is not None:
+                memory.update(image, None)
+
     def expected(self, time_ns: int) -> TreePose:
         """Where it will be if it goes on as it did."""
         (last_ns, last) = self._past[-1]
@@ -315,8 +326,7 @@ class _Camera:
     """What is known of a camera's images."""
 
     def __init__(self, by: Eye, step_px: int, settings: SilhouetteSettings) -> None:
-        self._eye, self._step, self._settings = by, step_px, settings
-        self.step_px = step_px
+        self._eye, self.step_px, self._settings = by, step_px, settings
         self._region, self._closer = (_scaled(region, step_px) for region in (settings.region, settings.closer))
         self._wide_region = dataclasses.replace(
             self._region, band_px=WIDE * self._region.band_px, prior_weight=self._region.prior_weight / WIDE**2
@@ -351,13 +361,13 @@ class _Camera:
     def sample_m(self) -> float:
         """How far samples are apart, at the distance of the body's nearest outline [m]."""
         assert self._outline is not None
-        return float(self._outline.depth.min(initial=np.inf) * self._step / self._eye.lens[0])
+        return float(self._outline.depth.min(initial=np.inf) * self.step_px / self._eye.lens[0])
 
     def look(self, body: Figure, vertices: Float64, s: SilhouetteSettings) -> bool:
         """See the body; all of a frame's looks have one window. False where it is not in the image."""
         seen = see(
-            body, vertices, self._eye, step_px=self._step, margin_px=int(self._reach),
-            spacing_px=s.correspondences.spacing_steps * self._step, window=self._window,
+            body, vertices, self._eye, step_px=self.step_px, margin_px=int(self._reach),
+            spacing_px=s.correspondences.spacing_steps * self.step_px, window=self._window,
         )  # fmt: skip
         self._window, self._outline, self._prior = self._window or seen, seen, None
         return seen is not None
@@ -403,10 +413,8 @@ class _Camera:
         """The outcome of a frame."""
         assert self._outline is not None
         assert self._found is not None
-        a, b = self._found[0].phi > 0, self._outline.mask > 0
-        union = np.count_nonzero(a | b)
-        overlap = np.count_nonzero(a & b) / union if union else 0.0
-        return SeenIn(self._found[0], self._outline, overlap)
+        contour = self._found[0]
+        return SeenIn(contour, self._outline, overlap(contour.phi > 0, self._outline.mask > 0))
 
     def learn(self, image: UInt8, others: Bool | None) -> None:
         """Take in what is behind the body."""
@@ -414,14 +422,14 @@ class _Camera:
             # Without another distance: what is near the contour or in the body is not learnt.
             assert self._outline is not None
             contour = self._found[0]
-            phi = np.where(self._outline.mask > 0, np.float32(self._step), contour.phi)
-            self.memory.update(image, Silhouette(contour.origin_px, self._step, phi), others)
+            phi = np.where(self._outline.mask > 0, np.float32(self.step_px), contour.phi)
+            self.memory.update(image, Silhouette(contour.origin_px, self.step_px, phi), others)
 
     def _expected(self) -> Silhouette:
         if self._prior is None:
             assert self._outline is not None
-            phi = signed_distance(self._outline.mask, self._reach, self._step)
-            self._prior = Silhouette(self._outline.origin_px, self._step, phi)
+            phi = signed_distance(self._outline.mask, self._reach, self.step_px)
+            self._prior = Silhouette(self._outline.origin_px, self.step_px, phi)
         return self._prior
 
 
