@@ -8,8 +8,8 @@ A motion is a table of key poses, or a cycle of them. Between keys angles run mo
 smoothed by a Gaussian: neither leaves the keys' range, so what the keys keep of the joints' limits is kept. Splines
 through the results are twice continuously differentiable.
 
-Where a body is follows from what it stands on: its lowest point is on the floor, or as high above it as a key says, and
-what touches the floor does not slide.
+Where a body is follows from what it stands on: its lowest point is on the floor, and what touches the floor does not
+slide. Where a key says that it is in the air, its middle falls as everything does.
 """
 
 from __future__ import annotations
@@ -34,7 +34,9 @@ Key = tuple[float, Mapping[str, float]]
 GRID_HZ: Final = 200.0
 SMOOTH_S: Final = 0.035
 """Standard deviation of the Gaussian."""
+GRAVITY_M_PER_S2: Final = 9.81
 _CONTACT_M: Final = 0.006
+_IN_THE_AIR_M: Final = 1e-3
 _THROUGH_AIR: Final = 0.5
 """Of the speeds at which a body leaves the floor and meets it: what turns about its feet is faster than what flies."""
 _TURNS: Final = ("yaw", "pitch", "roll")
@@ -120,24 +122,24 @@ def grounded(
 
     n, sd = len(angles), SMOOTH_S * GRID_HZ
     R = turned(turns)
-    lowest, step = np.empty(n), np.zeros((n, 2))
+    lowest, middle, step = np.empty(n), np.empty(n), np.zeros((n, 2))
     before: Float64 | None = None
     for k in range(n):
         T = rigid(R[k], -R[k] @ mesh.tree.root)
         at = posed(mesh, TreePose(T, angles[k]))
-        lowest[k] = at[:, 1].min()
+        lowest[k], middle[k] = at[:, 1].min(), at[:, 1].mean()
         if before is not None:  # what is lowest between two instants stays where it is
             height = 0.5 * (at[:, 1] + before[:, 1])
             share = np.exp(-(height - height.min()) / _CONTACT_M)
             step[k] = -(share @ (at - before)[:, [0, 2]]) / share.sum()
         before = at
-    wanted = above - lowest
+    wanted = _thrown(above - lowest, middle, above > _IN_THE_AIR_M)
     y = gaussian_filter1d(wanted, sd, mode="nearest")
     reach = int(1.5 * sd + 0.5)  # as far as the second filter looks: what the first leaves below the floor is lifted
     below = maximum_filter1d(np.maximum(wanted - y, 0.0), 2 * reach + 1, mode="nearest")
     y = y + gaussian_filter1d(below, sd, mode="nearest", truncate=1.5)
     if path is None:
-        free = above > 1e-3
+        free = above > _IN_THE_AIR_M
         if free.any() and not free.all():  # through the air about as fast as before and after
             for i in range(2):
                 step[free, i] = _THROUGH_AIR * np.interp(np.flatnonzero(free), np.flatnonzero(~free), step[~free, i])
@@ -146,6 +148,24 @@ def grounded(
             path = path - np.linspace(0, 1, n)[:, None] * (path[-1] - path[0])
     path = path - 0.5 * (path.max(axis=0) + path.min(axis=0))
     return np.stack([path[:, 0], y, path[:, 1]], axis=1)
+
+
+def _thrown(y: Float64, middle: Float64, free: NDArray[np.bool_]) -> Float64:
+    """Heights (n,) of the root at `GRID_HZ`, those that are free such that the body's middle falls as what is thrown.
+
+    Args:
+        y: where it stands on the floor, or is to be in the air.
+        middle: (n,) height of the body's middle above the root.
+        free: (n,) whether it is in the air.
+    """
+    out = y.copy()
+    edges = np.flatnonzero(np.diff(free.astype(np.int8)))
+    for start, end in zip(edges[::2], edges[1::2] + 1, strict=False) if not free[0] else ():
+        t = np.arange(end - start + 1) / GRID_HZ
+        low, high = y[start] + middle[start], y[end] + middle[end]
+        thrown = low + (high - low) * t / t[-1] + 0.5 * GRAVITY_M_PER_S2 * t * (t[-1] - t)
+        out[start : end + 1] = thrown - middle[start : end + 1]
+    return out
 
 
 def splined(
