@@ -16,8 +16,12 @@ MIDDLE = 127.5
 """Of the scale [grey levels]."""
 SD_OF_FIFTH = 1.0 / 0.25335
 """Of a normal distribution: over what a fifth of all deviations is below."""
-WIDE = 3.0
-"""What is farther from the mean than so many standard deviations moves it no more than that."""
+WIDE = 1.5
+"""What is farther from the mean than so many standard deviations moves it no more than that, and its variance neither:
+so little that one wrong value in six does not make the variance grow without end (P. Huber, Robust Statistics, 1981,
+section 6.4)."""
+OF_CUT = 1.0 / 0.77846
+"""Of a normal distribution: its variance over that of what is cut off there."""
 
 
 @njit(cache=True)
@@ -101,7 +105,7 @@ def learn(image, step, phi, left, top, guard, others, begin, end, every, rate, l
                     d = min(max(d, -most), most)
                     mean[i, j, c] += r * d
                     squares += d * d
-                variance[i, j] += r * (squares / channels - variance[i, j])
+                variance[i, j] += r * (OF_CUT * squares / channels - variance[i, j])
             if n < 255:
                 count[i, j] = n + 1
 

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import SettingsError
 from mocapella.geometry.signed_distance import signed_distance
+from mocapella.kinematics.ball_joints import LocalTree, ball_joints, local_tree
 from mocapella.kinematics.silhouette_fit import CorrespondenceSettings, Eye, Figure, Outline, eye, figure, see, touching
 from mocapella.kinematics.twist_fit import FitSettings, InPlanes, Prior, fit
 from mocapella.kinematics.twist_prediction import JitterPenalty, predicted, smoothness
@@ -164,6 +165,7 @@ class SilhouetteTracker:
         self.settings = settings or SilhouetteSettings()
         self.mesh = mesh
         self._figure = figure(mesh)
+        self._balls = ball_joints(mesh.tree)
         self._eyes: dict[str, Eye] = {name: eye(placed) for name, placed in rig.cameras.items()}
         self._usual = np.clip(0.0, *mesh.tree.limits.T)
         self.reset()
@@ -210,7 +212,9 @@ class SilhouetteTracker:
             return last
         before_ns, before = self._past[-2]
         ratio = (time_ns - last_ns) / (last_ns - before_ns)
-        pose = predicted(before, last, ratio * 0.5 ** (self._blind_ns / NS_PER_S / HALF_LIFE_S))
+        local = self._local(last)
+        onward = ratio * 0.5 ** (self._blind_ns / NS_PER_S / HALF_LIFE_S)
+        pose = local.back(predicted(local.into(before), local.at, onward))
         return TreePose(pose.T_world_model, np.clip(pose.angles, *self.mesh.tree.limits.T))
 
     def update(self, images: Mapping[str, UInt8], time_ns: int, others: Mapping[str, Bool] | None = None) -> Followed:
@@ -222,9 +226,9 @@ class SilhouetteTracker:
             others: (height, width) by camera, where other people are: what is seen there says nothing of this one.
         """
         others = others or {}
-        s, tree = self.settings, self.mesh.tree
+        s = self.settings
         expected = pose = self.expected(time_ns)
-        priors = self._priors(expected, time_ns)
+        usual, steady = self._priors(expected, time_ns)
         first = len(self._past) == 1
         left_out = self._unusable(images)
         for camera in self._cameras.values():
@@ -237,7 +241,8 @@ class SilhouetteTracker:
         for number in range(rounds):
             for camera in self._cameras.values():
                 camera.wide = first and number < rounds // 2
-            vertices, motions = posed(self.mesh, pose), self._motions(pose)
+            vertices, local = posed(self.mesh, pose), self._local(pose)
+            motions = self._motions(local)
             given = []
             for name, camera in self._cameras.items():
                 if name not in images or name in left_out or not camera.look(self._figure, vertices, s):
@@ -247,7 +252,8 @@ class SilhouetteTracker:
                 if camera.segmented:
                     given.append(camera.planes(motions))
             # What nobody sees goes on as it did, not to where it usually is.
-            pose = fit(tree, pose, given, priors if given else priors[1:], FitSettings(most_steps=3)).pose
+            priors = [local.into_prior(one) for one in steady] + ([local.into_usual(usual)] if given else [])
+            pose = local.back(fit(local.tree, local.at, given, priors, FitSettings(most_steps=3)).pose)
         vertices, seen = posed(self.mesh, pose), {}
         for name, camera in self._cameras.items():
             if name in images and camera.segmented and camera.look(self._figure, vertices, s):
@@ -307,18 +313,22 @@ class SilhouetteTracker:
             reasons = dict.fromkeys(asked, "at least half of the cameras show something else") | reasons
         return reasons
 
-    def _priors(self, expected: TreePose, time_ns: int) -> Sequence[Prior]:
+    def _priors(self, expected: TreePose, time_ns: int) -> tuple[Prior, Sequence[Prior]]:
+        """How angles usually are, and how steady the body is."""
         s = self.settings
         weak = np.full(len(self._usual), s.usual_per_rad)
         usual = Prior(TreePose(expected.T_world_model, self._usual), 0.0, 0.0, weak)
         if s.steadiness is None or len(self._past) < 2:
-            return [usual]
+            return usual, ()
         (before_ns, _), (last_ns, _) = self._past
         penalty = s.steadiness.penalty((time_ns - last_ns) / NS_PER_S, (last_ns - before_ns) / NS_PER_S)
-        return [usual, smoothness(self.mesh.tree, expected, penalty)]
+        return usual, (smoothness(self.mesh.tree, expected, penalty),)
 
-    def _motions(self, pose: TreePose) -> tuple[Float64, Float64]:
-        T = part_motions(self.mesh.tree, pose)
+    def _local(self, pose: TreePose) -> LocalTree:
+        return local_tree(self.mesh.tree, self._balls, pose)
+
+    def _motions(self, local: LocalTree) -> tuple[Float64, Float64]:
+        T = part_motions(local.tree, local.at)
         return np.ascontiguousarray(T[:, :3, :3]).reshape(-1, 9), np.ascontiguousarray(T[:, :3, 3])
 
 

@@ -1,0 +1,192 @@
+"""Three perpendicular turns of a ball joint: their rotation, and the turns of a rotation; compiled.
+
+Rotations are (9,), row by row. Importing this module imports numba.
+"""
+
+# ruff: noqa: PLR0917 - compiled: arrays come by position, and loops are written out
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mocapella.compiled import njit
+from mocapella.geometry.turn_kernels import FIRST, orthonormal, turn_between, turned
+
+_SINGULAR = 1e-6
+"""Of the cosine of the second turn."""
+
+
+@njit(cache=True)
+def rotation(axes, angles, out):
+    """Write exp(a₀ α₀) exp(a₁ α₁) exp(a₂ α₂) into out (9,) for unit axes (3, 3), one a row."""
+    a, b = np.empty(9), np.empty(9)
+    for i in range(9):
+        a[i] = 1.0 if i % 4 == 0 else 0.0
+    turned(a, FIRST, angles[0] * axes[0, 0], angles[0] * axes[0, 1], angles[0] * axes[0, 2], b)
+    turned(b, FIRST, angles[1] * axes[1, 0], angles[1] * axes[1, 1], angles[1] * axes[1, 2], a)
+    turned(a, FIRST, angles[2] * axes[2, 0], angles[2] * axes[2, 1], angles[2] * axes[2, 2], out)
+
+
+@njit(cache=True)
+def _product(A, B, out):
+    for i in range(3):
+        for k in range(3):
+            out[3 * i + k] = A[3 * i] * B[k] + A[3 * i + 1] * B[3 + k] + A[3 * i + 2] * B[6 + k]
+
+
+@njit(cache=True)
+def turns(axes, R, near, out):
+    """Write the three turns (3,) about perpendicular axes (3, 3) that make R, the second one within ±90°.
+
+    Where it is at ±90° only the sum or the difference of the others shows: the first one is as in ``near``.
+    """
+    a, b = axes[0], axes[1]
+    c0, c1, c2 = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    sign = 1.0 if c0 * axes[2, 0] + c1 * axes[2, 1] + c2 * axes[2, 2] > 0.0 else -1.0
+    E = np.empty((3, 3))
+    for k in range(3):
+        E[0, k], E[1, k] = a[k], b[k]
+    E[2, 0], E[2, 1], E[2, 2] = c0, c1, c2
+    M = np.empty((3, 3))
+    for i in range(3):
+        for k in range(3):
+            total = 0.0
+            for m in range(3):
+                total += E[i, m] * (R[3 * m] * E[k, 0] + R[3 * m + 1] * E[k, 1] + R[3 * m + 2] * E[k, 2])
+            M[i, k] = total
+    cosine = math.sqrt(M[0, 0] * M[0, 0] + M[0, 1] * M[0, 1])
+    out[1] = math.atan2(M[0, 2], cosine)
+    if cosine > _SINGULAR:
+        out[0], out[2] = math.atan2(-M[1, 2], M[2, 2]), sign * math.atan2(-M[0, 1], M[0, 0])
+    else:
+        both = math.atan2(M[1, 0], M[1, 1])  # of α₀ ± α₂
+        out[0] = near[0]
+        out[2] = sign * (both - near[0] if M[0, 2] > 0.0 else both + near[0])
+
+
+@njit(cache=True)
+def _near(angle, to):
+    """The angle, full turns away from it, that is nearest to another."""
+    return angle - 2.0 * math.pi * round((angle - to) / (2.0 * math.pi))
+
+
+@njit(cache=True)
+def turns_within(axes, R, limits, near, out):
+    """Write the three turns (3,) within limits (3, 2) that make R, or what is nearest to it of what they allow.
+
+    There are two ways: (α₀, α₁, α₂) and (α₀ + π, π − α₁, α₂ + π). Where both are allowed, the one is taken whose last
+    turn is less.
+    """
+    one, other, made, best = np.empty(3), np.empty(3), np.empty(9), math.inf
+    turns(axes, R, near, one)
+    for way in range(2):
+        if way == 1:
+            one[0], one[1], one[2] = one[0] + math.pi, math.pi - one[1], one[2] + math.pi
+        for i in range(3):
+            middle = 0.5 * (limits[i, 0] + limits[i, 1])
+            other[i] = _near(one[i], middle) if math.isfinite(middle) else _near(one[i], near[i])
+            other[i] = min(max(other[i], limits[i, 0]), limits[i, 1])
+        rotation(axes, other, made)
+        x, y, z = turn_between(made, FIRST, R)
+        away = math.sqrt(x * x + y * y + z * z) + 1e-6 * abs(other[2])
+        if away < best:
+            best = away
+            for i in range(3):
+                out[i] = other[i]
+
+
+@njit(cache=True)
+def localise(parents, joint_parts, parts, first, axes, centres, angles, turned_by, new_axes, twists, limits):
+    """Make a tree one that is at rest in a pose, of its ball joints.
+
+    Args:
+        parents, joint_parts: of `TwistTree`.
+        parts, first, axes, centres: of `BallJoints`.
+        angles: (joints,) of the pose; those of ball joints are set to 0.
+        turned_by: (n, 9) written: how they turned.
+        new_axes: (n, 3, 3) written: about which they turn now.
+        twists: (joints, 6) changed: of ball joints, and of all that hangs on them.
+        limits: (joints, 2) changed: ball joints have none, but for the turn about the limb.
+    """
+    moved = np.zeros((len(parents), 12))  # rotation, then translation, of each part's new rest from its old one
+    for p in range(len(parents)):
+        moved[p, 0] = moved[p, 4] = moved[p, 8] = 1.0
+    R, t, new = np.empty(9), np.empty(3), np.empty(9)
+    for p in range(1, len(parents)):
+        for i in range(12):
+            moved[p, i] = moved[parents[p], i]
+        M = moved[p]
+        ball = -1
+        for n in range(len(parts)):
+            if parts[n] == p:
+                ball = n
+        j0 = len(joint_parts)
+        for j in range(len(joint_parts)):
+            if joint_parts[j] == p:
+                j0 = min(j0, j)
+                w, v, u = twists[j, 3:].copy(), twists[j, :3].copy(), np.empty(3)
+                for i in range(3):
+                    twists[j, 3 + i] = M[3 * i] * w[0] + M[3 * i + 1] * w[1] + M[3 * i + 2] * w[2]
+                    u[i] = M[3 * i] * v[0] + M[3 * i + 1] * v[1] + M[3 * i + 2] * v[2]
+                a, b, c = twists[j, 3], twists[j, 4], twists[j, 5]
+                twists[j, 0] = u[0] + M[10] * c - M[11] * b
+                twists[j, 1] = u[1] + M[11] * a - M[9] * c
+                twists[j, 2] = u[2] + M[9] * b - M[10] * a
+        if ball < 0:
+            continue
+        three, o = angles[first[ball] : first[ball] + 3], centres[ball]
+        rotation(axes[ball], three, R)
+        for i in range(9):
+            turned_by[ball, i] = R[i]
+        along = axes[ball, 2]
+        N = new_axes[ball]
+        for i in range(3):
+            N[2, i] = R[3 * i] * along[0] + R[3 * i + 1] * along[1] + R[3 * i + 2] * along[2]
+            N[0, i] = R[3 * i] * axes[ball, 0, 0] + R[3 * i + 1] * axes[ball, 0, 1] + R[3 * i + 2] * axes[ball, 0, 2]
+            N[1, i] = R[3 * i] * axes[ball, 1, 0] + R[3 * i + 1] * axes[ball, 1, 1] + R[3 * i + 2] * axes[ball, 1, 2]
+        # In the parent's new rest: the centre, and the axes.
+        for i in range(3):
+            t[i] = M[3 * i] * o[0] + M[3 * i + 1] * o[1] + M[3 * i + 2] * o[2] + M[9 + i]
+        for k in range(3):
+            j = first[ball] + k
+            for i in range(3):
+                twists[j, 3 + i] = M[3 * i] * N[k, 0] + M[3 * i + 1] * N[k, 1] + M[3 * i + 2] * N[k, 2]
+            a, b, c = twists[j, 3], twists[j, 4], twists[j, 5]
+            twists[j, 0], twists[j, 1], twists[j, 2] = t[1] * c - t[2] * b, t[2] * a - t[0] * c, t[0] * b - t[1] * a
+            limits[j, 0], limits[j, 1] = -math.inf, math.inf
+        for k in range(3):
+            angles[first[ball] + k] = 0.0
+        # What hangs on it begins turned: x → M (R (x − o) + o).
+        _product(M[:9], R, new)
+        orthonormal(new)
+        for i in range(3):
+            M[9 + i] = t[i] - (new[3 * i] * o[0] + new[3 * i + 1] * o[1] + new[3 * i + 2] * o[2])
+        for i in range(9):
+            M[i] = new[i]
+
+
+@njit(cache=True)
+def into(first, axes, turned_by, new_axes, angles):
+    """Change ball joints' angles (joints,) of a body's pose to those of a local tree."""
+    R, D = np.empty(9), np.empty(9)
+    none = np.zeros(3)
+    for n in range(len(first)):
+        three, B = angles[first[n] : first[n] + 3], turned_by[n]
+        rotation(axes[n], three, R)
+        for i in range(3):  # R Bᵀ
+            for k in range(3):
+                D[3 * i + k] = R[3 * i] * B[3 * k] + R[3 * i + 1] * B[3 * k + 1] + R[3 * i + 2] * B[3 * k + 2]
+        turns(new_axes[n], D, none, three)
+
+
+@njit(cache=True)
+def back(first, axes, turned_by, new_axes, limits, near, angles):
+    """Change ball joints' angles (joints,) of a local tree to those of the body, within its limits."""
+    D, R = np.empty(9), np.empty(9)
+    for n in range(len(first)):
+        j = first[n]
+        three = angles[j : j + 3]
+        rotation(new_axes[n], three, D)
+        _product(D, turned_by[n], R)
+        turns_within(axes[n], R, limits[j : j + 3], near[j : j + 3], three)
