@@ -3,7 +3,7 @@
 Rotations are (9,), row by row. Importing this module imports numba.
 """
 
-# ruff: noqa: PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
 from __future__ import annotations
 
 import math

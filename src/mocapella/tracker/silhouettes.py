@@ -43,6 +43,11 @@ LEAST_CONTRAST = 6
 """An image whose values differ by no more is all of one colour [grey levels]."""
 MOST_AT_FIRST = 0.6
 """Before it is known how much of a background differs from image to image, so much may."""
+LEAST_JUMP, BEYOND = 0.04, 6.0
+"""If in half of the cameras more than this, and so many usual deviations, of a background differs all at once, what was
+stored is wrong."""
+LEARNT = 0.2
+"""How fast what usually differs is learnt."""
 HALF_LIFE_S = 0.15
 """How long what nobody sees goes on as it did, until it is half as fast [s]."""
 SETTLING = 4
@@ -61,14 +66,17 @@ class Steadiness:
         root_m_per_s2: of the body's place [m/s²].
         root_rad_per_s2: of its orientation [rad/s²].
         angle_rad_per_s2: of a joint [rad/s²].
+        turn_rad_per_s: of a limb about itself, which hardly shows where it is straight: not the acceleration, the speed
+            [rad/s].
     """
 
     root_m_per_s2: float = 20.0
     root_rad_per_s2: float = 150.0
     angle_rad_per_s2: float = 150.0
+    turn_rad_per_s: float = 3.0
 
     def __post_init__(self) -> None:
-        for name in ("root_m_per_s2", "root_rad_per_s2", "angle_rad_per_s2"):
+        for name in ("root_m_per_s2", "root_rad_per_s2", "angle_rad_per_s2", "turn_rad_per_s"):
             check(0 < getattr(self, name) < np.inf, name, getattr(self, name), "above 0")
 
     def penalty(self, since_s: float, before_s: float) -> JitterPenalty:
@@ -174,7 +182,7 @@ class SilhouetteTracker:
         """Forget where it is, and what is behind it."""
         self._past: list[tuple[int, TreePose]] = []
         self._cameras: dict[str, _Camera] = {}
-        self._blind_ns = 0
+        self._missed = False
         self._as_expected = False
 
     def start(self, pose: TreePose, time_ns: int) -> None:
@@ -183,7 +191,7 @@ class SilhouetteTracker:
         Raises:
             SettingsError: no camera sees it there.
         """
-        self._past, self._blind_ns, self._as_expected = [(time_ns, pose)], 0, False
+        self._past, self._missed, self._as_expected = [(time_ns, pose)], False, False
         vertices, s = posed(self.mesh, pose), self.settings
         for name, by in self._eyes.items():
             if name not in self._cameras:
@@ -211,10 +219,12 @@ class SilhouetteTracker:
         if len(self._past) < 2:
             return last
         before_ns, before = self._past[-2]
-        ratio = (time_ns - last_ns) / (last_ns - before_ns)
+        since_s, before_s = (time_ns - last_ns) / NS_PER_S, (last_ns - before_ns) / NS_PER_S
+        # What nobody sees for longer than usual goes on ever more slowly.
+        slowing = max(since_s - before_s, 0.0)
+        since_s += HALF_LIFE_S / np.log(2) * (1.0 - 0.5 ** (slowing / HALF_LIFE_S)) - slowing
         local = self._local(last)
-        onward = ratio * 0.5 ** (self._blind_ns / NS_PER_S / HALF_LIFE_S)
-        pose = local.back(predicted(local.into(before), local.at, onward))
+        pose = local.back(predicted(local.into(before), local.at, since_s / before_s))
         return TreePose(pose.T_world_model, np.clip(pose.angles, *self.mesh.tree.limits.T))
 
     def update(self, images: Mapping[str, UInt8], time_ns: int, others: Mapping[str, Bool] | None = None) -> Followed:
@@ -230,17 +240,20 @@ class SilhouetteTracker:
         expected = pose = self.expected(time_ns)
         usual, steady = self._priors(expected, time_ns)
         first = len(self._past) == 1
+        wide = first or self._missed
         left_out = self._unusable(images)
         for camera in self._cameras.values():
             camera.forget_frame()
-            camera.wide = first
+            camera.wide = wide
         left_out |= self._something_else(images, left_out, expected, time_ns)
         rounds, segmented = (s.rounds * SETTLING, s.rounds * SETTLING - 1) if first else (s.rounds, s.segmented)
+        if self._missed and not first:
+            rounds, segmented = 2 * rounds, 2 * rounds - 1
         if self._as_expected:
             rounds, segmented = max(rounds - 1, 1), 1
         for number in range(rounds):
             for camera in self._cameras.values():
-                camera.wide = first and number < rounds // 2
+                camera.wide = wide and number < rounds // 2
             vertices, local = posed(self.mesh, pose), self._local(pose)
             motions = self._motions(local)
             given = []
@@ -259,10 +272,11 @@ class SilhouetteTracker:
             if name in images and camera.segmented and camera.look(self._figure, vertices, s):
                 seen[name] = camera.seen()
                 camera.learn(images[name], others.get(name))
-        last_ns, last = self._past[-1]
-        self._blind_ns = 0 if seen else self._blind_ns + time_ns - last_ns
-        # Where it was thought to be before the first frame was rough: it is at rest, until it is seen to move.
-        self._past = [(last_ns, pose if first and seen else last), (time_ns, pose)]
+        if seen:
+            # Where it was thought to be before the first frame was rough: it is at rest, until it is seen to move.
+            last_ns, last = self._past[-1]
+            self._past = [(last_ns, pose if first else last), (time_ns, pose)]
+        self._missed = not seen
         away_m = np.linalg.norm(posed(self.mesh, expected) - vertices, axis=1).max()
         nearest_m = min((camera.sample_m for camera in self._cameras.values() if camera.segmented), default=0.0)
         self._as_expected = bool(seen) and away_m <= s.expected_steps * nearest_m
@@ -301,16 +315,30 @@ class SilhouetteTracker:
     def _something_else(
         self, images: Mapping[str, UInt8], left_out: Mapping[str, str], expected: TreePose, time_ns: int
     ) -> dict[str, str]:
-        """Cameras whose images are of something else; where half of them are, all are: what was stored is wrong."""
-        vertices, asked, reasons = posed(self.mesh, expected), [], {}
+        """Cameras whose images are of something else; where half of them are, all are: what was stored is wrong.
+
+        One camera must differ much, for somebody may pass; half of them, at one instant, only beyond chance.
+        """
+        vertices, s, asked, much, some = posed(self.mesh, expected), self.settings, {}, [], []
         for name, camera in self._cameras.items():
-            if name in images and name not in left_out and camera.look(self._figure, vertices, self.settings):
-                asked.append(name)
-                reason = camera.reason_against(images[name], time_ns)
-                if reason:
-                    reasons[name] = reason
-        if len(reasons) >= max(2, len(asked) / 2):
-            reasons = dict.fromkeys(asked, "at least half of the cameras show something else") | reasons
+            if name in images and name not in left_out and camera.look(self._figure, vertices, s):
+                asked[name] = unlike = camera.unlike(images[name])
+                if unlike > camera.usually.much(s.unlike):
+                    much.append(name)
+                if unlike > camera.usually.beyond_chance():
+                    some.append(name)
+        together = len(some) + len(left_out) >= max(2, (len(asked) + len(left_out)) / 2) and bool(some)
+        reasons = {}
+        for name, unlike in asked.items():
+            camera = self._cameras[name]
+            if not (together or name in much):
+                camera.as_usual(unlike)
+            elif camera.since_ns(time_ns) >= s.something_else_s * NS_PER_S:
+                camera.forget_background()
+            elif name in much or name in some:
+                reasons[name] = f"it shows something else: {unlike:.0%} of what is behind the body differs from before"
+            else:
+                reasons[name] = "at least half of the cameras show something else"
         return reasons
 
     def _priors(self, expected: TreePose, time_ns: int) -> tuple[Prior, Sequence[Prior]]:
@@ -320,9 +348,12 @@ class SilhouetteTracker:
         usual = Prior(TreePose(expected.T_world_model, self._usual), 0.0, 0.0, weak)
         if s.steadiness is None or len(self._past) < 2:
             return usual, ()
-        (before_ns, _), (last_ns, _) = self._past
-        penalty = s.steadiness.penalty((time_ns - last_ns) / NS_PER_S, (last_ns - before_ns) / NS_PER_S)
-        return usual, (smoothness(self.mesh.tree, expected, penalty),)
+        (before_ns, _), (last_ns, last) = self._past
+        since_s = (time_ns - last_ns) / NS_PER_S
+        penalty = s.steadiness.penalty(since_s, (last_ns - before_ns) / NS_PER_S)
+        turns = np.zeros(len(self._usual))
+        turns[self._balls.first + 2] = 1.0 / (s.steadiness.turn_rad_per_s * since_s)
+        return usual, (smoothness(self.mesh.tree, expected, penalty), Prior(last, 0.0, 0.0, turns))
 
     def _local(self, pose: TreePose) -> LocalTree:
         return local_tree(self.mesh.tree, self._balls, pose)
@@ -348,7 +379,7 @@ class _Camera:
         self.wide = False
         self.sparse_px = 8 * step_px
         self.thinned: UInt8 | None = None
-        self._usual_unlike: float | None = None
+        self.usually = _Usually()
         self._else_since_ns: int | None = None
         self.forget_frame()
 
@@ -382,25 +413,26 @@ class _Camera:
         self._window, self._outline, self._prior = self._window or seen, seen, None
         return seen is not None
 
-    def reason_against(self, image: UInt8, time_ns: int) -> str:
-        """Why an image is not to count; empty where it is."""
-        if self.memory is None:
-            return ""
-        unlike, s = self.memory.unlike(image, self._expected()), self._settings
-        usual = self._usual_unlike
-        most = MOST_AT_FIRST if usual is None else usual + s.unlike * (1.0 - usual)
-        if not unlike > most:
-            if not np.isnan(unlike):
-                self._usual_unlike = unlike if usual is None else usual + 0.2 * (unlike - usual)
-            self._else_since_ns = None
-            return ""
+    def unlike(self, image: UInt8) -> float:
+        """How much of what is behind the body is not as it was; NaN where nobody knows."""
+        return float("nan") if self.memory is None else self.memory.unlike(image, self._expected())
+
+    def as_usual(self, unlike: float) -> None:
+        """It shows what it did before, but for so much."""
+        self.usually.learn(unlike)
+        self._else_since_ns = None
+
+    def since_ns(self, time_ns: int) -> int:
+        """For how long it has shown something else."""
         if self._else_since_ns is None:
             self._else_since_ns = time_ns
-        if time_ns - self._else_since_ns >= s.something_else_s * NS_PER_S:
-            self.memory.reset()
-            self._usual_unlike, self._else_since_ns = None, None
-            return ""
-        return f"it shows something else: {unlike:.0%} of what is behind the body differs from before"
+        return time_ns - self._else_since_ns
+
+    def forget_background(self) -> None:
+        """What it shows is how things are now."""
+        assert self.memory is not None
+        self.memory.reset()
+        self.usually, self._else_since_ns = _Usually(), None
 
     def segment(self, image: UInt8, others: Bool | None, *, last: bool) -> None:
         """What the image says, the body's outline in mind; the ``last`` time of a frame it is nearly right."""
@@ -441,6 +473,31 @@ class _Camera:
             phi = signed_distance(self._outline.mask, self._reach, self.step_px)
             self._prior = Silhouette(self._outline.origin_px, self.step_px, phi)
         return self._prior
+
+
+class _Usually:
+    """How much of a background differs from image to image."""
+
+    def __init__(self) -> None:
+        self._mean: float | None = None
+        self._deviation = 0.0
+
+    def much(self, share: float) -> float:
+        """More than this is something else, of one camera."""
+        return MOST_AT_FIRST if self._mean is None else self._mean + share * (1.0 - self._mean)
+
+    def beyond_chance(self) -> float:
+        """More than this does not come by chance."""
+        return MOST_AT_FIRST if self._mean is None else self._mean + max(LEAST_JUMP, BEYOND * self._deviation)
+
+    def learn(self, unlike: float) -> None:
+        """Take in what was nothing else."""
+        if self._mean is None:
+            self._mean = None if np.isnan(unlike) else unlike
+        elif not np.isnan(unlike):
+            change = unlike - self._mean
+            self._mean += LEARNT * change
+            self._deviation += LEARNT * (abs(change) - self._deviation)
 
 
 def _scaled(region: RegionSettings, step_px: int) -> RegionSettings:
