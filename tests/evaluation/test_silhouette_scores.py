@@ -14,7 +14,6 @@ from mocapella.evaluation.silhouettes import (
     HINGES,
     JOINT_OF,
     Movement,
-    capsule_radii,
     joint_errors_deg,
     lag_frames,
     legs_swapped,
@@ -22,7 +21,6 @@ from mocapella.evaluation.silhouettes import (
     peak_kept,
     rms_acceleration,
     score,
-    segment_distance,
     through_itself_mm,
 )
 from mocapella.geometry.rigid import rotation_about_y

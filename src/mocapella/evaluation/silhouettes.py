@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from itertools import combinations
 from typing import Any, Final
 
 import msgspec
@@ -22,6 +21,7 @@ from numpy.typing import NDArray
 from mocapella.errors import EvaluationError
 from mocapella.geometry.rigid import rigid
 from mocapella.geometry.twists import log_motion
+from mocapella.model.body_capsules import body_capsules, depths_m
 from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at
 from mocapella.model.twist_tree import TreePose, part_motions
 from mocapella.settings import check
@@ -50,23 +50,6 @@ SWAPPED_FRAMES: Final = 3
 THROUGH_MM: Final = 10.0
 """How much deeper limbs may be inside each other than the truth's are."""
 LONGEST_LAG: Final = 20
-_CAPSULES: Final[dict[str, tuple[str, str, str]]] = {
-    "trunk": ("torso", "waist", "neck"),
-    "head": ("torso", "neck", "head"),
-    **{f"{side} {name}": (f"{side} {part}", f"{side} {a}", f"{side} {b}") for side in ("left", "right")
-       for name, part, a, b in (
-           ("upper arm", "upper arm", "shoulder", "elbow"), ("forearm", "forearm", "elbow", "wrist"),
-           ("hand", "forearm", "wrist", "hand"), ("thigh", "thigh", "hip", "knee"), ("shank", "shank", "knee", "ankle"),
-           ("foot", "foot", "heel", "toe"))},
-}  # fmt: skip
-"""Part, and the landmarks between which it is."""
-_TOUCHING: Final = (
-    {"trunk", "head"}, {"left foot", "left shank"}, {"right foot", "right shank"},
-    *({"trunk", f"{side} upper arm"} for side in ("left", "right")),
-    *({"head", f"{side} upper arm"} for side in ("left", "right")),
-    *({"trunk", f"{side} thigh"} for side in ("left", "right")), {"left thigh", "right thigh"},
-)  # fmt: skip
-"""These overlap in everybody; those that share a landmark do, too."""
 
 
 class Movement(msgspec.Struct, frozen=True, eq=False, dict=True):
@@ -276,44 +259,10 @@ def legs_swapped(found: Movement, true: Movement) -> Bools:
 def through_itself_mm(found: Movement, true: Movement) -> Float64:
     """(frames,) how much deeper limbs are inside each other than the truth's, which press their flesh a little."""
     _same(found, true)
-    ours, theirs = _depths_m(found), _depths_m(true)
-    return np.asarray(1e3 * np.max([np.maximum(ours[pair] - theirs[pair], 0.0) for pair in theirs], axis=0))
-
-
-def _depths_m(movement: Movement) -> dict[tuple[str, str], Float64]:
-    """(frames,) of each pair of limbs that can meet: how deep they are in each other; 0 where they are apart."""
-    radii, ends = capsule_radii(movement.mesh), movement.landmarks
-    out = {}
-    for one, other in combinations(_CAPSULES, 2):
-        (_, a, b), (_, c, d) = _CAPSULES[one], _CAPSULES[other]
-        if {one, other} not in _TOUCHING and not {a, b} & {c, d}:
-            between = segment_distance(ends[a], ends[b], ends[c], ends[d])
-            out[one, other] = np.maximum(radii[one] + radii[other] - between, 0.0)
-    return out
-
-
-def capsule_radii(mesh: RiggedMesh) -> dict[str, float]:
-    """How thick each limb is about the line between its landmarks [m]: three quarters of its flesh are outside."""
-    marks = mesh.landmarks
-    ends = [(marks[a].point, marks[b].point) for _, a, b in _CAPSULES.values()]
-    x = mesh.vertices
-    distances = np.array([segment_distance(x, x, *np.broadcast_arrays(a, b, x)[:2]) for a, b in ends])
-    nearest = distances.argmin(axis=0)
-    return {name: float(np.percentile(distances[k, nearest == k], 25)) for k, name in enumerate(_CAPSULES)}
-
-
-def segment_distance(a: Any, b: Any, c: Any, d: Any) -> Float64:
-    """Distances between segments from a to b and from c to d, all (..., 3); a point is a segment, too.
-
-    C. Ericson, *Real-Time Collision Detection* (2005), section 5.1.9.
-    """
-    u, v, w = b - a, d - c, a - c
-    uu, uv, vv, uw, vw = (np.sum(p * q, axis=-1) for p, q in ((u, u), (u, v), (v, v), (u, w), (v, w)))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        s = np.clip(np.nan_to_num((uv * vw - vv * uw) / (uu * vv - uv * uv), posinf=0.0, neginf=0.0), 0.0, 1.0)
-        t = np.clip(np.nan_to_num((uv * s + vw) / vv), 0.0, 1.0)
-        s = np.clip(np.nan_to_num((uv * t - uw) / uu), 0.0, 1.0)
-    return np.asarray(np.linalg.norm(w + s[..., None] * u - t[..., None] * v, axis=-1))
+    ours, theirs = (
+        depths_m(body_capsules(movement.mesh), landmarks_at(movement.mesh, movement.poses)) for movement in (found, true)
+    )
+    return np.asarray(1e3 * np.maximum(ours - theirs, 0.0).max(axis=1, initial=0.0))
 
 
 def _places(movement: Movement, names: Sequence[str]) -> Float64:

@@ -20,7 +20,7 @@ from mocapella.errors import SettingsError, one_of
 from mocapella.geometry.alignment import align, moments
 from mocapella.kinematics.twist_fit import FitSettings, OnPoints, Prior, fit
 from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at
-from mocapella.model.twist_tree import TreePose, TwistTree
+from mocapella.model.twist_tree import TreePose, TwistTree, limbs_of
 from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
@@ -66,7 +66,7 @@ def pose_of(mesh: RiggedMesh, joints: Mapping[str, Any]) -> TreePose:
     best, rng = fit(mesh.tree, start, constraints, [prior], _FIT), np.random.default_rng(0)
     limits = np.clip(mesh.tree.limits, -np.pi, np.pi)
     for _ in range(STARTS):
-        for joints_of, parts_of in _limbs(mesh.tree):
+        for joints_of, parts_of in limbs_of(mesh.tree):
             away = np.linalg.norm(landmarks_at(mesh, best.pose) - targets, axis=1)[np.isin(parts, parts_of) & seen]
             if away.max(initial=0.0) > NEAR_M:
                 # The limb alone to begin with, or it drags all else along.
@@ -106,15 +106,3 @@ def _aligned(mesh: RiggedMesh, parts: Any, points: Float64, targets: Float64, se
             return align(moments(targets[used], points[used]))
     names = [name for name, is_seen in zip(mesh.landmarks, seen, strict=True) if is_seen]
     raise SettingsError(f"joints that are seen are {names}; they must be three or more that are not on a line")
-
-
-def _limbs(tree: TwistTree) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
-    """Joints and parts of what hangs on a part that has more than one part hanging on it."""
-    limbs: dict[int, list[int]] = {}
-    of = np.zeros(len(tree.parents), dtype=np.int64)
-    for part in range(1, len(tree.parents)):
-        parent = int(tree.parents[part])
-        alone = np.count_nonzero(tree.parents == parent) == 1 and parent > 0
-        of[part] = of[parent] if alone else part
-        limbs.setdefault(int(of[part]), []).append(part)
-    return [(np.flatnonzero(np.isin(tree.joint_parts, limb)), np.array(limb)) for limb in limbs.values()]

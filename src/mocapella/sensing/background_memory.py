@@ -35,6 +35,7 @@ class MemorySettings:
         window_images: what is in a window is taken in within so many images.
         sweep_images: what is far from people is taken in within so many images.
         cut_sd: a sample that is farther from what it was is not as it was [standard deviations].
+        strange_sd: likewise, where several samples vote.
         every: so manieth row and column of samples is asked whether an image is of this room.
     """
 
@@ -44,6 +45,7 @@ class MemorySettings:
     window_images: int = 8
     sweep_images: int = 32
     cut_sd: float = 4.0
+    strange_sd: float = 2.5
     every: int = 10
 
     def __post_init__(self) -> None:
@@ -53,6 +55,7 @@ class MemorySettings:
         check(self.window_images >= 1, "window_images", self.window_images, "1 or more")
         check(self.sweep_images >= 1, "sweep_images", self.sweep_images, "1 or more")
         check(self.cut_sd > 0, "cut_sd", self.cut_sd, "above 0")
+        check(self.strange_sd > 0, "strange_sd", self.strange_sd, "above 0")
         check(self.every >= 1, "every", self.every, "1 or more")
 
 
@@ -135,6 +138,22 @@ class BackgroundMemory:
             self._mean, self._variance, self._count,
         )  # fmt: skip
         return differ / known if known else float("nan")
+
+    def strange(self, image: UInt8, window: Silhouette, every: int) -> Float32:
+        """What is not as it was, at every so manieth sample of a window: 1 where somebody is, −1 the room, 0 not known.
+
+        Each is what most of five samples say. Arguments and errors as of `update`.
+        """
+        image, (left, top), phi = self._door(image, window)
+        rows, columns = -(-phi.shape[0] // every), -(-phi.shape[1] // every)
+        out = np.zeros((rows, columns), np.float32)
+        if self._count.any():
+            s = self.settings
+            _kernels().strange(
+                image, self.step_px, left, top, every, s.least_sd, s.strange_sd, self._mean, self._variance,
+                self._count, out,
+            )  # fmt: skip
+        return out
 
     def costs(self, band: Band, settings: RegionSettings) -> Float32:
         """See `Background`. Its window is aligned as of `update`."""

@@ -23,6 +23,8 @@ from mocapella.conventions import NS_PER_S
 from mocapella.errors import SettingsError
 from mocapella.geometry.signed_distance import signed_distance
 from mocapella.kinematics.ball_joints import LocalTree, ball_joints, local_tree
+from mocapella.kinematics.contact import apart, capsules_of
+from mocapella.kinematics.limb_search import Evidence, LimbSearchSettings, limbs, search, without
 from mocapella.kinematics.silhouette_fit import CorrespondenceSettings, Eye, Figure, Outline, eye, figure, see, touching
 from mocapella.kinematics.twist_fit import FitSettings, InPlanes, Prior, fit
 from mocapella.kinematics.twist_prediction import JitterPenalty, predicted, smoothness
@@ -54,6 +56,8 @@ SETTLING = 4
 """How many times as many rounds the first frame has, whose pose is rough."""
 WIDE = 2.0
 """In the first half of these, outlines are looked for so many times as far away."""
+FARTHER, EVERY = 0.3, 3
+"""A limb is looked for in so much more than the body's window, at every so manieth sample."""
 USUAL_STEP_PX = 2
 """For which a region's settings in pixels hold; other steps have them scaled."""
 
@@ -94,6 +98,7 @@ class SilhouetteSettings:
         region: how an image is segmented, for samples of two pixels.
         closer: the same where the body is nearly where it should be: the last time that a frame is segmented.
         background: how what is behind people is learnt; None: it is not, as where cameras move.
+        limbs: how a limb that went astray is looked for; None: it is not.
         correspondences: how outlines are brought together.
         step_px: images are looked at in squares of so many pixels; 0: so that a body is about 200 of them high.
         margin_steps: how far from where the body is expected its outline is looked for.
@@ -113,6 +118,7 @@ class SilhouetteSettings:
         default_factory=lambda: RegionSettings(prior_weight=0.2, band_px=8.0, window_px=16.0, length_weight=3.0)
     )
     background: MemorySettings | None = field(default_factory=MemorySettings)
+    limbs: LimbSearchSettings | None = field(default_factory=LimbSearchSettings)
     correspondences: CorrespondenceSettings = field(default_factory=CorrespondenceSettings)
     step_px: int = 0
     margin_steps: int = 12
@@ -174,12 +180,17 @@ class SilhouetteTracker:
         self.mesh = mesh
         self._figure = figure(mesh)
         self._balls = ball_joints(mesh.tree)
+        self._solid = capsules_of(mesh)
+        self._limbs = () if self.settings.limbs is None else limbs(mesh, self.settings.limbs)
         self._eyes: dict[str, Eye] = {name: eye(placed) for name, placed in rig.cameras.items()}
         self._usual = np.clip(0.0, *mesh.tree.limits.T)
         self.reset()
 
     def reset(self) -> None:
         """Forget where it is, and what is behind it."""
+        self._rng = np.random.default_rng(0)
+        self.log = []
+        self._turn = 0
         self._past: list[tuple[int, TreePose]] = []
         self._cameras: dict[str, _Camera] = {}
         self._missed = False
@@ -251,22 +262,14 @@ class SilhouetteTracker:
             rounds, segmented = 2 * rounds, 2 * rounds - 1
         if self._as_expected:
             rounds, segmented = max(rounds - 1, 1), 1
-        for number in range(rounds):
-            for camera in self._cameras.values():
-                camera.wide = wide and number < rounds // 2
-            vertices, local = posed(self.mesh, pose), self._local(pose)
-            motions = self._motions(local)
-            given = []
-            for name, camera in self._cameras.items():
-                if name not in images or name in left_out or not camera.look(self._figure, vertices, s):
-                    continue
-                if number < segmented:
-                    camera.segment(images[name], others.get(name), last=number == segmented - 1)
-                if camera.segmented:
-                    given.append(camera.planes(motions))
-            # What nobody sees goes on as it did, not to where it usually is.
-            priors = [local.into_prior(one) for one in steady] + ([local.into_usual(usual)] if given else [])
-            pose = local.back(fit(local.tree, local.at, given, priors, FitSettings(most_steps=3)).pose)
+        pose = self._fitted(images, others, left_out, pose, (usual, steady), rounds, segmented)
+        found = self._strays(images, others, left_out, pose)
+        if found is not None:
+            joints, pose = found
+            # Where such a limb was says nothing of how it moves.
+            self._past = [(at_ns, _with(past, joints, pose.angles)) for at_ns, past in self._past]
+            usual, steady = self._priors(_with(expected, joints, pose.angles), time_ns)
+            pose = self._fitted(images, others, left_out, pose, (usual, steady), s.rounds, s.segmented)
         vertices, seen = posed(self.mesh, pose), {}
         for name, camera in self._cameras.items():
             if name in images and camera.segmented and camera.look(self._figure, vertices, s):
@@ -281,6 +284,70 @@ class SilhouetteTracker:
         nearest_m = min((camera.sample_m for camera in self._cameras.values() if camera.segmented), default=0.0)
         self._as_expected = bool(seen) and away_m <= s.expected_steps * nearest_m
         return Followed(time_ns, pose, landmarks_at(self.mesh, pose), seen, left_out)
+
+    def _fitted(
+        self,
+        images: Mapping[str, UInt8],
+        others: Mapping[str, Bool],
+        left_out: Mapping[str, str],
+        pose: TreePose,
+        priors: tuple[Prior, Sequence[Prior]],
+        rounds: int,
+        segmented: int,
+    ) -> TreePose:
+        """Outlines, and the pose that they want, again and again."""
+        s, (usual, steady) = self.settings, priors
+        wide = any(camera.wide for camera in self._cameras.values())
+        for number in range(rounds):
+            for camera in self._cameras.values():
+                camera.wide = wide and number < rounds // 2
+            vertices, local = posed(self.mesh, pose), self._local(pose)
+            motions = self._motions(local)
+            given = []
+            for name, camera in self._cameras.items():
+                if name not in images or name in left_out or not camera.look(self._figure, vertices, s):
+                    continue
+                if number < segmented:
+                    camera.segment(images[name], others.get(name), last=number == segmented - 1)
+                if camera.segmented:
+                    given.append(camera.planes(motions))
+            given.append(apart(self._solid, landmarks_at(self.mesh, pose), motions))
+            # What nobody sees goes on as it did, not to where it usually is.
+            local_priors = [local.into_prior(one) for one in steady] + ([local.into_usual(usual)] if len(given) > 1 else [])
+            pose = local.back(fit(local.tree, local.at, given, local_priors, FitSettings(most_steps=3)).pose)
+        return pose
+
+    def _strays(
+        self,
+        images: Mapping[str, UInt8],
+        others: Mapping[str, Bool],
+        left_out: Mapping[str, str],
+        pose: TreePose,
+    ) -> tuple[NDArray[np.int64], TreePose] | None:
+        """Joints of limbs that are rather elsewhere, and where."""
+        s = self.settings
+        if s.limbs is None or not self._limbs:
+            return None
+        vertices, evidence = posed(self.mesh, pose), []
+        for name, camera in self._cameras.items():
+            if name in images and name not in left_out and camera.segmented:
+                shown = camera.evidence(images[name], others.get(name))
+                if shown is not None:
+                    evidence.append(shown)
+        if not evidence:
+            return None
+        moved: list[NDArray[np.int64]] = []
+        self._turn += 1
+        for limb in self._limbs:
+            of_it = [without(one, self._figure, vertices, limb) for one in evidence]
+            places = vertices, landmarks_at(self.mesh, pose)[self._solid.ends]
+            hidden = self._limbs[self._turn % len(self._limbs)] is limb
+            found = search(limb, self._local(pose), places, of_it, self._rng, also_hidden=hidden, settings=s.limbs)
+            if found is not None:
+                self.log.append((limb.name, round(found.was, 2), round(found.worth, 2)))
+                pose, moved = found.pose, [*moved, limb.joints]
+                vertices = posed(self.mesh, pose)
+        return (np.concatenate(moved), pose) if moved else None
 
     def covered(self, pose: TreePose, grown_px: int = 0) -> dict[str, Bool]:
         """(height, width) by camera: what the body covers in a pose, and so much around it."""
@@ -458,6 +525,24 @@ class _Camera:
         contour = self._found[0]
         return SeenIn(contour, self._outline, overlap(contour.phi > 0, self._outline.mask > 0))
 
+    def evidence(self, image: UInt8, others: Bool | None) -> Evidence | None:
+        """What of the image is not the room, about the body, as far as limbs reach; None where that is not known."""
+        if self.memory is None or self._outline is None:
+            return None
+        (x, y), (rows, columns), step = self._outline.origin_px, self._outline.mask.shape, self.step_px
+        around = round(FARTHER * max(rows, columns))
+        left, top = max(x // step - around, 0), max(y // step - around, 0)
+        right = min(x // step + columns + around, -(-self._eye.size_px[0] // step))
+        bottom = min(y // step + rows + around, -(-self._eye.size_px[1] // step))
+        if right <= left or bottom <= top:
+            return None
+        window = Silhouette((left * step, top * step), step, np.empty((bottom - top, right - left), np.float32))
+        strange = self.memory.strange(image, window, EVERY)
+        if others is not None:
+            apart = others[top * step : bottom * step : step * EVERY, left * step : right * step : step * EVERY]
+            strange[: apart.shape[0], : apart.shape[1]][apart] = 0.0
+        return Evidence(self._eye, (left * step, top * step), step * EVERY, strange)
+
     def learn(self, image: UInt8, others: Bool | None) -> None:
         """Take in what is behind the body."""
         if self.memory is not None and self._found is not None:
@@ -498,6 +583,13 @@ class _Usually:
             change = unlike - self._mean
             self._mean += LEARNT * change
             self._deviation += LEARNT * (abs(change) - self._deviation)
+
+
+def _with(pose: TreePose, joints: NDArray[np.int64], angles: Float64) -> TreePose:
+    """The pose with other angles of some joints."""
+    changed = pose.angles.copy()
+    changed[joints] = angles[joints]
+    return TreePose(pose.T_world_model, changed)
 
 
 def _scaled(region: RegionSettings, step_px: int) -> RegionSettings:

@@ -1,0 +1,73 @@
+"""Where two limbs are nearest to each other, and the planes that part them; compiled. Importing this imports numba."""
+
+# ruff: noqa: PLR0917 - compiled: arrays come by position
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mocapella.compiled import njit
+
+_NEAR_M = 1e-6
+"""Axes that meet have no direction in which limbs are parted."""
+
+
+@njit(cache=True)
+def between(one, other, nearest):
+    """The distance of two segments, (2, 3) each; their nearest points are written to (2, 3).
+
+    C. Ericson, *Real-Time Collision Detection* (2005), section 5.1.9.
+    """
+    uu = uv = vv = uw = vw = 0.0
+    for d in range(3):
+        u, v, w = one[1, d] - one[0, d], other[1, d] - other[0, d], one[0, d] - other[0, d]
+        uu += u * u
+        uv += u * v
+        vv += v * v
+        uw += u * w
+        vw += v * w
+    det = uu * vv - uv * uv
+    s = min(max((uv * vw - vv * uw) / det, 0.0), 1.0) if det > 1e-12 * uu * vv else 0.0
+    t = min(max((uv * s + vw) / vv, 0.0), 1.0) if vv > 0.0 else 0.0
+    s = min(max((uv * t - uw) / uu, 0.0), 1.0) if uu > 0.0 else 0.0
+    far = 0.0
+    for d in range(3):
+        nearest[0, d] = one[0, d] + s * (one[1, d] - one[0, d])
+        nearest[1, d] = other[0, d] + t * (other[1, d] - other[0, d])
+        far += (nearest[0, d] - nearest[1, d]) ** 2
+    return math.sqrt(far)
+
+
+@njit(cache=True)
+def apart(ends, radii, pairs, part, R, t, weight, parts, rest, planes, weights):
+    """Write two planes for each pair of limbs that is in each other; returns how many planes.
+
+    Args:
+        ends: (c, 2, 3) of the capsules' axes where they are [m].
+        radii, pairs, part: of `Capsules`.
+        R, t: (parts, 9), (parts, 3) the parts' motions.
+        weight: of each plane [1/m²].
+        parts, rest, planes, weights: written: `twist_fit.InPlanes`.
+    """
+    k, nearest = 0, np.empty((2, 3))
+    for q in range(len(pairs)):
+        i, j = pairs[q, 0], pairs[q, 1]
+        far = between(ends[i], ends[j], nearest)
+        deep = radii[i] + radii[j] - far
+        if not deep > 0.0 or far < _NEAR_M:
+            continue
+        for side in range(2):
+            p, sign = part[i if side == 0 else j], 1.0 if side == 0 else -1.0
+            A, o, wanted = R[p], t[p], 0.0
+            for d in range(3):
+                n = sign * (nearest[0, d] - nearest[1, d]) / far
+                planes[k, d] = n
+                wanted += n * nearest[side, d]
+            planes[k, 3] = wanted + 0.5 * deep
+            a, b, c = nearest[side, 0] - o[0], nearest[side, 1] - o[1], nearest[side, 2] - o[2]
+            for d in range(3):
+                rest[k, d] = A[d] * a + A[3 + d] * b + A[6 + d] * c
+            parts[k], weights[k] = p, weight
+            k += 1
+    return k

@@ -1,0 +1,263 @@
+"""Where a limb that went astray is: many poses of it are tried against what the images show that is not their room.
+
+    evidence = [evidence_of(map of what is strange, outline of the rest of the body), …]    one for each camera
+    found = search(limb, local_tree, evidence, rng)
+
+A limb whose outlines are nowhere near the image's is not brought back by steps, for nothing pulls it. But a limb that is
+where none is lies on the room, and this can be told without outlines: a pose is worth the mean over the limb's points
+and the cameras of what their samples show, 1 where it is somebody and −1 where it is the room. What the rest of the
+body covers says nothing of it, and what nobody knows neither. Poses are drawn about the one it has and anywhere within
+the limits, and the best of them again about themselves (R. Rubinstein, "The cross-entropy method for combinatorial and
+continuous optimization", Methodology and Computing in Applied Probability 1, 1999).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.kinematics.ball_joints import LocalTree
+from mocapella.kinematics.contact import Capsules, capsules_of
+from mocapella.kinematics.silhouette_fit import Eye, Figure
+from mocapella.model.rigged_mesh import RiggedMesh
+from mocapella.model.twist_tree import TreePose, limbs_of
+from mocapella.settings import check
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class LimbSearchSettings:
+    """How a limb is looked for.
+
+    Attributes:
+        points: of its surface, at which it is asked what the images show.
+        drawn: poses at first, a third of them near, a third farther, a third anywhere.
+        near_rad, farther_rad: standard deviations of these [rad].
+        kept: of the best ones, about each of which `again` are drawn, nearer every time …
+        again: so many …
+        rounds: so often.
+        per_rad2: what a turn costs, of what a pose is worth [1/rad²]: of two that are as good the nearer one is.
+        against: a limb of which the images say so much that it is the room may have gone astray …
+        better: and stays, if no pose is worth so much more than its own.
+        much_better: others go only where a pose is worth so much more.
+        per_m: what limbs that are in each other cost [1/m].
+    """
+
+    points: int = 40
+    drawn: int = 180
+    near_rad: float = 0.3
+    farther_rad: float = 0.9
+    kept: int = 4
+    again: int = 20
+    rounds: int = 3
+    per_rad2: float = 0.03
+    against: float = 0.1
+    better: float = 0.15
+    much_better: float = 0.4
+    per_m: float = 5.0
+
+    def __post_init__(self) -> None:
+        for name in ("points", "drawn", "kept", "again", "rounds"):
+            check(getattr(self, name) >= 1, name, getattr(self, name), "1 or more")
+        for name in ("near_rad", "farther_rad", "against", "better", "much_better"):
+            check(getattr(self, name) > 0, name, getattr(self, name), "above 0")
+        for name in ("per_rad2", "per_m"):
+            check(getattr(self, name) >= 0, name, getattr(self, name), "0 or more")
+
+
+DEFAULT = LimbSearchSettings()
+TOUCHING_M = 0.03
+"""Limbs that are deeper in each other are where they cannot be."""
+
+
+class Limb(msgspec.Struct, frozen=True, eq=False):
+    """An arm, a leg, a finger.
+
+    Attributes:
+        name: of its first part.
+        joints: (m,) of the tree.
+        vertices: (p,) of its surface, spread over its parts.
+        part: (p,) of each.
+        other_faces: (f, 3) of the mesh without it.
+        capsules: of the body.
+        pairs: (q, 2) of these that it is one of.
+    """
+
+    name: str
+    joints: Int64
+    vertices: Int64
+    part: Int64
+    other_faces: NDArray[np.int32]
+    capsules: Capsules
+    pairs: Int64
+
+
+def limbs(mesh: RiggedMesh, settings: LimbSearchSettings = DEFAULT) -> tuple[Limb, ...]:
+    """What hangs on a body and ends freely, in two parts or more."""
+    parents, owner, solid = mesh.tree.parents, mesh.bones[:, 0], capsules_of(mesh)
+    found = []
+    for joints, parts in limbs_of(mesh.tree):
+        ends = not np.isin(parents, parts)[np.setdiff1d(np.arange(len(parents)), parts)].any()
+        of_it = np.flatnonzero(np.isin(owner, parts))
+        if len(parts) < 2 or not ends or not len(of_it):
+            continue
+        each = max(settings.points // len(parts), 1)
+        chosen = []
+        for part in parts:
+            some = of_it[owner[of_it] == part]
+            chosen += some[np.unique(np.linspace(0, len(some) - 1, min(each, len(some))).astype(int))].tolist()
+        vertices = np.array(chosen, np.int64)
+        others = mesh.faces[~np.isin(mesh.faces, of_it).any(axis=1)]
+        found.append(
+            Limb(mesh.part_names[parts[0]], joints, vertices, owner[vertices].astype(np.int64),
+                 np.ascontiguousarray(others), solid,
+                 np.ascontiguousarray(solid.pairs[np.isin(solid.part[solid.pairs], parts).any(axis=1)]))
+        )  # fmt: skip
+    return tuple(found)
+
+
+class Evidence(msgspec.Struct, frozen=True, eq=False):
+    """What an image shows, where the rest of the body does not cover it.
+
+    Attributes:
+        eye: the camera.
+        origin_px, step_px: of the map: its sample (row, column) is the image's point origin + step·(column, row).
+        strange: (rows, columns) 1: somebody, −1: the room, 0: not known.
+    """
+
+    eye: Eye
+    origin_px: tuple[int, int]
+    step_px: int
+    strange: Float32
+
+
+def without(evidence: Evidence, body: Figure, vertices: Float64, limb: Limb) -> Evidence:
+    """What an image says of a limb: nothing where the rest of the body is.
+
+    Args:
+        evidence: of the whole body.
+        body: see there.
+        vertices: (n, 3) of `rigged_mesh.posed`.
+        limb: which.
+    """
+    by, k = evidence.eye, _seeing()
+    pixels, depth = np.empty((len(vertices), 2)), np.empty(len(vertices))
+    k.see(vertices, by.T_camera_world, by.lens, by.farthest_r2, pixels, depth)
+    mask, sides = np.zeros(evidence.strange.shape, np.uint8), np.empty(len(limb.other_faces), np.int8)
+    k.face_sides(pixels, depth, limb.other_faces, sides)
+    k.cover(pixels, limb.other_faces, sides, *evidence.origin_px, evidence.step_px, mask)
+    strange = evidence.strange.copy()
+    _kernels().forget_covered(mask, strange)  # and beside it: flesh is not exactly where the mesh is
+    return Evidence(by, evidence.origin_px, evidence.step_px, strange)
+
+
+class Found(msgspec.Struct, frozen=True, eq=False):
+    """A limb that was looked for.
+
+    Attributes:
+        pose: of the body's tree, within its limits; as it was but for the limb.
+        worth, was: of that pose, and of the one that it had: −1 to 1.
+    """
+
+    pose: TreePose
+    worth: float
+    was: float
+
+
+def worth(
+    limb: Limb, local: LocalTree, places: tuple[Float64, Float64], evidence: Sequence[Evidence], angles: Float64
+) -> tuple[Float64, Float64, Float64]:
+    """(n,) of poses of a limb: what the images say for it and against it, means over its points, and how deep in others
+    it is [m].
+
+    Args:
+        limb: which.
+        local: the body's tree at rest where it is.
+        places: (v, 3) the body's vertices and (c, 2, 3) its capsules' ends where it is [m].
+        evidence: of `without`, by camera.
+        angles: (n, m) of the limb's joints in the local tree [rad].
+    """
+    vertices, ends = places
+    counts, depth, k = np.zeros((len(angles), 2)), np.zeros(len(angles)), _kernels()
+    common = (*local.tree.arrays, local.at.T_world_model, local.at.angles, limb.joints, angles)
+    for one in evidence:
+        k.add_worth(
+            *common, limb.part, vertices[limb.vertices], one.eye.T_camera_world, one.eye.lens, one.eye.farthest_r2,
+            one.strange, *one.origin_px, one.step_px, counts,
+        )  # fmt: skip
+    k.depths(*common, limb.capsules.part, ends, limb.capsules.radii, limb.pairs, depth)
+    counts /= max(len(evidence) * len(limb.vertices), 1)
+    return counts[:, 0], counts[:, 1], depth
+
+
+def search(
+    limb: Limb,
+    local: LocalTree,
+    places: tuple[Float64, Float64],
+    evidence: Sequence[Evidence],
+    rng: np.random.Generator,
+    *,
+    also_hidden: bool,
+    settings: LimbSearchSettings = DEFAULT,
+) -> Found | None:
+    """A pose of the limb that the images say much more for than for the one it has; None where there is none.
+
+    Args:
+        limb, local, places, evidence: as of `worth`.
+        rng: what poses are drawn by.
+        also_hidden: whether it is looked for where the images do not say that it is astray.
+        settings: see there.
+    """
+    s, at = settings, local.at.angles[limb.joints]
+
+    def valued(angles: Float64) -> Float64:
+        good, bad, depth = worth(limb, local, places, evidence, angles)
+        return np.asarray(good - bad - s.per_m * depth - s.per_rad2 * ((angles - at) ** 2).sum(axis=1))
+
+    (good,), (bad,), (depth,) = worth(limb, local, places, evidence, at[None])
+    astray = bad > s.against or depth > TOUCHING_M
+    if not astray and not also_hidden:
+        return None
+    limits = np.clip(local.tree.limits[limb.joints], -np.pi, np.pi)
+    third = -(-s.drawn // 3)
+    drawn = [at + sd * rng.standard_normal((third, len(at))) for sd in (s.near_rad, s.farther_rad)]
+    tried = np.clip(np.concatenate([*drawn, rng.uniform(*limits.T, (third, len(at)))]), *limits.T)
+    values = valued(tried)
+    for number in range(s.rounds):
+        best = np.argsort(-values, kind="stable")[: s.kept]
+        tried, values = tried[best], values[best]
+        about = np.repeat(tried, s.again, axis=0)
+        sd = s.near_rad / 2 ** (number + 1)
+        more = np.clip(about + sd * rng.standard_normal(about.shape), *limits.T)
+        tried, values = np.concatenate([tried, more]), np.concatenate([values, valued(more)])
+    angles = local.at.angles.copy()
+    angles[limb.joints] = tried[np.argmax(values)]
+    pose = local.back(TreePose(local.at.T_world_model, angles))
+    told = local.into(pose).angles[limb.joints]  # within the body's limits, which those of a local tree are not
+    value, was = float(valued(told[None])[0]), float(good - bad - s.per_m * depth)
+    return Found(pose, value, was) if value > was + (s.better if astray else s.much_better) else None
+
+
+@cache
+def _seeing() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.geometry import outline_kernels
+
+    return outline_kernels
+
+
+@cache
+def _kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.kinematics import limb_search_kernels
+
+    return limb_search_kernels

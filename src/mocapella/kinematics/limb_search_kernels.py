@@ -1,0 +1,109 @@
+"""What images say for many poses of a limb; compiled. Importing this module imports numba."""
+
+# ruff: noqa: PLR0917 - compiled: arrays come by position
+from __future__ import annotations
+
+import numpy as np
+
+from mocapella.compiled import njit
+from mocapella.geometry.outline_kernels import see
+from mocapella.geometry.twist_tree_kernels import forward
+from mocapella.kinematics.contact_kernels import between
+
+
+@njit(cache=True)
+def add_worth(
+    parents, joint_parts, twists, T, angles, joints, tried, part, points, T_camera_world, lens, farthest_r2, strange,
+    x0, y0, step, worth,
+):  # fmt: skip
+    """Add to worth (n, 2) what one camera shows at the points of each pose.
+
+    Args:
+        parents, joint_parts, twists: of `TwistTree`.
+        T, angles: (4, 4), (joints,) where the body is.
+        joints, tried: (m,) which joints, (n, m) what is tried for them [rad].
+        part, points: (p,) and (p, 3) of which part, and where they are now [m].
+        T_camera_world, lens, farthest_r2: of the camera.
+        strange, x0, y0, step: of `Evidence`.
+        worth: (n, 2) what speaks for it and what against it is added to.
+    """
+    origin, n = np.zeros(3), len(points)
+    R, t = np.empty((len(parents), 9)), np.empty((len(parents), 3))
+    xi = np.empty((len(joint_parts), 6))
+    rest, at, pixels, depth = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 2)), np.empty(n)
+    now = angles.copy()
+    forward(parents, joint_parts, twists, T, now, origin, R, t, xi)
+    for i in range(n):
+        A, o = R[part[i]], t[part[i]]
+        a, b, c = points[i, 0] - o[0], points[i, 1] - o[1], points[i, 2] - o[2]
+        for d in range(3):
+            rest[i, d] = A[d] * a + A[3 + d] * b + A[6 + d] * c
+    rows, columns = strange.shape
+    for k in range(len(tried)):
+        for j in range(len(joints)):
+            now[joints[j]] = tried[k, j]
+        forward(parents, joint_parts, twists, T, now, origin, R, t, xi)
+        for i in range(n):
+            A, o = R[part[i]], t[part[i]]
+            for d in range(3):
+                at[i, d] = A[3 * d] * rest[i, 0] + A[3 * d + 1] * rest[i, 1] + A[3 * d + 2] * rest[i, 2] + o[d]
+        see(at, T_camera_world, lens, farthest_r2, pixels, depth)
+        for i in range(n):
+            if depth[i] > 0.0:
+                row, column = round((pixels[i, 1] - y0) / step), round((pixels[i, 0] - x0) / step)
+                if 0 <= row < rows and 0 <= column < columns:
+                    value = strange[row, column]
+                    if value > 0.0:
+                        worth[k, 0] += value
+                    else:
+                        worth[k, 1] -= value
+
+
+@njit(cache=True)
+def forget_covered(mask, strange):
+    """Set strange (rows, columns) to 0 where the mask, or a sample beside it, is not."""
+    rows, columns = mask.shape
+    for i in range(rows):
+        for j in range(columns):
+            if mask[i, j] != 0:
+                for a in range(max(i - 1, 0), min(i + 2, rows)):
+                    for b in range(max(j - 1, 0), min(j + 2, columns)):
+                        strange[a, b] = 0.0
+
+
+@njit(cache=True)
+def depths(parents, joint_parts, twists, T, angles, joints, tried, part, ends, radii, pairs, deep):
+    """Write how deep the limbs of ``pairs`` (q, 2) are in each other, all together, (n,) [m] for each pose tried.
+
+    Args:
+        parents, joint_parts, twists, T, angles, joints, tried: of `add_worth`.
+        part, ends, radii: of `contact.Capsules`, the ends (c, 2, 3) where they are now [m].
+        deep: written.
+    """
+    origin, n = np.zeros(3), len(part)
+    R, t = np.empty((len(parents), 9)), np.empty((len(parents), 3))
+    xi = np.empty((len(joint_parts), 6))
+    rest, at = np.empty((n, 2, 3)), np.empty((n, 2, 3))
+    nearest = np.empty((2, 3))
+    now = angles.copy()
+    forward(parents, joint_parts, twists, T, now, origin, R, t, xi)
+    for i in range(n):
+        A, o = R[part[i]], t[part[i]]
+        for e in range(2):
+            a, b, c = ends[i, e, 0] - o[0], ends[i, e, 1] - o[1], ends[i, e, 2] - o[2]
+            for d in range(3):
+                rest[i, e, d] = A[d] * a + A[3 + d] * b + A[6 + d] * c
+    for k in range(len(tried)):
+        for j in range(len(joints)):
+            now[joints[j]] = tried[k, j]
+        forward(parents, joint_parts, twists, T, now, origin, R, t, xi)
+        for i in range(n):
+            A, o = R[part[i]], t[part[i]]
+            for e in range(2):
+                x, y, z = rest[i, e, 0], rest[i, e, 1], rest[i, e, 2]
+                for d in range(3):
+                    at[i, e, d] = A[3 * d] * x + A[3 * d + 1] * y + A[3 * d + 2] * z + o[d]
+        deep[k] = 0.0
+        for q in range(len(pairs)):
+            i, j = pairs[q, 0], pairs[q, 1]
+            deep[k] += max(radii[i] + radii[j] - between(at[i], at[j], nearest), 0.0)

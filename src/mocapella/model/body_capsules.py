@@ -1,0 +1,96 @@
+"""Limbs as capsules: how deep a body's limbs are in each other.
+
+A capsule is what is nearer than a radius to the line between two landmarks; three quarters of a limb's surface are
+outside of its own.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.model.rigged_mesh import RiggedMesh
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+_LIMBS: Final[dict[str, tuple[str, str, str]]] = {
+    "trunk": ("torso", "waist", "neck"),
+    "head": ("torso", "neck", "head"),
+    **{f"{side} {name}": (f"{side} {part}", f"{side} {a}", f"{side} {b}") for side in ("left", "right")
+       for name, part, a, b in (
+           ("upper arm", "upper arm", "shoulder", "elbow"), ("forearm", "forearm", "elbow", "wrist"),
+           ("hand", "forearm", "wrist", "hand"), ("thigh", "thigh", "hip", "knee"), ("shank", "shank", "knee", "ankle"),
+           ("foot", "foot", "heel", "toe"))},
+}  # fmt: skip
+"""Part, and the landmarks between which it is."""
+_TOUCHING: Final = (
+    {"trunk", "head"}, {"left foot", "left shank"}, {"right foot", "right shank"},
+    *({"trunk", f"{side} upper arm"} for side in ("left", "right")),
+    *({"head", f"{side} upper arm"} for side in ("left", "right")),
+    *({"trunk", f"{side} thigh"} for side in ("left", "right")), {"left thigh", "right thigh"},
+)  # fmt: skip
+"""These overlap in everybody; those that share a landmark do, too."""
+
+
+class BodyCapsules(msgspec.Struct, frozen=True, eq=False):
+    """A body's limbs.
+
+    Attributes:
+        names: one for each.
+        ends: (c, 2) the landmarks between which each is, as numbers of the mesh's.
+        radii: (c,) [m].
+        pairs: (p, 2) which can meet.
+    """
+
+    names: tuple[str, ...]
+    ends: Int64
+    radii: Float64
+    pairs: Int64
+
+
+def body_capsules(mesh: RiggedMesh) -> BodyCapsules:
+    """The limbs of a body that a mesh has, by its landmarks' names; none of what is no body."""
+    marks = list(mesh.landmarks)
+    there = {name: (a, b) for name, (_, a, b) in _LIMBS.items() if a in mesh.landmarks and b in mesh.landmarks}
+    pairs = [
+        (i, j)
+        for (i, one), (j, other) in combinations(enumerate(there), 2)
+        if {one, other} not in _TOUCHING and not set(there[one]) & set(there[other])
+    ]
+    ends = np.array([[marks.index(name) for name in both] for both in there.values()], np.int64).reshape(-1, 2)
+    return BodyCapsules(tuple(there), ends, _radii(mesh, ends), np.array(pairs, np.int64).reshape(-1, 2))
+
+
+def depths_m(capsules: BodyCapsules, landmarks: Float64) -> Float64:
+    """(..., p) how deep the limbs of each pair are in each other, 0 where they are apart; landmarks (..., n, 3) [m]."""
+    one, other = (landmarks[..., capsules.ends[capsules.pairs[:, k]], :] for k in (0, 1))
+    between = segment_distance(one[..., 0, :], one[..., 1, :], other[..., 0, :], other[..., 1, :])
+    return np.asarray(np.maximum(capsules.radii[capsules.pairs].sum(axis=1) - between, 0.0))
+
+
+def _radii(mesh: RiggedMesh, ends: Int64) -> Float64:
+    points, x = np.array([mark.point for mark in mesh.landmarks.values()]).reshape(-1, 3), mesh.vertices
+    if not len(ends):
+        return np.empty(0)
+    distances = np.array([segment_distance(x, x, *np.broadcast_arrays(*points[both], x)[:2]) for both in ends])
+    nearest = distances.argmin(axis=0)
+    return np.array([np.percentile(distances[k, nearest == k], 25) for k in range(len(ends))])
+
+
+def segment_distance(a: Any, b: Any, c: Any, d: Any) -> Float64:
+    """Distances between segments from a to b and from c to d, all (..., 3); a point is a segment, too.
+
+    C. Ericson, *Real-Time Collision Detection* (2005), section 5.1.9.
+    """
+    u, v, w = b - a, d - c, a - c
+    uu, uv, vv, uw, vw = (np.sum(p * q, axis=-1) for p, q in ((u, u), (u, v), (v, v), (u, w), (v, w)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = np.clip(np.nan_to_num((uv * vw - vv * uw) / (uu * vv - uv * uv), posinf=0.0, neginf=0.0), 0.0, 1.0)
+        t = np.clip(np.nan_to_num((uv * s + vw) / vv), 0.0, 1.0)
+        s = np.clip(np.nan_to_num((uv * t - uw) / uu), 0.0, 1.0)
+    return np.asarray(np.linalg.norm(w + s[..., None] * u - t[..., None] * v, axis=-1))
