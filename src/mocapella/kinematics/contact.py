@@ -77,6 +77,11 @@ def apart(solid: Capsules, landmarks: Float64, motions: tuple[Float64, Float64],
     return InPlanes(part[:n], rest[:n], planes[:n], weights[:n])
 
 
+def depth_m(solid: Capsules, pairs: Int64, landmarks: Float64) -> float:
+    """How deep the limbs of some pairs are in each other, all together [m]."""
+    return float(_kernels().depth(np.ascontiguousarray(landmarks[solid.ends]), solid.radii, pairs)) if len(pairs) else 0.0
+
+
 @cache
 def _kernels() -> Any:
     """Compiled; numba is imported when it is first needed."""

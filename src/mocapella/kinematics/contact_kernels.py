@@ -40,6 +40,16 @@ def between(one, other, nearest):
 
 
 @njit(cache=True)
+def depth(ends, radii, pairs):
+    """How deep pairs (q, 2) of capsules are in each other, all together [m]."""
+    total, nearest = 0.0, np.empty((2, 3))
+    for q in range(len(pairs)):
+        i, j = pairs[q, 0], pairs[q, 1]
+        total += max(radii[i] + radii[j] - between(ends[i], ends[j], nearest), 0.0)
+    return total
+
+
+@njit(cache=True)
 def apart(ends, radii, pairs, part, R, t, weight, parts, rest, planes, weights):
     """Write two planes for each pair of limbs that is in each other; returns how many planes.
 

@@ -75,6 +75,8 @@ class LimbSearchSettings:
 
 
 DEFAULT = LimbSearchSettings()
+REACH = 3
+"""So many samples of a map something moves from image to image."""
 TOUCHING_M = 0.03
 """Limbs that are deeper in each other are where they cannot be."""
 
@@ -160,6 +162,14 @@ def without(evidence: Evidence, body: Figure, vertices: Float64, limb: Limb) -> 
     return Evidence(by, evidence.origin_px, evidence.step_px, strange)
 
 
+def lasting(now: Evidence, before: Evidence) -> Evidence:
+    """What of an image is strange that was so about there in the image before, too: what flashes by is no limb."""
+    strange = now.strange.copy()
+    shift = [(a - b) // now.step_px for a, b in zip(now.origin_px, before.origin_px, strict=True)]
+    _kernels().only_lasting(before.strange, shift[1], shift[0], REACH, strange)
+    return Evidence(now.eye, now.origin_px, now.step_px, strange)
+
+
 class Found(msgspec.Struct, frozen=True, eq=False):
     """A limb that was looked for.
 
@@ -206,7 +216,7 @@ def search(
     evidence: Sequence[Evidence],
     rng: np.random.Generator,
     *,
-    also_hidden: bool,
+    astray: bool,
     settings: LimbSearchSettings = DEFAULT,
 ) -> Found | None:
     """A pose of the limb that the images say much more for than for the one it has; None where there is none.
@@ -214,7 +224,7 @@ def search(
     Args:
         limb, local, places, evidence: as of `worth`.
         rng: what poses are drawn by.
-        also_hidden: whether it is looked for where the images do not say that it is astray.
+        astray: whether the images say that it is not where it is said to be.
         settings: see there.
     """
     s, at = settings, local.at.angles[limb.joints]
@@ -224,9 +234,6 @@ def search(
         return np.asarray(good - bad - s.per_m * depth - s.per_rad2 * ((angles - at) ** 2).sum(axis=1))
 
     (good,), (bad,), (depth,) = worth(limb, local, places, evidence, at[None])
-    astray = bad > s.against or depth > TOUCHING_M
-    if not astray and not also_hidden:
-        return None
     limits = np.clip(local.tree.limits[limb.joints], -np.pi, np.pi)
     third = -(-s.drawn // 3)
     drawn = [at + sd * rng.standard_normal((third, len(at))) for sd in (s.near_rad, s.farther_rad)]

@@ -8,7 +8,7 @@ import numpy as np
 from mocapella.compiled import njit
 from mocapella.geometry.outline_kernels import see
 from mocapella.geometry.twist_tree_kernels import forward
-from mocapella.kinematics.contact_kernels import between
+from mocapella.kinematics.contact_kernels import depth
 
 
 @njit(cache=True)
@@ -72,6 +72,22 @@ def forget_covered(mask, strange):
 
 
 @njit(cache=True)
+def only_lasting(before, rows_on, columns_on, reach, strange):
+    """Lower what is strange (rows, columns) to what was within so many samples before, in a map that begins so many
+    rows and columns earlier.
+    """
+    for i in range(strange.shape[0]):
+        for j in range(strange.shape[1]):
+            if not strange[i, j] > 0.0:
+                continue
+            most = np.float32(0.0)
+            for a in range(max(i + rows_on - reach, 0), min(i + rows_on + reach + 1, before.shape[0])):
+                for b in range(max(j + columns_on - reach, 0), min(j + columns_on + reach + 1, before.shape[1])):
+                    most = max(most, before[a, b])
+            strange[i, j] = min(strange[i, j], most)
+
+
+@njit(cache=True)
 def depths(parents, joint_parts, twists, T, angles, joints, tried, part, ends, radii, pairs, deep):
     """Write how deep the limbs of ``pairs`` (q, 2) are in each other, all together, (n,) [m] for each pose tried.
 
@@ -84,7 +100,6 @@ def depths(parents, joint_parts, twists, T, angles, joints, tried, part, ends, r
     R, t = np.empty((len(parents), 9)), np.empty((len(parents), 3))
     xi = np.empty((len(joint_parts), 6))
     rest, at = np.empty((n, 2, 3)), np.empty((n, 2, 3))
-    nearest = np.empty((2, 3))
     now = angles.copy()
     forward(parents, joint_parts, twists, T, now, origin, R, t, xi)
     for i in range(n):
@@ -103,7 +118,4 @@ def depths(parents, joint_parts, twists, T, angles, joints, tried, part, ends, r
                 x, y, z = rest[i, e, 0], rest[i, e, 1], rest[i, e, 2]
                 for d in range(3):
                     at[i, e, d] = A[3 * d] * x + A[3 * d + 1] * y + A[3 * d + 2] * z + o[d]
-        deep[k] = 0.0
-        for q in range(len(pairs)):
-            i, j = pairs[q, 0], pairs[q, 1]
-            deep[k] += max(radii[i] + radii[j] - between(at[i], at[j], nearest), 0.0)
+        deep[k] = depth(at, radii, pairs)

@@ -172,6 +172,14 @@ def see(
     return Outline((x0, y0), step_px, mask, at[:m], normals[:m], points[:m], part[:m], far[:m])
 
 
+def seen_at(points: Float64, by: Eye) -> Float64:
+    """Where points (n, 3) are seen, (n, 2) [px]; far beyond the image where they are not."""
+    pixels, depth = np.empty((len(points), 2)), np.empty(len(points))
+    _seeing().see(np.ascontiguousarray(points), by.T_camera_world, by.lens, by.farthest_r2, pixels, depth)
+    pixels[depth <= 0.0] = -1e6
+    return pixels
+
+
 def touching(
     seen: Outline,
     motions: tuple[Float64, Float64],

@@ -20,6 +20,7 @@ from mocapella.sensing.region_contour import Band, RegionSettings, block_of
 from mocapella.settings import check
 
 Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 Bool = NDArray[np.bool_]
 
@@ -153,6 +154,17 @@ class BackgroundMemory:
                 image, self.step_px, left, top, every, s.least_sd, s.strange_sd, self._mean, self._variance,
                 self._count, out,
             )  # fmt: skip
+        return out
+
+    def strange_at(self, image: UInt8, pixels: Float64) -> Float32:
+        """The same at points (n, 2) of the image [px]; 0 beyond it."""
+        image, _, _ = self._door(image, None)
+        out = np.zeros(len(pixels), np.float32)
+        if self._count.any():
+            s = self.settings
+            _kernels().strange_at(
+                image, self.step_px, pixels, s.least_sd, s.strange_sd, self._mean, self._variance, self._count, out
+            )
         return out
 
     def costs(self, band: Band, settings: RegionSettings) -> Float32:

@@ -131,29 +131,44 @@ def unlike(image, step, phi, left, top, guard, every, least_sd, cut_sd, mean, va
 
 
 @njit(cache=True)
-def strange(image, step, left, top, every, least_sd, cut_sd, mean, variance, count, out):
-    """Write out (rows, columns), for every so manieth sample from (left, top): of it and the four about it, where at
-    least three are known, the share that is not as it was, 1 for all and −1 for none; 0 where fewer are.
+def _vote(image, step, i, j, most, least, mean, variance, count, here):
+    """Of a sample and the four about it the share that is not as it was, 1 for all and −1 for none; 0 where less than
+    three are known.
     """
-    here = np.empty(mean.shape[2])
-    most = cut_sd * cut_sd * mean.shape[2]
+    known = differ = 0
+    for v in range(5):
+        a, b = i + (1 if v == 1 else -1 if v == 2 else 0), j + (1 if v == 3 else -1 if v == 4 else 0)
+        if not (0 <= a < mean.shape[0] and 0 <= b < mean.shape[1]) or count[a, b] == 0:
+            continue
+        known += 1
+        _sample(image, step, a, b, here)
+        squares = 0.0
+        for c in range(mean.shape[2]):
+            d = here[c] - mean[a, b, c]
+            squares += d * d
+        if squares > most * max(variance[a, b], least):
+            differ += 1
+    return 2.0 * differ / known - 1.0 if known >= 3 else 0.0
+
+
+@njit(cache=True)
+def strange(image, step, left, top, every, least_sd, cut_sd, mean, variance, count, out):
+    """Write out (rows, columns) of every so manieth sample from (left, top): see `_vote`."""
+    here, most, least = np.empty(mean.shape[2]), cut_sd * cut_sd * mean.shape[2], least_sd * least_sd
     for a in range(out.shape[0]):
         for b in range(out.shape[1]):
-            known = differ = 0
-            for v in range(5):
-                i = top + a * every + (1 if v == 1 else -1 if v == 2 else 0)
-                j = left + b * every + (1 if v == 3 else -1 if v == 4 else 0)
-                if not (0 <= i < mean.shape[0] and 0 <= j < mean.shape[1]) or count[i, j] == 0:
-                    continue
-                known += 1
-                _sample(image, step, i, j, here)
-                squares = 0.0
-                for c in range(mean.shape[2]):
-                    d = here[c] - mean[i, j, c]
-                    squares += d * d
-                if squares > most * max(variance[i, j], least_sd * least_sd):
-                    differ += 1
-            out[a, b] = 2.0 * differ / known - 1.0 if known >= 3 else 0.0
+            i, j = top + a * every, left + b * every
+            out[a, b] = _vote(image, step, i, j, most, least, mean, variance, count, here)
+
+
+@njit(cache=True)
+def strange_at(image, step, pixels, least_sd, cut_sd, mean, variance, count, out):
+    """Write out (n,) of the samples at points (n, 2) [px]: see `_vote`."""
+    here, most, least = np.empty(mean.shape[2]), cut_sd * cut_sd * mean.shape[2], least_sd * least_sd
+    for k in range(len(pixels)):
+        i, j = round(pixels[k, 1] / step), round(pixels[k, 0] / step)
+        if 0 <= i < mean.shape[0] and 0 <= j < mean.shape[1]:
+            out[k] = _vote(image, step, i, j, most, least, mean, variance, count, here)
 
 
 @njit(cache=True, error_model="numpy")

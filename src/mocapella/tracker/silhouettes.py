@@ -23,9 +23,18 @@ from mocapella.conventions import NS_PER_S
 from mocapella.errors import SettingsError
 from mocapella.geometry.signed_distance import signed_distance
 from mocapella.kinematics.ball_joints import LocalTree, ball_joints, local_tree
-from mocapella.kinematics.contact import apart, capsules_of
-from mocapella.kinematics.limb_search import Evidence, LimbSearchSettings, limbs, search, without
-from mocapella.kinematics.silhouette_fit import CorrespondenceSettings, Eye, Figure, Outline, eye, figure, see, touching
+from mocapella.kinematics.contact import apart, capsules_of, depth_m
+from mocapella.kinematics.limb_search import (
+    TOUCHING_M,
+    Evidence,
+    Limb,
+    LimbSearchSettings,
+    lasting,
+    limbs,
+    search,
+    without,
+)
+from mocapella.kinematics.silhouette_fit import CorrespondenceSettings, Eye, Figure, Outline, eye, figure, see, seen_at, touching
 from mocapella.kinematics.twist_fit import FitSettings, InPlanes, Prior, fit
 from mocapella.kinematics.twist_prediction import JitterPenalty, predicted, smoothness
 from mocapella.model.camera import CameraRig
@@ -58,6 +67,8 @@ WIDE = 2.0
 """In the first half of these, outlines are looked for so many times as far away."""
 FARTHER, EVERY = 0.3, 3
 """A limb is looked for in so much more than the body's window, at every so manieth sample."""
+EVERY_LIMB = 6
+"""After so many frames the next limb is looked for, even if nothing speaks against where it is."""
 USUAL_STEP_PX = 2
 """For which a region's settings in pixels hold; other steps have them scaled."""
 
@@ -191,6 +202,8 @@ class SilhouetteTracker:
         self._rng = np.random.default_rng(0)
         self.log = []
         self._turn = 0
+        self._doubted: set[str] = set()
+        self._evidence: dict[str, Evidence] = {}
         self._past: list[tuple[int, TreePose]] = []
         self._cameras: dict[str, _Camera] = {}
         self._missed = False
@@ -324,30 +337,60 @@ class SilhouetteTracker:
         left_out: Mapping[str, str],
         pose: TreePose,
     ) -> tuple[NDArray[np.int64], TreePose] | None:
-        """Joints of limbs that are rather elsewhere, and where."""
+        """Joints of limbs that are rather elsewhere, and where.
+
+        What the images before showed is asked, too; so only limbs that were doubtful there are looked for.
+        """
         s = self.settings
         if s.limbs is None or not self._limbs:
             return None
-        vertices, evidence = posed(self.mesh, pose), []
-        for name, camera in self._cameras.items():
-            if name in images and name not in left_out and camera.segmented:
-                shown = camera.evidence(images[name], others.get(name))
-                if shown is not None:
-                    evidence.append(shown)
-        if not evidence:
-            return None
-        moved: list[NDArray[np.int64]] = []
         self._turn += 1
-        for limb in self._limbs:
+        vertices, landmarks = posed(self.mesh, pose), landmarks_at(self.mesh, pose)
+        seeing = {
+            name: camera
+            for name, camera in self._cameras.items()
+            if name in images and name not in left_out and camera.segmented and camera.memory is not None
+        }
+        doubtful = {limb.name for limb in self._limbs if self._doubtful(limb, images, seeing, vertices, landmarks)}
+        # One after the other is looked for where it need not be: limbs hide behind a body, too.
+        in_turn = self._limbs[self._turn // EVERY_LIMB % len(self._limbs)].name if self._turn % EVERY_LIMB == 0 else ""
+        wanted, before = doubtful | {in_turn}, self._doubted
+        self._doubted = doubtful | {self._limbs[(self._turn + 1) // EVERY_LIMB % len(self._limbs)].name} if (
+            (self._turn + 1) % EVERY_LIMB == 0
+        ) else doubtful
+        now = {name: camera.evidence(images[name], others.get(name)) for name, camera in seeing.items()} if (
+            self._doubted or wanted & before
+        ) else {}
+        then, self._evidence = self._evidence, now
+        evidence = [lasting(one, then[name]) for name, one in now.items() if name in then]
+        moved: list[NDArray[np.int64]] = []
+        for limb in self._limbs if evidence else ():
+            if limb.name not in wanted & before:
+                continue
             of_it = [without(one, self._figure, vertices, limb) for one in evidence]
-            places = vertices, landmarks_at(self.mesh, pose)[self._solid.ends]
-            hidden = self._limbs[self._turn % len(self._limbs)] is limb
-            found = search(limb, self._local(pose), places, of_it, self._rng, also_hidden=hidden, settings=s.limbs)
+            places = vertices, landmarks[self._solid.ends]
+            astray = limb.name in doubtful
+            found = search(limb, self._local(pose), places, of_it, self._rng, astray=astray, settings=s.limbs)
             if found is not None:
-                self.log.append((limb.name, round(found.was, 2), round(found.worth, 2)))
+                self.log.append((limb.name, round(found.was, 2), round(found.worth, 2), astray))
                 pose, moved = found.pose, [*moved, limb.joints]
-                vertices = posed(self.mesh, pose)
+                vertices, landmarks = posed(self.mesh, pose), landmarks_at(self.mesh, pose)
         return (np.concatenate(moved), pose) if moved else None
+
+    def _doubtful(
+        self,
+        limb: Limb,
+        images: Mapping[str, UInt8],
+        seeing: Mapping[str, _Camera],
+        vertices: Float64,
+        landmarks: Float64,
+    ) -> bool:
+        """Whether images show the room where a limb is said to be, or it is in another one."""
+        assert self.settings.limbs is not None
+        if depth_m(self._solid, limb.pairs, landmarks) > TOUCHING_M:
+            return True
+        against = [camera.against(images[name], vertices[limb.vertices]) for name, camera in seeing.items()]
+        return bool(against) and float(np.mean(against)) > self.settings.limbs.against
 
     def covered(self, pose: TreePose, grown_px: int = 0) -> dict[str, Bool]:
         """(height, width) by camera: what the body covers in a pose, and so much around it."""
@@ -525,23 +568,27 @@ class _Camera:
         contour = self._found[0]
         return SeenIn(contour, self._outline, overlap(contour.phi > 0, self._outline.mask > 0))
 
-    def evidence(self, image: UInt8, others: Bool | None) -> Evidence | None:
-        """What of the image is not the room, about the body, as far as limbs reach; None where that is not known."""
-        if self.memory is None or self._outline is None:
-            return None
+    def against(self, image: UInt8, points: Float64) -> float:
+        """Share of points (n, 3) of the body where the image shows the room, 0 to 1."""
+        assert self.memory is not None
+        pixels = seen_at(points, self._eye)
+        return float(-np.minimum(self.memory.strange_at(image, pixels), 0.0).mean())
+
+    def evidence(self, image: UInt8, others: Bool | None) -> Evidence:
+        """What of the image is not the room, about the body, as far as limbs reach."""
+        assert self._outline is not None
+        assert self.memory is not None
         (x, y), (rows, columns), step = self._outline.origin_px, self._outline.mask.shape, self.step_px
-        around = round(FARTHER * max(rows, columns))
-        left, top = max(x // step - around, 0), max(y // step - around, 0)
-        right = min(x // step + columns + around, -(-self._eye.size_px[0] // step))
-        bottom = min(y // step + rows + around, -(-self._eye.size_px[1] // step))
-        if right <= left or bottom <= top:
-            return None
-        window = Silhouette((left * step, top * step), step, np.empty((bottom - top, right - left), np.float32))
-        strange = self.memory.strange(image, window, EVERY)
+        width, height = self._eye.size_px
+        grid, around = step * EVERY, step * round(FARTHER * max(rows, columns))
+        left, top = (max(at - around, 0) // grid * grid for at in (x, y))
+        right, bottom = min(x + step * columns + around, width), min(y + step * rows + around, height)
+        shape = (max(-(-(bottom - top) // step), 1), max(-(-(right - left) // step), 1))
+        strange = self.memory.strange(image, Silhouette((left, top), step, np.empty(shape, np.float32)), EVERY)
         if others is not None:
-            apart = others[top * step : bottom * step : step * EVERY, left * step : right * step : step * EVERY]
-            strange[: apart.shape[0], : apart.shape[1]][apart] = 0.0
-        return Evidence(self._eye, (left * step, top * step), step * EVERY, strange)
+            apart_from = others[top:bottom:grid, left:right:grid]
+            strange[: apart_from.shape[0], : apart_from.shape[1]][apart_from] = 0.0
+        return Evidence(self._eye, (left, top), grid, strange)
 
     def learn(self, image: UInt8, others: Bool | None) -> None:
         """Take in what is behind the body."""
