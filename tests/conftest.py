@@ -1,4 +1,4 @@
-"""What all tests share: the real recordings, how to skip by name where they are not there, and two workers."""
+"""What all tests share: the real recordings, how to skip by name where they are not there, and three workers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ try:
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
-# Two workers share two cores: threads within a product of small matrices would only wait for each other.
+# Three workers share two cores: threads within a product of small matrices would only wait for each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 CACHE = Path(__file__).resolve().parents[1] / ".pytest_cache"
 # More than a hundred programs are started. Without the bytecode of what they import, each takes seconds more; who wants
@@ -22,8 +22,7 @@ if sys.dont_write_bytecode:
     os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -39,42 +38,46 @@ settings.register_profile("same", deadline=None, derandomize=True, max_examples=
 settings.register_profile("explore", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
-REAL_TIME = (
-    *("cli/test_hand_measure.py", "cli/test_record.py", "cli/test_running.py", "sources/test_bridge.py"),
-    *(
-        "live/test_arm_node.py",
-        "live/test_board_calibration.py",
-        "live/test_datagrams.py",
-        "live/test_marker_node.py",
-        "sources/test_acquisition.py",
-    ),
-    *("live/test_node.py", "live/test_outages.py", "live/test_processes.py", "live/test_recording_desk.py"),
-    *("live/test_server.py", "live/test_server_junk.py", "live/test_view_process.py"),
-    *("viewer/test_body_view_in_browser.py", "viewer/test_view_in_browser.py", "viewer/test_viewer.py"),
-)
-"""Tests of programs, servers and a browser that keep real time: never two at once. Those of the README and the examples
-start programs, too, but do not mind how long these take."""
-COMPILING = ("tracker/test_ready.py",)
-"""Tests that compile what others use: first of all."""
-BROWSER = ("viewer/test_view_in_browser.py", "viewer/test_viewer.py")
-"""Tests that keep real time and need nothing compiled: first of those, for the other worker compiles meanwhile."""
+PEOPLE, HANDS = ("people", "rooms"), ("hands", "pictures of hands")
+REAL_TIME = {
+    **dict.fromkeys(("viewer/test_view_in_browser.py", "viewer/test_viewer.py", "cli/test_align.py"), ()),
+    **dict.fromkeys(("live/test_recording_desk.py", "live/test_server.py", "live/test_server_junk.py"), ()),
+    **dict.fromkeys(("sources/test_bridge.py", "live/test_node.py", "cli/test_record.py"), PEOPLE),
+    **dict.fromkeys(("live/test_outages.py", "live/test_processes.py", "live/test_datagrams.py"), PEOPLE),
+    **dict.fromkeys(("live/test_marker_node.py", "live/test_board_calibration.py"), (*PEOPLE, *HANDS)),
+    **dict.fromkeys(("sources/test_acquisition.py", "cli/test_hand_measure.py"), HANDS),
+    **dict.fromkeys(("cli/test_running.py", "live/test_arm_node.py"), (*PEOPLE, *HANDS, "arms")),
+    **dict.fromkeys(("live/test_view_process.py", "viewer/test_body_view_in_browser.py"), (*PEOPLE, *HANDS, "arms")),
+}
+"""Tests of programs, servers and a browser that keep real time, and which of `PARTS` they want compiled: never two at
+once, least of all two browsers that draw in software, and in this order, for other workers compile meanwhile. Those of
+the README and the examples start programs, too, but do not mind how long these take."""
+COMPILING = ("tracker/test_ready.py", "cli/test_silhouettes.py")
+"""Tests that compile what others use: first of all, each file on a worker of its own."""
 LONG = ("test_readme.py",)
-"""Single tests that take a minute: early, so that nobody waits for them alone at the end."""
+"""Files that take a minute: early, so that nobody waits for them alone at the end."""
 TESTS = Path(__file__).resolve().parent
 ROOT = TESTS.parent
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
-    """Two workers for all tests or a folder of them; none where files, tests or words are chosen: it begins sooner."""
+    """Three workers for all tests or a folder of them; none where files, tests or words are chosen: it begins sooner.
+
+    Two cores are enough for them: the one that has what keeps real time mostly waits.
+    """
     chosen = config.option.keyword or any(".py" in argument for argument in config.args)
-    return 0 if chosen else 2
+    return 0 if chosen else 3
 
 
 class RealTimeApart(LoadScopeScheduling):
-    """One worker has all that keeps real time, from the beginning; the other everything else, test by test."""
+    """One worker has all that keeps real time, from the beginning; the others everything else, file by file."""
+
+    def __init__(self, config: pytest.Config, log: Any) -> None:
+        config.option.loadscopereorder = False  # they are in order, see below
+        super().__init__(config, log)
 
     def _split_scope(self, nodeid: str) -> str:
-        return "real time" if nodeid.removeprefix("tests/").startswith(REAL_TIME) else nodeid
+        return "real time" if nodeid.removeprefix("tests/").startswith(tuple(REAL_TIME)) else nodeid.partition("::")[0]
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -84,29 +87,36 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> RealTimeApar
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What compiles comes first, what needs nothing compiled, what is long; what keeps real time has a mark."""
+    """What compiles comes first, then what keeps real time, which has a mark, then what is long."""
+    order = (*COMPILING, *REAL_TIME, *LONG)
     for item in items:
-        if _place(item).startswith(REAL_TIME):
+        if _place(item) in REAL_TIME:
             item.add_marker("real_time")
-    first = (COMPILING, BROWSER, LONG)
-    items.sort(key=lambda item: [not _place(item).startswith(places) for places in first])
+    items.sort(key=lambda item: order.index(_place(item)) if _place(item) in order else len(order))
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """A program that is waited for does not compile meanwhile. Each part is compiled once, by whoever comes first."""
-    if _place(item).startswith(COMPILING):
-        parts: tuple[str, ...] = ("people", "arms", "hands", "pictures of hands", "rooms")
-    elif item.get_closest_marker("real_time") and not _place(item).startswith(BROWSER):
-        parts = ("hands", "pictures of hands", "rooms", "people")  # the other worker has begun with the others
-        if "arm" in item.nodeid:
-            parts = (*parts, "arms")
-    else:
-        return
-    for part in parts:
-        if part not in _compiled:
-            with _alone(part):
-                PARTS[part]()
-            _compiled.add(part)
+    place = _place(item)
+    if place not in REAL_TIME and hasattr(item.config, "workerinput"):
+        _give_way()
+    if place in COMPILING:
+        _compile_what_nobody_does()
+    for part in PARTS if place == "tracker/test_ready.py" else REAL_TIME.get(place, ()):
+        _compile(part, wait=True)
+
+
+@cache
+def _give_way() -> None:
+    """A worker that only computes is in no hurry; programs that keep real time are."""
+    if hasattr(os, "nice"):
+        os.nice(5)
+
+
+@cache
+def _compile_what_nobody_does() -> None:
+    for part in PARTS:
+        _compile(part, wait=False)
 
 
 def _make_arms_ready() -> None:
@@ -137,23 +147,28 @@ def _make_rooms_ready() -> None:
 
 PARTS = {
     "people": lambda: make_ready("default"),
+    "arms": _make_arms_ready,
     "hands": lambda: make_ready("hands"),
     "pictures of hands": _make_pictures_ready,
     "rooms": _make_rooms_ready,
-    "arms": _make_arms_ready,
 }
 _compiled: set[str] = set()
-"""By this worker, or loaded after the other one had."""
+"""By this worker, or loaded after another one had."""
 
 
-@contextmanager
-def _alone(what: str) -> Iterator[None]:
-    """Neither of the two workers does it while the other does."""
+def _compile(part: str, *, wait: bool) -> None:
+    """Once a worker; not while another one does it, for which it may ``wait``."""
+    if part in _compiled:
+        return
     CACHE.mkdir(exist_ok=True)
-    with (CACHE / f"{what}.lock").open("w") as lock:
+    with (CACHE / f"{part}.lock").open("w") as lock:
         if fcntl is not None:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-        yield
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                return
+        PARTS[part]()
+    _compiled.add(part)
 
 
 def _place(item: pytest.Item) -> str:

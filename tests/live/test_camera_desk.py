@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +15,21 @@ from mocapella.live.marker_work import MarkerWork
 from mocapella.sources.acquisition import Acquisition
 from mocapella.sources.picture_source import Picture
 from mocapella.sources.simulate.hand_camera import pointed_at
-from mocapella.sources.simulate.hand_scene import load_hand_scene
+from mocapella.sources.simulate.hand_scene import HandShot, load_hand_scene
 from mocapella.sources.simulate.rendered_camera import RenderedCamera
 from mocapella.wire.questions import AskDiscard, AskLearn, AskPicture, AskReport, AskSave, Clicks, write_question
 
 SCENE = load_hand_scene("demo", seed=3)
-SHOT = SCENE.at("left", 0.2)
-POINTS = {name: (float(x), float(y)) for name, (x, y) in zip(SCENE.names, SHOT.centres_px, strict=True)}
+
+
+@cache
+def shot() -> HandShot:
+    """Not while tests are collected: all workers would compile for it at once."""
+    return SCENE.at("left", 0.2)
+
+
+def points() -> dict[str, tuple[float, float]]:
+    return {name: (float(x), float(y)) for name, (x, y) in zip(SCENE.names, shot().centres_px, strict=True)}
 
 
 class Desk:
@@ -34,7 +43,7 @@ class Desk:
         self.desk = CameraDesk(self.work, self.file, DeskSettings(pictures=2))
 
     def look(self, time_ns: int) -> None:
-        self.work.look(Picture(np.ascontiguousarray(SHOT.image), time_ns, 0, 0.0, 0.0))
+        self.work.look(Picture(np.ascontiguousarray(shot().image), time_ns, 0, 0.0, 0.0))
 
     def ask(self, question: Any) -> Any:
         return self.desk.answer(write_question(question))
@@ -59,11 +68,11 @@ def test_a_picture_that_is_not_to_be_kept_pushes_none_out(made: Desk) -> None:
     for time_ns in range(2, 9):
         made.look(time_ns)
         assert made.ask(AskPicture(keep=False)).ok
-    assert made.learn(**POINTS).ok
+    assert made.learn(**points()).ok
     for time_ns in (10, 11):
         made.look(time_ns)
         assert made.ask(AskPicture()).ok
-    refused = made.learn(**POINTS)
+    refused = made.learn(**points())
     assert (refused.ok, "no picture of that time is kept" in refused.message) == (False, True)
 
 
@@ -73,20 +82,20 @@ def test_what_was_learnt_is_unsaved_until_it_is_saved_or_discarded(made: Desk) -
     assert not made.unsaved()
     refused = made.ask(AskDiscard())
     assert (refused.ok, "nothing to discard" in refused.message) == (False, True)
-    assert made.learn(**POINTS).ok
+    assert made.learn(**points()).ok
     assert made.unsaved()
     done = made.ask(AskDiscard())
     assert (done.ok, done.names) == (True, [])
     assert made.work.detector is None
     assert not made.unsaved()
-    assert made.learn(**POINTS).ok
+    assert made.learn(**points()).ok
     assert made.ask(AskSave()).ok
     assert not made.unsaved()
-    assert made.learn(red=POINTS["red"], blue=POINTS["blue"]).ok
-    assert made.learn(red=POINTS["red"]).ok
+    assert made.learn(red=points()["red"], blue=points()["blue"]).ok
+    assert made.learn(red=points()["red"]).ok
     assert made.work.names == ("red",)
     done = made.ask(AskDiscard())
-    assert done.names == list(POINTS)  # those that were saved, not those learnt first
+    assert done.names == list(points())  # those that were saved, not those learnt first
     assert made.file.exists()
 
 
@@ -94,6 +103,6 @@ def test_colours_that_the_node_began_with_come_back(tmp_path: Path) -> None:
     made = Desk(tmp_path, profile=pointed_at(SCENE, "left"))
     made.look(1)
     assert made.ask(AskPicture()).ok
-    assert made.learn(red=POINTS["red"]).ok
+    assert made.learn(red=points()["red"]).ok
     assert made.ask(AskDiscard()).names == list(SCENE.names)
     made.desk.close()

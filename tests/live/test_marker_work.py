@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import replace
+from functools import cache
 
 import cv2
 import numpy as np
@@ -15,6 +16,7 @@ from mocapella.errors import SettingsError
 from mocapella.live.camera_node import WARN_AFTER_S, CameraNodeSettings
 from mocapella.live.marker_work import MarkerWork
 from mocapella.live.stage_times import STAGES, StageTimes
+from mocapella.sensing.colour_profile import ColourProfile
 from mocapella.sensing.tags import TagDetector, TagSettings
 from mocapella.sources.acquisition import Acquisition
 from mocapella.sources.picture_source import Picture, SourceState
@@ -22,8 +24,17 @@ from mocapella.sources.simulate.hand_camera import pointed_at
 from mocapella.sources.simulate.hand_scene import load_hand_scene
 
 SCENE = load_hand_scene("demo", seed=3)
-PROFILE = pointed_at(SCENE, "left")
-SHOT = SCENE.at("left", 0.2).image
+
+
+@cache
+def profile() -> ColourProfile:
+    """Not while tests are collected, like the picture: all workers would compile for it at once."""
+    return pointed_at(SCENE, "left")
+
+
+@cache
+def shot() -> np.ndarray:
+    return SCENE.at("left", 0.2).image
 
 
 class Nothing:
@@ -45,7 +56,7 @@ class Nothing:
 
 
 def work(colours: bool = True) -> MarkerWork:
-    return MarkerWork("left", Acquisition(Nothing()), PROFILE if colours else None)
+    return MarkerWork("left", Acquisition(Nothing()), profile() if colours else None)
 
 
 def picture(image: np.ndarray, number: int) -> Picture:
@@ -62,7 +73,7 @@ def said(made: MarkerWork, image: np.ndarray, begin: int, count: int = 8) -> lis
 def test_markers_of_a_hand_are_found_and_nothing_is_warned_of() -> None:
     made = work()
     assert list(made.warnings(0.0)) == []
-    assert said(made, SHOT, 0) == []
+    assert said(made, shot(), 0) == []
     report = made.report()
     assert report["looked_at"] == 8
     assert {row["found"] for row in report["markers"].values()} == {8}
@@ -71,9 +82,9 @@ def test_markers_of_a_hand_are_found_and_nothing_is_warned_of() -> None:
 
 
 def test_two_markers_of_one_colour_are_said_once_and_said_to_be_gone() -> None:
-    made, twice = work(), SHOT.copy()
-    x, y = (round(v) for v in made.look(picture(SHOT, 0)).positions_px[0])
-    patch = SHOT[y - 12 : y + 13, x - 12 : x + 13]
+    made, twice = work(), shot().copy()
+    x, y = (round(v) for v in made.look(picture(shot(), 0)).positions_px[0])
+    patch = shot()[y - 12 : y + 13, x - 12 : x + 13]
     at = (20, 20) if x > 120 or y > 120 else (200, 280)
     twice[at[0] - 12 : at[0] + 13, at[1] - 12 : at[1] + 13] = patch
     list(made.warnings(0.0))
@@ -83,32 +94,32 @@ def test_two_markers_of_one_colour_are_said_once_and_said_to_be_gone() -> None:
     assert said(made, twice, 20) == []
     assert made.report()["markers"]["red"]["ambiguous"] > 8
     assert "ambiguous: red" in made.words()
-    assert said(made, SHOT, 40, 20) == ["red: well again"]
+    assert said(made, shot(), 40, 20) == ["red: well again"]
 
 
 def test_other_light_than_the_colours_were_learnt_in_is_said() -> None:
     made = work()
     list(made.warnings(0.0))
-    (warning,) = said(made, SHOT // 3, 0)
+    (warning,) = said(made, shot() // 3, 0)
     assert "times as bright as when the colours were learnt" in warning
 
 
 def test_without_colours_frames_are_empty_until_there_are_some() -> None:
     made = work(colours=False)
     list(made.warnings(0.0))
-    assert made.look(picture(SHOT, 0)).names == ()
+    assert made.look(picture(shot(), 0)).names == ()
     assert ["no colours are learnt yet" in text for text in made.warnings(10.0)] == [True]
-    made.use(PROFILE)
-    assert made.look(picture(SHOT, 1)).names == PROFILE.names
+    made.use(profile())
+    assert made.look(picture(shot(), 1)).names == profile().names
     assert "colours: well again" in list(made.warnings(20.0))
 
 
 def test_colours_may_change_between_two_pictures() -> None:
     made = work()
-    made.look(picture(SHOT, 0))
-    made.use(replace(PROFILE, colours=PROFILE.colours[:2]))
-    frame = made.look(picture(SHOT, 1))
-    assert frame.names == PROFILE.names[:2]
+    made.look(picture(shot(), 0))
+    made.use(replace(profile(), colours=profile().colours[:2]))
+    frame = made.look(picture(shot(), 1))
+    assert frame.names == profile().names[:2]
     assert frame.found.all()
     assert made.newest is not None
     assert made.newest.frame is frame
@@ -121,15 +132,11 @@ def test_a_picture_of_another_size_is_refused() -> None:
 
 @given(st.lists(st.tuples(st.floats(0, 0.2), st.floats(0, 0.2)), max_size=20))
 def test_late_is_longer_than_an_interval_and_too_late_is_not_sent(looks: list[tuple[float, float]]) -> None:
-    made = COUNTING
-    made.late = made.too_late = 0
+    made = work(colours=False)
     sent = [made.in_time(took, age, 0.1) for took, age in looks]
     assert sent == [age <= 0.1 for _, age in looks]
     assert made.late == sum(took > 1 / 20 for took, _ in looks)
     assert made.too_late == sent.count(False)
-
-
-COUNTING = work()
 
 
 @given(st.integers(2, 30), st.integers(0, 5), st.integers(0, 2**32 - 1))
@@ -162,14 +169,14 @@ def test_settings_have_ranges(wrong: dict[str, float]) -> None:
 
 
 def test_tags_are_found_beside_the_colours() -> None:
-    image = SHOT.copy()
+    image = shot().copy()
     tag = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50), 7, 48)
     image[6:66, 6:66] = 255
     image[12:60, 12:60] = tag[..., None]
-    made = MarkerWork("left", Acquisition(Nothing()), PROFILE, tags=TagDetector("left", TagSettings("4X4_50", (7,))))
+    made = MarkerWork("left", Acquisition(Nothing()), profile(), tags=TagDetector("left", TagSettings("4X4_50", (7,))))
     frame = made.look(picture(image, 0))
-    assert frame.names == (*PROFILE.names, "tag7.0", "tag7.1", "tag7.2", "tag7.3")
-    corners = frame.positions_px[len(PROFILE.names) :]
+    assert frame.names == (*profile().names, "tag7.0", "tag7.1", "tag7.2", "tag7.3")
+    corners = frame.positions_px[len(profile().names) :]
     np.testing.assert_allclose(corners, [[11.5, 11.5], [59.5, 11.5], [59.5, 59.5], [11.5, 59.5]], atol=0.5)
     assert made.report()["tags"]["found"] == 1
-    assert set(made.report()["markers"]) == set(PROFILE.names)
+    assert set(made.report()["markers"]) == set(profile().names)

@@ -22,7 +22,7 @@ from mocapella.wire.reader import send_command
 from mocapella.wire.session import open_reader
 
 LOG = "Study_7_Kinect_2_Time_3_11_06_PM.csv.gz"
-ROWS = 1301
+ROWS = 901
 SENSORS = ("front", "side")
 
 
@@ -82,7 +82,7 @@ def start_nodes(folder: Path, log: Path, port: int) -> list[Program]:
 
 @pytest.fixture(scope="module")
 def runs(study_logs: Path, tmp_path_factory: pytest.TempPathFactory) -> Runs:
-    # Its first 22 s: somebody stands long enough for both methods to know where everybody is.
+    # Its first 27 s: somebody stands still, goes out of both sensors' sight, and comes back.
     log = tmp_path_factory.mktemp("log") / LOG.removesuffix(".gz")
     log.write_text("\n".join(gzip.decompress((study_logs / LOG).read_bytes()).decode().splitlines()[:ROWS]))
     undisturbed, killed = tmp_path_factory.mktemp("undisturbed"), tmp_path_factory.mktemp("killed")

@@ -32,7 +32,7 @@ CHROMIUM = shutil.which("chromium")
 LEFT = 1
 """Place of the sensor ``left`` among those of the room, by name."""
 ARTIFACTS = Path(__file__).resolve().parents[2] / "artifacts"
-WAIT_MS = 45_000
+WAIT_MS = 120_000
 LARGE, SMALL = {"width": 1100, "height": 640}, {"width": 640, "height": 480}
 """Of a page that is looked at, and of one that is not: it is drawn in software."""
 
