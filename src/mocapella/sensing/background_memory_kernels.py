@@ -127,25 +127,27 @@ def unlike(image, step, phi, left, top, guard, every, least_sd, cut_sd, mean, va
 
 
 @njit(cache=True, error_model="numpy")
-def costs(values, blocks, size, step, left, top, least_sd, mean, variance, count, out):
-    """Write −log p [nats] of values (channels, rows, columns) being background, as of three channels; NaN: not known.
+def costs(values, blocks, left, top, least_sd, mean, variance, count, out):
+    """Write −log p [nats] of values being background, as of three channels; NaN: not known.
 
-    Of the blocks of ``size`` samples only, (blocks, 2) rows and numbers. Values are half grey levels from the middle of
-    the scale. The log 2π/2 of every channel is left out.
+    Args:
+        values: (channels, blocks, size) int16 half grey levels from the middle of the scale.
+        blocks: (blocks, 2) int32 row and number of each.
+        left, top: the first sample's column and row.
+        out: (blocks, size) float32; the log 2π/2 of every channel is left out.
     """
-    channels, least = mean.shape[2], least_sd * least_sd
+    channels, least, size = mean.shape[2], least_sd * least_sd, values.shape[2]
     f = 1.5 / channels
     for n in range(len(blocks)):
-        a = blocks[n, 0]
-        i, first = a + top, blocks[n, 1] * size
-        for b in range(first, first + size):
-            j = b + left
+        i, first = blocks[n, 0] + top, blocks[n, 1] * size + left
+        for b in range(size):
+            j = b + first
             if not (0 <= i < mean.shape[0] and 0 <= j < mean.shape[1]) or count[i, j] == 0:
-                out[a, b] = math.nan
+                out[n, b] = math.nan
                 continue
             v = max(variance[i, j], least)
             squares = 0.0
             for c in range(channels):
-                d = 0.5 * values[c, a, b] - (mean[i, j, c] - MIDDLE)
+                d = 0.5 * values[c, n, b] - (mean[i, j, c] - MIDDLE)
                 squares += d * d
-            out[a, b] = f * squares / v + 1.5 * math.log(4.0 * v)
+            out[n, b] = f * squares / v + 1.5 * math.log(4.0 * v)
