@@ -90,7 +90,7 @@ def read_samples(image, x0, y0, step, median, columns, blocks, values):
     ring = np.empty((3, broad), np.uint8)  # rows of the image
     middle = np.empty(broad, np.uint8)
     smooth = np.empty((taps, inner), np.uint8)
-    line, ready = np.empty(inner, np.int32), np.zeros(inner, np.int16)
+    line, small, ready = np.empty(inner, np.int32), np.empty(inner, np.int16), np.zeros(inner, np.int16)
     begin = first_x - border
     end = begin + wide + 2 * border
     low, high = min(max(begin, 0), width), max(min(end, width), 0)
@@ -142,13 +142,17 @@ def read_samples(image, x0, y0, step, median, columns, blocks, values):
                 ready[k] = 2 * np.int16(row[k]) - 255
         elif step == 2:
             above, here, below = smooth[2 * i % 3], smooth[(2 * i + 1) % 3], smooth[(2 * i + 2) % 3]
+            # In 16 bits each, so that a vector holds more.
             for k in range(inner):
-                line[k] = np.int32(above[k]) + 2 * np.int32(here[k]) + np.int32(below[k])
-            left, centre, right = line, line[channels:], line[2 * channels :]
+                small[k] = np.int16(np.int16(above[k]) + np.int16(np.int16(here[k]) << 1) + np.int16(below[k]))
+            left, centre, right = small, small[channels:], small[2 * channels :]
             for k in range(inner - 2 * channels):
-                off = left[k] + 2 * centre[k] + right[k] - 2040
-                far = (abs(off) + 4) >> 3  # a half is rounded away from the middle: an inverted image gives the same
-                ready[k] = far if off >= 0 else -far
+                off = np.int16(np.int16(left[k] + np.int16(centre[k] << 1)) + np.int16(right[k] - np.int16(2040)))
+                size = np.int16(-off) if off < 0 else off
+                far = np.int16(
+                    np.int16(size + np.int16(4)) >> 3
+                )  # halves away from the middle, as inverted images have
+                ready[k] = far if off >= 0 else np.int16(-far)
         else:
             line[:] = 0
             for t in range(taps):
