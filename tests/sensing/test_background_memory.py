@@ -30,7 +30,7 @@ def costs(memory: BackgroundMemory, image: UInt8, window: Silhouette) -> NDArray
     """(rows, columns) of the window, all of which is looked at."""
     settings = RegionSettings(median=False)
     band = read_band(image, window, None, None, settings, guided=False)
-    return memory.costs(band, settings)[:, band.pad : band.pad + window.phi.shape[1]]
+    return memory.costs(band, settings).reshape(band.phi.shape)[:, band.pad : band.pad + window.phi.shape[1]]
 
 
 def person(x: int, step: int = 2, reach: float = 16.0) -> tuple[Silhouette, NDArray[np.bool_]]:

@@ -38,7 +38,7 @@ def signed_distance(inside: NDArray[Any], reach_px: float, step_px: int = 1) -> 
     reach = int(np.ceil(reach_px / step_px)) if np.isfinite(reach_px) else 0
     check(1 <= reach <= MOST_REACH, "reach_px", reach_px, f"above 0 and up to {MOST_REACH} steps")
     if inside.dtype.kind in "bu":
-        field = np.where(inside, np.float32(1), np.float32(-1))
+        field = (inside != 0).astype(np.float32) - np.float32(0.5)
     else:
         field = np.ascontiguousarray(inside, dtype=np.float32)
     out = np.empty(field.shape, dtype=np.float32)

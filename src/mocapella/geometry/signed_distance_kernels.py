@@ -3,10 +3,10 @@
 Distances are separable: along one axis to the next crossing in the same row or column, then over the other axis the
 least of the sums of squares (P. F. Felzenszwalb, D. P. Huttenlocher, Distance Transforms of Sampled Functions, Theory
 of Computing 8, 2012, section 2.1). Within a short reach, to try every offset is faster than parabolas' envelopes,
-because the compiler makes vectors of it.
+because the compiler makes vectors of it. Rows are padded to whole vectors, which leaves no remainders, and offsets are
+tried eight at once, for each would load and store the least anew.
 """
 
-# ruff: noqa: PLR0912 - compiled: loops are written out; a conditional becomes a vector's minimum, `min` does not
 from __future__ import annotations
 
 import math
@@ -15,7 +15,13 @@ import numpy as np
 
 from mocapella.compiled import njit
 
+# Loops are written out; a conditional becomes a vector's minimum, `min` does not.
+
 _ONE = np.float32(1.0)
+_VECTOR = 32
+"""Samples that a compiled loop takes at once, at most."""
+_NEAR = np.float32(2.25)
+"""A sample whose own crossings are nearer is beside the outline [samples²]."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -29,66 +35,130 @@ def signed_distance(field, reach, step, out):
         out: (rows, columns) float32.
     """
     rows, columns = field.shape
+    wide = (columns + _VECTOR - 1) // _VECTOR * _VECTOR
+    groups = (reach + 3) // 4
+    border = 4 * groups
     far = np.float32(reach + 1)
-    # Along the columns: how far the next crossing above or below is.
-    down = np.empty((rows, columns), np.float32)
-    across = np.empty((rows, columns), np.float32)
-    for j in range(columns):
-        down[0, j] = far
+    # Squared distances along the columns and along the rows, each with a border that is far.
+    down, across = np.empty((rows, wide + 2 * border), np.float32), np.empty((rows + 2 * border, wide), np.float32)
+    _down_columns(field, far, border, down)
+    for i in range(border):
+        across[i] = far * far
+        across[border + rows + i] = far * far
+    _along_rows(field, far, border, across)
+    # The least sum of squares: over the rows of what is near in the columns, and the other way round.
+    flat_down, flat_across, best = down.reshape(-1), across.reshape(-1), np.empty(wide, np.float32)
+    for i in range(rows):
+        best[:] = np.float32(reach * reach)
+        _least(flat_down, i * (wide + 2 * border) + border, 1, groups, best)
+        _least(flat_across, (i + border) * wide, wide, groups, best)
+        # Beside the outline: the line through the crossings of the sample's own row and column, not these alone.
+        v, h = down[i, border : border + wide], across[i + border]
+        for j in range(wide):
+            a, b, least = v[j], h[j], best[j]
+            both = a + b
+            chord = a * b / (both if both > 0 else _ONE)
+            chord = chord if (a if a < b else b) < _NEAR else least
+            best[j] = np.float32(math.sqrt(chord if chord < least else least)) * step
+        for j in range(columns):
+            way = best[j]
+            out[i, j] = way if field[i, j] > 0 else -way
+
+
+@njit(cache=True, error_model="numpy")
+def _down_columns(field, far, border, squares):
+    """Write the squared distance of every sample to the next crossing above or below, far² where none is near.
+
+    Args:
+        field: (rows, columns) float32; far: [samples].
+        border: columns before the first, which are far.
+        squares: (rows, border + columns or more) float32.
+    """
+    rows, columns = field.shape
+    above, below = np.empty((rows, columns), np.float32), np.empty((rows, columns), np.float32)
+    above[0] = far
+    below[rows - 1] = far
     for i in range(1, rows):
         for j in range(columns):
             a, b = field[i - 1, j], field[i, j]
-            way, back = down[i - 1, j] + _ONE, b / (b - a)
-            way = back if (a > 0) != (b > 0) else way
-            down[i, j] = way if way < far else far
-    for i in range(rows - 2, -1, -1):
+            way, back = above[i - 1, j] + _ONE, b / (b - a)
+            crossed = (a > 0) != (b > 0)
+            way = way if way < far else far
+            above[i, j] = back if crossed else way
+            below[i - 1, j] = _ONE - back if crossed else far
+    for i in range(rows - 1, -1, -1):
+        if i + 1 < rows:
+            for j in range(columns):
+                way, back = below[i + 1, j] + _ONE, below[i, j]
+                below[i, j] = way if way < back else back
+        squares[i] = far * far
         for j in range(columns):
-            a, b, best = field[i + 1, j], field[i, j], down[i, j]
-            way, back = down[i + 1, j] + _ONE, b / (b - a)
-            way = back if (a > 0) != (b > 0) else way
-            down[i, j] = way if way < best else best
-    for i in range(rows):  # there are few crossings in a row: from each outwards
-        here, to = field[i], across[i]
-        to[:] = far
-        side = here[0] > 0
-        for j in range(1, columns):
-            if (here[j] > 0) == side:
+            way, back = above[i, j], below[i, j]
+            way = way if way < back else back
+            squares[i, np.uint64(border + j)] = way * way
+
+
+@njit(cache=True, error_model="numpy")
+def _along_rows(field, far, border, squares):
+    """Write the squared distance of every sample to the next crossing left or right, far² where none is near.
+
+    Args:
+        field: (rows, columns) float32; far: [samples].
+        border: rows before the first, which are left as they are.
+        squares: (border + rows or more, columns or more) float32.
+    """
+    rows, columns = field.shape
+    crossed = np.zeros((columns + 8) // 8 * 8, np.uint8)  # from the sample before
+    by_eight, after = crossed.view(np.uint64), crossed[1:]
+    for i in range(rows):
+        here, following, to = field[i], field[i, 1:], squares[border + i]
+        to[columns:] = far * far
+        for j in range(len(following)):
+            after[j] = (here[j] > 0) != (following[j] > 0)
+        crossed[columns] = 1
+        begin, left = 0, far
+        for n in range(len(by_eight)):
+            if by_eight[n] == 0:
                 continue
-            side = not side
-            way = here[j] / (here[j] - here[j - 1])
-            for k in range(min(reach + 1, columns - j)):
-                to[j + k] = min(to[j + k], way + np.float32(k))
-            way = _ONE - way
-            for k in range(min(reach + 1, j)):
-                to[j - 1 - k] = min(to[j - 1 - k], way + np.float32(k))
-    # Over the other axis: the least sum of squares.
-    limit = np.float32(reach * reach)
-    line = np.empty(columns + 2 * reach, np.float32)
-    squares = np.empty((rows, columns), np.float32)
-    line[:] = far * far
-    for i in range(rows):
-        for j in range(columns):
-            line[np.uint64(reach + j)] = down[i, j] * down[i, j]
-        for j in range(columns):
-            out[i, j] = limit
-        for offset in range(2 * reach + 1):
-            more = np.float32((offset - reach) * (offset - reach))
-            for j in range(columns):
-                way, best = line[np.uint64(offset + j)] + more, out[i, j]
-                out[i, j] = way if way < best else best
-        for j in range(columns):
-            squares[i, j] = across[i, j] * across[i, j]
-    for i in range(rows):
-        for other in range(max(0, i - reach), min(rows, i + reach + 1)):
-            more = np.float32((other - i) * (other - i))
-            for j in range(columns):
-                way, best = squares[other, j] + more, out[i, j]
-                out[i, j] = way if way < best else best
-        # Beside the outline: the line through the crossings of the sample's own row and column, not these alone.
-        for j in range(columns):
-            v, h, best = down[i, j] * down[i, j], squares[i, j], out[i, j]
-            chord = v * h / (v + h) if v + h > 0 else np.float32(0.0)
-            near = (v if v < h else h) < np.float32(2.25)
-            best = chord if near and chord < best else best
-            way = np.float32(math.sqrt(best)) * step
-            out[i, j] = way if field[i, j] > 0 else -way
+            for end in range(8 * n, 8 * n + 8):
+                if not crossed[end]:
+                    continue
+                # From one crossing to the next, or to the border.
+                right = here[end - 1] / (here[end - 1] - here[end]) if end < columns else far
+                part = to[begin:end]
+                last = len(part) - 1
+                for k in range(len(part)):
+                    back, way = left + np.float32(k), right + np.float32(last - k)
+                    way = way if way < back else back
+                    way = way if way < far else far
+                    part[k] = way * way
+                begin, left = end, _ONE - right
+
+
+@njit(cache=True, error_model="numpy")
+def _least(flat, first, apart, groups, best):
+    """Lower ``best`` to a row's least sums of squares, of what is up to 4 × groups steps away on both sides.
+
+    Args:
+        flat: squares; first: the place of the row's first; apart: from there to that of the next step.
+        best: (row,).
+    """
+    here = flat[first:]
+    for j in range(len(best)):
+        way, least = here[j], best[j]
+        best[j] = way if way < least else least
+    for group in range(groups):
+        o = 4 * group + 1
+        a, b, c, d = np.float32(o**2), np.float32((o + 1) ** 2), np.float32((o + 2) ** 2), np.float32((o + 3) ** 2)
+        # Slices, not places counted from one array: of those the compiler does not make vectors.
+        a0, a1 = flat[first - o * apart :], flat[first + o * apart :]
+        b0, b1 = flat[first - (o + 1) * apart :], flat[first + (o + 1) * apart :]
+        c0, c1 = flat[first - (o + 2) * apart :], flat[first + (o + 2) * apart :]
+        d0, d1 = flat[first - (o + 3) * apart :], flat[first + (o + 3) * apart :]
+        for j in range(len(best)):
+            p, q, r, s, t, u, v, w = a0[j], a1[j], b0[j], b1[j], c0[j], c1[j], d0[j], d1[j]
+            p, r = (p if p < q else q) + a, (r if r < s else s) + b
+            t, v = (t if t < u else u) + c, (v if v < w else w) + d
+            p, t, least = p if p < r else r, t if t < v else v, best[j]
+            p = p if p < t else t
+            best[j] = p if p < least else least

@@ -23,9 +23,9 @@ from mocapella.sensing.region_contour import (
     Band,
     RegionContour,
     RegionSettings,
-    block_of,
     kernels,
     read_band,
+    reading,
     settle,
 )
 from mocapella.settings import check
@@ -66,30 +66,30 @@ class BackgroundModel(msgspec.Struct, frozen=True, eq=False):
         check(0 <= self.shadow_nats <= 100, "shadow_nats", self.shadow_nats, "from 0 to 100")
 
     def costs(self, band: Band, settings: RegionSettings = DEFAULT) -> Float32:
-        """(rows, padded) −log p of a band's values where nobody is [nats], as of three channels of half grey levels.
+        """(blocks, size) −log p of a band's values where nobody is [nats], as of three channels of half grey levels.
 
         Raises:
             SettingsError: the band is of an image of another size or number of channels.
         """
         height, width = self.usual.shape[:2]
-        channels, rows, padded = band.values.shape
+        channels = len(band.values)
         if (width, height) != band.size_px or self.usual.size != height * width * channels:
             raise SettingsError(
                 f"the background is of shape {self.usual.shape}; it must be that of the image, "
                 f"{band.size_px[1]} × {band.size_px[0]} of {channels} channels"
             )
-        k, step = kernels(), band.prior.step_px
+        step = band.prior.step_px
         x, y = band.prior.origin_px
         read = []
         for picture in (self.usual, self.spread):
             pixels = np.ascontiguousarray(picture).reshape(height, width, channels)
-            to = np.zeros(band.values.shape, dtype=np.int16)
-            size = block_of(settings, step)
-            k.read_samples(pixels, x - band.pad * step, y, step, settings.median, size, band.blocks, to)
+            to = np.empty(band.values.shape, dtype=np.int16)
+            columns = band.phi.shape[1]
+            reading().read_samples(pixels, x - band.pad * step, y, step, settings.median, columns, band.blocks, to)
             read.append(to)
-        out = np.empty((rows, padded), dtype=np.float32)
+        out = np.empty(band.known.shape, dtype=np.float32)
         least, shadow = 2.0 * self.least_sd, float(self.shadow_nats)
-        k.background_costs(band.values, *read, band.known, least, float(self.darkest), shadow, out)
+        kernels().background_costs(band.values, *read, band.known, least, float(self.darkest), shadow, out)
         return out
 
 
@@ -144,6 +144,7 @@ def background_contour(
     # A body's pixels may have any value.
     inside_cost = 3 * (math.log(HALF_LEVELS) - 0.5 * math.log(2 * math.pi))
     if not guided:
-        band.inside[:] = (outside > inside_cost) & (band.known > 0)
+        # Without a prior everything is undecided, and so in one of the blocks, row by row.
+        band.inside[:] = ((outside > inside_cost) & (band.known > 0)).reshape(band.inside.shape)
         band.phi[:] = -1.0
     return settle(band, outside, inside_cost, settings, guided=guided, energies=energies)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mocapella.errors import InputError
 from mocapella.model.silhouettes import Silhouette
-from mocapella.sensing.region_contour import Band, RegionSettings, block_of
+from mocapella.sensing.region_contour import Band, RegionSettings
 from mocapella.settings import check
 
 Float32 = NDArray[np.float32]
@@ -171,12 +171,13 @@ class BackgroundMemory:
         """See `Background`. Its window is aligned as of `update`."""
         prior = band.prior
         left, top = self._place(prior)
-        out = np.full(band.phi.shape, np.nan, np.float32)
-        if self._shape:
-            _kernels().costs(
-                band.values, band.blocks, block_of(settings, self.step_px), self.step_px, left - band.pad, top,
-                self.settings.least_sd, self._mean, self._variance, self._count, out,
-            )  # fmt: skip
+        if not self._shape:
+            return np.full(band.known.shape, np.nan, np.float32)
+        out = np.empty(band.known.shape, np.float32)
+        _kernels().costs(
+            band.values, band.blocks, left - band.pad, top, self.settings.least_sd, self._mean, self._variance,
+            self._count, out,
+        )  # fmt: skip
         return out
 
     def _door(self, image: UInt8, person: Silhouette | None) -> tuple[UInt8, tuple[int, int], Float32]:

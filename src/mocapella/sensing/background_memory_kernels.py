@@ -25,27 +25,44 @@ OF_CUT = 1.0 / 0.77846
 
 
 @njit(cache=True)
-def _sample(image, step, i, j, out):
+def _mean(image, step, i, j, out):
     """Write the mean of an odd square of pixels about a sample [grey levels], of what there is of it in the image."""
     half, channels = step // 2, image.shape[2]
     top, bottom = max(i * step - half, 0), min(i * step + half + 1, image.shape[0])
     left, right = max(j * step - half, 0), min(j * step + half + 1, image.shape[1])
     f = 1.0 / ((bottom - top) * (right - left))
-    if channels == 3:
-        p = q = r = np.int64(0)
-        for y in range(top, bottom):
-            for x in range(left, right):
-                p += np.int64(image[y, x, 0])
-                q += np.int64(image[y, x, 1])
-                r += np.int64(image[y, x, 2])
-        out[0], out[1], out[2] = f * p, f * q, f * r
-        return
     for c in range(channels):
         total = np.int64(0)
         for y in range(top, bottom):
             for x in range(left, right):
                 total += np.int64(image[y, x, c])
         out[c] = f * total
+
+
+@njit(cache=True)
+def _nine(image, top, left, out):
+    """Write the mean of 3 × 3 pixels in colour, all of which there are."""
+    a, b, c = np.uint64(left), np.uint64(left + 1), np.uint64(left + 2)
+    p = q = r = np.int64(0)
+    for down in range(3):
+        y = np.uint64(top + down)
+        p += np.int64(image[y, a, 0]) + np.int64(image[y, b, 0]) + np.int64(image[y, c, 0])
+        q += np.int64(image[y, a, 1]) + np.int64(image[y, b, 1]) + np.int64(image[y, c, 1])
+        r += np.int64(image[y, a, 2]) + np.int64(image[y, b, 2]) + np.int64(image[y, c, 2])
+    f = 1.0 / 9
+    out[0], out[1], out[2] = f * p, f * q, f * r
+
+
+@njit(cache=True)
+def _usual(shape, step, i, j):
+    """Whether `_nine` is `_mean` of a sample (i, j) of an image of that shape.
+
+    Callers ask, not one function that calls both: where an array is handed on, its references are counted, which takes
+    longer than nine pixels do.
+    """
+    top, left = i * step - 1, j * step - 1
+    inner = top >= 0 and left >= 0 and top + 2 < shape[0] and left + 2 < shape[1]
+    return inner and shape[2] == 3 and 2 <= step <= 3
 
 
 @njit(cache=True)
@@ -67,13 +84,22 @@ def noise_of(image, step, phi, left, top, guard, every):
     for i in range(0, rows, every):
         for j in range(1, columns - 1, every):
             if _free(phi, left, top, i, j, guard):
-                _sample(image, step, i, j - 1, before)
-                _sample(image, step, i, j, here)
-                _sample(image, step, i, j + 1, after)
+                if _usual(image.shape, step, i, j - 1):
+                    _nine(image, i * step - 1, (j - 1) * step - 1, before)
+                else:
+                    _mean(image, step, i, j - 1, before)
+                if _usual(image.shape, step, i, j):
+                    _nine(image, i * step - 1, j * step - 1, here)
+                else:
+                    _mean(image, step, i, j, here)
+                if _usual(image.shape, step, i, j + 1):
+                    _nine(image, i * step - 1, (j + 1) * step - 1, after)
+                else:
+                    _mean(image, step, i, j + 1, after)
                 for c in range(channels):
                     rest[n] = abs(here[c] - 0.5 * (before[c] + after[c]))
                     n += 1
-    return SD_OF_FIFTH * np.sort(rest[:n])[n // 5] / math.sqrt(1.5) if n else 0.0
+    return SD_OF_FIFTH * np.partition(rest[:n], n // 5)[n // 5] / math.sqrt(1.5) if n else 0.0
 
 
 @njit(cache=True)
@@ -93,7 +119,10 @@ def learn(image, step, phi, left, top, guard, others, begin, end, every, rate, l
             if not _free(phi, left, top, i, j, guard) or (others.size and others[i * step, j * step]):
                 continue
             n = count[i, j]
-            _sample(image, step, i, j, here)
+            if _usual(image.shape, step, i, j):
+                _nine(image, i * step - 1, j * step - 1, here)
+            else:
+                _mean(image, step, i, j, here)
             if n == 0:
                 for c in range(channels):
                     mean[i, j, c] = here[c]
@@ -120,7 +149,10 @@ def unlike(image, step, phi, left, top, guard, every, least_sd, cut_sd, mean, va
             if count[i, j] == 0 or not _free(phi, left, top, i, j, guard):
                 continue
             known += 1
-            _sample(image, step, i, j, here)
+            if _usual(image.shape, step, i, j):
+                _nine(image, i * step - 1, j * step - 1, here)
+            else:
+                _mean(image, step, i, j, here)
             squares = 0.0
             for c in range(mean.shape[2]):
                 d = here[c] - mean[i, j, c]
@@ -172,25 +204,27 @@ def strange_at(image, step, pixels, least_sd, cut_sd, mean, variance, count, out
 
 
 @njit(cache=True, error_model="numpy")
-def costs(values, blocks, size, step, left, top, least_sd, mean, variance, count, out):
-    """Write −log p [nats] of values (channels, rows, columns) being background, as of three channels; NaN: not known.
+def costs(values, blocks, left, top, least_sd, mean, variance, count, out):
+    """Write −log p [nats] of values being background, as of three channels; NaN: not known.
 
-    Of the blocks of ``size`` samples only, (blocks, 2) rows and numbers. Values are half grey levels from the middle of
-    the scale. The log 2π/2 of every channel is left out.
+    Args:
+        values: (channels, blocks, size) int16 half grey levels from the middle of the scale.
+        blocks: (blocks, 2) int32 row and number of each.
+        left, top: the first sample's column and row.
+        out: (blocks, size) float32; the log 2π/2 of every channel is left out.
     """
-    channels, least = mean.shape[2], least_sd * least_sd
+    channels, least, size = mean.shape[2], least_sd * least_sd, values.shape[2]
     f = 1.5 / channels
     for n in range(len(blocks)):
-        a = blocks[n, 0]
-        i, first = a + top, blocks[n, 1] * size
-        for b in range(first, first + size):
-            j = b + left
+        i, first = blocks[n, 0] + top, blocks[n, 1] * size + left
+        for b in range(size):
+            j = b + first
             if not (0 <= i < mean.shape[0] and 0 <= j < mean.shape[1]) or count[i, j] == 0:
-                out[a, b] = math.nan
+                out[n, b] = math.nan
                 continue
             v = max(variance[i, j], least)
             squares = 0.0
             for c in range(channels):
-                d = 0.5 * values[c, a, b] - (mean[i, j, c] - MIDDLE)
+                d = 0.5 * values[c, n, b] - (mean[i, j, c] - MIDDLE)
                 squares += d * d
-            out[a, b] = f * squares / v + 1.5 * math.log(4.0 * v)
+            out[n, b] = f * squares / v + 1.5 * math.log(4.0 * v)

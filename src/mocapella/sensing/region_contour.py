@@ -151,7 +151,7 @@ class Background(Protocol):
     """What says what an image is like without anybody."""
 
     def costs(self, band: Band, settings: RegionSettings) -> Float32:
-        """(rows, padded) −log p of a band's values where nobody is [nats], as of three channels of half grey levels,
+        """(blocks, size) −log p of a band's values where nobody is [nats], as of three channels of half grey levels,
         without the log 2π/2 of each; NaN where that is not known.
         """
         ...
@@ -164,10 +164,10 @@ class Band(msgspec.Struct, frozen=True, eq=False):
         prior: the outline's.
         size_px: (width, height) of the image.
         pad: columns of padding before the first.
-        values: (channels, rows, padded) int16 half grey levels from the middle of the scale; anything beyond the band.
+        values: (channels, blocks, size) int16 half grey levels from the middle of the scale.
         phi: (rows, padded) the prior's.
         inside: (rows, padded) uint8, 1 inside the outline to begin with.
-        active, known: (rows, padded) uint8, 1 where a sample is undecided, and where the image says anything of it.
+        active, known: (blocks, size) uint8, 1 where a sample is undecided, and where the image says anything of it.
         blocks: (blocks, 2) int32 row and number of those that have undecided samples.
         reach: [steps] at which distances are cut off.
     """
@@ -211,12 +211,13 @@ def read_band(
     check(math.isfinite(farthest), "prior.phi", "of NaN or infinite values", "finite")
     # Where phi is cut off, nobody knows how far it is.
     within = np.float32(min(settings.band_px, float(np.nextafter(np.float32(farthest), np.float32(0)))))
-    k = kernels()
+    k = reading()
     size = block_of(settings, step)
     count = -(-columns // size)
     pad, padded = (count * size - columns) // 2, count * size
     phi = np.empty((rows, padded), dtype=np.float32)
-    inside, active, known = (np.empty((rows, padded), dtype=np.uint8) for _ in range(3))
+    inside = np.empty((rows, padded), dtype=np.uint8)
+    active, known = (np.empty((rows * count, size), dtype=np.uint8) for _ in range(2))
     blocks = np.empty((rows * count, 2), dtype=np.int32)
     begin = starting(prior, start)
     found = k.lay_out(
@@ -236,13 +237,13 @@ def read_band(
         known,
         blocks,
     )
-    blocks = blocks[:found]
-    values = np.zeros((pixels.shape[2], rows, padded), dtype=np.int16)
-    k.read_samples(pixels, x - pad * step, y, step, settings.median, size, blocks, values)
+    blocks, active, known = blocks[:found], active[:found], known[:found]
+    values = np.empty((pixels.shape[2], found, size), dtype=np.int16)
+    k.read_samples(pixels, x - pad * step, y, step, settings.median, padded, blocks, values)
     if ignore is not None:
         if ignore.dtype != np.bool_ or ignore.shape != (height, width):
             raise SettingsError(f"ignore is {ignore.dtype} of shape {ignore.shape}; it must be bool, {height, width}")
-        k.forget(np.ascontiguousarray(ignore), x - pad * step, y, step, step - 1 + settings.median, known)
+        k.forget(np.ascontiguousarray(ignore), x - pad * step, y, step, step - 1 + settings.median, blocks, known)
     reach = math.ceil((farthest if guided else settings.band_px) / step)
     return Band(prior, (width, height), pad, values, phi, inside, active, known, blocks, min(max(reach, 1), MOST_REACH))
 
@@ -275,12 +276,11 @@ def settle(
     odd = 1 + 2 * np.arange(size, dtype=np.int32)
     field, contrast, surety = (np.empty(band.phi.shape, dtype=np.float32) for _ in range(3))
     told = np.empty(s.iterations + 1 if energies else 0)
-    values = band.values.reshape(len(band.values), len(band.phi), -1, size)
     moved = k.segment(
-        values, band.active, band.known, band.phi, band.blocks, band.inside, odd, outside, np.float32(s.prior_weight),
-        np.float32(s.length_weight * math.sqrt(2 * math.pi) / step), np.float32(math.sqrt(2 / math.pi) / step), guided,
-        np.float32(unsure_px), s.fewest_px2 / step**2, 2.0 * s.least_sd, np.float32(3 * s.most_nats), inside_cost,
-        s.iterations, field, contrast, told,
+        band.values, band.active, band.known, band.phi, band.blocks, band.inside, odd, outside,
+        np.float32(s.prior_weight), np.float32(s.length_weight * math.sqrt(2 * math.pi) / step),
+        np.float32(math.sqrt(2 / math.pi) / step), guided, np.float32(unsure_px), s.fewest_px2 / step**2,
+        2.0 * s.least_sd, np.float32(3 * s.most_nats), inside_cost, s.iterations, field, contrast, told,
     )  # fmt: skip
     k.surety_of(contrast, band.inside, surety)
     window = slice(band.pad, band.pad + band.prior.phi.shape[1])
@@ -316,6 +316,14 @@ def starting(prior: Silhouette, start: Silhouette | None) -> UInt8:
             part = start.phi[np.ix_(rows[i], columns[j])]
         inside[i, j] = part > 0
     return inside
+
+
+@cache
+def reading() -> ModuleType:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.sensing import region_reading_kernels
+
+    return region_reading_kernels
 
 
 @cache

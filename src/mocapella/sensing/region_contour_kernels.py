@@ -1,7 +1,7 @@
 """The loops of `mocapella.sensing.region_contour`, compiled; importing this module imports numba.
 
 A window is padded to whole blocks of samples of a row, between whose ends −log p is linear; blocks that the
-band touches are looked at, all of their samples at once. Values of samples are whole numbers (half grey levels from the
+band touches are looked at, all of their samples at once, and again only where something changed since. Values of samples are whole numbers (half grey levels from the
 middle of the scale), weights of the lattice, too: sums that are kept up as samples change sides are exact, and do not
 depend on the order.
 """
@@ -17,177 +17,10 @@ from mocapella.compiled import njit
 
 OUTLIER, INSIDE, OUTSIDE, UNKNOWN = np.uint8(0), np.uint8(1), np.uint8(2), np.uint8(3)
 _0F, _1F, _0B, _1B = np.float32(0.0), np.float32(1.0), np.uint8(0), np.uint8(1)
+_DENSER, _FLIPPED = np.uint8(1), np.uint8(2)
+"""Why a block has to be looked at again: densities changed, or a sample near it, in it or not."""
 # Loops over a block end at a length that is an array's, not a constant: else they are unrolled, not made vectors of. And
 # they are short, over few arrays, whose places apart are asked about before each.
-
-
-@njit(cache=True, error_model="numpy")
-def lay_out(phi, start, band, unguided, pad, size, size_px, x0, y0, step, wide, inside, active, known, blocks):
-    """Write a window with its padding, and which of its blocks have anything undecided.
-
-    Args:
-        phi: (rows, columns) float32 the prior's signed distance [px]; start: (rows, columns) uint8, 1 inside.
-        band: [px] farther from the outline nothing moves, unless ``unguided``.
-        pad: columns of padding before the first; size: of a block [samples].
-        size_px: (width, height) of the image; x0, y0: the first sample's pixel, which may lie beyond it; step: [px].
-        wide: (rows, padded) float32 phi, far outside in the padding; inside: (rows, padded) uint8 where to begin.
-        active, known: (rows, padded) uint8, 1 where a sample is undecided, and where the image says anything of it.
-        blocks: (capacity, 2) int32 row and block.
-
-    Returns:
-        How many blocks.
-    """
-    rows, columns = phi.shape
-    padded = wide.shape[1]
-    width, height = size_px
-    first, last = min(max((-x0 + step - 1) // step, 0), columns), min(max((width - x0 + step - 1) // step, 0), columns)
-    count = 0
-    for i in range(rows):
-        wide[i] = np.float32(-1e6)
-        inside[i] = 0
-        active[i] = 0
-        known[i] = 0
-        p, b = phi[i], start[i]
-        w, u, on = wide[i, pad : pad + columns], inside[i, pad : pad + columns], active[i, pad : pad + columns]
-        for j in range(columns):
-            w[j] = p[j]
-            near = abs(p[j]) <= band or unguided
-            on[j] = _1B if near else _0B
-            begin, usual = b[j], _1B if p[j] > _0F else _0B
-            u[j] = begin if near else usual
-        if 0 <= y0 + i * step < height:
-            known[i, pad + first : pad + last] = active[i, pad + first : pad + last]
-        on = active[i]
-        for b in range(padded // size):
-            some = _0B
-            for j in range(b * size, (b + 1) * size):
-                some = np.uint8(some | on[j])
-            if some:
-                blocks[count, 0], blocks[count, 1] = i, b
-                count += 1
-    return count
-
-
-@njit(cache=True, error_model="numpy")
-def read_samples(image, x0, y0, step, median, size, blocks, values):
-    """Write what the image is like about every sample of the blocks of a band.
-
-    A sample is a mean over what lies nearer than a step, weighted like a tent, so that how much of its surroundings is
-    inside shows in its value; before that, a median over three rows and columns takes away single wrong pixels.
-
-    Args:
-        image: (h, w, channels) uint8.
-        x0, y0: the pixel of the first sample, padding included, which may lie beyond the image.
-        step: [px]; median: whether there is one.
-        size, blocks: of `lay_out`.
-        values: (channels, rows, padded) int16 half grey levels, 0 the middle of the scale.
-    """
-    height, width, channels = image.shape
-    columns = values.shape[2]
-    taps = 2 * step - 1
-    border = 1 if median else 0
-    first_x, first_y = x0 - step + 1, y0 - step + 1
-    wide = (columns - 1) * step + taps  # pixels that are looked at in a row, after the median
-    inner, broad = channels * wide, channels * (wide + 2 * border)
-    flat = image.reshape(-1)
-    ring = np.empty((3, broad), np.uint8)  # rows of the image
-    middle = np.empty(broad, np.uint8)
-    smooth = np.empty((taps, inner), np.uint8)
-    line, ready = np.empty(inner, np.int32), np.zeros(inner, np.int16)
-    begin = first_x - border
-    end = begin + wide + 2 * border
-    low, high = min(max(begin, 0), width), max(min(end, width), 0)
-    whole = step**4
-    copied, done, block = 0, 0, 0
-    while block < len(blocks):
-        i = blocks[block, 0]
-        if done < i * step:
-            done = i * step
-            copied = max(copied, done)
-        while done < i * step + taps:  # one more row of what is smoothed
-            to = smooth[done % taps]
-            while copied < done + 1 + 2 * border:
-                y = min(max(first_y - border + copied, 0), height - 1)
-                source, target = flat[channels * y * width : channels * (y + 1) * width], ring[copied % 3]
-                for x in range(begin, min(low, end)):
-                    for c in range(channels):
-                        target[channels * (x - begin) + c] = source[c]
-                if high > low:
-                    span = channels * (high - low)
-                    part, place = source[channels * low :], target[channels * (low - begin) :]
-                    for k in range(span):
-                        place[k] = part[k]
-                for x in range(max(high, begin), end):
-                    for c in range(channels):
-                        target[channels * (x - begin) + c] = source[channels * (width - 1) + c]
-                copied += 1
-            if median:
-                a, b, d = ring[0], ring[1], ring[2]
-                for k in range(broad):
-                    p, q, r = a[k], b[k], d[k]
-                    less, more = (p if p < q else q), (q if p < q else p)
-                    more = more if more < r else r
-                    middle[k] = less if less > more else more
-                left, centre, right = middle[:inner], middle[channels:], middle[2 * channels :]
-                for k in range(inner):
-                    p, q, r = left[k], centre[k], right[k]
-                    less, more = (p if p < q else q), (q if p < q else p)
-                    more = more if more < r else r
-                    to[k] = less if less > more else more
-            else:
-                source = ring[done % 3]
-                for k in range(inner):
-                    to[k] = source[k]
-            done += 1
-        if step == 1:
-            row = smooth[0]
-            for k in range(inner):
-                ready[k] = 2 * np.int16(row[k]) - 255
-        elif step == 2:
-            above, here, below = smooth[2 * i % 3], smooth[(2 * i + 1) % 3], smooth[(2 * i + 2) % 3]
-            for k in range(inner):
-                line[k] = np.int32(above[k]) + 2 * np.int32(here[k]) + np.int32(below[k])
-            left, centre, right = line, line[channels:], line[2 * channels :]
-            for k in range(inner - 2 * channels):
-                off = left[k] + 2 * centre[k] + right[k] - 2040
-                far = (abs(off) + 4) >> 3  # a half is rounded away from the middle: an inverted image gives the same
-                ready[k] = far if off >= 0 else -far
-        else:
-            line[:] = 0
-            for t in range(taps):
-                row, weight = smooth[(i * step + t) % taps], np.int32(step - abs(t - step + 1))
-                for k in range(inner):
-                    line[k] += weight * np.int32(row[k])
-            for k in range(inner - 2 * channels * (step - 1)):
-                total = 0
-                for t in range(taps):
-                    total += (step - abs(t - step + 1)) * line[k + channels * t]
-                off = 2 * total - 255 * whole
-                far = (2 * abs(off) + whole) // (2 * whole)
-                ready[k] = far if off >= 0 else -far
-        while block < len(blocks) and blocks[block, 0] == i:
-            column = blocks[block, 1] * size
-            for c in range(channels):
-                to = values[c, i]
-                for j in range(column, column + size):
-                    to[j] = ready[channels * step * j + c]
-            block += 1
-
-
-@njit(cache=True)
-def forget(ignore, x0, y0, step, reach, known):
-    """Samples whose value comes in part of pixels that tell nothing, at most ``reach`` [px] away, are not known."""
-    height, width = ignore.shape
-    rows, columns = known.shape
-    for i in range(rows):
-        for j in range(columns):
-            if not known[i, j]:
-                continue
-            x, y = x0 + j * step, y0 + i * step
-            for b in range(max(y - reach, 0), min(y + reach + 1, height)):
-                for a in range(max(x - reach, 0), min(x + reach + 1, width)):
-                    if ignore[b, a]:
-                        known[i, j] = 0
 
 
 @njit(cache=True)
@@ -230,10 +63,9 @@ def blur(inside, out):
 
 
 @njit(cache=True, error_model="numpy")
-def _add(values, i, k, j, sign, side, sums):
-    """Add a sample to the sums of the four nodes about it, or take it away."""
-    channels, rows, _, size = values.shape
-    top, low = _down(i, rows, size)
+def _add(values, n, j, top, low, k, sign, side, sums):
+    """Add a sample of a block to the sums of the four nodes about it, or take it away."""
+    channels, _, size = values.shape
     right = 2 * j + 1
     for b in range(2):
         down = low if b else 2 * size - low
@@ -241,44 +73,45 @@ def _add(values, i, k, j, sign, side, sums):
             weight = sign * down * (right if a else 2 * size - right)
             sums[side, top + b, k + a, 0] += weight
             for c in range(channels):
-                value = np.int64(values[c, i, k, j])
+                value = np.int64(values[c, n, j])
                 sums[side, top + b, k + a, 1 + c] += weight * value
                 sums[side, top + b, k + a, 1 + channels + c] += weight * value * value
 
 
 @njit(cache=True, error_model="numpy")
-def _add_all(values, state, blocks, odd, sums):
+def _add_all(values, state, blocks, rows, odd, sums):
     """Add all samples to the sums of their sides: over a block, and how far along it, then to the four nodes about."""
-    channels, rows, _, size = values.shape
+    channels, _, size = values.shape
     full = 2 * size
     whole, along = np.empty(sums.shape[3], np.int64), np.empty(sums.shape[3], np.int64)
     on, weight = np.empty(len(odd), np.int32), np.empty(len(odd), np.int32)
-    for r in range(len(blocks)):
-        i, k = np.int64(blocks[r, 0]), np.int64(blocks[r, 1])
-        top, low = _down(i, rows, size)
+    for n in range(len(blocks)):
+        k = np.int64(blocks[n, 1])
+        top, low = _down(np.int64(blocks[n, 0]), rows, size)
         for side in range(2):
             wanted = INSIDE if side == 0 else OUTSIDE
             for j in range(size):
-                on[j] = np.int32(1) if state[i, k, j] == wanted else np.int32(0)
+                on[j] = np.int32(1) if state[n, j] == wanted else np.int32(0)
             count, far = np.int32(0), np.int32(0)
             for j in range(size):
                 weight[j] = on[j] * odd[j]
             for j in range(size):
-                count += on[j]
-                far += weight[j]
+                count = np.int32(count + on[j])
+                far = np.int32(far + weight[j])
             if count == 0:
                 continue
             whole[0], along[0] = count, far
             for c in range(channels):
-                a, b, x, y = np.int32(0), np.int32(0), np.int32(0), np.int32(0)
+                a, b, x, y = np.int32(0), np.int32(0), np.int32(0), np.uint32(0)
+                part = values[c, n]
                 for j in range(size):
-                    value = np.int32(values[c, i, k, j])
-                    a += on[j] * value
-                    b += weight[j] * value
-                for j in range(size):
-                    value = np.int32(values[c, i, k, j])
-                    x += on[j] * (value * value)
-                    y += weight[j] * (value * value)
+                    value = np.int32(part[j])
+                    once = np.int32(on[j] * value)
+                    a = np.int32(a + once)
+                    b = np.int32(b + np.int32(odd[j] * once))
+                    square = np.int32(once * value)
+                    x = np.int32(x + square)
+                    y = np.uint32(y + np.uint32(odd[j] * square))
                 whole[1 + c], along[1 + c] = a, b
                 whole[1 + channels + c], along[1 + channels + c] = x, y
             for m in range(len(whole)):
@@ -290,7 +123,7 @@ def _add_all(values, state, blocks, odd, sums):
 
 
 @njit(cache=True, error_model="numpy")
-def densities(sums, both, size, fewest, least_sd, coefficients):
+def densities(sums, both, size, fewest, least_sd, stale, leans, coefficients):
     """Write each node's densities as −log p = a + b v + c v², as of three channels [nats].
 
     Where there are few samples, a density leans on that of all samples about the node, as if ``fewest`` of those were
@@ -299,20 +132,22 @@ def densities(sums, both, size, fewest, least_sd, coefficients):
     Args:
         sums: (2, node rows, node columns, 1 + 2 channels) int64; both: (node rows, node columns, 1 + 2 channels).
         size: of a block [samples]; fewest: [samples]; least_sd: [half grey levels].
+        stale: (node rows, node columns) uint8, 1 where sums have changed since.
+        leans: (node rows, node columns) the cost of what the densities lean on [samples × nats].
         coefficients: (node rows, node columns, 2 + 4 channels) float32: a inside and outside, then of every channel
             b and c inside and outside.
-
-    Returns:
-        The cost of what the densities lean on [samples × nats].
     """
     _, rows, columns, terms = sums.shape
     channels = terms // 2
     unit, share, least = 1.0 / (4 * size * size), 3.0 / channels, least_sd * least_sd
-    cost = 0.0
     for i in range(rows):
         for k in range(columns):
+            if not stale[i, k]:
+                continue
+            cost = 0.0
             if both[i, k, 0] == 0:
                 coefficients[i, k] = 0.0
+                leans[i, k] = 0.0
                 continue
             count = both[i, k, 0] * unit
             to = coefficients[i, k]
@@ -334,27 +169,33 @@ def densities(sums, both, size, fewest, least_sd, coefficients):
                 size = math.log(product)
                 to[side] = 0.5 * share * (a + size)
                 cost += 0.5 * share * fewest * (size + off)
-    return cost
+            leans[i, k] = cost
 
 
 @njit(cache=True, error_model="numpy")
-def _energy(inside, mean, pull, state, known, outside_costs, inside_cost, coefficients, sums, lean, size, length, most):
+def _energy(
+    inside, mean, on, pull, state, known, outside_costs, inside_cost, coefficients, sums, leans, size, length, most
+):
     """What an outline costs [nats × samples], with the densities that were learnt of it."""
     rows, columns = inside.shape
     modelled, learnt, unit = outside_costs.size > 0, math.isnan(inside_cost), 1.0 / (4 * size * size)
-    energy = lean
+    energy = leans.sum()
     for i in range(rows):
         for j in range(columns):
-            u = inside[i, j]
+            if inside[i, j]:
+                energy += length * (1.0 - mean[i, j] / 256.0)
+    for n in range(len(on)):
+        for j in range(size):
+            u = on[n, j]
             if u:
-                energy += length * (1.0 - mean[i, j] / 256.0) - pull[i, j]
-            if not known[i, j]:
+                energy -= pull[n, j]
+            if not known[n, j]:
                 continue
             if u and not learnt:
                 energy += inside_cost
             elif modelled and not u:
-                energy += min(outside_costs[i, j], most)
-            elif state[i, j] == OUTLIER:
+                energy += min(outside_costs[n, j], most)
+            elif state[n, j] == OUTLIER:
                 energy += most
     channels = sums.shape[3] // 2
     for side in range(2):
@@ -371,69 +212,172 @@ def _energy(inside, mean, pull, state, known, outside_costs, inside_cost, coeffi
 
 
 @njit(cache=True, error_model="numpy")
-def _costs_of_gray(row, values, i, k, along, one, two):
-    """Write −log p of a block's samples, of gray, inside and outside: (blocks of a row, size)."""
-    a0, a1 = row[k, 0], row[k, 1]
-    a0_rise, a1_rise = row[k + 1, 0] - a0, row[k + 1, 1] - a1
-    b00 = row[k, 2]
-    b00_rise = row[k + 1, 2] - b00
-    c00 = row[k, 4]
-    c00_rise = row[k + 1, 4] - c00
-    b01 = row[k, 3]
-    b01_rise = row[k + 1, 3] - b01
-    c01 = row[k, 5]
-    c01_rise = row[k + 1, 5] - c01
+def _costs_of_gray(row, rise, k, values, n, along, one, two):
+    """Write −log p of a block's samples, of gray, inside and outside: (blocks, size)."""
+    a0, a1, a0_rise, a1_rise = row[k, 0], row[k, 1], rise[k, 0], rise[k, 1]
+    b00, b00_rise, c00, c00_rise = row[k, 2], rise[k, 2], row[k, 4], rise[k, 4]
+    b01, b01_rise, c01, c01_rise = row[k, 3], rise[k, 3], row[k, 5], rise[k, 5]
     for j in range(len(along)):
         t = along[j]
-        v0 = np.float32(values[0, i, k, j])
+        v0 = values[0, n, j]
         cost = (a0 + t * a0_rise) + v0 * ((b00 + t * b00_rise) + v0 * (c00 + t * c00_rise))
-        one[k, j] = cost
+        one[n, j] = cost
         cost = (a1 + t * a1_rise) + v0 * ((b01 + t * b01_rise) + v0 * (c01 + t * c01_rise))
-        two[k, j] = cost
+        two[n, j] = cost
 
 
 @njit(cache=True, error_model="numpy")
-def _costs_of_colour(row, values, i, k, along, one, two):
-    """Write −log p of a block's samples, of three channels, inside and outside: (blocks of a row, size)."""
-    a0, a1 = row[k, 0], row[k, 1]
-    a0_rise, a1_rise = row[k + 1, 0] - a0, row[k + 1, 1] - a1
-    b00 = row[k, 2]
-    b00_rise = row[k + 1, 2] - b00
-    c00 = row[k, 4]
-    c00_rise = row[k + 1, 4] - c00
-    b01 = row[k, 3]
-    b01_rise = row[k + 1, 3] - b01
-    c01 = row[k, 5]
-    c01_rise = row[k + 1, 5] - c01
-    b10 = row[k, 6]
-    b10_rise = row[k + 1, 6] - b10
-    c10 = row[k, 8]
-    c10_rise = row[k + 1, 8] - c10
-    b11 = row[k, 7]
-    b11_rise = row[k + 1, 7] - b11
-    c11 = row[k, 9]
-    c11_rise = row[k + 1, 9] - c11
-    b20 = row[k, 10]
-    b20_rise = row[k + 1, 10] - b20
-    c20 = row[k, 12]
-    c20_rise = row[k + 1, 12] - c20
-    b21 = row[k, 11]
-    b21_rise = row[k + 1, 11] - b21
-    c21 = row[k, 13]
-    c21_rise = row[k + 1, 13] - c21
+def _costs_of_colour(row, rise, k, values, n, along, one, two):
+    """Write −log p of a block's samples, of three channels, inside and outside: (blocks, size)."""
+    a0, a1, a0_rise, a1_rise = row[k, 0], row[k, 1], rise[k, 0], rise[k, 1]
+    b00, b00_rise, c00, c00_rise = row[k, 2], rise[k, 2], row[k, 4], rise[k, 4]
+    b01, b01_rise, c01, c01_rise = row[k, 3], rise[k, 3], row[k, 5], rise[k, 5]
+    b10, b10_rise, c10, c10_rise = row[k, 6], rise[k, 6], row[k, 8], rise[k, 8]
+    b11, b11_rise, c11, c11_rise = row[k, 7], rise[k, 7], row[k, 9], rise[k, 9]
+    b20, b20_rise, c20, c20_rise = row[k, 10], rise[k, 10], row[k, 12], rise[k, 12]
+    b21, b21_rise, c21, c21_rise = row[k, 11], rise[k, 11], row[k, 13], rise[k, 13]
     for j in range(len(along)):
         t = along[j]
-        v0 = np.float32(values[0, i, k, j])
-        v1 = np.float32(values[1, i, k, j])
-        v2 = np.float32(values[2, i, k, j])
+        v0 = values[0, n, j]
+        v1 = values[1, n, j]
+        v2 = values[2, n, j]
         cost = (a0 + t * a0_rise) + v0 * ((b00 + t * b00_rise) + v0 * (c00 + t * c00_rise))
         cost = cost + v1 * ((b10 + t * b10_rise) + v1 * (c10 + t * c10_rise))
         cost = cost + v2 * ((b20 + t * b20_rise) + v2 * (c20 + t * c20_rise))
-        one[k, j] = cost
+        one[n, j] = cost
         cost = (a1 + t * a1_rise) + v0 * ((b01 + t * b01_rise) + v0 * (c01 + t * c01_rise))
         cost = cost + v1 * ((b11 + t * b11_rise) + v1 * (c11 + t * c11_rise))
         cost = cost + v2 * ((b21 + t * b21_rise) + v2 * (c21 + t * c21_rise))
-        two[k, j] = cost
+        two[n, j] = cost
+
+
+@njit(cache=True, error_model="numpy")
+def _costs(levels, blocks, rows, along, coefficients, dirty, one, two):
+    """Write −log p of the samples of all blocks that are dirty: (blocks, size) inside, and outside.
+
+    Args:
+        levels: (channels, blocks, size) float32 values.
+    """
+    row = np.empty(coefficients.shape[1:], np.float32)
+    rise = np.zeros(coefficients.shape[1:], np.float32)
+    flat_row, flat_rise, last = row.reshape(-1), rise.reshape(-1), np.int64(-1)
+    following = flat_row[coefficients.shape[2] :]
+    for n in range(len(blocks)):
+        if not dirty[n]:
+            continue
+        i, k = np.int64(blocks[n, 0]), np.int64(blocks[n, 1])
+        if i != last:
+            last = i
+            top, low = _down(i, rows, len(along))
+            above, below = coefficients[top].reshape(-1), coefficients[top + 1].reshape(-1)
+            t = np.float32(low) / np.float32(2 * len(along))
+            for q in range(len(flat_row)):
+                flat_row[q] = above[q] + t * (below[q] - above[q])
+            for q in range(len(following)):
+                flat_rise[q] = following[q] - flat_row[q]
+        if len(levels) == 3:
+            _costs_of_colour(row, rise, k, levels, n, along, one, two)
+        else:
+            _costs_of_gray(row, rise, k, levels, n, along, one, two)
+
+
+@njit(cache=True, error_model="numpy")
+def _decide(ones, twos, outside, known, active, pull, mean, near, fields, gains, own, news, nows, length, most, inner):
+    """Write on which side samples cost less, and by how much: all arrays are of the same samples, one after another."""
+    scale = np.float32(1 / 128)
+    if not math.isnan(inner):
+        ones[:] = inner
+    if outside.size > 0:
+        for j in range(len(ones)):
+            cost = outside[j]
+            twos[j] = twos[j] if math.isnan(cost) else cost
+    for j in range(len(ones)):
+        cost = ones[j]
+        ones[j] = cost if cost < most else most
+    for j in range(len(ones)):
+        cost = twos[j]
+        twos[j] = cost if cost < most else most
+    for j in range(len(ones)):
+        gain = twos[j] - ones[j]
+        gains[j] = gain if known[j] > _0B else _0F
+    for j in range(len(ones)):
+        fields[j] = gains[j] + pull[j] + length * (scale * np.float32(mean[j]) - _1F)
+    for j in range(len(ones)):
+        a, b = fields[j], near[j]
+        fields[j] = a if active[j] > _0B else b
+    for j in range(len(ones)):
+        a, b = ones[j], twos[j]
+        own[j] = a if fields[j] > _0F else b
+    for j in range(len(ones)):
+        news[j] = INSIDE if fields[j] > _0F else OUTSIDE
+    for j in range(len(ones)):
+        nows[j] = np.uint8(OUTSIDE - news[j])
+    for j in range(len(ones)):
+        side = news[j]
+        news[j] = side if own[j] < most else OUTLIER
+    for j in range(len(ones)):
+        side = news[j]
+        news[j] = side if known[j] > _0B else UNKNOWN
+
+
+@njit(cache=True, error_model="numpy")
+def _flip(inside, i, j, size, mean, place, dirty):
+    """A sample changes sides: the blurred mask changes with it, and the blocks about it have to be looked at again."""
+    rows, columns = inside.shape
+    now = 1 - np.int64(inside[i, j])
+    inside[i, j] = now
+    sign = 2 * now - 1
+    for a in range(max(i - 2, 0), min(i + 3, rows)):
+        down = 6 if a == i else 4 if abs(a - i) == 1 else 1
+        for b in range(max(j - 2, 0), min(j + 3, columns)):
+            across = 6 if b == j else 4 if abs(b - j) == 1 else 1
+            mean[a, b] = np.int64(mean[a, b]) + sign * down * across
+        for k in range(max(j - 2, 0) // size, (min(j + 2, columns - 1)) // size + 1):
+            if place[a, k] >= 0:
+                dirty[place[a, k]] = _FLIPPED
+
+
+@njit(cache=True, error_model="numpy")
+def _take_over(values, blocks, state, news, on, nows, learning, inside, mean, place, dirty, sums, stale):
+    """Let samples go to the sides where they cost less, and say what has to be looked at again for that.
+
+    Args:
+        values, blocks: as of `segment`.
+        state, on: (blocks, size) which become ``news`` and ``nows``; size is a multiple of 8.
+        learning: whether sums are kept up.
+        inside, mean, place, dirty: of `_flip`.
+        sums, stale: of `densities`.
+
+    Returns:
+        Whether any did.
+    """
+    rows, size = len(inside), values.shape[2]
+    states, news_by_8 = state.reshape(-1).view(np.uint64), news.reshape(-1).view(np.uint64)
+    ons, nows_by_8 = on.reshape(-1).view(np.uint64), nows.reshape(-1).view(np.uint64)
+    eights, any_did = size // 8, False
+    for m in range(len(states)):
+        if states[m] == news_by_8[m] and ons[m] == nows_by_8[m]:
+            continue
+        any_did = True
+        n = m // eights
+        i, k = np.int64(blocks[n, 0]), np.int64(blocks[n, 1])
+        top, low = _down(i, rows, size)
+        first = 8 * (m - n * eights)
+        for j in range(first, first + 8):
+            if nows[n, j] != on[n, j]:
+                _flip(inside, i, k * size + j, size, mean, place, dirty)
+            before, now = state[n, j], news[n, j]
+            if not learning or before == now:
+                continue
+            if before == INSIDE or before == OUTSIDE:
+                _add(values, n, j, top, low, k, -1, before - 1, sums)
+            if now == INSIDE or now == OUTSIDE:
+                _add(values, n, j, top, low, k, 1, now - 1, sums)
+            for a in range(top, top + 2):
+                for b in range(k, k + 2):
+                    stale[a, b] = 1
+        states[m], ons[m] = news_by_8[m], nows_by_8[m]
+    return any_did
 
 
 @njit(cache=True, error_model="numpy")
@@ -444,10 +388,10 @@ def segment(
     """Move an outline to where the energy is least; how many times it was moved.
 
     Args:
-        values: (channels, rows, blocks of a row, size) int16 half grey levels.
+        values: (channels, blocks, size) int16 half grey levels.
         active, known, phi, blocks, inside: of `lay_out`; inside becomes what was found.
         odd: (size,) int32 1, 3, 5 …: how far along a block a sample is [1 / (2 size)].
-        outside_costs: (rows, padded) float32 −log p2 [nats] of a model of the background, or (0, 0); NaN: it is learnt.
+        outside_costs: (blocks, size) float32 −log p2 [nats] of a model of the background, or (0, 0); NaN: it is learnt.
         prior_weight: [nats/px²]; length: [nats] that a sample in the midst of the other side costs; slope: [1/px] of a
             straight outline's blurred mask, doubled.
         guided: whether there is a prior.
@@ -459,156 +403,157 @@ def segment(
         contrast: (rows, padded) float32 log p1 − log p2 [nats]; 0 where nothing is known, and beyond the band.
         energies: (iterations + 1,) float64 [nats × samples] at first and after every move; none are summed where (0,).
     """
-    channels, rows, row_blocks, size = values.shape
-    columns, terms = row_blocks * size, 1 + 2 * channels
-    mean = np.empty((rows, columns), np.uint16)
-    # What a sample gains by being inside, of the prior alone.
-    pull, state = np.zeros((rows, columns), np.float32), np.empty((rows, columns), np.uint8)
-    prior = np.empty((rows, columns), np.uint8)
+    channels, count, size = values.shape
+    (rows, columns), row_blocks = phi.shape, phi.shape[1] // size
+    learnt, told = math.isnan(inside_cost), energies.size > 0
+    # Of the blocks, one after another: the prior's distance, the blurred mask, and what a sample gains by being inside,
+    # of the prior alone.
+    near, means = np.empty((count, size), np.float32), np.empty((count, size), np.uint16)
+    pull, state = np.empty((count, size), np.float32), np.empty((count, size), np.uint8)
+    on = np.empty((count, size), np.uint8)
+    mean, prior = np.empty((rows, columns), np.uint16), np.empty((rows, columns), np.uint8)
+    place = np.full((rows, row_blocks), -1, np.int32)
+    begun = _0B
     for i in range(rows):
         for j in range(columns):
-            prior[i, j] = _1B if phi[i, j] > _0F else _0B
+            side = _1B if phi[i, j] > _0F else _0B
+            prior[i, j] = side
+            begun = np.uint8(begun | np.uint8(side ^ inside[i, j]))
     blur(prior, mean)
-    scale = np.float32(1 / 128)
-    for i in range(rows):
-        for j in range(columns):
-            p = phi[i, j]
-            straight = slope * p
-            straight = straight if straight < _1F else _1F
-            straight = straight if straight > -_1F else -_1F
-            gain = prior_weight * p * abs(p) + length * (straight + _1F - scale * np.float32(mean[i, j]))
-            pull[i, j] = gain if guided else _0F
-        for j in range(columns):
-            gain = pull[i, j]
-            pull[i, j] = gain if active[i, j] > _0B else _0F
-        for j in range(columns):
-            field[i, j] = phi[i, j]
-        for j in range(columns):
-            contrast[i, j] = _0F
-        for j in range(columns):
-            state[i, j] = INSIDE if inside[i, j] > _0B else OUTSIDE
-        for j in range(columns):
-            side = state[i, j]
-            state[i, j] = side if abs(phi[i, j]) >= unsure else OUTLIER
-        for j in range(columns):
-            side = state[i, j]
-            state[i, j] = side if known[i, j] > _0B else UNKNOWN
-
-    modelled, learnt, told = outside_costs.size > 0, math.isnan(inside_cost), energies.size > 0
-    shape = (rows, row_blocks, size)
-    states = state.reshape(shape)
-    sums = np.zeros((2, node_rows(rows, size), row_blocks + 1, terms), np.int64)
-    both = np.zeros(sums.shape[1:], np.int64)
-    coefficients = np.zeros((node_rows(rows, size), row_blocks + 1, 2 + 4 * channels), np.float32)
-    lean = 0.0
+    dirty = np.full(count, _FLIPPED, np.uint8)
+    means_by_8, mean_by_8 = means.view(np.uint64), mean.view(np.uint64)
+    _take(phi.view(np.uint64), blocks, dirty, _FLIPPED, near.view(np.uint64))
+    _take(mean_by_8, blocks, dirty, _FLIPPED, means_by_8)
+    _take(inside.view(np.uint64), blocks, dirty, _FLIPPED, on.view(np.uint64))
+    for n in range(count):
+        place[blocks[n, 0], blocks[n, 1]] = n
+    _begin(
+        near.reshape(-1), means.reshape(-1), on.reshape(-1), active.reshape(-1), known.reshape(-1), prior_weight, length,
+        slope, guided, unsure, pull.reshape(-1), state.reshape(-1),
+    )  # fmt: skip
+    nodes, terms = (node_rows(rows, size), row_blocks + 1), 1 + 2 * channels
+    sums = np.zeros((2, nodes[0], nodes[1], terms), np.int64)
+    both = np.zeros((nodes[0], nodes[1], terms), np.int64)
+    coefficients = np.zeros((nodes[0], nodes[1], 2 + 4 * channels), np.float32)
+    leans, stale = np.zeros(nodes), np.ones(nodes, np.uint8)
     if learnt:
-        _add_all(values, states, blocks, odd, sums)
+        _add_all(values, state, blocks, rows, odd, sums)
         both[:] = sums[0] + sums[1]
-        lean = densities(sums, both, size, fewest, least_sd, coefficients)
-    blur(inside, mean)
+        densities(sums, both, size, fewest, least_sd, stale, leans, coefficients)
+    if begun:  # elsewhere than the prior
+        blur(inside, mean)
     if told:
         energies[:] = _energy(
-            inside, mean, pull, state, known, outside_costs, inside_cost, coefficients, sums, lean, size, length, most
+            inside, mean, on, pull, state, known, outside_costs, inside_cost, coefficients, sums, leans, size, length,
+            most,
+        )  # fmt: skip
+    one, two = np.empty((count, size), np.float32), np.zeros((count, size), np.float32)
+    levels = values.astype(np.float32)
+    along = odd.astype(np.float32) / np.float32(2 * size)
+    fields, gains = np.empty((count, size), np.float32), np.empty((count, size), np.float32)
+    own = np.empty((count, size), np.float32)
+    news, nows = state.copy(), on.copy()
+    inner = np.float32(math.nan if learnt else inside_cost)
+    # All samples of all blocks go through the long loops, also of those that nothing changed for: that is faster.
+    flat = (
+        one.reshape(-1), two.reshape(-1), outside_costs.reshape(-1), known.reshape(-1), active.reshape(-1),
+        pull.reshape(-1), means.reshape(-1), near.reshape(-1), fields.reshape(-1), gains.reshape(-1), own.reshape(-1),
+        news.reshape(-1), nows.reshape(-1),
+    )  # fmt: skip
+    iteration = 0
+    while iteration < iterations:
+        _take(mean_by_8, blocks, dirty, _FLIPPED, means_by_8)
+        _costs(levels, blocks, rows, along, coefficients, dirty, one, two)
+        _decide(*flat, length, most, inner)
+        # At first most was unsure, and changes: all anew is faster.
+        anew = learnt and iteration == 0 and unsure > 0
+        dirty[:] = 0
+        stale[:] = anew
+        moved = _take_over(
+            values, blocks, state, news, on, nows, learnt and not anew, inside, mean, place, dirty, sums, stale
         )
-    row = np.zeros((row_blocks + 1, 2 + 4 * channels), np.float32)
-    flat_row = row.reshape(-1)
-    one, two = np.zeros((row_blocks, size), np.float32), np.zeros((row_blocks, size), np.float32)
-    ones, twos, gains = one.reshape(-1), two.reshape(-1), np.empty(columns, np.float32)
-    fields, news, along = np.empty(columns, np.float32), np.empty(columns, np.uint8), np.empty(len(odd), np.float32)
-    for j in range(size):
-        along[j] = np.float32(odd[j]) / np.float32(2 * size)
-    inner = np.float32(0.0 if learnt else inside_cost)
-    for iteration in range(iterations):
-        changes, block = 0, 0
-        while block < len(blocks):
-            i = int(blocks[block, 0])
-            top, low = _down(i, rows, size)
-            above, below = coefficients[top].reshape(-1), coefficients[top + 1].reshape(-1)
-            t = np.float32(low) / np.float32(2 * size)
-            for q in range(len(flat_row)):
-                flat_row[q] = above[q] + t * (below[q] - above[q])
-            while block < len(blocks) and blocks[block, 0] == i:
-                k = int(blocks[block, 1])
-                if channels == 3:
-                    _costs_of_colour(row, values, i, k, along, one, two)
-                else:
-                    _costs_of_gray(row, values, i, k, along, one, two)
-                block += 1
-            # All of the row: longer loops are faster, and beside the blocks nothing is active.
-            if not learnt:
-                ones[:] = inner
-            if modelled:
-                for j in range(columns):
-                    cost = outside_costs[i, j]
-                    twos[j] = twos[j] if math.isnan(cost) else cost
-            for j in range(columns):
-                cost = ones[j]
-                ones[j] = cost if cost < most else most
-            for j in range(columns):
-                cost = twos[j]
-                twos[j] = cost if cost < most else most
-            for j in range(columns):
-                gain = twos[j] - ones[j]
-                gains[j] = gain if known[i, j] > _0B else _0F
-            for j in range(columns):
-                fields[j] = gains[j] + pull[i, j] + length * (scale * np.float32(mean[i, j]) - _1F)
-            for j in range(columns):
-                a, b = fields[j], phi[i, j]
-                fields[j] = a if active[i, j] > _0B else b
-            for j in range(columns):
-                field[i, j] = fields[j]
-            for j in range(columns):
-                contrast[i, j] = gains[j]
-            for j in range(columns):
-                a, b = ones[j], twos[j]
-                ones[j] = a if fields[j] > _0F else b
-            for j in range(columns):
-                news[j] = INSIDE if fields[j] > _0F else OUTSIDE
-            moved = _0B
-            for j in range(columns):
-                now = np.uint8(OUTSIDE - news[j])
-                moved = np.uint8(moved | np.uint8(now ^ inside[i, j]))
-                inside[i, j] = now
-            for j in range(columns):
-                side = news[j]
-                news[j] = side if ones[j] < most else OUTLIER
-            different = _0B
-            for j in range(columns):
-                side = news[j]
-                now = side if known[i, j] > _0B else UNKNOWN
-                news[j] = now
-                different = np.uint8(different | np.uint8(now ^ state[i, j]))
-            if moved or different:
-                changes += 1
-            if not different:
-                continue
-            for j in range(columns):
-                before, now = state[i, j], news[j]
-                if before == now:
-                    continue
-                state[i, j] = now
-                if learnt and iteration > 0:
-                    k = j // size
-                    if before == INSIDE or before == OUTSIDE:
-                        _add(values, i, k, j - k * size, -1, before - 1, sums)
-                    if now == INSIDE or now == OUTSIDE:
-                        _add(values, i, k, j - k * size, 1, now - 1, sums)
-        if changes == 0:
-            return iteration
-        if learnt and iteration == 0:  # most was unsure and changes: all anew is faster
-            sums[:] = 0
-            _add_all(values, states, blocks, odd, sums)
-        if iteration == iterations - 1 and not told:
+        if not moved:
             break
-        blur(inside, mean)
+        iteration += 1
+        if iteration == iterations and not told:
+            break
+        if anew:
+            sums[:] = 0
+            _add_all(values, state, blocks, rows, odd, sums)
         if learnt:
-            lean = densities(sums, both, size, fewest, least_sd, coefficients)
+            densities(sums, both, size, fewest, least_sd, stale, leans, coefficients)
+            _blocks_of(stale, blocks, rows, size, dirty)
         if told:
-            energies[iteration + 1 :] = _energy(
-                inside, mean, pull, state, known, outside_costs, inside_cost, coefficients, sums, lean, size, length,
+            energies[iteration:] = _energy(
+                inside, mean, on, pull, state, known, outside_costs, inside_cost, coefficients, sums, leans, size, length,
                 most,
             )  # fmt: skip
-    return iterations
+    contrast[:] = _0F
+    field[:] = phi
+    _put(gains.view(np.uint64), blocks, contrast.view(np.uint64))
+    _put(fields.view(np.uint64), blocks, field.view(np.uint64))
+    return iteration
+
+
+@njit(cache=True, error_model="numpy")
+def _begin(near, mean, on, active, known, prior_weight, length, slope, guided, unsure, pull, state):
+    """Write what samples gain by being inside, of the prior alone, and their sides: (samples,) one after another."""
+    scale = np.float32(1 / 128)
+    for j in range(len(near)):
+        p = near[j]
+        straight = slope * p
+        straight = straight if straight < _1F else _1F
+        straight = straight if straight > -_1F else -_1F
+        gain = prior_weight * p * abs(p) + length * (straight + _1F - scale * np.float32(mean[j]))
+        pull[j] = gain if guided else _0F
+    for j in range(len(near)):
+        gain = pull[j]
+        pull[j] = gain if active[j] > _0B else _0F
+    for j in range(len(near)):
+        state[j] = INSIDE if on[j] > _0B else OUTSIDE
+    for j in range(len(near)):
+        side = state[j]
+        state[j] = side if abs(near[j]) >= unsure else OUTLIER
+    for j in range(len(near)):
+        side = state[j]
+        state[j] = side if known[j] > _0B else UNKNOWN
+
+
+@njit(cache=True, error_model="numpy")
+def _take(picture, blocks, chosen, wanted, out):
+    """Write a picture's blocks one after another, of those chosen: all are seen as whole numbers of 8 bytes each.
+
+    Args:
+        picture: (rows, words of a row) uint64.
+        chosen: (blocks,) uint8, of which ``wanted`` or more.
+        out: (blocks, words of a block) uint64.
+    """
+    words = out.shape[1]
+    for n in range(len(blocks)):
+        if chosen[n] >= wanted:
+            i, first = blocks[n, 0], blocks[n, 1] * words
+            for m in range(words):
+                out[n, m] = picture[i, first + m]
+
+
+@njit(cache=True, error_model="numpy")
+def _put(parts, blocks, picture):
+    """Write the blocks of a picture, as of `_take`."""
+    words = parts.shape[1]
+    for n in range(len(blocks)):
+        i, first = blocks[n, 0], blocks[n, 1] * words
+        for m in range(words):
+            picture[i, first + m] = parts[n, m]
+
+
+@njit(cache=True, error_model="numpy")
+def _blocks_of(stale, blocks, rows, size, dirty):
+    """Blocks whose densities have changed at one of their four nodes have to be looked at again."""
+    for n in range(len(blocks)):
+        top, _ = _down(np.int64(blocks[n, 0]), rows, size)
+        k = np.int64(blocks[n, 1])
+        if stale[top, k] | stale[top, k + 1] | stale[top + 1, k] | stale[top + 1, k + 1]:
+            dirty[n] = max(dirty[n], _DENSER)
 
 
 @njit(cache=True, error_model="numpy")
@@ -644,11 +589,11 @@ def background_costs(values, usual, spread, known, least_sd, darkest, shadow, ou
     """Write −log p of every sample's value, as of three channels, where nobody is [nats].
 
     Args:
-        values, usual: (channels, rows, padded) int16 half grey levels from the middle of the scale.
-        spread: (channels, rows, padded) int16, a standard deviation as 8 × grey levels − 255.
-        known: (rows, padded) uint8; least_sd: [half grey levels].
+        values, usual: (channels, blocks, size) int16 half grey levels from the middle of the scale.
+        spread: (channels, blocks, size) int16, a standard deviation as 8 × grey levels − 255.
+        known: (blocks, size) uint8; least_sd: [half grey levels].
         darkest: of its usual brightness, in a shadow; shadow: [nats] that it costs to say that there is one.
-        out: (rows, padded) float32; 0 where nothing is known.
+        out: (blocks, size) float32; 0 where nothing is known.
     """
     channels, rows, columns = values.shape
     share = 3.0 / channels

@@ -1,0 +1,198 @@
+"""How `mocapella.sensing.region_contour` reads an image about an outline; compiled. Importing this imports numba.
+
+A window is padded to whole blocks of samples of a row. Of the blocks that the band touches all samples are read, and
+kept one block after another: what is done with all of them is done in long loops.
+"""
+
+# ruff: noqa: PLR0912, PLR0915, PLR0917 - compiled: arrays come by position, loops are written out
+from __future__ import annotations
+
+import numpy as np
+
+from mocapella.compiled import njit
+
+_0F, _0B, _1B = np.float32(0.0), np.uint8(0), np.uint8(1)
+
+
+@njit(cache=True, error_model="numpy")
+def lay_out(phi, start, band, unguided, pad, size, size_px, x0, y0, step, wide, inside, active, known, blocks):
+    """Write a window with its padding, and which of its blocks have anything undecided.
+
+    Args:
+        phi: (rows, columns) float32 the prior's signed distance [px]; start: (rows, columns) uint8, 1 inside.
+        band: [px] farther from the outline nothing moves, unless ``unguided``.
+        pad: columns of padding before the first; size: of a block [samples].
+        size_px: (width, height) of the image; x0, y0: the first sample's pixel, which may lie beyond it; step: [px].
+        wide: (rows, padded) float32 phi, far outside in the padding; inside: (rows, padded) uint8 where to begin.
+        active, known: (capacity, size) uint8 of the blocks, 1 where a sample is undecided, and where the image says
+            anything of it.
+        blocks: (capacity, 2) int32 row and block.
+
+    Returns:
+        How many blocks.
+    """
+    rows, columns = phi.shape
+    padded = wide.shape[1]
+    width, height = size_px
+    first, last = min(max((-x0 + step - 1) // step, 0), columns), min(max((width - x0 + step - 1) // step, 0), columns)
+    count = 0
+    on, told = np.zeros(padded, np.uint8), np.zeros(padded, np.uint8)
+    undecided = on[pad : pad + columns]
+    for i in range(rows):
+        wide[i] = np.float32(-1e6)
+        inside[i] = 0
+        p, b = phi[i], start[i]
+        w, u = wide[i, pad : pad + columns], inside[i, pad : pad + columns]
+        for j in range(columns):
+            w[j] = p[j]
+            near = abs(p[j]) <= band or unguided
+            undecided[j] = _1B if near else _0B
+            begin, usual = b[j], _1B if p[j] > _0F else _0B
+            u[j] = begin if near else usual
+        if 0 <= y0 + i * step < height:
+            told[pad + first : pad + last] = on[pad + first : pad + last]
+        else:
+            told[:] = 0
+        for b in range(padded // size):
+            some = _0B
+            for j in range(b * size, (b + 1) * size):
+                some = np.uint8(some | on[j])
+            if some:
+                blocks[count, 0], blocks[count, 1] = i, b
+                for j in range(size):
+                    active[count, j], known[count, j] = on[b * size + j], told[b * size + j]
+                count += 1
+    return count
+
+
+@njit(cache=True, error_model="numpy")
+def read_samples(image, x0, y0, step, median, columns, blocks, values):
+    """Write what the image is like about every sample of the blocks of a band.
+
+    A sample is a mean over what lies nearer than a step, weighted like a tent, so that how much of its surroundings is
+    inside shows in its value; before that, a median over three rows and columns takes away single wrong pixels.
+
+    Args:
+        image: (h, w, channels) uint8.
+        x0, y0: the pixel of the first sample, padding included, which may lie beyond the image.
+        step: [px]; median: whether there is one.
+        blocks: of `lay_out`.
+        columns: of the window, padding included.
+        values: (channels, blocks, size) int16 half grey levels, 0 the middle of the scale.
+    """
+    height, width, channels = image.shape
+    taps = 2 * step - 1
+    border = 1 if median else 0
+    first_x, first_y = x0 - step + 1, y0 - step + 1
+    wide = (columns - 1) * step + taps  # pixels that are looked at in a row, after the median
+    inner, broad = channels * wide, channels * (wide + 2 * border)
+    flat = image.reshape(-1)
+    ring = np.empty((3, broad), np.uint8)  # rows of the image
+    middle = np.empty(broad, np.uint8)
+    smooth = np.empty((taps, inner), np.uint8)
+    line, small, ready = np.empty(inner, np.int32), np.empty(inner, np.int16), np.zeros(inner, np.int16)
+    begin = first_x - border
+    end = begin + wide + 2 * border
+    low, high = min(max(begin, 0), width), max(min(end, width), 0)
+    whole = step**4
+    copied, done, block = 0, 0, 0
+    while block < len(blocks):
+        i = blocks[block, 0]
+        if done < i * step:
+            done = i * step
+            copied = max(copied, done)
+        while done < i * step + taps:  # one more row of what is smoothed
+            to = smooth[done % taps]
+            while copied < done + 1 + 2 * border:
+                y = min(max(first_y - border + copied, 0), height - 1)
+                source, target = flat[channels * y * width : channels * (y + 1) * width], ring[copied % 3]
+                for x in range(begin, min(low, end)):
+                    for c in range(channels):
+                        target[channels * (x - begin) + c] = source[c]
+                if high > low:
+                    span = channels * (high - low)
+                    part, place = source[channels * low :], target[channels * (low - begin) :]
+                    for k in range(span):
+                        place[k] = part[k]
+                for x in range(max(high, begin), end):
+                    for c in range(channels):
+                        target[channels * (x - begin) + c] = source[channels * (width - 1) + c]
+                copied += 1
+            if median:
+                a, b, d = ring[0], ring[1], ring[2]
+                for k in range(broad):
+                    p, q, r = a[k], b[k], d[k]
+                    less, more = (p if p < q else q), (q if p < q else p)
+                    more = more if more < r else r
+                    middle[k] = less if less > more else more
+                left, centre, right = middle[:inner], middle[channels:], middle[2 * channels :]
+                for k in range(inner):
+                    p, q, r = left[k], centre[k], right[k]
+                    less, more = (p if p < q else q), (q if p < q else p)
+                    more = more if more < r else r
+                    to[k] = less if less > more else more
+            else:
+                source = ring[done % 3]
+                for k in range(inner):
+                    to[k] = source[k]
+            done += 1
+        if step == 1:
+            row = smooth[0]
+            for k in range(inner):
+                ready[k] = 2 * np.int16(row[k]) - 255
+        elif step == 2:
+            above, here, below = smooth[2 * i % 3], smooth[(2 * i + 1) % 3], smooth[(2 * i + 2) % 3]
+            # In 16 bits each, so that a vector holds more.
+            for k in range(inner):
+                small[k] = np.int16(np.int16(above[k]) + np.int16(np.int16(here[k]) << 1) + np.int16(below[k]))
+            left, centre, right = small, small[channels:], small[2 * channels :]
+            for k in range(inner - 2 * channels):
+                off = np.int16(np.int16(left[k] + np.int16(centre[k] << 1)) + np.int16(right[k] - np.int16(2040)))
+                size = np.int16(-off) if off < 0 else off
+                far = np.int16(
+                    np.int16(size + np.int16(4)) >> 3
+                )  # halves away from the middle, as inverted images have
+                ready[k] = far if off >= 0 else np.int16(-far)
+        else:
+            line[:] = 0
+            for t in range(taps):
+                row, weight = smooth[(i * step + t) % taps], np.int32(step - abs(t - step + 1))
+                for k in range(inner):
+                    line[k] += weight * np.int32(row[k])
+            for k in range(inner - 2 * channels * (step - 1)):
+                total = 0
+                for t in range(taps):
+                    total += (step - abs(t - step + 1)) * line[k + channels * t]
+                off = 2 * total - 255 * whole
+                far = (2 * abs(off) + whole) // (2 * whole)
+                ready[k] = far if off >= 0 else -far
+        while block < len(blocks) and blocks[block, 0] == i:
+            size = values.shape[2]
+            first = channels * step * size * blocks[block, 1]
+            for c in range(channels):
+                to = values[c, block]
+                for j in range(size):
+                    to[j] = ready[first + channels * step * j + c]
+            block += 1
+
+
+@njit(cache=True)
+def forget(ignore, x0, y0, step, reach, blocks, known):
+    """Samples whose value comes in part of pixels that tell nothing, at most ``reach`` [px] away, are not known.
+
+    Args:
+        ignore: (h, w) bool.
+        x0, y0, step: as in `read_samples`.
+        blocks, known: of `lay_out`.
+    """
+    height, width = ignore.shape
+    size = known.shape[1]
+    for n in range(len(blocks)):
+        for j in range(size):
+            if not known[n, j]:
+                continue
+            x, y = x0 + (blocks[n, 1] * size + j) * step, y0 + blocks[n, 0] * step
+            for b in range(max(y - reach, 0), min(y + reach + 1, height)):
+                for a in range(max(x - reach, 0), min(x + reach + 1, width)):
+                    if ignore[b, a]:
+                        known[n, j] = 0

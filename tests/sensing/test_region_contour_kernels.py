@@ -1,0 +1,54 @@
+"""What is kept up as samples change sides, beside what is made anew."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mocapella.sensing import region_contour_kernels as k
+
+SIZE = 8
+
+
+@given(st.integers(1, 9), st.integers(1, 4), st.integers(1, 30), st.integers(0, 10_000))
+def test_a_blurred_mask_that_is_kept_up_is_that_of_the_mask(rows: int, blocks: int, flips: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    inside = rng.integers(0, 2, (rows, SIZE * blocks), np.uint8)
+    place = np.arange(rows * blocks, dtype=np.int32).reshape(rows, blocks)
+    place[rng.random(place.shape) < 0.3] = -1  # has nothing undecided
+    before, mean, anew = (np.empty(inside.shape, np.uint16) for _ in range(3))
+    k.blur(inside, before)
+    mean[:] = before
+    dirty = np.zeros(place.size, np.uint8)
+    for _ in range(flips):
+        k._flip(inside, int(rng.integers(rows)), int(rng.integers(SIZE * blocks)), SIZE, mean, place, dirty)
+    k.blur(inside, anew)
+    np.testing.assert_array_equal(mean, anew)
+    changed = (mean != before).reshape(rows, blocks, SIZE).any(2)
+    assert dirty[place[changed & (place >= 0)]].all()
+
+
+@given(st.integers(1, 30), st.integers(1, 4), st.sampled_from([1, 3]), st.integers(0, 10_000))
+def test_only_blocks_beside_a_node_that_changed_cost_otherwise(
+    rows: int, blocks: int, channels: int, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    places = np.array([(i, b) for i in range(rows) for b in range(blocks)], np.int32)
+    levels = rng.normal(0, 50, (channels, len(places), SIZE)).astype(np.float32)
+    along = (np.arange(SIZE, dtype=np.float32) + np.float32(0.5)) / np.float32(SIZE)
+    nodes = k.node_rows(rows, SIZE), blocks + 1
+    coefficients = rng.normal(0, 1, (*nodes, 2 + 4 * channels)).astype(np.float32)
+    every, dirty = np.ones(len(places), np.uint8), np.zeros(len(places), np.uint8)
+    before, after = (np.empty((2, len(places), SIZE), np.float32) for _ in range(2))
+    k._costs(levels, places, rows, along, coefficients, every, *before)
+    stale = np.zeros(nodes, np.uint8)
+    stale[rng.integers(nodes[0]), rng.integers(nodes[1])] = 1
+    coefficients[stale > 0] += 1
+    k._costs(levels, places, rows, along, coefficients, every, *after)
+    k._blocks_of(stale, places, rows, SIZE, dirty)
+    assert dirty[(before != after).any((0, 2))].all()
+    assert dirty.sum() <= 2 * 2 * SIZE
+    again = before.copy()
+    k._costs(levels, places, rows, along, coefficients, dirty, *again)
+    np.testing.assert_array_equal(again, after)
