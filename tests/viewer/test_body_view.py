@@ -14,7 +14,7 @@ from mocapella.model.rigged_mesh import posed
 from mocapella.model.twist_tree import TreePose
 from mocapella.viewer import body_view
 from mocapella.viewer.body_panel import BodyFrame, Picture, cameras_html, groups, status_html
-from mocapella.viewer.body_stage import picture_row, stage_space
+from mocapella.viewer.body_stage import ShownBody, picture_row, stage_space
 from mocapella.viewer.body_view import BodyView
 
 MESH, RIG = somebody(), ring(2)
@@ -22,7 +22,7 @@ MESH, RIG = somebody(), ring(2)
 
 def a_frame(k, image=b"jpeg", **changes):
     what = {"overlap": {"c1": 0.9}, "left_out": {"c2": "its <image> is black"}, "lost": False} | changes
-    return BodyFrame(k, k / 30, pose_at(MESH, 0.01 * k), {"c1": Picture(image)}, **what)
+    return BodyFrame(k, k / 30, {"": ShownBody(pose_at(MESH, 0.01 * k), **what)}, {"c1": Picture(image)})
 
 
 @settings(max_examples=25)
@@ -44,7 +44,7 @@ def test_a_body_stands_on_the_floor_and_looks_at_the_viewer_whatever_is_up(axis,
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = R, place
     pose = TreePose(T, np.zeros(len(MESH.joint_names)))
-    space = stage_space(MESH, pose, up)
+    space = stage_space([(MESH, pose)], up)
     there = apply(space.T_stage_world, posed(MESH, pose))
     assert there[:, 1].min() == pytest.approx(0.0, abs=1e-9)
     assert there[:, 1].max() == pytest.approx(space.tall_m)
@@ -83,7 +83,7 @@ def test_what_is_wrong_is_said_and_cannot_make_markup():
 
 @pytest.fixture
 def view():
-    made = BodyView("127.0.0.1", 0, MESH, RIG, start=pose_at(MESH), up=np.array([0.0, 1.0, 0.0]))
+    made = BodyView("127.0.0.1", 0, {"": MESH}, RIG, starts={"": pose_at(MESH)}, up=np.array([0.0, 1.0, 0.0]))
     yield made
     made.close()
 

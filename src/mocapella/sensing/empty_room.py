@@ -52,8 +52,14 @@ class EmptyRoom:
         inside = taken.mask((image.shape[1], image.shape[0]))
         return float(_differ(image[inside], empty[inside]).mean()) if inside.any() else float("nan")
 
-    def silhouette(self, name: str, image: UInt8) -> Silhouette | None:
-        """The largest thing in an image (height, width, 3) that is not in the empty room; None where none was seen."""
+    def silhouette(self, name: str, image: UInt8, things: int = 1) -> Silhouette | None:
+        """The largest things in an image (height, width, 3) that are not in the empty room; None where none was seen.
+
+        Args:
+            name: of the camera.
+            image: (height, width, 3).
+            things: how many at most.
+        """
         empty = self._images.get(name)
         if empty is None:
             return None
@@ -62,8 +68,8 @@ class EmptyRoom:
         _, labels, stats, _ = cv2.connectedComponentsWithStats(cleaned)
         if len(stats) < 2:
             return None
-        largest = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
-        return Silhouette((0, 0), _STEP_PX, (labels == largest).astype(np.float32) - 0.5)
+        largest = 1 + np.argsort(-stats[1:, cv2.CC_STAT_AREA], kind="stable")[:things]
+        return Silhouette((0, 0), _STEP_PX, np.isin(labels, largest).astype(np.float32) - np.float32(0.5))
 
 
 class MovedSince:
