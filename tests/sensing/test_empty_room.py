@@ -51,3 +51,30 @@ def test_what_moves_is_where_the_body_was_or_is():
         assert np.isnan(moved.at_body("a", image(10), shape(10)))
         share = moved.at_body("a", image(40), shape(40 if follows else 10))
         assert share == 1.0 if follows else share < 0.6
+
+
+def test_what_is_behind_somebody_is_learnt_once_they_are_elsewhere():
+    room, somebody_there = EmptyRoom(), WALL.copy()
+    left, right = shape(5), shape(60)
+    somebody_there[left.mask(SIZE)] = 20
+    room.learn({"c1": somebody_there}, {"c1": left})
+    assert np.isnan(room.differs("c1", WALL, left))
+    assert room.differs("c1", WALL, right) == 0.0
+    somebody_there = WALL.copy()
+    somebody_there[right.mask(SIZE)] = 20
+    assert room.differs("c1", somebody_there, right) == 1.0
+    room.learn({"c1": somebody_there}, {"c1": right})
+    assert room.differs("c1", WALL, left) == 0.0
+    assert room.differs("c1", WALL, right) == 0.0  # as before: nothing was learnt of who is there
+
+
+def test_as_many_things_are_found_as_there_are_people():
+    room, image = EmptyRoom(), WALL.copy()
+    room.learn({"c1": WALL})
+    for one in (shape(5), shape(60, wide=8)):
+        image[one.mask(SIZE)] = 20
+    for things, columns in ((1, [5]), (2, [5, 60]), (3, [5, 60])):
+        found = room.silhouette("c1", image, things)
+        assert found is not None
+        mask = found.mask(SIZE)
+        assert [x for x in (5, 60) if mask[30, x + 3]] == columns

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from mocapella.cli.common import say
-from mocapella.errors import InputError, SettingsError, one_of
+from mocapella.errors import InputError, MocapellaError, SettingsError, one_of
 from mocapella.settings import check
 
 if TYPE_CHECKING:
@@ -107,7 +107,12 @@ def find_start(wishes: StartWishes, rig: CameraRig, frames: Frames) -> dict[str,
     found = {}
     for name, source in sources.items():
         wish = _Wish(models.get(name), None if name not in heights else _metres(heights[name]))
-        found[name] = _of_joints(wish, source) if isinstance(source, _Found) else _of_earlier(wish, source)
+        try:
+            found[name] = _of_joints(wish, source) if isinstance(source, _Found) else _of_earlier(wish, source)
+        except MocapellaError as error:
+            if name == ALONE:
+                raise
+            raise type(error)(f"{name}: {error}") from error
     check_apart({name: (body.mesh, pose) for name, (body, pose) in found.items()})
     return found
 

@@ -207,11 +207,16 @@ class SilhouetteRun:
             person.seen_ns = found.time_ns
 
     def _learn_empty(self, found: Mapping[str, Followed], images: Mapping[str, UInt8]) -> None:
-        """Take in the images in which nobody is, as long as it is known where everybody is."""
+        """Take in what a camera sees that somebody is not before, as long as it is known where everybody is."""
         if any(self._people[name].lost or self._people[name].away(one.time_ns) for name, one in found.items()):
             return
-        told_of = {camera for one in found.values() for camera in (*one.seen, *one.left_out)}
-        self.empty.learn({camera: image for camera, image in images.items() if camera not in told_of})
+        without = [
+            camera
+            for camera in images
+            if not any(camera in one.left_out for one in found.values())
+            and any(camera not in one.seen for one in found.values())
+        ]
+        self.empty.learn({camera: images[camera] for camera in without}, _covered(found, self.rig))
 
     def _held(self, name: str, found: Followed) -> tuple[Followed, bool]:
         """It, or where the body was last, where nobody has been seen for some time; and whether that is so.
