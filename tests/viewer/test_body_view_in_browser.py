@@ -54,6 +54,7 @@ def test_a_body_its_pictures_and_its_angles_are_seen_and_frames_can_be_chosen(tm
             page.locator(".mocapella-status", has_text="End").wait_for()
             page.get_by_text("12 of 12").wait_for()
             page.locator(".mocapella-overlaps", has_text="c2").wait_for()
+            page.locator(".mocapella-legend", has_text="outside").wait_for()
             page.locator(".uplot").first.wait_for()
             deadline = time.monotonic() + WAIT_MS / 1000
             while True:

@@ -58,11 +58,11 @@ def outlined(image: UInt8, bodies: Sequence[Outlines] = (), width: int | None = 
         cv2.polylines(out, places, isClosed=closed, color=colour[::-1], thickness=thick, lineType=cv2.LINE_AA, shift=4)
 
     for body in bodies:
-        draw(list(_lines(body.covered)), body.colour, closed=True)
-    for body in bodies:
         outside, inside = deviations(body.contour, body.covered)
         draw(outside, OUTSIDE, closed=False)
         draw(inside, INSIDE, closed=False)
+    for body in bodies:  # on top: what differs by less than a line is wide does not show
+        draw(list(_lines(body.covered)), body.colour, closed=True)
     return np.asarray(out, dtype=np.uint8)
 
 

@@ -98,7 +98,7 @@ class Chart:
         with self._folder:
             self._handle = self._gui.add_uplot(
                 data, tuple(series), scales={"x": uplot.Scale(time=False)}, axes=(axis, axis), aspect=2.1,
-                legend=uplot.Legend(show=True),
+                legend=uplot.Legend(show=True), padding=(10, 8, 0, 0),
             )  # fmt: skip
 
 

@@ -34,6 +34,10 @@ _OVER_M, _BEHIND_M = 0.35, 1.2
 """Where it begins: over the body's head at the start, and behind it."""
 _TAG_M: Final = 0.08
 """So far over a head its name stands."""
+_CAMERA_SIZE, _LINE = 0.012, 0.09
+"""Of a camera's frustum, over its distance from the viewer; of its lines, over its size."""
+_ASPECT: Final = 1.4
+"""Of a usual window beside the panel."""
 _FOV: Final = float(np.radians(36.0))
 _ELEVATION: Final = float(np.radians(9.0))
 _FROM_PICTURE: Final = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -133,15 +137,17 @@ class BodyStage:
         FloorNode(scene, "/floor", width=FLOOR_M, depth=FLOOR_M).place(np.zeros(3))
         colours = SensorColours()
         colours.learn(set(rig.cameras))
-        self._frames = {name: SensorNode(scene, f"/cameras/{name}", scale=0.12) for name in rig.cameras}
-        tags = []
+        self.planes = picture_row({name: p.camera.size_px for name, p in rig.cameras.items()}, space.tall_m)
+        eye, tags = np.array(self.look(_ASPECT).position), []
         for name, placed in rig.cameras.items():
             T = space.T_stage_world @ inverse(placed.T_camera_world) @ _FROM_PICTURE
-            self._frames[name].place(T, colours.of(name), field_deg(placed))
-            x, y, z = T[:3, 3] + [0.0, 0.16, 0.0]
+            # As large on the screen wherever it stands: one before the body is not to hide it.
+            size = _CAMERA_SIZE * float(np.linalg.norm(T[:3, 3] - eye))
+            node = SensorNode(scene, f"/cameras/{name}", scale=size, thickness=_LINE * size)
+            node.place(T, colours.of(name), field_deg(placed))
+            x, y, z = T[:3, 3] + [0.0, 1.3 * size, 0.0]
             tags.append(Tag(name, (float(x), float(y), float(z))))
         TagNodes(scene, "/names", size=0.8).draw(tags)
-        self.planes = picture_row({name: p.camera.size_px for name, p in rig.cameras.items()}, space.tall_m)
         self._pictures = {name: PictureNode(scene, f"/pictures/{name}") for name in self.planes}
         self._words = TagNodes(scene, "/pictures/words", size=0.9, anchor="bottom-left")
 
