@@ -18,7 +18,7 @@ from mocapella.kinematics.landmark_pose import pose_of
 from mocapella.model.body_meshes import body_mesh, legs_mesh
 from mocapella.model.body_proportions import AVERAGE, BodyProportions, Sex, proportions_of
 from mocapella.model.camera import CameraRig
-from mocapella.model.openpose_names import LANDMARKS
+from mocapella.model.openpose_names import LANDMARKS, NO_LANDMARKS
 from mocapella.model.point_tracks import ViewedTracks
 from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at
 from mocapella.model.twist_tree import TreePose
@@ -243,6 +243,8 @@ def upright(mesh: RiggedMesh, pose: TreePose) -> Float64:
 
 def _landmark(name: str) -> str:
     """The landmark that a point's name means; empty where it means none."""
+    if name in NO_LANDMARKS:
+        return ""
     plain = name.replace("_", " ").strip().lower()
     return LANDMARKS.get(name, plain if plain in LANDMARKS.values() or plain in _OTHERS else "")
 
