@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rich.console import Console
 from typer.testing import CliRunner
 
-from mocapella.cli import evaluate_silhouettes  # noqa: F401  (it registers)
 from mocapella.cli.app import app
+from mocapella.cli.evaluate_silhouettes import show_one_camera
 from mocapella.errors import SettingsError
 from mocapella.evaluation import silhouette_one_camera as experiment
 from mocapella.evaluation.silhouette_experiments import followed
@@ -105,11 +108,17 @@ def test_the_experiment_is_a_command(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     assert "no 'mine'; there are own, measured" in str(refused.exception)
 
 
-def test_a_body_that_is_elsewhere_is_away() -> None:
+def test_a_body_that_is_elsewhere_is_away_and_the_table_has_room_for_it() -> None:
     aside = np.eye(4)
     aside[0, 3] = 1.2 * AWAY_M
     run, _ = followed(filmed(silhouette_scene("t-pose", **SMALL, cameras=1), 0.05), "own", "clean", None, 1.0)
     rows = [experiment._row(run, errors_m(found, TRUTH, ONE), 60.0, (0.0, 0.0, 0.0)) for found in (TRUTH, moved(aside))]
     assert [row.away for row in rows] == [0.0, 1.0]
     assert rows[1].depth_jitter == pytest.approx(0, abs=1e-6)
+    out = StringIO()
+    wide = msgspec.structs.replace(run, scene="knee-bend", seed=100)
+    lost = [msgspec.structs.replace(row, run=wide, depth_p95_mm=12345.6, across_p95_mm=12345.6) for row in rows]
+    show_one_camera(lost, Console(file=out, width=80))
+    assert "12346" in out.getvalue()
+    assert "…" not in out.getvalue()
     assert np.hypot(rows[1].depth_mm, rows[1].across_mm) == pytest.approx(1200 * AWAY_M)

@@ -151,7 +151,7 @@ def _problems(rows: Any, out: Console) -> None:
 
 def _off(row: Any) -> tuple[float, ...]:
     sizes = row.depth_mm, row.depth_p95_mm, row.across_mm, row.across_p95_mm
-    return *map(round, sizes), row.depth_jitter, row.across_jitter, round(100 * row.away), 100 * row.run.overlap
+    return *map(round, (*sizes, row.depth_jitter, row.across_jitter, 100 * row.away)), 100 * row.run.overlap
 
 
 def _accuracy(row: Any) -> tuple[float | None, ...]:
