@@ -81,7 +81,21 @@ def test_it_is_said_who_left_and_came(passed):
     assert any("for ben" in note and "ben is outside of its image" in note for note in run.notes)
 
 
-def test_a_black_camera_is_said_once(passed):
+def test_who_waits_hides_nobody_and_is_not_found_in_who_stands_there():
+    """Ben is gone as through a door; Anna goes to where he stood, and stays a while."""
+    run, room = start(), Couple(RIG)
+    run.empty.learn(room.images())
+    way = [-0.6] * 25 + np.linspace(-0.6, 0.6, 40).tolist() + [0.6] * 20
+    for k, aside in enumerate(way):
+        ben = pose_at(MESH, 0.6, up_m=0.0 if k < 3 else 30.0)
+        run.step(k, room.pair(pose_at(MESH, aside), ben))
+        if k > 20:
+            assert run.rows["ben"][-1].lost
+        assert not run.rows["anna"][-1].lost
+        assert np.linalg.norm(place(run, "anna") - [aside, 0, 0]) < 0.1
+
+
+def test_a_black_camera_is_said_once():
     run, room = start(), Couple(RIG)
     for k in range(SAID_AFTER + 2):
         images = room.pair(pose_at(MESH, -0.6 + 0.01 * k), pose_at(MESH, 0.6 - 0.01 * k))
