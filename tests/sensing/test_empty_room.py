@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from mocapella.model.silhouettes import Silhouette
 from mocapella.sensing.empty_room import EmptyRoom, MovedSince
@@ -66,6 +67,16 @@ def test_what_is_behind_somebody_is_learnt_once_they_are_elsewhere():
     room.learn({"c1": somebody_there}, {"c1": right})
     assert room.differs("c1", WALL, left) == 0.0
     assert room.differs("c1", WALL, right) == 0.0  # as before: nothing was learnt of who is there
+
+
+def test_what_differs_where_others_are_is_not_of_the_body():
+    room, image, taken = EmptyRoom(), WALL.copy(), shape(20, wide=12)
+    room.learn({"c1": WALL})
+    other = shape(20, wide=4).mask(SIZE)
+    image[other] = 20
+    assert room.differs("c1", image, taken) == pytest.approx(1 / 3)
+    assert room.differs("c1", image, taken, other) == 0.0
+    assert np.isnan(room.differs("c1", image, taken, taken.mask(SIZE)))
 
 
 def test_as_many_things_are_found_as_there_are_people():

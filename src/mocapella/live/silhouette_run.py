@@ -245,7 +245,7 @@ class SilhouetteRun:
             body = one.outline.silhouette.mask((others.shape[1], others.shape[0]))
             if np.count_nonzero(others & body) >= HIDDEN_FROM * max(int(np.count_nonzero(body)), 1):
                 return False
-        return one.overlap >= SEEN_FROM and not self.empty.differs(name, image, one.contour) < STANDS_OUT
+        return one.overlap >= SEEN_FROM and not self.empty.differs(name, image, one.contour, others) < STANDS_OUT
 
     def note(self, text: str) -> None:
         """Say it, and keep it."""

@@ -47,18 +47,20 @@ class EmptyRoom:
                 self._images[name][free] = image[free]
                 self._known[name] |= free
 
-    def differs(self, name: str, image: UInt8, taken: Silhouette) -> float:
+    def differs(self, name: str, image: UInt8, taken: Silhouette, others: Bool | None = None) -> float:
         """Share of what was taken for a body that is not as in the empty room; NaN where most of that was never seen.
 
         Args:
             name: of the camera.
             image: (height, width, 3).
             taken: for the body.
+            others: (height, width) where other people are: what differs there is not of this body.
         """
         empty = self._images.get(name)
         if empty is None:
             return float("nan")
         inside = taken.mask((image.shape[1], image.shape[0]))
+        inside = inside if others is None else inside & ~others
         known = inside & self._known[name]
         if 2 * np.count_nonzero(known) <= np.count_nonzero(inside):
             return float("nan")
