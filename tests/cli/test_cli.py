@@ -69,6 +69,7 @@ VERBS = [
     ["evaluate", "silhouettes-runner"],
     ["evaluate", "silhouettes-acrobatics"],
     ["evaluate", "silhouettes-weight"],
+    ["evaluate", "silhouettes-one-camera"],
     ["calibrate"],
     ["colours", "learn"],
     ["colours", "check"],
@@ -105,8 +106,8 @@ def test_an_option_has_one_word_for_its_value_in_every_verb() -> None:
                 words.setdefault(option.opts[0], set()).add(str(option.metavar))
     # Of cameras in a rig, or of the one depth camera.
     assert words.pop("--intrinsics") == {"RIG.toml", "F,CX,CY"}
-    # Whom to tell to start, or from where a body does; one picture of a camera, or those of several.
-    assert words.pop("--start") == {"ADDRESS:PORT", "FILE[:FRAME]"}
+    # Whom to tell to start, or from where bodies do; one picture of a camera, or those of several.
+    assert words.pop("--start") == {"ADDRESS:PORT", "[PERSON=]FILE[:FRAME]"}
     assert words.pop("--background") == {"SOURCE[@NUMBER]", "[NAME=]VIDEO"}
     assert {name: used for name, used in words.items() if len(used) != 1 or "None" in used} == {}
 

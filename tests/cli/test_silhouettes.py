@@ -106,7 +106,9 @@ def test_pictures_plots_and_tables_are_for_people(folder, found):
         f"{name}_00000{k}.jpg" for name in ("c1", "c2", "c3") for k in (0, 1)
     ]
     picture = cv2.imread(str(folder / "overlay" / "c1_000001.jpg")).astype(int)
-    assert (picture[..., 1] - picture.max(axis=-1, initial=0, where=[True, False, True]) > 60).any()  # green
+    assert (
+        picture[..., 1] - picture.max(axis=-1, initial=0, where=[True, False, True]) > 60
+    ).any()  # the model's green
     done = run_here(folder, "silhouettes", *FOLDERS, *GIVEN, "--frames", "0:2", "--overlay", "overlay.mp4")
     assert done.returncode == 0, done.stderr
     assert cv2.VideoCapture(str(folder / "overlay.mp4")).get(cv2.CAP_PROP_FRAME_COUNT) == 2

@@ -9,6 +9,7 @@ from silhouette_pictures import Room, pose_at, ring, somebody
 
 from mocapella.live.silhouette_run import LOST_AFTER_S, SAID_AFTER, SilhouetteRun
 from mocapella.model.camera import CameraRig
+from mocapella.recording.followed_bodies import ALONE
 
 HZ = 30.0
 MESH = somebody()
@@ -16,8 +17,8 @@ RIG = ring(3)
 
 
 def start(rig=RIG, aside_m=0.0):
-    run = SilhouetteRun(MESH, rig, HZ)
-    run.start(pose_at(MESH, aside_m), 0)
+    run = SilhouetteRun({ALONE: MESH}, rig, HZ)
+    run.start({ALONE: pose_at(MESH, aside_m)}, 0)
     return run
 
 
@@ -33,16 +34,16 @@ def followed():
 
 def test_a_body_is_followed(followed):
     run, poses = followed
-    last = run.rows[-1].pose(MESH.joint_names)
+    last = run.rows[ALONE][-1].pose(MESH.joint_names)
     assert np.linalg.norm(last.T_world_model[:3, 3] - poses[-1].T_world_model[:3, 3]) < 0.03
-    assert min(min(row.overlap.values()) for row in run.rows) > 0.85
+    assert min(min(row.overlap.values()) for row in run.rows[ALONE]) > 0.85
     assert run.notes == []
-    assert [row.time_s for row in run.rows] == [k / HZ for k in range(8)]
+    assert [row.time_s for row in run.rows[ALONE]] == [k / HZ for k in range(8)]
 
 
 def test_the_summary_counts(followed):
     run, _ = followed
-    summary = run.summary()
+    summary = run.summary_of(ALONE)
     assert (summary["frames"], summary["lost"], summary["left_out"]) == (8, 0, {})
     assert 0.85 < summary["median_overlap"] <= 1.0
 
@@ -59,11 +60,11 @@ def test_a_camera_that_shows_nothing_is_left_out_and_said(fault, said):
             frozen = images["c2"] if frozen is None else frozen
             images["c2"] = frozen
         run.step(k, images)
-    assert said in run.rows[-1].left_out["c2"]
-    assert "c2" not in run.rows[-1].overlap
+    assert said in run.rows[ALONE][-1].left_out["c2"]
+    assert "c2" not in run.rows[ALONE][-1].overlap
     assert [note for note in run.notes if "c2 does not count" in note and said in note]
-    assert min(run.rows[-1].overlap.values()) > 0.85
-    assert set(run.summary()["left_out"]) == {"c2"}
+    assert min(run.rows[ALONE][-1].overlap.values()) > 0.85
+    assert set(run.summary_of(ALONE)["left_out"]) == {"c2"}
 
 
 def test_a_person_who_leaves_is_said_and_followed_again():
@@ -73,13 +74,13 @@ def test_a_person_who_leaves_is_said_and_followed_again():
     places = [*there, *away, *reversed(there), *[0.0] * 5]
     for k, up_m in enumerate(places):
         run.step(k, room.images(MESH, pose_at(MESH, up_m=up_m)))
-    lost = [row.lost for row in run.rows]
+    lost = [row.lost for row in run.rows[ALONE]]
     assert any(lost[len(there) : len(there) + len(away)])
     assert not lost[0]
     assert not lost[-1]
-    assert np.linalg.norm(run.rows[-1].pose(MESH.joint_names).T_world_model[:3, 3]) < 0.2
+    assert np.linalg.norm(run.rows[ALONE][-1].pose(MESH.joint_names).T_world_model[:3, 3]) < 0.2
     said = [note.partition(": ")[2] for note in run.notes if note.startswith("frame")]
-    assert said[0] == "the body is in no camera's image any more; it waits where it was last"
+    assert said[0] == "the body is in no camera's image any more; the last place is watched"
     assert said[-1] == "the body is there again"
 
 

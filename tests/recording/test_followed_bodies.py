@@ -10,15 +10,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mocapella.errors import InputError
+from mocapella.errors import InputError, SettingsError
 from mocapella.geometry.twists import exp_twist
 from mocapella.model.twist_tree import TreePose
 from mocapella.recording.followed_bodies import (
+    ALONE,
     FollowedBody,
+    FollowedPeople,
+    check_person_name,
     frame_of,
     is_followed_body,
+    is_followed_people,
+    joints_of_people,
     named_joints,
     read_followed_body,
+    read_followed_people,
 )
 
 NAMES = ("left knee flexion", "waist bend")
@@ -69,6 +75,40 @@ def test_a_file_that_is_none_is_named(tmp_path, changes, said):
     (tmp_path / "no.json").write_text("{")
     with pytest.raises(InputError, match=r"no\.json: is no JSON"):
         read_followed_body(tmp_path / "no.json")
+
+
+names = st.text(st.characters(categories=("L", "N", "P", "Zs")), min_size=1, max_size=40).filter(
+    lambda name: name == name.strip() and "=" not in name and name.isprintable()
+)
+
+
+@given(st.dictionaries(names, st.lists(st.floats(-9, 9), min_size=3, max_size=3), min_size=1, max_size=3))
+def test_people_come_back_by_whatever_they_are_called(tmp_path_factory, people):
+    path = tmp_path_factory.mktemp("people") / "out.json"
+    bodies = {}
+    for name, place in people.items():
+        T = np.eye(4)
+        T[:3, 3] = place
+        bodies[check_person_name(name)] = FollowedBody("female", [a_frame(TreePose(T, np.zeros(2)))], 1.6)
+    path.write_text(json.dumps(msgspec.to_builtins(FollowedPeople(bodies))))
+    assert is_followed_people(json.loads(path.read_text()))
+    assert read_followed_people(path) == bodies
+    starts = {name: {"nose": place} for name, place in people.items()}
+    for name, joints in joints_of_people(starts, path).items():
+        np.testing.assert_array_equal(joints["nose"], people[name])
+
+
+def test_one_body_is_nobody_by_name(tmp_path):
+    path = written(tmp_path / "out.json")
+    assert list(read_followed_people(path)) == [ALONE]
+    assert not is_followed_people(json.loads(path.read_text()))
+    assert list(joints_of_people({"nose": [0, 1, 2]}, path)) == [ALONE]
+
+
+@pytest.mark.parametrize("name", ["", " anna", "anna\n", "a=b", "\x00", "x" * 41])
+def test_nobody_is_called_so(name):
+    with pytest.raises(SettingsError, match="nobody can be called"):
+        check_person_name(name)
 
 
 def test_joints_by_name(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from mocapella.model.silhouettes import Silhouette
 from mocapella.sensing.empty_room import EmptyRoom, MovedSince
@@ -51,3 +52,40 @@ def test_what_moves_is_where_the_body_was_or_is():
         assert np.isnan(moved.at_body("a", image(10), shape(10)))
         share = moved.at_body("a", image(40), shape(40 if follows else 10))
         assert share == 1.0 if follows else share < 0.6
+
+
+def test_what_is_behind_somebody_is_learnt_once_they_are_elsewhere():
+    room, somebody_there = EmptyRoom(), WALL.copy()
+    left, right = shape(5), shape(60)
+    somebody_there[left.mask(SIZE)] = 20
+    room.learn({"c1": somebody_there}, {"c1": left})
+    assert np.isnan(room.differs("c1", WALL, left))
+    assert room.differs("c1", WALL, right) == 0.0
+    somebody_there = WALL.copy()
+    somebody_there[right.mask(SIZE)] = 20
+    assert room.differs("c1", somebody_there, right) == 1.0
+    room.learn({"c1": somebody_there}, {"c1": right})
+    assert room.differs("c1", WALL, left) == 0.0
+    assert room.differs("c1", WALL, right) == 0.0  # as before: nothing was learnt of who is there
+
+
+def test_what_differs_where_others_are_is_not_of_the_body():
+    room, image, taken = EmptyRoom(), WALL.copy(), shape(20, wide=12)
+    room.learn({"c1": WALL})
+    other = shape(20, wide=4).mask(SIZE)
+    image[other] = 20
+    assert room.differs("c1", image, taken) == pytest.approx(1 / 3)
+    assert room.differs("c1", image, taken, other) == 0.0
+    assert np.isnan(room.differs("c1", image, taken, taken.mask(SIZE)))
+
+
+def test_as_many_things_are_found_as_there_are_people():
+    room, image = EmptyRoom(), WALL.copy()
+    room.learn({"c1": WALL})
+    for one in (shape(5), shape(60, wide=8)):
+        image[one.mask(SIZE)] = 20
+    for things, columns in ((1, [5]), (2, [5, 60]), (3, [5, 60])):
+        found = room.silhouette("c1", image, things)
+        assert found is not None
+        mask = found.mask(SIZE)
+        assert [x for x in (5, 60) if mask[30, x + 3]] == columns

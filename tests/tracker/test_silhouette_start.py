@@ -13,9 +13,11 @@ from mocapella.model.openpose_names import LANDMARKS
 from mocapella.model.point_tracks import ViewedTracks
 from mocapella.model.rigged_mesh import landmarks_at
 from mocapella.tracker.silhouette_start import (
+    APART_M,
     NEEDED,
     body_of,
     cameras_that_see,
+    check_apart,
     check_joints,
     joints_of_points,
     start_pose,
@@ -43,6 +45,25 @@ def test_joints_of_points_are_where_they_were():
         assert len(found) == len(names)
         for name, at in found.items():
             np.testing.assert_allclose(at, JOINTS[name], atol=1e-3)
+
+
+def test_openposes_neck_is_not_the_bodys_joint_of_that_name():
+    assert set(joints_of_points(keypoints(("LHip", "RHip", "nose", "neck")), RIG)) == {
+        "left hip", "right hip", "nose", "neck"
+    }  # fmt: skip
+    seen = keypoints(("LHip", "RHip", "nose", "neck"))
+    called = ViewedTracks(seen.cameras, ("LHip", "RHip", "nose", "Neck"), *(
+        getattr(seen, name) for name in seen.__struct_fields__[2:]
+    ))  # fmt: skip
+    assert set(joints_of_points(called, RIG)) == {"left hip", "right hip", "nose"}
+
+
+def test_two_bodies_in_one_place_are_named():
+    aside = pose_at(MESH, 0.2 + 1.2 * APART_M, 0.7)
+    check_apart({"anna": (MESH, POSE), "ben": (MESH, aside)})
+    near = pose_at(MESH, 0.2 + 0.8 * APART_M, 0.1)
+    with pytest.raises(InputError, match="anna and carl start in the same place, 12 cm apart"):
+        check_apart({"anna": (MESH, POSE), "ben": (MESH, pose_at(MESH, 3.0)), "carl": (MESH, near)})
 
 
 def test_points_of_cameras_in_another_order_do_not_meet():

@@ -10,19 +10,25 @@ from silhouette_pictures import pose_at, ring, somebody
 
 from mocapella.geometry.rigid import apply
 from mocapella.geometry.twists import exp_twist
+from mocapella.model.body_meshes import legs_mesh
+from mocapella.model.outline_colours import INSIDE, OUTSIDE, body_colour, css
 from mocapella.model.rigged_mesh import posed
 from mocapella.model.twist_tree import TreePose
 from mocapella.viewer import body_view
 from mocapella.viewer.body_panel import BodyFrame, Picture, cameras_html, groups, status_html
-from mocapella.viewer.body_stage import picture_row, stage_space
-from mocapella.viewer.body_view import BodyView
+from mocapella.viewer.body_stage import ShownBody, picture_row, stage_space
+from mocapella.viewer.body_view import BodyView, _words
 
-MESH, RIG = somebody(), ring(2)
+MESH, LEGS, RIG = somebody(), legs_mesh("female", 1.7), ring(2)
+
+
+def legs_at(aside_m):
+    return TreePose(pose_at(MESH, aside_m).T_world_model, np.zeros(len(LEGS.joint_names)))
 
 
 def a_frame(k, image=b"jpeg", **changes):
     what = {"overlap": {"c1": 0.9}, "left_out": {"c2": "its <image> is black"}, "lost": False} | changes
-    return BodyFrame(k, k / 30, pose_at(MESH, 0.01 * k), {"c1": Picture(image)}, **what)
+    return BodyFrame(k, k / 30, {"": ShownBody(pose_at(MESH, 0.01 * k), **what)}, {"c1": Picture(image)})
 
 
 @settings(max_examples=25)
@@ -44,7 +50,7 @@ def test_a_body_stands_on_the_floor_and_looks_at_the_viewer_whatever_is_up(axis,
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = R, place
     pose = TreePose(T, np.zeros(len(MESH.joint_names)))
-    space = stage_space(MESH, pose, up)
+    space = stage_space([(MESH, pose)], up)
     there = apply(space.T_stage_world, posed(MESH, pose))
     assert there[:, 1].min() == pytest.approx(0.0, abs=1e-9)
     assert there[:, 1].max() == pytest.approx(space.tall_m)
@@ -83,7 +89,7 @@ def test_what_is_wrong_is_said_and_cannot_make_markup():
 
 @pytest.fixture
 def view():
-    made = BodyView("127.0.0.1", 0, MESH, RIG, start=pose_at(MESH), up=np.array([0.0, 1.0, 0.0]))
+    made = BodyView("127.0.0.1", 0, {"": MESH}, RIG, starts={"": pose_at(MESH)}, up=np.array([0.0, 1.0, 0.0]))
     yield made
     made.close()
 
@@ -124,3 +130,50 @@ def test_old_pictures_are_let_go_where_there_are_many(view, monkeypatch):
     kept = [len(frame.pictures) for frame in view.frames]
     assert kept == [0] * 7 + [1] * 3
     assert [frame.frame for frame in view.frames] == list(range(10))
+
+
+def a_frame_of_two(k, **bens):
+    ben = {"overlap": {"c1": 0.8, "c2": 0.7}, "left_out": {}, "lost": False} | bens
+    anna = ShownBody(pose_at(MESH, 0.01 * k), {"c1": 0.9}, {"c2": "its image is black"}, lost=False)
+    return BodyFrame(k, k / 30, {"anna": anna, "ben": ShownBody(legs_at(1.0), **ben)}, {})
+
+
+def test_several_bodies_stand_about_the_middle_of_one_floor():
+    starts = [(MESH, pose_at(MESH, -1.0)), (LEGS, legs_at(1.0))]
+    space = stage_space(starts, np.array([0.0, 1.0, 0.0]))
+    vertices = [apply(space.T_stage_world, posed(mesh, pose)) for mesh, pose in starts]
+    assert min(one[:, 1].min() for one in vertices) == pytest.approx(0.0)
+    assert max(one[:, 1].max() for one in vertices) == pytest.approx(space.tall_m)
+    (left, right) = (float(one[:, 0].mean()) for one in vertices)
+    assert left == pytest.approx(-right, abs=0.02)
+    assert max(abs(left), abs(right)) == pytest.approx(1.0, abs=0.02)
+    assert 1.0 < space.half_wide_m < 2.0
+    assert stage_space(starts[:1], np.array([0.0, 1.0, 0.0])).half_wide_m < 0.5
+
+
+def test_it_is_said_of_whom_each_line_and_figure_is():
+    said = cameras_html(a_frame_of_two(3), ["c1", "c2"])
+    assert all(text in said for text in ("anna", "ben", "90%", "80%", "70%", "left out", "its image is black"))
+    legend = said[said.index("mocapella-legend") :]
+    for colour, words in ((body_colour(0), "anna"), (body_colour(1), "ben"), (OUTSIDE, "outside"), (INSIDE, "inside")):
+        assert f'{css(colour)}">▬</span> {words}' in legend
+    assert "not there: ben" in status_html("Following", a_frame_of_two(3, lost=True), 3, 9)
+    assert "not there" not in status_html("Following", a_frame_of_two(3), 3, 9)
+    assert _words("c2", a_frame_of_two(3)) == "c2 · anna left out · ben 70%"
+    assert _words("c1", a_frame(3)) == "c1 · 90%"
+
+
+def test_angles_are_of_who_is_chosen():
+    up, starts = np.array([0.0, 1.0, 0.0]), {"anna": pose_at(MESH), "ben": legs_at(1.0)}
+    view = BodyView("127.0.0.1", 0, {"anna": MESH, "ben": LEGS}, RIG, starts=starts, up=up)
+    try:
+        view.add(a_frame_of_two(0))
+        view.show(100.0)
+        assert (view.panel.whose, view._lately()[1].shape) == ("anna", (1, len(MESH.joint_names)))
+        view.panel._whose.value = "ben"
+        view.add(a_frame_of_two(1, lost=True))
+        view.show(101.0)
+        assert (view.panel.whose, view._lately()[1].shape) == ("ben", (2, len(LEGS.joint_names)))
+        assert [chart._names for chart in view.panel._charts] == [tuple(LEGS.joint_names)] * 2
+    finally:
+        view.close()

@@ -15,6 +15,7 @@ from silhouette_pictures import Room, pose_at, ring, somebody
 
 from mocapella.live.silhouette_run import SilhouetteRun
 from mocapella.live.silhouette_view import SilhouetteView
+from mocapella.recording.followed_bodies import ALONE
 
 CHROMIUM = shutil.which("chromium")
 ARTIFACTS = Path(__file__).resolve().parents[2] / "artifacts"
@@ -37,7 +38,7 @@ def of_hue(pixels, low, high):
 def test_a_body_its_pictures_and_its_angles_are_seen_and_frames_can_be_chosen(tmp_path):
     sync_api = pytest.importorskip("playwright.sync_api")
     mesh, rig = somebody(), ring(2)
-    run, room, start = SilhouetteRun(mesh, rig, 30.0), Room(rig), pose_at(mesh)
+    run, room, start = SilhouetteRun({ALONE: mesh}, rig, 30.0), Room(rig), {ALONE: pose_at(mesh)}
     run.start(start, 0)
     view, stop = SilhouetteView("127.0.0.1", 0, run, start), threading.Event()
     loop = threading.Thread(target=lambda: view.stay(stop))
@@ -53,6 +54,7 @@ def test_a_body_its_pictures_and_its_angles_are_seen_and_frames_can_be_chosen(tm
             page.locator(".mocapella-status", has_text="End").wait_for()
             page.get_by_text("12 of 12").wait_for()
             page.locator(".mocapella-overlaps", has_text="c2").wait_for()
+            page.locator(".mocapella-legend", has_text="outside").wait_for()
             page.locator(".uplot").first.wait_for()
             deadline = time.monotonic() + WAIT_MS / 1000
             while True:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import typer
 from rich.box import SIMPLE_HEAD
@@ -27,62 +29,50 @@ FirstSeconds = Annotated[
 ]
 Plot = Annotated[Path | None, typer.Option(metavar="FILE", help="Draw it, where matplotlib is installed.")]
 _SEEDS = "100"
+_COMMANDS: Final = {
+    "knee-bend": (
+        "own,measured",
+        "Measure what the penalty on jitter leaves of a knee bend: its peak, how late it comes, and the feet's jitter.",
+    ),
+    "runner": (
+        "own,measured",
+        "Follow a runner in images with noise and random rectangles, with the penalty on jitter and without.",
+    ),
+    "acrobatics": (
+        "own,measured",
+        "Follow a cartwheel and a flick-flack of which some frames are stored completely wrong.",
+    ),
+    "weight": (
+        "own",
+        "Follow clean and noisy images with one and the same weight of the penalty on jitter, for many weights.",
+    ),
+    "one-camera": (
+        "own",
+        "Follow people with one camera alone, with the penalty on jitter and without, and tell what is uncertain then.",
+    ),
+}
+"""What each experiment is about, and with which bodies it is done."""
 
 
-@evaluate_app.command("silhouettes-knee-bend")
-def knee_bend(
-    seeds: Seeds = _SEEDS, bodies: Bodies = "own,measured", seconds: FirstSeconds = None, plot: Plot = None,
-    json: JsonOut = None,
-) -> None:  # fmt: skip
-    """Measure what the penalty on jitter leaves of a knee bend: its peak, how late it comes, and the feet's jitter.
+def _command(name: str, usual: str, about: str) -> None:
+    """Make an experiment a command."""
 
-    docs/evaluation.md says how everything is scored.
+    def command(
+        seeds: Seeds = _SEEDS, bodies: Bodies = usual, seconds: FirstSeconds = None, plot: Plot = None,
+        json: JsonOut = None,
+    ) -> None:  # fmt: skip
+        _experiment(name, seeds, bodies, seconds, plot, json)
 
-    Example:  mocapella evaluate silhouettes-knee-bend --plot knee-bend.png
-    """
-    _experiment("knee-bend", seeds, bodies, seconds, plot, json)
-
-
-@evaluate_app.command("silhouettes-runner")
-def runner(
-    seeds: Seeds = _SEEDS, bodies: Bodies = "own,measured", seconds: FirstSeconds = None, plot: Plot = None,
-    json: JsonOut = None,
-) -> None:  # fmt: skip
-    """Follow a runner in images with noise and random rectangles, with the penalty on jitter and without.
-
-    docs/evaluation.md says how everything is scored.
-
-    Example:  mocapella evaluate silhouettes-runner --plot runner.png
-    """
-    _experiment("runner", seeds, bodies, seconds, plot, json)
+    called = f"silhouettes-{name}"
+    command.__doc__ = (
+        f"{about}\n\ndocs/evaluation.md says how everything is scored.\n\n"
+        f"Example:  mocapella evaluate {called} --plot {name}.png"
+    )
+    evaluate_app.command(called)(command)
 
 
-@evaluate_app.command("silhouettes-acrobatics")
-def acrobatics(
-    seeds: Seeds = _SEEDS, bodies: Bodies = "own,measured", seconds: FirstSeconds = None, plot: Plot = None,
-    json: JsonOut = None,
-) -> None:  # fmt: skip
-    """Follow a cartwheel and a flick-flack of which some frames are stored completely wrong.
-
-    docs/evaluation.md says how everything is scored.
-
-    Example:  mocapella evaluate silhouettes-acrobatics --plot acrobatics.png
-    """
-    _experiment("acrobatics", seeds, bodies, seconds, plot, json)
-
-
-@evaluate_app.command("silhouettes-weight")
-def weight(
-    seeds: Seeds = _SEEDS, bodies: Bodies = "own", seconds: FirstSeconds = None, plot: Plot = None,
-    json: JsonOut = None,
-) -> None:  # fmt: skip
-    """Follow clean and noisy images with one and the same weight of the penalty on jitter, for many weights.
-
-    docs/evaluation.md says how everything is scored.
-
-    Example:  mocapella evaluate silhouettes-weight --plot weight.png
-    """
-    _experiment("weight", seeds, bodies, seconds, plot, json)
+for _name, (_usual, _about) in _COMMANDS.items():
+    _command(_name, _usual, _about)
 
 
 def _experiment(name: str, seeds: str, bodies: str, seconds: float | None, plot: Path | None, json: str | None) -> None:
@@ -90,45 +80,78 @@ def _experiment(name: str, seeds: str, bodies: str, seconds: float | None, plot:
 
     from mocapella.cli.evaluate import _names
     from mocapella.evaluation.silhouette_experiments import EXPERIMENTS, plot_movements, plot_weights, run
+    from mocapella.evaluation.silhouette_one_camera import plot_one_camera, run_one_camera
 
-    numbers = participant_numbers(seeds, "--seeds") or []
+    numbers, chosen = participant_numbers(seeds, "--seeds") or [], _names(bodies)
+    rows: Sequence[Any]
+    draw: Callable[[Path], None]
     with console.status("rendering …") as status:
-        rows, shown = run(name, numbers, seconds, _names(bodies), status.update)
+        if name == "one-camera":
+            rows, of_one = run_one_camera(numbers, seconds, chosen, status.update)
+            draw = partial(plot_one_camera, of_one)
+        else:
+            rows, shown = run(name, numbers, seconds, chosen, status.update)
+            movements = partial(plot_movements, shown, EXPERIMENTS[name].hinges)
+            draw = partial(plot_weights, rows) if name == "weight" else movements
     write_json(json, {"experiment": name, "seeds": numbers, "rows": msgspec.to_builtins(rows)})
     if plot is not None:
-        if name == "weight":
-            plot_weights(rows, plot)
-        else:
-            plot_movements(shown, EXPERIMENTS[name].hinges, plot)
+        draw(plot)
         say(f"plot in {plot}")
     if json != "-":
-        show_runs(rows, Console())
+        (show_one_camera if name == "one-camera" else show_runs)(rows, Console())
 
 
 _ACCURACY = ("angles\n°", "sd\n°", "hinges\n°", "sd\n°", "marks\nmm", "95 %", "IoU\n%")
 _STEADINESS = ("jitter\nm/s²", "feet\nm/s²", "true\nm/s²", "knees\nkept %", "late\nframes", "blind\nframes")
+_OFF = ("depth\nmm", "95 %", "across\nmm", "95 %", "jitter\ndepth", "\nacross", "away\n%", "IoU\n%")
+_FREE = ("four\ncameras", "one\ncamera", "all")
 
 
 def show_runs(rows: Any, out: Console) -> None:
     """The tables for a person."""
     for headings, figures_of in ((_ACCURACY, _accuracy), (_STEADINESS, _steadiness)):
-        table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
-        for heading in ("", "penalty", *headings):
-            table.add_column(heading, justify="right" if heading else "left", no_wrap=True)
-        before, line = None, 0
-        for row in rows:
-            run = (row.scene, row.seed, row.body, row.images)
-            before, line = run, line + 1 if run == before else 0
-            words = (f"{row.scene} {row.seed}", f"  {row.images}, {row.body}")
-            figures = ("–" if x is None else str(x) if isinstance(x, int) else f"{x:.1f}" for x in figures_of(row))
-            table.add_row(words[line] if line < len(words) else "", _penalty(row.weight), *figures)
-        out.print(table)
+        _table([(row, figures_of(row)) for row in rows], headings, out)
     out.print("marks: landmarks; jitter: acceleration of their error; feet: that of ankles and", highlight=False)
     out.print("toes as such, beside the true one; blind: frames in which no camera counted", highlight=False)
+    _problems(rows, out)
+
+
+def show_one_camera(rows: Any, out: Console) -> None:
+    """The same of one camera."""
+    _table([(row.run, _off(row)) for row in rows], _OFF, out)
+    out.print("depth, across: error of the landmarks along the camera's axis and across it, and", highlight=False)
+    out.print("its jitter, m/s²; away: frames in which the body is not where the person is", highlight=False)
+    _table([(row.run, (row.outlines_of_many, row.outlines, row.free)) for row in rows], _FREE, out, digits=2)
+    out.print("uncertainty of the least certain direction, m or rad: of the outlines of four", highlight=False)
+    out.print("cameras, of this one, and with all that holds the body", highlight=False)
+    _problems([row.run for row in rows], out)
+
+
+def _table(rows: Any, headings: Sequence[str], out: Console, digits: int = 1) -> None:
+    """A row for each run, whose name is said once for all its weights."""
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    for heading in ("", "penalty", *headings):
+        table.add_column(heading, justify="right" if heading else "left", no_wrap=True)
+    before, line = None, 0
+    for row, figures in rows:
+        run = (row.scene, row.seed, row.body, row.images)
+        before, line = run, line + 1 if run == before else 0
+        words = (f"{row.scene} {row.seed}", f"  {row.images}, {row.body}")
+        told = ("–" if x is None else str(x) if isinstance(x, int) else f"{x:.{digits}f}" for x in figures)
+        table.add_row(words[line] if line < len(words) else "", _penalty(row.weight), *told)
+    out.print(table)
+
+
+def _problems(rows: Any, out: Console) -> None:
     for row in rows:
         if row.outcome.problem:
             what = f"{row.scene} {row.seed}, {row.images}, {row.body} body, penalty {_penalty(row.weight)}"
             out.print(f"{what}: {row.outcome.problem}", highlight=False)
+
+
+def _off(row: Any) -> tuple[float, ...]:
+    sizes = row.depth_mm, row.depth_p95_mm, row.across_mm, row.across_p95_mm
+    return *map(round, (*sizes, row.depth_jitter, row.across_jitter, 100 * row.away)), 100 * row.run.overlap
 
 
 def _accuracy(row: Any) -> tuple[float | None, ...]:

@@ -1,4 +1,4 @@
-"""What `mocapella silhouettes` begins with: whose body it is, where it is at first, and what is behind it."""
+"""What `mocapella silhouettes` begins with: whose bodies they are, where they are at first, and what is behind them."""
 
 from __future__ import annotations
 
@@ -8,108 +8,263 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from mocapella.cli.common import say
-from mocapella.errors import InputError, SettingsError
+from mocapella.errors import InputError, MocapellaError, SettingsError, one_of
+from mocapella.settings import check
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from mocapella.live.silhouette_run import SilhouetteRun
     from mocapella.model.camera import CameraRig
     from mocapella.model.twist_tree import TreePose
+    from mocapella.recording.followed_bodies import FollowedBody
     from mocapella.sources.video import Frames
     from mocapella.sources.video_set import VideoSet
     from mocapella.tracker.silhouette_start import Body
+
+    Joints = Mapping[str, NDArray[np.float64]]
 
 MESH_FILES: Final = (".glb", ".gltf")
 BACKGROUNDS: Final = 30
 """So many images of an empty room say all that more would."""
 
 
+LEAST_M, MOST_M = 0.5, 2.5
+"""Of somebody's height."""
+
+
 @dataclass(frozen=True)
 class StartWishes:
-    """What the command line says of the start; see the command's options."""
+    """What the command line says of the start, each ``VALUE`` or ``PERSON=VALUE``; see the command's options."""
 
-    start: str | None
-    points: Sequence[Path]
+    starts: Sequence[str] = ()
+    points: Sequence[str] = ()
+    models: Sequence[str] = ()
+    heights: Sequence[str] = ()
+    order: str = "BODY_25B"
+
+
+@dataclass(frozen=True)
+class _Wish:
+    """The same for one person."""
+
     model: str | None
     height_m: float | None
-    order: str
 
 
-def find_start(wishes: StartWishes, rig: CameraRig, frames: Frames) -> tuple[Body, TreePose]:
-    """The body, and where it is in the first frame.
+@dataclass(frozen=True)
+class _Earlier:
+    """Where an earlier result says that somebody is.
+
+    Attributes:
+        path: of the result.
+        body: of it.
+        number: of the frame.
+        chosen: whether somebody named that frame.
+    """
+
+    path: Path
+    body: FollowedBody
+    number: int
+    chosen: bool
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Where joints say that somebody is."""
+
+    path: Path
+    joints: Joints
+
+
+def find_start(wishes: StartWishes, rig: CameraRig, frames: Frames) -> dict[str, tuple[Body, TreePose]]:
+    """The bodies, and where they are in the first frame, by name; `ALONE` where nobody named the only one.
 
     Raises:
         SettingsError, InputError, CalibrationError: nothing says it, or nothing that can be.
     """
-    from mocapella.recording.followed_bodies import is_followed_body, named_joints, read_json
-    from mocapella.tracker.silhouette_start import joints_of_points
+    from mocapella.recording.followed_bodies import ALONE
+    from mocapella.tracker.silhouette_start import check_apart
 
-    if wishes.start is not None and wishes.points:
+    if wishes.starts and wishes.points:
         raise SettingsError("--start and --points are both given; choose one of them")
     if wishes.points:
-        from mocapella.recording.viewed_tracks import read_viewed_tracks
-
-        tracks = read_viewed_tracks(_folders(wishes.points), order=wishes.order)
-        return _of_joints(wishes, joints_of_points(tracks, rig, frames.first), wishes.points[0])
-    if wishes.start is None:
+        sources = _of_points(wishes, rig, frames)
+    elif wishes.starts:
+        sources = _of_files(wishes, frames)
+    else:
         raise SettingsError(
             "nothing says where the body is at first; give --start joints.json, an earlier result, or --points with "
             "the first frame's keypoints"
         )
-    path, number = _path_and_frame(wishes.start)
-    data = read_json(path)
-    if is_followed_body(data):
-        return _of_earlier(wishes, path, frames.first if number is None else number, chosen=number is not None)
-    if number is not None:
-        raise SettingsError(f"--start {wishes.start}: {path} has joints of one instant; leave :{number} out")
-    return _of_joints(wishes, named_joints(data, path), path)
+    if ALONE in sources and len(sources) > 1:
+        option = "--points" if wishes.points else "--start"
+        raise SettingsError(
+            f"{option} is given for somebody without a name, and for others: write {option} anna=FILE for each"
+        )
+    models, heights = _by_person("--model", wishes.models, sources), _by_person("--height", wishes.heights, sources)
+    found = {}
+    for name, source in sources.items():
+        wish = _Wish(models.get(name), None if name not in heights else _metres(heights[name]))
+        try:
+            found[name] = _of_joints(wish, source) if isinstance(source, _Found) else _of_earlier(wish, source)
+        except MocapellaError as error:
+            if name == ALONE:
+                raise
+            raise type(error)(f"{name}: {error}") from error
+    check_apart({name: (body.mesh, pose) for name, (body, pose) in found.items()})
+    return found
 
 
-def _of_joints(wishes: StartWishes, joints: Mapping[str, object], path: Path) -> tuple[Body, TreePose]:
+def _of_points(wishes: StartWishes, rig: CameraRig, frames: Frames) -> dict[str, _Found | _Earlier]:
+    from mocapella.recording.viewed_tracks import read_viewed_tracks
+    from mocapella.tracker.silhouette_start import joints_of_points
+
+    paths: dict[str, list[Path]] = {}
+    for text in wishes.points:
+        name, value = _person_and_value(text)
+        paths.setdefault(name, []).append(Path(value))
+    found: dict[str, _Found | _Earlier] = {}
+    for name, one in paths.items():
+        tracks = read_viewed_tracks(_folders(one), order=wishes.order)
+        for note in tracks.notes:
+            say(f"{one[0]}: {note}")
+        found[name] = _Found(one[0], joints_of_points(tracks, rig, frames.first))
+    return found
+
+
+def _of_files(wishes: StartWishes, frames: Frames) -> dict[str, _Found | _Earlier]:
+    from mocapella.recording.followed_bodies import (
+        ALONE,
+        is_followed_body,
+        is_followed_people,
+        joints_of_people,
+        read_followed_people,
+        read_json,
+    )
+
+    found: dict[str, _Found | _Earlier] = {}
+    for text in wishes.starts:
+        whose, value = _person_and_value(text)
+        path, number = _path_and_frame(value)
+        data, people = read_json(path), dict[str, _Found | _Earlier]()
+        if is_followed_people(data) or is_followed_body(data):
+            at = frames.first if number is None else number
+            for name, body in read_followed_people(path).items():
+                people[name] = _Earlier(path, body, at, number is not None)
+        elif number is not None:
+            raise SettingsError(f"--start {value}: {path} has joints of one instant; leave :{number} out")
+        else:
+            people |= {name: _Found(path, joints) for name, joints in joints_of_people(data, path).items()}
+        if whose != ALONE and ALONE not in people:
+            if whose not in people:
+                raise SettingsError(f"--start {text}: {path} has nobody called {whose!r}; {one_of(whose, people)}")
+            people = {whose: people[whose]}
+        elif whose != ALONE:
+            people = {whose: people[ALONE]}
+        for name, one in people.items():
+            if name in found:
+                called = f"are both of {name}; name each person once" if name else (
+                    "are of somebody without a name; write --start anna=FILE for each"
+                )  # fmt: skip
+                raise SettingsError(f"--start: {found[name].path} and {path} {called}")
+            found[name] = one
+    return found
+
+
+def _by_person(option: str, texts: Sequence[str], people: Mapping[str, object]) -> dict[str, str]:
+    """What is said for each of the people: by name, or for all.
+
+    Raises:
+        SettingsError: nobody is called so, or it is said twice.
+    """
+    from mocapella.recording.followed_bodies import ALONE
+
+    said: dict[str, str] = {}
+    for text in texts:
+        name, value = _person_and_value(text)
+        if name in said:
+            raise SettingsError(f"{option} is given twice{f' for {name}' if name else ''}: {said[name]} and {value}")
+        if name != ALONE and name not in people:
+            known = "the start names nobody: write --start NAME=FILE" if ALONE in people else one_of(name, people)
+            raise SettingsError(f"{option} {text}: nobody is called {name!r}; {known}")
+        said[name] = value
+    return {name: said.get(name, said.get(ALONE, "")) for name in people if name in said or ALONE in said}
+
+
+def _metres(text: str) -> float:
+    """A height.
+
+    Raises:
+        SettingsError: it is none.
+    """
+    try:
+        height = float(text)
+    except ValueError:
+        raise SettingsError(f"--height is {text!r}; it must be metres, such as 1.75 or anna=1.75") from None
+    check(LEAST_M <= height <= MOST_M, "--height", height, f"{LEAST_M} to {MOST_M} m")
+    return height
+
+
+def _person_and_value(text: str) -> tuple[str, str]:
+    """Of ``PERSON=VALUE``; a file of that whole name is no person's.
+
+    Raises:
+        SettingsError: nobody can be called so.
+    """
+    from mocapella.recording.followed_bodies import ALONE, check_person_name
+
+    name, equals, value = text.partition("=")
+    if not equals or Path(text).exists():
+        return ALONE, text
+    return check_person_name(name), value
+
+
+def _of_joints(wish: _Wish, found: _Found) -> tuple[Body, TreePose]:
     from mocapella.tracker.silhouette_start import body_of, check_joints, start_pose
 
-    name = wishes.model or "male"
+    name = wish.model or "male"
     if name.lower().endswith(MESH_FILES):
-        body = _of_file(wishes)
+        body = _of_file(name, wish.height_m)
     else:
-        check_joints(name, joints, path)  # type: ignore[arg-type]
-        body = body_of(name, wishes.height_m, joints)  # type: ignore[arg-type]
-    return body, start_pose(body.mesh, joints)  # type: ignore[arg-type]
+        check_joints(name, found.joints, found.path)
+        body = body_of(name, wish.height_m, found.joints)
+    return body, start_pose(body.mesh, found.joints)
 
 
-def _of_file(wishes: StartWishes) -> Body:
+def _of_file(model: str, height_m: float | None) -> Body:
     from mocapella.model.body_proportions import AVERAGE
     from mocapella.model.rigged_mesh_file import load_rigged_mesh
     from mocapella.tracker.silhouette_start import Body
 
-    assert wishes.model is not None
-    if wishes.height_m is not None:
-        raise SettingsError(f"--height {wishes.height_m:g}: the model of {wishes.model} has its own size; leave it out")
-    return Body(wishes.model, None, AVERAGE, load_rigged_mesh(Path(wishes.model)))
+    if height_m is not None:
+        raise SettingsError(f"--height {height_m:g}: the model of {model} has its own size; leave it out")
+    return Body(model, None, AVERAGE, load_rigged_mesh(Path(model)))
 
 
-def _of_earlier(wishes: StartWishes, path: Path, number: int, *, chosen: bool) -> tuple[Body, TreePose]:
-    """Of the frame of that number; of the last one, where that was not ``chosen`` and is not there."""
-    from mocapella.recording.followed_bodies import read_followed_body
+def _of_earlier(wish: _Wish, at: _Earlier) -> tuple[Body, TreePose]:
+    """Of the frame of that number; of the last one, where that was not chosen and is not there."""
     from mocapella.tracker.silhouette_start import body_again, body_of
 
-    earlier = read_followed_body(path)
+    path, earlier, number = at.path, at.body, at.number
     frame = next((one for one in earlier.frames if one.frame == number), None)
     if frame is None:
         first, last = earlier.frames[0].frame, earlier.frames[-1].frame
-        if chosen:
+        if at.chosen:
             raise InputError(
                 "has no such frame", file=path, field="frame", value=number, fix=f"it has frames from {first} to {last}"
             )
         frame = earlier.frames[-1]
         say(f"{path} has no frame {number}: starting as in its last one, {last}")
-    if wishes.model is not None and wishes.model != earlier.model:
-        raise SettingsError(f"--model {wishes.model}: {path} is of the model {earlier.model}; leave --model out")
+    if wish.model is not None and wish.model != earlier.model:
+        raise SettingsError(f"--model {wish.model}: {path} is of the model {earlier.model}; leave --model out")
     if earlier.model.lower().endswith(MESH_FILES):
-        body = _of_file(StartWishes(None, (), earlier.model, wishes.height_m, wishes.order))
-    elif wishes.height_m is None:
+        body = _of_file(earlier.model, wish.height_m)
+    elif wish.height_m is None:
         body = body_again(earlier.model, earlier.height_m, earlier.proportions)
     else:
-        body = body_of(earlier.model, wishes.height_m, {})
+        body = body_of(earlier.model, wish.height_m, {})
     missing = [name for name in body.mesh.joint_names if name not in frame.angles]
     if missing:
         raise InputError(
@@ -119,25 +274,31 @@ def _of_earlier(wishes: StartWishes, path: Path, number: int, *, chosen: bool) -
     return body, frame.pose(body.mesh.joint_names)
 
 
-def begin(run: SilhouetteRun, pose: TreePose, frames: Frames, words: str) -> None:
-    """Start the tracker, and say in which cameras nobody is seen.
+def begin(run: SilhouetteRun, poses: Mapping[str, TreePose], frames: Frames, words: str) -> None:
+    """Start the tracker, and say in which cameras somebody is not seen.
 
     Raises:
-        InputError: no camera sees the body there.
+        InputError: no camera sees a body there.
     """
-    from mocapella.tracker.silhouette_start import cameras_that_see
+    from mocapella.tracker.silhouette_start import cameras_that_see, root_of
 
-    seen = cameras_that_see(run.mesh, pose, run.rig)
-    if not seen:
-        x, y, z = pose.T_world_model[:3, :3] @ run.mesh.tree.root + pose.T_world_model[:3, 3]
-        raise InputError(
-            f"the body would start at ({x:.2f}, {y:.2f}, {z:.2f}) m, which is outside of all images", field="start",
-            value=words, fix="give joints in the rig's world, in metres, of the frame with which the videos begin",
-        )  # fmt: skip
-    run.start(pose, frames.first, frames.step)
-    for name in run.rig.cameras:
-        if name not in seen:
-            run.note(f"at the start the body is outside of {name}'s image")
+    outside = []
+    for name, pose in poses.items():
+        called, mesh = name or "the body", run.meshes[name]
+        seen = cameras_that_see(mesh, pose, run.rig)
+        if not seen:
+            x, y, z = root_of(mesh, pose)
+            raise InputError(
+                f"{called} would start at ({x:.2f}, {y:.2f}, {z:.2f}) m, which is outside of all images",
+                field="start", value=words,
+                fix="give joints in the rig's world, in metres, of the frame with which the videos begin",
+            )  # fmt: skip
+        outside += [
+            f"at the start {called} is outside of {camera}'s image" for camera in run.rig.cameras if camera not in seen
+        ]
+    run.start(poses, frames.first, frames.step)
+    for note in outside:
+        run.note(note)
 
 
 def learn(run: SilhouetteRun, texts: Sequence[str], rig: CameraRig, shown: VideoSet, other_size: str | None) -> None:

@@ -1,4 +1,4 @@
-"""``mocapella silhouettes``: a body model fitted to the silhouettes in the videos of calibrated cameras."""
+"""``mocapella silhouettes``: body models fitted to the silhouettes in the videos of calibrated cameras."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
+from rich.text import Text
 
 from mocapella.cli import INTERRUPTED
 from mocapella.cli.app import app
@@ -50,26 +51,34 @@ def silhouettes(
     ] = None,
     rig: Annotated[Path, typer.Option(metavar="FILE", help="The calibrated cameras, a TOML.")] = Path("rig.toml"),
     start: Annotated[
-        str | None,
+        list[str] | None,
         typer.Option(
-            metavar="FILE[:FRAME]",
-            help="Where the body is at first: JSON of named joints in metres, or what this command wrote before.",
+            metavar="[PERSON=]FILE[:FRAME]",
+            help="Where the bodies are at first: JSON of named joints in metres, of one or of several people by name, "
+            "or what this command wrote before; may be repeated.",
         ),
     ] = None,
     points: Annotated[
-        list[Path] | None,
+        list[str] | None,
         typer.Option(
-            metavar="POINTS",
+            metavar="[PERSON=]POINTS",
             help="Instead of --start: the first frame's 2D keypoints, as triangulate takes them; may be repeated, or "
             "a folder of OpenPose's folders.",
         ),
     ] = None,
     model: Annotated[
-        str | None, typer.Option(metavar="NAME", help="male, female, legs, or a rigged .glb or .gltf file; male.")
+        list[str] | None,
+        typer.Option(
+            metavar="[PERSON=]NAME",
+            help="male, female, legs, or a rigged .glb or .gltf file; male. May be repeated, one a person.",
+        ),
     ] = None,
     height: Annotated[
-        float | None,
-        typer.Option(metavar="METRES", help="Of the person; without it, as large as the start's joints say."),
+        list[str] | None,
+        typer.Option(
+            metavar="[PERSON=]METRES",
+            help="Of the person; without it, as large as the start's joints say. May be repeated, one a person.",
+        ),
     ] = None,
     background: Annotated[
         list[str] | None,
@@ -102,7 +111,9 @@ def silhouettes(
     overlay: Annotated[
         Path | None,
         typer.Option(
-            metavar="DIR|FILE.mp4", help="Write the images with the model's outline (green) and the image's (red)."
+            metavar="DIR|FILE.mp4",
+            help="Write the images with the models' outlines, and the images' where they are outside (red) or inside "
+            "(blue) of them.",
         ),
     ] = None,
     view: Annotated[bool, typer.Option("--view", help="Show it in the browser meanwhile, and until Ctrl-C.")] = False,
@@ -111,7 +122,7 @@ def silhouettes(
     ] = None,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the view's URL, open no browser.")] = False,
 ) -> None:
-    """Fit a body model to the silhouettes of a person in the videos of calibrated cameras, frame by frame.
+    """Fit body models to the silhouettes of one or several people in the videos of calibrated cameras, frame by frame.
 
     docs/silhouettes.md describes how to film, what a start is, the results, and what the messages mean.
 
@@ -122,25 +133,29 @@ def silhouettes(
     from mocapella.live.silhouette_run import SilhouetteRun
     from mocapella.live.stopping import stop_on_signals
     from mocapella.model.camera_rig_file import load_camera_rig
-    from mocapella.recording.followed_bodies import read_followed_body
+    from mocapella.recording.followed_bodies import read_followed_people
     from mocapella.sources.video import parse_frames
     from mocapella.sources.video_set import VideoSet
     from mocapella.tracker.silhouettes import SilhouetteSettings
 
-    inputs = _inputs(videos, hz, height)
+    inputs = _inputs(videos, hz)
     wanted = parse_frames(frames)
-    earlier = None if beside is None else read_followed_body(beside)
-    wishes = StartWishes(start, points or (), model, height, order)
+    earlier = None if beside is None else read_followed_people(beside)
+    wishes = StartWishes(start or (), points or (), model or (), height or (), order)
     settings = SilhouetteSettings(steadiness=None) if no_steadiness else SilhouetteSettings()
     with working("reading …", status=INTERRUPTED), telling_of_compiling("the method silhouettes"):
         cameras = load_camera_rig(rig)
         shown = VideoSet(inputs, cameras, frames=wanted, rate_hz=hz, other_size=other_size)
         writer = None if overlay is None else _Overlays(overlay, shown.rate_hz / wanted.step)
-        body, pose = find_start(wishes, cameras, wanted)
-        run = SilhouetteRun(body.mesh, shown.rig, shown.rate_hz, settings, say)
+        found = find_start(wishes, cameras, wanted)
+        bodies, poses = (
+            {name: body for name, (body, _) in found.items()},
+            {name: pose for name, (_, pose) in found.items()},
+        )
+        run = SilhouetteRun({name: body.mesh for name, body in bodies.items()}, shown.rig, shown.rate_hz, settings, say)
         for note in shown.notes:
             run.note(note)
-        begin(run, pose, wanted, start or "--points")
+        begin(run, poses, wanted, ", ".join(start or ["--points"]))
         if background:
             learn(run, background, cameras, shown, other_size)
     with ExitStack() as closing, stop_on_signals() as stop, telling_of_compiling("the method silhouettes"):
@@ -149,11 +164,11 @@ def silhouettes(
             closing.callback(writer.close)
             tell.append(writer.write)
         if view:
-            page = open_view(run, pose, view_port, no_browser=no_browser)
+            page = open_view(run, poses, view_port, no_browser=no_browser)
             closing.callback(page.close)
             tell.append(page.tell)
         whole = _follow(run, shown, stop, tell)
-        result = as_result(run, body, shown, rig, steady=not no_steadiness)
+        result = as_result(run, bodies, shown, rig, steady=not no_steadiness)
         write_json(json, result)
         if json != "-":
             show(run, Console(highlight=False))
@@ -167,25 +182,26 @@ def silhouettes(
         raise typer.Exit(INTERRUPTED)
 
 
-def _inputs(videos: Sequence[str] | None, hz: float | None, height: float | None) -> dict[str, Path]:
-    """Videos by name; the numbers are looked at, too."""
+def _inputs(videos: Sequence[str] | None, hz: float | None) -> dict[str, Path]:
+    """Videos by name; the rate is looked at, too."""
     from mocapella.cli.calibrate import named_inputs
     from mocapella.settings import check
 
     check(hz is None or 0 < hz <= 1000, "--hz", hz, "above 0, at most 1000")
-    check(height is None or 0.5 <= height <= 2.5, "--height", height, "0.5 to 2.5 m")
     if not videos:
         raise SettingsError("no videos are named; name one for each camera: mocapella silhouettes cam1.mp4 cam2.mp4 …")
     return {name: Path(path) for name, path in named_inputs(videos).items()}
 
 
-def open_view(run: SilhouetteRun, start: TreePose, port: int | None, *, no_browser: bool) -> SilhouetteView:
+def open_view(
+    run: SilhouetteRun, starts: Mapping[str, TreePose], port: int | None, *, no_browser: bool
+) -> SilhouetteView:
     """Serve the view, say where, and open it."""
     from mocapella.cli.demo import choose_port
     from mocapella.cli.serve import say_url
     from mocapella.live.silhouette_view import SilhouetteView
 
-    page = SilhouetteView("127.0.0.1", choose_port(port, DEFAULT_VIEW_PORT), run, start)
+    page = SilhouetteView("127.0.0.1", choose_port(port, DEFAULT_VIEW_PORT), run, starts)
     say_url(page.url)
     if not no_browser:
         webbrowser.open(page.url)
@@ -194,7 +210,11 @@ def open_view(run: SilhouetteRun, start: TreePose, port: int | None, *, no_brows
 
 def _follow(run: SilhouetteRun, shown: VideoSet, stop: Event, tell: Sequence[Callable[[Step], None]]) -> bool:
     """Frame by frame; False where it was stopped before the end."""
-    columns = (TextColumn("following"), BarColumn(), MofNCompleteColumn(), TextColumn("frames"), TimeRemainingColumn())
+    whom = ", ".join(filter(None, run.meshes))
+    columns = (
+        TextColumn(f"following {whom}".strip(), markup=False), BarColumn(), MofNCompleteColumn(), TextColumn("frames"),
+        TimeRemainingColumn(),
+    )  # fmt: skip
     said = len(shown.notes)
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("following", total=shown.count)
@@ -203,57 +223,71 @@ def _follow(run: SilhouetteRun, shown: VideoSet, stop: Event, tell: Sequence[Cal
                 each(step)
             progress.advance(task)
             if stop.is_set():
-                return shown.count is not None and len(run.rows) == shown.count
+                return shown.count is not None and len(run.took_s) == shown.count
     for note in shown.notes[said:]:
         run.note(note)
     return True
 
 
-def as_result(run: SilhouetteRun, body: Body, shown: VideoSet, rig: Path, *, steady: bool) -> dict[str, Any]:
-    """What ``--json`` writes, and ``--start`` reads."""
-    import msgspec
+def as_result(
+    run: SilhouetteRun, bodies: Mapping[str, Body], shown: VideoSet, rig: Path, *, steady: bool
+) -> dict[str, Any]:
+    """What ``--json`` writes, and ``--start`` reads: one body that nobody named, or people by name."""
+    from mocapella.recording.followed_bodies import ALONE, PEOPLE_FORMAT, VERSION
 
-    from mocapella.recording.followed_bodies import FollowedBody
-
-    whose = FollowedBody(body.model, run.rows, body.height_m, body.proportions.known)
-    said = msgspec.to_builtins(whose)
-    frames = said.pop("frames")
     cameras = {
         name: {"video": str(shown.videos[name].path), "size_px": list(shown.videos[name].size_px)}
         for name in run.rig.cameras
     }
+    how = {"rig": str(rig), "cameras": cameras, "rate_hz": shown.rate_hz, "steadiness": steady}
+    people = {name: _body_result(run, name, body) for name, body in bodies.items()}
+    if ALONE in people:
+        (one,) = people.values()
+        frames, summary = one.pop("frames"), one.pop("summary")
+        return {**one, **how, "summary": {**summary, **run.summary()}, "frames": frames}
+    return {"format": PEOPLE_FORMAT, "version": VERSION, **how, "summary": run.summary(), "people": people}
+
+
+def _body_result(run: SilhouetteRun, name: str, body: Body) -> dict[str, Any]:
+    import msgspec
+
+    from mocapella.recording.followed_bodies import FollowedBody
+
+    said = msgspec.to_builtins(FollowedBody(body.model, run.rows[name], body.height_m, body.proportions.known))
+    frames = said.pop("frames")
     return {
-        **{name: said.pop(name) for name in ("format", "version")},
-        **said,
-        "rig": str(rig),
-        "cameras": cameras,
-        "rate_hz": shown.rate_hz,
-        "steadiness": steady,
-        "summary": run.summary(),
+        **{key: said.pop(key) for key in ("format", "version")}, **said, "summary": run.summary_of(name),
         "frames": frames,
-    }
+    }  # fmt: skip
 
 
 def show(run: SilhouetteRun, out: Console) -> None:
     """The table for a person."""
     import numpy as np
 
+    named = [name for name in run.rows if name]
     table = Table(box=SIMPLE_HEAD, padding=(0, 1), show_edge=False)
-    for words in ("camera", "frames", "overlap", "least", "left out"):
-        table.add_column(words, justify="left" if words == "camera" else "right")
-    for name in run.rig.cameras:
-        overlaps = [row.overlap[name] for row in run.rows if name in row.overlap]
-        median, least = (f"{np.median(overlaps):.1%}", f"{min(overlaps):.1%}") if overlaps else ("–", "–")
-        table.add_row(name, str(len(overlaps)), median, least, str(sum(name in row.left_out for row in run.rows)))
+    for words in (*(["person"] if named else []), "camera", "frames", "overlap", "least", "left out"):
+        table.add_column(words, justify="left" if words in ("person", "camera") else "right")
+    for person, rows in run.rows.items():
+        for k, name in enumerate(run.rig.cameras):
+            overlaps = [row.overlap[name] for row in rows if name in row.overlap]
+            median, least = (f"{np.median(overlaps):.1%}", f"{min(overlaps):.1%}") if overlaps else ("–", "–")
+            whose = [Text(person if k == 0 else "")] if named else []
+            left_out = str(sum(name in row.left_out for row in rows))
+            table.add_row(*whose, name, str(len(overlaps)), median, least, left_out)
     out.print(table)
-    lost = sum(row.lost for row in run.rows)
-    if run.rows:
-        gone = f", {lost} of them without anybody" if lost else ""
-        out.print(f"{len(run.rows)} frames{gone}; {1e3 * np.median(run.took_s):.0f} ms a frame")
+    if run.took_s:
+        lost = {name: sum(row.lost for row in rows) for name, rows in run.rows.items()}
+        gone = ", ".join(f"{count} of them without {name or 'anybody'}" for name, count in lost.items() if count)
+        took = f"{1e3 * np.median(run.took_s):.0f} ms a frame"
+        out.print(f"{len(run.took_s)} frames{f', {gone}' if gone else ''}; {took}", markup=False)
 
 
-def draw_angles(result: Mapping[str, Any], earlier: FollowedBody | None, path: Path, beside: str) -> None:
-    """Each joint's angle [°] over time [s], this run's in blue, an earlier one's in orange.
+def draw_angles(result: Mapping[str, Any], earlier: Mapping[str, FollowedBody] | None, path: Path, beside: str) -> None:
+    """Each joint's angle [°] over time [s]: each person's in a colour, an earlier run's dashed.
+
+    Of one person alone, this run's is blue, and the earlier one's orange.
 
     Raises:
         SettingsError: it cannot be written there.
@@ -268,26 +302,39 @@ def draw_angles(result: Mapping[str, Any], earlier: FollowedBody | None, path: P
         return
     import numpy as np
 
-    runs = [("tab:blue", "this run", [(row["time_s"], row["angles"]) for row in result["frames"]])]
-    if earlier is not None:
-        runs.insert(0, ("tab:orange", beside, [(row.time_s, row.angles) for row in earlier.frames]))
-    names = list(runs[-1][2][0][1]) if runs[-1][2] else []
+    people: Mapping[str, Any] = result.get("people", {"": result})
+    runs = []
+    for k, (name, one) in enumerate(people.items()):
+        before = (earlier or {}).get(name)
+        if before is not None:
+            points = [(row.time_s, row.angles) for row in before.frames]
+            colour, line = (f"C{k}", "--") if name else ("tab:orange", "-")
+            runs.append((colour, line, f"{name}, {beside}" if name else beside, points))
+        points = [(row["time_s"], row["angles"]) for row in one["frames"]]
+        runs.append((f"C{k}" if name else "tab:blue", "-", name or "this run", points))
+    missing = [name for name in earlier or {} if name not in people]
+    if missing:
+        say(f"--beside {beside}: not drawn, for it is of {', '.join(missing) or 'a body without a name'}")
+    names = list(dict.fromkeys(key for *_, points in runs for _, angles in points[:1] for key in angles))
     if not names:
         say(f"--plot {path}: no plot, because the model has no joints, or there is no frame")
         return
     columns = 4
     rows = -(-len(names) // columns)
     figure = Figure(figsize=(3.2 * columns, 1.9 * rows), layout="constrained")
+    handles: dict[str, Any] = {}
     for axes, name in zip(figure.subplots(rows, columns, sharex=True, squeeze=False).ravel(), names, strict=False):
-        for colour, label, points in runs:
+        for colour, line, label, points in runs:
             there = [(at, np.degrees(angles[name])) for at, angles in points if name in angles]
-            axes.plot(*zip(*there, strict=True), color=colour, label=label, linewidth=1) if there else None
+            if there:
+                (handles[label],) = axes.plot(
+                    *zip(*there, strict=True), color=colour, linestyle=line, label=label, linewidth=1
+                )
         axes.set_title(f"{name} [°]", fontsize=8)
         axes.tick_params(labelsize=7)
     figure.supxlabel("time [s]", fontsize=8)
-    if earlier is not None:
-        handles, labels = figure.axes[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside upper right", fontsize=8, ncols=2)
+    if len(handles) > 1:
+        figure.legend(list(handles.values()), list(handles), loc="outside upper right", fontsize=8, ncols=len(handles))
     try:
         figure.savefig(path)
     except (OSError, ValueError) as error:
@@ -305,7 +352,7 @@ class _Overlays:
 
     def write(self, step: Step) -> None:
         """One step's."""
-        self._writer.write(step.row.frame, step.pictures())
+        self._writer.write(step.frame, step.pictures())
 
     def close(self) -> None:
         """Finish."""

@@ -52,6 +52,7 @@ def run_demo(
     from mocapella.evaluation.silhouette_truth import TruthMeter, rough_start
     from mocapella.live.silhouette_run import SilhouetteRun
     from mocapella.live.stopping import stop_on_signals
+    from mocapella.recording.followed_bodies import ALONE
     from mocapella.sources.simulate.silhouette_scene import scene_names, silhouette_scene
     from mocapella.tracker.silhouettes import SilhouetteSettings
 
@@ -63,9 +64,9 @@ def run_demo(
     settings = SilhouetteSettings() if steady else SilhouetteSettings(steadiness=None)
     with working("making the room …", status=0), telling_of_compiling("the rendered body and the method silhouettes"):
         made = silhouette_scene(name, seed=seed, cameras=4, size_px=(640, 480), fps=RATE_HZ, corruption=wrong)
-        run = SilhouetteRun(made.mesh, made.rig, RATE_HZ, settings, say)
+        run = SilhouetteRun({ALONE: made.mesh}, made.rig, RATE_HZ, settings, say)
         pose = rough_start(made.pose(0), made.mesh.tree.limits, seed)
-        run.start(pose, 0)
+        run.start({ALONE: pose}, 0)
         made.images(0)  # compiles once a machine
     meter = TruthMeter(made.mesh.joint_names)
     said = "" if corrupt is None else f", {CORRUPTIONS[corrupt]}"
@@ -73,7 +74,7 @@ def run_demo(
     with ExitStack() as closing, stop_on_signals() as stop, telling_of_compiling("the method silhouettes"):
         page = None
         if view:
-            page = open_view(run, pose, view_port, no_browser=no_browser)
+            page = open_view(run, {ALONE: pose}, view_port, no_browser=no_browser)
             closing.callback(page.close)
         begin_s = time.monotonic()
         for step in _shown(run, made, stop, seconds):
@@ -117,7 +118,7 @@ def _shown(run: SilhouetteRun, made: SilhouetteScene, stop: Event, seconds: floa
 
 
 def _score(meter: TruthMeter, made: SilhouetteScene, step: Step) -> None:
-    k, found = step.row.frame, step.followed
+    ((k, found),) = ((step.frame, one.followed) for one in step.people.values())
     masks = dict(zip(made.rig.cameras, made.masks(k), strict=True))
     outlines = {name: one.outline for name, one in found.seen.items()}
     meter.update(found.pose, found.landmarks, outlines, (made.pose(k), made.landmarks(k), masks))
@@ -126,12 +127,14 @@ def _score(meter: TruthMeter, made: SilhouetteScene, step: Step) -> None:
 def _result(name: str, run: SilhouetteRun, meter: TruthMeter, frames: int) -> dict[str, Any]:
     import msgspec
 
+    from mocapella.recording.followed_bodies import ALONE
+
     score = meter.score
     return {
         "scene": name,
         "scene_frames": frames,
         "score": None if score is None else msgspec.to_builtins(score),
-        "summary": run.summary(),
+        "summary": {**run.summary_of(ALONE), **run.summary()},
     }
 
 

@@ -141,11 +141,9 @@ def run(
     Raises:
         SettingsError: no such experiment or body, or no seed.
     """
-    for known, words in ((EXPERIMENTS, [name]), (BODIES, bodies)):
-        for word in words:
-            if word not in known:
-                raise SettingsError(f"no {word!r}; there are {one_of(word, known)}")
-    check(len(seeds) > 0 and len(bodies) > 0, "seeds and bodies", (list(seeds), list(bodies)), "one each or more")
+    if name not in EXPERIMENTS:
+        raise SettingsError(f"no {name!r}; there are {one_of(name, EXPERIMENTS)}")
+    check_run(seeds, bodies)
     plan, rows, shown = EXPERIMENTS[name], [], []
     for scene in plan.scenes:
         for seed in seeds:
@@ -163,6 +161,18 @@ def run(
             if seed == seeds[0]:
                 shown.append(Shown(film, worse, found))
     return rows, shown
+
+
+def check_run(seeds: Sequence[int], bodies: Sequence[str]) -> None:
+    """See that something is to be followed, with bodies that there are.
+
+    Raises:
+        SettingsError: it is not so.
+    """
+    for body in bodies:
+        if body not in BODIES:
+            raise SettingsError(f"no {body!r}; there are {one_of(body, BODIES)}")
+    check(len(seeds) > 0 and len(bodies) > 0, "seeds and bodies", (list(seeds), list(bodies)), "one each or more")
 
 
 def corrupted(corruption: Corruption | None, frames: int, seed: int, *, wrong: bool) -> Corruption | None:
@@ -199,7 +209,7 @@ def plot_movements(shown: Sequence[Shown], hinges: Sequence[str], path: Path) ->
     Raises:
         SettingsError: matplotlib is not installed, or the file cannot be written.
     """
-    figure = _figure(path, (11, 2.0 * (len(hinges) + 1) * len(shown)))
+    figure = wide_figure(path, (11, 2.0 * (len(hinges) + 1) * len(shown)))
     parts = np.atleast_1d(figure.subfigures(len(shown), 1))
     for part, one in zip(parts, shown, strict=True):
         true, rows = one.film.truth, len(hinges) + 1
@@ -231,7 +241,7 @@ def plot_movements(shown: Sequence[Shown], hinges: Sequence[str], path: Path) ->
                 camera = list(one.film.images[marked])[k]
                 right.imshow(one.film.shown(marked, one.corruption)[camera][..., ::-1])
                 right.set_title(f"{camera} at {marked / true.fps:.2f} s (dotted)", fontsize=8)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def plot_weights(rows: Sequence[RunRow], path: Path) -> None:
@@ -240,7 +250,7 @@ def plot_weights(rows: Sequence[RunRow], path: Path) -> None:
     Raises:
         SettingsError: matplotlib is not installed, or the file cannot be written.
     """
-    figure = _figure(path, (9, 3.4))
+    figure = wide_figure(path, (9, 3.4))
     error, jitter = figure.subplots(1, 2)
     weights = sorted({row.weight for row in rows})
     for k, scene in enumerate(sorted({row.scene for row in rows})):
@@ -253,7 +263,7 @@ def plot_weights(rows: Sequence[RunRow], path: Path) -> None:
         axes.set_xticks(range(len(weights)), [f"{weight:g}" for weight in weights])
         axes.axvline(weights.index(1.0) if 1.0 in weights else 0, color="0.6", lw=0.8, ls=":")
     error.legend(fontsize=8)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def _mean(rows: Sequence[RunRow], scene: str, images: str, weight: float, name: str) -> float:
@@ -275,7 +285,12 @@ def _colour(weight: float) -> str:
     return _WITHOUT if weight == 0 else _WITH
 
 
-def _figure(path: Path, size: tuple[float, float]) -> Any:
+def wide_figure(path: Path, size: tuple[float, float]) -> Any:
+    """A figure of matplotlib's of that size [inch], for a file.
+
+    Raises:
+        SettingsError: matplotlib is not installed.
+    """
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
@@ -286,7 +301,12 @@ def _figure(path: Path, size: tuple[float, float]) -> Any:
     return Figure(figsize=size, layout="constrained")
 
 
-def _save(figure: Any, path: Path) -> None:
+def save_figure(figure: Any, path: Path) -> None:
+    """Write a figure.
+
+    Raises:
+        SettingsError: it cannot be written there.
+    """
     try:
         figure.savefig(path)
     except (OSError, ValueError) as error:

@@ -15,8 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.evaluation.point_references import WEIGHTED_LINEAR, trc_points
-from mocapella.fusion.point_tracks import triangulate_tracks
+from mocapella.evaluation.point_references import trc_points
 from mocapella.geometry.signed_distance import signed_distance
 from mocapella.kinematics.silhouette_fit import Figure, eye, see
 from mocapella.model.camera import CameraRig
@@ -26,6 +25,7 @@ from mocapella.model.rigged_mesh import posed
 from mocapella.model.silhouettes import overlap
 from mocapella.recording.viewed_tracks import read_viewed_tracks
 from mocapella.sources.video import pictures
+from mocapella.tracker.silhouette_start import joints_of_points
 from mocapella.tracker.silhouettes import Followed
 
 Float64 = NDArray[np.float64]
@@ -74,16 +74,7 @@ def images_of(folder: Path, cameras: Mapping[str, object]) -> Iterator[dict[str,
 def first_points(folder: Path) -> dict[str, Float64]:
     """(3,) [m] of landmarks, from the keypoints of the first frame."""
     tracks = read_viewed_tracks(sorted((folder / "pose-associated").glob("*_json")))
-    tracks = msgspec.structs.replace(
-        tracks,
-        frames=tracks.frames[:1],
-        at_s=tracks.at_s[:1],
-        pixels=tracks.pixels[:1],
-        confidences=tracks.confidences[:1],
-    )
-    rig = load_camera_rig(folder / "calibration" / "Calib_qualisys.toml")
-    space, _ = triangulate_tracks(tracks, rig, WEIGHTED_LINEAR)
-    return {LANDMARKS[name]: space.positions[0, i] for i, name in enumerate(space.points) if name in LANDMARKS}
+    return joints_of_points(tracks, load_camera_rig(folder / "calibration" / "Calib_qualisys.toml"))
 
 
 def score_video(

@@ -1,7 +1,7 @@
-"""A body followed through the videos of several cameras: what the command and the demo do, frame by frame.
+"""Bodies followed through the videos of several cameras: what the command and the demo do, frame by frame.
 
-Images in which nothing is to be seen do not count, and why is said; where nobody is there any more who could be
-followed, the body waits where it was last, at rest, and goes on when somebody is there again.
+Images in which nothing is to be seen do not count, and why is said; where somebody is not there any more, the body
+waits where it was last, at rest, and goes on when somebody is there again.
 """
 
 from __future__ import annotations
@@ -20,20 +20,25 @@ from mocapella.conventions import NS_PER_S
 from mocapella.geometry.lens import project
 from mocapella.geometry.rigid import apply
 from mocapella.model.camera import CameraRig
-from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at, rest
-from mocapella.model.silhouettes import overlap
+from mocapella.model.outline_colours import body_colour
+from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at
+from mocapella.model.silhouettes import Silhouette, overlap
 from mocapella.model.twist_tree import TreePose
-from mocapella.recording.followed_bodies import FollowedFrame, frame_of
+from mocapella.recording.followed_bodies import ALONE, FollowedFrame, frame_of
 from mocapella.sensing.empty_room import EmptyRoom, MovedSince
-from mocapella.sensing.outline_picture import outlined
+from mocapella.sensing.outline_picture import Outlines, outlined
 from mocapella.sources.dead_images import DeadImages
-from mocapella.tracker.silhouettes import Followed, SeenIn, SilhouetteSettings, SilhouetteTracker
+from mocapella.tracker.silhouette_people import SilhouettePeople
+from mocapella.tracker.silhouettes import Followed, SeenIn, SilhouetteSettings
 
 UInt8 = NDArray[np.uint8]
+Bool = NDArray[np.bool_]
 Say = Callable[[str], None]
 
 SEEN_FROM: Final = 0.5
 """Overlap of the outlines from which on a camera sees the body that is meant."""
+HIDDEN_FROM: Final = 0.7
+"""Share of what a body covers from which on, others being there, a camera says nothing of it."""
 STANDS_OUT: Final = 0.3
 """Share of what was taken for the body that has to be unlike the empty room."""
 DOUBTED_BELOW: Final = 0.4
@@ -48,43 +53,75 @@ JUDGED_BY: Final = 5
 """Images of a camera in which something has moved: later ones may show what has nothing to do with the body."""
 
 
+class PersonStep(msgspec.Struct, frozen=True, eq=False):
+    """One body in one frame.
+
+    Attributes:
+        followed: what the tracker says.
+        row: as the file has it.
+    """
+
+    followed: Followed
+    row: FollowedFrame
+
+
 class Step(msgspec.Struct, frozen=True, eq=False):
     """One frame and what came of it.
 
     Attributes:
+        frame: its number in the videos.
         images: (height, width, 3) BGR by camera, all.
-        followed: what the tracker says.
-        row: as the file has it.
+        people: by name.
         took_s: how long the tracker took.
     """
 
+    frame: int
     images: Mapping[str, UInt8]
-    followed: Followed
-    row: FollowedFrame
+    people: Mapping[str, PersonStep]
     took_s: float
 
     def pictures(self, width: int | None = None) -> dict[str, UInt8]:
         """Each camera's image with the outlines drawn in, so many pixels wide; as it is without ``width``."""
-        seen = self.followed.seen
-        return {
-            name: outlined(image, seen[name].contour, seen[name].outline.silhouette, width)
-            if name in seen else outlined(image, None, None, width)
-            for name, image in self.images.items()
-        }  # fmt: skip
+        return {name: outlined(image, self._outlines(name), width) for name, image in self.images.items()}
+
+    def _outlines(self, camera: str) -> list[Outlines]:
+        return [
+            Outlines(one.followed.seen[camera].contour, one.followed.seen[camera].outline.silhouette, body_colour(k))
+            for k, one in enumerate(self.people.values())
+            if camera in one.followed.seen
+        ]
+
+
+class _Person:
+    """What a run knows of a body besides its rows."""
+
+    def __init__(self, mesh: RiggedMesh) -> None:
+        self.mesh = mesh
+        self.lost = False
+        self.seen_ns = 0
+        self.well: Followed | None = None
+
+    def start(self, pose: TreePose, time_ns: int) -> None:
+        self.well = Followed(time_ns, pose, landmarks_at(self.mesh, pose), {}, {})
+        self.seen_ns, self.lost = time_ns, False
+
+    def away(self, time_ns: int) -> bool:
+        """Whether nobody has been seen who is meant, for so long that nobody is there."""
+        return (self.lost and time_ns > self.seen_ns) or time_ns - self.seen_ns >= LOST_AFTER_S * NS_PER_S
 
 
 class SilhouetteRun:
-    """A body from its first pose on.
+    """Bodies from their first poses on.
 
     Args:
-        mesh: of the body.
+        meshes: of the bodies, by name; `ALONE` for one that nobody named.
         rig: of the cameras, for images of their size.
         rate_hz: frames a second.
         settings: of the tracker.
         say: is told what happens.
 
     Attributes:
-        rows: of all frames so far.
+        rows: of all frames so far, by name.
         notes: all that was said.
         took_s: of each frame.
         empty: the room without anybody, as far as it is known.
@@ -92,35 +129,33 @@ class SilhouetteRun:
 
     def __init__(
         self,
-        mesh: RiggedMesh,
+        meshes: Mapping[str, RiggedMesh],
         rig: CameraRig,
         rate_hz: float,
         settings: SilhouetteSettings | None = None,
         say: Say = lambda _text: None,
     ) -> None:
-        self.mesh, self.rig = mesh, rig
-        self.tracker = SilhouetteTracker(mesh, rig, settings)
-        self.rows: list[FollowedFrame] = []
+        self.meshes, self.rig = meshes, rig
+        self.tracker = SilhouettePeople(meshes, rig, settings)
+        self.rows: dict[str, list[FollowedFrame]] = {name: [] for name in meshes}
         self.notes: list[str] = []
         self.took_s: list[float] = []
         self._rate_hz, self._tell, self._dead = rate_hz, say, DeadImages()
-        self._trouble: dict[str, tuple[int, int]] = {}
-        self._lost = False
-        self._well = Followed(0, rest(mesh), np.empty((0, 3)), {}, {})
-        self._seen_ns = 0
+        self._people = {name: _Person(mesh) for name, mesh in meshes.items()}
+        self._trouble: dict[tuple[str, str], tuple[int, int]] = {}
         self.empty = EmptyRoom()
         self._moved, self._shares = MovedSince(), dict[str, list[float]]()
 
-    def start(self, pose: TreePose, frame: int, step: int = 1) -> None:
-        """It is about there in the frame of that number, the frames being ``step`` apart.
+    def start(self, poses: Mapping[str, TreePose], frame: int, step: int = 1) -> None:
+        """All are about there in the frame of that number, the frames being ``step`` apart.
 
         Raises:
-            SettingsError: no camera sees it there.
+            SettingsError: no camera sees one of them there.
         """
         time_ns = self._time_ns(frame - step)
-        self.tracker.start(pose, time_ns)
-        self._seen_ns = time_ns
-        self._well = Followed(time_ns, pose, landmarks_at(self.mesh, pose), {}, {})
+        for name, pose in poses.items():
+            self.tracker.start(name, pose, time_ns)
+            self._people[name].start(pose, time_ns)
 
     def steps(self, images: Iterable[tuple[int, dict[str, UInt8]]]) -> Iterator[Step]:
         """Each frame when it is done."""
@@ -131,45 +166,69 @@ class SilhouetteRun:
         """The next frame."""
         dead = self._dead.update(images)
         begin_s = time.perf_counter()
-        found = self.tracker.update({k: v for k, v in images.items() if k not in dead}, self._time_ns(frame))
+        waiting = [name for name, person in self._people.items() if person.lost]
+        raw = self.tracker.update({k: v for k, v in images.items() if k not in dead}, self._time_ns(frame), waiting)
         took_s = time.perf_counter() - begin_s
-        found = msgspec.structs.replace(found, left_out={**found.left_out, **dead})
-        found, lost = self._held(found, images)
-        self._say_changes(frame, found, lost)
-        row = frame_of(
-            frame,
-            frame / self._rate_hz,
-            found.pose,
-            joint_names=self.mesh.joint_names,
-            landmarks=dict(zip(self.mesh.landmarks, found.landmarks, strict=True)),
-            overlap={name: one.overlap for name, one in found.seen.items()},
-            left_out=found.left_out,
-            lost=lost,
-        )
-        self.rows.append(row)
+        raw = {name: msgspec.structs.replace(one, left_out={**one.left_out, **dead}) for name, one in raw.items()}
+        for name, one in raw.items():
+            self._look_for(name, one, images)
+        self._learn_empty(raw, images)
+        people = {}
+        for name, one in raw.items():
+            found, lost = self._held(name, one)
+            self._say_lost(name, frame, lost=lost)
+            row = frame_of(
+                frame,
+                frame / self._rate_hz,
+                found.pose,
+                joint_names=self.meshes[name].joint_names,
+                landmarks=dict(zip(self.meshes[name].landmarks, found.landmarks, strict=True)),
+                overlap={camera: seen.overlap for camera, seen in found.seen.items()},
+                left_out=found.left_out,
+                lost=lost,
+            )
+            self.rows[name].append(row)
+            people[name] = PersonStep(found, row)
+        self._say_changes(frame, people, dead)
         self.took_s.append(took_s)
-        self._judge_rig(found, images)
-        return Step(images, found, row, took_s)
+        self._judge_rig({name: one.followed for name, one in people.items()}, images)
+        return Step(frame, images, people, took_s)
 
-    def _held(self, found: Followed, images: Mapping[str, UInt8]) -> tuple[Followed, bool]:
+    def _look_for(self, name: str, found: Followed, images: Mapping[str, UInt8]) -> None:
+        """Whether somebody is seen who is meant, and so well that the body can wait there.
+
+        Where it waits, two cameras have seen it; one alone would soon take anything for it.
+        """
+        person, enough, others = self._people[name], min(2, len(self.rig.cameras)), self.tracker.others[name]
+        good = sum(self._sees(one, images[k], k, others.get(k)) for k, one in found.seen.items())
+        if good >= enough and not person.lost and self._whole_in(found) >= enough:
+            person.well = found
+        if good >= (enough if person.lost else 1):
+            person.seen_ns = found.time_ns
+
+    def _learn_empty(self, found: Mapping[str, Followed], images: Mapping[str, UInt8]) -> None:
+        """Take in what a camera sees that somebody is not before, as long as it is known where everybody is."""
+        if any(self._people[name].lost or self._people[name].away(one.time_ns) for name, one in found.items()):
+            return
+        without = [
+            camera
+            for camera in images
+            if not any(camera in one.left_out for one in found.values())
+            and any(camera not in one.seen for one in found.values())
+        ]
+        self.empty.learn({camera: images[camera] for camera in without}, _covered(found, self.rig))
+
+    def _held(self, name: str, found: Followed) -> tuple[Followed, bool]:
         """It, or where the body was last, where nobody has been seen for some time; and whether that is so.
 
-        For a moment, as while all images show something else, the body goes on as it did. Where it waits, two cameras
-        have seen it; one alone would soon take anything for it.
+        For a moment, as while all images show something else, the body goes on as it did.
         """
-        enough = min(2, len(self.rig.cameras))
-        good = sum(self._sees(one, images[name], name) for name, one in found.seen.items())
-        if good >= enough and not self._lost and self._whole_in(found) >= enough:
-            self._well = found
-        if good >= (enough if self._lost else 1):
-            self._seen_ns = found.time_ns
-        away_ns = found.time_ns - self._seen_ns
-        if not self._lost and away_ns < LOST_AFTER_S * NS_PER_S:
-            self.empty.learn({k: v for k, v in images.items() if k not in found.seen and k not in found.left_out})
-        if away_ns == 0 or (not self._lost and away_ns < LOST_AFTER_S * NS_PER_S):
+        person = self._people[name]
+        if not person.away(found.time_ns):
             return found, False
-        self.tracker.start(self._well.pose, found.time_ns)
-        return msgspec.structs.replace(found, pose=self._well.pose, landmarks=self._well.landmarks), True
+        assert person.well is not None  # it was started
+        self.tracker.start(name, person.well.pose, found.time_ns)
+        return msgspec.structs.replace(found, pose=person.well.pose, landmarks=person.well.landmarks), True
 
     def _whole_in(self, found: Followed) -> int:
         """In how many cameras' images all of it is."""
@@ -180,9 +239,13 @@ class SilhouetteRun:
             count += bool(((at >= 0) & (at < np.array(camera.size_px) - 1)).all())
         return count
 
-    def _sees(self, one: SeenIn, image: UInt8, name: str) -> bool:
-        """Whether a camera sees the body that is meant, rather than the empty room."""
-        return one.overlap >= SEEN_FROM and not self.empty.differs(name, image, one.contour) < STANDS_OUT
+    def _sees(self, one: SeenIn, image: UInt8, name: str, others: Bool | None) -> bool:
+        """Whether a camera sees the body that is meant, rather than somebody else or the empty room."""
+        if others is not None:
+            body = one.outline.silhouette.mask((others.shape[1], others.shape[0]))
+            if np.count_nonzero(others & body) >= HIDDEN_FROM * max(int(np.count_nonzero(body)), 1):
+                return False
+        return one.overlap >= SEEN_FROM and not self.empty.differs(name, image, one.contour, others) < STANDS_OUT
 
     def note(self, text: str) -> None:
         """Say it, and keep it."""
@@ -191,73 +254,111 @@ class SilhouetteRun:
 
     def summary(self) -> dict[str, object]:
         """What the run came to, as ``--json`` has it."""
-        overlaps = [value for row in self.rows for value in row.overlap.values()]
-        left_out = Counter(name for row in self.rows for name in row.left_out)
         return {
-            "frames": len(self.rows),
-            "lost": sum(row.lost for row in self.rows),
-            "left_out": dict(left_out),
-            "median_overlap": round(float(np.median(overlaps)), 4) if overlaps else None,
+            "frames": len(self.took_s),
             "median_ms": round(1e3 * float(np.median(self.took_s)), 3) if self.took_s else None,
             "notes": self.notes,
+        }
+
+    def summary_of(self, name: str) -> dict[str, object]:
+        """What it came to for one body."""
+        rows = self.rows[name]
+        overlaps = [value for row in rows for value in row.overlap.values()]
+        left_out = Counter(camera for row in rows for camera in row.left_out)
+        return {
+            "frames": len(rows),
+            "lost": sum(row.lost for row in rows),
+            "left_out": dict(left_out),
+            "median_overlap": round(float(np.median(overlaps)), 4) if overlaps else None,
         }
 
     def _time_ns(self, frame: int) -> int:
         return round(frame * NS_PER_S / self._rate_hz)
 
-    def _say_changes(self, frame: int, found: Followed, lost: bool) -> None:
+    def _say_changes(self, frame: int, people: Mapping[str, PersonStep], dead: Mapping[str, str]) -> None:
         """What has become different, and stays so for a moment: single images are counted in the summary."""
-        for name in self.rig.cameras:
-            now = found.left_out.get(name, "" if name in found.seen or lost else "the body is outside of its image")
-            begun, count = self._trouble.get(name, (frame, 0))
-            if now:
-                self._trouble[name] = (begun, count + 1)
-                if count + 1 == SAID_AFTER:
-                    self.note(f"{name} does not count from frame {begun} on: {now}")
-            elif count:
-                del self._trouble[name]
-                if count >= SAID_AFTER:
-                    self.note(f"{name} counts again from frame {frame} on")
-        if lost and not self._lost:
-            self.note(f"frame {frame}: the body is in no camera's image any more; it waits where it was last")
-        elif self._lost and not lost:
-            self.note(f"frame {frame}: the body is there again")
-        self._lost = lost
+        for camera in self.rig.cameras:
+            said: dict[str, None] = {}  # of several bodies the same is said once
+            for name, one in people.items():
+                outside = f"{_called(name)} is outside of its image"
+                silent = camera in one.followed.seen or one.row.lost
+                now = one.followed.left_out.get(camera, "" if silent else outside)
+                begun, count = self._trouble.get((camera, name), (frame, 0))
+                whom = f" for {name}" if name and camera not in dead else ""
+                if now:
+                    self._trouble[camera, name] = begun, count + 1
+                    if count + 1 == SAID_AFTER:
+                        said[f"{camera} does not count{whom} from frame {begun} on: {now}"] = None
+                elif count:
+                    del self._trouble[camera, name]
+                    if count >= SAID_AFTER:
+                        said[f"{camera} counts again{whom} from frame {frame} on"] = None
+            for text in said:
+                self.note(text)
 
-    def _judge_rig(self, found: Followed, images: Mapping[str, UInt8]) -> None:
-        """In the first frames: whether the cameras see one body, each where the rig says that it would.
+    def _say_lost(self, name: str, frame: int, *, lost: bool) -> None:
+        person = self._people[name]
+        if lost and not person.lost:
+            self.note(f"frame {frame}: {_called(name)} is in no camera's image any more; the last place is watched")
+        elif person.lost and not lost:
+            self.note(f"frame {frame}: {_called(name)} is there again")
+        person.lost = lost
 
-        The outlines alone do not say it: they are looked for where the body is expected. So it is asked what differs
+    def _judge_rig(self, found: Mapping[str, Followed], images: Mapping[str, UInt8]) -> None:
+        """In the first frames: whether the cameras see the bodies, each where the rig says that it would.
+
+        The outlines alone do not say it: they are looked for where a body is expected. So it is asked what differs
         from the empty room, and where that is not known, what moves.
         """
-        for name, one in found.seen.items():
+        for name, covered in _covered(found, self.rig).items():
             shares = self._shares.setdefault(name, [])
             if len(shares) < JUDGED_BY:
-                share = self._moved.at_body(name, images[name], one.outline.silhouette)
+                share = self._moved.at_body(name, images[name], covered)
                 shares += [share] if np.isfinite(share) else []
                 if len(shares) == JUDGED_BY and np.median(shares) < MOVES_WITH:
+                    who = "the body is" if len(found) == 1 else "the bodies are"
                     self.note(
-                        f"{name}: only {np.median(shares):.0%} of what moves in its images is where the body is: is "
+                        f"{name}: only {np.median(shares):.0%} of what moves in its images is where {who}: is "
                         f"this the video of {name}, does it begin with the others, and stands it where the rig says?"
                     )
-        if len(self.rows) == 1:
+        if len(self.took_s) == 1:
             for text in rig_doubts(found, images, self.empty, self.rig):
                 self.note(text)
 
 
-def rig_doubts(found: Followed, images: Mapping[str, UInt8], empty: EmptyRoom, rig: CameraRig) -> list[str]:
+def rig_doubts(
+    found: Mapping[str, Followed], images: Mapping[str, UInt8], empty: EmptyRoom, rig: CameraRig
+) -> list[str]:
     """What in a frame says that a camera is not where the rig says, of the cameras whose empty room is known."""
     said, silhouettes = [], {}
-    for name, one in found.seen.items():
-        silhouette = empty.silhouette(name, images[name])
+    covers = "the body covers" if len(found) == 1 else "the bodies cover"
+    for name, covered in _covered(found, rig).items():
+        silhouette = empty.silhouette(name, images[name], len(found))
         if silhouette is None:
             continue
         silhouettes[name] = silhouette
         size = rig.cameras[name].camera.size_px
-        shared = overlap(silhouette.mask(size), one.outline.silhouette.mask(size))
+        shared = overlap(silhouette.mask(size), covered.mask(size))
         if shared < DOUBTED_BELOW:
             said.append(
-                f"{name}: the body covers other parts of the image than what is not in the empty room (overlap "
+                f"{name}: {covers} other parts of the image than what is not in the empty room (overlap "
                 f"{shared:.0%}): is this the video of {name}, and does the camera stand where the rig says?"
             )
     return doubts(meetings(silhouettes, rig)) + said
+
+
+def _covered(found: Mapping[str, Followed], rig: CameraRig) -> dict[str, Silhouette]:
+    """What all bodies together cover, by camera that sees one of them."""
+    out: dict[str, Silhouette] = {}
+    for name, placed in rig.cameras.items():
+        masks = [one.seen[name].outline.silhouette for one in found.values() if name in one.seen]
+        if len(masks) == 1:
+            out[name] = masks[0]
+        elif masks:
+            all_of_them = np.logical_or.reduce([mask.mask(placed.camera.size_px) for mask in masks])
+            out[name] = Silhouette((0, 0), 1, all_of_them.astype(np.float32) - np.float32(0.5))
+    return out
+
+
+def _called(name: str) -> str:
+    return name if name != ALONE else "the body"

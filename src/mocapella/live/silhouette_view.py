@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 import warnings
+from collections.abc import Mapping
 from typing import Final
 
 from mocapella.live.silhouette_run import SilhouetteRun, Step
@@ -13,6 +14,7 @@ from mocapella.model.twist_tree import TreePose
 from mocapella.sensing.outline_picture import jpeg
 from mocapella.tracker.silhouette_start import upright
 from mocapella.viewer.body_panel import BodyFrame, Picture
+from mocapella.viewer.body_stage import ShownBody
 from mocapella.viewer.body_view import BodyView
 
 WIDTH_PX: Final = 560
@@ -23,10 +25,11 @@ RATE_HZ: Final = 30.0
 class SilhouetteView:
     """A page for one run; arguments and errors as of `BodyView`."""
 
-    def __init__(self, host: str, port: int, run: SilhouetteRun, start: TreePose) -> None:
+    def __init__(self, host: str, port: int, run: SilhouetteRun, starts: Mapping[str, TreePose]) -> None:
         # What is shown to a browser in the instant in which it leaves is nobody's concern; viser would warn of it.
         warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)
-        self._view = BodyView(host, port, run.mesh, run.rig, start=start, up=upright(run.mesh, start))
+        up = upright(*next((run.meshes[name], pose) for name, pose in starts.items()))
+        self._view = BodyView(host, port, run.meshes, run.rig, starts=starts, up=up)
 
     @property
     def url(self) -> str:
@@ -35,11 +38,13 @@ class SilhouetteView:
 
     def tell(self, step: Step) -> None:
         """Show a step."""
-        row = step.row
         pictures = {name: Picture(jpeg(one)) for name, one in step.pictures(WIDTH_PX).items()}
-        self._view.add(
-            BodyFrame(row.frame, row.time_s, step.followed.pose, pictures, row.overlap, row.left_out, row.lost)
-        )
+        bodies = {
+            name: ShownBody(one.followed.pose, one.row.overlap, one.row.left_out, one.row.lost)
+            for name, one in step.people.items()
+        }
+        time_s = next(one.row.time_s for one in step.people.values())
+        self._view.add(BodyFrame(step.frame, time_s, bodies, pictures))
         self._view.show(time.monotonic())
 
     def stay(self, stop: threading.Event, seconds: float | None = None) -> None:

@@ -12,3 +12,5 @@ LANDMARKS: Final = {
     "RBigToe": "right toe", "LHeel": "left heel", "RHeel": "right heel",
 }  # fmt: skip
 """The landmark of `mocapella.model.body_meshes` that each keypoint means."""
+NO_LANDMARKS: Final = ("Neck", "MidHip")
+"""Keypoints that mean none: OpenPose's neck is elsewhere than our bodies' joint of that name."""

@@ -1,17 +1,17 @@
-"""A followed body as a JSON file, and what one is started from: an earlier such file, or named joints in space."""
+"""Followed bodies as a JSON file, and what they are started from: an earlier such file, or named joints in space."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.errors import InputError
+from mocapella.errors import InputError, SettingsError
 from mocapella.geometry.twists import exp_twist, log_motion
 from mocapella.model.twist_tree import TreePose
 from mocapella.model.whole_file import read_whole
@@ -20,8 +20,12 @@ Float64 = NDArray[np.float64]
 Triple = tuple[float, float, float]
 
 FORMAT: Final = "mocapella followed body"
+PEOPLE_FORMAT: Final = "mocapella followed people"
 VERSION: Final = 1
-"""Of the file's layout."""
+"""Of both files' layout."""
+ALONE: Final = ""
+"""The name of a body that nobody named: it is the only one."""
+LONGEST_NAME: Final = 40
 FARTHEST_M: Final = 1000.0
 """A joint farther from the origin is not told in metres."""
 
@@ -95,6 +99,27 @@ class FollowedBody(msgspec.Struct, frozen=True):
     version: int = VERSION
 
 
+class FollowedPeople(msgspec.Struct, frozen=True):
+    """A file of several: each as a file of its own would have it.
+
+    Attributes:
+        format, version: what it is.
+        people: by name.
+    """
+
+    people: dict[str, FollowedBody]
+    format: str = PEOPLE_FORMAT
+    version: int = VERSION
+
+
+_File = TypeVar("_File", FollowedBody, FollowedPeople)
+
+
+def is_followed_people(data: Any) -> bool:
+    """Whether a JSON's content is meant to be such a file, rather than one body's or named joints."""
+    return isinstance(data, dict) and data.get("format") == PEOPLE_FORMAT
+
+
 def is_followed_body(data: Any) -> bool:
     """Whether a JSON's content is meant to be one, rather than named joints."""
     return isinstance(data, dict) and "frames" in data
@@ -115,45 +140,98 @@ def read_json(path: Path) -> Any:
 
 
 def read_followed_body(path: Path) -> FollowedBody:
-    """An earlier file.
+    """An earlier file of one body.
 
     Raises:
         InputError: it is none, is of another version, or has no frames; names the field.
     """
+    return _checked(_converted(read_json(path), FollowedBody, FORMAT, path), path, "frames")
+
+
+def read_followed_people(path: Path) -> dict[str, FollowedBody]:
+    """An earlier file, by name; `ALONE` where it is of one body.
+
+    Raises:
+        InputError: it is none, is of another version, or somebody has no frames; names the field.
+    """
     data = read_json(path)
-    if not isinstance(data, dict) or data.get("format") != FORMAT:
+    if not is_followed_people(data):
+        return {ALONE: _checked(_converted(data, FollowedBody, FORMAT, path), path, "frames")}
+    people = _converted(data, FollowedPeople, PEOPLE_FORMAT, path).people
+    if not people:
+        raise InputError("has nobody", file=path, field="people", fix="name a file in which somebody was followed")
+    return {name: _checked(body, path, f"people.{name}.frames") for name, body in people.items()}
+
+
+def _converted(data: Any, to: type[_File], words: str, path: Path) -> _File:
+    if not isinstance(data, dict) or data.get("format") != words:
         value = data.get("format") if isinstance(data, dict) else None
-        raise InputError("is no followed body", file=path, field="format", value=value, fix=f"it is {FORMAT!r}")
+        raise InputError("is no followed body", file=path, field="format", value=value, fix=f"it is {words!r}")
     if data.get("version") != VERSION:
         fix = f"this program reads version {VERSION}: run mocapella silhouettes anew"
         raise InputError("is of another version", file=path, field="version", value=data.get("version"), fix=fix)
     try:
-        found = msgspec.convert(data, FollowedBody)
+        return msgspec.convert(data, to)
     except msgspec.ValidationError as error:
         raise InputError(f"is no followed body: {error}", file=path, fix="run mocapella silhouettes anew") from None
+
+
+def _checked(found: FollowedBody, path: Path, field: str) -> FollowedBody:
     if not found.frames:
-        raise InputError("has no frame", file=path, field="frames", fix="name a file in which somebody was followed")
+        raise InputError("has no frame", file=path, field=field, fix="name a file in which somebody was followed")
     return found
 
 
-def named_joints(data: Any, path: Path) -> dict[str, Float64]:
+def check_person_name(name: str) -> str:
+    """The name itself, where somebody can be called so.
+
+    Raises:
+        SettingsError: it cannot be shown, or not be told from what follows it on a command line.
+    """
+    if not (0 < len(name.strip()) == len(name) <= LONGEST_NAME and name.isprintable() and "=" not in name):
+        raise SettingsError(
+            f"nobody can be called {name!r}; take 1 to {LONGEST_NAME} characters without '=', such as anna"
+        )
+    return name
+
+
+def joints_of_people(data: Any, path: Path) -> dict[str, dict[str, Float64]]:
+    """(3,) [m] by person and by name, of a JSON's content; `ALONE` where it has the joints of one.
+
+    Raises:
+        InputError: it is no such mapping; names the person, the joint and its value.
+        SettingsError: somebody cannot be called so.
+    """
+    if isinstance(data, dict) and data and all(isinstance(one, dict) for one in data.values()):
+        return {check_person_name(name): named_joints(one, path, f"{name}.") for name, one in data.items()}
+    return {ALONE: named_joints(data, path)}
+
+
+def named_joints(data: Any, path: Path, whose: str = "") -> dict[str, Float64]:
     """(3,) [m] by name, of a JSON's content.
+
+    Args:
+        data: the content.
+        path: its file.
+        whose: what stands before a field's name in an error.
 
     Raises:
         InputError: it is no such mapping; names the joint and its value.
     """
     if not isinstance(data, dict) or not data:
         fix = 'write {"left hip": [x, y, z], …} in metres of the rig\'s world'
-        raise InputError("has no named joints", file=path, value=data, fix=fix)
+        raise InputError("has no named joints", file=path, field=whose.rstrip(".") or None, value=data, fix=fix)
     found = {}
     for name, at in data.items():
         numbers = isinstance(at, list) and len(at) == 3 and all(_is_number(value) for value in at)
         if not numbers:
             raise InputError(
-                "is no place", file=path, field=name, value=at, fix="write three numbers: [x, y, z] in metres"
+                "is no place", file=path, field=whose + name, value=at, fix="write three numbers: [x, y, z] in metres"
             )
         if max(abs(value) for value in at) > FARTHEST_M:
-            raise InputError("is farther away than anything", file=path, field=name, value=at, fix="write metres")
+            raise InputError(
+                "is farther away than anything", file=path, field=whose + name, value=at, fix="write metres"
+            )
         found[name.replace("_", " ")] = np.array(at, dtype=np.float64)
     return found
 

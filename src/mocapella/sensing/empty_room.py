@@ -29,41 +29,62 @@ _STEP_PX: Final = 2
 
 
 class EmptyRoom:
-    """The last image of each camera with nobody in it."""
+    """Each camera's last image with nobody in it, put together of images with somebody elsewhere in them."""
 
     def __init__(self) -> None:
         self._images: dict[str, UInt8] = {}
+        self._known: dict[str, Bool] = {}
 
-    def learn(self, images: Mapping[str, UInt8]) -> None:
-        """Nobody is in these (height, width, 3)."""
-        self._images |= {name: image.copy() for name, image in images.items()}
+    def learn(self, images: Mapping[str, UInt8], people: Mapping[str, Silhouette] | None = None) -> None:
+        """Nobody is in these images (height, width, 3), by camera, but for ``people``, about whom nothing is learnt."""
+        for name, image in images.items():
+            free = np.ones(image.shape[:2], np.bool_)
+            if people is not None and name in people:
+                free = ~_grown(people[name].mask((image.shape[1], image.shape[0])))
+            if name not in self._images:
+                self._images[name], self._known[name] = image.copy(), free
+            else:
+                self._images[name][free] = image[free]
+                self._known[name] |= free
 
-    def differs(self, name: str, image: UInt8, taken: Silhouette) -> float:
-        """Share of what was taken for a body that is not as in the empty room; NaN where that was never seen.
+    def differs(self, name: str, image: UInt8, taken: Silhouette, others: Bool | None = None) -> float:
+        """Share of what was taken for a body that is not as in the empty room; NaN where most of that was never seen.
 
         Args:
             name: of the camera.
             image: (height, width, 3).
             taken: for the body.
+            others: (height, width) where other people are: what differs there is not of this body.
         """
         empty = self._images.get(name)
         if empty is None:
             return float("nan")
         inside = taken.mask((image.shape[1], image.shape[0]))
-        return float(_differ(image[inside], empty[inside]).mean()) if inside.any() else float("nan")
+        inside = inside if others is None else inside & ~others
+        known = inside & self._known[name]
+        if 2 * np.count_nonzero(known) <= np.count_nonzero(inside):
+            return float("nan")
+        return float(_differ(image[known], empty[known]).mean())
 
-    def silhouette(self, name: str, image: UInt8) -> Silhouette | None:
-        """The largest thing in an image (height, width, 3) that is not in the empty room; None where none was seen."""
+    def silhouette(self, name: str, image: UInt8, things: int = 1) -> Silhouette | None:
+        """The largest things in an image (height, width, 3) that are not in the empty room; None where none was seen.
+
+        Args:
+            name: of the camera.
+            image: (height, width, 3).
+            things: how many at most.
+        """
         empty = self._images.get(name)
         if empty is None:
             return None
-        changed = _differ(image[::_STEP_PX, ::_STEP_PX], empty[::_STEP_PX, ::_STEP_PX]).astype(np.uint8)
+        thinned = np.s_[::_STEP_PX, ::_STEP_PX]
+        changed = (_differ(image[thinned], empty[thinned]) & self._known[name][thinned]).astype(np.uint8)
         cleaned = cv2.morphologyEx(changed, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
         _, labels, stats, _ = cv2.connectedComponentsWithStats(cleaned)
         if len(stats) < 2:
             return None
-        largest = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
-        return Silhouette((0, 0), _STEP_PX, (labels == largest).astype(np.float32) - 0.5)
+        largest = 1 + np.argsort(-stats[1:, cv2.CC_STAT_AREA], kind="stable")[:things]
+        return Silhouette((0, 0), _STEP_PX, np.isin(labels, largest).astype(np.float32) - np.float32(0.5))
 
 
 class MovedSince:
@@ -89,10 +110,14 @@ class MovedSince:
         changed = _differ(image, before)
         if np.count_nonzero(changed) < FEWEST * max(int(np.count_nonzero(mask)), 1):
             return float("nan")
-        high = int(np.count_nonzero(mask.any(axis=1)))
-        side = 2 * round(GROWN * high) + 1
-        near = cv2.dilate((mask | was).astype(np.uint8), np.ones((side, side), np.uint8)) > 0
-        return float(near[changed].mean())
+        return float(_grown(mask | was, int(np.count_nonzero(mask.any(axis=1))))[changed].mean())
+
+
+def _grown(mask: Bool, high: int | None = None) -> Bool:
+    """What is in a mask or near it, for a body that is so many rows high; without ``high``, as many as it has."""
+    high = int(np.count_nonzero(mask.any(axis=1))) if high is None else high
+    side = 2 * round(GROWN * high) + 1
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0)
 
 
 def _differ(a: UInt8, b: UInt8) -> Bool:

@@ -1,32 +1,48 @@
-"""Pictures with outlines drawn in: what was segmented, and what the model would look like."""
+"""Pictures with outlines drawn in: what each model would look like, and where the image's outline is elsewhere."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import cv2
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.errors import InputError
+from mocapella.model.outline_colours import INSIDE, OUTSIDE, Colour
 from mocapella.model.silhouettes import Silhouette
 
 UInt8 = NDArray[np.uint8]
+Int64 = NDArray[np.int64]
 
-SEGMENTED: Final = (60, 60, 255)
-MODEL: Final = (90, 255, 60)
-"""Blue, green, red."""
 _QUALITY: Final = 85
+_SMOOTHED: Final = 5
+"""Over so many samples of an outline its side is the one that most of them are on."""
 
 
-def outlined(image: UInt8, contour: Silhouette | None, covered: Silhouette | None, width: int | None = None) -> UInt8:
-    """An image with both outlines, the model's over the segmentation's.
+class Outlines(msgspec.Struct, frozen=True, eq=False):
+    """One body in one image.
+
+    Attributes:
+        contour: what was segmented.
+        covered: what the model covers.
+        colour: of the model's outline.
+    """
+
+    contour: Silhouette
+    covered: Silhouette
+    colour: Colour
+
+
+def outlined(image: UInt8, bodies: Sequence[Outlines] = (), width: int | None = None) -> UInt8:
+    """An image with each model's outline, and the image's own where it is elsewhere: outside of it, or inside.
 
     Args:
         image: (height, width, 3) BGR; stays as it is.
-        contour: what was segmented.
-        covered: what the model covers.
+        bodies: who is seen.
         width: of the result [px]; None: the image's.
 
     Returns:
@@ -36,19 +52,67 @@ def outlined(image: UInt8, contour: Silhouette | None, covered: Silhouette | Non
     size = (image.shape[1], image.shape[0]) if width is None else (width, max(1, round(image.shape[0] * scale)))
     out = image.copy() if scale == 1.0 else cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     thick = max(1, round(max(size) / (500 if width is None else 180)))  # small ones are looked at from afar
-    for silhouette, colour in ((contour, SEGMENTED), (covered, MODEL)):
-        if silhouette is None:
-            continue
-        mask = (silhouette.phi > 0).astype(np.uint8)
-        lines, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-        places = [
-            np.round(((line * silhouette.step_px + np.array(silhouette.origin_px) + 0.5) * scale - 0.5) * 16).astype(
-                np.int32
-            )
-            for line in lines
-        ]
-        cv2.polylines(out, places, isClosed=True, color=colour, thickness=thick, lineType=cv2.LINE_AA, shift=4)
+
+    def draw(lines: list[Int64], colour: Colour, *, closed: bool) -> None:
+        places = [np.round(((line + 0.5) * scale - 0.5) * 16).astype(np.int32) for line in lines]
+        cv2.polylines(out, places, isClosed=closed, color=colour[::-1], thickness=thick, lineType=cv2.LINE_AA, shift=4)
+
+    for body in bodies:
+        outside, inside = deviations(body.contour, body.covered)
+        draw(outside, OUTSIDE, closed=False)
+        draw(inside, INSIDE, closed=False)
+    for body in bodies:  # on top: what differs by less than a line is wide does not show
+        draw(list(_lines(body.covered)), body.colour, closed=True)
     return np.asarray(out, dtype=np.uint8)
+
+
+def deviations(contour: Silhouette, covered: Silhouette) -> tuple[list[Int64], list[Int64]]:
+    """The image's outline where it is beyond the model's by half a sample of it and more, outside and inside.
+
+    Args:
+        contour: what was segmented.
+        covered: what the model covers.
+
+    Returns:
+        Lines (n, 2) of pixels each.
+    """
+    mask = (covered.phi > 0).astype(np.uint8)
+    # The outermost samples of one and the same outline are the outermost of the model, which this takes away.
+    within = cv2.erode(mask, cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3)), borderValue=(0.0,))
+    outside: list[Int64] = []
+    inside: list[Int64] = []
+    for line in _lines(contour):
+        column, row = ((line - np.array(covered.origin_px)) / covered.step_px).round().astype(np.int64).T
+        there = (column >= 0) & (row >= 0) & (column < mask.shape[1]) & (row < mask.shape[0])
+        column, row = np.where(there, column, 0), np.where(there, row, 0)
+        outside += _parts(line, _most(~(there & (mask[row, column] > 0))))
+        inside += _parts(line, _most(there & (within[row, column] > 0)))
+    return outside, inside
+
+
+def _lines(silhouette: Silhouette) -> Iterator[Int64]:
+    """(n, 2) outermost samples of what it covers [px], in order; of each of its parts and holes."""
+    mask = (silhouette.phi > 0).astype(np.uint8)
+    for line in cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]:
+        yield line[:, 0].astype(np.int64) * silhouette.step_px + np.array(silhouette.origin_px)
+
+
+def _most(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(n,) of a closed line: what most of the samples about each say."""
+    half = _SMOOTHED // 2
+    around = np.pad(flags.astype(np.int64), half, mode="wrap")
+    return np.asarray(2 * np.convolve(around, np.ones(_SMOOTHED, np.int64), "valid") > _SMOOTHED)
+
+
+def _parts(line: Int64, chosen: NDArray[np.bool_]) -> list[Int64]:
+    """The stretches of a closed line (n, 2) that are chosen (n,), each with the sample after it."""
+    if chosen.all():
+        return [np.concatenate([line, line[:1]])]
+    first = int(np.argmin(chosen))  # begin, and end, where none is cut in two
+    line, chosen = (np.concatenate([np.roll(one, -first, axis=0), one[first : first + 1]]) for one in (line, chosen))
+    steps = np.diff(np.concatenate([[False], chosen, [False]]).astype(np.int8))
+    begins, ends = np.flatnonzero(steps == 1), np.flatnonzero(steps == -1)
+    return [line[begin : end + 1] for begin, end in zip(begins, ends, strict=True)]
 
 
 def side_by_side(pictures: list[UInt8], height: int = 720) -> UInt8:

@@ -6,7 +6,7 @@ who pass in front of each other are held by the cameras that see them apart, and
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,12 +25,18 @@ GROWN_PX = 4
 
 
 class SilhouettePeople:
-    """Bodies by name; each begins when it is told where it is."""
+    """Bodies by name; each begins when it is told where it is.
+
+    Attributes:
+        trackers: by name.
+        others: (height, width) by name and camera, where the last frame was of others and said nothing of them.
+    """
 
     def __init__(
         self, meshes: Mapping[str, RiggedMesh], rig: CameraRig, settings: SilhouetteSettings | None = None
     ) -> None:
         self.trackers = {name: SilhouetteTracker(mesh, rig, settings) for name, mesh in meshes.items()}
+        self.others: dict[str, dict[str, Bool]] = {}
         self._followed: set[str] = set()
 
     def start(self, name: str, pose: TreePose, time_ns: int) -> None:
@@ -48,18 +54,31 @@ class SilhouettePeople:
         """Follow somebody no more."""
         self._followed.discard(name)
 
-    def update(self, images: Mapping[str, UInt8], time_ns: int) -> dict[str, Followed]:
-        """Everybody who is followed, in the next frame; images of one instant, by camera."""
+    def learn_background(self, images: Mapping[str, UInt8]) -> None:
+        """Take in images of the empty room, as of `SilhouetteTracker`."""
+        for tracker in self.trackers.values():
+            tracker.learn_background(images)
+
+    def update(self, images: Mapping[str, UInt8], time_ns: int, waiting: Collection[str] = ()) -> dict[str, Followed]:
+        """Everybody who is followed, in the next frame.
+
+        Args:
+            images: of one instant, by camera.
+            time_ns: of capture.
+            waiting: who is looked for where they were last, and covers nothing there.
+        """
         present = {name: tracker for name, tracker in self.trackers.items() if name in self._followed}
         covered = {
-            name: tracker.covered(tracker.expected(time_ns), GROWN_PX) if len(present) > 1 else {}
+            name: tracker.covered(tracker.expected(time_ns), GROWN_PX)
             for name, tracker in present.items()
+            if len(present) > 1 and name not in waiting
         }
-        out = {}
+        out, self.others = {}, {}
         for name, tracker in present.items():
             others: dict[str, Bool] = {}
             for other, masks in covered.items():
                 if other != name:
                     others = {camera: mask | others.get(camera, False) for camera, mask in masks.items()}
+            self.others[name] = others
             out[name] = tracker.update(images, time_ns, others)
         return out

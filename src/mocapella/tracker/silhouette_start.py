@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Final
 
 import numpy as np
@@ -17,7 +18,7 @@ from mocapella.kinematics.landmark_pose import pose_of
 from mocapella.model.body_meshes import body_mesh, legs_mesh
 from mocapella.model.body_proportions import AVERAGE, BodyProportions, Sex, proportions_of
 from mocapella.model.camera import CameraRig
-from mocapella.model.openpose_names import LANDMARKS
+from mocapella.model.openpose_names import LANDMARKS, NO_LANDMARKS
 from mocapella.model.point_tracks import ViewedTracks
 from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at
 from mocapella.model.twist_tree import TreePose
@@ -35,6 +36,8 @@ ENOUGH: Final = {"legs": ("shank", "thigh"), **dict.fromkeys(("male", "female"),
 """Segments that say how large somebody is."""
 FAR_M: Final = 0.15
 """Joints that the model misses by more, in the median, are not those of a body of its size."""
+APART_M: Final = 0.15
+"""Two bodies whose middles are nearer to each other are in one place."""
 _ERROR, _LEAST_ERROR_PX = 0.008, 4.0
 """How far points may be from where they are in an image, over its longer side, and at least [px]."""
 _REJECTED, _FEWEST_POINTS = 0.6, 6
@@ -194,6 +197,27 @@ def start_pose(mesh: RiggedMesh, joints: Mapping[str, Float64]) -> TreePose:
     return pose
 
 
+def root_of(mesh: RiggedMesh, pose: TreePose) -> Float64:
+    """(3,) where the body's root is in the world [m]."""
+    return np.asarray(pose.T_world_model[:3, :3] @ mesh.tree.root + pose.T_world_model[:3, 3])
+
+
+def check_apart(poses: Mapping[str, tuple[RiggedMesh, TreePose]]) -> None:
+    """See that no two bodies start in one place: which outline is whose could never be told.
+
+    Raises:
+        InputError: two do; names them and how far apart they are.
+    """
+    roots = {name: root_of(mesh, pose) for name, (mesh, pose) in poses.items()}
+    for one, other in combinations(roots, 2):
+        away = float(np.linalg.norm(roots[one] - roots[other]))
+        if away < APART_M:
+            raise InputError(
+                f"{one} and {other} start in the same place, {100 * away:.0f} cm apart", field="start",
+                fix="give each the joints of another person",
+            )  # fmt: skip
+
+
 def cameras_that_see(mesh: RiggedMesh, pose: TreePose, rig: CameraRig) -> list[str]:
     """In whose images a body's landmarks are, one at least."""
     points = landmarks_at(mesh, pose) if mesh.landmarks else pose.T_world_model[None, :3, 3]
@@ -219,6 +243,8 @@ def upright(mesh: RiggedMesh, pose: TreePose) -> Float64:
 
 def _landmark(name: str) -> str:
     """The landmark that a point's name means; empty where it means none."""
+    if name in NO_LANDMARKS:
+        return ""
     plain = name.replace("_", " ").strip().lower()
     return LANDMARKS.get(name, plain if plain in LANDMARKS.values() or plain in _OTHERS else "")
 

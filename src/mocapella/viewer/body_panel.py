@@ -1,4 +1,4 @@
-"""What stands beside a followed body: how it goes, how well each camera agrees, angles over time, and the controls."""
+"""What stands beside followed bodies: how it goes, how well each camera agrees, angles over time, and the controls."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import viser
 from numpy.typing import NDArray
 from viser import uplot
 
-from mocapella.model.twist_tree import TreePose
-from mocapella.viewer.body_stage import overlap_colour
+from mocapella.model.outline_colours import INSIDE, OUTSIDE, Colour, body_colour, css
+from mocapella.viewer.body_stage import ShownBody, overlap_colour
 from mocapella.viewer.palette import AMBER, BLUE, GREEN, GREY
 from mocapella.viewer.picture_plane import Encoded
 
@@ -21,7 +21,7 @@ Float64 = NDArray[np.float64]
 
 WINDOW_S: Final = 5.0
 """So much of the angles is shown."""
-ALL: Final = "body and pictures"
+ALL: Final = "bodies and pictures"
 CHARTS: Final = ("knee flexion", "hip flexion")
 """What is shown at first, where the model has it."""
 _COLOURS: Final = ("#5eb0ff", "#ff9f1c", "#9ae648", "#ff5ca8", "#b084ff", "#ffe240")
@@ -40,20 +40,19 @@ class BodyFrame(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         frame: its number in the videos.
         time_s: of capture.
-        pose: of the body.
+        bodies: by name; the empty one where nobody named the only one.
         pictures: by camera.
-        overlap: of the outlines, by camera that saw it.
-        left_out: why a camera did not count.
-        lost: nobody is there.
     """
 
     frame: int
     time_s: float
-    pose: TreePose
+    bodies: Mapping[str, ShownBody]
     pictures: Mapping[str, Encoded]
-    overlap: Mapping[str, float]
-    left_out: Mapping[str, str]
-    lost: bool
+
+    @property
+    def lost(self) -> bool:
+        """Whether nobody is there."""
+        return all(one.lost for one in self.bodies.values())
 
 
 def groups(joint_names: Sequence[str]) -> dict[str, list[int]]:
@@ -66,27 +65,30 @@ def groups(joint_names: Sequence[str]) -> dict[str, list[int]]:
 
 
 class Chart:
-    """Angles [°] of one group over time."""
+    """Angles [°] of one group of one body's joints over time."""
 
     def __init__(self, gui: viser.GuiApi, names: Sequence[str], first: str) -> None:
-        self._gui, self._names, self._groups = gui, names, groups(names)
+        self._gui, self._names, self._groups = gui, tuple(names), groups(names)
         self._folder = gui.add_folder(first, expand_by_default=True)
         with self._folder:
             self._choice = gui.add_dropdown("Angle", tuple(self._groups), initial_value=first)
             self._handle: viser.GuiUplotHandle | None = None
-        self._shown: str = ""
+        self._shown: tuple[str, tuple[str, ...]] = ("", ())
 
-    def draw(self, at_s: Float64, angles: Float64) -> None:
-        """Show these: (n,) [s] and (n, joints) [rad]."""
+    def draw(self, names: Sequence[str], at_s: Float64, angles: Float64) -> None:
+        """Show these: (n,) [s] and (n, joints) [rad] of joints of those names."""
+        if tuple(names) != self._names:
+            self._names, self._groups = tuple(names), groups(names)
+            self._choice.options = tuple(self._groups)  # one that it does not have becomes the first that it has
         chosen = str(self._choice.value)
         columns = self._groups[chosen]
         data = (at_s, *(np.degrees(angles[:, k]) for k in columns))
-        if chosen == self._shown and self._handle is not None:
+        if (chosen, self._names) == self._shown and self._handle is not None:
             self._handle.data = data
             return
         if self._handle is not None:
             self._handle.remove()
-        self._shown = chosen
+        self._shown = chosen, self._names
         self._folder.label = f"{chosen.capitalize()} [°]"
         series = [uplot.Series(label="s")]
         for k, colour in zip(columns, _COLOURS, strict=False):
@@ -96,7 +98,7 @@ class Chart:
         with self._folder:
             self._handle = self._gui.add_uplot(
                 data, tuple(series), scales={"x": uplot.Scale(time=False)}, axes=(axis, axis), aspect=2.1,
-                legend=uplot.Legend(show=True),
+                legend=uplot.Legend(show=True), padding=(10, 8, 0, 0),
             )  # fmt: skip
 
 
@@ -107,9 +109,14 @@ class BodyPanel:
         wish: the place among the frames that somebody chose, until it is taken; None: nobody did.
         playing: whether it goes on by itself.
         aim: what to look at: `ALL`, or one camera's picture.
+
+    Args:
+        gui: of the page.
+        joint_names: of each body, by its name.
+        cameras: of the pictures.
     """
 
-    def __init__(self, gui: viser.GuiApi, joint_names: Sequence[str], cameras: Sequence[str]) -> None:
+    def __init__(self, gui: viser.GuiApi, joint_names: Mapping[str, Sequence[str]], cameras: Sequence[str]) -> None:
         self.wish: int | None = None
         self.playing = True
         self._said: tuple[str, str] = ("", "")
@@ -118,9 +125,12 @@ class BodyPanel:
         self._slider = gui.add_slider("Frame", 0, 1, 1, 0)
         self.aim = gui.add_dropdown("Look at", (ALL, *cameras), initial_value=ALL)
         self._cameras = gui.add_html("")
-        known = groups(joint_names)
+        self._joint_names = joint_names
+        self._whose = gui.add_dropdown("Angles of", tuple(joint_names)) if len(joint_names) > 1 else None
+        names = next(iter(joint_names.values()))
+        known = groups(names)
         chosen = [name for name in CHARTS if name in known] or list(known)[:2]
-        self._charts = [Chart(gui, joint_names, name) for name in chosen]
+        self._charts = [Chart(gui, names, name) for name in chosen]
         self._button.on_click(lambda _event: self._toggle())
         self._slider.on_update(self._moved)
 
@@ -138,10 +148,15 @@ class BodyPanel:
         if self._button.label != label:
             self._button.label = label
 
+    @property
+    def whose(self) -> str:
+        """The name of the body whose angles are shown."""
+        return next(iter(self._joint_names)) if self._whose is None else str(self._whose.value)
+
     def draw_charts(self, at_s: Float64, angles: Float64) -> None:
-        """Show the angles' course."""
+        """Show the angles' course, (n,) [s] and (n, joints) [rad], of `whose`."""
         for chart in self._charts:
-            chart.draw(at_s, angles)
+            chart.draw(self._joint_names[self.whose], at_s, angles)
 
     def _toggle(self) -> None:
         self.playing = not self.playing
@@ -152,34 +167,54 @@ class BodyPanel:
 
 
 def status_html(headline: str, shown: BodyFrame, place: int, count: int) -> str:
-    """The state in large letters, and which frame it is."""
+    """The state in large letters, which frame it is, and who of several is not there."""
     title, colour = ("Nobody is there", AMBER.css) if shown.lost else (headline, GREEN.css)
     if not shown.lost and headline == "End":
         colour = BLUE.css
     facts = f"frame {shown.frame} · {shown.time_s:.2f} s · {place + 1} of {count}"
+    gone = "" if shown.lost else ", ".join(escape(name) for name, one in shown.bodies.items() if one.lost)
+    missing = f'<div style="font-size:13px;margin-top:4px;color:{AMBER.css}">not there: {gone}</div>' if gone else ""
     return (
         '<div class="mocapella-status" style="padding:10px 14px 4px">'
         f'<div style="font-size:30px;line-height:1.15;font-weight:650;letter-spacing:-0.01em;color:{colour}">'
         f"{escape(title)}</div>"
         f'<div style="font-size:13px;margin-top:6px;color:{GREY.css};font-variant-numeric:tabular-nums">{facts}</div>'
-        "</div>"
+        f"{missing}</div>"
     )
 
 
 def cameras_html(shown: BodyFrame, cameras: Sequence[str]) -> str:
-    """Each camera's overlap, or why it does not count; what the two lines in the pictures are."""
+    """Each camera's overlap with each body, or why it does not count; what the lines in the pictures are."""
     rows = ""
+    if len(shown.bodies) > 1:
+        names = "".join(f'<td style="text-align:right">{_mark(k, name)}</td>' for k, name in enumerate(shown.bodies))
+        rows = f"<tr><td></td>{names}</tr>"
     for name in cameras:
-        overlap, reason = shown.overlap.get(name), shown.left_out.get(name, "")
-        told = f"{overlap:.0%}" if overlap is not None else "left out" if reason else "not in the image"
-        colour = AMBER.css if reason else overlap_colour(overlap).css
-        rows += f'<tr><td>{escape(name)}</td><td style="text-align:right;color:{colour}">{told}</td></tr>'
-        if reason:
-            rows += f'<tr><td colspan="2" style="font-size:12px;color:{AMBER.css}">{escape(reason)}</td></tr>'
+        rows += f"<tr><td>{escape(name)}</td>{''.join(_agreement(one, name) for one in shown.bodies.values())}</tr>"
+        for reason in dict.fromkeys(one.left_out[name] for one in shown.bodies.values() if name in one.left_out):
+            span = 1 + len(shown.bodies)
+            rows += f'<tr><td colspan="{span}" style="font-size:12px;color:{AMBER.css}">{escape(reason)}</td></tr>'
+    models = " ".join(_line(body_colour(k), name or "model") for k, name in enumerate(shown.bodies))
     return (
         '<div class="mocapella-overlaps" style="padding:2px 12px 8px;font-size:13px;line-height:1.45;'
         'font-variant-numeric:tabular-nums"><b>Outlines agree</b>'
         f'<table style="width:100%;border-spacing:0">{rows}</table>'
-        f'<div style="font-size:12px;color:{GREY.css};margin-top:4px"><span style="color:#3cff5a">▬</span> model '
-        '<span style="color:#ff3c3c">▬</span> image</div></div>'
+        f'<div class="mocapella-legend" style="font-size:12px;color:{GREY.css};margin-top:4px">{models}<br>'
+        f"the image's outline is {_line(OUTSIDE, 'outside')} {_line(INSIDE, 'inside')} of the model's</div></div>"
     )
+
+
+def _agreement(body: ShownBody, camera: str) -> str:
+    overlap = body.overlap.get(camera)
+    reason = body.left_out.get(camera, "")
+    told = f"{overlap:.0%}" if overlap is not None else "left out" if reason else "not in the image"
+    colour = AMBER.css if reason else overlap_colour(overlap).css
+    return f'<td style="text-align:right;color:{colour}">{told}</td>'
+
+
+def _mark(number: int, name: str) -> str:
+    return f'<span style="color:{css(body_colour(number))}">{escape(name)}</span>'
+
+
+def _line(colour: Colour, words: str) -> str:
+    return f'<span style="white-space:nowrap"><span style="color:{css(colour)}">▬</span> {escape(words)}</span>'

@@ -1,8 +1,9 @@
-"""The view of a followed body: what was followed so far can be played, stopped and looked at frame by frame."""
+"""The view of followed bodies: what was followed so far can be played, stopped and looked at frame by frame."""
 
 from __future__ import annotations
 
 import bisect
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -12,7 +13,7 @@ from mocapella.model.camera import CameraRig
 from mocapella.model.rigged_mesh import RiggedMesh
 from mocapella.model.twist_tree import TreePose
 from mocapella.viewer.body_panel import WINDOW_S, BodyFrame, BodyPanel
-from mocapella.viewer.body_stage import BodyStage, stage_space
+from mocapella.viewer.body_stage import BodyStage, ShownBody, stage_space
 from mocapella.viewer.page import open_page, tolerated, unprinted
 
 Float64 = NDArray[np.float64]
@@ -29,9 +30,9 @@ class BodyView:
     Args:
         host: the interface to serve on, and no other.
         port: its port; 0 takes a free one.
-        mesh: of the body.
+        meshes: of the bodies, by name.
         rig: the cameras.
-        start: the body's first pose.
+        starts: the bodies' first poses.
         up: (3,) of the world.
 
     Attributes:
@@ -44,14 +45,19 @@ class BodyView:
         SettingsError: an address that this machine cannot listen at.
     """
 
-    def __init__(self, host: str, port: int, mesh: RiggedMesh, rig: CameraRig, *, start: TreePose, up: Float64) -> None:
+    def __init__(
+        self, host: str, port: int, meshes: Mapping[str, RiggedMesh], rig: CameraRig, *,
+        starts: Mapping[str, TreePose], up: Float64,
+    ) -> None:  # fmt: skip
         self._server = open_page(host, port, PANEL_PX)
         self._cameras = list(rig.cameras)
-        self._stage = BodyStage(self._server.scene, mesh, rig, stage_space(mesh, start, up))
-        self.panel = BodyPanel(self._server.gui, mesh.joint_names, self._cameras)
+        bodies = {name: (mesh, starts[name]) for name, mesh in meshes.items()}
+        self._stage = BodyStage(self._server.scene, meshes, rig, stage_space(list(bodies.values()), up))
+        names = {name: mesh.joint_names for name, mesh in meshes.items()}
+        self.panel = BodyPanel(self._server.gui, names, self._cameras)
         self.frames: list[BodyFrame] = []
         self._at_s: list[float] = []
-        self._angles: list[Float64] = []
+        self._angles: dict[str, list[Float64]] = {name: [] for name in meshes}
         self._bytes, self._oldest = 0, 0
         self.place = 0
         self._shown: tuple[int, int, bool] | None = None
@@ -70,14 +76,13 @@ class BodyView:
         follows = self.place >= len(self.frames) - 1 and self.panel.playing
         self.frames.append(frame)
         self._at_s.append(frame.time_s)
-        self._angles.append(frame.pose.angles)
+        for name, body in frame.bodies.items():
+            self._angles[name].append(body.pose.angles)
         self._bytes += sum(len(picture.image) for picture in frame.pictures.values())
         while self._bytes > KEPT_BYTES and self._oldest < len(self.frames) - 1:
             old = self.frames[self._oldest]
             self._bytes -= sum(len(picture.image) for picture in old.pictures.values())
-            self.frames[self._oldest] = BodyFrame(
-                old.frame, old.time_s, old.pose, {}, old.overlap, old.left_out, old.lost
-            )
+            self.frames[self._oldest] = BodyFrame(old.frame, old.time_s, old.bodies, {})
             self._oldest += 1
         if follows:
             self.place = len(self.frames) - 1
@@ -99,7 +104,7 @@ class BodyView:
             shown = self.frames[self.place]
             if what != self._shown:
                 words = {name: _words(name, shown) for name in self._cameras}
-                self._stage.draw(shown.pose, shown.pictures, words, lost=shown.lost)
+                self._stage.draw(shown.bodies, shown.pictures, words)
                 self.panel.draw(self._headline(), shown, self.place, len(self.frames), self._cameras)
             if now_s - self._charted_s >= CHARTS_EVERY_S:
                 self._charted_s = now_s
@@ -144,7 +149,7 @@ class BodyView:
         """What the charts show: up to the frame that is shown."""
         end = self.place + 1
         begin = bisect.bisect_left(self._at_s, self._at_s[self.place] - WINDOW_S)
-        return np.array(self._at_s[begin:end]), np.array(self._angles[begin:end])
+        return np.array(self._at_s[begin:end]), np.array(self._angles[self.panel.whose][begin:end])
 
     def _welcome(self) -> None:
         """Put the camera of a browser before what is to be looked at, when it comes, or that or its window changes."""
@@ -163,7 +168,12 @@ class BodyView:
         self._looks = {number: seen for number, seen in self._looks.items() if number in clients}
 
 
-def _words(name: str, shown: BodyFrame) -> str:
-    if name in shown.left_out:
-        return f"{name} · left out"
-    return f"{name} · {shown.overlap[name]:.0%}" if name in shown.overlap else f"{name} · not in the image"
+def _words(camera: str, shown: BodyFrame) -> str:
+    told = [f"{name} {_said(body, camera)}".strip() for name, body in shown.bodies.items()]
+    return f"{camera} · {' · '.join(dict.fromkeys(told))}"
+
+
+def _said(body: ShownBody, camera: str) -> str:
+    if camera in body.left_out:
+        return "left out"
+    return f"{body.overlap[camera]:.0%}" if camera in body.overlap else "not in the image"

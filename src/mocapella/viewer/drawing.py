@@ -182,7 +182,7 @@ class TagNodes:
 class SensorNode:
     """A sensor, drawn as the frustum of its field of view."""
 
-    def __init__(self, scene: viser.SceneApi, name: str, *, scale: float) -> None:
+    def __init__(self, scene: viser.SceneApi, name: str, *, scale: float, thickness: float = 0.012) -> None:
         self._placed: NDArray[np.float64] | None = None
         self._colour: Rgb | None = None
         self._field_deg: tuple[float, float] | None = None
@@ -192,7 +192,7 @@ class SensorNode:
             fov=1.0,
             aspect=1.0,
             scale=scale,
-            thickness=0.012,
+            thickness=thickness,
             visible=False,
             cast_shadow=False,
             receive_shadow=False,

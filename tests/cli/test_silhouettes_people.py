@@ -1,0 +1,162 @@
+"""`mocapella silhouettes` with several people, as a user runs it, and what users get wrong about them."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+from programs import result, run_here
+
+from mocapella.geometry.lens import project
+from mocapella.geometry.rigid import apply
+from mocapella.recording.followed_bodies import read_followed_people
+from mocapella.sources.simulate.silhouette_files import write_sequence
+from mocapella.sources.simulate.silhouette_scene import silhouette_scene
+
+NAMES = ("anna", "ben")
+SCENE = silhouette_scene("runner", seed=4, cameras=3, size_px=(320, 240), seconds=0.4, fps=30.0, people=2)
+FILMS = tuple(f"{name}.avi" for name in SCENE.rig.cameras)
+MODELS = tuple(
+    word for name, mesh in zip(NAMES, SCENE.meshes, strict=True) for word in ("--model", f"{name}={mesh.name}")
+)
+
+
+def joints_of(person, k=0):
+    return dict(zip(SCENE.meshes[person].landmarks, SCENE.landmarks(k, person).tolist(), strict=True))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Films of two people, the rig, and joints to start from: of both in one file, and of each in one."""
+    where = write_sequence(tmp_path_factory.mktemp("people"), SCENE)
+    for k, name in enumerate(NAMES):
+        (where / f"{name}.json").write_text(json.dumps(joints_of(k)))
+    (where / "both.json").write_text(json.dumps({name: joints_of(k) for k, name in enumerate(NAMES)}))
+    return where
+
+
+@pytest.fixture(scope="module")
+def found(folder):
+    (folder / "out.json").write_text(
+        json.dumps(result(folder, "silhouettes", *FILMS, "--start", "both.json", *MODELS, "--overlay", "overlay"))
+    )
+    return json.loads((folder / "out.json").read_text())
+
+
+def failed(folder, *arguments):
+    """The one line that it ends with."""
+    done = run_here(folder, "silhouettes", *FILMS, *arguments)
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+    return " ".join(done.stderr.split())
+
+
+def off_m(found, person, k):
+    """Median distance of the joints of a frame from the truth."""
+    truth = joints_of(person, k)
+    at = found["people"][NAMES[person]]["frames"][k]["joints"]
+    return np.median([np.linalg.norm(np.subtract(place, truth[name])) for name, place in at.items()])
+
+
+def test_two_people_are_followed_and_written_by_name(found):
+    assert (found["format"], found["version"]) == ("mocapella followed people", 1)
+    assert list(found["people"]) == list(NAMES)
+    assert found["summary"]["frames"] == len(SCENE) == 12
+    for person, name in enumerate(NAMES):
+        one = found["people"][name]
+        assert (one["format"], one["model"]) == ("mocapella followed body", SCENE.meshes[person].name)
+        assert [row["frame"] for row in one["frames"]] == list(range(12))
+        assert one["summary"]["lost"] == 0
+        assert one["summary"]["median_overlap"] > 0.8
+        assert off_m(found, person, 11) < 0.04
+
+
+def test_both_models_are_drawn_into_the_pictures_in_their_colours(folder, found):
+    picture = cv2.imread(str(folder / "overlay" / "camera1_000011.jpg")).astype(int)
+    blue, green, red = np.moveaxis(picture, -1, 0)
+    assert np.count_nonzero((green > 180) & (red < 130) & (blue < 150)) > 30  # anna's green
+    assert np.count_nonzero((green > 160) & (red > 200) & (blue < 130)) > 30  # ben's yellow
+
+
+def test_they_start_from_what_was_written_all_or_one(folder, found):
+    assert list(read_followed_people(folder / "out.json")) == list(NAMES)
+    again = result(folder, "silhouettes", *FILMS, "--start", "out.json:5", "--frames", "5:7", "--plot", "plot.png")
+    assert list(again["people"]) == list(NAMES)
+    assert [row["frame"] for row in again["people"]["ben"]["frames"]] == [5, 6]
+    assert again["people"]["ben"]["proportions"] == found["people"]["ben"]["proportions"]
+    assert (folder / "plot.png").stat().st_size > 1000
+    done = run_here(
+        folder, "silhouettes", *FILMS, "--start", "ben=out.json:5", "--frames", "5:7", "--json", "ben-again.json",
+        "--beside", "out.json", "--plot", "ben.png",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "ben" in done.stdout
+    assert "not drawn, for it is of anna" in " ".join(done.stderr.split())
+    assert list(json.loads((folder / "ben-again.json").read_text())["people"]) == ["ben"]
+
+
+def test_a_start_can_be_a_file_for_each_and_heights_are_of_one_or_of_all(folder):
+    done = run_here(
+        folder, "silhouettes", *FILMS, "--start", "anna=anna.json", "--start", "ben=ben.json", "--height", "1.6",
+        "--height", "ben=1.8", "--frames", "0:1", "--json", "tall.json",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    people = json.loads((folder / "tall.json").read_text())["people"]
+    assert {name: one["height_m"] for name, one in people.items()} == {"anna": 1.6, "ben": 1.8}
+    assert "anna" in done.stdout
+
+
+def test_keypoints_are_named_by_person(folder):
+    for k, name in enumerate(NAMES):
+        rows = ["frame,camera,point,x_px,y_px"]
+        for camera, placed in SCENE.rig.cameras.items():
+            seen = project(apply(placed.T_camera_world, np.array([*joints_of(k).values()])), placed.camera.lens)
+            rows += [f"0,{camera},{joint},{x},{y}" for joint, (x, y) in zip(joints_of(k), seen, strict=True)]
+        (folder / f"{name}.csv").write_text("\n".join(rows))
+    points = [word for name in NAMES for word in ("--points", f"{name}={name}.csv")]
+    done = run_here(folder, "silhouettes", *FILMS, *points, "--frames", "0:1", "--json", "points.json")
+    assert done.returncode == 0, done.stderr
+    people = json.loads((folder / "points.json").read_text())
+    assert [off_m(people, k, 0) < 0.05 for k in (0, 1)] == [True, True]
+
+
+def test_people_who_cannot_be_are_one_line(folder, found):
+    def start(name, value):
+        (folder / name).write_text(json.dumps(value))
+        return "--start", name
+
+    anna, ben = joints_of(0), joints_of(1)
+    far = {name: np.add(at, [50.0, 0.0, 0.0]).tolist() for name, at in ben.items()}
+    for arguments, said in (
+        (start("same.json", {"anna": anna, "ben": anna}), "anna and ben start in the same place, 0 cm apart"),
+        (start("far.json", {"anna": anna, "ben": far}), "ben would start at (5"),
+        (start("few.json", {"anna": anna, "ben": {"nose": ben["nose"]}}), "ben: few.json: field left hip: is missing"),
+        (
+            start("feet.json", {"anna": anna, "ben": {k: np.divide(at, 0.3048).tolist() for k, at in ben.items()}}),
+            "ben: ",
+        ),
+        (start("odd.json", {"anna": {**anna, "nose": [1]}, "ben": ben}), "odd.json: field anna.nose: [1]: is no place"),
+        (start("mixed.json", {"anna": anna, "nose": [1, 2, 3]}), "mixed.json: field anna"),
+        (start("nobody.json", {"anna": {}}), "nobody.json: field anna: {}: has no named joints"),
+        (start("name.json", {"a=b": anna}), "nobody can be called 'a=b'"),
+        (("--start", "anna.json", "--start", "ben=ben.json"), "somebody without a name, and for others: write --start"),
+        (("--start", "anna.json", "--start", "ben.json"), "are of somebody without a name; write --start anna=FILE"),
+        (("--start", "both.json", "--start", "ben=ben.json"), "both.json and ben.json are both of ben"),
+        (("--start", "bne=both.json"), "both.json has nobody called 'bne'; anna, ben (did you mean ben?)"),
+        (("--start", "=anna.json"), "nobody can be called ''"),
+        (("--start", "both.json", "--model", "bne=male"), "--model bne=male: nobody is called 'bne'; anna, ben"),
+        (("--start", "anna.json", "--model", "anna=male"), "the start names nobody: write --start NAME=FILE"),
+        (("--start", "both.json", "--model", "male", "--model", "female"), "--model is given twice: male and female"),
+        (("--start", "both.json", "--height", "ben=tall"), "--height is 'tall'; it must be metres"),
+        (("--start", "both.json", "--height", "ben=0.1"), "--height is 0.1; it must be 0.5 to 2.5 m"),
+        (("--start", "both.json", "--model", "ben=mail"), "did you mean male"),
+        (("--start", "anna=out.json:77"), "out.json: field frame: 77: has no such frame; it has frames from 0 to 11"),
+        (("--points", "anna=anna.csv", "--points", "anna.csv"), "write --points anna=FILE for each"),
+    ):
+        assert said in failed(folder, *arguments), arguments
+    broken = {**found, "people": {"anna": {**found["people"]["anna"], "frames": []}}}
+    assert "field people.anna.frames: has no frame" in failed(folder, *start("empty.json", broken))
+    assert "field people: has nobody" in failed(folder, *start("none.json", {**found, "people": {}}))
+    assert "field version: 9" in failed(folder, *start("new.json", {**found, "version": 9}))
