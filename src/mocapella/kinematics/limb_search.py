@@ -46,7 +46,9 @@ class LimbSearchSettings:
         again: so many …
         rounds: so often.
         per_rad2: what a turn costs, of what a pose is worth [1/rad²]: of two that are as good the nearer one is.
+        room: how much a sample that looks like the room counts, against one that does not: people look like it, too.
         against: a limb of which the images say so much that it is the room may have gone astray …
+        astray: and is looked for if it is worth less than this …
         better: and stays, if no pose is worth so much more than its own.
         much_better: others go only where a pose is worth so much more.
         per_m: what limbs that are in each other cost [1/m].
@@ -60,15 +62,17 @@ class LimbSearchSettings:
     again: int = 20
     rounds: int = 3
     per_rad2: float = 0.03
+    room: float = 0.4
     against: float = 0.1
-    better: float = 0.15
-    much_better: float = 0.4
+    astray: float = 0.05
+    better: float = 0.12
+    much_better: float = 0.3
     per_m: float = 5.0
 
     def __post_init__(self) -> None:
         for name in ("points", "drawn", "kept", "again", "rounds"):
             check(getattr(self, name) >= 1, name, getattr(self, name), "1 or more")
-        for name in ("near_rad", "farther_rad", "against", "better", "much_better"):
+        for name in ("near_rad", "farther_rad", "room", "against", "better", "much_better"):
             check(getattr(self, name) > 0, name, getattr(self, name), "above 0")
         for name in ("per_rad2", "per_m"):
             check(getattr(self, name) >= 0, name, getattr(self, name), "0 or more")
@@ -216,7 +220,7 @@ def search(
     evidence: Sequence[Evidence],
     rng: np.random.Generator,
     *,
-    astray: bool,
+    also_hidden: bool,
     settings: LimbSearchSettings = DEFAULT,
 ) -> Found | None:
     """A pose of the limb that the images say much more for than for the one it has; None where there is none.
@@ -224,16 +228,19 @@ def search(
     Args:
         limb, local, places, evidence: as of `worth`.
         rng: what poses are drawn by.
-        astray: whether the images say that it is not where it is said to be.
+        also_hidden: whether it is looked for where the images do not say that it is astray.
         settings: see there.
     """
     s, at = settings, local.at.angles[limb.joints]
 
     def valued(angles: Float64) -> Float64:
         good, bad, depth = worth(limb, local, places, evidence, angles)
-        return np.asarray(good - bad - s.per_m * depth - s.per_rad2 * ((angles - at) ** 2).sum(axis=1))
+        return np.asarray(good - s.room * bad - s.per_m * depth - s.per_rad2 * ((angles - at) ** 2).sum(axis=1))
 
-    (good,), (bad,), (depth,) = worth(limb, local, places, evidence, at[None])
+    was = float(valued(at[None])[0])
+    better = s.better if was < s.astray else s.much_better
+    if was >= s.astray and not also_hidden:
+        return None
     limits = np.clip(local.tree.limits[limb.joints], -np.pi, np.pi)
     third = -(-s.drawn // 3)
     drawn = [at + sd * rng.standard_normal((third, len(at))) for sd in (s.near_rad, s.farther_rad)]
@@ -250,8 +257,8 @@ def search(
     angles[limb.joints] = tried[np.argmax(values)]
     pose = local.back(TreePose(local.at.T_world_model, angles))
     told = local.into(pose).angles[limb.joints]  # within the body's limits, which those of a local tree are not
-    value, was = float(valued(told[None])[0]), float(good - bad - s.per_m * depth)
-    return Found(pose, value, was) if value > was + (s.better if astray else s.much_better) else None
+    value = float(valued(told[None])[0])
+    return Found(pose, value, was) if value > was + better else None
 
 
 @cache

@@ -173,7 +173,10 @@ def _vote(image, step, i, j, most, least, mean, variance, count, here):
         if not (0 <= a < mean.shape[0] and 0 <= b < mean.shape[1]) or count[a, b] == 0:
             continue
         known += 1
-        _sample(image, step, a, b, here)
+        if _usual(image.shape, step, a, b):
+            _nine(image, a * step - 1, b * step - 1, here)
+        else:
+            _mean(image, step, a, b, here)
         squares = 0.0
         for c in range(mean.shape[2]):
             d = here[c] - mean[a, b, c]

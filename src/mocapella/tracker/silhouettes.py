@@ -364,15 +364,15 @@ class SilhouetteTracker:
         then, self._evidence = self._evidence, now
         evidence = [lasting(one, then[name]) for name, one in now.items() if name in then]
         moved: list[NDArray[np.int64]] = []
-        for limb in self._limbs if evidence else ():
+        for limb in self._limbs if len(evidence) > 1 else ():  # one camera's word is not enough
             if limb.name not in wanted & before:
                 continue
             of_it = [without(one, self._figure, vertices, limb) for one in evidence]
             places = vertices, landmarks[self._solid.ends]
-            astray = limb.name in doubtful
-            found = search(limb, self._local(pose), places, of_it, self._rng, astray=astray, settings=s.limbs)
+            hidden = limb.name == in_turn
+            found = search(limb, self._local(pose), places, of_it, self._rng, also_hidden=hidden, settings=s.limbs)
             if found is not None:
-                self.log.append((limb.name, round(found.was, 2), round(found.worth, 2), astray))
+                self.log.append((limb.name, round(found.was, 2), round(found.worth, 2), hidden))
                 pose, moved = found.pose, [*moved, limb.joints]
                 vertices, landmarks = posed(self.mesh, pose), landmarks_at(self.mesh, pose)
         return (np.concatenate(moved), pose) if moved else None
