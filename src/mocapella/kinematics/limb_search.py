@@ -108,27 +108,36 @@ class Limb(msgspec.Struct, frozen=True, eq=False):
 
 
 def limbs(mesh: RiggedMesh, settings: LimbSearchSettings = DEFAULT) -> tuple[Limb, ...]:
-    """What hangs on a body and ends freely, in two parts or more."""
-    parents, owner, solid = mesh.tree.parents, mesh.bones[:, 0], capsules_of(mesh)
-    found = []
-    for joints, parts in limbs_of(mesh.tree):
-        ends = not np.isin(parents, parts)[np.setdiff1d(np.arange(len(parents)), parts)].any()
-        of_it = np.flatnonzero(np.isin(owner, parts))
-        if len(parts) < 2 or not ends or not len(of_it):
+    """What hangs on a body and ends freely, in two parts or more; and the last part of each of these alone, such as a
+    foot, which little is said of by what is said of the whole leg.
+    """
+    parents, found = mesh.tree.parents, []
+    solid = capsules_of(mesh)
+    for _, parts in limbs_of(mesh.tree):
+        others = np.setdiff1d(np.arange(len(parents)), parts)
+        if len(parts) < 2 or np.isin(parents[others], parts).any():
             continue
-        each = max(settings.points // len(parts), 1)
-        chosen = []
-        for part in parts:
-            some = of_it[owner[of_it] == part]
-            chosen += some[np.unique(np.linspace(0, len(some) - 1, min(each, len(some))).astype(int))].tolist()
-        vertices = np.array(chosen, np.int64)
-        others = mesh.faces[~np.isin(mesh.faces, of_it).any(axis=1)]
-        found.append(
-            Limb(mesh.part_names[parts[0]], joints, vertices, owner[vertices].astype(np.int64),
-                 np.ascontiguousarray(others), solid,
-                 np.ascontiguousarray(solid.pairs[np.isin(solid.part[solid.pairs], parts).any(axis=1)]))
-        )  # fmt: skip
-    return tuple(found)
+        found += [_limb(mesh, solid, some, settings.points) for some in (parts, parts[-1:])]
+    return tuple(limb for limb in found if len(limb.vertices) and len(limb.joints))
+
+
+def _limb(mesh: RiggedMesh, solid: Capsules, parts: Int64, points: int) -> Limb:
+    owner = mesh.bones[:, 0]
+    of_it, chosen = np.flatnonzero(np.isin(owner, parts)), []
+    for part in parts:
+        some = of_it[owner[of_it] == part]
+        count = min(max(points // len(parts), 1), len(some))
+        chosen += some[np.unique(np.linspace(0, len(some) - 1, count).astype(int))].tolist()
+    vertices = np.array(chosen, np.int64)
+    return Limb(
+        name=mesh.part_names[parts[0]],
+        joints=np.flatnonzero(np.isin(mesh.tree.joint_parts, parts)),
+        vertices=vertices,
+        part=owner[vertices].astype(np.int64),
+        other_faces=np.ascontiguousarray(mesh.faces[~np.isin(mesh.faces, of_it).any(axis=1)]),
+        capsules=solid,
+        pairs=np.ascontiguousarray(solid.pairs[np.isin(solid.part[solid.pairs], parts).any(axis=1)]),
+    )
 
 
 class Evidence(msgspec.Struct, frozen=True, eq=False):
