@@ -47,8 +47,8 @@ class LimbSearchSettings:
         rounds: so often.
         per_rad2: what a turn costs, of what a pose is worth [1/rad²]: of two that are as good the nearer one is.
         room: how much a sample that looks like the room counts, against one that does not: people look like it, too.
-        against: a limb of which the images say so much that it is the room may have gone astray …
-        astray: and is looked for if it is worth less than this …
+        against: a limb of which the images say so much that it is the room …
+        astray: and which is worth less than this, is looked for …
         better: and stays, if no pose is worth so much more than its own.
         much_better: others go only where a pose is worth so much more.
         per_m: what limbs that are in each other cost [1/m].
@@ -63,7 +63,7 @@ class LimbSearchSettings:
     rounds: int = 3
     per_rad2: float = 0.03
     room: float = 0.4
-    against: float = 0.1
+    against: float = 0.2
     astray: float = 0.05
     better: float = 0.12
     much_better: float = 0.3
@@ -246,9 +246,9 @@ def search(
         good, bad, depth = worth(limb, local, places, evidence, angles)
         return np.asarray(good - s.room * bad - s.per_m * depth - s.per_rad2 * ((angles - at) ** 2).sum(axis=1))
 
-    was = float(valued(at[None])[0])
-    better = s.better if was < s.astray else s.much_better
-    if was >= s.astray and not also_hidden:
+    was, against = float(valued(at[None])[0]), float(worth(limb, local, places, evidence, at[None])[1][0])
+    astray = was < s.astray and against > s.against
+    if not astray and not also_hidden:
         return None
     limits = np.clip(local.tree.limits[limb.joints], -np.pi, np.pi)
     third = -(-s.drawn // 3)
@@ -267,7 +267,7 @@ def search(
     pose = local.back(TreePose(local.at.T_world_model, angles))
     told = local.into(pose).angles[limb.joints]  # within the body's limits, which those of a local tree are not
     value = float(valued(told[None])[0])
-    return Found(pose, value, was) if value > was + better else None
+    return Found(pose, value, was) if value > was + (s.better if astray else s.much_better) else None
 
 
 @cache

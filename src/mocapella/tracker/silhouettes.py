@@ -390,7 +390,7 @@ class SilhouetteTracker:
         if depth_m(self._solid, limb.pairs, landmarks) > TOUCHING_M:
             return True
         against = [camera.against(images[name], vertices[limb.vertices]) for name, camera in seeing.items()]
-        return bool(against) and float(np.mean(against)) > self.settings.limbs.against
+        return bool(against) and float(np.mean(against)) > 0.75 * self.settings.limbs.against
 
     def covered(self, pose: TreePose, grown_px: int = 0) -> dict[str, Bool]:
         """(height, width) by camera: what the body covers in a pose, and so much around it."""
