@@ -260,7 +260,8 @@ def through_itself_mm(found: Movement, true: Movement) -> Float64:
     """(frames,) how much deeper limbs are inside each other than the truth's, which press their flesh a little."""
     _same(found, true)
     ours, theirs = (
-        depths_m(body_capsules(movement.mesh), landmarks_at(movement.mesh, movement.poses)) for movement in (found, true)
+        depths_m(body_capsules(movement.mesh), landmarks_at(movement.mesh, movement.poses))
+        for movement in (found, true)
     )
     return np.asarray(1e3 * np.maximum(ours - theirs, 0.0).max(axis=1, initial=0.0))
 

@@ -71,15 +71,15 @@ def apart(solid: Capsules, landmarks: Float64, motions: tuple[Float64, Float64],
     part, rest = np.empty(room, np.int64), np.empty((room, 3))
     planes, weights = np.empty((room, 4)), np.empty(room)
     ends = np.ascontiguousarray(landmarks[solid.ends]) if room else np.empty((0, 2, 3))
-    n = _kernels().apart(
-        ends, solid.radii, solid.pairs, solid.part, R, t, 1.0 / sd_m**2, part, rest, planes, weights
-    )
+    n = _kernels().apart(ends, solid.radii, solid.pairs, solid.part, R, t, 1.0 / sd_m**2, part, rest, planes, weights)
     return InPlanes(part[:n], rest[:n], planes[:n], weights[:n])
 
 
 def depth_m(solid: Capsules, pairs: Int64, landmarks: Float64) -> float:
     """How deep the limbs of some pairs are in each other, all together [m]."""
-    return float(_kernels().depth(np.ascontiguousarray(landmarks[solid.ends]), solid.radii, pairs)) if len(pairs) else 0.0
+    return (
+        float(_kernels().depth(np.ascontiguousarray(landmarks[solid.ends]), solid.radii, pairs)) if len(pairs) else 0.0
+    )
 
 
 @cache

@@ -34,7 +34,17 @@ from mocapella.kinematics.limb_search import (
     search,
     without,
 )
-from mocapella.kinematics.silhouette_fit import CorrespondenceSettings, Eye, Figure, Outline, eye, figure, see, seen_at, touching
+from mocapella.kinematics.silhouette_fit import (
+    CorrespondenceSettings,
+    Eye,
+    Figure,
+    Outline,
+    eye,
+    figure,
+    see,
+    seen_at,
+    touching,
+)
 from mocapella.kinematics.twist_fit import FitSettings, InPlanes, Prior, fit
 from mocapella.kinematics.twist_prediction import JitterPenalty, predicted, smoothness
 from mocapella.model.camera import CameraRig
@@ -200,7 +210,6 @@ class SilhouetteTracker:
     def reset(self) -> None:
         """Forget where it is, and what is behind it."""
         self._rng = np.random.default_rng(0)
-        self.log = []
         self._turn = 0
         self._doubted: set[str] = set()
         self._evidence: dict[str, Evidence] = {}
@@ -326,7 +335,9 @@ class SilhouetteTracker:
                     given.append(camera.planes(motions))
             given.append(apart(self._solid, landmarks_at(self.mesh, pose), motions))
             # What nobody sees goes on as it did, not to where it usually is.
-            local_priors = [local.into_prior(one) for one in steady] + ([local.into_usual(usual)] if len(given) > 1 else [])
+            local_priors = [local.into_prior(one) for one in steady] + (
+                [local.into_usual(usual)] if len(given) > 1 else []
+            )
             pose = local.back(fit(local.tree, local.at, given, local_priors, FitSettings(most_steps=3)).pose)
         return pose
 
@@ -355,12 +366,16 @@ class SilhouetteTracker:
         # One after the other is looked for where it need not be: limbs hide behind a body, too.
         in_turn = self._limbs[self._turn // EVERY_LIMB % len(self._limbs)].name if self._turn % EVERY_LIMB == 0 else ""
         wanted, before = doubtful | {in_turn}, self._doubted
-        self._doubted = doubtful | {self._limbs[(self._turn + 1) // EVERY_LIMB % len(self._limbs)].name} if (
-            (self._turn + 1) % EVERY_LIMB == 0
-        ) else doubtful
-        now = {name: camera.evidence(images[name], others.get(name)) for name, camera in seeing.items()} if (
-            self._doubted or wanted & before
-        ) else {}
+        self._doubted = (
+            doubtful | {self._limbs[(self._turn + 1) // EVERY_LIMB % len(self._limbs)].name}
+            if ((self._turn + 1) % EVERY_LIMB == 0)
+            else doubtful
+        )
+        now = (
+            {name: camera.evidence(images[name], others.get(name)) for name, camera in seeing.items()}
+            if (self._doubted or wanted & before)
+            else {}
+        )
         then, self._evidence = self._evidence, now
         evidence = [lasting(one, then[name]) for name, one in now.items() if name in then]
         moved: list[NDArray[np.int64]] = []
@@ -372,7 +387,6 @@ class SilhouetteTracker:
             hidden = limb.name == in_turn
             found = search(limb, self._local(pose), places, of_it, self._rng, also_hidden=hidden, settings=s.limbs)
             if found is not None:
-                self.log.append((limb.name, round(found.was, 2), round(found.worth, 2), hidden))
                 pose, moved = found.pose, [*moved, limb.joints]
                 vertices, landmarks = posed(self.mesh, pose), landmarks_at(self.mesh, pose)
         return (np.concatenate(moved), pose) if moved else None
