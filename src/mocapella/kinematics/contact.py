@@ -23,7 +23,7 @@ from mocapella.model.rigged_mesh import RiggedMesh
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
-SD_M = 0.004
+SD_M = 0.002
 """How much limbs may be in each other, against outlines that want it [m]."""
 
 
