@@ -23,6 +23,8 @@ from mocapella.model.rigged_mesh import RiggedMesh
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
+TOUCHING_M = 0.008
+"""Limbs that touch press their flesh so much [m]."""
 SD_M = 0.002
 """How much limbs may be in each other, against outlines that want it [m]."""
 
@@ -71,7 +73,9 @@ def apart(solid: Capsules, landmarks: Float64, motions: tuple[Float64, Float64],
     part, rest = np.empty(room, np.int64), np.empty((room, 3))
     planes, weights = np.empty((room, 4)), np.empty(room)
     ends = np.ascontiguousarray(landmarks[solid.ends]) if room else np.empty((0, 2, 3))
-    n = _kernels().apart(ends, solid.radii, solid.pairs, solid.part, R, t, 1.0 / sd_m**2, part, rest, planes, weights)
+    n = _kernels().apart(
+        ends, solid.radii, solid.pairs, solid.part, R, t, TOUCHING_M, 1.0 / sd_m**2, part, rest, planes, weights
+    )
     return InPlanes(part[:n], rest[:n], planes[:n], weights[:n])
 
 

@@ -50,13 +50,14 @@ def depth(ends, radii, pairs):
 
 
 @njit(cache=True)
-def apart(ends, radii, pairs, part, R, t, weight, parts, rest, planes, weights):
+def apart(ends, radii, pairs, part, R, t, touching, weight, parts, rest, planes, weights):
     """Write two planes for each pair of limbs that is in each other; returns how many planes.
 
     Args:
         ends: (c, 2, 3) of the capsules' axes where they are [m].
         radii, pairs, part: of `Capsules`.
         R, t: (parts, 9), (parts, 3) the parts' motions.
+        touching: how deep limbs may be in each other [m].
         weight: of each plane [1/m²].
         parts, rest, planes, weights: written: `twist_fit.InPlanes`.
     """
@@ -64,7 +65,7 @@ def apart(ends, radii, pairs, part, R, t, weight, parts, rest, planes, weights):
     for q in range(len(pairs)):
         i, j = pairs[q, 0], pairs[q, 1]
         far = between(ends[i], ends[j], nearest)
-        deep = radii[i] + radii[j] - far
+        deep = radii[i] + radii[j] - far - touching
         if not deep > 0.0 or far < _NEAR_M:
             continue
         for side in range(2):
