@@ -53,8 +53,6 @@ def depth_m(solid: Capsules, pairs: Int64, landmarks: Float64) -> float:
         pairs: (q, 2) of its limbs.
         landmarks: (n, 3) of the mesh where it is [m].
     """
-    if not len(pairs):
-        return 0.0
     return float(_kernels().depth(np.ascontiguousarray(landmarks[solid.ends]), solid.radii, pairs))
 
 

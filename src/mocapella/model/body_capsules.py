@@ -33,8 +33,6 @@ _TOUCHING: Final = {
       for one, other in (("trunk", "upper arm"), ("head", "upper arm"), ("trunk", "thigh"), (f"{side} shank", "foot"))),
 }  # fmt: skip
 """These overlap in everybody; those that share a landmark do, too."""
-_AS_NEAR_M: Final = 1e-9
-"""What is in the middle is of both sides, so that left and right are alike."""
 
 
 class Capsules(msgspec.Struct, frozen=True, eq=False):
@@ -82,7 +80,7 @@ def _radii(mesh: RiggedMesh, ends: Int64) -> Float64:
     if not len(ends):
         return np.empty(0)
     distances = np.array([segment_distance(x, x, *np.broadcast_arrays(*points[both], x)[:2]) for both in ends])
-    nearest = distances <= distances.min(axis=0) + _AS_NEAR_M
+    nearest = distances == distances.min(axis=0)  # what is in the middle is of both sides: left and right are alike
     return np.array([np.percentile(d[n], 25) if n.any() else 0.0 for d, n in zip(distances, nearest, strict=True)])
 
 
