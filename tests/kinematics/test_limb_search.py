@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -34,7 +35,7 @@ from mocapella.kinematics.silhouette_fit import Eye, eye, figure, see, seen_at
 from mocapella.model.body_capsules import capsules_of, depths_m
 from mocapella.model.body_meshes import body_mesh
 from mocapella.model.rigged_mesh import landmarks_at, posed, rest
-from mocapella.model.twist_tree import TreePose, part_motions
+from mocapella.model.twist_tree import TreePose, part_motions, twist_tree
 
 Float64 = NDArray[np.float64]
 MESH = body_mesh("male", 1.78, detail=0.8)
@@ -127,6 +128,20 @@ def test_who_tries_more_poses_finds_better_ones() -> None:
     assert all(one is not None and off_mm(limb, true, one.pose) < 60 for one in more)
 
 
+def test_what_is_tried_about_the_best_is_better() -> None:
+    true, thought = bent(MESH, {"left elbow flexion": 110}), bent(MESH, {"left elbow flexion": 10})
+    limb = LIMBS["left forearm"]
+    local, places = placed(thought)
+    evidence = [without(one, FIGURE, places[0], limb) for one in shown(true)]
+    told = []
+    for again in (1, 100):
+        how = LimbSearchSettings(drawn=9, kept=1, again=again, rounds=1)
+        found = search(limb, local, places, evidence, np.random.default_rng(0), also_hidden=False, settings=how)
+        assert found is not None
+        told.append(found.worth)
+    assert told[0] < told[1]
+
+
 @few
 @given(seeds, names, st.booleans())
 def test_a_limb_that_is_right_stays(seed: int, name: str, hidden: bool) -> None:
@@ -147,6 +162,13 @@ def test_what_is_found_is_within_limits_worth_more_and_the_same_but_for_the_limb
     others = np.setdiff1d(np.arange(len(true.angles)), limb.joints)
     np.testing.assert_allclose(found.pose.angles[others], thought.angles[others], atol=1e-12)
     assert found.was + DEFAULT.better < found.worth <= 1
+    local, places = placed(TreePose(np.eye(4), thought.angles))
+    evidence = [without(one, FIGURE, places[0], limb) for one in shown(TreePose(np.eye(4), true.angles))]
+    angles, at = local.into(found.pose).angles[limb.joints], local.at.angles[limb.joints]
+    (good,), (bad,), (deep,) = worth(limb, local, places, evidence, angles[None])
+    turned = np.square(angles - at).sum()
+    told = good - DEFAULT.room * bad - DEFAULT.per_m * deep - DEFAULT.per_rad2 * turned
+    assert found.worth == pytest.approx(told, abs=1e-9)  # of the pose that is told, not of one beyond the limits
     assert np.abs(found.pose.angles - thought.angles)[limb.joints].max() > 0.05
 
 
@@ -191,6 +213,18 @@ def test_a_pose_is_worth_what_the_samples_under_its_points_say_and_is_as_deep_as
         assert bad[k] == pytest.approx(np.maximum(-told, 0).mean(), abs=1e-6)
         of_it = [SOLID.pairs.tolist().index(pair) for pair in limb.pairs.tolist()]
         assert deep[k] == pytest.approx(depths_m(SOLID, landmarks_at(MESH, other))[of_it].sum(), abs=1e-6)
+
+
+def test_a_camera_that_looks_away_says_nothing() -> None:
+    limb = LIMBS["left upper arm"]
+    local, places = placed(rest(MESH))
+    T = np.diag([-1.0, 1.0, -1.0, 1.0]) @ EYES[0].T_camera_world
+    away = Eye(EYES[0].size_px, EYES[0].lens, EYES[0].farthest_r2, T)
+    blind = [Evidence(away, one.origin_px, STEP_PX, one.strange) for one in everywhere(1.0)]
+    angles = local.at.angles[limb.joints][None]
+    for evidence, says in ((blind, 0.0), (everywhere(1.0), 1.0), (everywhere(1.0)[:2] + blind[:2], 0.5)):
+        (good,), (bad,), _ = worth(limb, local, places, evidence, angles)
+        assert (good, bad) == (pytest.approx(says), 0)
 
 
 def under(one: Evidence, points: Float64) -> Float64:
@@ -267,10 +301,11 @@ def test_strange_is_what_was_so_within_reach_before_wherever_the_map_begins(
 
 @given(seeds)
 def test_what_stays_is_as_strange_as_before_and_what_flashes_by_is_not(seed: int) -> None:
-    now = any_map(seed)
-    np.testing.assert_array_equal(lasting(now, now).strange, now.strange)
+    now, same = any_map(seed), any_map(seed)
+    np.testing.assert_array_equal(lasting(now, same).strange, same.strange)
     nothing = Evidence(now.eye, now.origin_px, now.step_px, np.full_like(now.strange, -1))
-    np.testing.assert_array_equal(lasting(now, nothing).strange, np.minimum(now.strange, 0))
+    np.testing.assert_array_equal(lasting(now, nothing).strange, np.minimum(same.strange, 0))
+    np.testing.assert_array_equal(now.strange, same.strange)  # what was shown stays
 
 
 @pytest.mark.parametrize(("moved", "stays"), [(0, True), (REACH, True), (REACH + 1, False)])
@@ -327,6 +362,17 @@ def test_limbs_end_freely_and_their_last_parts_are_limbs_too() -> None:
         mine = np.isin(SOLID.part[limb.pairs], parts)
         assert mine.any(axis=1).all()
         assert mine.any(axis=1).sum() == np.isin(SOLID.part[SOLID.pairs], parts).any(axis=1).sum()
+
+
+def test_a_neck_and_a_trunk_are_no_limbs() -> None:
+    """A part alone is none, nor is a chain on which others hang."""
+    supple = body_mesh("male", detail=0.8, supple=True)
+    assert "head" in supple.part_names
+    assert [limb.name for limb in limbs(supple)] == list(LIMBS)
+    chain = worm()
+    divided = twist_tree([*chain.tree.parents, 2, 2], chain.tree.joint_parts, chain.tree.twists, chain.tree.limits)
+    both = msgspec.structs.replace(chain, tree=divided, part_names=(*chain.part_names, "left horn", "right horn"))
+    assert limbs(both) == ()
 
 
 def test_what_is_no_body_has_limbs_that_are_in_nothing() -> None:
