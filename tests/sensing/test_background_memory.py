@@ -179,7 +179,8 @@ def test_a_sample_alone_is_outvoted() -> None:
     """Of five samples, it and those beside it, it is one: salt in an image is nobody."""
     memory = seen_by(BackgroundMemory(2))
     image = room()
-    image[59:62, 79:82] = np.where(image[60, 80] > 127, 0, 255)
+    part = image[59:62, 79:82].astype(int)
+    image[59:62, 79:82] = np.where(part > 127, part - 55, part + 55)
     told = memory.strange(image, all_of_it(memory), 1)
     assert (told < 0).all()
     assert (told > -1).any()
