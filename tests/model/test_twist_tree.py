@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from mocapella.errors import SettingsError
 from mocapella.geometry.rigid import apply
 from mocapella.geometry.twists import revolute
-from mocapella.model.twist_tree import TreePose, joint_twists, part_motions, twist_tree
+from mocapella.model.twist_tree import TreePose, joint_twists, limbs_of, part_motions, twist_tree
 
 seeds = st.integers(0, 2**32 - 1)
 AXES = revolute(np.eye(3), np.ones((3, 3)))
@@ -58,6 +58,20 @@ def test_batches_are_what_each_alone_is() -> None:
         part_motions(model, TreePose(T[0, 0], angles))[1, 2], part_motions(model, TreePose(T[0, 0], angles[1, 2]))
     )
     np.testing.assert_array_equal(joint_twists(model, TreePose(T, angles))[0, 1], joint_twists(model, poses[0][1]))
+
+
+@given(seeds, st.integers(1, 8))
+def test_limbs_are_chains_that_begin_where_the_tree_divides(seed: int, parts: int) -> None:
+    model = trees.tree(np.random.default_rng(seed), parts, 2 * parts - 2)
+    limbs, parents = limbs_of(model), model.parents.tolist()
+    assert sorted(p for _, of_it in limbs for p in of_it) == list(range(1, parts))
+    for joints, of_it in limbs:
+        first, *rest = of_it.tolist()
+        assert parents[first] == 0 or parents.count(parents[first]) > 1
+        for before, part in zip(of_it.tolist(), rest, strict=False):
+            assert parents[part] == before
+            assert parents.count(before) == 1
+        assert joints.tolist() == [j for j, part in enumerate(model.joint_parts) if part in of_it]
 
 
 def test_a_rigid_object_is_a_tree_of_one_part() -> None:

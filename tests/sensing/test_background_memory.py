@@ -144,6 +144,92 @@ def test_beyond_the_image_nothing_is_known() -> None:
     assert np.isfinite(told[2:, 3:]).all()
 
 
+def seen_by(memory: BackgroundMemory, images: int = 5) -> BackgroundMemory:
+    """After so many noisy images of the empty room."""
+    for k in range(images):
+        memory.update(noisy(room(), k), None)
+    return memory
+
+
+def all_of_it(memory: BackgroundMemory) -> Silhouette:
+    return Silhouette((0, 0), memory.step_px, np.zeros(memory.known.shape, np.float32))
+
+
+@pytest.mark.parametrize("step", [1, 2, 3])
+def test_somebody_is_strange_and_the_room_is_not(step: int) -> None:
+    memory, (_, mask) = seen_by(BackgroundMemory(step)), person(40)
+    told = memory.strange(shown(77, mask, level=255), all_of_it(memory), 1)
+    inside, beside = (as_samples(mask, step, by) for by in (-2, 2))
+    assert inside.sum() > 0
+    assert (told[inside] == 1).all()
+    assert told[~beside].mean() < -0.95
+    assert (np.abs(told) <= 1).all()
+    assert memory.strange(noisy(room(), 99), all_of_it(memory), 1).mean() < -0.95
+
+
+def as_samples(mask: NDArray[np.bool_], step: int, by: int) -> NDArray[np.bool_]:
+    """Which samples are in the mask after it is grown by so many of them, or shrunk."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    out = np.zeros((-(-HEIGHT // step), -(-WIDTH // step)), dtype=bool)
+    out[rows[0] // step - by : rows[-1] // step + by + 1, columns[0] // step - by : columns[-1] // step + by + 1] = True
+    return out
+
+
+def test_a_sample_alone_is_outvoted() -> None:
+    """Of five samples, it and those beside it, it is one: salt in an image is nobody."""
+    memory = seen_by(BackgroundMemory(2))
+    image = room()
+    part = image[59:62, 79:82].astype(int)
+    image[59:62, 79:82] = np.where(part > 127, part - 55, part + 55)
+    told = memory.strange(image, all_of_it(memory), 1)
+    assert (told < 0).all()
+    assert (told > -1).any()
+
+
+@given(st.integers(1, 5), st.integers(-8, 40), st.integers(-8, 40))
+def test_every_so_manieth_sample_says_what_it_says_among_all(every: int, x: int, y: int) -> None:
+    memory, image = seen_by(BackgroundMemory(2), 2), shown(3, person(40)[1])
+    window = Silhouette((2 * x, 2 * y), 2, np.zeros((23, 31), np.float32))
+    some, each = memory.strange(image, window, every), memory.strange(image, window, 1)
+    np.testing.assert_array_equal(some, each[::every, ::every])
+    whole = memory.strange(image, all_of_it(memory), 1)
+    for (i, j), value in np.ndenumerate(each):
+        a, b = i + y, j + x
+        if 0 <= a < whole.shape[0] and 0 <= b < whole.shape[1]:
+            assert value == whole[a, b]
+        else:
+            assert value == 0 or a in {-1, whole.shape[0]} or b in {-1, whole.shape[1]}
+
+
+def test_points_are_as_strange_as_the_samples_next_to_them_and_beyond_the_image_nobody_knows() -> None:
+    memory, image = seen_by(BackgroundMemory(2)), shown(3, person(40)[1])
+    told = memory.strange(image, all_of_it(memory), 1)
+    rows, columns = np.random.default_rng(0).integers(0, told.shape, (50, 2)).T
+    aside = np.random.default_rng(1).uniform(-0.9, 0.9, (50, 2))
+    np.testing.assert_array_equal(memory.strange_at(image, 2.0 * np.c_[columns, rows] + aside), told[rows, columns])
+    assert len(set(told[rows, columns].tolist())) > 1
+    beyond = np.array([[-2.0, 5.0], [5.0, -2.0], [WIDTH + 1.0, 5.0], [5.0, HEIGHT + 1.0], [-1e6, -1e6]])
+    np.testing.assert_array_equal(memory.strange_at(image, beyond), 0)
+
+
+def test_what_nobody_knows_is_neither_strange_nor_the_room() -> None:
+    memory, (who, mask) = BackgroundMemory(2), person(40)
+    image = shown(0, mask)
+    assert (memory.strange(image, Silhouette((0, 0), 2, np.zeros((60, 80), np.float32)), 1) == 0).all()
+    assert (memory.strange_at(image, np.array([[50.0, 50.0]])) == 0).all()
+    for _ in range(3):
+        memory.update(image, who)
+    told = memory.strange(image, all_of_it(memory), 1)
+    crosses = np.pad(memory.known, 1).astype(int)
+    of_five = crosses[1:-1, 1:-1] + crosses[:-2, 1:-1] + crosses[2:, 1:-1] + crosses[1:-1, :-2] + crosses[1:-1, 2:]
+    np.testing.assert_array_equal(told == 0, of_five < 3)
+    assert (told[of_five >= 3] < 0).all()
+    with pytest.raises(InputError, match="multiple of 2 px"):
+        memory.strange(image, Silhouette((1, 0), 2, np.zeros((4, 4), np.float32)), 1)
+    with pytest.raises(InputError, match="size changed"):
+        memory.strange_at(image[:-2], np.zeros((1, 2)))
+
+
 def test_what_is_forgotten_is_not_known() -> None:
     memory = BackgroundMemory(2)
     memory.update(room(), None)
@@ -167,7 +253,17 @@ def test_a_window_that_does_not_fit_is_refused() -> None:
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"guard_steps": -1}, {"rate": 0}, {"rate": 2}, {"least_sd": 0}, {"sweep_images": 0}, {"cut_sd": 0}, {"every": 0}],
+    [
+        {"guard_steps": -1},
+        {"rate": 0},
+        {"rate": 2},
+        {"least_sd": 0},
+        {"sweep_images": 0},
+        {"cut_sd": 0},
+        {"every": 0},
+        {"strange_sd": 0},
+        {"window_images": 0},
+    ],
 )
 def test_settings_of_no_sense_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(SettingsError, match=next(iter(wrong))):

@@ -82,6 +82,93 @@ def test_images_that_are_stored_wrong_are_left_out_and_do_not_lead_astray() -> N
     assert np.median(missed_mm(found[-1], FRAMES - 1)) < 15
 
 
+def torn(image: Any) -> Any:
+    """The upper rows are of elsewhere: a tenth of what is behind the body differs."""
+    return np.concatenate([np.roll(image[:30], 40, axis=1), image[30:]])
+
+
+def mirrored(image: Any) -> Any:
+    return image[:, ::-1].copy()
+
+
+@pytest.mark.parametrize("fault", [torn, mirrored])
+def test_what_half_of_the_cameras_show_at_once_is_stored_wrong_in_all(fault: Any) -> None:
+    half = ["camera 1", "camera 2"]
+    wrong = {k: {name: fault(ROOM.images(squat(k), k)[name]) for name in half} for k in (6, 7)}
+    found = follow(SilhouetteTracker(ROOM.mesh, ROOM.rig), 12, wrong)
+    assert [len(one.left_out) for one in found] == [0] * 6 + [4] * 2 + [0] * 4
+    assert [name for name, reason in found[6].left_out.items() if "it shows something else" in reason] == half
+    assert "half of the cameras" in found[6].left_out["camera 3"]
+    assert found[6].seen == {}
+    for k in (6, 7, 8, 11):
+        assert np.median(missed_mm(found[k], k)) < 15
+
+
+@pytest.mark.parametrize(("fault", "left_out"), [(torn, []), (mirrored, ["camera 1"])])
+def test_one_camera_may_differ_a_little_but_not_much(fault: Any, left_out: list[str]) -> None:
+    """Somebody passes behind the body."""
+    wrong = {k: {"camera 1": fault(ROOM.images(squat(k), k)["camera 1"])} for k in (6, 7)}
+    found = follow(SilhouetteTracker(ROOM.mesh, ROOM.rig), 9, wrong)
+    assert [list(one.left_out) for one in found] == [[]] * 6 + [left_out] * 2 + [[]]
+    assert np.median(missed_mm(found[-1], 8)) < 15
+
+
+def test_what_differs_all_the_time_is_usual() -> None:
+    """Two cameras of which a part flickers from the beginning on are no reason to leave out all."""
+
+    def flickers(k: int) -> dict[str, Any]:
+        images = ROOM.images(squat(k), k)
+        rng = np.random.default_rng(k)
+        return {
+            name: np.concatenate([rng.permutation(images[name][:24].reshape(-1, 3)).reshape(24, -1, 3),
+                                  images[name][24:]]) for name in ("camera 1", "camera 2")
+        }  # fmt: skip
+
+    found = follow(SilhouetteTracker(ROOM.mesh, ROOM.rig), 10, {k: flickers(k) for k in range(10)})
+    assert [one.left_out for one in found] == [{}] * 10
+
+
+def test_a_body_that_nobody_saw_is_looked_for_farther_away() -> None:
+    tracker = SilhouetteTracker(ROOM.mesh, ROOM.rig)
+    follow(tracker, 5)
+    black = dict.fromkeys(ROOM.rig.cameras, np.zeros((240, 320, 3), np.uint8))
+    for k in range(5, 8):
+        assert tracker.update(black, k * FRAME_NS).seen == {}
+    there = bent(ROOM.mesh, {"left elbow flexion": 20, "right elbow flexion": 20}, (0.09, 0.0, 0.0))
+    for k in range(8, 11):
+        found = tracker.update(ROOM.images(there, k), k * FRAME_NS)
+        assert np.median(np.linalg.norm(found.landmarks - landmarks_at(ROOM.mesh, there), axis=1)) < 0.02
+
+
+@pytest.mark.parametrize("degrees", [{"left shoulder raise sidewards": 70}, {"left shoulder swing forwards": 80}])
+def test_an_arm_that_went_astray_is_looked_for(degrees: dict[str, float]) -> None:
+    there, missed_m = bent(ROOM.mesh, degrees), []
+    for settings in (SilhouetteSettings(limbs=None), SilhouetteSettings()):
+        tracker = SilhouetteTracker(ROOM.mesh, ROOM.rig, settings)
+        tracker.start(bent(ROOM.mesh, {}), -FRAME_NS)
+        tracker.learn_background(ROOM.walls())
+        for k in range(5):
+            found = tracker.update(ROOM.images(there, k), k * FRAME_NS)
+        missed_m.append(np.linalg.norm(found.landmarks - landmarks_at(ROOM.mesh, there), axis=1).max())
+    assert missed_m[0] > 0.8
+    assert missed_m[1] < 0.04
+
+
+def test_a_limb_turns_about_itself_no_faster_than_it_may() -> None:
+    turned = []
+    for most in (0.1, 30.0):
+        steadiness = Steadiness(turn_rad_per_s=most)
+        tracker = SilhouetteTracker(ROOM.mesh, ROOM.rig, SilhouetteSettings(steadiness=steadiness, limbs=None))
+        for k in range(-4, 5):
+            turns = bent(ROOM.mesh, {"left shoulder turn outwards": 4.0 * max(k, 0), "left elbow flexion": 90})
+            if k == -4:
+                tracker.start(turns, -5 * FRAME_NS)
+            found = tracker.update(ROOM.images(turns, k + 4), k * FRAME_NS)
+        turned.append(np.degrees(found.pose.angles[ROOM.mesh.joint_names.index("left shoulder turn outwards")]))
+    assert turned[1] > 10
+    assert turned[0] < 0.3 * turned[1]
+
+
 def test_a_black_camera_is_left_out_and_the_others_go_on() -> None:
     dark = {"camera 3": np.zeros((240, 320, 3), np.uint8)}
     found = follow(SilhouetteTracker(ROOM.mesh, ROOM.rig), 12, dict.fromkeys(range(4, 12), dark))
@@ -177,7 +264,7 @@ def test_settings_of_no_sense_are_refused(wrong: dict[str, Any]) -> None:
         SilhouetteSettings(**wrong)
 
 
-@pytest.mark.parametrize("name", ["root_m_per_s2", "root_rad_per_s2", "angle_rad_per_s2"])
+@pytest.mark.parametrize("name", ["root_m_per_s2", "root_rad_per_s2", "angle_rad_per_s2", "turn_rad_per_s"])
 def test_accelerations_are_above_0(name: str) -> None:
     with pytest.raises(SettingsError, match=name):
         Steadiness(**{name: 0.0})

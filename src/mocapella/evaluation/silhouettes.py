@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, Final
+from typing import Final
 
 import msgspec
 import numpy as np
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from mocapella.errors import EvaluationError
 from mocapella.geometry.rigid import rigid
 from mocapella.geometry.twists import log_motion
-from mocapella.model.body_capsules import body_capsules, depths_m
+from mocapella.model.body_capsules import capsules_of, depths_m
 from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at
 from mocapella.model.twist_tree import TreePose, part_motions
 from mocapella.settings import check
@@ -260,8 +260,7 @@ def through_itself_mm(found: Movement, true: Movement) -> Float64:
     """(frames,) how much deeper limbs are inside each other than the truth's, which press their flesh a little."""
     _same(found, true)
     ours, theirs = (
-        depths_m(body_capsules(movement.mesh), landmarks_at(movement.mesh, movement.poses))
-        for movement in (found, true)
+        depths_m(capsules_of(movement.mesh), landmarks_at(movement.mesh, movement.poses)) for movement in (found, true)
     )
     return np.asarray(1e3 * np.maximum(ours - theirs, 0.0).max(axis=1, initial=0.0))
 

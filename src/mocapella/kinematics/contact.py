@@ -12,13 +12,11 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.kinematics.twist_fit import InPlanes
-from mocapella.model.body_capsules import body_capsules
-from mocapella.model.rigged_mesh import RiggedMesh
+from mocapella.model.body_capsules import Capsules
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -27,36 +25,6 @@ TOUCHING_M = 0.008
 """Limbs that touch press their flesh so much [m]."""
 SD_M = 0.002
 """How much limbs may be in each other, against outlines that want it [m]."""
-
-
-class Capsules(msgspec.Struct, frozen=True, eq=False):
-    """A mesh's limbs, as capsules.
-
-    Attributes:
-        part: (c,) which part moves each.
-        ends: (c, 2) landmarks, as numbers of the mesh's.
-        radii: (c,) [m].
-        pairs: (p, 2) which can meet.
-    """
-
-    part: Int64
-    ends: Int64
-    radii: Float64
-    pairs: Int64
-
-
-def capsules_of(mesh: RiggedMesh) -> Capsules:
-    """Of a body; none of what is no body."""
-    limbs = body_capsules(mesh)
-    parts = np.array([mark.part for mark in mesh.landmarks.values()], np.int64)
-    # The second landmark is next to the joint that moves the next part, but for the trunk's.
-    moved = np.maximum(parts[limbs.ends[:, 0]], 0) if len(limbs.ends) else np.empty(0, np.int64)
-    for k, name in enumerate(limbs.names):
-        if name in mesh.part_names:
-            moved[k] = mesh.part_names.index(name)
-        elif name == "trunk" and "torso" in mesh.part_names:
-            moved[k] = mesh.part_names.index("torso")
-    return Capsules(moved, limbs.ends, limbs.radii, limbs.pairs)
 
 
 def apart(solid: Capsules, landmarks: Float64, motions: tuple[Float64, Float64], sd_m: float = SD_M) -> InPlanes:
@@ -80,10 +48,14 @@ def apart(solid: Capsules, landmarks: Float64, motions: tuple[Float64, Float64],
 
 
 def depth_m(solid: Capsules, pairs: Int64, landmarks: Float64) -> float:
-    """How deep the limbs of some pairs are in each other, all together [m]."""
-    return (
-        float(_kernels().depth(np.ascontiguousarray(landmarks[solid.ends]), solid.radii, pairs)) if len(pairs) else 0.0
-    )
+    """How deep the limbs of some pairs are in each other, all together [m].
+
+    Args:
+        solid: see there.
+        pairs: (q, 2) of its limbs.
+        landmarks: (n, 3) of the mesh where it is [m].
+    """
+    return float(_kernels().depth(np.ascontiguousarray(landmarks[solid.ends]), solid.radii, pairs))
 
 
 @cache

@@ -1,14 +1,15 @@
 """Where a limb that went astray is: many poses of it are tried against what the images show that is not their room.
 
-    evidence = [evidence_of(map of what is strange, outline of the rest of the body), …]    one for each camera
-    found = search(limb, local_tree, evidence, rng)
+    of_it = [without(evidence, figure, vertices, limb) for evidence in …]    one for each camera
+    found = search(limb, local_tree, (vertices, ends), of_it, rng, also_hidden=False)
 
-A limb whose outlines are nowhere near the image's is not brought back by steps, for nothing pulls it. But a limb that is
-where none is lies on the room, and this can be told without outlines: a pose is worth the mean over the limb's points
-and the cameras of what their samples show, 1 where it is somebody and −1 where it is the room. What the rest of the
-body covers says nothing of it, and what nobody knows neither. Poses are drawn about the one it has and anywhere within
-the limits, and the best of them again about themselves (R. Rubinstein, "The cross-entropy method for combinatorial and
-continuous optimization", Methodology and Computing in Applied Probability 1, 1999).
+A limb whose outlines are nowhere near the image's is not brought back by steps, for nothing pulls it. But a limb that
+is where none is lies on the room, and this can be told without outlines: a pose is worth the mean over the limb's
+points and the cameras of what their samples show, 1 where it is somebody and something below 0 where it is the room;
+and less where it is in another limb. What the rest of the body covers says nothing of it, and what nobody knows
+neither. Poses are drawn about the one it has and anywhere within the limits, and the best of them again about
+themselves (R. Rubinstein, "The cross-entropy method for combinatorial and continuous optimization", Methodology and
+Computing in Applied Probability 1, 1999).
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.kinematics.ball_joints import LocalTree
-from mocapella.kinematics.contact import Capsules, capsules_of
 from mocapella.kinematics.silhouette_fit import Eye, Figure
+from mocapella.model.body_capsules import Capsules, capsules_of
 from mocapella.model.rigged_mesh import RiggedMesh
 from mocapella.model.twist_tree import TreePose, limbs_of
 from mocapella.settings import check
@@ -188,7 +189,7 @@ class Found(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         pose: of the body's tree, within its limits; as it was but for the limb.
-        worth, was: of that pose, and of the one that it had: −1 to 1.
+        worth, was: of that pose, and of the one that it had: at most 1.
     """
 
     pose: TreePose
@@ -242,32 +243,34 @@ def search(
     """
     s, at = settings, local.at.angles[limb.joints]
 
-    def valued(angles: Float64) -> Float64:
+    def valued(angles: Float64) -> tuple[Float64, Float64]:
         good, bad, depth = worth(limb, local, places, evidence, angles)
-        return np.asarray(good - s.room * bad - s.per_m * depth - s.per_rad2 * ((angles - at) ** 2).sum(axis=1))
+        turned = ((angles - at) ** 2).sum(axis=1)
+        return np.asarray(good - s.room * bad - s.per_m * depth - s.per_rad2 * turned), bad
 
-    was, against = float(valued(at[None])[0]), float(worth(limb, local, places, evidence, at[None])[1][0])
+    (was,), (against,) = valued(at[None])
     astray = was < s.astray and against > s.against
     if not astray and not also_hidden:
         return None
     limits = np.clip(local.tree.limits[limb.joints], -np.pi, np.pi)
     third = -(-s.drawn // 3)
     drawn = [at + sd * rng.standard_normal((third, len(at))) for sd in (s.near_rad, s.farther_rad)]
-    tried = np.clip(np.concatenate([*drawn, rng.uniform(*limits.T, (third, len(at)))]), *limits.T)
-    values = valued(tried)
+    tried = np.clip(np.concatenate([*drawn, rng.uniform(limits[:, 0], limits[:, 1], (third, len(at)))]), *limits.T)
+    values, _ = valued(tried)
     for number in range(s.rounds):
         best = np.argsort(-values, kind="stable")[: s.kept]
         tried, values = tried[best], values[best]
         about = np.repeat(tried, s.again, axis=0)
         sd = s.near_rad / 2 ** (number + 1)
         more = np.clip(about + sd * rng.standard_normal(about.shape), *limits.T)
-        tried, values = np.concatenate([tried, more]), np.concatenate([values, valued(more)])
+        tried, values = np.concatenate([tried, more]), np.concatenate([values, valued(more)[0]])
     angles = local.at.angles.copy()
     angles[limb.joints] = tried[np.argmax(values)]
     pose = local.back(TreePose(local.at.T_world_model, angles))
     told = local.into(pose).angles[limb.joints]  # within the body's limits, which those of a local tree are not
-    value = float(valued(told[None])[0])
-    return Found(pose, value, was) if value > was + (s.better if astray else s.much_better) else None
+    (value,), _ = valued(told[None])
+    better = value > was + (s.better if astray else s.much_better)
+    return Found(pose, float(value), float(was)) if better else None
 
 
 @cache

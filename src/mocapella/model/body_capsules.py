@@ -18,55 +18,56 @@ from mocapella.model.rigged_mesh import RiggedMesh
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
-_LIMBS: Final[dict[str, tuple[str, str, str]]] = {
-    "trunk": ("torso", "waist", "neck"),
-    "head": ("torso", "neck", "head"),
-    **{f"{side} {name}": (f"{side} {part}", f"{side} {a}", f"{side} {b}") for side in ("left", "right")
-       for name, part, a, b in (
-           ("upper arm", "upper arm", "shoulder", "elbow"), ("forearm", "forearm", "elbow", "wrist"),
-           ("hand", "forearm", "wrist", "hand"), ("thigh", "thigh", "hip", "knee"), ("shank", "shank", "knee", "ankle"),
-           ("foot", "foot", "heel", "toe"))},
+_LIMBS: Final[dict[str, tuple[str, str]]] = {
+    "trunk": ("waist", "neck"),
+    "head": ("neck", "head"),
+    **{f"{side} {name}": (f"{side} {a}", f"{side} {b}") for side in ("left", "right")
+       for name, a, b in (
+           ("upper arm", "shoulder", "elbow"), ("forearm", "elbow", "wrist"), ("hand", "wrist", "hand"),
+           ("thigh", "hip", "knee"), ("shank", "knee", "ankle"), ("foot", "heel", "toe"))},
 }  # fmt: skip
-"""Part, and the landmarks between which it is."""
-_TOUCHING: Final = (
-    {"trunk", "head"}, {"left foot", "left shank"}, {"right foot", "right shank"},
-    *({"trunk", f"{side} upper arm"} for side in ("left", "right")),
-    *({"head", f"{side} upper arm"} for side in ("left", "right")),
-    *({"trunk", f"{side} thigh"} for side in ("left", "right")), {"left thigh", "right thigh"},
-)  # fmt: skip
+"""The landmarks between which each is; the second one is at its far end and moves with it."""
+_TOUCHING: Final = {
+    frozenset({"left thigh", "right thigh"}),
+    *(frozenset({one, f"{side} {other}"}) for side in ("left", "right")
+      for one, other in (("trunk", "upper arm"), ("head", "upper arm"), ("trunk", "thigh"), (f"{side} shank", "foot"))),
+}  # fmt: skip
 """These overlap in everybody; those that share a landmark do, too."""
 
 
-class BodyCapsules(msgspec.Struct, frozen=True, eq=False):
+class Capsules(msgspec.Struct, frozen=True, eq=False):
     """A body's limbs.
 
     Attributes:
         names: one for each.
+        part: (c,) which part of the mesh moves each.
         ends: (c, 2) the landmarks between which each is, as numbers of the mesh's.
         radii: (c,) [m].
-        pairs: (p, 2) which can meet.
+        pairs: (p, 2) which can meet, the lower number first.
     """
 
     names: tuple[str, ...]
+    part: Int64
     ends: Int64
     radii: Float64
     pairs: Int64
 
 
-def body_capsules(mesh: RiggedMesh) -> BodyCapsules:
+def capsules_of(mesh: RiggedMesh) -> Capsules:
     """The limbs of a body that a mesh has, by its landmarks' names; none of what is no body."""
     marks = list(mesh.landmarks)
-    there = {name: (a, b) for name, (_, a, b) in _LIMBS.items() if a in mesh.landmarks and b in mesh.landmarks}
+    there = {name: both for name, both in _LIMBS.items() if mesh.landmarks.keys() >= set(both)}
     pairs = [
         (i, j)
         for (i, one), (j, other) in combinations(enumerate(there), 2)
-        if {one, other} not in _TOUCHING and not set(there[one]) & set(there[other])
+        if frozenset({one, other}) not in _TOUCHING and not set(there[one]) & set(there[other])
     ]
     ends = np.array([[marks.index(name) for name in both] for both in there.values()], np.int64).reshape(-1, 2)
-    return BodyCapsules(tuple(there), ends, _radii(mesh, ends), np.array(pairs, np.int64).reshape(-1, 2))
+    part = np.array([mesh.landmarks[far].part for _, far in there.values()], np.int64)
+    return Capsules(tuple(there), part, ends, _radii(mesh, ends), np.array(pairs, np.int64).reshape(-1, 2))
 
 
-def depths_m(capsules: BodyCapsules, landmarks: Float64) -> Float64:
+def depths_m(capsules: Capsules, landmarks: Float64) -> Float64:
     """(..., p) how deep the limbs of each pair are in each other, 0 where they are apart; landmarks (..., n, 3) [m]."""
     one, other = (landmarks[..., capsules.ends[capsules.pairs[:, k]], :] for k in (0, 1))
     between = segment_distance(one[..., 0, :], one[..., 1, :], other[..., 0, :], other[..., 1, :])
@@ -74,12 +75,13 @@ def depths_m(capsules: BodyCapsules, landmarks: Float64) -> Float64:
 
 
 def _radii(mesh: RiggedMesh, ends: Int64) -> Float64:
+    """(c,) a quarter of the vertices that no other axis is nearer to are nearer than this; 0 where there are none."""
     points, x = np.array([mark.point for mark in mesh.landmarks.values()]).reshape(-1, 3), mesh.vertices
     if not len(ends):
         return np.empty(0)
     distances = np.array([segment_distance(x, x, *np.broadcast_arrays(*points[both], x)[:2]) for both in ends])
-    nearest = distances.argmin(axis=0)
-    return np.array([np.percentile(distances[k, nearest == k], 25) for k in range(len(ends))])
+    nearest = distances == distances.min(axis=0)  # what is in the middle is of both sides: left and right are alike
+    return np.array([np.percentile(d[n], 25) if n.any() else 0.0 for d, n in zip(distances, nearest, strict=True)])
 
 
 def segment_distance(a: Any, b: Any, c: Any, d: Any) -> Float64:

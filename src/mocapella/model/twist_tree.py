@@ -92,12 +92,12 @@ def twist_tree(
 
 
 def limbs_of(tree: TwistTree) -> list[tuple[Int64, Int64]]:
-    """Joints and parts of what hangs on a part that has more than one part hanging on it."""
+    """Joints and parts of each chain of parts: what hangs on the root, or where more than one part hangs on another."""
     limbs: dict[int, list[int]] = {}
     of = np.zeros(len(tree.parents), dtype=np.int64)
     for part in range(1, len(tree.parents)):
         parent = int(tree.parents[part])
-        alone = np.count_nonzero(tree.parents == parent) == 1 and parent > 0
+        alone = np.count_nonzero(tree.parents == parent) == 1
         of[part] = of[parent] if alone else part
         limbs.setdefault(int(of[part]), []).append(part)
     return [(np.flatnonzero(np.isin(tree.joint_parts, limb)), np.array(limb)) for limb in limbs.values()]

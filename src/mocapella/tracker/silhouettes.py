@@ -23,7 +23,7 @@ from mocapella.conventions import NS_PER_S
 from mocapella.errors import SettingsError
 from mocapella.geometry.signed_distance import signed_distance
 from mocapella.kinematics.ball_joints import LocalTree, ball_joints, local_tree
-from mocapella.kinematics.contact import apart, capsules_of, depth_m
+from mocapella.kinematics.contact import apart, depth_m
 from mocapella.kinematics.limb_search import (
     TOUCHING_M,
     Evidence,
@@ -47,6 +47,7 @@ from mocapella.kinematics.silhouette_fit import (
 )
 from mocapella.kinematics.twist_fit import FitSettings, InPlanes, Prior, fit
 from mocapella.kinematics.twist_prediction import JitterPenalty, predicted, smoothness
+from mocapella.model.body_capsules import capsules_of
 from mocapella.model.camera import CameraRig
 from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at, posed
 from mocapella.model.silhouettes import Silhouette, overlap
