@@ -48,9 +48,9 @@ from mocapella.kinematics.silhouette_fit import (
 from mocapella.kinematics.twist_fit import FitSettings, InPlanes, Prior, fit
 from mocapella.kinematics.twist_prediction import JitterPenalty, predicted, smoothness
 from mocapella.model.camera import CameraRig
-from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at, posed
+from mocapella.model.rigged_mesh import RiggedMesh, carried, posed
 from mocapella.model.silhouettes import Silhouette, overlap
-from mocapella.model.twist_tree import TreePose, part_motions
+from mocapella.model.twist_tree import TreePose, motions
 from mocapella.sensing.background_memory import BackgroundMemory, MemorySettings
 from mocapella.sensing.region_contour import RegionSettings, region_contour
 from mocapella.settings import check
@@ -205,6 +205,15 @@ class SilhouetteTracker:
         self._limbs = () if self.settings.limbs is None else limbs(mesh, self.settings.limbs)
         self._eyes: dict[str, Eye] = {name: eye(placed) for name, placed in rig.cameras.items()}
         self._usual = np.clip(0.0, *mesh.tree.limits.T)
+        marks, count = mesh.landmarks.values(), len(mesh.landmarks)
+        self._marks = (
+            np.array([mark.point for mark in marks], np.float64).reshape(count, 3),
+            np.array([[mark.part] for mark in marks], np.int32).reshape(count, 1),
+            np.ones((count, 1)),
+        )
+        asked = [limb.vertices for limb in self._limbs]
+        self._asked = np.concatenate(asked) if asked else np.empty(0, np.int64)
+        self._asked_from = np.cumsum([0, *(len(some) for some in asked)])
         self.reset()
 
     def reset(self) -> None:
@@ -214,6 +223,7 @@ class SilhouetteTracker:
         self._doubted: set[str] = set()
         self._evidence: dict[str, Evidence] = {}
         self._past: list[tuple[int, TreePose]] = []
+        self._stood: _Standing | None = None
         self._cameras: dict[str, _Camera] = {}
         self._missed = False
         self._as_expected = False
@@ -225,7 +235,7 @@ class SilhouetteTracker:
             SettingsError: no camera sees it there.
         """
         self._past, self._missed, self._as_expected = [(time_ns, pose)], False, False
-        vertices, s = posed(self.mesh, pose), self.settings
+        vertices, s = self._standing(pose).vertices, self.settings
         for name, by in self._eyes.items():
             if name not in self._cameras:
                 outline = see(self._figure, vertices, by, step_px=1, margin_px=1)
@@ -271,6 +281,7 @@ class SilhouetteTracker:
         others = others or {}
         s = self.settings
         expected = pose = self.expected(time_ns)
+        expected_at = self._standing(expected).vertices
         usual, steady = self._priors(expected, time_ns)
         first = len(self._past) == 1
         wide = first or self._missed
@@ -278,7 +289,7 @@ class SilhouetteTracker:
         for camera in self._cameras.values():
             camera.forget_frame()
             camera.wide = wide
-        left_out |= self._something_else(images, left_out, expected, time_ns)
+        left_out |= self._something_else(images, left_out, expected_at, time_ns)
         rounds, segmented = (s.rounds * SETTLING, s.rounds * SETTLING - 1) if first else (s.rounds, s.segmented)
         if self._missed and not first:
             rounds, segmented = 2 * rounds, 2 * rounds - 1
@@ -292,9 +303,9 @@ class SilhouetteTracker:
             self._past = [(at_ns, _with(past, joints, pose.angles)) for at_ns, past in self._past]
             usual, steady = self._priors(_with(expected, joints, pose.angles), time_ns)
             pose = self._fitted(images, others, left_out, pose, (usual, steady), s.rounds, s.segmented)
-        vertices, seen = posed(self.mesh, pose), {}
+        stands, seen = self._standing(pose), {}
         for name, camera in self._cameras.items():
-            if name in images and camera.segmented and camera.look(self._figure, vertices, s):
+            if name in images and camera.segmented and camera.look(self._figure, stands.vertices, s):
                 seen[name] = camera.seen()
                 camera.learn(images[name], others.get(name))
         if seen:
@@ -302,10 +313,10 @@ class SilhouetteTracker:
             last_ns, last = self._past[-1]
             self._past = [(last_ns, pose if first else last), (time_ns, pose)]
         self._missed = not seen
-        away_m = np.linalg.norm(posed(self.mesh, expected) - vertices, axis=1).max()
+        away_m = np.linalg.norm(expected_at - stands.vertices, axis=1).max()
         nearest_m = min((camera.sample_m for camera in self._cameras.values() if camera.segmented), default=0.0)
         self._as_expected = bool(seen) and away_m <= s.expected_steps * nearest_m
-        return Followed(time_ns, pose, landmarks_at(self.mesh, pose), seen, left_out)
+        return Followed(time_ns, pose, stands.landmarks, seen, left_out)
 
     def _fitted(
         self,
@@ -323,17 +334,17 @@ class SilhouetteTracker:
         for number in range(rounds):
             for camera in self._cameras.values():
                 camera.wide = wide and number < rounds // 2
-            vertices, local = posed(self.mesh, pose), self._local(pose)
-            motions = self._motions(local)
+            stands, local = self._standing(pose), self._local(pose)
+            moved = motions(local.tree, local.at)
             given = []
             for name, camera in self._cameras.items():
-                if name not in images or name in left_out or not camera.look(self._figure, vertices, s):
+                if name not in images or name in left_out or not camera.look(self._figure, stands.vertices, s):
                     continue
                 if number < segmented:
                     camera.segment(images[name], others.get(name), last=number == segmented - 1)
                 if camera.segmented:
-                    given.append(camera.planes(motions))
-            given.append(apart(self._solid, landmarks_at(self.mesh, pose), motions))
+                    given.append(camera.planes(moved))
+            given.append(apart(self._solid, stands.landmarks, moved))
             # What nobody sees goes on as it did, not to where it usually is.
             local_priors = [local.into_prior(one) for one in steady] + (
                 [local.into_usual(usual)] if len(given) > 1 else []
@@ -356,13 +367,13 @@ class SilhouetteTracker:
         if s.limbs is None or not self._limbs:
             return None
         self._turn += 1
-        vertices, landmarks = posed(self.mesh, pose), landmarks_at(self.mesh, pose)
+        stands = self._standing(pose)
         seeing = {
             name: camera
             for name, camera in self._cameras.items()
             if name in images and name not in left_out and camera.segmented and camera.memory is not None
         }
-        doubtful = {limb.name for limb in self._limbs if self._doubtful(limb, images, seeing, vertices, landmarks)}
+        doubtful = self._doubtful(images, seeing, stands)
         # One after the other is looked for where it need not be: limbs hide behind a body, too.
         in_turn = self._limbs[self._turn // EVERY_LIMB % len(self._limbs)].name if self._turn % EVERY_LIMB == 0 else ""
         wanted, before = doubtful | {in_turn}, self._doubted
@@ -382,29 +393,28 @@ class SilhouetteTracker:
         for limb in self._limbs if len(evidence) > 1 else ():  # one camera's word is not enough
             if limb.name not in wanted & before:
                 continue
-            of_it = [without(one, self._figure, vertices, limb) for one in evidence]
-            places = vertices, landmarks[self._solid.ends]
+            of_it = [without(one, self._figure, stands.vertices, limb) for one in evidence]
+            places = stands.vertices, stands.landmarks[self._solid.ends]
             hidden = limb.name == in_turn
             found = search(limb, self._local(pose), places, of_it, self._rng, also_hidden=hidden, settings=s.limbs)
             if found is not None:
                 pose, moved = found.pose, [*moved, limb.joints]
-                vertices, landmarks = posed(self.mesh, pose), landmarks_at(self.mesh, pose)
+                stands = self._standing(pose)
         return (np.concatenate(moved), pose) if moved else None
 
-    def _doubtful(
-        self,
-        limb: Limb,
-        images: Mapping[str, UInt8],
-        seeing: Mapping[str, _Camera],
-        vertices: Float64,
-        landmarks: Float64,
-    ) -> bool:
-        """Whether images show the room where a limb is said to be, or it is in another one."""
+    def _doubtful(self, images: Mapping[str, UInt8], seeing: Mapping[str, _Camera], stands: _Standing) -> set[str]:
+        """Limbs where images show the room where they are said to be, or that are in others."""
         assert self.settings.limbs is not None
-        if depth_m(self._solid, limb.pairs, landmarks) > TOUCHING_M:
-            return True
-        against = [camera.against(images[name], vertices[limb.vertices]) for name, camera in seeing.items()]
-        return bool(against) and float(np.mean(against)) > 0.75 * self.settings.limbs.against
+        points, against = stands.vertices[self._asked], np.zeros(len(self._asked))
+        for name, camera in seeing.items():
+            against += camera.against(images[name], points)
+        found, most = set(), 0.75 * self.settings.limbs.against * len(seeing)
+        for k, limb in enumerate(self._limbs):
+            begin, end = self._asked_from[k : k + 2]
+            room = bool(seeing) and against[begin:end].sum() > most * (end - begin)
+            if room or depth_m(self._solid, limb.pairs, stands.landmarks) > TOUCHING_M:
+                found.add(limb.name)
+        return found
 
     def covered(self, pose: TreePose, grown_px: int = 0) -> dict[str, Bool]:
         """(height, width) by camera: what the body covers in a pose, and so much around it."""
@@ -437,15 +447,15 @@ class SilhouetteTracker:
         return reasons
 
     def _something_else(
-        self, images: Mapping[str, UInt8], left_out: Mapping[str, str], expected: TreePose, time_ns: int
+        self, images: Mapping[str, UInt8], left_out: Mapping[str, str], expected_at: Float64, time_ns: int
     ) -> dict[str, str]:
         """Cameras whose images are of something else; where half of them are, all are: what was stored is wrong.
 
         One camera must differ much, for somebody may pass; half of them, at one instant, only beyond chance.
         """
-        vertices, s, asked, much, some = posed(self.mesh, expected), self.settings, {}, [], []
+        s, asked, much, some = self.settings, {}, [], []
         for name, camera in self._cameras.items():
-            if name in images and name not in left_out and camera.look(self._figure, vertices, s):
+            if name in images and name not in left_out and camera.look(self._figure, expected_at, s):
                 asked[name] = unlike = camera.unlike(images[name])
                 if unlike > camera.usually.much(s.unlike):
                     much.append(name)
@@ -482,9 +492,21 @@ class SilhouetteTracker:
     def _local(self, pose: TreePose) -> LocalTree:
         return local_tree(self.mesh.tree, self._balls, pose)
 
-    def _motions(self, local: LocalTree) -> tuple[Float64, Float64]:
-        T = part_motions(local.tree, local.at)
-        return np.ascontiguousarray(T[:, :3, :3]).reshape(-1, 9), np.ascontiguousarray(T[:, :3, 3])
+    def _standing(self, pose: TreePose) -> _Standing:
+        """Of the last pose that was asked, it is known already."""
+        if self._stood is None or self._stood.pose is not pose:
+            mesh, moved = self.mesh, motions(self.mesh.tree, pose)
+            vertices = carried(mesh.vertices, mesh.bones, mesh.shares, moved)
+            self._stood = _Standing(pose, vertices, carried(*self._marks, moved))
+        return self._stood
+
+
+class _Standing(msgspec.Struct, frozen=True, eq=False):
+    """Where a body is in a pose: its vertices (n, 3) and landmarks (m, 3) [m]."""
+
+    pose: TreePose
+    vertices: Float64
+    landmarks: Float64
 
 
 class _Camera:
@@ -509,6 +531,7 @@ class _Camera:
 
     def forget_frame(self) -> None:
         self._window: Outline | None = None
+        self._looked: tuple[Float64, float] | None = None
         self._outline: Outline | None = None
         self._prior: Silhouette | None = None
         self._found: tuple[Silhouette, Float32] | None = None
@@ -530,6 +553,9 @@ class _Camera:
 
     def look(self, body: Figure, vertices: Float64, s: SilhouetteSettings) -> bool:
         """See the body; all of a frame's looks have one window. False where it is not in the image."""
+        if self._looked is not None and self._looked[0] is vertices and self._looked[1] == self._reach:
+            return self._outline is not None
+        self._looked = vertices, self._reach
         seen = see(
             body, vertices, self._eye, step_px=self.step_px, margin_px=int(self._reach),
             spacing_px=s.correspondences.spacing_steps * self.step_px, window=self._window,
@@ -582,11 +608,10 @@ class _Camera:
         contour = self._found[0]
         return SeenIn(contour, self._outline, overlap(contour.phi > 0, self._outline.mask > 0))
 
-    def against(self, image: UInt8, points: Float64) -> float:
-        """Share of points (n, 3) of the body where the image shows the room, 0 to 1."""
+    def against(self, image: UInt8, points: Float64) -> Float32:
+        """(n,) how much the image shows the room at points (n, 3) of the body, 0 to 1."""
         assert self.memory is not None
-        pixels = seen_at(points, self._eye)
-        return float(-np.minimum(self.memory.strange_at(image, pixels), 0.0).mean())
+        return np.maximum(-self.memory.strange_at(image, seen_at(points, self._eye)), 0.0)
 
     def evidence(self, image: UInt8, others: Bool | None) -> Evidence:
         """What of the image is not the room, about the body, as far as limbs reach."""
