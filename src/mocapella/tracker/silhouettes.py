@@ -79,6 +79,12 @@ FARTHER, EVERY = 0.3, 3
 """A limb is looked for in so much more than the body's window, at every so manieth sample."""
 EVERY_LIMB = 6
 """After so many frames the next limb is looked for, even if nothing speaks against where it is."""
+LOOSE = 1e-3
+"""How much the middle of a limb counts against its axes."""
+STRETCHED = 1.1
+"""How much farther than at rest a limb may reach."""
+NEAREST_LIMB_M = 0.3
+"""Nearer than this to a camera a limb may be anywhere in its image [m]."""
 USUAL_STEP_PX = 2
 """For which a region's settings in pixels hold; other steps have them scaled."""
 
@@ -211,6 +217,7 @@ class SilhouetteTracker:
             np.array([[mark.part] for mark in marks], np.int32).reshape(count, 1),
             np.ones((count, 1)),
         )
+        self._hung = tuple(_hung(mesh, limb) for limb in self._limbs)
         asked = [limb.vertices for limb in self._limbs]
         self._asked = np.concatenate(asked) if asked else np.empty(0, np.int64)
         self._asked_from = np.cumsum([0, *(len(some) for some in asked)])
@@ -383,8 +390,8 @@ class SilhouetteTracker:
             else doubtful
         )
         now = (
-            {name: camera.evidence(images[name], others.get(name)) for name, camera in seeing.items()}
-            if (self._doubted or wanted & before)
+            {name: camera.evidence(images[name], others.get(name), about) for name, camera in seeing.items()}
+            if (about := self._about(self._doubted | (wanted & before), pose))
             else {}
         )
         then, self._evidence = self._evidence, now
@@ -401,6 +408,14 @@ class SilhouetteTracker:
                 pose, moved = found.pose, [*moved, limb.joints]
                 stands = self._standing(pose)
         return (np.concatenate(moved), pose) if moved else None
+
+    def _about(self, names: set[str], pose: TreePose) -> Sequence[_Ball]:
+        """Where limbs can be: about where they hang, as far as they reach."""
+        if not names:
+            return []
+        R, t = motions(self.mesh.tree, pose)
+        chosen = [hung for limb, hung in zip(self._limbs, self._hung, strict=True) if limb.name in names]
+        return [_Ball(R[part].reshape(3, 3) @ ball.centre + t[part], ball.radius_m) for part, ball in chosen]
 
     def _doubtful(self, images: Mapping[str, UInt8], seeing: Mapping[str, _Camera], stands: _Standing) -> set[str]:
         """Limbs where images show the room where they are said to be, or that are in others."""
@@ -499,6 +514,13 @@ class SilhouetteTracker:
             vertices = carried(mesh.vertices, mesh.bones, mesh.shares, moved)
             self._stood = _Standing(pose, vertices, carried(*self._marks, moved))
         return self._stood
+
+
+class _Ball(msgspec.Struct, frozen=True, eq=False):
+    """A place (3,) and how far about it [m]."""
+
+    centre: Float64
+    radius_m: float
 
 
 class _Standing(msgspec.Struct, frozen=True, eq=False):
@@ -613,8 +635,8 @@ class _Camera:
         assert self.memory is not None
         return np.maximum(-self.memory.strange_at(image, seen_at(points, self._eye)), 0.0)
 
-    def evidence(self, image: UInt8, others: Bool | None) -> Evidence:
-        """What of the image is not the room, about the body, as far as limbs reach."""
+    def evidence(self, image: UInt8, others: Bool | None, about: Sequence[_Ball]) -> Evidence:
+        """What of the image is not the room, about the body, as far as some limbs reach."""
         assert self._outline is not None
         assert self.memory is not None
         (x, y), (rows, columns), step = self._outline.origin_px, self._outline.mask.shape, self.step_px
@@ -622,12 +644,28 @@ class _Camera:
         grid, around = step * EVERY, step * round(FARTHER * max(rows, columns))
         left, top = (max(at - around, 0) // grid * grid for at in (x, y))
         right, bottom = min(x + step * columns + around, width), min(y + step * rows + around, height)
+        bounds = self._bounds(about)
+        if bounds is not None:
+            left, top = max(left, bounds[0] // grid * grid), max(top, bounds[1] // grid * grid)
+            right, bottom = min(right, bounds[2]), min(bottom, bounds[3])
         shape = (max(-(-(bottom - top) // step), 1), max(-(-(right - left) // step), 1))
         strange = self.memory.strange(image, Silhouette((left, top), step, np.empty(shape, np.float32)), EVERY)
         if others is not None:
             apart_from = others[top:bottom:grid, left:right:grid]
             strange[: apart_from.shape[0], : apart_from.shape[1]][apart_from] = 0.0
         return Evidence(self._eye, (left, top), grid, strange)
+
+    def _bounds(self, about: Sequence[_Ball]) -> tuple[int, int, int, int] | None:
+        """What part of the image shows balls: left, top, right, bottom [px]; None where one is about the camera."""
+        centres, radii = np.array([ball.centre for ball in about]), np.array([ball.radius_m for ball in about])
+        T = self._eye.T_camera_world
+        nearest = centres @ T[2, :3] + T[2, 3] - radii
+        if nearest.min() <= NEAREST_LIMB_M:
+            return None
+        pixels, reach = seen_at(centres, self._eye), self._eye.lens[:2] * (radii / nearest)[:, None]
+        left, top = (pixels - reach).min(axis=0).astype(int).tolist()
+        right, bottom = (pixels + reach).max(axis=0).astype(int).tolist()
+        return left, top, right, bottom
 
     def learn(self, image: UInt8, others: Bool | None) -> None:
         """Take in what is behind the body."""
@@ -669,6 +707,21 @@ class _Usually:
             change = unlike - self._mean
             self._mean += LEARNT * change
             self._deviation += LEARNT * (abs(change) - self._deviation)
+
+
+def _hung(mesh: RiggedMesh, limb: Limb) -> tuple[int, _Ball]:
+    """The part that a limb begins with, and the ball that it stays in, as of that part at rest: about the point that is
+    nearest to that part's axes, and to the limb.
+    """
+    part, points = int(limb.part.min()), mesh.vertices[limb.vertices]
+    axes = mesh.tree.twists[mesh.tree.joint_parts == part]
+    middle = points.mean(axis=0)
+    A, b = LOOSE * np.eye(3), LOOSE * middle
+    for twist in axes:
+        across = np.eye(3) - np.outer(twist[3:], twist[3:])
+        A, b = A + across, b + np.cross(twist[3:], twist[:3])
+    centre = np.linalg.solve(A, b)
+    return part, _Ball(centre, STRETCHED * float(np.linalg.norm(points - centre, axis=1).max()))
 
 
 def _with(pose: TreePose, joints: NDArray[np.int64], angles: Float64) -> TreePose:
