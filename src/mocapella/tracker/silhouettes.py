@@ -60,6 +60,8 @@ Float32 = NDArray[np.float32]
 UInt8 = NDArray[np.uint8]
 Bool = NDArray[np.bool_]
 
+SAMPLES_HIGH = 200
+"""About so many samples a body is high in an image."""
 LEAST_CONTRAST = 6
 """An image whose values differ by no more is all of one colour [grey levels]."""
 MOST_AT_FIRST = 0.6
@@ -243,14 +245,18 @@ class SilhouetteTracker:
         """
         self._past, self._missed, self._as_expected = [(time_ns, pose)], False, False
         vertices, s = self._standing(pose).vertices, self.settings
+        steps = {name: camera.step_px for name, camera in self._cameras.items()}
         for name, by in self._eyes.items():
-            if name not in self._cameras:
-                outline = see(self._figure, vertices, by, step_px=1, margin_px=1)
-                if outline is not None:
-                    step = s.step_px or max(1, round(max(outline.mask.shape) / 200))
-                    self._cameras[name] = _Camera(by, step, s)
-        if not self._cameras:
+            outline = None if name in steps else see(self._figure, vertices, by, step_px=1, margin_px=1)
+            if outline is not None:
+                steps[name] = s.step_px or max(1, round(max(outline.mask.shape) / SAMPLES_HIGH))
+        if not steps:
             raise SettingsError("no camera of the rig sees a body that stands there; is the pose in the rig's space?")
+        # Into the images of others it may walk.
+        usual = round(float(np.median(list(steps.values()))))
+        self._cameras = {
+            name: self._cameras.get(name) or _Camera(by, steps.get(name, usual), s) for name, by in self._eyes.items()
+        }
 
     def learn_background(self, images: Mapping[str, UInt8]) -> None:
         """Take in images of the empty room, by camera; after `start`. Cameras that move learn nothing.
@@ -300,8 +306,6 @@ class SilhouetteTracker:
         rounds, segmented = (s.rounds * SETTLING, s.rounds * SETTLING - 1) if first else (s.rounds, s.segmented)
         if self._missed and not first:
             rounds, segmented = 2 * rounds, 2 * rounds - 1
-        if self._as_expected:
-            rounds, segmented = max(rounds - 1, 1), 1
         pose = self._fitted(images, others, left_out, pose, (usual, steady), rounds, segmented)
         found = self._strays(images, others, left_out, pose)
         if found is not None:
@@ -311,18 +315,19 @@ class SilhouetteTracker:
             usual, steady = self._priors(_with(expected, joints, pose.angles), time_ns)
             pose = self._fitted(images, others, left_out, pose, (usual, steady), s.rounds, s.segmented)
         stands, seen = self._standing(pose), {}
+        self._as_expected = self._near(expected_at, stands.vertices)
         for name, camera in self._cameras.items():
             if name in images and camera.segmented and camera.look(self._figure, stands.vertices, s):
                 seen[name] = camera.seen()
+                camera.learn(images[name], others.get(name))
+        for name, camera in self._cameras.items() if seen else ():
+            if name in images and name not in left_out and not camera.look(self._figure, stands.vertices, s):
                 camera.learn(images[name], others.get(name))
         if seen:
             # Where it was thought to be before the first frame was rough: it is at rest, until it is seen to move.
             last_ns, last = self._past[-1]
             self._past = [(last_ns, pose if first else last), (time_ns, pose)]
         self._missed = not seen
-        away_m = np.linalg.norm(expected_at - stands.vertices, axis=1).max()
-        nearest_m = min((camera.sample_m for camera in self._cameras.values() if camera.segmented), default=0.0)
-        self._as_expected = bool(seen) and away_m <= s.expected_steps * nearest_m
         return Followed(time_ns, pose, stands.landmarks, seen, left_out)
 
     def _fitted(
@@ -338,7 +343,11 @@ class SilhouetteTracker:
         """Outlines, and the pose that they want, again and again."""
         s, (usual, steady) = self.settings, priors
         wide = any(camera.wide for camera in self._cameras.values())
+        near, looked = self._as_expected and segmented == s.segmented, self._standing(pose).vertices
         for number in range(rounds):
+            again = number < segmented
+            if number == 1 and segmented == s.segmented and self._near(looked, self._standing(pose).vertices):
+                segmented, rounds, again = 1, max(rounds - 1, 2), False
             for camera in self._cameras.values():
                 camera.wide = wide and number < rounds // 2
             stands, local = self._standing(pose), self._local(pose)
@@ -347,8 +356,8 @@ class SilhouetteTracker:
             for name, camera in self._cameras.items():
                 if name not in images or name in left_out or not camera.look(self._figure, stands.vertices, s):
                     continue
-                if number < segmented:
-                    camera.segment(images[name], others.get(name), last=number == segmented - 1)
+                if again:
+                    camera.segment(images[name], others.get(name), near=near or number == segmented - 1)
                 if camera.segmented:
                     given.append(camera.planes(moved))
             given.append(apart(self._solid, stands.landmarks, moved))
@@ -358,6 +367,12 @@ class SilhouetteTracker:
             )
             pose = local.back(fit(local.tree, local.at, given, local_priors, FitSettings(most_steps=3)).pose)
         return pose
+
+    def _near(self, these: Float64, those: Float64) -> bool:
+        """Whether vertices are about as far as samples are apart, of what was segmented."""
+        away_m = float(np.sqrt(((these - those) ** 2).sum(axis=1).max()))
+        nearest_m = min((camera.sample_m for camera in self._cameras.values() if camera.segmented), default=0.0)
+        return away_m <= self.settings.expected_steps * nearest_m
 
     def _strays(
         self,
@@ -564,8 +579,8 @@ class _Camera:
 
     @property
     def segmented(self) -> bool:
-        """Whether this frame's image was."""
-        return self._found is not None
+        """Whether this frame's image was, and the body is in it."""
+        return self._found is not None and self._outline is not None
 
     @property
     def sample_m(self) -> float:
@@ -606,9 +621,9 @@ class _Camera:
         self.memory.reset()
         self.usually, self._else_since_ns = _Usually(), None
 
-    def segment(self, image: UInt8, others: Bool | None, *, last: bool) -> None:
-        """What the image says, the body's outline in mind; the ``last`` time of a frame it is nearly right."""
-        settings = self._wide_region if self.wide else self._closer if last else self._region
+    def segment(self, image: UInt8, others: Bool | None, *, near: bool) -> None:
+        """What the image says, the body's outline in mind, which may be ``near`` to it."""
+        settings = self._wide_region if self.wide else self._closer if near else self._region
         found = region_contour(image, self._expected(), ignore=others, background=self.memory, settings=settings)
         self._found = found.silhouette, found.surety
 
@@ -668,10 +683,11 @@ class _Camera:
         return left, top, right, bottom
 
     def learn(self, image: UInt8, others: Bool | None) -> None:
-        """Take in what is behind the body."""
-        if self.memory is not None and self._found is not None:
+        """Take in what is behind the body, or all of it where the body is not in the image."""
+        if self.memory is not None and self._outline is None:
+            self.memory.update(image, None, others)
+        elif self.memory is not None and self._outline is not None and self._found is not None:
             # Without another distance: what is near the contour or in the body is not learnt.
-            assert self._outline is not None
             contour = self._found[0]
             phi = np.where(self._outline.mask > 0, np.float32(self.step_px), contour.phi)
             self.memory.update(image, Silhouette(contour.origin_px, self.step_px, phi), others)
