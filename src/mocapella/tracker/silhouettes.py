@@ -307,14 +307,16 @@ class SilhouetteTracker:
         rounds, segmented = (s.rounds * SETTLING, s.rounds * SETTLING - 1) if first else (s.rounds, s.segmented)
         if self._missed and not first:
             rounds, segmented = 2 * rounds, 2 * rounds - 1
-        pose = self._fitted(images, others, left_out, pose, (usual, steady), rounds, segmented)
+        pose = self._fitted(images, others, left_out, pose, priors=(usual, steady), rounds=rounds, segmented=segmented)
         found = self._strays(images, others, left_out, pose)
         if found is not None:
             joints, pose = found
             # Where such a limb was says nothing of how it moves.
             self._past = [(at_ns, _with(past, joints, pose.angles)) for at_ns, past in self._past]
             usual, steady = self._priors(_with(expected, joints, pose.angles), time_ns)
-            pose = self._fitted(images, others, left_out, pose, (usual, steady), s.rounds, s.segmented)
+            pose = self._fitted(
+                images, others, left_out, pose, priors=(usual, steady), rounds=s.rounds, segmented=s.segmented
+            )
         stands, seen = self._standing(pose), {}
         for name, camera in self._cameras.items():
             if name in images and camera.segmented and camera.look(self._figure, stands.vertices, s):
@@ -337,6 +339,7 @@ class SilhouetteTracker:
         others: Mapping[str, Bool],
         left_out: Mapping[str, str],
         pose: TreePose,
+        *,
         priors: tuple[Prior, Sequence[Prior]],
         rounds: int,
         segmented: int,
