@@ -45,7 +45,7 @@ class CorrespondenceSettings:
     spacing_steps: float = 2.0
     every: int = 3
     soft_steps: float = 5.0
-    sd_steps: float = 2.5
+    sd_steps: float = 5.0
     sure_nats: float = 1.0
 
     def __post_init__(self) -> None:

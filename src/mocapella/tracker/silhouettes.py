@@ -60,8 +60,6 @@ Float32 = NDArray[np.float32]
 UInt8 = NDArray[np.uint8]
 Bool = NDArray[np.bool_]
 
-SOME = 8
-"""So manieth vertex says how far a body moved in an image."""
 SAMPLES_HIGH = 200
 """About so many samples a body is high in an image."""
 LEAST_CONTRAST = 6
@@ -133,10 +131,10 @@ class SilhouetteSettings:
         correspondences: how outlines are brought together.
         step_px: images are looked at in squares of so many pixels; 0: so that a body is about 200 of them high.
         margin_steps: how far from where the body is expected its outline is looked for.
-        rounds: how often a pose is fitted to a frame; no more often than twice where the body is as expected.
-        segmented: in how many of these rounds, the first ones, the images are segmented; once those in which the body
-            is as expected.
-        expected_steps: a body that is so near to where it was expected, in samples of an image, is as expected.
+        rounds: how often a pose is fitted to a frame; once less where the first time did not move the body.
+        segmented: in how many of these rounds, the first ones, the images are segmented; once where that did not move
+            the body.
+        expected_steps: a body that is so near to where it was expected, in samples, is as expected.
         usual_per_rad: how little angles that nothing shows stray from the resting pose [1/rad].
         unlike: a camera of whose background more than this share of what usually is as it was is not, shows something
             else.
@@ -237,6 +235,7 @@ class SilhouetteTracker:
         self._stood: _Standing | None = None
         self._cameras: dict[str, _Camera] = {}
         self._missed = False
+        self._as_expected = False
 
     def start(self, pose: TreePose, time_ns: int) -> None:
         """It is about there, and at rest.
@@ -244,7 +243,7 @@ class SilhouetteTracker:
         Raises:
             SettingsError: no camera sees it there.
         """
-        self._past, self._missed = [(time_ns, pose)], False
+        self._past, self._missed, self._as_expected = [(time_ns, pose)], False, False
         vertices, s = self._standing(pose).vertices, self.settings
         steps = {name: camera.step_px for name, camera in self._cameras.items()}
         for name, by in self._eyes.items():
@@ -318,10 +317,10 @@ class SilhouetteTracker:
                 images, others, left_out, pose, priors=(usual, steady), rounds=s.rounds, segmented=s.segmented
             )
         stands, seen = self._standing(pose), {}
+        self._as_expected = self._near(expected_at, stands.vertices)
         for name, camera in self._cameras.items():
             if name in images and camera.segmented and camera.look(self._figure, stands.vertices, s):
                 seen[name] = camera.seen()
-                camera.as_expected = not camera.moved(camera.begun_at, stands.vertices)
                 camera.learn(images[name], others.get(name))
         for name, camera in self._cameras.items() if seen else ():
             if name in images and name not in left_out and not camera.look(self._figure, stands.vertices, s):
@@ -347,34 +346,36 @@ class SilhouetteTracker:
         """Outlines, and the pose that they want, again and again."""
         s, (usual, steady) = self.settings, priors
         wide = any(camera.wide for camera in self._cameras.values())
-        briefly = segmented == s.segmented
+        near, looked = self._as_expected and segmented == s.segmented, self._standing(pose).vertices
         for number in range(rounds):
-            moved = 0
+            again = number < segmented
+            if number == 1 and segmented == s.segmented and self._near(looked, self._standing(pose).vertices):
+                segmented, rounds, again = 1, max(rounds - 1, 2), False
             for camera in self._cameras.values():
                 camera.wide = wide and number < rounds // 2
             stands, local = self._standing(pose), self._local(pose)
-            placed = motions(local.tree, local.at)
+            moved = motions(local.tree, local.at)
             given = []
             for name, camera in self._cameras.items():
                 if name not in images or name in left_out or not camera.look(self._figure, stands.vertices, s):
                     continue
-                if number < segmented and (
-                    number == 0 or not briefly or camera.moved(camera.begun_at, stands.vertices)
-                ):
-                    near = number == segmented - 1 or (briefly and camera.as_expected)
-                    camera.segment(images[name], others.get(name), stands.vertices, near=near)
-                    moved += 1
+                if again:
+                    camera.segment(images[name], others.get(name), near=near or number == segmented - 1)
                 if camera.segmented:
-                    given.append(camera.planes(placed))
-            given.append(apart(self._solid, stands.landmarks, placed))
+                    given.append(camera.planes(moved))
+            given.append(apart(self._solid, stands.landmarks, moved))
             # What nobody sees goes on as it did, not to where it usually is.
             local_priors = [local.into_prior(one) for one in steady] + (
                 [local.into_usual(usual)] if len(given) > 1 else []
             )
             pose = local.back(fit(local.tree, local.at, given, local_priors, FitSettings(most_steps=3)).pose)
-            if number > 0 and briefly and moved == 0:
-                break
         return pose
+
+    def _near(self, these: Float64, those: Float64) -> bool:
+        """Whether vertices are about as far as samples are apart, of what was segmented."""
+        away_m = float(np.sqrt(((these - those) ** 2).sum(axis=1).max()))
+        nearest_m = min((camera.sample_m for camera in self._cameras.values() if camera.segmented), default=0.0)
+        return away_m <= self.settings.expected_steps * nearest_m
 
     def _strays(
         self,
@@ -561,8 +562,7 @@ class _Camera:
         self._wide_correspondences = dataclasses.replace(settings.correspondences, soft_steps=WIDE * soft)
         self._usual_reach = float(settings.margin_steps * step_px)
         self.memory = None if settings.background is None else BackgroundMemory(step_px, settings.background)
-        self.wide = self.as_expected = False
-        self.begun_at: Float64 = np.empty((0, 2))
+        self.wide = False
         self.sparse_px = 8 * step_px
         self.thinned: UInt8 | None = None
         self.usually = _Usually()
@@ -585,10 +585,11 @@ class _Camera:
         """Whether this frame's image was, and the body is in it."""
         return self._found is not None and self._outline is not None
 
-    def moved(self, before: Float64, vertices: Float64) -> bool:
-        """Whether vertices are seen elsewhere than pixels ``before``, of `begun_at`, by more than is expected."""
-        way2 = ((seen_at(vertices[::SOME], self._eye) - before) ** 2).sum(axis=1).max()
-        return bool(way2 > (self._settings.expected_steps * self.step_px) ** 2)
+    @property
+    def sample_m(self) -> float:
+        """How far samples are apart, at the distance of the body's nearest outline [m]."""
+        assert self._outline is not None
+        return float(self._outline.depth.min(initial=np.inf) * self.step_px / self._eye.lens[0])
 
     def look(self, body: Figure, vertices: Float64, s: SilhouetteSettings) -> bool:
         """See the body; all of a frame's looks have one window. False where it is not in the image."""
@@ -623,12 +624,10 @@ class _Camera:
         self.memory.reset()
         self.usually, self._else_since_ns = _Usually(), None
 
-    def segment(self, image: UInt8, others: Bool | None, vertices: Float64, *, near: bool) -> None:
+    def segment(self, image: UInt8, others: Bool | None, *, near: bool) -> None:
         """What the image says, the body's outline in mind, which may be ``near`` to it."""
         settings = self._wide_region if self.wide else self._closer if near else self._region
         found = region_contour(image, self._expected(), ignore=others, background=self.memory, settings=settings)
-        if self._found is None:
-            self.begun_at = seen_at(vertices[::SOME], self._eye)
         self._found = found.silhouette, found.surety
 
     def planes(self, motions: tuple[Float64, Float64]) -> InPlanes:
