@@ -166,16 +166,16 @@ def test_a_camera_into_whose_image_somebody_walks_counts_from_then_on() -> None:
     room = Room(rig=CameraRig({**ROOM.rig.cameras, "camera 4": aside}))
 
     def there(k: int) -> TreePose:
-        return bent(room.mesh, {}, (0.0, 0.0, 0.06 * k - 0.6))
+        return bent(room.mesh, {}, (0.0, 0.0, 0.03 * k - 0.6))
 
     tracker = SilhouetteTracker(room.mesh, room.rig)
     tracker.start(there(0), -FRAME_NS)
-    seen = [list(tracker.update(room.images(there(k), k), k * FRAME_NS).seen) for k in range(24)]
+    seen = [list(tracker.update(room.images(there(k), k), k * FRAME_NS).seen) for k in range(36)]
     assert "camera 4" not in seen[0]
     assert "camera 4" in seen[-1]
-    found = tracker.update(room.images(there(24), 24), 24 * FRAME_NS)
+    found = tracker.update(room.images(there(36), 36), 36 * FRAME_NS)
     assert found.left_out == {}
-    missed = np.linalg.norm(found.landmarks - landmarks_at(room.mesh, there(24)), axis=1)
+    missed = np.linalg.norm(found.landmarks - landmarks_at(room.mesh, there(36)), axis=1)
     assert np.median(missed) < 0.015
     assert found.seen["camera 4"].overlap > 0.8
 
