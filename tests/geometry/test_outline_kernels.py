@@ -11,7 +11,17 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from mocapella.geometry import lens as lenses
-from mocapella.geometry.outline_kernels import NEAREST_M, cover, face_sides, outline, outline_edges, see, window
+from mocapella.geometry.outline_kernels import (
+    NEAREST_M,
+    cover,
+    cover_by_edges,
+    face_sides,
+    one_way,
+    outline,
+    outline_edges,
+    see,
+    window,
+)
 
 Float64 = NDArray[np.float64]
 
@@ -135,6 +145,28 @@ def test_every_edge_of_a_closed_surface_has_two_faces() -> None:
 def test_an_edge_of_one_face_is_of_the_outline() -> None:
     edges = outline_edges(np.array([[0, 1, 2]], np.int32))
     assert edges[:, 2:].tolist() == [[0, -1]] * 3
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 4))
+@settings(deadline=None, max_examples=25)
+def test_the_edges_between_front_and_back_say_what_is_covered(seed: int, step: int) -> None:
+    rng = np.random.default_rng(seed)
+    vertices = BALL * rng.uniform(0.1, 0.6, 3) + [*rng.uniform(-2.5, 2.5, 2), rng.uniform(3, 6)]
+    pixels, depth = np.empty((len(vertices), 2)), np.empty(len(vertices))
+    see(vertices, np.eye(4), PINHOLE, lenses.farthest_r2(PINHOLE), pixels, depth)
+    sides = np.empty(len(FACES), np.int8)
+    face_sides(pixels, depth, FACES, sides)
+    whole, by_edges = np.zeros((80, 90), np.uint8), np.ones((80, 90), np.uint8)
+    cover(pixels, FACES, sides, 200, 150, step, whole)
+    cover_by_edges(pixels, FACES, EDGES, sides, 200, 150, step, by_edges)
+    np.testing.assert_array_equal(by_edges, whole)
+
+
+def test_faces_of_one_way_are_told_from_others() -> None:
+    assert one_way(FACES)
+    assert one_way(FACES[1:])
+    assert not one_way(np.concatenate([FACES, FACES[:1]]))
+    assert not one_way(np.concatenate([FACES[1:], FACES[:1, ::-1]]))
 
 
 def test_an_outline_within_what_is_covered_is_none() -> None:

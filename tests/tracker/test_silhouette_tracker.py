@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from silhouette_room import FRAME_NS, Room, bent, ring
+from silhouette_room import FRAME_NS, Room, bent, looking, ring
 
 from mocapella.errors import SettingsError
 from mocapella.geometry.twists import log_motion
+from mocapella.model.camera import CameraRig, PlacedCamera
 from mocapella.model.rigged_mesh import landmarks_at
 from mocapella.model.twist_tree import TreePose
 from mocapella.tracker.silhouettes import Followed, SilhouetteSettings, SilhouetteTracker, Steadiness
@@ -243,6 +244,27 @@ def test_where_it_stands_must_be_seen_by_somebody() -> None:
     high = bent(ROOM.mesh, {}, (0.0, 30.0, 0.0))
     with pytest.raises(SettingsError, match="no camera of the rig sees"):
         tracker.start(high, 0)
+
+
+def test_a_camera_into_whose_image_somebody_walks_counts_from_then_on() -> None:
+    placed = ROOM.rig.cameras["camera 4"]
+    C = -placed.T_camera_world[:3, :3].T @ placed.T_camera_world[:3, 3]
+    aside = PlacedCamera(placed.camera, looking(C, np.array([0.0, 0.9, 2.2])), placed.covariance)
+    room = Room(rig=CameraRig({**ROOM.rig.cameras, "camera 4": aside}))
+
+    def there(k: int) -> TreePose:
+        return bent(room.mesh, {}, (0.0, 0.0, 0.03 * k - 0.6))
+
+    tracker = SilhouetteTracker(room.mesh, room.rig)
+    tracker.start(there(0), -FRAME_NS)
+    seen = [list(tracker.update(room.images(there(k), k), k * FRAME_NS).seen) for k in range(36)]
+    assert "camera 4" not in seen[0]
+    assert "camera 4" in seen[-1]
+    found = tracker.update(room.images(there(36), 36), 36 * FRAME_NS)
+    assert found.left_out == {}
+    missed = np.linalg.norm(found.landmarks - landmarks_at(room.mesh, there(36)), axis=1)
+    assert np.median(missed) < 0.015
+    assert found.seen["camera 4"].overlap > 0.8
 
 
 def test_it_takes_samples_so_that_a_body_has_about_200() -> None:

@@ -106,6 +106,59 @@ def cover(pixels, faces, sides, x0, y0, step, mask):
                     mask[row, column] = 1
 
 
+@njit(cache=True, error_model="numpy")
+def cover_by_edges(pixels, faces, edges, sides, x0, y0, step, mask):
+    """What `cover` does, of a surface whose edges have two faces at most, which run along them in opposite directions.
+
+    Only the edges between a face whose outside is seen and one that is not are drawn: above a sample of a column as
+    many of them lead one way as the other, unless faces cover it.
+
+    Args:
+        edges: (e, 4) of `outline_edges`.
+    """
+    rows, columns = mask.shape
+    f, steps = 1.0 / step, np.zeros((rows, columns), np.int8)
+    for e in range(len(edges)):
+        first, second = edges[e, 2], edges[e, 3]
+        seen = sides[first] > 0
+        if seen == (second >= 0 and sides[second] > 0):
+            continue
+        front = first if seen else second
+        i, j = edges[e, 0], edges[e, 1]
+        if not (
+            (faces[front, 0] == i and faces[front, 1] == j)
+            or (faces[front, 1] == i and faces[front, 2] == j)
+            or (faces[front, 2] == i and faces[front, 0] == j)
+        ):
+            i, j = j, i
+        ax, ay = f * (pixels[i, 0] - x0), f * (pixels[i, 1] - y0)
+        bx, by = f * (pixels[j, 0] - x0), f * (pixels[j, 1] - y0)
+        if ax < bx:
+            left, right, sign = ax, bx, np.int8(1)
+        else:
+            left, right, sign = bx, ax, np.int8(-1)
+        slope = (by - ay) / (bx - ax)
+        # Columns from the left end, which is one of them, to the right end, which is not.
+        for column in range(max(math.ceil(left), 0), min(math.ceil(right), columns)):
+            row = max(math.ceil(ay + (column - ax) * slope), 0)
+            if row < rows:
+                steps[row, column] += sign
+    depth = np.zeros(columns, np.int8)
+    for i in range(rows):
+        for j in range(columns):
+            depth[j] += steps[i, j]
+        for j in range(columns):
+            mask[i, j] = 1 if depth[j] != 0 else 0
+
+
+def one_way(faces):
+    """Whether every edge has two faces at most, which run along it in opposite directions."""
+    along = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
+    if not len(along):
+        return True
+    return len(np.unique(along[:, 0] * (along.max() + 1) + along[:, 1])) == len(along)
+
+
 @njit(cache=True)
 def _covered(mask, x0, y0, step, x, y):
     column, row = round((x - x0) / step), round((y - y0) / step)

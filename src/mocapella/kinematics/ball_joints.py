@@ -14,6 +14,7 @@ Robotic Manipulation*, 1994, section 3.2.2). Parts' motions in it take points fr
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cache
 from typing import Any
 
@@ -129,8 +130,17 @@ def local_tree(tree: TwistTree, balls: BallJoints, pose: TreePose) -> LocalTree:
         tree.parents, tree.joint_parts, balls.parts, balls.first, balls.axes, balls.centres, angles, turned, axes,
         twists, limits,
     )  # fmt: skip
-    local = TwistTree(tree.parents, tree.joint_parts, twists, limits, tree.root)
-    return LocalTree(local, TreePose(pose.T_world_model, angles), tree, balls, pose, turned, axes)
+    return LocalTree(
+        _moved(tree, twists, limits), TreePose(pose.T_world_model, angles), tree, balls, pose, turned, axes
+    )
+
+
+def _moved(tree: TwistTree, twists: Float64, limits: Float64) -> TwistTree:
+    """A tree with other joints, which need no check: they are those of a tree that was checked, only moved."""
+    moved = copy(tree)
+    msgspec.structs.force_setattr(moved, "twists", twists)
+    msgspec.structs.force_setattr(moved, "limits", limits)
+    return moved
 
 
 def _crossing(a: Float64) -> Float64:

@@ -20,7 +20,7 @@ BIN_PX = 8.0
 """Points of an outline are looked up by rows so high."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def level(phi, x0, y0, step, x, y):
     """phi (rows, columns) at the image's point (x, y), and its slopes along x and y: bilinear; NaN outside."""
     u, v = (x - x0) / step, (y - y0) / step
@@ -34,7 +34,7 @@ def level(phi, x0, y0, step, x, y):
     return value, ((1.0 - t) * (b - a) + t * (d - c)) / step, ((1.0 - s) * (c - a) + s * (d - b)) / step
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def touching_plane(lens, farthest_r2, T_camera_world, x, y, nx, ny, plane):
     """Write n·x = d (4,) in the world: through the eye and the line through the pixel (x, y) across (nx, ny).
 
@@ -57,7 +57,7 @@ def touching_plane(lens, farthest_r2, T_camera_world, x, y, nx, ny, plane):
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _add(
     k,
     x,
@@ -96,7 +96,7 @@ def _add(
     return k + 1
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def to_image(
     phi, surety, x0, y0, step, reach_px, at, normals, points, bone, far, count, soft_px, sd_px, full, R, t, lens,
     farthest_r2, T, part, rest, planes, weights,
@@ -148,7 +148,7 @@ def to_image(
     return k
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _by_rows(at, count):
     """Where rows of `BIN_PX` begin: of the first one [px], how many, (bins + 1,) starts in the order (count,)."""
     if count == 0:
@@ -168,7 +168,7 @@ def _by_rows(at, count):
     return top, bins, starts, order
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def to_body(
     phi, surety, x0, y0, step, every, reach_px, at, normals, points, bone, far, count, soft_px, sd_px, full, R, t,
     lens, farthest_r2, T, part, rest, planes, weights,

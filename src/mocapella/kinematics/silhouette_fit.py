@@ -66,16 +66,20 @@ class Figure(msgspec.Struct, frozen=True, eq=False):
         mesh: see there.
         edges: (e, 4) its edges, with the faces beside them.
         part: (n,) the part that moves each vertex most.
+        one_way: of `outline_kernels.one_way`: what it covers is known by its outline.
     """
 
     mesh: RiggedMesh
     edges: Int32
     part: Int32
+    one_way: bool
 
 
 def figure(mesh: RiggedMesh) -> Figure:
     """Make a mesh ready."""
-    return Figure(mesh, _seeing().outline_edges(mesh.faces), np.ascontiguousarray(mesh.bones[:, 0]))
+    k = _seeing()
+    part = np.ascontiguousarray(mesh.bones[:, 0])
+    return Figure(mesh, k.outline_edges(mesh.faces), part, k.one_way(mesh.faces))
 
 
 class Eye(msgspec.Struct, frozen=True, eq=False):
@@ -161,7 +165,10 @@ def see(
     faces = body.mesh.faces
     sides, mask = np.empty(len(faces), np.int8), np.zeros((rows, columns), np.uint8)
     k.face_sides(pixels, depth, faces, sides)
-    k.cover(pixels, faces, sides, x0, y0, step_px, mask)
+    if body.one_way:
+        k.cover_by_edges(pixels, faces, body.edges, sides, x0, y0, step_px, mask)
+    else:
+        k.cover(pixels, faces, sides, x0, y0, step_px, mask)
     most = 4096
     at, normals, points = np.empty((most, 2)), np.empty((most, 2)), np.empty((most, 3))
     part, far = np.empty(most, np.int32), np.empty(most)
@@ -204,7 +211,7 @@ def touching(
     R, t = motions
     x0, y0 = seen.origin_px
     s, count, k = settings, len(seen.at), _fitting()
-    room = count + seen.mask.size
+    room = count + seen.mask.size // s.every
     part, rest, planes, weights = np.empty(room, np.int64), np.empty((room, 3)), np.empty((room, 4)), np.empty(room)
     common = (seen.at, seen.normals, seen.points, seen.part, seen.depth, count, s.soft_steps * seen.step_px,
               s.sd_steps * seen.step_px, s.sure_nats, R, t, by.lens, by.farthest_r2, by.T_camera_world)  # fmt: skip

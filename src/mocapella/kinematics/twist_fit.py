@@ -101,8 +101,11 @@ class Prior(msgspec.Struct, frozen=True, eq=False):
     angles_per_rad: Float64
 
     def __post_init__(self) -> None:
-        weights = np.array([self.root_per_m, self.root_per_rad, *self.angles_per_rad])
-        check(bool(((weights >= 0) & (weights < np.inf)).all()), "weights of a prior", weights.tolist(), "0 or more")
+        of_root = 0 <= self.root_per_m < np.inf and 0 <= self.root_per_rad < np.inf
+        angles = np.asarray(self.angles_per_rad)
+        if not (of_root and ((angles >= 0) & (angles < np.inf)).all()):
+            weights = [self.root_per_m, self.root_per_rad, *angles.tolist()]
+            check(False, "weights of a prior", weights, "0 or more")
 
 
 @dataclass(frozen=True)

@@ -137,6 +137,18 @@ def posed(mesh: RiggedMesh, pose: TreePose) -> Float64:
     return out.reshape(*batch, *mesh.vertices.shape)
 
 
+def carried(points: Float64, bones: Int32, shares: Float64, motions: tuple[Float64, Float64]) -> Float64:
+    """Where points (n, 3) are that parts carry, by shares (n, most) of `RiggedMesh`: (n, 3) in one pose.
+
+    Args:
+        points, bones, shares: such as the vertices of a mesh.
+        motions: of `twist_tree.motions`.
+    """
+    out = np.empty(points.shape)
+    _kernels().skin(points, bones, shares, *motions, out)
+    return out
+
+
 def landmarks_at(mesh: RiggedMesh, pose: TreePose) -> Float64:
     """Where the landmarks are: (..., landmarks, 3) in the world, in the mapping's order."""
     if not mesh.landmarks:

@@ -125,6 +125,14 @@ def part_motions(tree: TwistTree, pose: TreePose) -> Float64:
     return T
 
 
+def motions(tree: TwistTree, pose: TreePose) -> tuple[Float64, Float64]:
+    """Where the parts are in one pose, as kernels take it: R (parts, 9), row by row, and t (parts, 3)."""
+    parts = len(tree.parents)
+    R, t, xi = np.empty((parts, 9)), np.empty((parts, 3)), np.empty((len(tree.joint_parts), 6))
+    _kernels().forward(*tree.arrays, pose.T_world_model, pose.angles, np.zeros(3), R, t, xi)
+    return R, t
+
+
 def joint_twists(tree: TwistTree, pose: TreePose) -> Float64:
     """Where the joints' axes are: their twists (..., joints, 6) in the world, about its origin."""
     return _forward(tree, pose)[2]

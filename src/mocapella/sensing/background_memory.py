@@ -82,7 +82,7 @@ class BackgroundMemory:
         self._mean = np.empty((0, 0, 0), np.float32)
         self._variance = np.empty((0, 0), np.float32)
         self._count = np.empty((0, 0), np.uint8)
-        self._next_row = 0
+        self._next_row, self._learnt = 0, False
         self._shape: tuple[int, ...] = ()
         self._first_sd = self.settings.least_sd
 
@@ -109,7 +109,7 @@ class BackgroundMemory:
                 "a mask is not of the image", field="shape", value=others.shape, fix=f"make it {image.shape[:2]}"
             )
         s, rows = self.settings, len(self._count)
-        if not self._count.any():
+        if not self._learnt:
             begin, end = 0, rows
             guard = s.guard_steps * self.step_px
             noise = _kernels().noise_of(image, self.step_px, phi, left, top, guard, s.every)
@@ -123,6 +123,7 @@ class BackgroundMemory:
             _NO_MASK if others is None else others, begin, end, s.window_images,
             s.rate, self._first_sd, *learnt,
         )  # fmt: skip
+        self._learnt = self._learnt or bool(self._count.any())
 
     def unlike(self, image: UInt8, person: Silhouette | None) -> float:
         """Share of what is known, and no person is near of, that is not as it was; NaN where nothing is.
@@ -132,7 +133,7 @@ class BackgroundMemory:
         image, (left, top), phi = self._door(image, person)
         s = self.settings
         noise = _kernels().noise_of(image, self.step_px, phi, left, top, s.guard_steps * self.step_px, s.every)
-        if self._shape and self._count.any() and noise > NOISIER * max(self._first_sd, s.least_sd):
+        if self._learnt and noise > NOISIER * max(self._first_sd, s.least_sd):
             return 1.0
         differ, known = _kernels().unlike(
             image, self.step_px, phi, left, top, s.guard_steps * self.step_px, s.every, s.least_sd, s.cut_sd,
@@ -148,7 +149,7 @@ class BackgroundMemory:
         image, (left, top), phi = self._door(image, window)
         rows, columns = -(-phi.shape[0] // every), -(-phi.shape[1] // every)
         out = np.zeros((rows, columns), np.float32)
-        if self._count.any():
+        if self._learnt:
             s = self.settings
             _kernels().strange(
                 image, self.step_px, left, top, every, s.least_sd, s.strange_sd, self._mean, self._variance,
@@ -160,7 +161,7 @@ class BackgroundMemory:
         """The same at points (n, 2) of the image [px]; 0 beyond it."""
         image, _, _ = self._door(image, None)
         out = np.zeros(len(pixels), np.float32)
-        if self._count.any():
+        if self._learnt:
             s = self.settings
             _kernels().strange_at(
                 image, self.step_px, pixels, s.least_sd, s.strange_sd, self._mean, self._variance, self._count, out

@@ -40,8 +40,12 @@ def _mean(image, step, i, j, out):
 
 
 @njit(cache=True)
-def _nine(image, top, left, out):
-    """Write the mean of 3 × 3 pixels in colour, all of which there are."""
+def _nine(image, step, top, left, out):
+    """Write the mean of 3 × 3 pixels in colour, all of which there are; for a step of 1 that in their middle."""
+    if step == 1:
+        y, x = np.uint64(top + 1), np.uint64(left + 1)
+        out[0], out[1], out[2] = image[y, x, 0], image[y, x, 1], image[y, x, 2]
+        return
     a, b, c = np.uint64(left), np.uint64(left + 1), np.uint64(left + 2)
     p = q = r = np.int64(0)
     for down in range(3):
@@ -62,7 +66,7 @@ def _usual(shape, step, i, j):
     """
     top, left = i * step - 1, j * step - 1
     inner = top >= 0 and left >= 0 and top + 2 < shape[0] and left + 2 < shape[1]
-    return inner and shape[2] == 3 and 2 <= step <= 3
+    return inner and shape[2] == 3 and 1 <= step <= 3
 
 
 @njit(cache=True)
@@ -85,15 +89,15 @@ def noise_of(image, step, phi, left, top, guard, every):
         for j in range(1, columns - 1, every):
             if _free(phi, left, top, i, j, guard):
                 if _usual(image.shape, step, i, j - 1):
-                    _nine(image, i * step - 1, (j - 1) * step - 1, before)
+                    _nine(image, step, i * step - 1, (j - 1) * step - 1, before)
                 else:
                     _mean(image, step, i, j - 1, before)
                 if _usual(image.shape, step, i, j):
-                    _nine(image, i * step - 1, j * step - 1, here)
+                    _nine(image, step, i * step - 1, j * step - 1, here)
                 else:
                     _mean(image, step, i, j, here)
                 if _usual(image.shape, step, i, j + 1):
-                    _nine(image, i * step - 1, (j + 1) * step - 1, after)
+                    _nine(image, step, i * step - 1, (j + 1) * step - 1, after)
                 else:
                     _mean(image, step, i, j + 1, after)
                 for c in range(channels):
@@ -120,7 +124,7 @@ def learn(image, step, phi, left, top, guard, others, begin, end, every, rate, l
                 continue
             n = count[i, j]
             if _usual(image.shape, step, i, j):
-                _nine(image, i * step - 1, j * step - 1, here)
+                _nine(image, step, i * step - 1, j * step - 1, here)
             else:
                 _mean(image, step, i, j, here)
             if n == 0:
@@ -150,7 +154,7 @@ def unlike(image, step, phi, left, top, guard, every, least_sd, cut_sd, mean, va
                 continue
             known += 1
             if _usual(image.shape, step, i, j):
-                _nine(image, i * step - 1, j * step - 1, here)
+                _nine(image, step, i * step - 1, j * step - 1, here)
             else:
                 _mean(image, step, i, j, here)
             squares = 0.0
@@ -174,7 +178,7 @@ def _vote(image, step, i, j, most, least, mean, variance, count, here):
             continue
         known += 1
         if _usual(image.shape, step, a, b):
-            _nine(image, a * step - 1, b * step - 1, here)
+            _nine(image, step, a * step - 1, b * step - 1, here)
         else:
             _mean(image, step, a, b, here)
         squares = 0.0

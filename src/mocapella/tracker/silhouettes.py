@@ -49,9 +49,9 @@ from mocapella.kinematics.twist_fit import FitSettings, InPlanes, Prior, fit
 from mocapella.kinematics.twist_prediction import JitterPenalty, predicted, smoothness
 from mocapella.model.body_capsules import capsules_of
 from mocapella.model.camera import CameraRig
-from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at, posed
+from mocapella.model.rigged_mesh import RiggedMesh, carried, posed
 from mocapella.model.silhouettes import Silhouette, overlap
-from mocapella.model.twist_tree import TreePose, part_motions
+from mocapella.model.twist_tree import TreePose, motions
 from mocapella.sensing.background_memory import BackgroundMemory, MemorySettings
 from mocapella.sensing.region_contour import RegionSettings, region_contour
 from mocapella.settings import check
@@ -61,6 +61,8 @@ Float32 = NDArray[np.float32]
 UInt8 = NDArray[np.uint8]
 Bool = NDArray[np.bool_]
 
+SAMPLES_HIGH = 200
+"""About so many samples a body is high in an image."""
 LEAST_CONTRAST = 6
 """An image whose values differ by no more is all of one colour [grey levels]."""
 MOST_AT_FIRST = 0.6
@@ -80,6 +82,12 @@ FARTHER, EVERY = 0.3, 3
 """A limb is looked for in so much more than the body's window, at every so manieth sample."""
 EVERY_LIMB = 6
 """After so many frames the next limb is looked for, even if nothing speaks against where it is."""
+LOOSE = 1e-3
+"""How much the middle of a limb counts against its axes."""
+STRETCHED = 1.1
+"""How much farther than at rest a limb may reach."""
+NEAREST_LIMB_M = 0.3
+"""Nearer than this to a camera a limb may be anywhere in its image [m]."""
 USUAL_STEP_PX = 2
 """For which a region's settings in pixels hold; other steps have them scaled."""
 
@@ -124,9 +132,9 @@ class SilhouetteSettings:
         correspondences: how outlines are brought together.
         step_px: images are looked at in squares of so many pixels; 0: so that a body is about 200 of them high.
         margin_steps: how far from where the body is expected its outline is looked for.
-        rounds: how often a pose is fitted to a frame; once less where nothing was unexpected in the frame before.
-        segmented: in how many of these rounds, the first ones, the images are segmented; once where nothing was
-            unexpected in the frame before.
+        rounds: how often a pose is fitted to a frame; once less where the first time did not move the body.
+        segmented: in how many of these rounds, the first ones, the images are segmented; once where that did not move
+            the body.
         expected_steps: a body that is so near to where it was expected, in samples, is as expected.
         usual_per_rad: how little angles that nothing shows stray from the resting pose [1/rad].
         unlike: a camera of whose background more than this share of what usually is as it was is not, shows something
@@ -206,6 +214,16 @@ class SilhouetteTracker:
         self._limbs = () if self.settings.limbs is None else limbs(mesh, self.settings.limbs)
         self._eyes: dict[str, Eye] = {name: eye(placed) for name, placed in rig.cameras.items()}
         self._usual = np.clip(0.0, *mesh.tree.limits.T)
+        marks, count = mesh.landmarks.values(), len(mesh.landmarks)
+        self._marks = (
+            np.array([mark.point for mark in marks], np.float64).reshape(count, 3),
+            np.array([[mark.part] for mark in marks], np.int32).reshape(count, 1),
+            np.ones((count, 1)),
+        )
+        self._hung = tuple(_hung(mesh, limb) for limb in self._limbs)
+        asked = [limb.vertices for limb in self._limbs]
+        self._asked = np.concatenate(asked) if asked else np.empty(0, np.int64)
+        self._asked_from = np.cumsum([0, *(len(some) for some in asked)])
         self.reset()
 
     def reset(self) -> None:
@@ -215,6 +233,7 @@ class SilhouetteTracker:
         self._doubted: set[str] = set()
         self._evidence: dict[str, Evidence] = {}
         self._past: list[tuple[int, TreePose]] = []
+        self._stood: _Standing | None = None
         self._cameras: dict[str, _Camera] = {}
         self._missed = False
         self._as_expected = False
@@ -226,15 +245,19 @@ class SilhouetteTracker:
             SettingsError: no camera sees it there.
         """
         self._past, self._missed, self._as_expected = [(time_ns, pose)], False, False
-        vertices, s = posed(self.mesh, pose), self.settings
+        vertices, s = self._standing(pose).vertices, self.settings
+        steps = {name: camera.step_px for name, camera in self._cameras.items()}
         for name, by in self._eyes.items():
-            if name not in self._cameras:
-                outline = see(self._figure, vertices, by, step_px=1, margin_px=1)
-                if outline is not None:
-                    step = s.step_px or max(1, round(max(outline.mask.shape) / 200))
-                    self._cameras[name] = _Camera(by, step, s)
-        if not self._cameras:
+            outline = None if name in steps else see(self._figure, vertices, by, step_px=1, margin_px=1)
+            if outline is not None:
+                steps[name] = s.step_px or max(1, round(max(outline.mask.shape) / SAMPLES_HIGH))
+        if not steps:
             raise SettingsError("no camera of the rig sees a body that stands there; is the pose in the rig's space?")
+        # Into the images of others it may walk.
+        usual = round(float(np.median(list(steps.values()))))
+        self._cameras = {
+            name: self._cameras.get(name) or _Camera(by, steps.get(name, usual), s) for name, by in self._eyes.items()
+        }
 
     def learn_background(self, images: Mapping[str, UInt8]) -> None:
         """Take in images of the empty room, by camera; after `start`. Cameras that move learn nothing.
@@ -272,6 +295,7 @@ class SilhouetteTracker:
         others = others or {}
         s = self.settings
         expected = pose = self.expected(time_ns)
+        expected_at = self._standing(expected).vertices
         usual, steady = self._priors(expected, time_ns)
         first = len(self._past) == 1
         wide = first or self._missed
@@ -279,34 +303,35 @@ class SilhouetteTracker:
         for camera in self._cameras.values():
             camera.forget_frame()
             camera.wide = wide
-        left_out |= self._something_else(images, left_out, expected, time_ns)
+        left_out |= self._something_else(images, left_out, expected_at, time_ns)
         rounds, segmented = (s.rounds * SETTLING, s.rounds * SETTLING - 1) if first else (s.rounds, s.segmented)
         if self._missed and not first:
             rounds, segmented = 2 * rounds, 2 * rounds - 1
-        if self._as_expected:
-            rounds, segmented = max(rounds - 1, 1), 1
-        pose = self._fitted(images, others, left_out, pose, (usual, steady), rounds, segmented)
+        pose = self._fitted(images, others, left_out, pose, priors=(usual, steady), rounds=rounds, segmented=segmented)
         found = self._strays(images, others, left_out, pose)
         if found is not None:
             joints, pose = found
             # Where such a limb was says nothing of how it moves.
             self._past = [(at_ns, _with(past, joints, pose.angles)) for at_ns, past in self._past]
             usual, steady = self._priors(_with(expected, joints, pose.angles), time_ns)
-            pose = self._fitted(images, others, left_out, pose, (usual, steady), s.rounds, s.segmented)
-        vertices, seen = posed(self.mesh, pose), {}
+            pose = self._fitted(
+                images, others, left_out, pose, priors=(usual, steady), rounds=s.rounds, segmented=s.segmented
+            )
+        stands, seen = self._standing(pose), {}
+        self._as_expected = self._near(expected_at, stands.vertices)
         for name, camera in self._cameras.items():
-            if name in images and camera.segmented and camera.look(self._figure, vertices, s):
+            if name in images and camera.segmented and camera.look(self._figure, stands.vertices, s):
                 seen[name] = camera.seen()
+                camera.learn(images[name], others.get(name))
+        for name, camera in self._cameras.items() if seen else ():
+            if name in images and name not in left_out and not camera.look(self._figure, stands.vertices, s):
                 camera.learn(images[name], others.get(name))
         if seen:
             # Where it was thought to be before the first frame was rough: it is at rest, until it is seen to move.
             last_ns, last = self._past[-1]
             self._past = [(last_ns, pose if first else last), (time_ns, pose)]
         self._missed = not seen
-        away_m = np.linalg.norm(posed(self.mesh, expected) - vertices, axis=1).max()
-        nearest_m = min((camera.sample_m for camera in self._cameras.values() if camera.segmented), default=0.0)
-        self._as_expected = bool(seen) and away_m <= s.expected_steps * nearest_m
-        return Followed(time_ns, pose, landmarks_at(self.mesh, pose), seen, left_out)
+        return Followed(time_ns, pose, stands.landmarks, seen, left_out)
 
     def _fitted(
         self,
@@ -314,6 +339,7 @@ class SilhouetteTracker:
         others: Mapping[str, Bool],
         left_out: Mapping[str, str],
         pose: TreePose,
+        *,
         priors: tuple[Prior, Sequence[Prior]],
         rounds: int,
         segmented: int,
@@ -321,26 +347,36 @@ class SilhouetteTracker:
         """Outlines, and the pose that they want, again and again."""
         s, (usual, steady) = self.settings, priors
         wide = any(camera.wide for camera in self._cameras.values())
+        near, looked = self._as_expected and segmented == s.segmented, self._standing(pose).vertices
         for number in range(rounds):
+            again = number < segmented
+            if number == 1 and segmented == s.segmented and self._near(looked, self._standing(pose).vertices):
+                segmented, rounds, again = 1, max(rounds - 1, 2), False
             for camera in self._cameras.values():
                 camera.wide = wide and number < rounds // 2
-            vertices, local = posed(self.mesh, pose), self._local(pose)
-            motions = self._motions(local)
+            stands, local = self._standing(pose), self._local(pose)
+            moved = motions(local.tree, local.at)
             given = []
             for name, camera in self._cameras.items():
-                if name not in images or name in left_out or not camera.look(self._figure, vertices, s):
+                if name not in images or name in left_out or not camera.look(self._figure, stands.vertices, s):
                     continue
-                if number < segmented:
-                    camera.segment(images[name], others.get(name), last=number == segmented - 1)
+                if again:
+                    camera.segment(images[name], others.get(name), near=near or number == segmented - 1)
                 if camera.segmented:
-                    given.append(camera.planes(motions))
-            given.append(apart(self._solid, landmarks_at(self.mesh, pose), motions))
+                    given.append(camera.planes(moved))
+            given.append(apart(self._solid, stands.landmarks, moved))
             # What nobody sees goes on as it did, not to where it usually is.
             local_priors = [local.into_prior(one) for one in steady] + (
                 [local.into_usual(usual)] if len(given) > 1 else []
             )
             pose = local.back(fit(local.tree, local.at, given, local_priors, FitSettings(most_steps=3)).pose)
         return pose
+
+    def _near(self, these: Float64, those: Float64) -> bool:
+        """Whether vertices are about as far as samples are apart, of what was segmented."""
+        away_m = float(np.sqrt(((these - those) ** 2).sum(axis=1).max()))
+        nearest_m = min((camera.sample_m for camera in self._cameras.values() if camera.segmented), default=0.0)
+        return away_m <= self.settings.expected_steps * nearest_m
 
     def _strays(
         self,
@@ -357,13 +393,13 @@ class SilhouetteTracker:
         if s.limbs is None or not self._limbs:
             return None
         self._turn += 1
-        vertices, landmarks = posed(self.mesh, pose), landmarks_at(self.mesh, pose)
+        stands = self._standing(pose)
         seeing = {
             name: camera
             for name, camera in self._cameras.items()
             if name in images and name not in left_out and camera.segmented and camera.memory is not None
         }
-        doubtful = {limb.name for limb in self._limbs if self._doubtful(limb, images, seeing, vertices, landmarks)}
+        doubtful = self._doubtful(images, seeing, stands)
         # One after the other is looked for where it need not be: limbs hide behind a body, too.
         in_turn = self._limbs[self._turn // EVERY_LIMB % len(self._limbs)].name if self._turn % EVERY_LIMB == 0 else ""
         wanted, before = doubtful | {in_turn}, self._doubted
@@ -373,8 +409,8 @@ class SilhouetteTracker:
             else doubtful
         )
         now = (
-            {name: camera.evidence(images[name], others.get(name)) for name, camera in seeing.items()}
-            if (self._doubted or wanted & before)
+            {name: camera.evidence(images[name], others.get(name), about) for name, camera in seeing.items()}
+            if (about := self._about(self._doubted | (wanted & before), pose))
             else {}
         )
         then, self._evidence = self._evidence, now
@@ -383,29 +419,36 @@ class SilhouetteTracker:
         for limb in self._limbs if len(evidence) > 1 else ():  # one camera's word is not enough
             if limb.name not in wanted & before:
                 continue
-            of_it = [without(one, self._figure, vertices, limb) for one in evidence]
-            places = vertices, landmarks[self._solid.ends]
+            of_it = [without(one, self._figure, stands.vertices, limb) for one in evidence]
+            places = stands.vertices, stands.landmarks[self._solid.ends]
             hidden = limb.name == in_turn
             found = search(limb, self._local(pose), places, of_it, self._rng, also_hidden=hidden, settings=s.limbs)
             if found is not None:
                 pose, moved = found.pose, [*moved, limb.joints]
-                vertices, landmarks = posed(self.mesh, pose), landmarks_at(self.mesh, pose)
+                stands = self._standing(pose)
         return (np.concatenate(moved), pose) if moved else None
 
-    def _doubtful(
-        self,
-        limb: Limb,
-        images: Mapping[str, UInt8],
-        seeing: Mapping[str, _Camera],
-        vertices: Float64,
-        landmarks: Float64,
-    ) -> bool:
-        """Whether images show the room where a limb is said to be, or it is in another one."""
+    def _about(self, names: set[str], pose: TreePose) -> Sequence[_Ball]:
+        """Where limbs can be: about where they hang, as far as they reach."""
+        if not names:
+            return []
+        R, t = motions(self.mesh.tree, pose)
+        chosen = [hung for limb, hung in zip(self._limbs, self._hung, strict=True) if limb.name in names]
+        return [_Ball(R[part].reshape(3, 3) @ ball.centre + t[part], ball.radius_m) for part, ball in chosen]
+
+    def _doubtful(self, images: Mapping[str, UInt8], seeing: Mapping[str, _Camera], stands: _Standing) -> set[str]:
+        """Limbs where images show the room where they are said to be, or that are in others."""
         assert self.settings.limbs is not None
-        if depth_m(self._solid, limb.pairs, landmarks) > TOUCHING_M:
-            return True
-        against = [camera.against(images[name], vertices[limb.vertices]) for name, camera in seeing.items()]
-        return bool(against) and float(np.mean(against)) > 0.75 * self.settings.limbs.against
+        points, against = stands.vertices[self._asked], np.zeros(len(self._asked))
+        for name, camera in seeing.items():
+            against += camera.against(images[name], points)
+        found, most = set(), 0.75 * self.settings.limbs.against * len(seeing)
+        for k, limb in enumerate(self._limbs):
+            begin, end = self._asked_from[k : k + 2]
+            room = bool(seeing) and against[begin:end].sum() > most * (end - begin)
+            if room or depth_m(self._solid, limb.pairs, stands.landmarks) > TOUCHING_M:
+                found.add(limb.name)
+        return found
 
     def covered(self, pose: TreePose, grown_px: int = 0) -> dict[str, Bool]:
         """(height, width) by camera: what the body covers in a pose, and so much around it."""
@@ -438,15 +481,15 @@ class SilhouetteTracker:
         return reasons
 
     def _something_else(
-        self, images: Mapping[str, UInt8], left_out: Mapping[str, str], expected: TreePose, time_ns: int
+        self, images: Mapping[str, UInt8], left_out: Mapping[str, str], expected_at: Float64, time_ns: int
     ) -> dict[str, str]:
         """Cameras whose images are of something else; where half of them are, all are: what was stored is wrong.
 
         One camera must differ much, for somebody may pass; half of them, at one instant, only beyond chance.
         """
-        vertices, s, asked, much, some = posed(self.mesh, expected), self.settings, {}, [], []
+        s, asked, much, some = self.settings, {}, [], []
         for name, camera in self._cameras.items():
-            if name in images and name not in left_out and camera.look(self._figure, vertices, s):
+            if name in images and name not in left_out and camera.look(self._figure, expected_at, s):
                 asked[name] = unlike = camera.unlike(images[name])
                 if unlike > camera.usually.much(s.unlike):
                     much.append(name)
@@ -483,9 +526,28 @@ class SilhouetteTracker:
     def _local(self, pose: TreePose) -> LocalTree:
         return local_tree(self.mesh.tree, self._balls, pose)
 
-    def _motions(self, local: LocalTree) -> tuple[Float64, Float64]:
-        T = part_motions(local.tree, local.at)
-        return np.ascontiguousarray(T[:, :3, :3]).reshape(-1, 9), np.ascontiguousarray(T[:, :3, 3])
+    def _standing(self, pose: TreePose) -> _Standing:
+        """Of the last pose that was asked, it is known already."""
+        if self._stood is None or self._stood.pose is not pose:
+            mesh, moved = self.mesh, motions(self.mesh.tree, pose)
+            vertices = carried(mesh.vertices, mesh.bones, mesh.shares, moved)
+            self._stood = _Standing(pose, vertices, carried(*self._marks, moved))
+        return self._stood
+
+
+class _Ball(msgspec.Struct, frozen=True, eq=False):
+    """A place (3,) and how far about it [m]."""
+
+    centre: Float64
+    radius_m: float
+
+
+class _Standing(msgspec.Struct, frozen=True, eq=False):
+    """Where a body is in a pose: its vertices (n, 3) and landmarks (m, 3) [m]."""
+
+    pose: TreePose
+    vertices: Float64
+    landmarks: Float64
 
 
 class _Camera:
@@ -510,6 +572,7 @@ class _Camera:
 
     def forget_frame(self) -> None:
         self._window: Outline | None = None
+        self._looked: tuple[Float64, float] | None = None
         self._outline: Outline | None = None
         self._prior: Silhouette | None = None
         self._found: tuple[Silhouette, Float32] | None = None
@@ -520,8 +583,8 @@ class _Camera:
 
     @property
     def segmented(self) -> bool:
-        """Whether this frame's image was."""
-        return self._found is not None
+        """Whether this frame's image was, and the body is in it."""
+        return self._found is not None and self._outline is not None
 
     @property
     def sample_m(self) -> float:
@@ -531,6 +594,9 @@ class _Camera:
 
     def look(self, body: Figure, vertices: Float64, s: SilhouetteSettings) -> bool:
         """See the body; all of a frame's looks have one window. False where it is not in the image."""
+        if self._looked is not None and self._looked[0] is vertices and self._looked[1] == self._reach:
+            return self._outline is not None
+        self._looked = vertices, self._reach
         seen = see(
             body, vertices, self._eye, step_px=self.step_px, margin_px=int(self._reach),
             spacing_px=s.correspondences.spacing_steps * self.step_px, window=self._window,
@@ -559,9 +625,9 @@ class _Camera:
         self.memory.reset()
         self.usually, self._else_since_ns = _Usually(), None
 
-    def segment(self, image: UInt8, others: Bool | None, *, last: bool) -> None:
-        """What the image says, the body's outline in mind; the ``last`` time of a frame it is nearly right."""
-        settings = self._wide_region if self.wide else self._closer if last else self._region
+    def segment(self, image: UInt8, others: Bool | None, *, near: bool) -> None:
+        """What the image says, the body's outline in mind, which may be ``near`` to it."""
+        settings = self._wide_region if self.wide else self._closer if near else self._region
         found = region_contour(image, self._expected(), ignore=others, background=self.memory, settings=settings)
         self._found = found.silhouette, found.surety
 
@@ -583,14 +649,13 @@ class _Camera:
         contour = self._found[0]
         return SeenIn(contour, self._outline, overlap(contour.phi > 0, self._outline.mask > 0))
 
-    def against(self, image: UInt8, points: Float64) -> float:
-        """Share of points (n, 3) of the body where the image shows the room, 0 to 1."""
+    def against(self, image: UInt8, points: Float64) -> Float32:
+        """(n,) how much the image shows the room at points (n, 3) of the body, 0 to 1."""
         assert self.memory is not None
-        pixels = seen_at(points, self._eye)
-        return float(-np.minimum(self.memory.strange_at(image, pixels), 0.0).mean())
+        return np.maximum(-self.memory.strange_at(image, seen_at(points, self._eye)), 0.0)
 
-    def evidence(self, image: UInt8, others: Bool | None) -> Evidence:
-        """What of the image is not the room, about the body, as far as limbs reach."""
+    def evidence(self, image: UInt8, others: Bool | None, about: Sequence[_Ball]) -> Evidence:
+        """What of the image is not the room, about the body, as far as some limbs reach."""
         assert self._outline is not None
         assert self.memory is not None
         (x, y), (rows, columns), step = self._outline.origin_px, self._outline.mask.shape, self.step_px
@@ -598,6 +663,10 @@ class _Camera:
         grid, around = step * EVERY, step * round(FARTHER * max(rows, columns))
         left, top = (max(at - around, 0) // grid * grid for at in (x, y))
         right, bottom = min(x + step * columns + around, width), min(y + step * rows + around, height)
+        bounds = self._bounds(about)
+        if bounds is not None:
+            left, top = max(left, bounds[0] // grid * grid), max(top, bounds[1] // grid * grid)
+            right, bottom = min(right, bounds[2]), min(bottom, bounds[3])
         shape = (max(-(-(bottom - top) // step), 1), max(-(-(right - left) // step), 1))
         strange = self.memory.strange(image, Silhouette((left, top), step, np.empty(shape, np.float32)), EVERY)
         if others is not None:
@@ -605,11 +674,24 @@ class _Camera:
             strange[: apart_from.shape[0], : apart_from.shape[1]][apart_from] = 0.0
         return Evidence(self._eye, (left, top), grid, strange)
 
+    def _bounds(self, about: Sequence[_Ball]) -> tuple[int, int, int, int] | None:
+        """What part of the image shows balls: left, top, right, bottom [px]; None where one is about the camera."""
+        centres, radii = np.array([ball.centre for ball in about]), np.array([ball.radius_m for ball in about])
+        T = self._eye.T_camera_world
+        nearest = centres @ T[2, :3] + T[2, 3] - radii
+        if nearest.min() <= NEAREST_LIMB_M:
+            return None
+        pixels, reach = seen_at(centres, self._eye), self._eye.lens[:2] * (radii / nearest)[:, None]
+        left, top = (pixels - reach).min(axis=0).astype(int).tolist()
+        right, bottom = (pixels + reach).max(axis=0).astype(int).tolist()
+        return left, top, right, bottom
+
     def learn(self, image: UInt8, others: Bool | None) -> None:
-        """Take in what is behind the body."""
-        if self.memory is not None and self._found is not None:
+        """Take in what is behind the body, or all of it where the body is not in the image."""
+        if self.memory is not None and self._outline is None:
+            self.memory.update(image, None, others)
+        elif self.memory is not None and self._outline is not None and self._found is not None:
             # Without another distance: what is near the contour or in the body is not learnt.
-            assert self._outline is not None
             contour = self._found[0]
             phi = np.where(self._outline.mask > 0, np.float32(self.step_px), contour.phi)
             self.memory.update(image, Silhouette(contour.origin_px, self.step_px, phi), others)
@@ -645,6 +727,21 @@ class _Usually:
             change = unlike - self._mean
             self._mean += LEARNT * change
             self._deviation += LEARNT * (abs(change) - self._deviation)
+
+
+def _hung(mesh: RiggedMesh, limb: Limb) -> tuple[int, _Ball]:
+    """The part that a limb begins with, and the ball that it stays in, as of that part at rest: about the point that is
+    nearest to that part's axes, and to the limb.
+    """
+    part, points = int(limb.part.min()), mesh.vertices[limb.vertices]
+    axes = mesh.tree.twists[mesh.tree.joint_parts == part]
+    middle = points.mean(axis=0)
+    A, b = LOOSE * np.eye(3), LOOSE * middle
+    for twist in axes:
+        across = np.eye(3) - np.outer(twist[3:], twist[3:])
+        A, b = A + across, b + np.cross(twist[3:], twist[:3])
+    centre = np.linalg.solve(A, b)
+    return part, _Ball(centre, STRETCHED * float(np.linalg.norm(points - centre, axis=1).max()))
 
 
 def _with(pose: TreePose, joints: NDArray[np.int64], angles: Float64) -> TreePose:
