@@ -323,9 +323,6 @@ class SilhouetteTracker:
             if name in images and camera.segmented and camera.look(self._figure, stands.vertices, s):
                 seen[name] = camera.seen()
                 camera.learn(images[name], others.get(name))
-        for name, camera in self._cameras.items() if seen else ():
-            if name in images and name not in left_out and not camera.look(self._figure, stands.vertices, s):
-                camera.learn(images[name], others.get(name))
         if seen:
             # Where it was thought to be before the first frame was rough: it is at rest, until it is seen to move.
             last_ns, last = self._past[-1]
@@ -687,10 +684,8 @@ class _Camera:
         return left, top, right, bottom
 
     def learn(self, image: UInt8, others: Bool | None) -> None:
-        """Take in what is behind the body, or all of it where the body is not in the image."""
-        if self.memory is not None and self._outline is None:
-            self.memory.update(image, None, others)
-        elif self.memory is not None and self._outline is not None and self._found is not None:
+        """Take in what is behind the body."""
+        if self.memory is not None and self._outline is not None and self._found is not None:
             # Without another distance: what is near the contour or in the body is not learnt.
             contour = self._found[0]
             phi = np.where(self._outline.mask > 0, np.float32(self.step_px), contour.phi)
