@@ -34,7 +34,7 @@ def motions(pose: TreePose) -> tuple[Float64, Float64]:
 
 
 def parting(pose: TreePose, solid: Capsules = SOLID, sd_m: float = SD_M) -> InPlanes:
-    return apart(solid, landmarks_at(MESH, pose), motions(pose), sd_m)
+    return apart(solid, landmarks_at(MESH, pose), motions(pose), sd_m, touching_m=0.0)
 
 
 def residuals(planes: InPlanes, pose: TreePose) -> Float64:
@@ -50,7 +50,7 @@ def fitted(pose: TreePose, rounds: int = 12) -> TreePose:
         T = part_motions(local.tree, local.at)
         at = np.ascontiguousarray(T[:, :3, :3]).reshape(-1, 9), np.ascontiguousarray(T[:, :3, 3])
         stay = Prior(pose, 100.0, 100.0, np.full(len(MESH.joint_names), 2.0))
-        given = [apart(SOLID, landmarks_at(MESH, pose), at)]
+        given = [apart(SOLID, landmarks_at(MESH, pose), at, 0.004, touching_m=0.0)]
         pose = local.back(fit(local.tree, local.at, given, [local.into_prior(stay)], FitSettings(most_steps=3)).pose)
     return pose
 
@@ -183,3 +183,14 @@ def test_what_is_no_body_has_no_planes() -> None:
     planes = apart(solid, landmarks_at(mesh, rest(mesh)), at)
     assert (planes.part.shape, planes.points.shape, planes.planes.shape) == ((0,), (0, 3), (0, 4))
     assert depth_m(solid, solid.pairs, landmarks_at(mesh, rest(mesh))) == 0
+
+
+@given(seeds)
+def test_limbs_that_only_touch_are_left_alone(seed: int) -> None:
+    """Their flesh is pressed a little: nothing pushes before they are deeper in each other than that."""
+    pose = any_pose(np.random.default_rng(seed), MESH)
+    deep = depths_m(SOLID, landmarks_at(MESH, pose))
+    planes = apart(SOLID, landmarks_at(MESH, pose), motions(pose), touching_m=0.05)
+    assert len(planes.part) == 2 * np.count_nonzero(deep > 0.05)
+    if len(planes.part):
+        assert np.sort(-residuals(planes, pose))[::2] == pytest.approx(np.sort(0.5 * (deep[deep > 0.05] - 0.05)))

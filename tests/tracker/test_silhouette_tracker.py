@@ -152,7 +152,7 @@ def test_an_arm_that_went_astray_is_looked_for(degrees: dict[str, float]) -> Non
             found = tracker.update(ROOM.images(there, k), k * FRAME_NS)
         missed_m.append(np.linalg.norm(found.landmarks - landmarks_at(ROOM.mesh, there), axis=1).max())
     assert missed_m[0] > 0.8
-    assert missed_m[1] < 0.04
+    assert missed_m[1] < 0.06
 
 
 def test_a_limb_turns_about_itself_no_faster_than_it_may() -> None:

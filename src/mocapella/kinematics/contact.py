@@ -27,7 +27,13 @@ SD_M = 0.002
 """How much limbs may be in each other, against outlines that want it [m]."""
 
 
-def apart(solid: Capsules, landmarks: Float64, motions: tuple[Float64, Float64], sd_m: float = SD_M) -> InPlanes:
+def apart(
+    solid: Capsules,
+    landmarks: Float64,
+    motions: tuple[Float64, Float64],
+    sd_m: float = SD_M,
+    touching_m: float = TOUCHING_M,
+) -> InPlanes:
     """The planes that keep limbs out of each other; none where they are.
 
     Args:
@@ -35,6 +41,7 @@ def apart(solid: Capsules, landmarks: Float64, motions: tuple[Float64, Float64],
         landmarks: (n, 3) of the mesh where it is [m].
         motions: R (parts, 9) and t (parts, 3) of the tree that is fitted.
         sd_m: how much they may be in each other [m].
+        touching_m: how deep they are where they only touch [m].
     """
     R, t = motions
     room = 2 * len(solid.pairs)
@@ -42,7 +49,7 @@ def apart(solid: Capsules, landmarks: Float64, motions: tuple[Float64, Float64],
     planes, weights = np.empty((room, 4)), np.empty(room)
     ends = np.ascontiguousarray(landmarks[solid.ends]) if room else np.empty((0, 2, 3))
     n = _kernels().apart(
-        ends, solid.radii, solid.pairs, solid.part, R, t, TOUCHING_M, 1.0 / sd_m**2, part, rest, planes, weights
+        ends, solid.radii, solid.pairs, solid.part, R, t, touching_m, 1.0 / sd_m**2, part, rest, planes, weights
     )
     return InPlanes(part[:n], rest[:n], planes[:n], weights[:n])
 
