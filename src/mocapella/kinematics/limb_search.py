@@ -56,10 +56,10 @@ class LimbSearchSettings:
     """
 
     points: int = 40
-    drawn: int = 180
+    drawn: int = 600
     near_rad: float = 0.3
     farther_rad: float = 0.9
-    kept: int = 4
+    kept: int = 8
     again: int = 20
     rounds: int = 3
     per_rad2: float = 0.03
