@@ -100,7 +100,7 @@ def test_cameras_are_calibrated_in_the_view_and_used_and_stand_in_the_next_take(
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
         page = chromium.new_page(viewport={"width": 640, "height": 480})
-        page.set_default_timeout(45_000)
+        page.set_default_timeout(120_000)
         page.goto(f"http://127.0.0.1:{room.page_port}")
         headline = page.locator(".mocapella-board-headline")
 

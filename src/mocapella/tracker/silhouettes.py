@@ -154,7 +154,7 @@ class SilhouetteSettings:
     margin_steps: int = 12
     rounds: int = 3
     segmented: int = 2
-    expected_steps: float = 1.5
+    expected_steps: float = 1.0
     usual_per_rad: float = 3.0
     unlike: float = 0.2
     something_else_s: float = 0.5
