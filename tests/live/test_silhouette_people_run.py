@@ -43,13 +43,13 @@ def place(run, name):
 def passed():
     """Ben leaves; Anna goes to where he was, and back; Ben comes again."""
     run, room = start(), Couple(RIG)
-    up = [0.09 * k for k in range(int(AWAY_M / 0.09) + 1)]
+    up = (AWAY_M * (0.5 - 0.5 * np.cos(np.linspace(0, np.pi, 76)))).tolist()  # nobody stops at once
     gone = [AWAY_M] * (round(LOST_AFTER_S * HZ) + 3)
     there = np.linspace(-0.6, 0.6, 40).tolist()
     way = [(-0.6, at) for at in (*up, *gone)]
     way += [(at, AWAY_M) for at in (*there, *[0.6] * 8, *reversed(there))]
     met = len(way) - len(there) - 4
-    way += [(-0.6, at) for at in (*reversed(up), *[0.0] * 5)]
+    way += [(-0.6, at) for at in (*reversed(up), *[0.0] * 25)]
     for k, (aside, above) in enumerate(way):
         run.step(k, room.pair(pose_at(MESH, aside), pose_at(MESH, 0.6, up_m=above)))
     return run, way, met

@@ -394,7 +394,12 @@ class SilhouetteTracker:
         seeing = {
             name: camera
             for name, camera in self._cameras.items()
-            if name in images and name not in left_out and camera.segmented and camera.memory is not None
+            if name in images
+            and name not in left_out
+            and camera.segmented
+            and camera.memory is not None
+            # Of who leaves an image limbs are doubtful that are only outside of it.
+            and camera.shows_all(stands.vertices)
         }
         doubtful = self._doubtful(images, seeing, stands)
         # One after the other is looked for where it need not be: limbs hide behind a body, too.
@@ -646,6 +651,11 @@ class _Camera:
         contour = self._found[0]
         return SeenIn(contour, self._outline, overlap(contour.phi > 0, self._outline.mask > 0))
 
+    def shows_all(self, vertices: Float64) -> bool:
+        """Whether all of a body (n, 3) is within the image."""
+        pixels = seen_at(vertices, self._eye)
+        return bool((pixels >= 0).all() and (pixels < self._eye.size_px).all())
+
     def against(self, image: UInt8, points: Float64) -> Float32:
         """(n,) how much the image shows the room at points (n, 3) of the body, 0 to 1."""
         assert self.memory is not None
@@ -664,7 +674,9 @@ class _Camera:
         if bounds is not None:
             left, top = max(left, bounds[0] // grid * grid), max(top, bounds[1] // grid * grid)
             right, bottom = min(right, bounds[2]), min(bottom, bounds[3])
-        shape = (max(-(-(bottom - top) // step), 1), max(-(-(right - left) // step), 1))
+        # At least a sample, beyond the image where limbs are.
+        right, bottom = max(right, left + 1), max(bottom, top + 1)
+        shape = (-(-(bottom - top) // step), -(-(right - left) // step))
         strange = self.memory.strange(image, Silhouette((left, top), step, np.empty(shape, np.float32)), EVERY)
         if others is not None:
             apart_from = others[top:bottom:grid, left:right:grid]
