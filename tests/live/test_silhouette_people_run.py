@@ -7,6 +7,7 @@ import pytest
 from silhouette_pictures import Room, pose_at, ring, silhouettes_of, somebody
 
 from mocapella.live.silhouette_run import LOST_AFTER_S, SAID_AFTER, SilhouetteRun
+from mocapella.sources.frame_set import FrameSet, time_of_frame
 
 HZ = 30.0
 MESH = somebody()
@@ -30,8 +31,8 @@ class Couple(Room):
 
 
 def start(anna=-0.6, ben=0.6):
-    run = SilhouetteRun({"anna": MESH, "ben": MESH}, RIG, HZ)
-    run.start({"anna": pose_at(MESH, anna), "ben": pose_at(MESH, ben)}, 0)
+    run = SilhouetteRun({"anna": MESH, "ben": MESH}, RIG)
+    run.start({"anna": pose_at(MESH, anna), "ben": pose_at(MESH, ben)}, time_of_frame(-1, HZ))
     return run
 
 
@@ -51,7 +52,7 @@ def passed():
     met = len(way) - len(there) - 4
     way += [(-0.6, at) for at in (*reversed(up), *[0.0] * 25)]
     for k, (aside, above) in enumerate(way):
-        run.step(k, room.pair(pose_at(MESH, aside), pose_at(MESH, 0.6, up_m=above)))
+        run.step(FrameSet.at_rate(k, HZ, room.pair(pose_at(MESH, aside), pose_at(MESH, 0.6, up_m=above))))
     return run, way, met
 
 
@@ -88,7 +89,7 @@ def test_who_waits_hides_nobody_and_is_not_found_in_who_stands_there():
     way = [-0.6] * 25 + np.linspace(-0.6, 0.6, 40).tolist() + [0.6] * 20
     for k, aside in enumerate(way):
         ben = pose_at(MESH, 0.6, up_m=0.0 if k < 3 else 30.0)
-        run.step(k, room.pair(pose_at(MESH, aside), ben))
+        run.step(FrameSet.at_rate(k, HZ, room.pair(pose_at(MESH, aside), ben)))
         if k > 20:
             assert run.rows["ben"][-1].lost
         assert not run.rows["anna"][-1].lost
@@ -100,7 +101,7 @@ def test_a_black_camera_is_said_once():
     for k in range(SAID_AFTER + 2):
         images = room.pair(pose_at(MESH, -0.6 + 0.01 * k), pose_at(MESH, 0.6 - 0.01 * k))
         images["c2"] = np.zeros_like(images["c2"])
-        run.step(k, images)
+        run.step(FrameSet.at_rate(k, HZ, images))
     assert [note for note in run.notes if "c2" in note] == ["c2 does not count from frame 0 on: its image is black"]
     assert run.summary_of("anna")["left_out"] == run.summary_of("ben")["left_out"] == {"c2": SAID_AFTER + 2}
 
@@ -113,7 +114,7 @@ def test_cameras_are_judged_by_both_bodies_where_the_empty_room_is_known(mixed):
     if mixed:
         images, empty = ({**one, "c1": one["c3"], "c3": one["c1"]} for one in (images, empty))
     run.empty.learn(empty)
-    step = run.step(0, images)
+    step = run.step(FrameSet.at_rate(0, HZ, images))
     assert bool(run.notes) == mixed
     assert list(step.people) == ["anna", "ben"]
     assert {name: picture.shape for name, picture in step.pictures(120).items()} == dict.fromkeys(

@@ -10,6 +10,7 @@ from silhouette_pictures import Room, pose_at, ring, somebody
 from mocapella.live.silhouette_run import LOST_AFTER_S, SAID_AFTER, SilhouetteRun
 from mocapella.model.camera import CameraRig
 from mocapella.recording.followed_bodies import ALONE
+from mocapella.sources.frame_set import FrameSet, time_of_frame
 
 HZ = 30.0
 MESH = somebody()
@@ -17,8 +18,8 @@ RIG = ring(3)
 
 
 def start(rig=RIG, aside_m=0.0):
-    run = SilhouetteRun({ALONE: MESH}, rig, HZ)
-    run.start({ALONE: pose_at(MESH, aside_m)}, 0)
+    run = SilhouetteRun({ALONE: MESH}, rig)
+    run.start({ALONE: pose_at(MESH, aside_m)}, time_of_frame(-1, HZ))
     return run
 
 
@@ -28,7 +29,7 @@ def followed():
     run, room, poses = start(), Room(RIG), []
     for k in range(8):
         poses.append(pose_at(MESH, 0.01 * k, 0.4 + 0.05 * k))
-        run.step(k, room.images(MESH, poses[-1]))
+        run.step(FrameSet.at_rate(k, HZ, room.images(MESH, poses[-1])))
     return run, poses
 
 
@@ -38,7 +39,7 @@ def test_a_body_is_followed(followed):
     assert np.linalg.norm(last.T_world_model[:3, 3] - poses[-1].T_world_model[:3, 3]) < 0.03
     assert min(min(row.overlap.values()) for row in run.rows[ALONE]) > 0.85
     assert run.notes == []
-    assert [row.time_s for row in run.rows[ALONE]] == [k / HZ for k in range(8)]
+    assert [row.time_s for row in run.rows[ALONE]] == pytest.approx([k / HZ for k in range(8)])
 
 
 def test_the_summary_counts(followed):
@@ -59,7 +60,7 @@ def test_a_camera_that_shows_nothing_is_left_out_and_said(fault, said):
         elif k >= 2:
             frozen = images["c2"] if frozen is None else frozen
             images["c2"] = frozen
-        run.step(k, images)
+        run.step(FrameSet.at_rate(k, HZ, images))
     assert said in run.rows[ALONE][-1].left_out["c2"]
     assert "c2" not in run.rows[ALONE][-1].overlap
     assert [note for note in run.notes if "c2 does not count" in note and said in note]
@@ -74,7 +75,7 @@ def test_a_person_who_leaves_is_said_and_followed_again():
     away = [3.6] * (round(LOST_AFTER_S * HZ) + 4)
     places = [*there, *away, *reversed(there), *[0.0] * 5]
     for k, up_m in enumerate(places):
-        run.step(k, room.images(MESH, pose_at(MESH, up_m=up_m)))
+        run.step(FrameSet.at_rate(k, HZ, room.images(MESH, pose_at(MESH, up_m=up_m))))
     lost = [row.lost for row in run.rows[ALONE]]
     assert any(lost[len(there) : len(there) + len(away)])
     assert not lost[0]
@@ -94,7 +95,7 @@ def test_the_videos_of_two_cameras_the_wrong_way_round_are_said_once_somebody_mo
         run, room = start(aside_m=0.5), Room(RIG)
         for k in range(12):
             images = room.images(MESH, pose_at(MESH, 0.5 + 0.05 * k))
-            run.step(k, wrong_way_round(images) if mixed else images)
+            run.step(FrameSet.at_rate(k, HZ, wrong_way_round(images) if mixed else images))
         said = [note for note in run.notes if "of what moves in its images is where the body is" in note]
         assert bool(said) == mixed
         assert all(note.startswith(("c1", "c3")) for note in said)
@@ -105,7 +106,7 @@ def test_the_videos_of_two_cameras_the_wrong_way_round_are_said_at_once_where_th
         run, room = start(aside_m=0.3), Room(RIG)
         empty, images = room.images(), room.images(MESH, pose_at(MESH, 0.3))
         run.empty.learn(wrong_way_round(empty) if mixed else empty)
-        run.step(0, wrong_way_round(images) if mixed else images)
+        run.step(FrameSet.at_rate(0, HZ, wrong_way_round(images) if mixed else images))
         assert [note.partition(":")[0] for note in run.notes] == (["c1", "c3"] if mixed else [])
 
 
@@ -116,6 +117,6 @@ def test_a_camera_that_stands_elsewhere_is_said_where_the_empty_room_is_known():
     run = start(CameraRig({**RIG.cameras, "c2": msgspec.structs.replace(placed, T_camera_world=T)}))
     room = Room(RIG)
     run.empty.learn(room.images())
-    run.step(0, room.images(MESH, pose_at(MESH)))
+    run.step(FrameSet.at_rate(0, HZ, room.images(MESH, pose_at(MESH))))
     assert "c2 stands elsewhere" in run.notes[0]
     assert "c2: the body covers other parts" in run.notes[1]

@@ -100,8 +100,21 @@ def test_pictures_of_any_size_stand_in_a_row():
 def test_where_nothing_can_be_written_is_said(tmp_path):
     for path in (tmp_path / "no" / "folder", tmp_path / "no" / "film.mp4", tmp_path / "film.avi"):
         with pytest.raises(InputError, match="--overlay"):
-            OverlayWriter(path, 30.0)
-    writer = OverlayWriter(tmp_path / "seen", 30.0)
+            OverlayWriter(path, 30.0, {"c1": (20, 20)})
+    writer = OverlayWriter(tmp_path / "seen", 30.0, {"c1": (20, 20)})
     writer.write(7, {"c1": np.zeros((20, 20, 3), np.uint8)})
     writer.close()
     assert cv2.imread(str(tmp_path / "seen" / "c1_000007.jpg")).shape == (20, 20, 3)
+
+
+def test_a_camera_that_gives_no_picture_is_black_in_a_film(tmp_path):
+    writer = OverlayWriter(tmp_path / "seen.mp4", 30.0, {"c1": (64, 48), "c2": (64, 48)})
+    white = np.full((48, 64, 3), 255, np.uint8)
+    writer.write(0, {"c2": white})
+    writer.write(1, {"c1": white, "c2": white})
+    writer.close()
+    film = cv2.VideoCapture(str(tmp_path / "seen.mp4"))
+    (_, first), (_, second) = film.read(), film.read()
+    half = first.shape[1] // 2
+    assert [part.mean() > 128 for part in (first[:, :half], first[:, half:])] == [False, True]
+    assert [part.mean() > 128 for part in (second[:, :half], second[:, half:])] == [True, True]

@@ -31,18 +31,20 @@ def two(folder: Path, counts=(6, 6), rates=(30.0, 30.0), sizes=(SIZE, SIZE)):
 def test_frames_of_one_number_come_together_in_the_rigs_order(tmp_path):
     shown = VideoSet(two(tmp_path), RIG, frames=Frames(1, None, 2))
     found = list(shown)
-    assert [frame for frame, _ in found] == [1, 3, 5]
+    assert [one.frame for one in found] == [1, 3, 5]
+    assert [one.time_ns for one in found] == [round(k * 1e9 / 30) for k in (1, 3, 5)]
+    assert shown.start_ns == -round(1e9 / 30)
     assert shown.count == 3
     assert shown.rate_hz == 30.0
     assert shown.notes == []
-    for frame, images in found:
-        assert list(images) == ["c1", "c2"]
-        assert all(abs(float(image.mean()) - (10 * frame + 5)) < 2 for image in images.values())
+    for one in found:
+        assert list(one.images) == ["c1", "c2"]
+        assert all(abs(float(image.mean()) - (10 * one.frame + 5)) < 2 for image in one.images.values())
 
 
 def test_the_shortest_counts_and_that_is_said(tmp_path):
     shown = VideoSet(two(tmp_path, counts=(6, 4)), RIG)
-    assert [frame for frame, _ in shown] == [0, 1, 2, 3]
+    assert [one.frame for one in shown] == [0, 1, 2, 3]
     assert shown.count == 4
     assert shown.notes == ["the videos differ in length (c2 4, c1 6 frames): the shortest, 4 frames, counts"]
 

@@ -16,6 +16,7 @@ from silhouette_pictures import Room, pose_at, ring, somebody
 from mocapella.live.silhouette_run import SilhouetteRun
 from mocapella.live.silhouette_view import SilhouetteView
 from mocapella.recording.followed_bodies import ALONE
+from mocapella.sources.frame_set import FrameSet, time_of_frame
 
 CHROMIUM = shutil.which("chromium")
 ARTIFACTS = Path(__file__).resolve().parents[2] / "artifacts"
@@ -38,13 +39,14 @@ def of_hue(pixels, low, high):
 def test_a_body_its_pictures_and_its_angles_are_seen_and_frames_can_be_chosen(tmp_path):
     sync_api = pytest.importorskip("playwright.sync_api")
     mesh, rig = somebody(), ring(2)
-    run, room, start = SilhouetteRun({ALONE: mesh}, rig, 30.0), Room(rig), {ALONE: pose_at(mesh)}
-    run.start(start, 0)
+    run, room, start = SilhouetteRun({ALONE: mesh}, rig), Room(rig), {ALONE: pose_at(mesh)}
+    run.start(start, time_of_frame(-1, 30.0))
     view, stop = SilhouetteView("127.0.0.1", 0, run, start), threading.Event()
     loop = threading.Thread(target=lambda: view.stay(stop))
     try:
         for k in range(12):
-            view.tell(run.step(k, room.images(mesh, pose_at(mesh, 0.01 * k, 0.4 + 0.1 * k))))
+            images = room.images(mesh, pose_at(mesh, 0.01 * k, 0.4 + 0.1 * k))
+            view.tell(run.step(FrameSet.at_rate(k, 30.0, images)))
         loop.start()
         with sync_api.sync_playwright() as playwright:
             browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from mocapella.model.camera import CameraRig
     from mocapella.model.twist_tree import TreePose
     from mocapella.recording.followed_bodies import FollowedBody
+    from mocapella.sources.frame_set import FrameSource
     from mocapella.sources.video import Frames
-    from mocapella.sources.video_set import VideoSet
     from mocapella.tracker.silhouette_start import Body
 
     Joints = Mapping[str, NDArray[np.float64]]
@@ -274,8 +274,8 @@ def _of_earlier(wish: _Wish, at: _Earlier) -> tuple[Body, TreePose]:
     return body, frame.pose(body.mesh.joint_names)
 
 
-def begin(run: SilhouetteRun, poses: Mapping[str, TreePose], frames: Frames, words: str) -> None:
-    """Start the tracker, and say in which cameras somebody is not seen.
+def begin(run: SilhouetteRun, poses: Mapping[str, TreePose], time_ns: int, words: str) -> None:
+    """Start the tracker at that time, and say in which cameras somebody is not seen.
 
     Raises:
         InputError: no camera sees a body there.
@@ -296,16 +296,16 @@ def begin(run: SilhouetteRun, poses: Mapping[str, TreePose], frames: Frames, wor
         outside += [
             f"at the start {called} is outside of {camera}'s image" for camera in run.rig.cameras if camera not in seen
         ]
-    run.start(poses, frames.first, frames.step)
+    run.start(poses, time_ns)
     for note in outside:
         run.note(note)
 
 
-def learn(run: SilhouetteRun, texts: Sequence[str], rig: CameraRig, shown: VideoSet, other_size: str | None) -> None:
+def learn(run: SilhouetteRun, texts: Sequence[str], rig: CameraRig, shown: FrameSource, other_size: str | None) -> None:
     """Take in the images of the empty room.
 
     Raises:
-        InputError: one cannot be read, or is of another size than that camera's video.
+        InputError: one cannot be read, or is of another size than that camera's images.
     """
     from mocapella.cli.calibrate import named_inputs
     from mocapella.sources.video import Frames, pictures
@@ -314,21 +314,26 @@ def learn(run: SilhouetteRun, texts: Sequence[str], rig: CameraRig, shown: Video
     inputs = {name: Path(path) for name, path in named_inputs(texts).items()}
     empty = VideoSet(inputs, rig, rate_hz=1.0, other_size=other_size)
     for name, video in empty.videos.items():
-        if name not in shown.videos:
+        if name not in shown.rig.cameras:
             raise InputError(
                 "is of a camera that has no video", file=video.path, field="--background", value=name,
-                fix=f"the videos are of {', '.join(shown.videos)}",
+                fix=f"the videos are of {', '.join(shown.rig.cameras)}",
             )  # fmt: skip
-        if video.size_px != shown.videos[name].size_px:
+        size = shown.rig.cameras[name].camera.size_px
+        if video.size_px != size:
             raise InputError(
                 "is of another size than the video", file=video.path, field="size", value=video.size_px,
-                fix=f"{shown.videos[name].path} has {shown.videos[name].size_px}",
+                fix=f"that of {name} has {size}",
             )  # fmt: skip
         step = max(1, (video.count or 1) // BACKGROUNDS)
         for _, image in pictures(video.path, Frames(0, step * BACKGROUNDS, step)):
-            run.tracker.learn_background({name: image})
-            run.empty.learn({name: image})
-    missing = [name for name in shown.rig.cameras if name not in empty.videos]
+            run.learn_empty({name: image})
+    tell_unknown(run, empty.videos)
+
+
+def tell_unknown(run: SilhouetteRun, known: Container[str]) -> None:
+    """Say of which cameras no empty room is known."""
+    missing = [name for name in run.rig.cameras if name not in known]
     if missing:
         run.note(f"no empty room is known of {', '.join(missing)}: what is behind the body is learnt on the way there")
 

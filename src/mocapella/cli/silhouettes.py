@@ -1,4 +1,4 @@
-"""``mocapella silhouettes``: body models fitted to the silhouettes in the videos of calibrated cameras."""
+"""``mocapella silhouettes``: body models fitted to the silhouettes that calibrated cameras see, in videos or live."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import webbrowser
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -20,6 +21,7 @@ from mocapella.cli.app import app
 from mocapella.cli.common import (
     DEFAULT_VIEW_PORT,
     JsonOut,
+    Seconds,
     console,
     need_cameras,
     say,
@@ -32,11 +34,14 @@ from mocapella.errors import SettingsError
 if TYPE_CHECKING:
     from threading import Event
 
+    from mocapella.cli.silhouette_live import LiveWishes
     from mocapella.live.silhouette_run import SilhouetteRun, Step
     from mocapella.live.silhouette_view import SilhouetteView
+    from mocapella.model.camera import CameraRig
     from mocapella.model.twist_tree import TreePose
     from mocapella.recording.followed_bodies import FollowedBody
-    from mocapella.sources.video_set import VideoSet
+    from mocapella.sources.frame_set import FrameSource
+    from mocapella.sources.video import Frames
     from mocapella.tracker.silhouette_start import Body
 
 
@@ -45,8 +50,9 @@ def silhouettes(
     videos: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[NAME=]VIDEO…",
-            help="A video or a folder of images of each camera, in any order; called as in the rig.",
+            metavar="[NAME=]SOURCE…",
+            help="A video or a folder of images of each camera, or live: camera:0, /dev/video0, http://… or rtsp://…; "
+            "in any order, called as in the rig.",
         ),
     ] = None,
     rig: Annotated[Path, typer.Option(metavar="FILE", help="The calibrated cameras, a TOML.")] = Path("rig.toml"),
@@ -86,7 +92,11 @@ def silhouettes(
     ] = None,
     frames: Annotated[str | None, typer.Option(metavar="odd|even|FROM:TO:STEP", help="Which frames to use.")] = None,
     hz: Annotated[
-        float | None, typer.Option(metavar="HZ", help="Frames a second, where the files do not say it, or not rightly.")
+        float | None,
+        typer.Option(
+            metavar="HZ",
+            help="Frames a second, where the files do not say it, or not rightly; what to ask cameras for.",
+        ),
     ] = None,
     other_size: Annotated[
         str | None,
@@ -97,6 +107,19 @@ def silhouettes(
     order: Annotated[str, typer.Option(metavar="NAME", help="OpenPose's order of points: BODY_25B or BODY_25.")] = (
         "BODY_25B"
     ),
+    live: Annotated[
+        bool,
+        typer.Option(
+            "--live", help="Take videos as if they were cameras: at their own pace; what it has no time for is dropped."
+        ),
+    ] = False,
+    empty_room: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS", help="Live: for so long nobody is in the images; then somebody may come to the start."
+        ),
+    ] = None,
+    seconds: Seconds = None,
     no_steadiness: Annotated[
         bool, typer.Option("--no-steadiness", help="Fit every frame for itself: without the penalty on jitter.")
     ] = False,
@@ -122,75 +145,102 @@ def silhouettes(
     ] = None,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the view's URL, open no browser.")] = False,
 ) -> None:
-    """Fit body models to the silhouettes of one or several people in the videos of calibrated cameras, frame by frame.
+    """Fit body models to the silhouettes of one or several people in videos of calibrated cameras, or live.
 
     docs/silhouettes.md describes how to film, what a start is, the results, and what the messages mean.
 
     Example:  mocapella silhouettes cam1.mp4 cam2.mp4 --rig rig.toml --start joints.json --json out.json
+
+    Live:  mocapella silhouettes left=camera:0 right=camera:2 --start joints.json --empty-room 3 --view --json out.json
     """
     need_cameras("silhouettes")
-    from mocapella.cli.silhouette_start import StartWishes, begin, find_start, learn
-    from mocapella.live.silhouette_run import SilhouetteRun
+    from mocapella.cli.silhouette_live import LiveWishes, wait_for_people
+    from mocapella.cli.silhouette_start import StartWishes, find_start, learn
     from mocapella.live.stopping import stop_on_signals
     from mocapella.model.camera_rig_file import load_camera_rig
     from mocapella.recording.followed_bodies import read_followed_people
     from mocapella.sources.video import parse_frames
-    from mocapella.sources.video_set import VideoSet
-    from mocapella.tracker.silhouettes import SilhouetteSettings
 
-    inputs = _inputs(videos, hz)
+    live_wishes = LiveWishes(_inputs(videos, hz), live, hz, other_size, empty_room, seconds, frames, background or ())
+    live_wishes.verify()
     wanted = parse_frames(frames)
     earlier = None if beside is None else read_followed_people(beside)
     wishes = StartWishes(start or (), points or (), model or (), height or (), order)
-    settings = SilhouetteSettings(steadiness=None) if no_steadiness else SilhouetteSettings()
-    with working("reading …", status=INTERRUPTED), telling_of_compiling("the method silhouettes"):
-        cameras = load_camera_rig(rig)
-        shown = VideoSet(inputs, cameras, frames=wanted, rate_hz=hz, other_size=other_size)
-        writer = None if overlay is None else _Overlays(overlay, shown.rate_hz / wanted.step)
-        found = find_start(wishes, cameras, wanted)
-        bodies, poses = (
-            {name: body for name, (body, _) in found.items()},
-            {name: pose for name, (_, pose) in found.items()},
-        )
-        run = SilhouetteRun({name: body.mesh for name, body in bodies.items()}, shown.rig, shown.rate_hz, settings, say)
-        for note in shown.notes:
-            run.note(note)
-        begin(run, poses, wanted, ", ".join(start or ["--points"]))
-        if background:
-            learn(run, background, cameras, shown, other_size)
-    with ExitStack() as closing, stop_on_signals() as stop, telling_of_compiling("the method silhouettes"):
-        tell, page = [], None
-        if writer is not None:
-            closing.callback(writer.close)
-            tell.append(writer.write)
-        if view:
-            page = open_view(run, poses, view_port, no_browser=no_browser)
-            closing.callback(page.close)
-            tell.append(page.tell)
-        whole = _follow(run, shown, stop, tell)
-        result = as_result(run, bodies, shown, rig, steady=not no_steadiness)
-        write_json(json, result)
-        if json != "-":
-            show(run, Console(highlight=False))
-        if plot is not None:
-            draw_angles(result, earlier, plot, str(beside))
-        if page is not None and whole:
-            say("the view stays until Ctrl-C")
-            page.stay(stop)
+    with ExitStack() as closing:
+        with working("reading …", status=INTERRUPTED), telling_of_compiling("the method silhouettes"):
+            cameras = load_camera_rig(rig)
+            shown = _opened(live_wishes, cameras, wanted, closing)
+            tell: list[Callable[[Step], None]] = []
+            if overlay is not None:
+                writer = _Overlays(overlay, shown, wanted.step)
+                closing.callback(writer.close)
+                tell.append(writer.write)
+            found = find_start(wishes, cameras, wanted)
+            poses = {name: pose for name, (_, pose) in found.items()}
+            run = _started(found, shown, ", ".join(start or ["--points"]), steady=not no_steadiness)
+            if background:
+                learn(run, background, cameras, shown, other_size)
+        if live_wishes.live and (background or empty_room is not None):
+            wait_for_people(run, shown, poses, empty_room, view=view)
+        with stop_on_signals() as stop, telling_of_compiling("the method silhouettes"):
+            page = None
+            if view:
+                page = open_view(run, poses, view_port, no_browser=no_browser)
+                closing.callback(page.close)
+                tell.append(page.tell)
+            whole = _follow(run, shown, stop, seconds, tell)
+            result = as_result(
+                run, {name: body for name, (body, _) in found.items()}, shown, rig, steady=not no_steadiness
+            )
+            write_json(json, result)
+            if json != "-":
+                show(run, Console(highlight=False), shown.summary())
+            if plot is not None:
+                draw_angles(result, earlier, plot, str(beside))
+            if page is not None and whole and not (stop.is_set() or seconds is not None):
+                say("the view stays until Ctrl-C")
+                page.stay(stop)
     if not whole:
         say("stopped before the end: what there is by now was written")
         raise typer.Exit(INTERRUPTED)
 
 
-def _inputs(videos: Sequence[str] | None, hz: float | None) -> dict[str, Path]:
-    """Videos by name; the rate is looked at, too."""
+def _opened(wishes: LiveWishes, cameras: CameraRig, wanted: Frames, closing: ExitStack) -> FrameSource:
+    """The cameras, or the videos."""
+    from mocapella.cli.silhouette_live import open_live
+    from mocapella.sources.video_set import VideoSet
+
+    if wishes.live:
+        return closing.enter_context(open_live(wishes, cameras))
+    paths = {name: Path(path) for name, path in wishes.sources.items()}
+    return VideoSet(paths, cameras, frames=wanted, rate_hz=wishes.hz, other_size=wishes.other_size)
+
+
+def _started(
+    found: Mapping[str, tuple[Body, TreePose]], shown: FrameSource, words: str, *, steady: bool
+) -> SilhouetteRun:
+    """The run, with all where they start."""
+    from mocapella.cli.silhouette_start import begin
+    from mocapella.live.silhouette_run import SilhouetteRun
+    from mocapella.tracker.silhouettes import SilhouetteSettings
+
+    settings = SilhouetteSettings() if steady else SilhouetteSettings(steadiness=None)
+    run = SilhouetteRun({name: body.mesh for name, (body, _) in found.items()}, shown.rig, settings, say)
+    for note in shown.notes:
+        run.note(note)
+    begin(run, {name: pose for name, (_, pose) in found.items()}, shown.start_ns, words)
+    return run
+
+
+def _inputs(sources: Sequence[str] | None, hz: float | None) -> dict[str, str]:
+    """Videos or cameras by name; the rate is looked at, too."""
     from mocapella.cli.calibrate import named_inputs
     from mocapella.settings import check
 
     check(hz is None or 0 < hz <= 1000, "--hz", hz, "above 0, at most 1000")
-    if not videos:
+    if not sources:
         raise SettingsError("no videos are named; name one for each camera: mocapella silhouettes cam1.mp4 cam2.mp4 …")
-    return {name: Path(path) for name, path in named_inputs(videos).items()}
+    return named_inputs(sources)
 
 
 def open_view(
@@ -208,8 +258,20 @@ def open_view(
     return page
 
 
-def _follow(run: SilhouetteRun, shown: VideoSet, stop: Event, tell: Sequence[Callable[[Step], None]]) -> bool:
-    """Frame by frame; False where it was stopped before the end."""
+def _follow(
+    run: SilhouetteRun,
+    shown: FrameSource,
+    stop: Event,
+    seconds: float | None,
+    tell: Sequence[Callable[[Step], None]],
+) -> bool:
+    """Frame by frame; False where it was stopped before the end. Live cameras have no other end."""
+    from mocapella.cli.silhouette_live import follow_live
+    from mocapella.sources.live_set import LiveSet
+
+    if isinstance(shown, LiveSet):
+        follow_live(run, shown, stop, seconds, tell)
+        return True
     whom = ", ".join(filter(None, run.meshes))
     columns = (
         TextColumn(f"following {whom}".strip(), markup=False), BarColumn(), MofNCompleteColumn(), TextColumn("frames"),
@@ -230,22 +292,19 @@ def _follow(run: SilhouetteRun, shown: VideoSet, stop: Event, tell: Sequence[Cal
 
 
 def as_result(
-    run: SilhouetteRun, bodies: Mapping[str, Body], shown: VideoSet, rig: Path, *, steady: bool
+    run: SilhouetteRun, bodies: Mapping[str, Body], shown: FrameSource, rig: Path, *, steady: bool
 ) -> dict[str, Any]:
     """What ``--json`` writes, and ``--start`` reads: one body that nobody named, or people by name."""
     from mocapella.recording.followed_bodies import ALONE, PEOPLE_FORMAT, VERSION
 
-    cameras = {
-        name: {"video": str(shown.videos[name].path), "size_px": list(shown.videos[name].size_px)}
-        for name in run.rig.cameras
-    }
-    how = {"rig": str(rig), "cameras": cameras, "rate_hz": shown.rate_hz, "steadiness": steady}
+    how = {"rig": str(rig), "cameras": shown.described(), "rate_hz": shown.rate_hz, "steadiness": steady}
+    whole = {**run.summary(), **shown.summary()}
     people = {name: _body_result(run, name, body) for name, body in bodies.items()}
     if ALONE in people:
         (one,) = people.values()
         frames, summary = one.pop("frames"), one.pop("summary")
-        return {**one, **how, "summary": {**summary, **run.summary()}, "frames": frames}
-    return {"format": PEOPLE_FORMAT, "version": VERSION, **how, "summary": run.summary(), "people": people}
+        return {**one, **how, "summary": {**summary, **whole}, "frames": frames}
+    return {"format": PEOPLE_FORMAT, "version": VERSION, **how, "summary": whole, "people": people}
 
 
 def _body_result(run: SilhouetteRun, name: str, body: Body) -> dict[str, Any]:
@@ -261,8 +320,8 @@ def _body_result(run: SilhouetteRun, name: str, body: Body) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def show(run: SilhouetteRun, out: Console) -> None:
-    """The table for a person."""
+def show(run: SilhouetteRun, out: Console, summary: Mapping[str, Any] = MappingProxyType({})) -> None:
+    """The table for a person, and what the images' source tells of the run."""
     import numpy as np
 
     named = [name for name in run.rows if name]
@@ -281,7 +340,9 @@ def show(run: SilhouetteRun, out: Console) -> None:
         lost = {name: sum(row.lost for row in rows) for name, rows in run.rows.items()}
         gone = ", ".join(f"{count} of them without {name or 'anybody'}" for name, count in lost.items() if count)
         took = f"{1e3 * np.median(run.took_s):.0f} ms a frame"
-        out.print(f"{len(run.took_s)} frames{f', {gone}' if gone else ''}; {took}", markup=False)
+        dropped = ", ".join(f"{name} {count}" for name, count in summary.get("dropped", {}).items())
+        told = f"; pictures dropped: {dropped}" if dropped else ""
+        out.print(f"{len(run.took_s)} frames{f', {gone}' if gone else ''}; {took}{told}", markup=False)
 
 
 def draw_angles(result: Mapping[str, Any], earlier: Mapping[str, FollowedBody] | None, path: Path, beside: str) -> None:
@@ -345,10 +406,11 @@ def draw_angles(result: Mapping[str, Any], earlier: Mapping[str, FollowedBody] |
 class _Overlays:
     """Writes every step's images with the outlines."""
 
-    def __init__(self, path: Path, rate_hz: float) -> None:
+    def __init__(self, path: Path, shown: FrameSource, step: int) -> None:
         from mocapella.sensing.outline_picture import OverlayWriter
 
-        self._writer = OverlayWriter(path, rate_hz)
+        sizes = {name: placed.camera.size_px for name, placed in shown.rig.cameras.items()}
+        self._writer = OverlayWriter(path, shown.rate_hz / step, sizes)
 
     def write(self, step: Step) -> None:
         """One step's."""

@@ -53,6 +53,7 @@ def run_demo(
     from mocapella.live.silhouette_run import SilhouetteRun
     from mocapella.live.stopping import stop_on_signals
     from mocapella.recording.followed_bodies import ALONE
+    from mocapella.sources.frame_set import time_of_frame
     from mocapella.sources.simulate.silhouette_scene import scene_names, silhouette_scene
     from mocapella.tracker.silhouettes import SilhouetteSettings
 
@@ -64,9 +65,9 @@ def run_demo(
     settings = SilhouetteSettings() if steady else SilhouetteSettings(steadiness=None)
     with working("making the room …", status=0), telling_of_compiling("the rendered body and the method silhouettes"):
         made = silhouette_scene(name, seed=seed, cameras=4, size_px=(640, 480), fps=RATE_HZ, corruption=wrong)
-        run = SilhouetteRun({ALONE: made.mesh}, made.rig, RATE_HZ, settings, say)
+        run = SilhouetteRun({ALONE: made.mesh}, made.rig, settings, say)
         pose = rough_start(made.pose(0), made.mesh.tree.limits, seed)
-        run.start({ALONE: pose}, 0)
+        run.start({ALONE: pose}, time_of_frame(-1, RATE_HZ))
         made.images(0)  # compiles once a machine
     meter = TruthMeter(made.mesh.joint_names)
     said = "" if corrupt is None else f", {CORRUPTIONS[corrupt]}"
@@ -106,6 +107,8 @@ def _corruption(corrupt: str | None, seed: int) -> Corruption | None:
 
 def _shown(run: SilhouetteRun, made: SilhouetteScene, stop: Event, seconds: float | None) -> Iterator[Step]:
     """Every frame once it is followed, until all have been, time is up, or somebody stops it."""
+    from mocapella.sources.frame_set import FrameSet
+
     names, end_s = list(made.rig.cameras), None if seconds is None else time.monotonic() + seconds
     columns = (TextColumn("following"), BarColumn(), MofNCompleteColumn(), TextColumn("frames"), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as progress:
@@ -113,7 +116,7 @@ def _shown(run: SilhouetteRun, made: SilhouetteScene, stop: Event, seconds: floa
         for k in range(len(made)):
             if stop.is_set() or (end_s is not None and time.monotonic() >= end_s):
                 return
-            yield run.step(k, dict(zip(names, made.images(k), strict=True)))
+            yield run.step(FrameSet.at_rate(k, RATE_HZ, dict(zip(names, made.images(k), strict=True))))
             progress.advance(task)
 
 

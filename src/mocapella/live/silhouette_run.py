@@ -1,7 +1,7 @@
-"""Bodies followed through the videos of several cameras: what the command and the demo do, frame by frame.
+"""Bodies followed through the videos of several cameras, or live: what the command and the demo do, frame by frame.
 
-Images in which nothing is to be seen do not count, and why is said; where somebody is not there any more, the body
-waits where it was last, at rest, and goes on when somebody is there again.
+Images in which nothing is to be seen do not count, and why is said; where somebody is not there yet, or not any more,
+the body waits where it starts or was last, at rest, and goes on when somebody is there.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from mocapella.conventions import NS_PER_S
 from mocapella.geometry.lens import project
 from mocapella.geometry.rigid import apply
 from mocapella.model.camera import CameraRig
-from mocapella.model.outline_colours import body_colour
+from mocapella.model.outline_colours import Colour, body_colour
 from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at
 from mocapella.model.silhouettes import Silhouette, overlap
 from mocapella.model.twist_tree import TreePose
@@ -28,6 +28,7 @@ from mocapella.recording.followed_bodies import ALONE, FollowedFrame, frame_of
 from mocapella.sensing.empty_room import EmptyRoom, MovedSince
 from mocapella.sensing.outline_picture import Outlines, outlined
 from mocapella.sources.dead_images import DeadImages
+from mocapella.sources.frame_set import FrameSet
 from mocapella.tracker.silhouette_people import SilhouettePeople
 from mocapella.tracker.silhouettes import Followed, SeenIn, SilhouetteSettings
 
@@ -51,6 +52,7 @@ LOST_AFTER_S: Final = 0.5
 """Without being seen for so long, nobody is there."""
 JUDGED_BY: Final = 5
 """Images of a camera in which something has moved: later ones may show what has nothing to do with the body."""
+NO_PICTURE: Final = "it gives no picture"
 
 
 class PersonStep(msgspec.Struct, frozen=True, eq=False):
@@ -59,18 +61,28 @@ class PersonStep(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         followed: what the tracker says.
         row: as the file has it.
+        waits: by camera, what the body covers where it waits; nothing while somebody is there.
     """
 
     followed: Followed
     row: FollowedFrame
+    waits: Mapping[str, Silhouette] = {}
+
+    def outlines(self, camera: str, colour: Colour) -> Outlines | None:
+        """To be drawn in a camera's image; None where the body is not in it."""
+        if self.row.lost:
+            place = self.waits.get(camera)
+            return None if place is None else Outlines(place, place, colour)
+        seen = self.followed.seen.get(camera)
+        return None if seen is None else Outlines(seen.contour, seen.outline.silhouette, colour)
 
 
 class Step(msgspec.Struct, frozen=True, eq=False):
     """One frame and what came of it.
 
     Attributes:
-        frame: its number in the videos.
-        images: (height, width, 3) BGR by camera, all.
+        frame: its number.
+        images: (height, width, 3) BGR by camera; those that there are.
         people: by name.
         took_s: how long the tracker took.
     """
@@ -85,11 +97,8 @@ class Step(msgspec.Struct, frozen=True, eq=False):
         return {name: outlined(image, self._outlines(name), width) for name, image in self.images.items()}
 
     def _outlines(self, camera: str) -> list[Outlines]:
-        return [
-            Outlines(one.followed.seen[camera].contour, one.followed.seen[camera].outline.silhouette, body_colour(k))
-            for k, one in enumerate(self.people.values())
-            if camera in one.followed.seen
-        ]
+        drawn = [one.outlines(camera, body_colour(k)) for k, one in enumerate(self.people.values())]
+        return [one for one in drawn if one is not None]
 
 
 class _Person:
@@ -98,8 +107,10 @@ class _Person:
     def __init__(self, mesh: RiggedMesh) -> None:
         self.mesh = mesh
         self.lost = False
+        self.came = True
         self.seen_ns = 0
         self.well: Followed | None = None
+        self.waits: tuple[TreePose, dict[str, Silhouette]] | None = None
 
     def start(self, pose: TreePose, time_ns: int) -> None:
         self.well = Followed(time_ns, pose, landmarks_at(self.mesh, pose), {}, {})
@@ -116,7 +127,6 @@ class SilhouetteRun:
     Args:
         meshes: of the bodies, by name; `ALONE` for one that nobody named.
         rig: of the cameras, for images of their size.
-        rate_hz: frames a second.
         settings: of the tracker.
         say: is told what happens.
 
@@ -131,7 +141,6 @@ class SilhouetteRun:
         self,
         meshes: Mapping[str, RiggedMesh],
         rig: CameraRig,
-        rate_hz: float,
         settings: SilhouetteSettings | None = None,
         say: Say = lambda _text: None,
     ) -> None:
@@ -140,35 +149,49 @@ class SilhouetteRun:
         self.rows: dict[str, list[FollowedFrame]] = {name: [] for name in meshes}
         self.notes: list[str] = []
         self.took_s: list[float] = []
-        self._rate_hz, self._tell, self._dead = rate_hz, say, DeadImages()
+        self._tell, self._dead = say, DeadImages()
         self._people = {name: _Person(mesh) for name, mesh in meshes.items()}
         self._trouble: dict[tuple[str, str], tuple[int, int]] = {}
         self.empty = EmptyRoom()
         self._moved, self._shares = MovedSince(), dict[str, list[float]]()
+        self._doubted = False
 
-    def start(self, poses: Mapping[str, TreePose], frame: int, step: int = 1) -> None:
-        """All are about there in the frame of that number, the frames being ``step`` apart.
+    def start(self, poses: Mapping[str, TreePose], time_ns: int) -> None:
+        """All are about there at that time, which is an interval before the first frame's.
 
         Raises:
             SettingsError: no camera sees one of them there.
         """
-        time_ns = self._time_ns(frame - step)
         for name, pose in poses.items():
             self.tracker.start(name, pose, time_ns)
             self._people[name].start(pose, time_ns)
 
-    def steps(self, images: Iterable[tuple[int, dict[str, UInt8]]]) -> Iterator[Step]:
-        """Each frame when it is done."""
-        for frame, shown in images:
-            yield self.step(frame, shown)
+    def wait(self) -> None:
+        """Nobody is there yet: the places where they start are watched. After `start`; the empty room should be known,
+        without which whatever is there is taken for somebody.
+        """
+        for person in self._people.values():
+            person.lost, person.came = True, False
 
-    def step(self, frame: int, images: Mapping[str, UInt8]) -> Step:
+    def learn_empty(self, images: Mapping[str, UInt8]) -> None:
+        """Nobody is in these images (height, width, 3), by camera. After `start`."""
+        self.tracker.learn_background(images)
+        self.empty.learn(images)
+
+    def steps(self, frames: Iterable[FrameSet]) -> Iterator[Step]:
+        """Each frame when it is done."""
+        for shown in frames:
+            yield self.step(shown)
+
+    def step(self, shown: FrameSet) -> Step:
         """The next frame."""
+        frame, images = shown.frame, shown.images
         dead = self._dead.update(images)
         begin_s = time.perf_counter()
         waiting = [name for name, person in self._people.items() if person.lost]
-        raw = self.tracker.update({k: v for k, v in images.items() if k not in dead}, self._time_ns(frame), waiting)
+        raw = self.tracker.update({k: v for k, v in images.items() if k not in dead}, shown.time_ns, waiting)
         took_s = time.perf_counter() - begin_s
+        dead |= {camera: NO_PICTURE for camera in self.rig.cameras if camera not in images}
         raw = {name: msgspec.structs.replace(one, left_out={**one.left_out, **dead}) for name, one in raw.items()}
         for name, one in raw.items():
             self._look_for(name, one, images)
@@ -179,7 +202,7 @@ class SilhouetteRun:
             self._say_lost(name, frame, lost=lost)
             row = frame_of(
                 frame,
-                frame / self._rate_hz,
+                shown.time_ns / NS_PER_S,
                 found.pose,
                 joint_names=self.meshes[name].joint_names,
                 landmarks=dict(zip(self.meshes[name].landmarks, found.landmarks, strict=True)),
@@ -188,7 +211,7 @@ class SilhouetteRun:
                 lost=lost,
             )
             self.rows[name].append(row)
-            people[name] = PersonStep(found, row)
+            people[name] = PersonStep(found, row, self._waits(name, found.pose) if lost else {})
         self._say_changes(frame, people, dead)
         self.took_s.append(took_s)
         self._judge_rig({name: one.followed for name, one in people.items()}, images)
@@ -272,8 +295,18 @@ class SilhouetteRun:
             "median_overlap": round(float(np.median(overlaps)), 4) if overlaps else None,
         }
 
-    def _time_ns(self, frame: int) -> int:
-        return round(frame * NS_PER_S / self._rate_hz)
+    def _waits(self, name: str, pose: TreePose) -> dict[str, Silhouette]:
+        """What a body covers where it waits, by camera that sees it there."""
+        person = self._people[name]
+        if person.waits is None or person.waits[0] is not pose:
+            covered = self.tracker.trackers[name].covered(pose)
+            drawn = {
+                camera: Silhouette((0, 0), 1, mask.astype(np.float32) - np.float32(0.5))
+                for camera, mask in covered.items()
+                if mask.any()
+            }
+            person.waits = pose, drawn
+        return person.waits[1]
 
     def _say_changes(self, frame: int, people: Mapping[str, PersonStep], dead: Mapping[str, str]) -> None:
         """What has become different, and stays so for a moment: single images are counted in the summary."""
@@ -301,15 +334,18 @@ class SilhouetteRun:
         if lost and not person.lost:
             self.note(f"frame {frame}: {_called(name)} is in no camera's image any more; the last place is watched")
         elif person.lost and not lost:
-            self.note(f"frame {frame}: {_called(name)} is there again")
+            self.note(f"frame {frame}: {_called(name)} is there{' again' if person.came else ''}")
+            person.came = True
         person.lost = lost
 
     def _judge_rig(self, found: Mapping[str, Followed], images: Mapping[str, UInt8]) -> None:
         """In the first frames: whether the cameras see the bodies, each where the rig says that it would.
 
         The outlines alone do not say it: they are looked for where a body is expected. So it is asked what differs
-        from the empty room, and where that is not known, what moves.
+        from the empty room, and where that is not known, what moves. Who is not there yet may come from anywhere.
         """
+        if any(person.lost for person in self._people.values()):
+            return
         for name, covered in _covered(found, self.rig).items():
             shares = self._shares.setdefault(name, [])
             if len(shares) < JUDGED_BY:
@@ -321,7 +357,8 @@ class SilhouetteRun:
                         f"{name}: only {np.median(shares):.0%} of what moves in its images is where {who}: is "
                         f"this the video of {name}, does it begin with the others, and stands it where the rig says?"
                     )
-        if len(self.took_s) == 1:
+        if not self._doubted:
+            self._doubted = True
             for text in rig_doubts(found, images, self.empty, self.rig):
                 self.note(text)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -133,13 +133,15 @@ class OverlayWriter:
     Args:
         path: ends with .mp4, or is a folder, which is made.
         rate_hz: of the MP4.
+        sizes: (width, height) of the cameras' pictures, in the order in which the MP4 has them; a camera that gives
+            none is black there.
 
     Raises:
         InputError: it cannot be written there.
     """
 
-    def __init__(self, path: Path, rate_hz: float) -> None:
-        self._path, self._rate = path, rate_hz
+    def __init__(self, path: Path, rate_hz: float, sizes: Mapping[str, tuple[int, int]]) -> None:
+        self._path, self._rate, self._sizes = path, rate_hz, dict(sizes)
         self._video: Any = None
         self._is_video = path.suffix.lower() == ".mp4"
         folder = path.parent if self._is_video else path
@@ -163,7 +165,8 @@ class OverlayWriter:
             for name, picture in pictures.items():
                 (self._path / f"{name}_{frame:06d}.jpg").write_bytes(jpeg(picture))
             return
-        joined = side_by_side(list(pictures.values()))
+        black = {name: np.zeros((size[1], size[0], 3), np.uint8) for name, size in self._sizes.items()}
+        joined = side_by_side([pictures.get(name, none) for name, none in black.items()])
         if self._video is None:
             size = (joined.shape[1], joined.shape[0])
             self._video = cv2.VideoWriter(str(self._path), cv2.VideoWriter.fourcc(*"mp4v"), self._rate, size)

@@ -81,6 +81,8 @@ class Acquisition:
         source: closed; it is opened at once.
         settings: see there.
         say: is told in words when the source is lost, silent, and there again.
+        changed: is notified when a picture is there or the source has ended; several may share one, to be waited for
+            together.
 
     Raises:
         InputError: the source cannot be opened.
@@ -92,10 +94,11 @@ class Acquisition:
         settings: AcquisitionSettings | None = None,
         *,
         say: Callable[[str], None] = lambda text: None,
+        changed: threading.Condition | None = None,
     ) -> None:
         self.source, self.settings, self._say = source, settings or AcquisitionSettings(), say
         self.state: SourceState = source.open()
-        self._stop, self._changed = threading.Event(), threading.Condition()
+        self._stop, self._changed = threading.Event(), changed or threading.Condition()
         self._slot: Picture | None = None
         self._taken = self._dropped = self._lost = 0
         self._ended = False
@@ -128,6 +131,12 @@ class Acquisition:
         if picture is None:
             self._say_if_silent()
         return picture
+
+    @property
+    def ready(self) -> bool:
+        """Whether `take` has something to give, or to raise, without waiting."""
+        with self._changed:
+            return self._slot is not None or self._failure is not None
 
     @property
     def ended(self) -> bool:

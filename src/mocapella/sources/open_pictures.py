@@ -58,6 +58,11 @@ def open_pictures(text: str, wishes: CameraWishes | None = None, *, loop: bool =
     return PacedPictures(text, fps=wishes.fps, loop=loop)
 
 
+def is_live(text: str) -> bool:
+    """Whether a source of that name gives pictures in real time only; of others there is a file."""
+    return text.startswith((LIVE, RENDERED, *STREAMS)) or camera_number(text) is not None
+
+
 def one_picture(
     text: str, frame: int | None = None, wishes: CameraWishes | None = None, *, seed: int = 0
 ) -> tuple[NDArray[np.uint8], SourceState]:

@@ -8,29 +8,23 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import Final, Literal
+from typing import Any, Final
 
 import cv2
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.errors import InputError, SettingsError, one_of
-from mocapella.model.camera import CameraRig, PlacedCamera
+from mocapella.errors import InputError
+from mocapella.model.camera import CameraRig
 from mocapella.model.point_tracks import match_cameras
+from mocapella.sources.frame_set import FrameSet, check_other_size, fitted, time_of_frame
 from mocapella.sources.video import IMAGES, Frames, pictures
 
 UInt8 = NDArray[np.uint8]
 
-OtherSize = Literal["crop", "scale"]
-OTHER_SIZES: Final = {
-    "crop": "pixels are where the calibration says, and only the border was cut off at the right and below",
-    "scale": "the whole picture was made larger or smaller",
-}
 RATES_WITHIN: Final = 2e-4
 """Rates that differ by a larger share are others: 29.97 and 30 a second are a frame apart after half a minute."""
-RATIO_WITHIN: Final = 0.01
-"""A picture that was scaled by other factors across and high than these allow was not only scaled."""
 
 
 class Video(msgspec.Struct, frozen=True):
@@ -108,8 +102,7 @@ class VideoSet:
     ) -> None:
         if not paths:
             raise InputError("no videos are named", field="VIDEO…", fix="name a video for each camera of the rig")
-        if other_size is not None and other_size not in OTHER_SIZES:
-            raise SettingsError(f"--other-size is {other_size!r}; it must be one of {one_of(other_size, OTHER_SIZES)}")
+        check_other_size(other_size)
         for name, path in paths.items():
             match_cameras([name], rig.cameras, file=path)  # says which file it is
         names = match_cameras(list(paths), rig.cameras)
@@ -118,14 +111,31 @@ class VideoSet:
         self.rate_hz = rate_hz or self._rate()
         placed, said = {}, []
         for name in (name for name in rig.cameras if name in self.videos):
-            placed[name], note = _fitted(rig.cameras[name], self.videos[name], other_size)
+            video = self.videos[name]
+            placed[name], note = fitted(rig.cameras[name], video.size_px, other_size, source=video.path)
             said += [note] if note else []
         self.notes += said
         self.rig = CameraRig(placed)
         self.count = self._count()
 
-    def __iter__(self) -> Iterator[tuple[int, dict[str, UInt8]]]:
-        """The wanted frames' numbers, and every camera's image (height, width, 3) BGR; ends with the shortest video.
+    @property
+    def start_ns(self) -> int:
+        """An interval of the wanted frames before the first."""
+        return time_of_frame(self._frames.first - self._frames.step, self.rate_hz)
+
+    def described(self) -> dict[str, dict[str, Any]]:
+        """As ``--json`` has the cameras."""
+        return {
+            name: {"video": str(self.videos[name].path), "size_px": list(self.videos[name].size_px)}
+            for name in self.rig.cameras
+        }
+
+    def summary(self) -> dict[str, Any]:
+        """What is to be told of it at the end: nothing."""
+        return {}
+
+    def __iter__(self) -> Iterator[FrameSet]:
+        """The wanted frames, with an image of every camera; ends with the shortest video.
 
         Raises:
             InputError: images of a folder change their size.
@@ -145,7 +155,7 @@ class VideoSet:
                 got = {name: one[1] for name, one in images.items() if one is not None}
                 for name, image in got.items():
                     self._check_size(name, image, number)
-                yield number, got
+                yield FrameSet.at_rate(number, self.rate_hz, got)
                 number += self._frames.step
 
     def _rate(self) -> float:
@@ -197,32 +207,3 @@ class VideoSet:
                 "is of another size than the first image", file=self.videos[name].path, field=f"frame {number}",
                 value=size, fix=f"make all {wanted[0]} × {wanted[1]} px",
             )  # fmt: skip
-
-
-def _fitted(placed: PlacedCamera, video: Video, other_size: str | None) -> tuple[PlacedCamera, str]:
-    """The camera for pictures of the video's size, and what is to be said of it."""
-    size, wanted = video.size_px, placed.camera.size_px
-    if size == wanted:
-        return placed, ""
-    told = (
-        f"images of {size[0]} × {size[1]} px, but the camera {placed.camera.name} is calibrated for "
-        f"{wanted[0]} × {wanted[1]} px"
-    )
-    if other_size is None:
-        turned = size == wanted[::-1]
-        fix = "turn the video: it lies on its side" if turned else (
-            "--other-size crop where pixels are as calibrated and only the right and lower border is missing, "
-            "--other-size scale where the whole picture was scaled"
-        )  # fmt: skip
-        raise InputError(f"has {told}", file=video.path, field="size", value=size, fix=fix)
-    lens, factors = placed.camera.lens.copy(), np.array(size) / wanted
-    if other_size == "scale":
-        if abs(factors[0] / factors[1] - 1) > RATIO_WITHIN:
-            raise InputError(
-                f"has {told}: no scale of the whole picture makes one of the other", file=video.path, field="size",
-                value=size, fix="try --other-size crop",
-            )  # fmt: skip
-        lens[:2] *= factors
-        lens[2:4] = (lens[2:4] + 0.5) * factors - 0.5  # the first pixel's middle is 0
-    camera = msgspec.structs.replace(placed.camera, size_px=size, lens=lens)
-    return msgspec.structs.replace(placed, camera=camera), f"{video.path}: {told}; --other-size {other_size}"

@@ -1,0 +1,171 @@
+"""Live cameras of `mocapella silhouettes`: opened, the empty room learnt, and people followed until Ctrl-C."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import typer
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
+
+from mocapella.cli import INTERRUPTED
+from mocapella.cli.common import console, say, telling_of_compiling
+from mocapella.cli.silhouette_start import BACKGROUNDS, tell_unknown
+from mocapella.conventions import NS_PER_S
+from mocapella.errors import InputError, SettingsError
+from mocapella.settings import check
+
+if TYPE_CHECKING:
+    from mocapella.live.silhouette_run import SilhouetteRun, Step
+    from mocapella.model.camera import CameraRig
+    from mocapella.model.twist_tree import TreePose
+    from mocapella.sources.frame_set import FrameSource
+    from mocapella.sources.live_set import LiveSet
+
+LONGEST_EMPTY_S: Final = 600.0
+RATE_OF: Final = 30
+"""Frames a second are those of so many last frames."""
+
+
+@dataclass(frozen=True)
+class LiveWishes:
+    """What the command line says of live cameras and of videos, where these differ; see the command's options."""
+
+    sources: Mapping[str, str]
+    as_live: bool = False
+    hz: float | None = None
+    other_size: str | None = None
+    empty_room_s: float | None = None
+    seconds: float | None = None
+    frames: str | None = None
+    background: Sequence[str] = ()
+
+    @property
+    def live(self) -> bool:
+        """Whether it is about live cameras, or videos as if they were."""
+        from mocapella.sources.open_pictures import is_live
+
+        return self.as_live or any(is_live(text) for text in self.sources.values())
+
+    def verify(self) -> None:
+        """See that nothing is wished of videos that only live cameras have, and of these nothing that only videos have.
+
+        Raises:
+            SettingsError: it is.
+        """
+        if self.live and self.frames is not None:
+            raise SettingsError("--frames is of videos; live cameras go on until Ctrl-C, or for --seconds")
+        if not self.live and self.empty_room_s is not None:
+            raise SettingsError("--empty-room is of live cameras; of videos give --background, or --live")
+        if not self.live and self.seconds is not None:
+            raise SettingsError("--seconds is of live cameras; of videos --frames says which are used, or give --live")
+        if self.empty_room_s is not None:
+            within = 0 < self.empty_room_s <= LONGEST_EMPTY_S
+            check(within, "--empty-room", self.empty_room_s, f"above 0, at most {LONGEST_EMPTY_S:g} s")
+            if self.background:
+                raise SettingsError("--empty-room and --background are both given; choose one of them")
+
+
+def open_live(wishes: LiveWishes, rig: CameraRig) -> LiveSet:
+    """The cameras, opened.
+
+    Raises:
+        SettingsError, InputError: one cannot be opened, or not together with the others.
+    """
+    from mocapella.sources.camera_controls import CameraWishes
+    from mocapella.sources.live_set import LiveSet
+    from mocapella.sources.open_pictures import open_pictures
+
+    asked = CameraWishes(fps=wishes.hz)
+    sources = {name: open_pictures(text, asked) for name, text in wishes.sources.items()}
+    return LiveSet(sources, rig, other_size=wishes.other_size)
+
+
+def wait_for_people(
+    run: SilhouetteRun, shown: FrameSource, poses: Mapping[str, TreePose], empty_room_s: float | None, *, view: bool
+) -> None:
+    """Learn the empty room where that is wished, and say where people may then stand: nobody is there yet."""
+    from mocapella.sources.live_set import LiveSet
+
+    assert isinstance(shown, LiveSet)  # of videos, who starts is there
+    if empty_room_s is not None:
+        learn_room(run, shown, empty_room_s)
+    run.wait()
+    where = "where the outlines are in the view's pictures" if view else "as at the start (--view shows the outlines)"
+    for name, pose in poses.items():
+        run.note(f"{name or 'somebody'} may come now, and stand {where}: {_place(run, name, pose)}")
+
+
+def learn_room(run: SilhouetteRun, shown: LiveSet, seconds: float) -> None:
+    """Take in so many seconds of the empty room; Ctrl-C ends the command.
+
+    Raises:
+        InputError: no camera gave a picture.
+    """
+    from mocapella.live.stopping import stop_on_signals
+
+    say(f"learning the empty room for {seconds:g} s: nobody may be in the images")
+    seen: set[str] = set()
+    next_s = 0.0
+    columns = (TextColumn("nobody may be in the images"), BarColumn(), TimeRemainingColumn())
+    with (
+        telling_of_compiling("the method silhouettes"),
+        stop_on_signals() as stop,
+        Progress(*columns, console=console, transient=True) as progress,
+    ):
+        task = progress.add_task("learning", total=seconds)
+        for frame in shown.until(stop, seconds, run.note):
+            now_s = frame.time_ns / NS_PER_S
+            progress.update(task, completed=now_s)
+            if now_s >= next_s:
+                next_s += seconds / BACKGROUNDS
+                run.learn_empty(frame.images)
+                seen |= set(frame.images)
+    if stop.is_set():
+        say("stopped before the end")
+        raise typer.Exit(INTERRUPTED)
+    if not seen:
+        raise InputError("no camera gave a picture of the empty room", fix="look whether all are plugged in")
+    tell_unknown(run, seen)
+
+
+def follow_live(
+    run: SilhouetteRun,
+    shown: LiveSet,
+    stop: threading.Event,
+    seconds: float | None,
+    tell: Sequence[Callable[[Step], None]],
+) -> None:
+    """Frame by frame until ``stop`` is set, for so many seconds, or until all sources have ended."""
+    whom = ", ".join(filter(None, run.meshes))
+    say(f"following {whom}".strip() + (" until Ctrl-C" if seconds is None else f" for {seconds:g} s"))
+    columns = (
+        SpinnerColumn(), TextColumn(f"following {whom}".strip(), markup=False),
+        TextColumn("{task.completed} frames, {task.fields[rate]} a second, {task.fields[dropped]} pictures dropped"),
+    )  # fmt: skip
+    done_s: deque[float] = deque(maxlen=RATE_OF)
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task("following", total=None, rate="–", dropped=0)
+        for step in run.steps(shown.until(stop, seconds, run.note)):
+            for each in tell:
+                each(step)
+            done_s.append(time.monotonic())
+            rate = f"{(len(done_s) - 1) / (done_s[-1] - done_s[0]):.0f}" if len(done_s) > 1 else "–"
+            progress.update(task, advance=1, rate=rate, dropped=sum(shown.dropped.values()))
+    if not run.took_s:
+        run.note("no camera gave a picture")
+
+
+def _place(run: SilhouetteRun, name: str, pose: TreePose) -> str:
+    """Where a body's hips are, for a person to stand there."""
+    from mocapella.model.rigged_mesh import landmarks_at
+
+    mesh = run.meshes[name]
+    places = dict(zip(mesh.landmarks, landmarks_at(mesh, pose), strict=True))
+    hips = {joint: at for joint, at in places.items() if joint.endswith("hip")}
+    said = hips or dict(list(places.items())[:2])
+    return ", ".join(f"{joint} at ({x:.2f}, {y:.2f}, {z:.2f}) m" for joint, (x, y, z) in said.items())

@@ -1,0 +1,160 @@
+"""Pictures of one instant from cameras that are not in step: the newest of each, as near to each other as can be.
+
+Cameras of one rate that begin when they like are up to a period apart. Of any instant each has a picture within half a
+period; so a frame has one of every camera that gives any. Which ones belong together is chosen anew for every frame:
+where a camera's next picture would be nearer to the others than the one that is there, it is waited for.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+import msgspec
+
+from mocapella.conventions import NS_PER_S
+from mocapella.settings import check
+from mocapella.sources.picture_source import Picture
+
+INTERVALS: Final = 15
+"""A camera's period is the median of so many last intervals."""
+FEWEST: Final = 5
+"""So many intervals say it."""
+OVERDUE: Final = 1.5
+"""A picture is waited for until so many periods after the camera's last."""
+NEARER: Final = 0.125
+"""It is waited for where it is nearer by so much of a period."""
+LONGEST: Final = 2.0
+"""Nothing is waited for longer than so many periods."""
+
+
+class Instant(msgspec.Struct, frozen=True, eq=False):
+    """Pictures that belong together.
+
+    Attributes:
+        time_ns: the middle of their times.
+        pictures: by camera, each within half a period of it.
+    """
+
+    time_ns: int
+    pictures: Mapping[str, Picture]
+
+
+class _Camera:
+    """A camera's newest picture that nobody had yet, and how often they come."""
+
+    def __init__(self) -> None:
+        self.fresh: Picture | None = None
+        self.last: Picture | None = None
+        self.ended = False
+        self.dropped = 0
+        self._intervals: deque[float] = deque(maxlen=INTERVALS)
+
+    def add(self, picture: Picture) -> None:
+        """The next picture; one that nobody had is dropped."""
+        if self.last is not None and picture.number > self.last.number:
+            self._intervals.append((picture.time_ns - self.last.time_ns) / (picture.number - self.last.number))
+        self.dropped += self.fresh is not None
+        self.fresh = self.last = picture
+
+    @property
+    def period_ns(self) -> float | None:
+        """Of its own pictures; None while that is not known."""
+        known = sorted(self._intervals)
+        return known[len(known) // 2] if len(known) >= FEWEST else None
+
+    def expected_ns(self, usual_ns: float, now_s: float) -> float:
+        """When its next picture is of; never, where that should be there by now."""
+        if self.last is None or self.ended:
+            return math.inf
+        period_ns = self.period_ns or usual_ns
+        overdue = now_s > self.last.ready_s + OVERDUE * period_ns / NS_PER_S
+        return math.inf if overdue else self.last.time_ns + period_ns
+
+
+class NewestInstant:
+    """Remembers each camera's newest picture.
+
+    Args:
+        cameras: their names.
+        period_ns: of all cameras, as long as their pictures have not shown it.
+    """
+
+    def __init__(self, cameras: Iterable[str], period_ns: float) -> None:
+        check(0 < period_ns < math.inf, "period_ns", period_ns, "above 0")
+        self._cameras = {name: _Camera() for name in cameras}
+        self._first_ns = period_ns
+        self._last_ns: int | None = None
+        self._since_s: float | None = None
+
+    @property
+    def period_ns(self) -> float:
+        """The median of the cameras' periods, as far as they are known."""
+        known = sorted(one.period_ns for one in self._cameras.values() if one.period_ns)
+        return known[len(known) // 2] if known else self._first_ns
+
+    @property
+    def dropped(self) -> dict[str, int]:
+        """By camera, pictures that were replaced by newer ones before anybody had them."""
+        return {name: camera.dropped for name, camera in self._cameras.items()}
+
+    @property
+    def pending(self) -> bool:
+        """Whether there is a picture that nobody had."""
+        return any(camera.fresh is not None for camera in self._cameras.values())
+
+    def add(self, name: str, picture: Picture) -> None:
+        """A camera's next picture."""
+        self._cameras[name].add(picture)
+
+    def end(self, name: str) -> None:
+        """That camera gives no more."""
+        self._cameras[name].ended = True
+
+    def begin(self) -> None:
+        """What has come so far is of before: only what comes from now on counts."""
+        for camera in self._cameras.values():
+            camera.fresh, camera.dropped = None, 0
+        self._last_ns = self._since_s = None
+
+    def take(self, now_s: float) -> Instant | None:
+        """The newest pictures, each once; None where there is none, or a better one is about to come.
+
+        Times rise by half a period at least: what moves is told from two frames, and jitter of the cameras' clocks is
+        no speed.
+
+        Args:
+            now_s: on the clock of the pictures' ``ready_s``.
+        """
+        period = self.period_ns
+        fresh = {name: camera.fresh for name, camera in self._cameras.items() if camera.fresh is not None}
+        newest = max((picture.time_ns for picture in fresh.values()), default=0)
+        together = {name: picture for name, picture in fresh.items() if newest - picture.time_ns <= period}
+        if not together:
+            return None
+        oldest = min(picture.time_ns for picture in together.values())
+        middle = (oldest + newest) // 2
+        if self._last_ns is not None and middle - self._last_ns < period / 2:
+            return None
+        self._since_s = now_s if self._since_s is None else self._since_s
+        long = now_s > self._since_s + LONGEST * period / NS_PER_S
+        if not long and self._better_soon(together, period, now_s):
+            return None
+        for name in together:
+            self._cameras[name].fresh = None
+        self._last_ns, self._since_s = middle, None
+        return Instant(middle, together)
+
+    def _better_soon(self, together: Mapping[str, Picture], period: float, now_s: float) -> bool:
+        """Whether a camera that is missing is about to come, or the farthest picture's next one is nearer."""
+        times = {name: picture.time_ns for name, picture in together.items()}
+        oldest, *others = sorted(times, key=lambda name: times[name])
+        expected = {name: camera.expected_ns(period, now_s) for name, camera in self._cameras.items()}
+        if any(at <= times[oldest] + period for name, at in expected.items() if name not in together):
+            return True
+        if not others:
+            return False
+        begin, end = times[others[0]], times[others[-1]]
+        return max(end, expected[oldest]) - begin < end - times[oldest] - NEARER * period
