@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import http.server
 import threading
 import time
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 from fake_capture import FakeDevice
+from mjpeg_streams import MjpegStreams, jpeg
 from programs import free_port, wait_until
 
 from mocapella.errors import InputError, SettingsError
@@ -108,6 +107,26 @@ def test_what_goes_wrong_in_the_thread_is_raised_where_pictures_are_taken() -> N
         wait_until("it has ended", lambda: pictures.ended)
         with pytest.raises(InputError, match="by hand: is broken"):
             pictures.take(0.3)
+
+
+def test_sources_that_share_a_condition_are_waited_for_together() -> None:
+    changed, one, other = threading.Condition(), ByHand(), ByHand()
+    with Acquisition(one, changed=changed) as first, Acquisition(other, changed=changed) as second:
+        first.start()
+        second.start()
+        for source, has in ((one, (True, False)), (other, (False, True))):
+            source.give(1)
+            with changed:
+                assert changed.wait_for(lambda: first.ready or second.ready, 30.0)
+            assert (first.ready, second.ready) == has
+            assert (first.take(0.0) is not None, second.take(0.0) is not None) == has
+        one.fails = True
+        one._wanted.release()
+        with changed:
+            assert changed.wait_for(lambda: first.ready, 30.0)
+        with pytest.raises(InputError, match="is broken"):
+            first.take(0.0)
+        assert not first.ready
 
 
 def test_a_camera_that_is_pulled_out_is_looked_for_and_found_again() -> None:
@@ -231,45 +250,15 @@ def test_a_rendered_camera_shows_the_scene_at_its_own_time() -> None:
         RenderedCamera(scene, "top", "rendered:demo/top")
 
 
-class Stream(http.server.BaseHTTPRequestHandler):
-    """Motion JPEG over HTTP, as network cameras send it; ends after ``pictures``."""
-
-    pictures = 40
-    served = 0
-
-    def do_GET(self) -> None:
-        type(self).served += 1
-        self.send_response(200)
-        self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
-        self.end_headers()
-        try:
-            for k in range(self.pictures):
-                data = cv2.imencode(".jpg", np.full((48, 64, 3), 5 * k, np.uint8))[1].tobytes()
-                head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(data)}\r\n\r\n"
-                self.wfile.write(head.encode() + data + b"\r\n")
-                time.sleep(0.02)
-        except OSError:
-            pass  # who watched is gone
-
-    def log_message(self, format: str, *arguments: Any) -> None:
-        pass
-
-
 @pytest.fixture
-def stream() -> Iterator[str]:
-    Stream.served = 0
-    server = http.server.ThreadingHTTPServer(("127.0.0.1", free_port()), Stream)
-    server.daemon_threads = True
-    thread = threading.Thread(target=server.serve_forever)
-    thread.start()
-    yield f"http://127.0.0.1:{server.server_port}/video.mjpg"
-    server.shutdown()
-    thread.join()
-    server.server_close()
+def streams() -> Iterator[MjpegStreams]:
+    shades = [jpeg(np.full((48, 64, 3), 5 * k, np.uint8)) for k in range(40)]
+    with MjpegStreams(lambda _name: iter(shades)) as server:
+        yield server
 
 
-def test_a_stream_of_the_network_is_shown_and_opened_again_when_it_ends(stream: str) -> None:
-    said: list[str] = []
+def test_a_stream_of_the_network_is_shown_and_opened_again_when_it_ends(streams: MjpegStreams) -> None:
+    said, stream = list[str](), streams.address("video")
     with Acquisition(CaptureCamera(stream, stream), QUICK, say=said.append) as pictures:
         pictures.start()
         found: list[Picture] = []
@@ -281,7 +270,7 @@ def test_a_stream_of_the_network_is_shown_and_opened_again_when_it_ends(stream: 
             return any("there again" in line for line in said)
 
         wait_until("it has ended and is there again", seen)
-    assert Stream.served >= 2
+    assert streams.served["video"] >= 2
     assert len(found) > 5
     assert all(picture.image.shape == (48, 64, 3) for picture in found)
     assert all(a.time_ns < b.time_ns for a, b in pairwise(found))

@@ -65,10 +65,10 @@ class _Camera:
         known = sorted(self._intervals)
         return known[len(known) // 2] if len(known) >= FEWEST else None
 
-    def expected_ns(self, usual_ns: float, now_s: float) -> float:
-        """When its next picture is of; never, where that should be there by now."""
+    def expected_ns(self, usual_ns: float, now_s: float, *, first: bool) -> float:
+        """When its next picture is of; never, where that should be there by now. At ``first`` any may come at once."""
         if self.last is None or self.ended:
-            return math.inf
+            return -math.inf if first and not self.ended else math.inf
         period_ns = self.period_ns or usual_ns
         overdue = now_s > self.last.ready_s + OVERDUE * period_ns / NS_PER_S
         return math.inf if overdue else self.last.time_ns + period_ns
@@ -148,13 +148,14 @@ class NewestInstant:
         return Instant(middle, together)
 
     def _better_soon(self, together: Mapping[str, Picture], period: float, now_s: float) -> bool:
-        """Whether a camera that is missing is about to come, or the farthest picture's next one is nearer."""
+        """Whether a camera that is missing is about to come, or the next pictures of some are nearer to the others."""
         times = {name: picture.time_ns for name, picture in together.items()}
-        oldest, *others = sorted(times, key=lambda name: times[name])
-        expected = {name: camera.expected_ns(period, now_s) for name, camera in self._cameras.items()}
-        if any(at <= times[oldest] + period for name, at in expected.items() if name not in together):
+        order = sorted(times, key=lambda name: times[name])
+        begin, end = times[order[0]], times[order[-1]]
+        first = self._last_ns is None
+        expected = {name: camera.expected_ns(period, now_s, first=first) for name, camera in self._cameras.items()}
+        if any(at <= begin + period for name, at in expected.items() if name not in together):
             return True
-        if not others:
-            return False
-        begin, end = times[others[0]], times[others[-1]]
-        return max(end, expected[oldest]) - begin < end - times[oldest] - NEARER * period
+        ends = [max(end, *(expected[name] for name in order[:k])) for k in range(1, len(order))]
+        spans = [later - times[name] for later, name in zip(ends, order[1:], strict=True)]
+        return min(spans, default=math.inf) < end - begin - NEARER * period

@@ -1,0 +1,214 @@
+"""`mocapella silhouettes` on live cameras as a user runs it: streams over loopback, films as cameras, and mistakes."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import signal
+
+import numpy as np
+import pytest
+from mjpeg_streams import MjpegStreams, jpeg
+from programs import Program, free_port, run_here, wait_until
+from silhouette_pictures import Room, pose_at, ring, somebody, write_folders
+
+from mocapella.model.camera_rig_file import save_camera_rig
+from mocapella.model.rigged_mesh import landmarks_at
+from mocapella.sources.simulate.silhouette_scene import silhouette_scene
+
+NAMED = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist", "head")
+
+
+def joints_at(mesh, pose):
+    places = zip(mesh.landmarks, landmarks_at(mesh, pose), strict=True)
+    return {name: at.tolist() for name, at in places if name.split()[-1] in NAMED}
+
+
+class Stage:
+    """Somebody who bends the knees before cameras that stream; what they do, and when, is by the test."""
+
+    def __init__(self, fps=20.0):
+        self.scene = silhouette_scene(
+            "knee-bend", seed=4, cameras=3, size_px=(320, 240), fps=fps, sex="male", height_m=1.75
+        )
+        self.at = None  # of the motion's pictures; None: nobody is there
+        self.off = set()
+        names, rng = list(self.scene.rig.cameras), np.random.default_rng(0)
+        self._empty = {name: [] for name in names}
+        for k in range(8):
+            for name, image in zip(names, self.scene.background(k), strict=True):
+                self._empty[name].append(jpeg(image))
+        self._moving = {name: [] for name in names}
+        for k in range(len(self.scene)):
+            for name, image in zip(names, self.scene.images(k), strict=True):
+                # No two pictures of a camera are the same, not even of somebody who stands still.
+                noisy = [np.clip(image + rng.normal(0, 1.5, image.shape), 0, 255).astype(np.uint8) for _ in range(2)]
+                self._moving[name].append([jpeg(one) for one in noisy])
+
+    def pictures(self, name):
+        for k in itertools.count():
+            if name in self.off:
+                return
+            yield self._empty[name][k % 8] if self.at is None else self._moving[name][self.at][k % 2]
+
+
+@pytest.fixture(scope="module")
+def stage():
+    return Stage()
+
+
+@pytest.fixture
+def folder(stage, tmp_path):
+    save_camera_rig(tmp_path / "rig.toml", stage.scene.rig)
+    (tmp_path / "joints.json").write_text(json.dumps(joints_at(stage.scene.mesh, stage.scene.pose(0))))
+    stage.at, stage.off = None, set()
+    return tmp_path
+
+
+GIVEN = ("--rig", "rig.toml", "--start", "joints.json")
+
+
+def seen(folder):
+    """So many frames are followed by now."""
+    return len({path.stem.rpartition("_")[2] for path in (folder / "seen").glob("*.jpg")})
+
+
+def test_somebody_who_comes_before_live_cameras_is_followed_until_ctrl_c(stage, folder):
+    scene = stage.scene
+    with MjpegStreams(stage.pictures, 1 / 15) as streams:
+        sources = [f"{name}={streams.address(name)}" for name in reversed(scene.rig.cameras)]
+        with Program(
+            folder, "run", "silhouettes", *sources, *GIVEN,
+            "--empty-room", "1", "--json", "out.json", "--overlay", "seen",
+        ) as program:  # fmt: skip
+            wait_until("the room is learnt", program.said("somebody may come now, and stand"))
+            wait_until("it waits", lambda: program.said("until Ctrl-C")() and seen(folder) >= 5)
+            assert "the body is there" not in program.output
+            stage.at = 0
+            wait_until("somebody is there", program.said("the body is there"))
+            # They move on with every frame, so that a slow machine has no larger steps to follow than a fast one.
+            begun = seen(folder)
+            while stage.at < len(scene) - 1:
+                wait_until("a frame", lambda: seen(folder) > begun)
+                begun = seen(folder)
+                stage.at += 1
+            wait_until("the last", lambda: seen(folder) > begun + 10)
+            assert program.end(signal.SIGINT) == 0
+    found = json.loads((folder / "out.json").read_text())
+    rows, mesh = found["frames"], scene.mesh
+    assert list(found["cameras"]) == list(scene.rig.cameras)
+    assert found["cameras"]["camera1"] == {"source": streams.address("camera1"), "size_px": [320, 240]}
+    assert set(found["summary"]["dropped"]) == set(scene.rig.cameras)
+    assert [row["frame"] for row in rows] == list(range(len(rows)))
+    assert rows[0]["time_s"] == 0.0
+    assert (np.diff([row["time_s"] for row in rows]) > 0).all()
+    lost = [row["lost"] for row in rows]
+    assert lost == sorted(lost, reverse=True)  # first nobody is there, and then somebody, for good
+    assert 5 <= sum(lost) < len(lost)
+    truth = dict(zip(mesh.landmarks, landmarks_at(mesh, scene.pose(len(scene) - 1)), strict=True))
+    off = [np.linalg.norm(np.subtract(at, truth[name])) for name, at in rows[-1]["joints"].items() if name in truth]
+    assert np.median(off) < 0.05
+    knee = mesh.joint_names.index("left knee flexion")
+    deepest = float(scene.poses().angles[:, knee].max())
+    followed = max(row["angles"]["left knee flexion"] for row in rows if not row["lost"])
+    assert deepest > 1.0
+    assert abs(followed - deepest) < 0.25
+
+
+MESH, RIG, HZ = somebody(), ring(3), 10.0
+FILMS = [f"c{k}" for k in (3, 1, 2)]
+
+
+@pytest.fixture(scope="module")
+def films(tmp_path_factory):
+    """A rig, a folder of images of each camera, and where somebody is in the first."""
+    where, room = tmp_path_factory.mktemp("films"), Room(RIG)
+    poses = [pose_at(MESH, 0.005 * k, 0.4 + 0.01 * k) for k in range(10)]
+    write_folders(where, [room.images(MESH, pose) for pose in poses])
+    write_folders(where / "empty", [room.images() for _ in range(2)])
+    write_folders(where / "first_empty", [room.images() for _ in range(10)] + [room.images(MESH, poses[0])] * 10)
+    save_camera_rig(where / "rig.toml", RIG)
+    (where / "joints.json").write_text(json.dumps(joints_at(MESH, poses[0])))
+    return where
+
+
+def ran(folder, *arguments):
+    done = run_here(folder, "silhouettes", *arguments, "--rig", "rig.toml", "--start", "joints.json", "--json", "-")
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout), " ".join(done.stderr.split())
+
+
+def test_films_as_if_they_were_cameras_end_by_themselves(films):
+    found, said = ran(films, *FILMS, "--live", "--hz", str(HZ))
+    assert "following until Ctrl-C" in said
+    assert found["rate_hz"] == HZ
+    rows, dropped = found["frames"], found["summary"]["dropped"]
+    assert rows
+    assert not any(row["lost"] for row in rows)
+    for name in RIG.cameras:  # every picture was used, or dropped and counted
+        used = sum(name not in row["left_out"] or row["left_out"][name] != "it gives no picture" for row in rows)
+        assert used + dropped[name] == 10
+    times = [row["time_s"] for row in rows]
+    assert (np.diff(times) > 0.9 / HZ / 2).all()
+    assert times[-1] <= 9 / HZ + 1e-6
+
+
+def test_it_ends_after_so_many_seconds(films):
+    found, said = ran(films, *FILMS, "--live", "--hz", "1", "--seconds", "2.5")
+    assert "following for 2.5 s" in said
+    assert 1 <= len(found["frames"]) <= 3
+    assert "stopped before the end" not in said
+
+
+def test_who_is_not_there_yet_is_waited_for_where_the_empty_room_is_filmed(films):
+    empty = [argument for name in FILMS for argument in ("--background", f"empty/{name}")]
+    found, said = ran(films, *(f"first_empty/{name}" for name in FILMS), "--live", "--hz", str(HZ), *empty)
+    assert "somebody may come now" in said
+    lost = [row["lost"] for row in found["frames"]]
+    assert lost[0]
+    assert not lost[-1]
+    assert "the body is there" in said
+    assert "again" not in said
+    there, _ = ran(films, *FILMS, "--live", "--hz", str(HZ), *empty)
+    # Who is there from the beginning is found as soon as two cameras give a picture.
+    assert not any(row["lost"] for row in there["frames"] if len(row["overlap"]) > 1)
+    assert not there["frames"][-1]["lost"]
+
+
+def failed(folder, *arguments):
+    done = run_here(folder, "silhouettes", *arguments, "--rig", "rig.toml", "--start", "joints.json")
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+    return " ".join(done.stderr.split())
+
+
+def test_what_cannot_be_done_live_is_one_line(films):
+    gone = f"http://127.0.0.1:{free_port()}/stream"
+    for arguments, said in (
+        ((f"c1={gone}", "c2=camera:91"), f"{gone}: cannot be opened; look whether a browser or a player shows the stream"),
+        (("c1=camera:91", "c2=c2"), "c1=camera:91 is live, and c2=c2 is not; name cameras for all, or films for all"),
+        (("c1=camera:left",), "write camera:0 for the first camera"),
+        (("c9=camera:0",), "camera:0: field camera: 'c9': the rig has no such camera; the rig's are c1, c2, c3"),
+        (("c1=camera:0", "--frames", "0:10"), "--frames is of videos"),
+        (("c1=camera:0", "--empty-room", "0"), "--empty-room is 0.0; it must be above 0"),
+        (("c1=camera:0", "--empty-room", "2", "--background", "c1"), "--empty-room and --background are both given"),
+        (("c1", "--empty-room", "2", "--hz", "10"), "--empty-room is of live cameras"),
+        (("c1", "--seconds", "2", "--hz", "10"), "--seconds is of live cameras"),
+        (("c1=no.avi", "--live"), "no.avi: is not there"),
+        (("c1=c1", "--live", "--other-size", "half"), "--other-size is 'half'"),
+    ):
+        assert said in failed(films, *arguments), arguments
+
+
+def test_a_camera_of_another_size_is_refused_as_a_video_is(films, tmp_path):
+    write_folders(tmp_path, [{"small": np.full((100, 120, 3), 90, np.uint8)}])
+    small = tmp_path / "small"
+    said = failed(films, f"c1={small}", "--live")
+    assert (
+        "field size: (120, 100): has images of 120 × 100 px, but the camera c1 is calibrated for 240 × 200 px" in said
+    )
+    done = run_here(
+        films, "silhouettes", f"c1={small}", "c2=c2", "--live", "--other-size", "scale", "--hz", "10", *GIVEN
+    )
+    assert done.returncode == 0, done.stderr
+    assert "--other-size scale" in done.stderr

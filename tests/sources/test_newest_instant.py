@@ -1,0 +1,193 @@
+"""Pictures of one instant from cameras that are not in step: laws of what is put together, whatever comes and when."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from mocapella.errors import SettingsError
+from mocapella.sources.newest_instant import LONGEST, NEARER, NewestInstant
+from mocapella.sources.picture_source import Picture
+
+PERIOD_NS = 33_000_000
+IMAGE = np.zeros((2, 2, 3), np.uint8)
+STEP_S = PERIOD_NS / 1e9 / 20
+
+
+@dataclass(frozen=True)
+class Comes:
+    """A camera's picture: which, of when, and when it is there [s]."""
+
+    camera: str
+    number: int
+    time_ns: int
+    ready_s: float
+
+
+def camera(name, count, *, phase=0.0, rate=1.0, late=0.0, jitter=(), gone=()):
+    """Pictures of a camera: phase, lateness and jitter in periods; the numbers in ``gone`` never come."""
+    found, before_ns = [], 0
+    for k in range(count):
+        shift = jitter[k % len(jitter)] if jitter else 0.0
+        before_ns = max(round((10 + phase + k / rate + shift) * PERIOD_NS), before_ns + 1)
+        found.append(Comes(name, k, before_ns, before_ns / 1e9 + late * PERIOD_NS / 1e9))
+    return [one for one in found if one.number not in gone]
+
+
+@dataclass(frozen=True)
+class Taken:
+    """What was taken, when [s], and what had come of each camera by then."""
+
+    now_s: float
+    period_ns: float
+    instant: object
+    newest: dict[str, int]
+
+
+def run(cameras, busy_s=()):
+    """Everything comes when it is there; whoever takes looks often, and is busy for some time after each."""
+    coming = sorted((one for camera in cameras for one in camera), key=lambda one: one.ready_s)
+    together = NewestInstant(dict.fromkeys(one.camera for one in coming), PERIOD_NS)
+    taken, newest, at, free_s = [], {}, 0, 0.0
+    for now_s in np.arange(coming[0].ready_s, coming[-1].ready_s + 5 * PERIOD_NS / 1e9, STEP_S).tolist():
+        while at < len(coming) and coming[at].ready_s <= now_s:
+            one, at = coming[at], at + 1
+            together.add(one.camera, Picture(IMAGE, one.time_ns, one.number, one.ready_s, 0.0))
+            newest[one.camera] = one.number
+        if now_s >= free_s and (found := together.take(now_s)) is not None:
+            taken.append(Taken(now_s, together.period_ns, found, dict(newest)))
+            free_s = now_s + (busy_s[len(taken) % len(busy_s)] if busy_s else 0.0)
+    return together, taken, coming
+
+
+shifts = st.lists(st.floats(-0.3, 0.3), min_size=1, max_size=7)
+any_camera = st.builds(
+    lambda count, **how: (count, how),
+    st.integers(1, 60),
+    phase=st.floats(0, 5),
+    rate=st.floats(0.2, 3),
+    late=st.floats(0, 2),
+    jitter=shifts,
+    gone=st.sets(st.integers(0, 60)),
+)
+busy = st.lists(st.floats(0, 0.15), max_size=5)
+
+
+@given(st.lists(any_camera, min_size=1, max_size=5), busy)
+def test_whatever_comes_pictures_of_a_frame_are_near_new_and_used_once(cameras, busy_s):
+    made = [camera(f"c{k}", count, **how) for k, (count, how) in enumerate(cameras)]
+    assume(any(made))
+    together, taken, coming = run(made, busy_s)
+    used = [(name, one.number) for frame in taken for name, one in frame.instant.pictures.items()]
+    assert len(used) == len(set(used))
+    for frame in taken:
+        assert frame.instant.pictures
+        for name, one in frame.instant.pictures.items():
+            assert abs(one.time_ns - frame.instant.time_ns) <= frame.period_ns / 2 + 1
+            assert one.number == frame.newest[name]  # the newest wins
+    for before, after in pairwise(taken):
+        assert after.instant.time_ns - before.instant.time_ns >= after.period_ns / 2
+    came = {one.camera: 0 for one in coming} | {name: 0 for name in together.dropped}
+    for one in coming:
+        came[one.camera] += 1
+    for name, count in together.dropped.items():
+        left = came[name] - count - sum(camera == name for camera, _ in used)
+        assert left in (0, 1)  # one may be there that nobody took
+
+
+@given(st.lists(any_camera, min_size=1, max_size=5))
+def test_nothing_that_could_be_taken_waits_for_long(cameras):
+    made = [camera(f"c{k}", count, **{**how, "late": 0.0}) for k, (count, how) in enumerate(cameras)]
+    assume(any(made))
+    _, taken, _ = run(made)
+    for before, after in pairwise(taken):
+        # Times rise by half a period; what is of a later instant than that waits no longer than `LONGEST`.
+        later_s = [
+            one.ready_s
+            for camera in made
+            for one in camera
+            if one.time_ns >= before.instant.time_ns + after.period_ns and one.ready_s > before.now_s
+        ]
+        allowed_s = min(later_s, default=np.inf)
+        longest_ns = max(before.period_ns, after.period_ns, PERIOD_NS)  # it is measured on the way
+        assert after.now_s <= allowed_s + (LONGEST * longest_ns + PERIOD_NS) / 1e9
+
+
+def steady(phases, jitter=(0.0,), late=(0.0,)):
+    return [
+        camera(f"c{k}", 40, phase=phase, jitter=jitter[k % len(jitter) :], late=late[k % len(late)])
+        for k, phase in enumerate(phases)
+    ]
+
+
+@given(st.lists(st.floats(0, 1), min_size=2, max_size=6), busy)
+def test_of_steady_cameras_every_frame_has_all(phases, busy_s):
+    _, taken, _ = run(steady(phases), busy_s)
+    assert taken
+    inner = [frame for frame in taken if all(number < 39 for number in frame.newest.values())]
+    assert all(len(frame.instant.pictures) == len(phases) for frame in inner)
+
+
+@given(st.lists(st.floats(0, 1), min_size=2, max_size=5))
+def test_of_steady_cameras_the_nearest_pictures_are_taken(phases):
+    _, taken, _ = run(steady(phases))
+    around = sorted(phase % 1.0 for phase in phases)
+    gaps = [after - before for before, after in pairwise([*around, around[0] + 1.0])]
+    tightest = 1.0 - max(gaps)  # all phases, begun after the widest gap
+    for frame in taken[3:-3]:
+        times = [one.time_ns for one in frame.instant.pictures.values()]
+        assert (max(times) - min(times)) / PERIOD_NS <= tightest + NEARER + 1e-6
+
+
+def test_a_frame_a_period_where_nobody_is_busy():
+    _, taken, _ = run(steady([0.0, 0.4, 0.7]))
+    gaps = [after.instant.time_ns - before.instant.time_ns for before, after in pairwise(taken[2:-2])]
+    assert len(gaps) > 30
+    assert gaps == pytest.approx([PERIOD_NS] * len(gaps), abs=2)
+
+
+def test_a_camera_that_stops_is_missing_and_holds_nobody_up():
+    stops = camera("c1", 60, phase=0.3, gone=range(20, 40))
+    together, taken, _ = run([camera("c0", 60), stops, camera("c2", 60, phase=0.5)])
+    missing = [frame for frame in taken if 10 * PERIOD_NS + 22 * PERIOD_NS < frame.instant.time_ns < 49 * PERIOD_NS]
+    assert len(missing) >= 15  # at the others' rate
+    assert all(set(frame.instant.pictures) == {"c0", "c2"} for frame in missing)
+    later = [frame for frame in taken if 52 * PERIOD_NS < frame.instant.time_ns < 68 * PERIOD_NS]
+    assert all(set(frame.instant.pictures) == {"c0", "c1", "c2"} for frame in later)
+    assert len(later) >= 14
+    assert together.dropped["c0"] <= 3
+
+
+def test_an_ended_camera_is_not_waited_for():
+    together = NewestInstant(("a", "b"), PERIOD_NS)
+    for k in range(3):
+        for name in ("a", "b"):
+            together.add(name, Picture(IMAGE, (k + 1) * PERIOD_NS, k, k * PERIOD_NS / 1e9, 0.0))
+        assert together.take(k * PERIOD_NS / 1e9) is not None
+    together.add("a", Picture(IMAGE, 4 * PERIOD_NS, 3, 3 * PERIOD_NS / 1e9, 0.0))
+    assert together.take(3 * PERIOD_NS / 1e9) is None
+    together.end("b")
+    assert together.take(3 * PERIOD_NS / 1e9) is not None
+
+
+def test_the_period_is_that_of_most_cameras_and_counts_what_nobody_had():
+    together = NewestInstant(("a", "b", "c"), 1.0)
+    for name, period, step in (("a", 10, 1), ("b", 20, 3), ("c", 50, 1)):
+        for k in range(8):
+            together.add(name, Picture(IMAGE, k * step * period + 1, k * step, 0.0, 0.0))
+    assert together.period_ns == 20
+    assert together.dropped == {"a": 7, "b": 7, "c": 7}
+    together.begin()
+    assert together.dropped == {"a": 0, "b": 0, "c": 0}
+    assert not together.pending
+    assert together.take(1e9) is None
+
+
+def test_a_period_is_above_zero():
+    with pytest.raises(SettingsError, match="period_ns"):
+        NewestInstant(("a",), 0.0)
