@@ -73,6 +73,12 @@ def seen(folder):
     return len({path.stem.rpartition("_")[2] for path in (folder / "seen").glob("*.jpg")})
 
 
+def wait_for_more(folder, count):
+    """Until so many more are."""
+    wanted = seen(folder) + count
+    wait_until("more frames", lambda: seen(folder) >= wanted)
+
+
 def test_somebody_who_comes_before_live_cameras_is_followed_until_ctrl_c(stage, folder):
     scene = stage.scene
     with MjpegStreams(stage.pictures, 1 / 15) as streams:
@@ -87,12 +93,10 @@ def test_somebody_who_comes_before_live_cameras_is_followed_until_ctrl_c(stage, 
             stage.at = 0
             wait_until("somebody is there", program.said("the body is there"))
             # They move on with every frame, so that a slow machine has no larger steps to follow than a fast one.
-            begun = seen(folder)
-            while stage.at < len(scene) - 1:
-                wait_until("a frame", lambda: seen(folder) > begun)
-                begun = seen(folder)
-                stage.at += 1
-            wait_until("the last", lambda: seen(folder) > begun + 10)
+            for k in range(1, len(scene)):
+                wait_for_more(folder, 1)
+                stage.at = k
+            wait_for_more(folder, 10)
             assert program.end(signal.SIGINT) == 0
     found = json.loads((folder / "out.json").read_text())
     rows, mesh = found["frames"], scene.mesh
@@ -185,7 +189,10 @@ def failed(folder, *arguments):
 def test_what_cannot_be_done_live_is_one_line(films):
     gone = f"http://127.0.0.1:{free_port()}/stream"
     for arguments, said in (
-        ((f"c1={gone}", "c2=camera:91"), f"{gone}: cannot be opened; look whether a browser or a player shows the stream"),
+        (
+            (f"c1={gone}", "c2=camera:91"),
+            f"{gone}: cannot be opened; look whether a browser or a player shows the stream",
+        ),
         (("c1=camera:91", "c2=c2"), "c1=camera:91 is live, and c2=c2 is not; name cameras for all, or films for all"),
         (("c1=camera:left",), "write camera:0 for the first camera"),
         (("c9=camera:0",), "camera:0: field camera: 'c9': the rig has no such camera; the rig's are c1, c2, c3"),

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import cv2
 import msgspec
 import numpy as np
 import pytest
-from silhouette_pictures import Room, pose_at, ring, somebody
+from silhouette_pictures import Room, pose_at, ring, silhouettes_of, somebody
 
-from mocapella.live.silhouette_run import LOST_AFTER_S, SAID_AFTER, SilhouetteRun
+from mocapella.live.silhouette_run import LOST_AFTER_S, NO_PICTURE, SAID_AFTER, SilhouetteRun
 from mocapella.model.camera import CameraRig
 from mocapella.recording.followed_bodies import ALONE
 from mocapella.sources.frame_set import FrameSet, time_of_frame
@@ -15,6 +16,7 @@ from mocapella.sources.frame_set import FrameSet, time_of_frame
 HZ = 30.0
 MESH = somebody()
 RIG = ring(3)
+HERE = 16
 
 
 def start(rig=RIG, aside_m=0.0):
@@ -120,3 +122,79 @@ def test_a_camera_that_stands_elsewhere_is_said_where_the_empty_room_is_known():
     run.step(FrameSet.at_rate(0, HZ, room.images(MESH, pose_at(MESH))))
     assert "c2 stands elsewhere" in run.notes[0]
     assert "c2: the body covers other parts" in run.notes[1]
+
+
+def test_a_camera_without_a_picture_is_left_out_said_and_counts_again():
+    run, room = start(), Room(RIG)
+    gone = range(2, 2 + SAID_AFTER + 2)
+    for k in range(gone.stop + 2):
+        images = room.images(MESH, pose_at(MESH, 0.01 * k))
+        run.step(
+            FrameSet.at_rate(k, HZ, {name: image for name, image in images.items() if name != "c2" or k not in gone})
+        )
+    for row in run.rows[ALONE]:
+        assert row.left_out == ({"c2": NO_PICTURE} if row.frame in gone else {})
+        assert ("c2" in row.overlap) == (row.frame not in gone)
+    assert run.notes == [
+        f"c2 does not count from frame 2 on: {NO_PICTURE}", f"c2 counts again from frame {gone.stop} on"
+    ]  # fmt: skip
+    assert run.summary_of(ALONE)["left_out"] == {"c2": len(gone)}
+
+
+def test_a_frame_without_any_picture_is_lived_through():
+    run, room = start(), Room(RIG)
+    for k in range(6):
+        run.step(FrameSet.at_rate(k, HZ, {} if k == 3 else room.images(MESH, pose_at(MESH, 0.01 * k))))
+    assert run.rows[ALONE][3].left_out == dict.fromkeys(RIG.cameras, NO_PICTURE)
+    assert not any(row.lost for row in run.rows[ALONE])
+    assert min(run.rows[ALONE][-1].overlap.values()) > 0.85
+
+
+def test_times_are_those_of_capture():
+    run, room, times = start(), Room(RIG), [0.0, 0.03, 0.13, 0.15, 0.24]
+    for k, at_s in enumerate(times):
+        run.step(FrameSet(k, round(1e9 * at_s), room.images(MESH, pose_at(MESH, 0.3 * at_s))))
+    assert [row.time_s for row in run.rows[ALONE]] == times
+    place = run.rows[ALONE][-1].pose(MESH.joint_names).T_world_model[:3, 3]
+    assert np.linalg.norm(place - [0.3 * times[-1], 0, 0]) < 0.03
+
+
+@pytest.fixture(scope="module")
+def waited():
+    """Before cameras whose empty room is known somebody goes by, then there is nobody, and then somebody stands there."""
+    run, room, steps = start(), Room(RIG), []
+    for _ in range(3):
+        run.learn_empty(room.images())
+    run.wait()
+    for k in range(HERE + 6):
+        aside = 1.3 + 0.03 * k if k < HERE / 2 else None if k < HERE else 0.03
+        images = room.images() if aside is None else room.images(MESH, pose_at(MESH, aside))
+        steps.append(run.step(FrameSet.at_rate(k, HZ, images)))
+    return run, steps
+
+
+def test_somebody_who_is_not_there_yet_is_waited_for(waited):
+    run, _ = waited
+    lost = [row.lost for row in run.rows[ALONE]]
+    assert all(lost[:HERE])
+    assert not any(lost[HERE + 2 :])
+    for row in run.rows[ALONE][:HERE]:
+        np.testing.assert_allclose(row.pose(MESH.joint_names).T_world_model, pose_at(MESH).T_world_model, atol=1e-9)
+    assert np.linalg.norm(run.rows[ALONE][-1].pose(MESH.joint_names).T_world_model[:3, 3] - [0.03, 0, 0]) < 0.03
+
+
+def test_it_is_said_that_somebody_came_and_nobody_is_suspected_meanwhile(waited):
+    run, _ = waited
+    (note,) = run.notes  # no camera is doubted because nobody is where the body waits
+    assert note.endswith("the body is there")
+
+
+def test_where_it_waits_is_drawn_in_every_picture(waited):
+    _, steps = waited
+    outlines = silhouettes_of(MESH, RIG, pose_at(MESH))
+    for name, picture in steps[5].pictures().items():
+        drawn = cv2.absdiff(picture, steps[5].images[name]).max(axis=-1) > 30
+        mask = outlines[name].mask(RIG.cameras[name].camera.size_px).astype(np.uint8)
+        rim = cv2.dilate(mask, np.ones((5, 5))) > cv2.erode(mask, np.ones((5, 5)))
+        assert np.count_nonzero(drawn) > 100
+        assert np.count_nonzero(drawn & rim) > 0.95 * np.count_nonzero(drawn)

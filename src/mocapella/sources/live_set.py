@@ -235,8 +235,6 @@ class LiveSet:
                 picture = None
             if picture is not None:
                 self._add(name, picture, say)
-            if camera.ended:
-                self._set.end(name)
             few = camera.report().too_few if name not in self._few else ""
             if few:
                 self._few.add(name)

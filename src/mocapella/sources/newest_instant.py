@@ -48,7 +48,6 @@ class _Camera:
     def __init__(self) -> None:
         self.fresh: Picture | None = None
         self.last: Picture | None = None
-        self.ended = False
         self.dropped = 0
         self._intervals: deque[float] = deque(maxlen=INTERVALS)
 
@@ -67,8 +66,8 @@ class _Camera:
 
     def expected_ns(self, usual_ns: float, now_s: float, *, first: bool) -> float:
         """When its next picture is of; never, where that should be there by now. At ``first`` any may come at once."""
-        if self.last is None or self.ended:
-            return -math.inf if first and not self.ended else math.inf
+        if self.last is None:
+            return -math.inf if first else math.inf
         period_ns = self.period_ns or usual_ns
         overdue = now_s > self.last.ready_s + OVERDUE * period_ns / NS_PER_S
         return math.inf if overdue else self.last.time_ns + period_ns
@@ -109,10 +108,6 @@ class NewestInstant:
         """A camera's next picture."""
         self._cameras[name].add(picture)
 
-    def end(self, name: str) -> None:
-        """That camera gives no more."""
-        self._cameras[name].ended = True
-
     def begin(self) -> None:
         """What has come so far is of before: only what comes from now on counts."""
         for camera in self._cameras.values():
@@ -126,7 +121,7 @@ class NewestInstant:
         no speed.
 
         Args:
-            now_s: on the clock of the pictures' ``ready_s``.
+            now_s: on the clock of the pictures' ``ready_s``; infinite where nothing more will come.
         """
         period = self.period_ns
         fresh = {name: camera.fresh for name, camera in self._cameras.items() if camera.fresh is not None}
@@ -139,7 +134,7 @@ class NewestInstant:
         if self._last_ns is not None and middle - self._last_ns < period / 2:
             return None
         self._since_s = now_s if self._since_s is None else self._since_s
-        long = now_s > self._since_s + LONGEST * period / NS_PER_S
+        long = now_s == math.inf or now_s > self._since_s + LONGEST * period / NS_PER_S
         if not long and self._better_soon(together, period, now_s):
             return None
         for name in together:
