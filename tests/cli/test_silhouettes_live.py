@@ -86,6 +86,7 @@ def test_somebody_who_comes_before_live_cameras_is_followed_until_ctrl_c(stage, 
         with Program(
             folder, "run", "silhouettes", *sources, *GIVEN,
             "--empty-room", "1", "--json", "out.json", "--overlay", "seen",
+            "--view", "--no-browser", "--view-port", str(free_port()),
         ) as program:  # fmt: skip
             wait_until("the room is learnt", program.said("somebody may come now, and stand"))
             wait_until("it waits", lambda: program.said("until Ctrl-C")() and seen(folder) >= 5)
@@ -98,6 +99,8 @@ def test_somebody_who_comes_before_live_cameras_is_followed_until_ctrl_c(stage, 
                 stage.at = k
             wait_for_more(folder, 10)
             assert program.end(signal.SIGINT) == 0
+    assert "where the outlines are in the view's pictures: left hip at" in program.output
+    assert "something moved" not in program.output
     found = json.loads((folder / "out.json").read_text())
     rows, mesh = found["frames"], scene.mesh
     assert list(found["cameras"]) == list(scene.rig.cameras)
@@ -131,6 +134,7 @@ def films(tmp_path_factory):
     write_folders(where, [room.images(MESH, pose) for pose in poses])
     write_folders(where / "empty", [room.images() for _ in range(2)])
     write_folders(where / "first_empty", [room.images() for _ in range(10)] + [room.images(MESH, poses[0])] * 10)
+    write_folders(where / "walked", [room.images(MESH, pose_at(MESH, 0.1 * k)) for k in range(12)])
     save_camera_rig(where / "rig.toml", RIG)
     (where / "joints.json").write_text(json.dumps(joints_at(MESH, poses[0])))
     return where
@@ -155,6 +159,12 @@ def test_films_as_if_they_were_cameras_end_by_themselves(films):
     times = [row["time_s"] for row in rows]
     assert (np.diff(times) > 0.9 / HZ / 2).all()
     assert times[-1] <= 9 / HZ + 1e-6
+
+
+def test_somebody_in_the_empty_room_is_said(films):
+    found, said = ran(films, *(f"walked/{name}" for name in FILMS), "--live", "--hz", str(HZ), "--empty-room", "0.8")
+    assert "something moved in the images of c1, c2, c3 while the empty room was learnt: was somebody there?" in said
+    assert found["summary"]["notes"][0].startswith("something moved")
 
 
 def test_it_ends_after_so_many_seconds(films):

@@ -161,7 +161,7 @@ def test_times_are_those_of_capture():
 
 @pytest.fixture(scope="module")
 def waited():
-    """Before cameras whose empty room is known somebody goes by, then there is nobody, and then somebody stands there."""
+    """The empty room is known; somebody goes by, then there is nobody, and then somebody stands there."""
     run, room, steps = start(), Room(RIG), []
     for _ in range(3):
         run.learn_empty(room.images())

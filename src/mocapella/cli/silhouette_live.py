@@ -20,13 +20,21 @@ from mocapella.errors import InputError, SettingsError
 from mocapella.settings import check
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from mocapella.live.silhouette_run import SilhouetteRun, Step
     from mocapella.model.camera import CameraRig
     from mocapella.model.twist_tree import TreePose
+    from mocapella.sensing.empty_room import EmptyRoom
     from mocapella.sources.frame_set import FrameSource
     from mocapella.sources.live_set import LiveSet
 
+    UInt8 = NDArray[np.uint8]
+
 LONGEST_EMPTY_S: Final = 600.0
+MOVED: Final = 0.001
+"""What changes in a larger part of an image, in one piece, is more than noise."""
 RATE_OF: Final = 30
 """Frames a second are those of so many last frames."""
 
@@ -110,6 +118,7 @@ def learn_room(run: SilhouetteRun, shown: LiveSet, seconds: float) -> None:
 
     say(f"learning the empty room for {seconds:g} s: nobody may be in the images")
     seen: set[str] = set()
+    moved: set[str] = set()
     next_s = 0.0
     columns = (TextColumn("nobody may be in the images"), BarColumn(), TimeRemainingColumn())
     with (
@@ -123,6 +132,7 @@ def learn_room(run: SilhouetteRun, shown: LiveSet, seconds: float) -> None:
             progress.update(task, completed=now_s)
             if now_s >= next_s:
                 next_s += seconds / BACKGROUNDS
+                moved |= {name for name, image in frame.images.items() if _changed(run.empty, name, image) > MOVED}
                 run.learn_empty(frame.images)
                 seen |= set(frame.images)
     if stop.is_set():
@@ -130,7 +140,18 @@ def learn_room(run: SilhouetteRun, shown: LiveSet, seconds: float) -> None:
         raise typer.Exit(INTERRUPTED)
     if not seen:
         raise InputError("no camera gave a picture of the empty room", fix="look whether all are plugged in")
+    if moved:
+        run.note(
+            f"something moved in the images of {', '.join(sorted(moved))} while the empty room was learnt: was "
+            "somebody there? Then begin anew, with nobody in the images"
+        )
     tell_unknown(run, seen)
+
+
+def _changed(empty: EmptyRoom, name: str, image: UInt8) -> float:
+    """Which part of an image the largest thing is that was not there in the last one that was learnt."""
+    thing = empty.silhouette(name, image)
+    return 0.0 if thing is None else thing.step_px**2 * float((thing.phi > 0).sum()) / image[..., 0].size
 
 
 def follow_live(
