@@ -16,6 +16,8 @@ from mocapella.model.camera_rig_file import save_camera_rig
 from mocapella.model.rigged_mesh import landmarks_at
 from mocapella.sources.simulate.silhouette_scene import silhouette_scene
 
+COMPILED = 300.0
+"""By then everything is compiled, even beside other tests [s]."""
 NAMED = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist", "head")
 
 
@@ -88,8 +90,8 @@ def test_somebody_who_comes_before_live_cameras_is_followed_until_ctrl_c(stage, 
             "--empty-room", "1", "--json", "out.json", "--overlay", "seen",
             "--view", "--no-browser", "--view-port", str(free_port()),
         ) as program:  # fmt: skip
-            wait_until("the room is learnt", program.said("somebody may come now, and stand"))
-            wait_until("it waits", lambda: program.said("until Ctrl-C")() and seen(folder) >= 5)
+            wait_until("the room is learnt", program.said("somebody may come now, and stand"), COMPILED)
+            wait_until("it waits", lambda: program.said("until Ctrl-C")() and seen(folder) >= 5, COMPILED)
             assert "the body is there" not in program.output
             stage.at = 0
             wait_until("somebody is there", program.said("the body is there"))
@@ -120,6 +122,27 @@ def test_somebody_who_comes_before_live_cameras_is_followed_until_ctrl_c(stage, 
     followed = max(row["angles"]["left knee flexion"] for row in rows if not row["lost"])
     assert deepest > 1.0
     assert abs(followed - deepest) < 0.25
+
+
+def test_a_stream_that_ends_is_said_and_counts_again_when_it_is_back(stage, folder):
+    stage.at = 0
+    with MjpegStreams(stage.pictures, 1 / 15) as streams:
+        sources = [f"{name}={streams.address(name)}" for name in stage.scene.rig.cameras]
+        with Program(
+            folder, "run", "silhouettes", *sources, *GIVEN, "--json", "out.json", "--overlay", "seen"
+        ) as program:
+            wait_until("it follows", lambda: program.said("until Ctrl-C")() and seen(folder) >= 3, COMPILED)
+            stage.off.add("camera2")
+            wait_until("it is missing", program.said("camera2 does not count from frame"))
+            assert f"camera2: {streams.address('camera2')}: gives no picture any more" in program.output
+            stage.off.clear()
+            wait_until("it is back", program.said("camera2 counts again from frame"))
+            assert program.end(signal.SIGINT) == 0
+    rows = json.loads((folder / "out.json").read_text())["frames"]
+    missing = [row for row in rows if row["left_out"].get("camera2") == "it gives no picture"]
+    assert len(missing) >= 3
+    assert all("camera2" not in row["overlap"] and {"camera1", "camera3"} & set(row["overlap"]) for row in missing)
+    assert not any(row["lost"] for row in rows)
 
 
 MESH, RIG, HZ = somebody(), ring(3), 10.0
@@ -212,6 +235,7 @@ def test_what_cannot_be_done_live_is_one_line(films):
         (("c1", "--empty-room", "2", "--hz", "10"), "--empty-room is of live cameras"),
         (("c1", "--seconds", "2", "--hz", "10"), "--seconds is of live cameras"),
         (("c1=no.avi", "--live"), "no.avi: is not there"),
+        (("c1", "--live", "--hz", "20", "--empty-room", "1"), "no camera gives a picture any more"),
         (("c1=c1", "--live", "--other-size", "half"), "--other-size is 'half'"),
     ):
         assert said in failed(films, *arguments), arguments

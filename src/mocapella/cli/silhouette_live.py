@@ -7,6 +7,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import TYPE_CHECKING, Final
 
 import typer
@@ -109,11 +110,7 @@ def wait_for_people(
 
 
 def learn_room(run: SilhouetteRun, shown: LiveSet, seconds: float) -> None:
-    """Take in so many seconds of the empty room; Ctrl-C ends the command.
-
-    Raises:
-        InputError: no camera gave a picture.
-    """
+    """Take in so many seconds of the empty room; Ctrl-C ends the command."""
     from mocapella.live.stopping import stop_on_signals
 
     say(f"learning the empty room for {seconds:g} s: nobody may be in the images")
@@ -127,6 +124,9 @@ def learn_room(run: SilhouetteRun, shown: LiveSet, seconds: float) -> None:
         Progress(*columns, console=console, transient=True) as progress,
     ):
         task = progress.add_task("learning", total=seconds)
+        # What is compiled once a machine is not of these seconds.
+        for frame in islice(shown.until(stop, say=run.note), 1):
+            run.learn_empty(frame.images)
         for frame in shown.until(stop, seconds, run.note):
             now_s = frame.time_ns / NS_PER_S
             progress.update(task, completed=now_s)
@@ -138,8 +138,6 @@ def learn_room(run: SilhouetteRun, shown: LiveSet, seconds: float) -> None:
     if stop.is_set():
         say("stopped before the end")
         raise typer.Exit(INTERRUPTED)
-    if not seen:
-        raise InputError("no camera gave a picture of the empty room", fix="look whether all are plugged in")
     if moved:
         run.note(
             f"something moved in the images of {', '.join(sorted(moved))} while the empty room was learnt: was "
@@ -161,7 +159,11 @@ def follow_live(
     seconds: float | None,
     tell: Sequence[Callable[[Step], None]],
 ) -> None:
-    """Frame by frame until ``stop`` is set, for so many seconds, or until all sources have ended."""
+    """Frame by frame until ``stop`` is set, for so many seconds, or until all sources have ended.
+
+    Raises:
+        InputError: no camera gave a picture, and nobody stopped it.
+    """
     whom = ", ".join(filter(None, run.meshes))
     say(f"following {whom}".strip() + (" until Ctrl-C" if seconds is None else f" for {seconds:g} s"))
     columns = (
@@ -177,8 +179,10 @@ def follow_live(
             done_s.append(time.monotonic())
             rate = f"{(len(done_s) - 1) / (done_s[-1] - done_s[0]):.0f}" if len(done_s) > 1 else "–"
             progress.update(task, advance=1, rate=rate, dropped=sum(shown.dropped.values()))
-    if not run.took_s:
-        run.note("no camera gave a picture")
+    if not (run.took_s or stop.is_set()):
+        raise InputError(
+            "no camera gives a picture any more", fix="look whether they are plugged in, and films long enough"
+        )
 
 
 def _place(run: SilhouetteRun, name: str, pose: TreePose) -> str:
