@@ -13,7 +13,8 @@ from mocapella.geometry.twists import log_motion
 from mocapella.model.camera import CameraRig, PlacedCamera
 from mocapella.model.rigged_mesh import landmarks_at
 from mocapella.model.twist_tree import TreePose
-from mocapella.tracker.silhouettes import Followed, SilhouetteSettings, SilhouetteTracker, Steadiness
+from mocapella.tracker.silhouette_settings import SilhouetteSettings, Steadiness
+from mocapella.tracker.silhouettes import Followed, SilhouetteTracker
 
 ROOM = Room()
 FRAMES = 24

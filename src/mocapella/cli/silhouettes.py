@@ -136,7 +136,7 @@ def silhouettes(
     from mocapella.recording.followed_bodies import read_followed_people
     from mocapella.sources.video import parse_frames
     from mocapella.sources.video_set import VideoSet
-    from mocapella.tracker.silhouettes import SilhouetteSettings
+    from mocapella.tracker.silhouette_settings import SilhouetteSettings
 
     inputs = _inputs(videos, hz)
     wanted = parse_frames(frames)

@@ -27,9 +27,10 @@ from mocapella.model.twist_tree import TreePose
 from mocapella.recording.followed_bodies import ALONE, FollowedFrame, frame_of
 from mocapella.sensing.empty_room import EmptyRoom, MovedSince
 from mocapella.sensing.outline_picture import Outlines, outlined
-from mocapella.sources.dead_images import DeadImages
+from mocapella.tracker.silhouette_camera import SeenIn
 from mocapella.tracker.silhouette_people import SilhouettePeople
-from mocapella.tracker.silhouettes import Followed, SeenIn, SilhouetteSettings
+from mocapella.tracker.silhouette_settings import SilhouetteSettings
+from mocapella.tracker.silhouettes import Followed
 
 UInt8 = NDArray[np.uint8]
 Bool = NDArray[np.bool_]
@@ -140,7 +141,7 @@ class SilhouetteRun:
         self.rows: dict[str, list[FollowedFrame]] = {name: [] for name in meshes}
         self.notes: list[str] = []
         self.took_s: list[float] = []
-        self._rate_hz, self._tell, self._dead = rate_hz, say, DeadImages()
+        self._rate_hz, self._tell = rate_hz, say
         self._people = {name: _Person(mesh) for name, mesh in meshes.items()}
         self._trouble: dict[tuple[str, str], tuple[int, int]] = {}
         self.empty = EmptyRoom()
@@ -164,12 +165,10 @@ class SilhouetteRun:
 
     def step(self, frame: int, images: Mapping[str, UInt8]) -> Step:
         """The next frame."""
-        dead = self._dead.update(images)
         begin_s = time.perf_counter()
         waiting = [name for name, person in self._people.items() if person.lost]
-        raw = self.tracker.update({k: v for k, v in images.items() if k not in dead}, self._time_ns(frame), waiting)
+        raw = self.tracker.update(images, self._time_ns(frame), waiting)
         took_s = time.perf_counter() - begin_s
-        raw = {name: msgspec.structs.replace(one, left_out={**one.left_out, **dead}) for name, one in raw.items()}
         for name, one in raw.items():
             self._look_for(name, one, images)
         self._learn_empty(raw, images)
@@ -189,7 +188,7 @@ class SilhouetteRun:
             )
             self.rows[name].append(row)
             people[name] = PersonStep(found, row)
-        self._say_changes(frame, people, dead)
+        self._say_changes(frame, people)
         self.took_s.append(took_s)
         self._judge_rig({name: one.followed for name, one in people.items()}, images)
         return Step(frame, images, people, took_s)
@@ -275,16 +274,18 @@ class SilhouetteRun:
     def _time_ns(self, frame: int) -> int:
         return round(frame * NS_PER_S / self._rate_hz)
 
-    def _say_changes(self, frame: int, people: Mapping[str, PersonStep], dead: Mapping[str, str]) -> None:
+    def _say_changes(self, frame: int, people: Mapping[str, PersonStep]) -> None:
         """What has become different, and stays so for a moment: single images are counted in the summary."""
         for camera in self.rig.cameras:
             said: dict[str, None] = {}  # of several bodies the same is said once
+            reasons = {one.followed.left_out.get(camera) for one in people.values()}
+            of_all = len(reasons) == 1 and None not in reasons
             for name, one in people.items():
                 outside = f"{_called(name)} is outside of its image"
                 silent = camera in one.followed.seen or one.row.lost
                 now = one.followed.left_out.get(camera, "" if silent else outside)
                 begun, count = self._trouble.get((camera, name), (frame, 0))
-                whom = f" for {name}" if name and camera not in dead else ""
+                whom = f" for {name}" if name and not of_all else ""
                 if now:
                     self._trouble[camera, name] = begun, count + 1
                     if count + 1 == SAID_AFTER:
