@@ -29,9 +29,11 @@ from mocapella.sensing.empty_room import EmptyRoom, MovedSince
 from mocapella.sensing.outline_picture import Outlines, outlined
 from mocapella.tracker.silhouette_camera import SeenIn
 from mocapella.tracker.silhouette_people import SilhouettePeople
+from mocapella.tracker.silhouette_return import place_again
 from mocapella.tracker.silhouette_settings import SilhouetteSettings
 from mocapella.tracker.silhouettes import Followed
 
+Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 Bool = NDArray[np.bool_]
 Say = Callable[[str], None]
@@ -101,10 +103,11 @@ class _Person:
         self.lost = False
         self.seen_ns = 0
         self.well: Followed | None = None
+        self.whole_in = 0
 
-    def start(self, pose: TreePose, time_ns: int) -> None:
-        self.well = Followed(time_ns, pose, landmarks_at(self.mesh, pose), {}, {})
-        self.seen_ns, self.lost = time_ns, False
+    def start(self, found: Followed, whole_in: int) -> None:
+        """It is there; all of it is in the images of so many cameras."""
+        self.well, self.whole_in, self.seen_ns, self.lost = found, whole_in, found.time_ns, False
 
     def away(self, time_ns: int) -> bool:
         """Whether nobody has been seen who is meant, for so long that nobody is there."""
@@ -156,7 +159,9 @@ class SilhouetteRun:
         time_ns = self._time_ns(frame - step)
         for name, pose in poses.items():
             self.tracker.start(name, pose, time_ns)
-            self._people[name].start(pose, time_ns)
+            landmarks = landmarks_at(self.meshes[name], pose)
+            found = Followed(time_ns, pose, landmarks, {}, {})
+            self._people[name].start(found, self._whole_in(landmarks, self.rig.cameras))
 
     def steps(self, images: Iterable[tuple[int, dict[str, UInt8]]]) -> Iterator[Step]:
         """Each frame when it is done."""
@@ -174,7 +179,7 @@ class SilhouetteRun:
         self._learn_empty(raw, images)
         people = {}
         for name, one in raw.items():
-            found, lost = self._held(name, one)
+            found, lost = self._held(name, one, images)
             self._say_lost(name, frame, lost=lost)
             row = frame_of(
                 frame,
@@ -196,13 +201,15 @@ class SilhouetteRun:
     def _look_for(self, name: str, found: Followed, images: Mapping[str, UInt8]) -> None:
         """Whether somebody is seen who is meant, and so well that the body can wait there.
 
-        Where it waits, two cameras have seen it; one alone would soon take anything for it.
+        Where it waits, two cameras have seen it; one alone would soon take anything for it. Of who comes back all has
+        to be there, if it ever was: legs alone are soon lost again.
         """
         person, enough, others = self._people[name], min(2, len(self.rig.cameras)), self.tracker.others[name]
         good = sum(self._sees(one, images[k], k, others.get(k)) for k, one in found.seen.items())
-        if good >= enough and not person.lost and self._whole_in(found) >= enough:
-            person.well = found
-        if good >= (enough if person.lost else 1):
+        whole = self._whole_in(found.landmarks, found.seen)
+        if good >= enough and not person.lost and whole >= enough:
+            person.well, person.whole_in = found, whole
+        if (good >= enough and whole >= min(enough, person.whole_in)) if person.lost else good >= 1:
             person.seen_ns = found.time_ns
 
     def _learn_empty(self, found: Mapping[str, Followed], images: Mapping[str, UInt8]) -> None:
@@ -217,24 +224,33 @@ class SilhouetteRun:
         ]
         self.empty.learn({camera: images[camera] for camera in without}, _covered(found, self.rig))
 
-    def _held(self, name: str, found: Followed) -> tuple[Followed, bool]:
+    def _held(self, name: str, found: Followed, images: Mapping[str, UInt8]) -> tuple[Followed, bool]:
         """It, or where the body was last, where nobody has been seen for some time; and whether that is so.
 
-        For a moment, as while all images show something else, the body goes on as it did.
+        For a moment, as while all images show something else, the body goes on as it did. Then it is looked for where
+        something is that was not in the empty room, or else where it was.
         """
         person = self._people[name]
         if not person.away(found.time_ns):
             return found, False
         assert person.well is not None  # it was started
-        self.tracker.start(name, person.well.pose, found.time_ns)
+        tracker, others = self.tracker.trackers[name], self.tracker.others[name]
+        things = {
+            camera: self.empty.silhouette(camera, image, others=others.get(camera))
+            for camera, image in images.items()
+            if camera not in found.left_out
+        }
+        seen = {camera: thing for camera, thing in things.items() if thing is not None}
+        there = place_again(seen, tracker.body, person.well.pose, tracker.eyes)
+        self.tracker.start(name, there or person.well.pose, found.time_ns)
         return msgspec.structs.replace(found, pose=person.well.pose, landmarks=person.well.landmarks), True
 
-    def _whole_in(self, found: Followed) -> int:
-        """In how many cameras' images all of it is."""
+    def _whole_in(self, landmarks: Float64, cameras: Iterable[str]) -> int:
+        """In how many of these cameras' images all landmarks (n, 3) are."""
         count = 0
-        for name in found.seen:
+        for name in cameras:
             camera = self.rig.cameras[name].camera
-            at = project(apply(self.rig.cameras[name].T_camera_world, found.landmarks), camera.lens)
+            at = project(apply(self.rig.cameras[name].T_camera_world, landmarks), camera.lens)
             count += bool(((at >= 0) & (at < np.array(camera.size_px) - 1)).all())
         return count
 

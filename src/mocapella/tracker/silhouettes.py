@@ -65,14 +65,21 @@ class Followed(msgspec.Struct, frozen=True, eq=False):
 
 
 class SilhouetteTracker:
-    """One body, from a pose in which it roughly is."""
+    """One body, from a pose in which it roughly is.
+
+    Attributes:
+        settings: of every stage.
+        mesh: of the body.
+        body: the same, made ready.
+        eyes: the cameras, made ready.
+    """
 
     def __init__(self, mesh: RiggedMesh, rig: CameraRig, settings: SilhouetteSettings | None = None) -> None:
         self.settings = settings or SilhouetteSettings()
         self.mesh = mesh
-        self._body = SilhouetteBody(mesh)
-        self._strays = None if self.settings.limbs is None else StrayLimbs(self._body, self.settings.limbs)
-        self._eyes: dict[str, Eye] = {name: eye(placed) for name, placed in rig.cameras.items()}
+        self.body = SilhouetteBody(mesh)
+        self._strays = None if self.settings.limbs is None else StrayLimbs(self.body, self.settings.limbs)
+        self.eyes: dict[str, Eye] = {name: eye(placed) for name, placed in rig.cameras.items()}
         self._usual = np.clip(0.0, *mesh.tree.limits.T)
         self.reset()
 
@@ -93,10 +100,10 @@ class SilhouetteTracker:
             SettingsError: no camera sees it there.
         """
         self._past, self._missed, self._as_expected = [(time_ns, pose)], False, False
-        vertices, s = self._body.standing(pose).vertices, self.settings
+        vertices, s = self.body.standing(pose).vertices, self.settings
         steps = {name: camera.step_px for name, camera in self._cameras.items()}
-        for name, by in self._eyes.items():
-            outline = None if name in steps else see(self._body.figure, vertices, by, step_px=1, margin_px=1)
+        for name, by in self.eyes.items():
+            outline = None if name in steps else see(self.body.figure, vertices, by, step_px=1, margin_px=1)
             if outline is not None:
                 steps[name] = s.step_px or max(1, round(max(outline.mask.shape) / SAMPLES_HIGH))
         if not steps:
@@ -105,7 +112,7 @@ class SilhouetteTracker:
         usual = round(float(np.median(list(steps.values()))))
         self._cameras = {
             name: self._cameras.get(name) or SilhouetteCamera(by, steps.get(name, usual), s)
-            for name, by in self._eyes.items()
+            for name, by in self.eyes.items()
         }
 
     def learn_background(self, images: Mapping[str, UInt8]) -> None:
@@ -129,7 +136,7 @@ class SilhouetteTracker:
         # What nobody sees for longer than usual goes on ever more slowly.
         slowing = max(since_s - before_s, 0.0)
         since_s += HALF_LIFE_S / np.log(2) * (1.0 - 0.5 ** (slowing / HALF_LIFE_S)) - slowing
-        local = self._body.local(last)
+        local = self.body.local(last)
         pose = local.back(predicted(local.into(before), local.at, since_s / before_s))
         return TreePose(pose.T_world_model, np.clip(pose.angles, *self.mesh.tree.limits.T))
 
@@ -144,7 +151,7 @@ class SilhouetteTracker:
         others = others or {}
         s = self.settings
         expected = pose = self.expected(time_ns)
-        expected_at = self._body.standing(expected).vertices
+        expected_at = self.body.standing(expected).vertices
         usual, steady = self._priors(expected, time_ns)
         first = len(self._past) == 1
         wide = first or self._missed
@@ -165,10 +172,10 @@ class SilhouetteTracker:
             self._past = [(at_ns, with_angles(past, joints, pose.angles)) for at_ns, past in self._past]
             priors = self._priors(with_angles(expected, joints, pose.angles), time_ns)
             pose = self._fitted(usable, others, pose, priors=priors, rounds=s.rounds, segmented=s.segmented)
-        stands, seen = self._body.standing(pose), {}
+        stands, seen = self.body.standing(pose), {}
         self._as_expected = self._near(expected_at, stands.vertices)
         for name, camera in self._segmented().items():
-            if camera.look(self._body.figure, stands.vertices, s):
+            if camera.look(self.body.figure, stands.vertices, s):
                 seen[name] = camera.seen()
                 camera.learn(images[name], others.get(name))
         if seen:
@@ -191,25 +198,25 @@ class SilhouetteTracker:
         """Outlines, and the pose that they want, again and again."""
         s, (usual, steady) = self.settings, priors
         wide = any(camera.wide for camera in self._cameras.values())
-        near, looked = self._as_expected and segmented == s.segmented, self._body.standing(pose).vertices
+        near, looked = self._as_expected and segmented == s.segmented, self.body.standing(pose).vertices
         for number in range(rounds):
             again = number < segmented
-            if number == 1 and segmented == s.segmented and self._near(looked, self._body.standing(pose).vertices):
+            if number == 1 and segmented == s.segmented and self._near(looked, self.body.standing(pose).vertices):
                 segmented, rounds, again = 1, max(rounds - 1, 2), False
             for camera in self._cameras.values():
                 camera.wide = wide and number < rounds // 2
-            stands, local = self._body.standing(pose), self._body.local(pose)
+            stands, local = self.body.standing(pose), self.body.local(pose)
             moved = motions(local.tree, local.at)
             given = []
             for name, image in images.items():
                 camera = self._cameras[name]
-                if not camera.look(self._body.figure, stands.vertices, s):
+                if not camera.look(self.body.figure, stands.vertices, s):
                     continue
                 if again:
                     camera.segment(image, others.get(name), near=near or number == segmented - 1)
                 if camera.segmented:
                     given.append(camera.planes(moved))
-            given.append(apart(self._body.solid, stands.landmarks, moved))
+            given.append(apart(self.body.solid, stands.landmarks, moved))
             # What nobody sees goes on as it did, not to where it usually is.
             local_priors = [local.into_prior(one) for one in steady] + (
                 [local.into_usual(usual)] if len(given) > 1 else []
@@ -230,9 +237,9 @@ class SilhouetteTracker:
     def covered(self, pose: TreePose, grown_px: int = 0) -> dict[str, Bool]:
         """(height, width) by camera: what the body covers in a pose, and so much around it."""
         vertices, out = posed(self.mesh, pose), {}
-        for name, by in self._eyes.items():
+        for name, by in self.eyes.items():
             step = self._cameras[name].step_px if name in self._cameras else USUAL_STEP_PX
-            seen = see(self._body.figure, vertices, by, step_px=step, margin_px=grown_px + 2 * step)
+            seen = see(self.body.figure, vertices, by, step_px=step, margin_px=grown_px + 2 * step)
             if seen is None:
                 out[name] = np.zeros(by.size_px[::-1], np.bool_)
             else:
@@ -249,7 +256,7 @@ class SilhouetteTracker:
         """
         s, asked, much, some = self.settings, {}, [], []
         for name, camera in self._cameras.items():
-            if name in images and name not in left_out and camera.look(self._body.figure, expected_at, s):
+            if name in images and name not in left_out and camera.look(self.body.figure, expected_at, s):
                 asked[name] = unlike = camera.unlike(images[name])
                 if unlike > camera.usually.much(s.unlike):
                     much.append(name)
@@ -280,5 +287,5 @@ class SilhouetteTracker:
         since_s = (time_ns - last_ns) / NS_PER_S
         penalty = s.steadiness.penalty(since_s, (last_ns - before_ns) / NS_PER_S)
         turns = np.zeros(len(self._usual))
-        turns[self._body.balls.first + 2] = 1.0 / (s.steadiness.turn_rad_per_s * since_s)
+        turns[self.body.balls.first + 2] = 1.0 / (s.steadiness.turn_rad_per_s * since_s)
         return usual, (smoothness(self.mesh.tree, expected, penalty), Prior(last, 0.0, 0.0, turns))
