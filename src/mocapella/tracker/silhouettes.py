@@ -199,10 +199,11 @@ class SilhouetteTracker:
         s, (usual, steady) = self.settings, priors
         wide = any(camera.wide for camera in self._cameras.values())
         near, looked = self._as_expected and segmented == s.segmented, self.body.standing(pose).vertices
-        for number in range(rounds):
-            again = number < segmented
+        number = -1
+        while (number := number + 1) < rounds:
             if number == 1 and segmented == s.segmented and self._near(looked, self.body.standing(pose).vertices):
-                segmented, rounds, again = 1, max(rounds - 1, 2), False
+                segmented, rounds = 1, max(rounds - 1, 2)
+            again = number < segmented
             for camera in self._cameras.values():
                 camera.wide = wide and number < rounds // 2
             stands, local = self.body.standing(pose), self.body.local(pose)
