@@ -90,7 +90,7 @@ def test_somebody_who_comes_before_live_cameras_is_followed_until_ctrl_c(stage, 
             "--empty-room", "1", "--json", "out.json", "--overlay", "seen",
             "--view", "--no-browser", "--view-port", str(free_port()),
         ) as program:  # fmt: skip
-            wait_until("the room is learnt", program.said("somebody may come now, and stand"), COMPILED)
+            wait_until("the room is learnt", program.said("somebody may come now"), COMPILED)
             wait_until("it waits", lambda: program.said("until Ctrl-C")() and seen(folder) >= 5, COMPILED)
             assert "the body is there" not in program.output
             stage.at = 0

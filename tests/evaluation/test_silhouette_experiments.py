@@ -31,7 +31,7 @@ from mocapella.evaluation.silhouettes import Movement, score
 from mocapella.model.twist_tree import TreePose
 from mocapella.sources.simulate.corruption import Corruption
 from mocapella.sources.simulate.silhouette_scene import silhouette_scene
-from mocapella.tracker.silhouettes import SilhouetteSettings, Steadiness
+from mocapella.tracker.silhouette_settings import SilhouetteSettings, Steadiness
 
 SMALL = {"seed": 3, "cameras": 3, "size_px": (160, 120)}
 

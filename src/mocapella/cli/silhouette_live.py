@@ -97,16 +97,16 @@ def open_live(wishes: LiveWishes, rig: CameraRig) -> LiveSet:
 def wait_for_people(
     run: SilhouetteRun, shown: FrameSource, poses: Mapping[str, TreePose], empty_room_s: float | None, *, view: bool
 ) -> None:
-    """Learn the empty room where that is wished, and say where people may then stand: nobody is there yet."""
+    """Learn the empty room where that is wished, and say where people are looked for then: nobody is there yet."""
     from mocapella.sources.live_set import LiveSet
 
     assert isinstance(shown, LiveSet)  # of videos, who starts is there
     if empty_room_s is not None:
         learn_room(run, shown, empty_room_s)
     run.wait()
-    where = "where the outlines are in the view's pictures" if view else "as at the start (--view shows the outlines)"
+    where = "where the outlines are in the view's pictures" if view else "at the start (--view shows the outlines)"
     for name, pose in poses.items():
-        run.note(f"{name or 'somebody'} may come now, and stand {where}: {_place(run, name, pose)}")
+        run.note(f"{name or 'somebody'} may come now, in the start's pose and best {where}: {_place(run, name, pose)}")
 
 
 def learn_room(run: SilhouetteRun, shown: LiveSet, seconds: float) -> None:

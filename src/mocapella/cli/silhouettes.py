@@ -222,7 +222,7 @@ def _started(
     """The run, with all where they start."""
     from mocapella.cli.silhouette_start import begin
     from mocapella.live.silhouette_run import SilhouetteRun
-    from mocapella.tracker.silhouettes import SilhouetteSettings
+    from mocapella.tracker.silhouette_settings import SilhouetteSettings
 
     settings = SilhouetteSettings() if steady else SilhouetteSettings(steadiness=None)
     run = SilhouetteRun({name: body.mesh for name, (body, _) in found.items()}, shown.rig, settings, say)

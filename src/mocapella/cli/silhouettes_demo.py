@@ -55,7 +55,7 @@ def run_demo(
     from mocapella.recording.followed_bodies import ALONE
     from mocapella.sources.frame_set import time_of_frame
     from mocapella.sources.simulate.silhouette_scene import scene_names, silhouette_scene
-    from mocapella.tracker.silhouettes import SilhouetteSettings
+    from mocapella.tracker.silhouette_settings import SilhouetteSettings
 
     name = scene or SCENE
     if name == "help":

@@ -30,7 +30,7 @@ from mocapella.model.camera import CameraRig
 from mocapella.model.rigged_mesh import RiggedMesh, posed
 from mocapella.model.twist_tree import TreePose, part_motions
 from mocapella.sources.simulate.silhouette_scene import silhouette_scene
-from mocapella.tracker.silhouettes import SilhouetteSettings
+from mocapella.tracker.silhouette_settings import SilhouetteSettings
 
 Float64 = NDArray[np.float64]
 

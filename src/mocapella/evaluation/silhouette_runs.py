@@ -30,7 +30,8 @@ from mocapella.model.twist_tree import TreePose
 from mocapella.settings import check
 from mocapella.sources.simulate.corruption import Corruption
 from mocapella.sources.simulate.silhouette_scene import SilhouetteScene
-from mocapella.tracker.silhouettes import SilhouetteSettings, SilhouetteTracker, Steadiness
+from mocapella.tracker.silhouette_settings import SilhouetteSettings, Steadiness
+from mocapella.tracker.silhouettes import SilhouetteTracker
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]

@@ -101,11 +101,9 @@ class Prior(msgspec.Struct, frozen=True, eq=False):
     angles_per_rad: Float64
 
     def __post_init__(self) -> None:
-        of_root = 0 <= self.root_per_m < np.inf and 0 <= self.root_per_rad < np.inf
-        angles = np.asarray(self.angles_per_rad)
-        if not (of_root and ((angles >= 0) & (angles < np.inf)).all()):
-            weights = [self.root_per_m, self.root_per_rad, *angles.tolist()]
-            check(False, "weights of a prior", weights, "0 or more")
+        root, angles = (np.asarray(one) for one in ((self.root_per_m, self.root_per_rad), self.angles_per_rad))
+        fine = all(((one >= 0) & (one < np.inf)).all() for one in (root, angles))
+        check(fine, "weights of a prior", (root, angles), "0 or more")
 
 
 @dataclass(frozen=True)
@@ -113,7 +111,7 @@ class FitSettings:
     """When a fit ends.
 
     Attributes:
-        most_steps: at most so many.
+        most_steps: at most so many; what is tried and would cost more is none.
         rest_m: a step that moves the root by less …
         rest_rad: … and turns it and every joint by less is the last.
     """

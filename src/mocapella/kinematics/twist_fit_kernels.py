@@ -429,6 +429,8 @@ def fit(
 ):  # fmt: skip
     """Gauss–Newton steps, damped where one would cost more (Levenberg and Marquardt), until a step rests.
 
+    Steps that are tried and not taken do not count: where limbs are deep in each other, few steps would never begin.
+
     Args:
         parents, joint_parts, twists, limits, root: of `TwistTree`.
         sums, about, prior_T, prior_root, prior_angles, prior_joints: of `measure`.
@@ -470,7 +472,6 @@ def fit(
             for j in range(joints):
                 H[ROOT + j, ROOT + j] += D[j]
                 g[ROOT + j] += e[j]
-        steps += 1
         better = step(above, H, g, damping, angles, limits, L, held, delta)
         if better:
             far = _moved(T, delta, root, about, new_T)
@@ -485,6 +486,7 @@ def fit(
             better = new_cost + new_expected <= cost + expected + rounding
             rests = far < rest_m and turn < rest_rad
         if better:
+            steps += 1
             cost, expected = new_cost, new_expected
             for i in range(3):
                 for k in range(4):

@@ -27,11 +27,14 @@ from mocapella.model.twist_tree import TreePose
 from mocapella.recording.followed_bodies import ALONE, FollowedFrame, frame_of
 from mocapella.sensing.empty_room import EmptyRoom, MovedSince
 from mocapella.sensing.outline_picture import Outlines, outlined
-from mocapella.sources.dead_images import DeadImages
 from mocapella.sources.frame_set import FrameSet
+from mocapella.tracker.silhouette_camera import SeenIn
 from mocapella.tracker.silhouette_people import SilhouettePeople
-from mocapella.tracker.silhouettes import Followed, SeenIn, SilhouetteSettings
+from mocapella.tracker.silhouette_return import place_again
+from mocapella.tracker.silhouette_settings import SilhouetteSettings
+from mocapella.tracker.silhouettes import Followed
 
+Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 Bool = NDArray[np.bool_]
 Say = Callable[[str], None]
@@ -111,10 +114,11 @@ class _Person:
         self.seen_ns = 0
         self.well: Followed | None = None
         self.waits: tuple[TreePose, dict[str, Silhouette]] | None = None
+        self.whole_in = 0
 
-    def start(self, pose: TreePose, time_ns: int) -> None:
-        self.well = Followed(time_ns, pose, landmarks_at(self.mesh, pose), {}, {})
-        self.seen_ns, self.lost = time_ns, False
+    def start(self, found: Followed, whole_in: int) -> None:
+        """It is there; all of it is in the images of so many cameras."""
+        self.well, self.whole_in, self.seen_ns, self.lost = found, whole_in, found.time_ns, False
 
     def away(self, time_ns: int) -> bool:
         """Whether nobody has been seen who is meant, for so long that nobody is there."""
@@ -149,7 +153,7 @@ class SilhouetteRun:
         self.rows: dict[str, list[FollowedFrame]] = {name: [] for name in meshes}
         self.notes: list[str] = []
         self.took_s: list[float] = []
-        self._tell, self._dead = say, DeadImages()
+        self._tell = say
         self._people = {name: _Person(mesh) for name, mesh in meshes.items()}
         self._trouble: dict[tuple[str, str], tuple[int, int]] = {}
         self.empty = EmptyRoom()
@@ -164,11 +168,14 @@ class SilhouetteRun:
         """
         for name, pose in poses.items():
             self.tracker.start(name, pose, time_ns)
-            self._people[name].start(pose, time_ns)
+            landmarks = landmarks_at(self.meshes[name], pose)
+            found = Followed(time_ns, pose, landmarks, {}, {})
+            self._people[name].start(found, self._whole_in(landmarks, self.rig.cameras))
 
     def wait(self) -> None:
-        """Nobody is there yet: the places where they start are watched. After `start`; the empty room should be known,
-        without which whatever is there is taken for somebody.
+        """Nobody is there yet: they are looked for as those are who left. After `start`.
+
+        The empty room should be known: without it, whatever is there is taken for somebody.
         """
         for person in self._people.values():
             person.lost, person.came = True, False
@@ -186,19 +193,18 @@ class SilhouetteRun:
     def step(self, shown: FrameSet) -> Step:
         """The next frame."""
         frame, images = shown.frame, shown.images
-        dead = self._dead.update(images)
         begin_s = time.perf_counter()
         waiting = [name for name, person in self._people.items() if person.lost]
-        raw = self.tracker.update({k: v for k, v in images.items() if k not in dead}, shown.time_ns, waiting)
+        raw = self.tracker.update(images, shown.time_ns, waiting)
         took_s = time.perf_counter() - begin_s
-        dead |= {camera: NO_PICTURE for camera in self.rig.cameras if camera not in images}
-        raw = {name: msgspec.structs.replace(one, left_out={**one.left_out, **dead}) for name, one in raw.items()}
+        missing = {camera: NO_PICTURE for camera in self.rig.cameras if camera not in images}
+        raw = {name: msgspec.structs.replace(one, left_out={**one.left_out, **missing}) for name, one in raw.items()}
         for name, one in raw.items():
             self._look_for(name, one, images)
         self._learn_empty(raw, images)
         people = {}
         for name, one in raw.items():
-            found, lost = self._held(name, one)
+            found, lost = self._held(name, one, images)
             self._say_lost(name, frame, lost=lost)
             row = frame_of(
                 frame,
@@ -212,7 +218,7 @@ class SilhouetteRun:
             )
             self.rows[name].append(row)
             people[name] = PersonStep(found, row, self._waits(name, found.pose) if lost else {})
-        self._say_changes(frame, people, dead)
+        self._say_changes(frame, people)
         self.took_s.append(took_s)
         self._judge_rig({name: one.followed for name, one in people.items()}, images)
         return Step(frame, images, people, took_s)
@@ -220,13 +226,15 @@ class SilhouetteRun:
     def _look_for(self, name: str, found: Followed, images: Mapping[str, UInt8]) -> None:
         """Whether somebody is seen who is meant, and so well that the body can wait there.
 
-        Where it waits, two cameras have seen it; one alone would soon take anything for it.
+        Where it waits, two cameras have seen it; one alone would soon take anything for it. Of who comes back all has
+        to be there, if it ever was: legs alone are soon lost again.
         """
         person, enough, others = self._people[name], min(2, len(self.rig.cameras)), self.tracker.others[name]
         good = sum(self._sees(one, images[k], k, others.get(k)) for k, one in found.seen.items())
-        if good >= enough and not person.lost and self._whole_in(found) >= enough:
-            person.well = found
-        if good >= (enough if person.lost else 1):
+        whole = self._whole_in(found.landmarks, found.seen)
+        if good >= enough and not person.lost and whole >= enough:
+            person.well, person.whole_in = found, whole
+        if (good >= enough and whole >= min(enough, person.whole_in)) if person.lost else good >= 1:
             person.seen_ns = found.time_ns
 
     def _learn_empty(self, found: Mapping[str, Followed], images: Mapping[str, UInt8]) -> None:
@@ -241,24 +249,33 @@ class SilhouetteRun:
         ]
         self.empty.learn({camera: images[camera] for camera in without}, _covered(found, self.rig))
 
-    def _held(self, name: str, found: Followed) -> tuple[Followed, bool]:
+    def _held(self, name: str, found: Followed, images: Mapping[str, UInt8]) -> tuple[Followed, bool]:
         """It, or where the body was last, where nobody has been seen for some time; and whether that is so.
 
-        For a moment, as while all images show something else, the body goes on as it did.
+        For a moment, as while all images show something else, the body goes on as it did. Then it is looked for where
+        something is that was not in the empty room, or else where it was.
         """
         person = self._people[name]
         if not person.away(found.time_ns):
             return found, False
         assert person.well is not None  # it was started
-        self.tracker.start(name, person.well.pose, found.time_ns)
+        tracker, others = self.tracker.trackers[name], self.tracker.others[name]
+        things = {
+            camera: self.empty.silhouette(camera, image, others=others.get(camera))
+            for camera, image in images.items()
+            if camera not in found.left_out
+        }
+        seen = {camera: thing for camera, thing in things.items() if thing is not None}
+        there = place_again(seen, tracker.body, person.well.pose, tracker.eyes)
+        self.tracker.start(name, there or person.well.pose, found.time_ns)
         return msgspec.structs.replace(found, pose=person.well.pose, landmarks=person.well.landmarks), True
 
-    def _whole_in(self, found: Followed) -> int:
-        """In how many cameras' images all of it is."""
+    def _whole_in(self, landmarks: Float64, cameras: Iterable[str]) -> int:
+        """In how many of these cameras' images all landmarks (n, 3) are."""
         count = 0
-        for name in found.seen:
+        for name in cameras:
             camera = self.rig.cameras[name].camera
-            at = project(apply(self.rig.cameras[name].T_camera_world, found.landmarks), camera.lens)
+            at = project(apply(self.rig.cameras[name].T_camera_world, landmarks), camera.lens)
             count += bool(((at >= 0) & (at < np.array(camera.size_px) - 1)).all())
         return count
 
@@ -308,16 +325,18 @@ class SilhouetteRun:
             person.waits = pose, drawn
         return person.waits[1]
 
-    def _say_changes(self, frame: int, people: Mapping[str, PersonStep], dead: Mapping[str, str]) -> None:
+    def _say_changes(self, frame: int, people: Mapping[str, PersonStep]) -> None:
         """What has become different, and stays so for a moment: single images are counted in the summary."""
         for camera in self.rig.cameras:
             said: dict[str, None] = {}  # of several bodies the same is said once
+            reasons = {one.followed.left_out.get(camera) for one in people.values()}
+            of_all = len(reasons) == 1 and None not in reasons
             for name, one in people.items():
                 outside = f"{_called(name)} is outside of its image"
                 silent = camera in one.followed.seen or one.row.lost
                 now = one.followed.left_out.get(camera, "" if silent else outside)
                 begun, count = self._trouble.get((camera, name), (frame, 0))
-                whom = f" for {name}" if name and camera not in dead else ""
+                whom = f" for {name}" if name and not of_all else ""
                 if now:
                     self._trouble[camera, name] = begun, count + 1
                     if count + 1 == SAID_AFTER:

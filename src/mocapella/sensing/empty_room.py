@@ -66,20 +66,22 @@ class EmptyRoom:
             return float("nan")
         return float(_differ(image[known], empty[known]).mean())
 
-    def silhouette(self, name: str, image: UInt8, things: int = 1) -> Silhouette | None:
+    def silhouette(self, name: str, image: UInt8, things: int = 1, others: Bool | None = None) -> Silhouette | None:
         """The largest things in an image (height, width, 3) that are not in the empty room; None where none was seen.
 
         Args:
             name: of the camera.
             image: (height, width, 3).
             things: how many at most.
+            others: (height, width) where people are who are not meant.
         """
         empty = self._images.get(name)
         if empty is None:
             return None
         thinned = np.s_[::_STEP_PX, ::_STEP_PX]
-        changed = (_differ(image[thinned], empty[thinned]) & self._known[name][thinned]).astype(np.uint8)
-        cleaned = cv2.morphologyEx(changed, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+        changed = _differ(image[thinned], empty[thinned]) & self._known[name][thinned]
+        changed = changed if others is None else changed & ~others[thinned]
+        cleaned = cv2.morphologyEx(changed.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
         _, labels, stats, _ = cv2.connectedComponentsWithStats(cleaned)
         if len(stats) < 2:
             return None

@@ -15,7 +15,8 @@ from mocapella.errors import SettingsError, one_of
 from mocapella.model.camera import CameraRig
 from mocapella.model.rigged_mesh import RiggedMesh
 from mocapella.model.twist_tree import TreePose
-from mocapella.tracker.silhouettes import Followed, SilhouetteSettings, SilhouetteTracker
+from mocapella.tracker.silhouette_settings import SilhouetteSettings
+from mocapella.tracker.silhouettes import Followed, SilhouetteTracker
 
 UInt8 = NDArray[np.uint8]
 Bool = NDArray[np.bool_]

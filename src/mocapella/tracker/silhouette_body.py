@@ -1,0 +1,57 @@
+"""A body as the method ``silhouettes`` has it: what of its mesh every frame needs, made once."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.kinematics.ball_joints import LocalTree, ball_joints, local_tree
+from mocapella.kinematics.silhouette_fit import figure
+from mocapella.model.body_capsules import capsules_of
+from mocapella.model.rigged_mesh import RiggedMesh, carried
+from mocapella.model.twist_tree import TreePose, motions
+
+Float64 = NDArray[np.float64]
+
+
+class Standing(msgspec.Struct, frozen=True, eq=False):
+    """Where a body is in a pose: its vertices (n, 3) and landmarks (m, 3) [m]."""
+
+    pose: TreePose
+    vertices: Float64
+    landmarks: Float64
+
+
+class SilhouetteBody:
+    """One body.
+
+    Attributes:
+        mesh: of it.
+        figure: what its outline is made from.
+        balls: its joints of three axes.
+        solid: what must not be in each other.
+    """
+
+    def __init__(self, mesh: RiggedMesh) -> None:
+        self.mesh, self.figure = mesh, figure(mesh)
+        self.balls, self.solid = ball_joints(mesh.tree), capsules_of(mesh)
+        marks, count = mesh.landmarks.values(), len(mesh.landmarks)
+        self._marks = (
+            np.array([mark.point for mark in marks], np.float64).reshape(count, 3),
+            np.array([[mark.part] for mark in marks], np.int32).reshape(count, 1),
+            np.ones((count, 1)),
+        )
+        self._stood: Standing | None = None
+
+    def standing(self, pose: TreePose) -> Standing:
+        """Where it is; of the last pose that was asked, it is known already."""
+        if self._stood is None or self._stood.pose is not pose:
+            mesh, moved = self.mesh, motions(self.mesh.tree, pose)
+            vertices = carried(mesh.vertices, mesh.bones, mesh.shares, moved)
+            self._stood = Standing(pose, vertices, carried(*self._marks, moved))
+        return self._stood
+
+    def local(self, pose: TreePose) -> LocalTree:
+        """Its tree, with the balls' axes as they are in a pose."""
+        return local_tree(self.mesh.tree, self.balls, pose)

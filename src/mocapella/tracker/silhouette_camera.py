@@ -1,0 +1,259 @@
+"""What is known of one camera's images while a body is followed: the body's outline in this frame, the image's, and
+what is behind.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry.signed_distance import signed_distance
+from mocapella.kinematics.limb_search import Evidence
+from mocapella.kinematics.silhouette_fit import Eye, Figure, Outline, see, seen_at, touching
+from mocapella.kinematics.twist_fit import InPlanes
+from mocapella.model.silhouettes import Silhouette, overlap
+from mocapella.sensing.background_memory import BackgroundMemory
+from mocapella.sensing.region_contour import RegionSettings, region_contour
+from mocapella.tracker.silhouette_settings import SilhouetteSettings
+
+Float64 = NDArray[np.float64]
+Float32 = NDArray[np.float32]
+UInt8 = NDArray[np.uint8]
+Bool = NDArray[np.bool_]
+
+MOST_AT_FIRST = 0.6
+"""Before it is known how much of a background differs from image to image, so much may."""
+LEAST_JUMP, BEYOND = 0.04, 6.0
+"""If in half of the cameras more than this, and so many usual deviations, of a background differs all at once, what was
+stored is wrong."""
+LEARNT = 0.2
+"""How fast what usually differs is learnt."""
+WIDE = 2.0
+"""Where a pose is rough, outlines are looked for so many times as far away."""
+FARTHER, EVERY = 0.3, 3
+"""A limb is looked for in so much more than the body's window, at every so manieth sample."""
+NEAREST_LIMB_M = 0.3
+"""Nearer than this to a camera a limb may be anywhere in its image [m]."""
+USUAL_STEP_PX = 2
+"""For which a region's settings in pixels hold; other steps have them scaled."""
+
+
+class SeenIn(msgspec.Struct, frozen=True, eq=False):
+    """A body in one camera's image.
+
+    Attributes:
+        contour: what was segmented.
+        outline: of the posed mesh.
+        overlap: intersection over union of both.
+    """
+
+    contour: Silhouette
+    outline: Outline
+    overlap: float
+
+
+class Ball(msgspec.Struct, frozen=True, eq=False):
+    """A place (3,) and how far about it [m]."""
+
+    centre: Float64
+    radius_m: float
+
+
+class SilhouetteCamera:
+    """What is known of a camera's images."""
+
+    def __init__(self, by: Eye, step_px: int, settings: SilhouetteSettings) -> None:
+        self._eye, self.step_px, self._settings = by, step_px, settings
+        self._region, self._closer = (_scaled(region, step_px) for region in (settings.region, settings.closer))
+        self._wide_region = dataclasses.replace(
+            self._region, band_px=WIDE * self._region.band_px, prior_weight=self._region.prior_weight / WIDE**2
+        )
+        soft = settings.correspondences.soft_steps
+        self._wide_correspondences = dataclasses.replace(settings.correspondences, soft_steps=WIDE * soft)
+        self._usual_reach = float(settings.margin_steps * step_px)
+        self.memory = None if settings.background is None else BackgroundMemory(step_px, settings.background)
+        self.wide = False
+        self.usually = Usually()
+        self._else_since_ns: int | None = None
+        self.forget_frame()
+
+    def forget_frame(self) -> None:
+        """Another frame begins."""
+        self._window: Outline | None = None
+        self._looked: tuple[Float64, float] | None = None
+        self._outline: Outline | None = None
+        self._prior: Silhouette | None = None
+        self._found: tuple[Silhouette, Float32] | None = None
+
+    @property
+    def _reach(self) -> float:
+        return WIDE * self._usual_reach if self.wide else self._usual_reach
+
+    @property
+    def segmented(self) -> bool:
+        """Whether this frame's image was, and the body is in it."""
+        return self._found is not None and self._outline is not None
+
+    @property
+    def sample_m(self) -> float:
+        """How far samples are apart, at the distance of the body's nearest outline [m]."""
+        assert self._outline is not None
+        return float(self._outline.depth.min(initial=np.inf) * self.step_px / self._eye.lens[0])
+
+    def look(self, body: Figure, vertices: Float64, s: SilhouetteSettings) -> bool:
+        """See the body; all of a frame's looks have one window. False where it is not in the image."""
+        if self._looked is not None and self._looked[0] is vertices and self._looked[1] == self._reach:
+            return self._outline is not None
+        self._looked = vertices, self._reach
+        seen = see(
+            body, vertices, self._eye, step_px=self.step_px, margin_px=int(self._reach),
+            spacing_px=s.correspondences.spacing_steps * self.step_px, window=self._window,
+        )  # fmt: skip
+        self._window, self._outline, self._prior = self._window or seen, seen, None
+        return seen is not None
+
+    def unlike(self, image: UInt8) -> float:
+        """How much of what is behind the body is not as it was; NaN where nobody knows."""
+        return float("nan") if self.memory is None else self.memory.unlike(image, self._expected())
+
+    def as_usual(self, unlike: float) -> None:
+        """It shows what it did before, but for so much."""
+        self.usually.learn(unlike)
+        self._else_since_ns = None
+
+    def since_ns(self, time_ns: int) -> int:
+        """For how long it has shown something else."""
+        if self._else_since_ns is None:
+            self._else_since_ns = time_ns
+        return time_ns - self._else_since_ns
+
+    def forget_background(self) -> None:
+        """What it shows is how things are now."""
+        assert self.memory is not None
+        self.memory.reset()
+        self.usually, self._else_since_ns = Usually(), None
+
+    def segment(self, image: UInt8, others: Bool | None, *, near: bool) -> None:
+        """What the image says, the body's outline in mind, which may be ``near`` to it."""
+        settings = self._wide_region if self.wide else self._closer if near else self._region
+        found = region_contour(image, self._expected(), ignore=others, background=self.memory, settings=settings)
+        self._found = found.silhouette, found.surety
+
+    def planes(self, motions: tuple[Float64, Float64]) -> InPlanes:
+        """Where the outlines want the body to be."""
+        assert self._outline is not None
+        assert self._found is not None
+        contour, surety = self._found
+        return touching(
+            self._outline, motions, contour.phi, surety, self._eye,
+            reach_px=self._reach,
+            settings=self._wide_correspondences if self.wide else self._settings.correspondences,
+        )  # fmt: skip
+
+    def seen(self) -> SeenIn:
+        """The outcome of a frame."""
+        assert self._outline is not None
+        assert self._found is not None
+        contour = self._found[0]
+        return SeenIn(contour, self._outline, overlap(contour.phi > 0, self._outline.mask > 0))
+
+    def shows_all(self, vertices: Float64) -> bool:
+        """Whether all of a body (n, 3) is within the image."""
+        pixels = seen_at(vertices, self._eye)
+        return bool((pixels >= 0).all() and (pixels < self._eye.size_px).all())
+
+    def against(self, image: UInt8, points: Float64) -> Float32:
+        """(n,) how much the image shows the room at points (n, 3) of the body, 0 to 1."""
+        assert self.memory is not None
+        return np.maximum(-self.memory.strange_at(image, seen_at(points, self._eye)), 0.0)
+
+    def evidence(self, image: UInt8, others: Bool | None, about: Sequence[Ball]) -> Evidence:
+        """What of the image is not the room, about the body, as far as some limbs reach."""
+        assert self._outline is not None
+        assert self.memory is not None
+        (x, y), (rows, columns), step = self._outline.origin_px, self._outline.mask.shape, self.step_px
+        width, height = self._eye.size_px
+        grid, around = step * EVERY, step * round(FARTHER * max(rows, columns))
+        left, top = (max(at - around, 0) // grid * grid for at in (x, y))
+        right, bottom = min(x + step * columns + around, width), min(y + step * rows + around, height)
+        bounds = self._bounds(about)
+        if bounds is not None:
+            left, top = max(left, bounds[0] // grid * grid), max(top, bounds[1] // grid * grid)
+            right, bottom = min(right, bounds[2]), min(bottom, bounds[3])
+        # At least a sample, beyond the image where limbs are.
+        right, bottom = max(right, left + 1), max(bottom, top + 1)
+        shape = (-(-(bottom - top) // step), -(-(right - left) // step))
+        strange = self.memory.strange(image, Silhouette((left, top), step, np.empty(shape, np.float32)), EVERY)
+        if others is not None:
+            apart_from = others[top:bottom:grid, left:right:grid]
+            strange[: apart_from.shape[0], : apart_from.shape[1]][apart_from] = 0.0
+        return Evidence(self._eye, (left, top), grid, strange)
+
+    def _bounds(self, about: Sequence[Ball]) -> tuple[int, int, int, int] | None:
+        """What part of the image shows balls: left, top, right, bottom [px]; None where one is about the camera."""
+        centres, radii = np.array([ball.centre for ball in about]), np.array([ball.radius_m for ball in about])
+        T = self._eye.T_camera_world
+        nearest = centres @ T[2, :3] + T[2, 3] - radii
+        if nearest.min() <= NEAREST_LIMB_M:
+            return None
+        pixels, reach = seen_at(centres, self._eye), self._eye.lens[:2] * (radii / nearest)[:, None]
+        left, top = (pixels - reach).min(axis=0).astype(int).tolist()
+        right, bottom = (pixels + reach).max(axis=0).astype(int).tolist()
+        return left, top, right, bottom
+
+    def learn(self, image: UInt8, others: Bool | None) -> None:
+        """Take in what is behind the body."""
+        if self.memory is not None and self._outline is not None and self._found is not None:
+            # Without another distance: what is near the contour or in the body is not learnt.
+            contour = self._found[0]
+            phi = np.where(self._outline.mask > 0, np.float32(self.step_px), contour.phi)
+            self.memory.update(image, Silhouette(contour.origin_px, self.step_px, phi), others)
+
+    def _expected(self) -> Silhouette:
+        if self._prior is None:
+            assert self._outline is not None
+            phi = signed_distance(self._outline.mask, self._reach, self.step_px)
+            self._prior = Silhouette(self._outline.origin_px, self.step_px, phi)
+        return self._prior
+
+
+class Usually:
+    """How much of a background differs from image to image."""
+
+    def __init__(self) -> None:
+        self._mean: float | None = None
+        self._deviation = 0.0
+
+    def much(self, share: float) -> float:
+        """More than this is something else, of one camera."""
+        return MOST_AT_FIRST if self._mean is None else self._mean + share * (1.0 - self._mean)
+
+    def beyond_chance(self) -> float:
+        """More than this does not come by chance."""
+        return MOST_AT_FIRST if self._mean is None else self._mean + max(LEAST_JUMP, BEYOND * self._deviation)
+
+    def learn(self, unlike: float) -> None:
+        """Take in what was nothing else."""
+        if self._mean is None:
+            self._mean = None if np.isnan(unlike) else unlike
+        elif not np.isnan(unlike):
+            change = unlike - self._mean
+            self._mean += LEARNT * change
+            self._deviation += LEARNT * (abs(change) - self._deviation)
+
+
+def _scaled(region: RegionSettings, step_px: int) -> RegionSettings:
+    """Settings for samples of `USUAL_STEP_PX` for those of others."""
+    scale = step_px / USUAL_STEP_PX
+    return dataclasses.replace(
+        region,
+        prior_weight=region.prior_weight / scale**2,
+        window_px=region.window_px * scale,
+        band_px=region.band_px * scale,
+        unsure_px=region.unsure_px * scale,
+        fewest_px2=region.fewest_px2 * scale**2,
+    )

@@ -1,0 +1,92 @@
+"""The settings of the method ``silhouettes``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mocapella.kinematics.limb_search import LimbSearchSettings
+from mocapella.kinematics.silhouette_fit import CorrespondenceSettings
+from mocapella.kinematics.twist_prediction import JitterPenalty
+from mocapella.sensing.background_memory import MemorySettings
+from mocapella.sensing.region_contour import RegionSettings
+from mocapella.settings import check
+
+
+@dataclass(frozen=True)
+class Steadiness:
+    """The penalty on jitter, as the accelerations that people have: what is more costs.
+
+    Attributes:
+        root_m_per_s2: of the body's place [m/s²].
+        root_rad_per_s2: of its orientation [rad/s²].
+        angle_rad_per_s2: of a joint [rad/s²].
+        turn_rad_per_s: of a limb about itself, which hardly shows where it is straight: not the acceleration, the speed
+            [rad/s].
+    """
+
+    root_m_per_s2: float = 20.0
+    root_rad_per_s2: float = 150.0
+    angle_rad_per_s2: float = 150.0
+    turn_rad_per_s: float = 3.0
+
+    def __post_init__(self) -> None:
+        for name in ("root_m_per_s2", "root_rad_per_s2", "angle_rad_per_s2", "turn_rad_per_s"):
+            check(0 < getattr(self, name) < np.inf, name, getattr(self, name), "above 0")
+
+    def penalty(self, since_s: float, before_s: float) -> JitterPenalty:
+        """For a frame ``since_s`` after the last, which was ``before_s`` after the one before [s]."""
+        f = 2.0 / (since_s * (since_s + before_s))
+        return JitterPenalty(f / self.root_m_per_s2, f / self.root_rad_per_s2, f / self.angle_rad_per_s2)
+
+
+@dataclass(frozen=True)
+class SilhouetteSettings:
+    """The settings of every stage.
+
+    Attributes:
+        steadiness: the penalty on jitter; None: there is none.
+        region: how an image is segmented, for samples of two pixels.
+        closer: the same where the body is nearly where it should be: the last time that a frame is segmented.
+        background: how what is behind people is learnt; None: it is not, as where cameras move.
+        limbs: how a limb that went astray is looked for; None: it is not.
+        correspondences: how outlines are brought together.
+        step_px: images are looked at in squares of so many pixels; 0: so that a body is about 200 of them high.
+        margin_steps: how far from where the body is expected its outline is looked for.
+        rounds: how often a pose is fitted to a frame; once less where the first time did not move the body.
+        segmented: in how many of these rounds, the first ones, the images are segmented; once where that did not move
+            the body.
+        expected_steps: a body that is so near to where it was expected, in samples, is as expected.
+        usual_per_rad: how little angles that nothing shows stray from the resting pose [1/rad].
+        unlike: a camera of whose background more than this share of what usually is as it was is not, shows something
+            else.
+        something_else_s: after so long it is taken for a new background: the light changed, or the camera moved [s].
+    """
+
+    steadiness: Steadiness | None = field(default_factory=Steadiness)
+    region: RegionSettings = field(default_factory=lambda: RegionSettings(band_px=16.0, length_weight=3.0))
+    closer: RegionSettings = field(
+        default_factory=lambda: RegionSettings(prior_weight=0.2, band_px=8.0, window_px=16.0, length_weight=3.0)
+    )
+    background: MemorySettings | None = field(default_factory=MemorySettings)
+    limbs: LimbSearchSettings | None = field(default_factory=LimbSearchSettings)
+    correspondences: CorrespondenceSettings = field(default_factory=CorrespondenceSettings)
+    step_px: int = 0
+    margin_steps: int = 12
+    rounds: int = 3
+    segmented: int = 2
+    expected_steps: float = 1.0
+    usual_per_rad: float = 3.0
+    unlike: float = 0.2
+    something_else_s: float = 0.5
+
+    def __post_init__(self) -> None:
+        check(self.step_px >= 0, "step_px", self.step_px, "0 or more")
+        check(2 <= self.margin_steps <= 100, "margin_steps", self.margin_steps, "2 to 100")
+        check(self.rounds >= 1, "rounds", self.rounds, "1 or more")
+        check(1 <= self.segmented <= self.rounds, "segmented", self.segmented, f"1 to {self.rounds}")
+        check(self.expected_steps >= 0, "expected_steps", self.expected_steps, "0 or more")
+        check(self.usual_per_rad >= 0, "usual_per_rad", self.usual_per_rad, "0 or more")
+        check(0 < self.unlike <= 1, "unlike", self.unlike, "above 0 and at most 1")
+        check(self.something_else_s > 0, "something_else_s", self.something_else_s, "above 0 s")
