@@ -234,6 +234,7 @@ def test_what_cannot_be_done_live_is_one_line(films):
         (("c1=camera:0", "--empty-room", "2", "--background", "c1"), "--empty-room and --background are both given"),
         (("c1", "--empty-room", "2", "--hz", "10"), "--empty-room is of live cameras"),
         (("c1", "--seconds", "2", "--hz", "10"), "--seconds is of live cameras"),
+        (("c1", "--fourcc", "MJPG", "--hz", "10"), "--fourcc is of live cameras"),
         (("c1=no.avi", "--live"), "no.avi: is not there"),
         (("c1", "--live", "--hz", "20", "--empty-room", "1"), "no camera gives a picture any more"),
         (("c1=c1", "--live", "--other-size", "half"), "--other-size is 'half'"),

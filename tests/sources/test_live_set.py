@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from functools import partial
 from itertools import islice, pairwise
 
 import cv2
@@ -14,6 +15,8 @@ from programs import wait_until
 from silhouette_pictures import ring, write_folders
 
 import mocapella.sources.live_set as module
+import mocapella.sources.open_pictures as opening
+from mocapella.cli.silhouette_live import LiveWishes, open_live
 from mocapella.errors import InputError, SettingsError
 from mocapella.sources.acquisition import AcquisitionSettings
 from mocapella.sources.capture_camera import CaptureCamera
@@ -233,3 +236,13 @@ def test_films_begin_with_the_first_frame_and_end_together(tmp_path):
     assert {int(image[0, 0, 0]) for image in found[0].images.values()} == {10}
     for one in found:
         assert len({int(image[0, 0, 0]) for image in one.images.values()}) == 1  # of one instant
+
+
+def test_the_command_asks_cameras_for_the_calibrations_size_and_takes_what_is_expected(monkeypatch):
+    for other_size, size in ((None, SIZE), ("scale", (128, 96))):
+        device = FakeDevice((128, 96), fps=100.0)
+        monkeypatch.setattr(opening, "CaptureCamera", partial(CaptureCamera, open_capture=device.open))
+        with open_live(LiveWishes({"C1": "camera:0"}, hz=15.0, other_size=other_size, fourcc="MJPG"), RIG) as live:
+            assert live.described() == {"c1": {"source": "camera:0", "size_px": list(size)}}
+        assert device.values[cv2.CAP_PROP_FPS] == 15.0
+        assert device.values[cv2.CAP_PROP_FOURCC] == cv2.VideoWriter_fourcc(*"MJPG")

@@ -48,6 +48,7 @@ class LiveWishes:
     as_live: bool = False
     hz: float | None = None
     other_size: str | None = None
+    fourcc: str | None = None
     empty_room_s: float | None = None
     seconds: float | None = None
     frames: str | None = None
@@ -72,6 +73,8 @@ class LiveWishes:
             raise SettingsError("--empty-room is of live cameras; of videos give --background, or --live")
         if not self.live and self.seconds is not None:
             raise SettingsError("--seconds is of live cameras; of videos --frames says which are used, or give --live")
+        if not self.live and self.fourcc is not None:
+            raise SettingsError("--fourcc is of live cameras; leave it out")
         if self.empty_room_s is not None:
             within = 0 < self.empty_room_s <= LONGEST_EMPTY_S
             check(within, "--empty-room", self.empty_room_s, f"above 0, at most {LONGEST_EMPTY_S:g} s")
@@ -80,17 +83,21 @@ class LiveWishes:
 
 
 def open_live(wishes: LiveWishes, rig: CameraRig) -> LiveSet:
-    """The cameras, opened.
+    """The cameras, opened, and asked for pictures as they were calibrated for, unless others are expected.
 
     Raises:
         SettingsError, InputError: one cannot be opened, or not together with the others.
     """
+    from mocapella.model.point_tracks import match_cameras
     from mocapella.sources.camera_controls import CameraWishes
     from mocapella.sources.live_set import LiveSet
     from mocapella.sources.open_pictures import open_pictures
 
-    asked = CameraWishes(fps=wishes.hz)
-    sources = {name: open_pictures(text, asked) for name, text in wishes.sources.items()}
+    sources = {}
+    for name, text in wishes.sources.items():
+        (called,) = match_cameras([name], rig.cameras, file=text)
+        size = rig.cameras[called].camera.size_px if wishes.other_size is None else None
+        sources[name] = open_pictures(text, CameraWishes(size, wishes.hz, wishes.fourcc))
     return LiveSet(sources, rig, other_size=wishes.other_size)
 
 

@@ -29,6 +29,7 @@ from mocapella.cli.common import (
     working,
     write_json,
 )
+from mocapella.cli.markers import Fourcc
 from mocapella.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ if TYPE_CHECKING:
 
 @app.command()
 def silhouettes(
-    videos: Annotated[
+    sources: Annotated[
         list[str] | None,
         typer.Argument(
             metavar="[NAME=]SOURCE…",
@@ -120,6 +121,7 @@ def silhouettes(
         ),
     ] = None,
     seconds: Seconds = None,
+    fourcc: Fourcc = None,
     no_steadiness: Annotated[
         bool, typer.Option("--no-steadiness", help="Fit every frame for itself: without the penalty on jitter.")
     ] = False,
@@ -161,7 +163,9 @@ def silhouettes(
     from mocapella.recording.followed_bodies import read_followed_people
     from mocapella.sources.video import parse_frames
 
-    live_wishes = LiveWishes(_inputs(videos, hz), live, hz, other_size, empty_room, seconds, frames, background or ())
+    live_wishes = LiveWishes(
+        _inputs(sources, hz), live, hz, other_size, fourcc, empty_room, seconds, frames, background or ()
+    )
     live_wishes.verify()
     wanted = parse_frames(frames)
     earlier = None if beside is None else read_followed_people(beside)
