@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from silhouette_pictures import pose_at, somebody
 from typer.testing import CliRunner
 
 from mocapella.cli import evaluate_silhouettes  # noqa: F401  (it registers)
@@ -28,10 +29,12 @@ from mocapella.evaluation.silhouette_runs import (
     with_penalty,
 )
 from mocapella.evaluation.silhouettes import Movement, score
-from mocapella.model.twist_tree import TreePose
+from mocapella.model.twist_tree import TreePose, motions
 from mocapella.sources.simulate.corruption import Corruption
 from mocapella.sources.simulate.silhouette_scene import silhouette_scene
+from mocapella.tracker.silhouette_body import SilhouetteBody
 from mocapella.tracker.silhouette_settings import SilhouetteSettings, Steadiness
+from mocapella.tracker.steady_skin import SteadySkin
 
 SMALL = {"seed": 3, "cameras": 3, "size_px": (160, 120)}
 
@@ -94,9 +97,17 @@ def test_a_weight_times_a_cost_is_that_of_the_penalty() -> None:
     usual, fourfold = SilhouetteSettings().steadiness, with_penalty(4.0).steadiness
     assert usual is not None
     assert fourfold is not None
-    one, four = usual.penalty(1 / 60, 1 / 60), fourfold.penalty(1 / 60, 1 / 60)
+    one, four = usual.penalty(3600.0), fourfold.penalty(3600.0)
     for name in ("root_per_m", "root_per_rad", "angle_per_rad"):  # costs have their squares
         assert getattr(four, name) ** 2 == pytest.approx(4 * getattr(one, name) ** 2)
+    body = SilhouetteBody(somebody())
+    stands = body.standing(pose_at(body.mesh))
+    weights = []
+    for steadiness in (usual, fourfold):
+        skin = SteadySkin(body, steadiness)
+        skin.expect(stands, 1 / 60, 3600.0)
+        weights.append(skin.steady(stands, motions(body.mesh.tree, stands.pose)).weights)
+    np.testing.assert_allclose(weights[1], 4.0 * weights[0])
     assert with_penalty(1.0) == SilhouetteSettings()
     assert with_penalty(0.0).steadiness is None
     assert with_penalty(1.0, replace(SilhouetteSettings(), rounds=5, steadiness=Steadiness(1, 2, 3))).rounds == 5

@@ -117,11 +117,7 @@ def with_penalty(weight: float, settings: SilhouetteSettings | None = None) -> S
     usual = settings.steadiness or Steadiness()
     if weight == 0:
         return replace(settings, steadiness=None)
-    s = np.sqrt(weight)  # accelerations are standard deviations: a cost has their inverse squares
-    steadiness = Steadiness(
-        usual.root_m_per_s2 / s, usual.root_rad_per_s2 / s, usual.angle_rad_per_s2 / s, usual.turn_rad_per_s / s
-    )
-    return replace(settings, steadiness=steadiness)
+    return replace(settings, steadiness=usual.times(weight))
 
 
 def follow(

@@ -14,6 +14,9 @@ from mocapella.model.twist_tree import TreePose, motions
 
 Float64 = NDArray[np.float64]
 
+SKIN_POINTS = 6
+"""So many of each part stand for its skin."""
+
 
 class Standing(msgspec.Struct, frozen=True, eq=False):
     """Where a body is in a pose: its vertices (n, 3) and landmarks (m, 3) [m]."""
@@ -31,6 +34,7 @@ class SilhouetteBody:
         figure: what its outline is made from.
         balls: its joints of three axes.
         solid: what must not be in each other.
+        skin: (k,) vertices spread over its parts.
     """
 
     def __init__(self, mesh: RiggedMesh) -> None:
@@ -42,6 +46,12 @@ class SilhouetteBody:
             np.array([[mark.part] for mark in marks], np.int32).reshape(count, 1),
             np.ones((count, 1)),
         )
+        chosen = [
+            some[np.unique(np.linspace(0, len(some) - 1, SKIN_POINTS).astype(int))]
+            for some in (np.flatnonzero(self.figure.part == part) for part in range(len(mesh.tree.parents)))
+            if len(some)
+        ]
+        self.skin = np.concatenate(chosen) if chosen else np.empty(0, np.int64)
         self._stood: Standing | None = None
 
     def standing(self, pose: TreePose) -> Standing:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -18,7 +18,14 @@ from mocapella.settings import check
 class Steadiness:
     """The penalty on jitter, as the accelerations that people have: what is more costs.
 
+    Most of it is on points of the skin: what images hardly say of a body, such as how its pelvis is turned in it,
+    hardly moves its skin either, so that it is held neither more nor less than what they say clearly. Who moves fast,
+    or was just accelerated, may be accelerated more.
+
     Attributes:
+        point_m_per_s2: of a point of the skin that has not moved [m/s²] …
+        point_per_s: … and so much for its speed [1/s] …
+        point_per_past: … and so many times as much as it was accelerated lately.
         root_m_per_s2: of the body's place [m/s²].
         root_rad_per_s2: of its orientation [rad/s²].
         angle_rad_per_s2: of a joint [rad/s²].
@@ -26,19 +33,28 @@ class Steadiness:
             [rad/s].
     """
 
-    root_m_per_s2: float = 20.0
-    root_rad_per_s2: float = 150.0
-    angle_rad_per_s2: float = 150.0
+    point_m_per_s2: float = 20.0
+    point_per_s: float = 33.0
+    point_per_past: float = 3.3
+    root_m_per_s2: float = 30.0
+    root_rad_per_s2: float = 225.0
+    angle_rad_per_s2: float = 225.0
     turn_rad_per_s: float = 3.0
 
     def __post_init__(self) -> None:
-        for name in ("root_m_per_s2", "root_rad_per_s2", "angle_rad_per_s2", "turn_rad_per_s"):
+        for name in ("point_per_s", "point_per_past"):
+            check(0 <= getattr(self, name) < np.inf, name, getattr(self, name), "0 or more")
+        for name in ("point_m_per_s2", "root_m_per_s2", "root_rad_per_s2", "angle_rad_per_s2", "turn_rad_per_s"):
             check(0 < getattr(self, name) < np.inf, name, getattr(self, name), "above 0")
 
-    def penalty(self, since_s: float, before_s: float) -> JitterPenalty:
-        """For a frame ``since_s`` after the last, which was ``before_s`` after the one before [s]."""
-        f = 2.0 / (since_s * (since_s + before_s))
-        return JitterPenalty(f / self.root_m_per_s2, f / self.root_rad_per_s2, f / self.angle_rad_per_s2)
+    def penalty(self, per_s2: float) -> JitterPenalty:
+        """Where an acceleration of 1 brings the body away by 1 / ``per_s2``."""
+        return JitterPenalty(per_s2 / self.root_m_per_s2, per_s2 / self.root_rad_per_s2, per_s2 / self.angle_rad_per_s2)
+
+    def times(self, weight: float) -> Steadiness:
+        """The same penalty, so many times as strong; not 0."""
+        s = 1.0 / np.sqrt(weight)  # accelerations are standard deviations: a cost has their inverse squares
+        return Steadiness(**{one.name: float(s * getattr(self, one.name)) for one in fields(self)})
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from mocapella.errors import SettingsError
 from mocapella.geometry.signed_distance import signed_distance
 from mocapella.kinematics.contact import apart
 from mocapella.kinematics.silhouette_fit import Eye, eye, see
-from mocapella.kinematics.twist_fit import FitSettings, Prior, fit
+from mocapella.kinematics.twist_fit import Constraints, FitSettings, Prior, fit
 from mocapella.kinematics.twist_prediction import predicted, smoothness
 from mocapella.model.camera import CameraRig
 from mocapella.model.rigged_mesh import RiggedMesh, posed
@@ -31,7 +31,8 @@ from mocapella.model.twist_tree import TreePose, motions
 from mocapella.sensing.dead_images import DeadImages
 from mocapella.tracker.silhouette_body import SilhouetteBody
 from mocapella.tracker.silhouette_camera import USUAL_STEP_PX, SeenIn, SilhouetteCamera
-from mocapella.tracker.silhouette_settings import SilhouetteSettings
+from mocapella.tracker.silhouette_settings import SilhouetteSettings, Steadiness
+from mocapella.tracker.steady_skin import SteadySkin
 from mocapella.tracker.stray_limbs import StrayLimbs, with_angles
 
 Float64 = NDArray[np.float64]
@@ -100,6 +101,7 @@ class SilhouetteTracker:
             SettingsError: no camera sees it there.
         """
         self._past, self._missed, self._as_expected = [(time_ns, pose)], False, False
+        self._skin = SteadySkin(self.body, self.settings.steadiness or Steadiness())
         vertices, s = self.body.standing(pose).vertices, self.settings
         steps = {name: camera.step_px for name, camera in self._cameras.items()}
         for name, by in self.eyes.items():
@@ -182,6 +184,7 @@ class SilhouetteTracker:
             # Where it was thought to be before the first frame was rough: it is at rest, until it is seen to move.
             last_ns, last = self._past[-1]
             self._past = [(last_ns, pose if first else last), (time_ns, pose)]
+            self._skin.learn(stands)
         self._missed = not seen
         return Followed(time_ns, pose, stands.landmarks, seen, left_out)
 
@@ -208,7 +211,7 @@ class SilhouetteTracker:
                 camera.wide = wide and number < rounds // 2
             stands, local = self.body.standing(pose), self.body.local(pose)
             moved = motions(local.tree, local.at)
-            given = []
+            given: list[Constraints] = []
             for name, image in images.items():
                 camera = self._cameras[name]
                 if not camera.look(self.body.figure, stands.vertices, s):
@@ -217,6 +220,8 @@ class SilhouetteTracker:
                     camera.segment(image, others.get(name), near=near or number == segmented - 1)
                 if camera.segmented:
                     given.append(camera.planes(moved))
+            if given and steady:
+                given.append(self._skin.steady(stands, moved))
             given.append(apart(self.body.solid, stands.landmarks, moved))
             # What nobody sees goes on as it did, not to where it usually is.
             local_priors = [local.into_prior(one) for one in steady] + (
@@ -285,8 +290,10 @@ class SilhouetteTracker:
         if s.steadiness is None or len(self._past) < 2:
             return usual, ()
         (before_ns, _), (last_ns, last) = self._past
-        since_s = (time_ns - last_ns) / NS_PER_S
-        penalty = s.steadiness.penalty(since_s, (last_ns - before_ns) / NS_PER_S)
+        since_s, before_s = (time_ns - last_ns) / NS_PER_S, (last_ns - before_ns) / NS_PER_S
+        per_s2 = 2.0 / (since_s * (since_s + before_s))
+        self._skin.expect(self.body.standing(expected), since_s, per_s2)
+        penalty = s.steadiness.penalty(per_s2)
         turns = np.zeros(len(self._usual))
         turns[self.body.balls.first + 2] = 1.0 / (s.steadiness.turn_rad_per_s * since_s)
         return usual, (smoothness(self.mesh.tree, expected, penalty), Prior(last, 0.0, 0.0, turns))
