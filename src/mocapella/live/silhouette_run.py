@@ -115,6 +115,7 @@ class _Person:
         self.well: Followed | None = None
         self.waits: tuple[TreePose, dict[str, Silhouette]] | None = None
         self.whole_in = 0
+        self.placed = True
 
     def start(self, found: Followed, whole_in: int) -> None:
         """It is there; all of it is in the images of so many cameras."""
@@ -227,14 +228,15 @@ class SilhouetteRun:
         """Whether somebody is seen who is meant, and so well that the body can wait there.
 
         Where it waits, two cameras have seen it; one alone would soon take anything for it. Of who comes back all has
-        to be there, if it ever was: legs alone are soon lost again.
+        to be there, if it ever was, and where the empty room says that somebody is: legs alone are soon lost again.
         """
         person, enough, others = self._people[name], min(2, len(self.rig.cameras)), self.tracker.others[name]
         good = sum(self._sees(one, images[k], k, others.get(k)) for k, one in found.seen.items())
         whole = self._whole_in(found.landmarks, found.seen)
         if good >= enough and not person.lost and whole >= enough:
             person.well, person.whole_in = found, whole
-        if (good >= enough and whole >= min(enough, person.whole_in)) if person.lost else good >= 1:
+        again = good >= enough and whole >= min(enough, person.whole_in) and person.placed
+        if again if person.lost else good >= 1:
             person.seen_ns = found.time_ns
 
     def _learn_empty(self, found: Mapping[str, Followed], images: Mapping[str, UInt8]) -> None:
@@ -267,6 +269,8 @@ class SilhouetteRun:
         }
         seen = {camera: thing for camera, thing in things.items() if thing is not None}
         there = place_again(seen, tracker.body, person.well.pose, tracker.eyes)
+        known = [camera for camera in self.rig.cameras if self.empty.knows(camera)]
+        person.placed = there is not None or len(known) < min(2, len(self.rig.cameras))
         self.tracker.start(name, there or person.well.pose, found.time_ns)
         return msgspec.structs.replace(found, pose=person.well.pose, landmarks=person.well.landmarks), True
 

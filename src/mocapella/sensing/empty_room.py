@@ -47,6 +47,10 @@ class EmptyRoom:
                 self._images[name][free] = image[free]
                 self._known[name] |= free
 
+    def knows(self, name: str) -> bool:
+        """Whether an image of that camera has been seen with nobody in it."""
+        return name in self._images
+
     def differs(self, name: str, image: UInt8, taken: Silhouette, others: Bool | None = None) -> float:
         """Share of what was taken for a body that is not as in the empty room; NaN where most of that was never seen.
 

@@ -29,7 +29,7 @@ FEWEST: Final = 8
 """A thing of fewer samples is none."""
 MEETING_M: Final = 0.4
 """Cameras see one thing if its middles' lines of sight are so near to each other [m]: some see only a part of it."""
-COVERED: Final = 0.35
+COVERED: Final = 0.45
 """Share of what is covered or seen, in the mean of the cameras, that is both; below, it is something else."""
 TURNS_RAD: Final = tuple(np.radians(range(45, 360, 45)).tolist())
 """About the body's own axis, of the way it stood."""

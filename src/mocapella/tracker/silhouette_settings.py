@@ -73,7 +73,8 @@ class SilhouetteSettings:
         rounds: how often a pose is fitted to a frame; once less where the first time did not move the body.
         segmented: in how many of these rounds, the first ones, the images are segmented; once where that did not move
             the body.
-        expected_steps: a body that is so near to where it was expected, in samples, is as expected.
+        expected_steps: a body that is so near to where it was expected, in samples, is looked for as `closer` says.
+        settled_steps: the first round has moved it where it has moved it farther.
         usual_per_rad: how little angles that nothing shows stray from the resting pose [1/rad].
         unlike: a camera of whose background more than this share of what usually is as it was is not, shows something
             else.
@@ -93,6 +94,7 @@ class SilhouetteSettings:
     rounds: int = 3
     segmented: int = 2
     expected_steps: float = 1.0
+    settled_steps: float = 2.0
     usual_per_rad: float = 3.0
     unlike: float = 0.2
     something_else_s: float = 0.5
@@ -103,6 +105,7 @@ class SilhouetteSettings:
         check(self.rounds >= 1, "rounds", self.rounds, "1 or more")
         check(1 <= self.segmented <= self.rounds, "segmented", self.segmented, f"1 to {self.rounds}")
         check(self.expected_steps >= 0, "expected_steps", self.expected_steps, "0 or more")
+        check(self.settled_steps >= 0, "settled_steps", self.settled_steps, "0 or more")
         check(self.usual_per_rad >= 0, "usual_per_rad", self.usual_per_rad, "0 or more")
         check(0 < self.unlike <= 1, "unlike", self.unlike, "above 0 and at most 1")
         check(self.something_else_s > 0, "something_else_s", self.something_else_s, "above 0 s")

@@ -175,7 +175,7 @@ class SilhouetteTracker:
             priors = self._priors(with_angles(expected, joints, pose.angles), time_ns)
             pose = self._fitted(usable, others, pose, priors=priors, rounds=s.rounds, segmented=s.segmented)
         stands, seen = self.body.standing(pose), {}
-        self._as_expected = self._near(expected_at, stands.vertices)
+        self._as_expected = self._near(expected_at, stands.vertices, s.expected_steps)
         for name, camera in self._segmented().items():
             if camera.look(self.body.figure, stands.vertices, s):
                 seen[name] = camera.seen()
@@ -204,7 +204,11 @@ class SilhouetteTracker:
         near, looked = self._as_expected and segmented == s.segmented, self.body.standing(pose).vertices
         number = -1
         while (number := number + 1) < rounds:
-            if number == 1 and segmented == s.segmented and self._near(looked, self.body.standing(pose).vertices):
+            if (
+                number == 1
+                and segmented == s.segmented
+                and self._near(looked, self.body.standing(pose).vertices, s.settled_steps)
+            ):
                 segmented, rounds = 1, max(rounds - 1, 2)
             again = number < segmented
             for camera in self._cameras.values():
@@ -234,11 +238,11 @@ class SilhouetteTracker:
         """Cameras in whose images of this frame the body was looked for, and is."""
         return {name: camera for name, camera in self._cameras.items() if camera.segmented}
 
-    def _near(self, these: Float64, those: Float64) -> bool:
-        """Whether vertices are about as far as samples are apart, of what was segmented."""
+    def _near(self, these: Float64, those: Float64, steps: float) -> bool:
+        """Whether vertices are no farther from each other than so many samples, of what was segmented."""
         away_m = float(np.sqrt(((these - those) ** 2).sum(axis=1).max()))
         nearest_m = min((camera.sample_m for camera in self._segmented().values()), default=0.0)
-        return away_m <= self.settings.expected_steps * nearest_m
+        return away_m <= steps * nearest_m
 
     def covered(self, pose: TreePose, grown_px: int = 0) -> dict[str, Bool]:
         """(height, width) by camera: what the body covers in a pose, and so much around it."""

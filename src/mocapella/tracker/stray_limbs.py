@@ -34,8 +34,6 @@ Bool = NDArray[np.bool_]
 
 FEWEST_CAMERAS = 2
 """One camera's word is not enough."""
-DOUBTED = 0.75
-"""Of the share of the room from which on a limb is looked for: from here on it is doubtful."""
 EVERY_LIMB = 6
 """After so many frames the next limb is looked for, even if nothing speaks against where it is."""
 LOOSE = 1e-3
@@ -124,7 +122,7 @@ class StrayLimbs:
         points, against = stands.vertices[self._points], np.zeros(len(self._points))
         for name, camera in seeing.items():
             against += camera.against(images[name], points)
-        found, most = set(), DOUBTED * self._settings.against * len(seeing)
+        found, most = set(), self._settings.against * len(seeing)
         for k, limb in enumerate(self._limbs):
             begin, end = self._points_from[k : k + 2]
             room = bool(seeing) and against[begin:end].sum() > most * (end - begin)
