@@ -107,7 +107,7 @@ def localise(parents, joint_parts, parts, first, axes, centres, angles, turned_b
         turned_by: (n, 9) written: how they turned.
         new_axes: (n, 3, 3) written: about which they turn now.
         twists: (joints, 6) changed: of ball joints, and of all that hangs on them.
-        limits: (joints, 2) changed: ball joints have none, but for the turn about the limb.
+        limits: (joints, 2) changed: ball joints have none.
     """
     moved = np.zeros((len(parents), 12))  # rotation, then translation, of each part's new rest from its old one
     for p in range(len(parents)):

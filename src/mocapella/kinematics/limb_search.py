@@ -147,7 +147,7 @@ class Evidence(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         eye: the camera.
         origin_px, step_px: of the map: its sample (row, column) is the image's point origin + step·(column, row).
-        strange: (rows, columns) 1: somebody, −1: the room, 0: not known.
+        strange: (rows, columns) from 1, somebody, to −1, the room; 0: not known.
     """
 
     eye: Eye
@@ -210,15 +210,16 @@ def worth(
         evidence: of `without`, by camera.
         angles: (n, m) of the limb's joints in the local tree [rad].
     """
-    vertices, ends = places
-    counts, depth, k = np.zeros((len(angles), 2)), np.zeros(len(angles)), _kernels()
+    (vertices, ends), k, n = places, _kernels(), len(angles)
     common = (*local.tree.arrays, local.at.T_world_model, local.at.angles, limb.joints, angles)
+    at, ends_at = np.empty((n, len(limb.vertices), 3)), np.empty((n, *ends.shape))
+    k.places(*common, limb.part, vertices[limb.vertices], at)
+    k.places(*common, np.repeat(limb.capsules.part, 2), ends.reshape(-1, 3), ends_at.reshape(n, -1, 3))
+    counts, depth = np.zeros((n, 2)), np.empty(n)
     for one in evidence:
-        k.add_worth(
-            *common, limb.part, vertices[limb.vertices], one.eye.T_camera_world, one.eye.lens, one.eye.farthest_r2,
-            one.strange, *one.origin_px, one.step_px, counts,
-        )  # fmt: skip
-    k.depths(*common, limb.capsules.part, ends, limb.capsules.radii, limb.pairs, depth)
+        by = one.eye
+        k.add_worth(at, by.T_camera_world, by.lens, by.farthest_r2, one.strange, *one.origin_px, one.step_px, counts)
+    k.depths(ends_at, limb.capsules.radii, limb.pairs, depth)
     counts /= max(len(evidence) * len(limb.vertices), 1)
     return counts[:, 0], counts[:, 1], depth
 

@@ -12,25 +12,19 @@ from mocapella.kinematics.contact_kernels import depth
 
 
 @njit(cache=True)
-def add_worth(
-    parents, joint_parts, twists, T, angles, joints, tried, part, points, T_camera_world, lens, farthest_r2, strange,
-    x0, y0, step, worth,
-):  # fmt: skip
-    """Add to worth (n, 2) what one camera shows at the points of each pose.
+def places(parents, joint_parts, twists, T, angles, joints, tried, part, points, at):
+    """Write where points are in each pose that is tried.
 
     Args:
         parents, joint_parts, twists: of `TwistTree`.
         T, angles: (4, 4), (joints,) where the body is.
         joints, tried: (m,) which joints, (n, m) what is tried for them [rad].
         part, points: (p,) and (p, 3) of which part, and where they are now [m].
-        T_camera_world, lens, farthest_r2: of the camera.
-        strange, x0, y0, step: of `Evidence`.
-        worth: (n, 2) what speaks for it and what against it is added to.
+        at: (n, p, 3) written [m].
     """
     origin, n = np.zeros(3), len(points)
     R, t = np.empty((len(parents), 9)), np.empty((len(parents), 3))
-    xi = np.empty((len(joint_parts), 6))
-    rest, at, pixels, depth = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 2)), np.empty(n)
+    xi, rest = np.empty((len(joint_parts), 6)), np.empty((n, 3))
     now = angles.copy()
     forward(parents, joint_parts, twists, T, now, origin, R, t, xi)
     for i in range(n):
@@ -38,7 +32,6 @@ def add_worth(
         a, b, c = points[i, 0] - o[0], points[i, 1] - o[1], points[i, 2] - o[2]
         for d in range(3):
             rest[i, d] = A[d] * a + A[3 + d] * b + A[6 + d] * c
-    rows, columns = strange.shape
     for k in range(len(tried)):
         for j in range(len(joints)):
             now[joints[j]] = tried[k, j]
@@ -46,9 +39,25 @@ def add_worth(
         for i in range(n):
             A, o = R[part[i]], t[part[i]]
             for d in range(3):
-                at[i, d] = A[3 * d] * rest[i, 0] + A[3 * d + 1] * rest[i, 1] + A[3 * d + 2] * rest[i, 2] + o[d]
-        see(at, T_camera_world, lens, farthest_r2, pixels, depth)
-        for i in range(n):
+                at[k, i, d] = A[3 * d] * rest[i, 0] + A[3 * d + 1] * rest[i, 1] + A[3 * d + 2] * rest[i, 2] + o[d]
+
+
+@njit(cache=True)
+def add_worth(at, T_camera_world, lens, farthest_r2, strange, x0, y0, step, worth):
+    """Add to worth (n, 2) what one camera shows at the points of each pose, for it and against it.
+
+    Args:
+        at: (n, p, 3) of `places`.
+        T_camera_world, lens, farthest_r2: of the camera.
+        strange, x0, y0, step: of `Evidence`.
+        worth: what is added to.
+    """
+    count = at.shape[1]
+    pixels, depth = np.empty((count, 2)), np.empty(count)
+    rows, columns = strange.shape
+    for k in range(len(at)):
+        see(at[k], T_camera_world, lens, farthest_r2, pixels, depth)
+        for i in range(count):
             if depth[i] > 0.0:
                 row, column = round((pixels[i, 1] - y0) / step), round((pixels[i, 0] - x0) / step)
                 if 0 <= row < rows and 0 <= column < columns:
@@ -88,34 +97,12 @@ def only_lasting(before, rows_on, columns_on, reach, strange):
 
 
 @njit(cache=True)
-def depths(parents, joint_parts, twists, T, angles, joints, tried, part, ends, radii, pairs, deep):
-    """Write how deep the limbs of ``pairs`` (q, 2) are in each other, all together, (n,) [m] for each pose tried.
+def depths(ends, radii, pairs, deep):
+    """Write how deep the limbs of ``pairs`` (q, 2) are in each other, all together, (n,) [m] for each pose.
 
     Args:
-        parents, joint_parts, twists, T, angles, joints, tried: of `add_worth`.
-        part, ends, radii: of `contact.Capsules`, the ends (c, 2, 3) where they are now [m].
-        deep: written.
+        ends: (n, c, 2, 3) of the capsules' axes.
+        radii: (c,) of these.
     """
-    origin, n = np.zeros(3), len(part)
-    R, t = np.empty((len(parents), 9)), np.empty((len(parents), 3))
-    xi = np.empty((len(joint_parts), 6))
-    rest, at = np.empty((n, 2, 3)), np.empty((n, 2, 3))
-    now = angles.copy()
-    forward(parents, joint_parts, twists, T, now, origin, R, t, xi)
-    for i in range(n):
-        A, o = R[part[i]], t[part[i]]
-        for e in range(2):
-            a, b, c = ends[i, e, 0] - o[0], ends[i, e, 1] - o[1], ends[i, e, 2] - o[2]
-            for d in range(3):
-                rest[i, e, d] = A[d] * a + A[3 + d] * b + A[6 + d] * c
-    for k in range(len(tried)):
-        for j in range(len(joints)):
-            now[joints[j]] = tried[k, j]
-        forward(parents, joint_parts, twists, T, now, origin, R, t, xi)
-        for i in range(n):
-            A, o = R[part[i]], t[part[i]]
-            for e in range(2):
-                x, y, z = rest[i, e, 0], rest[i, e, 1], rest[i, e, 2]
-                for d in range(3):
-                    at[i, e, d] = A[3 * d] * x + A[3 * d + 1] * y + A[3 * d + 2] * z + o[d]
-        deep[k] = depth(at, radii, pairs)
+    for k in range(len(ends)):
+        deep[k] = depth(ends[k], radii, pairs)

@@ -142,9 +142,9 @@ class BackgroundMemory:
         return differ / known if known else float("nan")
 
     def strange(self, image: UInt8, window: Silhouette, every: int) -> Float32:
-        """What is not as it was, at every so manieth sample of a window: 1 where somebody is, −1 the room, 0 not known.
+        """What is not as it was, at every so manieth sample of a window: from 1, somebody, to −1, the room; 0: unknown.
 
-        Each is what most of five samples say. Arguments and errors as of `update`.
+        Each is the mean of what five samples about it say. Arguments and errors as of `update`.
         """
         image, (left, top), phi = self._door(image, window)
         rows, columns = -(-phi.shape[0] // every), -(-phi.shape[1] // every)
