@@ -13,7 +13,7 @@ from mocapella.errors import SettingsError
 from mocapella.geometry.rigid import rigid
 from mocapella.geometry.twists import exp_twist, log_motion
 from mocapella.kinematics.twist_fit import FitSettings, fit, normal_equations
-from mocapella.kinematics.twist_prediction import JitterPenalty, predicted, smoothness
+from mocapella.kinematics.twist_prediction import JitterPenalty, looser, predicted, smoothness
 from mocapella.model.twist_tree import TreePose
 
 Float64 = NDArray[np.float64]
@@ -185,3 +185,13 @@ def test_the_penalty_takes_jitter_out_of_a_noisy_motion_and_leaves_the_motion() 
 def test_weights_are_checked(name: str, value: float) -> None:
     with pytest.raises(SettingsError, match=name):
         JitterPenalty(**({"root_per_m": 1.0, "root_per_rad": 1.0, "angle_per_rad": 1.0} | {name: value}))
+
+
+def test_looser_is_a_penalty_of_larger_accelerations() -> None:
+    rng = np.random.default_rng(0)
+    model = trees.tree(rng)
+    expected = trees.pose(rng, model)
+    tight = smoothness(model, expected, JitterPenalty(3.0, 6.0, 9.0))
+    loose, wanted = looser(tight, 3.0), smoothness(model, expected, JitterPenalty(1.0, 2.0, 3.0))
+    assert (loose.root_per_m, loose.root_per_rad) == (wanted.root_per_m, wanted.root_per_rad)
+    np.testing.assert_allclose(loose.angles_per_rad, wanted.angles_per_rad)

@@ -156,7 +156,7 @@ def test_times_are_those_of_capture():
         run.step(FrameSet(k, round(1e9 * at_s), room.images(MESH, pose_at(MESH, 0.3 * at_s))))
     assert [row.time_s for row in run.rows[ALONE]] == times
     place = run.rows[ALONE][-1].pose(MESH.joint_names).T_world_model[:3, 3]
-    assert np.linalg.norm(place - [0.3 * times[-1], 0, 0]) < 0.03
+    assert np.linalg.norm(place - [0.3 * times[-1], 0, 0]) < 0.05  # a pixel is 2 cm
 
 
 @pytest.fixture(scope="module")

@@ -294,8 +294,25 @@ def test_what_is_added_to_accelerations_is_not_below_0(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["point_m_per_s2", "root_m_per_s2", "root_rad_per_s2", "angle_rad_per_s2", "turn_rad_per_s"]
+    "name",
+    ["point_m_per_s2", "root_m_per_s2", "root_rad_per_s2", "angle_rad_per_s2", "beside_skin", "turn_rad_per_s"],
 )
 def test_accelerations_are_above_0(name: str) -> None:
     with pytest.raises(SettingsError, match=name):
         Steadiness(**{name: 0.0})
+
+
+@pytest.mark.parametrize("cameras", [1, 3])
+def test_of_one_camera_the_skin_is_not_held(cameras: int) -> None:
+    """All of it moves in depth, which one camera hardly shows."""
+    found = []
+    for most in (1e-3, 1e3):
+        tracker = SilhouetteTracker(
+            ROOM.mesh, ROOM.rig, SilhouetteSettings(steadiness=Steadiness(point_m_per_s2=most, point_per_s=0))
+        )
+        tracker.start(squat(0), -FRAME_NS)
+        for k in range(4):
+            images = dict(list(ROOM.images(squat(k), k).items())[:cameras])
+            last = tracker.update(images, k * FRAME_NS)
+        found.append(last.pose.angles)
+    assert np.array_equal(*found) == (cameras == 1)

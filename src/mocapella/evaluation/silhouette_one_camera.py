@@ -24,7 +24,7 @@ from mocapella.evaluation.silhouettes import Movement
 from mocapella.geometry.rigid import apply
 from mocapella.geometry.signed_distance import signed_distance
 from mocapella.kinematics.silhouette_fit import eye, see, touching
-from mocapella.kinematics.twist_fit import Constraints, Prior, normal_equations
+from mocapella.kinematics.twist_fit import Prior, normal_equations
 from mocapella.kinematics.twist_prediction import smoothness
 from mocapella.model.camera import CameraRig
 from mocapella.model.rigged_mesh import RiggedMesh
@@ -32,7 +32,6 @@ from mocapella.model.twist_tree import TreePose, part_motions
 from mocapella.sources.simulate.silhouette_scene import silhouette_scene
 from mocapella.tracker.silhouette_body import SilhouetteBody
 from mocapella.tracker.silhouette_settings import SilhouetteSettings
-from mocapella.tracker.steady_skin import SteadySkin
 
 Float64 = NDArray[np.float64]
 
@@ -165,7 +164,7 @@ def freedoms(mesh: RiggedMesh, pose: TreePose, rig: CameraRig, settings: Silhoue
     stands = body.standing(pose)
     T = part_motions(mesh.tree, pose)
     motions = np.ascontiguousarray(T[:, :3, :3]).reshape(-1, 9), np.ascontiguousarray(T[:, :3, 3])
-    given: list[Constraints] = []
+    given = []
     for placed in rig.cameras.values():
         by = eye(placed)
         seen = see(body.figure, stands.vertices, by, step_px=STEP_PX, margin_px=int(REACH_PX))
@@ -176,9 +175,6 @@ def freedoms(mesh: RiggedMesh, pose: TreePose, rig: CameraRig, settings: Silhoue
     resting = TreePose(pose.T_world_model, np.clip(0.0, *mesh.tree.limits.T))
     priors = [Prior(resting, 0.0, 0.0, np.full(len(pose.angles), settings.usual_per_rad))]
     if settings.steadiness is not None:
-        skin = SteadySkin(body, settings.steadiness)
-        skin.expect(stands, 1.0 / fps, fps**2)
-        given.append(skin.steady(stands, motions))
         priors.append(smoothness(mesh.tree, pose, settings.steadiness.penalty(fps**2)))
     sizes = np.linalg.eigvalsh(normal_equations(mesh.tree, pose, given, priors).H)
     with np.errstate(divide="ignore"):

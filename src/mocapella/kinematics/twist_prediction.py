@@ -49,6 +49,12 @@ def predicted(before: TreePose, last: TreePose, ratio: float = 1.0) -> TreePose:
     return TreePose(T @ onward, last.angles + ratio * (last.angles - before.angles))
 
 
+def looser(prior: Prior, times: float) -> Prior:
+    """The same with deviations that are so many times as large."""
+    per_m, per_rad = prior.root_per_m / times, prior.root_per_rad / times
+    return Prior(prior.pose, per_m, per_rad, np.asarray(prior.angles_per_rad) / times)
+
+
 def smoothness(tree: TwistTree, prediction: TreePose, penalty: JitterPenalty) -> Prior:
     """The penalty on a pose other than the predicted one, for `fit`."""
     every = np.full(len(tree.joint_parts), penalty.angle_per_rad)

@@ -29,22 +29,26 @@ class Steadiness:
         root_m_per_s2: of the body's place [m/s²].
         root_rad_per_s2: of its orientation [rad/s²].
         angle_rad_per_s2: of a joint [rad/s²].
+        beside_skin: so many times as much may these three be where the skin is held, too. Where one camera alone sees
+            the body it is not: how far away somebody is hardly shows there, and all of the skin moves with that.
         turn_rad_per_s: of a limb about itself, which hardly shows where it is straight: not the acceleration, the speed
             [rad/s].
     """
 
-    point_m_per_s2: float = 20.0
-    point_per_s: float = 33.0
-    point_per_past: float = 3.3
-    root_m_per_s2: float = 30.0
-    root_rad_per_s2: float = 225.0
-    angle_rad_per_s2: float = 225.0
+    point_m_per_s2: float = 28.0
+    point_per_s: float = 40.0
+    point_per_past: float = 4.0
+    root_m_per_s2: float = 20.0
+    root_rad_per_s2: float = 150.0
+    angle_rad_per_s2: float = 150.0
+    beside_skin: float = 1.5
     turn_rad_per_s: float = 3.0
 
     def __post_init__(self) -> None:
-        for name in ("point_per_s", "point_per_past"):
+        may_be_0 = ("point_per_s", "point_per_past")
+        for name in may_be_0:
             check(0 <= getattr(self, name) < np.inf, name, getattr(self, name), "0 or more")
-        for name in ("point_m_per_s2", "root_m_per_s2", "root_rad_per_s2", "angle_rad_per_s2", "turn_rad_per_s"):
+        for name in (one.name for one in fields(self) if one.name not in may_be_0):
             check(0 < getattr(self, name) < np.inf, name, getattr(self, name), "above 0")
 
     def penalty(self, per_s2: float) -> JitterPenalty:
@@ -54,7 +58,8 @@ class Steadiness:
     def times(self, weight: float) -> Steadiness:
         """The same penalty, so many times as strong; not 0."""
         s = 1.0 / np.sqrt(weight)  # accelerations are standard deviations: a cost has their inverse squares
-        return Steadiness(**{one.name: float(s * getattr(self, one.name)) for one in fields(self)})
+        times = {one.name: float(s * getattr(self, one.name)) for one in fields(self)}
+        return Steadiness(**{**times, "beside_skin": self.beside_skin})
 
 
 @dataclass(frozen=True)

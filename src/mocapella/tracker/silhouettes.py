@@ -23,7 +23,7 @@ from mocapella.geometry.signed_distance import signed_distance
 from mocapella.kinematics.contact import apart
 from mocapella.kinematics.silhouette_fit import Eye, eye, see
 from mocapella.kinematics.twist_fit import Constraints, FitSettings, Prior, fit
-from mocapella.kinematics.twist_prediction import predicted, smoothness
+from mocapella.kinematics.twist_prediction import looser, predicted, smoothness
 from mocapella.model.camera import CameraRig
 from mocapella.model.rigged_mesh import RiggedMesh, posed
 from mocapella.model.silhouettes import Silhouette
@@ -224,11 +224,13 @@ class SilhouetteTracker:
                     camera.segment(image, others.get(name), near=near or number == segmented - 1)
                 if camera.segmented:
                     given.append(camera.planes(moved))
-            if given and steady:
+            held = steady
+            if len(given) > 1 and s.steadiness is not None and steady:
+                held = (looser(steady[0], s.steadiness.beside_skin), *steady[1:])
                 given.append(self._skin.steady(stands, moved))
             given.append(apart(self.body.solid, stands.landmarks, moved))
             # What nobody sees goes on as it did, not to where it usually is.
-            local_priors = [local.into_prior(one) for one in steady] + (
+            local_priors = [local.into_prior(one) for one in held] + (
                 [local.into_usual(usual)] if len(given) > 1 else []
             )
             pose = local.back(fit(local.tree, local.at, given, local_priors, FitSettings(most_steps=3)).pose)
