@@ -107,12 +107,18 @@ def test_capture_is_arrival_and_rises() -> None:
 
 @linux_only
 def test_the_time_is_that_of_arrival_not_of_reading(monkeypatch: pytest.MonkeyPatch) -> None:
-    with cameras() as made:
+    def waited_ns(seconds: float) -> int:
+        """How long after a datagram was sent it is told to have come, if it waits for so long."""
         made.send(b"1,0;,")
         before_ns = marker_datagrams.time.monotonic_ns()
-        marker_datagrams.time.sleep(0.3)  # it waits meanwhile
+        marker_datagrams.time.sleep(seconds)
         (frame,) = made.poll()
-        assert frame.time_ns < before_ns + 150_000_000
+        return frame.time_ns - before_ns
+
+    with cameras() as made:
+        # Linux stamps what comes only a moment after it was asked to: on a busy machine the first may have no stamp.
+        assert any(waited_ns(0.05) < 25_000_000 for _ in range(100))
+        assert waited_ns(0.3) < 150_000_000
 
 
 def test_a_port_belongs_to_its_first_sender_until_that_is_silent() -> None:
