@@ -54,6 +54,21 @@ def test_what_moves_is_where_the_body_was_or_is():
         assert share == 1.0 if follows else share < 0.6
 
 
+def test_single_wrong_pixels_do_not_move():
+    """15 % of the pixels have random values, in every image others."""
+
+    def noisy(x):
+        out = image(x)
+        hit = RNG.random(out.shape[:2]) < 0.15
+        out[hit] = RNG.integers(0, 256, (np.count_nonzero(hit), 3), dtype=np.uint8)
+        return out
+
+    moved = MovedSince()
+    assert np.isnan(moved.at_body("a", noisy(10), shape(10)))
+    assert np.isnan(moved.at_body("a", noisy(10), shape(10)))
+    assert moved.at_body("a", noisy(40), shape(40)) > 0.85  # which is when a rig is not doubted
+
+
 def test_what_is_behind_somebody_is_learnt_once_they_are_elsewhere():
     room, somebody_there = EmptyRoom(), WALL.copy()
     left, right = shape(5), shape(60)

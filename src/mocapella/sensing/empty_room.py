@@ -26,6 +26,8 @@ FEWEST: Final = 0.2
 GROWN: Final = 0.1
 """Of a body's height: so much beside it may change with it, as its shadow does."""
 _STEP_PX: Final = 2
+_GRAIN: Final = 7
+"""Samples: what changes in less than half of a square of so many is noise."""
 
 
 class EmptyRoom:
@@ -113,7 +115,7 @@ class MovedSince:
             self._first[name] = image.copy(), mask
             return float("nan")
         before, was = self._first[name]
-        changed = _differ(image, before)
+        changed = cv2.medianBlur(_differ(image, before).astype(np.uint8), _GRAIN) > 0
         if np.count_nonzero(changed) < FEWEST * max(int(np.count_nonzero(mask)), 1):
             return float("nan")
         return float(_grown(mask | was, int(np.count_nonzero(mask.any(axis=1))))[changed].mean())
