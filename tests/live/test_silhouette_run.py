@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from silhouette_pictures import Room, pose_at, ring, silhouettes_of, somebody
 
+from mocapella.kinematics.silhouette_fit import eye, within
 from mocapella.live.silhouette_run import LOST_AFTER_S, NO_PICTURE, SAID_AFTER, SilhouetteRun
 from mocapella.model.camera import CameraRig
+from mocapella.model.rigged_mesh import landmarks_at
 from mocapella.recording.followed_bodies import ALONE
 from mocapella.sources.frame_set import FrameSet, time_of_frame
 
@@ -199,3 +201,12 @@ def test_where_it_waits_is_drawn_in_every_picture(waited):
         rim = cv2.dilate(mask, np.ones((5, 5))) > cv2.erode(mask, np.ones((5, 5)))
         assert np.count_nonzero(drawn) > 100
         assert np.count_nonzero(drawn & rim) > 0.95 * np.count_nonzero(drawn)
+
+
+def test_who_is_behind_a_camera_is_not_in_its_image():
+    """Lines of sight go both ways, and what a camera sees does not."""
+    body = landmarks_at(MESH, pose_at(MESH))
+    for placed in RIG.cameras.values():
+        away = msgspec.structs.replace(placed, T_camera_world=np.diag([-1.0, 1.0, -1.0, 1.0]) @ placed.T_camera_world)
+        assert within(body, eye(placed))
+        assert not within(body, eye(away))

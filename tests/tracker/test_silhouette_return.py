@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from silhouette_pictures import pose_at, ring, silhouettes_of, somebody
 
 from mocapella.geometry.rigid import rigid, rotation_about_y
-from mocapella.kinematics.silhouette_fit import eye
+from mocapella.kinematics.silhouette_fit import eye, see
 from mocapella.model.rigged_mesh import landmarks_at
 from mocapella.model.silhouettes import Silhouette
 from mocapella.model.twist_tree import TreePose
 from mocapella.tracker.silhouette_body import SilhouetteBody
-from mocapella.tracker.silhouette_return import place_again
+from mocapella.tracker.silhouette_return import STEP_PX, _on_grid, place_again
 
 MESH = somebody()
 RIG = ring(3, size_px=(640, 480), far_m=5.0)
@@ -43,6 +43,19 @@ def test_who_stands_elsewhere_is_found_there(x, z, turned):
     # About the body's axis a turn hardly shows; along it and across it does.
     middles = (landmarks_at(MESH, one).mean(axis=0) for one in (found, true))
     assert np.linalg.norm(np.subtract(*middles)) < 0.08
+
+
+@settings(max_examples=25, deadline=None)
+@given(x=st.floats(-4, 4), y=st.floats(-2, 2), z=st.floats(-3, 3))
+def test_on_the_grid_an_outline_covers_what_its_silhouette_does(x, y, z):
+    """Also where it reaches beyond the image."""
+    true = standing(x, z)
+    true.T_world_model[1, 3] += y
+    for by in EYES.values():
+        outline = see(BODY.figure, BODY.standing(true).vertices, by, step_px=STEP_PX, margin_px=0)
+        if outline is not None:
+            covered = outline.silhouette.mask(by.size_px)[::STEP_PX, ::STEP_PX]
+            np.testing.assert_array_equal(_on_grid(outline, covered.shape), covered)
 
 
 def test_who_turned_aside_is_found_turned():

@@ -187,6 +187,12 @@ def seen_at(points: Float64, by: Eye) -> Float64:
     return pixels
 
 
+def within(points: Float64, by: Eye) -> bool:
+    """Whether all points (n, 3) are seen within the image."""
+    pixels = seen_at(points, by)
+    return bool((pixels >= 0).all() and (pixels < np.subtract(by.size_px, 1)).all())
+
+
 def touching(
     seen: Outline,
     motions: tuple[Float64, Float64],

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from mocapella.calibration.visual_cones import doubts, meetings
 from mocapella.conventions import NS_PER_S
-from mocapella.geometry.lens import project
-from mocapella.geometry.rigid import apply
+from mocapella.kinematics.silhouette_fit import eye, within
 from mocapella.model.camera import CameraRig
 from mocapella.model.outline_colours import Colour, body_colour
 from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at
@@ -155,6 +154,7 @@ class SilhouetteRun:
         self.notes: list[str] = []
         self.took_s: list[float] = []
         self._tell = say
+        self._eyes = {name: eye(placed) for name, placed in rig.cameras.items()}
         self._people = {name: _Person(mesh) for name, mesh in meshes.items()}
         self._trouble: dict[tuple[str, str], tuple[int, int]] = {}
         self.empty = EmptyRoom()
@@ -276,12 +276,7 @@ class SilhouetteRun:
 
     def _whole_in(self, landmarks: Float64, cameras: Iterable[str]) -> int:
         """In how many of these cameras' images all landmarks (n, 3) are."""
-        count = 0
-        for name in cameras:
-            camera = self.rig.cameras[name].camera
-            at = project(apply(self.rig.cameras[name].T_camera_world, landmarks), camera.lens)
-            count += bool(((at >= 0) & (at < np.array(camera.size_px) - 1)).all())
-        return count
+        return sum(within(landmarks, self._eyes[name]) for name in cameras)
 
     def _sees(self, one: SeenIn, image: UInt8, name: str, others: Bool | None) -> bool:
         """Whether a camera sees the body that is meant, rather than somebody else or the empty room."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mocapella.geometry.signed_distance import signed_distance
 from mocapella.kinematics.limb_search import Evidence
-from mocapella.kinematics.silhouette_fit import Eye, Figure, Outline, see, seen_at, touching
+from mocapella.kinematics.silhouette_fit import Eye, Figure, Outline, see, seen_at, touching, within
 from mocapella.kinematics.twist_fit import InPlanes
 from mocapella.model.silhouettes import Silhouette, overlap
 from mocapella.sensing.background_memory import BackgroundMemory
@@ -163,8 +163,7 @@ class SilhouetteCamera:
 
     def shows_all(self, vertices: Float64) -> bool:
         """Whether all of a body (n, 3) is within the image."""
-        pixels = seen_at(vertices, self._eye)
-        return bool((pixels >= 0).all() and (pixels < self._eye.size_px).all())
+        return within(vertices, self._eye)
 
     def against(self, image: UInt8, points: Float64) -> Float32:
         """(n,) how much the image shows the room at points (n, 3) of the body, 0 to 1."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mocapella.geometry.plucker import camera_rays, residual
 from mocapella.geometry.rigid import rigid, rotation_about_y
-from mocapella.kinematics.silhouette_fit import Eye, see
+from mocapella.kinematics.silhouette_fit import Eye, Outline, see
 from mocapella.model.silhouettes import Silhouette, overlap
 from mocapella.model.twist_tree import TreePose
 from mocapella.tracker.silhouette_body import SilhouetteBody
@@ -81,8 +81,7 @@ def _covers(body: SilhouetteBody, pose: TreePose, shown: Sequence[tuple[Eye, Boo
     shares, vertices = [], body.standing(pose).vertices
     for by, mask in shown:
         outline = see(body.figure, vertices, by, step_px=STEP_PX, margin_px=0, spacing_px=STEP_PX)
-        covered = None if outline is None else _coarse(outline.silhouette, by.size_px)
-        shares.append(0.0 if covered is None else overlap(covered, mask))
+        shares.append(0.0 if outline is None else overlap(_on_grid(outline, mask.shape), mask))
     return float(np.mean(shares))
 
 
@@ -115,6 +114,16 @@ def _middle_line(mask: Bool, by: Eye) -> Float64:
     """(6,) the line of sight of the middle of a coarse mask."""
     pixels = STEP_PX * np.argwhere(mask).mean(axis=0)[::-1]
     return camera_rays(pixels, by.lens, by.T_camera_world)
+
+
+def _on_grid(outline: Outline, shape: tuple[int, ...]) -> Bool:
+    """(rows, columns) what an outline covers, of whose window a sample is one of the grid's."""
+    x, y = (at // STEP_PX for at in outline.origin_px)
+    left, top = max(x, 0), max(y, 0)
+    part, out = outline.mask[top - y :, left - x :], np.zeros(shape, np.bool_)
+    part = part[: shape[0] - top, : shape[1] - left]
+    out[top : top + part.shape[0], left : left + part.shape[1]] = part
+    return out
 
 
 def _coarse(silhouette: Silhouette, size_px: tuple[int, int]) -> Bool:

@@ -202,8 +202,8 @@ class SilhouetteTracker:
         s, (usual, steady) = self.settings, priors
         wide = any(camera.wide for camera in self._cameras.values())
         near, looked = self._as_expected and segmented == s.segmented, self.body.standing(pose).vertices
-        number = -1
-        while (number := number + 1) < rounds:
+        number = 0
+        while number < rounds:
             if (
                 number == 1
                 and segmented == s.segmented
@@ -234,6 +234,7 @@ class SilhouetteTracker:
                 [local.into_usual(usual)] if len(given) > 1 else []
             )
             pose = local.back(fit(local.tree, local.at, given, local_priors, FitSettings(most_steps=3)).pose)
+            number += 1
         return pose
 
     def _segmented(self) -> dict[str, SilhouetteCamera]:
