@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mocapella.geometry import lens as lenses
 from mocapella.geometry.outline_kernels import (
     NEAREST_M,
+    border,
     cover,
     cover_by_edges,
     face_sides,
@@ -70,8 +71,9 @@ def seen(
     bone, far = np.empty(MOST, np.int32), np.empty(MOST)
     bones = np.arange(len(vertices), dtype=np.int32)
     n = outline(
-        vertices, pixels, depth, FACES, EDGES, sides, mask, x, y, step, spacing, bones, at, normals, points, bone, far
-    )
+        vertices, pixels, depth, border(FACES, EDGES, sides), mask, x, y, step, spacing, bones, at, normals, points,
+        bone, far,
+    )  # fmt: skip
     return {
         "pixels": pixels, "depth": depth, "mask": mask, "origin": (x, y), "at": at[:n], "normals": normals[:n],
         "points": points[:n], "bone": bone[:n], "far": far[:n], "sides": sides,
@@ -158,7 +160,7 @@ def test_the_edges_between_front_and_back_say_what_is_covered(seed: int, step: i
     face_sides(pixels, depth, FACES, sides)
     whole, by_edges = np.zeros((80, 90), np.uint8), np.ones((80, 90), np.uint8)
     cover(pixels, FACES, sides, 200, 150, step, whole)
-    cover_by_edges(pixels, FACES, EDGES, sides, 200, 150, step, by_edges)
+    cover_by_edges(pixels, border(FACES, EDGES, sides), 200, 150, step, by_edges)
     np.testing.assert_array_equal(by_edges, whole)
 
 
@@ -182,8 +184,8 @@ def test_an_outline_within_what_is_covered_is_none() -> None:
     at, normals, points = np.empty((MOST, 2)), np.empty((MOST, 2)), np.empty((MOST, 3))
     bone, far = np.empty(MOST, np.int32), np.empty(MOST)
     bones = (np.arange(len(vertices)) >= len(BALL)).astype(np.int32)
-    edges = outline_edges(faces)
-    n = outline(vertices, pixels, depth, faces, edges, sides, mask, x, y, 1, 4.0, bones, at, normals, points, bone, far)
+    edges = border(faces, outline_edges(faces), sides)
+    n = outline(vertices, pixels, depth, edges, mask, x, y, 1, 4.0, bones, at, normals, points, bone, far)
     assert n > 50
     assert (bone[:n] == 1).all()
 
@@ -195,8 +197,8 @@ def test_where_there_is_no_room_the_rest_is_left_out() -> None:
     at, normals, points = np.empty((7, 2)), np.empty((7, 2)), np.empty((7, 3))
     bones = np.zeros(len(BALL), np.int32)
     n = outline(
-        0.5 * BALL + [0, 0, 4], pixels, depth, FACES, EDGES, sides, mask, x, y, 1, 4.0, bones, at, normals, points,
-        np.empty(7, np.int32), np.empty(7),
+        0.5 * BALL + [0, 0, 4], pixels, depth, border(FACES, EDGES, sides), mask, x, y, 1, 4.0, bones, at, normals,
+        points, np.empty(7, np.int32), np.empty(7),
     )  # fmt: skip
     assert n == 7
     assert at == pytest.approx(look["at"][:7])

@@ -15,29 +15,40 @@ from mocapella.geometry.lens_kernels import distort
 
 NEAREST_M = 0.05
 """What is nearer than this to the camera's plane is not drawn [m]."""
+MOST = 4096
+"""Points of an outline."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def see(vertices, T_camera_world, lens, farthest_r2, pixels, depth):
     """Write where vertices (n, 3) are seen, (n, 2) [px], and how far before the camera, (n,) [m].
 
     What the lens cannot show, or is too near, has the depth 0.
     """
     T = T_camera_world
+    # Numbers told once, no branches, and arrays of one number each: a compiled loop takes several vertices at once.
+    xa, xb, xc, xd = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
+    ya, yb, yc, yd = T[1, 0], T[1, 1], T[1, 2], T[1, 3]
+    za, zb, zc, zd = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
     fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
     k1, k2, p1, p2, k3 = lens[4], lens[5], lens[6], lens[7], lens[8]
-    for i in range(len(vertices)):
+    farthest, count = farthest_r2 if farthest_r2 > 0.0 else math.inf, len(vertices)
+    xs, ys = np.empty(count), np.empty(count)
+    for i in range(count):
         a, b, c = vertices[i, 0], vertices[i, 1], vertices[i, 2]
-        z = T[2, 0] * a + T[2, 1] * b + T[2, 2] * c + T[2, 3]
-        depth[i], pixels[i, 0], pixels[i, 1] = 0.0, 0.0, 0.0
-        if not z > NEAREST_M:
-            continue
-        x = (T[0, 0] * a + T[0, 1] * b + T[0, 2] * c + T[0, 3]) / z
-        y = (T[1, 0] * a + T[1, 1] * b + T[1, 2] * c + T[1, 3]) / z
-        if x * x + y * y > farthest_r2 > 0.0:
-            continue
+        xs[i], ys[i] = xa * a + xb * b + xc * c + xd, ya * a + yb * b + yc * c + yd
+        depth[i] = za * a + zb * b + zc * c + zd
+    for i in range(count):
+        z = depth[i]
+        before = z > NEAREST_M
+        w = z if before else 1.0
+        x, y = xs[i] / w, ys[i] / w
+        shown = before & (x * x + y * y <= farthest)
         u, v, _, _, _ = distort(x, y, k1, k2, p1, p2, k3)
-        depth[i], pixels[i, 0], pixels[i, 1] = z, fx * u + cx, fy * v + cy
+        depth[i] = z if shown else 0.0
+        xs[i], ys[i] = fx * u + cx if shown else 0.0, fy * v + cy if shown else 0.0
+    for i in range(count):
+        pixels[i, 0], pixels[i, 1] = xs[i], ys[i]
 
 
 @njit(cache=True)
@@ -63,13 +74,12 @@ def window(pixels, depth, width, height, step, margin):
 def face_sides(pixels, depth, faces, sides):
     """Write which side of each face is seen: 1 the outside, −1 the inside, 0 where a corner is not seen."""
     for k in range(len(faces)):
-        i, j, m = faces[k, 0], faces[k, 1], faces[k, 2]
-        if depth[i] == 0.0 or depth[j] == 0.0 or depth[m] == 0.0:
-            sides[k] = 0
-            continue
+        i, j, m = np.uint64(faces[k, 0]), np.uint64(faces[k, 1]), np.uint64(faces[k, 2])
         x, y = pixels[i, 0], pixels[i, 1]
         area = (pixels[j, 0] - x) * (pixels[m, 1] - y) - (pixels[j, 1] - y) * (pixels[m, 0] - x)
-        sides[k] = 1 if area < 0.0 else -1  # y points downwards: seen from outside the corners run clockwise there
+        # y points downwards: seen from outside the corners run clockwise there.
+        side = np.int8(1) if area < 0.0 else np.int8(-1)
+        sides[k] = side if (depth[i] > 0.0) & (depth[j] > 0.0) & (depth[m] > 0.0) else np.int8(0)
 
 
 @njit(cache=True, error_model="numpy")
@@ -106,30 +116,48 @@ def cover(pixels, faces, sides, x0, y0, step, mask):
                     mask[row, column] = 1
 
 
-@njit(cache=True, error_model="numpy")
-def cover_by_edges(pixels, faces, edges, sides, x0, y0, step, mask):
-    """What `cover` does, of a surface whose edges have two faces at most, which run along them in opposite directions.
-
-    Only the edges between a face whose outside is seen and one that is not are drawn: above a sample of a column as
-    many of them lead one way as the other, unless faces cover it.
+@njit(cache=True)
+def border(faces, edges, sides):
+    """(m, 4) the edges between a face whose outside is seen and none, or one whose outside is not.
 
     Args:
+        faces: (k, 3).
         edges: (e, 4) of `outline_edges`.
+        sides: of `face_sides`.
+
+    Returns:
+        Their two ends, the third corner of the face that is seen, and 1 where that runs from the first end to the
+        second, else −1.
+    """
+    chosen, m = np.empty(len(edges) + 1, np.int32), 0
+    for e in range(len(edges)):
+        first, second = edges[e, 2], edges[e, 3]
+        other = (second >= 0) & (sides[np.uint64(max(second, 0))] > 0)
+        chosen[np.uint64(m)] = e  # and is written over where that was none
+        m += (sides[np.uint64(first)] > 0) != other
+    out = np.empty((m, 4), np.int32)
+    for n in range(m):
+        e = chosen[n]
+        i, j = edges[e, 0], edges[e, 1]
+        front = edges[e, 2] if sides[edges[e, 2]] > 0 else edges[e, 3]
+        a, b, c = faces[front, 0], faces[front, 1], faces[front, 2]
+        out[n, 0], out[n, 1], out[n, 2] = i, j, a + b + c - i - j
+        out[n, 3] = 1 if (a == i and b == j) or (b == i and c == j) or (c == i and a == j) else -1
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def cover_by_edges(pixels, edges, x0, y0, step, mask):
+    """What `cover` does, of a surface whose edges have two faces at most, which run along them in opposite directions.
+
+    Only the edges of its `border` are drawn: above a sample of a column as many of them lead one way as the other,
+    unless faces cover it.
     """
     rows, columns = mask.shape
     f, steps = 1.0 / step, np.zeros((rows, columns), np.int8)
     for e in range(len(edges)):
-        first, second = edges[e, 2], edges[e, 3]
-        seen = sides[first] > 0
-        if seen == (second >= 0 and sides[second] > 0):
-            continue
-        front = first if seen else second
         i, j = edges[e, 0], edges[e, 1]
-        if not (
-            (faces[front, 0] == i and faces[front, 1] == j)
-            or (faces[front, 1] == i and faces[front, 2] == j)
-            or (faces[front, 2] == i and faces[front, 0] == j)
-        ):
+        if edges[e, 3] < 0:
             i, j = j, i
         ax, ay = f * (pixels[i, 0] - x0), f * (pixels[i, 1] - y0)
         bx, by = f * (pixels[j, 0] - x0), f * (pixels[j, 1] - y0)
@@ -160,23 +188,13 @@ def one_way(faces):
 
 
 @njit(cache=True)
-def _covered(mask, x0, y0, step, x, y):
-    column, row = round((x - x0) / step), round((y - y0) / step)
-    return 0 <= row < mask.shape[0] and 0 <= column < mask.shape[1] and mask[row, column] != 0
-
-
-@njit(cache=True)
-def outline(
-    vertices, pixels, depth, faces, edges, sides, mask, x0, y0, step, spacing, bones, at, normals, points, bone, far
-):
-    """Write points of the outline: of edges between a face seen from outside and one that is not, beside the mask.
+def outline(vertices, pixels, depth, edges, mask, x0, y0, step, spacing, bones, at, normals, points, bone, far):
+    """Write points of the outline: of the edges of the border, beside the mask.
 
     Args:
         vertices: (n, 3) [m].
         pixels, depth: of `see`.
-        faces: (m, 3).
-        edges: (e, 4) of `outline_edges`: the two ends, then the faces left and right of it, −1 where there is none.
-        sides: of `face_sides`.
+        edges: of `border`.
         mask, x0, y0, step: of `cover`; an edge within it, as of an arm before the body, is none of the outline.
         spacing: a point for about so much of an edge [px].
         bones: (n,) the part that moves each vertex most.
@@ -187,16 +205,9 @@ def outline(
         How many; where there is no room for more, the rest is left out.
     """
     count, most = 0, len(at)
+    rows, columns = mask.shape
     for e in range(len(edges)):
-        f, g = edges[e, 2], edges[e, 3]
-        front = f if sides[f] > 0 else g
-        if front < 0 or sides[front] <= 0:
-            continue
-        back = g if front == f else f
-        if back >= 0 and sides[back] > 0:
-            continue
-        i, j = edges[e, 0], edges[e, 1]
-        m = faces[front, 0] + faces[front, 1] + faces[front, 2] - i - j
+        i, j, m = edges[e, 0], edges[e, 1], edges[e, 2]
         x, y, dx, dy = pixels[i, 0], pixels[i, 1], pixels[j, 0] - pixels[i, 0], pixels[j, 1] - pixels[i, 1]
         length = math.sqrt(dx * dx + dy * dy)
         if length < 1e-9:
@@ -208,7 +219,8 @@ def outline(
         for p in range(pieces):
             s = (p + 0.5) / pieces
             u, v = x + s * dx, y + s * dy
-            if _covered(mask, x0, y0, step, u + 1.5 * step * nx, v + 1.5 * step * ny):
+            column, row = round((u + 1.5 * step * nx - x0) / step), round((v + 1.5 * step * ny - y0) / step)
+            if 0 <= row < rows and 0 <= column < columns and mask[row, column] != 0:
                 continue
             if count == most:
                 return count
@@ -220,6 +232,44 @@ def outline(
             far[count] = (1.0 - s) * depth[i] + s * depth[j]
             count += 1
     return count
+
+
+@njit(cache=True)
+def outlined(
+    vertices, T_camera_world, lens, farthest_r2, size_px, faces, edges, by_edges, bones, step, margin, spacing, given
+):
+    """All of this, one after the other.
+
+    Args:
+        vertices, T_camera_world, lens, farthest_r2: of `see`; size_px: (width, height) of the image.
+        faces: of the mesh; edges: of `outline_edges`; by_edges: whether `cover_by_edges` is for it.
+        step, margin: of `window`; given: what that is to be, unless it has no columns.
+        spacing, bones: of `outline`.
+
+    Returns:
+        The first sample's x and y, the mask, and at, normals, points, bone and far of `outline`; no mask where nothing
+        is seen.
+    """
+    count = len(vertices)
+    pixels, depth = np.empty((count, 2)), np.empty(count)
+    see(vertices, T_camera_world, lens, farthest_r2, pixels, depth)
+    x0, y0, columns, rows = given
+    if columns == 0:
+        x0, y0, columns, rows = window(pixels, depth, size_px[0], size_px[1], step, margin)
+    most = 0 if columns < 3 or rows < 3 else MOST
+    at, normals, points = np.empty((most, 2)), np.empty((most, 2)), np.empty((most, 3))
+    bone, far = np.empty(most, np.int32), np.empty(most)
+    if most == 0:
+        return x0, y0, np.zeros((0, 0), np.uint8), at, normals, points, bone, far
+    sides, mask = np.empty(len(faces), np.int8), np.zeros((rows, columns), np.uint8)
+    face_sides(pixels, depth, faces, sides)
+    beside = border(faces, edges, sides)
+    if by_edges:
+        cover_by_edges(pixels, beside, x0, y0, step, mask)
+    else:
+        cover(pixels, faces, sides, x0, y0, step, mask)
+    m = outline(vertices, pixels, depth, beside, mask, x0, y0, step, spacing, bones, at, normals, points, bone, far)
+    return x0, y0, mask, at[:m], normals[:m], points[:m], bone[:m], far[:m]
 
 
 def outline_edges(faces):

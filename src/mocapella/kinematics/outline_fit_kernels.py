@@ -20,8 +20,13 @@ BIN_PX = 8.0
 """Points of an outline are looked up by rows so high."""
 
 
-@njit(cache=True, error_model="numpy")
-def level(phi, x0, y0, step, x, y):
+HIT = 6
+"""Numbers of a place where a point is to be seen: x, y [px], the slopes there, length [px] and miss [px]."""
+
+
+# Small functions go into their callers' loops: handed on, an array's references are counted.
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _level(phi, x0, y0, step, x, y):
     """phi (rows, columns) at the image's point (x, y), and its slopes along x and y: bilinear; NaN outside."""
     u, v = (x - x0) / step, (y - y0) / step
     rows, columns = phi.shape
@@ -35,91 +40,52 @@ def level(phi, x0, y0, step, x, y):
 
 
 @njit(cache=True, error_model="numpy")
-def touching_plane(lens, farthest_r2, T_camera_world, x, y, nx, ny, plane):
-    """Write n·x = d (4,) in the world: through the eye and the line through the pixel (x, y) across (nx, ny).
+def _constraints(hits, which, k, points, bone, far, soft_px, sd_px, R, t, lens, farthest_r2, T):
+    """What `touching` returns: the surface's point ``which`` is to be seen on the line through (x, y) across the slope.
 
-    Returns whether the lens shows such a direction.
+    That is the plane n·x = d in the world through the eye and that line; none where the lens shows no such direction.
     """
+    part, rest, planes, weights = np.empty(k, np.int64), np.empty((k, 3)), np.empty((k, 4)), np.empty(k)
     fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
     k1, k2, p1, p2, k3 = lens[4], lens[5], lens[6], lens[7], lens[8]
-    u, v = undistort((x - cx) / fx, (y - cy) / fy, k1, k2, p1, p2, k3, farthest_r2)
-    if not math.isfinite(u + v):
-        return False
-    _, _, uu, uv, vv = distort(u, v, k1, k2, p1, p2, k3)
-    a, b = fx * uu * nx + fy * uv * ny, fx * uv * nx + fy * vv * ny
-    c = -(a * u + b * v)
-    f = 1.0 / math.sqrt(a * a + b * b + c * c)
-    a, b, c = f * a, f * b, f * c
-    T = T_camera_world
-    for d in range(3):
-        plane[d] = T[0, d] * a + T[1, d] * b + T[2, d] * c
-    plane[3] = -(a * T[0, 3] + b * T[1, 3] + c * T[2, 3])
-    return True
+    n = 0
+    for h in range(k):
+        x, y, gx, gy, length, miss = hits[h, 0], hits[h, 1], hits[h, 2], hits[h, 3], hits[h, 4], hits[h, 5]
+        u, v = undistort((x - cx) / fx, (y - cy) / fy, k1, k2, p1, p2, k3, farthest_r2)
+        if not math.isfinite(u + v):
+            continue
+        _, _, uu, uv, vv = distort(u, v, k1, k2, p1, p2, k3)
+        a, b = fx * uu * gx + fy * uv * gy, fx * uv * gx + fy * vv * gy
+        c = -(a * u + b * v)
+        f = 1.0 / math.sqrt(a * a + b * b + c * c)
+        a, b, c = f * a, f * b, f * c
+        for d in range(3):
+            planes[n, d] = T[0, d] * a + T[1, d] * b + T[2, d] * c
+        planes[n, 3] = -(a * T[0, 3] + b * T[1, 3] + c * T[2, 3])
+        i = which[h]
+        p = np.int64(bone[i])
+        a, b, c = points[i, 0] - t[p, 0], points[i, 1] - t[p, 1], points[i, 2] - t[p, 2]
+        for d in range(3):
+            rest[n, d] = R[p, d] * a + R[p, 3 + d] * b + R[p, 6 + d] * c
+        m = miss / soft_px
+        robust = 1.0 / (1.0 + m * m)
+        size = sd_px * far[i] / lens[0]
+        part[n] = p
+        weights[n] = length * robust * robust / (size * size)
+        n += 1
+    return part[:n], rest[:n], planes[:n], weights[:n]
 
 
 @njit(cache=True, error_model="numpy")
-def _add(
-    k,
-    x,
-    y,
-    gx,
-    gy,
-    far,
-    point,
-    bone,
-    length,
-    miss,
-    soft_px,
-    sd_px,
-    R,
-    t,
-    lens,
-    farthest_r2,
-    T,
-    part,
-    rest,
-    planes,
-    weights,
-):
-    """One constraint: the surface's point ``point`` of ``bone`` is to be seen on the line through (x, y) across g."""
-    if not touching_plane(lens, farthest_r2, T, x, y, gx, gy, planes[k]):
-        return k
-    A, o = R[bone], t[bone]
-    a, b, c = point[0] - o[0], point[1] - o[1], point[2] - o[2]
-    for d in range(3):
-        rest[k, d] = A[d] * a + A[3 + d] * b + A[6 + d] * c
-    m = miss / soft_px
-    robust = 1.0 / (1.0 + m * m)
-    size = sd_px * far / lens[0]
-    part[k] = bone
-    weights[k] = length * robust * robust / (size * size)
-    return k + 1
-
-
-@njit(cache=True, error_model="numpy")
-def to_image(
-    phi, surety, x0, y0, step, reach_px, at, normals, points, bone, far, count, soft_px, sd_px, full, R, t, lens,
-    farthest_r2, T, part, rest, planes, weights,
-):  # fmt: skip
+def _to_image(phi, surety, x0, y0, step, reach_px, at, normals, full, hits, which):
     """From the body's outline to the nearest of the image's, along the slope of its level set.
 
-    Args:
-        phi, x0, y0, step: of `Silhouette`: signed distances up to ``reach_px``.
-        surety: (rows, columns) how much the image says for an edge [nats]; from ``full`` on it counts in full.
-        at, normals, points, bone, far, count: of `outline_kernels.outline`.
-        soft_px: a miss of so much counts a quarter, and larger ones ever less (Geman and McClure).
-        sd_px: of an outline [px].
-        R, t: (parts, 9), (parts, 3) the parts' motions.
-        lens, farthest_r2, T: of the camera.
-        part, rest, planes, weights: written: `twist_fit.InPlanes`.
-
-    Returns:
-        How many.
+    Arguments are those of `touching`; ``hits`` (room, HIT) and ``which`` (room,) are written. Returns how many.
     """
     k = 0
-    for i in range(count):
+    for i in range(len(at)):
         x, y = at[i, 0], at[i, 1]
-        value, gx, gy = level(phi, x0, y0, step, x, y)
+        value, gx, gy = _level(phi, x0, y0, step, x, y)
         slope2 = gx * gx + gy * gy
         if not (abs(value) < reach_px and slope2 > 0.09):
             continue
@@ -128,7 +94,7 @@ def to_image(
             continue
         f = value / slope2
         u, v = x - f * gx, y - f * gy
-        again, hx, hy = level(phi, x0, y0, step, u, v)
+        again, hx, hy = _level(phi, x0, y0, step, u, v)
         slope2 = hx * hx + hy * hy
         if not slope2 > 0.09:
             continue
@@ -141,19 +107,19 @@ def to_image(
         if not (0 <= row < phi.shape[0] and 0 <= column < phi.shape[1]):
             continue
         sure = min(max(surety[row, column] / full, 0.0), 1.0)
-        k = _add(
-            k, u, v, hx, hy, far[i], points[i], bone[i], sure * length, miss, soft_px, sd_px, R, t, lens, farthest_r2,
-            T, part, rest, planes, weights,
-        )  # fmt: skip
+        hits[k, 0], hits[k, 1], hits[k, 2], hits[k, 3], hits[k, 4], hits[k, 5] = u, v, hx, hy, sure * length, miss
+        which[k] = i
+        k += 1
     return k
 
 
 @njit(cache=True, error_model="numpy")
-def _by_rows(at, count):
-    """Where rows of `BIN_PX` begin: of the first one [px], how many, (bins + 1,) starts in the order (count,)."""
+def _by_rows(at):
+    """Where rows of `BIN_PX` begin: of the first one [px], how many, (bins + 1,) starts in the order (n,)."""
+    count = len(at)
     if count == 0:
         return 0.0, 0, np.zeros(1, np.int64), np.zeros(0, np.int64)
-    top, bottom = at[:count, 1].min(), at[:count, 1].max()
+    top, bottom = at[:, 1].min(), at[:, 1].max()
     bins = int((bottom - top) / BIN_PX) + 1
     starts, order = np.zeros(bins + 1, np.int64), np.empty(count, np.int64)
     for m in range(count):
@@ -169,49 +135,83 @@ def _by_rows(at, count):
 
 
 @njit(cache=True, error_model="numpy")
-def to_body(
-    phi, surety, x0, y0, step, every, reach_px, at, normals, points, bone, far, count, soft_px, sd_px, full, R, t,
-    lens, farthest_r2, T, part, rest, planes, weights,
-):  # fmt: skip
+def _to_body(phi, surety, x0, y0, step, every, reach_px, at, normals, full, hits, which, k):
     """From the image's outline, at every so many samples, to the nearest of the body's with a similar direction.
 
-    Arguments and what is returned as of `to_image`.
+    Arguments are those of `touching`; ``hits`` and ``which`` are written from ``k`` on. Returns up to where.
     """
-    k, seen = 0, 0
+    seen = 0
     rows, columns = phi.shape
-    top, bins, starts, order = _by_rows(at, count)
+    top, bins, starts, order = _by_rows(at)
+    beside = np.zeros((columns + 7) // 8 * 8, np.uint8)
+    by_eight = beside.view(np.uint64)
     for i in range(1, rows - 1):
-        for j in range(1, columns - 1):
-            value = phi[i, j]
-            if not value > 0.0:
+        above, here, below, to = phi[i - 1, 1:], phi[i], phi[i + 1, 1:], beside[1 : columns - 1]
+        left, right, middle = here, here[2:], here[1:]
+        for j in range(len(to)):
+            least = left[j] if left[j] < right[j] else right[j]
+            least = above[j] if above[j] < least else least
+            least = below[j] if below[j] < least else least
+            to[j] = (middle[j] > 0) & (least <= 0)
+        for n in range(len(by_eight)):
+            if by_eight[n] == 0:
                 continue
-            if phi[i, j + 1] > 0.0 and phi[i, j - 1] > 0.0 and phi[i + 1, j] > 0.0 and phi[i - 1, j] > 0.0:
-                continue
-            seen += 1
-            if seen % every != 0:
-                continue
-            gx, gy = 0.5 * (phi[i, j + 1] - phi[i, j - 1]) / step, 0.5 * (phi[i + 1, j] - phi[i - 1, j]) / step
-            slope2 = gx * gx + gy * gy
-            if not slope2 > 0.09:
-                continue
-            u, v = x0 + step * j - value * gx / slope2, y0 + step * i - value * gy / slope2
-            best, which = reach_px * reach_px, -1
-            low = max(int((v - reach_px - top) / BIN_PX), 0)
-            high = min(int((v + reach_px - top) / BIN_PX) + 1, bins)
-            for n in range(starts[low] if low < bins else 0, starts[high] if low < bins and high > low else 0):
-                m = order[n]
-                du, dv = at[m, 0] - u, at[m, 1] - v
-                d2 = du * du + dv * dv
-                if d2 < best:
-                    n2 = normals[m, 0] ** 2 + normals[m, 1] ** 2
-                    across = -(gx * normals[m, 0] + gy * normals[m, 1])
-                    if across > 0.0 and across * across > 0.25 * slope2 * n2:
-                        best, which = d2, m
-            if which < 0:
-                continue
-            sure = min(max(surety[i, j] / full, 0.0), 1.0) * step * every
-            k = _add(
-                k, u, v, gx, gy, far[which], points[which], bone[which], sure, math.sqrt(best), soft_px, sd_px, R, t,
-                lens, farthest_r2, T, part, rest, planes, weights,
-            )  # fmt: skip
+            for j in range(8 * n, min(8 * n + 8, columns)):
+                if not beside[j]:
+                    continue
+                seen += 1
+                if seen % every != 0:
+                    continue
+                value = phi[i, j]
+                gx, gy = 0.5 * (phi[i, j + 1] - phi[i, j - 1]) / step, 0.5 * (phi[i + 1, j] - phi[i - 1, j]) / step
+                slope2 = gx * gx + gy * gy
+                if not slope2 > 0.09:
+                    continue
+                u, v = x0 + step * j - value * gx / slope2, y0 + step * i - value * gy / slope2
+                best, nearest = reach_px * reach_px, -1
+                low = max(int((v - reach_px - top) / BIN_PX), 0)
+                high = min(int((v + reach_px - top) / BIN_PX) + 1, bins)
+                for q in range(starts[low] if low < bins else 0, starts[high] if low < bins and high > low else 0):
+                    m = order[q]
+                    du, dv = at[m, 0] - u, at[m, 1] - v
+                    d2 = du * du + dv * dv
+                    if d2 < best:
+                        n2 = normals[m, 0] ** 2 + normals[m, 1] ** 2
+                        across = -(gx * normals[m, 0] + gy * normals[m, 1])
+                        if across > 0.0 and across * across > 0.25 * slope2 * n2:
+                            best, nearest = d2, m
+                if nearest < 0:
+                    continue
+                sure = min(max(surety[i, j] / full, 0.0), 1.0) * step * every
+                hits[k, 0], hits[k, 1], hits[k, 2], hits[k, 3], hits[k, 4] = u, v, gx, gy, sure
+                hits[k, 5] = math.sqrt(best)
+                which[k] = nearest
+                k += 1
     return k
+
+
+@njit(cache=True, error_model="numpy")
+def touching(
+    phi, surety, x0, y0, step, every, reach_px, at, normals, points, bone, far, soft_px, sd_px, full, R, t, lens,
+    farthest_r2, T,
+):  # fmt: skip
+    """The planes that an image's outline wants a body's points to lie in: both ways, one after the other.
+
+    Args:
+        phi, x0, y0, step: of `Silhouette`: signed distances up to ``reach_px``.
+        surety: (rows, columns) how much the image says for an edge [nats]; from ``full`` on it counts in full.
+        every: so manieth sample of the image's outline is asked.
+        at, normals, points, bone, far: of `outline_kernels.outline`.
+        soft_px: a miss of so much counts a quarter, and larger ones ever less (Geman and McClure).
+        sd_px: of an outline [px].
+        R, t: (parts, 9), (parts, 3) the parts' motions.
+        lens, farthest_r2, T: of the camera.
+
+    Returns:
+        part, points, planes and weights of `twist_fit.InPlanes`.
+    """
+    room = len(at) + phi.size // every
+    hits, which = np.empty((room, HIT)), np.empty(room, np.int64)
+    k = _to_image(phi, surety, x0, y0, step, reach_px, at, normals, full, hits, which)
+    k = _to_body(phi, surety, x0, y0, step, every, reach_px, at, normals, full, hits, which, k)
+    return _constraints(hits, which, k, points, bone, far, soft_px, sd_px, R, t, lens, farthest_r2, T)

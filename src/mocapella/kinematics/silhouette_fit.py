@@ -153,30 +153,12 @@ def see(
         spacing_px: of the outline's points.
         window: take the window of this one.
     """
-    n, k = len(vertices), _seeing()
-    pixels, depth = np.empty((n, 2)), np.empty(n)
-    k.see(vertices, by.T_camera_world, by.lens, by.farthest_r2, pixels, depth)
-    if window is None:
-        x0, y0, columns, rows = k.window(pixels, depth, by.size_px[0], by.size_px[1], step_px, margin_px)
-        if columns < 3 or rows < 3:
-            return None
-    else:
-        (x0, y0), (rows, columns) = window.origin_px, window.mask.shape
-    faces = body.mesh.faces
-    sides, mask = np.empty(len(faces), np.int8), np.zeros((rows, columns), np.uint8)
-    k.face_sides(pixels, depth, faces, sides)
-    if body.one_way:
-        k.cover_by_edges(pixels, faces, body.edges, sides, x0, y0, step_px, mask)
-    else:
-        k.cover(pixels, faces, sides, x0, y0, step_px, mask)
-    most = 4096
-    at, normals, points = np.empty((most, 2)), np.empty((most, 2)), np.empty((most, 3))
-    part, far = np.empty(most, np.int32), np.empty(most)
-    m = k.outline(
-        vertices, pixels, depth, faces, body.edges, sides, mask, x0, y0, step_px, spacing_px, body.part, at, normals,
-        points, part, far,
+    given = (0, 0, 0, 0) if window is None else (*window.origin_px, *window.mask.shape[::-1])
+    x0, y0, mask, *points = _seeing().outlined(
+        vertices, by.T_camera_world, by.lens, by.farthest_r2, by.size_px, body.mesh.faces, body.edges, body.one_way,
+        body.part, step_px, margin_px, spacing_px, given,
     )  # fmt: skip
-    return Outline((x0, y0), step_px, mask, at[:m], normals[:m], points[:m], part[:m], far[:m])
+    return Outline((x0, y0), step_px, mask, *points) if mask.size else None
 
 
 def seen_at(points: Float64, by: Eye) -> Float64:
@@ -215,17 +197,12 @@ def touching(
         settings: see there.
     """
     R, t = motions
-    x0, y0 = seen.origin_px
-    s, count, k = settings, len(seen.at), _fitting()
-    room = count + seen.mask.size // s.every
-    part, rest, planes, weights = np.empty(room, np.int64), np.empty((room, 3)), np.empty((room, 4)), np.empty(room)
-    common = (seen.at, seen.normals, seen.points, seen.part, seen.depth, count, s.soft_steps * seen.step_px,
-              s.sd_steps * seen.step_px, s.sure_nats, R, t, by.lens, by.farthest_r2, by.T_camera_world)  # fmt: skip
-    n = k.to_image(phi, surety, x0, y0, seen.step_px, reach_px, *common, part, rest, planes, weights)
-    n += k.to_body(
-        phi, surety, x0, y0, seen.step_px, s.every, reach_px, *common, part[n:], rest[n:], planes[n:], weights[n:]
-    )
-    return InPlanes(part[:n], rest[:n], planes[:n], weights[:n])
+    s, (x0, y0), step = settings, seen.origin_px, seen.step_px
+    found = _fitting().touching(
+        phi, surety, x0, y0, step, s.every, reach_px, seen.at, seen.normals, seen.points, seen.part, seen.depth,
+        s.soft_steps * step, s.sd_steps * step, s.sure_nats, R, t, by.lens, by.farthest_r2, by.T_camera_world,
+    )  # fmt: skip
+    return InPlanes(*found)
 
 
 @cache
