@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 
 from mocapella.errors import SettingsError
 from mocapella.geometry.signed_distance import MOST_REACH
-from mocapella.geometry.signed_distance import kernels as distance_kernels
 from mocapella.model.silhouettes import Silhouette
 from mocapella.settings import check
 
@@ -38,6 +37,8 @@ Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
 NOTHING: Final = np.zeros((0, 0), dtype=np.float32)
+_NO_START: Final = np.zeros((0, 0), dtype=np.uint8)
+_NO_MASK: Final = np.zeros((0, 0), dtype=np.bool_)
 HALF_LEVELS: Final = 510
 """Values are counted in halves of grey levels."""
 
@@ -205,45 +206,18 @@ def read_band(
             f"image is {image.dtype} of shape {image.shape}; it must be uint8, (height, width) or (height, width, 3)"
         )
     height, width = image.shape[:2]
-    pixels = np.ascontiguousarray(image).reshape(height, width, -1)
-    (x, y), step, (rows, columns) = prior.origin_px, prior.step_px, prior.phi.shape
-    farthest = float(max(prior.phi.max(), -prior.phi.min()))
+    if ignore is not None and (ignore.dtype != np.bool_ or ignore.shape != (height, width)):
+        raise SettingsError(f"ignore is {ignore.dtype} of shape {ignore.shape}; it must be bool, {height, width}")
+    (x, y), step, columns, size = prior.origin_px, prior.step_px, prior.phi.shape[1], block_of(settings, prior.step_px)
+    padded = -(-columns // size) * size
+    pad = (padded - columns) // 2
+    farthest, *read = reading().read(
+        np.ascontiguousarray(image).reshape(height, width, -1), np.ascontiguousarray(prior.phi),
+        _NO_START if start is None else starting(prior, start), settings.band_px, guided, settings.median, pad, padded,
+        size, x, y, step, _NO_MASK if ignore is None else np.ascontiguousarray(ignore),
+    )  # fmt: skip
     check(math.isfinite(farthest), "prior.phi", "of NaN or infinite values", "finite")
-    # Where phi is cut off, nobody knows how far it is.
-    within = np.float32(min(settings.band_px, float(np.nextafter(np.float32(farthest), np.float32(0)))))
-    k = reading()
-    size = block_of(settings, step)
-    count = -(-columns // size)
-    pad, padded = (count * size - columns) // 2, count * size
-    phi = np.empty((rows, padded), dtype=np.float32)
-    inside = np.empty((rows, padded), dtype=np.uint8)
-    active, known = (np.empty((rows * count, size), dtype=np.uint8) for _ in range(2))
-    blocks = np.empty((rows * count, 2), dtype=np.int32)
-    begin = starting(prior, start)
-    found = k.lay_out(
-        np.ascontiguousarray(prior.phi),
-        begin,
-        within,
-        not guided,
-        pad,
-        size,
-        (width, height),
-        x,
-        y,
-        step,
-        phi,
-        inside,
-        active,
-        known,
-        blocks,
-    )
-    blocks, active, known = blocks[:found], active[:found], known[:found]
-    values = np.empty((pixels.shape[2], found, size), dtype=np.int16)
-    k.read_samples(pixels, x - pad * step, y, step, settings.median, padded, blocks, values)
-    if ignore is not None:
-        if ignore.dtype != np.bool_ or ignore.shape != (height, width):
-            raise SettingsError(f"ignore is {ignore.dtype} of shape {ignore.shape}; it must be bool, {height, width}")
-        k.forget(np.ascontiguousarray(ignore), x - pad * step, y, step, step - 1 + settings.median, blocks, known)
+    phi, inside, active, known, blocks, values = read
     reach = math.ceil((farthest if guided else settings.band_px) / step)
     return Band(prior, (width, height), pad, values, phi, inside, active, known, blocks, min(max(reach, 1), MOST_REACH))
 
@@ -270,24 +244,15 @@ def settle(
     guided: bool = True,
     energies: bool = False,
 ) -> RegionContour:
-    """Move the outline; ``outside``, ``inside_cost`` and ``unsure_px`` as in the kernel `segment`."""
-    k, step = kernels(), band.prior.step_px
-    size = block_of(s, step)
-    odd = 1 + 2 * np.arange(size, dtype=np.int32)
-    field, contrast, surety = (np.empty(band.phi.shape, dtype=np.float32) for _ in range(3))
-    told = np.empty(s.iterations + 1 if energies else 0)
-    moved = k.segment(
-        band.values, band.active, band.known, band.phi, band.blocks, band.inside, odd, outside,
+    """Move the outline; ``outside``, ``inside_cost`` and ``unsure_px`` as in the kernel `settled`."""
+    step, columns = band.prior.step_px, band.prior.phi.shape[1]
+    moved, phi, surety, told = kernels().settled(
+        band.values, band.active, band.known, band.phi, band.blocks, band.inside, outside, band.pad, columns,
         np.float32(s.prior_weight), np.float32(s.length_weight * math.sqrt(2 * math.pi) / step),
         np.float32(math.sqrt(2 / math.pi) / step), guided, np.float32(unsure_px), s.fewest_px2 / step**2,
-        2.0 * s.least_sd, np.float32(3 * s.most_nats), inside_cost, s.iterations, field, contrast, told,
+        2.0 * s.least_sd, np.float32(3 * s.most_nats), inside_cost, s.iterations, energies, band.reach, np.float32(step),
     )  # fmt: skip
-    k.surety_of(contrast, band.inside, surety)
-    window = slice(band.pad, band.pad + band.prior.phi.shape[1])
-    phi = np.empty(band.prior.phi.shape, dtype=np.float32)
-    distance_kernels().signed_distance(np.ascontiguousarray(field[:, window]), band.reach, np.float32(step), phi)
-    found = Silhouette(band.prior.origin_px, step, phi)
-    return RegionContour(found, np.ascontiguousarray(surety[:, window]), int(moved), told * step**2)
+    return RegionContour(Silhouette(band.prior.origin_px, step, phi), surety, moved, told * step**2)
 
 
 def block_of(settings: RegionSettings, step_px: int) -> int:
@@ -295,11 +260,9 @@ def block_of(settings: RegionSettings, step_px: int) -> int:
     return max(8 * round(settings.window_px / (8 * step_px)), 8)
 
 
-def starting(prior: Silhouette, start: Silhouette | None) -> UInt8:
+def starting(prior: Silhouette, start: Silhouette) -> UInt8:
     """(rows, columns) 1 inside the outline to begin with, on the prior's samples; beyond its window the prior's."""
     inside: UInt8 = (prior.phi > 0).astype(np.uint8)
-    if start is None:
-        return inside
     check_silhouette(start, "start")
     picked: list[NDArray[np.int64]] = []
     for axis in (0, 1):

@@ -14,6 +14,7 @@ import math
 import numpy as np
 
 from mocapella.compiled import njit
+from mocapella.geometry.signed_distance_kernels import signed_distance
 
 OUTLIER, INSIDE, OUTSIDE, UNKNOWN = np.uint8(0), np.uint8(1), np.uint8(2), np.uint8(3)
 _0F, _1F, _0B, _1B = np.float32(0.0), np.float32(1.0), np.uint8(0), np.uint8(1)
@@ -582,6 +583,38 @@ def surety_of(contrast, inside, out):
         for j in range(columns):
             mean = scale * ((a[j] + e[j]) + four * (b[j] + d[j]) + six * c[j])
             to[j] = mean if mean > _0F else _0F
+
+
+@njit(cache=True, error_model="numpy")
+def settled(
+    values, active, known, phi, blocks, inside, outside_costs, pad, columns, prior_weight, length, slope, guided, unsure,
+    fewest, least_sd, most, inside_cost, iterations, told, reach, step,
+):  # fmt: skip
+    """All of this, and how far samples are from what was found.
+
+    Args:
+        values, active, known, phi, blocks, inside, outside_costs, prior_weight, length, slope, guided, unsure, fewest,
+            least_sd, most, inside_cost, iterations: of `segment`; told: whether energies are.
+        pad, columns: what of the rows is the window.
+        reach, step: of `signed_distance`.
+
+    Returns:
+        How many times the outline was moved, its signed distance and `surety_of` it (rows, columns), and energies.
+    """
+    field, contrast, sure = np.empty_like(phi), np.empty_like(phi), np.empty_like(phi)
+    odd = (1 + 2 * np.arange(values.shape[2])).astype(np.int32)
+    energies = np.empty(iterations + 1 if told else 0)
+    moved = segment(
+        values, active, known, phi, blocks, inside, odd, outside_costs, prior_weight, length, slope, guided, unsure,
+        fewest, least_sd, most, inside_cost, iterations, field, contrast, energies,
+    )  # fmt: skip
+    surety_of(contrast, inside, sure)
+    window, surety = np.empty((len(phi), columns), np.float32), np.empty((len(phi), columns), np.float32)
+    for i in range(len(phi)):
+        window[i], surety[i] = field[i, pad : pad + columns], sure[i, pad : pad + columns]
+    out = np.empty_like(window)
+    signed_distance(window, reach, step, out)
+    return moved, out, surety, energies
 
 
 @njit(cache=True, error_model="numpy")

@@ -15,11 +15,25 @@ _0F, _0B, _1B = np.float32(0.0), np.uint8(0), np.uint8(1)
 
 
 @njit(cache=True, error_model="numpy")
+def farthest(phi):
+    """The largest distance (rows, columns) float32; NaN where one is none."""
+    most, wrong = _0F, False
+    for i in range(len(phi)):
+        row = phi[i]
+        for j in range(len(row)):
+            far = abs(row[j])
+            most = far if far > most else most
+            wrong |= far != far
+    return np.float32(np.nan) if wrong else most
+
+
+@njit(cache=True, error_model="numpy")
 def lay_out(phi, start, band, unguided, pad, size, size_px, x0, y0, step, wide, inside, active, known, blocks):
     """Write a window with its padding, and which of its blocks have anything undecided.
 
     Args:
-        phi: (rows, columns) float32 the prior's signed distance [px]; start: (rows, columns) uint8, 1 inside.
+        phi: (rows, columns) float32 the prior's signed distance [px]; start: (rows, columns) uint8, 1 inside, or (0, 0):
+            where the prior is.
         band: [px] farther from the outline nothing moves, unless ``unguided``.
         pad: columns of padding before the first; size: of a block [samples].
         size_px: (width, height) of the image; x0, y0: the first sample's pixel, which may lie beyond it; step: [px].
@@ -41,8 +55,11 @@ def lay_out(phi, start, band, unguided, pad, size, size_px, x0, y0, step, wide, 
     for i in range(rows):
         wide[i] = np.float32(-1e6)
         inside[i] = 0
-        p, b = phi[i], start[i]
+        p, b = phi[i], start[i] if start.size > 0 else inside[i, pad : pad + columns]
         w, u = wide[i, pad : pad + columns], inside[i, pad : pad + columns]
+        if start.size == 0:
+            for j in range(columns):
+                u[j] = _1B if p[j] > _0F else _0B
         for j in range(columns):
             w[j] = p[j]
             near = abs(p[j]) <= band or unguided
@@ -196,3 +213,34 @@ def forget(ignore, x0, y0, step, reach, blocks, known):
                 for a in range(max(x - reach, 0), min(x + reach + 1, width)):
                     if ignore[b, a]:
                         known[n, j] = 0
+
+
+@njit(cache=True, error_model="numpy")
+def read(image, phi, start, band_px, guided, median, pad, padded, size, x0, y0, step, ignore):
+    """All of this, one after the other.
+
+    Args:
+        image: of `read_samples`.
+        phi, start, pad, size, x0, y0, step: of `lay_out`; padded: columns with their padding.
+        band_px: farther from the outline nothing moves, if ``guided`` [px]; median: whether there is one.
+        ignore: of `forget`, or (0, 0).
+
+    Returns:
+        `farthest`, then wide, inside, active, known, blocks of `lay_out` and values of `read_samples`.
+    """
+    rows, (height, width, channels), far = len(phi), image.shape, farthest(phi)
+    # Where phi is cut off, nobody knows how far it is.
+    within = min(np.float32(band_px), np.nextafter(far, _0F))
+    room = rows * (padded // size)
+    wide, inside = np.empty((rows, padded), np.float32), np.empty((rows, padded), np.uint8)
+    active, known = np.empty((room, size), np.uint8), np.empty((room, size), np.uint8)
+    blocks = np.empty((room, 2), np.int32)
+    count = lay_out(
+        phi, start, within, not guided, pad, size, (width, height), x0, y0, step, wide, inside, active, known, blocks
+    )
+    blocks, active, known = blocks[:count], active[:count], known[:count]
+    values = np.empty((channels, count, size), np.int16)
+    read_samples(image, x0 - pad * step, y0, step, median, padded, blocks, values)
+    if ignore.size > 0:
+        forget(ignore, x0 - pad * step, y0, step, step - 1 + median, blocks, known)
+    return far, wide, inside, active, known, blocks, values
