@@ -39,16 +39,16 @@ def test_only_blocks_beside_a_node_that_changed_cost_otherwise(
     along = (np.arange(SIZE, dtype=np.float32) + np.float32(0.5)) / np.float32(SIZE)
     nodes = k.node_rows(rows, SIZE), blocks + 1
     coefficients = rng.normal(0, 1, (*nodes, 2 + 4 * channels)).astype(np.float32)
-    every, dirty = np.ones(len(places), np.uint8), np.zeros(len(places), np.uint8)
+    every, dirty, none = np.ones(len(places), np.uint8), *np.zeros((2, len(places)), np.uint8)
     before, after = (np.empty((2, len(places), SIZE), np.float32) for _ in range(2))
-    k._costs(levels, places, rows, along, coefficients, every, *before)
+    k._costs(levels, places, rows, along, coefficients, every, none, *before)
     stale = np.zeros(nodes, np.uint8)
     stale[rng.integers(nodes[0]), rng.integers(nodes[1])] = 1
     coefficients[stale > 0] += 1
-    k._costs(levels, places, rows, along, coefficients, every, *after)
+    k._costs(levels, places, rows, along, coefficients, every, none, *after)
     k._blocks_of(stale, places, rows, SIZE, dirty)
     assert dirty[(before != after).any((0, 2))].all()
     assert dirty.sum() <= 2 * 2 * SIZE
     again = before.copy()
-    k._costs(levels, places, rows, along, coefficients, dirty, *again)
+    k._costs(levels, places, rows, along, coefficients, dirty, none, *again)
     np.testing.assert_array_equal(again, after)

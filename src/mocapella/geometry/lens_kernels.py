@@ -28,27 +28,34 @@ def distort(x, y, k1, k2, p1, p2, k3):
 
 
 @njit(cache=True)
-def undistort(u, v, k1, k2, p1, p2, k3, farthest_r2):
-    """(x, y) with distort(x, y) = (u, v); NaN where there is none within the radius up to which the lens is one."""
+def undistorted(u, v, k1, k2, p1, p2, k3, farthest_r2):
+    """What `undistort` returns, and the derivatives of `distort` there."""
     x, y = u, v
     for _ in range(STEPS):
         at_u, at_v, uu, uv, vv = distort(x, y, k1, k2, p1, p2, k3)
         du, dv = u - at_u, v - at_v
         if abs(du) < 1e-13 and abs(dv) < 1e-13:
-            break
+            return x, y, uu, uv, vv
         det = uu * vv - uv * uv
         if not abs(det) > 1e-12:
-            return math.nan, math.nan
+            return math.nan, math.nan, uu, uv, vv
         x += (vv * du - uv * dv) / det
         y += (uu * dv - uv * du) / det
         r2 = x * x + y * y
         if r2 > farthest_r2 > 0.0:  # Newton's step may pass the edge on its way to a point inside
             shrink = math.sqrt(farthest_r2 / r2)
             x, y = shrink * x, shrink * y
-    at_u, at_v, _, _, _ = distort(x, y, k1, k2, p1, p2, k3)
+    at_u, at_v, uu, uv, vv = distort(x, y, k1, k2, p1, p2, k3)
     if abs(at_u - u) < 1e-9 and abs(at_v - v) < 1e-9:
-        return x, y
-    return math.nan, math.nan
+        return x, y, uu, uv, vv
+    return math.nan, math.nan, uu, uv, vv
+
+
+@njit(cache=True, forceinline=True)
+def undistort(u, v, k1, k2, p1, p2, k3, farthest_r2):
+    """(x, y) with distort(x, y) = (u, v); NaN where there is none within the radius up to which the lens is one."""
+    x, y, _, _, _ = undistorted(u, v, k1, k2, p1, p2, k3, farthest_r2)
+    return x, y
 
 
 @njit(cache=True)

@@ -52,6 +52,18 @@ def see(vertices, T_camera_world, lens, farthest_r2, pixels, depth):
 
 
 @njit(cache=True)
+def within(vertices, T_camera_world, lens, farthest_r2, width, height):
+    """Whether all vertices (n, 3) are seen, and in the image."""
+    pixels, depth = np.empty((len(vertices), 2)), np.empty(len(vertices))
+    see(vertices, T_camera_world, lens, farthest_r2, pixels, depth)
+    for i in range(len(pixels)):
+        x, y = pixels[i, 0], pixels[i, 1]
+        if not (depth[i] > 0.0 and 0.0 <= x < width - 1.0 and 0.0 <= y < height - 1.0):
+            return False
+    return True
+
+
+@njit(cache=True)
 def window(pixels, depth, width, height, step, margin):
     """The part of an image about what is seen: (x, y) of its first sample, columns, rows; none are 0.
 

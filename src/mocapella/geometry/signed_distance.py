@@ -37,12 +37,12 @@ def signed_distance(inside: NDArray[Any], reach_px: float, step_px: int = 1) -> 
     check(step_px >= 1, "step_px", step_px, "1 or more")
     reach = int(np.ceil(reach_px / step_px)) if np.isfinite(reach_px) else 0
     check(1 <= reach <= MOST_REACH, "reach_px", reach_px, f"above 0 and up to {MOST_REACH} steps")
+    out = np.empty(inside.shape, dtype=np.float32)
     if inside.dtype.kind in "bu":
-        field = (inside != 0).astype(np.float32) - np.float32(0.5)
+        mask = np.ascontiguousarray(inside if inside.dtype == np.uint8 else inside != 0).view(np.uint8)
+        kernels().of_mask(mask, reach, np.float32(step_px), out)
     else:
-        field = np.ascontiguousarray(inside, dtype=np.float32)
-    out = np.empty(field.shape, dtype=np.float32)
-    kernels().signed_distance(field, reach, np.float32(step_px), out)
+        kernels().signed_distance(np.ascontiguousarray(inside, dtype=np.float32), reach, np.float32(step_px), out)
     return out
 
 

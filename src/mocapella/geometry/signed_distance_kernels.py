@@ -66,6 +66,17 @@ def signed_distance(field, reach, step, out):
 
 
 @njit(cache=True, error_model="numpy")
+def of_mask(mask, reach, step, out):
+    """`signed_distance` of a mask (rows, columns) uint8: its outline passes midway between two samples that differ."""
+    field = np.empty(mask.shape, np.float32)
+    for i in range(len(mask)):
+        row, to = mask[i], field[i]
+        for j in range(len(row)):
+            to[j] = np.float32(0.5) if row[j] != 0 else np.float32(-0.5)
+    signed_distance(field, reach, step, out)
+
+
+@njit(cache=True, error_model="numpy")
 def _down_columns(field, far, border, squares):
     """Write the squared distance of every sample to the next crossing above or below, far² where none is near.
 

@@ -67,3 +67,45 @@ def orthonormal(R):
     bx, by, bz = n * bx, n * by, n * bz
     R[0], R[3], R[6], R[1], R[4], R[7] = ax, ay, az, bx, by, bz
     R[2], R[5], R[8] = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+
+
+@njit(cache=True)
+def carry_on(A, B, ratio, out):
+    """Write B·exp(ratio·log(A⁻¹B)) into out (4, 4), of rigid motions (4, 4): as from A to B, onward.
+
+    Exponential and logarithm are those of `geometry.twists`; the turn from A to B is below π.
+    """
+    P, Q, R, d, t = np.empty(9), np.empty(9), np.empty(9), np.empty(3), np.empty(3)
+    for i in range(3):
+        d[i] = B[i, 3] - A[i, 3]
+        for k in range(3):
+            P[3 * i + k], Q[3 * i + k] = A[i, k], B[i, k]
+    x, y, z = turn_between(P, FIRST, Q)
+    for i in range(3):
+        t[i] = P[i] * d[0] + P[3 + i] * d[1] + P[6 + i] * d[2]
+    s = x * x + y * y + z * z
+    if s < 1e-6:
+        c = 1.0 / 12.0 + s / 720.0
+    else:
+        half = 0.5 * np.sqrt(s)
+        c = (1.0 - half * np.cos(half) / np.sin(half)) / s
+    # t − φ × t / 2 + c φ × (φ × t) is the twist's first half; then the exponential of ratio times it.
+    u, v, w = y * t[2] - z * t[1], z * t[0] - x * t[2], x * t[1] - y * t[0]
+    a = ratio * (t[0] - 0.5 * u + c * (y * w - z * v))
+    b = ratio * (t[1] - 0.5 * v + c * (z * u - x * w))
+    c = ratio * (t[2] - 0.5 * w + c * (x * v - y * u))
+    x, y, z, s = ratio * x, ratio * y, ratio * z, ratio * ratio * s
+    if s < 1e-8:
+        f, g = 0.5 - s / 24.0, 1.0 / 6.0 - s / 120.0
+    else:
+        angle = np.sqrt(s)
+        f, g = (1.0 - np.cos(angle)) / s, (angle - np.sin(angle)) / (s * angle)
+    u, v, w = y * c - z * b, z * a - x * c, x * b - y * a
+    t[0], t[1], t[2] = a + f * u + g * (y * w - z * v), b + f * v + g * (z * u - x * w), c + f * w + g * (x * v - y * u)
+    turned(Q, FIRST, x, y, z, R)
+    for i in range(3):
+        for k in range(3):
+            out[i, k] = R[3 * i + k]
+        out[i, 3] = Q[3 * i] * t[0] + Q[3 * i + 1] * t[1] + Q[3 * i + 2] * t[2] + B[i, 3]
+        out[3, i] = 0.0
+    out[3, 3] = 1.0

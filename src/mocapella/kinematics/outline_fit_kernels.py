@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from mocapella.compiled import njit
-from mocapella.geometry.lens_kernels import distort, undistort
+from mocapella.geometry.lens_kernels import undistorted
 
 BIN_PX = 8.0
 """Points of an outline are looked up by rows so high."""
@@ -51,10 +51,9 @@ def _constraints(hits, which, k, points, bone, far, soft_px, sd_px, R, t, lens, 
     n = 0
     for h in range(k):
         x, y, gx, gy, length, miss = hits[h, 0], hits[h, 1], hits[h, 2], hits[h, 3], hits[h, 4], hits[h, 5]
-        u, v = undistort((x - cx) / fx, (y - cy) / fy, k1, k2, p1, p2, k3, farthest_r2)
+        u, v, uu, uv, vv = undistorted((x - cx) / fx, (y - cy) / fy, k1, k2, p1, p2, k3, farthest_r2)
         if not math.isfinite(u + v):
             continue
-        _, _, uu, uv, vv = distort(u, v, k1, k2, p1, p2, k3)
         a, b = fx * uu * gx + fy * uv * gy, fx * uv * gx + fy * vv * gy
         c = -(a * u + b * v)
         f = 1.0 / math.sqrt(a * a + b * b + c * c)

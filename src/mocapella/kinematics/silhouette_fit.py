@@ -171,8 +171,8 @@ def seen_at(points: Float64, by: Eye) -> Float64:
 
 def within(points: Float64, by: Eye) -> bool:
     """Whether all points (n, 3) are seen within the image."""
-    pixels = seen_at(points, by)
-    return bool((pixels >= 0).all() and (pixels < np.subtract(by.size_px, 1)).all())
+    at = np.ascontiguousarray(points)
+    return bool(_seeing().within(at, by.T_camera_world, by.lens, by.farthest_r2, *by.size_px))
 
 
 def touching(

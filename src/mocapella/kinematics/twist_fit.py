@@ -101,9 +101,10 @@ class Prior(msgspec.Struct, frozen=True, eq=False):
     angles_per_rad: Float64
 
     def __post_init__(self) -> None:
-        root, angles = (np.asarray(one) for one in ((self.root_per_m, self.root_per_rad), self.angles_per_rad))
-        fine = all(((one >= 0) & (one < np.inf)).all() for one in (root, angles))
-        check(fine, "weights of a prior", (root, angles), "0 or more")
+        angles = np.asarray(self.angles_per_rad)
+        least, most = angles.min(initial=0.0), angles.max(initial=0.0)
+        fine = all(0 <= one < np.inf for one in (self.root_per_m, self.root_per_rad, least, most))
+        check(fine, "weights of a prior", (self.root_per_m, self.root_per_rad, angles), "0 or more")
 
 
 @dataclass(frozen=True)

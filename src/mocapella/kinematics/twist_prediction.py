@@ -8,11 +8,11 @@ Capture", DAGM 2007, equations 16 and 17). How far the estimate is from it costs
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
 import numpy as np
 
-from mocapella.geometry.rigid import inverse
-from mocapella.geometry.twists import exp_twist, log_motion
 from mocapella.kinematics.twist_fit import Prior
 from mocapella.model.twist_tree import TreePose, TwistTree
 from mocapella.settings import check
@@ -44,9 +44,10 @@ def predicted(before: TreePose, last: TreePose, ratio: float = 1.0) -> TreePose:
         before, last: one after the other; leading batch axes.
         ratio: of the time until then to the time between these two.
     """
-    T = last.T_world_model
-    onward = exp_twist(ratio * log_motion(inverse(before.T_world_model) @ T))
-    return TreePose(T @ onward, last.angles + ratio * (last.angles - before.angles))
+    T = np.empty(np.shape(last.T_world_model))
+    for k in np.ndindex(T.shape[:-2]):
+        _kernels().carry_on(before.T_world_model[k], last.T_world_model[k], float(ratio), T[k])
+    return TreePose(T, last.angles + ratio * (last.angles - before.angles))
 
 
 def looser(prior: Prior, times: float) -> Prior:
@@ -59,3 +60,11 @@ def smoothness(tree: TwistTree, prediction: TreePose, penalty: JitterPenalty) ->
     """The penalty on a pose other than the predicted one, for `fit`."""
     every = np.full(len(tree.joint_parts), penalty.angle_per_rad)
     return Prior(prediction, penalty.root_per_m, penalty.root_per_rad, every)
+
+
+@cache
+def _kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.geometry import turn_kernels
+
+    return turn_kernels

@@ -91,23 +91,25 @@ class BackgroundMemory:
         """(rows, columns) which samples of the image are known."""
         return self._count > 0
 
-    def update(self, image: UInt8, person: Silhouette | None, others: Bool | None = None) -> None:
+    def update(
+        self, image: UInt8, person: Silhouette | None, others: Bool | None = None, covered: UInt8 | None = None
+    ) -> None:
         """Take in an image, but for what is near a person.
 
         Args:
             image: (height, width) or (height, width, 3).
             person: a window at this memory's step, aligned with it; None: nobody is there.
             others: (height, width) where other people are.
+            covered: (rows, columns) of the window, not 0 where the person is, too.
 
         Raises:
-            InputError: an image of another size than the first, a mask of another size than the image, or a window that
-                is not aligned.
+            InputError: an image of another size than the first, a mask of another size than the image or the window, or
+                a window that is not aligned.
         """
         image, (left, top), phi = self._door(image, person)
-        if others is not None and others.shape != image.shape[:2]:
-            raise InputError(
-                "a mask is not of the image", field="shape", value=others.shape, fix=f"make it {image.shape[:2]}"
-            )
+        for mask, of, shape in ((others, "image", image.shape[:2]), (covered, "window", phi.shape)):
+            if mask is not None and mask.shape != shape:
+                raise InputError(f"a mask is not of the {of}", field="shape", value=mask.shape, fix=f"make it {shape}")
         s, rows = self.settings, len(self._count)
         if not self._learnt:
             begin, end = 0, rows
@@ -120,8 +122,8 @@ class BackgroundMemory:
         learnt = self._mean, self._variance, self._count
         _kernels().learn(
             image, self.step_px, phi, left, top, s.guard_steps * self.step_px,
-            _NO_MASK if others is None else others, begin, end, s.window_images,
-            s.rate, self._first_sd, *learnt,
+            _NOBODY_COVERS if covered is None else covered, _NO_MASK if others is None else others, begin, end,
+            s.window_images, s.rate, self._first_sd, *learnt,
         )  # fmt: skip
         self._learnt = self._learnt or bool(self._count.any())
 
@@ -211,6 +213,7 @@ class BackgroundMemory:
 
 
 _NOBODY = np.empty((0, 0), np.float32)
+_NOBODY_COVERS = np.empty((0, 0), np.uint8)
 _NO_MASK = np.empty((0, 0), np.bool_)
 
 

@@ -39,7 +39,7 @@ def _mean(image, step, i, j, out):
         out[c] = f * total
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _nine(image, step, top, left, out):
     """Write the mean of 3 × 3 pixels in colour, all of which there are; for a step of 1 that in their middle."""
     if step == 1:
@@ -57,7 +57,7 @@ def _nine(image, step, top, left, out):
     out[0], out[1], out[2] = f * p, f * q, f * r
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _usual(shape, step, i, j):
     """Whether `_nine` is `_mean` of a sample (i, j) of an image of that shape.
 
@@ -69,7 +69,7 @@ def _usual(shape, step, i, j):
     return inner and shape[2] == 3 and 1 <= step <= 3
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _free(phi, left, top, i, j, guard):
     """Whether no person is near a sample of the whole image."""
     a, b = i - top, j - left
@@ -107,10 +107,13 @@ def noise_of(image, step, phi, left, top, guard, every):
 
 
 @njit(cache=True)
-def learn(image, step, phi, left, top, guard, others, begin, end, every, rate, least_sd, mean, variance, count):
+def learn(
+    image, step, phi, left, top, guard, covered, others, begin, end, every, rate, least_sd, mean, variance, count
+):
     """Take in the rows from ``begin`` to ``end`` of samples, and every so manieth of the window, where nobody is.
 
-    ``others`` is (height, width) where others are, or (0, 0).
+    ``covered`` is (rows, columns) of the window, not 0 where the person is, too, and ``others`` (height, width) where
+    others are; or (0, 0).
     """
     rows, columns, channels = mean.shape
     here = np.empty(channels)
@@ -121,6 +124,9 @@ def learn(image, step, phi, left, top, guard, others, begin, end, every, rate, l
         first, last = (0, columns) if whole else (max(left, 0), min(left + phi.shape[1], columns))
         for j in range(first, last):
             if not _free(phi, left, top, i, j, guard) or (others.size and others[i * step, j * step]):
+                continue
+            a, b = i - top, j - left
+            if 0 <= a < covered.shape[0] and 0 <= b < covered.shape[1] and covered[a, b]:
                 continue
             n = count[i, j]
             if _usual(image.shape, step, i, j):
@@ -166,7 +172,7 @@ def unlike(image, step, phi, left, top, guard, every, least_sd, cut_sd, mean, va
     return differ, known
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _vote(image, step, i, j, most, least, mean, variance, count, here):
     """Of a sample and the four about it the share that is not as it was, 1 for all and −1 for none; 0 where less than
     three are known.

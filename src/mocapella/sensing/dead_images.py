@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final
+from functools import cache
+from typing import Any, Final
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,18 +33,32 @@ class DeadImages:
         An image that comes a second time, while other cameras' change, says nothing of this instant, whether the camera
         is broken or slower than the others.
         """
-        sampled = {name: np.ascontiguousarray(image[::_EVERY, ::_EVERY]) for name, image in images.items()}
-        for name, image in sampled.items():
-            same = name in self._last and np.array_equal(self._last[name], image)
-            self._same[name] = self._same.get(name, 1) + 1 if same else 1
-        self._last |= sampled
-        moving = any(self._same[name] == 1 for name in sampled)
+        looked_at: dict[str, tuple[float, float]] = {}
+        for name, image in images.items():
+            pixels = image.reshape(*image.shape[:2], -1)
+            shape = (-(-pixels.shape[0] // _EVERY), -(-pixels.shape[1] // _EVERY), pixels.shape[2])
+            before = self._last.get(name)
+            if before is None or before.shape != shape:
+                self._same[name] = 0
+                before = self._last[name] = np.zeros(shape, np.uint8)
+            bright, sd, same = _kernels().looked_at(pixels, _EVERY, DARK, before)
+            looked_at[name] = bright, sd
+            self._same[name] = self._same[name] + 1 if same else 1
+        moving = any(self._same[name] == 1 for name in looked_at)
         found = {}
-        for name, image in sampled.items():
-            if np.count_nonzero(image > DARK) <= BRIGHT_SHARE * image.size:
+        for name, (bright, sd) in looked_at.items():
+            if bright <= BRIGHT_SHARE:
                 found[name] = "its image is black"
-            elif cv2.meanStdDev(image)[1].max() < UNIFORM:
+            elif sd < UNIFORM:
                 found[name] = "its image is of one colour"
             elif moving and self._same[name] > 1:
                 found[name] = f"its image is frozen: the same for {self._same[name]} frames, while others change"
         return found
+
+
+@cache
+def _kernels() -> Any:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.sensing import dead_images_kernels
+
+    return dead_images_kernels

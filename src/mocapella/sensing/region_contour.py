@@ -250,7 +250,8 @@ def settle(
         band.values, band.active, band.known, band.phi, band.blocks, band.inside, outside, band.pad, columns,
         np.float32(s.prior_weight), np.float32(s.length_weight * math.sqrt(2 * math.pi) / step),
         np.float32(math.sqrt(2 / math.pi) / step), guided, np.float32(unsure_px), s.fewest_px2 / step**2,
-        2.0 * s.least_sd, np.float32(3 * s.most_nats), inside_cost, s.iterations, energies, band.reach, np.float32(step),
+        2.0 * s.least_sd, np.float32(3 * s.most_nats), inside_cost, s.iterations, energies, band.reach,
+        np.float32(step),
     )  # fmt: skip
     return RegionContour(Silhouette(band.prior.origin_px, step, phi), surety, moved, told * step**2)
 

@@ -80,41 +80,50 @@ def _add(values, n, j, top, low, k, sign, side, sums):
 
 
 @njit(cache=True, error_model="numpy")
-def _add_all(values, state, blocks, rows, odd, sums):
-    """Add all samples to the sums of their sides: over a block, and how far along it, then to the four nodes about."""
+def _add_all(values, before, state, blocks, rows, odd, sums):
+    """Add all samples to the sums of their sides that were on others before, and take them away from these: over a
+    block, and how far along it, then to the four nodes about.
+    """
     channels, _, size = values.shape
     full = 2 * size
     whole, along = np.empty(sums.shape[3], np.int64), np.empty(sums.shape[3], np.int64)
     on, weight = np.empty(len(odd), np.int32), np.empty(len(odd), np.int32)
+    aside = odd - np.int32(size)  # from a block's middle: squares of long blocks would be too much for 32 bits
+    was, now, eights = before.reshape(-1).view(np.uint64), state.reshape(-1).view(np.uint64), size // 8
     for n in range(len(blocks)):
+        same = True
+        for m in range(n * eights, n * eights + eights):
+            same &= was[m] == now[m]
+        if same:
+            continue
         k = np.int64(blocks[n, 1])
         top, low = _down(np.int64(blocks[n, 0]), rows, size)
         for side in range(2):
             wanted = INSIDE if side == 0 else OUTSIDE
             for j in range(size):
-                on[j] = np.int32(1) if state[n, j] == wanted else np.int32(0)
-            count, far = np.int32(0), np.int32(0)
+                on[j] = np.int32(state[n, j] == wanted) - np.int32(before[n, j] == wanted)
+            count, far, some = np.int32(0), np.int32(0), np.int32(0)
             for j in range(size):
                 weight[j] = on[j] * odd[j]
             for j in range(size):
                 count = np.int32(count + on[j])
                 far = np.int32(far + weight[j])
-            if count == 0:
+                some = np.int32(some | on[j])
+            if some == 0:
                 continue
             whole[0], along[0] = count, far
             for c in range(channels):
-                a, b, x, y = np.int32(0), np.int32(0), np.int32(0), np.uint32(0)
-                part = values[c, n]
+                a, b, x, y = np.int32(0), np.int32(0), np.int32(0), np.int32(0)
                 for j in range(size):
-                    value = np.int32(part[j])
+                    value = np.int32(values[c, n, j])
                     once = np.int32(on[j] * value)
                     a = np.int32(a + once)
                     b = np.int32(b + np.int32(odd[j] * once))
                     square = np.int32(once * value)
                     x = np.int32(x + square)
-                    y = np.uint32(y + np.uint32(odd[j] * square))
+                    y = np.int32(y + np.int32(aside[j] * square))
                 whole[1 + c], along[1 + c] = a, b
-                whole[1 + channels + c], along[1 + channels + c] = x, y
+                whole[1 + channels + c], along[1 + channels + c] = x, np.int64(size) * x + y
             for m in range(len(whole)):
                 rest = full * whole[m] - along[m]
                 sums[side, top, k, m] += (full - low) * rest
@@ -212,9 +221,9 @@ def _energy(
     return energy
 
 
-@njit(cache=True, error_model="numpy")
-def _costs_of_gray(row, rise, k, values, n, along, one, two):
-    """Write −log p of a block's samples, of gray, inside and outside: (blocks, size)."""
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _costs_of_gray(row, rise, k, values, n, along, one, two, outside):
+    """Write −log p of a block's samples, of gray, inside, and ``outside`` if wanted: (blocks, size)."""
     a0, a1, a0_rise, a1_rise = row[k, 0], row[k, 1], rise[k, 0], rise[k, 1]
     b00, b00_rise, c00, c00_rise = row[k, 2], rise[k, 2], row[k, 4], rise[k, 4]
     b01, b01_rise, c01, c01_rise = row[k, 3], rise[k, 3], row[k, 5], rise[k, 5]
@@ -223,13 +232,18 @@ def _costs_of_gray(row, rise, k, values, n, along, one, two):
         v0 = values[0, n, j]
         cost = (a0 + t * a0_rise) + v0 * ((b00 + t * b00_rise) + v0 * (c00 + t * c00_rise))
         one[n, j] = cost
+    if not outside:
+        return
+    for j in range(len(along)):
+        t = along[j]
+        v0 = values[0, n, j]
         cost = (a1 + t * a1_rise) + v0 * ((b01 + t * b01_rise) + v0 * (c01 + t * c01_rise))
         two[n, j] = cost
 
 
-@njit(cache=True, error_model="numpy")
-def _costs_of_colour(row, rise, k, values, n, along, one, two):
-    """Write −log p of a block's samples, of three channels, inside and outside: (blocks, size)."""
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _costs_of_colour(row, rise, k, values, n, along, one, two, outside):
+    """Write −log p of a block's samples, of three channels, inside, and ``outside`` if wanted: (blocks, size)."""
     a0, a1, a0_rise, a1_rise = row[k, 0], row[k, 1], rise[k, 0], rise[k, 1]
     b00, b00_rise, c00, c00_rise = row[k, 2], rise[k, 2], row[k, 4], rise[k, 4]
     b01, b01_rise, c01, c01_rise = row[k, 3], rise[k, 3], row[k, 5], rise[k, 5]
@@ -246,6 +260,13 @@ def _costs_of_colour(row, rise, k, values, n, along, one, two):
         cost = cost + v1 * ((b10 + t * b10_rise) + v1 * (c10 + t * c10_rise))
         cost = cost + v2 * ((b20 + t * b20_rise) + v2 * (c20 + t * c20_rise))
         one[n, j] = cost
+    if not outside:
+        return
+    for j in range(len(along)):
+        t = along[j]
+        v0 = values[0, n, j]
+        v1 = values[1, n, j]
+        v2 = values[2, n, j]
         cost = (a1 + t * a1_rise) + v0 * ((b01 + t * b01_rise) + v0 * (c01 + t * c01_rise))
         cost = cost + v1 * ((b11 + t * b11_rise) + v1 * (c11 + t * c11_rise))
         cost = cost + v2 * ((b21 + t * b21_rise) + v2 * (c21 + t * c21_rise))
@@ -253,11 +274,12 @@ def _costs_of_colour(row, rise, k, values, n, along, one, two):
 
 
 @njit(cache=True, error_model="numpy")
-def _costs(levels, blocks, rows, along, coefficients, dirty, one, two):
+def _costs(levels, blocks, rows, along, coefficients, dirty, modelled, one, two):
     """Write −log p of the samples of all blocks that are dirty: (blocks, size) inside, and outside.
 
     Args:
         levels: (channels, blocks, size) float32 values.
+        modelled: (blocks,) uint8, 1 where outside nothing is wanted.
     """
     row = np.empty(coefficients.shape[1:], np.float32)
     rise = np.zeros(coefficients.shape[1:], np.float32)
@@ -277,9 +299,9 @@ def _costs(levels, blocks, rows, along, coefficients, dirty, one, two):
             for q in range(len(following)):
                 flat_rise[q] = following[q] - flat_row[q]
         if len(levels) == 3:
-            _costs_of_colour(row, rise, k, levels, n, along, one, two)
+            _costs_of_colour(row, rise, k, levels, n, along, one, two, modelled[n] == _0B)
         else:
-            _costs_of_gray(row, rise, k, levels, n, along, one, two)
+            _costs_of_gray(row, rise, k, levels, n, along, one, two, modelled[n] == _0B)
 
 
 @njit(cache=True, error_model="numpy")
@@ -438,7 +460,7 @@ def segment(
     coefficients = np.zeros((nodes[0], nodes[1], 2 + 4 * channels), np.float32)
     leans, stale = np.zeros(nodes), np.ones(nodes, np.uint8)
     if learnt:
-        _add_all(values, state, blocks, rows, odd, sums)
+        _add_all(values, np.zeros_like(state), state, blocks, rows, odd, sums)
         both[:] = sums[0] + sums[1]
         densities(sums, both, size, fewest, least_sd, stale, leans, coefficients)
     if begun:  # elsewhere than the prior
@@ -455,6 +477,12 @@ def segment(
     own = np.empty((count, size), np.float32)
     news, nows = state.copy(), on.copy()
     inner = np.float32(math.nan if learnt else inside_cost)
+    modelled = np.zeros(count, np.uint8)  # whose samples a model of the background says all of
+    for n in range(len(outside_costs)):
+        unknown = False
+        for j in range(size):
+            unknown |= outside_costs[n, j] != outside_costs[n, j]
+        modelled[n] = not unknown
     # All samples of all blocks go through the long loops, also of those that nothing changed for: that is faster.
     flat = (
         one.reshape(-1), two.reshape(-1), outside_costs.reshape(-1), known.reshape(-1), active.reshape(-1),
@@ -464,12 +492,14 @@ def segment(
     iteration = 0
     while iteration < iterations:
         _take(mean_by_8, blocks, dirty, _FLIPPED, means_by_8)
-        _costs(levels, blocks, rows, along, coefficients, dirty, one, two)
+        _costs(levels, blocks, rows, along, coefficients, dirty, modelled, one, two)
         _decide(*flat, length, most, inner)
-        # At first most was unsure, and changes: all anew is faster.
+        # At first most was unsure, and changes: block by block is faster.
         anew = learnt and iteration == 0 and unsure > 0
         dirty[:] = 0
         stale[:] = anew
+        if anew:
+            _add_all(values, state, news, blocks, rows, odd, sums)
         moved = _take_over(
             values, blocks, state, news, on, nows, learnt and not anew, inside, mean, place, dirty, sums, stale
         )
@@ -478,9 +508,6 @@ def segment(
         iteration += 1
         if iteration == iterations and not told:
             break
-        if anew:
-            sums[:] = 0
-            _add_all(values, state, blocks, rows, odd, sums)
         if learnt:
             densities(sums, both, size, fewest, least_sd, stale, leans, coefficients)
             _blocks_of(stale, blocks, rows, size, dirty)

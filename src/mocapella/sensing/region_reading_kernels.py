@@ -23,7 +23,7 @@ def farthest(phi):
         for j in range(len(row)):
             far = abs(row[j])
             most = far if far > most else most
-            wrong |= far != far
+            wrong |= np.isnan(far)
     return np.float32(np.nan) if wrong else most
 
 
@@ -32,8 +32,8 @@ def lay_out(phi, start, band, unguided, pad, size, size_px, x0, y0, step, wide, 
     """Write a window with its padding, and which of its blocks have anything undecided.
 
     Args:
-        phi: (rows, columns) float32 the prior's signed distance [px]; start: (rows, columns) uint8, 1 inside, or (0, 0):
-            where the prior is.
+        phi: (rows, columns) float32 the prior's signed distance [px]; start: (rows, columns) uint8, 1 inside, or
+            (0, 0): where the prior is.
         band: [px] farther from the outline nothing moves, unless ``unguided``.
         pad: columns of padding before the first; size: of a block [samples].
         size_px: (width, height) of the image; x0, y0: the first sample's pixel, which may lie beyond it; step: [px].

@@ -208,9 +208,7 @@ class SilhouetteCamera:
         """Take in what is behind the body."""
         if self.memory is not None and self._outline is not None and self._found is not None:
             # Without another distance: what is near the contour or in the body is not learnt.
-            contour = self._found[0]
-            phi = np.where(self._outline.mask > 0, np.float32(self.step_px), contour.phi)
-            self.memory.update(image, Silhouette(contour.origin_px, self.step_px, phi), others)
+            self.memory.update(image, self._found[0], others, self._outline.mask)
 
     def _expected(self) -> Silhouette:
         if self._prior is None:

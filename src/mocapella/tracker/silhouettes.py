@@ -243,7 +243,8 @@ class SilhouetteTracker:
 
     def _near(self, these: Float64, those: Float64, steps: float) -> bool:
         """Whether vertices are no farther from each other than so many samples, of what was segmented."""
-        away_m = float(np.sqrt(((these - those) ** 2).sum(axis=1).max()))
+        way = these - those
+        away_m = float(np.sqrt(np.einsum("nd,nd->n", way, way).max()))
         nearest_m = min((camera.sample_m for camera in self._segmented().values()), default=0.0)
         return away_m <= steps * nearest_m
 
