@@ -11,7 +11,7 @@ from rigged_meshes import BOX_FACES, CORNERS, any_motion, any_pose, is_closed, v
 
 from mocapella.errors import SettingsError
 from mocapella.geometry.rigid import apply
-from mocapella.model.rigged_mesh import Landmark, landmarks_at, posed, rest, rigid_mesh, strongest
+from mocapella.model.rigged_mesh import Landmark, farthest_apart_m, landmarks_at, posed, rest, rigid_mesh, strongest
 from mocapella.model.twist_tree import TreePose, part_motions
 
 seeds = st.integers(0, 2**32 - 1)
@@ -59,6 +59,13 @@ def test_batches_are_what_each_alone_is() -> None:
     np.testing.assert_array_equal(landmarks_at(mesh, batch)[1], landmarks_at(mesh, poses[1]))
     bare = msgspec.structs.replace(mesh, landmarks={})
     assert landmarks_at(bare, batch).shape == (3, 0, 3)
+
+
+@few
+@given(seeds, st.integers(0, 50))
+def test_two_sets_of_points_are_as_far_apart_as_the_farthest_two_are(seed: int, count: int) -> None:
+    these, those = np.random.default_rng(seed).normal(size=(2, count, 3))
+    assert farthest_apart_m(these, those) == pytest.approx(np.linalg.norm(these - those, axis=1).max(initial=0.0))
 
 
 def test_a_rigid_object_has_six_degrees_of_freedom() -> None:

@@ -84,6 +84,18 @@ def test_where_others_are_nothing_is_learnt() -> None:
         memory.update(room(), who, others[:-1])
 
 
+def test_what_the_model_covers_is_not_learnt_though_its_contour_is_elsewhere() -> None:
+    memory = BackgroundMemory(2, MemorySettings(guard_steps=3))
+    covered = np.zeros((HEIGHT // 2, WIDTH // 2), np.uint8)
+    covered[20:30, 60:70] = 1
+    who, _ = person(30)
+    memory.update(room(), who, None, covered)
+    free = (who.phi < -6) & (covered == 0)
+    np.testing.assert_array_equal(memory.known, free)
+    with pytest.raises(InputError, match="mask is not of the window"):
+        memory.update(room(), who, None, covered[:-1])
+
+
 def test_whoever_stands_still_is_not_learnt_but_what_lies_far_away_is() -> None:
     """What is far from people is taken in stripe by stripe, so that a lamp that is switched on is background soon."""
     memory = BackgroundMemory(2, MemorySettings(rate=0.5, sweep_images=4))

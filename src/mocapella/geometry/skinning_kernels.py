@@ -3,6 +3,8 @@
 # ruff: noqa: PLR0917 - compiled: arrays come by position
 from __future__ import annotations
 
+import math
+
 from mocapella.compiled import njit
 
 
@@ -28,3 +30,13 @@ def skin(vertices, bones, shares, R, t, out):
             b += s * (A[3] * x + A[4] * y + A[5] * z + o[1])
             c += s * (A[6] * x + A[7] * y + A[8] * z + o[2])
         out[k, 0], out[k, 1], out[k, 2] = a, b, c
+
+
+@njit(cache=True)
+def farthest_apart(these, those):
+    """The largest distance of points (n, 3) from as many others [m]; 0 of none."""
+    most = 0.0
+    for i in range(len(these)):
+        x, y, z = these[i, 0] - those[i, 0], these[i, 1] - those[i, 1], these[i, 2] - those[i, 2]
+        most = max(most, x * x + y * y + z * z)
+    return math.sqrt(most)

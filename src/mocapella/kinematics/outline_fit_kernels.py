@@ -48,10 +48,11 @@ def _constraints(hits, which, k, points, bone, far, soft_px, sd_px, R, t, lens, 
     part, rest, planes, weights = np.empty(k, np.int64), np.empty((k, 3)), np.empty((k, 4)), np.empty(k)
     fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
     k1, k2, p1, p2, k3 = lens[4], lens[5], lens[6], lens[7], lens[8]
+    per_fx, per_fy, per_soft, per_m = 1.0 / fx, 1.0 / fy, 1.0 / soft_px, fx / sd_px
     n = 0
     for h in range(k):
         x, y, gx, gy, length, miss = hits[h, 0], hits[h, 1], hits[h, 2], hits[h, 3], hits[h, 4], hits[h, 5]
-        u, v, uu, uv, vv = undistorted((x - cx) / fx, (y - cy) / fy, k1, k2, p1, p2, k3, farthest_r2)
+        u, v, uu, uv, vv = undistorted(per_fx * (x - cx), per_fy * (y - cy), k1, k2, p1, p2, k3, farthest_r2)
         if not math.isfinite(u + v):
             continue
         a, b = fx * uu * gx + fy * uv * gy, fx * uv * gx + fy * vv * gy
@@ -66,11 +67,10 @@ def _constraints(hits, which, k, points, bone, far, soft_px, sd_px, R, t, lens, 
         a, b, c = points[i, 0] - t[p, 0], points[i, 1] - t[p, 1], points[i, 2] - t[p, 2]
         for d in range(3):
             rest[n, d] = R[p, d] * a + R[p, 3 + d] * b + R[p, 6 + d] * c
-        m = miss / soft_px
-        robust = 1.0 / (1.0 + m * m)
-        size = sd_px * far[i] / lens[0]
+        m = miss * per_soft
+        sure = per_m / ((1.0 + m * m) * far[i])  # the square root of a robust weight, over an outline's deviation [m]
         part[n] = p
-        weights[n] = length * robust * robust / (size * size)
+        weights[n] = length * sure * sure
         n += 1
     return part[:n], rest[:n], planes[:n], weights[:n]
 

@@ -102,8 +102,8 @@ class Prior(msgspec.Struct, frozen=True, eq=False):
 
     def __post_init__(self) -> None:
         angles = np.asarray(self.angles_per_rad)
-        least, most = angles.min(initial=0.0), angles.max(initial=0.0)
-        fine = all(0 <= one < np.inf for one in (self.root_per_m, self.root_per_rad, least, most))
+        least, most = float(angles.min(initial=0.0)), float(angles.max(initial=0.0))
+        fine = least >= 0 and most < np.inf and 0 <= self.root_per_m < np.inf and 0 <= self.root_per_rad < np.inf
         check(fine, "weights of a prior", (self.root_per_m, self.root_per_rad, angles), "0 or more")
 
 

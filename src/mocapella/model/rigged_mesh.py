@@ -149,6 +149,11 @@ def carried(points: Float64, bones: Int32, shares: Float64, motions: tuple[Float
     return out
 
 
+def farthest_apart_m(these: Float64, those: Float64) -> float:
+    """How far points (n, 3) are from as many others, at most [m]; such as the vertices in two poses."""
+    return float(_kernels().farthest_apart(these, those))
+
+
 def landmarks_at(mesh: RiggedMesh, pose: TreePose) -> Float64:
     """Where the landmarks are: (..., landmarks, 3) in the world, in the mapping's order."""
     if not mesh.landmarks:

@@ -113,8 +113,7 @@ class BackgroundMemory:
         s, rows = self.settings, len(self._count)
         if not self._learnt:
             begin, end = 0, rows
-            guard = s.guard_steps * self.step_px
-            noise = _kernels().noise_of(image, self.step_px, phi, left, top, guard, s.every)
+            _, _, noise = self._compared(image, phi, left, top)
             self._first_sd = max(s.least_sd, FIRST_SDS * noise)
         else:
             begin, end = self._next_row, self._next_row + -(-rows // s.sweep_images)
@@ -133,15 +132,16 @@ class BackgroundMemory:
         Arguments and errors as of `update`.
         """
         image, (left, top), phi = self._door(image, person)
-        s = self.settings
-        noise = _kernels().noise_of(image, self.step_px, phi, left, top, s.guard_steps * self.step_px, s.every)
-        if self._learnt and noise > NOISIER * max(self._first_sd, s.least_sd):
+        differ, known, noise = self._compared(image, phi, left, top)
+        if self._learnt and noise > NOISIER * max(self._first_sd, self.settings.least_sd):
             return 1.0
-        differ, known = _kernels().unlike(
-            image, self.step_px, phi, left, top, s.guard_steps * self.step_px, s.every, s.least_sd, s.cut_sd,
-            self._mean, self._variance, self._count,
-        )  # fmt: skip
         return differ / known if known else float("nan")
+
+    def _compared(self, image: UInt8, phi: Float32, left: int, top: int) -> tuple[int, int, float]:
+        s, learnt = self.settings, (self._mean, self._variance, self._count)
+        return tuple(_kernels().unlike(
+            image, self.step_px, phi, left, top, s.guard_steps * self.step_px, s.every, s.least_sd, s.cut_sd, *learnt,
+        ))  # fmt: skip
 
     def strange(self, image: UInt8, window: Silhouette, every: int) -> Float32:
         """What is not as it was, at every so manieth sample of a window: from 1, somebody, to −1, the room; 0: unknown.

@@ -3,7 +3,7 @@
 Arrays are those of `background_memory`. Importing this module imports numba.
 """
 
-# ruff: noqa: PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
 from __future__ import annotations
 
 import math
@@ -77,25 +77,38 @@ def _free(phi, left, top, i, j, guard):
 
 
 @njit(cache=True)
-def noise_of(image, step, phi, left, top, guard, every):
-    """The standard deviation of samples [grey levels], of what neighbours do not explain.
+def unlike(image, step, phi, left, top, guard, every, least_sd, cut_sd, mean, variance, count):
+    """What samples where nobody is, at every so manieth row and column, say of an image: those beside are asked, too.
 
-    Of the smallest fifth: the larger ones may be the room's texture.
+    Returns:
+        How many are not as they were, of how many that are known, and the standard deviation of samples [grey levels],
+        of what neighbours do not explain: of the smallest fifth, for the larger ones may be the room's texture.
     """
-    rows, columns, channels = -(-image.shape[0] // step), -(-image.shape[1] // step), image.shape[2]
-    rest, n = np.empty((rows // every + 1) * (columns // every + 1) * channels), 0
+    rows, columns, channels = mean.shape
+    differ = known = n = 0
+    rest = np.empty((rows // every + 1) * (columns // every + 1) * channels)
     before, here, after = np.empty(channels), np.empty(channels), np.empty(channels)
-    for i in range(0, rows, every):
-        for j in range(1, columns - 1, every):
-            if _free(phi, left, top, i, j, guard):
+    for i in range(every // 2, rows, every):
+        for j in range(every // 2, columns, every):
+            if not _free(phi, left, top, i, j, guard):
+                continue
+            if _usual(image.shape, step, i, j):
+                _nine(image, step, i * step - 1, j * step - 1, here)
+            else:
+                _mean(image, step, i, j, here)
+            if count[i, j] > 0:
+                known += 1
+                squares = 0.0
+                for c in range(channels):
+                    d = here[c] - mean[i, j, c]
+                    squares += d * d
+                if squares > cut_sd * cut_sd * max(variance[i, j], least_sd * least_sd) * channels:
+                    differ += 1
+            if 0 < j < columns - 1:
                 if _usual(image.shape, step, i, j - 1):
                     _nine(image, step, i * step - 1, (j - 1) * step - 1, before)
                 else:
                     _mean(image, step, i, j - 1, before)
-                if _usual(image.shape, step, i, j):
-                    _nine(image, step, i * step - 1, j * step - 1, here)
-                else:
-                    _mean(image, step, i, j, here)
                 if _usual(image.shape, step, i, j + 1):
                     _nine(image, step, i * step - 1, (j + 1) * step - 1, after)
                 else:
@@ -103,7 +116,8 @@ def noise_of(image, step, phi, left, top, guard, every):
                 for c in range(channels):
                     rest[n] = abs(here[c] - 0.5 * (before[c] + after[c]))
                     n += 1
-    return SD_OF_FIFTH * np.partition(rest[:n], n // 5)[n // 5] / math.sqrt(1.5) if n else 0.0
+    noise = SD_OF_FIFTH * np.partition(rest[:n], n // 5)[n // 5] / math.sqrt(1.5) if n else 0.0
+    return differ, known, noise
 
 
 @njit(cache=True)
@@ -147,29 +161,6 @@ def learn(
                 variance[i, j] += r * (OF_CUT * squares / channels - variance[i, j])
             if n < 255:
                 count[i, j] = n + 1
-
-
-@njit(cache=True)
-def unlike(image, step, phi, left, top, guard, every, least_sd, cut_sd, mean, variance, count):
-    """(how many, of how many) samples where nobody is, at every so manieth row and column, are not as they were."""
-    differ = known = 0
-    here = np.empty(mean.shape[2])
-    for i in range(every // 2, mean.shape[0], every):
-        for j in range(every // 2, mean.shape[1], every):
-            if count[i, j] == 0 or not _free(phi, left, top, i, j, guard):
-                continue
-            known += 1
-            if _usual(image.shape, step, i, j):
-                _nine(image, step, i * step - 1, j * step - 1, here)
-            else:
-                _mean(image, step, i, j, here)
-            squares = 0.0
-            for c in range(mean.shape[2]):
-                d = here[c] - mean[i, j, c]
-                squares += d * d
-            if squares > cut_sd * cut_sd * max(variance[i, j], least_sd * least_sd) * mean.shape[2]:
-                differ += 1
-    return differ, known
 
 
 @njit(cache=True, forceinline=True)

@@ -185,11 +185,10 @@ def read_samples(image, x0, y0, step, median, columns, blocks, values):
                 ready[k] = far if off >= 0 else -far
         while block < len(blocks) and blocks[block, 0] == i:
             size = values.shape[2]
-            first = channels * step * size * blocks[block, 1]
+            first, apart = np.uint64(channels * step * size * blocks[block, 1]), np.uint64(channels * step)
             for c in range(channels):
-                to = values[c, block]
                 for j in range(size):
-                    to[j] = ready[first + channels * step * j + c]
+                    values[c, block, j] = ready[first + np.uint64(c) + apart * np.uint64(j)]
             block += 1
 
 

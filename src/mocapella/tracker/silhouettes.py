@@ -25,7 +25,7 @@ from mocapella.kinematics.silhouette_fit import Eye, eye, see
 from mocapella.kinematics.twist_fit import Constraints, FitSettings, Prior, fit
 from mocapella.kinematics.twist_prediction import looser, predicted, smoothness
 from mocapella.model.camera import CameraRig
-from mocapella.model.rigged_mesh import RiggedMesh, posed
+from mocapella.model.rigged_mesh import RiggedMesh, farthest_apart_m, posed
 from mocapella.model.silhouettes import Silhouette
 from mocapella.model.twist_tree import TreePose, motions
 from mocapella.sensing.dead_images import DeadImages
@@ -243,10 +243,8 @@ class SilhouetteTracker:
 
     def _near(self, these: Float64, those: Float64, steps: float) -> bool:
         """Whether vertices are no farther from each other than so many samples, of what was segmented."""
-        way = these - those
-        away_m = float(np.sqrt(np.einsum("nd,nd->n", way, way).max()))
         nearest_m = min((camera.sample_m for camera in self._segmented().values()), default=0.0)
-        return away_m <= steps * nearest_m
+        return farthest_apart_m(these, those) <= steps * nearest_m
 
     def covered(self, pose: TreePose, grown_px: int = 0) -> dict[str, Bool]:
         """(height, width) by camera: what the body covers in a pose, and so much around it."""
