@@ -494,15 +494,18 @@ def segment(
         _take(mean_by_8, blocks, dirty, _FLIPPED, means_by_8)
         _costs(levels, blocks, rows, along, coefficients, dirty, modelled, one, two)
         _decide(*flat, length, most, inner)
-        # At first most was unsure, and changes: block by block is faster.
+        # At first most was unsure, and changes: all at once is faster.
         anew = learnt and iteration == 0 and unsure > 0
-        dirty[:] = 0
+        dirty[:] = _FLIPPED if anew else _0B
         stale[:] = anew
         if anew:
             _add_all(values, state, news, blocks, rows, odd, sums)
-        moved = _take_over(
-            values, blocks, state, news, on, nows, learnt and not anew, inside, mean, place, dirty, sums, stale
-        )
+            moved = not (np.array_equal(state, news) and np.array_equal(on, nows))
+            state[:], on[:] = news, nows
+            _put(on.view(np.uint64), blocks, inside.view(np.uint64))
+            blur(inside, mean)
+        else:
+            moved = _take_over(values, blocks, state, news, on, nows, learnt, inside, mean, place, dirty, sums, stale)
         if not moved:
             break
         iteration += 1
