@@ -1,0 +1,86 @@
+"""Pixels that stand out of their neighbours, and medians of three by three; compiled.
+
+Importing this module imports numba.
+"""
+
+# ruff: noqa: PLR0917 - compiled: arrays come by position
+from __future__ import annotations
+
+import numpy as np
+
+from mocapella.compiled import njit
+
+
+@njit(cache=True)
+def _sorted_columns(above, here, below, low, mid, high):
+    for x in range(len(low)):
+        a, b, c = above[x], here[x], below[x]
+        less, more = a if a < b else b, b if a < b else a
+        other = more if more < c else c
+        high[x] = c if more < c else more
+        low[x] = less if less < other else other
+        mid[x] = other if less < other else less
+
+
+@njit(cache=True)
+def _median(l1, l2, l3, m1, m2, m3, h1, h2, h3, out):
+    for x in range(len(out)):
+        a, b, c = l1[x], l2[x], l3[x]
+        low = b if a < b else a
+        low = c if low < c else low
+        a, b, c = h1[x], h2[x], h3[x]
+        high = a if a < b else b
+        high = high if high < c else c
+        a, b, c = m1[x], m2[x], m3[x]
+        less, more = a if a < b else b, b if a < b else a
+        other = more if more < c else c
+        mid = other if less < other else less
+        less, more = low if low < mid else mid, mid if low < mid else low
+        other = more if more < high else high
+        out[x] = other if less < other else less
+
+
+@njit(cache=True)
+def median_of_nine(image, out):
+    """Write out the median of each pixel's 3 × 3, by channel; of the border the pixel itself.
+
+    Both are (height, width, channels). Columns of three are sorted first: the median of nine is that of the largest of
+    the lowest, the median of the middle and the smallest of the highest ones (A. Paeth, "Median finding on a 3 × 3
+    grid", Graphics Gems, 1990). Rows are whole arrays, so that many pixels are compared at once.
+    """
+    height, n, c = image.shape[0], image.shape[1] * image.shape[2], image.shape[2]
+    rows, written = image.reshape(height, n), out.reshape(height, n)
+    written[:] = rows
+    if image.shape[1] < 3:
+        return
+    low, mid, high = np.empty(n, np.uint8), np.empty(n, np.uint8), np.empty(n, np.uint8)
+    for y in range(1, height - 1):
+        _sorted_columns(rows[y - 1], rows[y], rows[y + 1], low, mid, high)
+        _median(
+            low[: -2 * c], low[c:-c], low[2 * c :], mid[: -2 * c], mid[c:-c], mid[2 * c :],
+            high[: -2 * c], high[c:-c], high[2 * c :], written[y, c:-c],
+        )  # fmt: skip
+
+
+@njit(cache=True)
+def standing_out(image, every, levels):
+    """Share of values, of every so manieth row, that are farther from the median of their 3 × 3 than so many levels;
+    image (height, width, channels).
+    """
+    height, width, channels = image.shape
+    medians = np.empty((3, width, channels), np.uint8)
+    out = asked = 0
+    for y in range(1, height - 1, every):
+        median_of_nine(image[y - 1 : y + 2], medians)
+        out += _apart(image[y].reshape(-1), medians[1].reshape(-1), levels)
+        asked += width * channels
+    return out / asked if asked else 0.0
+
+
+@njit(cache=True)
+def _apart(values, medians, levels):
+    count = np.int64(0)
+    for x in range(len(values)):
+        a, b = np.int32(values[x]), np.int32(medians[x])
+        count += np.int64(a - b > levels) + np.int64(b - a > levels)
+    return count
