@@ -225,7 +225,7 @@ def _bodies(
     seen = np.isfinite(positions[..., 0])
     return {
         "tracking_ids": log.person_id[rows].astype(np.uint64),
-        "tracked": seen.any(axis=-1),
+        "tracked": np.asarray(seen.any(axis=-1)),
         "clipped_edges": np.zeros(len(rows), dtype=np.uint8),
         "states": np.where(seen, JointState.TRACKED, JointState.NOT_TRACKED).astype(np.uint8),
         "positions": positions,

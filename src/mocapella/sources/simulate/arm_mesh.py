@@ -354,7 +354,7 @@ def _parts(
 ) -> UInt8:
     middles = vertices[triangles].mean(axis=1)
     parts = bones_of[triangles, 0]
-    main = np.where(parts[:, 1] == parts[:, 2], parts[:, 1], parts[:, 0]).astype(np.uint8)
+    main: UInt8 = np.where(parts[:, 1] == parts[:, 2], parts[:, 1], parts[:, 0]).astype(np.uint8)
     for digit in range(5):
         last = FIRST_DIGIT + 3 * digit + 2
         T = bones[last]

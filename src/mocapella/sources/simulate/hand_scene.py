@@ -248,7 +248,7 @@ class HandScene:
         inside = (centre[:, 2] > 0.02) & (px >= -0.5).all(axis=1) & (px <= np.array(c.size_px) - 0.5).all(axis=1)
         visible = np.where(inside, seen / np.maximum(whole, 1.0), 0.0)
         rng = np.random.default_rng([self.seed, 2, list(self.cameras).index(camera), round(1e6 * at_s) % (1 << 62)])
-        world = apply(np.linalg.inv(T), centre)
+        world = apply(np.asarray(np.linalg.inv(T), np.float64), centre)
         return HandShot(camera, at_s, camera_image(linear, c.image, rng), px, visible, world, pose, landmarks)
 
     def light(self, at_s: float) -> tuple[float, Float64, Float64]:

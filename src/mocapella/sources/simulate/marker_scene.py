@@ -251,8 +251,8 @@ def wall(size_px: tuple[int, int], clutter: float, rng: np.random.Generator) -> 
         coarse = rng.normal(0, 1, (cells, cells, 1)) + 0.25 * clutter * rng.normal(0, 1, (cells, cells, 3))
         picture *= np.exp(0.22 * _stretched(coarse, height, width))
     for _ in range(round(30 * clutter)):  # books, boxes, pictures
-        w, h = rng.integers(width // 30, width // 5), rng.integers(height // 30, height // 4)
-        x, y = rng.integers(0, width - w), rng.integers(0, height - h)
+        w, h = int(rng.integers(width // 30, width // 5)), int(rng.integers(height // 30, height // 4))
+        x, y = int(rng.integers(0, width - w)), int(rng.integers(0, height - h))
         grey = rng.uniform(0.05, 0.6)
         picture[y : y + h, x : x + w] = grey * np.exp(0.45 * clutter * rng.normal(0, 1, 3))
         for line in range(y + 2, y + h - 1, max(4, h // 6)):  # print on them
