@@ -59,7 +59,7 @@ def noise(quick: bool) -> Iterator[Row]:
         for seed in SEEDS[:1] if quick else SEEDS:
             film = filmed(silhouette_scene(scene, seed=seed), 0.1 if quick else None)
             for images, corruption in IMAGES.items():
-                worse = corrupted(corruption, len(film.images), seed, wrong=False)
+                worse = corrupted(corruption, seed)
                 runs += [followed(film, "own", images, worse, weight)[0] for weight in (0.0, 1.0)]
                 if images == "noise":
                     runs.append(followed(film, "measured", images, worse, 1.0)[0])
@@ -122,7 +122,7 @@ def corruption(quick: bool) -> Iterator[Row]:
         film = filmed(silhouette_scene(scene, seed=seed), 0.1 if quick else None)
         joints = rough_joints(film.scene)
         (worse,) = STRONG.images.values()
-        worse = corrupted(worse, len(film.images), seed, wrong=STRONG.wrong)
+        worse = corrupted(worse, seed)
         for weight in failed:
             done = follow(film, film.scene.mesh, joints, with_penalty(weight), corruption=worse)
             ended: Outcome = outcome(done.movement, film.truth)

@@ -137,17 +137,14 @@ def test_overlaps_are_1_of_the_truth_and_0_elsewhere(film: Film) -> None:
 
 
 def test_frames_are_stored_wrong_where_the_plan_says() -> None:
-    worse = experiments.corrupted(Corruption(0.1), 100, 7, wrong=True)
-    assert worse is not None
-    assert worse.seed == 7
-    assert worse.noise == 0.1
-    wrong = [k for k in range(100) if worse.is_wrong(k)]
-    assert wrong[0] == 20
-    assert len(wrong) == len(experiments.WRONG_AT) * experiments.WRONG_IN_A_ROW
-    assert experiments.corrupted(None, 100, 7, wrong=True) is None
-    plain = experiments.corrupted(Corruption(0.1), 100, 7, wrong=False)
-    assert plain is not None
-    assert not any(plain.is_wrong(k) for k in range(100))
+    worse = experiments.corrupted(Corruption(0.1, wrong_frames=(20,)), 7)
+    assert worse == Corruption(0.1, wrong_frames=(20,), seed=7)
+    assert experiments.corrupted(None, 7) is None
+    (strong,) = experiments.STRONG.images.values()
+    assert strong is not None
+    wrong = np.array([[strong.is_wrong(k, camera) for camera in range(4)] for k in range(500)])
+    assert wrong.mean() == pytest.approx(experiments.WRONG_EACH, abs=0.03)
+    assert not wrong[: experiments.WRONG_FROM].any()
 
 
 def test_what_is_not_known_is_refused() -> None:

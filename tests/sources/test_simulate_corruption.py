@@ -66,6 +66,16 @@ def test_wrong_frames_are_those_that_are_named_and_as_many_more_as_said() -> Non
     assert np.mean([some.is_wrong(k) for k in range(4000)]) == pytest.approx(0.1, abs=0.02)
 
 
+def test_cameras_frames_are_wrong_by_themselves_as_often_as_said() -> None:
+    worse = Corruption(wrong_each=0.2, wrong_from=5, seed=1)
+    wrong = np.array([[worse.is_wrong(k, camera) for camera in range(3)] for k in range(2000)])
+    assert not wrong[:5].any()
+    assert wrong.mean(axis=0) == pytest.approx([0.2] * 3, abs=0.03)
+    assert np.abs(np.corrcoef(wrong.T) - np.eye(3)).max() < 0.08
+    assert not any(worse.is_wrong(k) for k in range(100)), "in all cameras at once none is"
+    assert [changed(worse, k, 1).mean() > 0.9 for k in range(40)] == wrong[:40, 1].tolist()
+
+
 @pytest.mark.parametrize("kind", WRONG)
 def test_a_wrong_frame_has_little_of_the_picture(kind: str) -> None:
     worse = Corruption(wrong_frames=(2,), wrong_kind=kind)

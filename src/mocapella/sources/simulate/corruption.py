@@ -36,6 +36,8 @@ class Corruption:
         rectangle_share: a rectangle's longest side, of the picture's.
         wrong: share of the frames that are something else altogether, by chance, in all cameras at once.
         wrong_frames: frames that are so in any case, in all cameras.
+        wrong_each: share of a camera's frames that are so, by chance, whatever those of the other cameras are.
+        wrong_from: no frame before this one is so by chance.
         wrong_kind: one of `WRONG`; None: one of them by chance.
         seed: of it all.
     """
@@ -45,6 +47,8 @@ class Corruption:
     rectangle_share: float = 0.25
     wrong: float = 0.0
     wrong_frames: tuple[int, ...] = ()
+    wrong_each: float = 0.0
+    wrong_from: int = 0
     wrong_kind: str | None = None
     seed: int = 0
 
@@ -53,20 +57,27 @@ class Corruption:
         check(0 <= self.rectangles <= 1000, "rectangles", self.rectangles, "from 0 to 1000")
         check(0.01 <= self.rectangle_share <= 1, "rectangle_share", self.rectangle_share, "from 0.01 to 1")
         check(0 <= self.wrong <= 1, "wrong", self.wrong, "from 0 to 1")
+        check(0 <= self.wrong_each <= 1, "wrong_each", self.wrong_each, "from 0 to 1")
+        check(self.wrong_from >= 0, "wrong_from", self.wrong_from, "0 or more")
         check(all(k >= 0 for k in self.wrong_frames), "wrong_frames", self.wrong_frames, "0 or more")
         check(self.seed >= 0, "seed", self.seed, "0 or more")
         if self.wrong_kind is not None and self.wrong_kind not in WRONG:
             raise SettingsError(f"unknown wrong_kind {self.wrong_kind!r}; known: {one_of(self.wrong_kind, WRONG)}")
 
-    def is_wrong(self, frame: int) -> bool:
-        """Whether a frame is something else altogether."""
-        return frame in self.wrong_frames or bool(np.random.default_rng([self.seed, 1, frame]).random() < self.wrong)
+    def is_wrong(self, frame: int, camera: int | None = None) -> bool:
+        """Whether a frame is something else altogether, in a camera, or in all of them at once."""
+        if frame in self.wrong_frames or (frame >= self.wrong_from and self._by_chance(self.wrong, 1, frame)):
+            return True
+        return camera is not None and frame >= self.wrong_from and self._by_chance(self.wrong_each, 3, frame, camera)
+
+    def _by_chance(self, share: float, *of: int) -> bool:
+        return share > 0 and bool(np.random.default_rng([self.seed, *of]).random() < share)
 
     def of(self, image: UInt8, frame: int, camera: int = 0) -> UInt8:
         """What is stored instead of a picture, (height, width, 3); the picture itself stays as it is."""
         rng = np.random.default_rng([self.seed, 2, frame, camera])
         out = image.copy()
-        if self.is_wrong(frame):
+        if self.is_wrong(frame, camera):
             return _instead(out, self.wrong_kind or WRONG[rng.integers(len(WRONG))], rng)
         height, width = image.shape[:2]
         for _ in range(self.rectangles):
