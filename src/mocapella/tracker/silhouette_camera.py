@@ -28,10 +28,11 @@ Bool = NDArray[np.bool_]
 MOST_AT_FIRST = 0.6
 """Before it is known how much of a background differs from image to image, so much may."""
 LEAST_JUMP, BEYOND = 0.04, 6.0
-"""If in half of the cameras more than this, and so many usual deviations, of a background differs all at once, what was
-stored is wrong."""
+"""More than this, and so many usual deviations, of a background that differs does not come by chance; nor …"""
+LEAST_LOSS = 0.25
+"""… that the outlines have so much less in common than usual."""
 LEARNT = 0.2
-"""How fast what usually differs is learnt."""
+"""How fast what is usual is learnt."""
 WIDE = 2.0
 """Where a pose is rough, outlines are looked for so many times as far away."""
 FARTHER, EVERY = 0.3, 3
@@ -77,8 +78,7 @@ class SilhouetteCamera:
         self._usual_reach = float(settings.margin_steps * step_px)
         self.memory = None if settings.background is None else BackgroundMemory(step_px, settings.background)
         self.wide = False
-        self.usually = Usually()
-        self._else_since_ns: int | None = None
+        self.usually, self.covers = Usually(), Usually()
         self.forget_frame()
 
     def forget_frame(self) -> None:
@@ -120,22 +120,11 @@ class SilhouetteCamera:
         """How much of what is behind the body is not as it was; NaN where nobody knows."""
         return float("nan") if self.memory is None else self.memory.unlike(image, self._expected())
 
-    def as_usual(self, unlike: float) -> None:
-        """It shows what it did before, but for so much."""
-        self.usually.learn(unlike)
-        self._else_since_ns = None
-
-    def since_ns(self, time_ns: int) -> int:
-        """For how long it has shown something else."""
-        if self._else_since_ns is None:
-            self._else_since_ns = time_ns
-        return time_ns - self._else_since_ns
-
     def forget_background(self) -> None:
         """What it shows is how things are now."""
         assert self.memory is not None
         self.memory.reset()
-        self.usually, self._else_since_ns = Usually(), None
+        self.usually = Usually()
 
     def segment(self, image: UInt8, others: Bool | None, *, near: bool) -> None:
         """What the image says, the body's outline in mind, which may be ``near`` to it."""
@@ -219,28 +208,42 @@ class SilhouetteCamera:
 
 
 class Usually:
-    """How much of a background differs from image to image."""
+    """A share, 0 to 1, that is about the same from image to image, and for how long it has not been so."""
 
     def __init__(self) -> None:
         self._mean: float | None = None
         self._deviation = 0.0
+        self._else_since_ns: int | None = None
 
     def much(self, share: float) -> float:
-        """More than this is something else, of one camera."""
+        """More than this is something else: so much of the rest."""
         return MOST_AT_FIRST if self._mean is None else self._mean + share * (1.0 - self._mean)
 
-    def beyond_chance(self) -> float:
+    def most(self) -> float:
         """More than this does not come by chance."""
         return MOST_AT_FIRST if self._mean is None else self._mean + max(LEAST_JUMP, BEYOND * self._deviation)
 
-    def learn(self, unlike: float) -> None:
-        """Take in what was nothing else."""
+    def least(self) -> float:
+        """Less than this does not come by chance."""
+        return 0.0 if self._mean is None else self._mean - max(LEAST_LOSS, BEYOND * self._deviation)
+
+    def learn(self, share: float) -> None:
+        """Take in what was as usual; NaN: nobody knows."""
+        self._else_since_ns = None
+        if np.isnan(share):
+            return
         if self._mean is None:
-            self._mean = None if np.isnan(unlike) else unlike
-        elif not np.isnan(unlike):
-            change = unlike - self._mean
-            self._mean += LEARNT * change
-            self._deviation += LEARNT * (abs(change) - self._deviation)
+            self._mean = share
+            return
+        change = share - self._mean
+        self._mean += LEARNT * change
+        self._deviation += LEARNT * (abs(change) - self._deviation)
+
+    def else_for_ns(self, time_ns: int) -> int:
+        """For how long it has not been as usual."""
+        if self._else_since_ns is None:
+            self._else_since_ns = time_ns
+        return time_ns - self._else_since_ns
 
 
 def _scaled(region: RegionSettings, step_px: int) -> RegionSettings:

@@ -29,11 +29,13 @@ from mocapella.model.rigged_mesh import RiggedMesh, farthest_apart_m, posed
 from mocapella.model.silhouettes import Silhouette
 from mocapella.model.twist_tree import TreePose, motions
 from mocapella.sensing.dead_images import DeadImages
+from mocapella.sensing.speckles import without_speckles
 from mocapella.tracker.silhouette_body import SilhouetteBody
 from mocapella.tracker.silhouette_camera import USUAL_STEP_PX, SeenIn, SilhouetteCamera
 from mocapella.tracker.silhouette_settings import SilhouetteSettings, Steadiness
 from mocapella.tracker.steady_skin import SteadySkin
 from mocapella.tracker.stray_limbs import StrayLimbs, with_angles
+from mocapella.tracker.wrong_images import not_of_body, of_elsewhere
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
@@ -126,7 +128,7 @@ class SilhouetteTracker:
         for name, image in images.items():
             memory = self._cameras[name].memory if name in self._cameras else None
             if memory is not None:
-                memory.update(image, None)
+                memory.update(without_speckles(image), None)
 
     def expected(self, time_ns: int) -> TreePose:
         """Where it will be if it goes on as it did."""
@@ -158,15 +160,30 @@ class SilhouetteTracker:
         first = len(self._past) == 1
         wide = first or self._missed
         left_out = self._dead.update(images)
+        images = {name: without_speckles(image) for name, image in images.items()}
         for camera in self._cameras.values():
             camera.forget_frame()
             camera.wide = wide
-        left_out |= self._something_else(images, left_out, expected_at, time_ns)
+        there = {
+            name: camera
+            for name, camera in self._cameras.items()
+            if name in images and name not in left_out and camera.look(self.body.figure, expected_at, s)
+        }
+        left_out |= of_elsewhere(there, images, left_out, s, time_ns)
         usable = {name: image for name, image in images.items() if name in self._cameras and name not in left_out}
         rounds, segmented = (s.rounds * SETTLING, s.rounds * SETTLING - 1) if first else (s.rounds, s.segmented)
         if self._missed and not first:
             rounds, segmented = 2 * rounds, 2 * rounds - 1
-        pose = self._fitted(usable, others, pose, priors=(usual, steady), rounds=rounds, segmented=segmented)
+        if not first:
+            for name in there.keys() & usable.keys():
+                there[name].segment(usable[name], others.get(name), near=self._as_expected)
+            for name, reason in not_of_body(self._segmented(), left_out, s, time_ns).items():
+                left_out[name] = reason
+                there[name].forget_frame()
+                del usable[name]
+        pose = self._fitted(
+            usable, others, pose, priors=(usual, steady), rounds=rounds, segmented=segmented, begun=not first
+        )
         found = None if self._strays is None else self._strays.found(pose, usable, others, self._segmented())
         if found is not None:
             joints, pose = found
@@ -197,8 +214,9 @@ class SilhouetteTracker:
         priors: tuple[Prior, Sequence[Prior]],
         rounds: int,
         segmented: int,
+        begun: bool = False,
     ) -> TreePose:
-        """Outlines, and the pose that they want, again and again."""
+        """Outlines, and the pose that they want, again and again; the first ones may be there."""
         s, (usual, steady) = self.settings, priors
         wide = any(camera.wide for camera in self._cameras.values())
         near, looked = self._as_expected and segmented == s.segmented, self.body.standing(pose).vertices
@@ -210,7 +228,7 @@ class SilhouetteTracker:
                 and self._near(looked, self.body.standing(pose).vertices, s.settled_steps)
             ):
                 segmented, rounds = 1, max(rounds - 1, 2)
-            again = number < segmented
+            again = number < segmented and not (begun and number == 0)
             for camera in self._cameras.values():
                 camera.wide = wide and number < rounds // 2
             stands, local = self.body.standing(pose), self.body.local(pose)
@@ -258,35 +276,6 @@ class SilhouetteTracker:
                 phi = signed_distance(seen.mask, grown_px + step, step) + np.float32(grown_px)
                 out[name] = Silhouette(seen.origin_px, step, phi).mask(by.size_px)
         return out
-
-    def _something_else(
-        self, images: Mapping[str, UInt8], left_out: Mapping[str, str], expected_at: Float64, time_ns: int
-    ) -> dict[str, str]:
-        """Cameras whose images are of something else; where half of them are, all are: what was stored is wrong.
-
-        One camera must differ much, for somebody may pass; half of them, at one instant, only beyond chance.
-        """
-        s, asked, much, some = self.settings, {}, [], []
-        for name, camera in self._cameras.items():
-            if name in images and name not in left_out and camera.look(self.body.figure, expected_at, s):
-                asked[name] = unlike = camera.unlike(images[name])
-                if unlike > camera.usually.much(s.unlike):
-                    much.append(name)
-                if unlike > camera.usually.beyond_chance():
-                    some.append(name)
-        together = len(some) + len(left_out) >= max(2, (len(asked) + len(left_out)) / 2) and bool(some)
-        reasons = {}
-        for name, unlike in asked.items():
-            camera = self._cameras[name]
-            if not (together or name in much):
-                camera.as_usual(unlike)
-            elif camera.since_ns(time_ns) >= s.something_else_s * NS_PER_S:
-                camera.forget_background()
-            elif name in much or name in some:
-                reasons[name] = f"it shows something else: {unlike:.0%} of what is behind the body differs from before"
-            else:
-                reasons[name] = "at least half of the cameras show something else"
-        return reasons
 
     def _priors(self, expected: TreePose, time_ns: int) -> tuple[Prior, Sequence[Prior]]:
         """How angles usually are, and how steady the body is."""
