@@ -32,7 +32,7 @@ from mocapella.sources.simulate.silhouette_scene import silhouette_scene
 
 NOISE: Final = 0.15
 """The paper's: share of the pixels that are replaced by random ones."""
-WRONG_EACH: Final = 0.2
+WRONG_EACH: Final = 0.15
 """Share of each camera's frames that are stored wrong …"""
 WRONG_FROM: Final = 3
 """… from this one on."""
