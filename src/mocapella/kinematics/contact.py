@@ -21,7 +21,7 @@ from mocapella.model.body_capsules import Capsules
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
-TOUCHING_M = 0.004
+TOUCHING_M = 0.006
 """Limbs that touch press their flesh so much [m]."""
 SD_M = 0.001
 """How much limbs may be in each other, against outlines that want it [m]."""

@@ -35,7 +35,7 @@ class Steadiness:
             [rad/s].
     """
 
-    point_m_per_s2: float = 28.0
+    point_m_per_s2: float = 24.0
     point_per_s: float = 40.0
     point_per_past: float = 4.0
     root_m_per_s2: float = 20.0
