@@ -175,8 +175,8 @@ class SilhouetteTracker:
         if self._missed and not first:
             rounds, segmented = 2 * rounds, 2 * rounds - 1
         if not first:
-            for name in there.keys() & usable.keys():
-                there[name].segment(usable[name], others.get(name), near=self._as_expected)
+            for name in (name for name in usable if name in there):
+                there[name].segment(usable[name], others.get(name), near=self._as_expected or segmented == 1)
             for name, reason in not_of_body(self._segmented(), left_out, s, time_ns).items():
                 left_out[name] = reason
                 there[name].forget_frame()
