@@ -191,11 +191,51 @@ def test_a_sample_alone_is_outvoted() -> None:
     """Of five samples, it and those beside it, it is one: salt in an image is nobody."""
     memory = seen_by(BackgroundMemory(2))
     image = room()
-    part = image[59:62, 79:82].astype(int)
-    image[59:62, 79:82] = np.where(part > 127, part - 55, part + 55)
+    part = image[59:62, 79:82, 1].astype(int)
+    image[59:62, 79:82, 1] = np.where(part > 127, part - 60, part + 60)
     told = memory.strange(image, all_of_it(memory), 1)
     assert (told < 0).all()
     assert (told > -1).any()
+
+
+def darkened(share: float, channels: int = 3, colour: float = 0.0) -> tuple[UInt8, NDArray[np.bool_]]:
+    """The room with a shadow that leaves that share of the light, greener by so many grey levels; and where."""
+    _, mask = person(40)
+    image = room(channels=channels).astype(float)
+    image[mask] *= share
+    image[mask, channels // 2] += colour
+    return np.clip(np.round(image), 0, 255).astype(np.uint8), as_samples(mask, 2, -2)
+
+
+@given(st.floats(0.45, 1.0))
+def test_a_shadow_is_nobody_and_whether_somebody_is_there_is_not_known(share: float) -> None:
+    memory = seen_by(BackgroundMemory(2))
+    image, inside = darkened(share)
+    told = memory.strange(image, all_of_it(memory), 1)
+    assert (told[inside] <= 0).all()
+    if share < 0.7:
+        assert (told[inside] == 0).any()
+    if share > 0.97:
+        assert (told[inside] == -1).all()
+
+
+@given(st.floats(0.0, 0.3))
+def test_what_is_darker_than_a_shadow_or_of_another_colour_is_somebody(share: float) -> None:
+    memory = seen_by(BackgroundMemory(2))
+    for image, inside in (darkened(share), darkened(0.6 + share, colour=90.0)):
+        assert memory.strange(image, all_of_it(memory), 1)[inside].mean() > 0.9
+
+
+def test_without_colour_a_shadow_is_not_told_and_less_is_strange() -> None:
+    memory = BackgroundMemory(2)
+    for k in range(5):
+        memory.update(noisy(room(channels=1), k), None)
+    image, inside = darkened(0.5, channels=1)
+    bright = room(channels=1)[::2, ::2, 0] > 100
+    told = memory.strange(image, all_of_it(memory), 1)[inside & bright]
+    assert told.mean() > 0.9
+    image, _ = darkened(1.0, channels=1, colour=20.0)  # two of the least deviations: in colour that would be much
+    assert (memory.strange(image, all_of_it(memory), 1)[inside] == -1).all()
 
 
 @given(st.integers(1, 5), st.integers(-8, 40), st.integers(-8, 40))
@@ -274,6 +314,10 @@ def test_a_window_that_does_not_fit_is_refused() -> None:
         {"cut_sd": 0},
         {"every": 0},
         {"strange_sd": 0},
+        {"strange_gray_sd": 0},
+        {"shadow": 0},
+        {"shadow": 1.1},
+        {"shadow_sd": 0},
         {"window_images": 0},
     ],
 )

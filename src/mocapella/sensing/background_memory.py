@@ -36,7 +36,10 @@ class MemorySettings:
         window_images: what is in a window is taken in within so many images.
         sweep_images: what is far from people is taken in within so many images.
         cut_sd: a sample that is farther from what it was is not as it was [standard deviations].
-        strange_sd: likewise, where several samples vote.
+        strange_sd: likewise, where several samples vote …
+        strange_gray_sd: … and where there is no colour by which a shadow is told.
+        shadow: what has less than this of its light, 0 to 1, is not in shadow; 1: nothing is.
+        shadow_sd: nor is what is so far from its colour, darkened [grey levels].
         every: so manieth row and column of samples is asked whether an image is of this room.
     """
 
@@ -46,7 +49,10 @@ class MemorySettings:
     window_images: int = 8
     sweep_images: int = 32
     cut_sd: float = 4.0
-    strange_sd: float = 2.5
+    strange_sd: float = 1.4
+    strange_gray_sd: float = 2.5
+    shadow: float = 0.4
+    shadow_sd: float = 5.0
     every: int = 10
 
     def __post_init__(self) -> None:
@@ -57,6 +63,9 @@ class MemorySettings:
         check(self.sweep_images >= 1, "sweep_images", self.sweep_images, "1 or more")
         check(self.cut_sd > 0, "cut_sd", self.cut_sd, "above 0")
         check(self.strange_sd > 0, "strange_sd", self.strange_sd, "above 0")
+        check(self.strange_gray_sd > 0, "strange_gray_sd", self.strange_gray_sd, "above 0")
+        check(0 < self.shadow <= 1, "shadow", self.shadow, "above 0 and at most 1")
+        check(self.shadow_sd > 0, "shadow_sd", self.shadow_sd, "above 0 grey levels")
         check(self.every >= 1, "every", self.every, "1 or more")
 
 
@@ -144,7 +153,8 @@ class BackgroundMemory:
         ))  # fmt: skip
 
     def strange(self, image: UInt8, window: Silhouette, every: int) -> Float32:
-        """What is not as it was, at every so manieth sample of a window: from 1, somebody, to −1, the room; 0: unknown.
+        """What is not as it was, at every so manieth sample of a window: from 1, somebody, to −1, the room; 0: unknown,
+        as what is rather a shadow on the room.
 
         Each is the mean of what five samples about it say. Arguments and errors as of `update`.
         """
@@ -152,11 +162,8 @@ class BackgroundMemory:
         rows, columns = -(-phi.shape[0] // every), -(-phi.shape[1] // every)
         out = np.zeros((rows, columns), np.float32)
         if self._learnt:
-            s = self.settings
-            _kernels().strange(
-                image, self.step_px, left, top, every, s.least_sd, s.strange_sd, self._mean, self._variance,
-                self._count, out,
-            )  # fmt: skip
+            learnt = self._mean, self._variance, self._count
+            _kernels().strange(image, self.step_px, left, top, every, self._bounds(), *learnt, out)
         return out
 
     def strange_at(self, image: UInt8, pixels: Float64) -> Float32:
@@ -164,11 +171,16 @@ class BackgroundMemory:
         image, _, _ = self._door(image, None)
         out = np.zeros(len(pixels), np.float32)
         if self._learnt:
-            s = self.settings
-            _kernels().strange_at(
-                image, self.step_px, pixels, s.least_sd, s.strange_sd, self._mean, self._variance, self._count, out
-            )
+            learnt = self._mean, self._variance, self._count
+            _kernels().strange_at(image, self.step_px, pixels, self._bounds(), *learnt, out)
         return out
+
+    def _bounds(self) -> tuple[float, float, float, float]:
+        """Of what is strange; see `background_memory_kernels.strange`."""
+        s, channels = self.settings, self._mean.shape[2]
+        # Of one channel everything that is darker could lie in shadow.
+        sd, darkest = (s.strange_gray_sd, 1.0) if channels == 1 else (s.strange_sd, s.shadow)
+        return sd**2 * channels, s.least_sd**2, darkest, s.shadow_sd**2 * channels
 
     def costs(self, band: Band, settings: RegionSettings) -> Float32:
         """See `Background`. Its window is aligned as of `update`."""

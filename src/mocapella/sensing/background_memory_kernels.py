@@ -164,47 +164,68 @@ def learn(
 
 
 @njit(cache=True, forceinline=True)
-def _vote(image, step, i, j, most, least, mean, variance, count, here):
+def _vote(image, step, i, j, most, least, darkest, chroma2, mean, variance, count, here):
     """Of a sample and the four about it the share that is not as it was, 1 for all and −1 for none; 0 where less than
-    three are known.
+    three are known. Whether a sample is one that a shadow may have fallen on is not known.
+
+    A shadow takes some of the light and leaves its colour (T. Horprasert, D. Harwood, L. S. Davis, "A statistical
+    approach for real-time robust background subtraction and shadow detection", ICCV Frame-Rate Workshop 1999, section
+    2): what is nearest to `here` on the line from black to the sample's colour is at ``f`` of it, and near.
     """
     known = differ = 0
+    channels = mean.shape[2]
     for v in range(5):
         a, b = i + (1 if v == 1 else -1 if v == 2 else 0), j + (1 if v == 3 else -1 if v == 4 else 0)
         if not (0 <= a < mean.shape[0] and 0 <= b < mean.shape[1]) or count[a, b] == 0:
             continue
-        known += 1
         if _usual(image.shape, step, a, b):
             _nine(image, step, a * step - 1, b * step - 1, here)
         else:
             _mean(image, step, a, b, here)
-        squares = 0.0
-        for c in range(mean.shape[2]):
-            d = here[c] - mean[a, b, c]
+        squares = along = length2 = 0.0
+        for c in range(channels):
+            m = mean[a, b, c]
+            d = here[c] - m
             squares += d * d
+            along += here[c] * m
+            length2 += m * m
         if squares > most * max(variance[a, b], least):
+            if along < length2 and along >= darkest * length2:
+                f, aside = along / length2, 0.0
+                for c in range(channels):
+                    d = here[c] - f * mean[a, b, c]
+                    aside += d * d
+                if aside < chroma2:
+                    continue
             differ += 1
+        known += 1
     return 2.0 * differ / known - 1.0 if known >= 3 else 0.0
 
 
 @njit(cache=True)
-def strange(image, step, left, top, every, least_sd, cut_sd, mean, variance, count, out):
-    """Write out (rows, columns) of every so manieth sample from (left, top): see `_vote`."""
-    here, most, least = np.empty(mean.shape[2]), cut_sd * cut_sd * mean.shape[2], least_sd * least_sd
+def strange(image, step, left, top, every, bounds, mean, variance, count, out):
+    """Write out (rows, columns) of every so manieth sample from (left, top): see `_vote`.
+
+    ``bounds`` are its four numbers: how far away is not as it was, the least variance, how dark a shadow is, and how
+    far aside of a colour, each but the third squared.
+    """
+    here = np.empty(mean.shape[2])
+    most, least, darkest, chroma2 = bounds
     for a in range(out.shape[0]):
         for b in range(out.shape[1]):
             i, j = top + a * every, left + b * every
-            out[a, b] = _vote(image, step, i, j, most, least, mean, variance, count, here)
+            out[a, b] = _vote(image, step, i, j, most, least, darkest, chroma2, mean, variance, count, here)
 
 
 @njit(cache=True)
-def strange_at(image, step, pixels, least_sd, cut_sd, mean, variance, count, out):
-    """Write out (n,) of the samples at points (n, 2) [px]: see `_vote`."""
-    here, most, least = np.empty(mean.shape[2]), cut_sd * cut_sd * mean.shape[2], least_sd * least_sd
+def strange_at(image, step, pixels, bounds, mean, variance, count, out):
+    """Write out (n,) of the samples at points (n, 2) [px]: see `strange`."""
+    here = np.empty(mean.shape[2])
+    most, least, darkest, chroma2 = bounds
     for k in range(len(pixels)):
         i, j = round(pixels[k, 1] / step), round(pixels[k, 0] / step)
         if 0 <= i < mean.shape[0] and 0 <= j < mean.shape[1]:
-            out[k] = _vote(image, step, i, j, most, least, mean, variance, count, here)
+            out[k] = _vote(image, step, i, j, most, least, darkest, chroma2, mean, variance, count, here)
 
 
 @njit(cache=True, error_model="numpy")
