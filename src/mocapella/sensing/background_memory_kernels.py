@@ -218,7 +218,7 @@ def costs(values, blocks, left, top, least_sd, mean, variance, count, out):
         out: (blocks, size) float32; the log 2π/2 of every channel is left out.
     """
     channels, least, size = mean.shape[2], least_sd * least_sd, values.shape[2]
-    f = 1.5 / channels
+    f, of_least = 1.5 / channels, 1.5 * math.log(4.0 * least)
     for n in range(len(blocks)):
         i, first = blocks[n, 0] + top, blocks[n, 1] * size + left
         for b in range(size):
@@ -231,4 +231,5 @@ def costs(values, blocks, left, top, least_sd, mean, variance, count, out):
             for c in range(channels):
                 d = 0.5 * values[c, n, b] - (mean[i, j, c] - MIDDLE)
                 squares += d * d
-            out[n, b] = f * squares / v + 1.5 * math.log(4.0 * v)
+            # Most samples have the least variance: no logarithm of theirs is taken.
+            out[n, b] = f * squares / v + (of_least if v == least else 1.5 * math.log(4.0 * v))
