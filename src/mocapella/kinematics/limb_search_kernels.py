@@ -7,6 +7,7 @@ import numpy as np
 
 from mocapella.compiled import njit
 from mocapella.geometry.outline_kernels import see
+from mocapella.geometry.skinning_kernels import at_rest
 from mocapella.geometry.twist_tree_kernels import forward
 from mocapella.kinematics.contact_kernels import depth
 
@@ -26,11 +27,7 @@ def places(parents, joint_parts, twists, T, now, tried, part, points, at):
     R, t = np.empty((len(parents), 9)), np.empty((len(parents), 3))
     xi, rest = np.empty((len(joint_parts), 6)), np.empty((n, 3))
     forward(parents, joint_parts, twists, T, now, origin, R, t, xi)
-    for i in range(n):
-        A, o = R[part[i]], t[part[i]]
-        a, b, c = points[i, 0] - o[0], points[i, 1] - o[1], points[i, 2] - o[2]
-        for d in range(3):
-            rest[i, d] = A[d] * a + A[3 + d] * b + A[6 + d] * c
+    at_rest(points, part, R, t, rest)
     for k in range(len(tried)):
         forward(parents, joint_parts, twists, T, tried[k], origin, R, t, xi)
         for i in range(n):

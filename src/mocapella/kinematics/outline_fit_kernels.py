@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from mocapella.compiled import njit
-from mocapella.geometry.lens_kernels import undistorted
+from mocapella.geometry.lens_kernels import distort, undistorted_all
 
 BIN_PX = 8.0
 """Points of an outline are looked up by rows so high."""
@@ -49,12 +49,16 @@ def _constraints(hits, which, k, points, bone, far, soft_px, sd_px, R, t, lens, 
     fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
     k1, k2, p1, p2, k3 = lens[4], lens[5], lens[6], lens[7], lens[8]
     per_fx, per_fy, per_soft, per_m = 1.0 / fx, 1.0 / fy, 1.0 / soft_px, fx / sd_px
+    seen, straight = np.empty((2, k)), np.empty((2, k))
+    for h in range(k):
+        seen[0, h], seen[1, h] = per_fx * (hits[h, 0] - cx), per_fy * (hits[h, 1] - cy)
+    undistorted_all(seen[0], seen[1], k1, k2, p1, p2, k3, farthest_r2, straight[0], straight[1])
     n = 0
     for h in range(k):
-        x, y, gx, gy, length, miss = hits[h, 0], hits[h, 1], hits[h, 2], hits[h, 3], hits[h, 4], hits[h, 5]
-        u, v, uu, uv, vv = undistorted(per_fx * (x - cx), per_fy * (y - cy), k1, k2, p1, p2, k3, farthest_r2)
+        gx, gy, length, miss, u, v = hits[h, 2], hits[h, 3], hits[h, 4], hits[h, 5], straight[0, h], straight[1, h]
         if not math.isfinite(u + v):
             continue
+        _, _, uu, uv, vv = distort(u, v, k1, k2, p1, p2, k3)
         a, b = fx * uu * gx + fy * uv * gy, fx * uv * gx + fy * vv * gy
         c = -(a * u + b * v)
         f = 1.0 / math.sqrt(a * a + b * b + c * c)

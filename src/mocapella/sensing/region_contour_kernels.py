@@ -580,9 +580,11 @@ def _put(parts, blocks, picture):
 @njit(cache=True, error_model="numpy")
 def _blocks_of(stale, blocks, rows, size, dirty):
     """Blocks whose densities have changed at one of their four nodes have to be looked at again."""
+    last, top = np.int64(-1), np.int64(0)
     for n in range(len(blocks)):
-        top, _ = _down(np.int64(blocks[n, 0]), rows, size)
-        k = np.int64(blocks[n, 1])
+        i, k = np.int64(blocks[n, 0]), np.int64(blocks[n, 1])
+        if i != last:
+            last, (top, _) = i, _down(i, rows, size)
         if stale[top, k] | stale[top, k + 1] | stale[top + 1, k] | stale[top + 1, k + 1]:
             dirty[n] = max(dirty[n], _DENSER)
 
