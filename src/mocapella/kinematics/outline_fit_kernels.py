@@ -26,9 +26,12 @@ HIT = 6
 
 # Small functions go into their callers' loops: handed on, an array's references are counted.
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _level(phi, x0, y0, step, x, y):
-    """phi (rows, columns) at the image's point (x, y), and its slopes along x and y: bilinear; NaN outside."""
-    u, v = (x - x0) / step, (y - y0) / step
+def _level(phi, x0, y0, per_px, x, y):
+    """phi (rows, columns) at the image's point (x, y), and its slopes along x and y: bilinear; NaN outside.
+
+    ``per_px`` is 1 / step: divisions take long.
+    """
+    u, v = per_px * (x - x0), per_px * (y - y0)
     rows, columns = phi.shape
     if not (0.0 <= u <= columns - 1.0 and 0.0 <= v <= rows - 1.0):
         return math.nan, 0.0, 0.0
@@ -36,7 +39,7 @@ def _level(phi, x0, y0, step, x, y):
     s, t = u - j, v - i
     a, b, c, d = phi[i, j], phi[i, j + 1], phi[i + 1, j], phi[i + 1, j + 1]
     value = (1.0 - t) * ((1.0 - s) * a + s * b) + t * ((1.0 - s) * c + s * d)
-    return value, ((1.0 - t) * (b - a) + t * (d - c)) / step, ((1.0 - s) * (c - a) + s * (d - b)) / step
+    return value, per_px * ((1.0 - t) * (b - a) + t * (d - c)), per_px * ((1.0 - s) * (c - a) + s * (d - b))
 
 
 @njit(cache=True, error_model="numpy")
@@ -85,10 +88,10 @@ def _to_image(phi, surety, x0, y0, step, reach_px, at, normals, full, hits, whic
 
     Arguments are those of `touching`; ``hits`` (room, HIT) and ``which`` (room,) are written. Returns how many.
     """
-    k = 0
+    k, per_px, per_full = 0, 1.0 / step, 1.0 / full
     for i in range(len(at)):
         x, y = at[i, 0], at[i, 1]
-        value, gx, gy = _level(phi, x0, y0, step, x, y)
+        value, gx, gy = _level(phi, x0, y0, per_px, x, y)
         slope2 = gx * gx + gy * gy
         if not (abs(value) < reach_px and slope2 > 0.09):
             continue
@@ -97,7 +100,7 @@ def _to_image(phi, surety, x0, y0, step, reach_px, at, normals, full, hits, whic
             continue
         f = value / slope2
         u, v = x - f * gx, y - f * gy
-        again, hx, hy = _level(phi, x0, y0, step, u, v)
+        again, hx, hy = _level(phi, x0, y0, per_px, u, v)
         slope2 = hx * hx + hy * hy
         if not slope2 > 0.09:
             continue
@@ -106,10 +109,10 @@ def _to_image(phi, surety, x0, y0, step, reach_px, at, normals, full, hits, whic
         miss = math.sqrt((u - x) ** 2 + (v - y) ** 2)
         if miss > reach_px:
             continue
-        row, column = round((v - y0) / step), round((u - x0) / step)
+        row, column = round(per_px * (v - y0)), round(per_px * (u - x0))
         if not (0 <= row < phi.shape[0] and 0 <= column < phi.shape[1]):
             continue
-        sure = min(max(surety[row, column] / full, 0.0), 1.0)
+        sure = min(max(per_full * surety[row, column], 0.0), 1.0)
         hits[k, 0], hits[k, 1], hits[k, 2], hits[k, 3], hits[k, 4], hits[k, 5] = u, v, hx, hy, sure * length, miss
         which[k] = i
         k += 1
