@@ -202,7 +202,7 @@ def alike(mask, phi):
         for j in range(len(row)):
             a, b = np.int32(row[j]), np.int32(other[j] > 0)
             common, some = np.int32(common + (a & b)), np.int32(some + (a | b))
-        both, either = both + common, either + some
+        both, either = both + int(common), either + int(some)
     return both / either if either > 0 else 0.0
 
 

@@ -233,15 +233,15 @@ def worth(
 
 
 def _hung(limb: Limb, local: LocalTree) -> tuple[Int64, Int64, Float64, Float64, Float64]:
-    """A limb as a tree of its own, of whose root nothing but where it hangs is asked: parents, joints' parts and twists;
-    the motion (4, 4) of what it hangs on, and its angles.
+    """A limb as a tree of its own, of whose root nothing but where it hangs is asked: parents, joints' parts and
+    twists; the motion (4, 4) of what it hangs on, and its angles.
     """
     tree = local.tree
     R, t = motions(tree, local.at)
     on, T = tree.parents[limb.parts[0]], np.eye(4)
     T[:3, :3], T[:3, 3] = R[on].reshape(3, 3), t[on]
-    parents, joint_parts = np.arange(-1, len(limb.parts) - 1), np.searchsorted(limb.parts, tree.joint_parts[limb.joints])
-    return parents, joint_parts, tree.twists[limb.joints], T, local.at.angles[limb.joints]
+    joint_parts = np.searchsorted(limb.parts, tree.joint_parts[limb.joints])
+    return np.arange(-1, len(limb.parts) - 1), joint_parts, tree.twists[limb.joints], T, local.at.angles[limb.joints]
 
 
 def search(

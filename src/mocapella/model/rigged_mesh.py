@@ -151,7 +151,7 @@ def carried(points: Float64, bones: Int32, shares: Float64, motions: tuple[Float
 
 
 def at_rest(points: Float64, part: Int64, motions: tuple[Float64, Float64]) -> Float64:
-    """Where points (n, 3) are at rest that are carried by one part (n,) each: what `carried` takes back to where they are.
+    """Where points (n, 3) are at rest that one part (n,) each carries: `carried` takes them to where they are.
 
     Args:
         points, part: such as some vertices of a mesh where it is, and the parts that move them most.

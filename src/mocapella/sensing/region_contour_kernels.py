@@ -422,7 +422,7 @@ def segment(
         fewest, least_sd: as in `densities`; most: [nats] at which −log p is cut off.
         inside_cost: [nats] −log p1 where it is the same everywhere; NaN where it is learnt.
         iterations: at most.
-        field: (rows, padded) float32, above 0 inside: within the band it becomes what every sample gains by that [nats].
+        field: (rows, padded) float32, above 0 inside; in the band it becomes what every sample gains by that [nats].
         contrast: (rows, padded) float32, becomes log p1 − log p2 [nats] there; 0 where nothing is known.
         energies: (iterations + 1,) float64 [nats × samples] at first and after every move; none are summed where (0,).
     """
