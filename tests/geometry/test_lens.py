@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from mocapella.geometry import lens_kernels
 from mocapella.geometry.lens import distort, farthest_r2, project, undistort
 
 PINHOLE = np.array([600.0, 590.0, 320.0, 240.0, 0, 0, 0, 0, 0])
@@ -56,6 +57,17 @@ def test_a_pixel_that_the_lens_never_shows_has_no_direction() -> None:
     assert np.isfinite(undistort(edge - [1.0, 0.0], FOLDING)).all()
     assert np.isnan(undistort(np.add(edge, [1.0, 0.0]), FOLDING)).all()
     assert np.isnan(undistort([np.nan, 3.0], FOLDING)).all()
+
+
+@given(
+    arrays(np.float64, (9, 2), elements=st.floats(-2, 2) | st.just(np.nan)), st.sampled_from([PINHOLE, BARREL, FOLDING])
+)
+def test_points_that_step_together_come_where_each_alone_does(shown: np.ndarray, lens: np.ndarray) -> None:
+    found, edge = np.empty((2, 9)), farthest_r2(lens)
+    for farthest in (edge, 0.0):  # 0: there is none
+        lens_kernels.undistorted_all(*np.ascontiguousarray(shown.T), *lens[4:], farthest, *found)
+        alone = [lens_kernels.undistorted(*at, *lens[4:], farthest)[:2] for at in shown]
+        np.testing.assert_allclose(found.T, alone, rtol=0, atol=1e-12)
 
 
 def test_leading_axes_are_batches() -> None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mocapella.geometry import lens as lenses
 from mocapella.geometry.outline_kernels import (
     NEAREST_M,
+    alike,
     border,
     cover,
     cover_by_edges,
@@ -23,12 +24,20 @@ from mocapella.geometry.outline_kernels import (
     see,
     window,
 )
+from mocapella.model.silhouettes import overlap
 
 Float64 = NDArray[np.float64]
 
 PINHOLE = np.array([600.0, 610.0, 320.0, 240.0, 0, 0, 0, 0, 0])
 BENT = np.array([600.0, 610.0, 310.0, 250.0, -0.2, 0.05, 0.002, -0.001, 0])
 MOST = 5000
+
+
+@given(st.tuples(st.integers(0, 9), st.integers(0, 40)), st.floats(0, 1), st.integers(0, 10_000))
+def test_masks_are_as_alike_as_their_intersection_over_union(shape: tuple[int, int], share: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    mask, phi = rng.random(shape) < share, rng.normal(share - 0.5, 0.5, shape).astype(np.float32)
+    assert alike(mask.astype(np.uint8), phi) == overlap(mask, phi > 0)
 
 
 def ball(rings: int = 24, around: int = 40) -> tuple[Float64, NDArray[np.int32]]:

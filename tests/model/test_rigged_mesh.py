@@ -11,8 +11,18 @@ from rigged_meshes import BOX_FACES, CORNERS, any_motion, any_pose, is_closed, v
 
 from mocapella.errors import SettingsError
 from mocapella.geometry.rigid import apply
-from mocapella.model.rigged_mesh import Landmark, farthest_apart_m, landmarks_at, posed, rest, rigid_mesh, strongest
-from mocapella.model.twist_tree import TreePose, part_motions
+from mocapella.model.rigged_mesh import (
+    Landmark,
+    at_rest,
+    carried,
+    farthest_apart_m,
+    landmarks_at,
+    posed,
+    rest,
+    rigid_mesh,
+    strongest,
+)
+from mocapella.model.twist_tree import TreePose, motions, part_motions
 
 seeds = st.integers(0, 2**32 - 1)
 few = settings(max_examples=25, deadline=None)
@@ -48,6 +58,16 @@ def test_vertices_are_the_blend_of_where_their_parts_bring_them(seed: int) -> No
     np.testing.assert_allclose(there[4:8], blended, atol=1e-12)
     points = [apply(T[landmark.part], landmark.point[None])[0] for landmark in mesh.landmarks.values()]
     np.testing.assert_allclose(landmarks_at(mesh, at), points, atol=1e-12)
+
+
+@few
+@given(seeds, st.integers(0, 9))
+def test_points_that_one_part_carries_are_brought_back_to_where_they_are_at_rest(seed: int, count: int) -> None:
+    rng, mesh = np.random.default_rng(seed), worm()
+    points, part = rng.normal(size=(count, 3)), rng.integers(0, len(mesh.tree.parents), count)
+    moved = motions(mesh.tree, any_pose(rng, mesh))
+    there = carried(points, part[:, None].astype(np.int32), np.ones((count, 1)), moved)
+    np.testing.assert_allclose(at_rest(there, part, moved), points, atol=1e-12)
 
 
 def test_batches_are_what_each_alone_is() -> None:

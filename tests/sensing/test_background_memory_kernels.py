@@ -30,3 +30,26 @@ def test_nine_pixels_have_the_mean_of_their_square_and_are_all_in_the_image(
             if k._usual(image.shape, step, i, j):
                 k._nine(image, step, top, left, nine)
                 np.testing.assert_array_equal(nine, mean)
+
+
+@given(st.sampled_from([1, 3]), st.integers(1, 40), st.sampled_from([0.05, 0.3]), st.integers(0, 10_000))
+def test_what_is_learnt_is_a_mean_and_a_variance_that_single_values_hardly_move(
+    channels: int, images: int, rate: float, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    seen = np.clip(rng.normal(120, 10, (images, 4, 5, channels)) + 100 * (rng.random((images, 4, 5, 1)) < 0.1), 0, 255)
+    seen = seen.astype(np.uint8)
+    mean, variance, count = (np.zeros(shape, kind) for shape, kind in (
+        ((4, 5, channels), np.float32), ((4, 5), np.float32), ((4, 5), np.uint8)))  # fmt: skip
+    nobody, uncovered, no_others = np.empty((0, 0), np.float32), np.empty((0, 0), np.uint8), np.empty((0, 0), np.bool_)
+    for image in seen:
+        k.learn(image, 1, nobody, 0, 0, 0.0, uncovered, no_others, 0, 4, 8, rate, 10.0, mean, variance, count)
+    wanted, spread = seen[0].astype(float), np.full((4, 5), 100.0)
+    for n, image in enumerate(seen[1:].astype(float), 1):
+        r, most = max(1 / (n + 1), rate), k.WIDE * np.sqrt(spread)[..., None]
+        off = np.clip(image - wanted, -most, most)
+        wanted += r * off
+        spread += r * (k.OF_CUT * (off**2).mean(axis=-1) - spread)
+    np.testing.assert_allclose(mean, wanted, rtol=1e-4)
+    np.testing.assert_allclose(variance, spread, rtol=1e-4)
+    assert (count == images).all()

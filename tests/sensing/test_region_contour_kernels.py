@@ -5,10 +5,26 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
 
 from mocapella.sensing import region_contour_kernels as k
+from mocapella.sensing.region_reading_kernels import farthest
 
 SIZE = 8
+any_floats = arrays(np.float32, array_shapes(min_dims=2, max_dims=2, max_side=6), elements=st.floats(width=32))
+
+
+@given(any_floats)
+def test_the_farthest_is_the_largest_and_none_where_one_is_none(phi: np.ndarray) -> None:
+    np.testing.assert_array_equal(farthest(phi), abs(phi).max())
+
+
+@given(arrays(np.uint8, (2, 40), elements=st.integers(0, 3)), st.booleans())
+def test_what_becomes_something_else_says_so(both: np.ndarray, same: bool) -> None:
+    old, new = both[0], both[0].copy() if same else both[1]
+    other = bool((old != new).any())
+    assert k._become(old, new) == other
+    np.testing.assert_array_equal(old, new)
 
 
 @given(st.integers(1, 9), st.integers(1, 4), st.integers(1, 30), st.integers(0, 10_000))

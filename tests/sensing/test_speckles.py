@@ -36,6 +36,9 @@ def test_it_is_the_median_of_three_by_three(seed, shape, most):
     if min(shape[:2]) >= 3:
         wanted[1:-1, 1:-1] = np.median(sliding_window_view(image, (3, 3), axis=(0, 1)), axis=(-2, -1))
     np.testing.assert_array_equal(out, wanted)
+    every, levels = 1 + seed % 3, most // 6
+    far = abs(image.astype(int) - wanted)[1:-1:every] > levels
+    assert speckles_kernels.standing_out(image, every, levels) == pytest.approx(far.mean() if far.size else 0.0)
 
 
 @pytest.mark.parametrize("share", [0.05, 0.15, 0.3])

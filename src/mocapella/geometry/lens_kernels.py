@@ -51,6 +51,31 @@ def undistorted(u, v, k1, k2, p1, p2, k3, farthest_r2):
     return math.nan, math.nan, uu, uv, vv
 
 
+@njit(cache=True, error_model="numpy")
+def undistorted_all(us, vs, k1, k2, p1, p2, k3, farthest_r2, xs, ys):
+    """Write `undistorted` of points, us and vs (n,), to xs and ys (n,): all of them step together, several at once."""
+    xs[:], ys[:] = us, vs
+    edge = farthest_r2 if farthest_r2 > 0.0 else math.inf
+    for _ in range(STEPS):
+        moving = 0
+        for i in range(len(us)):
+            at_u, at_v, uu, uv, vv = distort(xs[i], ys[i], k1, k2, p1, p2, k3)
+            du, dv, det = us[i] - at_u, vs[i] - at_v, uu * vv - uv * uv
+            there = (abs(du) < 1e-13) & (abs(dv) < 1e-13)
+            f = det if abs(det) > 1e-12 else math.nan
+            x, y = xs[i] + (vv * du - uv * dv) / f, ys[i] + (uu * dv - uv * du) / f
+            r2 = x * x + y * y
+            shrink = math.sqrt(edge / r2) if r2 > edge else 1.0
+            xs[i], ys[i] = xs[i] if there else shrink * x, ys[i] if there else shrink * y
+            moving += not there
+        if moving == 0:
+            return
+    for i in range(len(us)):
+        at_u, at_v, _, _, _ = distort(xs[i], ys[i], k1, k2, p1, p2, k3)
+        if not (abs(at_u - us[i]) < 1e-9 and abs(at_v - vs[i]) < 1e-9):
+            xs[i] = ys[i] = math.nan
+
+
 @njit(cache=True, forceinline=True)
 def undistort(u, v, k1, k2, p1, p2, k3, farthest_r2):
     """(x, y) with distort(x, y) = (u, v); NaN where there is none within the radius up to which the lens is one."""

@@ -191,6 +191,21 @@ def cover_by_edges(pixels, edges, x0, y0, step, mask):
             mask[i, j] = 1 if depth[j] != 0 else 0
 
 
+@njit(cache=True)
+def alike(mask, phi):
+    """Intersection over union of a mask (rows, columns), 0 or 1, and of where phi (rows, columns) is above 0; 0 of
+    nothing.
+    """
+    both = either = 0
+    for i in range(len(mask)):
+        row, other, common, some = mask[i], phi[i], np.int32(0), np.int32(0)
+        for j in range(len(row)):
+            a, b = np.int32(row[j]), np.int32(other[j] > 0)
+            common, some = np.int32(common + (a & b)), np.int32(some + (a | b))
+        both, either = both + int(common), either + int(some)
+    return both / either if either > 0 else 0.0
+
+
 def one_way(faces):
     """Whether every edge has two faces at most, which run along it in opposite directions."""
     along = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)

@@ -33,6 +33,23 @@ def skin(vertices, bones, shares, R, t, out):
 
 
 @njit(cache=True)
+def at_rest(points, part, R, t, out):
+    """Write where points (n, 3) are at rest that each one part carries: x₀ = Rᵀ (x − t).
+
+    Args:
+        points: [m].
+        part: (n,) of each.
+        R, t: as of `skin`.
+        out: (n, 3) is written.
+    """
+    for k in range(len(points)):
+        A, o = R[part[k]], t[part[k]]
+        x, y, z = points[k, 0] - o[0], points[k, 1] - o[1], points[k, 2] - o[2]
+        for d in range(3):
+            out[k, d] = A[d] * x + A[3 + d] * y + A[6 + d] * z
+
+
+@njit(cache=True)
 def farthest_apart(these, those):
     """The largest distance of points (n, 3) from as many others [m]; 0 of none."""
     most = 0.0

@@ -39,13 +39,28 @@ def between(one, other, nearest):
     return math.sqrt(far)
 
 
+@njit(cache=True, forceinline=True)
+def _beyond(one, other, reach):
+    """Whether two segments are farther than that from each other, as those are whose middles are farther than that and
+    half their lengths.
+    """
+    middles = u = v = 0.0
+    for d in range(3):
+        middles += (one[0, d] + one[1, d] - other[0, d] - other[1, d]) ** 2
+        u += (one[1, d] - one[0, d]) ** 2
+        v += (other[1, d] - other[0, d]) ** 2
+    return middles > (2.0 * reach + math.sqrt(u) + math.sqrt(v)) ** 2
+
+
 @njit(cache=True)
 def depth(ends, radii, pairs):
     """How deep pairs (q, 2) of capsules are in each other, all together [m]."""
     total, nearest = 0.0, np.empty((2, 3))
     for q in range(len(pairs)):
         i, j = pairs[q, 0], pairs[q, 1]
-        total += max(radii[i] + radii[j] - between(ends[i], ends[j], nearest), 0.0)
+        reach = radii[i] + radii[j]
+        if not _beyond(ends[i], ends[j], reach):
+            total += max(reach - between(ends[i], ends[j], nearest), 0.0)
     return total
 
 

@@ -27,7 +27,7 @@ from mocapella.kinematics.ball_joints import LocalTree
 from mocapella.kinematics.silhouette_fit import Eye, Figure
 from mocapella.model.body_capsules import Capsules, capsules_of
 from mocapella.model.rigged_mesh import RiggedMesh
-from mocapella.model.twist_tree import TreePose, limbs_of
+from mocapella.model.twist_tree import TreePose, limbs_of, motions
 from mocapella.settings import check
 
 Float32 = NDArray[np.float32]
@@ -91,20 +91,24 @@ class Limb(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         name: of its first part.
-        joints: (m,) of the tree.
+        parts: (k,) of the tree, each hanging on the one before.
+        joints: (m,) of these.
         vertices: (p,) of its surface, spread over its parts.
         part: (p,) of each.
         other_faces: (f, 3) of the mesh without it.
         capsules: of the body.
+        moving: (d,) which of these move with it.
         pairs: (q, 2) of these that it is one of.
     """
 
     name: str
+    parts: Int64
     joints: Int64
     vertices: Int64
     part: Int64
     other_faces: NDArray[np.int32]
     capsules: Capsules
+    moving: Int64
     pairs: Int64
 
 
@@ -132,11 +136,13 @@ def _limb(mesh: RiggedMesh, solid: Capsules, parts: Int64, points: int) -> Limb:
     vertices = np.array(chosen, np.int64)
     return Limb(
         name=mesh.part_names[parts[0]],
+        parts=parts,
         joints=np.flatnonzero(np.isin(mesh.tree.joint_parts, parts)),
         vertices=vertices,
         part=owner[vertices].astype(np.int64),
         other_faces=np.ascontiguousarray(mesh.faces[~np.isin(mesh.faces, of_it).any(axis=1)]),
         capsules=solid,
+        moving=np.flatnonzero(np.isin(solid.part, parts)),
         pairs=np.ascontiguousarray(solid.pairs[np.isin(solid.part[solid.pairs], parts).any(axis=1)]),
     )
 
@@ -210,11 +216,13 @@ def worth(
         evidence: of `without`, by camera.
         angles: (n, m) of the limb's joints in the local tree [rad].
     """
-    (vertices, ends), k, n = places, _kernels(), len(angles)
-    common = (*local.tree.arrays, local.at.T_world_model, local.at.angles, limb.joints, angles)
-    at, ends_at = np.empty((n, len(limb.vertices), 3)), np.empty((n, *ends.shape))
-    k.places(*common, limb.part, vertices[limb.vertices], at)
-    k.places(*common, np.repeat(limb.capsules.part, 2), ends.reshape(-1, 3), ends_at.reshape(n, -1, 3))
+    (vertices, ends), k, n, count = places, _kernels(), len(angles), len(limb.vertices)
+    part = np.concatenate([limb.part, np.repeat(limb.capsules.part[limb.moving], 2)])
+    points = np.concatenate([vertices[limb.vertices], ends[limb.moving].reshape(-1, 3)])
+    at = np.empty((n, len(points), 3))
+    k.places(*_hung(limb, local), angles, np.searchsorted(limb.parts, part), points, at)
+    ends_at = np.repeat(ends[None], n, axis=0)
+    ends_at[:, limb.moving], at = at[:, count:].reshape(n, -1, 2, 3), np.ascontiguousarray(at[:, :count])
     counts, depth = np.zeros((n, 2)), np.empty(n)
     for one in evidence:
         by = one.eye
@@ -222,6 +230,18 @@ def worth(
     k.depths(ends_at, limb.capsules.radii, limb.pairs, depth)
     counts /= max(len(evidence) * len(limb.vertices), 1)
     return counts[:, 0], counts[:, 1], depth
+
+
+def _hung(limb: Limb, local: LocalTree) -> tuple[Int64, Int64, Float64, Float64, Float64]:
+    """A limb as a tree of its own, of whose root nothing but where it hangs is asked: parents, joints' parts and
+    twists; the motion (4, 4) of what it hangs on, and its angles.
+    """
+    tree = local.tree
+    R, t = motions(tree, local.at)
+    on, T = tree.parents[limb.parts[0]], np.eye(4)
+    T[:3, :3], T[:3, 3] = R[on].reshape(3, 3), t[on]
+    joint_parts = np.searchsorted(limb.parts, tree.joint_parts[limb.joints])
+    return np.arange(-1, len(limb.parts) - 1), joint_parts, tree.twists[limb.joints], T, local.at.angles[limb.joints]
 
 
 def search(

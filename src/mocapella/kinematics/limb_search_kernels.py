@@ -7,35 +7,29 @@ import numpy as np
 
 from mocapella.compiled import njit
 from mocapella.geometry.outline_kernels import see
+from mocapella.geometry.skinning_kernels import at_rest
 from mocapella.geometry.twist_tree_kernels import forward
 from mocapella.kinematics.contact_kernels import depth
 
 
 @njit(cache=True)
-def places(parents, joint_parts, twists, T, angles, joints, tried, part, points, at):
-    """Write where points are in each pose that is tried.
+def places(parents, joint_parts, twists, T, now, tried, part, points, at):
+    """Write where points are in each pose of a tree that is tried.
 
     Args:
-        parents, joint_parts, twists: of `TwistTree`.
-        T, angles: (4, 4), (joints,) where the body is.
-        joints, tried: (m,) which joints, (n, m) what is tried for them [rad].
+        parents, joint_parts, twists: as of `TwistTree`; the root may have joints, too.
+        T: (4, 4) the root's motion before these.
+        now, tried: (m,) the angles, (n, m) what is tried for them [rad].
         part, points: (p,) and (p, 3) of which part, and where they are now [m].
         at: (n, p, 3) written [m].
     """
     origin, n = np.zeros(3), len(points)
     R, t = np.empty((len(parents), 9)), np.empty((len(parents), 3))
     xi, rest = np.empty((len(joint_parts), 6)), np.empty((n, 3))
-    now = angles.copy()
     forward(parents, joint_parts, twists, T, now, origin, R, t, xi)
-    for i in range(n):
-        A, o = R[part[i]], t[part[i]]
-        a, b, c = points[i, 0] - o[0], points[i, 1] - o[1], points[i, 2] - o[2]
-        for d in range(3):
-            rest[i, d] = A[d] * a + A[3 + d] * b + A[6 + d] * c
+    at_rest(points, part, R, t, rest)
     for k in range(len(tried)):
-        for j in range(len(joints)):
-            now[joints[j]] = tried[k, j]
-        forward(parents, joint_parts, twists, T, now, origin, R, t, xi)
+        forward(parents, joint_parts, twists, T, tried[k], origin, R, t, xi)
         for i in range(n):
             A, o = R[part[i]], t[part[i]]
             for d in range(3):
@@ -52,20 +46,19 @@ def add_worth(at, T_camera_world, lens, farthest_r2, strange, x0, y0, step, wort
         strange, x0, y0, step: of `Evidence`.
         worth: what is added to.
     """
-    count = at.shape[1]
-    pixels, depth = np.empty((count, 2)), np.empty(count)
-    rows, columns = strange.shape
+    count, (rows, columns) = at.shape[1], strange.shape
+    pixels, depth = np.empty((len(at) * count, 2)), np.empty(len(at) * count)
+    see(at.reshape(-1, 3), T_camera_world, lens, farthest_r2, pixels, depth)
     for k in range(len(at)):
-        see(at[k], T_camera_world, lens, farthest_r2, pixels, depth)
-        for i in range(count):
+        good = bad = 0.0
+        for i in range(k * count, (k + 1) * count):
             if depth[i] > 0.0:
                 row, column = round((pixels[i, 1] - y0) / step), round((pixels[i, 0] - x0) / step)
                 if 0 <= row < rows and 0 <= column < columns:
-                    value = strange[row, column]
-                    if value > 0.0:
-                        worth[k, 0] += value
-                    else:
-                        worth[k, 1] -= value
+                    good += max(strange[row, column], 0.0)
+                    bad += max(-strange[row, column], 0.0)
+        worth[k, 0] += good
+        worth[k, 1] += bad
 
 
 @njit(cache=True)

@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from mocapella.compiled import njit
-from mocapella.geometry.lens_kernels import undistorted
+from mocapella.geometry.lens_kernels import distort, undistorted_all
 
 BIN_PX = 8.0
 """Points of an outline are looked up by rows so high."""
@@ -26,9 +26,12 @@ HIT = 6
 
 # Small functions go into their callers' loops: handed on, an array's references are counted.
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _level(phi, x0, y0, step, x, y):
-    """phi (rows, columns) at the image's point (x, y), and its slopes along x and y: bilinear; NaN outside."""
-    u, v = (x - x0) / step, (y - y0) / step
+def _level(phi, x0, y0, per_px, x, y):
+    """phi (rows, columns) at the image's point (x, y), and its slopes along x and y: bilinear; NaN outside.
+
+    ``per_px`` is 1 / step: divisions take long.
+    """
+    u, v = per_px * (x - x0), per_px * (y - y0)
     rows, columns = phi.shape
     if not (0.0 <= u <= columns - 1.0 and 0.0 <= v <= rows - 1.0):
         return math.nan, 0.0, 0.0
@@ -36,7 +39,7 @@ def _level(phi, x0, y0, step, x, y):
     s, t = u - j, v - i
     a, b, c, d = phi[i, j], phi[i, j + 1], phi[i + 1, j], phi[i + 1, j + 1]
     value = (1.0 - t) * ((1.0 - s) * a + s * b) + t * ((1.0 - s) * c + s * d)
-    return value, ((1.0 - t) * (b - a) + t * (d - c)) / step, ((1.0 - s) * (c - a) + s * (d - b)) / step
+    return value, per_px * ((1.0 - t) * (b - a) + t * (d - c)), per_px * ((1.0 - s) * (c - a) + s * (d - b))
 
 
 @njit(cache=True, error_model="numpy")
@@ -49,12 +52,16 @@ def _constraints(hits, which, k, points, bone, far, soft_px, sd_px, R, t, lens, 
     fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
     k1, k2, p1, p2, k3 = lens[4], lens[5], lens[6], lens[7], lens[8]
     per_fx, per_fy, per_soft, per_m = 1.0 / fx, 1.0 / fy, 1.0 / soft_px, fx / sd_px
+    seen, straight = np.empty((2, k)), np.empty((2, k))
+    for h in range(k):
+        seen[0, h], seen[1, h] = per_fx * (hits[h, 0] - cx), per_fy * (hits[h, 1] - cy)
+    undistorted_all(seen[0], seen[1], k1, k2, p1, p2, k3, farthest_r2, straight[0], straight[1])
     n = 0
     for h in range(k):
-        x, y, gx, gy, length, miss = hits[h, 0], hits[h, 1], hits[h, 2], hits[h, 3], hits[h, 4], hits[h, 5]
-        u, v, uu, uv, vv = undistorted(per_fx * (x - cx), per_fy * (y - cy), k1, k2, p1, p2, k3, farthest_r2)
+        gx, gy, length, miss, u, v = hits[h, 2], hits[h, 3], hits[h, 4], hits[h, 5], straight[0, h], straight[1, h]
         if not math.isfinite(u + v):
             continue
+        _, _, uu, uv, vv = distort(u, v, k1, k2, p1, p2, k3)
         a, b = fx * uu * gx + fy * uv * gy, fx * uv * gx + fy * vv * gy
         c = -(a * u + b * v)
         f = 1.0 / math.sqrt(a * a + b * b + c * c)
@@ -81,10 +88,10 @@ def _to_image(phi, surety, x0, y0, step, reach_px, at, normals, full, hits, whic
 
     Arguments are those of `touching`; ``hits`` (room, HIT) and ``which`` (room,) are written. Returns how many.
     """
-    k = 0
+    k, per_px, per_full = 0, 1.0 / step, 1.0 / full
     for i in range(len(at)):
         x, y = at[i, 0], at[i, 1]
-        value, gx, gy = _level(phi, x0, y0, step, x, y)
+        value, gx, gy = _level(phi, x0, y0, per_px, x, y)
         slope2 = gx * gx + gy * gy
         if not (abs(value) < reach_px and slope2 > 0.09):
             continue
@@ -93,7 +100,7 @@ def _to_image(phi, surety, x0, y0, step, reach_px, at, normals, full, hits, whic
             continue
         f = value / slope2
         u, v = x - f * gx, y - f * gy
-        again, hx, hy = _level(phi, x0, y0, step, u, v)
+        again, hx, hy = _level(phi, x0, y0, per_px, u, v)
         slope2 = hx * hx + hy * hy
         if not slope2 > 0.09:
             continue
@@ -102,10 +109,10 @@ def _to_image(phi, surety, x0, y0, step, reach_px, at, normals, full, hits, whic
         miss = math.sqrt((u - x) ** 2 + (v - y) ** 2)
         if miss > reach_px:
             continue
-        row, column = round((v - y0) / step), round((u - x0) / step)
+        row, column = round(per_px * (v - y0)), round(per_px * (u - x0))
         if not (0 <= row < phi.shape[0] and 0 <= column < phi.shape[1]):
             continue
-        sure = min(max(surety[row, column] / full, 0.0), 1.0)
+        sure = min(max(per_full * surety[row, column], 0.0), 1.0)
         hits[k, 0], hits[k, 1], hits[k, 2], hits[k, 3], hits[k, 4], hits[k, 5] = u, v, hx, hy, sure * length, miss
         which[k] = i
         k += 1

@@ -175,6 +175,13 @@ def within(points: Float64, by: Eye) -> bool:
     return bool(_seeing().within(at, by.T_camera_world, by.lens, by.farthest_r2, *by.size_px))
 
 
+def alike(seen: Outline, phi: NDArray[np.float32]) -> float:
+    """Intersection over union of what a body covers and of what is inside an image's outline (rows, columns), in the
+    window of ``seen``; 0 of nothing.
+    """
+    return float(_seeing().alike(seen.mask, phi))
+
+
 def touching(
     seen: Outline,
     motions: tuple[Float64, Float64],

@@ -226,7 +226,7 @@ def _problem(
     """What `measure` takes: sums about the start's place, and priors."""
     joints = len(tree.joint_parts)
     T, angles = np.asarray(start.T_world_model), np.asarray(start.angles)
-    _check_pose(T, angles, joints)
+    _check_shapes(T, angles, joints)
     about = T[:3, :3] @ tree.root + T[:3, 3]
     sums = np.zeros((len(tree.parents), kernels().SUMS))
     for given in constraints:
@@ -234,18 +234,19 @@ def _problem(
     prior_T, prior_root = np.empty((len(priors), 4, 4)), np.empty((len(priors), 2))
     prior_angles, prior_joints = np.empty((len(priors), joints)), np.empty((len(priors), joints))
     for k, prior in enumerate(priors):
-        _check_pose(prior.pose.T_world_model, prior.pose.angles, joints)
+        _check_shapes(prior.pose.T_world_model, prior.pose.angles, joints)
         shape = np.shape(prior.angles_per_rad)
         check(shape == (joints,), "the shape of angles_per_rad", shape, f"({joints},)")
         prior_T[k], prior_angles[k] = prior.pose.T_world_model, prior.pose.angles
         prior_root[k], prior_joints[k] = (prior.root_per_m, prior.root_per_rad), prior.angles_per_rad
+    poses = (T, prior_T, angles, prior_angles)
+    check(all(bool(np.isfinite(some).all()) for some in poses), "a pose", poses, "finite")
     return sums, about, prior_T, prior_root, prior_angles, prior_joints
 
 
-def _check_pose(T: Any, angles: Any, joints: int) -> None:
+def _check_shapes(T: Any, angles: Any, joints: int) -> None:
     shapes = (np.shape(T), np.shape(angles))
     check(shapes == ((4, 4), (joints,)), "a pose's shapes", shapes, f"(4, 4) and ({joints},)")
-    check(bool(np.isfinite(T).all() and np.isfinite(angles).all()), "a pose", (T, angles), "finite")
 
 
 def _add(given: Constraints, about: Float64, sums: Float64) -> None:

@@ -18,6 +18,7 @@ from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]
+Int64 = NDArray[np.int64]
 
 
 class Landmark(msgspec.Struct, frozen=True, eq=False):
@@ -146,6 +147,18 @@ def carried(points: Float64, bones: Int32, shares: Float64, motions: tuple[Float
     """
     out = np.empty(points.shape)
     _kernels().skin(points, bones, shares, *motions, out)
+    return out
+
+
+def at_rest(points: Float64, part: Int64, motions: tuple[Float64, Float64]) -> Float64:
+    """Where points (n, 3) are at rest that one part (n,) each carries: `carried` takes them to where they are.
+
+    Args:
+        points, part: such as some vertices of a mesh where it is, and the parts that move them most.
+        motions: of `twist_tree.motions`.
+    """
+    out = np.empty(points.shape)
+    _kernels().at_rest(points, part, *motions, out)
     return out
 
 

@@ -39,5 +39,6 @@ class Silhouette(msgspec.Struct, frozen=True, eq=False):
 
 def overlap(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
     """Intersection over union of two masks of one shape; 0 of nothing."""
-    union = np.count_nonzero(a | b)
-    return np.count_nonzero(a & b) / union if union else 0.0
+    both = np.count_nonzero(a & b)
+    union = np.count_nonzero(a) + np.count_nonzero(b) - both
+    return both / union if union else 0.0

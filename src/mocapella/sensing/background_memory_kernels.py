@@ -130,7 +130,8 @@ def learn(
     others are; or (0, 0).
     """
     rows, columns, channels = mean.shape
-    here = np.empty(channels)
+    here, least, per_channel = np.empty(channels), least_sd * least_sd, OF_CUT / channels
+    rates = np.maximum(1.0 / np.arange(1, 257), rate)  # of the first image that a sample was in, the second one, …
     for i in range(rows):
         whole = begin <= i < end
         if not whole and (not top <= i < top + phi.shape[0] or (i - begin) % every != 0):
@@ -150,15 +151,16 @@ def learn(
             if n == 0:
                 for c in range(channels):
                     mean[i, j, c] = here[c]
-                variance[i, j] = least_sd * least_sd
+                variance[i, j] = least
             else:
-                r, most, squares = max(1.0 / (n + 1.0), rate), WIDE * math.sqrt(variance[i, j]), 0.0
+                r, most, squares = rates[n], WIDE * WIDE * variance[i, j], 0.0
                 for c in range(channels):
                     d = here[c] - mean[i, j, c]
-                    d = min(max(d, -most), most)
+                    if d * d > most:  # seldom: there is no root of the others
+                        d = math.copysign(math.sqrt(most), d)
                     mean[i, j, c] += r * d
                     squares += d * d
-                variance[i, j] += r * (OF_CUT * squares / channels - variance[i, j])
+                variance[i, j] += r * (per_channel * squares - variance[i, j])
             if n < 255:
                 count[i, j] = n + 1
 
@@ -239,7 +241,7 @@ def costs(values, blocks, left, top, least_sd, mean, variance, count, out):
         out: (blocks, size) float32; the log 2π/2 of every channel is left out.
     """
     channels, least, size = mean.shape[2], least_sd * least_sd, values.shape[2]
-    f = 1.5 / channels
+    f, of_least = 1.5 / channels, 1.5 * math.log(4.0 * least)
     for n in range(len(blocks)):
         i, first = blocks[n, 0] + top, blocks[n, 1] * size + left
         for b in range(size):
@@ -252,4 +254,5 @@ def costs(values, blocks, left, top, least_sd, mean, variance, count, out):
             for c in range(channels):
                 d = 0.5 * values[c, n, b] - (mean[i, j, c] - MIDDLE)
                 squares += d * d
-            out[n, b] = f * squares / v + 1.5 * math.log(4.0 * v)
+            # Most samples have the least variance: no logarithm of theirs is taken.
+            out[n, b] = f * squares / v + (of_least if v == least else 1.5 * math.log(4.0 * v))

@@ -422,8 +422,8 @@ def segment(
         fewest, least_sd: as in `densities`; most: [nats] at which −log p is cut off.
         inside_cost: [nats] −log p1 where it is the same everywhere; NaN where it is learnt.
         iterations: at most.
-        field: (rows, padded) float32, above 0 inside: what every sample gains by that [nats]; phi beyond the band.
-        contrast: (rows, padded) float32 log p1 − log p2 [nats]; 0 where nothing is known, and beyond the band.
+        field: (rows, padded) float32, above 0 inside; in the band it becomes what every sample gains by that [nats].
+        contrast: (rows, padded) float32, becomes log p1 − log p2 [nats] there; 0 where nothing is known.
         energies: (iterations + 1,) float64 [nats × samples] at first and after every move; none are summed where (0,).
     """
     channels, count, size = values.shape
@@ -500,8 +500,7 @@ def segment(
         stale[:] = anew
         if anew:
             _add_all(values, state, news, blocks, rows, odd, sums)
-            moved = not (np.array_equal(state, news) and np.array_equal(on, nows))
-            state[:], on[:] = news, nows
+            moved = _become(state.reshape(-1), news.reshape(-1)) | _become(on.reshape(-1), nows.reshape(-1))
             _put(on.view(np.uint64), blocks, inside.view(np.uint64))
             blur(inside, mean)
         else:
@@ -519,8 +518,6 @@ def segment(
                 inside, mean, on, pull, state, known, outside_costs, inside_cost, coefficients, sums, leans, size, length,
                 most,
             )  # fmt: skip
-    contrast[:] = _0F
-    field[:] = phi
     _put(gains.view(np.uint64), blocks, contrast.view(np.uint64))
     _put(fields.view(np.uint64), blocks, field.view(np.uint64))
     return iteration
@@ -578,11 +575,23 @@ def _put(parts, blocks, picture):
 
 
 @njit(cache=True, error_model="numpy")
+def _become(old, new):
+    """What is old becomes what is new, (samples,) uint8; whether it was anything else."""
+    other = _0B
+    for j in range(len(old)):
+        other |= old[j] ^ new[j]
+        old[j] = new[j]
+    return other > _0B
+
+
+@njit(cache=True, error_model="numpy")
 def _blocks_of(stale, blocks, rows, size, dirty):
     """Blocks whose densities have changed at one of their four nodes have to be looked at again."""
+    last, top = np.int64(-1), np.int64(0)
     for n in range(len(blocks)):
-        top, _ = _down(np.int64(blocks[n, 0]), rows, size)
-        k = np.int64(blocks[n, 1])
+        i, k = np.int64(blocks[n, 0]), np.int64(blocks[n, 1])
+        if i != last:
+            last, (top, _) = i, _down(i, rows, size)
         if stale[top, k] | stale[top, k + 1] | stale[top + 1, k] | stale[top + 1, k + 1]:
             dirty[n] = max(dirty[n], _DENSER)
 
@@ -631,7 +640,7 @@ def settled(
     Returns:
         How many times the outline was moved, its signed distance and `surety_of` it (rows, columns), and energies.
     """
-    field, contrast, sure = np.empty_like(phi), np.empty_like(phi), np.empty_like(phi)
+    field, contrast, sure = phi.copy(), np.zeros_like(phi), np.empty_like(phi)
     odd = (1 + 2 * np.arange(values.shape[2])).astype(np.int32)
     energies = np.empty(iterations + 1 if told else 0)
     moved = segment(
@@ -641,7 +650,11 @@ def settled(
     surety_of(contrast, inside, sure)
     window, surety = np.empty((len(phi), columns), np.float32), np.empty((len(phi), columns), np.float32)
     for i in range(len(phi)):
-        window[i], surety[i] = field[i, pad : pad + columns], sure[i, pad : pad + columns]
+        a, b, to_a, to_b = field[i, pad:], sure[i, pad:], window[i], surety[i]
+        for j in range(columns):
+            to_a[j] = a[j]
+        for j in range(columns):
+            to_b[j] = b[j]
     out = np.empty_like(window)
     signed_distance(window, reach, step, out)
     return moved, out, surety, energies

@@ -17,14 +17,15 @@ _0F, _0B, _1B = np.float32(0.0), np.uint8(0), np.uint8(1)
 @njit(cache=True, error_model="numpy")
 def farthest(phi):
     """The largest distance (rows, columns) float32; NaN where one is none."""
-    most, wrong = _0F, False
-    for i in range(len(phi)):
-        row = phi[i]
+    # As whole numbers, bits of numbers above 0 are in the same order, infinite ones and then NaN last.
+    bits, most = phi.view(np.int32), np.zeros(1, np.int32)
+    for i in range(len(bits)):
+        row, largest = bits[i], most[0]
         for j in range(len(row)):
-            far = abs(row[j])
-            most = far if far > most else most
-            wrong |= np.isnan(far)
-    return np.float32(np.nan) if wrong else most
+            far = np.int32(row[j] & np.int32(0x7FFFFFFF))
+            largest = far if far > largest else largest
+        most[0] = largest
+    return most.view(np.float32)[0]
 
 
 @njit(cache=True, error_model="numpy")
@@ -35,7 +36,7 @@ def lay_out(phi, start, band, unguided, pad, size, size_px, x0, y0, step, wide, 
         phi: (rows, columns) float32 the prior's signed distance [px]; start: (rows, columns) uint8, 1 inside, or
             (0, 0): where the prior is.
         band: [px] farther from the outline nothing moves, unless ``unguided``.
-        pad: columns of padding before the first; size: of a block [samples].
+        pad: columns of padding before the first; size: of a block [samples], a multiple of 8.
         size_px: (width, height) of the image; x0, y0: the first sample's pixel, which may lie beyond it; step: [px].
         wide: (rows, padded) float32 phi, far outside in the padding; inside: (rows, padded) uint8 where to begin.
         active, known: (capacity, size) uint8 of the blocks, 1 where a sample is undecided, and where the image says
@@ -49,35 +50,35 @@ def lay_out(phi, start, band, unguided, pad, size, size_px, x0, y0, step, wide, 
     padded = wide.shape[1]
     width, height = size_px
     first, last = min(max((-x0 + step - 1) // step, 0), columns), min(max((width - x0 + step - 1) // step, 0), columns)
-    count = 0
-    on, told = np.zeros(padded, np.uint8), np.zeros(padded, np.uint8)
-    undecided = on[pad : pad + columns]
+    count, words = 0, size // 8
+    on, told, seen = np.zeros(padded, np.uint8), np.zeros(padded, np.uint8), np.zeros(padded, np.uint8)
+    seen[pad + first : pad + last] = _1B
+    undecided, on_by_8, told_by_8 = on[pad : pad + columns], on.view(np.uint64), told.view(np.uint64)
+    active_by_8, known_by_8 = active.reshape(-1).view(np.uint64), known.reshape(-1).view(np.uint64)
+    wide[:], inside[:] = np.float32(-1e6), _0B
     for i in range(rows):
-        wide[i] = np.float32(-1e6)
-        inside[i] = 0
-        p, b = phi[i], start[i] if start.size > 0 else inside[i, pad : pad + columns]
-        w, u = wide[i, pad : pad + columns], inside[i, pad : pad + columns]
-        if start.size == 0:
-            for j in range(columns):
-                u[j] = _1B if p[j] > _0F else _0B
+        p, w, u = phi[i], wide[i, pad : pad + columns], inside[i, pad : pad + columns]
         for j in range(columns):
             w[j] = p[j]
-            near = abs(p[j]) <= band or unguided
-            undecided[j] = _1B if near else _0B
-            begin, usual = b[j], _1B if p[j] > _0F else _0B
-            u[j] = begin if near else usual
-        if 0 <= y0 + i * step < height:
-            told[pad + first : pad + last] = on[pad + first : pad + last]
-        else:
-            told[:] = 0
-        for b in range(padded // size):
-            some = _0B
-            for j in range(b * size, (b + 1) * size):
-                some = np.uint8(some | on[j])
+        for j in range(columns):
+            u[j] = _1B if p[j] > _0F else _0B
+        for j in range(columns):
+            undecided[j] = _1B if abs(p[j]) <= band or unguided else _0B
+        if start.size > 0:
+            begin = start[i]
+            for j in range(columns):
+                u[j] = begin[j] if undecided[j] > _0B else u[j]
+        in_image = 0 <= y0 + i * step < height
+        for j in range(padded):
+            told[j] = on[j] & seen[j] if in_image else _0B
+        for b in range(0, len(on_by_8), words):
+            some = np.uint64(0)
+            for m in range(b, b + words):
+                some |= on_by_8[m]
             if some:
-                blocks[count, 0], blocks[count, 1] = i, b
-                for j in range(size):
-                    active[count, j], known[count, j] = on[b * size + j], told[b * size + j]
+                blocks[count, 0], blocks[count, 1] = i, b // words
+                for m in range(words):
+                    active_by_8[count * words + m], known_by_8[count * words + m] = on_by_8[b + m], told_by_8[b + m]
                 count += 1
     return count
 

@@ -41,6 +41,16 @@ def _median(l1, l2, l3, m1, m2, m3, h1, h2, h3, out):
 
 
 @njit(cache=True)
+def _row_of_medians(above, here, below, c, low, mid, high, out):
+    """Write the medians of a row of pixels of ``c`` channels each, but for its ends; low, mid and high are room."""
+    _sorted_columns(above, here, below, low, mid, high)
+    _median(
+        low[: -2 * c], low[c:-c], low[2 * c :], mid[: -2 * c], mid[c:-c], mid[2 * c :],
+        high[: -2 * c], high[c:-c], high[2 * c :], out[c:-c],
+    )  # fmt: skip
+
+
+@njit(cache=True)
 def median_of_nine(image, out):
     """Write out the median of each pixel's 3 × 3, by channel; of the border the pixel itself.
 
@@ -55,11 +65,7 @@ def median_of_nine(image, out):
         return
     low, mid, high = np.empty(n, np.uint8), np.empty(n, np.uint8), np.empty(n, np.uint8)
     for y in range(1, height - 1):
-        _sorted_columns(rows[y - 1], rows[y], rows[y + 1], low, mid, high)
-        _median(
-            low[: -2 * c], low[c:-c], low[2 * c :], mid[: -2 * c], mid[c:-c], mid[2 * c :],
-            high[: -2 * c], high[c:-c], high[2 * c :], written[y, c:-c],
-        )  # fmt: skip
+        _row_of_medians(rows[y - 1], rows[y], rows[y + 1], c, low, mid, high, written[y])
 
 
 @njit(cache=True)
@@ -67,13 +73,15 @@ def standing_out(image, every, levels):
     """Share of values, of every so manieth row, that are farther from the median of their 3 × 3 than so many levels;
     image (height, width, channels).
     """
-    height, width, channels = image.shape
-    medians = np.empty((3, width, channels), np.uint8)
+    height, n, c = image.shape[0], image.shape[1] * image.shape[2], image.shape[2]
+    rows, medians = image.reshape(height, n), np.empty(n, np.uint8)
+    low, mid, high = np.empty(n, np.uint8), np.empty(n, np.uint8), np.empty(n, np.uint8)
     out = asked = 0
     for y in range(1, height - 1, every):
-        median_of_nine(image[y - 1 : y + 2], medians)
-        out += _apart(image[y].reshape(-1), medians[1].reshape(-1), levels)
-        asked += width * channels
+        if image.shape[1] > 2:
+            _row_of_medians(rows[y - 1], rows[y], rows[y + 1], c, low, mid, high, medians)
+            out += _apart(rows[y, c:-c], medians[c:-c], levels)
+        asked += n
     return out / asked if asked else 0.0
 
 

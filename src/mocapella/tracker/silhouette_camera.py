@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from mocapella.geometry.signed_distance import signed_distance
 from mocapella.kinematics.limb_search import Evidence
-from mocapella.kinematics.silhouette_fit import Eye, Figure, Outline, see, seen_at, touching, within
+from mocapella.kinematics.silhouette_fit import Eye, Figure, Outline, alike, see, seen_at, touching, within
 from mocapella.kinematics.twist_fit import InPlanes
-from mocapella.model.silhouettes import Silhouette, overlap
+from mocapella.model.silhouettes import Silhouette
 from mocapella.sensing.background_memory import BackgroundMemory
 from mocapella.sensing.region_contour import RegionSettings, region_contour
 from mocapella.tracker.silhouette_settings import SilhouetteSettings
@@ -148,7 +148,7 @@ class SilhouetteCamera:
         assert self._outline is not None
         assert self._found is not None
         contour = self._found[0]
-        return SeenIn(contour, self._outline, overlap(contour.phi > 0, self._outline.mask > 0))
+        return SeenIn(contour, self._outline, alike(self._outline, contour.phi))
 
     def shows_all(self, vertices: Float64) -> bool:
         """Whether all of a body (n, 3) is within the image."""

@@ -218,6 +218,9 @@ class SilhouetteTracker:
     ) -> TreePose:
         """Outlines, and the pose that they want, again and again; the first ones may be there."""
         s, (usual, steady) = self.settings, priors
+        beside_skin = steady
+        if s.steadiness is not None and steady:
+            beside_skin = (looser(steady[0], s.steadiness.beside_skin), *steady[1:])
         wide = any(camera.wide for camera in self._cameras.values())
         near, looked = self._as_expected and segmented == s.segmented, self.body.standing(pose).vertices
         number = 0
@@ -243,8 +246,8 @@ class SilhouetteTracker:
                 if camera.segmented:
                     given.append(camera.planes(moved))
             held = steady
-            if len(given) > 1 and s.steadiness is not None and steady:
-                held = (looser(steady[0], s.steadiness.beside_skin), *steady[1:])
+            if len(given) > 1 and steady:
+                held = beside_skin
                 given.append(self._skin.steady(stands, moved))
             given.append(apart(self.body.solid, stands.landmarks, moved))
             # What nobody sees goes on as it did, not to where it usually is.

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.kinematics.twist_fit import OnPoints
+from mocapella.model.rigged_mesh import at_rest
 from mocapella.tracker.silhouette_body import SilhouetteBody, Standing
 from mocapella.tracker.silhouette_settings import Steadiness
 
@@ -63,8 +64,7 @@ class SteadySkin:
             stands: where the body is.
             motions: R (parts, 9) and t (parts, 3) of the tree that is fitted, there.
         """
-        R, t = motions[0][self._part].reshape(-1, 3, 3), motions[1][self._part]
-        rest = np.einsum("nji,nj->ni", R, stands.vertices[self._body.skin] - t)
+        rest = at_rest(stands.vertices[self._body.skin], self._part, motions)
         return OnPoints(self._part, rest, self._onward, self._weights)
 
     def learn(self, stands: Standing) -> None:
