@@ -10,14 +10,15 @@ from itertools import islice, pairwise
 import cv2
 import numpy as np
 import pytest
-from fake_capture import FakeDevice
+from fake_capture import FakeDevice, FilmWithoutRate
 from programs import wait_until
-from silhouette_pictures import ring, write_folders
+from silhouette_pictures import ring, write_folders, write_video
 
 import mocapella.sources.live_set as module
 import mocapella.sources.open_pictures as opening
 from mocapella.cli.silhouette_live import LiveWishes, open_live
 from mocapella.errors import InputError, SettingsError
+from mocapella.sources import paced_pictures
 from mocapella.sources.acquisition import AcquisitionSettings
 from mocapella.sources.capture_camera import CaptureCamera
 from mocapella.sources.live_set import LiveSet
@@ -246,3 +247,10 @@ def test_the_command_asks_cameras_for_the_calibrations_size_and_takes_what_is_ex
             assert live.described() == {"c1": {"source": "camera:0", "size_px": list(size)}}
         assert device.values[cv2.CAP_PROP_FPS] == 15.0
         assert device.values[cv2.CAP_PROP_FOURCC] == cv2.VideoWriter_fourcc(*"MJPG")
+
+
+def test_of_films_without_a_rate_the_command_names_its_own_option(tmp_path, monkeypatch):
+    write_video(tmp_path / "c1.avi", [np.full((48, 64, 3), 20 * k, np.uint8) for k in range(3)])
+    monkeypatch.setattr(paced_pictures.cv2, "VideoCapture", FilmWithoutRate)
+    with open_live(LiveWishes({"c1": str(tmp_path / "c1.avi")}, as_live=True), RIG) as live:
+        assert live.notes == ["c1: does not say its frames a second; 30 are taken (--hz says it)"]

@@ -97,7 +97,7 @@ def open_live(wishes: LiveWishes, rig: CameraRig) -> LiveSet:
     for name, text in wishes.sources.items():
         (called,) = match_cameras([name], rig.cameras, file=text)
         size = rig.cameras[called].camera.size_px if wishes.other_size is None else None
-        sources[name] = open_pictures(text, CameraWishes(size, wishes.hz, wishes.fourcc))
+        sources[name] = open_pictures(text, CameraWishes(size, wishes.hz, wishes.fourcc), rate_option="--hz")
     return LiveSet(sources, rig, other_size=wishes.other_size)
 
 
