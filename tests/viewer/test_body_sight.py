@@ -15,7 +15,7 @@ from silhouette_pictures import pose_at, ring, somebody
 
 from mocapella.model.rigged_mesh import posed
 from mocapella.viewer.body_browser import LONGEST_STILL_S, STILL_S, BodyBrowser
-from mocapella.viewer.body_panel import BodyFrame, Picture
+from mocapella.viewer.body_panel import ALL, BodyFrame, Picture
 from mocapella.viewer.body_sight import HEADROOM_M, SLACK_M, Sight
 from mocapella.viewer.body_stage import ShownBody
 from mocapella.viewer.body_view import BodyView
@@ -98,6 +98,31 @@ def on_screen(look, points, aspect=1.4):
 def vertices(view, aside_m):
     T = view._stage._space.T_stage_world
     return posed(MESH, pose_at(MESH, aside_m)) @ T[:3, :3].T + T[:3, 3]
+
+
+@pytest.mark.parametrize("camera", ["", "c2"])
+def test_on_a_telephone_all_is_over_the_sheet_that_covers_three_fifths(view, camera):
+    aspect = 390 / 844
+    look = view._stage.look(aspect, camera)
+    planes = [plane.corners for name, plane in view._stage.planes.items() if camera in ("", name)]
+    at = on_screen(look, np.concatenate(planes if camera else [*planes, vertices(view, 0.0)]), aspect)
+    assert np.abs(at).max() < 1.0
+    assert at[:, 1].min() > 1 - 2 * 0.4
+    assert max(np.ptp(at[:, 0]) / 2.0, np.ptp(at[:, 1]) / 0.8) > 0.85  # and as large as may be
+
+
+def test_names_of_cameras_are_not_before_a_picture_that_is_looked_at(view):
+    def named():
+        return [handle.visible for handle in view._stage._names._handles]
+
+    view.show(1.0)
+    assert named() == [True, True]
+    view.panel.aim.value = "c1"
+    view.show(2.0)
+    assert named() == [False, False]
+    view.panel.aim.value = ALL
+    view.show(3.0)
+    assert named() == [True, True]
 
 
 @pytest.mark.parametrize("aside_m", [0.0, 4.0, -9.0])

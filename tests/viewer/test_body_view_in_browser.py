@@ -130,6 +130,9 @@ def test_a_page_shows_boards_at_once_and_no_white_ones_and_stays_with_who_goes_a
             page.wait_for_timeout(2000)
             np.testing.assert_allclose(one._client.camera.position, by_hand, atol=1e-3)
             assert one.touched
+            page.locator("svg.tabler-icon-adjustments").locator("xpath=..").click()
+            page.get_by_role("button", name="Reset View").click()
+            wait_for(page, "it goes along again", lambda: not one.touched)
             browser.close()
     finally:
         stop.set()

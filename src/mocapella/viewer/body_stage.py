@@ -49,6 +49,9 @@ _CAMERA_SIZE, _LINE = 0.012, 0.09
 """Of a camera's frustum, over its distance from the viewer; of its lines, over its size."""
 _ASPECT: Final = 1.4
 """Of a usual window beside the panel."""
+_TALL: Final = 0.7
+"""Of a telephone held upright: its panel is a sheet that covers three fifths from below."""
+_OVER_SHEET: Final = 0.2
 _FOV: Final = float(np.radians(36.0))
 _ELEVATION: Final = float(np.radians(9.0))
 _FROM_PICTURE: Final = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -166,7 +169,8 @@ class BodyStage:
             node.place(T, colours.of(name), field_deg(placed))
             x, y, z = T[:3, 3] + [0.0, 1.3 * size, 0.0]
             tags.append(Tag(name, (float(x), float(y), float(z))))
-        TagNodes(scene, "/names", size=0.8).draw(tags)
+        self._names, self._tags = TagNodes(scene, "/names", size=0.8), tags
+        self._names.draw(tags)
         self._boards = scene.add_frame(BOARD, show_axes=False)
         for name, plane in self.planes.items():
             scene.add_frame(f"{BOARD}/{name}", show_axes=False, position=plane.middle)
@@ -178,15 +182,16 @@ class BodyStage:
 
     def look(self, aspect: float, camera: str = "") -> Look:
         """A camera that has the bodies and all pictures in its picture, or that camera's picture alone."""
+        lowest = _OVER_SHEET if aspect < _TALL else -1.0
         if camera in self.planes:
             board = self.planes[camera].moved(self.sight.middle)
-            return frame(board.corners, fov=_FOV, aspect=aspect, elevation=0.0, margin=1.02)
+            return frame(board.corners, fov=_FOV, aspect=aspect, elevation=0.0, margin=1.02, lowest=lowest)
         (x, above, z), (wide, deep) = self.sight.middle, self.sight.half_m
         body = np.array(
             [[x + i, y, z + k] for i in (-wide, wide) for y in (0.0, self._space.tall_m + above) for k in (-deep, deep)]
         )
         corners = np.concatenate([body, *(plane.corners + self.sight.middle for plane in self.planes.values())])
-        return frame(corners, fov=_FOV, aspect=aspect, elevation=_ELEVATION, margin=1.06)
+        return frame(corners, fov=_FOV, aspect=aspect, elevation=_ELEVATION, margin=1.06, lowest=lowest)
 
     def draw(self, bodies: Mapping[str, ShownBody], words: Mapping[str, str]) -> None:
         """Show it.
@@ -197,6 +202,10 @@ class BodyStage:
         """
         self._box = self._draw_bodies(bodies)
         self._say(words)
+
+    def name_cameras(self, *, named: bool) -> None:
+        """Whether the cameras' names stand beside them; before a picture that is large they would be in the way."""
+        self._names.draw([Tag(tag.text, tag.position, named) for tag in self._tags])
 
     def settle(self, now_s: float) -> None:
         """Go on to where those are who are there; call it steadily."""

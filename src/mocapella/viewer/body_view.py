@@ -110,6 +110,7 @@ class BodyView:
             self._draw(now_s)
         with tolerated(), self._server.atomic():
             self._stage.settle(now_s)
+            self._stage.name_cameras(named=self.panel.aim.value == ALL)
         self._show_browsers(now_s)
 
     def close(self) -> None:
