@@ -302,3 +302,25 @@ def test_a_stream_that_is_not_there_is_refused_at_once() -> None:
 def test_settings_have_ranges(wrong: dict[str, float]) -> None:
     with pytest.raises(SettingsError, match=next(iter(wrong))):
         AcquisitionSettings(**wrong)
+
+
+def test_more_than_the_newest_are_kept_where_that_is_wished(tmp_path: Path) -> None:
+    with Acquisition(PacedPictures(film(tmp_path / "a.avi", 8, fps=200.0))) as pictures:
+        pictures.keep(3)
+        pictures.start()
+        wait_until("all have come", lambda: pictures.report().taken == 8)
+        wait_until("it has ended", lambda: pictures._ended)
+        assert pictures.report().dropped == 5
+        assert [one.number for one in pictures.take_all(0.0)] == [5, 6, 7]
+        assert pictures.take_all(0.0) == []
+        assert pictures.ended
+    with Acquisition(PacedPictures(tmp_path / "a.avi", fps=200.0)) as pictures:
+        pictures.keep(4)
+        pictures.start()
+        wait_until("all have come", lambda: pictures.report().taken == 8)
+        pictures.keep(2)
+        assert pictures.report().dropped == 6
+        newest = pictures.take(0.0)
+        assert newest is not None
+        assert newest.number == 7
+        assert pictures.report().dropped == 7

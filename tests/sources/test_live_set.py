@@ -296,6 +296,21 @@ def test_a_camera_whose_stamped_pictures_come_late_is_waited_for_and_that_is_sai
         assert "later after their times than the others'; these wait for them" in line
 
 
+def test_of_who_looks_seldom_frames_are_of_one_instant_too_where_a_camera_is_late():
+    """Pictures that come while nobody looks are the very ones that the late camera's belong to."""
+    begin_s = time.monotonic()
+    of = {"c1": Clocked(begin_s), "c2": Clocked(begin_s, 130)}
+    with LiveSet(of, RIG) as live:
+        found = []
+        for frame in islice(live.until(threading.Event()), 30):
+            found.append(frame.images)
+            time.sleep(0.085)  # more than four periods
+    later = found[10:]
+    assert sum(len(one) == 2 for one in later) > 0.8 * len(later)
+    behind = [number(one["c1"]) - number(one["c2"]) for one in later if len(one) == 2]
+    assert np.abs(behind).max() <= 1
+
+
 def test_a_camera_that_is_said_to_be_late_is_put_right():
     for late_s, behind_by in ({}, 6), ({"C2": 0.12}, 0):
         begin_s, said = time.monotonic(), list[str]()

@@ -249,13 +249,17 @@ class LiveSet:
 
     def _collect(self, say: Callable[[str], None]) -> bool:
         """Take in what has come; whether nothing more will."""
+        # Who is prompt meets who is late in pictures of before, of which none is to be missing then.
+        held = self._set.held_ns is not None
+        kept = 1 + round(LATEST_S * NS_PER_S / self._set.period_ns) if held else 1
         for name, camera in self._cameras.items():
+            camera.keep(kept)
             try:
-                picture = camera.take(0.0)
+                pictures = camera.take_all(0.0)
             except MocapellaError as error:
                 say(f"{name}: {error}; the others go on")
-                picture = None
-            if picture is not None:
+                pictures = []
+            for picture in pictures:
                 self._add(name, picture, say)
             few = camera.report().too_few if name not in self._few else ""
             if few:
