@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import itertools
 import json
+import os
 import signal
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,8 +16,11 @@ from mjpeg_streams import MjpegStreams, jpeg
 from programs import Program, free_port, run_here, wait_until
 from silhouette_pictures import Room, pose_at, ring, somebody, write_folders
 
+from mocapella.cli.silhouette_result import SilhouetteResult
+from mocapella.errors import InputError
 from mocapella.model.camera_rig_file import save_camera_rig
 from mocapella.model.rigged_mesh import landmarks_at
+from mocapella.recording.followed_bodies import read_followed_people
 from mocapella.sources.simulate.silhouette_scene import silhouette_scene
 
 COMPILED = 300.0
@@ -158,6 +163,33 @@ def test_a_stream_that_ends_is_said_and_counts_again_when_it_is_back(stage, fold
     assert not any(row["lost"] for row in rows)
 
 
+@pytest.mark.parametrize("names", [(), ("anna",)], ids=["one", "named"])
+def test_a_run_that_is_killed_leaves_its_frames_which_are_read_as_any_result(stage, folder, names):
+    stage.at = 0
+    (folder / "out.json").write_text("of before")
+    start = [word for name in names for word in ("--start", f"{name}=joints.json")] or ["--start", "joints.json"]
+    with MjpegStreams(stage.pictures, 1 / 15) as streams:
+        sources = [f"{name}={streams.address(name)}" for name in stage.scene.rig.cameras]
+        given = ("silhouettes", *sources, "--rig", "rig.toml", *start, "--json", "out.json", "--overlay", "seen")
+        with Program(folder, "run", *given) as program:
+            wait_until("it follows", lambda: program.said("until Ctrl-C")() and seen(folder) >= 5, COMPILED)
+            program.end(signal.SIGKILL)
+    assert (folder / "out.json").read_text() == "of before"
+    (body,) = read_followed_people(folder / "out.part.json").values()
+    assert len(body.frames) >= 5
+    assert [row.frame for row in body.frames] == list(range(len(body.frames)))
+    with MjpegStreams(stage.pictures, 1 / 15) as streams:
+        sources = [f"{name}={streams.address(name)}" for name in stage.scene.rig.cameras]
+        done = run_here(
+            folder, "silhouettes", *sources, "--rig", "rig.toml", "--start", "out.part.json:2", "--json", "out.json",
+            "--seconds", "1",
+        )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "out.part.json is there, of a run that still goes on or was killed" in " ".join(done.stderr.split())
+    assert list(read_followed_people(folder / "out.json")) == [*names, *[""][len(names) :]]
+    assert len(read_followed_people(folder / "out.part.json").popitem()[1].frames) == len(body.frames)
+
+
 MESH, RIG, HZ = somebody(), ring(3), 10.0
 FILMS = [f"c{k}" for k in (3, 1, 2)]
 
@@ -180,6 +212,26 @@ def ran(folder, *arguments):
     done = run_here(folder, "silhouettes", *arguments, "--rig", "rig.toml", "--start", "joints.json", "--json", "-")
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout), " ".join(done.stderr.split())
+
+
+def test_what_asks_for_no_file_leaves_none_and_what_fails_says_where_its_frames_are(films, tmp_path, monkeypatch):
+    before = sorted(films.iterdir())
+    assert run_here(films, "silhouettes", *FILMS, "--live", "--hz", str(HZ), *GIVEN).returncode == 0
+    done = run_here(films, "silhouettes", *FILMS, "--live", "--hz", str(HZ), *GIVEN, "--json", os.devnull)
+    assert done.returncode == 0, done.stderr
+    assert Path(os.devnull).is_char_device()  # it is no file to be replaced
+    assert sorted(films.iterdir()) == before
+
+    def refuse(*_):
+        raise InputError("is gone", file="c1")
+
+    monkeypatch.setattr(SilhouetteResult, "finish", refuse)
+    out = tmp_path / "out.json"
+    done = run_here(films, "silhouettes", *FILMS, "--live", "--hz", str(HZ), *GIVEN, "--json", str(out))
+    assert done.returncode == 1
+    (body,) = read_followed_people(tmp_path / "out.part.json").values()
+    assert f"the {len(body.frames)} frames until then are in" in " ".join(done.stderr.split())
+    assert not out.exists()
 
 
 def test_films_as_if_they_were_cameras_end_by_themselves(films):
@@ -248,6 +300,15 @@ def test_what_cannot_be_done_live_is_one_line(films):
         (("c1", "--empty-room", "2", "--hz", "10"), "--empty-room is of live cameras"),
         (("c1", "--seconds", "2", "--hz", "10"), "--seconds is of live cameras"),
         (("c1", "--fourcc", "MJPG", "--hz", "10"), "--fourcc is of live cameras"),
+        (("c1", "--late", "c1=20", "--hz", "10"), "--late is of live cameras"),
+        (
+            ("c1", "c2", "--live", "--late", "c1"),
+            "--late 'c1' cannot be used; write NAME=MILLISECONDS, such as back=120",
+        ),
+        (("c1", "c2", "--live", "--late", "c3=20"), "--late c3=20: no source is of c3; there are c1, c2"),
+        (("c1", "--live", "--late", "c8=20"), "the rig has no such camera"),
+        (("c1", "--live", "--late", "C1=20", "--late", "c1=30"), "--late is given twice of c1"),
+        (("c1", "--live", "--late", "c1=-1"), "--late c1 is -1.0; it must be 0 to 500 ms"),
         (("c1=no.avi", "--live"), "no.avi: is not there"),
         (("c1", "--live", "--hz", "20", "--empty-room", "1"), "no camera gives a picture any more"),
         (("c1=c1", "--live", "--other-size", "half"), "--other-size is 'half'"),

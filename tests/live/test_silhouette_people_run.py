@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from silhouette_pictures import Room, pose_at, ring, silhouettes_of, somebody
+from silhouette_rows import RunWithRows
 
-from mocapella.live.silhouette_run import LOST_AFTER_S, SAID_AFTER, SilhouetteRun
+from mocapella.live.silhouette_run import LOST_AFTER_S, SAID_AFTER
 from mocapella.sources.frame_set import FrameSet, time_of_frame
 
 HZ = 30.0
@@ -31,7 +32,7 @@ class Couple(Room):
 
 
 def start(anna=-0.6, ben=0.6):
-    run = SilhouetteRun({"anna": MESH, "ben": MESH}, RIG)
+    run = RunWithRows({"anna": MESH, "ben": MESH}, RIG)
     run.start({"anna": pose_at(MESH, anna), "ben": pose_at(MESH, ben)}, time_of_frame(-1, HZ))
     return run
 

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import gc
+
 import cv2
 import msgspec
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from silhouette_pictures import Room, pose_at, ring, silhouettes_of, somebody
+from silhouette_rows import RunWithRows
 
 from mocapella.kinematics.silhouette_fit import eye, within
 from mocapella.live.silhouette_run import LOST_AFTER_S, NO_PICTURE, SAID_AFTER, SilhouetteRun
+from mocapella.live.silhouette_tally import Counted
 from mocapella.model.camera import CameraRig
 from mocapella.model.rigged_mesh import landmarks_at
-from mocapella.recording.followed_bodies import ALONE
+from mocapella.recording.followed_bodies import ALONE, FollowedFrame
 from mocapella.sources.frame_set import FrameSet, time_of_frame
 
 HZ = 30.0
@@ -22,7 +28,7 @@ HERE = 16
 
 
 def start(rig=RIG, aside_m=0.0):
-    run = SilhouetteRun({ALONE: MESH}, rig)
+    run = RunWithRows({ALONE: MESH}, rig)
     run.start({ALONE: pose_at(MESH, aside_m)}, time_of_frame(-1, HZ))
     return run
 
@@ -210,3 +216,38 @@ def test_who_is_behind_a_camera_is_not_in_its_image():
         away = msgspec.structs.replace(placed, T_camera_world=np.diag([-1.0, 1.0, -1.0, 1.0]) @ placed.T_camera_world)
         assert within(body, eye(placed))
         assert not within(body, eye(away))
+
+
+def test_a_run_keeps_none_of_its_rows_and_knows_what_they_came_to():
+    gc.collect()
+    before = count_of(FollowedFrame)
+    run, room = SilhouetteRun({ALONE: MESH}, RIG), Room(RIG)
+    run.start({ALONE: pose_at(MESH)}, time_of_frame(-1, HZ))
+    rows = []
+    for k in range(6):
+        rows.append(run.step(FrameSet.at_rate(k, HZ, room.images(MESH, pose_at(MESH, 0.01 * k)))).people[ALONE].row)
+    overlaps = [value for row in rows for value in row.overlap.values()]
+    assert run.summary_of(ALONE)["median_overlap"] == pytest.approx(np.median(overlaps), abs=5e-5)
+    assert (run.frames, run.summary()["frames"]) == (6, 6)
+    del rows
+    gc.collect()
+    assert count_of(FollowedFrame) <= before
+
+
+def count_of(kind):
+    return sum(isinstance(one, kind) for one in gc.get_objects())
+
+
+@given(st.lists(st.integers(0, 10_000), min_size=1, max_size=60), st.lists(st.integers(0, 10_000), max_size=9))
+def test_the_median_of_what_is_counted_is_the_median(values, others):
+    counted, more = Counted(1e-4), Counted(1e-4)
+    for value in values:
+        counted.add(value * 1e-4)
+    for value in others:
+        more.add(value * 1e-4)
+    assert counted.median == pytest.approx(np.median(values) * 1e-4)
+    assert counted.least == pytest.approx(min(values) * 1e-4)
+    counted += more
+    assert len(counted) == len(values) + len(others)
+    assert counted.median == pytest.approx(np.median(values + others) * 1e-4)
+    assert Counted(1.0).median is None

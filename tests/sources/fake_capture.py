@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 NONE = -1.0
+FILM = cv2.VideoCapture
 
 
 class FakeDevice:
@@ -96,3 +97,16 @@ class FakeCapture:
 
     def release(self) -> None:
         self.released = True
+
+
+class FilmWithoutRate:
+    """OpenCV's film whose frames a second nobody knows. (OpenCV's own class cannot be derived from.)"""
+
+    def __init__(self, path: str) -> None:
+        self._film = FILM(path)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._film, name)
+
+    def get(self, prop: int) -> float:
+        return 0.0 if prop == cv2.CAP_PROP_FPS else float(self._film.get(prop))

@@ -11,13 +11,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from fake_capture import FakeDevice
+from fake_capture import FakeDevice, FilmWithoutRate
 from mjpeg_streams import MjpegStreams, jpeg
 from programs import free_port, wait_until
 
 from mocapella.errors import InputError, SettingsError
+from mocapella.sources import paced_pictures
 from mocapella.sources.acquisition import Acquisition, AcquisitionReport, AcquisitionSettings
 from mocapella.sources.capture_camera import CaptureCamera
+from mocapella.sources.open_pictures import open_pictures
 from mocapella.sources.paced_pictures import PacedPictures
 from mocapella.sources.picture_source import Picture, SourceState
 from mocapella.sources.simulate.hand_scene import load_hand_scene
@@ -217,6 +219,19 @@ def test_a_folder_is_shown_by_name(tmp_path: Path) -> None:
             PacedPictures(tmp_path / name).open()
 
 
+def test_a_film_without_a_rate_names_the_commands_own_option(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    film(tmp_path / "a.avi")
+    monkeypatch.setattr(paced_pictures.cv2, "VideoCapture", FilmWithoutRate)
+    for source, said in (
+        (PacedPictures(tmp_path / "a.avi"), "30 are taken (--fps says it)"),
+        (open_pictures(str(tmp_path / "a.avi"), rate_option="--hz"), "30 are taken (--hz says it)"),
+    ):
+        (problem,) = source.open().problems
+        assert problem.endswith(said)
+        source.close()
+    assert PacedPictures(tmp_path / "a.avi", fps=20.0).open() == SourceState((64, 48), 20.0)
+
+
 def test_an_acquisition_of_a_film_ends_with_its_last_picture(tmp_path: Path) -> None:
     with Acquisition(PacedPictures(film(tmp_path / "a.avi", fps=100.0))) as pictures:
         pictures.start()
@@ -287,3 +302,25 @@ def test_a_stream_that_is_not_there_is_refused_at_once() -> None:
 def test_settings_have_ranges(wrong: dict[str, float]) -> None:
     with pytest.raises(SettingsError, match=next(iter(wrong))):
         AcquisitionSettings(**wrong)
+
+
+def test_more_than_the_newest_are_kept_where_that_is_wished(tmp_path: Path) -> None:
+    with Acquisition(PacedPictures(film(tmp_path / "a.avi", 8, fps=200.0))) as pictures:
+        pictures.keep(3)
+        pictures.start()
+        wait_until("all have come", lambda: pictures.report().taken == 8)
+        wait_until("it has ended", lambda: pictures._ended)
+        assert pictures.report().dropped == 5
+        assert [one.number for one in pictures.take_all(0.0)] == [5, 6, 7]
+        assert pictures.take_all(0.0) == []
+        assert pictures.ended
+    with Acquisition(PacedPictures(tmp_path / "a.avi", fps=200.0)) as pictures:
+        pictures.keep(4)
+        pictures.start()
+        wait_until("all have come", lambda: pictures.report().taken == 8)
+        pictures.keep(2)
+        assert pictures.report().dropped == 6
+        newest = pictures.take(0.0)
+        assert newest is not None
+        assert newest.number == 7
+        assert pictures.report().dropped == 7

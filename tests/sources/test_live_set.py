@@ -10,14 +10,15 @@ from itertools import islice, pairwise
 import cv2
 import numpy as np
 import pytest
-from fake_capture import FakeDevice
+from fake_capture import FakeDevice, FilmWithoutRate
 from programs import wait_until
-from silhouette_pictures import ring, write_folders
+from silhouette_pictures import ring, write_folders, write_video
 
 import mocapella.sources.live_set as module
 import mocapella.sources.open_pictures as opening
 from mocapella.cli.silhouette_live import LiveWishes, open_live
 from mocapella.errors import InputError, SettingsError
+from mocapella.sources import paced_pictures
 from mocapella.sources.acquisition import AcquisitionSettings
 from mocapella.sources.capture_camera import CaptureCamera
 from mocapella.sources.live_set import LiveSet
@@ -246,3 +247,126 @@ def test_the_command_asks_cameras_for_the_calibrations_size_and_takes_what_is_ex
             assert live.described() == {"c1": {"source": "camera:0", "size_px": list(size)}}
         assert device.values[cv2.CAP_PROP_FPS] == 15.0
         assert device.values[cv2.CAP_PROP_FOURCC] == cv2.VideoWriter_fourcc(*"MJPG")
+
+
+def test_of_films_without_a_rate_the_command_names_its_own_option(tmp_path, monkeypatch):
+    write_video(tmp_path / "c1.avi", [np.full((48, 64, 3), 20 * k, np.uint8) for k in range(3)])
+    monkeypatch.setattr(paced_pictures.cv2, "VideoCapture", FilmWithoutRate)
+    with open_live(LiveWishes({"c1": str(tmp_path / "c1.avi")}, as_live=True), RIG) as live:
+        assert live.notes == ["c1: does not say its frames a second; 30 are taken (--hz says it)"]
+
+
+class Clocked(Scripted):
+    """A camera in real time that counts from when all begin; its pictures come late, and may be stamped so."""
+
+    def __init__(self, begin_s, late_ms=0, stamped=True, period_ms=20):
+        super().__init__("clocked", period_ms)
+        self.begin_s, self.late_ms, self.stamped = begin_s, late_ms, stamped
+
+    def read(self, stop):
+        shown_ms = (self.count + 1) * self.period_ms
+        if stop.wait(max(0.0, self.begin_s + (shown_ms + self.late_ms) / 1e3 - time.monotonic())):
+            return None
+        self.count += 1
+        image = np.full((SIZE[1], SIZE[0], 3), (self.count % 256, self.count // 256, 0), np.uint8)
+        stamp_s = self.begin_s + (shown_ms + (0 if self.stamped else self.late_ms)) / 1e3
+        return Picture(image, round(1e9 * stamp_s), self.count - 1, time.monotonic(), 0.0)
+
+
+def pairs(live, said, count=30):
+    """By how many pictures the second camera's are behind the first's, of frames that have both; and how many had."""
+    found = list(islice(live.until(threading.Event(), say=said.append), count))[-count // 2 :]
+    both = [one.images for one in found if len(one.images) == 2]
+    return [number(one["c1"]) - number(one["c2"]) for one in both], len(both) / len(found)
+
+
+@pytest.mark.parametrize("late_ms", [0, 120])
+def test_a_camera_whose_stamped_pictures_come_late_is_waited_for_and_that_is_said(late_ms):
+    begin_s, said = time.monotonic(), list[str]()
+    of = {"c1": Clocked(begin_s), "c2": Clocked(begin_s, late_ms)}
+    with LiveSet(of, RIG) as live:
+        behind, share = pairs(live, said)
+    assert share > 0.8
+    assert abs(np.median(behind)) <= 1
+    if not late_ms:
+        assert said == []
+    else:
+        (line,) = said
+        assert line.startswith("c2: its pictures come 1")  # 120 ms, and what a busy machine takes
+        assert "later after their times than the others'; these wait for them" in line
+
+
+def test_of_who_looks_seldom_frames_are_of_one_instant_too_where_a_camera_is_late():
+    """Pictures that come while nobody looks are the very ones that the late camera's belong to."""
+    begin_s = time.monotonic()
+    of = {"c1": Clocked(begin_s), "c2": Clocked(begin_s, 130)}
+    with LiveSet(of, RIG) as live:
+        found = []
+        for frame in islice(live.until(threading.Event()), 30):
+            found.append(frame.images)
+            time.sleep(0.085)  # more than four periods
+    later = found[10:]
+    assert sum(len(one) == 2 for one in later) > 0.8 * len(later)
+    behind = [number(one["c1"]) - number(one["c2"]) for one in later if len(one) == 2]
+    assert np.abs(behind).max() <= 1
+
+
+def test_a_camera_that_is_said_to_be_late_is_put_right():
+    for late_s, behind_by in ({}, 6), ({"C2": 0.12}, 0):
+        begin_s, said = time.monotonic(), list[str]()
+        of = {"c1": Clocked(begin_s), "C2": Clocked(begin_s, 120, stamped=False)}
+        with LiveSet(of, RIG, late_s=late_s) as live:
+            behind, share = pairs(live, said)
+        assert share > 0.8
+        assert abs(np.median(behind) - behind_by) <= 1
+
+
+def test_a_camera_that_is_too_late_for_any_frame_is_said():
+    begin_s, said = time.monotonic(), list[str]()
+    of = {"c1": Clocked(begin_s, period_ms=5), "c2": Clocked(begin_s, 700, period_ms=5)}
+    with LiveSet(of, RIG) as live:
+        frames = live.until(threading.Event(), say=said.append)
+        for _ in islice(frames, 400):
+            pass
+    (line,) = said
+    assert line.startswith("c2: no frame has its pictures")
+    assert "they come 7" in line
+    assert "lower latency" in line
+
+
+class Moving(Scripted):
+    """Before it something goes to and fro as nobody foresees; it shows that so many milliseconds late."""
+
+    def __init__(self, late_ms=0):
+        super().__init__("moving")
+        rng, at_s = np.random.default_rng(0), np.arange(0, 60, 0.02)
+        self.speed = np.interp(at_s, np.arange(0, 61, 0.4), rng.uniform(0, 3, 153) * rng.integers(0, 2, 153))
+        self.late = late_ms // 20
+
+    def read(self, stop):
+        picture = super().read(stop)
+        if picture is not None:
+            at = abs(int(np.cumsum(self.speed)[max(0, picture.number - self.late) % 3000]) % 80 - 40)
+            picture.image[:] = 60
+            picture.image[10:30, at : at + 20] = 200
+        return picture
+
+
+@pytest.mark.parametrize("told_ms", [0, 100])
+def test_what_moves_later_in_one_cameras_pictures_is_measured_and_the_option_named(monkeypatch, told_ms):
+    monkeypatch.setattr(module, "LAGS_EVERY_S", 0.05)
+    late_s = {"c2": told_ms / 1e3}
+    of, said = {"c1": Moving(), "c2": Moving(100), "c3": Moving()}, list[str]()
+    with LiveSet(of, RIG, late_s=late_s) as live:
+        frames = live.until(threading.Event(), say=said.append)
+        for _ in frames:
+            if of["c1"].count > 900:
+                break
+    lags = [line for line in said if "what moves is seen" in line]
+    if told_ms:
+        assert lags == []
+        assert max(live._lags.measure().values()) < 0.03
+    else:
+        (line,) = lags
+        assert line.startswith("c2: what moves is seen ")
+        assert abs(int(line.split("--late c2=")[1].split()[0]) - 100) <= 10

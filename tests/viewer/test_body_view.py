@@ -177,3 +177,24 @@ def test_angles_are_of_who_is_chosen():
         assert [chart._names for chart in view.panel._charts] == [tuple(LEGS.joint_names)] * 2
     finally:
         view.close()
+
+
+def test_the_oldest_frames_are_let_go_and_who_looks_at_one_goes_on_looking_at_it(view, monkeypatch):
+    monkeypatch.setattr(body_view, "KEPT_FRAMES", 20)
+    monkeypatch.setattr(body_view, "LET_GO", 5)
+    monkeypatch.setattr(body_view, "KEPT_BYTES", 3500)
+    for k in range(24):
+        view.add(a_frame(k, image=bytes(300)))
+    view.panel.playing, view.place = False, 12
+    view.add(a_frame(24, image=bytes(300)))
+    assert [frame.frame for frame in view.frames] == list(range(5, 25))
+    assert view.frames[view.place].frame == 12
+    for k in range(25, 2000):
+        view.add(a_frame(k, image=bytes(300)))
+    assert len(view.frames) == len(view._at_s) == len(view._angles[""]) <= 25
+    assert view._at_s[-1] == pytest.approx(1999 / 30)
+    kept = [len(frame.pictures) for frame in view.frames]
+    assert kept == sorted(kept)
+    assert sum(kept) == 11
+    assert view._bytes == 11 * 300
+    view.show(1.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import shutil
 import threading
 import time
@@ -16,7 +17,10 @@ from silhouette_pictures import Room, pose_at, ring, somebody
 from mocapella.live.silhouette_run import SilhouetteRun
 from mocapella.live.silhouette_view import SilhouetteView
 from mocapella.recording.followed_bodies import ALONE
+from mocapella.sensing.outline_picture import jpeg
 from mocapella.sources.frame_set import FrameSet, time_of_frame
+from mocapella.viewer.body_panel import BodyFrame, Picture
+from mocapella.viewer.body_stage import ShownBody
 
 CHROMIUM = shutil.which("chromium")
 ARTIFACTS = Path(__file__).resolve().parents[2] / "artifacts"
@@ -34,6 +38,109 @@ def of_hue(pixels, low, high):
     hsv = cv2.cvtColor(pixels, cv2.COLOR_BGR2HSV)
     hue = hsv[..., 0].astype(int) * 2
     return int(np.count_nonzero((hsv[..., 1] > 130) & (hsv[..., 2] > 120) & (hue >= low) & (hue <= high)))
+
+
+def picture_of(page):
+    """(height, width, 3) BGR of what the page shows of the scene."""
+    return cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR)[:, :700]
+
+
+def body_columns(shot):
+    """(n,) columns of the pixels below the boards that are of the body."""
+    low = shot[330:]
+    grey = np.ptp(low.astype(int), axis=-1) < 40
+    return np.nonzero(grey & (low.mean(axis=-1) > 110))[1]
+
+
+def coat(shot):
+    """How many pixels are of the red coat of who is in the pictures."""
+    return of_hue(shot, 330, 360) + of_hue(shot, 0, 15)
+
+
+def wait_for(page, what, holds):
+    deadline = time.monotonic() + WAIT_MS / 1000
+    while not holds():
+        assert time.monotonic() < deadline, what
+        page.wait_for_timeout(200)
+
+
+def test_a_page_shows_boards_at_once_and_no_white_ones_and_stays_with_who_goes_aside_until_it_is_moved_by_hand():
+    sync_api = pytest.importorskip("playwright.sync_api")
+    mesh, rig = somebody(), ring(3)
+    run, start = SilhouetteRun({ALONE: mesh}, rig), {ALONE: pose_at(mesh)}
+    view, stop = SilhouetteView("127.0.0.1", 0, run, start), threading.Event()
+    pictures = {name: Picture(jpeg(image)) for name, image in Room(rig).images(mesh, pose_at(mesh)).items()}
+    busy, places, shown = threading.Event(), [0.0], dict(pictures)
+
+    def loop():
+        for k in itertools.count():
+            if stop.wait(1 / 30):
+                return
+            if busy.is_set():
+                body = ShownBody(pose_at(mesh, places[-1]), {"c1": 0.9}, {}, lost=False)
+                # No two pictures are the same: a browser that is still at one is given the next.
+                view._view.add(BodyFrame(k, k / 30, {ALONE: body}, {n: Picture(p.image) for n, p in shown.items()}))
+            view._view.show(time.monotonic())
+
+    ARTIFACTS.mkdir(exist_ok=True)
+    thread = threading.Thread(target=loop)
+    thread.start()
+    try:
+        with sync_api.sync_playwright() as playwright:
+            browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+            page = browser.new_page(viewport={"width": 1100, "height": 640})
+            page.set_default_timeout(WAIT_MS)
+            page.goto(view.url)
+            page.locator(".mocapella-status", has_text="Getting ready").wait_for()
+
+            def white(one):
+                """How many pixels of the boards' part of a page are white; a few are of letters."""
+                return np.count_nonzero((picture_of(one)[115:225] > 235).all(axis=-1))
+
+            wait_for(page, "the body stands there", lambda: len(body_columns(picture_of(page))) > 1500)
+            page.screenshot(path=ARTIFACTS / "followed-body-empty.png")
+            assert white(page) < 300
+            # In the middle of the run, and of a browser that is too busy to decode any picture.
+            shown.update(dict.fromkeys(pictures, Picture(b"never decoded")))
+            busy.set()
+            other = browser.new_page(viewport={"width": 1100, "height": 640})
+            other.set_default_timeout(WAIT_MS)
+            other.goto(view.url)
+            other.locator(".mocapella-status", has_text="Following").wait_for()
+            wait_for(other, "the body stands there", lambda: len(body_columns(picture_of(other))) > 1500)
+            assert white(other) < 300
+            shown.update(pictures)
+            for one in (page, other):
+                wait_for(one, "pictures", lambda one=one: coat(picture_of(one)) > 300)
+            other.close()
+            middle = np.median(body_columns(picture_of(page)))
+            assert abs(middle - 370) < 60
+            places.append(4.0)  # 4 m are more than the page has to either side
+            page.wait_for_timeout(3000)
+            wait_for(page, "it is still in sight", lambda: len(body_columns(picture_of(page))) > 1500)
+            assert abs(np.median(body_columns(picture_of(page))) - 370) < 150
+            page.screenshot(path=ARTIFACTS / "followed-body-aside.png")
+            (one,) = view._view._browsers.values()
+            page.mouse.move(350, 400)
+            page.mouse.down()
+            for k in range(20):
+                page.mouse.move(350 + 10 * k, 400)
+            page.mouse.up()
+            wait_for(page, "it is noticed", lambda: one.touched)
+            page.wait_for_timeout(1000)
+            by_hand = np.array(one._client.camera.position)
+            places.append(0.0)
+            page.wait_for_timeout(2000)
+            np.testing.assert_allclose(one._client.camera.position, by_hand, atol=1e-3)
+            assert one.touched
+            page.locator("svg.tabler-icon-adjustments").locator("xpath=..").click()
+            page.get_by_role("button", name="Reset View").click()
+            wait_for(page, "it goes along again", lambda: not one.touched)
+            browser.close()
+    finally:
+        stop.set()
+        thread.join()
+        view.close()
 
 
 def test_a_body_its_pictures_and_its_angles_are_seen_and_frames_can_be_chosen(tmp_path):
@@ -61,7 +168,7 @@ def test_a_body_its_pictures_and_its_angles_are_seen_and_frames_can_be_chosen(tm
             deadline = time.monotonic() + WAIT_MS / 1000
             while True:
                 shot = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR)[:, :700]
-                red_coat = of_hue(shot, 330, 360) + of_hue(shot, 0, 15)  # of who is in the pictures
+                red_coat = coat(shot)
                 outlines = of_hue(shot, 100, 140)
                 grey = np.ptp(shot.astype(int), axis=-1) < 30
                 body = int(np.count_nonzero(grey & (shot.mean(axis=-1) > 110)))

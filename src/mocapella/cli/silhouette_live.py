@@ -53,6 +53,7 @@ class LiveWishes:
     seconds: float | None = None
     frames: str | None = None
     background: Sequence[str] = ()
+    late: Sequence[str] = ()
 
     @property
     def live(self) -> bool:
@@ -75,6 +76,8 @@ class LiveWishes:
             raise SettingsError("--seconds is of live cameras; of videos --frames says which are used, or give --live")
         if not self.live and self.fourcc is not None:
             raise SettingsError("--fourcc is of live cameras; leave it out")
+        if not self.live and self.late:
+            raise SettingsError("--late is of live cameras; of videos cut off what one begins earlier, or give --live")
         if self.empty_room_s is not None:
             within = 0 < self.empty_room_s <= LONGEST_EMPTY_S
             check(within, "--empty-room", self.empty_room_s, f"above 0, at most {LONGEST_EMPTY_S:g} s")
@@ -93,12 +96,41 @@ def open_live(wishes: LiveWishes, rig: CameraRig) -> LiveSet:
     from mocapella.sources.live_set import LiveSet
     from mocapella.sources.open_pictures import open_pictures
 
+    late_s = late_cameras(wishes.late, wishes.sources, rig)
     sources = {}
     for name, text in wishes.sources.items():
         (called,) = match_cameras([name], rig.cameras, file=text)
         size = rig.cameras[called].camera.size_px if wishes.other_size is None else None
-        sources[name] = open_pictures(text, CameraWishes(size, wishes.hz, wishes.fourcc))
-    return LiveSet(sources, rig, other_size=wishes.other_size)
+        sources[name] = open_pictures(text, CameraWishes(size, wishes.hz, wishes.fourcc), rate_option="--hz")
+    return LiveSet(sources, rig, other_size=wishes.other_size, late_s=late_s)
+
+
+def late_cameras(texts: Sequence[str], sources: Mapping[str, str], rig: CameraRig) -> dict[str, float]:
+    """How late [s] the pictures of each source are, by its name, of what ``--late`` was given.
+
+    Raises:
+        SettingsError: it is no camera of these, is given twice, or not from 0 to `LATEST_S`.
+        InputError: the rig has no such camera.
+    """
+    from mocapella.model.point_tracks import match_cameras
+    from mocapella.sources.newest_instant import LATEST_S
+
+    called = {match_cameras([name], rig.cameras, file=text)[0]: name for name, text in sources.items()}
+    found: dict[str, float] = {}
+    for text in texts:
+        name, _, number = text.partition("=")
+        try:
+            late_ms = float(number)
+        except ValueError:
+            raise SettingsError(f"--late {text!r} cannot be used; write NAME=MILLISECONDS, such as back=120") from None
+        (camera,) = match_cameras([name], rig.cameras, file=f"--late {text}")
+        if camera not in called:
+            raise SettingsError(f"--late {text}: no source is of {camera}; there are {', '.join(called)}")
+        if called[camera] in found:
+            raise SettingsError(f"--late is given twice of {camera}; give it once")
+        check(0 <= late_ms <= 1e3 * LATEST_S, f"--late {name}", late_ms, f"0 to {1e3 * LATEST_S:g} ms")
+        found[called[camera]] = late_ms / 1e3
+    return found
 
 
 def wait_for_people(
@@ -186,7 +218,7 @@ def follow_live(
             done_s.append(time.monotonic())
             rate = f"{(len(done_s) - 1) / (done_s[-1] - done_s[0]):.0f}" if len(done_s) > 1 else "–"
             progress.update(task, advance=1, rate=rate, dropped=sum(shown.dropped.values()))
-    if not (run.took_s or stop.is_set()):
+    if not (run.frames or stop.is_set()):
         raise InputError(
             "no camera gives a picture any more", fix="look whether they are plugged in, and films long enough"
         )

@@ -6,15 +6,11 @@ import webbrowser
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
-from rich.text import Text
 
 from mocapella.cli import INTERRUPTED
 from mocapella.cli.app import app
@@ -27,7 +23,6 @@ from mocapella.cli.common import (
     say,
     telling_of_compiling,
     working,
-    write_json,
 )
 from mocapella.cli.markers import Fourcc
 from mocapella.errors import SettingsError
@@ -40,7 +35,6 @@ if TYPE_CHECKING:
     from mocapella.live.silhouette_view import SilhouetteView
     from mocapella.model.camera import CameraRig
     from mocapella.model.twist_tree import TreePose
-    from mocapella.recording.followed_bodies import FollowedBody
     from mocapella.sources.frame_set import FrameSource
     from mocapella.sources.video import Frames
     from mocapella.tracker.silhouette_start import Body
@@ -120,6 +114,14 @@ def silhouettes(
             metavar="SECONDS", help="Live: for so long nobody is in the images; then somebody may come to the start."
         ),
     ] = None,
+    late: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=MS",
+            help="Live: a camera whose pictures show what was so many milliseconds ago when they come, as of network "
+            "cameras; may be repeated.",
+        ),
+    ] = None,
     seconds: Seconds = None,
     fourcc: Fourcc = None,
     no_steadiness: Annotated[
@@ -157,6 +159,7 @@ def silhouettes(
     """
     need_cameras("silhouettes")
     from mocapella.cli.silhouette_live import LiveWishes, wait_for_people
+    from mocapella.cli.silhouette_result import SilhouetteResult, show
     from mocapella.cli.silhouette_start import StartWishes, find_start, learn
     from mocapella.live.stopping import stop_on_signals
     from mocapella.model.camera_rig_file import load_camera_rig
@@ -164,7 +167,7 @@ def silhouettes(
     from mocapella.sources.video import parse_frames
 
     live_wishes = LiveWishes(
-        _inputs(sources, hz), live, hz, other_size, fourcc, empty_room, seconds, frames, background or ()
+        _inputs(sources, hz), live, hz, other_size, fourcc, empty_room, seconds, frames, background or (), late or ()
     )
     live_wishes.verify()
     wanted = parse_frames(frames)
@@ -192,15 +195,13 @@ def silhouettes(
                 page = open_view(run, poses, view_port, no_browser=no_browser)
                 closing.callback(page.close)
                 tell.append(page.tell)
-            whole = _follow(run, shown, stop, seconds, tell)
-            result = as_result(
-                run, {name: body for name, (body, _) in found.items()}, shown, rig, steady=not no_steadiness
-            )
-            write_json(json, result)
+            bodies = {name: body for name, (body, _) in found.items()}
+            result = closing.enter_context(SilhouetteResult(json, plot, bodies, shown, rig, steady=not no_steadiness))
+            whole = _follow(run, shown, stop, seconds, [result.keep, *tell])
+            result.finish(run, shown)
             if json != "-":
                 show(run, Console(highlight=False), shown.summary())
-            if plot is not None:
-                draw_angles(result, earlier, plot, str(beside))
+            result.draw(earlier, str(beside))
             if page is not None and whole and not (stop.is_set() or seconds is not None):
                 say("the view stays until Ctrl-C")
                 page.stay(stop)
@@ -289,122 +290,10 @@ def _follow(
                 each(step)
             progress.advance(task)
             if stop.is_set():
-                return shown.count is not None and len(run.took_s) == shown.count
+                return shown.count is not None and run.frames == shown.count
     for note in shown.notes[said:]:
         run.note(note)
     return True
-
-
-def as_result(
-    run: SilhouetteRun, bodies: Mapping[str, Body], shown: FrameSource, rig: Path, *, steady: bool
-) -> dict[str, Any]:
-    """What ``--json`` writes, and ``--start`` reads: one body that nobody named, or people by name."""
-    from mocapella.recording.followed_bodies import ALONE, PEOPLE_FORMAT, VERSION
-
-    how = {"rig": str(rig), "cameras": shown.described(), "rate_hz": shown.rate_hz, "steadiness": steady}
-    whole = {**run.summary(), **shown.summary()}
-    people = {name: _body_result(run, name, body) for name, body in bodies.items()}
-    if ALONE in people:
-        (one,) = people.values()
-        frames, summary = one.pop("frames"), one.pop("summary")
-        return {**one, **how, "summary": {**summary, **whole}, "frames": frames}
-    return {"format": PEOPLE_FORMAT, "version": VERSION, **how, "summary": whole, "people": people}
-
-
-def _body_result(run: SilhouetteRun, name: str, body: Body) -> dict[str, Any]:
-    import msgspec
-
-    from mocapella.recording.followed_bodies import FollowedBody
-
-    said = msgspec.to_builtins(FollowedBody(body.model, run.rows[name], body.height_m, body.proportions.known))
-    frames = said.pop("frames")
-    return {
-        **{key: said.pop(key) for key in ("format", "version")}, **said, "summary": run.summary_of(name),
-        "frames": frames,
-    }  # fmt: skip
-
-
-def show(run: SilhouetteRun, out: Console, summary: Mapping[str, Any] = MappingProxyType({})) -> None:
-    """The table for a person, and what the images' source tells of the run."""
-    import numpy as np
-
-    named = [name for name in run.rows if name]
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1), show_edge=False)
-    for words in (*(["person"] if named else []), "camera", "frames", "overlap", "least", "left out"):
-        table.add_column(words, justify="left" if words in ("person", "camera") else "right")
-    for person, rows in run.rows.items():
-        for k, name in enumerate(run.rig.cameras):
-            overlaps = [row.overlap[name] for row in rows if name in row.overlap]
-            median, least = (f"{np.median(overlaps):.1%}", f"{min(overlaps):.1%}") if overlaps else ("–", "–")
-            whose = [Text(person if k == 0 else "")] if named else []
-            left_out = str(sum(name in row.left_out for row in rows))
-            table.add_row(*whose, name, str(len(overlaps)), median, least, left_out)
-    out.print(table)
-    if run.took_s:
-        lost = {name: sum(row.lost for row in rows) for name, rows in run.rows.items()}
-        gone = ", ".join(f"{count} of them without {name or 'anybody'}" for name, count in lost.items() if count)
-        took = f"{1e3 * np.median(run.took_s):.0f} ms a frame"
-        dropped = ", ".join(f"{name} {count}" for name, count in summary.get("dropped", {}).items())
-        told = f"; pictures dropped: {dropped}" if dropped else ""
-        out.print(f"{len(run.took_s)} frames{f', {gone}' if gone else ''}; {took}{told}", markup=False)
-
-
-def draw_angles(result: Mapping[str, Any], earlier: Mapping[str, FollowedBody] | None, path: Path, beside: str) -> None:
-    """Each joint's angle [°] over time [s]: each person's in a colour, an earlier run's dashed.
-
-    Of one person alone, this run's is blue, and the earlier one's orange.
-
-    Raises:
-        SettingsError: it cannot be written there.
-    """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        say(
-            f"--plot {path}: no plot, because matplotlib is not installed: uv sync --extra plots "
-            "(elsewhere: install 'mocapella[plots]')"
-        )
-        return
-    import numpy as np
-
-    people: Mapping[str, Any] = result.get("people", {"": result})
-    runs = []
-    for k, (name, one) in enumerate(people.items()):
-        before = (earlier or {}).get(name)
-        if before is not None:
-            points = [(row.time_s, row.angles) for row in before.frames]
-            colour, line = (f"C{k}", "--") if name else ("tab:orange", "-")
-            runs.append((colour, line, f"{name}, {beside}" if name else beside, points))
-        points = [(row["time_s"], row["angles"]) for row in one["frames"]]
-        runs.append((f"C{k}" if name else "tab:blue", "-", name or "this run", points))
-    missing = [name for name in earlier or {} if name not in people]
-    if missing:
-        say(f"--beside {beside}: not drawn, for it is of {', '.join(missing) or 'a body without a name'}")
-    names = list(dict.fromkeys(key for *_, points in runs for _, angles in points[:1] for key in angles))
-    if not names:
-        say(f"--plot {path}: no plot, because the model has no joints, or there is no frame")
-        return
-    columns = 4
-    rows = -(-len(names) // columns)
-    figure = Figure(figsize=(3.2 * columns, 1.9 * rows), layout="constrained")
-    handles: dict[str, Any] = {}
-    for axes, name in zip(figure.subplots(rows, columns, sharex=True, squeeze=False).ravel(), names, strict=False):
-        for colour, line, label, points in runs:
-            there = [(at, np.degrees(angles[name])) for at, angles in points if name in angles]
-            if there:
-                (handles[label],) = axes.plot(
-                    *zip(*there, strict=True), color=colour, linestyle=line, label=label, linewidth=1
-                )
-        axes.set_title(f"{name} [°]", fontsize=8)
-        axes.tick_params(labelsize=7)
-    figure.supxlabel("time [s]", fontsize=8)
-    if len(handles) > 1:
-        figure.legend(list(handles.values()), list(handles), loc="outside upper right", fontsize=8, ncols=len(handles))
-    try:
-        figure.savefig(path)
-    except (OSError, ValueError) as error:
-        raise SettingsError(f"--plot {path}: {error}; name a .png or .svg in a folder that exists") from error
-    say(f"plot in {path}")
 
 
 class _Overlays:

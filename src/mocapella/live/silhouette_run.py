@@ -7,7 +7,6 @@ the body waits where it starts or was last, at rest, and goes on when somebody i
 from __future__ import annotations
 
 import time
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Final
 
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from mocapella.calibration.visual_cones import doubts, meetings
 from mocapella.conventions import NS_PER_S
 from mocapella.kinematics.silhouette_fit import eye, within
+from mocapella.live.silhouette_tally import STEP_MS, BodyTally, Counted
 from mocapella.model.camera import CameraRig
 from mocapella.model.outline_colours import Colour, body_colour
 from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at
@@ -135,9 +135,10 @@ class SilhouetteRun:
         say: is told what happens.
 
     Attributes:
-        rows: of all frames so far, by name.
+        frames: how many so far.
+        tallies: what they came to, by name; the rows themselves are the steps', and nothing here keeps them.
+        took_ms: of the frames.
         notes: all that was said.
-        took_s: of each frame.
         empty: the room without anybody, as far as it is known.
     """
 
@@ -150,9 +151,9 @@ class SilhouetteRun:
     ) -> None:
         self.meshes, self.rig = meshes, rig
         self.tracker = SilhouettePeople(meshes, rig, settings)
-        self.rows: dict[str, list[FollowedFrame]] = {name: [] for name in meshes}
+        self.frames, self.took_ms = 0, Counted(STEP_MS)
+        self.tallies = {name: BodyTally() for name in meshes}
         self.notes: list[str] = []
-        self.took_s: list[float] = []
         self._tell = say
         self._eyes = {name: eye(placed) for name, placed in rig.cameras.items()}
         self._people = {name: _Person(mesh) for name, mesh in meshes.items()}
@@ -217,10 +218,11 @@ class SilhouetteRun:
                 left_out=found.left_out,
                 lost=lost,
             )
-            self.rows[name].append(row)
+            self.tallies[name].add(row)
             people[name] = PersonStep(found, row, self._waits(name, found.pose) if lost else {})
         self._say_changes(frame, people)
-        self.took_s.append(took_s)
+        self.frames += 1
+        self.took_ms.add(1e3 * took_s)
         self._judge_rig({name: one.followed for name, one in people.items()}, images)
         return Step(frame, images, people, took_s)
 
@@ -293,23 +295,16 @@ class SilhouetteRun:
 
     def summary(self) -> dict[str, object]:
         """What the run came to, as ``--json`` has it."""
+        median_ms = self.took_ms.median
         return {
-            "frames": len(self.took_s),
-            "median_ms": round(1e3 * float(np.median(self.took_s)), 3) if self.took_s else None,
+            "frames": self.frames,
+            "median_ms": None if median_ms is None else round(median_ms, 2),
             "notes": self.notes,
         }
 
     def summary_of(self, name: str) -> dict[str, object]:
         """What it came to for one body."""
-        rows = self.rows[name]
-        overlaps = [value for row in rows for value in row.overlap.values()]
-        left_out = Counter(camera for row in rows for camera in row.left_out)
-        return {
-            "frames": len(rows),
-            "lost": sum(row.lost for row in rows),
-            "left_out": dict(left_out),
-            "median_overlap": round(float(np.median(overlaps)), 4) if overlaps else None,
-        }
+        return self.tallies[name].summary()
 
     def _waits(self, name: str, pose: TreePose) -> dict[str, Silhouette]:
         """What a body covers where it waits, by camera that sees it there."""

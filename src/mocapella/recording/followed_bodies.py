@@ -105,9 +105,11 @@ class FollowedPeople(msgspec.Struct, frozen=True):
     Attributes:
         format, version: what it is.
         people: by name.
+        rows: of a run that is not finished (`growing_bodies.py`), its frames, each of all by name.
     """
 
     people: dict[str, FollowedBody]
+    rows: list[dict[str, FollowedFrame]] = []
     format: str = PEOPLE_FORMAT
     version: int = VERSION
 
@@ -157,7 +159,13 @@ def read_followed_people(path: Path) -> dict[str, FollowedBody]:
     data = read_json(path)
     if not is_followed_people(data):
         return {ALONE: _checked(_converted(data, FollowedBody, FORMAT, path), path, "frames")}
-    people = _converted(data, FollowedPeople, PEOPLE_FORMAT, path).people
+    found = _converted(data, FollowedPeople, PEOPLE_FORMAT, path)
+    people = found.people
+    if found.rows:
+        people = {
+            name: msgspec.structs.replace(body, frames=[row[name] for row in found.rows if name in row])
+            for name, body in people.items()
+        }
     if not people:
         raise InputError("has nobody", file=path, field="people", fix="name a file in which somebody was followed")
     return {name: _checked(body, path, f"people.{name}.frames") for name, body in people.items()}

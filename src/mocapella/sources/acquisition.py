@@ -1,4 +1,7 @@
-"""Pictures taken in a thread of their own, so that a slow look never makes a camera wait: one slot, the newest wins."""
+"""Pictures taken in a thread of their own, so that a slow look never makes a camera wait: one slot, the newest wins.
+
+Who has to put pictures of one instant together, and of a camera that is late, may have more of them kept.
+"""
 
 from __future__ import annotations
 
@@ -99,7 +102,7 @@ class Acquisition:
         self.source, self.settings, self._say = source, settings or AcquisitionSettings(), say
         self.state: SourceState = source.open()
         self._stop, self._changed = threading.Event(), changed or threading.Condition()
-        self._slot: Picture | None = None
+        self._slot: deque[Picture] = deque(maxlen=1)
         self._taken = self._dropped = self._lost = 0
         self._ended = False
         self._failure: MocapellaError | None = None
@@ -115,34 +118,49 @@ class Acquisition:
         self._thread = threading.Thread(target=self._run, name="acquisition", daemon=True)
         self._thread.start()
 
+    def keep(self, count: int) -> None:
+        """So many pictures are kept until somebody takes them; at first it is the newest alone."""
+        if count != self._slot.maxlen:
+            with self._changed:
+                self._dropped += max(0, len(self._slot) - count)
+                self._slot = deque(self._slot, maxlen=count)
+
     def take(self, timeout: float) -> Picture | None:
         """The newest picture, once; None where there is none within ``timeout`` seconds.
 
         Raises:
             MocapellaError: the source cannot be read any more, for a reason that waiting does not mend.
         """
+        found = self.take_all(timeout)
         with self._changed:
-            if self._slot is None and not self._ended:
+            self._dropped += max(0, len(found) - 1)
+        return found[-1] if found else None
+
+    def take_all(self, timeout: float) -> list[Picture]:
+        """As `take`, all that are kept, the oldest first."""
+        with self._changed:
+            if not self._slot and not self._ended:
                 self._changed.wait(timeout)
-            picture, self._slot = self._slot, None
+            found = list(self._slot)
+            self._slot.clear()
             failure, self._failure = self._failure, None
         if failure is not None:
             raise failure
-        if picture is None:
+        if not found:
             self._say_if_silent()
-        return picture
+        return found
 
     @property
     def ready(self) -> bool:
         """Whether `take` has something to give, or to raise, without waiting."""
         with self._changed:
-            return self._slot is not None or self._failure is not None
+            return bool(self._slot) or self._failure is not None
 
     @property
     def ended(self) -> bool:
         """Whether no picture will come any more; those in the slot have been taken."""
         with self._changed:
-            return self._ended and self._slot is None
+            return self._ended and not self._slot
 
     def report(self) -> AcquisitionReport:
         """What happened so far."""
@@ -185,8 +203,8 @@ class Acquisition:
 
     def _put(self, picture: Picture) -> None:
         with self._changed:
-            self._dropped += self._slot is not None
-            self._slot = picture
+            self._dropped += len(self._slot) == self._slot.maxlen
+            self._slot.append(picture)
             self._taken += 1
             self._times.append(picture.time_ns / NS_PER_S)
             while self._times[-1] - self._times[0] > RATE_OVER_S and len(self._times) > RATE_OF:

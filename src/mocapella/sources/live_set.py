@@ -8,6 +8,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from types import TracebackType
 from typing import Any, Final
@@ -21,7 +22,8 @@ from mocapella.model.camera import CameraRig
 from mocapella.model.point_tracks import match_cameras
 from mocapella.sources.acquisition import Acquisition, AcquisitionSettings
 from mocapella.sources.frame_set import FrameSet, check_other_size, fitted
-from mocapella.sources.newest_instant import FEWEST, NewestInstant
+from mocapella.sources.motion_lags import MotionLags
+from mocapella.sources.newest_instant import FEWEST, LATEST_S, NewestInstant
 from mocapella.sources.paced_pictures import USUAL_FPS
 from mocapella.sources.picture_source import Picture, PictureSource
 
@@ -33,6 +35,12 @@ MEASURED: Final = FEWEST + 1
 """After so many pictures a camera's rate is known."""
 POLL_S: Final = 0.1
 """So soon Ctrl-C is seen while no picture comes."""
+LAGS_EVERY_S: Final = 3.0
+"""So often it is asked whether what moves is seen later in a camera's pictures than in the others'."""
+SAME_LAG_S: Final = 0.02
+"""A lag is told once it was found twice, so much alike."""
+UNUSED: Final = 60
+"""So many pictures in a row that belong to no frame are said."""
 
 
 class LiveSet:
@@ -44,6 +52,7 @@ class LiveSet:
         sources: closed, by any name that `match_cameras` knows; they are opened at once.
         rig: of calibrated cameras, of which not all need have a source.
         other_size: of `OTHER_SIZES`, of pictures of another size than the calibration's; None: they are an error.
+        late_s: by camera, how long ago that was which its pictures show, when they come; as ``sources`` are named.
         settings: of the threads.
         clock: the monotonic clock, in seconds.
 
@@ -64,6 +73,7 @@ class LiveSet:
         rig: CameraRig,
         *,
         other_size: str | None = None,
+        late_s: Mapping[str, float] | None = None,
         settings: AcquisitionSettings | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -83,6 +93,12 @@ class LiveSet:
         self._sizes: dict[str, tuple[int, int]] = {}
         self._other_sizes: dict[str, tuple[int, int]] = {}
         self._few: set[str] = set()
+        self._late_s = dict(zip(names, ((late_s or {}).get(name, 0.0) for name in sources), strict=True))
+        self._lags = MotionLags(names)
+        self._lag_s: dict[str, float] = {}
+        self._asked_s = -float("inf")
+        self._unused = dict.fromkeys(names, 0)
+        self._told: set[tuple[str, str]] = set()
         with ExitStack() as opened:
             self._cameras = {
                 name: opened.enter_context(
@@ -104,7 +120,10 @@ class LiveSet:
         clocks = {name: camera.source.times for name, camera in self._cameras.items()}
         if len(set(clocks.values())) > 1:
             told = "; ".join(f"{name}: {times}" for name, times in clocks.items())
-            self.notes.append(f"the cameras' times are of different kinds, and some may be late ({told})")
+            self.notes.append(
+                f"the cameras' times are of different kinds, and some may be late ({told}); by how much is said once "
+                "somebody has moved"
+            )
 
     @property
     def count(self) -> None:
@@ -156,6 +175,8 @@ class LiveSet:
             if found is not None:
                 zero_ns = zero_ns if number else found.time_ns
                 images = {name: np.asarray(one.image, np.uint8) for name, one in found.pictures.items()}
+                self._unused.update(dict.fromkeys(images, 0))
+                self._tell_late(say or (lambda _text: None))
                 yield FrameSet(number, found.time_ns - zero_ns, images)
                 number += 1
             elif over:
@@ -222,18 +243,23 @@ class LiveSet:
             if camera.source.live:
                 camera.take(0.0)
         self._set.begin()
+        self._unused.update(dict.fromkeys(self._unused, 0))
         self._dropped_before = self._all_dropped()
         return now_s
 
     def _collect(self, say: Callable[[str], None]) -> bool:
         """Take in what has come; whether nothing more will."""
+        # Who is prompt meets who is late in pictures of before, of which none is to be missing then.
+        held = self._set.held_ns is not None
+        kept = 1 + round(LATEST_S * NS_PER_S / self._set.period_ns) if held else 1
         for name, camera in self._cameras.items():
+            camera.keep(kept)
             try:
-                picture = camera.take(0.0)
+                pictures = camera.take_all(0.0)
             except MocapellaError as error:
                 say(f"{name}: {error}; the others go on")
-                picture = None
-            if picture is not None:
+                pictures = []
+            for picture in pictures:
                 self._add(name, picture, say)
             few = camera.report().too_few if name not in self._few else ""
             if few:
@@ -248,6 +274,9 @@ class LiveSet:
         size, first = picture.size_px, self._sizes[name]
         if size == first:
             self._other_sizes.pop(name, None)
+            picture = replace(picture, time_ns=picture.time_ns - round(self._late_s[name] * NS_PER_S))
+            self._unused[name] += 1
+            self._lags.add(name, picture.time_ns, np.asarray(picture.image, np.uint8))
             self._set.add(name, picture)
         elif self._other_sizes.get(name) != size:
             self._other_sizes[name] = size
@@ -255,6 +284,41 @@ class LiveSet:
                 f"{name}: gives pictures of {size[0]} × {size[1]} px now, not of {first[0]} × {first[1]} px as at "
                 "first: they do not count; set it back, or begin anew"
             )
+
+    def _tell_late(self, say: Callable[[str], None]) -> None:
+        """What is known of cameras whose pictures come later than the others', each once."""
+        late_s = {name: late / NS_PER_S for name, late in self._set.late_ns().items()}
+        if self._set.held_ns is not None:
+            for name, late in late_s.items():
+                if self._set.period_ns / NS_PER_S < late <= LATEST_S:
+                    self._tell_once(say, name, "held", f"its pictures come {_ms(late)} ms later after their times than "
+                                    "the others'; these wait for them, so that a frame is of one instant")  # fmt: skip
+        for name, count in self._unused.items():
+            if count > UNUSED:
+                late = late_s.get(name)
+                much = (
+                    ""
+                    if late is None or late <= LATEST_S
+                    else f": they come {_ms(late)} ms later after their times than the others'"
+                )
+                self._tell_once(say, name, "unused", f"no frame has its pictures, whose times are never near the "
+                                f"others'{much}; pictures that are more than {_ms(LATEST_S)} ms late are not waited "
+                                "for: make its stream smaller, or set it to a lower latency")  # fmt: skip
+        now_s = self._clock()
+        if now_s < self._asked_s + LAGS_EVERY_S:
+            return
+        self._asked_s = now_s
+        before, self._lag_s = self._lag_s, self._lags.measure()
+        for name, lag in self._lag_s.items():
+            steady = abs(lag - before.get(name, float("inf"))) <= SAME_LAG_S
+            if steady and lag > self._set.period_ns / NS_PER_S / 2:
+                self._tell_once(say, name, "lag", f"what moves is seen {_ms(lag)} ms later in its pictures than in the "
+                                f"others': --late {name}={_ms(lag + self._late_s[name])} puts it right")  # fmt: skip
+
+    def _tell_once(self, say: Callable[[str], None], name: str, what: str, text: str) -> None:
+        if (name, what) not in self._told:
+            self._told.add((name, what))
+            say(f"{name}: {text}")
 
     def _all_dropped(self) -> dict[str, int]:
         return {name: camera.report().dropped + self._set.dropped[name] for name, camera in self._cameras.items()}
@@ -264,6 +328,10 @@ class LiveSet:
         timeout = self._set.period_ns / NS_PER_S / 8 if self._set.pending else POLL_S
         with self._changed:
             self._changed.wait_for(lambda: any(one.ready for one in self._cameras.values()), min(timeout, POLL_S))
+
+
+def _ms(seconds: float) -> str:
+    return f"{1e3 * seconds:.0f}"
 
 
 def _check_alike(sources: Mapping[str, PictureSource]) -> None:

@@ -23,7 +23,9 @@ SETTLED: Final = 30
 KINDS: Final = "camera:0, /dev/video0, http://… or rtsp://…, a film, a folder of images, or rendered:SCENE/CAMERA"
 
 
-def open_pictures(text: str, wishes: CameraWishes | None = None, *, loop: bool = False, seed: int = 0) -> PictureSource:
+def open_pictures(
+    text: str, wishes: CameraWishes | None = None, *, loop: bool = False, seed: int = 0, rate_option: str = "--fps"
+) -> PictureSource:
     """The source of that name; it is not opened yet.
 
     Args:
@@ -31,6 +33,7 @@ def open_pictures(text: str, wishes: CameraWishes | None = None, *, loop: bool =
         wishes: how a camera is to be set; of films and folders, the frames a second.
         loop: films and folders begin again.
         seed: of a rendered scene.
+        rate_option: how the command calls the frames a second, for what is said of a film without.
 
     Raises:
         SettingsError: it has the form of none, or there is no such scene or camera.
@@ -55,7 +58,7 @@ def open_pictures(text: str, wishes: CameraWishes | None = None, *, loop: bool =
         return RenderedCamera(load_hand_scene(scene, seed=seed), camera, text)
     if not text:
         raise SettingsError(f"no source; name {KINDS}")
-    return PacedPictures(text, fps=wishes.fps, loop=loop)
+    return PacedPictures(text, fps=wishes.fps, loop=loop, rate_option=rate_option)
 
 
 def is_live(text: str) -> bool:

@@ -34,6 +34,7 @@ class PacedPictures:
         path: of the film, picture or folder.
         fps: pictures a second; None takes the film's own times, and `USUAL_FPS` for a folder.
         loop: whether it begins again when it has ended.
+        rate_option: how the command calls ``fps``, to be named where nobody says the rate.
         clock: the monotonic clock, in seconds.
     """
 
@@ -45,10 +46,12 @@ class PacedPictures:
         *,
         fps: float | None = None,
         loop: bool = False,
+        rate_option: str = "--fps",
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.name, self.times = str(path), "the film's own"
         self._path, self._wished_fps, self._loop, self._clock = Path(path), fps, loop, clock
+        self._rate_option = rate_option
         self._fps = fps or USUAL_FPS
         self._zero_s, self._number = 0.0, 0
         self._next_s, self._frames = 0.0, iter(())  # type: float, Iterator[tuple[float, float, UInt8]]
@@ -75,7 +78,8 @@ class PacedPictures:
             raise InputError("is no video that can be read", file=path, fix="make it an MP4 (H.264) or AVI")
         says = float(self._capture.get(cv2.CAP_PROP_FPS))
         if not 0 < says < math.inf and self._wished_fps is None:
-            says, problems = USUAL_FPS, (f"does not say its frames a second; {USUAL_FPS:g} are taken (--fps)",)
+            told = f"does not say its frames a second; {USUAL_FPS:g} are taken ({self._rate_option} says it)"
+            says, problems = USUAL_FPS, (told,)
         self._fps = self._wished_fps or says
         size = tuple(int(self._capture.get(k)) for k in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
         self._frames = self._of_film(self._capture)

@@ -69,7 +69,7 @@ class Chart:
 
     def __init__(self, gui: viser.GuiApi, names: Sequence[str], first: str) -> None:
         self._gui, self._names, self._groups = gui, tuple(names), groups(names)
-        self._folder = gui.add_folder(first, expand_by_default=True)
+        self._folder = gui.add_folder(_title(first), expand_by_default=True)
         with self._folder:
             self._choice = gui.add_dropdown("Angle", tuple(self._groups), initial_value=first)
             self._handle: viser.GuiUplotHandle | None = None
@@ -89,7 +89,7 @@ class Chart:
         if self._handle is not None:
             self._handle.remove()
         self._shown = chosen, self._names
-        self._folder.label = f"{chosen.capitalize()} [°]"
+        self._folder.label = _title(chosen)
         series = [uplot.Series(label="s")]
         for k, colour in zip(columns, _COLOURS, strict=False):
             label = self._names[k].removesuffix(chosen).strip() or "angle"
@@ -120,7 +120,7 @@ class BodyPanel:
         self.wish: int | None = None
         self.playing = True
         self._said: tuple[str, str] = ("", "")
-        self._status = gui.add_html("")
+        self._status = gui.add_html(status_html("Getting ready", None, 0, 0))
         self._button = gui.add_button("Pause")
         self._slider = gui.add_slider("Frame", 0, 1, 1, 0)
         self.aim = gui.add_dropdown("Look at", (ALL, *cameras), initial_value=ALL)
@@ -166,14 +166,21 @@ class BodyPanel:
             self.playing, self.wish = False, int(event.target.value)
 
 
-def status_html(headline: str, shown: BodyFrame, place: int, count: int) -> str:
-    """The state in large letters, which frame it is, and who of several is not there."""
-    title, colour = ("Nobody is there", AMBER.css) if shown.lost else (headline, GREEN.css)
-    if not shown.lost and headline == "End":
-        colour = BLUE.css
-    facts = f"frame {shown.frame} · {shown.time_s:.2f} s · {place + 1} of {count}"
-    gone = "" if shown.lost else ", ".join(escape(name) for name, one in shown.bodies.items() if one.lost)
-    missing = f'<div style="font-size:13px;margin-top:4px;color:{AMBER.css}">not there: {gone}</div>' if gone else ""
+def status_html(headline: str, shown: BodyFrame | None, place: int, count: int) -> str:
+    """The state in large letters, which frame it is, and who of several is not there; None before the first frame."""
+    title, colour, missing = headline, GREEN.css, ""
+    if shown is None:
+        colour, facts = BLUE.css, "the first pictures are waited for"
+    else:
+        if shown.lost:
+            title, colour = "Nobody is there", AMBER.css
+        elif headline == "End":
+            colour = BLUE.css
+        facts = f"frame {shown.frame} · {shown.time_s:.2f} s · {place + 1} of {count}"
+        gone = "" if shown.lost else ", ".join(escape(name) for name, one in shown.bodies.items() if one.lost)
+        missing = (
+            f'<div style="font-size:13px;margin-top:4px;color:{AMBER.css}">not there: {gone}</div>' if gone else ""
+        )
     return (
         '<div class="mocapella-status" style="padding:10px 14px 4px">'
         f'<div style="font-size:30px;line-height:1.15;font-weight:650;letter-spacing:-0.01em;color:{colour}">'
@@ -202,6 +209,10 @@ def cameras_html(shown: BodyFrame, cameras: Sequence[str]) -> str:
         f'<div class="mocapella-legend" style="font-size:12px;color:{GREY.css};margin-top:4px">{models}<br>'
         f"the image's outline is {_line(OUTSIDE, 'outside')} {_line(INSIDE, 'inside')} of the model's</div></div>"
     )
+
+
+def _title(joint: str) -> str:
+    return f"{joint.capitalize()} [°]"
 
 
 def _agreement(body: ShownBody, camera: str) -> str:

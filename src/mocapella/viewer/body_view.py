@@ -12,15 +12,23 @@ from numpy.typing import NDArray
 from mocapella.model.camera import CameraRig
 from mocapella.model.rigged_mesh import RiggedMesh
 from mocapella.model.twist_tree import TreePose
-from mocapella.viewer.body_panel import WINDOW_S, BodyFrame, BodyPanel
+from mocapella.viewer.body_browser import BodyBrowser
+from mocapella.viewer.body_panel import ALL, WINDOW_S, BodyFrame, BodyPanel
 from mocapella.viewer.body_stage import BodyStage, ShownBody, stage_space
 from mocapella.viewer.page import open_page, tolerated, unprinted
+from mocapella.viewer.picture_plane import Encoded
 
 Float64 = NDArray[np.float64]
 
 PANEL_PX: Final = 360
+UP: Final = (0.0, 1.0, 0.0)
 KEPT_BYTES: Final = 300_000_000
 """Of pictures; beyond, the oldest are let go."""
+KEPT_FRAMES: Final = 36_000
+"""Beyond, the oldest are let go, so many at once:"""
+LET_GO: Final = 1_000
+LATEST_S: Final = 0.5
+"""A camera that gave no picture in a frame has its last one shown, where that is no older."""
 CHARTS_EVERY_S: Final = 0.2
 
 
@@ -36,7 +44,7 @@ class BodyView:
         up: (3,) of the world.
 
     Attributes:
-        frames: all so far.
+        frames: all so far, or the last `KEPT_FRAMES` of them.
         place: of the frame among them that is shown.
         panel: its controls.
 
@@ -52,7 +60,9 @@ class BodyView:
         self._server = open_page(host, port, PANEL_PX)
         self._cameras = list(rig.cameras)
         bodies = {name: (mesh, starts[name]) for name, mesh in meshes.items()}
-        self._stage = BodyStage(self._server.scene, meshes, rig, stage_space(list(bodies.values()), up))
+        self._stage = BodyStage(self._server.scene, meshes, rig, stage_space(list(bodies.values()), up), starts)
+        begin, home = self._server.initial_camera, self._stage.home
+        begin.fov, begin.up, begin.position, begin.look_at = home.fov, UP, home.position, home.target
         names = {name: mesh.joint_names for name, mesh in meshes.items()}
         self.panel = BodyPanel(self._server.gui, names, self._cameras)
         self.frames: list[BodyFrame] = []
@@ -63,7 +73,7 @@ class BodyView:
         self._shown: tuple[int, int, bool] | None = None
         self._charted_s = -CHARTS_EVERY_S
         self._played_s: float | None = None
-        self._looks: dict[int, tuple[str, float]] = {}
+        self._browsers: dict[int, BodyBrowser] = {}
         self._done = self._rested = False
 
     @property
@@ -84,6 +94,8 @@ class BodyView:
             self._bytes -= sum(len(picture.image) for picture in old.pictures.values())
             self.frames[self._oldest] = BodyFrame(old.frame, old.time_s, old.bodies, {})
             self._oldest += 1
+        if len(self.frames) >= KEPT_FRAMES + LET_GO:
+            self._let_go(LET_GO)
         if follows:
             self.place = len(self.frames) - 1
 
@@ -93,28 +105,42 @@ class BodyView:
 
     def show(self, now_s: float) -> None:
         """Bring all browsers up to the newest, or to what somebody chose; call it steadily, up to 30 times a second."""
-        self._welcome()
-        if not self.frames:
-            return
-        self._go_on(now_s)
+        if self.frames:
+            self._go_on(now_s)
+            self._draw(now_s)
+        with tolerated(), self._server.atomic():
+            self._stage.settle(now_s)
+            self._stage.name_cameras(named=self.panel.aim.value == ALL)
+        self._show_browsers(now_s)
+
+    def close(self) -> None:
+        """Serve no more."""
+        with unprinted():
+            self._server.stop()
+
+    def _draw(self, now_s: float) -> None:
+        """What all browsers see of the frame that is shown."""
         what = (self.place, len(self.frames), self.panel.playing)
         if what == self._shown and now_s - self._charted_s < CHARTS_EVERY_S:
             return
         with tolerated(), self._server.atomic():
             shown = self.frames[self.place]
             if what != self._shown:
-                words = {name: _words(name, shown) for name in self._cameras}
-                self._stage.draw(shown.bodies, shown.pictures, words)
+                self._stage.draw(shown.bodies, {name: _words(name, shown) for name in self._cameras})
                 self.panel.draw(self._headline(), shown, self.place, len(self.frames), self._cameras)
             if now_s - self._charted_s >= CHARTS_EVERY_S:
                 self._charted_s = now_s
                 self.panel.draw_charts(*self._lately())
             self._shown = what
 
-    def close(self) -> None:
-        """Serve no more."""
-        with unprinted():
-            self._server.stop()
+    def _let_go(self, count: int) -> None:
+        """Forget the oldest frames."""
+        for old in self.frames[self._oldest : count]:
+            self._bytes -= sum(len(picture.image) for picture in old.pictures.values())
+        del self.frames[:count], self._at_s[:count]
+        for angles in self._angles.values():
+            del angles[:count]
+        self._oldest, self.place = max(0, self._oldest - count), max(0, self.place - count)
 
     def _headline(self) -> str:
         if self.place == len(self.frames) - 1 and self._done:
@@ -151,21 +177,29 @@ class BodyView:
         begin = bisect.bisect_left(self._at_s, self._at_s[self.place] - WINDOW_S)
         return np.array(self._at_s[begin:end]), np.array(self._angles[self.panel.whose][begin:end])
 
-    def _welcome(self) -> None:
-        """Put the camera of a browser before what is to be looked at, when it comes, or that or its window changes."""
-        clients, aim = self._server.get_clients(), str(self.panel.aim.value)
+    def _pictures(self) -> dict[str, Encoded]:
+        """Of the frame that is shown, and of cameras that gave none the last one, where that is not old."""
+        found: dict[str, Encoded] = {}
+        if not self.frames:
+            return found
+        for k in range(self.place, -1, -1):
+            if len(found) == len(self._cameras) or self._at_s[self.place] - self._at_s[k] > LATEST_S:
+                break
+            found = {**self.frames[k].pictures, **found}
+        return found
+
+    def _show_browsers(self, now_s: float) -> None:
+        """Each browser's own: its pictures, and its camera."""
+        clients = self._server.get_clients()
+        self._browsers = {number: one for number, one in self._browsers.items() if number in clients}
+        if not clients:
+            return
+        aim, pictures = str(self.panel.aim.value), self._pictures()
         for number, client in clients.items():
-            if not client.camera.image_width:
-                continue
-            what = aim, round(client.camera.image_width / max(client.camera.image_height, 1), 2)
-            if self._looks.get(number) != what:
-                self._looks[number] = what
-                look = self._stage.look(what[1], aim)
-                with tolerated():
-                    client.camera.fov = look.fov
-                    client.camera.up_direction = (0.0, 1.0, 0.0)
-                    client.camera.position, client.camera.look_at = look.position, look.target
-        self._looks = {number: seen for number, seen in self._looks.items() if number in clients}
+            if number not in self._browsers:
+                self._browsers[number] = BodyBrowser(client, self._stage, now_s)
+            with tolerated():
+                self._browsers[number].show("" if aim == ALL else aim, pictures, now_s)
 
 
 def _words(camera: str, shown: BodyFrame) -> str:

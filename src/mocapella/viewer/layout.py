@@ -105,7 +105,9 @@ def title_place(box: Box) -> tuple[float, float, float]:
     return float(box.high[0]) - 0.1, float(box.low[1]), float(box.low[2])
 
 
-def frame(points: Float64, *, fov: float, aspect: float, elevation: float, margin: float = 1.05) -> Look:
+def frame(
+    points: Float64, *, fov: float, aspect: float, elevation: float, margin: float = 1.05, lowest: float = -1.0
+) -> Look:
     """The nearest camera that looks along +z, down by ``elevation`` [rad], and has all the points in its picture.
 
     Args:
@@ -114,6 +116,7 @@ def frame(points: Float64, *, fov: float, aspect: float, elevation: float, margi
         aspect: width of the picture over its height.
         elevation: how far the camera looks down [rad].
         margin: how much wider the picture is than it need be.
+        lowest: where the part of the picture begins that is not covered, from −1, its lower border, to 1, its upper.
     """
     forward = np.array([0.0, -np.sin(elevation), np.cos(elevation)])
     up = np.array([0.0, np.cos(elevation), np.sin(elevation)])
@@ -121,12 +124,13 @@ def frame(points: Float64, *, fov: float, aspect: float, elevation: float, margi
     above = np.tan(fov / 2) / margin
     beside = above * aspect
     across, high, deep = points @ right, points @ up, points @ forward
-    # A point (a, h, d) is in the picture of a camera at (a0, h0, d0) while h − h0 ≤ above·(d − d0), h0 − h ≤
-    # above·(d − d0) and |a − a0| ≤ beside·(d − d0): each tightest pair of lines meets at the nearest camera.
-    top, bottom = (high - above * deep).max(), (high + above * deep).min()
+    below = (1 + lowest) * np.tan(fov / 2) - above  # −above where nothing is covered
+    # A point (a, h, d) is in the picture of a camera at (a0, h0, d0) while below·(d − d0) ≤ h − h0 ≤ above·(d − d0)
+    # and |a − a0| ≤ beside·(d − d0): each tightest pair of lines meets at the nearest camera.
+    top, bottom = (high - above * deep).max(), (high - below * deep).min()
     left, right_most = (across + beside * deep).min(), (across - beside * deep).max()
-    d0 = min((bottom - top) / (2 * above), (left - right_most) / (2 * beside))
-    h0 = (top + bottom) / 2
+    d0 = min((bottom - top) / (above - below), (left - right_most) / (2 * beside))
+    h0 = (top + bottom + (above + below) * d0) / 2
     position = (left + right_most) / 2 * right + h0 * up + d0 * forward
     distance = (deep.min() + deep.max()) / 2 - d0
     return Look(position, position + forward * distance, fov)

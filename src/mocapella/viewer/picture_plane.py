@@ -16,6 +16,10 @@ Float64 = NDArray[np.float64]
 
 _CORNERS: Final = 40
 """Of a circle."""
+_SQUARE: Final = float(np.pi / 2)
+"""A frustum's field of view whose far end is as high as twice its depth."""
+_FLAT_M: Final = 1e-4
+"""So deep a picture's frustum is."""
 _UPRIGHT: Final = (0.0, 0.0, 0.0, 1.0)
 """From a picture's axes (x right, y down) to those of the view, whose camera has x to its left and y up."""
 
@@ -55,6 +59,15 @@ class Plane:
     def high_m(self) -> float:
         """The picture's height in the scene."""
         return self.px_m * self.size_px[1]
+
+    @property
+    def at_origin(self) -> Plane:
+        """The same with its middle in the origin, for what is drawn in a space of its own."""
+        return Plane(np.zeros(3), self.wide_m, self.size_px)
+
+    def moved(self, by_m: Float64) -> Plane:
+        """The same elsewhere, by (3,)."""
+        return Plane(self.middle + by_m, self.wide_m, self.size_px)
 
     @property
     def corners(self) -> Float64:
@@ -100,11 +113,15 @@ def rings(
 
 
 class PictureNode:
-    """A picture in the scene, which changes without being made anew."""
+    """A picture in the scene, which changes without being made anew.
+
+    The library's own images are white until a browser has decoded the first one, which a busy browser is long about;
+    the picture of its frusta is not there until then. So this is a frustum without lines, and as good as flat.
+    """
 
     def __init__(self, scene: viser.SceneApi, name: str) -> None:
         self._scene, self._name = scene, name
-        self._handle: viser.ImageHandle | None = None
+        self._handle: viser.CameraFrustumHandle | None = None
         self._where: tuple[object, ...] | None = None
         self._answer: Encoded | None = None
 
@@ -114,15 +131,15 @@ class PictureNode:
         if self._answer is answer and self._where == where:
             return
         if self._handle is None:
-            blank = np.zeros((1, 1, 3), np.uint8)
-            self._handle = self._scene.add_image(
-                self._name, blank, 1.0, 1.0, cast_shadow=False, receive_shadow=False, wxyz=_UPRIGHT
-            )
+            self._handle = self._scene.add_camera_frustum(
+                self._name, fov=_SQUARE, aspect=1.0, thickness=0.0, thickness_units="screen", cast_shadow=False,
+                receive_shadow=False, wxyz=_UPRIGHT, visible=False,
+            )  # fmt: skip
         handle = self._handle
         # The library takes pixels and encodes them for every browser; what came encoded is passed on as it is.
-        handle._format, handle._data = ("png" if answer.format == "png" else "jpeg"), answer.image
+        handle._format, handle._image_data = ("png" if answer.format == "png" else "jpeg"), answer.image
         if self._where != where:
-            handle.render_width, handle.render_height = plane.wide_m, plane.high_m
+            handle.aspect, handle.scale = plane.wide_m / plane.high_m, _frustum_scale(plane)
             handle.position = plane.middle
         handle.visible = True
         self._where, self._answer = where, answer
@@ -131,3 +148,9 @@ class PictureNode:
         """Show it no more."""
         if self._answer is not None and self._handle is not None:
             self._handle.visible, self._answer = False, None
+
+
+def _frustum_scale(plane: Plane) -> tuple[float, float, float]:
+    """What makes the far end of a frustum of 90° as large as the plane; the library divides by its volume's root."""
+    of_one = float(np.cbrt(plane.wide_m / plane.high_m / 3))
+    return 0.5 * plane.high_m * of_one, 0.5 * plane.high_m * of_one, _FLAT_M * of_one

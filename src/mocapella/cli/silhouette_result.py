@@ -1,0 +1,217 @@
+"""What `mocapella silhouettes` leaves: the file, kept frame by frame, the table for a person, and the plot."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType, TracebackType
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from mocapella.cli.common import say
+from mocapella.errors import SettingsError
+
+if TYPE_CHECKING:
+    from mocapella.live.silhouette_run import SilhouetteRun, Step
+    from mocapella.recording.followed_bodies import FollowedBody
+    from mocapella.recording.growing_bodies import GrowingBodies
+    from mocapella.sources.frame_set import FrameSource
+    from mocapella.tracker.silhouette_start import Body
+
+
+class AnglesAt(NamedTuple):
+    """Of a body: when [s], and by joint name [rad]."""
+
+    time_s: float
+    angles: Mapping[str, float]
+
+
+class SilhouetteResult:
+    """What ``--json`` and ``--plot`` ask for. A context manager; left early, it says where the frames are.
+
+    Frames are written as they come, and none is kept where nothing asks for them.
+
+    Args:
+        json, plot: as the options.
+        bodies: who is followed, by name.
+        shown: the images.
+        rig: its file.
+        steady: whether there is the penalty on jitter.
+
+    Raises:
+        RecordingError: the file cannot be begun.
+    """
+
+    def __init__(
+        self, json: str | None, plot: Path | None, bodies: Mapping[str, Body], shown: FrameSource, rig: Path, *,
+        steady: bool,
+    ) -> None:  # fmt: skip
+        from mocapella.recording.followed_bodies import FollowedBody
+        from mocapella.recording.growing_bodies import GrowingBodies, left_behind
+
+        self._json, self._plot = json, plot
+        self._angles: dict[str, list[AnglesAt]] = {}
+        self._kept: GrowingBodies | None = None
+        if json is None and plot is None:
+            return
+        path = None if json in (None, "-") else Path(str(json)).resolve()
+        if path is not None and path.exists() and not path.is_file():  # such as /dev/null
+            path = None
+        for part in left_behind(path) if path is not None else ():
+            say(f"{part} is there, of a run that still goes on or was killed: it is read as any result is, and stays")
+        heads = {
+            name: FollowedBody(body.model, [], body.height_m, body.proportions.known) for name, body in bodies.items()
+        }
+        how = {"rig": str(rig), "cameras": shown.described(), "rate_hz": shown.rate_hz, "steadiness": steady}
+        self._kept = GrowingBodies(path, heads, how)
+
+    def keep(self, step: Step) -> None:
+        """The next frame.
+
+        Raises:
+            RecordingError: it cannot be written; what was before is there.
+        """
+        if self._kept is not None:
+            self._kept.add({name: one.row for name, one in step.people.items()})
+
+    def finish(self, run: SilhouetteRun, shown: FrameSource) -> None:
+        """All frames have been: write what they came to.
+
+        Raises:
+            SettingsError, RecordingError: it cannot be written.
+        """
+        kept = self._kept
+        if kept is None:
+            return
+        if self._plot is not None:
+            self._angles = _angles(kept)
+        kept.finish({**run.summary(), **shown.summary()}, {name: run.summary_of(name) for name in run.meshes})
+        if self._json == "-":
+            kept.copy_to(sys.stdout)
+        elif self._json is not None and kept.path is None:
+            try:
+                with Path(self._json).open("w", encoding="utf-8") as out:
+                    kept.copy_to(out)
+            except OSError as error:
+                raise SettingsError(f"--json {self._json}: {error.strerror}; name another file") from error
+
+    def draw(self, earlier: Mapping[str, FollowedBody] | None, beside: str) -> None:
+        """The plot, where one is wished; an earlier run beside it.
+
+        Raises:
+            SettingsError: it cannot be written there.
+        """
+        if self._plot is not None:
+            draw_angles(self._angles, earlier, self._plot, beside)
+
+    def __enter__(self) -> SilhouetteResult:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._kept is not None:
+            self._kept.close()
+            if self._kept.part is not None:
+                say(f"the {self._kept.frames} frames until then are in {self._kept.part}")
+
+
+def _angles(kept: GrowingBodies) -> dict[str, list[AnglesAt]]:
+    """Of everybody, by name."""
+    import msgspec
+
+    class Row(msgspec.Struct):
+        time_s: float
+        angles: dict[str, float]
+
+    found: dict[str, list[AnglesAt]] = {name: [] for name in kept.bodies}
+    for rows in kept.rows(Row):
+        for name, row in rows.items():
+            found[name].append(AnglesAt(row.time_s, row.angles))
+    return found
+
+
+def show(run: SilhouetteRun, out: Console, summary: Mapping[str, Any] = MappingProxyType({})) -> None:
+    """The table for a person, and what the images' source tells of the run."""
+    named = [name for name in run.tallies if name]
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1), show_edge=False)
+    for words in (*(["person"] if named else []), "camera", "frames", "overlap", "least", "left out"):
+        table.add_column(words, justify="left" if words in ("person", "camera") else "right")
+    for person, tally in run.tallies.items():
+        for k, name in enumerate(run.rig.cameras):
+            overlaps = tally.overlaps.get(name)
+            median, least = (f"{overlaps.median:.1%}", f"{overlaps.least:.1%}") if overlaps else ("–", "–")
+            whose = [Text(person if k == 0 else "")] if named else []
+            counted = str(len(overlaps)) if overlaps else "0"
+            table.add_row(*whose, name, counted, median, least, str(tally.left_out[name]))
+    out.print(table)
+    if run.frames:
+        lost = {name: tally.lost for name, tally in run.tallies.items()}
+        gone = ", ".join(f"{count} of them without {name or 'anybody'}" for name, count in lost.items() if count)
+        took = f"{run.took_ms.median:.0f} ms a frame"
+        dropped = ", ".join(f"{name} {count}" for name, count in summary.get("dropped", {}).items())
+        told = f"; pictures dropped: {dropped}" if dropped else ""
+        out.print(f"{run.frames} frames{f', {gone}' if gone else ''}; {took}{told}", markup=False)
+
+
+def draw_angles(
+    people: Mapping[str, Sequence[AnglesAt]], earlier: Mapping[str, FollowedBody] | None, path: Path, beside: str
+) -> None:
+    """Each joint's angle [°] over time [s]: each person's in a colour, an earlier run's dashed.
+
+    Of one person alone, this run's is blue, and the earlier one's orange.
+
+    Raises:
+        SettingsError: it cannot be written there.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        say(
+            f"--plot {path}: no plot, because matplotlib is not installed: uv sync --extra plots "
+            "(elsewhere: install 'mocapella[plots]')"
+        )
+        return
+    import numpy as np
+
+    runs: list[tuple[str, str, str, Sequence[AnglesAt]]] = []
+    for k, (name, points) in enumerate(people.items()):
+        before = (earlier or {}).get(name)
+        if before is not None:
+            theirs = [AnglesAt(row.time_s, row.angles) for row in before.frames]
+            colour, line = (f"C{k}", "--") if name else ("tab:orange", "-")
+            runs.append((colour, line, f"{name}, {beside}" if name else beside, theirs))
+        runs.append((f"C{k}" if name else "tab:blue", "-", name or "this run", points))
+    missing = [name for name in earlier or {} if name not in people]
+    if missing:
+        say(f"--beside {beside}: not drawn, for it is of {', '.join(missing) or 'a body without a name'}")
+    names = list(dict.fromkeys(key for *_, points in runs for _, angles in points[:1] for key in angles))
+    if not names:
+        say(f"--plot {path}: no plot, because the model has no joints, or there is no frame")
+        return
+    columns = 4
+    rows = -(-len(names) // columns)
+    figure = Figure(figsize=(3.2 * columns, 1.9 * rows), layout="constrained")
+    handles: dict[str, Any] = {}
+    for axes, name in zip(figure.subplots(rows, columns, sharex=True, squeeze=False).ravel(), names, strict=False):
+        for colour, line, label, points in runs:
+            there = [(at, np.degrees(angles[name])) for at, angles in points if name in angles]
+            if there:
+                (handles[label],) = axes.plot(
+                    *zip(*there, strict=True), color=colour, linestyle=line, label=label, linewidth=1
+                )
+        axes.set_title(f"{name} [°]", fontsize=8)
+        axes.tick_params(labelsize=7)
+    figure.supxlabel("time [s]", fontsize=8)
+    if len(handles) > 1:
+        figure.legend(list(handles.values()), list(handles), loc="outside upper right", fontsize=8, ncols=len(handles))
+    try:
+        figure.savefig(path)
+    except (OSError, ValueError) as error:
+        raise SettingsError(f"--plot {path}: {error}; name a .png or .svg in a folder that exists") from error
+    say(f"plot in {path}")
