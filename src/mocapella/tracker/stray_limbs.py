@@ -54,9 +54,8 @@ class StrayLimbs:
         self._body, self._settings = body, settings
         self._limbs = limbs(body.mesh, settings)
         self._hung = tuple(_hung(body.mesh, limb) for limb in self._limbs)
-        asked = [limb.vertices for limb in self._limbs]
-        self._points = np.concatenate(asked) if asked else np.empty(0, np.int64)
-        self._points_from = np.cumsum([0, *(len(some) for some in asked)])
+        self._points = np.concatenate([np.empty(0, np.int64), *(limb.vertices for limb in self._limbs)])
+        self._limb_of = np.repeat(np.arange(len(self._limbs)), [len(limb.vertices) for limb in self._limbs])
         self.reset()
 
     def reset(self) -> None:
@@ -118,17 +117,22 @@ class StrayLimbs:
     def _doubtful(
         self, images: Mapping[str, UInt8], seeing: Mapping[str, SilhouetteCamera], stands: Standing
     ) -> set[str]:
-        """Limbs where images show the room where they are said to be, or that are in others."""
-        points, against = stands.vertices[self._points], np.zeros(len(self._points))
+        """Limbs where images show the room where they are said to be, or that are in others.
+
+        Every other point is asked, the others in the next frame.
+        """
+        these = slice(self._frame % 2, None, 2)
+        points, limb_of = stands.vertices[self._points[these]], self._limb_of[these]
+        against = np.zeros(len(points))
         for name, camera in seeing.items():
             against += camera.against(images[name], points)
-        found, most = set(), self._settings.against * len(seeing)
-        for k, limb in enumerate(self._limbs):
-            begin, end = self._points_from[k : k + 2]
-            room = bool(seeing) and against[begin:end].sum() > most * (end - begin)
-            if room or depth_m(self._body.solid, limb.pairs, stands.landmarks) > TOUCHING_M:
-                found.add(limb.name)
-        return found
+        most = self._settings.against * len(seeing) * np.bincount(limb_of, minlength=len(self._limbs))
+        room = np.bincount(limb_of, against, len(self._limbs)) > most
+        return {
+            limb.name
+            for k, limb in enumerate(self._limbs)
+            if room[k] or depth_m(self._body.solid, limb.pairs, stands.landmarks) > TOUCHING_M
+        }
 
     def _about(self, names: Collection[str], pose: TreePose) -> Sequence[Ball]:
         """Where limbs can be: about where they hang, as far as they reach."""
