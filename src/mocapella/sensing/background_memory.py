@@ -53,7 +53,7 @@ class MemorySettings:
     strange_gray_sd: float = 2.5
     shadow: float = 0.4
     shadow_sd: float = 5.0
-    every: int = 10
+    every: int = 13
 
     def __post_init__(self) -> None:
         check(self.guard_steps >= 0, "guard_steps", self.guard_steps, "0 or more")

@@ -17,7 +17,7 @@ BRIGHT_SHARE: Final = 0.01
 """but for so much of it, as of a sensor's broken pixels."""
 UNIFORM: Final = 2.0
 """Grey levels: an image of whose channels no standard deviation is above has nothing in it."""
-_EVERY: Final = 13
+_EVERY: Final = 19
 
 
 class DeadImages:

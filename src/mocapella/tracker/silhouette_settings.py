@@ -99,7 +99,7 @@ class SilhouetteSettings:
     rounds: int = 3
     segmented: int = 2
     expected_steps: float = 1.0
-    settled_steps: float = 3.0
+    settled_steps: float = 2.0
     usual_per_rad: float = 3.0
     unlike: float = 0.2
     something_else_s: float = 0.5

@@ -2,7 +2,8 @@
 
 A limb is doubtful where images show the room at its points, or where it is in another one. What is strange in one image
 alone may be gone in the next, so a limb is looked for in what two images in a row show, from the second one in which it
-is doubtful on. One after the other is also looked for where nothing speaks against it: limbs hide behind a body, too.
+is doubtful on. One whole limb after the other is also looked for where nothing speaks against it: limbs hide behind a
+body, too.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ Bool = NDArray[np.bool_]
 
 FEWEST_CAMERAS = 2
 """One camera's word is not enough."""
-EVERY_LIMB = 6
+EVERY_LIMB = 12
 """After so many frames the next limb is looked for, even if nothing speaks against where it is."""
 LOOSE = 1e-3
 """How much the middle of a limb counts against its axes."""
@@ -53,6 +54,8 @@ class StrayLimbs:
     def __init__(self, body: SilhouetteBody, settings: LimbSearchSettings) -> None:
         self._body, self._settings = body, settings
         self._limbs = limbs(body.mesh, settings)
+        parts = {limb.name: set(limb.part.tolist()) for limb in self._limbs}
+        self._whole = [name for name, some in parts.items() if not any(some < more for more in parts.values())]
         self._hung = tuple(_hung(body.mesh, limb) for limb in self._limbs)
         self._points = np.concatenate([np.empty(0, np.int64), *(limb.vertices for limb in self._limbs)])
         self._limb_of = np.repeat(np.arange(len(self._limbs)), [len(limb.vertices) for limb in self._limbs])
@@ -112,7 +115,7 @@ class StrayLimbs:
     def _due(self, frame: int) -> set[str]:
         """The limb whose turn it is, if it is one's."""
         turn, rest = divmod(frame, EVERY_LIMB)
-        return {self._limbs[turn % len(self._limbs)].name} if self._limbs and rest == 0 else set()
+        return {self._whole[turn % len(self._whole)]} if self._whole and rest == 0 else set()
 
     def _doubtful(
         self, images: Mapping[str, UInt8], seeing: Mapping[str, SilhouetteCamera], stands: Standing
