@@ -8,6 +8,7 @@ from silhouette_pictures import Room, pose_at, ring, silhouettes_of, somebody
 from silhouette_rows import RunWithRows
 
 from mocapella.live.silhouette_run import LOST_AFTER_S, SAID_AFTER
+from mocapella.model.rigged_mesh import landmarks_at
 from mocapella.sources.frame_set import FrameSet, time_of_frame
 
 HZ = 30.0
@@ -38,7 +39,9 @@ def start(anna=-0.6, ben=0.6):
 
 
 def place(run, name):
-    return run.rows[name][-1].pose(MESH.joint_names).T_world_model[:3, 3]
+    """Where somebody stands, by the middle of the body: in pictures so small its pelvis may swing (docs/methods)."""
+    pose = run.rows[name][-1].pose(MESH.joint_names)
+    return (landmarks_at(MESH, pose) - landmarks_at(MESH, pose_at(MESH))).mean(axis=0)
 
 
 @pytest.fixture(scope="module")
