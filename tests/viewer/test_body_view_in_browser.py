@@ -74,12 +74,12 @@ def test_a_page_shows_boards_at_once_and_no_white_ones_and_stays_with_who_goes_a
 
     def loop():
         for k in itertools.count():
-            if stop.wait(1 / 30):
+            if stop.wait(1 / 10):
                 return
             if busy.is_set():
                 body = ShownBody(pose_at(mesh, places[-1]), {"c1": 0.9}, {}, lost=False)
                 # No two pictures are the same: a browser that is still at one is given the next.
-                view._view.add(BodyFrame(k, k / 30, {ALONE: body}, {n: Picture(p.image) for n, p in shown.items()}))
+                view._view.add(BodyFrame(k, k / 10, {ALONE: body}, {n: Picture(p.image) for n, p in shown.items()}))
             view._view.show(time.monotonic())
 
     ARTIFACTS.mkdir(exist_ok=True)
