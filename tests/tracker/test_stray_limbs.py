@@ -11,7 +11,7 @@ from mocapella.kinematics.silhouette_fit import eye, seen_at, within
 from mocapella.model.rigged_mesh import landmarks_at
 from mocapella.model.twist_tree import TreePose
 from mocapella.tracker.silhouette_body import SilhouetteBody
-from mocapella.tracker.stray_limbs import StrayLimbs
+from mocapella.tracker.stray_limbs import EVERY_LIMB, StrayLimbs
 
 MESH = somebody()
 RIG = ring(3, size_px=(320, 240))
@@ -91,6 +91,16 @@ def test_what_flashes_by_is_no_limb():
 def test_one_cameras_word_is_not_enough(count):
     cameras = list(RIG.cameras)[:count]
     assert (found_in([masks(raised())] * 2, cameras) is None) == (count == 1)
+
+
+def test_limbs_take_turns_and_no_part_of_one_has_its_own():
+    strays = StrayLimbs(BODY, LimbSearchSettings())
+    every = {limb.name: set(limb.part) for limb in strays._limbs}
+    turns = [name for frame in range(EVERY_LIMB * 8) for name in strays._due(frame)]
+    assert len(turns) == 8
+    assert set(turns) == {name for name, parts in every.items() if len(parts) > 1}
+    assert len(set(turns)) == 4 < len(every)
+    assert turns[:4] == turns[4:]
 
 
 def test_of_who_leaves_the_images_no_limb_is_looked_for():

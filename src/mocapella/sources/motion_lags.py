@@ -2,8 +2,8 @@
 
 Their pictures have no time but that at which they came, and that is late by what the camera and the network took. But
 whoever moves before several cameras moves in all of them at once, and stops in all of them at once. So it is asked how
-much changes from picture to picture (`Float64` over time, of each camera), and by which shift two such courses are
-most alike: the largest normalised cross-correlation (C. H. Knapp and G. C. Carter, "The generalized correlation method
+much changes from picture to picture, a course over time of each camera, and by which shift two such courses are most
+alike: the largest normalised cross-correlation (C. H. Knapp and G. C. Carter, "The generalized correlation method
 for estimation of time delay", IEEE Trans. ASSP 24, 1976, without weights). What goes on evenly, or again and again, has
 no such shift, or several, and is left open.
 """
@@ -30,6 +30,7 @@ OVER_S: Final = 15.0
 LEAST_S: Final = 6.0
 """Of fewer seconds nothing is said."""
 STEP_S: Final = 0.01
+"""Courses are sampled so closely, and shifted by so much."""
 SLOW_S: Final = 1.5
 """What changes more slowly than this does not count: light, and how much of somebody is in the picture."""
 ALIKE: Final = 0.5

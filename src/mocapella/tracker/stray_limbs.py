@@ -36,7 +36,7 @@ Bool = NDArray[np.bool_]
 FEWEST_CAMERAS = 2
 """One camera's word is not enough."""
 EVERY_LIMB = 12
-"""After so many frames the next limb is looked for, even if nothing speaks against where it is."""
+"""After so many frames the next whole limb is looked for, even if nothing speaks against where it is."""
 LOOSE = 1e-3
 """How much the middle of a limb counts against its axes."""
 STRETCHED = 1.1
