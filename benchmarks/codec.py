@@ -210,7 +210,16 @@ def scene() -> Scene:
     positions = rng.normal(size=(len(kind), 3))
     view = PotentialSkeleton("front", 7, 1, 0.1, 1.2, np.eye(4), positions, states)
     state = TrackerState(Phase.TRACKING)
-    return Scene(3, 10, "front", 1, 2, kind, state, tuple(Person(i, positions, states, (view, view)) for i in range(2)))
+    return Scene(
+        3,
+        10,
+        "front",
+        1,
+        2,
+        kind,
+        state,
+        {"people": tuple(Person(i, positions, states, (view, view)) for i in range(2))},
+    )
 
 
 def truth() -> Truth:

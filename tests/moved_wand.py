@@ -8,9 +8,10 @@ import numpy as np
 
 from mocapella.geometry.rigid import inverse, rigid
 from mocapella.geometry.twists import exp_twist
-from mocapella.model.observations import Frame, JointState
+from mocapella.model.observations import JointState
 from mocapella.model.poses import pose_frame, quaternion_of
 from mocapella.model.scene import Phase, Scene, TrackedObject, TrackedPoints, TrackerState
+from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.topology import topology
 
 T_WORLD_VR = rigid(exp_twist([0, 0, 0, 0.1, 1.0, -0.2])[:3, :3], [0.5, -1.0, 2.0])
@@ -30,7 +31,7 @@ def wand(t: float, turned: float = 0.7, far: float = 0.15, axes: int = 3) -> np.
 def moved(
     seconds: float, motion: Callable[[float], np.ndarray] = wand, *, spaces: tuple[str, ...] = ("vr",),
     noise_m: float = 0.0, seed: int = 0, begin: int = 0,
-) -> Iterator[tuple[Scene, Frame | None]]:  # fmt: skip
+) -> Iterator[tuple[Scene, SensorFrame | None]]:  # fmt: skip
     """The scenes of a camera, and those of the other tracker's frames, which repeat the camera's last places."""
     rng = np.random.default_rng(seed)
     state, sd, two = TrackerState(Phase.TRACKING), np.array([0.001], np.float32), np.array([2], np.uint8)
@@ -50,5 +51,8 @@ def moved(
                     sensor, sensor, ["LHR-1"], time_ns=at_ns + _CLOCK_NS, positions=[T[:3, 3]],
                     orientations=[quaternion_of(T[:3, :3])], node_id=7, sequence=k,
                 )  # fmt: skip
-            yield Scene(step, at_ns, sensor, 7, k, topology("hand"), state, (), (), (), points, (thing,)), frame
+            yield (
+                Scene(step, at_ns, sensor, 7, k, topology("hand"), state, {"points": (points,), "objects": (thing,)}),
+                frame,
+            )
             step += 1

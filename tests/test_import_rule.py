@@ -10,7 +10,7 @@ import pytest
 
 SOURCE = Path(__file__).resolve().parent.parent / "src" / "mocapella"
 
-BASE = {"errors", "conventions", "settings", "compiled", "steps"}
+BASE = {"errors", "conventions", "settings", "compiled", "steps", "registry"}
 MODEL = BASE | {"geometry", "model"}
 STAGES = {"sensing", "calibration", "association", "fusion", "smoothing", "kinematics"}
 EDGES = {"sources", "wire", "recording", "exports", "streams"}
@@ -22,6 +22,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "compiled": {"kernel_cache"},
     "conventions": set(),
     "settings": {"errors", "conventions"},
+    "registry": {"errors"},
     "steps": set(),
     "geometry": BASE,
     "model": MODEL,

@@ -4,6 +4,7 @@ MocapellaError                what we raise on purpose; the message says what wo
 ├── InputError                a file's content: names file, row, field, value and the fix
 │   └── DamagedTakeError      a recording that ends early or has a bad part
 ├── SettingsError             a setting out of range, unknown, or of the wrong type
+├── PluginError               a registered descriptor that cannot be used
 ├── WireError                 bytes that are not a message of ours
 │   └── SchemaVersionError    a message of a schema version that this program does not speak
 ├── BusError                  the bus could not do it
@@ -59,6 +60,10 @@ class DamagedTakeError(InputError):
 
 class SettingsError(MocapellaError):
     """A setting that is unknown, of the wrong type, or out of range."""
+
+
+class PluginError(MocapellaError):
+    """A registered descriptor that cannot be used; names it, its package and what is wrong."""
 
 
 class WireError(MocapellaError):

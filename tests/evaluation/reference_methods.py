@@ -72,7 +72,7 @@ class Method:
             frame.sequence,
             frame.topology,
             TrackerState(Phase.TRACKING),
-            self.people(),
+            {"people": self.people()},
         )
 
     def people(self) -> tuple[Person, ...]:

@@ -23,7 +23,11 @@ def scenes() -> list[Scene]:
     """Three results 20 ms apart, the middle one without an arm."""
     one = arms_scene()
     again = msgspec.structs.replace(one, step=one.step + 2, at_ns=one.at_ns + 40_000_000)
-    return [one, msgspec.structs.replace(one, step=one.step + 1, at_ns=one.at_ns + 20_000_000, arms=()), again]
+    return [
+        one,
+        msgspec.structs.replace(one.with_parts(arms=()), step=one.step + 1, at_ns=one.at_ns + 20_000_000),
+        again,
+    ]
 
 
 def table(path: Path) -> list[dict[str, Any]]:

@@ -35,7 +35,9 @@ def scene(at_s: float = 0.0, *, unseen: tuple[str, ...] = (), predicted: tuple[s
     positions[[name in unseen for name in NAMES]] = np.nan
     cameras = np.array([1 if name in predicted else 0 if name in unseen else 2 for name in NAMES], np.uint8)
     points = TrackedPoints(NAMES, positions, np.full(len(NAMES), 0.001, np.float32), cameras)
-    whole = Scene(0, round(at_s * 1e9), "left", 1, 0, topology("hand"), TrackerState(Phase.TRACKING), (), points=points)
+    whole = Scene(
+        0, round(at_s * 1e9), "left", 1, 0, topology("hand"), TrackerState(Phase.TRACKING), {"points": (points,)}
+    )
     return msgspec.structs.replace(whole, **changed)
 
 

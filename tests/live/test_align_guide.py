@@ -16,8 +16,8 @@ from mocapella.errors import CalibrationError, InputError, MocapellaError, NoSer
 from mocapella.geometry.rigid import inverse
 from mocapella.geometry.twists import log_motion
 from mocapella.live.align_guide import INSTRUCTION, AlignGuide, AlignGuideSettings
-from mocapella.model.observations import Frame
 from mocapella.model.scene import Scene
+from mocapella.model.sensor_frame import SensorFrame
 
 QUICK = AlignGuideSettings(seconds=12, least_seconds=5.0)
 Motion = Callable[[float], np.ndarray]
@@ -31,7 +31,7 @@ class Bus:
         of = [(s.at_ns / 1e9 - 1, m) for s, f in moved(13, motion, **how) for m in (f, s) if m is not None]
         self._coming = [(t, m) for t, m in of if (scenes if isinstance(m, Scene) else frames)]
 
-    def take(self) -> Iterable[Scene | Frame]:
+    def take(self) -> Iterable[Scene | SensorFrame]:
         count = next((k for k, (t, _) in enumerate(self._coming) if t > self.now), len(self._coming))
         come, self._coming = self._coming[:count], self._coming[count:]
         return [message for _, message in come]

@@ -16,7 +16,7 @@ def scene(at_s: float, arms: int = 1, *, grabbing: bool = False) -> Scene:
     made = TrackedArm(0, False, POINTS, np.full(23, 2, np.uint8), np.full(23, 0.004, np.float32), np.zeros(21), None,
                       "open", 0.9, grabbing)  # fmt: skip
     return Scene(round(30 * at_s), round(at_s * NS_PER_S), "arm", 0, 0, topology("hand"), TrackerState(Phase.TRACKING),
-                 (), (SensorPlace("arm", np.eye(4)),), arms=(made,) * arms)  # fmt: skip
+                 {"arms": (made,) * arms}, (SensorPlace("arm", np.eye(4)),))  # fmt: skip
 
 
 def test_a_scene_that_was_shown_already_changes_nothing() -> None:

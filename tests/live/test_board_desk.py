@@ -32,13 +32,13 @@ def sensor(name: str, **changes: Any) -> SensorHealth:
     row: dict[str, Any] = {
         "name": name, "node_id": 1, "connected": True, "silent": False, "local": True, "bodies": 0, "rate_hz": 30.0,
         "latency": None, "frames": 1, "dropped": 0, "rejected": 0, "clock_offset": None, "clock_bound": None,
-        "stored": 0, "lost": 0, "tilt": 0.0, "height": 0.0, "markers": True, "capture_offset": 100.0,
+        "stored": 0, "lost": 0, "tilt": 0.0, "height": 0.0, "pictures": True, "capture_offset": 100.0,
     }  # fmt: skip
     return SensorHealth(**(row | changes))
 
 
 def status(*sensors: SensorHealth) -> SessionStatus:
-    return SessionStatus(0, True, "waiting for sensors", 0, 0, 0, "", 0, 0, 0.0, Setup(), sensors, RecordingHealth(),
+    return SessionStatus(0, True, "waiting for sensors", 0, 0, 0, "", 0, 0.0, Setup(), sensors, RecordingHealth(),
                          (), 0.0, "")  # fmt: skip
 
 
@@ -78,7 +78,7 @@ class Desk:
         self.reply = CommandReply(True, "tracking hands with c0, c1")
         self.made_ready = 0
         self.desk = BoardDesk(nodes.ask, self._send, folder, make_ready=self._make_ready)
-        self.desk.learn(status(sensor("c0"), sensor("c1"), sensor("kinect", markers=False)))
+        self.desk.learn(status(sensor("c0"), sensor("c1"), sensor("kinect", pictures=False)))
 
     def _send(self, verb: str, arguments: dict[str, Any]) -> CommandReply:
         self.sent.append((verb, arguments))
@@ -216,7 +216,7 @@ def test_a_rig_is_saved_in_the_folder_only(desk: Desk, tmp_path: Path, name: str
 
 
 def test_without_a_camera_nothing_begins_and_other_verbs_go_to_the_server(desk: Desk) -> None:
-    desk.desk.learn(status(sensor("kinect", markers=False), sensor("c0", connected=False)))
+    desk.desk.learn(status(sensor("kinect", pictures=False), sensor("c0", connected=False)))
     assert "start one: mocapella node markers" in desk.do("calibrate", board=VALUES).message
     desk.do("start")
     assert desk.sent == [("start", {})]
@@ -273,7 +273,7 @@ def test_what_keeps_a_camera_from_seeing_comes_before_what_is_missing(nodes: Nod
 
 
 def test_nodes_are_named_as_they_are() -> None:
-    rows = [sensor("c0"), sensor("kinect", markers=False), sensor("old", connected=False)]
+    rows = [sensor("c0"), sensor("kinect", pictures=False), sensor("old", connected=False)]
     assert node_names(["node:c0"], "node:", rows) == ["c0"]
     for text, says in (("node:kinect", "is no camera"), ("node:old", "is not there"), ("node:x", "cameras .*: c0")):
         with pytest.raises(SettingsError, match=says):

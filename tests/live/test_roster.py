@@ -156,7 +156,7 @@ def test_what_a_sensor_sends_is_told() -> None:
     for sent, name in ((image, "depth"), (arms, "arms")):
         roster.arrived(sent, A, 5)
         health = row(roster, 6)
-        assert (health.sends, health.bodies, health.markers) == (name, 0, False)
+        assert (health.sends, health.bodies, health.pictures) == (name, 0, False)
 
 
 def test_captures_can_be_brought_to_the_servers_clock_by_what_is_told_of_the_sensor() -> None:

@@ -143,7 +143,7 @@ def test_a_rig_is_used_by_every_new_tracker_and_kept_in_the_memory_until_somebod
 
 
 def test_a_rig_is_refused_by_a_method_that_uses_none() -> None:
-    with pytest.raises(SettingsError, match="'stand-still' uses no rig; methods that do: default"):
+    with pytest.raises(SettingsError, match="'stand-still' uses no rig; methods that do: arms, default"):
         Session(Setup("stand-still"), rig=Rig(1, False, {}, []))
     assert new().rig_now() is None
 

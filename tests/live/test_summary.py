@@ -127,7 +127,7 @@ def scene_of(sensor: str, mirrored: list[bool]) -> Scene:
         )
         for person, swapped in zip(scene.people, mirrored, strict=True)
     )
-    return msgspec.structs.replace(scene, sensor=sensor, people=people)
+    return msgspec.structs.replace(scene.with_parts(people=people), sensor=sensor)
 
 
 def test_repaired_labels_are_counted_by_sensor_each_view_once_and_each_time_that_it_begins() -> None:

@@ -52,7 +52,9 @@ def scene(step: int, sensor: str, sequence: int, node_id: int = 1, people: int =
     states = np.full(len(KIND), 2, np.uint8)
     view = PotentialSkeleton(sensor, 5, sequence * STEP, 0.0, 1.0, np.eye(4), points, states)
     everyone = tuple(Person(i, points, states, (view,)) for i in range(people))
-    return Scene(step, step * STEP + 3, sensor, node_id, sequence, KIND, TrackerState(Phase.TRACKING), everyone)
+    return Scene(
+        step, step * STEP + 3, sensor, node_id, sequence, KIND, TrackerState(Phase.TRACKING), {"people": everyone}
+    )
 
 
 def scene_bytes(step: int, sensor: str, sequence: int, node_id: int = 1) -> bytes:

@@ -42,7 +42,7 @@ def view(sensor: str, camera: Any, T_world_sensor: Any, **fields: Any) -> Potent
 
 def scene(*people: tuple[PotentialSkeleton, ...], phase: Phase = Phase.TRACKING, of: Topology = KINECT_V2) -> Scene:
     persons = tuple(Person(i, views[0].positions, views[0].states, views) for i, views in enumerate(people))
-    return Scene(0, 0, "a", 1, 0, of, TrackerState(phase), persons)
+    return Scene(0, 0, "a", 1, 0, of, TrackerState(phase), {"people": persons})
 
 
 def joints(seed: int = 0, count: int = 25) -> Any:
@@ -177,7 +177,7 @@ def test_what_cannot_be_exported_leaves_nothing(tmp_path: Path) -> None:
     nowhere = np.zeros((23, 3)), np.zeros(23, np.uint8), np.zeros(23, np.float32), np.zeros(21)
     arm = TrackedArm(1, True, *nowhere, None, "open", 0.5, False, -1, ("a",))
     with pytest.raises(RecordingError, match="no scene is a result; mocapella export arms writes the arms"):
-        export(tmp_path / "log.csv", [scene(), msgspec.structs.replace(scene(), arms=(arm,))])
+        export(tmp_path / "log.csv", [scene(), scene().with_parts(arms=(arm,))])
     with pytest.raises(SettingsError, match=r"'front'; there are a, b"):
         export(tmp_path / "log.csv", [two_views()], reference="front")
     with pytest.raises(SettingsError, match="every is 0"):

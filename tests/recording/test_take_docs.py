@@ -7,7 +7,7 @@ import pytest
 from take_making import frame_bytes, info, scene_bytes, small_take
 
 from mocapella.recording import take
-from mocapella.recording.take_file import channel_kind
+from mocapella.recording.take_file import channel_format
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -18,7 +18,7 @@ def test_the_table_names_every_channel_and_its_encoding() -> None:
     rows = dict(re.findall(r"^\| `(/[a-z]+)(?:/<sensor>)?` \| (\w+)", PAGE, re.MULTILINE))
     topics = [take.FRAMES, take.SCENES, take.TRUTH, take.COMMANDS, take.STATUS, take.CLOCK, take.RUNS]
     assert rows == {
-        topic.rstrip("/"): {"json": "JSON"}.get(e := channel_kind(topic, frame_bytes("front", 0)).encoding, e)
+        topic.rstrip("/"): {"json": "JSON"}.get(e := channel_format(topic, frame_bytes("front", 0)).encoding, e)
         for topic in topics
     }
 

@@ -158,7 +158,7 @@ def test_a_new_tracker_without_a_new_run_is_reported(tmp_path: Path) -> None:
 def test_status_truth_and_how_it_was_made_come_back(tmp_path: Path) -> None:
     writer = TakeWriter.create(tmp_path / "a.mcap", info=info(5), reserve_bytes=0)
     status = SessionStatus(
-        1, True, "tracking", 0, 0, 120, "", 1, 7, 30.0, Setup(), (), RecordingHealth(), ("note",), 1.5, "0.1.0"
+        1, True, "tracking", 0, 0, 120, "", 7, 30.0, Setup(), (), RecordingHealth(), ("note",), 1.5, "0.1.0"
     )
     writer.write_status(status, 6)
     points = np.arange(75.0).reshape(1, 25, 3)

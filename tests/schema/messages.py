@@ -189,7 +189,7 @@ def small_scene(people: int = 1) -> Scene:
 
     state = TrackerState(Phase.CALIBRATING, 1, 2, 3, "somebody moved")
     places = (SensorPlace("front", np.eye(4), 0.01, 0.002, "good"), SensorPlace("left", None, problem="walk"))
-    return Scene(5, 6, "front", 2**64 - 1, 8, kind, state, tuple(person(i) for i in range(people)), places)
+    return Scene(5, 6, "front", 2**64 - 1, 8, kind, state, {"people": tuple(person(i) for i in range(people))}, places)
 
 
 def hands_scene() -> Scene:
@@ -209,7 +209,9 @@ def hands_scene() -> Scene:
     square = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]])
     objects = (TrackedObject("ball", None, np.empty((0, 3)), 0), TrackedObject("cup", T, square, 2))
     state = TrackerState(Phase.TRACKING)
-    return Scene(7, 8, "left", 9, 10, topology("hand"), state, (), (), (hand, lost), points, objects)
+    return Scene(
+        7, 8, "left", 9, 10, topology("hand"), state, {"hands": (hand, lost), "points": (points,), "objects": objects}
+    )
 
 
 def arms_scene() -> Scene:
@@ -224,4 +226,4 @@ def arms_scene() -> Scene:
                 arm.gesture, arm.gesture_sure, arm.grabbing, person, cameras,
             )
         )  # fmt: skip
-    return Scene(7, 8, "left", 9, 10, topology("hand"), TrackerState(Phase.TRACKING), (), arms=tuple(made))
+    return Scene(7, 8, "left", 9, 10, topology("hand"), TrackerState(Phase.TRACKING), {"arms": tuple(made)})

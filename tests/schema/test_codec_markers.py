@@ -14,7 +14,7 @@ from messages import hands_scene, marker_frames, plain_frame
 
 from mocapella.errors import SettingsError, WireError
 from mocapella.model.markers import MarkerFrame, marker_frame
-from mocapella.schema import decode_frame, decode_scene, encode_frame, encode_scene, message_of
+from mocapella.schema import decode_frame, decode_scene, encode_frame, encode_scene, format_of
 from mocapella.schema import mocapella_pb2 as pb
 
 NAN = float("nan")
@@ -37,7 +37,7 @@ def test_a_marker_frame_comes_back_as_it_was(frame: MarkerFrame) -> None:
     assert isinstance(back, MarkerFrame)
     assert same(back, frame)
     assert encode_frame(back) == data
-    assert message_of(data) == "MarkerFrame"
+    assert format_of(data).schema_name == "mocapella.MarkerFrame"
 
 
 @given(st.binary(max_size=80))
@@ -50,7 +50,7 @@ def test_no_bytes_do_anything_but_give_a_frame_or_an_error_of_ours(data: bytes) 
 
 def test_a_body_frame_is_still_one() -> None:
     data = encode_frame(plain_frame())
-    assert message_of(data) == "BodyFrame"
+    assert format_of(data).schema_name == "mocapella.BodyFrame"
     assert encode_frame(decode_frame(data)) == data
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from mocapella.errors import SettingsError, WireError
 from mocapella.geometry.twists import exp_twist
 from mocapella.model.poses import PoseFrame, pose_frame, quaternion_of, rotation_of
-from mocapella.schema import decode_frame, encode_frame, message_of
+from mocapella.schema import decode_frame, encode_frame, format_of
 from mocapella.schema import mocapella_pb2 as pb
 
 NAN = float("nan")
@@ -28,7 +28,7 @@ def test_a_pose_frame_comes_back_as_it_was(seed: int, bodies: int, space: str) -
     data = encode_frame(frame)
     back = decode_frame(data)
     assert isinstance(back, PoseFrame)
-    assert message_of(data) == "PoseFrame"
+    assert format_of(data).schema_name == "mocapella.PoseFrame"
     for name in frame.__struct_fields__:
         np.testing.assert_array_equal(getattr(back, name), getattr(frame, name))
     assert encode_frame(back) == data

@@ -1,15 +1,10 @@
 from __future__ import annotations
 
 import msgspec
-import numpy as np
 import pytest
 from standing_people import FRAME_NS, KINECT, see, sensor_at, somebody
 
-from mocapella.model.arms import ArmFrame
-from mocapella.model.depth import depth_frame
-from mocapella.model.markers import marker_frame
-from mocapella.model.observations import Arrival, Frame, body_frame
-from mocapella.model.poses import pose_frame
+from mocapella.model.observations import Arrival, body_frame
 from mocapella.model.topology import topology, topology_from_toml
 from mocapella.tracker.arrivals import Arrivals
 
@@ -72,20 +67,3 @@ def test_a_new_process_of_a_sensor_may_begin_at_any_time_of_its_own_clock() -> N
     assert (heard.problem, heard.node_changed) == ("", True)
     assert not arrivals.update(see("a", T, [ME], 1, at=8, node_id=2)).node_changed
     assert msgspec.structs.asdict(heard.newest["a"])["frame"] is restarted.frame
-
-
-@pytest.mark.parametrize(
-    ("frame", "named"),
-    [
-        (marker_frame("a", ["red"], time_ns=6, size_px=(4, 4), positions_px=[[1, 1]]), "markers"),
-        (pose_frame("a", "vr", [], time_ns=6, positions=np.zeros((0, 3)), orientations=np.zeros((0, 4))), "poses"),
-        (depth_frame("a", np.ones((2, 2), np.uint16), unit_m=0.001, lens=[2, 2, 1, 1], time_ns=6), "depth images"),
-        (ArmFrame("a", 1, 1, 6, 6, (2, 2), np.ones(9), "default", ()), "arms"),
-    ],
-)
-def test_what_is_no_skeleton_is_refused_with_what_it_is(frame: Frame, named: str) -> None:
-    arrivals = Arrivals(1.0, ())
-    arrivals.update(see("a", T, [ME], 5))
-    heard = arrivals.update(Arrival(frame, 6))
-    assert heard.problem.startswith(f"it sends {named}")
-    assert arrivals.update(see("a", T, [ME], 6)).problem == ""

@@ -18,7 +18,8 @@ from mocapella.model.observations import Arrival, JointState
 from mocapella.model.scene import Phase, Scene
 from mocapella.model.session import SensorPose
 from mocapella.schema import encode_scene
-from mocapella.tracker import PEOPLE_METHODS, StandStillTracker, StandStillTrackerSettings, Tracker, make_tracker
+from mocapella.tracker import Tracker, make_tracker, methods_making
+from mocapella.tracker.stand_still import StandStillTracker, StandStillTrackerSettings
 
 ME, YOU = somebody(0), somebody(1)
 FRONT, SIDE, BACK = sensor_at(0.1), sensor_at(1.4, distance=3.0), sensor_at(3.0, across=-0.4)
@@ -260,7 +261,7 @@ def test_a_tracker_that_is_given_anothers_memory_goes_on_as_it_would_have() -> N
         assert [encode_scene(scene) for scene in run(other, arrivals[step : step + 8])] == scenes[step : step + 8]
 
 
-@pytest.mark.parametrize("method", PEOPLE_METHODS)
+@pytest.mark.parametrize("method", methods_making("people"))
 def test_images_that_are_sent_for_the_take_change_nothing(method: str) -> None:
     tracker, alone = (make_tracker(method, sensors_expected=1) for _ in range(2))
     for frame in range(3):
@@ -273,7 +274,7 @@ def test_images_that_are_sent_for_the_take_change_nothing(method: str) -> None:
         assert (after.sensor, after.people, after.state) == ("depth.depth", before.people, before.state)
     assert (tracker.report.frames, tracker.report.kept, tracker.report.rejected) == (6, 6, {})
     tracker.update(Arrival(msgspec.structs.replace(image, sensor="depth"), arrival.at_ns))
-    assert "of which no method makes people" in " ".join(tracker.report.rejected)
+    assert "of which no method makes anything" in " ".join(tracker.report.rejected)
 
 
 def test_what_is_no_memory_of_a_tracker_is_refused() -> None:
@@ -325,7 +326,7 @@ def test_what_cannot_be_made_is_refused_with_what_can(how: dict[str, object], me
 
 
 def test_every_method_makes_a_tracker_that_answers_a_frame() -> None:
-    for method in PEOPLE_METHODS:
+    for method in methods_making("people"):
         scene = make_tracker(method).update(see("front", FRONT, [ME], 0))
         assert (scene.step, scene.sensor) == (0, "front")
 

@@ -17,7 +17,7 @@ from mocapella.model.arms import ARM_POINTS, ArmFrame, SeenArm
 from mocapella.model.depth import DepthFrame, depth_frame
 from mocapella.model.hand import ANGLES
 from mocapella.model.markers import MarkerFrame, marker_frame
-from mocapella.model.observations import BodyFrame, Frame, JointState, body_frame
+from mocapella.model.observations import BodyFrame, JointState, body_frame
 from mocapella.model.poses import PoseFrame, pose_frame
 from mocapella.model.scene import (
     Person,
@@ -31,6 +31,7 @@ from mocapella.model.scene import (
     TrackedPoints,
     TrackerState,
 )
+from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.topology import topology
 from mocapella.model.truth import Truth
 from mocapella.schema import encode_frame, encode_scene, encode_truth
@@ -178,7 +179,16 @@ def scene_one_hand() -> Scene:
     outline = np.array([[0.0, 0, 0], [0.0625, 0, 0], [0.0625, 0.0625, 0]])
     cup = TrackedObject("cup", quarter_turn, outline, 2)
     state = TrackerState(Phase.TRACKING)
-    return Scene(4, 5_000_000_000, "left", NODE_ID, 3, topology("hand"), state, (), (), (hand,), points, (cup,))
+    return Scene(
+        4,
+        5_000_000_000,
+        "left",
+        NODE_ID,
+        3,
+        topology("hand"),
+        state,
+        {"hands": (hand,), "points": (points,), "objects": (cup,)},
+    )
 
 
 def scene_two_arms() -> Scene:
@@ -191,7 +201,7 @@ def scene_two_arms() -> Scene:
     states = np.minimum(seen.states, 1)
     right = TrackedArm(5, False, seen.points + 0.25, states, seen.sd, nothing, None, "", 0.0, False)
     state = TrackerState(Phase.TRACKING)
-    return Scene(5, 5_000_000_000, "arm", NODE_ID, 6, topology("hand"), state, (), arms=(left, right))
+    return Scene(5, 5_000_000_000, "arm", NODE_ID, 6, topology("hand"), state, {"arms": (left, right)})
 
 
 def scene_one_person() -> Scene:
@@ -212,7 +222,7 @@ def scene_one_person() -> Scene:
         SensorPlace("front", np.eye(4), 0.0, 0.0, "the world's own"),
         SensorPlace("left.2", None, problem="walk a few steps"),
     )
-    return Scene(9, 5_000_000_000, "front", NODE_ID, 2, kind, TrackerState(Phase.TRACKING), people, places)
+    return Scene(9, 5_000_000_000, "front", NODE_ID, 2, kind, TrackerState(Phase.TRACKING), {"people": people}, places)
 
 
 def truth_two_people() -> Truth:
@@ -222,7 +232,7 @@ def truth_two_people() -> Truth:
     return Truth("front", 2, 10**9, kind, np.array([0, 5]), positions, np.eye(4), np.array([5]), np.array([True]))
 
 
-def values(message: Frame | Scene | Truth) -> dict[str, Any]:
+def values(message: SensorFrame | Scene | Truth) -> dict[str, Any]:
     """The fields of a message by their names in the schema."""
     kinds = {
         BodyFrame: _frame_values,
@@ -273,7 +283,7 @@ def _frame_values(frame: BodyFrame) -> dict[str, Any]:
     }
 
 
-def _identity(frame: Frame) -> dict[str, Any]:
+def _identity(frame: SensorFrame) -> dict[str, Any]:
     """The fields that all frames have."""
     return {
         "schema_version": 1,

@@ -63,7 +63,7 @@ class StandIn:
     def named(self) -> Scene:
         """The scene with the names that were given to its people."""
         people = (msgspec.structs.replace(who, name=self.names.get(who.id, "")) for who in self.scene.people)
-        return msgspec.structs.replace(self.scene, people=tuple(people))
+        return self.scene.with_parts(people=tuple(people))
 
     def close(self) -> None:
         self.gate.set()

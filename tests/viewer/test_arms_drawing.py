@@ -35,7 +35,7 @@ def arm(**changed: Any) -> TrackedArm:
 
 def scene(*arms: TrackedArm, **changed: Any) -> Scene:
     state, place = TrackerState(Phase.TRACKING), SensorPlace("arm", np.eye(4))
-    made = Scene(0, 0, "arm", 0, 0, topology("hand"), state, (), (place,), arms=arms)
+    made = Scene(0, 0, "arm", 0, 0, topology("hand"), state, {"arms": arms}, (place,))
     return msgspec.structs.replace(made, **changed)
 
 

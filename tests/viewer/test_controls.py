@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from walkers import health, status
 
 from mocapella.model.session import RecordingHealth, Setup
-from mocapella.tracker import METHODS, PEOPLE_METHODS
+from mocapella.tracker import METHODS
 from mocapella.viewer.controls import (
     allowed,
     default_perspective,
@@ -32,9 +32,10 @@ def test_of_every_pair_of_opposites_exactly_one_can_be_used(running, recording):
 
 
 def test_people_can_be_there_unless_the_method_makes_arms_or_hands_alone():
-    methods = {method: makes_people(status(setup=Setup(method=method))) for method in METHODS}
-    assert methods == {method: method in PEOPLE_METHODS for method in METHODS}
-    assert makes_people(None)
+    counts = {method: dict.fromkeys(METHODS[method].parts, 0) for method in METHODS}
+    methods = {method: makes_people(status(setup=Setup(method=method), counts=counts[method])) for method in METHODS}
+    assert methods == {method: "people" in METHODS[method].parts for method in METHODS}
+    assert makes_people(status())
 
 
 def test_without_a_server_nothing_can_be_used():

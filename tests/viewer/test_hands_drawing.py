@@ -56,7 +56,7 @@ def cameras(*turns: float, away: float = 0.5) -> tuple[SensorPlace, ...]:
 
 
 def scene(*hands: TrackedHand, **changed: Any) -> Scene:
-    made = Scene(0, 0, "c0", 0, 0, topology("hand"), TrackerState(Phase.TRACKING), (), cameras(-0.4, 0.4), hands)
+    made = Scene(0, 0, "c0", 0, 0, topology("hand"), TrackerState(Phase.TRACKING), {"hands": hands}, cameras(-0.4, 0.4))
     return msgspec.structs.replace(made, **changed)
 
 

@@ -28,7 +28,7 @@ def each_on_itself(scene):
             for v in person.views
         )
         people.append(msgspec.structs.replace(person, positions=apply(T, person.positions), views=views))
-    return msgspec.structs.replace(scene, people=tuple(people))
+    return scene.with_parts(people=tuple(people))
 
 
 def learned(scene, frames):
@@ -99,7 +99,7 @@ def test_who_is_gone_is_forgotten():
     frames = room.frames(1.0)
     scene = room.scene(1.0, frames)
     seen, _ = learned(scene, frames)
-    seen.learn(msgspec.structs.replace(scene, people=()))
+    seen.learn(scene.with_parts(people=()))
     assert seen.from_world(scene.people[0], "front") is None
 
 

@@ -127,8 +127,8 @@ def test_while_stopped_a_silent_sensor_is_no_matter_of_the_headline():
         ),
         (status(phase="needs recalibration", reason="everybody is gone"), "Needs recalibration: everybody is gone"),
         (status(), "Nobody is in view"),
-        (status(setup=Setup(method="arms")), "No arm is in view"),
-        (status(setup=Setup(method="hands")), "No hand is in view"),
+        (status(setup=Setup(method="arms"), counts={"arms": 0}), "No arm is in view"),
+        (status(setup=Setup(method="hands"), counts={"hands": 0}), "No hand is in view"),
         (status(sensors=(health("left", **GONE),)), "No sensor delivers"),
     ],
 )

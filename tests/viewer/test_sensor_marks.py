@@ -136,9 +136,9 @@ def test_a_person_who_is_calibrated_anew_has_a_new_world_where_each_has_their_ow
         msgspec.structs.replace(view, T_world_sensor=T @ view.T_world_sensor) for view in scene.people[1].views
     )
     anew = (scene.people[0], msgspec.structs.replace(scene.people[1], views=views))
-    seen, _ = learned(scene, scene, msgspec.structs.replace(scene, people=scene.people[:1]), scene)
+    seen, _ = learned(scene, scene, scene.with_parts(people=scene.people[:1]), scene)
     assert seen.world == 0
-    seen, _ = learned(scene, msgspec.structs.replace(scene, people=anew))
+    seen, _ = learned(scene, scene.with_parts(people=anew))
     assert seen.world == 1
 
 

@@ -552,7 +552,7 @@ def test_trails_and_fields_of_view_are_shown_in_the_browser_that_wants_them(serv
         step = server.scene.step + 1
         people = tuple(msgspec.structs.replace(p, positions=p.positions + 0.02) for p in server.scene.people)
         at_ns = begun.at_ns + (step - begun.step) * 100_000_000
-        server.scene = msgspec.structs.replace(begun, people=people, at_ns=at_ns, step=step)
+        server.scene = msgspec.structs.replace(begun.with_parts(people=people), at_ns=at_ns, step=step)
         return drawn(stage(server)._trails) and drawn(stage(server)._field_lines)
 
     until(first, walks_and_is_followed, "both are there")

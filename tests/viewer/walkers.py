@@ -118,7 +118,7 @@ class Room:
             states = np.max([view.states for view in views], axis=0).astype(np.uint8)
             people.append(Person(self.first_id + k, fused, states, tuple(views)))
         state = TrackerState(Phase.TRACKING)
-        return Scene(int(t * 30), int(t * 1e9), "front", 0, int(t * 30), KINECT, state, tuple(people))
+        return Scene(int(t * 30), int(t * 1e9), "front", 0, int(t * 30), KINECT, state, {"people": tuple(people)})
 
 
 def health(name: str, **changes: object) -> SensorHealth:
@@ -135,7 +135,7 @@ def status(**changes: object) -> SessionStatus:
     """A session that runs and tracks two people with three sensors."""
     values: dict[str, object] = {
         "revision": 3, "running": True, "phase": "tracking", "sensors_missing": 0, "frames_remaining": 0,
-        "frames_wanted": 120, "reason": "", "people": 2, "scenes": 900, "scenes_hz": 90.0,
+        "frames_wanted": 120, "reason": "", "counts": {"people": 2}, "scenes": 900, "scenes_hz": 90.0,
         "setup": Setup(sensors_expected=3),
         "sensors": (health("front", local=True), health("left", latency=0.0034), health("right", dropped=2)),
         "recording": RecordingHealth(), "notices": ("front joined", "left joined", "right joined"), "uptime": 60.0,

@@ -16,9 +16,10 @@ from mocapella.calibration.space_alignment import Shortfall, SpaceAlignmentSetti
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import InputError, SettingsError, one_of
 from mocapella.geometry.rigid import apply
-from mocapella.model.observations import Frame, JointState
+from mocapella.model.observations import JointState
 from mocapella.model.poses import PoseFrame
 from mocapella.model.scene import Scene
+from mocapella.model.sensor_frame import SensorFrame
 
 Float64 = NDArray[np.float64]
 _Key = tuple[str, int, int]
@@ -54,7 +55,7 @@ class SpaceObservations:
         self._told_by: set[str] = set()
         self._poses: list[tuple[_Key, str, Float64]] = []
 
-    def update(self, messages: Iterable[Scene | Frame]) -> None:
+    def update(self, messages: Iterable[Scene | SensorFrame]) -> None:
         """Take in what has come."""
         for message in messages:
             if isinstance(message, Scene):

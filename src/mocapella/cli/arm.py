@@ -193,13 +193,14 @@ def node_arm(
     from mocapella.live.camera_node import CameraNodeSettings
     from mocapella.live.stopping import stop_on_signals
     from mocapella.model.depth import IMAGES_SUFFIX
+    from mocapella.model.frame_types import FRAME_TYPES
     from mocapella.model.observations import check_sensor_name
     from mocapella.settings import check, settings_of_pairs
     from mocapella.sources.acquisition import Acquisition
     from mocapella.sources.depth_options import complete
     from mocapella.sources.open_depth import open_depth
     from mocapella.tracker.arm_methods import arm_method
-    from mocapella.wire.node import DEPTH_HISTORY_FRAMES, NodeLink
+    from mocapella.wire.node import NodeLink
 
     check(fps is None or 0 < fps <= 1000, "--fps", fps, "above 0, at most 1000")
     depth_name = check_sensor_name(check_sensor_name(name) + IMAGES_SUFFIX)
@@ -216,9 +217,9 @@ def node_arm(
         wait = not (images.live or zero is not None)
         # From here on standard input is watched for the end of who started this process.
         with stop_on_signals() as stop, NodeLink(connect, name) as link, ExitStack() as depth:
-            depth_link = None
+            depth_link, kept = None, FRAME_TYPES["depth"].history_frames
             if publish_depth:
-                depth_link = depth.enter_context(NodeLink(connect, depth_name, history_frames=DEPTH_HISTORY_FRAMES))
+                depth_link = depth.enter_context(NodeLink(connect, depth_name, history_frames=kept))
             summary = run_arm_node(
                 link, acquisition, work, settings, depth_link=depth_link, epoch=zero, stop=stop, wait=wait, say=say
             )  # fmt: skip

@@ -266,5 +266,8 @@ def parse_size(text: str) -> tuple[int, int]:
 
 def most_of(summary: Mapping[str, Any]) -> str:
     """How many there were at most of what the run was about."""
-    there = [what for what in ("people", "hands", "arms") if summary[f"most_{what}"]] or ["people"]
-    return ", ".join(f"most {what}: {summary[f'most_{what}']}" for what in there)
+    from mocapella.model.part_types import PART_TYPES
+
+    counted = [name for name, kind in PART_TYPES.items() if kind.counted is not None]
+    there = [name for name in counted if summary[f"most_{name}"]] or ["people"]
+    return ", ".join(f"most {name}: {summary[f'most_{name}']}" for name in there)

@@ -109,14 +109,14 @@ def replay(
     Example:  mocapella node replay walk-1 --sensor front
     """
     from mocapella.cli.recordings import open_recording
-    from mocapella.model.depth import DepthFrame
-    from mocapella.wire.node import DEPTH_HISTORY_FRAMES, HISTORY_FRAMES
+    from mocapella.model.frame_types import HISTORY_FRAMES, frame_type_of
 
     recording = open_recording(file, placement)
     frames = recording.due_frames(sensor)
     first = next(frames, None)
     whole = frames if first is None else chain((first,), frames)
-    kept = DEPTH_HISTORY_FRAMES if first is not None and isinstance(first.frame, DepthFrame) else HISTORY_FRAMES
+    kind = None if first is None else frame_type_of(first.frame)
+    kept = HISTORY_FRAMES if kind is None else kind.history_frames
     zero = read_epoch() if epoch_from_input else epoch
     _serve(lambda: whole, name or sensor, connect, zero, json, wait=zero is None, linger_s=linger, history_frames=kept)
 
@@ -302,7 +302,8 @@ def _serve(
 ) -> None:
     from mocapella.live.node import run_node
     from mocapella.live.stopping import stop_on_signals
-    from mocapella.wire.node import HISTORY_FRAMES, NodeLink
+    from mocapella.model.frame_types import HISTORY_FRAMES
+    from mocapella.wire.node import NodeLink
 
     kept = HISTORY_FRAMES if history_frames is None else history_frames
     with stop_on_signals() as stop, NodeLink(connect, sensor, history_frames=kept) as link:

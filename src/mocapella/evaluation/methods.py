@@ -8,7 +8,7 @@ from typing import Any, Final
 from mocapella.errors import SettingsError, one_of
 from mocapella.evaluation.protocol import ScoredTracker
 from mocapella.settings import settings_of_pairs
-from mocapella.tracker import PEOPLE_METHODS, make_tracker
+from mocapella.tracker import make_tracker, methods_making
 
 AS_LOGGED: Final = "stand-still"
 """The thesis' own method: the logged rows are its output, and are scored as they are."""
@@ -21,8 +21,9 @@ def method_with_settings(text: str) -> tuple[str, dict[str, Any]]:
         SettingsError: no such method, or a setting is not NAME=VALUE; says what would work.
     """
     method, *pairs = text.split(":")
-    if method not in PEOPLE_METHODS:
-        raise SettingsError(f"unknown tracking method {method!r}; known: {one_of(method, PEOPLE_METHODS)}")
+    known = methods_making("people")
+    if method not in known:
+        raise SettingsError(f"unknown tracking method {method!r}; known: {one_of(method, known)}")
     return method, settings_of_pairs(pairs)
 
 
@@ -58,4 +59,4 @@ def check_methods(methods: Sequence[str], *, some: bool = False) -> None:
         if method != AS_LOGGED:
             scored_tracker(method)
     if not methods and not some:
-        raise SettingsError(f"no method to score; known: {', '.join(PEOPLE_METHODS)}")
+        raise SettingsError(f"no method to score; known: {', '.join(methods_making('people'))}")

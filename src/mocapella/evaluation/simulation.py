@@ -27,7 +27,7 @@ from mocapella.model.observations import Arrival
 from mocapella.model.scene import Scene
 from mocapella.sources.simulate import Room, SimulatedFrame, SimulatedSensor, build_room, merge, settings_from
 from mocapella.sources.simulate.measured import KIND
-from mocapella.tracker import PEOPLE_METHODS, make_tracker
+from mocapella.tracker import make_tracker, methods_making
 
 TARGETS: Final[Mapping[str, tuple[str, float]]] = {
     "identity_switches": ("sum", 0),
@@ -99,7 +99,7 @@ def evaluate(
     for name in names:
         if name not in scene_summaries():
             raise SettingsError(f"unknown scene {name!r}; known: {one_of(name, scene_summaries())}")
-    for what, chosen, known in (("method", methods, PEOPLE_METHODS), ("scene", names, scene_summaries())):
+    for what, chosen, known in (("method", methods, methods_making("people")), ("scene", names, scene_summaries())):
         if not chosen:
             raise SettingsError(f"no {what} to score; known: {', '.join(known)}")
     chosen_methods = {text: method_with_settings(text) for text in methods}

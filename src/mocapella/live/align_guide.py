@@ -11,8 +11,8 @@ from typing import Final
 from mocapella.calibration.space_alignment import Shortfall, SpaceAlignmentSettings, SpaceFit
 from mocapella.calibration.space_observations import SpaceObservations
 from mocapella.errors import CalibrationError, InputError, NoServerError, SettingsError
-from mocapella.model.observations import Frame
 from mocapella.model.scene import Scene
+from mocapella.model.sensor_frame import SensorFrame
 from mocapella.settings import check
 
 INSTRUCTION: Final = (
@@ -67,7 +67,7 @@ class AlignGuide:
 
     def __init__(
         self,
-        messages: Callable[[], Iterable[Scene | Frame]],
+        messages: Callable[[], Iterable[Scene | SensorFrame]],
         observations: SpaceObservations,
         settings: AlignGuideSettings | None = None,
         alignment: SpaceAlignmentSettings | None = None,

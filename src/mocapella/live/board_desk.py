@@ -112,7 +112,7 @@ class BoardDesk:
         with self._lock:
             if self._running():
                 raise NotNowError("a calibration goes on already; finish or cancel it first")
-            cameras = sorted(row.name for row in self._sensors if row.markers and row.connected)
+            cameras = sorted(row.name for row in self._sensors if row.pictures and row.connected)
             if not cameras:
                 raise NotNowError("no camera is here; start one: mocapella node markers camera:0 --name left")
             if self._thread is not None:

@@ -213,7 +213,7 @@ def node_names(texts: Sequence[str], prefix: str, known: Iterable[SensorHealth])
         SettingsError: there is no such node, or it is no camera.
     """
     rows = {row.name: row for row in known if row.connected}
-    cameras = [name for name, row in rows.items() if row.markers]
+    cameras = [name for name, row in rows.items() if row.pictures]
     names = [text.removeprefix(prefix) for text in texts]
     for name in names:
         if name not in cameras:

@@ -8,7 +8,8 @@ from dataclasses import asdict
 from typing import Any
 
 from mocapella.live.node import Membership
-from mocapella.model.observations import BodyFrame, Frame
+from mocapella.model.observations import BodyFrame
+from mocapella.model.sensor_frame import SensorFrame
 from mocapella.sources.bridge import Bridge, BridgeSettings
 from mocapella.wire.node import NodeLink
 
@@ -21,7 +22,7 @@ class ServedSensor:
         self.link = NodeLink(connect, sensor)
         self.membership = Membership(self.link, self.ended, say)
 
-    def publish(self, frame: Frame) -> None:
+    def publish(self, frame: SensorFrame) -> None:
         """Pass a frame on; raises `NameTakenError` once the name was refused."""
         self.raise_refusal()
         self.link.publish(frame)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from mocapella.errors import NameTakenError, NoServerError
-from mocapella.model.observations import Frame
+from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.truth import Truth
 from mocapella.wire.node import NodeLink
 
@@ -21,7 +21,7 @@ class DueFrame(NamedTuple):
     """A frame, what a simulation knows beside it, and when it is due, in seconds of the source's own time."""
 
     due_s: float
-    frame: Frame
+    frame: SensorFrame
     truth: Truth | None = None
 
 

@@ -7,11 +7,8 @@ from collections import deque
 from dataclasses import dataclass, field
 
 from mocapella.errors import WireError
-from mocapella.model.arms import ArmFrame
-from mocapella.model.depth import DepthFrame
-from mocapella.model.markers import MarkerFrame
-from mocapella.model.observations import Frame
-from mocapella.model.poses import PoseFrame
+from mocapella.model.frame_types import frame_type_of, what_it_sends
+from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import SensorHealth, Setup
 from mocapella.wire.clock import ClockEstimate, SensorClock
 from mocapella.wire.keys import NodeKey
@@ -19,7 +16,6 @@ from mocapella.wire.keys import NodeKey
 SILENT_AFTER_S = 2.0
 """A sensor that has sent nothing for so long is called silent."""
 _RECENT_S = 3.0
-_SENDS = {MarkerFrame: "markers", PoseFrame: "poses", ArmFrame: "arms", DepthFrame: "depth"}
 _REASONS_TOLD = 32
 """Of one node; what sends nonsense must not fill the memory with reasons."""
 
@@ -34,7 +30,7 @@ class _Seat:
     local: bool = False
     clock: SensorClock = field(default_factory=SensorClock)
     offset: ClockEstimate | None = None
-    last_frame: Frame | None = None
+    last_frame: SensorFrame | None = None
     heard_ns: int = 0
     silent: bool = False
     frames: int = 0
@@ -100,7 +96,7 @@ class Roster:
         if self.holds(node):
             self._seats[node.sensor].offset = offset
 
-    def arrived(self, frame: Frame, node: NodeKey, arrived_ns: int) -> int:
+    def arrived(self, frame: SensorFrame, node: NodeKey, arrived_ns: int) -> int:
         """A frame of the node that holds the name; returns its capture time on the server's clock [ns].
 
         Raises:
@@ -184,6 +180,7 @@ def _health(seat: _Seat, now_ns: int, setup: Setup, stored: int, lost: int) -> S
     recent = [t for t in seat.arrivals if now_ns - t < _RECENT_S * 1e9]
     span = (recent[-1] - recent[0]) / 1e9 if len(recent) > 1 else 0.0
     pose = setup.sensors.get(seat.node.sensor)
+    kind = None if frame is None else frame_type_of(frame)
     silent = seat.silent or not seat.frames
     if not seat.connected and silent:
         problem = "gone"
@@ -210,7 +207,7 @@ def _health(seat: _Seat, now_ns: int, setup: Setup, stored: int, lost: int) -> S
         tilt=pose.tilt if pose else getattr(frame, "tilt", 0.0),  # a camera of markers says nothing of it
         height=pose.height if pose else getattr(frame, "height", 0.0),
         problem=problem,
-        markers=isinstance(frame, MarkerFrame | PoseFrame),
-        sends=_SENDS.get(type(frame), "skeletons"),
+        pictures=kind is not None and kind.pictures,
+        sends="skeletons" if frame is None else what_it_sends(frame),
         capture_offset=None if seat.clock.offset_ns is None else seat.clock.offset_ns / 1e9,
     )

@@ -8,7 +8,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any
 
 import msgspec
 
@@ -19,17 +19,16 @@ from mocapella.model.observations import Arrival
 from mocapella.model.scene import Phase, Scene, TrackerState
 from mocapella.model.session import PersonName, Setup
 from mocapella.settings import parse
-from mocapella.tracker import PEOPLE_METHODS, Tracker, make_tracker
+from mocapella.tracker import METHODS, Tracker, make_tracker
 from mocapella.tracker.protocol import KeepsRig
 
 _STOPPED = TrackerState(Phase.STOPPED)
-HANDS: Final = "hands"
-"""The method that wants a rig of cameras."""
 
 
 @dataclass(frozen=True)
 class _UseRig:
     rig: str
+    method: str = ""
 
 
 class Session:
@@ -153,12 +152,20 @@ class Session:
         return f"set up {self.setup.method}"
 
     def _use_rig(self, arguments: Mapping[str, Any]) -> str:
-        """Track hands with the cameras of a rig's text; the rig is a setting of the method, and so stands in a take."""
+        """Track with the cameras of a rig's text; the rig is a setting of the method, and so stands in a take.
+
+        The method is the one that is named, or that is set up where it takes a rig, or else the first that needs one.
+        """
         told = parse(_UseRig, arguments, where="use-rig")
+        takes = [name for name, method in METHODS.items() if method.camera_rig != "none"]
+        needs = [name for name in takes if METHODS[name].camera_rig == "required"]
+        method = told.method or (self.setup.method if self.setup.method in takes else needs[0])
+        if method not in takes:
+            raise SettingsError(f"use-rig: method is {method!r}; methods that take a rig: {one_of(method, takes)}")
         cameras = decode_camera_rig(told.rig).cameras
-        setup = replace(self.setup, method=HANDS, sensors_expected=max(len(cameras), 2))
-        self._begin_anew(setup, {**self._settings_of.get(HANDS, {}), "rig": told.rig})
-        return f"tracking hands with {', '.join(cameras)}"
+        setup = replace(self.setup, method=method, sensors_expected=max(len(cameras), 2))
+        self._begin_anew(setup, {**self._settings_of.get(method, {}), "rig": told.rig})
+        return f"tracking {METHODS[method].parts[0]} with {', '.join(cameras)}"
 
     def _begin_anew(self, setup: Setup, settings: dict[str, Any] | None = None) -> None:
         kept = self._settings_of.get(setup.method, {}) if settings is None else settings
@@ -189,7 +196,7 @@ class Session:
         if not any(person.id in self.names for person in scene.people):
             return scene
         people = (msgspec.structs.replace(person, name=self.names.get(person.id, "")) for person in scene.people)
-        return msgspec.structs.replace(scene, people=tuple(people))
+        return scene.with_parts(people=tuple(people))
 
     def _make_tracker(self, setup: Setup, settings: Mapping[str, Any]) -> Tracker:
         tracker = make_tracker(
@@ -200,7 +207,7 @@ class Session:
         )
         if self.rig is not None:
             if not isinstance(tracker, KeepsRig):
-                able = [name for name in PEOPLE_METHODS if isinstance(make_tracker(name), KeepsRig)]
+                able = [name for name, method in METHODS.items() if method.keeps_layout]
                 raise SettingsError(f"method {setup.method!r} uses no rig; methods that do: {', '.join(able)}")
             tracker.use_rig(self.rig)
         return tracker

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import bisect
 import math
-from collections import deque
+from collections import Counter, deque
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from mocapella.conventions import NS_PER_S
-from mocapella.kinematics.arm_quality import ArmQualityMeter
 from mocapella.model.conditions import conditions
+from mocapella.model.part_types import PART_TYPES
 from mocapella.model.scene import Phase, Scene, SensorPlace, TrackerState
+from mocapella.registry import load
 
 
 class LatencyHistogram:
@@ -77,13 +78,9 @@ class Tally:
     frames_in: int = 0
     rejected: int = 0
     scenes_out: int = 0
-    most_people: int = 0
-    people_now: int = 0
-    hands_now: int = 0
-    most_hands: int = 0
-    arms_now: int = 0
-    most_arms: int = 0
-    arm_quality: ArmQualityMeter = field(default_factory=ArmQualityMeter)
+    counts: dict[str, int] = field(default_factory=dict)
+    most: Counter[str] = field(default_factory=Counter)
+    meters: dict[str, Any] = field(default_factory=dict)
     state_changes: list[dict[str, Any]] = field(default_factory=list)
     latencies: LatencyHistogram = field(default_factory=LatencyHistogram)
     began_ns: int | None = None
@@ -96,14 +93,7 @@ class Tally:
     def scene(self, scene: Scene, latency: float | None, done_ns: int) -> None:
         """One more result."""
         self.scenes_out += 1
-        self.people_now = len(scene.people)
-        self.most_people = max(self.most_people, self.people_now)
-        self.hands_now = sum(bool(np.isfinite(hand.landmarks).any()) for hand in scene.hands)
-        self.most_hands = max(self.most_hands, self.hands_now)
-        self.arms_now = len(scene.arms)
-        self.most_arms = max(self.most_arms, self.arms_now)
-        if self.most_arms:
-            self.arm_quality.update(scene.arms, scene.at_ns / NS_PER_S)
+        self._count(scene)
         self.times.append(done_ns)
         self.places = scene.sensors
         self._note_labels(scene)
@@ -113,6 +103,21 @@ class Tally:
             self._note_conditions(scene.state.reason, (done_ns - self.began_ns) / NS_PER_S)
         if latency is not None:
             self.latencies.add(latency)
+
+    def _count(self, scene: Scene) -> None:
+        """How many parts of each type there are, and how good they are."""
+        self.counts = {}
+        for name, parts in scene.parts.items():
+            kind = PART_TYPES.get(name)
+            if kind is None or kind.counted is None:
+                continue
+            self.counts[name] = sum(1 for part in parts if kind.there(part))
+            self.most[name] = max(self.most[name], self.counts[name])
+            if kind.meter and self.most[name]:
+                meter = self.meters.get(name)
+                if meter is None:
+                    meter = self.meters[name] = load(kind.meter)()
+                meter.update(parts, scene.at_ns / NS_PER_S)
 
     def _note_labels(self, scene: Scene) -> None:
         """Of the views that this result's own frame made; the others were counted with theirs."""
@@ -152,6 +157,16 @@ class Tally:
         known = {name: round(value * 1e3, 3) for name, value in values.items() if value is not None}
         return known or None
 
+    def _counted(self) -> dict[str, Any]:
+        """Of each type of parts how many there are, and at most were, and how good they were."""
+        row: dict[str, Any] = {}
+        for name, kind in PART_TYPES.items():
+            if kind.counted is not None:
+                row |= {name: self.counts.get(name, 0), f"most_{name}": self.most[name]}
+            if kind.meter_name:
+                row[kind.meter_name] = self.meters[name].quality.as_json() if name in self.meters else None
+        return row
+
     def never_tracked(self, last: TrackerState) -> str | None:
         """Why the run never got to tracking, from the state it ended in; None where it did."""
         if any(change["phase"] == Phase.TRACKING for change in self.state_changes):
@@ -179,13 +194,7 @@ class Tally:
             "frames_in": self.frames_in,
             "frames_out": self.scenes_out,
             "rejected": self.rejected,
-            "people": self.people_now,
-            "most_people": self.most_people,
-            "hands": self.hands_now,
-            "most_hands": self.most_hands,
-            "arms": self.arms_now,
-            "most_arms": self.most_arms,
-            "arm_quality": self.arm_quality.quality.as_json() if self.most_arms else None,
+            **self._counted(),
             "latency_ms": self.latency_ms(),
             "state_changes": self.state_changes,
             "conditions": [

@@ -19,8 +19,8 @@ import zenoh
 from mocapella.errors import NoServerError
 from mocapella.live.arm_show import ArmShow
 from mocapella.live.board_desk import BoardDesk
-from mocapella.model.observations import Frame
 from mocapella.model.scene import Scene
+from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import CommandReply, SessionStatus
 from mocapella.tracker import METHODS, make_ready
 from mocapella.viewer import Viewer
@@ -59,11 +59,11 @@ class Picture:
     def __init__(self) -> None:
         self._scene: Held[Scene] = Held()
         self._status: Held[SessionStatus] = Held()
-        self._frames: dict[str, Held[Frame]] = {}
+        self._frames: dict[str, Held[SensorFrame]] = {}
 
     def update(
-        self, scene: Scene | None, frames: dict[str, Frame], status: SessionStatus | None, now_s: float
-    ) -> tuple[Scene | None, dict[str, Frame], SessionStatus | None]:
+        self, scene: Scene | None, frames: dict[str, SensorFrame], status: SessionStatus | None, now_s: float
+    ) -> tuple[Scene | None, dict[str, SensorFrame], SessionStatus | None]:
         """Take in what is new; returns what is to be drawn."""
         for sensor in frames:
             self._frames.setdefault(sensor, Held())
@@ -103,7 +103,7 @@ class Link:
         self._thread = threading.Thread(target=self._reach, name="reach server")
         self._thread.start()
 
-    def newest(self) -> tuple[Scene | None, dict[str, Frame], SessionStatus | None]:
+    def newest(self) -> tuple[Scene | None, dict[str, SensorFrame], SessionStatus | None]:
         """What has come since the last call; nothing while no server was reached."""
         newest = self._newest
         return (None, {}, None) if newest is None else (newest.scene(), newest.frames(), newest.status())

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from mocapella.model.hand import LANDMARKS, TIPS, WRIST
 from mocapella.model.sensor_frame import SensorFrame
-from mocapella.model.topology import Topology, topology
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -97,11 +96,6 @@ class ArmFrame(SensorFrame, frozen=True, eq=False):
     method: str
     arms: tuple[SeenArm, ...]
     reason: str = ""
-
-    @property
-    def topology(self) -> Topology:
-        """Of what arms are made into."""
-        return topology("hand")
 
     @property
     def bodies(self) -> int:

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from mocapella.errors import SettingsError
 from mocapella.model.sensor_frame import SensorFrame
-from mocapella.model.topology import Topology, topology
 from mocapella.settings import check
 
 Float32 = NDArray[np.float32]
@@ -35,14 +34,9 @@ class DepthFrame(SensorFrame, frozen=True, eq=False):
     lens: Float64
 
     @property
-    def topology(self) -> Topology:
-        """Of what is found in it."""
-        return topology("hand")
-
-    @property
-    def bodies(self) -> int:
-        """None yet: what a table of sensors shows."""
-        return 0
+    def for_the_take(self) -> bool:
+        """Whether a node sends it beside the arms that it found in it: no method has to use it."""
+        return self.sensor.endswith(IMAGES_SUFFIX)
 
     @property
     def size_px(self) -> tuple[int, int]:

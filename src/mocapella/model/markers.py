@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from mocapella.errors import SettingsError
 from mocapella.model.sensor_frame import SensorFrame
-from mocapella.model.topology import Topology, topology
 
 Float32 = NDArray[np.float32]
 
@@ -40,11 +39,6 @@ class MarkerFrame(SensorFrame, frozen=True, eq=False):
     confidences: Float32
     elongations: Float32 | None = None
     candidates: NDArray[np.uint8] | None = None
-
-    @property
-    def topology(self) -> Topology:
-        """Of what is made of markers."""
-        return topology("hand")
 
     @property
     def found(self) -> NDArray[np.bool_]:

@@ -11,10 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.errors import SettingsError
-from mocapella.model.arms import ArmFrame
-from mocapella.model.depth import DepthFrame
-from mocapella.model.markers import MarkerFrame
-from mocapella.model.poses import PoseFrame
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.topology import Topology
 
@@ -90,6 +86,11 @@ class BodyFrame(SensorFrame, frozen=True, eq=False):
         """How many bodies there are."""
         return len(self.tracking_ids)
 
+    @property
+    def field_of_view_deg(self) -> tuple[float, float]:
+        """Of the sensors that report these joints, across and high [°]."""
+        return self.topology.field_of_view_deg
+
 
 def body_frame(
     sensor: str,
@@ -162,15 +163,11 @@ def body_frame(
     )
 
 
-Frame = BodyFrame | MarkerFrame | PoseFrame | DepthFrame | ArmFrame
-"""What a sensor publishes."""
-
-
 class Arrival(msgspec.Struct, frozen=True, eq=False):
     """A frame and when it was captured on the one clock that all sensors are brought to.
 
     ``at_ns`` is all that a tracker learns of time, and it is recorded: a replay gives the same numbers.
     """
 
-    frame: Frame
+    frame: SensorFrame
     at_ns: int

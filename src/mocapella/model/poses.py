@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from mocapella.errors import SettingsError
 from mocapella.geometry.rigid import rigid
 from mocapella.model.sensor_frame import SensorFrame
-from mocapella.model.topology import Topology, topology
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -34,11 +33,6 @@ class PoseFrame(SensorFrame, frozen=True, eq=False):
     positions: Float32
     orientations: Float32
     states: UInt8
-
-    @property
-    def topology(self) -> Topology:
-        """Of what bodies are held by."""
-        return topology("hand")
 
     @property
     def bodies(self) -> int:

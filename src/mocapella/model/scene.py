@@ -1,9 +1,11 @@
-"""What the tracker says there is: people and the views they were made of, hands, arms, and things."""
+"""What the tracker says there is: people and the views they were made of, hands, arms, objects, a plug-in's parts."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from enum import StrEnum
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -224,6 +226,13 @@ class TrackedObject(msgspec.Struct, frozen=True, eq=False):
     state: int
 
 
+class UnknownPart(msgspec.Struct, frozen=True):
+    """A part of a type that no installed package reads; it is written again as it came."""
+
+    kind: str
+    content: bytes
+
+
 class Scene(msgspec.Struct, frozen=True, eq=False):
     """The result of one step, and which frame made it, so that it can be made again.
 
@@ -233,12 +242,8 @@ class Scene(msgspec.Struct, frozen=True, eq=False):
         sensor, node_id, sequence: which frame made this step.
         topology: of all skeletons in it.
         state: where the tracker stands.
-        people: in the order of their ids.
+        parts: by the name of their type (`mocapella.model.part_types`), each in the order of their ids or names.
         sensors: by name; empty where the method gives a sensor no place of its own.
-        hands: in the order of their ids.
-        points: of which hands and objects were made; None where the method makes none.
-        objects: by name.
-        arms: in the order of their ids.
     """
 
     step: int
@@ -248,9 +253,38 @@ class Scene(msgspec.Struct, frozen=True, eq=False):
     sequence: int
     topology: Topology
     state: TrackerState
-    people: tuple[Person, ...]
+    parts: Mapping[str, tuple[Any, ...]] = {}
     sensors: tuple[SensorPlace, ...] = ()
-    hands: tuple[TrackedHand, ...] = ()
-    points: TrackedPoints | None = None
-    objects: tuple[TrackedObject, ...] = ()
-    arms: tuple[TrackedArm, ...] = ()
+
+    def of(self, name: str) -> tuple[Any, ...]:
+        """The parts of one type; none where the method makes none."""
+        return self.parts.get(name, ())
+
+    @property
+    def people(self) -> tuple[Person, ...]:
+        """In the order of their ids."""
+        return self.of("people")
+
+    @property
+    def hands(self) -> tuple[TrackedHand, ...]:
+        """In the order of their ids."""
+        return self.of("hands")
+
+    @property
+    def arms(self) -> tuple[TrackedArm, ...]:
+        """In the order of their ids."""
+        return self.of("arms")
+
+    @property
+    def objects(self) -> tuple[TrackedObject, ...]:
+        """By name."""
+        return self.of("objects")
+
+    @property
+    def points(self) -> TrackedPoints | None:
+        """Of which hands and objects were made; None where the method makes none."""
+        return next(iter(self.of("points")), None)
+
+    def with_parts(self, **parts: tuple[Any, ...]) -> Scene:
+        """The same scene with other parts of these types."""
+        return msgspec.structs.replace(self, parts={**self.parts, **parts})

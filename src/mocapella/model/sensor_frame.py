@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import msgspec
 
+from mocapella.model.topology import UNKNOWN_FIELD_OF_VIEW_DEG
+
 
 class SensorFrame(msgspec.Struct, frozen=True, eq=False):
     """What one sensor saw at one instant.
@@ -26,6 +28,33 @@ class SensorFrame(msgspec.Struct, frozen=True, eq=False):
     sent_ns: int
 
     @property
+    def bodies(self) -> int:
+        """How many things the frame has: what a table of sensors shows."""
+        return 0
+
+    @property
+    def field_of_view_deg(self) -> tuple[float, float]:
+        """Of the sensor, across and high [°]."""
+        return UNKNOWN_FIELD_OF_VIEW_DEG
+
+    @property
+    def for_the_take(self) -> bool:
+        """Whether a node sends it for takes only: no method has to use it."""
+        return False
+
+    @property
     def key(self) -> tuple[str, int, int]:
         """What identifies the frame: (sensor, node_id, sequence)."""
         return self.sensor, self.node_id, self.sequence
+
+
+class UnknownFrame(SensorFrame, frozen=True, eq=False):
+    """A frame of a type that no installed package reads; it is stored as it came.
+
+    Attributes:
+        kind: name of its type.
+        content: as the plug-in wrote it.
+    """
+
+    kind: str
+    content: bytes

@@ -112,10 +112,10 @@ class SensorHealth:
         tilt: as set up, or else as its frames say, upwards positive [rad].
         height: likewise, over the floor [m]; 0 where unknown.
         problem: what is wrong with it, for a person; empty when nothing is.
-        markers: whether it is a camera that sends markers.
+        pictures: whether it is a camera that can be asked for its picture.
         capture_offset: server's monotonic clock minus the clock of its captures, by arrivals alone, the smallest
             latency included [s]; None before the first frame.
-        sends: skeletons, markers, poses, arms or depth.
+        sends: the name of its frames' type, such as skeletons.
     """
 
     name: str
@@ -136,7 +136,7 @@ class SensorHealth:
     tilt: float
     height: float
     problem: str = ""
-    markers: bool = False
+    pictures: bool = False
     capture_offset: float | None = None
     sends: str = "skeletons"
 
@@ -173,7 +173,7 @@ class SessionStatus:
         revision: grows by one with every command carried out, so that two views can tell which came last.
         running: whether frames are tracked.
         phase, sensors_missing, frames_remaining, frames_wanted, reason: as in `mocapella.model.scene.TrackerState`.
-        people, hands, arms: in the newest scene.
+        counts: how many parts there are in the newest scene, by the name of their type.
         scenes: results so far.
         scenes_hz: results a second, over the last seconds.
         setup: what was set up last.
@@ -192,7 +192,6 @@ class SessionStatus:
     frames_remaining: int
     frames_wanted: int
     reason: str
-    people: int
     scenes: int
     scenes_hz: float
     setup: Setup
@@ -202,8 +201,7 @@ class SessionStatus:
     uptime: float
     version: str
     next_take: str = ""
-    hands: int = 0
-    arms: int = 0
+    counts: dict[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

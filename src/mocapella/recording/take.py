@@ -14,7 +14,7 @@ import msgspec
 
 from mocapella import __version__
 from mocapella.errors import DamagedTakeError, SchemaVersionError, SettingsError
-from mocapella.model.observations import Frame
+from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import Setup
 from mocapella.schema import SCHEMA_VERSION
 
@@ -83,7 +83,7 @@ class StoredFrame(msgspec.Struct, frozen=True, eq=False):
     """A frame, when the server stored it (its clock), and the very bytes that came."""
 
     log_ns: int
-    frame: Frame
+    frame: SensorFrame
     raw: bytes
 
 

@@ -5,17 +5,13 @@ The protobuf channels carry the descriptors of our messages, so that Foxglove an
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cache
-
-from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
-
 from mocapella import __version__
+from mocapella.model.frame_types import MessageFormat
 from mocapella.recording import take
 from mocapella.recording.mcap_file import McapFile
 from mocapella.recording.take import Run
-from mocapella.schema import message_of
-from mocapella.schema import mocapella_pb2 as pb
+from mocapella.schema import format_of
+from mocapella.schema.envelope import protobuf_format
 
 
 class TakeFile(McapFile):
@@ -40,7 +36,7 @@ class TakeFile(McapFile):
         self.add(take.RUNS, take.encode_run(run), run.info.started_ns, run.number)
 
     def _open(self, topic: str, data: bytes) -> int:
-        kind = channel_kind(topic, data)
+        kind = channel_format(topic, data)
         schema = self._schema_of.get(kind.schema_name)
         if schema is None:
             schema = self.add_schema(kind.schema_name, kind.schema_encoding, kind.schema)
@@ -48,31 +44,13 @@ class TakeFile(McapFile):
         return self.add_channel(topic, kind.encoding, schema)
 
 
-@dataclass(frozen=True)
-class ChannelKind:
-    """How a channel's messages are written."""
-
-    encoding: str
-    schema_name: str
-    schema_encoding: str
-    schema: bytes
-
-
-def channel_kind(topic: str, data: bytes) -> ChannelKind:
+def channel_format(topic: str, data: bytes) -> MessageFormat:
     """How the messages of a topic are written; ``data`` is the first of them."""
     if topic.startswith(take.FRAMES):
-        return _protobuf(message_of(data))
+        return format_of(data)
     if topic.startswith(take.TRUTH):
-        return _protobuf("Truth")
+        return protobuf_format("Truth")
     if topic == take.SCENES:
-        return _protobuf("Scene")
+        return protobuf_format("Scene")
     names = {take.RUNS: "Run", take.COMMANDS: "Command", take.STATUS: "SessionStatus", take.CLOCK: "ClockProbes"}
-    return ChannelKind("json", f"mocapella.{names[topic]}", "jsonschema", b'{"type":"object"}')
-
-
-@cache
-def _protobuf(message: str) -> ChannelKind:
-    file = FileDescriptorProto()
-    pb.DESCRIPTOR.CopyToProto(file)
-    schema = FileDescriptorSet(file=[file]).SerializeToString()
-    return ChannelKind("protobuf", f"mocapella.{message}", "protobuf", schema)
+    return MessageFormat("json", f"mocapella.{names[topic]}", "jsonschema", b'{"type":"object"}')

@@ -4,7 +4,7 @@ It is a room of its own because two others need it, the bus and the recording, a
 """
 
 from mocapella.schema.checks import MAX_BODIES, MAX_MESSAGE_BYTES, MAX_SCENE_BYTES, SCHEMA_VERSION
-from mocapella.schema.frames import decode_frame, encode_frame, message_of
+from mocapella.schema.frames import decode_frame, encode_frame, format_of
 from mocapella.schema.scenes import decode_scene, decode_truth, encode_scene, encode_truth
 
 __all__ = [
@@ -18,5 +18,5 @@ __all__ = [
     "encode_frame",
     "encode_scene",
     "encode_truth",
-    "message_of",
+    "format_of",
 ]

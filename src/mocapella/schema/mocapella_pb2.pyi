@@ -181,6 +181,52 @@ class ArmFrame(_message.Message):
     reason: str
     def __init__(self, schema_version: _Optional[int] = ..., sensor: _Optional[str] = ..., node_id: _Optional[int] = ..., sequence: _Optional[int] = ..., time_ns: _Optional[int] = ..., sent_ns: _Optional[int] = ..., width_px: _Optional[int] = ..., height_px: _Optional[int] = ..., lens: _Optional[bytes] = ..., method: _Optional[str] = ..., arms: _Optional[_Iterable[_Union[SeenArm, _Mapping]]] = ..., reason: _Optional[str] = ...) -> None: ...
 
+class ImageFrame(_message.Message):
+    __slots__ = ("schema_version", "sensor", "node_id", "sequence", "time_ns", "sent_ns", "width_px", "height_px", "format", "image", "empty_room")
+    SCHEMA_VERSION_FIELD_NUMBER: _ClassVar[int]
+    SENSOR_FIELD_NUMBER: _ClassVar[int]
+    NODE_ID_FIELD_NUMBER: _ClassVar[int]
+    SEQUENCE_FIELD_NUMBER: _ClassVar[int]
+    TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    SENT_NS_FIELD_NUMBER: _ClassVar[int]
+    WIDTH_PX_FIELD_NUMBER: _ClassVar[int]
+    HEIGHT_PX_FIELD_NUMBER: _ClassVar[int]
+    FORMAT_FIELD_NUMBER: _ClassVar[int]
+    IMAGE_FIELD_NUMBER: _ClassVar[int]
+    EMPTY_ROOM_FIELD_NUMBER: _ClassVar[int]
+    schema_version: int
+    sensor: str
+    node_id: int
+    sequence: int
+    time_ns: int
+    sent_ns: int
+    width_px: int
+    height_px: int
+    format: str
+    image: bytes
+    empty_room: bool
+    def __init__(self, schema_version: _Optional[int] = ..., sensor: _Optional[str] = ..., node_id: _Optional[int] = ..., sequence: _Optional[int] = ..., time_ns: _Optional[int] = ..., sent_ns: _Optional[int] = ..., width_px: _Optional[int] = ..., height_px: _Optional[int] = ..., format: _Optional[str] = ..., image: _Optional[bytes] = ..., empty_room: bool = ...) -> None: ...
+
+class OtherFrame(_message.Message):
+    __slots__ = ("schema_version", "sensor", "node_id", "sequence", "time_ns", "sent_ns", "kind", "content")
+    SCHEMA_VERSION_FIELD_NUMBER: _ClassVar[int]
+    SENSOR_FIELD_NUMBER: _ClassVar[int]
+    NODE_ID_FIELD_NUMBER: _ClassVar[int]
+    SEQUENCE_FIELD_NUMBER: _ClassVar[int]
+    TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    SENT_NS_FIELD_NUMBER: _ClassVar[int]
+    KIND_FIELD_NUMBER: _ClassVar[int]
+    CONTENT_FIELD_NUMBER: _ClassVar[int]
+    schema_version: int
+    sensor: str
+    node_id: int
+    sequence: int
+    time_ns: int
+    sent_ns: int
+    kind: str
+    content: bytes
+    def __init__(self, schema_version: _Optional[int] = ..., sensor: _Optional[str] = ..., node_id: _Optional[int] = ..., sequence: _Optional[int] = ..., time_ns: _Optional[int] = ..., sent_ns: _Optional[int] = ..., kind: _Optional[str] = ..., content: _Optional[bytes] = ...) -> None: ...
+
 class PotentialSkeleton(_message.Message):
     __slots__ = ("sensor", "tracking_id", "time_ns", "tilt_rad", "height_m", "T_world_sensor", "positions_m", "joint_states", "mirrored")
     SENSOR_FIELD_NUMBER: _ClassVar[int]
@@ -307,8 +353,58 @@ class Arm(_message.Message):
     cameras: _containers.RepeatedScalarFieldContainer[str]
     def __init__(self, id: _Optional[int] = ..., left: bool = ..., points_m: _Optional[bytes] = ..., point_states: _Optional[bytes] = ..., point_sd_m: _Optional[bytes] = ..., angles_rad: _Optional[bytes] = ..., T_world_palm: _Optional[bytes] = ..., gesture: _Optional[str] = ..., gesture_sure: _Optional[float] = ..., grabbing: bool = ..., person: _Optional[int] = ..., cameras: _Optional[_Iterable[str]] = ...) -> None: ...
 
+class BodyView(_message.Message):
+    __slots__ = ("camera", "overlap", "left_out", "outline_px", "contour_px")
+    CAMERA_FIELD_NUMBER: _ClassVar[int]
+    OVERLAP_FIELD_NUMBER: _ClassVar[int]
+    LEFT_OUT_FIELD_NUMBER: _ClassVar[int]
+    OUTLINE_PX_FIELD_NUMBER: _ClassVar[int]
+    CONTOUR_PX_FIELD_NUMBER: _ClassVar[int]
+    camera: str
+    overlap: float
+    left_out: str
+    outline_px: bytes
+    contour_px: bytes
+    def __init__(self, camera: _Optional[str] = ..., overlap: _Optional[float] = ..., left_out: _Optional[str] = ..., outline_px: _Optional[bytes] = ..., contour_px: _Optional[bytes] = ...) -> None: ...
+
+class Body(_message.Message):
+    __slots__ = ("id", "name", "build", "T_world_model", "angles_rad", "joint_names", "landmark_names", "landmarks_m", "landmark_states", "lost", "views", "person")
+    ID_FIELD_NUMBER: _ClassVar[int]
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    BUILD_FIELD_NUMBER: _ClassVar[int]
+    T_WORLD_MODEL_FIELD_NUMBER: _ClassVar[int]
+    ANGLES_RAD_FIELD_NUMBER: _ClassVar[int]
+    JOINT_NAMES_FIELD_NUMBER: _ClassVar[int]
+    LANDMARK_NAMES_FIELD_NUMBER: _ClassVar[int]
+    LANDMARKS_M_FIELD_NUMBER: _ClassVar[int]
+    LANDMARK_STATES_FIELD_NUMBER: _ClassVar[int]
+    LOST_FIELD_NUMBER: _ClassVar[int]
+    VIEWS_FIELD_NUMBER: _ClassVar[int]
+    PERSON_FIELD_NUMBER: _ClassVar[int]
+    id: int
+    name: str
+    build: str
+    T_world_model: bytes
+    angles_rad: bytes
+    joint_names: _containers.RepeatedScalarFieldContainer[str]
+    landmark_names: _containers.RepeatedScalarFieldContainer[str]
+    landmarks_m: bytes
+    landmark_states: bytes
+    lost: bool
+    views: _containers.RepeatedCompositeFieldContainer[BodyView]
+    person: int
+    def __init__(self, id: _Optional[int] = ..., name: _Optional[str] = ..., build: _Optional[str] = ..., T_world_model: _Optional[bytes] = ..., angles_rad: _Optional[bytes] = ..., joint_names: _Optional[_Iterable[str]] = ..., landmark_names: _Optional[_Iterable[str]] = ..., landmarks_m: _Optional[bytes] = ..., landmark_states: _Optional[bytes] = ..., lost: bool = ..., views: _Optional[_Iterable[_Union[BodyView, _Mapping]]] = ..., person: _Optional[int] = ...) -> None: ...
+
+class OtherPart(_message.Message):
+    __slots__ = ("kind", "content")
+    KIND_FIELD_NUMBER: _ClassVar[int]
+    CONTENT_FIELD_NUMBER: _ClassVar[int]
+    kind: str
+    content: bytes
+    def __init__(self, kind: _Optional[str] = ..., content: _Optional[bytes] = ...) -> None: ...
+
 class Scene(_message.Message):
-    __slots__ = ("schema_version", "step", "at_ns", "sensor", "node_id", "sequence", "topology", "phase", "sensors_missing", "frames_remaining", "frames_wanted", "reason", "people", "sensors", "hands", "points", "objects", "arms")
+    __slots__ = ("schema_version", "step", "at_ns", "sensor", "node_id", "sequence", "topology", "phase", "sensors_missing", "frames_remaining", "frames_wanted", "reason", "people", "sensors", "hands", "points", "objects", "arms", "bodies", "parts")
     SCHEMA_VERSION_FIELD_NUMBER: _ClassVar[int]
     STEP_FIELD_NUMBER: _ClassVar[int]
     AT_NS_FIELD_NUMBER: _ClassVar[int]
@@ -327,6 +423,8 @@ class Scene(_message.Message):
     POINTS_FIELD_NUMBER: _ClassVar[int]
     OBJECTS_FIELD_NUMBER: _ClassVar[int]
     ARMS_FIELD_NUMBER: _ClassVar[int]
+    BODIES_FIELD_NUMBER: _ClassVar[int]
+    PARTS_FIELD_NUMBER: _ClassVar[int]
     schema_version: int
     step: int
     at_ns: int
@@ -345,7 +443,9 @@ class Scene(_message.Message):
     points: Points
     objects: _containers.RepeatedCompositeFieldContainer[Object]
     arms: _containers.RepeatedCompositeFieldContainer[Arm]
-    def __init__(self, schema_version: _Optional[int] = ..., step: _Optional[int] = ..., at_ns: _Optional[int] = ..., sensor: _Optional[str] = ..., node_id: _Optional[int] = ..., sequence: _Optional[int] = ..., topology: _Optional[str] = ..., phase: _Optional[str] = ..., sensors_missing: _Optional[int] = ..., frames_remaining: _Optional[int] = ..., frames_wanted: _Optional[int] = ..., reason: _Optional[str] = ..., people: _Optional[_Iterable[_Union[Person, _Mapping]]] = ..., sensors: _Optional[_Iterable[_Union[SensorPlace, _Mapping]]] = ..., hands: _Optional[_Iterable[_Union[Hand, _Mapping]]] = ..., points: _Optional[_Union[Points, _Mapping]] = ..., objects: _Optional[_Iterable[_Union[Object, _Mapping]]] = ..., arms: _Optional[_Iterable[_Union[Arm, _Mapping]]] = ...) -> None: ...
+    bodies: _containers.RepeatedCompositeFieldContainer[Body]
+    parts: _containers.RepeatedCompositeFieldContainer[OtherPart]
+    def __init__(self, schema_version: _Optional[int] = ..., step: _Optional[int] = ..., at_ns: _Optional[int] = ..., sensor: _Optional[str] = ..., node_id: _Optional[int] = ..., sequence: _Optional[int] = ..., topology: _Optional[str] = ..., phase: _Optional[str] = ..., sensors_missing: _Optional[int] = ..., frames_remaining: _Optional[int] = ..., frames_wanted: _Optional[int] = ..., reason: _Optional[str] = ..., people: _Optional[_Iterable[_Union[Person, _Mapping]]] = ..., sensors: _Optional[_Iterable[_Union[SensorPlace, _Mapping]]] = ..., hands: _Optional[_Iterable[_Union[Hand, _Mapping]]] = ..., points: _Optional[_Union[Points, _Mapping]] = ..., objects: _Optional[_Iterable[_Union[Object, _Mapping]]] = ..., arms: _Optional[_Iterable[_Union[Arm, _Mapping]]] = ..., bodies: _Optional[_Iterable[_Union[Body, _Mapping]]] = ..., parts: _Optional[_Iterable[_Union[OtherPart, _Mapping]]] = ...) -> None: ...
 
 class Truth(_message.Message):
     __slots__ = ("schema_version", "sensor", "sequence", "room_ns", "topology", "people", "positions_m", "T_world_sensor", "body_people", "mirrored")

@@ -3,45 +3,37 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from functools import cache
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mocapella.errors import WireError, one_of
-from mocapella.model.scene import Person, Phase, PotentialSkeleton, Scene, SensorPlace, TrackerState
+from mocapella.model.part_types import PART_TYPES, PartType
+from mocapella.model.scene import Phase, Scene, SensorPlace, TrackerState, UnknownPart
 from mocapella.model.topology import Topology
 from mocapella.model.truth import Truth
 from mocapella.schema import mocapella_pb2 as pb
-from mocapella.schema.arms import decode_arm, encode_arm
 from mocapella.schema.checks import (
-    F4,
     F8,
     FLAGS,
     I8,
+    MAX_NAME,
     MAX_SCENE_BYTES,
     SCHEMA_VERSION,
-    STATES,
     array,
     choices,
-    deviations,
     known_topology,
     parse,
     points,
     sensor_name,
-    sensor_pose,
     transform,
-)
-from mocapella.schema.hands import (
-    decode_hand,
-    decode_object,
-    decode_points,
-    encode_hand,
-    encode_object,
-    encode_points,
 )
 
 _PHASES: Final = {phase.value: phase for phase in Phase}
+_SINGLE: Final = frozenset({"points"})
+"""Fields of a message ``Scene`` that have one part at most."""
 
 
 def encode_scene(scene: Scene) -> bytes:
@@ -60,22 +52,8 @@ def encode_scene(scene: Scene) -> bytes:
         frames_remaining=state.frames_remaining,
         frames_wanted=state.frames_wanted,
         reason=state.reason,
-        people=[
-            pb.Person(
-                id=person.id,
-                positions_m=person.positions.astype(F8, copy=False).tobytes(),
-                joint_states=person.states.tobytes(),
-                views=[_encode_view(view) for view in person.views],
-                joint_sd_m=b"" if person.sd is None else person.sd.astype(F4, copy=False).tobytes(),
-                name=person.name,
-            )
-            for person in scene.people
-        ],
         sensors=[_encode_place(place) for place in scene.sensors],
-        hands=[encode_hand(hand) for hand in scene.hands],
-        points=None if scene.points is None else encode_points(scene.points),
-        objects=[encode_object(thing) for thing in scene.objects],
-        arms=[encode_arm(arm) for arm in scene.arms],
+        **_encode_parts(scene.parts),
     )
     return message.SerializeToString()
 
@@ -91,17 +69,6 @@ def decode_scene(data: bytes) -> Scene:
     if m.phase not in _PHASES:
         phase = m.phase[:80]
         raise WireError(f"Scene.phase is {phase!r}; known: {one_of(phase, _PHASES)}")
-    people = tuple(
-        Person(
-            person.id,
-            points(person.positions_m, (len(kind), 3), "Person.positions_m"),
-            choices(person.joint_states, STATES, len(kind), "Person.joint_states"),
-            tuple(_decode_view(view, kind) for view in person.views),
-            _decode_sd(person.joint_sd_m, kind),
-            person.name,
-        )
-        for person in m.people
-    )
     state = TrackerState(_PHASES[m.phase], m.sensors_missing, m.frames_remaining, m.frames_wanted, m.reason)
     places = tuple(map(_decode_place, m.sensors))
     return Scene(
@@ -112,13 +79,49 @@ def decode_scene(data: bytes) -> Scene:
         m.sequence,
         kind,
         state,
-        people,
+        _decode_parts(m, kind),
         places,
-        tuple(map(decode_hand, m.hands)),
-        decode_points(m.points) if m.HasField("points") else None,
-        tuple(map(decode_object, m.objects)),
-        tuple(map(decode_arm, m.arms)),
     )
+
+
+def _encode_parts(parts: Mapping[str, tuple[Any, ...]]) -> dict[str, Any]:
+    """The fields of a message ``Scene`` that have a scene's parts."""
+    fields: dict[str, Any] = {}
+    others: list[Any] = []
+    for name, some in parts.items():
+        kind = PART_TYPES.get(name)
+        if kind is None:
+            others += [pb.OtherPart(kind=part.kind, content=part.content) for part in some]
+        elif not kind.field:
+            others += [pb.OtherPart(kind=name, content=kind.encode(part)) for part in some]
+        elif some:
+            written = [kind.encode(part) for part in some]
+            fields[kind.field] = written[0] if kind.field in _SINGLE else written
+    return {**fields, "parts": others} if others else fields
+
+
+def _decode_parts(m: Any, topology: Topology) -> dict[str, tuple[Any, ...]]:
+    """A scene's parts by the name of their type; an `UnknownPart` where no installed package has it."""
+    parts: dict[str, tuple[Any, ...]] = {}
+    for kind in _with_fields():
+        single = kind.field in _SINGLE
+        some = ([getattr(m, kind.field)] if m.HasField(kind.field) else []) if single else getattr(m, kind.field)
+        if some:
+            parts[kind.name] = tuple(kind.decode(part, topology) for part in some)
+    for other in m.parts:
+        if not 0 < len(other.kind) <= MAX_NAME:
+            raise WireError(f"OtherPart.kind is {other.kind[:MAX_NAME]!r}; 1 to {MAX_NAME} characters are wanted")
+        known = PART_TYPES.get(other.kind)
+        if known is not None and known.field:
+            raise WireError(f"OtherPart.kind is {other.kind!r}, which travels in Scene.{known.field}")
+        read = UnknownPart(other.kind, other.content) if known is None else known.decode(other.content, topology)
+        parts[other.kind] = (*parts.get(other.kind, ()), read)
+    return parts
+
+
+@cache
+def _with_fields() -> tuple[PartType, ...]:
+    return tuple(kind for kind in PART_TYPES.values() if kind.field)
 
 
 def encode_truth(truth: Truth) -> bytes:
@@ -160,10 +163,6 @@ def decode_truth(data: bytes) -> Truth:
     )
 
 
-def _decode_sd(data: bytes, kind: Topology) -> NDArray[np.float32] | None:
-    return deviations(data, len(kind), "Person.joint_sd_m") if data else None
-
-
 def _encode_place(place: SensorPlace) -> Any:
     T = place.T_world_sensor
     return pb.SensorPlace(
@@ -188,33 +187,4 @@ def _decode_place(place: Any) -> SensorPlace:
         place.rotation_sd_rad,
         place.quality,
         place.problem,
-    )
-
-
-def _encode_view(view: PotentialSkeleton) -> Any:
-    return pb.PotentialSkeleton(
-        sensor=view.sensor,
-        tracking_id=view.tracking_id,
-        time_ns=view.time_ns,
-        tilt_rad=view.tilt,
-        height_m=view.height,
-        T_world_sensor=view.T_world_sensor[:3].astype(F8, copy=False).tobytes(),
-        positions_m=view.positions.astype(F8, copy=False).tobytes(),
-        joint_states=view.states.tobytes(),
-        mirrored=view.mirrored,
-    )
-
-
-def _decode_view(view: Any, kind: Topology) -> PotentialSkeleton:
-    sensor_pose(view.tilt_rad, view.height_m, "PotentialSkeleton")
-    return PotentialSkeleton(
-        sensor_name(view.sensor),
-        view.tracking_id,
-        view.time_ns,
-        view.tilt_rad,
-        view.height_m,
-        transform(view.T_world_sensor, "PotentialSkeleton.T_world_sensor"),
-        points(view.positions_m, (len(kind), 3), "PotentialSkeleton.positions_m"),
-        choices(view.joint_states, STATES, len(kind), "PotentialSkeleton.joint_states"),
-        view.mirrored,
     )

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,25 +24,19 @@ from mocapella.conventions import NS_PER_S
 from mocapella.geometry.rigid import inverse, rigid, rotation_about_x
 from mocapella.model.arms import ArmFrame
 from mocapella.model.camera import CameraRig
-from mocapella.model.depth import DepthFrame
 from mocapella.model.memory import pack, unpack
-from mocapella.model.observations import Arrival, BodyFrame, Frame
+from mocapella.model.observations import Arrival
 from mocapella.model.scene import Phase, Scene, SensorPlace, TrackedArm, TrackerState
 from mocapella.model.session import SensorPose
 from mocapella.model.topology import topology
 from mocapella.settings import check
 from mocapella.tracker.arm_tracks import REMEMBERED as TRACKS_REMEMBERED
 from mocapella.tracker.arm_tracks import TO_SENSOR, ArmTracks, ArmTracksSettings
-from mocapella.tracker.arrivals import for_the_take, time_problem
-from mocapella.tracker.protocol import TrackerReport
+from mocapella.tracker.arrivals import time_problem
+from mocapella.tracker.method import not_taken
+from mocapella.tracker.protocol import TrackerReport, scene_at
 
 Float64 = NDArray[np.float64]
-
-NO_BODIES: Final = "it sends skeletons, of which the method arms makes nothing: set up the method default"
-NO_IMAGES: Final = (
-    "it sends depth images; `mocapella node arm` finds the arms in them and sends those, under a name of their own"
-)
-NO_MARKERS: Final = "it sends markers or poses, of which the method arms makes nothing: set up the method hands"
 
 
 @dataclass(frozen=True)
@@ -171,16 +165,18 @@ class ArmsTracker:
         return self._places
 
     def update(self, arrival: Arrival) -> Scene:
-        """Take one frame in and say what there is now. A frame that cannot be used is counted and changes nothing.
-
-        Nor do images that a camera's node sends beside its arms, for the take.
-        """
-        frame = arrival.frame
-        if problem := self._problem(frame):
+        """Take one frame in and say what there is now. A frame that cannot be used is counted and changes nothing."""
+        frame: Any = arrival.frame
+        if type(frame) is not ArmFrame:
+            problem = not_taken(frame, "arms")
+        elif not (problem := self._problem(frame)):
+            self._see(arrival, frame)
+        if problem:
             self._rejected[problem] += 1
-            return self._scene(arrival)
-        if not isinstance(frame, ArmFrame):
-            return self._scene(arrival)
+        return self._scene(arrival)
+
+    def _see(self, arrival: Arrival, frame: ArmFrame) -> None:
+        """Take in what a depth camera saw of arms."""
         camera = frame.sensor
         self._newest[camera] = (frame.node_id, frame.time_ns)
         self._heard_ns[camera] = arrival.at_ns
@@ -195,13 +191,8 @@ class ArmsTracker:
             self._arms = self._tracks.told()
         self._places = self._say_places()
         self._state = self._stand()
-        return self._scene(arrival)
 
-    def _problem(self, frame: Frame) -> str:
-        if isinstance(frame, DepthFrame):
-            return "" if for_the_take(frame) else NO_IMAGES
-        if not isinstance(frame, ArmFrame):
-            return NO_BODIES if isinstance(frame, BodyFrame) else NO_MARKERS
+    def _problem(self, frame: ArmFrame) -> str:
         placed = None if self.camera_rig is None else self.camera_rig.cameras.get(frame.sensor)
         if placed is not None and placed.camera.size_px != frame.size_px:
             told, size = (f"{w} × {h}" for w, h in (frame.size_px, placed.camera.size_px))
@@ -264,20 +255,9 @@ class ArmsTracker:
         return SensorPlace(name, T @ TO_SENSOR, sd, turn, words, problem)
 
     def _scene(self, arrival: Arrival) -> Scene:
-        frame, step = arrival.frame, self._steps
-        self._steps += 1
-        return Scene(
-            step=step,
-            at_ns=arrival.at_ns,
-            sensor=frame.sensor,
-            node_id=frame.node_id,
-            sequence=frame.sequence,
-            topology=topology("hand"),
-            state=self._state,
-            people=(),
-            sensors=self._places,
-            arms=self._arms,
-        )
+        step, self._steps = self._steps, self._steps + 1
+        parts = {"arms": self._arms}
+        return scene_at(arrival, step, self._state, parts, topology=topology("hand"), sensors=self._places)
 
 
 def _one_part(reason: str) -> str:

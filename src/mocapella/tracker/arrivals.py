@@ -3,41 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Final
+from typing import Any
 
 import msgspec
 
 from mocapella.conventions import NS_PER_S
-from mocapella.model.arms import ArmFrame
 from mocapella.model.bodies import Bodies, tracked_bodies
-from mocapella.model.depth import IMAGES_SUFFIX, DepthFrame
-from mocapella.model.markers import MarkerFrame
-from mocapella.model.observations import Arrival, BodyFrame, Frame
-from mocapella.model.poses import PoseFrame
+from mocapella.model.observations import Arrival, BodyFrame
+from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.topology import Topology
 
-NO_BODIES: Final = "it sends markers, of which this method makes no people: set up the method hands"
 
-NO_POSES: Final = "it sends poses of another tracker, of which this method makes nothing: set up the method hands"
-
-NO_ARMS: Final = (
-    "it sends arms of a depth camera, of which this method makes nothing: set up the method arms, or default "
-    "for people and their arms; a take keeps them"
-)
-
-NO_DEPTH: Final = (
-    "it sends depth images, of which no method makes people; a take keeps them, mocapella arm finds arms in them"
-)
-
-_NOT_BODIES: Final = {MarkerFrame: NO_BODIES, PoseFrame: NO_POSES, ArmFrame: NO_ARMS, DepthFrame: NO_DEPTH}
-
-
-def for_the_take(frame: Frame) -> bool:
-    """Whether a depth camera's node sends this beside its arms, for takes: no method has to use it."""
-    return isinstance(frame, DepthFrame) and frame.sensor.endswith(IMAGES_SUFFIX)
-
-
-def time_problem(frame: Frame, last: tuple[int, int] | None) -> str:
+def time_problem(frame: SensorFrame, last: tuple[int, int] | None) -> str:
     """Why a frame cannot follow its sensor's last one; empty where it can: a new process may have a new clock.
 
     Args:
@@ -88,10 +65,8 @@ class Arrivals:
         self._now_ns: int | None = None
 
     def update(self, arrival: Arrival) -> Heard:
-        """Take a frame in, unless there is a problem with it."""
-        frame = arrival.frame
-        if not isinstance(frame, BodyFrame):
-            return Heard(_NOT_BODIES[type(frame)], frame.sensor, False, {})
+        """Take a frame of bodies in, unless there is a problem with it."""
+        frame: Any = arrival.frame
         bodies = tracked_bodies(frame)
         last = self._last.get(frame.sensor)
         node_changed = last is not None and last.frame.node_id != frame.node_id

@@ -13,10 +13,10 @@ See docs/methods/default.md.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 import numpy as np
@@ -52,13 +52,15 @@ from mocapella.model.scene import (
     TrackedArm,
     TrackerState,
 )
+from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import SensorPose
 from mocapella.settings import check
-from mocapella.tracker.arrivals import Arrivals, Heard, Sighting, for_the_take
+from mocapella.tracker.arrivals import Arrivals, Heard, Sighting
+from mocapella.tracker.method import not_taken
 from mocapella.tracker.people import People, PeopleMemory, PeopleSettings, Sights, Told
 from mocapella.tracker.people_arms import REMEMBERED as ARMS_REMEMBERED
 from mocapella.tracker.people_arms import PeopleArms, PeopleArmsSettings
-from mocapella.tracker.protocol import SensorViews, TrackerReport
+from mocapella.tracker.protocol import SensorViews, TrackerReport, scene_at
 
 JOINT_BIAS: Final = ("learnt", "none")
 """What is taken off the views: what was learnt with this version, or nothing."""
@@ -128,6 +130,10 @@ class DefaultTracker:
         self._jumps = Jumps(self.settings.jumps)
         self._tracks = Tracks(self.settings.tracks)
         self._arms = PeopleArms(self.settings.arms)
+        self._see: dict[type[SensorFrame], Callable[[Arrival], str]] = {
+            BodyFrame: self._see_bodies,
+            ArmFrame: self._see_arms,
+        }
         self.reset()
 
     def reset(self) -> None:
@@ -219,18 +225,18 @@ class DefaultTracker:
         return TrackerReport(self._steps, self._steps - self._rejected.total(), dict(self._rejected), 0, 0)
 
     def update(self, arrival: Arrival) -> Scene:
-        """Take one frame in and say what there is now. A frame that cannot be used is counted and changes nothing.
+        """Take one frame in and say what there is now. A frame that cannot be used is counted and changes nothing."""
+        see = self._see.get(type(arrival.frame))
+        problem = not_taken(arrival.frame, "default") if see is None else see(arrival)
+        if problem:
+            self._rejected[problem] += 1
+        return self._scene(arrival)
 
-        Nor do images that a depth camera's node sends beside its arms, for the take.
-        """
-        if isinstance(arrival.frame, ArmFrame):
-            return self._see_arms(arrival, arrival.frame)
-        if for_the_take(arrival.frame):
-            return self._scene(arrival)
+    def _see_bodies(self, arrival: Arrival) -> str:
+        """Take in what a sensor saw of people's bodies; returns why it cannot be used."""
         heard = self._arrivals.update(arrival)
         if heard.problem:
-            self._rejected[heard.problem] += 1
-            return self._scene(arrival)
+            return heard.problem
         if self._people is None:
             self._people = People(self.settings.people, heard.newest[heard.sensor].frame.topology)
         sighting = self._without_jumps(heard.newest[heard.sensor], self._people)
@@ -240,17 +246,17 @@ class DefaultTracker:
         self._state = self._stand(heard)
         self._shown = self._show(heard, self._people)
         self._tell_arms(arrival.at_ns)
-        return self._scene(arrival)
+        return ""
 
-    def _see_arms(self, arrival: Arrival, frame: ArmFrame) -> Scene:
-        """Take in what a depth camera saw of people's arms."""
+    def _see_arms(self, arrival: Arrival) -> str:
+        """Take in what a depth camera saw of people's arms; returns why it cannot be used."""
+        frame: Any = arrival.frame
         placed = {name: self._T_world_root @ T for name, T in self._T_root_sensor.items()}
         if problem := self._arms.problem(frame, placed):
-            self._rejected[problem] += 1
-            return self._scene(arrival)
+            return problem
         self._arms.update(frame, arrival.at_ns / NS_PER_S, placed)
         self._tell_arms(arrival.at_ns)
-        return self._scene(arrival)
+        return ""
 
     def _tell_arms(self, at_ns: int) -> None:
         if self._shown_arms or self._arms.there:
@@ -427,20 +433,9 @@ class DefaultTracker:
         ]
 
     def _scene(self, arrival: Arrival) -> Scene:
-        frame, step = arrival.frame, self._steps
-        self._steps += 1
-        return Scene(
-            step=step,
-            at_ns=arrival.at_ns,
-            sensor=frame.sensor,
-            node_id=frame.node_id,
-            sequence=frame.sequence,
-            topology=self._arrivals.topology or frame.topology,
-            state=self._state,
-            people=self._shown,
-            sensors=self._places,
-            arms=self._shown_arms,
-        )
+        step, self._steps = self._steps, self._steps + 1
+        parts = {"people": self._shown, "arms": self._shown_arms}
+        return scene_at(arrival, step, self._state, parts, topology=self._arrivals.topology, sensors=self._places)
 
 
 @lru_cache(maxsize=64)

@@ -13,8 +13,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import msgspec
 import numpy as np
@@ -28,21 +29,21 @@ from mocapella.fusion.object_poses import ObjectPoseSettings
 from mocapella.geometry.rigid import inverse
 from mocapella.kinematics.grasp import GraspSettings
 from mocapella.kinematics.hand_tracker import HandReport, HandSettings, HandTracker, _State, base_layout
-from mocapella.model.arms import ArmFrame
 from mocapella.model.camera import CameraRig
-from mocapella.model.depth import DepthFrame
 from mocapella.model.hand import ConstraintSet, Hand, HandShape, hand_model
 from mocapella.model.markers import MarkerFrame
 from mocapella.model.memory import pack, unpack
-from mocapella.model.observations import Arrival, BodyFrame
+from mocapella.model.observations import Arrival
 from mocapella.model.poses import PoseFrame
 from mocapella.model.scene import Phase, Scene, SensorPlace, TrackedHand, TrackedObject, TrackedPoints, TrackerState
+from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.space import SpaceAlignment
 from mocapella.model.topology import topology
 from mocapella.settings import check
 from mocapella.smoothing.one_euro import OneEuro, OneEuroSettings
 from mocapella.tracker.arrivals import time_problem
-from mocapella.tracker.protocol import TrackerReport
+from mocapella.tracker.method import not_taken
+from mocapella.tracker.protocol import TrackerReport, scene_at
 from mocapella.tracker.things import REMEMBERED, UNSAID_SD_PX, ObjectSettings, Things
 
 Float64 = NDArray[np.float64]
@@ -118,6 +119,13 @@ class HandsSettings:
         return (*self.hand_markers, *(name for thing in self.objects for name in thing.points))
 
 
+class _Taken(NamedTuple):
+    """What is done with frames of a type: why one cannot be used, empty where it can; and take it in."""
+
+    problem: Callable[[Any], str]
+    see: Callable[[Arrival], None]
+
+
 class HandsTracker:
     """See the module. Cameras that are not in the rig are refused."""
 
@@ -145,6 +153,10 @@ class HandsTracker:
         self._things = Things(self.rig, s.objects, s.poses, s.grasp)
         self._spaces = {one.space: one for one in s.spaces}
         self._places = {name: _place(name, camera.T_camera_world) for name, camera in sorted(cameras.items())}
+        self._takes: dict[type[SensorFrame], _Taken] = {
+            MarkerFrame: _Taken(self._markers_problem, self._see_markers),
+            PoseFrame: _Taken(self._bodies_problem, self._see_poses),
+        }
         self.reset()
 
     def reset(self) -> None:
@@ -207,18 +219,29 @@ class HandsTracker:
 
     def update(self, arrival: Arrival) -> Scene:
         """Take one frame in and say what there is now. A frame that cannot be used is counted and changes nothing."""
-        problem = self._problem(arrival)
+        frame = arrival.frame
+        takes = self._takes.get(type(frame))
+        if takes is None:
+            problem = not_taken(frame, "hands")
+        elif not (problem := takes.problem(frame) or time_problem(frame, self._newest.get(frame.sensor))):
+            self._newest[frame.sensor] = (frame.node_id, frame.time_ns)
+            takes.see(arrival)
         if problem:
             self._rejected[problem] += 1
-            return self._scene(arrival)
-        frame, at_s = arrival.frame, arrival.at_ns / NS_PER_S
-        self._newest[frame.sensor] = (frame.node_id, frame.time_ns)
-        if isinstance(frame, PoseFrame):
-            space = self._spaces[frame.space]
-            self._things.hear(frame, space.T_world_space, at_s - space.clock_s)
-            self._said = self._with_things(self._said, max(at_s - space.clock_s, self._told_s))
-            return self._scene(arrival)
-        assert isinstance(frame, MarkerFrame)
+        return self._scene(arrival)
+
+    def _see_poses(self, arrival: Arrival) -> None:
+        """Take in where another tracker says that objects are."""
+        frame: Any = arrival.frame
+        space = self._spaces[frame.space]
+        at_s = arrival.at_ns / NS_PER_S - space.clock_s
+        self._things.hear(frame, space.T_world_space, at_s)
+        self._said = self._with_things(self._said, max(at_s, self._told_s))
+
+    def _see_markers(self, arrival: Arrival) -> None:
+        """Take in the markers that a camera sees."""
+        frame: Any = arrival.frame
+        at_s = arrival.at_ns / NS_PER_S
         self._heard_ns[frame.sensor] = arrival.at_ns
         pixels, sd = self._in_order(frame)
         self._rig_fit.update(frame.sensor, pixels, at_s)
@@ -228,18 +251,6 @@ class HandsTracker:
         self._things.see(frame, at_s, marker_sd_px=self.settings.middle_sd_px, tag_sd_px=self.settings.tag_sd_px)
         self._state = self._stand(arrival.at_ns)
         self._said = self._describe(points, arrival.at_ns)
-        return self._scene(arrival)
-
-    def _problem(self, arrival: Arrival) -> str:
-        frame = arrival.frame
-        if isinstance(frame, BodyFrame):
-            return "it sends skeletons, of which the method hands makes nothing: set up the method default"
-        if isinstance(frame, ArmFrame | DepthFrame):
-            what = "arms" if isinstance(frame, ArmFrame) else "depth images"
-            return f"it sends {what} of a depth camera, of which the method hands makes nothing; a take keeps them"
-        if problem := self._bodies_problem(frame) if isinstance(frame, PoseFrame) else self._markers_problem(frame):
-            return problem
-        return time_problem(frame, self._newest.get(frame.sensor))
 
     def _bodies_problem(self, frame: PoseFrame) -> str:
         if frame.space not in self._spaces:
@@ -311,22 +322,11 @@ class HandsTracker:
         return (TrackedHand(self._hand_id, left, hand.landmarks, hand.states, sd, hand.angles, hand.T_world_palm),)
 
     def _scene(self, arrival: Arrival) -> Scene:
-        frame, step, said = arrival.frame, self._steps, self._said
-        self._steps += 1
-        return Scene(
-            step=step,
-            at_ns=arrival.at_ns,
-            sensor=frame.sensor,
-            node_id=frame.node_id,
-            sequence=frame.sequence,
-            topology=topology("hand"),
-            state=self._state,
-            people=(),
-            sensors=tuple(self._places.values()),
-            hands=said.hands,
-            points=said.points,
-            objects=said.objects,
-        )
+        step, self._steps, said = self._steps, self._steps + 1, self._said
+        points = () if said.points is None else (said.points,)
+        parts = {"hands": said.hands, "points": points, "objects": said.objects}
+        places = tuple(self._places.values())
+        return scene_at(arrival, step, self._state, parts, topology=topology("hand"), sensors=places)
 
 
 class _Said(msgspec.Struct, frozen=True, eq=False):

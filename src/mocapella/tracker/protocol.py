@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import msgspec
 import numpy as np
@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from mocapella.calibration.rig import Rig
 from mocapella.model.bodies import BodyKey
 from mocapella.model.observations import Arrival
-from mocapella.model.scene import Scene
+from mocapella.model.scene import Scene, SensorPlace, TrackerState
+from mocapella.model.topology import Topology
+from mocapella.model.topology import topology as named_topology
 
 Float64 = NDArray[np.float64]
 
@@ -50,6 +52,30 @@ class SensorViews(msgspec.Struct, frozen=True, eq=False):
     T_world_sensor: Mapping[str, Float64]
     time_offset_s: Mapping[str, float] = {}
     swapped: frozenset[BodyKey] = frozenset()
+
+
+def scene_at(
+    arrival: Arrival,
+    step: int,
+    state: TrackerState,
+    parts: Mapping[str, tuple[Any, ...]],
+    *,
+    topology: Topology | None = None,
+    sensors: tuple[SensorPlace, ...] = (),
+) -> Scene:
+    """The scene of a step.
+
+    Args:
+        arrival: whose frame made it.
+        step: its number.
+        state: where the tracker stands.
+        parts: by the name of their type.
+        topology: of the skeletons; any where there are none.
+        sensors: where they stand.
+    """
+    frame = arrival.frame
+    of = topology or named_topology("kinect_v2")
+    return Scene(step, arrival.at_ns, frame.sensor, frame.node_id, frame.sequence, of, state, parts, sensors)
 
 
 class Tracker(Protocol):

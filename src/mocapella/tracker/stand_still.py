@@ -25,8 +25,9 @@ from mocapella.model.observations import Arrival, BodyFrame, JointState
 from mocapella.model.scene import Float64, Person, Phase, PotentialSkeleton, Scene, TrackerState
 from mocapella.model.session import SensorPose
 from mocapella.settings import check
-from mocapella.tracker.arrivals import Arrivals, Heard, Sighting, for_the_take
-from mocapella.tracker.protocol import TrackerReport
+from mocapella.tracker.arrivals import Arrivals, Heard, Sighting
+from mocapella.tracker.method import not_taken
+from mocapella.tracker.protocol import TrackerReport, scene_at
 
 
 @dataclass(frozen=True)
@@ -109,46 +110,37 @@ class StandStillTracker:
         return TrackerReport(self._steps, kept, dict(self._rejected), calibration.completed, calibration.restarts)
 
     def update(self, arrival: Arrival) -> Scene:
-        """Take one frame in and say what there is now. A frame that cannot be used is counted and changes nothing.
+        """Take one frame in and say what there is now. A frame that cannot be used is counted and changes nothing."""
+        bodies = type(arrival.frame) is BodyFrame
+        problem = self._see_bodies(arrival) if bodies else not_taken(arrival.frame, "stand-still")
+        if problem:
+            self._rejected[problem] += 1
+        return self._scene(arrival)
 
-        Nor do images that a depth camera's node sends beside its arms, for the take.
-        """
-        if for_the_take(arrival.frame):
-            return self._scene(arrival)
+    def _see_bodies(self, arrival: Arrival) -> str:
+        """Take in what a sensor saw; returns why it cannot be used."""
         heard = self._arrivals.update(arrival)
         if heard.problem:
-            self._rejected[heard.problem] += 1
-        else:
-            if heard.node_changed:
-                self._calibration.restart(f"{heard.sensor}: its node was started again")
-            bodies = heard.newest[heard.sensor].bodies
-            if self._calibration.unknown(bodies):
-                self._rename(heard.sensor, regained(bodies, self._people, self.settings.regain_within_m))
-            calibration = self._calibration.update(bodies, heard.newest)
-            views = self._views.update(heard, calibration)
-            people = self._pairs.update(views, calibration.number)
-            self._people = fuse(people)
-            self._state = calibration.state
-        return self._scene(arrival)
+            return heard.problem
+        if heard.node_changed:
+            self._calibration.restart(f"{heard.sensor}: its node was started again")
+        bodies = heard.newest[heard.sensor].bodies
+        if self._calibration.unknown(bodies):
+            self._rename(heard.sensor, regained(bodies, self._people, self.settings.regain_within_m))
+        calibration = self._calibration.update(bodies, heard.newest)
+        views = self._views.update(heard, calibration)
+        people = self._pairs.update(views, calibration.number)
+        self._people = fuse(people)
+        self._state = calibration.state
+        return ""
 
     def _rename(self, sensor: str, new_ids: Mapping[int, int]) -> None:
         self._calibration.rename(sensor, new_ids)
         self._pairs.rename(sensor, new_ids)
 
     def _scene(self, arrival: Arrival) -> Scene:
-        frame, step = arrival.frame, self._steps
-        self._steps += 1
-        topology = self._arrivals.topology or frame.topology
-        return Scene(
-            step=step,
-            at_ns=arrival.at_ns,
-            sensor=frame.sensor,
-            node_id=frame.node_id,
-            sequence=frame.sequence,
-            topology=topology,
-            state=self._state,
-            people=self._people,
-        )
+        step, self._steps = self._steps, self._steps + 1
+        return scene_at(arrival, step, self._state, {"people": self._people}, topology=self._arrivals.topology)
 
 
 class CalibratedBodies(msgspec.Struct, frozen=True, eq=False):

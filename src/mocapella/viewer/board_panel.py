@@ -183,7 +183,7 @@ class BoardPlace:
         if progress is None:
             return
         if self._panel is None:
-            if status is None or not any(row.markers for row in status.sensors):
+            if status is None or not any(row.pictures for row in status.sensors):
                 return
             self._panel = self._make(status.setup.method != "hands")
         self._panel.show(progress)

@@ -9,8 +9,9 @@ import numpy as np
 import viser
 
 from mocapella.model.board_progress import BoardProgress
-from mocapella.model.observations import BodyFrame, Frame
+from mocapella.model.observations import BodyFrame
 from mocapella.model.scene import Person, Scene
+from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import SessionStatus
 from mocapella.model.topology import UNKNOWN_FIELD_OF_VIEW_DEG
 from mocapella.viewer import layout
@@ -47,7 +48,7 @@ class Known:
     seen: Perspectives = field(default_factory=Perspectives)
     trails: Trails = field(default_factory=Trails)
 
-    def learn(self, scene: Scene | None, frames: Mapping[str, Frame], status: SessionStatus | None) -> None:
+    def learn(self, scene: Scene | None, frames: Mapping[str, SensorFrame], status: SessionStatus | None) -> None:
         """Take up the newest."""
         self.colours.learn({row.name for row in status.sensors} if status else set())
         self.colours.learn(set(frames))
@@ -57,7 +58,7 @@ class Known:
             self.trails.learn(scene, self.seen.world)
         poses = status.setup.sensors if status else {}
         for name, frame in frames.items():
-            self.fields[name] = frame.topology.field_of_view_deg
+            self.fields[name] = frame.field_of_view_deg
             if not isinstance(frame, BodyFrame):
                 continue
             self.floors.learn_frame(frame, poses.get(name))

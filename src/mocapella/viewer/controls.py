@@ -41,8 +41,8 @@ def allowed(status: SessionStatus | None) -> Allowed:
 
 
 def makes_people(status: SessionStatus | None) -> bool:
-    """Whether people can be there; not where the method makes arms or hands alone."""
-    return status is None or status.setup.method not in ("arms", "hands")
+    """Whether people can be there; not where the method makes other parts alone."""
+    return status is None or not status.counts or "people" in status.counts
 
 
 def progress_percent(status: SessionStatus | None) -> float | None:

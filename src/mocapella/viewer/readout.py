@@ -8,6 +8,8 @@ from pathlib import PurePath
 from types import MappingProxyType
 
 from mocapella.model.conditions import conditions, trouble
+from mocapella.model.frame_types import FRAME_TYPES
+from mocapella.model.part_types import PART_TYPES
 from mocapella.model.scene import Person, Phase, SensorPlace
 from mocapella.model.session import RecordingHealth, SensorHealth, SessionStatus
 from mocapella.viewer.palette import AMBER, BLUE, GREEN, GREY, RED, Rgb, SensorColours, person_colour
@@ -20,17 +22,8 @@ _PHASE_COLOUR: dict[str, str] = {
     Phase.NEEDS_RECALIBRATION: _AMBER,
     Phase.STOPPED: _GREY,
 }
-_NOTHING = {"arms": "No arm is in view", "hands": "No hand is in view"}
-"""By method: what an empty stage says; of all others, that nobody is there."""
 _NEWEST_NOTICES = 4
 _MOST_LINES, _LONGEST_LINE = 3, 110
-_COUNTED = {
-    "skeletons": ("person", "people"),
-    "markers": ("marker", "markers"),
-    "poses": ("body", "bodies"),
-    "arms": ("arm", "arms"),
-}
-"""One and many of what a sensor sends; a depth image has none."""
 _SWAPPED = "⇄"
 _SMALL = "font-size:13px;line-height:1.45"
 NO_SENSOR = "No sensor delivers"
@@ -43,25 +36,31 @@ def status_html(status: SessionStatus | None) -> str:
         return _headline("No server", _RED, "Waiting for the server; start it with: mocapella serve", "")
     silent = _silent(status)
     title, colour = status.phase.capitalize(), _PHASE_COLOUR.get(status.phase, _GREY)
-    people, sensors = status.people, _plural(len(status.sensors), "sensor", "sensors")
+    counts, sensors = status.counts, _plural(len(status.sensors), "sensor", "sensors")
     if status.running and silent:
         colour, sensors = _AMBER, f"{len(status.sensors) - len(silent)} of {sensors}"
         if len(silent) == len(status.sensors):
-            title, colour, people = NO_SENSOR, _RED, 0
+            title, colour, counts = NO_SENSOR, _RED, {}
     elif status.phase == Phase.TRACKING and _conditions(status, silent):
         colour = _AMBER
-    facts = f"{_who(status, people)} · {sensors} · {status.scenes_hz:.0f} results/s"
+    facts = f"{_counted(counts)} · {sensors} · {status.scenes_hz:.0f} results/s"
     return _headline(title, colour, _detail(status, silent), facts)
 
 
-def _who(status: SessionStatus, people: int) -> str:
-    """What there is of that which the method makes."""
-    if status.setup.method == "hands":
-        return _plural(status.hands, "hand", "hands")
-    arms = _plural(status.arms, "arm", "arms")
-    if status.setup.method == "arms":
-        return arms
-    return _plural(people, "person", "people") + (f" · {arms}" if status.arms else "")
+def _counted(counts: Mapping[str, int]) -> str:
+    """What the newest scene has: the part types that there are, and people where there are none."""
+    said = []
+    for name, count in counts.items():
+        kind = PART_TYPES.get(name)
+        if kind is not None and kind.counted is not None and (count or name == next(iter(counts))):
+            said.append(_plural(count, *kind.counted))
+    return " · ".join(said) or _plural(0, "person", "people")
+
+
+def _none_of(counts: Mapping[str, int]) -> str:
+    """What an empty stage says: of the parts that the method is about, which it names first."""
+    kind = PART_TYPES.get(next(iter(counts), ""))
+    return kind.none if kind is not None and kind.none else "Nobody is in view"
 
 
 def stage_text(status: SessionStatus | None) -> str:
@@ -74,7 +73,7 @@ def stage_text(status: SessionStatus | None) -> str:
     if status.phase == Phase.STOPPED:
         why = "press Start to track"
     elif status.phase == Phase.TRACKING:
-        title, why = _NOTHING.get(status.setup.method, "Nobody is in view"), ""
+        title, why = _none_of(status.counts), ""
     elif status.phase == Phase.CALIBRATING:
         still = status.frames_remaining and not status.reason.startswith("nobody")
         why = f"stand still ({_to_go(status)})" if still else " · ".join(_conditions(status, {}))
@@ -193,7 +192,11 @@ def _sensor_row(row: SensorHealth, colour: Rgb, place: SensorPlace | None) -> st
     health, health_colour = _health(row)
     where = " (this machine)" if row.local else ""
     dropped = row.dropped + row.rejected
-    seen = _plural(row.bodies, *_COUNTED[row.sends]) if row.sends in _COUNTED else "depth images"
+    kind = FRAME_TYPES.get(row.sends)
+    if kind is None or kind.counted is None:
+        seen = escape(row.sends if kind is None else kind.shown or kind.name)
+    else:
+        seen = _plural(row.bodies, *kind.counted)
     facts = [seen, f"{row.rate_hz:.1f} Hz"]
     if row.latency is not None and not row.silent:
         facts.append(f"latency {row.latency * 1000:.1f} ms")

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from mocapella.geometry.rigid import apply, inverse
 from mocapella.model.arms import ArmFrame
 from mocapella.model.markers import MarkerFrame
-from mocapella.model.observations import BodyFrame, Frame
+from mocapella.model.observations import BodyFrame
 from mocapella.model.scene import Person, Scene
+from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.topology import UNKNOWN_FIELD_OF_VIEW_DEG
 from mocapella.viewer import layout
 from mocapella.viewer.arms import SCALE as ARMS_SCALE
@@ -270,7 +271,7 @@ class SensorsStage:
         self._floors: list[FloorNode] = []
         self._sensors: dict[str, SensorNode] = {}
 
-    def draw(self, frames: Mapping[str, Frame], floors: Floors) -> None:
+    def draw(self, frames: Mapping[str, SensorFrame], floors: Floors) -> None:
         """Show each sensor's newest frame; the lane of a sensor without one is empty."""
         sensors = self._colours.sensors
         origins = layout.lane_origins(len(sensors))

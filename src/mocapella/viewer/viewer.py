@@ -9,8 +9,8 @@ from typing import Any
 
 from mocapella.errors import BusError
 from mocapella.model.board_progress import BoardProgress
-from mocapella.model.observations import Frame
 from mocapella.model.scene import Scene
+from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import SessionStatus, Setup
 from mocapella.viewer.arms import ArmsShown
 from mocapella.viewer.browser import Browser, Known
@@ -62,7 +62,7 @@ class Viewer:
     def show(
         self,
         scene: Scene | None,
-        frames: Mapping[str, Frame],
+        frames: Mapping[str, SensorFrame],
         status: SessionStatus | None,
         board: BoardProgress | None = None,
         arms: ArmsShown | None = None,
@@ -88,7 +88,7 @@ class Viewer:
             return tracking_drawing(scene, perspective, self._known.seen, self._known.floors, arms)
 
         rows = status.sensors if status is not None and self._asks else ()
-        self._feed.beat([row.name for row in rows if row.markers and row.connected], time.monotonic())
+        self._feed.beat([row.name for row in rows if row.pictures and row.connected], time.monotonic())
         with tolerated(), self._server.atomic():
             self._sensors.draw(frames, self._known.floors)
         for browser in self._browsers.values():

@@ -17,14 +17,14 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Final
 
 import msgspec
 import zenoh
 from zenoh import ext
 
 from mocapella.errors import NameTakenError
-from mocapella.model.observations import Frame
+from mocapella.model.frame_types import HISTORY_FRAMES
+from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.truth import Truth
 from mocapella.schema import encode_frame, encode_truth
 from mocapella.wire import keys
@@ -45,12 +45,6 @@ class JoinReply:
 
     accepted: bool
     message: str = ""
-
-
-HISTORY_FRAMES: Final = 18_000
-"""So many frames are kept for a server that missed them."""
-DEPTH_HISTORY_FRAMES: Final = 600
-"""Of depth images, each of which takes a hundred times as much as other frames: twenty seconds at 30 a second."""
 
 
 class NodeLink:
@@ -97,7 +91,7 @@ class NodeLink:
         )
         self._alive = self._session.liveliness().declare_token(alive)
 
-    def publish(self, frame: Frame, truth: Truth | None = None) -> Frame:
+    def publish(self, frame: SensorFrame, truth: Truth | None = None) -> SensorFrame:
         """Number, stamp and publish a frame on both paths, and what a simulation knows beside it."""
         stamped = msgspec.structs.replace(
             frame,

@@ -12,8 +12,8 @@ import msgspec
 import zenoh
 
 from mocapella.errors import NoServerError, WireError
-from mocapella.model.observations import Frame
 from mocapella.model.scene import Scene
+from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import CommandReply, SessionStatus
 from mocapella.schema import decode_frame, decode_scene
 from mocapella.wire import keys
@@ -47,7 +47,7 @@ class Newest:
         data, self._status = self._status, None
         return None if data is None else self._read(_decode_status, data)
 
-    def frames(self) -> dict[str, Frame]:
+    def frames(self) -> dict[str, SensorFrame]:
         """The newest frame of each sensor that has sent one since the last call."""
         fresh, self._frames = self._frames, {}
         read = {sensor: self._read(decode_frame, data) for sensor, data in fresh.items()}
@@ -80,14 +80,14 @@ class Following:
 
     def __init__(self, session: zenoh.Session, most: int = 4096) -> None:
         self.refused = self.lost = 0
-        self._waiting: deque[tuple[Callable[[bytes], Scene | Frame], bytes]] = deque(maxlen=most)
+        self._waiting: deque[tuple[Callable[[bytes], Scene | SensorFrame], bytes]] = deque(maxlen=most)
         self._lock = threading.Lock()
         self._subscribers = [
             session.declare_subscriber(keys.SCENE, lambda sample: self._put(decode_scene, sample)),
             session.declare_subscriber(keys.ALL_LIVE, lambda sample: self._put(decode_frame, sample)),
         ]
 
-    def take(self) -> list[Scene | Frame]:
+    def take(self) -> list[Scene | SensorFrame]:
         """What has come since the last call."""
         with self._lock:
             waiting = list(self._waiting)
@@ -100,7 +100,7 @@ class Following:
                 self.refused += 1
         return read
 
-    def _put(self, decode: Callable[[bytes], Scene | Frame], sample: zenoh.Sample) -> None:
+    def _put(self, decode: Callable[[bytes], Scene | SensorFrame], sample: zenoh.Sample) -> None:
         with self._lock:
             self.lost += len(self._waiting) == self._waiting.maxlen
             self._waiting.append((decode, sample.payload.to_bytes()))

@@ -1,0 +1,47 @@
+"""Files that a method is told of on the command line, as settings that stand in a take: a replay does the same."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from mocapella.errors import SettingsError
+from mocapella.model.camera_rig_file import encode_camera_rig, load_camera_rig
+from mocapella.model.hand_file import encode_hand_shape, load_hand_shape
+from mocapella.model.space import as_settings, load_space
+
+
+def camera_rig(paths: Sequence[Path]) -> dict[str, Any]:
+    """Where calibrated cameras are.
+
+    Raises:
+        InputError: the file cannot be used.
+        SettingsError: more than one is given.
+    """
+    return {"rig": encode_camera_rig(load_camera_rig(_one(paths, "--rig")))}
+
+
+def hand_shape(paths: Sequence[Path]) -> dict[str, Any]:
+    """Whose hand it is.
+
+    Raises:
+        InputError: the file cannot be used.
+        SettingsError: more than one is given.
+    """
+    return {"hand": encode_hand_shape(load_hand_shape(_one(paths, "--hand"))).decode()}
+
+
+def spaces(paths: Sequence[Path]) -> dict[str, Any]:
+    """Other trackers' spaces, as `mocapella align` found them.
+
+    Raises:
+        InputError: a file cannot be used.
+    """
+    return {"spaces": [as_settings(load_space(path)) for path in paths]}
+
+
+def _one(paths: Sequence[Path], option: str) -> Path:
+    if len(paths) != 1:
+        raise SettingsError(f"{option} is given {len(paths)} times; give it once")
+    return paths[0]

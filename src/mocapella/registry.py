@@ -1,0 +1,185 @@
+"""What the program can do: tables of descriptors that packages register by entry points, ours like anybody's.
+
+    METHODS: Table[Method] = Table("mocapella.methods", Method)
+    METHODS["default"].make(...)
+
+A table maps a name to one kind of frozen descriptor. A descriptor is imported when it is first wanted. One that cannot
+be used is skipped, and `Table.skipped` says which, of which package, and why; everything else runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, Final, Generic, Protocol, TypeVar
+
+from mocapella.errors import PluginError, SettingsError, one_of
+
+INTERFACE: Final = 1
+"""Version of the descriptors. A plug-in writes the version it was made for, as a number."""
+_OURS: Final = "mocapella"
+
+
+class Descriptor(Protocol):
+    """What every descriptor says.
+
+    Attributes:
+        interface: the version of the interface it was written for.
+        name: its key in the table, and on the command line.
+    """
+
+    @property
+    def interface(self) -> int:
+        """See the class."""
+
+    @property
+    def name(self) -> str:
+        """See the class."""
+
+
+D = TypeVar("D", bound=Descriptor)
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """An entry point that cannot be used.
+
+    Attributes:
+        group, name: as registered.
+        package: that registered it, with its version.
+        why: what is wrong, and what to do.
+    """
+
+    group: str
+    name: str
+    package: str
+    why: str
+
+    def __str__(self) -> str:
+        return f"{self.group} {self.name!r} of {self.package} is skipped: {self.why}"
+
+
+class Table(Mapping[str, D], Generic[D]):
+    """The descriptors of one entry point group by name, ours first, then by package and name.
+
+    Args:
+        group: of the entry points, such as ``mocapella.methods``.
+        kind: class of the descriptors.
+        what: one of them in words, for errors.
+    """
+
+    def __init__(self, group: str, kind: type[D], what: str) -> None:
+        self.group, self._kind, self._what = group, kind, what
+        self._found: dict[str, EntryPoint] | None = None
+        self._loaded: dict[str, D] = {}
+        self._skipped: list[Skipped] = []
+
+    @property
+    def skipped(self) -> tuple[Skipped, ...]:
+        """What was registered and cannot be used, as far as it was tried; `check` tries everything."""
+        self._points()
+        return tuple(self._skipped)
+
+    def check(self) -> tuple[Skipped, ...]:
+        """Load everything; returns what cannot be used."""
+        dict(self)
+        return self.skipped
+
+    def package(self, name: str) -> str:
+        """The package that registers a name, with its version; empty where none does."""
+        point = self._points().get(name)
+        return "" if point is None else _package(point)
+
+    def find(self, name: str) -> D:
+        """The descriptor of that name.
+
+        Raises:
+            SettingsError: there is none; says which there are.
+            PluginError: it is registered and cannot be used; names the package and what is wrong.
+        """
+        if name in self:
+            return self[name]
+        for one in self.skipped:
+            if one.name == name:
+                raise PluginError(f"{self._what} {name!r} of {one.package} cannot be used: {one.why}")
+        raise SettingsError(f"unknown {self._what} {name!r}; known: {one_of(name, self)}")
+
+    def __getitem__(self, name: str) -> D:
+        if name not in self._loaded:
+            point = self._points()[name]
+            try:
+                self._loaded[name] = self._load(point)
+            except PluginError as error:
+                del self._points()[name]
+                self._skip(point, str(error))
+                raise KeyError(name) from error
+        return self._loaded[name]
+
+    def __contains__(self, name: object) -> bool:
+        try:
+            self[str(name)]
+        except KeyError:
+            return False
+        return True
+
+    def __iter__(self) -> Iterator[str]:
+        return (name for name in tuple(self._points()) if name in self)
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+    def _points(self) -> dict[str, EntryPoint]:
+        if self._found is None:
+            self._found = {}
+            for point in sorted(entry_points(group=self.group), key=_order):
+                first = self._found.setdefault(point.name, point)
+                if (first.value, _package(first)) != (point.value, _package(point)):
+                    self._skip(point, f"{_package(first)} registers this name, too; give it another")
+        return self._found
+
+    def _load(self, point: EntryPoint) -> D:
+        try:
+            value = point.load()
+        except Exception as error:
+            raise PluginError(f"{point.value} cannot be imported ({type(error).__name__}: {error})") from error
+        interface = getattr(value, "interface", None)
+        if interface != INTERFACE:
+            raise PluginError(
+                f"it was written for interface {interface}, and this Mocapella has {INTERFACE}; update it"
+            )
+        if not isinstance(value, self._kind):
+            raise PluginError(f"{point.value} is a {type(value).__name__}, and a {self._kind.__name__} is wanted")
+        if value.name != point.name:
+            raise PluginError(f"{point.value} calls itself {value.name!r}; register it under that name")
+        return value
+
+    def _skip(self, point: EntryPoint, why: str) -> None:
+        self._skipped.append(Skipped(self.group, point.name, _package(point), why))
+
+
+def _package(point: EntryPoint) -> str:
+    return "an unknown package" if point.dist is None else f"{point.dist.name} {point.dist.version}"
+
+
+def _order(point: EntryPoint) -> tuple[bool, str, str]:
+    package = "" if point.dist is None else point.dist.name
+    return package != _OURS, package, point.name
+
+
+@cache
+def load(reference: str) -> Any:
+    """What ``module:name`` refers to, imported now.
+
+    A descriptor refers so to what another room has, such as a stage of the view, which most processes never need.
+
+    Raises:
+        PluginError: there is no such module or name, or importing it fails.
+    """
+    module, _, name = reference.partition(":")
+    try:
+        return getattr(import_module(module), name)
+    except Exception as error:  # a stranger's module may raise anything
+        raise PluginError(f"{reference} cannot be imported ({type(error).__name__}: {error})") from error

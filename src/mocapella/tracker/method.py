@@ -1,0 +1,82 @@
+"""What a tracking method is: a descriptor by name, from which everything else learns what it has to know of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any, Final, Literal
+
+from mocapella.model.frame_types import what_it_sends
+from mocapella.model.observations import Arrival
+from mocapella.model.sensor_frame import SensorFrame, UnknownFrame
+from mocapella.model.session import SensorPose
+from mocapella.registry import Table
+from mocapella.tracker.protocol import Tracker
+
+Make = Callable[[Mapping[str, Any], int, Mapping[str, SensorPose]], Tracker]
+"""How to make a tracker of settings by name, sensors expected, and sensors' poses by name."""
+Practice = Callable[[], tuple[Tracker, Iterable[Arrival]]]
+"""A tracker, and arrivals in which it does all that it can do: what compiles then is compiled."""
+
+
+@dataclass(frozen=True)
+class Method:
+    """A tracking method.
+
+    Attributes:
+        interface: of `mocapella.registry`.
+        name: on the command line, in takes and in the view.
+        summary: what it is for, in a line.
+        settings: the frozen dataclass of its settings.
+        frame_types: classes of the frames that it takes; others are refused, and why is said.
+        parts: names of the types of scene parts that it makes, the one that it is about first.
+        make: a new tracker.
+        practice: for compiling before the first frame counts; None where nothing has to be compiled.
+        camera_rig: whether it wants to know where calibrated cameras are, as ``rig`` in its settings.
+        keeps_layout: whether its tracker finds out where sensors stand, so that this can be kept (`KeepsLayout`).
+        files: by option of ``mocapella serve`` (``rig``, ``hand`` …), ``module:name`` of a function that makes settings
+            of the files (a sequence of paths).
+        stages: of the view, ``module:name`` each, in the order in which they are shown; the last is always shown.
+        exports: names of the exports that can be made of its results.
+    """
+
+    interface: int
+    name: str
+    summary: str
+    settings: type
+    frame_types: tuple[type[SensorFrame], ...]
+    parts: tuple[str, ...]
+    make: Make
+    practice: Practice | None = None
+    camera_rig: Literal["none", "optional", "required"] = "none"
+    keeps_layout: bool = False
+    files: Mapping[str, str] = field(default_factory=dict)
+    stages: tuple[str, ...] = ("mocapella.viewer.stages:ROOM",)
+    exports: tuple[str, ...] = ()
+
+
+METHODS: Final = Table("mocapella.methods", Method, "tracking method")
+"""By name."""
+
+
+def methods_making(part: str) -> tuple[str, ...]:
+    """Names of the methods that are about parts of that type."""
+    return tuple(method.name for method in METHODS.values() if method.parts[0] == part)
+
+
+def not_taken(frame: SensorFrame, method: str) -> str:
+    """Why a method makes nothing of a frame whose type it does not take; empty of frames that are only for takes."""
+    return "" if frame.for_the_take else _not_taken(type(frame), what_it_sends(frame), method)
+
+
+@lru_cache(maxsize=256)
+def _not_taken(kind: type[SensorFrame], name: str, method: str) -> str:
+    takers = [one.name for one in METHODS.values() if kind in one.frame_types]
+    if kind is UnknownFrame:
+        return f"it sends {name}, which no installed package reads: install the one that does; a take keeps them"
+    if not takers:
+        return f"it sends {name}, of which no method makes anything; a take keeps them"
+    return (
+        f"it sends {name}, of which the method {method} makes nothing: set up {' or '.join(takers)}; a take keeps them"
+    )
