@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.harness import Row, at_most, measured
 from mocapella.model.hand import TIPS
-from mocapella.sources.simulate.arm_mesh import ArmMesh, ArmPose
+from mocapella.sources.simulate.arm_mesh import ArmMesh, ArmMeshPose
 from mocapella.sources.simulate.arm_motion import worst_overlap
 from mocapella.sources.simulate.depth_scene import depth_scene_names, depth_sensor_names, load_depth_scene
 
@@ -39,7 +39,9 @@ def run(*, quick: bool = False) -> list[Row]:
             scene = load_depth_scene(name, seed=seed, sensor="exact")
             load.append(time.perf_counter() - start)
             for at_s in np.linspace(0.0, scene.period_s, 100):
-                pairs: list[tuple[ArmMesh, ArmPose]] = list(zip(scene.meshes, scene.poses(float(at_s)), strict=True))
+                pairs: list[tuple[ArmMesh, ArmMeshPose]] = list(
+                    zip(scene.meshes, scene.poses(float(at_s)), strict=True)
+                )
                 overlap = max([overlap, *(worst_overlap(mesh, pose.angles) for mesh, pose in pairs)])
             for at_s in np.linspace(0.0, scene.period_s, 4 if quick else 20):
                 for arm in scene.at(float(at_s)).arms:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from walking_people import BACK, FRONT, KINECT_V2, LEFT, RATE_HZ, SIDE, Sensor, Walker, errors, standing_at
 
-from mocapella.calibration.people import PeopleCalibration, PeopleSettings
+from mocapella.calibration.people import PeopleCalibration, PeopleCalibrationSettings
 from mocapella.calibration.people_state import CalibratedSensor, PeopleState
 from mocapella.errors import SettingsError
 from mocapella.geometry.rigid import inverse
@@ -351,9 +351,9 @@ def test_memory_does_not_grow_with_time_nor_with_people_who_are_gone() -> None:
 @pytest.mark.parametrize("setting", ["match_within_m", "refresh_s", "first_refresh_s", "moved_after_s"])
 def test_settings_out_of_range_are_refused(setting: str) -> None:
     with pytest.raises(SettingsError, match=setting):
-        PeopleSettings(**{setting: 0.0})  # type: ignore[arg-type]
+        PeopleCalibrationSettings(**{setting: 0.0})  # type: ignore[arg-type]
     with pytest.raises(SettingsError, match="partners"):
-        PeopleSettings(partners=0)
+        PeopleCalibrationSettings(partners=0)
 
 
 def test_many_sensors_are_each_refined_against_a_few() -> None:
@@ -362,7 +362,7 @@ def test_many_sensors_are_each_refined_against_a_few() -> None:
         Sensor(f"s{i}", standing_at(2.6 * np.sin(a), 2.8 - 2.6 * np.cos(a), -np.degrees(a)), noise=0.01, phase=i / 210)
         for i, a in enumerate(turns)
     ]
-    calibration = PeopleCalibration(PeopleSettings(partners=2))
+    calibration = PeopleCalibration(PeopleCalibrationSettings(partners=2))
     state = walks(calibration, ring, ONE, 10)
     assert all(sensor.trusted and sensor.root == "s0" for sensor in state.sensors.values())
     for sensor in ring[1:]:

@@ -195,7 +195,7 @@ def test_an_experiment_is_a_command(name: str, tmp_path: Path) -> None:
 
 
 def test_a_plot_that_cannot_be_is_refused_in_words(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, film: Film) -> None:
-    shown = [experiments.Shown(film, None, {1.0: film.truth})]
+    shown = [experiments.PlottedScene(film, None, {1.0: film.truth})]
     with pytest.raises(SettingsError, match=r"name a \.png or \.svg"):
         experiments.plot_movements(shown, ["left knee"], tmp_path / "nowhere" / "plot.png")
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)

@@ -15,7 +15,7 @@ from mocapella.errors import SettingsError
 from mocapella.geometry.rigid import rotation_about_x, rotation_about_y
 from mocapella.geometry.turn_kernels import turned
 from mocapella.kinematics import arm_fit_kernels as k
-from mocapella.kinematics.arm_fit import ArmFitSettings, ArmModel, ArmPose, Evidence
+from mocapella.kinematics.arm_fit import ArmEvidence, ArmFitSettings, ArmModel, ArmPose
 from mocapella.model.arms import ELBOW, PALM
 from mocapella.model.hand import ANGLES, BASES, TIPS, WRIST, Handedness, hand_model
 from mocapella.sensing import arm_region_kernels as region
@@ -235,11 +235,11 @@ def rendered(model: ArmModel, pose: ArmPose) -> np.ndarray:
     return np.where(np.isfinite(depth), depth, 0.0)
 
 
-def evidence_of(depth: np.ndarray) -> Evidence:
+def evidence_of(depth: np.ndarray) -> ArmEvidence:
     front, columns, points = np.ascontiguousarray(depth), np.empty(depth.shape, np.int64), np.empty((3000, 3))
     region.opposite(front, columns)
     points = points[: region.unprojected(front, LENS, points)]
-    return Evidence(points, np.ones(len(points)), front, columns, LENS)
+    return ArmEvidence(points, np.ones(len(points)), front, columns, LENS)
 
 
 def disturbed(model: ArmModel, pose: ArmPose, rng: np.random.Generator, far: float) -> ArmPose:
@@ -253,7 +253,7 @@ def disturbed(model: ArmModel, pose: ArmPose, rng: np.random.Generator, far: flo
     return ArmPose(pose.R, pose.t, z, v)
 
 
-def seen(seed: int, side: Handedness, far: float) -> tuple[ArmModel, ArmPose, ArmPose, Evidence]:
+def seen(seed: int, side: Handedness, far: float) -> tuple[ArmModel, ArmPose, ArmPose, ArmEvidence]:
     """A model, the pose that is seen, where a fit may begin, and what is seen."""
     model, rng = arm_model(side), np.random.default_rng(seed)
     true = posed(model, rng, opened=True)
@@ -358,7 +358,7 @@ def test_what_is_not_in_the_image_is_not_pulled_at() -> None:
     """Without points, and with the flesh beside the image, what was expected stays."""
     model = arm_model("left")
     pose = ArmPose(np.eye(3).reshape(9), np.array([0, 0, 0.6]), model.natural.copy(), model.state())
-    blank = Evidence(np.empty((0, 3)), np.empty(0), np.zeros((2, 2)), np.full((2, 2), -1), LENS)
+    blank = ArmEvidence(np.empty((0, 3)), np.empty(0), np.zeros((2, 2)), np.full((2, 2), -1), LENS)
     end = model.fit(pose, model.unexpected(pose), blank)
     np.testing.assert_allclose(model.points(end.pose), model.points(pose), atol=2e-4)
     assert end.costs[0] == 0.0
@@ -371,7 +371,7 @@ def test_flesh_is_not_pulled_to_pixels_where_no_edge_is_near() -> None:
     # Where nothing was measured it costs less than before what was; behind a surface that is very near, nothing.
     for depth, cost in ((0.0, k._UNMEASURED), (-2.0, 1.0), (0.04, 0.0)):
         front = np.full((HEIGHT, WIDTH), depth)
-        picture = Evidence(np.empty((0, 3)), np.empty(0), front, np.full(front.shape, -1), LENS)
+        picture = ArmEvidence(np.empty((0, 3)), np.empty(0), front, np.full(front.shape, -1), LENS)
         end = model.fit(pose, model.unexpected(pose), picture, iterations=0)
         assert end.costs[1] == pytest.approx(cost)
         moving = model.fit(pose, model.unexpected(pose), picture)
@@ -424,7 +424,7 @@ def test_the_mirrored_picture_of_the_other_hand_gives_the_mirrored_pose(seed: in
     other = arm_model("left" if side == "right" else "right")
     mirrored_columns = seen_so.opposite[:, ::-1]
     mirrored_columns = np.where(mirrored_columns < 0, -1, WIDTH - 1 - mirrored_columns)
-    seen_other = Evidence(
+    seen_other = ArmEvidence(
         seen_so.points * [-1, 1, 1], seen_so.weights, np.ascontiguousarray(seen_so.front[:, ::-1]), mirrored_columns,
         LENS,
     )  # fmt: skip
@@ -446,7 +446,7 @@ def test_limits_and_sizes_are_kept_whatever_is_seen(seed: int, side: Handedness,
     columns = np.empty(front.shape, np.int64)
     region.opposite(front, columns)
     points = start.t + rng.normal(0, 0.02 + spread_m, (150, 3))
-    evidence = Evidence(np.ascontiguousarray(points), np.ones(150), front, columns, LENS)
+    evidence = ArmEvidence(np.ascontiguousarray(points), np.ones(150), front, columns, LENS)
     targets = start.t + rng.normal(0, 0.1, (5, 3))
     end = model.fit(start, model.unexpected(start), evidence, tips=targets)
     R, t, z, v = end.pose
@@ -477,7 +477,7 @@ def test_digits_that_overlap_are_pushed_apart() -> None:
     pose = ArmPose(np.eye(3).reshape(9), np.array([0, 0, 0.6]), OPEN[model.angle_of], model.state())
     index, middle = model.columns[1, 1], model.columns[2, 1]
     pose.z[index], pose.z[middle] = np.radians([-8.0, 8.0])
-    blank = Evidence(np.empty((0, 3)), np.empty(0), np.zeros((2, 2)), np.full((2, 2), -1), LENS)
+    blank = ArmEvidence(np.empty((0, 3)), np.empty(0), np.zeros((2, 2)), np.full((2, 2), -1), LENS)
     before = model.fit(pose, model.unexpected(pose), blank, iterations=0)
     after = model.fit(pose, model.unexpected(pose), blank, iterations=8)
     assert before.costs[2] > 1.0
@@ -583,7 +583,7 @@ def test_tips_that_are_known_are_reached() -> None:
     bent.z[model.columns[1, 0]] += 0.6
     tips = np.full((5, 3), np.nan)
     tips[1] = model.points(bent)[TIPS[1]]
-    blank = Evidence(np.empty((0, 3)), np.empty(0), np.zeros((2, 2)), np.full((2, 2), -1), LENS)
+    blank = ArmEvidence(np.empty((0, 3)), np.empty(0), np.zeros((2, 2)), np.full((2, 2), -1), LENS)
     end = model.fit(pose, model.unexpected(pose), blank, tips=tips, keep=1.0, iterations=15)
     began = np.linalg.norm(model.points(pose)[TIPS[1]] - tips[1])
     assert np.linalg.norm(model.points(end.pose)[TIPS[1]] - tips[1]) < 0.2 * began

@@ -19,10 +19,10 @@ from mocapella.kinematics.gestures import (
     Closed,
     FingerGesture,
     GestureSettings,
+    GestureState,
     HandFeatures,
     HandGestures,
     Pinch,
-    Shown,
     closure,
     hand_features,
     ramp,
@@ -67,7 +67,7 @@ def features(x: np.ndarray, states: Any = MEASURED, **more: Any) -> HandFeatures
     return hand_features(x, states, **more)
 
 
-def run(hand: HandGestures, path: list[HandFeatures | None], start: int = 0) -> list[Shown]:
+def run(hand: HandGestures, path: list[HandFeatures | None], start: int = 0) -> list[GestureState]:
     return [hand.update(one, (start + k) / HZ) for k, one in enumerate(path)]
 
 

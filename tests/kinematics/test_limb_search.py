@@ -22,7 +22,7 @@ from mocapella.kinematics.limb_search import (
     DEFAULT,
     REACH,
     Evidence,
-    Found,
+    FoundLimb,
     Limb,
     LimbSearchSettings,
     lasting,
@@ -79,7 +79,7 @@ def placed(pose: TreePose) -> tuple[LocalTree, tuple[Float64, Float64]]:
 
 def looked_for(
     limb: Limb, true: TreePose, thought: TreePose, seed: int = 0, *, hidden: bool = False, many: bool = False
-) -> Found | None:
+) -> FoundLimb | None:
     local, places = placed(thought)
     evidence = [without(one, FIGURE, places[0], limb) for one in shown(true)]
     how = MANY if many else DEFAULT

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from schema.messages import small_scene
 
-from mocapella.live.summary import MOST_CONDITIONS, LatencyHistogram, Tally
+from mocapella.live.summary import MOST_CONDITIONS, LatencyHistogram, RunSummary
 from mocapella.model.scene import Phase, Scene, SensorPlace, TrackerState
 
 
@@ -38,7 +38,7 @@ def test_the_largest_is_exact_and_what_is_out_of_range_counts_too() -> None:
 
 
 def test_a_run_whose_clocks_are_unknown_has_no_latency() -> None:
-    assert Tally().latency_ms() is None
+    assert RunSummary().latency_ms() is None
 
 
 @given(
@@ -47,7 +47,7 @@ def test_a_run_whose_clocks_are_unknown_has_no_latency() -> None:
     st.text(min_size=1),
 )
 def test_a_run_that_never_tracked_names_what_was_missing_and_the_reason(phase: Phase, count: int, reason: str) -> None:
-    tally = Tally()
+    tally = RunSummary()
     tally.state(0.0, phase.value, "")
     last = TrackerState(phase, sensors_missing=count, frames_remaining=count, frames_wanted=120, reason=reason)
     why = tally.never_tracked(last)
@@ -59,7 +59,7 @@ def test_a_run_that_never_tracked_names_what_was_missing_and_the_reason(phase: P
 
 
 def test_a_run_that_was_not_started_says_so() -> None:
-    assert Tally().never_tracked(TrackerState(Phase.STOPPED)) == "tracking was not started"
+    assert RunSummary().never_tracked(TrackerState(Phase.STOPPED)) == "tracking was not started"
 
 
 def scene_with(reason: str, places: tuple[SensorPlace, ...] = ()) -> Scene:
@@ -67,7 +67,7 @@ def scene_with(reason: str, places: tuple[SensorPlace, ...] = ()) -> Scene:
 
 
 def test_every_condition_is_told_of_with_its_times_also_when_another_holds_as_well() -> None:
-    tally = Tally(began_ns=10**9)
+    tally = RunSummary(began_ns=10**9)
     for second, reason in enumerate(["", "left: moved", "left: moved; asked for", "", "left: moved"]):
         tally.scene(scene_with(reason), None, (second + 1) * 10**9)
     row = tally.as_json(TrackerState(Phase.TRACKING, reason="left: moved"))
@@ -80,7 +80,7 @@ def test_every_condition_is_told_of_with_its_times_also_when_another_holds_as_we
 
 
 def test_of_many_conditions_the_newest_are_kept_and_the_others_counted() -> None:
-    tally = Tally()
+    tally = RunSummary()
     for k in range(MOST_CONDITIONS + 7):
         tally.scene(scene_with(f"a hand moved {k} cm"), None, k)
     row = tally.as_json(TrackerState(Phase.CALIBRATING))
@@ -96,7 +96,7 @@ def test_where_the_sensors_are_is_told_of_and_null_where_it_is_not_known() -> No
         SensorPlace("left", None, problem="with front: walk"),
         SensorPlace("right", None, problem="with front: walk"),
     )
-    tally = Tally()
+    tally = RunSummary()
     tally.scene(scene_with("", places), None, 0)
     last = TrackerState(Phase.CALIBRATING, reason="left: with front: walk; right: with front: walk")
     row = tally.as_json(last)
@@ -131,7 +131,7 @@ def scene_of(sensor: str, mirrored: list[bool]) -> Scene:
 
 
 def test_repaired_labels_are_counted_by_sensor_each_view_once_and_each_time_that_it_begins() -> None:
-    tally = Tally()
+    tally = RunSummary()
     for mirrored in ([False, True], [True, True], [True], [False, False], [True, False]):
         tally.scene(scene_of("front", mirrored), None, 0)
     tally.scene(scene_of("left", [False]), None, 0)

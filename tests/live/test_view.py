@@ -6,7 +6,7 @@ import threading
 
 import numpy as np
 
-from mocapella.live.view import STALE_AFTER_S, Held, Picture, beats
+from mocapella.live.view import STALE_AFTER_S, Held, ViewState, beats
 from mocapella.model.observations import body_frame
 from mocapella.model.topology import topology
 
@@ -21,7 +21,7 @@ def test_a_value_stays_until_a_newer_one_or_until_it_is_stale() -> None:
 
 
 def test_a_sensor_that_falls_silent_is_drawn_no_more() -> None:
-    picture = Picture()
+    picture = ViewState()
     frame = body_frame("front", topology("kinect_v2"), time_ns=0, positions=np.zeros((1, 25, 3)))
     assert picture.update(None, {"front": frame}, None, 0.0) == (None, {"front": frame}, None)
     assert picture.update(None, {}, None, 1.0)[1] == {"front": frame}

@@ -14,8 +14,8 @@ cv2 = pytest.importorskip("cv2")
 from mocapella.errors import SettingsError  # noqa: E402 - only where there is OpenCV
 from mocapella.geometry.lens import project  # noqa: E402
 from mocapella.model.camera import Camera  # noqa: E402
-from mocapella.sensing.body_lines import BodyLinesSettings, SeenBodies, body_lines, pictures  # noqa: E402
-from mocapella.sources.simulate.body import JOINT, body_model  # noqa: E402
+from mocapella.sensing.body_lines import BodyLinesResult, BodyLinesSettings, body_lines, pictures  # noqa: E402
+from mocapella.sources.simulate.body import JOINT, body_template  # noqa: E402
 from mocapella.sources.simulate.room_depth import FIRST_PERSON, RoomShot, room_depth_scene  # noqa: E402
 
 LIMBS = (("Head",), ("HandTipLeft",), ("HandTipRight",), ("AnkleLeft", "FootLeft"), ("AnkleRight", "FootRight"))
@@ -35,13 +35,13 @@ def metres(name: str, sensor: str, at_s: float) -> Any:
 
 
 @cache
-def seen(name: str, sensor: str, at_s: float) -> SeenBodies:
+def seen(name: str, sensor: str, at_s: float) -> BodyLinesResult:
     return body_lines(metres(name, sensor, at_s), shot(name, sensor, at_s)[1])
 
 
 def to_bones(pixels: Any, joints: Any, lens: Any) -> Any:
     """(n,) distances of pixels (n, 2) from the nearest bone in the picture [px]."""
-    px, parents = project(joints, lens), body_model().parents
+    px, parents = project(joints, lens), body_template().parents
     a, b = px[parents], px
     along = np.clip(((pixels[:, None] - a) * (b - a)).sum(-1) / np.maximum(((b - a) ** 2).sum(-1), 1e-9), 0, 1)
     return np.linalg.norm(pixels[:, None] - a - along[..., None] * (b - a), axis=-1).min(axis=1)

@@ -21,7 +21,7 @@ from mocapella.sources.simulate.arm_mesh import (
     SHOULDER,
     WRIST_FLEXION_RAD,
     ArmMesh,
-    ArmPose,
+    ArmMeshPose,
     ArmShape,
     arm_mesh,
     arm_shape,
@@ -31,7 +31,7 @@ from mocapella.sources.simulate.arm_motion import untangled, worst_overlap
 from mocapella.sources.simulate.depth_scene import depth_scene_names, load_depth_scene
 from mocapella.sources.simulate.hand_motion import landmarks_of
 
-REST = ArmPose(REST_ANGLES, np.zeros(4), np.eye(4))
+REST = ArmMeshPose(REST_ANGLES, np.zeros(4), np.eye(4))
 TWISTS = arrays(np.float64, 6, elements=st.floats(-1.5, 1.5))
 UNIT = arrays(np.float64, len(ANGLES) + 4, elements=st.floats(0.0, 1.0))
 
@@ -41,11 +41,11 @@ def mesh() -> ArmMesh:
     return arm_mesh(arm_shape("average"), "right")
 
 
-def posed(mesh: ArmMesh, unit: np.ndarray, T: np.ndarray) -> ArmPose:
+def posed(mesh: ArmMesh, unit: np.ndarray, T: np.ndarray) -> ArmMeshPose:
     limits = mesh.model.limits
     angles = mesh.model.limited(limits[:, 0] + unit[:21] * (limits[:, 1] - limits[:, 0]))
     least, most = np.array([0.2, -1.2, -0.9, -0.4]), np.array([2.2, 1.2, 0.9, 0.3])
-    return ArmPose(angles, least + unit[21:] * (most - least), T)
+    return ArmMeshPose(angles, least + unit[21:] * (most - least), T)
 
 
 def winding(mesh: ArmMesh, vertices: np.ndarray, point: np.ndarray) -> float:
@@ -83,7 +83,7 @@ def test_weights_add_up_to_one_and_the_rest_is_the_rest(mesh: ArmMesh) -> None:
 def test_a_rigid_motion_moves_the_mesh_rigidly(unit: np.ndarray, twist: np.ndarray) -> None:
     mesh = arm_mesh(arm_shape("average"), "left")
     T, first = exp_twist(twist), posed(mesh, unit, np.eye(4))
-    moved = ArmPose(first.angles, first.joints, T)
+    moved = ArmMeshPose(first.angles, first.joints, T)
     assert np.allclose(mesh.at(moved), apply(T, mesh.at(first)), atol=1e-9)
     assert np.allclose(mesh.points(moved), apply(T, mesh.points(first)), atol=1e-9)
 
@@ -147,7 +147,7 @@ def test_a_bent_finger_keeps_its_thickness_at_the_knuckle(mesh: ArmMesh) -> None
     """Blending matrices instead would flatten the knuckle of a finger bent by 90° to 70 % of its radius."""
     angles = REST_ANGLES.copy()
     angles[DIGIT_ANGLES[2, 2]] = np.pi / 2
-    pose = ArmPose(angles, np.zeros(4), np.eye(4))
+    pose = ArmMeshPose(angles, np.zeros(4), np.eye(4))
     vertices, points = mesh.at(pose), mesh.points(pose)
     bones = mesh.bones_of[:, 0]
     back = np.array([vertices[i] for i in np.flatnonzero((bones == FIRST_DIGIT + 6) | (bones == FIRST_DIGIT + 7))])
@@ -224,7 +224,7 @@ def test_untangled_fingers_keep_limits_and_are_less_inside_each_other(unit: np.n
     assert mesh.model.within(angles, 1e-6)
     radii = mesh.shape.finger_radii
     before, after = (
-        sampled_overlap(mesh.frames(ArmPose(a, np.zeros(4), np.eye(4)))[1], radii) for a in (wished, angles)
+        sampled_overlap(mesh.frames(ArmMeshPose(a, np.zeros(4), np.eye(4)))[1], radii) for a in (wished, angles)
     )
     assert after <= max(before, 0.0005) + 0.002
 
@@ -282,4 +282,4 @@ def test_angles_and_joints_change_smoothly() -> None:
 
 def test_the_mesh_is_posed_by_a_rigid_shoulder(mesh: ArmMesh) -> None:
     T = rigid(np.eye(3), np.array([0.1, -0.2, 0.7]))
-    assert np.allclose(mesh.points(ArmPose(REST_ANGLES, np.zeros(4), T))[SHOULDER], [0.1, -0.2, 0.7])
+    assert np.allclose(mesh.points(ArmMeshPose(REST_ANGLES, np.zeros(4), T))[SHOULDER], [0.1, -0.2, 0.7])

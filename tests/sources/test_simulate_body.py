@@ -15,7 +15,7 @@ from mocapella.sources.simulate.body import (
     BODY,
     JOINT,
     ROOT,
-    body_model,
+    body_template,
     bone_lengths,
     facing,
     joint_positions,
@@ -42,7 +42,7 @@ def test_bones_keep_their_length_in_any_pose(seed: int, stature: float) -> None:
 def test_no_joint_is_farther_from_the_root_than_its_bones_reach(seed: int) -> None:
     lengths = bone_lengths(1.8)
     positions = joint_positions(np.zeros(3), _random_directions(seed), lengths)
-    assert (np.linalg.norm(positions, axis=1) <= body_model().chain @ lengths + 1e-12).all()
+    assert (np.linalg.norm(positions, axis=1) <= body_template().chain @ lengths + 1e-12).all()
 
 
 def test_segments_are_the_published_fractions_of_stature() -> None:
@@ -56,21 +56,21 @@ def test_segments_are_the_published_fractions_of_stature() -> None:
     }
     for joint, fraction in published.items():
         assert lengths[JOINT[joint]] == pytest.approx(fraction)
-    upright = body_model().chain @ body_model().offsets
+    upright = body_template().chain @ body_template().offsets
     hip_height = 0.039 + 0.246 + 0.245
     assert upright[JOINT["SpineShoulder"], 1] + hip_height == pytest.approx(0.818)
     assert upright[JOINT["Head"], 1] + hip_height == pytest.approx(0.936)
 
 
 def test_right_is_the_mirror_image_of_left() -> None:
-    model = body_model()
+    model = body_template()
     mirror = list(BODY.mirror)
     np.testing.assert_array_equal(model.offsets[mirror] * (-1, 1, 1), model.offsets)
     np.testing.assert_array_equal(model.within[np.ix_(mirror, mirror)], model.within)
 
 
 def test_a_joint_lies_in_the_bones_that_meet_in_it_and_not_in_the_far_side() -> None:
-    within = body_model().within
+    within = body_template().within
     for parent, child in BODY.bones:
         assert within[parent, child]
         assert within[child, child]
@@ -80,7 +80,7 @@ def test_a_joint_lies_in_the_bones_that_meet_in_it_and_not_in_the_far_side() -> 
 
 @given(st.floats(-3.1, 3.1))
 def test_facing_follows_the_shoulders(yaw: float) -> None:
-    left_up_forward = body_model().chain @ body_model().offsets
+    left_up_forward = body_template().chain @ body_template().offsets
     turn = np.array([[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]])
     np.testing.assert_allclose(facing(left_up_forward @ turn.T), [np.sin(yaw), 0, np.cos(yaw)], atol=1e-12)
 

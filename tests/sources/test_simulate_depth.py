@@ -15,8 +15,8 @@ from mocapella.geometry.lens import project
 from mocapella.model.arms import ELBOW
 from mocapella.model.hand import DIGIT_ANGLES, TIPS
 from mocapella.sources.simulate import depth_scene
-from mocapella.sources.simulate.arm_mesh import FIRST_TIP, PARTS, ArmPose, arm_mesh, arm_shape
-from mocapella.sources.simulate.arm_motion import Held, Key, held_at
+from mocapella.sources.simulate.arm_mesh import FIRST_TIP, PARTS, ArmMeshPose, arm_mesh, arm_shape
+from mocapella.sources.simulate.arm_motion import HeldArm, Key, held_at
 from mocapella.sources.simulate.depth_noise import StructuredLight, TimeOfFlight, measured
 from mocapella.sources.simulate.depth_scene import (
     BODY,
@@ -41,11 +41,11 @@ def plane(z: float) -> tuple[np.ndarray, np.ndarray]:
 class Holding:
     """A motion that always holds the arm the same way."""
 
-    def __init__(self, pose: ArmPose) -> None:
+    def __init__(self, pose: ArmMeshPose) -> None:
         self.pose = pose
 
-    def at(self, at_s: float) -> Held:
-        return Held(self.pose, "")
+    def at(self, at_s: float) -> HeldArm:
+        return HeldArm(self.pose, "")
 
 
 def shot_of(digits: dict[int, tuple[float, float, float, float]], side: str = "right", view: str = "palm") -> DepthShot:
@@ -57,7 +57,7 @@ def shot_of(digits: dict[int, tuple[float, float, float, float]], side: str = "r
     angles[DIGIT_ANGLES[1:, 1]] = np.radians([8.0, 0.0, -8.0, -14.0])
     for digit, values in digits.items():
         angles[DIGIT_ANGLES[digit, :4]] = np.radians(values)
-    pose = ArmPose(mesh.model.limited(angles), start.joints, start.T_camera_shoulder)
+    pose = ArmMeshPose(mesh.model.limited(angles), start.joints, start.T_camera_shoulder)
     scene._actors = [replace(scene._actors[0], mesh=mesh, motion=Holding(pose))]  # type: ignore[arg-type]
     return scene.at(0.0)
 

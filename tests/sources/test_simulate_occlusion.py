@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from mocapella.errors import SettingsError
 from mocapella.sources.simulate import Box, Cylinder, load_scene
-from mocapella.sources.simulate.body import JOINT, body_model
+from mocapella.sources.simulate.body import JOINT, body_template
 from mocapella.sources.simulate.occlusion import hidden, obstacles
 
 NOTHING = obstacles((), ())
@@ -25,7 +25,7 @@ def _rays(eye: np.ndarray, joints: np.ndarray) -> np.ndarray:
 
 def _depth_in_bodies(eye: np.ndarray, joints: np.ndarray, radii: np.ndarray) -> np.ndarray:
     """(people, 25) how deep the ray to a joint goes into a limb that may hide it; negative outside."""
-    model, rays = body_model(), _rays(eye, joints)
+    model, rays = body_template(), _rays(eye, joints)
     deepest = np.full(joints.shape[:2], -np.inf)
     for person in range(len(joints)):
         for bone in range(25):

@@ -15,7 +15,7 @@ from silhouette_pictures import pose_at, ring, somebody
 
 from mocapella.model.rigged_mesh import posed
 from mocapella.viewer.body_browser import LONGEST_STILL_S, STILL_S, BodyBrowser
-from mocapella.viewer.body_panel import ALL, BodyFrame, Picture
+from mocapella.viewer.body_panel import ALL, BodyViewFrame, EncodedPicture
 from mocapella.viewer.body_sight import HEADROOM_M, SLACK_M, Sight
 from mocapella.viewer.body_stage import ShownBody
 from mocapella.viewer.body_view import BodyView
@@ -82,7 +82,9 @@ def view():
 
 def shown(k, aside_m, lost=False, pictures=True, at_s=None):
     bodies = {"": ShownBody(pose_at(MESH, aside_m), {}, {}, lost)}
-    return BodyFrame(k, k / 30 if at_s is None else at_s, bodies, {"c1": Picture(b"%d" % k)} if pictures else {})
+    return BodyViewFrame(
+        k, k / 30 if at_s is None else at_s, bodies, {"c1": EncodedPicture(b"%d" % k)} if pictures else {}
+    )
 
 
 def on_screen(look, points, aspect=1.4):
@@ -237,7 +239,7 @@ def test_a_camera_goes_along_until_somebody_moves_it_and_again_when_the_view_is_
 def test_the_first_pictures_stay_until_a_browser_has_had_time_for_them(view):
     client = Client()
     browser = BodyBrowser(client, view._stage, 0.0)
-    first, second = Picture(b"first"), Picture(b"second")
+    first, second = EncodedPicture(b"first"), EncodedPicture(b"second")
     browser.show("", {}, 0.0)
     assert client.picture() is None
     browser.show("", {"c1": first}, 0.1)

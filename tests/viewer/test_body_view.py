@@ -15,7 +15,7 @@ from mocapella.model.outline_colours import INSIDE, OUTSIDE, body_colour, css
 from mocapella.model.rigged_mesh import posed
 from mocapella.model.twist_tree import TreePose
 from mocapella.viewer import body_view
-from mocapella.viewer.body_panel import BodyFrame, Picture, cameras_html, groups, status_html
+from mocapella.viewer.body_panel import BodyViewFrame, EncodedPicture, cameras_html, groups, status_html
 from mocapella.viewer.body_stage import ShownBody, picture_row, stage_space
 from mocapella.viewer.body_view import BodyView, _words
 
@@ -28,7 +28,7 @@ def legs_at(aside_m):
 
 def a_frame(k, image=b"jpeg", **changes):
     what = {"overlap": {"c1": 0.9}, "left_out": {"c2": "its <image> is black"}, "lost": False} | changes
-    return BodyFrame(k, k / 30, {"": ShownBody(pose_at(MESH, 0.01 * k), **what)}, {"c1": Picture(image)})
+    return BodyViewFrame(k, k / 30, {"": ShownBody(pose_at(MESH, 0.01 * k), **what)}, {"c1": EncodedPicture(image)})
 
 
 @settings(max_examples=25)
@@ -135,7 +135,7 @@ def test_old_pictures_are_let_go_where_there_are_many(view, monkeypatch):
 def a_frame_of_two(k, **bens):
     ben = {"overlap": {"c1": 0.8, "c2": 0.7}, "left_out": {}, "lost": False} | bens
     anna = ShownBody(pose_at(MESH, 0.01 * k), {"c1": 0.9}, {"c2": "its image is black"}, lost=False)
-    return BodyFrame(k, k / 30, {"anna": anna, "ben": ShownBody(legs_at(1.0), **ben)}, {})
+    return BodyViewFrame(k, k / 30, {"anna": anna, "ben": ShownBody(legs_at(1.0), **ben)}, {})
 
 
 def test_several_bodies_stand_about_the_middle_of_one_floor():

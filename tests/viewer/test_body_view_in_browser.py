@@ -19,7 +19,7 @@ from mocapella.live.silhouette_view import SilhouetteView
 from mocapella.recording.followed_bodies import ALONE
 from mocapella.sensing.outline_picture import jpeg
 from mocapella.sources.frame_set import FrameSet, time_of_frame
-from mocapella.viewer.body_panel import BodyFrame, Picture
+from mocapella.viewer.body_panel import BodyViewFrame, EncodedPicture
 from mocapella.viewer.body_stage import ShownBody
 
 CHROMIUM = shutil.which("chromium")
@@ -69,7 +69,7 @@ def test_a_page_shows_boards_at_once_and_no_white_ones_and_stays_with_who_goes_a
     mesh, rig = somebody(), ring(3)
     run, start = SilhouetteRun({ALONE: mesh}, rig), {ALONE: pose_at(mesh)}
     view, stop = SilhouetteView("127.0.0.1", 0, run, start), threading.Event()
-    pictures = {name: Picture(jpeg(image)) for name, image in Room(rig).images(mesh, pose_at(mesh)).items()}
+    pictures = {name: EncodedPicture(jpeg(image)) for name, image in Room(rig).images(mesh, pose_at(mesh)).items()}
     busy, places, shown = threading.Event(), [0.0], dict(pictures)
 
     def loop():
@@ -79,7 +79,9 @@ def test_a_page_shows_boards_at_once_and_no_white_ones_and_stays_with_who_goes_a
             if busy.is_set():
                 body = ShownBody(pose_at(mesh, places[-1]), {"c1": 0.9}, {}, lost=False)
                 # No two pictures are the same: a browser that is still at one is given the next.
-                view._view.add(BodyFrame(k, k / 10, {ALONE: body}, {n: Picture(p.image) for n, p in shown.items()}))
+                view._view.add(
+                    BodyViewFrame(k, k / 10, {ALONE: body}, {n: EncodedPicture(p.image) for n, p in shown.items()})
+                )
             view._view.show(time.monotonic())
 
     ARTIFACTS.mkdir(exist_ok=True)
@@ -101,7 +103,7 @@ def test_a_page_shows_boards_at_once_and_no_white_ones_and_stays_with_who_goes_a
             page.screenshot(path=ARTIFACTS / "followed-body-empty.png")
             assert white(page) < 300
             # In the middle of the run, and of a browser that is too busy to decode any picture.
-            shown.update(dict.fromkeys(pictures, Picture(b"never decoded")))
+            shown.update(dict.fromkeys(pictures, EncodedPicture(b"never decoded")))
             busy.set()
             other = browser.new_page(viewport={"width": 1100, "height": 640})
             other.set_default_timeout(WAIT_MS)

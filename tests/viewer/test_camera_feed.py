@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from mocapella.errors import BusError, SettingsError
-from mocapella.viewer.camera_feed import CameraFeed, FeedSettings, Shown
+from mocapella.viewer.camera_feed import CameraFeed, FeedMode, FeedSettings
 from mocapella.wire.questions import NodeAnswer
 
 PICTURE = NodeAnswer(True, image=b"jpeg", format="jpeg", size_px=(640, 480), time_ns=5)
@@ -45,7 +45,7 @@ class Loop:
         self.node, self.cameras, self.now_s = node, cameras, 0.0
         self.feed = CameraFeed(node.ask, FeedSettings(**settings))
 
-    def run(self, seconds: float, *wanted: tuple[str, Shown, float], wait: bool = True) -> None:
+    def run(self, seconds: float, *wanted: tuple[str, FeedMode, float], wait: bool = True) -> None:
         for _ in range(round(seconds / BEAT_S)):
             self.now_s += BEAT_S
             for camera, shown, width_px in wanted:
@@ -71,7 +71,7 @@ def test_nothing_is_asked_but_once_who_answers_while_nobody_looks(node: Node) ->
 
 def test_a_camera_is_asked_so_often_at_most_for_all_browsers(node: Node) -> None:
     loop = Loop(node, "left", "right", rate_hz=5.0)
-    browsers = [("left", Shown.PICTURE, 320.0)] * 3 + [("right", Shown.MASK, 320.0)]
+    browsers = [("left", FeedMode.PICTURE, 320.0)] * 3 + [("right", FeedMode.MASK, 320.0)]
     loop.run(10.0, *browsers)
     assert 40 <= len(node.asked) <= 51
     each = [sum(1 for c, q in node.asked if (c, q["ask"]) == kind) for kind in (("left", "picture"), ("right", "mask"))]
@@ -83,10 +83,10 @@ def test_a_camera_is_asked_so_often_at_most_for_all_browsers(node: Node) -> None
 
 def test_what_is_under_way_is_not_asked_again_and_nothing_waits_for_it(node: Node) -> None:
     loop = Loop(node, "left")
-    loop.run(1.0, ("left", Shown.PICTURE, 320.0))
+    loop.run(1.0, ("left", FeedMode.PICTURE, 320.0))
     node.gate.clear()
     asked, began_s = len(node.asked), time.monotonic()
-    loop.run(5.0, ("left", Shown.PICTURE, 320.0), wait=False)
+    loop.run(5.0, ("left", FeedMode.PICTURE, 320.0), wait=False)
     assert time.monotonic() - began_s < 5.0
     node.gate.set()
     assert len(node.asked) <= asked + 2  # one picture, one report
@@ -95,11 +95,11 @@ def test_what_is_under_way_is_not_asked_again_and_nothing_waits_for_it(node: Nod
 
 def test_pictures_are_asked_for_as_wide_as_the_widest_browser_wants_and_are_not_kept(node: Node) -> None:
     loop = Loop(node, "left")
-    loop.run(2.0, ("left", Shown.PICTURE, 160.0), ("left", Shown.PICTURE, 320.0))
+    loop.run(2.0, ("left", FeedMode.PICTURE, 160.0), ("left", FeedMode.PICTURE, 320.0))
     assert node.pictures()[-1] == {"ask": "picture", "scale": 0.5, "format": "jpeg", "keep": False}
-    loop.run(2.0, ("left", Shown.PICTURE, 160.0))
+    loop.run(2.0, ("left", FeedMode.PICTURE, 160.0))
     assert node.pictures()[-1]["scale"] == 0.25
-    loop.run(2.0, ("left", Shown.MASK, 5000.0))
+    loop.run(2.0, ("left", FeedMode.MASK, 5000.0))
     assert node.pictures()[-1] == {"ask": "mask", "scale": 1.0, "format": "jpeg"}
 
 
@@ -116,18 +116,18 @@ def test_pictures_are_asked_for_as_wide_as_the_widest_browser_wants_and_are_not_
 )
 def test_what_goes_wrong_is_said_and_the_last_picture_stays(node: Node, answer: Any, says: str) -> None:
     loop = Loop(node, "left", patience_s=2.0)
-    loop.run(1.0, ("left", Shown.PICTURE, 320.0))
+    loop.run(1.0, ("left", FeedMode.PICTURE, 320.0))
     node.answer = answer
-    loop.run(1.0, ("left", Shown.PICTURE, 320.0))
-    shot = loop.feed.want("left", Shown.PICTURE, 320.0, loop.now_s)
+    loop.run(1.0, ("left", FeedMode.PICTURE, 320.0))
+    shot = loop.feed.want("left", FeedMode.PICTURE, 320.0, loop.now_s)
     assert says in shot.problem
     assert shot.answer is PICTURE
     asked = len(node.pictures())
-    loop.run(10.0, ("left", Shown.PICTURE, 320.0))
+    loop.run(10.0, ("left", FeedMode.PICTURE, 320.0))
     assert len(node.pictures()) <= asked + 6  # patiently
     node.answer = PICTURE
-    loop.run(3.0, ("left", Shown.PICTURE, 320.0))
-    assert loop.feed.want("left", Shown.PICTURE, 320.0, loop.now_s).problem == ""
+    loop.run(3.0, ("left", FeedMode.PICTURE, 320.0))
+    assert loop.feed.want("left", FeedMode.PICTURE, 320.0, loop.now_s).problem == ""
 
 
 def test_a_node_that_never_answers_is_no_camera_and_one_that_leaves_is_none_any_more(node: Node) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from mocapella.viewer import camera_html
-from mocapella.viewer.camera_feed import Shot, Shown
+from mocapella.viewer.camera_feed import FeedImage, FeedMode
 from mocapella.viewer.palette import AMBER, GREEN, RED
 from mocapella.viewer.pointing import Pointing
 from mocapella.wire.questions import NodeAnswer
@@ -21,7 +21,7 @@ ANSWER = NodeAnswer(
 
 
 def test_a_picture_has_a_circle_around_each_marker_that_was_found() -> None:
-    html = camera_html.picture_html(Shot(ANSWER), Shown.PICTURE, {"fps": 19.6})
+    html = camera_html.picture_html(FeedImage(ANSWER), FeedMode.PICTURE, {"fps": 19.6})
     assert base64.b64encode(ANSWER.image).decode() in html
     assert html.count("<circle") == 2
     assert 'cx="10.0" cy="20.5"' in html
@@ -30,22 +30,24 @@ def test_a_picture_has_a_circle_around_each_marker_that_was_found() -> None:
 
 
 def test_a_mask_has_none_because_it_is_painted_by_the_node_and_what_is_off_is_empty() -> None:
-    assert "<circle" not in camera_html.picture_html(Shot(ANSWER), Shown.MASK, {})
-    assert camera_html.picture_html(Shot(ANSWER), Shown.OFF, {}) == ""
-    assert camera_html.picture_html(None, Shown.PICTURE, {}) == ""
-    words = camera_html.picture_html(Shot(ANSWER), Shown.MASK, {}, large=True)
+    assert "<circle" not in camera_html.picture_html(FeedImage(ANSWER), FeedMode.MASK, {})
+    assert camera_html.picture_html(FeedImage(ANSWER), FeedMode.OFF, {}) == ""
+    assert camera_html.picture_html(None, FeedMode.PICTURE, {}) == ""
+    words = camera_html.picture_html(FeedImage(ANSWER), FeedMode.MASK, {}, large=True)
     assert "2 of 3 markers found" in words
     assert "<img" not in words
 
 
 def test_what_is_wrong_stands_below_the_dimmed_picture_or_in_its_place() -> None:
-    html = camera_html.picture_html(Shot(ANSWER, f"gone {NASTY}"), Shown.PICTURE, {"problems": ["light", 7, NASTY]})
+    html = camera_html.picture_html(
+        FeedImage(ANSWER, f"gone {NASTY}"), FeedMode.PICTURE, {"problems": ["light", 7, NASTY]}
+    )
     assert "opacity:0.35" in html
     assert "gone &lt;img" in html
     assert "light" in html
     assert NASTY not in html
-    assert "Waiting" in camera_html.picture_html(Shot(), Shown.MASK, {})
-    assert "no colours" in camera_html.picture_html(Shot(None, "no colours"), Shown.MASK, {})
+    assert "Waiting" in camera_html.picture_html(FeedImage(), FeedMode.MASK, {})
+    assert "no colours" in camera_html.picture_html(FeedImage(None, "no colours"), FeedMode.MASK, {})
 
 
 def test_who_is_next_is_said_and_where_the_others_were() -> None:
@@ -73,4 +75,4 @@ def test_colours_that_can_be_told_apart_are_green_and_problems_are_in_words() ->
 @pytest.mark.parametrize("sent", [{}, {"kept": [1], "problems": 3}, {"kept": {"a": "x"}, "problems": [None, {}]}])
 def test_nonsense_of_a_node_is_survived(sent: dict[str, Any]) -> None:
     assert "not saved yet" in camera_html.separability_html(sent)
-    assert "<img" in camera_html.picture_html(Shot(ANSWER), Shown.PICTURE, {**sent, "fps": "many"})
+    assert "<img" in camera_html.picture_html(FeedImage(ANSWER), FeedMode.PICTURE, {**sent, "fps": "many"})

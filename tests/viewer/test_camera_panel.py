@@ -10,7 +10,7 @@ import pytest
 import viser
 
 from mocapella.errors import BusError
-from mocapella.viewer.camera_feed import CameraFeed, Shown
+from mocapella.viewer.camera_feed import CameraFeed, FeedMode
 from mocapella.viewer.camera_panel import CameraPanel, Lesson
 from mocapella.wire.questions import NodeAnswer
 
@@ -104,13 +104,13 @@ def test_there_is_no_folder_without_cameras_and_nothing_is_asked_while_off(rig: 
 
 
 def test_a_picture_is_shown_and_is_large_where_that_is_wanted(rig: Rig) -> None:
-    rig.panel._shown.value = Shown.PICTURE
+    rig.panel._shown.value = FeedMode.PICTURE
     rig.until(lambda: "<img" in rig.panel._view.content, "the picture is there")
     assert rig.panel.large is None
     rig.panel._enlarge.value = True
     rig.until(lambda: rig.panel.large is not None, "it is large")
     assert not rig.panel.wants_clicks
-    rig.panel._shown.value = Shown.MASK
+    rig.panel._shown.value = FeedMode.MASK
     rig.until(lambda: rig.panel.large is not None and rig.panel.large.words == "left · mask", "it is the mask")
     rig.cameras = []
     rig.until(lambda: "its node is gone" in rig.panel._view.content, "that is said")
@@ -121,7 +121,7 @@ def test_the_first_camera_by_name_is_shown_until_another_is_looked_at(rig: Rig) 
     rig.until(lambda: rig.panel._camera == "left", "it is the only one")
     rig.cameras = ["back", "left"]
     rig.until(lambda: rig.panel._camera == "back", "it is the first")
-    rig.panel._shown.value = Shown.MASK
+    rig.panel._shown.value = FeedMode.MASK
     rig.cameras = ["aside", "back", "left"]
     rig.until(lambda: "aside" in rig.panel._cameras.options, "there is a third")
     assert rig.panel._camera == "back"

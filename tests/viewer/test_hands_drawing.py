@@ -28,7 +28,7 @@ from mocapella.viewer.hands import (
     marker_colour,
 )  # fmt: skip
 from mocapella.viewer.palette import AMBER, FUSED, Rgb
-from mocapella.viewer.sensor_marks import Standing
+from mocapella.viewer.sensor_marks import PlaceState
 
 FULL = hand_model("full")
 SHAPE = FULL.shape("right")
@@ -195,7 +195,7 @@ def test_cameras_without_a_place_stand_aside() -> None:
     assert list(marks) == ["c0", "lost", "too"]
     np.testing.assert_array_equal(marks["lost"].T, layout.aside(0))
     np.testing.assert_array_equal(marks["too"].T, layout.aside(1))
-    assert marks["c0"].standing is not marks["lost"].standing is Standing.UNKNOWN
+    assert marks["c0"].standing is not marks["lost"].standing is PlaceState.UNKNOWN
 
 
 def test_a_joint_is_at_its_limit_at_the_end_of_a_range_and_not_at_rest() -> None:

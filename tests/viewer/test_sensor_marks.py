@@ -12,7 +12,7 @@ from mocapella.geometry.rigid import apply
 from mocapella.model.scene import SensorPlace
 from mocapella.viewer.palette import AMBER, GREY, RED, SENSORS
 from mocapella.viewer.perspective import FREE, Floors, Perspectives, upright
-from mocapella.viewer.sensor_marks import REACH_M, Standing, field_lines, marks, standing, words
+from mocapella.viewer.sensor_marks import REACH_M, PlaceState, field_lines, marks, standing, words
 from mocapella.viewer.stages import tracking_drawing, tracking_title
 
 DOUBT = "it does not see people where front sees them: walk a few steps where both see you"
@@ -35,11 +35,11 @@ def positions(drawing):
 @pytest.mark.parametrize(
     ("place", "was_placed", "how", "said", "colour"),
     [
-        (SensorPlace("left", np.eye(4)), True, Standing.GOOD, "left", SENSORS[0]),
-        (SensorPlace("left", np.eye(4), problem=DOUBT), True, Standing.DOUBTED, "left · in doubt", AMBER),
-        (SensorPlace("left", None, problem=MOVED), True, Standing.LOST, "left · not used: it was moved", RED),
-        (SensorPlace("left", None, problem=WALK), False, Standing.UNKNOWN, "left · not calibrated yet", GREY),
-        (SensorPlace("left", None), False, Standing.UNKNOWN, "left · not calibrated yet", GREY),
+        (SensorPlace("left", np.eye(4)), True, PlaceState.GOOD, "left", SENSORS[0]),
+        (SensorPlace("left", np.eye(4), problem=DOUBT), True, PlaceState.DOUBTED, "left · in doubt", AMBER),
+        (SensorPlace("left", None, problem=MOVED), True, PlaceState.LOST, "left · not used: it was moved", RED),
+        (SensorPlace("left", None, problem=WALK), False, PlaceState.UNKNOWN, "left · not calibrated yet", GREY),
+        (SensorPlace("left", None), False, PlaceState.UNKNOWN, "left · not calibrated yet", GREY),
     ],
 )
 def test_each_standing_has_words_and_a_colour(place, was_placed, how, said, colour):
@@ -89,9 +89,9 @@ def test_a_moved_sensor_stays_drawn_where_it_was_and_a_new_one_waits_aside():
     seen, floors = learned(before, after)
     drawing = tracking_drawing(after, FREE, seen, floors)
     assert {name: mark.standing for name, mark in drawing.sensors.items()} == {
-        "front": Standing.GOOD,
-        "left": Standing.UNKNOWN,
-        "right": Standing.LOST,
+        "front": PlaceState.GOOD,
+        "left": PlaceState.UNKNOWN,
+        "right": PlaceState.LOST,
     }
     was = tracking_drawing(before, FREE, *learned(before))
     assert positions(drawing)["right"] == pytest.approx(positions(was)["right"])

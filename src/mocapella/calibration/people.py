@@ -52,7 +52,7 @@ WhoIsWho = Callable[[str], Mapping[int, int]]
 
 
 @dataclass(frozen=True)
-class PeopleSettings:
+class PeopleCalibrationSettings:
     """What concerns all sensors.
 
     Attributes:
@@ -142,8 +142,8 @@ class PairOfSensors:
 class PeopleCalibration:
     """All sensors. Which there are is learnt from who speaks; no sensor is announced."""
 
-    def __init__(self, settings: PeopleSettings | None = None, *, rig: Rig | None = None) -> None:
-        self.settings = settings or PeopleSettings()
+    def __init__(self, settings: PeopleCalibrationSettings | None = None, *, rig: Rig | None = None) -> None:
+        self.settings = settings or PeopleCalibrationSettings()
         self.rig = rig
         self.reset()
 

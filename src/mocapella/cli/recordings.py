@@ -15,7 +15,7 @@ from mocapella.errors import InputError, SettingsError, one_of
 from mocapella.live.node import DueFrame
 from mocapella.live.replay import replay
 from mocapella.live.session import Session
-from mocapella.live.summary import Tally
+from mocapella.live.summary import RunSummary
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Phase, Scene, TrackerState
 from mocapella.model.session import Setup
@@ -41,7 +41,7 @@ LONGEST_BETWEEN_NS = 60_000_000_000
 class Replayed:
     """What came of a replay: counts, the state at its end, how long the recording is [s], and what else there is."""
 
-    tally: Tally
+    tally: RunSummary
     last: TrackerState
     seconds: float
     notes: dict[str, Any] = field(default_factory=dict)
@@ -210,7 +210,7 @@ class RecordedTake:
             differing += encode_scene(scene) != next(recorded, None)
             on_scene(scene)
 
-        tally, last, unusable = Tally(), TrackerState(Phase.STOPPED), Counter[str]()
+        tally, last, unusable = RunSummary(), TrackerState(Phase.STOPPED), Counter[str]()
         for run, events in _by_run(self._take.replay()):
             session = Session(run.info.setup, run.info.method_settings)
             tally = replay(session, events, compare, tally)

@@ -73,10 +73,10 @@ def evaluate(
     return {"scenes": found, "seeds": list(seeds), "seconds": LASTS_S}
 
 
-Run = dict[str, Float64]
+FrameRows = dict[str, Float64]
 
 
-def run(name: str, seed: int, settings: Mapping[str, Any] | None = None) -> Run:
+def run(name: str, seed: int, settings: Mapping[str, Any] | None = None) -> FrameRows:
     """What a scene's frames came to: arrays with a row for each frame."""
     scene = load_hand_scene(name, seed=seed)
     given = {"base_places_m": base_places(scene).tolist(), "tips": scene.names[:5], "base": scene.names[5:]}
@@ -124,11 +124,11 @@ _KEYS: Final = (
 )
 
 
-def _together(runs: Sequence[Run]) -> Run:
+def _together(runs: Sequence[FrameRows]) -> FrameRows:
     return {key: np.concatenate([run[key] for run in runs]) for key in _KEYS}
 
 
-def _scores(run: Run) -> dict[str, float]:
+def _scores(run: FrameRows) -> dict[str, float]:
     tips = run["landmark_mm"][:, list(TIPS)]
     return {
         "found_percent": 100 * float(run["found"].sum() / max(run["wanted"].sum(), 1)),

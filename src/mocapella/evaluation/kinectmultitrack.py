@@ -23,8 +23,8 @@ from mocapella.evaluation.interactions import (
 )
 from mocapella.evaluation.methods import AS_LOGGED, check_methods, scored_tracker
 from mocapella.evaluation.protocol import LearntFromStudies, ScoredTracker
-from mocapella.evaluation.scored_views import Views, known_before, logged_views, views_of
-from mocapella.evaluation.study_pairs import TASKS, Frames, Pairs, StudySession, study_sessions
+from mocapella.evaluation.scored_views import ScoredViews, known_before, logged_views, views_of
+from mocapella.evaluation.study_pairs import TASKS, Pairs, StudyFrames, StudySession, study_sessions
 from mocapella.evaluation.study_tables import Count, Scored, count, differences, row
 from mocapella.geometry import angles, rigid
 from mocapella.model.session import SCENARIOS
@@ -66,7 +66,7 @@ class Output(Protocol):
     def wander_m_per_min(self) -> float:
         """The greatest of its runs, see `mocapella.evaluation.causal_run.CausalRun`."""
 
-    def views(self, scoring: str, pairs: Pairs) -> Views:
+    def views(self, scoring: str, pairs: Pairs) -> ScoredViews:
         """Both views of each of these pairs under one of `PROTOCOLS`, or a task's name."""
 
     def fused(self, pairs: Pairs) -> tuple[Float64, Float64]:
@@ -87,7 +87,7 @@ class AsLogged:
     def __init__(self, session: StudySession) -> None:
         self.session = session
 
-    def views(self, scoring: str, pairs: Pairs) -> Views:
+    def views(self, scoring: str, pairs: Pairs) -> ScoredViews:
         """See `Output`; every protocol has the same rows."""
         return logged_views(self.session, pairs)
 
@@ -130,7 +130,7 @@ class AsRun:
         runs = (self._run,) if self._cold is None else (self._run, self._cold)
         self.wander_m_per_min = max(run.wander_m_per_min for run in runs)
 
-    def _run_over(self, frames: Frames, make: Callable[[int], ScoredTracker]) -> CausalRun:
+    def _run_over(self, frames: StudyFrames, make: Callable[[int], ScoredTracker]) -> CausalRun:
         def left_out(sensors: int) -> ScoredTracker:
             tracker = make(sensors)
             if isinstance(tracker, LearntFromStudies):
@@ -144,7 +144,7 @@ class AsRun:
         """Over all frames of the session."""
         return self._run
 
-    def views(self, scoring: str, pairs: Pairs) -> Views:
+    def views(self, scoring: str, pairs: Pairs) -> ScoredViews:
         """See `Output`."""
         run, frames = self._run, self.session.frames
         if scoring == "walk-cold":

@@ -46,7 +46,7 @@ class Agreement(msgspec.Struct, frozen=True):
     within_1_mm: float
 
 
-class Steadiness(msgspec.Struct, frozen=True):
+class BoneLengthVariation(msgspec.Struct, frozen=True):
     """Median over the bones of both hands of the coefficient of variation of a bone's length.
 
     Attributes:
@@ -69,7 +69,7 @@ def agreement(ours: Float64, reference: Float64) -> Agreement:
     return Agreement(len(both), int(there.sum()), float(median), float(p95), float((distances <= 1.0).mean()))
 
 
-def holistic(folder: Path, settings: TracksSettings = LINEAR_HOLISTIC) -> tuple[Agreement, Steadiness]:
+def holistic(folder: Path, settings: TracksSettings = LINEAR_HOLISTIC) -> tuple[Agreement, BoneLengthVariation]:
     """Hands and body of ``mediapipe_holistic_4cam`` beside Caliscope's.
 
     Raises:
@@ -83,12 +83,12 @@ def holistic(folder: Path, settings: TracksSettings = LINEAR_HOLISTIC) -> tuple[
     chosen = (numbers < BODY_LANDMARKS) | np.isin(numbers, [b + i for b in HANDS for i in range(HAND_LANDMARKS)])
     ours = space.positions
     shared = np.where(np.isfinite(ours), reference, np.nan)
-    steady = Steadiness(*(variation(points, numbers) for points in (ours, reference, shared)))
+    steady = BoneLengthVariation(*(variation(points, numbers) for points in (ours, reference, shared)))
     return agreement(ours[:, chosen], reference[:, chosen]), steady
 
 
 def variation(points: Float64, numbers: NDArray[np.int64]) -> float:
-    """Of points (frames, points, 3) with Caliscope's numbers, as `Steadiness` says."""
+    """Of points (frames, points, 3) with Caliscope's numbers, as `BoneLengthVariation` says."""
     places = {int(number): p for p, number in enumerate(numbers)}
     found = []
     for base in HANDS:

@@ -16,7 +16,7 @@ from mocapella.errors import EvaluationError
 from mocapella.evaluation.causal_run import CausalRun
 from mocapella.evaluation.fused_metrics import facing_yaw
 from mocapella.evaluation.protocol import JointBias
-from mocapella.evaluation.study_pairs import Frames, Pairs, StudySession
+from mocapella.evaluation.study_pairs import Pairs, StudyFrames, StudySession
 from mocapella.geometry import angles, rigid
 from mocapella.model.topology import topology
 
@@ -32,7 +32,7 @@ TOPOLOGY: Final = topology("kinect_v2")
 _ROOT = TOPOLOGY.parts["root"]
 
 
-class Views(msgspec.Struct, frozen=True, eq=False):
+class ScoredViews(msgspec.Struct, frozen=True, eq=False):
     """Both views of every pair in the reference sensor's camera space.
 
     Attributes:
@@ -46,13 +46,13 @@ class Views(msgspec.Struct, frozen=True, eq=False):
     swaps_per_min: float = 0.0
 
 
-def logged_views(session: StudySession, pairs: Pairs) -> Views:
+def logged_views(session: StudySession, pairs: Pairs) -> ScoredViews:
     """The rows as they were logged: the output of the thesis' own method."""
     rows = session.log.positions[pairs.rows].astype(np.float64)
-    return Views(rows, rows)
+    return ScoredViews(rows, rows)
 
 
-def known_before(frames: Frames, pairs: Pairs, *, frozen: bool = False) -> Int64:
+def known_before(frames: StudyFrames, pairs: Pairs, *, frozen: bool = False) -> Int64:
     """(pairs,) the entry of a `CausalRun` that was known before either frame of the pair had come.
 
     Args:
@@ -64,7 +64,7 @@ def known_before(frames: Frames, pairs: Pairs, *, frozen: bool = False) -> Int64
     return np.full(len(first), first.min(initial=len(frames.arrivals))) if frozen else first
 
 
-def views_of(session: StudySession, run: CausalRun, pairs: Pairs, known: Int64, labels: Int64) -> Views:
+def views_of(session: StudySession, run: CausalRun, pairs: Pairs, known: Int64, labels: Int64) -> ScoredViews:
     """What the method has of each pair.
 
     Args:
@@ -82,7 +82,7 @@ def views_of(session: StudySession, run: CausalRun, pairs: Pairs, known: Int64, 
     views = rigid.apply(seen.T, joints)
     mirrored = views[:, :, TOPOLOGY.mirror]
     minutes = max(float(np.ptp(session.at_s[pairs.rows])) / 60, 1e-9)
-    return Views(
+    return ScoredViews(
         views,
         np.where(seen.swapped[..., None, None], mirrored, views),
         swaps_per_min=_changes(seen.swapped, pairs.person) / minutes,

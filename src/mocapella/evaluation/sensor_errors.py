@@ -39,7 +39,7 @@ from mocapella.geometry.angles import wrap
 from mocapella.geometry.rigid import apply
 from mocapella.model.session import SCENARIOS
 from mocapella.sources.simulate import SensorSettings, SimulatedSensor, build_room, scene_settings
-from mocapella.sources.simulate.body import BODY, JOINT, body_model
+from mocapella.sources.simulate.body import BODY, JOINT, body_template
 from mocapella.sources.simulate.measured import (
     BIAS_BINS,
     KIND,
@@ -256,9 +256,9 @@ def _at_one_time(positions: Float64, raw: AlignedViews) -> Float64:
 
 def _hidden(positions: Float64, raw: AlignedViews) -> Bools:
     trunk = positions[..., JOINT["Head"], :] - positions[..., JOINT["SpineBase"], :]
-    drawn = body_model().offsets[[JOINT[name] for name in ("SpineMid", "SpineShoulder", "Neck", "Head")]]
+    drawn = body_template().offsets[[JOINT[name] for name in ("SpineMid", "SpineShoulder", "Neck", "Head")]]
     stature = np.median(np.linalg.norm(trunk, axis=-1)) / np.linalg.norm(drawn.sum(axis=0))
-    radii, nothing = (body_model().radii * stature)[None], obstacles((), ())
+    radii, nothing = (body_template().radii * stature)[None], obstacles((), ())
     mean = positions.mean(axis=1)
     return np.array([[hidden(eye, body[None], radii, nothing)[0] for eye in raw.places] for body in mean])
 

@@ -116,7 +116,7 @@ class RunRow(msgspec.Struct, frozen=True):
     lag: float | None
 
 
-class Shown(msgspec.Struct, frozen=True, eq=False):
+class PlottedScene(msgspec.Struct, frozen=True, eq=False):
     """What is drawn of a scene: one seed, the subject's own mesh, the worst images.
 
     Attributes:
@@ -136,7 +136,7 @@ def run(
     seconds: float | None = None,
     bodies: Sequence[str] = tuple(BODIES),
     tell: Callable[[str], None] = lambda _: None,
-) -> tuple[list[RunRow], list[Shown]]:
+) -> tuple[list[RunRow], list[PlottedScene]]:
     """Do one of `EXPERIMENTS`.
 
     Args:
@@ -167,7 +167,7 @@ def run(
                         rows.append(row)
                         found.setdefault(weight, movement)
             if seed == seeds[0]:
-                shown.append(Shown(film, worse, found))
+                shown.append(PlottedScene(film, worse, found))
     return rows, shown
 
 
@@ -208,7 +208,7 @@ def followed(
     return row, found
 
 
-def plot_movements(shown: Sequence[Shown], hinges: Sequence[str], path: Path) -> None:
+def plot_movements(shown: Sequence[PlottedScene], hinges: Sequence[str], path: Path) -> None:
     """Joints' angles and the feet's acceleration over time, with the penalty and without, beside a corrupted image.
 
     Raises:
@@ -249,7 +249,7 @@ def plot_movements(shown: Sequence[Shown], hinges: Sequence[str], path: Path) ->
     save_figure(figure, path)
 
 
-def _wrong_share(one: Shown) -> Any:
+def _wrong_share(one: PlottedScene) -> Any:
     """(frames,) share of the cameras whose frames are stored wrong."""
     cameras, worse = len(one.film.scene.rig.cameras), one.corruption or Corruption()
     return np.array([np.mean([worse.is_wrong(k, c) for c in range(cameras)]) for k in range(len(one.film.truth))])

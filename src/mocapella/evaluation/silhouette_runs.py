@@ -64,7 +64,7 @@ class Film(msgspec.Struct, frozen=True, eq=False):
         return {name: corruption.of(image, frame, k) for k, (name, image) in enumerate(images.items())}
 
 
-class Run(msgspec.Struct, frozen=True, eq=False):
+class FollowedRun(msgspec.Struct, frozen=True, eq=False):
     """A body that was followed.
 
     Attributes:
@@ -128,7 +128,7 @@ def follow(
     *,
     corruption: Corruption | None = None,
     clock: Callable[[], float] = lambda: 0.0,
-) -> Run:
+) -> FollowedRun:
     """Follow the first person of a film.
 
     Args:
@@ -152,7 +152,7 @@ def follow(
         if not followed.seen:
             blind.append(k)
     batch = TreePose(np.array([pose.T_world_model for pose in poses]), np.array([pose.angles for pose in poses]))
-    return Run(Movement(mesh, batch, film.truth.fps), tuple(blind), np.array(took))
+    return FollowedRun(Movement(mesh, batch, film.truth.fps), tuple(blind), np.array(took))
 
 
 def overlaps(film: Film, movement: Movement, every: int = EVERY) -> Float64:

@@ -49,7 +49,7 @@ class Pairs(msgspec.Struct, frozen=True, eq=False):
         return Pairs(self.rows[mask], self.person[mask], self.task[mask])
 
 
-class Frames(msgspec.Struct, frozen=True, eq=False):
+class StudyFrames(msgspec.Struct, frozen=True, eq=False):
     """Frames of a file in the order of their arrival, and in which of them each row is.
 
     Attributes:
@@ -103,16 +103,16 @@ class StudySession:
         """Whether it is an interaction."""
         return len(np.unique(self.pairs.person)) > 1
 
-    def only(self, task: int) -> Frames:
+    def only(self, task: int) -> StudyFrames:
         """The frames of one task, as if nothing had come before them."""
         wanted = sorted(set(self.frames.of_row[self.log.scenario_id == task].tolist()))
         return self._frames(tuple(self.frames.arrivals[k] for k in wanted))
 
-    def _frames(self, arrivals: tuple[Arrival, ...]) -> Frames:
+    def _frames(self, arrivals: tuple[Arrival, ...]) -> StudyFrames:
         place = {(arrival.frame.sensor, arrival.frame.time_ns): k for k, arrival in enumerate(arrivals)}
         times = (self.log.skeleton_time_ticks * TICK_NS).tolist()
         names = [self._sensor_names[kinect] for kinect in self.log.kinect_id.tolist()]
-        return Frames(arrivals, np.array([place.get(key, -1) for key in zip(names, times, strict=True)]))
+        return StudyFrames(arrivals, np.array([place.get(key, -1) for key in zip(names, times, strict=True)]))
 
     def _raw(self, row: int) -> Float64:
         frame = self.frames.arrivals[self.frames.of_row[row]].frame

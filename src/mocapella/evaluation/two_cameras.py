@@ -32,7 +32,7 @@ UInt8 = NDArray[np.uint8]
 
 Told = tuple[Float64, UInt8, int]
 """Points in the world, states, and number of an arm."""
-Look = Callable[[DepthShot], SeenArms]
+ArmFinding = Callable[[DepthShot], SeenArms]
 """What finds arms in a shot."""
 CAMERAS: Final = ("first", "second")
 FUSED: Final = "fused"
@@ -97,10 +97,10 @@ def beside(scene: DepthScene, angle_deg: float) -> DepthScene:
     return scene.from_camera(rigid(R, middle - R @ middle))
 
 
-def looks_of(methods: tuple[ArmMethod, ArmMethod]) -> tuple[Look, Look]:
+def looks_of(methods: tuple[ArmMethod, ArmMethod]) -> tuple[ArmFinding, ArmFinding]:
     """Two methods, one made for each camera, as what finds arms in shots."""
 
-    def of(method: ArmMethod) -> Look:
+    def of(method: ArmMethod) -> ArmFinding:
         return lambda shot: method.update(shot.depth * np.float32(shot.unit_m), shot.at_s)
 
     return of(methods[0]), of(methods[1])
@@ -108,7 +108,7 @@ def looks_of(methods: tuple[ArmMethod, ArmMethod]) -> tuple[Look, Look]:
 
 def two_camera_scores(
     scene: DepthScene,
-    looks: tuple[Look, Look],
+    looks: tuple[ArmFinding, ArmFinding],
     *,
     angle_deg: float = 60.0,
     fps: float = 30.0,

@@ -66,10 +66,10 @@ class TracksReport(msgspec.Struct, frozen=True):
     points: int
     counted: Mapping[str, int]
     residual_px: float
-    cameras: Mapping[str, CameraReport]
+    cameras: Mapping[str, CameraPointsReport]
 
 
-class CameraReport(msgspec.Struct, frozen=True):
+class CameraPointsReport(msgspec.Struct, frozen=True):
     """A camera's part in it.
 
     Attributes:
@@ -122,7 +122,7 @@ def _report(found: Triangulated, confident: NDArray[np.bool_], names: list[str])
     for k, name in enumerate(names):
         seen, used = confident[..., k] & good, found.used[..., k]
         share = float(1.0 - used.sum() / seen.sum()) if seen.any() else 0.0
-        cameras[name] = CameraReport(int(seen.sum()), share, _rms(found.residuals_px[..., k][used]))
+        cameras[name] = CameraPointsReport(int(seen.sum()), share, _rms(found.residuals_px[..., k][used]))
     counted = {state.name.lower(): int((found.states == state).sum()) for state in PointState}
     return TracksReport(len(good), good.shape[1], counted, _rms(found.residuals_px[found.used]), cameras)
 

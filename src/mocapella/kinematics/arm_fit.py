@@ -123,7 +123,7 @@ class ArmPose(NamedTuple):
         return rigid(self.R.reshape(3, 3), self.t)
 
 
-class Evidence(NamedTuple):
+class ArmEvidence(NamedTuple):
     """What the fit is made to; camera [m].
 
     Attributes:
@@ -243,7 +243,7 @@ class ArmModel:
         return replace(base, certainty=certainty, v=v, information=information)
 
     def fit(
-        self, start: ArmPose, expected: Expected, evidence: Evidence, *, iterations: int | None = None,
+        self, start: ArmPose, expected: Expected, evidence: ArmEvidence, *, iterations: int | None = None,
         loose: float | None = None, tips: Float64 | None = None, keep: float = 0.67,
     ) -> Fitted:  # fmt: skip
         """The best pose near a start.
@@ -278,7 +278,7 @@ class ArmModel:
         costs[3] = off @ self.prior @ off + v[:2] @ v[:2] + v[10:] @ v[10:]
         return Fitted(pose, costs)
 
-    def _numbers(self, pose: ArmPose, evidence: Evidence, total: float) -> Float64:
+    def _numbers(self, pose: ArmPose, evidence: ArmEvidence, total: float) -> Float64:
         """As the kernels have the settings."""
         s = self.settings
         # As many points as a hand at arm's length has: more of them do not know more.
@@ -289,7 +289,7 @@ class ArmModel:
              s.edge * float(pose.t[2] / evidence.lens[0]), (s.silhouette_sd_m / s.sharp_sd_m) ** 2]
         )  # fmt: skip
 
-    def held_otherwise(self, pose: ArmPose, evidence: Evidence, digit: int) -> tuple[float, ArmPose]:
+    def held_otherwise(self, pose: ArmPose, evidence: ArmEvidence, digit: int) -> tuple[float, ArmPose]:
         """How much less a fit costs with a digit held in the best of many ways, all else as it is, and that pose."""
         columns = self.columns[digit]
         free = columns >= 0
@@ -379,7 +379,7 @@ class ArmModel:
 
         Args:
             pose: see there.
-            front, lens: as of `Evidence`.
+            front, lens: as of `ArmEvidence`.
         """
         out = np.empty(23)
         kernels().visible(self.pieces(pose)[0], self._places, pose.R, pose.t, front, lens, _NEAR_M, out)

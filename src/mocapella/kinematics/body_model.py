@@ -48,7 +48,7 @@ class Hinge:
 
 
 @dataclass(frozen=True)
-class Ball:
+class BallJoint:
     """A joint that turns every way.
 
     Attributes:
@@ -69,7 +69,7 @@ class Ball:
         least, most = self.twist_deg
         check(-180 <= least <= 0 <= most <= 180, "twist_deg", self.twist_deg, "around 0, within ±180")
 
-    def mirrored(self) -> Ball:
+    def mirrored(self) -> BallJoint:
         """The same on the other side of the body."""
         x, y, z = self.centre
         least, most = self.twist_deg
@@ -92,7 +92,7 @@ class Bone:
     motion: str
     misfit_m: float = 0.01
     hinges: tuple[Hinge, ...] = ()
-    ball: Ball | None = None
+    ball: BallJoint | None = None
 
     def __post_init__(self) -> None:
         check(sum(c * c for c in self.offset) > 0.0, "offset", self.offset, "not zero")

@@ -252,7 +252,7 @@ class GestureSettings:
 
 
 @dataclass(frozen=True)
-class Shown:
+class GestureState:
     """What a hand does at an instant.
 
     Attributes:
@@ -353,7 +353,7 @@ class HandGestures:
         """What became of the instants so far."""
         return GesturesReport(self._instants, self._unknown, dict(self._begun), self._grabs, self._releases)
 
-    def update(self, hand: HandFeatures | None, at_s: float) -> Shown:
+    def update(self, hand: HandFeatures | None, at_s: float) -> GestureState:
         """Take in an instant.
 
         Args:
@@ -374,7 +374,7 @@ class HandGestures:
         known = not math.isnan(closed)
         self._unknown += not known
         name = self._choose()
-        return Shown(name, self._sure_of(name, at_s), self._grab.on, event, known)
+        return GestureState(name, self._sure_of(name, at_s), self._grab.on, event, known)
 
     def _judge(self, gesture: Gesture, hand: HandFeatures | None, at_s: float) -> None:
         score = math.nan

@@ -190,7 +190,7 @@ def lasting(now: Evidence, before: Evidence) -> Evidence:
     return Evidence(now.eye, now.origin_px, now.step_px, strange)
 
 
-class Found(msgspec.Struct, frozen=True, eq=False):
+class FoundLimb(msgspec.Struct, frozen=True, eq=False):
     """A limb that was looked for.
 
     Attributes:
@@ -253,7 +253,7 @@ def search(
     *,
     also_hidden: bool,
     settings: LimbSearchSettings = DEFAULT,
-) -> Found | None:
+) -> FoundLimb | None:
     """A pose of the limb that the images say much more for than for the one it has; None where there is none.
 
     Args:
@@ -291,7 +291,7 @@ def search(
     told = local.into(pose).angles[limb.joints]  # within the body's limits, which those of a local tree are not
     (value,), _ = valued(told[None])
     better = value > was + (s.better if astray else s.much_better)
-    return Found(pose, float(value), float(was)) if better else None
+    return FoundLimb(pose, float(value), float(was)) if better else None
 
 
 @cache

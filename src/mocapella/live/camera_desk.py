@@ -16,7 +16,7 @@ from typing import Any, Final, Literal
 from msgspec.structs import replace
 
 from mocapella.errors import MocapellaError, NotNowError, SettingsError
-from mocapella.live.marker_work import Look, MarkerWork
+from mocapella.live.marker_work import DetectedPicture, MarkerWork
 from mocapella.model.board import parse_board
 from mocapella.sensing.boards import BoardDetector, why_not_found
 from mocapella.sensing.colour_learning import ColourSample, learn_colours
@@ -91,7 +91,7 @@ class CameraDesk:
         self._waiting: queue.Queue[tuple[bytes, Callable[[bytes], None]] | None] = queue.Queue(self.settings.waiting)
         self._asked_s: deque[float] = deque(maxlen=self.settings.a_second)
         self._lock, self._ended = threading.Lock(), threading.Event()
-        self._shown: OrderedDict[int, Look] = OrderedDict()
+        self._shown: OrderedDict[int, DetectedPicture] = OrderedDict()
         self._board: tuple[str, BoardDetector] | None = None
         self._before: ColourProfile | Literal["saved"] | None = _SAVED
         self._thread = threading.Thread(target=self._run, name="questions", daemon=True)
@@ -167,7 +167,7 @@ class CameraDesk:
             case AskBoard(board=text, explain=explain):
                 return self._find_board(text, explain=explain)
 
-    def _newest(self, *, keep: bool = False) -> Look:
+    def _newest(self, *, keep: bool = False) -> DetectedPicture:
         look = self._work.newest
         if look is None:
             raise NotNowError("there is no picture yet; ask again when the camera gives one")
@@ -177,7 +177,7 @@ class CameraDesk:
                 self._shown.popitem(last=False)
         return look
 
-    def _pictured(self, look: Look, image: Any, kind: Literal["jpeg", "png"], scale: float) -> NodeAnswer:
+    def _pictured(self, look: DetectedPicture, image: Any, kind: Literal["jpeg", "png"], scale: float) -> NodeAnswer:
         if not SCALES[0] <= scale <= SCALES[1]:
             raise SettingsError(f"scale is {scale:g}; it must be from {SCALES[0]:g} to {SCALES[1]:g}")
         frame = look.frame

@@ -22,7 +22,7 @@ OFTEN: Final = 0.5
 """A colour of which several things are seen in more than this part of the pictures is said to be there twice."""
 
 
-class Look:
+class DetectedPicture:
     """A picture, what was found in it, and by which detector; None where no colours were learnt."""
 
     __slots__ = ("detector", "frame", "picture")
@@ -59,7 +59,7 @@ class MarkerWork:
         self.camera, self.acquisition, self._settings, self._tags = camera, acquisition, settings, tags
         self.detector: MarkerDetector | None = None
         self.late = self.too_late = 0
-        self.newest: Look | None = None
+        self.newest: DetectedPicture | None = None
         self._warned = Warned()
         self._before: MarkerReport | None = None
         if profile is not None:
@@ -93,7 +93,7 @@ class MarkerWork:
             frame = detector.update(picture.image, picture.time_ns / NS_PER_S)
         if self._tags is not None:
             frame = joined(frame, self._tags.update(picture.image, picture.time_ns / NS_PER_S))
-        self.newest = Look(picture, frame, detector)
+        self.newest = DetectedPicture(picture, frame, detector)
         return frame
 
     def in_time(self, took_s: float, age_s: float, drop_after_s: float) -> bool:

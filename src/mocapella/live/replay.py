@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from mocapella.live.session import Session
-from mocapella.live.summary import Tally
+from mocapella.live.summary import RunSummary
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Scene
 from mocapella.recording.take import Command
@@ -15,10 +15,10 @@ def replay(
     session: Session,
     events: Iterable[Arrival | Command],
     on_scene: Callable[[Scene], None] = lambda scene: None,
-    tally: Tally | None = None,
-) -> Tally:
+    tally: RunSummary | None = None,
+) -> RunSummary:
     """Feed the session every frame and command in their order; returns what it came to, added to ``tally``."""
-    tally = tally or Tally()
+    tally = tally or RunSummary()
     phase, began_ns = "", None
     for event in events:
         if isinstance(event, Command):

@@ -27,7 +27,7 @@ from mocapella.live.inbox import Inbox, Letter
 from mocapella.live.recording_desk import RecordingDesk, outcome
 from mocapella.live.roster import Roster
 from mocapella.live.session import Session
-from mocapella.live.summary import Tally
+from mocapella.live.summary import RunSummary
 from mocapella.model.observations import Arrival, check_sensor_name
 from mocapella.model.scene import Phase
 from mocapella.model.session import CommandReply, RecordingHealth, SessionStatus, Setup
@@ -102,7 +102,7 @@ class Server:
         self._ended = threading.Event()
         self.failed = threading.Event()
         self._began = time.monotonic()
-        self.tally = Tally(began_ns=time.monotonic_ns())
+        self.tally = RunSummary(began_ns=time.monotonic_ns())
         self._link = ServerLink(settings.listen, on_nonsense=self._note)
         self._desk = RecordingDesk(
             self._session,

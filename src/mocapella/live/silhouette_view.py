@@ -13,7 +13,7 @@ from mocapella.live.view import beats
 from mocapella.model.twist_tree import TreePose
 from mocapella.sensing.outline_picture import jpeg
 from mocapella.tracker.silhouette_start import upright
-from mocapella.viewer.body_panel import BodyFrame, Picture
+from mocapella.viewer.body_panel import BodyViewFrame, EncodedPicture
 from mocapella.viewer.body_stage import ShownBody
 from mocapella.viewer.body_view import BodyView
 
@@ -38,13 +38,13 @@ class SilhouetteView:
 
     def tell(self, step: Step) -> None:
         """Show a step."""
-        pictures = {name: Picture(jpeg(one)) for name, one in step.pictures(WIDTH_PX).items()}
+        pictures = {name: EncodedPicture(jpeg(one)) for name, one in step.pictures(WIDTH_PX).items()}
         bodies = {
             name: ShownBody(one.followed.pose, one.row.overlap, one.row.left_out, one.row.lost)
             for name, one in step.people.items()
         }
         time_s = next(one.row.time_s for one in step.people.values())
-        self._view.add(BodyFrame(step.frame, time_s, bodies, pictures))
+        self._view.add(BodyViewFrame(step.frame, time_s, bodies, pictures))
         self._view.show(time.monotonic())
 
     def stay(self, stop: threading.Event, seconds: float | None = None) -> None:

@@ -69,7 +69,7 @@ class Labels:
 
 
 @dataclass
-class Tally:
+class RunSummary:
     """Counts of a run, kept while it goes on.
 
     ``began_ns`` is when the run began, on the clock of its results; that of the first where it is not given.

@@ -53,7 +53,7 @@ class Held(Generic[T]):
         return self._value
 
 
-class Picture:
+class ViewState:
     """What is shown now: the newest scene, status, and frame of each sensor."""
 
     def __init__(self) -> None:
@@ -175,7 +175,7 @@ def run_view(
         viewer = Viewer(host, port, command=desk.command, methods=tuple(METHODS), ask=link.ask)
         try:
             on_ready(viewer.url)
-            picture, arms = Picture(), ArmShow(cloth)
+            picture, arms = ViewState(), ArmShow(cloth)
             for now_s in beats(RATE_HZ, stop):
                 scene, frames, status = picture.update(*link.newest(), now_s)
                 desk.learn(status)

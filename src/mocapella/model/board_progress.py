@@ -6,7 +6,7 @@ from typing import Literal
 
 import msgspec
 
-Phase = Literal["idle", "filming", "calibrating", "done"]
+BoardPhase = Literal["idle", "filming", "calibrating", "done"]
 
 
 class CameraProgress(msgspec.Struct, frozen=True):
@@ -63,7 +63,7 @@ class BoardProgress(msgspec.Struct, frozen=True):
         saved, used: whether it was saved, and whether the server tracks with it.
     """
 
-    phase: Phase = "idle"
+    phase: BoardPhase = "idle"
     board: str = ""
     cameras: tuple[CameraProgress, ...] = ()
     shared: int = 0

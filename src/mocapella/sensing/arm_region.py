@@ -98,7 +98,7 @@ class Grid(NamedTuple):
 
 
 class Region(NamedTuple):
-    """What may be an arm, as `mocapella.kinematics.arm_fit.Evidence` has it.
+    """What may be an arm, as `mocapella.kinematics.arm_fit.ArmEvidence` has it.
 
     Attributes:
         points: (m, 3) camera [m].

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from mocapella.errors import SettingsError
 from mocapella.geometry.lens import undistort
 from mocapella.model.camera import Camera
-from mocapella.sensing.line_skeleton_outline import Outline, Separated, filled, lines, outline, separated
+from mocapella.sensing.line_skeleton_outline import ArmOutline, Separated, filled, lines, outline, separated
 from mocapella.sensing.line_skeleton_settings import LineSkeletonSettings
 from mocapella.settings import check
 
@@ -93,7 +93,7 @@ class BodyLines:
 
 
 @dataclass(frozen=True, eq=False)
-class SeenBodies:
+class BodyLinesResult:
     """What came of an image.
 
     Attributes:
@@ -106,12 +106,12 @@ class SeenBodies:
 
     floor: Float64 | None
     separated: Separated
-    outline: Outline | None
+    outline: ArmOutline | None
     bodies: tuple[BodyLines, ...]
     reason: str = ""
 
 
-def body_lines(depth: Float32, camera: Camera, settings: BodyLinesSettings | None = None) -> SeenBodies:
+def body_lines(depth: Float32, camera: Camera, settings: BodyLinesSettings | None = None) -> BodyLinesResult:
     """Look at an image.
 
     Args:
@@ -134,7 +134,7 @@ def body_lines(depth: Float32, camera: Camera, settings: BodyLinesSettings | Non
     first = separated(above.astype(np.float32), image)
     second = outline(first, image) if first.gray.any() else None
     if second is None:
-        return SeenBodies(floor, first, None, (), _nothing(metres, s))
+        return BodyLinesResult(floor, first, None, (), _nothing(metres, s))
     bodies = []
     for one in second.outlines:
         mask = filled(one[:, None], (height, width))
@@ -147,7 +147,7 @@ def body_lines(depth: Float32, camera: Camera, settings: BodyLinesSettings | Non
                               camera, image))  # fmt: skip
     bodies.sort(key=lambda body: body.distance_m)
     small = f"nothing in the range is larger than {s.least_m2:g} m²" if not bodies else ""
-    return SeenBodies(floor, first, second, tuple(bodies), small)
+    return BodyLinesResult(floor, first, second, tuple(bodies), small)
 
 
 def floor_plane(metres: Float32, camera: Camera, settings: BodyLinesSettings) -> Float64 | None:
@@ -186,7 +186,7 @@ def floor_plane(metres: Float32, camera: Camera, settings: BodyLinesSettings) ->
     return np.asarray(plane)
 
 
-def pictures(seen: SeenBodies) -> Mapping[str, UInt8]:
+def pictures(seen: BodyLinesResult) -> Mapping[str, UInt8]:
     """The picture of each stage that was reached, by its name, in order: gray, or blue, green, red."""
     first = seen.separated
     most = max(int(first.millimetres.max()), 1)
@@ -209,7 +209,7 @@ def pictures(seen: SeenBodies) -> Mapping[str, UInt8]:
     return out | {"outlines": mask, "thinning": lit, "lines": np.asarray(drawn)}
 
 
-def _of(of: Outline, metres: Float32, distance_m: float, camera: Camera, s: LineSkeletonSettings) -> BodyLines:
+def _of(of: ArmOutline, metres: Float32, distance_m: float, camera: Camera, s: LineSkeletonSettings) -> BodyLines:
     """A body's lines; ``metres`` is 0 where it is not."""
     made = lines(of, s)
     thin = made.skeleton.thinned

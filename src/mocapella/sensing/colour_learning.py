@@ -19,7 +19,7 @@ from mocapella.sensing.colour_profile import (
     BINS,
     SKIN,
     SPAN,
-    Background,
+    BackgroundColours,
     CameraControls,
     Chromaticities,
     Colour,
@@ -211,7 +211,7 @@ def learn(bgr: UInt8) -> Chromaticities:
     )
 
 
-def learn_background(images: Sequence[tuple[UInt8, Mask]]) -> Background:
+def learn_background(images: Sequence[tuple[UInt8, Mask]]) -> BackgroundColours:
     """What is no marker in images, where their masks (height, width) say so.
 
     Counted are means of 3 × 3: things remain, while a pixel that noise alone has coloured is none, and no piece of an
@@ -223,7 +223,7 @@ def learn_background(images: Sequence[tuple[UInt8, Mask]]) -> Background:
         at = chromaticity(smooth[mask])
         counts += np.histogram2d(at[:, 0], at[:, 1], bins=BINS, range=((-SPAN, SPAN), (-SPAN, SPAN)))[0]
     luma, u, v = light_of(np.concatenate([image[mask] for image, mask in images]))
-    return Background(tuple(tuple(int(n) for n in row) for row in counts), luma, (u, v))
+    return BackgroundColours(tuple(tuple(int(n) for n in row) for row in counts), luma, (u, v))
 
 
 def light_of(bgr: UInt8) -> tuple[float, float, float]:

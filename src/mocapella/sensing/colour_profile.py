@@ -99,7 +99,7 @@ class Colour:
 
 
 @dataclass(frozen=True)
-class Background:
+class BackgroundColours:
     """What is no marker.
 
     Attributes:
@@ -137,7 +137,7 @@ class ColourProfile:
     camera: str
     size_px: tuple[int, int]
     colours: tuple[Colour, ...]
-    background: Background
+    background: BackgroundColours
     skin: Chromaticities | None = None
     controls: CameraControls = field(default_factory=CameraControls)
     version: int = VERSION

@@ -20,8 +20,8 @@ from mocapella.model.arms import ARM_JOINTS, ARM_POINTS, SeenArm, SeenArms
 from mocapella.model.camera import Camera
 from mocapella.model.hand import ANGLES
 from mocapella.model.observations import JointState
-from mocapella.sensing.line_skeleton_joints import Grid, Hand, grid, hand, nearest
-from mocapella.sensing.line_skeleton_outline import Lines, Outline, Separated, lines, outline, separated
+from mocapella.sensing.line_skeleton_joints import HandJoints, PointGrid, grid, hand, nearest
+from mocapella.sensing.line_skeleton_outline import ArmOutline, Lines, Separated, lines, outline, separated
 from mocapella.sensing.line_skeleton_settings import LineSkeletonSettings
 
 __all__ = ["LineSkeleton", "LineSkeletonSettings", "Looked"]
@@ -49,10 +49,10 @@ class Looked:
     """
 
     separated: Separated
-    outline: Outline | None = None
+    outline: ArmOutline | None = None
     lines: Lines | None = None
-    grid: Grid | None = None
-    hand: Hand | None = None
+    grid: PointGrid | None = None
+    hand: HandJoints | None = None
     joints: Float64 | None = None
     found: NDArray[np.bool_] | None = None
     reason: str = ""
@@ -149,7 +149,7 @@ class LineSkeleton:
             f"median at {np.median(seen) / 1000:.2f} m: move the arm, or give the right unit"
         )
 
-    def _placed(self, points: Grid, found: Hand) -> tuple[Float64, NDArray[np.bool_]]:
+    def _placed(self, points: PointGrid, found: HandJoints) -> tuple[Float64, NDArray[np.bool_]]:
         """Joints in space by the depth of the grid's nearest points, and the position rules."""
         s = self.settings
         pixels = np.concatenate([[found.elbow, found.wrist, found.palm], found.tips])

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.sensing.line_skeleton_outline import Lines, Outline
+from mocapella.sensing.line_skeleton_outline import ArmOutline, Lines
 from mocapella.sensing.line_skeleton_settings import LineSkeletonSettings
 
 UInt8 = NDArray[np.uint8]
@@ -30,7 +30,7 @@ _HARRIS_K: Final = 0.04
 
 
 @dataclass(frozen=True, eq=False)
-class Grid:
+class PointGrid:
     """The points that are looked at: those of the arm in the cube region.
 
     Attributes:
@@ -43,7 +43,7 @@ class Grid:
 
 
 @dataclass(frozen=True, eq=False)
-class Hand:
+class HandJoints:
     """Joints in the mirrored picture [px], and what they were made of.
 
     Attributes:
@@ -67,7 +67,7 @@ class Hand:
     tips: Float64
 
 
-def grid(of: Outline, rays: Float64, s: LineSkeletonSettings) -> Grid:
+def grid(of: ArmOutline, rays: Float64, s: LineSkeletonSettings) -> PointGrid:
     """Every ``grid_px``-th pixel of every so many rows that is of the arm and lies in the cube region.
 
     Args:
@@ -81,12 +81,12 @@ def grid(of: Outline, rays: Float64, s: LineSkeletonSettings) -> Grid:
     y, x = np.nonzero(seen)
     pixels, metres = np.stack([step * x, step * y], axis=-1), z[y, x].astype(np.float64)
     within = (np.abs(rays[pixels[:, 1], pixels[:, 0]]) * metres[:, None] <= side).all(axis=-1)
-    return Grid(pixels[within].astype(np.int32), metres[within])
+    return PointGrid(pixels[within].astype(np.int32), metres[within])
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where the hand is in the mirrored picture [px]; see `Hand`. A metre is px_per_m pixels there."""
+    """Where the hand is in the mirrored picture [px]; see `HandJoints`. A metre is px_per_m pixels there."""
 
     elbow: Float64
     palm: Float64
@@ -124,7 +124,7 @@ def palm_and_wrist(centre: Float64, elbow: Float64) -> tuple[Float64, Float64]:
     return palm, ((elbow + palm) / 2.0 + palm) / 2.0
 
 
-def hand(of: Outline, found: Lines, points: Grid, focal_px: float, s: LineSkeletonSettings) -> Hand:
+def hand(of: ArmOutline, found: Lines, points: PointGrid, focal_px: float, s: LineSkeletonSettings) -> HandJoints:
     """All joints of an arm that has at least one line and one point of the grid.
 
     Args:
@@ -146,10 +146,10 @@ def hand(of: Outline, found: Lines, points: Grid, focal_px: float, s: LineSkelet
     both = _merged(outer, blobs, 2.0 * s.tip_radius_m * px_per_m)
     order = np.argsort(_angles(both, at, at - elbow), kind="stable")
     tips[: len(both)] = both[order]
-    return Hand(elbow, palm, wrist, place.inside_px, corners, hulls, outer, blobs, tips)
+    return HandJoints(elbow, palm, wrist, place.inside_px, corners, hulls, outer, blobs, tips)
 
 
-def nearest(points: Grid, pixel: Float64) -> int:
+def nearest(points: PointGrid, pixel: Float64) -> int:
     """Which point of a grid, by its number, is nearest to a pixel (2,)."""
     return int(((points.pixels - pixel) ** 2).sum(axis=-1).argmin())
 
@@ -168,7 +168,7 @@ def _angles(pixels: Float64, at: Float64, direction: Float64) -> Float64:
     return np.asarray(np.arctan2(dx * y - dy * x, dx * x + dy * y))
 
 
-def _corners(of: Outline, s: LineSkeletonSettings) -> Float64:
+def _corners(of: ArmOutline, s: LineSkeletonSettings) -> Float64:
     """Harris corners of the arm's picture."""
     x, y, width, height = cv2.boundingRect(of.arm)
     response = cv2.cornerHarris(of.arm[y : y + height, x : x + width], _HARRIS_BLOCK, 3, _HARRIS_K)
@@ -178,7 +178,7 @@ def _corners(of: Outline, s: LineSkeletonSettings) -> Float64:
     return np.asarray(np.stack([columns + x, rows + y], axis=-1), dtype=np.float64)
 
 
-def _hulls(of: Outline, at: Place, s: LineSkeletonSettings) -> tuple[Int32, ...]:
+def _hulls(of: ArmOutline, at: Place, s: LineSkeletonSettings) -> tuple[Int32, ...]:
     """Convex hulls of the outlines of what lies beyond the wrist."""
     height, width = of.arm.shape
     along = at.palm - at.wrist
@@ -189,7 +189,7 @@ def _hulls(of: Outline, at: Place, s: LineSkeletonSettings) -> tuple[Int32, ...]
     return tuple(one for one in hulls if len(one) > 2 and cv2.contourArea(one) >= s.least_hull_px2)
 
 
-def _outer(of: Outline, corners: Float64, hulls: tuple[Int32, ...], at: Place, s: LineSkeletonSettings) -> Float64:
+def _outer(of: ArmOutline, corners: Float64, hulls: tuple[Int32, ...], at: Place, s: LineSkeletonSettings) -> Float64:
     """Corners of the hulls that are Harris corners, too, and small enough for a tip; one of those that are close."""
     radius = s.tip_radius_m * at.px_per_m
     kept: list[Float64] = []
@@ -216,7 +216,7 @@ def _fill(arm: UInt8, tip: Float64, radius: float) -> float:
     return float((disc & (arm[y0:y1, x0:x1] > 0)).sum() / (math.pi * r * r))
 
 
-def _blobs(points: Grid, at: Place, s: LineSkeletonSettings) -> Float64:
+def _blobs(points: PointGrid, at: Place, s: LineSkeletonSettings) -> Float64:
     """Middles of the parts of the hand that are nearer than the palm."""
     if at.inside_px <= 0:
         return np.zeros((0, 2))

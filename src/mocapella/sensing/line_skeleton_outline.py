@@ -49,7 +49,7 @@ class Separated:
 
 
 @dataclass(frozen=True, eq=False)
-class Outline:
+class ArmOutline:
     """An arm in the mirrored picture.
 
     Attributes:
@@ -109,7 +109,7 @@ def separated(metres: Float32, s: LineSkeletonSettings) -> Separated:
     return Separated(millimetres, gray, median, gaussian, near, mirrored)
 
 
-def outline(pictures: Separated, s: LineSkeletonSettings) -> Outline | None:
+def outline(pictures: Separated, s: LineSkeletonSettings) -> ArmOutline | None:
     """Edges, outlines, area filter, circular region and noise; None where no outline is large enough."""
     p = _PAD_PX
     padded = cv2.copyMakeBorder(pictures.mirrored, p, p, p, p, cv2.BORDER_CONSTANT, value=(0,))
@@ -131,12 +131,12 @@ def outline(pictures: Separated, s: LineSkeletonSettings) -> Outline | None:
         metres = np.ascontiguousarray(metres[:, ::-1])
     noisy = (arm > 0) & (metres == 0)
     metres[noisy] = _medians(metres, noisy) if s.noise == "median" else s.noise_m
-    return Outline(
+    return ArmOutline(
         np.ascontiguousarray(edges[p:-p, p:-p]), outlines, arm, np.array(centre), float(radius), metres, noisy
     )
 
 
-def lines(of: Outline, s: LineSkeletonSettings) -> Lines:
+def lines(of: ArmOutline, s: LineSkeletonSettings) -> Lines:
     """The skeleton's stages and the probabilistic Hough transform of what they leave."""
     made = skeleton(of.arm, s.ridge_least)
     found = cv2.HoughLinesP(made.lines, 1, np.pi / 180, s.hough_votes, None, s.hough_length_px, s.hough_gap_px)

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from mocapella.errors import SettingsError
 from mocapella.model.arms import ARM_BONES
 from mocapella.sensing.line_skeleton import Looked
-from mocapella.sensing.line_skeleton_joints import Hand
-from mocapella.sensing.line_skeleton_outline import Outline
+from mocapella.sensing.line_skeleton_joints import HandJoints
+from mocapella.sensing.line_skeleton_outline import ArmOutline
 
 UInt8 = NDArray[np.uint8]
 
@@ -138,18 +138,18 @@ def write_picture(path: Path, picture: UInt8) -> Path:
     return path
 
 
-def _dim(of: Outline) -> Any:
+def _dim(of: ArmOutline) -> Any:
     return cv2.cvtColor((of.arm // 4).astype(np.uint8), cv2.COLOR_GRAY2BGR)
 
 
-def _contours(of: Outline) -> UInt8:
+def _contours(of: ArmOutline) -> UInt8:
     image: Any = np.zeros((*of.arm.shape, 3), dtype=np.uint8)
     for number, one in enumerate(of.outlines):
         cv2.polylines(image, [one[:, None]], True, _GREEN if number == 0 else _RED, 2)
     return np.asarray(image)
 
 
-def _region(of: Outline, hand: Hand | None) -> UInt8:
+def _region(of: ArmOutline, hand: HandJoints | None) -> UInt8:
     image = _dim(of)
     _circle(image, of.centre, of.radius_px, _YELLOW)
     if hand is not None:
@@ -157,13 +157,13 @@ def _region(of: Outline, hand: Hand | None) -> UInt8:
     return np.asarray(image)
 
 
-def _noise(of: Outline) -> UInt8:
+def _noise(of: ArmOutline) -> UInt8:
     image = _dim(of)
     image[of.noisy] = 255
     return np.asarray(image)
 
 
-def _segments(of: Outline, segments: NDArray[np.float64]) -> UInt8:
+def _segments(of: ArmOutline, segments: NDArray[np.float64]) -> UInt8:
     image = _dim(of)
     for x0, y0, x1, y1 in segments:
         cv2.line(image, (round(x0), round(y0)), (round(x1), round(y1)), _YELLOW, 2, cv2.LINE_AA)
@@ -171,21 +171,21 @@ def _segments(of: Outline, segments: NDArray[np.float64]) -> UInt8:
     return np.asarray(image)
 
 
-def _dots(of: Outline, pixels: NDArray[np.float64], colour: tuple[int, int, int]) -> UInt8:
+def _dots(of: ArmOutline, pixels: NDArray[np.float64], colour: tuple[int, int, int]) -> UInt8:
     image = _dim(of)
     for x, y in pixels:
         cv2.circle(image, (round(x), round(y)), 4, colour, -1, cv2.LINE_AA)
     return np.asarray(image)
 
 
-def _hulls(of: Outline, hand: Hand) -> UInt8:
+def _hulls(of: ArmOutline, hand: HandJoints) -> UInt8:
     image = _dim(of)
     for one in hand.hulls:
         cv2.polylines(image, [one[:, None]], True, _YELLOW, 2, cv2.LINE_AA)
     return np.asarray(image)
 
 
-def _arm(of: Outline, hand: Hand, looked: Looked) -> UInt8:
+def _arm(of: ArmOutline, hand: HandJoints, looked: Looked) -> UInt8:
     image = _dim(of)
     pixels = np.concatenate([[hand.elbow, hand.wrist, hand.palm], hand.tips])
     if looked.found is not None:

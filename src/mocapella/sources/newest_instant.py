@@ -39,7 +39,7 @@ LATEST_S: Final = 0.5
 """Nobody waits for a camera that is later: that many pictures would have to be kept."""
 
 
-class Instant(msgspec.Struct, frozen=True, eq=False):
+class PictureSet(msgspec.Struct, frozen=True, eq=False):
     """Pictures that belong together.
 
     Attributes:
@@ -165,7 +165,7 @@ class NewestInstant:
             camera.held.clear()
         self._last_ns = self._since_s = None
 
-    def take(self, now_s: float) -> Instant | None:
+    def take(self, now_s: float) -> PictureSet | None:
         """The newest pictures, each once; None where there is none, or a better one is about to come.
 
         Times rise by half a period at least: what moves is told from two frames, and jitter of the cameras' clocks is
@@ -192,7 +192,7 @@ class NewestInstant:
         for name in together:
             self._cameras[name].fresh = None
         self._last_ns, self._since_s = middle, None
-        return Instant(middle, together)
+        return PictureSet(middle, together)
 
     def _hold(self, period: float, now_s: float) -> None:
         """See whether some camera is late, and let go what is old enough by now."""

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.kinematics.arm_fit import ArmModel, ArmPose, Evidence, Fitted
+from mocapella.kinematics.arm_fit import ArmEvidence, ArmModel, ArmPose, Fitted
 from mocapella.kinematics.arm_fit import kernels as fit_kernels
 from mocapella.model.arms import ELBOW, PALM
 from mocapella.model.hand import Handedness
@@ -157,11 +157,11 @@ class ArmFinder:
             if part is None:
                 continue
             points = np.ascontiguousarray(part.points)
-            evidence = Evidence(points, np.ones(len(points)), part.front, part.opposite, part.lens)
+            evidence = ArmEvidence(points, np.ones(len(points)), part.front, part.opposite, part.lens)
             judged.append((self._around_cost(one, rivals, evidence) + one.cost, k))
         return [found[k] for _, k in sorted(judged)]
 
-    def _around_cost(self, one: Found, rivals: list[Found], evidence: Evidence) -> float:
+    def _around_cost(self, one: Found, rivals: list[Found], evidence: ArmEvidence) -> float:
         """What a pose costs where all around it is to be explained; a rival may be its upper arm."""
         model, pose = self.models[one.side], one.fitted.pose
         elbow, starts = model.points(pose)[ELBOW], [pose]
@@ -180,7 +180,7 @@ class ArmFinder:
             return []
         points = np.ascontiguousarray(part.points[:: max(-(-len(part.points) // _POINTS), 1)])
         weights = np.where(np.linalg.norm(points - candidate.centre, axis=1) < _ABOUT_M, 1.0, 0.4)
-        evidence = Evidence(points, weights, part.front, part.opposite, part.lens)
+        evidence = ArmEvidence(points, weights, part.front, part.opposite, part.lens)
         pool: list[tuple[Found, Float64 | None]] = []
         for side, model in self.models.items():
             for start, tips in _starts(model, candidate):
@@ -252,20 +252,20 @@ class ArmFinder:
         return Found(best.cost + _HIDDEN * hidden, found.side, best)
 
 
-def _work(evidence: Evidence, iterations: int) -> int:
+def _work(evidence: ArmEvidence, iterations: int) -> int:
     """Of a fit [µs]."""
     return round((iterations + 1) * (60 + 0.12 * len(evidence.points)))
 
 
-def cost_of(model: ArmModel, pose: ArmPose, evidence: Evidence) -> float:
+def cost_of(model: ArmModel, pose: ArmPose, evidence: ArmEvidence) -> float:
     """What a pose costs, as it is."""
     return model.fit(pose, model.unexpected(pose), evidence, iterations=0).cost
 
 
-def evidence_of(part: Region, model: ArmModel, pose: ArmPose, most: int = 10_000, beyond: float = 0.05) -> Evidence:
+def evidence_of(part: Region, model: ArmModel, pose: ArmPose, most: int = 10_000, beyond: float = 0.05) -> ArmEvidence:
     """Of a region, with at most so many points, weighted as `ArmModel.relevance` says."""
     points = np.ascontiguousarray(part.points[:: max(-(-len(part.points) // most), 1)])
-    return Evidence(points, model.relevance(points, pose, beyond), part.front, part.opposite, part.lens)
+    return ArmEvidence(points, model.relevance(points, pose, beyond), part.front, part.opposite, part.lens)
 
 
 def _thickness(points: Float64) -> float:

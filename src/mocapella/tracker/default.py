@@ -27,8 +27,7 @@ from mocapella.calibration.cold_start import ColdStart
 from mocapella.calibration.floor import Floor, FloorFromFeet
 from mocapella.calibration.pair_calibration import PairCalibration, PairEstimate, PairSettings
 from mocapella.calibration.pair_memory import SensorTracks
-from mocapella.calibration.people import PairOfSensors, PeopleCalibration
-from mocapella.calibration.people import PeopleSettings as CalibrationSettings
+from mocapella.calibration.people import PairOfSensors, PeopleCalibration, PeopleCalibrationSettings
 from mocapella.calibration.people_state import CalibratedSensor, PeopleState
 from mocapella.calibration.rig import Rig, RigPair, RigSensor
 from mocapella.calibration.sensor_graph import PlacedSensor
@@ -84,7 +83,7 @@ class DefaultSettings:
         shown_for_s: somebody whom no sensor sees is shown, as predicted, for so long.
     """
 
-    calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
+    calibration: PeopleCalibrationSettings = field(default_factory=PeopleCalibrationSettings)
     jumps: JumpSettings = field(default_factory=JumpSettings)
     tracks: TrackSettings = field(default_factory=TrackSettings)
     people: PeopleSettings = field(default_factory=PeopleSettings)
@@ -491,7 +490,7 @@ _OWN_MEMORY: Final = (
 _REMEMBERED: Final = (
     Bodies,
     CalibratedSensor,
-    CalibrationSettings,
+    PeopleCalibrationSettings,
     ColdStart,
     Floor,
     FloorFromFeet,

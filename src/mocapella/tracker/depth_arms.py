@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.errors import SettingsError
-from mocapella.kinematics.arm_fit import ArmFitSettings, ArmModel, ArmPose, Evidence, Expected, Fitted
+from mocapella.kinematics.arm_fit import ArmEvidence, ArmFitSettings, ArmModel, ArmPose, Expected, Fitted
 from mocapella.kinematics.arm_fit import kernels as fit_kernels
 from mocapella.model.arms import PALM, SeenArm, SeenArms
 from mocapella.model.camera import Camera
@@ -252,7 +252,9 @@ class DepthArms:
         return arm.doubtful < s.lost_after
 
     @staticmethod
-    def _elsewhere(arm: _Arm, predicted: ArmPose, expected: Expected, evidence: Evidence, few: Evidence) -> Fitted:
+    def _elsewhere(
+        arm: _Arm, predicted: ArmPose, expected: Expected, evidence: ArmEvidence, few: ArmEvidence
+    ) -> Fitted:
         """The best fit of a hand that is anywhere about: in so short a time its posture hardly changes."""
         model = arm.model
 

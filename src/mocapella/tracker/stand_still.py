@@ -68,7 +68,7 @@ class StandStillTracker:
         self.settings = settings or StandStillTrackerSettings()
         self._arrivals = Arrivals(self.settings.silent_after_s, NEEDED_PARTS)
         self._calibration = StandStill(self.settings, sensors_expected)
-        self._views = Views(sensors or {})
+        self._views = CalibratedViews(sensors or {})
         self._pairs = HeldPairs(self.settings.max_distance_m)
         self._sensors_expected = sensors_expected
         self.reset()
@@ -150,7 +150,7 @@ class CalibratedBodies(msgspec.Struct, frozen=True, eq=False):
     T_world_sensor: Float64
 
 
-class Views:
+class CalibratedViews:
     """Every calibrated body in the world, as its sensor's newest frame shows it; only what changed is made anew."""
 
     def __init__(self, poses: Mapping[str, SensorPose]) -> None:

@@ -60,7 +60,7 @@ _MIDDLE: Final = np.array([0.0, 0.5 * _HIGH_M + 0.12, layout.stage_centre()[2]])
 
 
 @dataclass(frozen=True)
-class Panel:
+class DrawingPanel:
     """One of the views: its title, where it is (to the left of the middle) [m], and from where it looks [rad]."""
 
     title: str
@@ -81,9 +81,9 @@ class Panel:
 
 
 PANELS: Final = (
-    Panel("Front", _APART_M, 0.0),
-    Panel("Perspective", 0.0, np.radians(38.0), np.radians(18.0)),
-    Panel("Side", -_APART_M, np.radians(90.0)),
+    DrawingPanel("Front", _APART_M, 0.0),
+    DrawingPanel("Perspective", 0.0, np.radians(38.0), np.radians(18.0)),
+    DrawingPanel("Side", -_APART_M, np.radians(90.0)),
 )
 
 
@@ -147,7 +147,7 @@ def arms_drawing(scene: Scene | None, shown: ArmsShown) -> ArmsDrawing:
     for panel in PANELS:
         R = panel.R @ R_level
 
-        def stand(points: Float64, R: Float64 = R, panel: Panel = panel) -> Float64:
+        def stand(points: Float64, R: Float64 = R, panel: DrawingPanel = panel) -> Float64:
             return SCALE * (points - shown.centre) @ R.T + panel.middle
 
         lines.append(_frame(panel))
@@ -207,7 +207,7 @@ def _level(scene: Scene | None) -> Float64:
     return rotation_about_y(-np.arctan2(forward[0], forward[2]))
 
 
-def _frame(panel: Panel) -> Strokes:
+def _frame(panel: DrawingPanel) -> Strokes:
     aside = rotation_about_y(np.arctan2(panel.left_m, _EYE_M))
     half = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1], [1, 1]]) * [0.5 * _WIDE_M, 0.5 * _HIGH_M]
     corners = np.column_stack([half, np.full(5, 0.55)]) @ aside.T + panel.middle

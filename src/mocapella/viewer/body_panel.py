@@ -27,14 +27,14 @@ CHARTS: Final = ("knee flexion", "hip flexion")
 _COLOURS: Final = ("#5eb0ff", "#ff9f1c", "#9ae648", "#ff5ca8", "#b084ff", "#ffe240")
 
 
-class Picture(msgspec.Struct, frozen=True, eq=False):
+class EncodedPicture(msgspec.Struct, frozen=True, eq=False):
     """A camera's picture as a file."""
 
     image: bytes
     format: str = "jpeg"
 
 
-class BodyFrame(msgspec.Struct, frozen=True, eq=False):
+class BodyViewFrame(msgspec.Struct, frozen=True, eq=False):
     """What is shown of one frame.
 
     Attributes:
@@ -134,7 +134,7 @@ class BodyPanel:
         self._button.on_click(lambda _event: self._toggle())
         self._slider.on_update(self._moved)
 
-    def draw(self, headline: str, shown: BodyFrame, place: int, count: int, cameras: Sequence[str]) -> None:
+    def draw(self, headline: str, shown: BodyViewFrame, place: int, count: int, cameras: Sequence[str]) -> None:
         """Show a frame: the ``place``-th of ``count``."""
         said = status_html(headline, shown, place, count), cameras_html(shown, cameras)
         if said != self._said:
@@ -166,7 +166,7 @@ class BodyPanel:
             self.playing, self.wish = False, int(event.target.value)
 
 
-def status_html(headline: str, shown: BodyFrame | None, place: int, count: int) -> str:
+def status_html(headline: str, shown: BodyViewFrame | None, place: int, count: int) -> str:
     """The state in large letters, which frame it is, and who of several is not there; None before the first frame."""
     title, colour, missing = headline, GREEN.css, ""
     if shown is None:
@@ -190,7 +190,7 @@ def status_html(headline: str, shown: BodyFrame | None, place: int, count: int) 
     )
 
 
-def cameras_html(shown: BodyFrame, cameras: Sequence[str]) -> str:
+def cameras_html(shown: BodyViewFrame, cameras: Sequence[str]) -> str:
     """Each camera's overlap with each body, or why it does not count; what the lines in the pictures are."""
     rows = ""
     if len(shown.bodies) > 1:

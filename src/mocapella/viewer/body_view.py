@@ -13,7 +13,7 @@ from mocapella.model.camera import CameraRig
 from mocapella.model.rigged_mesh import RiggedMesh
 from mocapella.model.twist_tree import TreePose
 from mocapella.viewer.body_browser import BodyBrowser
-from mocapella.viewer.body_panel import ALL, WINDOW_S, BodyFrame, BodyPanel
+from mocapella.viewer.body_panel import ALL, WINDOW_S, BodyPanel, BodyViewFrame
 from mocapella.viewer.body_stage import BodyStage, ShownBody, stage_space
 from mocapella.viewer.page import open_page, tolerated, unprinted
 from mocapella.viewer.picture_plane import Encoded
@@ -65,7 +65,7 @@ class BodyView:
         begin.fov, begin.up, begin.position, begin.look_at = home.fov, UP, home.position, home.target
         names = {name: mesh.joint_names for name, mesh in meshes.items()}
         self.panel = BodyPanel(self._server.gui, names, self._cameras)
-        self.frames: list[BodyFrame] = []
+        self.frames: list[BodyViewFrame] = []
         self._at_s: list[float] = []
         self._angles: dict[str, list[Float64]] = {name: [] for name in meshes}
         self._bytes, self._oldest = 0, 0
@@ -81,7 +81,7 @@ class BodyView:
         """Where a browser finds it."""
         return self._server.url
 
-    def add(self, frame: BodyFrame) -> None:
+    def add(self, frame: BodyViewFrame) -> None:
         """The next frame; it is shown where nobody looks at another."""
         follows = self.place >= len(self.frames) - 1 and self.panel.playing
         self.frames.append(frame)
@@ -92,7 +92,7 @@ class BodyView:
         while self._bytes > KEPT_BYTES and self._oldest < len(self.frames) - 1:
             old = self.frames[self._oldest]
             self._bytes -= sum(len(picture.image) for picture in old.pictures.values())
-            self.frames[self._oldest] = BodyFrame(old.frame, old.time_s, old.bodies, {})
+            self.frames[self._oldest] = BodyViewFrame(old.frame, old.time_s, old.bodies, {})
             self._oldest += 1
         if len(self.frames) >= KEPT_FRAMES + LET_GO:
             self._let_go(LET_GO)
@@ -202,7 +202,7 @@ class BodyView:
                 self._browsers[number].show("" if aim == ALL else aim, pictures, now_s)
 
 
-def _words(camera: str, shown: BodyFrame) -> str:
+def _words(camera: str, shown: BodyViewFrame) -> str:
     told = [f"{name} {_said(body, camera)}".strip() for name, body in shown.bodies.items()]
     return f"{camera} · {' · '.join(dict.fromkeys(told))}"
 

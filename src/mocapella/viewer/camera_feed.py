@@ -67,7 +67,7 @@ Done = Callable[[CameraAnswer | None, str], None]
 """Is given the answer, or None and why there is none."""
 
 
-class Shown(StrEnum):
+class FeedMode(StrEnum):
     """What a browser shows of a camera."""
 
     OFF = "off"
@@ -107,7 +107,7 @@ class FeedSettings:
 
 
 @dataclass
-class Shot:
+class FeedImage:
     """The newest of one kind of one camera.
 
     Attributes:
@@ -141,7 +141,7 @@ class CameraFeed:
         self._orders = ThreadPoolExecutor(self.settings.workers, thread_name_prefix="view-colours")
         self._cameras: set[str] = set()
         self._answering: set[str] = set()
-        self._shots: dict[tuple[str, str], Shot] = {}
+        self._shots: dict[tuple[str, str], FeedImage] = {}
         self._wishes: dict[tuple[str, str], _Wish] = {}
         self._asked_s: dict[tuple[str, str], float] = {}
         self._under_way: set[tuple[str, str]] = set()
@@ -152,12 +152,12 @@ class CameraFeed:
         """The cameras whose nodes answer questions, by name."""
         return tuple(sorted(self._cameras & self._answering))
 
-    def want(self, camera: str, shown: Shown, width_px: float, now_s: float) -> Shot:
+    def want(self, camera: str, shown: FeedMode, width_px: float, now_s: float) -> FeedImage:
         """A browser shows it, so wide; returns the newest there is."""
         key = camera, shown.value
         wish = self._wishes.setdefault(key, _Wish())
         wish.width_px, wish.at_s = max(wish.width_px, width_px), now_s
-        return self._shots.setdefault(key, Shot())
+        return self._shots.setdefault(key, FeedImage())
 
     def report(self, camera: str) -> dict[str, Any]:
         """The newest report of a camera; empty before the first."""
@@ -212,7 +212,7 @@ class CameraFeed:
         question: dict[str, Any] = {"ask": key[1]}
         if key[1] != _REPORT:
             question |= {"scale": self._scale(key), "format": "jpeg"}
-        if key[1] == Shown.PICTURE:
+        if key[1] == FeedMode.PICTURE:
             question["keep"] = False  # what is being pointed at is kept, and this would push it out
         self._asked_s[key] = now_s
         self._under_way.add(key)
@@ -231,18 +231,18 @@ class CameraFeed:
             done(None, str(error))
             return
         problem = "" if answer.ok else answer.message or "refused, and not said why"
-        if answer.ok and question["ask"] in (Shown.PICTURE, Shown.MASK) and not _is_picture(answer):
+        if answer.ok and question["ask"] in (FeedMode.PICTURE, FeedMode.MASK) and not _is_picture(answer):
             problem = f"{camera}: its answer has no picture"
         self._answering.add(camera)
         done(None if problem else answer, problem)
 
     def _take(self, key: tuple[str, str], answer: CameraAnswer | None, problem: str) -> None:
-        before = self._shots.get(key, Shot())
-        self._shots[key] = Shot(answer or before.answer, problem, before.number + 1)
+        before = self._shots.get(key, FeedImage())
+        self._shots[key] = FeedImage(answer or before.answer, problem, before.number + 1)
 
     def _scale(self, key: tuple[str, str]) -> float:
         """As wide as the widest browser has wanted it since it was asked for last."""
-        wish, answer = self._wishes[key], self._shots.get(key, Shot()).answer
+        wish, answer = self._wishes[key], self._shots.get(key, FeedImage()).answer
         width_px, wish.width_px = wish.width_px, 0.0
         if answer is None or answer.size_px is None:
             return 0.5

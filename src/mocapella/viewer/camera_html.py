@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from html import escape
 from typing import Any
 
-from mocapella.viewer.camera_feed import CameraAnswer, Shot, Shown
+from mocapella.viewer.camera_feed import CameraAnswer, FeedImage, FeedMode
 from mocapella.viewer.hands import marker_colour
 from mocapella.viewer.palette import AMBER, GREEN, GREY, RED
 from mocapella.viewer.pointing import SKIN, Point, Pointing, asks_for, where
@@ -31,12 +31,12 @@ def radius_px(size_px: tuple[int, int]) -> float:
     return _RADIUS * size_px[0]
 
 
-def picture_html(shot: Shot | None, shown: Shown, report: Mapping[str, Any], *, large: bool = False) -> str:
+def picture_html(shot: FeedImage | None, shown: FeedMode, report: Mapping[str, Any], *, large: bool = False) -> str:
     """What a camera shows: its picture with a circle around each marker, or its mask; and what is wrong with it.
 
     ``large``: the picture itself stands before the stages, and not here.
     """
-    if shown is Shown.OFF or shot is None:
+    if shown is FeedMode.OFF or shot is None:
         return ""
     answer, lines = shot.answer, []
     if answer is None:
@@ -44,7 +44,7 @@ def picture_html(shot: Shot | None, shown: Shown, report: Mapping[str, Any], *, 
         return _box("".join(lines))
     assert answer.size_px is not None, "the feed passes no answer without a picture"
     width, height = answer.size_px
-    circles = "" if shown is Shown.MASK else "".join(
+    circles = "" if shown is FeedMode.MASK else "".join(
         f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius_px(answer.size_px):.1f}" fill="none" '
         f'stroke="{marker_colour(name).css}" stroke-width="2" vector-effect="non-scaling-stroke"></circle>'
         for name, (x, y) in found(answer).items()

@@ -12,7 +12,7 @@ import viser
 
 from mocapella.errors import SettingsError
 from mocapella.viewer import camera_html
-from mocapella.viewer.camera_feed import CameraAnswer, CameraFeed, Shot, Shown
+from mocapella.viewer.camera_feed import CameraAnswer, CameraFeed, FeedImage, FeedMode
 from mocapella.viewer.pointing import MARKERS, SKIN, Point, Pointing, asks_for, read_names
 
 NONE: Final = "–"
@@ -97,27 +97,31 @@ class CameraPanel:
         while self._wishes:
             self._wishes.popleft()()
         at_work = self._lesson in (Lesson.FREEZING, Lesson.POINTING, Lesson.LEARNING)
-        shown = Shown.OFF if at_work else Shown(self._shown.value)
-        self._show_cameras(busy=self._lesson is not Lesson.NONE or shown is not Shown.OFF)
+        shown = FeedMode.OFF if at_work else FeedMode(self._shown.value)
+        self._show_cameras(busy=self._lesson is not Lesson.NONE or shown is not FeedMode.OFF)
         camera, shot = self._camera, None
-        if camera and shown is not Shown.OFF:
+        if camera and shown is not FeedMode.OFF:
             shot = self._feed.want(camera, shown, _LARGE_PX if self._enlarge.value else _PANEL_PX, now_s)
             if camera not in self._feed.cameras:
-                shot = Shot(shot.answer, shot.problem or f"{camera}: its node is gone, or does not answer", shot.number)
+                shot = FeedImage(
+                    shot.answer, shot.problem or f"{camera}: its node is gone, or does not answer", shot.number
+                )
         report = self._feed.report(camera) if camera else {}
         self._view.content = camera_html.picture_html(shot, shown, report, large=bool(self._enlarge.value))
         self._show_lesson(bool(report.get("unsaved")))
         answer = None if shot is None else shot.answer
         self.large = self._large(camera, shown, answer) if self._enlarge.value else None
-        self._enlarge.disabled = shown is Shown.OFF and self._frozen is None
+        self._enlarge.disabled = shown is FeedMode.OFF and self._frozen is None
 
-    def _large(self, camera: str, shown: Shown, answer: CameraAnswer | None) -> Large | None:
+    def _large(self, camera: str, shown: FeedMode, answer: CameraAnswer | None) -> Large | None:
         if self._lesson in (Lesson.POINTING, Lesson.LEARNING) and self._frozen is not None:
             words = "Learning …" if self._lesson is Lesson.LEARNING else asks_for(self._pointing.next)
             return Large(self._frozen, self._pointing.points, words, True)
         if answer is None:  # what stands there stays until the first of the other kind has come
             return None if self.large is None else replace(self.large, points={}, words=f"{camera} · {shown} …")
-        return Large(answer, camera_html.found(answer) if shown is Shown.PICTURE else {}, f"{camera} · {shown}", False)
+        return Large(
+            answer, camera_html.found(answer) if shown is FeedMode.PICTURE else {}, f"{camera} · {shown}", False
+        )
 
     def _show_cameras(self, *, busy: bool) -> None:
         cameras = self._feed.cameras
@@ -202,7 +206,7 @@ class CameraPanel:
             return
         self._lesson = Lesson.LEARNT
         self._learnt = camera_html.separability_html(answer.separability or {})
-        self._shown.value = Shown.MASK
+        self._shown.value = FeedMode.MASK
         self._feed.hasten(self._camera)
 
     def _add_background(self) -> None:
@@ -251,7 +255,9 @@ class CameraPanel:
         with gui.add_folder("Cameras", visible=False) as self._folder:
             self._cameras = gui.add_dropdown("Camera", (NONE,), hint="Whose picture is shown")
             self._shown = gui.add_dropdown(
-                "Show", tuple(Shown), hint="The picture, or what is taken for each colour; nothing is asked while off"
+                "Show",
+                tuple(FeedMode),
+                hint="The picture, or what is taken for each colour; nothing is asked while off",
             )
             self._enlarge = gui.add_checkbox("Large", False, hint="Before the stages, as large as the window")
             self._view = gui.add_html("")

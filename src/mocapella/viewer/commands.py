@@ -11,7 +11,7 @@ import viser
 from mocapella.errors import MocapellaError
 from mocapella.model.session import CommandReply
 
-Command = Callable[[str, dict[str, Any]], CommandReply]
+SendCommand = Callable[[str, dict[str, Any]], CommandReply]
 """Carries out a verb with its arguments; may block."""
 
 _SECONDS_SHOWN = 8.0
@@ -20,7 +20,7 @@ _SECONDS_SHOWN = 8.0
 class Commander:
     """Sends the commands of all browsers, one after the other, in the order in which they were pressed."""
 
-    def __init__(self, command: Command) -> None:
+    def __init__(self, command: SendCommand) -> None:
         self._command = command
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="view-command")
 

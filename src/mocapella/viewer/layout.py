@@ -39,7 +39,7 @@ class Look:
 
 
 @dataclass(frozen=True, eq=False)
-class Box:
+class BoundingBox:
     """An upright box, by two opposite corners (3,)."""
 
     low: Float64
@@ -66,26 +66,26 @@ def lane_origins(count: int) -> Float64:
     return np.array(origins)
 
 
-def tracking_box() -> Box:
+def tracking_box() -> BoundingBox:
     """What the Tracking stage fills."""
     half = TRACKING_WIDTH_M / 2
-    return Box(
+    return BoundingBox(
         np.array([-half, 0.0, -BEHIND_SENSOR_M]), np.array([half, PERSON_HEIGHT_M, TRACKING_DEPTH_M - BEHIND_SENSOR_M])
     )
 
 
-def arms_box() -> Box:
+def arms_box() -> BoundingBox:
     """What the stage of arms fills, with their titles."""
     _, _, deep = stage_centre()
-    return Box(np.array([-2.6, -0.45, deep]), np.array([2.6, 2.2, deep + 0.3]))
+    return BoundingBox(np.array([-2.6, -0.45, deep]), np.array([2.6, 2.2, deep + 0.3]))
 
 
-def sensors_box(count: int) -> Box:
+def sensors_box(count: int) -> BoundingBox:
     """What the gallery of that many sensors fills; one lane where there is none."""
     origins = lane_origins(max(count, 1))
     half = LANE_WIDTH_M * SENSORS_SCALE / 2
     size = np.array([half, PERSON_HEIGHT_M * SENSORS_SCALE, LANE_DEPTH_M * SENSORS_SCALE])
-    return Box(origins.min(axis=0) - np.array([half, 0.0, 0.0]), origins.max(axis=0) + size)
+    return BoundingBox(origins.min(axis=0) - np.array([half, 0.0, 0.0]), origins.max(axis=0) + size)
 
 
 def stage_centre() -> tuple[float, float, float]:
@@ -100,7 +100,7 @@ def aside(place: int) -> Float64:
     return T
 
 
-def title_place(box: Box) -> tuple[float, float, float]:
+def title_place(box: BoundingBox) -> tuple[float, float, float]:
     """Where the title of a stage begins: at the left end of its front edge."""
     return float(box.high[0]) - 0.1, float(box.low[1]), float(box.low[2])
 

@@ -20,7 +20,7 @@ REACH_M = 4.5
 """How far a field of view is drawn: as far as a Kinect v2 tracks people."""
 
 
-class Standing(Enum):
+class PlaceState(Enum):
     """How well a sensor's place is known."""
 
     GOOD = "good"
@@ -29,8 +29,8 @@ class Standing(Enum):
     UNKNOWN = "unknown"
 
 
-_SAID = {Standing.DOUBTED: "in doubt", Standing.LOST: "not used", Standing.UNKNOWN: "not calibrated yet"}
-_COLOUR = {Standing.DOUBTED: AMBER, Standing.LOST: RED, Standing.UNKNOWN: GREY}
+_SAID = {PlaceState.DOUBTED: "in doubt", PlaceState.LOST: "not used", PlaceState.UNKNOWN: "not calibrated yet"}
+_COLOUR = {PlaceState.DOUBTED: AMBER, PlaceState.LOST: RED, PlaceState.UNKNOWN: GREY}
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class SensorMark:
     """
 
     T: Float64
-    standing: Standing
+    standing: PlaceState
     words: str
 
     def colour(self, own: Rgb) -> Rgb:
@@ -52,18 +52,18 @@ class SensorMark:
         return _COLOUR.get(self.standing, own)
 
 
-def standing(place: SensorPlace, was_placed: bool) -> Standing:
+def standing(place: SensorPlace, was_placed: bool) -> PlaceState:
     """How well the place is known; ``was_placed``: it was known before."""
     if place.T_world_sensor is None:
-        return Standing.LOST if was_placed else Standing.UNKNOWN
-    return Standing.DOUBTED if place.problem else Standing.GOOD
+        return PlaceState.LOST if was_placed else PlaceState.UNKNOWN
+    return PlaceState.DOUBTED if place.problem else PlaceState.GOOD
 
 
-def words(place: SensorPlace, how: Standing) -> str:
+def words(place: SensorPlace, how: PlaceState) -> str:
     """``left``, ``left · not calibrated yet``, ``left · in doubt``, ``left · not used: it was moved``."""
-    if how is Standing.GOOD:
+    if how is PlaceState.GOOD:
         return place.sensor
-    why = trouble(place.problem).partition(": ")[0].partition(" (")[0] if how is Standing.LOST else ""
+    why = trouble(place.problem).partition(": ")[0].partition(" (")[0] if how is PlaceState.LOST else ""
     return f"{place.sensor} · {_SAID[how]}{f': {why}' if why else ''}"
 
 

@@ -36,7 +36,7 @@ from mocapella.viewer.layout import SENSORS_SCALE
 from mocapella.viewer.meshes import Mesh, ball_mesh, bone_mesh
 from mocapella.viewer.palette import CLOTH, FUSED, SensorColours, person_colour
 from mocapella.viewer.perspective import FREE, Float64, Floors, Perspectives
-from mocapella.viewer.sensor_marks import SensorMark, Standing, field_lines, marks
+from mocapella.viewer.sensor_marks import PlaceState, SensorMark, field_lines, marks
 from mocapella.viewer.trails import TrailChoice, Trails
 
 FUSED_RADIUS_M, POTENTIAL_RADIUS_M, SENSOR_RADIUS_M = 0.025, 0.014, 0.03
@@ -121,7 +121,7 @@ def tracking_drawing(
         joints = joint_strokes(p[fused], s[fused], white, _joint_radii(scene), doubts=of_fused)
     sensors = _sensor_marks(scene, perspective, seen, T_stage)
     for sensor, T in views_from.items():
-        sensors.setdefault(sensor, SensorMark(T_stage @ T, Standing.GOOD, sensor))
+        sensors.setdefault(sensor, SensorMark(T_stage @ T, PlaceState.GOOD, sensor))
     return TrackingDrawing(bones, joints, halos, tags, sensors, tuple(unseen))
 
 
@@ -133,7 +133,7 @@ def _sensor_marks(scene: Scene | None, perspective: str, seen: Perspectives, T_s
         T_world = T if T is None or perspective == FREE else inverse(T)
         made = marks(scene.sensors, seen.places, None if T_world is None else T_stage @ T_world)
     if perspective != FREE:
-        told = made.get(perspective, SensorMark(T_stage, Standing.GOOD, perspective))
+        told = made.get(perspective, SensorMark(T_stage, PlaceState.GOOD, perspective))
         made[perspective] = replace(told, T=T_stage)
     return made
 
@@ -154,7 +154,7 @@ def _title(drawing: TrackingDrawing, perspective: str) -> str:
     if drawing.scale != 1.0:
         return f"Tracking · {drawing.scale:.1f} times as large"
     title = "Tracking · free" if perspective == FREE else f"Tracking · seen from {perspective}"
-    if drawing.unseen and drawing.sensors[perspective].standing is Standing.UNKNOWN:
+    if drawing.unseen and drawing.sensors[perspective].standing is PlaceState.UNKNOWN:
         return f"{title} (not calibrated yet: look from another sensor, or free)"
     return f"{title} (never saw {', '.join(drawing.unseen)})" if drawing.unseen else title
 
@@ -243,7 +243,7 @@ class TrackingStage:
                 node.hide()
         places = {sensor: (mark.T[:3, 3] + _OVER_SENSOR).round(2) for sensor, mark in marked.items()}
         self._names.draw([Tag(mark.words, tuple(places[sensor].tolist())) for sensor, mark in marked.items()])
-        looking = [s for s, mark in marked.items() if fields and mark.standing in (Standing.GOOD, Standing.DOUBTED)]
+        looking = [s for s, mark in marked.items() if fields and mark.standing in (PlaceState.GOOD, PlaceState.DOUBTED)]
         drawn = [(s, marked[s].T.round(2), self._field(s)) for s in looking]
         if (key := tuple((s, T.tobytes(), field) for s, T, field in drawn)) != self._fields_of:
             self._fields_of = key

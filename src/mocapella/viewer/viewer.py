@@ -15,7 +15,7 @@ from mocapella.model.session import SessionStatus, Setup
 from mocapella.viewer.arms import ArmsShown
 from mocapella.viewer.browser import Browser, Known
 from mocapella.viewer.camera_feed import Ask, CameraAnswer, CameraFeed
-from mocapella.viewer.commands import Command, Commander
+from mocapella.viewer.commands import Commander, SendCommand
 from mocapella.viewer.page import open_page, tolerated, unprinted
 from mocapella.viewer.panel import WIDTH_PX
 from mocapella.viewer.stages import SensorsStage, TrackingDrawing, tracking_drawing
@@ -41,7 +41,7 @@ class Viewer:
         host: str,
         port: int,
         *,
-        command: Command,
+        command: SendCommand,
         methods: Sequence[str] = (Setup.method,),
         ask: Ask | None = None,
     ) -> None:

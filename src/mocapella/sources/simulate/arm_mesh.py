@@ -118,7 +118,7 @@ class ArmShape:
         return HandShape(handedness, lengths, bases)
 
 
-class ArmPose(msgspec.Struct, frozen=True, eq=False):
+class ArmMeshPose(msgspec.Struct, frozen=True, eq=False):
     """How an arm is held.
 
     Attributes:
@@ -164,22 +164,22 @@ class ArmMesh:
         self.triangles = right.triangles if handedness == "right" else np.ascontiguousarray(right.triangles[:, ::-1])
         self.limbs, self.tip_radii_m, self._rest = right.limbs, right.tip_radii_m, right.bones
 
-    def frames(self, pose: ArmPose) -> tuple[Float64, Float64]:
+    def frames(self, pose: ArmMeshPose) -> tuple[Float64, Float64]:
         """(19, 3, 4) ``T_shoulder_bone`` and (24, 3) joints, of a right arm in the shoulder's frame."""
         return arm_frames(self.model, self.shape, self.hand, pose)
 
-    def points(self, pose: ArmPose) -> Float64:
+    def points(self, pose: ArmMeshPose) -> Float64:
         """(24, 3) of `mocapella.model.arms.ARM_POINTS` and the shoulder, in the camera's space [m]."""
         T = pose.T_camera_shoulder
         return np.asarray((self.hand.mirror * self.frames(pose)[1]) @ T[:3, :3].T + T[:3, 3])
 
-    def T_camera_palm(self, pose: ArmPose) -> Float64:  # noqa: N802 - the field's notation
+    def T_camera_palm(self, pose: ArmMeshPose) -> Float64:  # noqa: N802 - the field's notation
         """(4, 4)."""
         T = self.frames(pose)[0][PALM_BONE]
         M = self.hand.mirror
         return np.asarray(pose.T_camera_shoulder @ rigid(M[:, None] * T[:, :3] * M, M * T[:, 3]))
 
-    def at(self, pose: ArmPose) -> Float64:
+    def at(self, pose: ArmMeshPose) -> Float64:
         """(n, 3) the vertices in the camera's space [m]."""
         bones = self.frames(pose)[0]
         motions, out = np.empty((len(bones), 8)), np.empty_like(self.vertices)
@@ -202,7 +202,7 @@ class ArmMesh:
         return np.where(self.parts >= FIRST_TIP, self.parts.astype(np.int64) - FIRST_TIP, np.maximum(bones, -1))
 
 
-def arm_frames(model: HandModel, shape: ArmShape, hand: HandShape, pose: ArmPose) -> tuple[Float64, Float64]:
+def arm_frames(model: HandModel, shape: ArmShape, hand: HandShape, pose: ArmMeshPose) -> tuple[Float64, Float64]:
     """(19, 3, 4) ``T_shoulder_bone`` of `BONES` and (24, 3) joints, of a right arm in the shoulder's frame."""
     bones, points = np.empty((len(BONES), 3, 4)), np.empty((SHOULDER + 1, 3))
     _kernels().arm_frames(
@@ -252,7 +252,7 @@ class _RightArm:
 @cache
 def _right_arm(shape: ArmShape) -> _RightArm:
     hand, model = shape.hand("right"), hand_model("full")
-    pose = ArmPose(REST_ANGLES, np.zeros(4), np.eye(4))
+    pose = ArmMeshPose(REST_ANGLES, np.zeros(4), np.eye(4))
     bones, points = arm_frames(model, shape, hand, pose)
     wrist = points[0]
     limbs, radii = _limbs(shape, points - wrist)

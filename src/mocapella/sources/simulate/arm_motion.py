@@ -27,7 +27,7 @@ from mocapella.sources.simulate.arm_mesh import (
     WRIST_DEVIATION_RAD,
     WRIST_FLEXION_RAD,
     ArmMesh,
-    ArmPose,
+    ArmMeshPose,
 )
 
 Float64 = NDArray[np.float64]
@@ -92,7 +92,7 @@ class Key(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class HeldArm:
     """How an arm is held at an instant.
 
     Attributes:
@@ -100,7 +100,7 @@ class Held:
         gesture: its name; empty between gestures.
     """
 
-    pose: ArmPose
+    pose: ArmMeshPose
     gesture: str
 
 
@@ -121,7 +121,7 @@ class ArmMotion:
     """
 
     def __init__(
-        self, mesh: ArmMesh, keys: tuple[Key, ...], postures: dict[str, Posture], start: ArmPose, middle: Float64,
+        self, mesh: ArmMesh, keys: tuple[Key, ...], postures: dict[str, Posture], start: ArmMeshPose, middle: Float64,
         *, rate: float = 1.0, peak_m_s: float = 0.0, phase: float = 0.0, amount_deg: float = 0.0, seed: int = 0,
     ) -> None:  # fmt: skip
         self.mesh, self.keys, self.start, self.middle = mesh, keys, start, middle
@@ -152,7 +152,7 @@ class ArmMotion:
             self._rate = peak_m_s / float(np.linalg.norm(np.diff(palm, axis=0), axis=1).max() / (at[1] - at[0]))
         self.period_s /= self._rate
 
-    def at(self, at_s: float) -> Held:
+    def at(self, at_s: float) -> HeldArm:
         """How it is held at a time."""
         before, after, x = self._where(at_s)
         part = _eased(x)
@@ -163,7 +163,7 @@ class ArmMotion:
         angles = self.mesh.model.limited(wished + (1.0 - u) * nodes[k] + u * nodes[k + 1])
         same = self._gestures[before] == self._gestures[after]
         sure = part == 1.0 or same
-        return Held(self._arm(angles, self._mixed(before, after, part)), self._gestures[after] if sure else "")
+        return HeldArm(self._arm(angles, self._mixed(before, after, part)), self._gestures[after] if sure else "")
 
     def _touch(self, before: int, after: int, part: float) -> Float64:
         """(2, 3) which tips are drawn to each other; on the way nothing pulls."""
@@ -252,7 +252,7 @@ class ArmMotion:
             pose.T_camera_shoulder[:3, :3] @ self.mesh.frames(pose)[1][PALM] + pose.T_camera_shoulder[:3, 3]
         )
 
-    def _arm(self, angles: Float64, values: Float64) -> ArmPose:
+    def _arm(self, angles: Float64, values: Float64) -> ArmMeshPose:
         joints = self.start.joints + values[[0, 1, 2, 3]]
         for i, limits in enumerate((ELBOW_FLEXION_RAD, PRONATION_RAD, WRIST_FLEXION_RAD, WRIST_DEVIATION_RAD)):
             joints[i] = min(max(joints[i], limits[0]), limits[1])
@@ -261,7 +261,7 @@ class ArmMotion:
         T[:3, 3] += values[8:11]
         roll = _about(np.array([0.0, 0.0, values[4]]))
         T[:3, :3], T[:3, 3] = roll @ T[:3, :3], self.middle + roll @ (T[:3, 3] - self.middle)
-        return ArmPose(angles, joints, T)
+        return ArmMeshPose(angles, joints, T)
 
 
 def _eased(x: float) -> float:
@@ -314,7 +314,7 @@ def worst_overlap(mesh: ArmMesh, angles: Float64) -> float:
         mesh: whose hand it is.
         angles: (21,) [rad].
     """
-    pose, k = ArmPose(angles, np.zeros(4), np.eye(4)), _kernels()
+    pose, k = ArmMeshPose(angles, np.zeros(4), np.eye(4)), _kernels()
     limbs, out = np.empty((19, 8)), np.empty(k.PAIRS)
     k.limbs_of(mesh.frames(pose)[1], *_flesh(mesh), limbs)
     k.overlaps(limbs, out)
@@ -326,20 +326,20 @@ def _flesh(mesh: ArmMesh) -> tuple[Float64, float]:
     return mesh.shape.finger_radii, _PALM_HALF_M * (mesh.shape.hand_length_m / 0.189)
 
 
-def held_at(mesh: ArmMesh, joints: Float64, R_camera_palm: Float64, at: Float64, which: int = PALM) -> ArmPose:
+def held_at(mesh: ArmMesh, joints: Float64, R_camera_palm: Float64, at: Float64, which: int = PALM) -> ArmMeshPose:
     """The pose of a right arm, all of whose hand's angles are 0, one of whose points is at a place.
 
     Args:
         mesh: whose arm it is.
-        joints: (4,) of `ArmPose` [rad].
+        joints: (4,) of `ArmMeshPose` [rad].
         R_camera_palm: (3, 3).
         at: (3,) in the camera's space [m].
         which: of `mocapella.model.arms.ARM_POINTS`, is there.
     """
-    pose = ArmPose(np.zeros(len(ANGLES)), np.asarray(joints, dtype=np.float64), np.eye(4))
+    pose = ArmMeshPose(np.zeros(len(ANGLES)), np.asarray(joints, dtype=np.float64), np.eye(4))
     bones, points = mesh.frames(pose)
     R = R_camera_palm @ bones[3, :, :3].T
-    return ArmPose(pose.angles, pose.joints, rigid(R, at - R @ points[which]))
+    return ArmMeshPose(pose.angles, pose.joints, rigid(R, at - R @ points[which]))
 
 
 def _about(vector: Float64) -> Float64:

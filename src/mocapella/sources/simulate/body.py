@@ -28,7 +28,7 @@ ROOT = BODY.parts["root"]
 
 
 @dataclass(frozen=True, eq=False)
-class BodyModel:
+class BodyTemplate:
     """What is the same for all people.
 
     Attributes:
@@ -47,7 +47,7 @@ class BodyModel:
 
 
 @cache
-def body_model() -> BodyModel:
+def body_template() -> BodyTemplate:
     """The body of ``data/body.toml``."""
     data = body_data()
     joints = len(BODY)
@@ -62,18 +62,18 @@ def body_model() -> BodyModel:
         mirror_image = BODY.mirror[i]
         offsets[mirror_image] = np.array(offset) * (-1, 1, 1)
         offsets[i], radii[i], radii[mirror_image] = offset, radius, radius
-    return BodyModel(parents, offsets, radii, chain, _within(chain @ offsets, parents, radii))
+    return BodyTemplate(parents, offsets, radii, chain, _within(chain @ offsets, parents, radii))
 
 
 def bone_lengths(stature: float) -> Float64:
     """(25,) length of the bone that ends at each joint [m]; 0 for the root."""
     check(0.5 <= stature <= 2.5, "stature", stature, "from 0.5 to 2.5 m")
-    return np.asarray(np.linalg.norm(body_model().offsets, axis=1) * stature)
+    return np.asarray(np.linalg.norm(body_template().offsets, axis=1) * stature)
 
 
 def joint_positions(root: Float64, directions: Float64, lengths: Float64) -> Float64:
     """(..., 25, 3) joints of a root (..., 3), unit bone directions (..., 25, 3) and lengths (..., 25)."""
-    return root[..., None, :] + body_model().chain @ (directions * lengths[..., None])
+    return root[..., None, :] + body_template().chain @ (directions * lengths[..., None])
 
 
 def facing(positions: Float64) -> Float64:

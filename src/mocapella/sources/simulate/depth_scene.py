@@ -48,7 +48,7 @@ from mocapella.sources.simulate.arm_mesh import (
     UPPER_ARM,
     WRIST_END,
     ArmMesh,
-    ArmPose,
+    ArmMeshPose,
     arm_mesh,
     arm_shapes,
 )
@@ -218,12 +218,12 @@ class _Actor:
     def mirror(self) -> Float64:
         return self.mesh.hand.mirror
 
-    def at(self, at_s: float) -> tuple[ArmPose, str]:
+    def at(self, at_s: float) -> tuple[ArmMeshPose, str]:
         held = self.motion.at(at_s + self.later_s)
         T, M = held.pose.T_camera_shoulder.copy(), self.mirror
         T[:3] = M[:, None] * T[:3]
         T[:3, :3] *= M
-        return ArmPose(held.pose.angles, held.pose.joints, T), held.gesture
+        return ArmMeshPose(held.pose.angles, held.pose.joints, T), held.gesture
 
 
 class DepthScene:
@@ -265,7 +265,7 @@ class DepthScene:
         """(9,) of `mocapella.geometry.lens`."""
         return np.array([*self.sensor.lens, *[0.0] * 5])
 
-    def poses(self, at_s: float) -> tuple[ArmPose, ...]:
+    def poses(self, at_s: float) -> tuple[ArmMeshPose, ...]:
         """How the arms are held, in the camera's space."""
         return tuple(self._seen(actor.at(at_s)[0]) for actor in self._actors)
 
@@ -273,9 +273,9 @@ class DepthScene:
         """The very same scene before another camera of this kind, which stands there: (4, 4) from this one's space."""
         return DepthScene(self.name, self.settings, self.sensor, self.seed, T_camera_first @ self.T_camera_first)
 
-    def _seen(self, pose: ArmPose) -> ArmPose:
+    def _seen(self, pose: ArmMeshPose) -> ArmMeshPose:
         """A pose in the first camera's space, in this one's."""
-        return ArmPose(pose.angles, pose.joints, self.T_camera_first @ pose.T_camera_shoulder)
+        return ArmMeshPose(pose.angles, pose.joints, self.T_camera_first @ pose.T_camera_shoulder)
 
     @property
     def meshes(self) -> tuple[ArmMesh, ...]:
@@ -344,7 +344,7 @@ class DepthScene:
             target = np.array([0.0, 0.0, distance]) + away
             T = start.T_camera_shoulder.copy()
             T[:3, 3] += target - [middle[0], middle[1], points[PALM, 2]]
-            start = ArmPose(start.angles, start.joints, T)
+            start = ArmMeshPose(start.angles, start.joints, T)
             motion = ArmMotion(
                 mesh, s.keys, data["postures"], start, target,
                 rate=1.0 if s.still else float(rng.uniform(0.85, 1.2)),
@@ -378,7 +378,7 @@ class DepthScene:
 
 
 def _truth(
-    actor: _Actor, pose: ArmPose, gesture: str, *, seen_px: Float64, parts: UInt8, first: int, lens: Float64
+    actor: _Actor, pose: ArmMeshPose, gesture: str, *, seen_px: Float64, parts: UInt8, first: int, lens: Float64
 ) -> ArmTruth:
     """What is true of an arm whose projected vertices are ``seen_px`` and whose parts are drawn from ``first`` on."""
     mesh, k = actor.mesh, _kernels()

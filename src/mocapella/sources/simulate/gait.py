@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter1d, uniform_filter1d
 
-from mocapella.sources.simulate.body import BODY, JOINT, body_model
+from mocapella.sources.simulate.body import BODY, JOINT, body_template
 from mocapella.sources.simulate.motion import POSE_HZ, Motion, normalised, smooth_step
 from mocapella.sources.simulate.route import STEP_S, Leg
 
@@ -35,7 +35,7 @@ UP = np.array([0.0, 1.0, 0.0])
 
 
 @dataclass(frozen=True, eq=False)
-class Tracks:
+class GaitTracks:
     """The route on the time grid.
 
     Attributes:
@@ -72,14 +72,14 @@ def animate(legs: list[Leg], lengths: Float64, stature: float, rng: np.random.Ge
     _trunk(direction, chest_yaw, pelvis_yaw, _speed_ahead(tracks.spots), sway)
     for side, name in enumerate(SIDES):
         _arm(direction, name, chest_yaw, lead * (1 - 2 * side), tracks.across * side)
-    return Motion(root, direction, lengths, body_model().radii * stature)
+    return Motion(root, direction, lengths, body_template().radii * stature)
 
 
-def _tracks(legs: list[Leg], stature: float) -> Tracks:
+def _tracks(legs: list[Leg], stature: float) -> GaitTracks:
     counts = [round(leg.seconds * POSE_HZ) for leg in legs]
     spots = np.concatenate([leg.at(np.arange(n) / n) for leg, n in zip(legs, counts, strict=True)])
     poses = len(spots)
-    tracks = Tracks(spots, np.empty((poses, 2, 3)), np.empty((poses, 2)), np.zeros((poses, 2)), np.zeros(poses))
+    tracks = GaitTracks(spots, np.empty((poses, 2, 3)), np.empty((poses, 2)), np.zeros((poses, 2)), np.zeros(poses))
     for side in (0, 1):
         tracks.ankles[:, side], tracks.yaws[:, side] = _planted(spots[:1], side, stature)[0], spots[0, 2]
     first = 0
@@ -93,7 +93,7 @@ def _tracks(legs: list[Leg], stature: float) -> Tracks:
     return tracks
 
 
-def _step(tracks: Tracks, leg: Leg, step: int, first: int, stature: float) -> None:
+def _step(tracks: GaitTracks, leg: Leg, step: int, first: int, stature: float) -> None:
     """Swing one foot to its next place, and leave it there for the rest of the time. Writes into ``tracks``."""
     side = (step + (not leg.left_first)) % 2
     ankle, yaw, swings = tracks.ankles[:, side], tracks.yaws[:, side], tracks.swings[:, side]
@@ -134,7 +134,7 @@ def _sway(poses: int, rng: np.random.Generator) -> _Sway:
     return _Sway(wave(4.0), 0.7 * wave(5.3) + 0.3 * wave(2.2), 0.7 * wave(6.1) + 0.3 * wave(2.7))
 
 
-def _root(tracks: Tracks, sway: _Sway, yaw: Float64, lengths: Float64, stature: float) -> Float64:
+def _root(tracks: GaitTracks, sway: _Sway, yaw: Float64, lengths: Float64, stature: float) -> Float64:
     """(poses, 3): over the feet, leaning to the one that stands, as high as both legs reach."""
     lifts = np.sin(np.pi * tracks.swings) ** 2
     shift = 0.02 * (lifts[:, 1] - lifts[:, 0]) + 0.004 * sway.aside
@@ -154,14 +154,14 @@ def _root(tracks: Tracks, sway: _Sway, yaw: Float64, lengths: Float64, stature: 
     return root
 
 
-def _legs(direction: Float64, root: Float64, yaw: Float64, tracks: Tracks, lengths: Float64) -> None:
+def _legs(direction: Float64, root: Float64, yaw: Float64, tracks: GaitTracks, lengths: Float64) -> None:
     for side, name in enumerate(SIDES):
         hip, knee, ankle, foot = (JOINT[f"{joint}{name}"] for joint in ("Hip", "Knee", "Ankle", "Foot"))
         direction[:, hip] = (1 - 2 * side) * _aside(yaw)
         start = root + lengths[hip] * direction[:, hip]
         thigh, shank = _two_bones(tracks.ankles[:, side] - start, lengths[knee], lengths[ankle], _ahead(yaw))
         direction[:, knee], direction[:, ankle] = thigh, shank
-        rest = body_model().offsets[foot]
+        rest = body_template().offsets[foot]
         pitch = np.arctan2(rest[1], rest[2]) - 0.4 * np.sin(np.pi * tracks.swings[:, side]) ** 2
         direction[:, foot] = _pitched(_ahead(tracks.yaws[:, side]), pitch)
 

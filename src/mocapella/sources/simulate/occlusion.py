@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 from mocapella.settings import check
-from mocapella.sources.simulate.body import body_model
+from mocapella.sources.simulate.body import body_template
 
 Float64 = NDArray[np.float64]
 
@@ -83,7 +83,7 @@ def hidden(eye: Float64, joints: Float64, radii: Float64, things: Obstacles) -> 
     A joint is hidden where the straight line to it comes closer to the axis of a bone than the bone's radius
     (people, 25), or passes through an obstacle. It is not hidden by bones of its own body in whose flesh it lies.
     """
-    model = body_model()
+    model = body_template()
     return np.asarray(_hidden(eye, joints, radii, model.parents, model.within, things.boxes, things.pillars))
 
 

@@ -22,7 +22,7 @@ ROOM: Final = "room-"
 """Before the name of a room's scene: people from head to foot."""
 
 
-class Scene(Protocol):
+class RenderedScene(Protocol):
     """What is rendered: a `mocapella.sources.simulate.depth_scene.DepthScene` or `room_depth.RoomDepthScene`."""
 
     sensor: Any
@@ -50,7 +50,7 @@ class RenderedDepth(RenderedSource):
 
     def __init__(
         self,
-        scene: Scene,
+        scene: RenderedScene,
         name: str,
         options: DepthOptions | None = None,
         *,
@@ -78,7 +78,7 @@ class RenderedRecording:
         scene, name, options: as of `RenderedDepth`.
     """
 
-    def __init__(self, scene: Scene, name: str, options: DepthOptions | None = None) -> None:
+    def __init__(self, scene: RenderedScene, name: str, options: DepthOptions | None = None) -> None:
         options = options or DepthOptions()
         fps = options.fps or USUAL_FPS
         self.scene, self.name, self.fps = scene, name, fps
@@ -101,7 +101,7 @@ def open_rendered(which: str, name: str, options: DepthOptions | None = None) ->
     return RenderedDepth(rendered_scene(which, name), name, options)
 
 
-def rendered_scene(which: str, name: str) -> Scene:
+def rendered_scene(which: str, name: str) -> RenderedScene:
     """The scene of NAME, NAME/SEED or NAME/SEED/SENSOR: of an arm, or of people where it begins with `ROOM`.
 
     Raises:
@@ -121,7 +121,7 @@ def rendered_scene(which: str, name: str) -> Scene:
     return load_depth_scene(scene, seed=int(seed or 0), **chosen)
 
 
-def _state(scene: Scene, o: DepthOptions, fps: float) -> SourceState:
+def _state(scene: RenderedScene, o: DepthOptions, fps: float) -> SourceState:
     sensor = scene.sensor
     lens = tuple(map(float, scene.lens)) if o.lens is None else o.lens
     return SourceState(sensor.size_px, fps, unit_m=sensor.unit_m if o.unit_m is None else o.unit_m, lens=lens)

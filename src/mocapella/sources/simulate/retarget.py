@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mocapella.errors import InputError
 from mocapella.geometry.rigid import rotation_about_y
 from mocapella.settings import check
-from mocapella.sources.simulate.body import BODY, JOINT, ROOT, body_model, bone_lengths, facing, joint_positions
+from mocapella.sources.simulate.body import BODY, JOINT, ROOT, body_template, bone_lengths, facing, joint_positions
 from mocapella.sources.simulate.bvh import Bvh
 from mocapella.sources.simulate.gait import animate
 from mocapella.sources.simulate.motion import POSE_HZ, Motion, normalised, smooth_step
@@ -68,7 +68,7 @@ def bvh_motion(
     lengths = lengths * scale
     missing = lengths == 0
     missing[ROOT] = False
-    lengths[missing] = (np.linalg.norm(body_model().offsets, axis=1) * stature)[missing]
+    lengths[missing] = (np.linalg.norm(body_template().offsets, axis=1) * stature)[missing]
     root, directions = _placed(root * scale, directions, lengths, start)
     root, directions = _resampled(root, directions, bvh.frame_s)
     still = Route(Spot(*start, FACING_MAIN))
@@ -77,7 +77,7 @@ def bvh_motion(
     root, directions = _joined(before, root, directions)
     # Half way between two poses a foot may sink into the floor: lift the body as far as it does.
     root[:, 1] -= np.minimum(joint_positions(root, directions, lengths)[..., 1].min(axis=1), 0.0)
-    return Motion(root, directions, lengths, body_model().radii * stature)
+    return Motion(root, directions, lengths, body_template().radii * stature)
 
 
 def joint_columns(bvh: Bvh, file: object = None) -> Mapping[str, int]:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.geometry.rigid import apply, rigid
-from mocapella.sources.simulate.body import JOINT, body_model
+from mocapella.sources.simulate.body import JOINT, body_template
 from mocapella.sources.simulate.depth_noise import measured
 from mocapella.sources.simulate.depth_scene import Sensor, Shot, depth_sensor
 from mocapella.sources.simulate.room import Room
@@ -94,7 +94,7 @@ class RoomDepthScene:
 
     def _limbs(self, joints: Float64, radii: Float64) -> list[tuple[Float64, Int64]]:
         """Each bone's capsule, the sides of the chest, and the head above the eyes."""
-        parents, made = body_model().parents, []
+        parents, made = body_template().parents, []
         for joint, parent in enumerate(parents):
             if joint != parent and radii[joint] > 0:
                 begin = radii[parent] if 0 < radii[parent] < radii[joint] else radii[joint]
