@@ -60,14 +60,15 @@ DEFAULT_DETECTOR: Final = "kinematic-arm"
 
 
 def check_detector(name: str | None) -> str | None:
-    """List the detectors where that is asked for."""
-    if name == "help":
-        from mocapella.detectors import arm_detectors
+    """List the detectors where that is asked for; refuse a name that is not one of them."""
+    from mocapella.detectors import arm_detector, arm_detectors
 
-        for known, detector in arm_detectors().items():
-            typer.echo(f"{known:<15}{detector.summary}")
+    if name == "help":
+        known = arm_detectors()
+        width = max(map(len, known))
+        typer.echo("\n".join(f"{each:<{width}}  {detector.summary}" for each, detector in known.items()))
         raise typer.Exit
-    return name
+    return None if name is None else arm_detector(name).name
 
 
 def _refuse_method(name: str | None) -> None:

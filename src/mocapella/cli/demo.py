@@ -114,8 +114,8 @@ def demo(
         return
     if no_steadiness or corrupt is not None:
         raise SettingsError("--no-steadiness and --corrupt are of demo silhouettes; leave them out")
-    given = context.get_parameter_source("method")
-    if what is What.ARM and given is not None and given.name == "COMMANDLINE":
+    said = context.get_parameter_source("method")
+    if what is What.ARM and said is not None and said.name == "COMMANDLINE":
         raise SettingsError(not_method(method))
     take = None if record is None else take_file(record)
     show_of = _show_of(what, scene, method, detector, seed)

@@ -17,7 +17,16 @@ if TYPE_CHECKING:
     from mocapella.detectors.arm_gestures import WithGestures
     from mocapella.model.camera import Camera
 
-__all__ = ["DETECTORS", "INTERFACE", "RENAMED", "ArmDetector", "Detector", "arm_detectors", "make_detector"]
+__all__ = [
+    "DETECTORS",
+    "INTERFACE",
+    "RENAMED",
+    "ArmDetector",
+    "Detector",
+    "arm_detector",
+    "arm_detectors",
+    "make_detector",
+]
 
 DETECTORS: Final[dict[str, Detector]] = {detector.name: detector for detector in (KINEMATIC_ARM, LINE_SKELETON)}
 """All detectors by name."""
@@ -28,6 +37,20 @@ RENAMED: Final[Mapping[str, str]] = {"default": "kinematic-arm"}
 def arm_detectors() -> dict[str, Detector]:
     """Return the detectors that find arms in depth images, by name."""
     return {name: detector for name, detector in DETECTORS.items() if detector.frame_type == "arms"}
+
+
+def arm_detector(name: str) -> Detector:
+    """Return the detector of arms of that name.
+
+    Raises:
+        SettingsError: there is none; says its present name, or which there are.
+    """
+    known = arm_detectors()
+    if name in known:
+        return known[name]
+    if name in RENAMED:
+        raise SettingsError(f"the detector {name!r} is called {RENAMED[name]} now")
+    raise SettingsError(f"unknown arm detector {name!r}; known: {one_of(name, known)}")
 
 
 def make_detector(name: str, camera: Camera, settings: Mapping[str, Any] | None = None) -> WithGestures:
@@ -46,12 +69,7 @@ def make_detector(name: str, camera: Camera, settings: Mapping[str, Any] | None 
     from mocapella.kinematics.gestures import GestureSettings
     from mocapella.settings import parse
 
-    known = arm_detectors()
-    if name not in known:
-        if name in RENAMED:
-            raise SettingsError(f"the detector {name!r} is called {RENAMED[name]} now")
-        raise SettingsError(f"unknown arm detector {name!r}; known: {one_of(name, known)}")
-    detector, own = known[name], dict(settings or {})
+    detector, own = arm_detector(name), dict(settings or {})
     gestures = parse(GestureSettings, own.pop("gestures", {}), where=f"settings of {name}, gestures")
     made: ArmDetector = detector.make(camera, parse(detector.settings(), own, where=f"settings of {name}"))
     return WithGestures(made, gestures, detector.stages)
