@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from mocapella.errors import SettingsError
 from mocapella.model.camera import Camera
 
 CAMERA = Camera("depth", (64, 48), np.array([48.0, 48.0, 31.5, 23.5, 0, 0, 0, 0, 0]))
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "detectors"
 HEAVY = {"cv2", "numba", "numpy", "scipy"}
 """Libraries that take long to import."""
 
@@ -34,6 +36,7 @@ def test_a_descriptor_describes_what_it_makes(name: str) -> None:
     assert is_dataclass(settings)
     assert fields(settings)
     assert detector.make(CAMERA, settings()).name == name
+    assert (DOCS / f"{name}.md").is_file()
 
 
 @pytest.mark.parametrize("name", DETECTORS)

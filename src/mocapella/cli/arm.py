@@ -96,7 +96,7 @@ DetectorSettings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="NAME=VALUE", help="A setting of the detector, such as arms=1; may be repeated."),
 ]
-RenamedMethod = Annotated[str | None, typer.Option("--method", hidden=True, callback=_refuse_method)]
+RenamedMethod = Annotated[str | None, typer.Option("--method", metavar="NAME", hidden=True, callback=_refuse_method)]
 
 
 @app.command("arm")
