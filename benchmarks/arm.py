@@ -1,7 +1,7 @@
-"""Arms in depth images: rendered truth, the method `default` beside the baseline on the same images, and its speed.
+"""Arms in depth images: rendered truth, `kinematic-arm` beside the baseline on the same images, and its speed.
 
-Scenes of seeds 100 and above are scored; those below were used to choose numbers. Each method sees the images once, in
-their order, and is told nothing.
+Scenes of seeds 100 and above are scored; those below were used to choose numbers. Each detector sees the images once,
+in their order, and is told nothing.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from numpy.typing import NDArray
 
 from benchmarks.harness import Goal, Row, at_least, at_most, compared, measured
 from benchmarks.line_skeleton import SR305, grid_rows, masks_of, one_thread, sr305_frames, stage_rows
+from mocapella.detectors import ArmDetector, make_detector
 from mocapella.evaluation.arms import ArmScores, jitter, score
 from mocapella.evaluation.gestures import GestureScores, gesture_scores
 from mocapella.evaluation.line_skeleton_grid import rendered_frames
 from mocapella.evaluation.two_cameras import CAMERAS, FUSED, beside, looks_of, two_camera_scores
-from mocapella.model.arms import ArmMethod, SeenArms
+from mocapella.model.arms import SeenArms
 from mocapella.model.camera import Camera
 from mocapella.model.hand import DIGITS, TIPS
 from mocapella.sources.simulate.depth_scene import DepthScene, DepthShot, load_depth_scene
-from mocapella.tracker.arm_methods import arm_method
 
 SCENES: Final = (
     *("each-finger-before-palm", "each-finger-from-the-side", "touching", "fist", "fast", "rotation", "open-close"),
     *("counting", "palm-rotation", "grab", "torso", "elbow-bends", "two-hands"),
 )
 SENSORS: Final = ("kinect", "sr305", "tof")
-METHODS: Final = ("default", "line-skeleton")
+DETECTORS: Final = ("kinematic-arm", "line-skeleton")
 FPS: Final = 30.0
 SECONDS: Final = 3.0
 """Of each scene, seed and sensor; each begins elsewhere in the scene, so that together they show all of it."""
@@ -61,7 +61,7 @@ _PARTS: Final[dict[str, tuple[str, Goal | None]]] = {
 def run(quick: bool = False) -> list[Row]:
     seeds = SEEDS[:1] if quick else SEEDS
     scenes, sensors = (SCENES[:2], SENSORS[:1]) if quick else (SCENES, SENSORS)
-    totals = {name: ArmScores() for name in METHODS}
+    totals = {name: ArmScores() for name in DETECTORS}
     gestures, ours_ms, first_ms = GestureScores(), [], []
     by_scene: dict[str, ArmScores] = {}
     for sensor in sensors:
@@ -71,11 +71,11 @@ def run(quick: bool = False) -> list[Row]:
                 scene = load_depth_scene(name, seed=seed, sensor=sensor)
                 shots = list(clip(scene, sensor, seed, 1.0 if quick else SECONDS))
                 camera = Camera(sensor, scene.sensor.size_px, scene.lens)
-                for method_name, total in totals.items():
-                    timed = _Timed(arm_method(method_name, camera))
+                for detector, total in totals.items():
+                    timed = _Timed(make_detector(detector, camera), camera)
                     found = score(timed, shots)
                     total.add(found)
-                    if method_name == "default":
+                    if detector == "kinematic-arm":
                         by_scene.setdefault(f"{name}, {sensor}", ArmScores()).add(found)
                         if scene.sensor.size_px == (640, 480):
                             first_ms += timed.ms[:1]
@@ -109,29 +109,28 @@ def clip(scene: DepthScene, sensor: str, seed: int, seconds: float) -> Iterator[
 
 
 class _Timed:
-    """A method, and how long each image took it [ms]."""
+    """A detector, and how long each image took it [ms]."""
 
-    def __init__(self, method: ArmMethod) -> None:
-        self.method, self.name = method, method.name
+    def __init__(self, detector: ArmDetector, camera: Camera) -> None:
+        self.detector, self.name = detector, detector.name
         self.ms: list[float] = []
         self.told: list[SeenArms] = []
-        size = method.method.camera.size_px if hasattr(method, "method") else (0, 0)
-        method.update(np.zeros(size[::-1], np.float32), 0.0)  # compiles
-        method.reset()
+        detector.update(np.zeros(camera.size_px[::-1], np.float32), 0.0)  # compiles
+        detector.reset()
 
     def update(self, depth: NDArray[np.float32], at_s: float) -> Any:
         begin = time.perf_counter()
-        seen = self.method.update(depth, at_s)
+        seen = self.detector.update(depth, at_s)
         self.ms.append(1e3 * (time.perf_counter() - begin))
         self.told.append(seen)
         return seen
 
     def reset(self) -> None:
-        self.method.reset()
+        self.detector.reset()
 
 
 class _Told:
-    """What a method has told of images, again."""
+    """What a detector has told of images, again."""
 
     name = "told"
 
@@ -148,7 +147,7 @@ class _Told:
 
 
 def _figures(totals: dict[str, ArmScores]) -> list[Row]:
-    ours, peer = totals["default"].table(), totals["line-skeleton"].table()
+    ours, peer = totals["kinematic-arm"].table(), totals["line-skeleton"].table()
     rows = [measured("arm: arms in images", ours["frames"], "")]
     for key, (what, unit, goal) in _GOALS.items():
         rows.append(compared(f"arm: {what}", ours[key], unit, peer="line-skeleton", peer_value=peer[key], goal=goal))
@@ -173,8 +172,8 @@ def _worst(by_scene: dict[str, ArmScores]) -> list[Row]:
 
 def _speed(ms: list[float], first_ms: list[float]) -> list[Row]:
     return [
-        measured("arm: whole method, 640 × 480, an image, median", float(np.percentile(ms, 50)), "ms", goal=at_most(5)),
-        measured("arm: whole method, 640 × 480, an image, 99 %", float(np.percentile(ms, 99)), "ms", goal=at_most(10)),
+        measured("arm: detector, 640 × 480, an image, median", float(np.percentile(ms, 50)), "ms", goal=at_most(5)),
+        measured("arm: detector, 640 × 480, an image, 99 %", float(np.percentile(ms, 99)), "ms", goal=at_most(10)),
         measured("arm: images of 640 × 480 that take longer than 10 ms", 100 * float(np.mean(np.array(ms) > 10)), "%"),
         measured("arm: the longest image after a scene's first", max(ms), "ms"),
         measured("arm: the first image of a scene, median", statistics.median(first_ms), "ms"),
@@ -195,7 +194,7 @@ def still_rows(quick: bool) -> list[Row]:
         worst = []
         for begin in still_from(scene, STILL_S)[: 1 if quick else None]:
             shots = list(scene.frames(FPS, begin, begin + (1.0 if quick else STILL_S)))
-            worst.append(max(jitter(arm_method("default", camera), shots).values(), default=np.nan))
+            worst.append(max(jitter(make_detector("kinematic-arm", camera), shots).values(), default=np.nan))
         rows.append(measured(f"arm: jitter of a still hand, {sensor}, worst of eight joints, median of postures",
                              1e3 * statistics.median(worst), "mm", goal=at_most(1.5)))  # fmt: skip
         rows.append(measured(f"arm: jitter of a still hand, {sensor}, worst joint and posture of {len(worst)}",
@@ -220,14 +219,14 @@ def still_from(scene: DepthScene, seconds: float) -> list[float]:
 
 
 def two_camera_rows(quick: bool) -> list[Row]:
-    """Two cameras 60° apart that both find the arm by the method `default`, beside each of them alone."""
+    """Two cameras 60° apart that both find the arm by the detector `kinematic-arm`, beside each of them alone."""
     rows = []
     for name in TWO_CAMERAS[: 1 if quick else None]:
         tell(f"two cameras, {name}")
         scene = load_depth_scene(name, seed=100, sensor="kinect")
         cameras = [Camera(k, scene.sensor.size_px, of.lens) for k, of in zip(CAMERAS, (scene, beside(scene, 60.0)),
                                                                             strict=True)]  # fmt: skip
-        first, second = (arm_method("default", camera) for camera in cameras)
+        first, second = (make_detector("kinematic-arm", camera) for camera in cameras)
         told = two_camera_scores(scene, looks_of((first, second)), seconds=0.7 if quick else 3.0)
         for key, words in (("tip_median_mm", "fingertips, median"), ("tip_p95_mm", "fingertips, 95 %"),
                            ("tips_of_one_camera_median_mm", "fingertips that only the other sees, median"),
@@ -241,18 +240,18 @@ def two_camera_rows(quick: bool) -> list[Row]:
 
 
 def label_rows(frames: dict[str, NDArray[np.float32]]) -> list[Row]:
-    """Real frames, each by itself, against labels of ours, which were committed before any method saw the frames."""
+    """Real frames, each by itself, against labels of ours, which were committed before any detector saw the frames."""
     labels = tomllib.loads(LABELS.read_text(encoding="utf-8"))["frame"]
     rows = []
-    for name in METHODS:
-        method = arm_method(name, SR305)
+    for name in DETECTORS:
+        detector = make_detector(name, SR305)
         hands = sides = five = 0
         errors: list[float] = []
         with one_thread():
             for label in labels:
                 depth = next(depth for file, depth in frames.items() if Path(file).stem == Path(label["file"]).stem)
-                method.reset()
-                seen = method.update(depth, 0.0)
+                detector.reset()
+                seen = detector.update(depth, 0.0)
                 if not seen.arms:
                     continue
                 arm = seen.arms[0]

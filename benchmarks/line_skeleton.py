@@ -1,6 +1,6 @@
-"""The skeleton stages of the method `line-skeleton` beside the same stages of OpenCV, and the method's own grid.
+"""The skeleton stages of the detector `line-skeleton` beside the same stages of OpenCV, and the detector's own grid.
 
-The masks are those that the method itself makes of the frames of depth_hand_sr305, and a drawn arm, which is there
+The masks are those that the detector itself makes of the frames of depth_hand_sr305, and a drawn arm, which is there
 without them. OpenCV works on the whole image, in one thread as ours.
 """
 
@@ -117,17 +117,17 @@ def grid_rows(
 
 
 def whole(frames: Mapping[str, Float32], quick: bool) -> Row:
-    """The whole method, one image after the other."""
+    """The whole detector, one image after the other."""
     from mocapella.sensing.line_skeleton import LineSkeleton
 
-    method = LineSkeleton(SR305)
+    detector = LineSkeleton(SR305)
     with one_thread():
         took = [
-            median_seconds(lambda d=depth: method.update(d, 0.0), repeat=2 if quick else 7, number=1)
+            median_seconds(lambda d=depth: detector.update(d, 0.0), repeat=2 if quick else 7, number=1)
             for depth in frames.values()
         ]
     return measured(
-        f"line_skeleton: the whole method, median of {len(frames)} frames", 1000 * statistics.median(took), "ms"
+        f"line_skeleton: the whole detector, median of {len(frames)} frames", 1000 * statistics.median(took), "ms"
     )
 
 
@@ -160,7 +160,7 @@ def sr305_frames() -> dict[str, Float32]:
 
 
 def masks_of(frames: Mapping[str, Float32]) -> dict[str, UInt8]:
-    """The arms that the method finds in them."""
+    """The arms that the detector finds in them."""
     from mocapella.sensing.line_skeleton import LineSkeletonSettings
     from mocapella.sensing.line_skeleton_outline import outline, separated
 

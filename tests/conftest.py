@@ -121,12 +121,12 @@ def _compile_what_nobody_does() -> None:
 
 
 def _make_arms_ready() -> None:
+    from mocapella.detectors import make_detector
     from mocapella.model.camera import Camera
     from mocapella.sources.simulate.depth_scene import load_depth_scene
-    from mocapella.tracker.arm_methods import arm_method
 
     scene = load_depth_scene("cloth", seed=1)
-    finds = arm_method("default", Camera("arm", scene.sensor.size_px, scene.lens))
+    finds = make_detector("kinematic-arm", Camera("arm", scene.sensor.size_px, scene.lens))
     for k in range(3):
         shot = scene.at(k / 30)
         finds.update(shot.depth * np.float32(shot.unit_m), k / 30)

@@ -1,25 +1,32 @@
-"""An arm method for tests of what is around one: all points of its arm are where the nearest pixel is."""
+"""A detector for tests of what is around one: all points of its arm are where the nearest pixel is."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from mocapella.detectors import DETECTORS, Detector
 from mocapella.geometry.lens import undistort
 from mocapella.model.arms import ARM_POINTS, ELBOW, SeenArm, SeenArms
 from mocapella.model.camera import Camera
 from mocapella.model.hand import ANGLES
 
 
+@dataclass(frozen=True)
+class NearestArmSettings:
+    a: dict[str, int] = field(default_factory=dict)
+
+
 class NearestArm:
-    """A `mocapella.model.arms.ArmMethod`. The elbow is not known, and the wrist inferred."""
+    """A `mocapella.detectors.ArmDetector`. The elbow is not known, and the wrist inferred."""
 
     name = "nearest"
 
-    def __init__(self, camera: Camera, settings: Mapping[str, Any] | None = None) -> None:
-        self.camera, self.settings = camera, dict(settings or {})
+    def __init__(self, camera: Camera, settings: NearestArmSettings | None = None) -> None:
+        self.camera, self.settings = camera, settings or NearestArmSettings()
         self.times: list[float] = []
 
     def update(self, depth: np.ndarray, at_s: float) -> SeenArms:
@@ -44,12 +51,18 @@ class NearestArm:
         return {"8 bit": (depth * 100).astype(np.uint8), "colours": np.zeros((*depth.shape, 3), np.uint8)}
 
 
-def main() -> None:
-    """The command line, with this method in it."""
-    from mocapella.cli import main as mocapella
-    from mocapella.tracker.arm_methods import ARM_METHODS
+def _stages(made: NearestArm, depth: np.ndarray) -> Mapping[str, Any]:
+    return made.stages(depth)
 
-    ARM_METHODS["nearest"] = NearestArm
+
+NEAREST = Detector(1, "nearest", "For tests.", "arms", lambda: NearestArmSettings, NearestArm, _stages)
+
+
+def main() -> None:
+    """The command line, with this detector in it."""
+    from mocapella.cli import main as mocapella
+
+    DETECTORS["nearest"] = NEAREST
     mocapella()
 
 

@@ -14,6 +14,7 @@ BASE = {"errors", "conventions", "settings", "compiled", "steps", "registry"}
 MODEL = BASE | {"geometry", "model"}
 STAGES = {"sensing", "calibration", "association", "fusion", "smoothing", "kinematics"}
 EDGES = {"sources", "wire", "recording", "exports", "streams"}
+DETECTORS = MODEL | STAGES | {"detectors"}
 TRACKER = MODEL | STAGES | {"tracker"}
 
 MAY_IMPORT: dict[str, set[str]] = {
@@ -28,18 +29,19 @@ MAY_IMPORT: dict[str, set[str]] = {
     "model": MODEL,
     "schema": MODEL,
     **dict.fromkeys(STAGES, MODEL),
+    "detectors": DETECTORS,
     "tracker": TRACKER,
     "sources": MODEL | {"schema", "sensing"},
     **{edge: MODEL | {"schema"} for edge in EDGES - {"sources"}},
     "viewer": MODEL,
-    "evaluation": TRACKER | {"recording", "sources"},
+    "evaluation": TRACKER | DETECTORS | {"recording", "sources"},
     "studies": TRACKER | {"recording", "schema"},
-    "live": TRACKER | EDGES | {"schema", "viewer"},
-    "cli": TRACKER | EDGES | {"schema", "viewer", "studies", "evaluation", "live"},
+    "live": TRACKER | DETECTORS | EDGES | {"schema", "viewer"},
+    "cli": TRACKER | DETECTORS | EDGES | {"schema", "viewer", "studies", "evaluation", "live"},
 }
 """Which rooms a room may import, beside itself. `docs/decisions/0001-rooms.md` says why."""
 
-PURE = {"geometry", "model", *STAGES, "tracker", "evaluation"}
+PURE = {"geometry", "model", *STAGES, "detectors", "tracker", "evaluation"}
 IMPURE_MODULES = {"asyncio", "threading", "socket", "time", "multiprocessing", "subprocess"}
 DECODES_IMAGES = {"sensing", "sources"}
 
@@ -118,5 +120,6 @@ def test_the_rule_bites_for_clocks_threads_and_sockets(room: str, module: str) -
 
 def test_the_rule_bites_for_images_and_relative_imports() -> None:
     assert violations("viewer", "import cv2") == ["viewer imports cv2"]
+    assert violations("detectors", "import cv2") == ["detectors imports cv2"]
     assert violations("sensing", "import cv2") == []
     assert violations("live", "from . import server") == ["live imports . relatively"]

@@ -6,6 +6,7 @@ import csv
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,14 +15,16 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
-from nearest_arm import NearestArm
+from nearest_arm import NEAREST, NearestArm, NearestArmSettings
 from programs import run
 from typer.testing import CliRunner
 
 from mocapella.cli import arm as _arm  # noqa: F401 - registers the verb
+from mocapella.cli import demo as _demo  # noqa: F401
 from mocapella.cli import depth_recordings as inputs
 from mocapella.cli import view as _view  # noqa: F401 - and another: an app of one verb has no verbs
 from mocapella.cli.app import app
+from mocapella.detectors import DETECTORS, make_detector
 from mocapella.errors import InputError, SettingsError
 from mocapella.geometry.lens import project
 from mocapella.model.arms import SeenArms
@@ -35,7 +38,6 @@ from mocapella.recording.take import TakeInfo
 from mocapella.recording.take_writer import TakeWriter
 from mocapella.schema import encode_frame
 from mocapella.sources.depth_options import DepthOptions
-from mocapella.tracker.arm_methods import ARM_METHODS, arm_method
 
 LENS = np.array([12.0, 12.0, 7.5, 5.5, 0, 0, 0, 0, 0])
 SAID = ["--intrinsics", "12,7.5,5.5", "--unit", "0.001"]
@@ -55,14 +57,14 @@ def png(path: Path, image: np.ndarray) -> None:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Three images, and the method nearest."""
+    """Three images, and the detector nearest."""
     made.clear()
 
     def make(camera: Camera, settings: Any) -> NearestArm:
         made.append(NearestArm(camera, settings))
         return made[-1]
 
-    monkeypatch.setitem(ARM_METHODS, "nearest", make)
+    monkeypatch.setitem(DETECTORS, "nearest", replace(NEAREST, make=make))
     (tmp_path / "frames").mkdir()
     for number in (9, 10, 11):
         png(tmp_path / "frames" / f"{number}.png", depth(691 + number))
@@ -71,7 +73,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def arm(*arguments: str) -> Any:
-    return CliRunner().invoke(app, ["arm", *arguments, "--method", "nearest"])
+    return CliRunner().invoke(app, ["arm", *arguments, "--detector", "nearest"])
 
 
 def result(*arguments: str) -> dict[str, Any]:
@@ -89,8 +91,8 @@ def refusal(*arguments: str) -> str:
 
 def test_a_folder_gives_joints_in_metres_and_pixels(folder: Path) -> None:
     found = result("frames", *SAID, "--fps", "10", "--set", "a.b=3")
-    assert found["method"] == "nearest"
-    assert made[0].settings == {"a": {"b": 3}}
+    assert (found["detector"], "method" in found) == ("nearest", False)
+    assert made[0].settings == NearestArmSettings({"b": 3})
     (recording,) = found["recordings"]
     assert recording["size_px"] == [16, 12]
     assert recording["unit_m"] == 0.001
@@ -162,7 +164,7 @@ def test_a_damaged_image_is_passed_over_and_said(folder: Path) -> None:
 
 
 def test_sides_arms_and_gestures_are_said_in_a_line(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    one = NearestArm(Camera("a", (16, 12), LENS), {}).update(depth() * np.float32(0.001), 0.0).arms[0]
+    one = NearestArm(Camera("a", (16, 12), LENS)).update(depth() * np.float32(0.001), 0.0).arms[0]
     other = msgspec.structs.replace(one, id=8, left=False, gesture="fist")
     again = msgspec.structs.replace(one, left=False, gesture="")  # most of its images show a left one
     seen = iter([(one, other), (one, other), (again,)])
@@ -197,14 +199,42 @@ def test_what_cannot_be_used_is_said(folder: Path, arguments: list[str], named: 
     assert re.search(named, refusal(*arguments))
 
 
-def test_methods_and_stages_that_there_are_not(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_detectors_and_stages_that_there_are_not(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     camera = Camera("depth", (16, 12), LENS)
-    with pytest.raises(SettingsError, match=r"unknown arm method 'line-skelton'; known: .*did you mean line-skeleton"):
-        arm_method("line-skelton", camera)
+    with pytest.raises(SettingsError, match=r"unknown arm detector 'line-skelton'; .*did you mean line-skeleton"):
+        make_detector("line-skelton", camera)
     bare = SimpleNamespace(name="nearest", update=lambda depth, at_s: None, reset=lambda: None)
-    monkeypatch.setitem(ARM_METHODS, "nearest", lambda camera, settings: bare)
-    assert "the method nearest has none" in refusal("frames", *SAID, "--stages", "out")
-    assert {"default", "line-skeleton"} <= set(ARM_METHODS)
+    monkeypatch.setitem(DETECTORS, "nearest", replace(NEAREST, make=lambda camera, settings: bare, stages=None))
+    said = refusal("frames", *SAID, "--stages", "out")
+    assert "the detector nearest has none; detectors that do: line-skeleton" in said
+
+
+@pytest.mark.parametrize("verb", [["arm", "frames"], ["node", "arm", "frames"], ["demo", "arm", "--no-view"]])
+@pytest.mark.parametrize(("old", "new"), [("default", "kinematic-arm"), ("line-skeleton", "line-skeleton")])
+def test_the_former_option_is_refused_with_the_present_one(verb: list[str], old: str, new: str) -> None:
+    done = CliRunner().invoke(app, [*verb, "--method", old])
+    assert isinstance(done.exception, SettingsError), done.output
+    assert str(done.exception) == f"--method {old}: the option is --detector now; write --detector {new}"
+    assert "--method" not in CliRunner().invoke(app, ["arm", "--help"]).output
+
+
+def test_the_former_name_is_refused_with_the_present_one(folder: Path) -> None:
+    done = CliRunner().invoke(app, ["arm", "frames", *SAID, "--detector", "default"])
+    assert str(done.exception) == "the detector 'default' is called kinematic-arm now"
+
+
+@pytest.mark.parametrize("verb", [["arm", "frames"], ["node", "arm", "frames"], ["demo", "arm"]])
+def test_detectors_are_listed(verb: list[str]) -> None:
+    done = CliRunner().invoke(app, [*verb, "--detector", "help"])
+    assert done.exit_code == 0
+    assert [line.split()[0] for line in done.stdout.splitlines()] == ["kinematic-arm", "line-skeleton"]
+    assert DETECTORS["kinematic-arm"].summary in done.stdout
+
+
+def test_a_detector_is_of_the_demonstration_of_an_arm() -> None:
+    for what in ("people", "hands", "silhouettes"):
+        done = CliRunner().invoke(app, ["demo", what, "--detector", "line-skeleton"])
+        assert str(done.exception) == "--detector is of demo arm; leave it out"
 
 
 def rig(path: Path, *names: str) -> None:

@@ -1,4 +1,4 @@
-"""mocapella arm on what it is not made for, with both methods: it says what is wrong, or finds what is there."""
+"""mocapella arm on what it is not made for, with both detectors: it says what is wrong, or finds what is there."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from mocapella.errors import InputError
 from mocapella.model.hand import TIPS
 from mocapella.sources.simulate.depth_scene import BODY, FIRST_ARM, DepthShot, load_depth_scene
 
-METHODS = ("default", "line-skeleton")
+DETECTORS = ("kinematic-arm", "line-skeleton")
 SAID = ["--intrinsics", "580,319.5,239.5", "--unit", "0.0001"]
 
 
@@ -56,9 +56,9 @@ def away_m(arm: dict[str, Any], shot: DepthShot, number: int = 0) -> float:
     return float(np.linalg.norm(np.array(arm["joints"]["palm"]["m"]) - shot.arms[number].points[21]))
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_images_in_which_nothing_was_measured(method: str, tmp_path: Path) -> None:
-    found = recording(tmp_path / "frames", [np.zeros((480, 640), np.uint16)] * 3, "--method", method)
+@pytest.mark.parametrize("detector", DETECTORS)
+def test_images_in_which_nothing_was_measured(detector: str, tmp_path: Path) -> None:
+    found = recording(tmp_path / "frames", [np.zeros((480, 640), np.uint16)] * 3, "--detector", detector)
     assert found["counts"] == {"images": 3, "with_arms": 0, "arms": 0, "empty": 3, "damaged": 0}
     assert {frame["reason"] for frame in found["frames"]} == {"nothing was measured in the whole image"}
     assert "arms in 0 of 3 images; 3 with nothing measured" in " ".join(found["stderr"].split())
@@ -71,11 +71,11 @@ def test_a_body_without_its_arm_is_no_arm(tmp_path: Path) -> None:
     assert {frame["reason"] for frame in found["frames"]} == {"no hand is seen"}
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("detector", DETECTORS)
 @pytest.mark.parametrize("depth_m", [0.08, 3.5])
-def test_out_of_range_is_said(method: str, depth_m: float, tmp_path: Path) -> None:
+def test_out_of_range_is_said(detector: str, depth_m: float, tmp_path: Path) -> None:
     image = np.full((480, 640), round(depth_m / 0.0001), np.uint16)
-    found = recording(tmp_path / "frames", [image] * 2, "--method", method)
+    found = recording(tmp_path / "frames", [image] * 2, "--detector", detector)
     assert found["counts"]["with_arms"] == 0
     for frame in found["frames"]:
         assert re.match("nothing (is|lies) between 0.2 and", frame["reason"]), frame["reason"]
@@ -85,7 +85,7 @@ def test_a_wall_that_fills_the_image_is_no_arm(tmp_path: Path) -> None:
     wall = np.full((480, 640), 6000, np.uint16)
     found = recording(tmp_path / "ours", [wall] * 2)
     assert [frame["reason"] for frame in found["frames"]] == ["no hand is seen"] * 2
-    found = recording(tmp_path / "baseline", [wall] * 2, "--method", "line-skeleton")
+    found = recording(tmp_path / "baseline", [wall] * 2, "--detector", "line-skeleton")
     for frame in found["frames"]:
         assert "takes up more than 60% of the image: the arm is too near, or it is a wall" in frame["reason"]
 
@@ -217,7 +217,7 @@ def test_an_arm_that_goes_out_of_the_image_comes_back(tmp_path: Path) -> None:
         if away:
             assert frame["arms"] == []
             assert frame["reason"]
-    # Of a hand that comes in beside a body it may take the method two images to tell which of both is the hand.
+    # Of a hand that comes in beside a body it may take the detector two images to tell which of both is the hand.
     for frame, shot in zip(found["frames"][back + 2 :], made[back + 2 :], strict=True):
         assert min(away_m(arm, shot) for arm in frame["arms"]) < 0.05
 

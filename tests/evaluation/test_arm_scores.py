@@ -1,4 +1,4 @@
-"""How well a method finds arms: what is perfect scores so, and every fault is counted where it should be."""
+"""How well a detector finds arms: what is perfect scores so, and every fault is counted where it should be."""
 
 from __future__ import annotations
 

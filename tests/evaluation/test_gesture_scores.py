@@ -1,4 +1,4 @@
-"""The scores of gestures: a method that knows the truth has all, one that tells nothing has none."""
+"""The scores of gestures: a detector that knows the truth has all, one that tells nothing has none."""
 
 from __future__ import annotations
 

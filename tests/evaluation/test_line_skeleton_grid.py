@@ -51,7 +51,7 @@ def test_a_truth_that_is_not_known_is_not_missed() -> None:
     assert np.isnan([none.tips_found, none.tips_mm, none.arm_mm]).all()
 
 
-def test_settings_reach_the_method() -> None:
+def test_settings_reach_the_detector() -> None:
     scene = arm()
     settings = LineSkeletonSettings(least_area_px=1e6)
     (row,) = grid_table([(scene.depth, scene.truth, 0.0)], CAMERA, lambda: 0.0, grids_px=(2,), settings=settings)

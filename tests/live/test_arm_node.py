@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from nearest_arm import NearestArm
+from nearest_arm import NEAREST
 from programs import Program, free_port, wait_until
 from typer.testing import CliRunner
 
@@ -19,10 +19,10 @@ from mocapella.cli import arm as _arm  # noqa: F401 - registers the verbs
 from mocapella.cli import export as _export  # noqa: F401
 from mocapella.cli import replay as _replay  # noqa: F401
 from mocapella.cli.app import app
+from mocapella.detectors import DETECTORS
 from mocapella.model.arms import ArmFrame
 from mocapella.model.depth import DepthFrame
 from mocapella.recording.take_reader import Take, read_take
-from mocapella.tracker.arm_methods import ARM_METHODS
 
 IMAGES = 5
 SAID = ("--intrinsics", "12,7.5,5.5", "--unit", "0.001")
@@ -56,11 +56,21 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
         patch.setenv("PYTHONPATH", path.rstrip(os.pathsep))
         begin = ("serve", "--port", str(port), "--no-view", "--method", "arms", "--json", "server.json")
         into = ("--record", "walk.mcap", "--reserve-gib", "0.001")
-        source = ("frames", *SAID, "--fps", "25", "--loop", "--name", "left", "--method", "nearest", "--publish-depth")
-        connect = ("--connect", f"tcp/127.0.0.1:{port}", "--report", "0.3", "--json", "node.json")
+        source = ("frames", *SAID, "--fps", "25", "--loop", "--name", "left", "--publish-depth")
+        connect = (
+            "--detector",
+            "nearest",
+            "--connect",
+            f"tcp/127.0.0.1:{port}",
+            "--report",
+            "0.3",
+            "--json",
+            "node.json",
+        )
+        chosen = ("--detector", "nearest")
         with (
             Program(folder, "server", *begin, *into) as server,
-            Program(folder, "node", "node", "arm", *source, *connect, module="nearest_arm") as node,
+            Program(folder, "node", "node", "arm", *source, *chosen, *connect, module="nearest_arm") as node,
         ):
             wait_until("the server listens", server.said("waiting for sensors at"), timeout=120.0)
             wait_until("the node reports", node.said("arms in 100.0 %"), timeout=120.0)
@@ -103,7 +113,7 @@ def test_the_node_says_what_it_did(ran: Ran) -> None:
     assert node["published"] == report["looked_at"] - report["too_late"]
     assert node["images_published"] == report["looked_at"] == report["with_arms"]
     assert report["taken"] == report["looked_at"] + report["dropped"]
-    assert (report["method"], report["empty"], report["damaged"], report["lost"]) == ("nearest", 0, 0, 0)
+    assert (report["detector"], report["empty"], report["damaged"], report["lost"]) == ("nearest", 0, 0, 0)
     assert "depth images of frames, 16 × 12 px, 25 a second, 0.001 m a unit, f 12.0 px" in ran.output
     assert f"left: {node['published']} frames published" in ran.output
 
@@ -146,9 +156,9 @@ def test_the_arms_are_exported_as_a_table(ran: Ran, monkeypatch: pytest.MonkeyPa
 
 
 def test_the_takes_images_give_the_same_arms_again(ran: Ran, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(ARM_METHODS, "nearest", NearestArm)
+    monkeypatch.setitem(DETECTORS, "nearest", NEAREST)
     monkeypatch.chdir(ran.folder)
-    done = CliRunner().invoke(app, ["arm", "walk.mcap", "--method", "nearest", "--json", "again.json"])
+    done = CliRunner().invoke(app, ["arm", "walk.mcap", "--detector", "nearest", "--json", "again.json"])
     assert done.exit_code == 0, (done.output, done.exception)
     (recording,) = json.loads((ran.folder / "again.json").read_text(encoding="utf-8"))["recordings"]
     images = list(ran.take.frames_in_sequence("left.depth"))

@@ -59,12 +59,12 @@ def said(made: ArmWork, begin: int, value: int, count: int = 8) -> list[str]:
 
 def test_arms_and_images_are_frames_that_can_be_sent() -> None:
     made = work()
-    assert isinstance(made.method, NearestArm)
-    assert made.method.times == []  # what it compiled with is forgotten
+    assert isinstance(made.detector, NearestArm)
+    assert made.detector.times == []  # what it compiled with is forgotten
     frame, image = made.look(picture(3)), made.depth(picture(3))
     assert (frame.sensor, frame.time_ns, frame.size_px, frame.method) == ("arm", 150_000_001, (16, 12), "nearest")
     assert frame.bodies == 1
-    assert made.method.times == [0.150000001]
+    assert made.detector.times == [0.150000001]
     assert encode_frame(decode_frame(encode_frame(frame))) == encode_frame(frame)
     back = decode_frame(encode_frame(image))
     np.testing.assert_array_equal(back.depth, picture(3).image)
@@ -94,16 +94,16 @@ def test_empty_images_and_missing_arms_are_said_when_they_begin_and_end() -> Non
     assert "arms in 50.0 %" in made.words()
 
 
-def test_that_no_arm_is_found_is_said_with_the_methods_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_that_no_arm_is_found_is_said_with_the_detectors_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     made = work()
     list(made.warnings(0.0))
-    found = made.method.update(np.ones((12, 16), np.float32), 0.0)
+    found = made.detector.update(np.ones((12, 16), np.float32), 0.0)
     nobody = type(found)((), "nobody is near")
-    monkeypatch.setattr(made.method, "update", lambda depth, at_s: nobody)
+    monkeypatch.setattr(made.detector, "update", lambda depth, at_s: nobody)
     assert said(made, 0, 700) == ["no arm is found: nobody is near"]
     assert made.report()["reasons"] == {"nobody is near": 8}
     assert "the median distance is 70 cm" in made.report()["problems"][-1]
-    monkeypatch.setattr(made.method, "update", lambda depth, at_s: found)
+    monkeypatch.setattr(made.detector, "update", lambda depth, at_s: found)
     assert said(made, 10, 700) == ["arms: well again"]
     assert made.report()["problems"] == ["a screw is loose"]
 

@@ -15,9 +15,10 @@ cv2 = pytest.importorskip("cv2")
 
 from sensing.drawn_arms import CAMERA, DISTANCE_M, arm, drawn  # noqa: E402 - only where there is OpenCV
 
+from mocapella.detectors import ArmDetector  # noqa: E402
 from mocapella.errors import SettingsError  # noqa: E402
 from mocapella.geometry.lens import project  # noqa: E402
-from mocapella.model.arms import ARM_JOINTS, PALM, ArmMethod  # noqa: E402
+from mocapella.model.arms import ARM_JOINTS, PALM  # noqa: E402
 from mocapella.model.camera import Camera  # noqa: E402
 from mocapella.sensing.line_skeleton import LineSkeleton, LineSkeletonSettings  # noqa: E402
 from mocapella.sensing.line_skeleton_joints import elbow_of, palm_and_wrist  # noqa: E402
@@ -55,8 +56,8 @@ def off_m(seen: Any, truth: Any) -> Any:
 
 @pytest.mark.parametrize("degrees", [0, 45, -45, -90])
 def test_an_open_hand_is_found_where_the_rules_expect_its_arm(degrees: int) -> None:
-    scene, method = arm(rotation_degrees=degrees), LineSkeleton(CAMERA)
-    (seen,) = method.update(scene.depth, 0.0).arms
+    scene, detector = arm(rotation_degrees=degrees), LineSkeleton(CAMERA)
+    (seen,) = detector.update(scene.depth, 0.0).arms
     assert (off_m(seen, scene.truth)[3:] < 0.012).all()
     assert (off_m(seen, scene.truth)[:3] < 0.05).all()
     assert (seen.joint_states == 2).all()
@@ -67,9 +68,9 @@ def test_an_open_hand_is_found_where_the_rules_expect_its_arm(degrees: int) -> N
     assert not seen.states[UNSEEN].any()
 
 
-def test_it_is_an_arm_method() -> None:
-    method: ArmMethod = LineSkeleton(CAMERA)
-    assert method.name == "line-skeleton"
+def test_it_is_an_arm_detector() -> None:
+    detector: ArmDetector = LineSkeleton(CAMERA)
+    assert detector.name == "line-skeleton"
 
 
 def test_a_finger_before_the_palm_is_a_blob() -> None:
@@ -279,16 +280,16 @@ def test_a_ball_is_no_arm() -> None:
 def test_an_arm_of_which_no_point_is_in_the_cube_region_says_so() -> None:
     camera = small(width=320)
     aside = drawn([(np.array([0.6, -0.2, 0.6]), np.array([0.6, 0.2, 0.6]), 0.03)], camera)
-    method = LineSkeleton(camera, LineSkeletonSettings(least_area_px=200, far_m=0.8))
-    assert "no point of the grid" in method.update(aside, 0.0).reason
+    detector = LineSkeleton(camera, LineSkeletonSettings(least_area_px=200, far_m=0.8))
+    assert "no point of the grid" in detector.update(aside, 0.0).reason
 
 
 @given(st.integers(1, 24), st.integers(1, 24), st.integers(0, 2**32 - 1))
 def test_no_tiny_image_is_too_much_for_it(width: int, height: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     depth = np.where(rng.random((height, width)) < 0.8, rng.uniform(0.1, 1.5, (height, width)), np.nan)
-    method = LineSkeleton(small(width, height), LineSkeletonSettings(least_area_px=0, reach_m=1.0, fills_most=1.0))
-    seen = method.update(depth.astype(np.float32), 0.0)
+    detector = LineSkeleton(small(width, height), LineSkeletonSettings(least_area_px=0, reach_m=1.0, fills_most=1.0))
+    seen = detector.update(depth.astype(np.float32), 0.0)
     assert bool(seen.arms) != bool(seen.reason)
 
 
@@ -299,13 +300,13 @@ def test_an_image_of_another_size_is_refused(shape: tuple[int, ...]) -> None:
 
 
 def test_an_arm_that_comes_back_is_another_and_reset_forgets() -> None:
-    scene, method = arm(), LineSkeleton(CAMERA)
+    scene, detector = arm(), LineSkeleton(CAMERA)
     nothing = np.zeros_like(scene.depth)
-    ids = [[one.id for one in method.update(d, 0.0).arms] for d in (nothing, scene.depth, scene.depth, nothing)]
+    ids = [[one.id for one in detector.update(d, 0.0).arms] for d in (nothing, scene.depth, scene.depth, nothing)]
     assert ids == [[], [0], [0], []]
-    assert method.update(scene.depth, 0.0).arms[0].id == 1
-    method.reset()
-    assert method.update(scene.depth, 0.0).arms[0].id == 0
+    assert detector.update(scene.depth, 0.0).arms[0].id == 1
+    detector.reset()
+    assert detector.update(scene.depth, 0.0).arms[0].id == 0
 
 
 @pytest.mark.parametrize(
@@ -327,13 +328,13 @@ def test_settings_out_of_range_are_refused(name: str, value: Any) -> None:
 
 @pytest.mark.skipif(not FRAMES.is_dir(), reason="needs depth_hand_sr305")
 def test_real_frames_give_an_arm_and_all_stages() -> None:
-    method = LineSkeleton(SR305)
+    detector = LineSkeleton(SR305)
     files = sorted(FRAMES.glob("*.png"))
     assert files
     for path in files:
         depth = cv2.imread(str(path), cv2.IMREAD_UNCHANGED).astype(np.float32) * np.float32(0.000125)
-        (seen,) = method.update(depth, 0.0).arms
+        (seen,) = detector.update(depth, 0.0).arms
         assert np.isfinite(seen.joints).all()
         assert (seen.joint_states > 0).all()
         assert (np.linalg.norm(seen.joints[3:] - seen.points[PALM], axis=-1) <= 1.5).all()
-    assert list(method.stages(depth)) == STAGES
+    assert list(detector.stages(depth)) == STAGES

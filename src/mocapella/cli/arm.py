@@ -19,7 +19,6 @@ from mocapella.cli.common import (
     DEFAULT_ADDRESS,
     Connect,
     JsonOut,
-    MethodSettings,
     console,
     need_cameras,
     parse_size,
@@ -31,11 +30,10 @@ from mocapella.cli.node import Epoch, EpochFromInput, read_epoch
 from mocapella.errors import SettingsError
 
 if TYPE_CHECKING:
-    from mocapella.model.arms import ArmMethod
+    from mocapella.detectors.arm_gestures import WithGestures
     from mocapella.model.camera import Camera
     from mocapella.sources.acquisition import Acquisition
     from mocapella.sources.depth_files import DepthRecording, RecordedDepth
-    from mocapella.tracker.arm_methods import HasStages
 
 _SHOWN_EVERY_S: Final = 0.2
 _MOST_NAMED: Final = 5
@@ -58,9 +56,47 @@ Rig = Annotated[
     str | None,
     typer.Option("--rig", metavar="FILE", help="Take the lens of a camera rig's file instead: FILE or FILE:CAMERA."),
 ]
-Method = Annotated[
-    str, typer.Option("--method", metavar="NAME", help="default, or line-skeleton, which is that of 2012.")
+DEFAULT_DETECTOR: Final = "kinematic-arm"
+
+
+def check_detector(name: str | None) -> str | None:
+    """List the detectors where that is asked for; refuse a name that is not one of them."""
+    from mocapella.detectors import arm_detector, arm_detectors
+
+    if name == "help":
+        known = arm_detectors()
+        width = max(map(len, known))
+        typer.echo("\n".join(f"{each:<{width}}  {detector.summary}" for each, detector in known.items()))
+        raise typer.Exit
+    return None if name is None else arm_detector(name).name
+
+
+def _refuse_method(name: str | None) -> None:
+    if name is not None:
+        raise SettingsError(not_method(name))
+
+
+def not_method(name: str) -> str:
+    """Say that ``--method NAME``, which chose a detector in earlier versions, is ``--detector NAME`` now."""
+    from mocapella.detectors import RENAMED
+
+    return f"--method {name}: the option is --detector now; write --detector {RENAMED.get(name, name)}"
+
+
+Detector = Annotated[
+    str,
+    typer.Option(
+        "--detector",
+        metavar="NAME",
+        help="What finds the arms; `--detector help` lists the detectors.",
+        callback=check_detector,
+    ),
 ]
+DetectorSettings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="NAME=VALUE", help="A setting of the detector, such as arms=1; may be repeated."),
+]
+RenamedMethod = Annotated[str | None, typer.Option("--method", metavar="NAME", hidden=True, callback=_refuse_method)]
 
 
 @app.command("arm")
@@ -79,14 +115,15 @@ def arm(
     fps: Annotated[
         float | None, typer.Option(metavar="HZ", help="Images a second, of files; 30 if nobody says.")
     ] = None,
-    method: Method = "default",
-    method_settings: MethodSettings = None,
+    detector: Detector = DEFAULT_DETECTOR,
+    detector_settings: DetectorSettings = None,
+    method: RenamedMethod = None,
     all_points: Annotated[
         bool, typer.Option("--all-points", help="The hand's 21 landmarks, palm and elbow instead of the eight joints.")
     ] = False,
     stages: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Write pictures of the method's stages, a folder for each image."),
+        typer.Option(metavar="DIR", help="Write pictures of the detector's stages, a folder for each image."),
     ] = None,
     table: Annotated[
         Path | None, typer.Option("--csv", metavar="FILE", help="Write a table, too: a row for each joint.")
@@ -103,23 +140,24 @@ def arm(
     need_cameras("arm")
     from mocapella.cli import INTERRUPTED
     from mocapella.cli.depth_recordings import depth_options, depth_recordings
+    from mocapella.detectors import arm_detectors, make_detector
     from mocapella.exports.arm_rows import table_rows
     from mocapella.live.stopping import interruptible
     from mocapella.settings import check, settings_of_pairs
     from mocapella.sources.depth_options import complete
-    from mocapella.tracker.arm_methods import HasStages, arm_method
 
     check(fps is None or 0 < fps <= 1000, "--fps", fps, "above 0, at most 1000")
-    options, settings = depth_options(intrinsics, unit, rig, fps), settings_of_pairs(method_settings)
+    options, settings = depth_options(intrinsics, unit, rig, fps), settings_of_pairs(detector_settings)
     found = []
     try:
-        with interruptible(), telling_of_compiling(f"the method {method}"), ExitStack() as open_files:
+        with interruptible(), telling_of_compiling(f"the detector {detector}"), ExitStack() as open_files:
             writer = None if table is None else _table(open_files, table)
             for recording in depth_recordings(paths, options):
                 camera = complete(recording.state, recording.name)
-                finds = arm_method(method, camera, settings)
-                if stages is not None and not isinstance(finds, HasStages):
-                    raise SettingsError(f"--stages: the method {method} has none; line-skeleton has")
+                finds = make_detector(detector, camera, settings)
+                if stages is not None and finds.stages is None:
+                    able = ", ".join(name for name, known in arm_detectors().items() if known.stages is not None)
+                    raise SettingsError(f"--stages: the detector {detector} has none; detectors that do: {able}")
                 run = _Run(recording, camera, finds, stages, all_points)
                 for row in run.rows():
                     if writer is not None:
@@ -128,7 +166,7 @@ def arm(
     except KeyboardInterrupt:
         say("stopped before the end")
         raise typer.Exit(INTERRUPTED) from None
-    write_json(json, {"method": method, "recordings": [run.result() for run in found]})
+    write_json(json, {"detector": detector, "recordings": [run.result() for run in found]})
     for run in found:
         run.tell()
 
@@ -160,8 +198,9 @@ def node_arm(
     rig: Rig = None,
     size: Annotated[str | None, typer.Option("--size", metavar="WxH", help="To ask a camera for.")] = None,
     fps: Annotated[float | None, typer.Option(metavar="HZ", help="Images a second: to ask for; of files.")] = None,
-    method: Method = "default",
-    method_settings: MethodSettings = None,
+    detector: Detector = DEFAULT_DETECTOR,
+    detector_settings: DetectorSettings = None,
+    method: RenamedMethod = None,
     publish_depth: Annotated[
         bool,
         typer.Option(
@@ -188,6 +227,7 @@ def node_arm(
     """
     need_cameras("node arm")
     from mocapella.cli.depth_recordings import depth_of_take, depth_options
+    from mocapella.detectors import make_detector
     from mocapella.live.arm_node import run_arm_node
     from mocapella.live.arm_work import ArmWork
     from mocapella.live.camera_node import CameraNodeSettings
@@ -199,7 +239,6 @@ def node_arm(
     from mocapella.sources.acquisition import Acquisition
     from mocapella.sources.depth_options import complete
     from mocapella.sources.open_depth import open_depth
-    from mocapella.tracker.arm_methods import arm_method
     from mocapella.wire.node import NodeLink
 
     check(fps is None or 0 < fps <= 1000, "--fps", fps, "above 0, at most 1000")
@@ -210,8 +249,8 @@ def node_arm(
     with Acquisition(images, say=say) as acquisition:
         camera = complete(acquisition.state, source)
         _tell_state(name, acquisition)
-        finds = arm_method(method, camera, settings_of_pairs(method_settings))
-        with telling_of_compiling(f"the method {method}"):
+        finds = make_detector(detector, camera, settings_of_pairs(detector_settings))
+        with telling_of_compiling(f"the detector {detector}"):
             work = ArmWork(name, acquisition, camera, finds)
         zero = read_epoch() if epoch_from_input else epoch
         wait = not (images.live or zero is not None)
@@ -244,10 +283,10 @@ def _tell_state(sensor: str, acquisition: Acquisition) -> None:
 
 
 class _Run:
-    """A method over one recording."""
+    """A detector over one recording."""
 
     def __init__(
-        self, recording: DepthRecording, camera: Camera, method: ArmMethod, stages: Path | None, all_points: bool
+        self, recording: DepthRecording, camera: Camera, detector: WithGestures, stages: Path | None, all_points: bool
     ) -> None:
         from mocapella.kinematics.arm_quality import ArmQualityMeter
         from mocapella.sources.depth_options import HandSizeCheck, UnitCheck
@@ -256,7 +295,7 @@ class _Run:
         assert unit_m is not None  # `complete` has seen to it
         self._unit_m, self._check = unit_m, UnitCheck(unit_m, recording.name)
         self._sizes = HandSizeCheck(camera.lens, camera.size_px, unit_m)
-        self.recording, self.camera, self.method = recording, camera, method
+        self.recording, self.camera, self.detector = recording, camera, detector
         self._stages, self._all_points = stages, all_points
         self._rows: list[dict[str, Any]] = []
         self.counts: Counter[str] = Counter()
@@ -276,7 +315,7 @@ class _Run:
         with console.status(f"{self.recording.name}: reading …") as status:
             for number, image in enumerate(self.recording.images()):
                 zero_ns = image.time_ns if zero_ns is None else zero_ns
-                # A camera that was started again has a new clock; a method wants time to rise.
+                # A camera that was started again has a new clock; a detector wants time to rise.
                 at_s = max((image.time_ns - zero_ns) / NS_PER_S, at_s + 1e-3 if number else 0.0)
                 row = self._row(image, at_s)
                 self._rows.append(row)
@@ -303,23 +342,24 @@ class _Run:
             self.counts["empty"] += empty
             metres = image.depth * np.float32(self._unit_m)
             begin_s = time.perf_counter()
-            found = self.method.update(metres, at_s)
+            found = self.detector.update(metres, at_s)
             self._took_s.append(time.perf_counter() - begin_s)
             if empty and not found.reason:
                 found = SeenArms(found.arms, "nothing was measured in the whole image")
             if self._stages is not None:
-                self._write_stages(self.method, metres, image.file)  # type: ignore[arg-type]
+                self._write_stages(metres, image.file)
         self._quality.update(found.arms, at_s)
         self._sizes.update(found.arms)
         self.counts["with_arms"] += bool(found.arms)
         self.counts["arms"] += len(found.arms)
         return frame_row(image.file, at_s, found, self.camera.lens, all_points=self._all_points)
 
-    def _write_stages(self, method: HasStages, metres: Any, file: str) -> None:
+    def _write_stages(self, metres: Any, file: str) -> None:
         from mocapella.cli.depth_recordings import write_stages
 
         assert self._stages is not None
-        write_stages(self._stages, self.counts["images"] - 1, file, method.stages(metres))
+        assert self.detector.stages is not None  # `arm` has seen to it
+        write_stages(self._stages, self.counts["images"] - 1, file, self.detector.stages(metres))
 
     def _problems(self) -> list[str]:
         """What is wrong with the recording, and what may be with what was said of it."""

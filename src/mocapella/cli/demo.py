@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mocapella.cli.app import app
+from mocapella.cli.arm import DEFAULT_DETECTOR, check_detector, not_method
 from mocapella.cli.common import (
     DEFAULT_PORT,
     DEFAULT_VIEW_PORT,
@@ -43,6 +44,7 @@ class What(StrEnum):
 
 @app.command()
 def demo(
+    context: typer.Context,
     what: Annotated[
         What, typer.Argument(metavar="[WHAT]", help="people, hands with painted fingertips, an arm, or silhouettes.")
     ] = What.PEOPLE,
@@ -50,6 +52,15 @@ def demo(
         str | None, typer.Option("--scene", metavar="NAME", help="Name of the scene; `--scene help` lists them.")
     ] = None,
     method: Method = "default",
+    detector: Annotated[
+        str | None,
+        typer.Option(
+            "--detector",
+            metavar="NAME",
+            help="Of an arm: what finds it; `--detector help` lists the detectors.",
+            callback=check_detector,
+        ),
+    ] = None,
     seconds: Seconds = None,
     no_view: NoView = False,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the view's URL, open no browser.")] = False,
@@ -76,7 +87,7 @@ def demo(
 
     `demo hands` renders a hand with painted fingertips before two cameras, finds the paint in their pictures, and makes
     a hand of it. `demo arm` renders an arm before a depth camera, finds it and its fingers in the images, and lets it
-    grab a cloth; --scene is one of the arm's scenes there (cloth), and --method how arms are found. `demo silhouettes`
+    grab a cloth; --scene is one of the arm's scenes there (cloth), and --detector what finds it. `demo silhouettes`
     renders somebody who runs before four cameras (or does what --scene says), and fits a body model to the outlines.
 
     Needs no hardware and downloads nothing. Every sensor is a process of its own, as real ones are.
@@ -88,6 +99,8 @@ def demo(
     from mocapella.live.server import ServerSettings
     from mocapella.live.stopping import stop_on_signals
 
+    if what is not What.ARM and detector is not None:
+        raise SettingsError("--detector is of demo arm; leave it out")
     if what is What.SILHOUETTES:
         from mocapella.cli.silhouettes_demo import run_demo
 
@@ -101,8 +114,11 @@ def demo(
         return
     if no_steadiness or corrupt is not None:
         raise SettingsError("--no-steadiness and --corrupt are of demo silhouettes; leave them out")
+    said = context.get_parameter_source("method")
+    if what is What.ARM and said is not None and said.name == "COMMANDLINE":
+        raise SettingsError(not_method(method))
     take = None if record is None else take_file(record)
-    show_of = _show_of(what, scene, method, seed)
+    show_of = _show_of(what, scene, method, detector, seed)
     bus_port = choose_port(port, DEFAULT_PORT)
     if port is not None:
         check_port_free("127.0.0.1", port, "--port")
@@ -138,11 +154,11 @@ class Show:
     view: tuple[str, ...] = ()
 
 
-def _show_of(what: What, scene: str | None, method: str, seed: int) -> Show:
+def _show_of(what: What, scene: str | None, method: str, detector: str | None, seed: int) -> Show:
     if what is What.HANDS:
         return _hands_show(seed)
     if what is What.ARM:
-        return _arm_show(scene or "cloth", method, seed)
+        return _arm_show(scene or "cloth", detector or DEFAULT_DETECTOR, seed)
     return _people_show(check_scene(scene or "obstacle"), method, seed)
 
 
@@ -182,26 +198,26 @@ def _hands_show(seed: int) -> Show:
     return Show(Setup(method="hands", sensors_expected=len(names)), settings, nodes, said)
 
 
-def _arm_show(scene: str, method: str, seed: int) -> Show:
+def _arm_show(scene: str, detector: str, seed: int) -> Show:
     import numpy as np
 
     from mocapella.cli.common import need_cameras, telling_of_compiling
+    from mocapella.detectors import make_detector
     from mocapella.model.camera import Camera
     from mocapella.model.session import Setup
     from mocapella.sources.simulate.depth_scene import depth_scene_names, load_depth_scene
-    from mocapella.tracker.arm_methods import arm_method
 
     if scene == "help":
         typer.echo("\n".join(depth_scene_names()))
         raise typer.Exit
     need_cameras("demo arm")
-    with working("making the arm …", status=0), telling_of_compiling(f"the rendered arm and the method {method}"):
+    with working("making the arm …", status=0), telling_of_compiling(f"the rendered arm and the detector {detector}"):
         made = load_depth_scene(scene, seed=seed)
         shot = made.at(0.0)  # compiles once a machine, and not while the camera is running
-        finds = arm_method(method, Camera("arm", made.sensor.size_px, made.lens))
+        finds = make_detector(detector, Camera("arm", made.sensor.size_px, made.lens))
         for k in range(3):
             finds.update(made.at(k / 30).depth * np.float32(shot.unit_m), k / 30)
-    words = ["arm", f"rendered:{scene}/{seed}", "--method", method, "--drop-after-ms", "1000", "--report", "0"]
+    words = ["arm", f"rendered:{scene}/{seed}", "--detector", detector, "--drop-after-ms", "1000", "--report", "0"]
     said = f"rendering an arm before a depth camera: {scene}"
     return Show(Setup(method="arms", sensors_expected=1), {}, [words], said, ("--cloth",))
 

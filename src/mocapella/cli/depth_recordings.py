@@ -111,7 +111,7 @@ class TakeDepth:
             if (frame.size_px, frame.unit_m) != (like.size_px, like.unit_m) or not np.array_equal(
                 frame.lens, like.lens
             ):
-                fix = "two cameras had this name; a method works for one"
+                fix = "two cameras had this name; a detector works for one"
                 raise InputError("has another size, unit or lens than the first", file=name, fix=fix)
             yield RecordedDepth(name, frame.time_ns, frame.depth)
 

@@ -214,7 +214,7 @@ def line_skeleton_grid(
     plot: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw it, where matplotlib is installed.")] = None,
     json: JsonOut = None,
 ) -> None:
-    """Measure what the grid of the arm method line-skeleton costs and is worth: 1, 2, 4, 5, 8 and 10 pixels.
+    """Measure what the grid of the detector line-skeleton costs and is worth: 1, 2, 4, 5, 8 and 10 pixels.
 
     docs/arms/line-skeleton.md says what is counted.
 

@@ -1,7 +1,7 @@
-"""How well a method finds arms and fingertips in rendered depth images, whose truth is known.
+"""How well a detector finds arms and fingertips in rendered depth images, whose truth is known.
 
-A truth's arm is that of the method whose palm is nearest to its own, within 10 cm. Nothing is corrected, and a method
-is not told what is to be seen.
+A truth's arm is that of the detector whose palm is nearest to its own, within 10 cm. Nothing is corrected, and
+a detector is not told what is to be seen.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.model.arms import ELBOW, PALM, ArmMethod, SeenArm, SeenArms
+from mocapella.detectors import ArmDetector
+from mocapella.model.arms import ELBOW, PALM, SeenArm, SeenArms
 from mocapella.model.hand import TIPS, WRIST
 from mocapella.model.observations import JointState
 from mocapella.sources.simulate.depth_scene import ArmTruth, DepthShot
@@ -21,21 +22,21 @@ from mocapella.sources.simulate.depth_scene import ArmTruth, DepthShot
 Float64 = NDArray[np.float64]
 
 MATCH_M: Final = 0.10
-"""A method's palm that is farther from the true one is that of something else."""
+"""A detector's palm that is farther from the true one is that of something else."""
 FOUND_M: Final = 0.015
 """A fingertip that is nearer than this under its right name is found."""
 
 
 @dataclass
 class ArmScores:
-    """What a method came to, summed over frames; see `table` for what is told of it.
+    """What a detector came to, summed over frames; see `table` for what is told of it.
 
     Attributes:
         frames: arms that were in the image, summed over frames.
-        followed: of these, with a method's arm.
-        tips: errors of visible fingertips that the method measured [m].
+        followed: of these, with a detector's arm.
+        tips: errors of visible fingertips that the detector measured [m].
         inferred: visible fingertips that it did not measure.
-        named: visible fingertips of which the method's tip of that name is the nearest, or near enough.
+        named: visible fingertips of which the detector's tip of that name is the nearest, or near enough.
         visible: fingertips that are visible.
         occluded, occluded_found: visible before palm or other digits, and how many of these are found.
         hidden: errors of fingertips that have no pixels [m].
@@ -95,12 +96,12 @@ class ArmScores:
         }
 
 
-def score(method: ArmMethod, shots: Iterable[DepthShot]) -> ArmScores:
-    """Run a method, as it is, over the shots of one scene, in their order."""
+def score(detector: ArmDetector, shots: Iterable[DepthShot]) -> ArmScores:
+    """Run a detector, as it is, over the shots of one scene, in their order."""
     scores = ArmScores()
     runs: dict[int, int] = {}
     for shot in shots:
-        seen = method.update(shot.depth * np.float32(shot.unit_m), shot.at_s)
+        seen = detector.update(shot.depth * np.float32(shot.unit_m), shot.at_s)
         for i, truth in enumerate(shot.arms):
             if not in_image(truth, shot):
                 runs.pop(i, None)
@@ -130,7 +131,7 @@ def in_image(truth: ArmTruth, shot: DepthShot) -> bool:
 
 
 def matched(truth: ArmTruth, seen: SeenArms) -> SeenArm | None:
-    """The method's arm whose palm is nearest; None where none is within `MATCH_M`."""
+    """The detector's arm whose palm is nearest; None where none is within `MATCH_M`."""
     near = [(float(np.linalg.norm(arm.points[PALM] - truth.points[PALM])), k) for k, arm in enumerate(seen.arms)]
     near = [pair for pair in near if pair[0] <= MATCH_M]
     return seen.arms[min(near)[1]] if near else None
@@ -140,7 +141,7 @@ def _add(scores: ArmScores, truth: ArmTruth, arm: SeenArm) -> None:
     scores.followed += 1
     scores.sided += arm.left == truth.left
     tips = list(TIPS)
-    apart = np.linalg.norm(arm.points[tips][None] - truth.points[tips][:, None], axis=-1)  # (true, method's)
+    apart = np.linalg.norm(arm.points[tips][None] - truth.points[tips][:, None], axis=-1)  # (true, detector's)
     apart = np.where(np.isfinite(apart), apart, np.inf)
     own = np.diag(apart)
     measured = arm.states[tips] == JointState.TRACKED
@@ -165,13 +166,13 @@ def _add(scores: ArmScores, truth: ArmTruth, arm: SeenArm) -> None:
             getattr(scores, name).append(error)
 
 
-def jitter(method: ArmMethod, shots: Iterable[DepthShot], *, settle: int = 15) -> Mapping[str, float]:
+def jitter(detector: ArmDetector, shots: Iterable[DepthShot], *, settle: int = 15) -> Mapping[str, float]:
     """Root mean square motion of each of the eight joints of a still arm about its mean [m], after some frames."""
     from mocapella.model.arms import ARM_JOINT_NAMES
 
     rows: list[Any] = []
     for k, shot in enumerate(shots):
-        seen = method.update(shot.depth * np.float32(shot.unit_m), shot.at_s)
+        seen = detector.update(shot.depth * np.float32(shot.unit_m), shot.at_s)
         arm = matched(shot.arms[0], seen)
         if k >= settle and arm is not None:
             rows.append(arm.joints)

@@ -13,8 +13,8 @@ from typing import Final
 
 import numpy as np
 
+from mocapella.detectors import ArmDetector
 from mocapella.evaluation.arms import in_image, matched
-from mocapella.model.arms import ArmMethod
 from mocapella.sources.simulate.depth_scene import DepthShot
 
 SETTLED_S: Final = 0.2
@@ -72,13 +72,13 @@ class GestureScores:
         }
 
 
-def gesture_scores(method: ArmMethod, shots: Iterable[DepthShot]) -> GestureScores:
-    """Run a method that tells gestures (`mocapella.tracker.arm_methods.arm_method`) over the shots of one scene."""
+def gesture_scores(detector: ArmDetector, shots: Iterable[DepthShot]) -> GestureScores:
+    """Run a detector that tells gestures (`mocapella.detectors.make_detector`) over the shots of one scene."""
     scores = GestureScores()
     since: dict[int, tuple[str, float]] = {}
     told: dict[int, bool] = {}
     for shot in shots:
-        seen = method.update(shot.depth * np.float32(shot.unit_m), shot.at_s)
+        seen = detector.update(shot.depth * np.float32(shot.unit_m), shot.at_s)
         for i, truth in enumerate(shot.arms):
             if not truth.gesture or not in_image(truth, shot):
                 since.pop(i, None)

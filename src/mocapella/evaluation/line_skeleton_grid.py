@@ -1,4 +1,4 @@
-"""What the grid of the method `line-skeleton` costs and is worth: the table of 1, 2, 4, 5, 8 and 10 pixels."""
+"""What the grid of the detector `line-skeleton` costs and is worth: the table of 1, 2, 4, 5, 8 and 10 pixels."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Float64 = NDArray[np.float64]
 GRIDS_PX: Final = (1, 2, 4, 5, 8, 10)
 SCENES: Final = ("open-close", "counting", "each-finger-before-palm", "still")
 SEEDS: Final = (100, 101, 102, 103)
-"""What is rendered for the table; of these, the scenes with a right arm, which is what the method expects."""
+"""What is rendered for the table; of these, the scenes with a right arm, which is what the detector expects."""
 IMAGES: Final = 6
 """Of each scene, evenly over its period."""
 NEAR_M: Final = 0.05
@@ -40,7 +40,7 @@ class GridRow(msgspec.Struct, frozen=True):
         grid_px: see `LineSkeletonSettings`.
         frames: how many were looked at.
         arms: in how many there was an arm.
-        median_ms, p95_ms: of the whole method.
+        median_ms, p95_ms: of the whole detector.
         arm_mm: median distance of elbow, wrist and palm from their true places; NaN without any.
         tips_mm: median distance of the fingertips that were found; NaN without any.
         tips_found: share of true fingertips that were said to be measured, and are within `NEAR_M` of their places.
@@ -79,17 +79,17 @@ def grid_table(
         SettingsError: a frame of another size than the camera's, or a grid that cannot be.
     """
     base = settings or LineSkeletonSettings()
-    methods = [LineSkeleton(camera, replace(base, grid_px=grid)) for grid in grids_px]
-    took: list[list[float]] = [[] for _ in methods]
-    off: list[list[Float64]] = [[] for _ in methods]
+    detectors = [LineSkeleton(camera, replace(base, grid_px=grid)) for grid in grids_px]
+    took: list[list[float]] = [[] for _ in detectors]
+    off: list[list[Float64]] = [[] for _ in detectors]
     warm = False
     for depth, truth, at_s in frames:
         if not warm:
-            methods[0].look(depth)  # what is compiled is compiled now
+            detectors[0].look(depth)  # what is compiled is compiled now
             warm = True
-        for method, seconds, distances in zip(methods, took, off, strict=True):
+        for detector, seconds, distances in zip(detectors, took, off, strict=True):
             begin = clock()
-            seen = method.update(depth, at_s)
+            seen = detector.update(depth, at_s)
             seconds.append(clock() - begin)
             distances.append(
                 _off(seen.arms[0].joints, seen.arms[0].joint_states, truth) if seen.arms else _nothing(truth)

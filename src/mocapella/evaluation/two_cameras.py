@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.conventions import NS_PER_S
+from mocapella.detectors import ArmDetector
 from mocapella.evaluation.arms import MATCH_M
 from mocapella.geometry.rigid import apply, inverse, rigid, rotation_about_y
-from mocapella.model.arms import ELBOW, PALM, ArmFrame, ArmMethod, SeenArms
+from mocapella.model.arms import ELBOW, PALM, ArmFrame, SeenArms
 from mocapella.model.camera import Camera, CameraRig, PlacedCamera
 from mocapella.model.hand import TIPS, WRIST
 from mocapella.model.observations import Arrival, JointState
@@ -97,13 +98,13 @@ def beside(scene: DepthScene, angle_deg: float) -> DepthScene:
     return scene.from_camera(rigid(R, middle - R @ middle))
 
 
-def looks_of(methods: tuple[ArmMethod, ArmMethod]) -> tuple[ArmFinding, ArmFinding]:
-    """Two methods, one made for each camera, as what finds arms in shots."""
+def looks_of(detectors: tuple[ArmDetector, ArmDetector]) -> tuple[ArmFinding, ArmFinding]:
+    """Two detectors, one made for each camera, as what finds arms in shots."""
 
-    def of(method: ArmMethod) -> ArmFinding:
-        return lambda shot: method.update(shot.depth * np.float32(shot.unit_m), shot.at_s)
+    def of(detector: ArmDetector) -> ArmFinding:
+        return lambda shot: detector.update(shot.depth * np.float32(shot.unit_m), shot.at_s)
 
-    return of(methods[0]), of(methods[1])
+    return of(detectors[0]), of(detectors[1])
 
 
 def two_camera_scores(

@@ -1,4 +1,4 @@
-"""The method of a depth camera's node: what it finds in each image, and what is wrong."""
+"""The detector of a depth camera's node: what it finds in each image, and what is wrong."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.conventions import NS_PER_S
+from mocapella.detectors import ArmDetector
 from mocapella.errors import InputError
 from mocapella.live.camera_node import Warned
-from mocapella.model.arms import ArmFrame, ArmMethod
+from mocapella.model.arms import ArmFrame
 from mocapella.model.camera import Camera
 from mocapella.model.depth import DepthFrame
 from mocapella.sources.acquisition import Acquisition
@@ -37,7 +38,7 @@ class ArmWork:
         sensor: the camera's name.
         acquisition: where the images come from; read for its reports only.
         camera: of the images.
-        method: made for this camera.
+        detector: made for this camera.
         clock: the monotonic clock, in seconds.
 
     Attributes:
@@ -52,11 +53,11 @@ class ArmWork:
         sensor: str,
         acquisition: Acquisition,
         camera: Camera,
-        method: ArmMethod,
+        detector: ArmDetector,
         *,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
-        self.sensor, self.acquisition, self.camera, self.method = sensor, acquisition, camera, method
+        self.sensor, self.acquisition, self.camera, self.detector = sensor, acquisition, camera, detector
         self._state = acquisition.state
         unit_m = self._state.unit_m
         assert unit_m is not None  # `mocapella.sources.depth_options.complete` has seen to it
@@ -69,8 +70,8 @@ class ArmWork:
         self._before = (0, 0, 0)
         self._reason = ""
         for number in range(3):  # compiles before the clock matters, also what needs an image before
-            method.update(rough_arm(camera), number / 30)
-        method.reset()
+            detector.update(rough_arm(camera), number / 30)
+        detector.reset()
 
     def look(self, picture: Picture) -> ArmFrame:
         """The arms in an image.
@@ -82,7 +83,7 @@ class ArmWork:
         depth: Any = picture.image
         self._check.update(depth)
         begin_s = self._clock()
-        found = self.method.update(depth * np.float32(self._unit_m), picture.time_ns / NS_PER_S)
+        found = self.detector.update(depth * np.float32(self._unit_m), picture.time_ns / NS_PER_S)
         self._times.append(self._clock() - begin_s)
         self.looked_at += 1
         self.with_arms += bool(found.arms)
@@ -91,7 +92,7 @@ class ArmWork:
             self._reasons[found.reason] += 1
         self._reason = found.reason or self._reason
         return ArmFrame(
-            self.sensor, 0, 0, picture.time_ns, 0, self.camera.size_px, self.camera.lens, self.method.name,
+            self.sensor, 0, 0, picture.time_ns, 0, self.camera.size_px, self.camera.lens, self.detector.name,
             found.arms, found.reason,
         )  # fmt: skip
 
@@ -113,7 +114,7 @@ class ArmWork:
             "source": self.acquisition.source.name,
             "times": self.acquisition.source.times,
             **asdict(self.acquisition.report()),
-            "method": self.method.name,
+            "detector": self.detector.name,
             "late": self.late,
             "too_late": self.too_late,
             "looked_at": self.looked_at,
@@ -165,7 +166,7 @@ class ArmWork:
         return found
 
     def _same_camera(self, picture: Picture) -> None:
-        """Refuse what another camera gives: the method was made for one."""
+        """Refuse what another camera gives: the detector was made for one."""
         state = self.acquisition.state
         if picture.size_px == self.camera.size_px and (state is self._state or _alike(state, self._state)):
             return
@@ -174,7 +175,7 @@ class ArmWork:
 
 
 def rough_arm(camera: Camera) -> NDArray[np.float32]:
-    """(height, width) [m] of a disc and a bar to the lower edge: enough of an arm for a method to do its work."""
+    """(height, width) [m] of a disc and a bar to the lower edge: enough of an arm for a detector to do its work."""
     width, height = camera.size_px
     fx, fy = camera.lens[:2]
     x = (np.arange(width) - 0.5 * width) * _ROUGH_M / fx

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final, Protocol
+from typing import Final
 
 import msgspec
 import numpy as np
@@ -32,14 +32,14 @@ class SeenArm(msgspec.Struct, frozen=True, eq=False):
     The middle of the palm is halfway between the wrist and the knuckle of the middle finger.
 
     Attributes:
-        id: stays the same for as long as the camera's method believes that it is the same arm.
+        id: stays the same for as long as the camera's detector believes that it is the same arm.
         left: whether it is a left one.
         left_sure: from 0.5, which is a guess, to 1: how sure that is.
         points: (23, 3) in the order of `ARM_POINTS` [m]; NaN where not known.
         states: (23,) `JointState`: 2 measured in this image, 1 inferred, 0 not known.
         sd: (23,) standard deviation of a coordinate [m]; NaN where not known.
-        angles: (21,) of `mocapella.model.hand.ANGLES` [rad]; NaN where the method has none.
-        T_camera_palm: (4, 4); None where the method has none.
+        angles: (21,) of `mocapella.model.hand.ANGLES` [rad]; NaN where the detector has none.
+        T_camera_palm: (4, 4); None where the detector has none.
         gesture: in a word, such as open or fist; empty where none is recognised.
         gesture_sure: from 0 to 1.
         grabbing: whether the hand holds on to something.
@@ -69,7 +69,7 @@ class SeenArm(msgspec.Struct, frozen=True, eq=False):
 
 
 class SeenArms(msgspec.Struct, frozen=True, eq=False):
-    """What a method found in one image.
+    """What a detector found in one image.
 
     Attributes:
         arms: in the order of their ids.
@@ -86,7 +86,7 @@ class ArmFrame(SensorFrame, frozen=True, eq=False):
     Attributes:
         size_px: (width, height) of the depth image.
         lens: (9,) of `mocapella.geometry.lens`.
-        method: that found them.
+        method: name of the detector that found them.
         arms: see there.
         reason: as of `SeenArms`.
     """
@@ -101,25 +101,3 @@ class ArmFrame(SensorFrame, frozen=True, eq=False):
     def bodies(self) -> int:
         """How many arms are seen: what a table of sensors shows."""
         return len(self.arms)
-
-
-class ArmMethod(Protocol):
-    """Finds arms in depth images, one image after the other; made for one `mocapella.model.camera.Camera`."""
-
-    name: str
-
-    def update(self, depth: Float32, at_s: float) -> SeenArms:
-        """Look at the next image.
-
-        Args:
-            depth: (height, width) [m]; 0 where nothing was measured.
-            at_s: when it was captured [s].
-
-        Raises:
-            SettingsError: the image has another size than the camera's.
-        """
-        ...
-
-    def reset(self) -> None:
-        """Forget all earlier images."""
-        ...

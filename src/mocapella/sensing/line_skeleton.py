@@ -1,6 +1,6 @@
-"""The method `line-skeleton`: an arm of eight joints by the image processing of 2012.
+"""The detector `line-skeleton`: an arm of eight joints by the image processing of 2012.
 
-It is kept as a baseline, as the document that it comes from describes it; `docs/methods/line-skeleton.md` tells the
+It is kept as a baseline, as the document that it comes from describes it; `docs/detectors/line-skeleton.md` tells the
 stages, which of them the document leaves open, and where it fails. It knows no earlier image and no hand: fingers have
 their names by the order of their angles alone.
 """
@@ -31,14 +31,14 @@ Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
 MEASURED_SD_M: Final = 0.03
-"""Of a joint that was found, in each coordinate: see `docs/methods/line-skeleton.md` for how far off they are."""
+"""Of a joint that was found, in each coordinate: see `docs/detectors/line-skeleton.md` for how far off they are."""
 INFERRED_SD_M: Final = 0.1
 """Of a finger that was not found, and put into the palm: a finger's length."""
 
 
 @dataclass(frozen=True, eq=False)
 class Looked:
-    """What came of each half of the method; None where it did not get so far.
+    """What came of each half of the detector; None where it did not get so far.
 
     Attributes:
         separated, outline, lines, grid, hand: see there.
@@ -59,7 +59,7 @@ class Looked:
 
 
 class LineSkeleton:
-    """Finds one arm in each image by itself; a `mocapella.model.arms.ArmMethod`."""
+    """Finds one arm in each image by itself; a `mocapella.detectors.ArmDetector`."""
 
     name = "line-skeleton"
 
@@ -77,7 +77,7 @@ class LineSkeleton:
         self._id, self._seen = 0, False
 
     def update(self, depth: Float32, at_s: float) -> SeenArms:
-        """Look at the next image, as `mocapella.model.arms.ArmMethod` says; the instant does not matter.
+        """Look at the next image, as `mocapella.detectors.ArmDetector` says; the instant does not matter.
 
         Raises:
             SettingsError: the image has another size than the camera's.

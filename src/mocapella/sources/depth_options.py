@@ -258,7 +258,7 @@ def unit_problem(there: UInt16, unit_m: float) -> tuple[str, str] | None:
 class HandSizeCheck:
     """Looks at the hands that were found, whose size says whether lens and unit can be right.
 
-    A wrong focal length or unit makes a hand as much longer or shorter; a method that fits sizes shows most of it.
+    A wrong focal length or unit makes a hand as much longer or shorter; a detector that fits sizes shows most of it.
     Hands whose middle finger is straight and measured count, or all, where there are too few of them.
 
     Args:

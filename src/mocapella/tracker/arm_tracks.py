@@ -6,7 +6,7 @@
     left     = evidence(views)              which side, over time
 
 Cameras are not synchronous, and their frames come in any order; a view is kept in its camera's own space, so that a
-camera whose place becomes better known moves nothing twice. Nothing is smoothed: the cameras' methods do that.
+camera whose place becomes better known moves nothing twice. Nothing is smoothed: the cameras' detectors do that.
 """
 
 from __future__ import annotations

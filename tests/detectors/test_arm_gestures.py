@@ -1,23 +1,23 @@
-"""Gestures of arms: each arm's own, for as long as it is there; and every method by name has them."""
+"""Gestures of arms: each arm's own, for as long as it is there; and every arm detector by name has them."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from mocapella.detectors import DETECTORS, ArmDetector, Detector, make_detector
+from mocapella.detectors.arm_gestures import ArmGestures
 from mocapella.errors import SettingsError
 from mocapella.kinematics.gestures import GestureSettings
-from mocapella.model.arms import ArmMethod, SeenArm, SeenArms
+from mocapella.model.arms import SeenArm, SeenArms
 from mocapella.model.camera import Camera
 from mocapella.model.hand import DIGIT_ANGLES, HandPose, hand_model
 from mocapella.model.observations import JointState
 from mocapella.sources.simulate.hand_motion import landmarks_of
-from mocapella.tracker import arm_methods
-from mocapella.tracker.arm_gestures import ArmGestures
-from mocapella.tracker.arm_methods import HasStages, arm_method
 
 MODEL = hand_model("full")
 HZ = 30.0
@@ -63,7 +63,7 @@ def test_an_arm_that_comes_back_soon_goes_on_and_one_that_was_long_away_begins_a
         assert {number: one.instants for number, one in gestures.reports.items()} == {1: 11 + away if goes_on else 1}
 
 
-def test_a_gesture_that_the_method_told_itself_stays() -> None:
+def test_a_gesture_that_the_detector_told_itself_stays() -> None:
     own = replace(arm(1, True), gesture="victory", gesture_sure=0.4, grabbing=False)
     assert last(ArmGestures(), (own,), 0) == (own,)
 
@@ -77,8 +77,13 @@ def test_reset_forgets() -> None:
     assert told.gesture == ""
 
 
+@dataclass(frozen=True)
+class FakeSettings:
+    """None."""
+
+
 class Fake:
-    """A method that finds a fist in every image."""
+    """A detector that finds a fist in every image."""
 
     name = "fake"
 
@@ -92,35 +97,35 @@ class Fake:
         self.resets += 1
 
 
-class FakeWithStages(Fake):
-    def stages(self, depth: Any) -> dict[str, Any]:
-        return {"image": depth}
-
-
-@pytest.mark.parametrize("fake", [Fake, FakeWithStages])
-def test_every_method_by_name_tells_gestures(fake: type[Fake], monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("has_stages", [False, True])
+def test_every_detector_by_name_tells_gestures(has_stages: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[Fake] = []
 
-    def make(camera: Camera, settings: Any) -> ArmMethod:
-        assert settings == {}
-        made.append(fake())
+    def make(camera: Camera, settings: Any) -> ArmDetector:
+        assert settings == FakeSettings()
+        made.append(Fake())
         return made[-1]
 
-    monkeypatch.setitem(arm_methods.ARM_METHODS, "fake", make)
-    method = arm_method("fake", CAMERA, {"gestures": {"after_s": 0.5}})
-    assert method.name == "fake"
+    def stages(of: Fake, depth: Any) -> dict[str, Any]:
+        assert of is made[-1]
+        return {"image": depth}
+
+    fake = Detector(1, "fake", "For tests.", "arms", lambda: FakeSettings, make, stages if has_stages else None)
+    monkeypatch.setitem(DETECTORS, "fake", fake)
+    detector = make_detector("fake", CAMERA, {"gestures": {"after_s": 0.5}})
+    assert detector.name == "fake"
     depth = np.zeros((48, 64), np.float32)
-    seen = [method.update(depth, k / HZ) for k in range(30)]
+    seen = [detector.update(depth, k / HZ) for k in range(30)]
     assert [one.arms[0].gesture == "fist" for one in seen] == [k >= 15 for k in range(30)]
     assert seen[0].reason == "so it is"
-    method.reset()
+    detector.reset()
     assert made[0].resets == 1
-    assert method.update(depth, 0.0).arms[0].gesture == ""
-    assert isinstance(method, HasStages) == (fake is FakeWithStages)
-    if isinstance(method, HasStages):
-        assert list(method.stages(depth)) == ["image"]
+    assert detector.update(depth, 0.0).arms[0].gesture == ""
+    assert (detector.stages is not None) == has_stages
+    if detector.stages is not None:
+        assert list(detector.stages(depth)) == ["image"]
     with pytest.raises(SettingsError, match=r"settings of fake, gestures: unknown key 'aftr_s'.*did you mean after_s"):
-        arm_method("fake", CAMERA, {"gestures": {"aftr_s": 0.5}})
+        make_detector("fake", CAMERA, {"gestures": {"aftr_s": 0.5}})
 
 
 def test_an_arm_without_a_hand_has_no_gesture() -> None:

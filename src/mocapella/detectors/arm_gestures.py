@@ -1,20 +1,27 @@
-"""The gestures of the arms that a method finds, by the arms' ids."""
+"""The gestures of the arms that a detector finds, by the arms' ids."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Final
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from typing import Any, Final
 
+import numpy as np
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
+from mocapella.detectors.detector import ArmDetector
 from mocapella.kinematics.gestures import Gesture, GestureSettings, GesturesReport, HandGestures, hand_features
-from mocapella.model.arms import ELBOW, PALM, SeenArm
+from mocapella.model.arms import ELBOW, PALM, SeenArm, SeenArms
+
+Float32 = NDArray[np.float32]
+Pictures = Mapping[str, NDArray[np.uint8]]
 
 _HAND: Final = slice(0, PALM)
 
 
 class ArmGestures:
-    """Fills in what each arm's hand does, where the method has not told a gesture itself.
+    """Fills in what each arm's hand does, where the detector has not told a gesture itself.
 
     An arm that is gone for longer than gestures are held is forgotten.
 
@@ -64,3 +71,37 @@ class ArmGestures:
         if arm.gesture:
             return arm
         return replace(arm, gesture=shown.gesture, gesture_sure=shown.sure, grabbing=shown.grabbing)
+
+
+class WithGestures:
+    """An arm detector, and the gestures of the arms that it finds; itself an `ArmDetector`.
+
+    Args:
+        detector: finds the arms.
+        settings: of the gestures.
+        stages: as of `mocapella.detectors.detector.Detector`.
+
+    Attributes:
+        name: the detector's.
+        stages: returns pictures of the stages of an image, (height, width) [m], by stage in their order, and changes
+            nothing in the detector; None where it has no stages.
+    """
+
+    def __init__(
+        self,
+        detector: ArmDetector,
+        settings: GestureSettings | None = None,
+        stages: Callable[[Any, Float32], Pictures] | None = None,
+    ) -> None:
+        self.name, self.detector, self.gestures = detector.name, detector, ArmGestures(settings)
+        self.stages: Callable[[Float32], Pictures] | None = None if stages is None else partial(stages, detector)
+
+    def update(self, depth: Float32, at_s: float) -> SeenArms:
+        """Look at the next image, as `ArmDetector.update` says."""
+        seen = self.detector.update(depth, at_s)
+        return SeenArms(self.gestures.update(seen.arms, at_s), seen.reason)
+
+    def reset(self) -> None:
+        """Forget all earlier images."""
+        self.detector.reset()
+        self.gestures.reset()

@@ -1,4 +1,4 @@
-"""The method ``default`` on rendered arms, seeds for tuning, and on real frames: what holds of it, and to the bit."""
+"""The detector ``kinematic-arm`` on rendered arms, seeds for tuning, and on real frames; and it repeats to the bit."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ import msgspec
 import numpy as np
 import pytest
 
+from mocapella.detectors import ArmDetector, arm_following
+from mocapella.detectors.arm_finding import ArmFinder
+from mocapella.detectors.arm_following import KinematicArmDetector, KinematicArmSettings, _sd_m
 from mocapella.errors import SettingsError
 from mocapella.evaluation.arms import matched, score
 from mocapella.geometry.lens import project
-from mocapella.model.arms import PALM, ArmMethod, SeenArm, SeenArms
+from mocapella.model.arms import PALM, SeenArm, SeenArms
 from mocapella.model.camera import Camera
 from mocapella.model.hand import DIGITS, TIPS
 from mocapella.sensing.arm_region import PalmCandidate
 from mocapella.sources.simulate.depth_scene import DepthShot, load_depth_scene
 from mocapella.steps import Steps, at_once
-from mocapella.tracker import depth_arms
-from mocapella.tracker.arm_finding import ArmFinder
-from mocapella.tracker.depth_arms import DepthArms, DepthArmsSettings, _sd_m
 
 ROOT = Path(__file__).resolve().parents[2]
 FRAMES = ROOT.parent / "shared" / "data" / "depth_hand_sr305" / "frames"
@@ -50,8 +50,8 @@ def metres(shot: DepthShot) -> np.ndarray:
     return shot.depth * np.float32(shot.unit_m)
 
 
-def told(method: DepthArms, shots: list[DepthShot]) -> list[SeenArms]:
-    return [method.update(metres(shot), shot.at_s) for shot in shots]
+def told(detector: KinematicArmDetector, shots: list[DepthShot]) -> list[SeenArms]:
+    return [detector.update(metres(shot), shot.at_s) for shot in shots]
 
 
 def same(one: SeenArm, other: SeenArm) -> bool:
@@ -68,15 +68,15 @@ def that_of(shot: DepthShot, seen: SeenArms) -> SeenArm:
     return arm
 
 
-def test_it_is_an_arm_method() -> None:
-    method: ArmMethod = DepthArms(SR305)
-    assert method.name == "default"
+def test_it_is_an_arm_detector() -> None:
+    detector: ArmDetector = KinematicArmDetector(SR305)
+    assert detector.name == "kinematic-arm"
 
 
 @pytest.mark.parametrize(("sensor", "seed"), [("exact", 1), ("exact", 3), ("kinect", 1), ("kinect", 3)])
 def test_an_open_hand_that_turns_is_followed(sensor: str, seed: int) -> None:
     camera, shots = clip("rotation", sensor, seed)
-    scores = score(DepthArms(camera), shots)
+    scores = score(KinematicArmDetector(camera), shots)
     table = scores.table()
     assert (table["followed"], table["sided"], table["longest_loss_frames"]) == (1.0, 1.0, 0)
     assert table["named"] >= 0.98
@@ -89,8 +89,8 @@ def test_an_open_hand_that_turns_is_followed(sensor: str, seed: int) -> None:
 
 def test_what_is_told_of_an_arm_keeps_its_contract() -> None:
     camera, shots = clip("rotation", "exact", 1)
-    method = DepthArms(camera)
-    for shot, seen in zip(shots, told(method, shots[:4]), strict=False):
+    detector = KinematicArmDetector(camera)
+    for shot, seen in zip(shots, told(detector, shots[:4]), strict=False):
         arm = that_of(shot, seen)
         assert seen.reason == ""
         assert (arm.points.shape, arm.states.shape, arm.sd.shape, arm.angles.shape) == ((23, 3), (23,), (23,), (21,))
@@ -98,17 +98,17 @@ def test_what_is_told_of_an_arm_keeps_its_contract() -> None:
         assert set(arm.states.tolist()) <= {1, 2}
         assert (arm.sd[arm.states == 2] < arm.sd[arm.states == 1].min(initial=1.0)).all()
         assert 0.5 <= arm.left_sure <= 1.0
-        assert method.models["left" if arm.left else "right"].model.within(arm.angles, 1e-6)
+        assert detector.models["left" if arm.left else "right"].model.within(arm.angles, 1e-6)
         assert arm.T_camera_palm is not None
         np.testing.assert_allclose(arm.T_camera_palm[:3, 3], arm.points[0])
 
 
 def test_the_same_images_give_the_same_to_the_bit_after_reset() -> None:
     camera, shots = clip("rotation", "kinect", 1)
-    method = DepthArms(camera)
-    first = told(method, shots[:6])
-    method.reset()
-    for one, other in zip(first, told(method, shots[:6]), strict=True):
+    detector = KinematicArmDetector(camera)
+    first = told(detector, shots[:6])
+    detector.reset()
+    for one, other in zip(first, told(detector, shots[:6]), strict=True):
         assert len(one.arms) == len(other.arms) >= 1
         assert all(same(*pair) for pair in zip(one.arms, other.arms, strict=True))
 
@@ -116,7 +116,7 @@ def test_the_same_images_give_the_same_to_the_bit_after_reset() -> None:
 def test_mirrored_images_give_the_other_hand_mirrored() -> None:
     """The camera's axis is in the middle of the image; pixels that are looked at are others in the mirror."""
     camera, shots = clip("rotation", "exact", 1)
-    plain, mirrored = DepthArms(camera), DepthArms(camera)
+    plain, mirrored = KinematicArmDetector(camera), KinematicArmDetector(camera)
     offs = []
     for shot in shots[:8]:
         one = that_of(shot, plain.update(metres(shot), shot.at_s))
@@ -133,7 +133,7 @@ def test_mirrored_images_give_the_other_hand_mirrored() -> None:
 
 
 def test_where_there_is_no_arm_it_says_why() -> None:
-    method = DepthArms(SR305)
+    detector = KinematicArmDetector(SR305)
     nothing = np.zeros((480, 640), np.float32)
     wall = np.full((480, 640), 1.2, np.float32)
     for depth, reason in (
@@ -142,24 +142,24 @@ def test_where_there_is_no_arm_it_says_why() -> None:
         (np.full_like(nothing, 0.05), "nothing is between 0.2 and 2 m"),
         (wall, "no hand is seen"),
     ):
-        seen = method.update(depth, 0.0)
+        seen = detector.update(depth, 0.0)
         assert seen.arms == ()
         assert reason in seen.reason
 
 
 def test_an_image_of_another_size_is_refused() -> None:
     with pytest.raises(SettingsError, match="320 × 240; camera sr305 has 640 × 480 px"):
-        DepthArms(SR305).update(np.zeros((240, 320), np.float32), 0.0)
+        KinematicArmDetector(SR305).update(np.zeros((240, 320), np.float32), 0.0)
 
 
 def test_an_arm_that_was_away_is_found_in_the_first_image() -> None:
     camera, shots = clip("rotation", "exact", 1)
-    method = DepthArms(camera)
+    detector = KinematicArmDetector(camera)
     nothing = np.zeros_like(metres(shots[0]))
-    before = that_of(shots[2], told(method, shots[:3])[-1])
-    gone = [method.update(nothing, 1.0 + k / 30) for k in range(30)]
+    before = that_of(shots[2], told(detector, shots[:3])[-1])
+    gone = [detector.update(nothing, 1.0 + k / 30) for k in range(30)]
     assert all(seen.arms == () for seen in gone[1:])
-    back = that_of(shots[3], method.update(metres(shots[3]), 2.1))
+    back = that_of(shots[3], detector.update(metres(shots[3]), 2.1))
     truth = shots[3].arms[0]
     assert (back.left, back.id == before.id) == (truth.left, False)
     assert np.median(np.linalg.norm(back.points - truth.points, axis=1)[[*TIPS]]) < 0.010
@@ -167,31 +167,32 @@ def test_an_arm_that_was_away_is_found_in_the_first_image() -> None:
 
 def test_two_hands_have_two_ids_and_sides() -> None:
     camera, shots = clip("two-hands", "exact", 2, 6)
-    for shot, seen in zip(shots, told(DepthArms(camera), shots), strict=True):
+    for shot, seen in zip(shots, told(KinematicArmDetector(camera), shots), strict=True):
         assert [arm.id for arm in seen.arms] == [0, 1]
         for truth in shot.arms:
             arm = matched(truth, seen)
             assert arm is not None
             assert arm.left == truth.left
         assert matched(shot.arms[0], seen) is not matched(shot.arms[1], seen)
-    (one,) = told(DepthArms(camera, DepthArmsSettings(arms=1)), shots[:1])
+    (one,) = told(KinematicArmDetector(camera, KinematicArmSettings(arms=1)), shots[:1])
     assert len(one.arms) == 1
 
 
 def test_an_arm_that_never_fitted_well_is_not_told() -> None:
     camera, shots = clip("rotation", "exact", 1)
-    (seen,) = told(DepthArms(camera, DepthArmsSettings(firm=1e-6)), shots[:1])
+    (seen,) = told(KinematicArmDetector(camera, KinematicArmSettings(firm=1e-6)), shots[:1])
     assert (seen.arms, seen.reason) == ((), "what may be a hand does not fit one well")
 
 
 def test_where_no_arm_was_is_looked_at_ever_more_rarely(monkeypatch: pytest.MonkeyPatch) -> None:
     camera, shots = clip("rotation", "exact", 1)
-    method, looked = DepthArms(camera, DepthArmsSettings(refuse_for=2)), list[tuple[int, PalmCandidate]]()
+    detector = KinematicArmDetector(camera, KinematicArmSettings(refuse_for=2))
+    looked = list[tuple[int, PalmCandidate]]()
     monkeypatch.setattr(
-        ArmFinder, "best", lambda _, __, candidate: looked.append((method._frames, candidate)) or done([])
+        ArmFinder, "best", lambda _, __, candidate: looked.append((detector._frames, candidate)) or done([])
     )
     for frame in range(40):
-        method.update(metres(shots[0]), frame / 30)
+        detector.update(metres(shots[0]), frame / 30)
     first = looked[0][1].centre
     assert [at for at, place in looked if np.linalg.norm(place.centre - first) < 1e-9] == [0, 2, 6, 14, 30]
 
@@ -208,12 +209,12 @@ def test_a_further_arm_is_looked_for_where_it_comes_and_nowhere_where_nothing_do
     looks: list[Any] = []
     candidates = ArmFinder.candidates
     monkeypatch.setattr(ArmFinder, "candidates", lambda *of: looks.append(of[3]) or candidates(*of))
-    method, came = DepthArms(camera, DepthArmsSettings(look_every=1, look_anyway_every=1000)), 0
+    detector, came = KinematicArmDetector(camera, KinematicArmSettings(look_every=1, look_anyway_every=1000)), 0
     for k in range(2 * LOOK):
-        assert len(method.update(alone[k % 6], k / 30).arms) == 1
+        assert len(detector.update(alone[k % 6], k / 30).arms) == 1
         came = came if k > LOOK else len(looks)  # by then the arm is firm, and all places have been looked at
     assert len(looks) == came
-    both = [len(method.update(metres(shots[k % 6]), (2 * LOOK + k) / 30).arms) for k in range(LOOK)]
+    both = [len(detector.update(metres(shots[k % 6]), (2 * LOOK + k) / 30).arms) for k in range(LOOK)]
     assert both[-1] == 2
     places = looks[came]
     pixels = project(places, camera.lens)
@@ -222,7 +223,7 @@ def test_a_further_arm_is_looked_for_where_it_comes_and_nowhere_where_nothing_do
 
 def test_of_places_on_an_arm_that_was_found_none_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
     camera, shots = clip("rotation", "exact", 1)
-    finder, depth = DepthArms(camera).finder, metres(shots[0])
+    finder, depth = KinematicArmDetector(camera).finder, metres(shots[0])
     candidates = at_once(finder.candidates(depth, 24))
     (best, *_) = sorted((one for c in candidates for one in at_once(finder.best(depth, c))), key=lambda one: one.cost)
     monkeypatch.setattr(ArmFinder, "best", lambda *_: done([best]))
@@ -251,7 +252,7 @@ def test_no_image_waits_for_a_look_for_further_arms(monkeypatch: pytest.MonkeyPa
     """It is done a little at a time; and what is found then is followed to where it is by then."""
     camera, images, shots = one_arm_and_then_another(2)
     done: list[list[int]] = []
-    furthest = depth_arms._Look.go_on
+    furthest = arm_following._Look.go_on
 
     def go_on(look: Any, work: float) -> bool:
         inner, done_now = look.steps, []
@@ -267,12 +268,12 @@ def test_no_image_waits_for_a_look_for_further_arms(monkeypatch: pytest.MonkeyPa
         done.append(done_now)
         return more
 
-    monkeypatch.setattr(depth_arms._Look, "go_on", go_on)
-    method = DepthArms(camera, DepthArmsSettings(look_every=1))
+    monkeypatch.setattr(arm_following._Look, "go_on", go_on)
+    detector = KinematicArmDetector(camera, KinematicArmSettings(look_every=1))
     found = None
     for image, shot in zip(images, shots, strict=True):
         before = len(done)
-        seen = method.update(image, shot.at_s)
+        seen = detector.update(image, shot.at_s)
         assert len(done) - before <= 1
         if len(seen.arms) == 2:
             found = seen, shot
@@ -280,7 +281,7 @@ def test_no_image_waits_for_a_look_for_further_arms(monkeypatch: pytest.MonkeyPa
     assert found is not None
     spread = done[1:]  # in the first image nothing is followed
     assert len(spread) > 5
-    assert all(sum(steps[:-1]) < depth_arms._WORK[0][1] for steps in spread)
+    assert all(sum(steps[:-1]) < arm_following._WORK[0][1] for steps in spread)
     seen, shot = found
     for truth in shot.arms:
         arm = matched(truth, seen)
@@ -291,24 +292,24 @@ def test_no_image_waits_for_a_look_for_further_arms(monkeypatch: pytest.MonkeyPa
 def test_once_an_arm_is_lost_every_place_is_looked_at_again() -> None:
     """It may have stood for another, whose place was refused."""
     camera, shots = clip("two-hands", "exact", 2, 2)
-    method = DepthArms(camera)
-    told(method, shots)
-    method._refuse(np.array([0.0, 0.0, 1.0]))
-    assert not method._unfinished
-    assert method._refused
-    method.update(np.zeros_like(metres(shots[0])), 0.1)
-    method.update(np.zeros_like(metres(shots[0])), 0.2)
-    assert not method._arms
-    assert method._refused == []
+    detector = KinematicArmDetector(camera)
+    told(detector, shots)
+    detector._refuse(np.array([0.0, 0.0, 1.0]))
+    assert not detector._unfinished
+    assert detector._refused
+    detector.update(np.zeros_like(metres(shots[0])), 0.1)
+    detector.update(np.zeros_like(metres(shots[0])), 0.2)
+    assert not detector._arms
+    assert detector._refused == []
 
 
 def test_of_images_that_come_during_a_look_not_all_are_kept() -> None:
     image = np.zeros((2, 2), np.float32)
-    look = depth_arms._Look(image, 0.0)
+    look = arm_following._Look(image, 0.0)
     for k in range(1, 1000):
         image[:] = k
         look.add(image, k / 30)
-        assert len(look.images) <= depth_arms._MOST_IMAGES
+        assert len(look.images) <= arm_following._MOST_IMAGES
         times = [at_s for _, at_s in look.images]
         assert times == sorted(times)
         assert times[-1] == k / 30
@@ -322,18 +323,18 @@ def test_the_end_of_an_upper_arm_is_not_taken_for_the_hand(seed: int, start_s: f
     """It ends as a fist does."""
     scene = load_depth_scene("torso", seed=seed, sensor="kinect")
     shot = scene.at(scene.period_s * start_s)
-    method = DepthArms(Camera("kinect", scene.sensor.size_px, scene.lens))
-    arm = that_of(shot, method.update(metres(shot), 0.0))
+    detector = KinematicArmDetector(Camera("kinect", scene.sensor.size_px, scene.lens))
+    arm = that_of(shot, detector.update(metres(shot), 0.0))
     assert np.linalg.norm(arm.points[PALM] - shot.arms[0].points[PALM]) < 0.02
 
 
 def test_a_hand_that_is_elsewhere_at_once_keeps_its_names() -> None:
     camera, shots = clip("rotation", "exact", 1)
     for shift in (-40, 40):
-        method = DepthArms(camera, DepthArmsSettings(arms=1))
-        told(method, shots[:4])
+        detector = KinematicArmDetector(camera, KinematicArmSettings(arms=1))
+        told(detector, shots[:4])
         beside = np.roll(metres(shots[4]), shift, axis=1)
-        (arm,) = method.update(beside, shots[4].at_s).arms
+        (arm,) = detector.update(beside, shots[4].at_s).arms
         truth = shots[4].arms[0].points
         moved = truth + np.outer(truth[:, 2], [shift / camera.lens[0], 0, 0])
         assert np.linalg.norm(moved[PALM] - truth[PALM]) > 0.035
@@ -343,7 +344,7 @@ def test_a_hand_that_is_elsewhere_at_once_keeps_its_names() -> None:
 @pytest.mark.parametrize("sensor", ["exact", "kinect"])
 def test_an_arm_before_the_torso_is_found(sensor: str) -> None:
     camera, shots = clip("torso", sensor, 1, 6)
-    table = score(DepthArms(camera), shots).table()
+    table = score(KinematicArmDetector(camera), shots).table()
     assert (table["followed"], table["sided"]) == (1.0, 1.0)
     assert table["tip_median_mm"] < 10
     assert table["elbow_median_mm"] < 25
@@ -351,7 +352,7 @@ def test_an_arm_before_the_torso_is_found(sensor: str) -> None:
 
 def test_two_metres_a_second_are_followed() -> None:
     camera, shots = clip("fast", "exact", 1, 12)
-    table = score(DepthArms(camera), shots).table()
+    table = score(KinematicArmDetector(camera), shots).table()
     assert table["followed"] == 1.0
     assert table["longest_loss_frames"] == 0
 
@@ -361,11 +362,11 @@ def real_recording() -> tuple[int, int, list[float], list[bool]]:
     """Frames, those with an arm, errors of all tips [px], and whether the side is right; each frame by itself."""
     cv2 = pytest.importorskip("cv2")
     labels = tomllib.loads((ROOT / "tests" / "labels" / "depth_hand_sr305.toml").read_text(encoding="utf-8"))["frame"]
-    method, found, errors, sides = DepthArms(SR305), 0, [], []
+    detector, found, errors, sides = KinematicArmDetector(SR305), 0, [], []
     for frame in labels:
         depth = cv2.imread(str(FRAMES / frame["file"]), cv2.IMREAD_UNCHANGED).astype(np.float32) * np.float32(0.000125)
-        method.reset()
-        arms: tuple[SeenArm, ...] = method.update(depth, 0.0).arms
+        detector.reset()
+        arms: tuple[SeenArm, ...] = detector.update(depth, 0.0).arms
         if not arms:
             continue
         found += 1
@@ -400,7 +401,7 @@ def test_the_hand_of_the_real_recording_is_found_in_each_frame_by_itself() -> No
 def test_settings_that_cannot_be_are_refused(name: str, values: tuple[Any, ...]) -> None:
     for value in values:
         with pytest.raises(SettingsError, match="believe" if name == "keep" else name):
-            replace(DepthArmsSettings(), **{name: value})
+            replace(KinematicArmSettings(), **{name: value})
 
 
 def test_what_is_seen_well_in_a_good_fit_is_surest() -> None:

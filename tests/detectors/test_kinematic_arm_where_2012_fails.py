@@ -1,4 +1,4 @@
-"""The scenes that were too much for the methods of 2012, before `default`: touching fingers, fist, rotation, sides.
+"""`kinematic-arm` on scenes that were too much for the methods of 2012: touching fingers, fist, rotation, sides.
 
 Each test says first that the older method fails on the very images; `sensing/test_line_skeleton_failures.py` has its
 failures on drawn arms, with the same methods on scenes that they can do beside.
@@ -16,6 +16,7 @@ cv2 = pytest.importorskip("cv2")
 
 from sensing.abandoned_methods import fingers_by_defects, lines_of_fingers  # noqa: E402 - only where there is OpenCV
 
+from mocapella.detectors import make_detector  # noqa: E402
 from mocapella.evaluation.arms import matched, score  # noqa: E402
 from mocapella.model.arms import SeenArm  # noqa: E402
 from mocapella.model.camera import Camera  # noqa: E402
@@ -23,7 +24,6 @@ from mocapella.model.hand import TIPS  # noqa: E402
 from mocapella.model.observations import JointState  # noqa: E402
 from mocapella.sources.simulate.arm_mesh import FIRST_DIGIT, PALM_BONE  # noqa: E402
 from mocapella.sources.simulate.depth_scene import FIRST_ARM, DepthShot, load_depth_scene  # noqa: E402
-from mocapella.tracker.arm_methods import arm_method  # noqa: E402
 
 
 @cache
@@ -34,15 +34,15 @@ def clip(name: str, seed: int, begin: int, end: int, step: int = 1) -> tuple[Cam
     return Camera("exact", scene.sensor.size_px, scene.lens), shots
 
 
-def table(method: str, clip: tuple[Camera, list[DepthShot]]) -> dict[str, Any]:
+def table(detector: str, clip: tuple[Camera, list[DepthShot]]) -> dict[str, Any]:
     camera, shots = clip
-    return dict(score(arm_method(method, camera), shots).table())
+    return dict(score(make_detector(detector, camera), shots).table())
 
 
-def last(method: str, clip: tuple[Camera, list[DepthShot]]) -> SeenArm:
+def last(detector: str, clip: tuple[Camera, list[DepthShot]]) -> SeenArm:
     """What is told of the last image, after those before it."""
     camera, shots = clip
-    finds = arm_method(method, camera)
+    finds = make_detector(detector, camera)
     for shot in shots:
         seen = finds.update(shot.depth * np.float32(shot.unit_m), shot.at_s)
     arm = matched(shots[-1].arms[0], seen)
@@ -62,7 +62,7 @@ def hand_mask(shot: DepthShot) -> Any:
 
 def test_fingers_that_touch_keep_their_names() -> None:
     made = clip("touching", 3, 0, 30, 2)
-    ours, theirs = table("default", made), table("line-skeleton", made)
+    ours, theirs = table("kinematic-arm", made), table("line-skeleton", made)
     assert theirs["named"] < 0.85
     assert theirs["tip_p95_mm"] > 40
     assert (ours["followed"], ours["sided"]) == (1.0, 1.0)
@@ -72,7 +72,7 @@ def test_fingers_that_touch_keep_their_names() -> None:
 
 def test_a_closed_fist_has_no_extra_finger_and_opens_with_the_same_names() -> None:
     made = clip("fist", 3, 0, 45, 2)
-    ours, theirs = table("default", made), table("line-skeleton", made)
+    ours, theirs = table("kinematic-arm", made), table("line-skeleton", made)
     assert theirs["occluded_found"] < 0.3
     assert theirs["named"] < 0.85
     assert ours["occluded_found"] >= 0.9
@@ -82,7 +82,7 @@ def test_a_closed_fist_has_no_extra_finger_and_opens_with_the_same_names() -> No
 
 def test_rotation_loses_neither_elbow_nor_order() -> None:
     made = clip("rotation", 5, 24, 99, 2)
-    ours, theirs = table("default", made), table("line-skeleton", made)
+    ours, theirs = table("kinematic-arm", made), table("line-skeleton", made)
     assert theirs["named"] < 0.6
     assert theirs["elbow_median_mm"] > 100
     assert (ours["followed"], ours["sided"]) == (1.0, 1.0)
@@ -93,7 +93,7 @@ def test_rotation_loses_neither_elbow_nor_order() -> None:
 def test_a_left_hand_has_its_own_names() -> None:
     made = clip("rotation", 3, 0, 6)
     assert made[1][0].arms[0].left
-    ours, theirs = table("default", made), table("line-skeleton", made)
+    ours, theirs = table("kinematic-arm", made), table("line-skeleton", made)
     assert (theirs["sided"], theirs["named"] < 0.3) == (0.0, True)
     assert (ours["sided"], ours["named"] >= 0.98) == (1.0, True)
 
@@ -106,7 +106,7 @@ def test_where_defects_and_lines_count_wrongly_all_five_are_found() -> None:
     assert fingers_by_defects(touching, deep_px=15) == 4
     assert len(lines_of_fingers(apart, 25)) == len(lines_of_fingers(touching, 25)) > 5  # says nothing of either
     assert shots[-1].arms[0].seen[list(TIPS)].all()
-    arm = last("default", (camera, shots))
+    arm = last("kinematic-arm", (camera, shots))
     assert (tips_off_m(arm, shots[-1]) < 0.015).all()
     assert (arm.states[list(TIPS)] == JointState.TRACKED).all()
 
@@ -115,6 +115,6 @@ def test_a_single_finger_that_defects_do_not_see_is_found() -> None:
     camera, shots = clip("counting", 3, 33, 63, 3)
     assert shots[-1].arms[0].gesture == "point"
     assert fingers_by_defects(hand_mask(shots[-1]), deep_px=15) == 0
-    arm = last("default", (camera, shots))
+    arm = last("kinematic-arm", (camera, shots))
     assert tips_off_m(arm, shots[-1])[1] < 0.015
     assert arm.states[TIPS[1]] == JointState.TRACKED

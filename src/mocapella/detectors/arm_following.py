@@ -1,4 +1,4 @@
-"""Arms and hands in the images of one depth camera: found, followed, and told. The method ``default``.
+"""Arms and hands in the images of one depth camera: found, followed, and told. The detector ``kinematic-arm``.
 
 An image goes through three steps: the part of it that may be an arm (`sensing.arm_region`), a kinematic arm and hand
 fitted to its points (`kinematics.arm_fit`), and what is told of it. An arm that was there before is followed from its
@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.detectors.arm_finding import SUREST, ArmFinder, Found, cost_of, evidence_of
 from mocapella.errors import SettingsError
 from mocapella.kinematics.arm_fit import ArmEvidence, ArmFitSettings, ArmModel, ArmPose, Expected, Fitted
 from mocapella.kinematics.arm_fit import kernels as fit_kernels
@@ -25,14 +26,13 @@ from mocapella.sensing.arm_region import ArmRegionSettings, Region, within
 from mocapella.sensing.nearer import Nearer
 from mocapella.settings import check
 from mocapella.steps import Steps, at_once
-from mocapella.tracker.arm_finding import SUREST, ArmFinder, Found, cost_of, evidence_of
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class DepthArmsSettings:
+class KinematicArmSettings:
     """How arms are found and followed.
 
     Attributes:
@@ -151,13 +151,13 @@ class _Look:
         return True
 
 
-class DepthArms:
+class KinematicArmDetector:
     """Follows arms from image to image."""
 
-    name = "default"
+    name = "kinematic-arm"
 
-    def __init__(self, camera: Camera, settings: DepthArmsSettings | None = None) -> None:
-        self.camera, self.settings = camera, settings or DepthArmsSettings()
+    def __init__(self, camera: Camera, settings: KinematicArmSettings | None = None) -> None:
+        self.camera, self.settings = camera, settings or KinematicArmSettings()
         model = hand_model("full").stretched(25.0, 28.0, 4.0)
         s = self.settings
         sides: tuple[Handedness, Handedness] = ("right", "left")
@@ -176,7 +176,7 @@ class DepthArms:
         self._nearer = Nearer(self.finder.lens, self.settings.region)
 
     def update(self, depth: Float32, at_s: float) -> SeenArms:
-        """As `ArmMethod.update` says."""
+        """Look at the next image, as `mocapella.detectors.ArmDetector` says."""
         width, height = self.camera.size_px
         if depth.shape != (height, width):
             raise SettingsError(

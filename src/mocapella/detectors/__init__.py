@@ -1,0 +1,75 @@
+"""Detectors: the images of one camera in, observations out. No clock, thread, file or socket.
+
+`DETECTORS` has them by name. A tracker (`mocapella.tracker`) turns what they send into scenes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Final
+
+from mocapella.detectors.detector import INTERFACE, ArmDetector, Detector
+from mocapella.detectors.kinematic_arm import KINEMATIC_ARM
+from mocapella.detectors.line_skeleton import LINE_SKELETON
+from mocapella.errors import SettingsError, one_of
+
+if TYPE_CHECKING:
+    from mocapella.detectors.arm_gestures import WithGestures
+    from mocapella.model.camera import Camera
+
+__all__ = [
+    "DETECTORS",
+    "INTERFACE",
+    "RENAMED",
+    "ArmDetector",
+    "Detector",
+    "arm_detector",
+    "arm_detectors",
+    "make_detector",
+]
+
+DETECTORS: Final[dict[str, Detector]] = {detector.name: detector for detector in (KINEMATIC_ARM, LINE_SKELETON)}
+"""All detectors by name."""
+RENAMED: Final[Mapping[str, str]] = {"default": "kinematic-arm"}
+"""The present names of detectors, by former name."""
+
+
+def arm_detectors() -> dict[str, Detector]:
+    """Return the detectors that find arms in depth images, by name."""
+    return {name: detector for name, detector in DETECTORS.items() if detector.frame_type == "arms"}
+
+
+def arm_detector(name: str) -> Detector:
+    """Return the detector of arms of that name.
+
+    Raises:
+        SettingsError: there is none; says its present name, or which there are.
+    """
+    known = arm_detectors()
+    if name in known:
+        return known[name]
+    if name in RENAMED:
+        raise SettingsError(f"the detector {name!r} is called {RENAMED[name]} now")
+    raise SettingsError(f"unknown arm detector {name!r}; known: {one_of(name, known)}")
+
+
+def make_detector(name: str, camera: Camera, settings: Mapping[str, Any] | None = None) -> WithGestures:
+    """Make a detector of arms, with their gestures, for the depth images of one camera.
+
+    Args:
+        name: key of `arm_detectors`.
+        camera: its size and lens.
+        settings: the detector's own, by name, and ``gestures``, those of
+            `mocapella.kinematics.gestures.GestureSettings`; the rest are its defaults.
+
+    Raises:
+        SettingsError: no such detector, an unknown setting, or one out of range; says what would work.
+    """
+    from mocapella.detectors.arm_gestures import WithGestures
+    from mocapella.kinematics.gestures import GestureSettings
+    from mocapella.settings import parse
+
+    detector, own = arm_detector(name), dict(settings or {})
+    gestures = parse(GestureSettings, own.pop("gestures", {}), where=f"settings of {name}, gestures")
+    made: ArmDetector = detector.make(camera, parse(detector.settings(), own, where=f"settings of {name}"))
+    return WithGestures(made, gestures, detector.stages)

@@ -1,0 +1,67 @@
+"""What a detector is: the descriptor that registers it, and the object that it makes for one camera."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, Protocol
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from mocapella.model.arms import SeenArms
+    from mocapella.model.camera import Camera
+
+INTERFACE: Final = 1
+"""Version of `Detector`; a change that breaks a descriptor raises it."""
+
+
+class ArmDetector(Protocol):
+    """Finds arms in the depth images of one camera, one image after the other."""
+
+    name: str
+
+    def update(self, depth: NDArray[np.float32], at_s: float) -> SeenArms:
+        """Look at the next image.
+
+        Args:
+            depth: (height, width) [m]; 0 where nothing was measured.
+            at_s: when it was captured [s].
+
+        Raises:
+            SettingsError: the image has another size than the camera's.
+        """
+        ...
+
+    def reset(self) -> None:
+        """Forget all earlier images."""
+        ...
+
+
+@dataclass(frozen=True)
+class Detector:
+    """Describes a detector: what turns the images of one camera into observations.
+
+    A descriptor's module imports no kernels, so that names and summaries can be listed quickly; `settings` and `make`
+    import what they need when they are called.
+
+    Attributes:
+        interface: the `INTERFACE` that the descriptor was written for.
+        name: on the command line, and in `mocapella.model.arms.ArmFrame.method`.
+        summary: one line for people who choose.
+        frame_type: the frames that a camera's node sends with it, such as ``arms``.
+        settings: returns the frozen dataclass of its settings.
+        make: makes a detector for a camera, with such a settings value; of frame type ``arms`` an `ArmDetector`.
+        stages: returns pictures of the stages of one depth image, by stage in their order: (height, width) gray or
+            (height, width, 3) blue, green, red. Takes what `make` returned and the image, (height, width) [m], and
+            changes nothing in the detector. None where it has no stages.
+    """
+
+    interface: int
+    name: str
+    summary: str
+    frame_type: str
+    settings: Callable[[], type[Any]]
+    make: Callable[[Camera, Any], Any]
+    stages: Callable[[Any, NDArray[np.float32]], Mapping[str, NDArray[np.uint8]]] | None = None
