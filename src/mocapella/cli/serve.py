@@ -38,17 +38,21 @@ from mocapella.cli.common import (
     write_json,
 )
 from mocapella.cli.node import READY
-from mocapella.errors import MocapellaError, SettingsError
+from mocapella.errors import InputError, MocapellaError, SettingsError
 from mocapella.settings import settings_of_pairs
 
 if TYPE_CHECKING:
-    from mocapella.calibration.rig import Rig
+    from mocapella.calibration.sensor_layout import SensorLayout
     from mocapella.live.launch import Children
     from mocapella.live.server import Server, ServerSettings
 
 
 VIEW_HOST = "127.0.0.1"
 """`view --host` opens another interface, for who wants that."""
+
+
+CAMERA_RIG_METHODS = ("hands", "arms")
+"""Methods that ``--rig`` is for."""
 
 
 BEGIN_IN_S = 2.0
@@ -92,7 +96,7 @@ def live_session(
     host, _, port = settings.listen.removeprefix("tcp/").rpartition(":")
     if ":" not in host:  # IPv6: the server says it, a little later
         check_port_free(host, int(port), "--port")
-    Session(settings.setup, settings.method_settings, rig=settings.rig)  # refuses what cannot be used
+    Session(settings.setup, settings.method_settings, layout=settings.layout)  # refuses what cannot be used
     get_ready(settings.setup.method)
     # Two threads that compute (the tracker's and the recorder's) share one interpreter; the default of 5 ms between
     # switches would be half of the latency that a result may have.
@@ -115,17 +119,17 @@ def _pass_on(line: str, on_url: Callable[[str], None]) -> None:
         say(line)
 
 
-def _check_save_rig(path: Path | None) -> Path | None:
+def _check_save_layout(path: Path | None) -> Path | None:
     """Refuse, before anything is done, a file that could not be written at the end."""
     if path is not None and (path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK)):
         raise SettingsError(
-            f"--save-rig {path}: cannot be written there; name a file in a folder that you may write to"
+            f"--save-layout {path}: cannot be written there; name a file in a folder that you may write to"
         )
     return path
 
 
-class RigKeeper:
-    """Keeps a server's rig in a file."""
+class LayoutKeeper:
+    """Saves a server's sensor layout to a file."""
 
     def __init__(self, server: Server, path: Path) -> None:
         self._server = server
@@ -134,29 +138,29 @@ class RigKeeper:
 
     def watch(self) -> bool:
         """Save where there is a sensor that was not placed before; False, for it ends nothing."""
-        rig = self._server.rig()
-        if rig is not None and not rig.sensors.keys() <= self._placed:
-            self._save(rig)
+        layout = self._server.layout()
+        if layout is not None and not layout.sensors.keys() <= self._placed:
+            self._save(layout)
         return False
 
     def save(self) -> None:
         """Save what is known now; a file stays as it was where nothing is."""
-        rig = self._server.rig()
-        if rig is None:
-            say(f"no rig saved to {self._path}: no two sensors have been placed; walk where both see you")
+        layout = self._server.layout()
+        if layout is None:
+            say(f"no sensor layout saved to {self._path}: no two sensors have been placed; walk where both see you")
         else:
-            self._save(rig)
+            self._save(layout)
 
-    def _save(self, rig: Rig) -> None:
-        from mocapella.calibration.rig import save_rig
+    def _save(self, layout: SensorLayout) -> None:
+        from mocapella.calibration.sensor_layout import save_layout
 
-        self._placed = set(rig.sensors)
+        self._placed = set(layout.sensors)
         try:
-            save_rig(self._path, rig)
+            save_layout(self._path, layout)
         except MocapellaError as error:
             say(str(error))
         else:
-            say(f"rig saved to {self._path}: {', '.join(rig.sensors)}")
+            say(f"sensor layout saved to {self._path}: {', '.join(layout.sensors)}")
 
 
 @app.command()
@@ -192,9 +196,16 @@ def serve(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Begin from where the sensors were, as --save-rig kept it. What people do is checked against it: "
-            "where it does not fit, that is said and found anew. Not for --method stand-still. For --method hands, and "
-            "for arms (a .toml): where the cameras are, as `mocapella calibrate` found it.",
+            help="Camera rig: lenses and poses of the cameras (TOML), as `mocapella calibrate` found them. For "
+            "--method hands, which needs one, and arms.",
+        ),
+    ] = None,
+    layout: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Begin from a sensor layout: poses of the sensors (JSON), as --save-layout saved them. For --method "
+            "default, which checks them against people's motion and finds those anew that do not fit, and arms.",
         ),
     ] = None,
     hand: Annotated[
@@ -210,15 +221,17 @@ def serve(
             help="Another tracker's space, as `mocapella align` found it, for --method hands; may be repeated.",
         ),
     ] = None,
-    save_rig: Annotated[
+    save_layout: Annotated[
         Path | None,
         typer.Option(
-            "--save-rig",
             metavar="FILE",
-            help="Keep where the sensors are in this file (JSON): whenever another sensor is placed, and at the end. "
-            "May be the file of --rig.",
-            callback=_check_save_rig,
+            help="Save the sensor layout to this file (JSON) whenever another sensor is placed, and at the end. May be "
+            "the file of --layout. For --method default and arms.",
+            callback=_check_save_layout,
         ),
+    ] = None,
+    save_rig: Annotated[
+        Path | None, typer.Option(metavar="FILE", hidden=True, help="Former name of --save-layout.")
     ] = None,
     seconds: Seconds = None,
     json: JsonOut = None,
@@ -230,20 +243,22 @@ def serve(
 
     Example:  mocapella serve --sensors 2 --record walk-1
     """
-    from mocapella.calibration.rig import load_rig
     from mocapella.live.server import ServerSettings
     from mocapella.live.stopping import stop_on_signals
     from mocapella.model.session import Setup
     from mocapella.recording.disk import GIB
 
     hands = method == "hands"
-    camera_rig = rig is not None and (hands or (method == "arms" and rig.suffix.lower() == ".toml"))
+    if save_rig is not None:
+        raise SettingsError(f"--save-rig is now called --save-layout: write --save-layout {save_rig}")
     if hand is not None and not hands:
         raise SettingsError(f"--hand {hand}: only --method hands wants it")
     if alignment and not hands:
         raise SettingsError(f"--alignment {alignment[0]}: only --method hands wants it")
-    if hands and save_rig is not None:
-        raise SettingsError("--save-rig: the method hands finds no rig; mocapella calibrate makes one")
+    if hands and save_layout is not None:
+        raise SettingsError(
+            "--save-layout: the method hands finds no sensor layout; `mocapella calibrate` finds a camera rig"
+        )
     take = None if record is None else take_file(record)
     warn_if_open("sensors, results and commands are", interface, port)
     server_settings = ServerSettings(
@@ -251,19 +266,19 @@ def serve(
         takes=takes,
         setup=Setup(method=method, sensors_expected=sensors),
         running=not wait,
-        method_settings=settings_of_pairs(settings) | _told_by_files(rig if camera_rig else None, hand, alignment),
+        method_settings=settings_of_pairs(settings) | _told_by_files(_rig_text(rig, method), hand, alignment),
         reserve_bytes=round(reserve_gib * GIB),
-        rig=None if rig is None or camera_rig else load_rig(rig),
+        layout=None if layout is None else _load_layout(layout),
     )
     with stop_on_signals() as stop:
         with live_session(server_settings, stop, view_port=None if no_view else view_port) as session:
             if take is not None:
                 say(session.server.record_to(take, resume=True))
             say(f"waiting for sensors at {server_settings.listen} (Ctrl-C ends)")
-            if save_rig is None:
+            if save_layout is None:
                 wait_while(session, seconds)
             else:
-                keeper = RigKeeper(session.server, save_rig)
+                keeper = LayoutKeeper(session.server, save_layout)
                 wait_while(session, seconds, until=keeper.watch)
                 keeper.save()
             summary = finish(session.server)
@@ -271,15 +286,64 @@ def serve(
     exit_by(summary["recording"])
 
 
-def _told_by_files(rig: Path | None, hand: Path | None, spaces: Sequence[Path] | None) -> dict[str, Any]:
-    """What the files say, for the methods hands and arms: a take keeps it, so that a replay does the same."""
+def _load_layout(path: Path) -> SensorLayout:
+    """Read the sensor layout of ``--layout``.
+
+    Raises:
+        InputError: the file cannot be read, or is no layout; of a camera rig, it names ``--rig``.
+    """
+    from mocapella.calibration.sensor_layout import load_layout
+    from mocapella.model.camera_rig_file import is_camera_rig
+
+    try:
+        return load_layout(path)
+    except InputError:
+        if is_camera_rig(_text(path)):
+            raise InputError("is a camera rig", file=path, fix="use --rig") from None
+        raise
+
+
+def _rig_text(path: Path | None, method: str) -> str | None:
+    """Read the camera rig of ``--rig``, as the text that a take keeps; None without one.
+
+    Raises:
+        InputError: the file cannot be read, or is no camera rig; of a sensor layout, it names ``--layout``.
+        SettingsError: the method uses no camera rig.
+    """
+    from mocapella.calibration.sensor_layout import is_layout
     from mocapella.model.camera_rig_file import encode_camera_rig, load_camera_rig
+
+    if path is None:
+        return None
+    try:
+        text = encode_camera_rig(load_camera_rig(path))
+    except InputError:
+        if is_layout(_text(path).encode()):
+            raise InputError("is a sensor layout", file=path, fix="use --layout") from None
+        raise
+    if method not in CAMERA_RIG_METHODS:
+        raise SettingsError(
+            f"--rig {path}: method {method!r} uses no camera rig; methods that do: {', '.join(CAMERA_RIG_METHODS)}"
+        )
+    return text
+
+
+def _text(path: Path) -> str:
+    """The text of a file; empty where it cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return ""
+
+
+def _told_by_files(rig: str | None, hand: Path | None, spaces: Sequence[Path] | None) -> dict[str, Any]:
+    """What the files say, for the methods hands and arms: a take keeps it, so that a replay does the same."""
     from mocapella.model.hand_file import encode_hand_shape, load_hand_shape
     from mocapella.model.space import as_settings, load_space
 
     told: dict[str, Any] = {}
     if rig is not None:
-        told["rig"] = encode_camera_rig(load_camera_rig(rig))
+        told["rig"] = rig
     if hand is not None:
         told["hand"] = encode_hand_shape(load_hand_shape(hand)).decode()
     if spaces:
