@@ -10,15 +10,16 @@ from typing import cast
 import pytest
 from marker_motion import pair
 from programs import free_port
+from typer.main import get_command
 from typer.testing import CliRunner
 
 from mocapella.calibration.sensor_layout import VERSION, LayoutSensor, SensorLayout, load_layout, save_layout
 from mocapella.cli.app import app
-from mocapella.cli.serve import LayoutKeeper, LiveSession, serve, wait_while
+from mocapella.cli.serve import LayoutKeeper, LiveSession, load_layout_option, rig_text, serve, wait_while
 from mocapella.errors import MocapellaError
 from mocapella.live.launch import Children
 from mocapella.live.server import Server, ServerSettings
-from mocapella.model.camera_rig_file import save_camera_rig
+from mocapella.model.camera_rig_file import encode_camera_rig, save_camera_rig
 from mocapella.recording.disk import GIB
 
 
@@ -127,3 +128,18 @@ def test_what_cannot_be_used_ends_the_command_before_it_begins(
     result = CliRunner().invoke(app, ["serve", "--no-view", "--port", str(free_port()), *arguments])
     assert isinstance(result.exception, MocapellaError)
     assert said in str(result.exception)
+
+
+def test_no_suffix_decides_whether_a_file_is_a_layout_or_a_camera_rig(tmp_path: Path) -> None:
+    layout, cameras = SensorLayout(VERSION, True, {}, []), pair()
+    save_layout(tmp_path / "hall.toml", layout)
+    save_camera_rig(tmp_path / "rig.json", cameras)
+    assert load_layout_option(tmp_path / "hall.toml") == layout
+    for method in ("arms", "hands"):
+        assert rig_text(tmp_path / "rig.json", method) == encode_camera_rig(cameras)
+
+
+def test_the_former_name_of_an_option_is_not_in_the_help() -> None:
+    options = {option.name: option for option in get_command(app).commands["serve"].params}  # type: ignore[attr-defined]
+    assert options["save_rig"].hidden
+    assert not options["save_layout"].hidden

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mocapella.calibration.sensor_layout import SensorLayout
+from mocapella.calibration.sensor_layout import SensorLayout, decode_layout
 from mocapella.errors import MocapellaError, NotNowError, SettingsError, WireError
 from mocapella.geometry.rigid import rigid
 from mocapella.live.session import Session
@@ -129,7 +129,9 @@ def test_a_layout_is_used_by_every_new_tracker_and_kept_in_the_memory_until_some
     for verb in ("stop", "start"):
         session.carry_out(verb, {})
     other = Session(Setup(method="default", sensors_expected=3))
+    assert decode_layout(session.memory()["rig"].encode()) == layout  # the key that takes hold
     other.carry_out("restore", session.memory())
+    assert other.layout == layout
     for arrival in arrivals()[:120]:  # everybody stands: nothing but the layout can know
         one, same = session.step(arrival), other.step(arrival)
         assert one is not None

@@ -266,9 +266,9 @@ def serve(
         takes=takes,
         setup=Setup(method=method, sensors_expected=sensors),
         running=not wait,
-        method_settings=settings_of_pairs(settings) | _told_by_files(_rig_text(rig, method), hand, alignment),
+        method_settings=settings_of_pairs(settings) | _told_by_files(rig_text(rig, method), hand, alignment),
         reserve_bytes=round(reserve_gib * GIB),
-        layout=None if layout is None else _load_layout(layout),
+        layout=None if layout is None else load_layout_option(layout),
     )
     with stop_on_signals() as stop:
         with live_session(server_settings, stop, view_port=None if no_view else view_port) as session:
@@ -286,7 +286,7 @@ def serve(
     exit_by(summary["recording"])
 
 
-def _load_layout(path: Path) -> SensorLayout:
+def load_layout_option(path: Path) -> SensorLayout:
     """Read the sensor layout of ``--layout``.
 
     Raises:
@@ -303,7 +303,7 @@ def _load_layout(path: Path) -> SensorLayout:
         raise
 
 
-def _rig_text(path: Path | None, method: str) -> str | None:
+def rig_text(path: Path | None, method: str) -> str | None:
     """Read the camera rig of ``--rig``, as the text that a take keeps; None without one.
 
     Raises:
