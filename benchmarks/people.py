@@ -106,7 +106,7 @@ def standing(sensor: SensorSettings) -> Float64:
 
 
 def tracker_seconds(known: Mapping[str, Float64], arrivals: Sequence[Arrival]) -> float:
-    """Of the method `default` over all frames, a rig given."""
+    """Of the method `default` over all frames, a sensor layout given."""
     tracker = DefaultTracker(sensors_expected=len(known))
     tracker.start_from(known)
     begin = time.perf_counter()

@@ -9,7 +9,7 @@ be used is skipped, and `Table.skipped` says which, of which package, and why; e
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, MutableMapping
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -62,8 +62,10 @@ class Skipped:
         return f"{self.group} {self.name!r} of {self.package} is skipped: {self.why}"
 
 
-class Table(Mapping[str, D], Generic[D]):
+class Table(MutableMapping[str, D], Generic[D]):
     """The descriptors of one entry point group by name, ours first, then by package and name.
+
+    A descriptor can be set by name, too, for this process alone: in a notebook, or in a test.
 
     Args:
         group: of the entry points, such as ``mocapella.methods``.
@@ -73,7 +75,7 @@ class Table(Mapping[str, D], Generic[D]):
 
     def __init__(self, group: str, kind: type[D], what: str) -> None:
         self.group, self._kind, self._what = group, kind, what
-        self._found: dict[str, EntryPoint] | None = None
+        self._found: dict[str, EntryPoint | None] | None = None
         self._loaded: dict[str, D] = {}
         self._skipped: list[Skipped] = []
 
@@ -110,6 +112,7 @@ class Table(Mapping[str, D], Generic[D]):
     def __getitem__(self, name: str) -> D:
         if name not in self._loaded:
             point = self._points()[name]
+            assert point is not None  # what was set is loaded
             try:
                 self._loaded[name] = self._load(point)
             except PluginError as error:
@@ -117,6 +120,14 @@ class Table(Mapping[str, D], Generic[D]):
                 self._skip(point, str(error))
                 raise KeyError(name) from error
         return self._loaded[name]
+
+    def __setitem__(self, name: str, descriptor: D) -> None:
+        self._points()[name] = None
+        self._loaded[name] = descriptor
+
+    def __delitem__(self, name: str) -> None:
+        del self._points()[name]
+        self._loaded.pop(name, None)
 
     def __contains__(self, name: object) -> bool:
         try:
@@ -131,11 +142,12 @@ class Table(Mapping[str, D], Generic[D]):
     def __len__(self) -> int:
         return sum(1 for _ in self)
 
-    def _points(self) -> dict[str, EntryPoint]:
+    def _points(self) -> dict[str, EntryPoint | None]:
         if self._found is None:
             self._found = {}
             for point in sorted(entry_points(group=self.group), key=_order):
                 first = self._found.setdefault(point.name, point)
+                assert first is not None
                 if (first.value, _package(first)) != (point.value, _package(point)):
                     self._skip(point, f"{_package(first)} registers this name, too; give it another")
         return self._found

@@ -241,7 +241,7 @@ def test_bodies_that_flicker_under_new_ids_still_place_the_sensors() -> None:
     assert never.sensors["b"].trusted or never.sensors["b"].condition
 
 
-# Sensors that are moved, and rigs.
+# Sensors that are moved, and layouts.
 
 
 @pytest.mark.parametrize("others", [[], [Sensor("c", LEFT, noise=0.01, phase=0.02)]])
@@ -282,31 +282,31 @@ def test_a_place_that_is_told_is_used_at_once_and_soon_put_right() -> None:
     assert wrong_by(calibration.state, a, b)[0] < 0.01
 
 
-def test_a_rig_goes_on_where_it_was_saved() -> None:
+def test_a_layout_goes_on_where_it_was_saved() -> None:
     a, b = two()
     calibration = PeopleCalibration()
     saved = walks(calibration, (a, b), ONE, 10)
-    again = PeopleCalibration(rig=calibration.rig_now())
+    again = PeopleCalibration(layout=calibration.layout_now())
     state = walks(again, (a, b), STANDING, 0.5)
     assert state.sensors["b"].trusted
     np.testing.assert_allclose(relative(state), relative(saved), atol=5e-3)
     assert state.floor_known == saved.floor_known
 
 
-def test_a_rig_that_does_not_fit_is_said_not_used_and_made_anew() -> None:
+def test_a_layout_that_does_not_fit_is_said_not_used_and_made_anew() -> None:
     a, b = two()
     calibration = PeopleCalibration()
     walks(calibration, (a, b), ONE, 10)
-    rig = calibration.rig_now()
+    layout = calibration.layout_now()
     b.T_world_sensor = SIDE @ standing_at(0.9, 0.0, 40.0, height=0.0)
-    again, said = PeopleCalibration(rig=rig), set()
+    again, said = PeopleCalibration(layout=layout), set()
 
     def watch(t: float, state: PeopleState) -> None:
         if t > 3.0 and "b" in state.sensors and not state.sensors["b"].trusted:
             said.add(state.sensors["b"].condition)
 
     state = walks(again, (a, b), {0: Walker(speed=0.5)}, 20, each=watch)
-    assert "it does not see people where the rig says: walk a few steps where both see you" in said
+    assert "it does not see people where the layout says: walk a few steps where both see you" in said
     assert state.sensors["b"].trusted
     assert wrong_by(state, a, b)[0] < 0.02
     assert state.moved == 0

@@ -8,15 +8,18 @@ from pathlib import Path
 from typing import cast
 
 import pytest
+from marker_motion import pair
 from programs import free_port
+from typer.main import get_command
 from typer.testing import CliRunner
 
-from mocapella.calibration.rig import VERSION, Rig, RigSensor, load_rig, save_rig
+from mocapella.calibration.sensor_layout import VERSION, LayoutSensor, SensorLayout, load_layout, save_layout
 from mocapella.cli.app import app
-from mocapella.cli.serve import LiveSession, RigKeeper, serve, wait_while
+from mocapella.cli.serve import LayoutKeeper, LiveSession, load_layout_option, rig_text, serve, wait_while
 from mocapella.errors import MocapellaError
 from mocapella.live.launch import Children
 from mocapella.live.server import Server, ServerSettings
+from mocapella.model.camera_rig_file import encode_camera_rig, save_camera_rig
 from mocapella.recording.disk import GIB
 
 
@@ -47,38 +50,40 @@ def test_a_recording_leaves_the_same_room_however_the_server_is_started() -> Non
 
 
 class Placed:
-    """A server that knows its rig after a while."""
+    """A server that knows its layout after a while."""
 
-    def __init__(self, *rigs: Rig | None) -> None:
-        self.rigs = list(rigs)
+    def __init__(self, *layouts: SensorLayout | None) -> None:
+        self.layouts = list(layouts)
 
-    def rig(self) -> Rig | None:
-        return self.rigs.pop(0)
+    def layout(self) -> SensorLayout | None:
+        return self.layouts.pop(0)
 
 
-def test_a_rig_is_saved_when_another_sensor_is_placed_and_at_the_end(
+def test_a_layout_is_saved_when_another_sensor_is_placed_and_at_the_end(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    place = RigSensor([[float(i == k) for k in range(4)] for i in range(4)], 1.0, 1.0)
-    two, three = (Rig(VERSION, True, dict.fromkeys(names, place), []) for names in (("a", "b"), ("a", "b", "c")))
+    place = LayoutSensor([[float(i == k) for k in range(4)] for i in range(4)], 1.0, 1.0)
+    two, three = (
+        SensorLayout(VERSION, True, dict.fromkeys(names, place), []) for names in (("a", "b"), ("a", "b", "c"))
+    )
     path = tmp_path / "hall.json"
-    keeper = RigKeeper(cast(Server, Placed(None, two, two, three, two)), path)
+    keeper = LayoutKeeper(cast(Server, Placed(None, two, two, three, two)), path)
     saved = []
     for _ in range(4):
         assert not keeper.watch()
-        saved.append(sorted(load_rig(path).sensors) if path.exists() else [])
+        saved.append(sorted(load_layout(path).sensors) if path.exists() else [])
         path.unlink(missing_ok=True)
     assert saved == [[], ["a", "b"], [], ["a", "b", "c"]]
     keeper.save()
-    assert load_rig(path) == two
-    assert "rig saved to" in capsys.readouterr().err
+    assert load_layout(path) == two
+    assert "sensor layout saved to" in capsys.readouterr().err
 
 
 def test_where_nobody_walked_nothing_is_saved_and_that_is_said(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "hall.json"
-    RigKeeper(cast(Server, Placed(None)), path).save()
+    LayoutKeeper(cast(Server, Placed(None)), path).save()
     assert not path.exists()
     assert "no two sensors have been placed" in capsys.readouterr().err
 
@@ -86,9 +91,21 @@ def test_where_nobody_walked_nothing_is_saved_and_that_is_said(
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--rig", "none.json"], "none.json: cannot be read"),
-        (["--save-rig", "no-folder/hall.json"], "--save-rig no-folder/hall.json: cannot be written there"),
-        (["--rig", "hall.json", "--method", "stand-still"], "'stand-still' uses no rig"),
+        (["--layout", "none.json"], "none.json: cannot be read"),
+        (["--layout", "note.txt"], "note.txt: is no sensor layout"),
+        (["--layout", "rig.toml"], "rig.toml: is a camera rig; use --rig"),
+        (["--layout", "rig.json", "--method", "arms"], "rig.json: is a camera rig; use --rig"),
+        (["--layout", "other.toml"], "other.toml: is a camera rig; use --rig"),
+        (["--layout", "hall.json", "--method", "stand-still"], "'stand-still' keeps no sensor layout"),
+        (["--save-layout", "no-folder/hall.json"], "--save-layout no-folder/hall.json: cannot be written there"),
+        (["--save-layout", "hall.json", "--method", "hands"], "the method hands finds no sensor layout"),
+        (["--save-rig", "hall.json"], "--save-rig is now called --save-layout: write --save-layout hall.json"),
+        (["--rig", "none.toml"], "none.toml: cannot be read"),
+        (["--rig", "note.txt"], "note.txt: is no TOML"),
+        (["--rig", "hall.json"], "hall.json: is a sensor layout; use --layout"),
+        (["--rig", "hall.toml", "--method", "arms"], "hall.toml: is a sensor layout; use --layout"),
+        (["--rig", "old.json", "--method", "hands"], "old.json: is a sensor layout; use --layout"),
+        (["--rig", "rig.toml"], "--rig rig.toml: method 'default' uses no camera rig; methods that do: hands, arms"),
         (["--method", "defalt"], "did you mean default?"),
         (["--set", "silent_after=2"], "did you mean silent_after_s?"),
         (["--set", "people.smoothnig=kalman"], "did you mean smoothing?"),
@@ -101,7 +118,28 @@ def test_what_cannot_be_used_ends_the_command_before_it_begins(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("mocapella.tracker.make_ready", lambda *_: pytest.fail("compiled before it was refused"))
-    save_rig("hall.json", Rig(VERSION, True, {}, []))
+    for name in ("hall.json", "hall.toml"):
+        save_layout(name, SensorLayout(VERSION, True, {}, []))
+    save_layout("old.json", SensorLayout(VERSION + 1, True, {}, []))
+    for name in ("rig.toml", "rig.json"):
+        save_camera_rig(name, pair())
+    Path("other.toml").write_text("[cameras.1]\n")
+    Path("note.txt").write_text("a note")
     result = CliRunner().invoke(app, ["serve", "--no-view", "--port", str(free_port()), *arguments])
     assert isinstance(result.exception, MocapellaError)
     assert said in str(result.exception)
+
+
+def test_no_suffix_decides_whether_a_file_is_a_layout_or_a_camera_rig(tmp_path: Path) -> None:
+    layout, cameras = SensorLayout(VERSION, True, {}, []), pair()
+    save_layout(tmp_path / "hall.toml", layout)
+    save_camera_rig(tmp_path / "rig.json", cameras)
+    assert load_layout_option(tmp_path / "hall.toml") == layout
+    for method in ("arms", "hands"):
+        assert rig_text(tmp_path / "rig.json", method) == encode_camera_rig(cameras)
+
+
+def test_the_former_name_of_an_option_is_not_in_the_help() -> None:
+    options = {option.name: option for option in get_command(app).commands["serve"].params}  # type: ignore[attr-defined]
+    assert options["save_rig"].hidden
+    assert not options["save_layout"].hidden

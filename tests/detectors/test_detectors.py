@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mocapella.detectors import DETECTORS, INTERFACE, RENAMED, Detector, arm_detectors, make_detector
+from mocapella.detectors import DETECTORS, RENAMED, Detector, arm_detectors, make_detector
 from mocapella.errors import SettingsError
 from mocapella.model.camera import Camera
 
@@ -29,7 +29,7 @@ def of_ours(name: str) -> Detector:
 @pytest.mark.parametrize("name", DETECTORS)
 def test_a_descriptor_describes_what_it_makes(name: str) -> None:
     detector = of_ours(name)
-    assert (detector.interface, detector.name, detector.frame_type) == (INTERFACE, name, "arms")
+    assert (detector.interface, detector.name, detector.frame_type) == (1, name, "arms")
     assert detector.summary.endswith(".")
     assert "\n" not in detector.summary
     settings = detector.settings()

@@ -163,12 +163,12 @@ class Bender(Method):
 
 
 class Doubter(Method):
-    """Does not believe the rig that it is given, and knows nothing for its first hundred frames."""
+    """Does not believe the layout that it is given, and knows nothing for its first hundred frames."""
 
     def start_from(self, T_world_sensor: Mapping[str, Any]) -> None:
         super().start_from(T_world_sensor)
-        self.rig, self.T = self.T, {}
+        self.layout, self.T = self.T, {}
 
     def conclude(self, arrival: Arrival) -> None:
         if self.step == 100:
-            self.T = self.rig
+            self.T = self.layout

@@ -150,9 +150,9 @@ class Rewriter(Method):
 
 def test_what_was_said_cannot_be_changed_afterwards() -> None:
     session = session_of(frames=120)
-    rig = {"front": np.eye(4), "side": session.replay.T_reference_second}
-    run = run_causally(Rewriter, session.replay.sensors, session.frames.arrivals, rig)
-    np.testing.assert_array_equal(run.T_reference_sensor[:200, 1], np.tile(rig["side"], (200, 1, 1)))
+    layout = {"front": np.eye(4), "side": session.replay.T_reference_second}
+    run = run_causally(Rewriter, session.replay.sensors, session.frames.arrivals, layout)
+    np.testing.assert_array_equal(run.T_reference_sensor[:200, 1], np.tile(layout["side"], (200, 1, 1)))
 
 
 # Nothing is left out

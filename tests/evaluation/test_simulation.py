@@ -104,8 +104,8 @@ def test_who_knows_the_truth_is_perfect_wherever_the_world_is_put() -> None:
         assert figures["hota"] == figures["idf1"] == 1
         assert figures["identity_switches"] == figures["lost_people"] == figures["wrong_left_right_percent"] == 0
         exact = ("fused_cm", "measured_cm", "fused_of_best_sensor_percent", "hidden_of_sensor_percent")
-        rig = ("calibration_end_mm", "calibration_end_deg", "time_offset_ms")
-        assert [figures[name] for name in (*exact, *rig)] == pytest.approx([0] * 7, abs=1e-3)
+        layout = ("calibration_end_mm", "calibration_end_deg", "time_offset_ms")
+        assert [figures[name] for name in (*exact, *layout)] == pytest.approx([0] * 7, abs=1e-3)
         assert figures["inferred_cm"] is None  # it infers nothing
     assert [figures["calibration_mm"], figures["calibration_deg"]] == pytest.approx([0, 0], abs=1e-3)
 
@@ -170,7 +170,7 @@ def test_an_error_of_every_joint_is_the_error_and_inferred_joints_are_told_apart
     assert figures["fused_cm"] == pytest.approx((5 * 10 + 20 * 2) / 25)
 
 
-def test_a_wrong_rig_and_a_wrong_clock_are_measured() -> None:
+def test_a_wrong_layout_and_a_wrong_clock_are_measured() -> None:
     def moved(scene: Scene, at_s: float) -> Scene:
         T = rigid(np.eye(3), (0.03, 0.0, 0.04))
         places = [

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mocapella.calibration.rig import Rig
+from mocapella.calibration.sensor_layout import SensorLayout, decode_layout
 from mocapella.errors import MocapellaError, NotNowError, SettingsError, WireError
 from mocapella.geometry.rigid import rigid
 from mocapella.live.session import Session
@@ -117,20 +117,22 @@ def test_a_refused_setup_changes_nothing() -> None:
     assert session.setup == Setup("stand-still", sensors_expected=3)
 
 
-def test_a_rig_is_used_by_every_new_tracker_and_kept_in_the_memory_until_somebody_recalibrates() -> None:
+def test_a_layout_is_used_by_every_new_tracker_and_kept_in_the_memory_until_somebody_recalibrates() -> None:
     walked = Session(Setup(method="default", sensors_expected=3))
-    assert walked.rig_now() is None
+    assert walked.layout_now() is None
     for arrival in arrivals():
         walked.step(arrival)
-    rig = walked.rig_now()
-    assert rig is not None
-    assert len(rig.sensors) == 3
-    session = Session(Setup(method="default", sensors_expected=3), rig=rig)
+    layout = walked.layout_now()
+    assert layout is not None
+    assert len(layout.sensors) == 3
+    session = Session(Setup(method="default", sensors_expected=3), layout=layout)
     for verb in ("stop", "start"):
         session.carry_out(verb, {})
     other = Session(Setup(method="default", sensors_expected=3))
+    assert decode_layout(session.memory()["rig"].encode()) == layout  # the key that takes hold
     other.carry_out("restore", session.memory())
-    for arrival in arrivals()[:120]:  # everybody stands: nothing but the rig can know
+    assert other.layout == layout
+    for arrival in arrivals()[:120]:  # everybody stands: nothing but the layout can know
         one, same = session.step(arrival), other.step(arrival)
         assert one is not None
         assert same is not None
@@ -138,14 +140,14 @@ def test_a_rig_is_used_by_every_new_tracker_and_kept_in_the_memory_until_somebod
     assert one.state.phase == Phase.TRACKING
     for each in (session, other):
         each.carry_out("recalibrate", {})
-        assert each.rig is None
+        assert each.layout is None
         assert "rig" not in each.memory()
 
 
-def test_a_rig_is_refused_by_a_method_that_uses_none() -> None:
-    with pytest.raises(SettingsError, match="'stand-still' uses no rig; methods that do: arms, default"):
-        Session(Setup("stand-still"), rig=Rig(1, False, {}, []))
-    assert new().rig_now() is None
+def test_a_layout_is_refused_by_a_method_that_keeps_none() -> None:
+    with pytest.raises(SettingsError, match="'stand-still' keeps no sensor layout; methods that do: arms, default"):
+        Session(Setup("stand-still"), layout=SensorLayout(1, False, {}, []))
+    assert new().layout_now() is None
 
 
 def people_named(session: Session, arrival: Arrival) -> dict[int, str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pickle
 from collections import Counter, deque
-from typing import Any
+from typing import Any, ClassVar
 
 import msgspec
 import numpy as np
@@ -13,7 +13,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from mocapella.errors import MocapellaError, WireError
-from mocapella.model.memory import pack, unpack
+from mocapella.model.memory import pack, recorded_name, unpack
 from mocapella.model.scene import Phase, TrackerState
 from mocapella.model.session import SensorPose
 from mocapella.model.topology import topology
@@ -91,3 +91,22 @@ def test_a_kind_or_content_that_is_not_known_is_refused(value: Any) -> None:
         unpack(msgspec.msgpack.encode(value), KINDS)
     with pytest.raises(WireError):
         unpack(pickle.dumps(Phase.TRACKING), KINDS)
+
+
+class Renamed(msgspec.Struct, frozen=True):
+    RECORDED_AS: ClassVar[str] = "Former"
+
+    value: int
+
+
+class Derived(Renamed, frozen=True):
+    other: int = 0
+
+
+def test_a_renamed_class_is_written_and_read_by_its_former_name() -> None:
+    data = pack([Renamed(3), Derived(4)], (Renamed, Derived))
+    assert msgspec.msgpack.decode(data) == ["list", [["Former", {"value": 3}], ["Derived", {"value": 4, "other": 0}]]]
+    assert unpack(data, (Renamed, Derived)) == [Renamed(3), Derived(4)]
+    assert (recorded_name(Renamed), recorded_name(Derived)) == ("Former", "Derived")
+    with pytest.raises(WireError):
+        unpack(msgspec.msgpack.encode(["Renamed", {"value": 3}]), (Renamed,))

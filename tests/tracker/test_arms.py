@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from arm_frames import FPS, LENS, arm_at, frame, places, rig, run, seen
 
-from mocapella.calibration.rig import decode_rig, encode_rig
+from mocapella.calibration.sensor_layout import decode_layout, encode_layout
 from mocapella.errors import SettingsError, WireError
 from mocapella.geometry.rigid import apply
 from mocapella.model.arms import PALM, ArmFrame, SeenArm
@@ -323,13 +323,13 @@ def test_recalibrating_places_the_cameras_anew() -> None:
 
 def test_places_that_were_found_can_be_kept_and_used_again() -> None:
     tracker = ArmsTracker(sensors_expected=2)
-    assert tracker.rig() is None
+    assert tracker.layout() is None
     for arrival in run(5.0, {"a": one("a"), "b": one("b")}):
         found = tracker.update(arrival)
-    kept = tracker.rig()
+    kept = tracker.layout()
     assert kept is not None
     again = ArmsTracker(sensors_expected=2)
-    again.use_rig(decode_rig(encode_rig(kept)))
+    again.use_layout(decode_layout(encode_layout(kept)))
     scenes = [again.update(arrival) for arrival in run(0.2, {"a": one("a"), "b": one("b")})]
     assert scenes[1].state.phase is Phase.TRACKING
     assert scenes[-1].arms[0].cameras == ("a", "b")
@@ -339,8 +339,8 @@ def test_places_that_were_found_can_be_kept_and_used_again() -> None:
         np.testing.assert_allclose(place.T_world_sensor, before.T_world_sensor, atol=1e-12)
         assert place.position_sd == pytest.approx(before.position_sd)
     again.recalibrate("asked for")
-    assert again.rig() is None
-    assert ArmsTracker(rig=rig()).rig() is None  # that is in its own file already
+    assert again.layout() is None
+    assert ArmsTracker(rig=rig()).layout() is None  # the camera rig has its own file
 
 
 # Frames, and memory.

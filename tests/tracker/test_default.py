@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import msgspec
 import numpy as np
 import pytest
 from walking_people import BACK, FRONT, KINECT_V2, LEFT, MIRROR, SIDE, Sensor, Walker, errors, standing_at
@@ -221,6 +222,31 @@ def test_each_way_of_smoothing_follows_and_steadies(smoothing: str) -> None:
 def test_an_unknown_smoothing_is_refused_with_what_there_is() -> None:
     with pytest.raises(SettingsError, match="did you mean kalman"):
         make_tracker("default", settings={"people": {"smoothing": "kalmann"}})
+
+
+def test_a_snapshot_holds_a_sensor_layout_by_the_names_of_earlier_takes() -> None:
+    walked = told()
+    run(walked, frames({1: Walker()}, 8.0))
+    layout = walked.layout()
+    assert layout is not None
+    tracker = make_tracker("default", sensors_expected=2)
+    assert isinstance(tracker, DefaultTracker)
+    tracker.use_layout(layout)
+    run(tracker, frames({1: Walker()}, 0.2))
+    data = tracker.snapshot()
+    _, parts = msgspec.msgpack.decode(data)
+    calibration = dict(parts[5][1])
+    kind, fields = calibration["rig"]
+    assert "layout" not in calibration
+    assert kind == "Rig"
+    assert {sensor[0] for _, sensor in fields["sensors"][1]} == {"RigSensor"}
+    assert {pair[0] for pair in fields["pairs"][1]} == {"RigPair"}
+    assert [pair[1]["told"] for _, pair in calibration["_pairs"][1]] == ["rig"]
+    again = make_tracker("default", sensors_expected=2)
+    again.restore(data)
+    assert again.snapshot() == data
+    assert isinstance(again, DefaultTracker)
+    assert again._calibration.layout == layout
 
 
 def test_frames_that_cannot_be_used_are_counted_and_change_nothing() -> None:

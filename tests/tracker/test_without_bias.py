@@ -82,10 +82,10 @@ def test_what_is_taken_off_is_what_is_declared(mirrored: bool) -> None:
     assert np.abs(declared).max() > 0.05
 
 
-def test_a_known_bias_makes_the_rig_and_the_skeleton_worse_no_more() -> None:
+def test_a_known_bias_makes_the_layout_and_the_skeleton_worse_no_more() -> None:
     walker = Walker()
     seen = arrivals(walker, 8.0, MODEL)
-    rig_m, joints_m = {}, {}
+    layout_m, joints_m = {}, {}
     for name, model in (("without", None), ("with", MODEL)):
         tracker = tracker_with(model)
         tracker.start_from(PLACES)
@@ -94,10 +94,10 @@ def test_a_known_bias_makes_the_rig_and_the_skeleton_worse_no_more() -> None:
         T = tracker.sensor_views().T_world_sensor
         T_front_side = inverse(T["front"]) @ T["side"]
         moved = apply(T_front_side @ inverse(inverse(FRONT) @ SIDE), np.array([[0.0, 0.0, 2.8]]))
-        rig_m[name] = float(np.linalg.norm(moved - [0.0, 0.0, 2.8]))
+        layout_m[name] = float(np.linalg.norm(moved - [0.0, 0.0, 2.8]))
         truth = apply(T["front"] @ inverse(FRONT), walker.at(seen[-1].at_ns / 1e9))
         joints_m[name] = float(np.linalg.norm(scene.people[0].positions - truth, axis=-1).mean())
-    assert rig_m["with"] < 0.5 * rig_m["without"]
+    assert layout_m["with"] < 0.5 * layout_m["without"]
     assert joints_m["with"] < 0.7 * joints_m["without"]
 
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import combinations
-from typing import Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,8 +35,8 @@ from mocapella.calibration.pair_calibration import (
 from mocapella.calibration.pair_memory import SensorTracks
 from mocapella.calibration.people_state import CalibratedSensor, PeopleState
 from mocapella.calibration.quality import figures, pair_quality
-from mocapella.calibration.rig import VERSION, Rig, RigSensor, restored_pair, rig_pair
 from mocapella.calibration.sensor_graph import PlacedSensor, SensorPair, place_sensors
+from mocapella.calibration.sensor_layout import VERSION, LayoutSensor, SensorLayout, layout_pair, restored_pair
 from mocapella.calibration.shared_people import nearest_bodies, same_people
 from mocapella.conventions import NS_PER_S
 from mocapella.geometry.rigid import inverse
@@ -68,6 +68,8 @@ class PeopleCalibrationSettings:
         partners: with more than so many others, each sensor is refined against so many of those it is tied to best.
     """
 
+    RECORDED_AS: ClassVar[str] = "PeopleSettings"
+
     pair: PairSettings = field(default_factory=PairSettings)
     match_within_m: float = 0.5
     moved_after_s: float = 2.0
@@ -87,6 +89,10 @@ class PeopleCalibrationSettings:
         check(self.partners >= 1, "partners", self.partners, "1 or more")
 
 
+BY_LAYOUT: Final = "rig"
+"""Of `PairOfSensors.told`; takes hold this value."""
+_RECORDED: Final = {"layout": "rig"}
+"""Names of attributes in a take, where they differ."""
 _NOBODYS: Final[tuple[Mapping[int, int], Mapping[int, int]]] = ({}, {})
 
 
@@ -97,8 +103,8 @@ class PairOfSensors:
     Attributes:
         calibration: believed; None before there is one.
         cold: what else it could be; without hypotheses while nothing speaks against what is believed.
-        told: ``rig`` while all that is known is what a rig said; ``others`` while it is what other sensors say of these
-            two; empty once people have shown it.
+        told: `BY_LAYOUT` while all that is known is what a layout said; ``others`` while it is what other sensors say
+            of these two; empty once people have shown it.
         shown: whether people have shown it once: then it is used also while it is less sure again.
         matched: tracking ids in a and b of bodies that are one person.
         owners: what that was last made of, where somebody says who is who.
@@ -136,19 +142,21 @@ class PairOfSensors:
             return False
         problem = self.estimate.problem
         unsure = problem in (WALK, WALK_ACROSS)
-        return not problem or (self.shown and unsure) or (self.told == "rig" and problem != MIRRORED_STREAM)
+        return not problem or (self.shown and unsure) or (self.told == BY_LAYOUT and problem != MIRRORED_STREAM)
 
 
 class PeopleCalibration:
     """All sensors. Which there are is learnt from who speaks; no sensor is announced."""
 
-    def __init__(self, settings: PeopleCalibrationSettings | None = None, *, rig: Rig | None = None) -> None:
+    def __init__(
+        self, settings: PeopleCalibrationSettings | None = None, *, layout: SensorLayout | None = None
+    ) -> None:
         self.settings = settings or PeopleCalibrationSettings()
-        self.rig = rig
+        self.layout = layout
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything but the rig that it was made with."""
+        """Forget everything but the layout that it was made with."""
         self._zero_ns: int | None = None
         self._tracks: dict[str, SensorTracks] = {}
         self._newest: dict[str, float] = {}
@@ -173,9 +181,9 @@ class PeopleCalibration:
 
     def start_from(self, T_world_sensor: Mapping[str, Float64]) -> None:
         """Forget everything, and begin from places that somebody told: used at once, believed little, and checked."""
-        sensors = {name: RigSensor(T.tolist(), 1e3 * TOLD_SD_M, float(np.degrees(TOLD_SD)))
+        sensors = {name: LayoutSensor(T.tolist(), 1e3 * TOLD_SD_M, float(np.degrees(TOLD_SD)))
                    for name, T in T_world_sensor.items()}  # fmt: skip
-        self.rig = Rig(VERSION, False, sensors, [])
+        self.layout = SensorLayout(VERSION, False, sensors, [])
         self.reset()
 
     def update(
@@ -232,11 +240,11 @@ class PeopleCalibration:
             if self.state.sensors[name].trusted
         )
 
-    def rig_now(self) -> Rig:
+    def layout_now(self) -> SensorLayout:
         """What people have shown, to be saved: the sensors that are `tied`."""
         tied = self.tied
         sensors = {
-            name: RigSensor(
+            name: LayoutSensor(
                 sensor.T_world_sensor.tolist(),
                 1e3 * float(np.sqrt(np.trace(sensor.covariance[:3, :3]))),
                 float(np.degrees(np.sqrt(np.trace(sensor.covariance[3:, 3:])))),
@@ -245,11 +253,20 @@ class PeopleCalibration:
             if name in tied
         }
         pairs = [
-            rig_pair(a, b, pair_quality(a, b, pair.estimate), pair.calibration)
+            layout_pair(a, b, pair_quality(a, b, pair.estimate), pair.calibration)
             for (a, b), pair in sorted(self._pairs.items())
             if pair.calibration is not None and pair.estimate is not None and pair.trusted and {a, b} <= tied
         ]
-        return Rig(VERSION, self.state.floor_known, sensors, pairs)
+        return SensorLayout(VERSION, self.state.floor_known, sensors, pairs)
+
+    def memory(self) -> dict[str, Any]:
+        """Return everything it remembers, by the names that takes hold."""
+        return {_RECORDED.get(name, name): value for name, value in vars(self).items()}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Remember what a `memory` holds."""
+        names = {recorded: name for name, recorded in _RECORDED.items()}
+        vars(self).update({names.get(name, name): value for name, value in memory.items()})
 
     def _seconds(self, at_ns: int) -> float:
         if self._zero_ns is None:
@@ -258,16 +275,18 @@ class PeopleCalibration:
 
     def _join(self, sensor: str, joints: int) -> None:
         settings = self.settings.pair
-        kept = {(pair.a, pair.b): pair for pair in self.rig.pairs} if self.rig else {}
-        places = {name: np.array(known.T_world_sensor) for name, known in self.rig.sensors.items()} if self.rig else {}
+        kept = {(pair.a, pair.b): pair for pair in self.layout.pairs} if self.layout else {}
+        places = (
+            {name: np.array(known.T_world_sensor) for name, known in self.layout.sensors.items()} if self.layout else {}
+        )
         for other in self._tracks:
             key = (min(sensor, other), max(sensor, other))
             pair = PairOfSensors(None, ColdStart(settings))
             if key in kept:
-                pair.calibration, pair.told = restored_pair(kept[key], settings), "rig"
+                pair.calibration, pair.told = restored_pair(kept[key], settings), BY_LAYOUT
             elif sensor in places and other in places:
                 T_a_b = inverse(places[key[0]]) @ places[key[1]]
-                pair.calibration, pair.told = PairCalibration.begun_from(T_a_b, settings), "rig"
+                pair.calibration, pair.told = PairCalibration.begun_from(T_a_b, settings), BY_LAYOUT
             pair.trying = pair.calibration is None
             self._pairs[key] = pair
         self._tracks[sensor] = SensorTracks.empty(joints)
@@ -406,7 +425,7 @@ class PeopleCalibration:
         return [key for key, pair in self._pairs.items() if now - pair.agreed_at < self.settings.moved_after_s]
 
     def _believe(self, key: Pair, found: PairCalibration, now: float) -> None:
-        """A hypothesis has won; where another estimate was believed, a sensor was moved, or the rig was wrong."""
+        """A hypothesis has won; where another estimate was believed, a sensor was moved, or the layout was wrong."""
         pair = self._pairs[key]
         if pair.calibration is not None and not pair.told and not pair.unproven:
             self._note_moved(moved_sensors([key], self._agreeing(now), sorted(self._tracks)), now)
@@ -488,14 +507,19 @@ class PeopleCalibration:
             for name, place in members.items()
             if name in self._poses
         ]
-        found = {name: self._floors[name].known or self._rig_floor(name) for name in members}
+        found = {name: self._floors[name].known or self._layout_floor(name) for name in members}
         floors = given or [(members[name].T_root_sensor, floor) for name, floor in found.items() if floor is not None]
         return (mean_floor(floors).T_level_sensor, True) if floors else (np.eye(4), False)
 
-    def _rig_floor(self, sensor: str) -> Floor | None:
-        if self.rig is None or not self.rig.floor_known or sensor not in self.rig.sensors or sensor in self._moved:
+    def _layout_floor(self, sensor: str) -> Floor | None:
+        if (
+            self.layout is None
+            or not self.layout.floor_known
+            or sensor not in self.layout.sensors
+            or sensor in self._moved
+        ):
             return None
-        return Floor.under(np.array(self.rig.sensors[sensor].T_world_sensor))
+        return Floor.under(np.array(self.layout.sensors[sensor].T_world_sensor))
 
     def _sensors(
         self, placed: Mapping[str, PlacedSensor], T_world_root: Mapping[str, Float64]
@@ -555,7 +579,7 @@ class PeopleCalibration:
             if pair.trusted and pair.estimate is not None and _in_one_place(pair.estimate.T_a_b):
                 return f"it stands where {_other(key, name)} stands, and sees no more"
             if pair.calibration is not None and pair.trying:
-                where = "where the rig says" if pair.told == "rig" else f"where {_other(key, name)} sees them"
+                where = "where the layout says" if pair.told == BY_LAYOUT else f"where {_other(key, name)} sees them"
                 return f"it does not see people {where}: walk a few steps where both see you"
         return ""
 
@@ -584,7 +608,7 @@ def _agree_elsewhere(key: Pair, agreeing: Iterable[Pair]) -> bool:
 
 def _covariance_of(pair: PairOfSensors) -> Float64:
     assert pair.estimate is not None
-    return _TOLD if pair.told == "rig" and not pair.estimate.trusted else pair.estimate.covariance
+    return _TOLD if pair.told == BY_LAYOUT and not pair.estimate.trusted else pair.estimate.covariance
 
 
 def _other(key: Pair, name: str) -> str:

@@ -88,7 +88,7 @@ _WHO_AND_WHERE = {
     "lost_people": "lost",
     "hota": "HOTA",
     "idf1": "IDF1",
-    "calibration_mm": "rig 8 s\nmm",
+    "calibration_mm": "layout\nmm",
     "calibration_deg": "\n°",
     "calibration_end_mm": "end\nmm",
     "calibration_end_deg": "\n°",
@@ -276,7 +276,7 @@ def show_simulation(result: dict[str, Any], out: Console) -> None:
             )
     out.print(
         "labels aside: as if left and right were right; of it: of the best sensor's\n"
-        "error; hidden: of a sensor's error, joints that it infers; rig: worst sensor,\n"
+        "error; hidden: of a sensor's error, joints that it infers; layout: worst sensor,\n"
         "after 8 s of shared walking, and at the end",
         highlight=False,
     )

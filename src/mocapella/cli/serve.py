@@ -6,7 +6,7 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,11 +38,11 @@ from mocapella.cli.common import (
     write_json,
 )
 from mocapella.cli.node import READY
-from mocapella.errors import MocapellaError, SettingsError
+from mocapella.errors import InputError, MocapellaError, SettingsError
 from mocapella.settings import settings_of_pairs
 
 if TYPE_CHECKING:
-    from mocapella.calibration.rig import Rig
+    from mocapella.calibration.sensor_layout import SensorLayout
     from mocapella.live.launch import Children
     from mocapella.live.server import Server, ServerSettings
 
@@ -92,7 +92,7 @@ def live_session(
     host, _, port = settings.listen.removeprefix("tcp/").rpartition(":")
     if ":" not in host:  # IPv6: the server says it, a little later
         check_port_free(host, int(port), "--port")
-    Session(settings.setup, settings.method_settings, rig=settings.rig)  # refuses what cannot be used
+    Session(settings.setup, settings.method_settings, layout=settings.layout)  # refuses what cannot be used
     get_ready(settings.setup.method)
     # Two threads that compute (the tracker's and the recorder's) share one interpreter; the default of 5 ms between
     # switches would be half of the latency that a result may have.
@@ -115,17 +115,17 @@ def _pass_on(line: str, on_url: Callable[[str], None]) -> None:
         say(line)
 
 
-def _check_save_rig(path: Path | None) -> Path | None:
+def _check_save_layout(path: Path | None) -> Path | None:
     """Refuse, before anything is done, a file that could not be written at the end."""
     if path is not None and (path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK)):
         raise SettingsError(
-            f"--save-rig {path}: cannot be written there; name a file in a folder that you may write to"
+            f"--save-layout {path}: cannot be written there; name a file in a folder that you may write to"
         )
     return path
 
 
-class RigKeeper:
-    """Keeps a server's rig in a file."""
+class LayoutKeeper:
+    """Saves a server's sensor layout to a file."""
 
     def __init__(self, server: Server, path: Path) -> None:
         self._server = server
@@ -134,29 +134,29 @@ class RigKeeper:
 
     def watch(self) -> bool:
         """Save where there is a sensor that was not placed before; False, for it ends nothing."""
-        rig = self._server.rig()
-        if rig is not None and not rig.sensors.keys() <= self._placed:
-            self._save(rig)
+        layout = self._server.layout()
+        if layout is not None and not layout.sensors.keys() <= self._placed:
+            self._save(layout)
         return False
 
     def save(self) -> None:
         """Save what is known now; a file stays as it was where nothing is."""
-        rig = self._server.rig()
-        if rig is None:
-            say(f"no rig saved to {self._path}: no two sensors have been placed; walk where both see you")
+        layout = self._server.layout()
+        if layout is None:
+            say(f"no sensor layout saved to {self._path}: no two sensors have been placed; walk where both see you")
         else:
-            self._save(rig)
+            self._save(layout)
 
-    def _save(self, rig: Rig) -> None:
-        from mocapella.calibration.rig import save_rig
+    def _save(self, layout: SensorLayout) -> None:
+        from mocapella.calibration.sensor_layout import save_layout
 
-        self._placed = set(rig.sensors)
+        self._placed = set(layout.sensors)
         try:
-            save_rig(self._path, rig)
+            save_layout(self._path, layout)
         except MocapellaError as error:
             say(str(error))
         else:
-            say(f"rig saved to {self._path}: {', '.join(rig.sensors)}")
+            say(f"sensor layout saved to {self._path}: {', '.join(layout.sensors)}")
 
 
 @app.command()
@@ -192,9 +192,16 @@ def serve(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Begin from where the sensors were, as --save-rig kept it. What people do is checked against it: "
-            "where it does not fit, that is said and found anew. Not for --method stand-still. For --method hands, and "
-            "for arms (a .toml): where the cameras are, as `mocapella calibrate` found it.",
+            help="Camera rig: lenses and poses of the cameras (TOML), as `mocapella calibrate` found them. For "
+            "--method hands, which needs one, and arms.",
+        ),
+    ] = None,
+    layout: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Begin from a sensor layout: poses of the sensors (JSON), as --save-layout saved them. For --method "
+            "default, which checks them against people's motion and finds those anew that do not fit, and arms.",
         ),
     ] = None,
     hand: Annotated[
@@ -210,15 +217,21 @@ def serve(
             help="Another tracker's space, as `mocapella align` found it, for --method hands; may be repeated.",
         ),
     ] = None,
-    save_rig: Annotated[
+    file: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=PATH", help="Another file that the method wants; may be repeated."),
+    ] = None,
+    save_layout: Annotated[
         Path | None,
         typer.Option(
-            "--save-rig",
             metavar="FILE",
-            help="Keep where the sensors are in this file (JSON): whenever another sensor is placed, and at the end. "
-            "May be the file of --rig.",
-            callback=_check_save_rig,
+            help="Save the sensor layout to this file (JSON) whenever another sensor is placed, and at the end. May be "
+            "the file of --layout. For --method default and arms.",
+            callback=_check_save_layout,
         ),
+    ] = None,
+    save_rig: Annotated[
+        Path | None, typer.Option(metavar="FILE", hidden=True, help="Former name of --save-layout.")
     ] = None,
     seconds: Seconds = None,
     json: JsonOut = None,
@@ -230,20 +243,20 @@ def serve(
 
     Example:  mocapella serve --sensors 2 --record walk-1
     """
-    from mocapella.calibration.rig import load_rig
     from mocapella.live.server import ServerSettings
     from mocapella.live.stopping import stop_on_signals
     from mocapella.model.session import Setup
     from mocapella.recording.disk import GIB
+    from mocapella.tracker.method import METHODS
 
-    hands = method == "hands"
-    camera_rig = rig is not None and (hands or (method == "arms" and rig.suffix.lower() == ".toml"))
-    if hand is not None and not hands:
-        raise SettingsError(f"--hand {hand}: only --method hands wants it")
-    if alignment and not hands:
-        raise SettingsError(f"--alignment {alignment[0]}: only --method hands wants it")
-    if hands and save_rig is not None:
-        raise SettingsError("--save-rig: the method hands finds no rig; mocapella calibrate makes one")
+    if save_rig is not None:
+        raise SettingsError(f"--save-rig is now called --save-layout: write --save-layout {save_rig}")
+    if save_layout is not None and not METHODS.find(method).keeps_layout:
+        keep = [one.name for one in METHODS.values() if one.keeps_layout]
+        raise SettingsError(
+            f"--save-layout: the method {method} finds no sensor layout; methods that do: {', '.join(keep)}"
+        )
+    files = {"rig": rig, "hand": hand, "alignment": alignment, **_named_files(file)}
     take = None if record is None else take_file(record)
     warn_if_open("sensors, results and commands are", interface, port)
     server_settings = ServerSettings(
@@ -251,19 +264,19 @@ def serve(
         takes=takes,
         setup=Setup(method=method, sensors_expected=sensors),
         running=not wait,
-        method_settings=settings_of_pairs(settings) | _told_by_files(rig if camera_rig else None, hand, alignment),
+        method_settings=settings_of_pairs(settings) | settings_of_files(method, files),
         reserve_bytes=round(reserve_gib * GIB),
-        rig=None if rig is None or camera_rig else load_rig(rig),
+        layout=None if layout is None else load_layout_option(layout),
     )
     with stop_on_signals() as stop:
         with live_session(server_settings, stop, view_port=None if no_view else view_port) as session:
             if take is not None:
                 say(session.server.record_to(take, resume=True))
             say(f"waiting for sensors at {server_settings.listen} (Ctrl-C ends)")
-            if save_rig is None:
+            if save_layout is None:
                 wait_while(session, seconds)
             else:
-                keeper = RigKeeper(session.server, save_rig)
+                keeper = LayoutKeeper(session.server, save_layout)
                 wait_while(session, seconds, until=keeper.watch)
                 keeper.save()
             summary = finish(session.server)
@@ -271,20 +284,68 @@ def serve(
     exit_by(summary["recording"])
 
 
-def _told_by_files(rig: Path | None, hand: Path | None, spaces: Sequence[Path] | None) -> dict[str, Any]:
-    """What the files say, for the methods hands and arms: a take keeps it, so that a replay does the same."""
-    from mocapella.model.camera_rig_file import encode_camera_rig, load_camera_rig
-    from mocapella.model.hand_file import encode_hand_shape, load_hand_shape
-    from mocapella.model.space import as_settings, load_space
+def load_layout_option(path: Path) -> SensorLayout:
+    """Read the sensor layout of ``--layout``.
+
+    Raises:
+        InputError: the file cannot be read, or is no layout; of a camera rig, it names ``--rig``.
+    """
+    from mocapella.calibration.sensor_layout import load_layout
+    from mocapella.model.camera_rig_file import is_camera_rig
+
+    try:
+        return load_layout(path)
+    except InputError:
+        if is_camera_rig(_text(path)):
+            raise InputError("is a camera rig", file=path, fix="use --rig") from None
+        raise
+
+
+def _text(path: Path) -> str:
+    """The text of a file; empty where it cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return ""
+
+
+def settings_of_files(method: str, files: Mapping[str, Path | Sequence[Path] | None]) -> dict[str, Any]:
+    """What the files say that a method is told of: a take keeps it, so that a replay does the same.
+
+    Args:
+        method: name of the tracking method.
+        files: one or several, by option; None or none where it is not given.
+
+    Raises:
+        SettingsError: the method wants no such file; says which methods do.
+        InputError: a file cannot be used.
+    """
+    from mocapella.registry import load
+    from mocapella.tracker.method import METHODS
 
     told: dict[str, Any] = {}
-    if rig is not None:
-        told["rig"] = encode_camera_rig(load_camera_rig(rig))
-    if hand is not None:
-        told["hand"] = encode_hand_shape(load_hand_shape(hand)).decode()
-    if spaces:
-        told["spaces"] = [as_settings(load_space(path)) for path in spaces]
+    for option, given in files.items():
+        paths = [given] if isinstance(given, Path) else list(given or ())
+        if not paths:
+            continue
+        readers = METHODS.find(method).files
+        if option not in readers:
+            able = [one.name for one in METHODS.values() if option in one.files]
+            wanted = f"methods that do: {', '.join(able)}" if able else "no method does"
+            raise SettingsError(f"--{option} {paths[0]}: the method {method} wants no such file; {wanted}")
+        told |= load(readers[option])(paths)
     return told
+
+
+def _named_files(pairs: Sequence[str] | None) -> dict[str, list[Path]]:
+    """Of ``--file NAME=PATH``, by name."""
+    found: dict[str, list[Path]] = {}
+    for pair in pairs or ():
+        name, equals, path = pair.partition("=")
+        if not (name and equals and path):
+            raise SettingsError(f"--file {pair!r} cannot be used; write it as NAME=PATH")
+        found.setdefault(name, []).append(Path(path))
+    return found
 
 
 def finish(server: Server) -> dict[str, Any]:

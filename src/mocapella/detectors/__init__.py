@@ -8,10 +8,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
-from mocapella.detectors.detector import INTERFACE, ArmDetector, Detector
-from mocapella.detectors.kinematic_arm import KINEMATIC_ARM
-from mocapella.detectors.line_skeleton import LINE_SKELETON
+from mocapella.detectors.detector import ArmDetector, Detector
 from mocapella.errors import SettingsError, one_of
+from mocapella.registry import Table
 
 if TYPE_CHECKING:
     from mocapella.detectors.arm_gestures import WithGestures
@@ -19,7 +18,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "DETECTORS",
-    "INTERFACE",
     "RENAMED",
     "ArmDetector",
     "Detector",
@@ -28,7 +26,7 @@ __all__ = [
     "make_detector",
 ]
 
-DETECTORS: Final[dict[str, Detector]] = {detector.name: detector for detector in (KINEMATIC_ARM, LINE_SKELETON)}
+DETECTORS: Final = Table("mocapella.detectors", Detector, "detector")
 """All detectors by name."""
 RENAMED: Final[Mapping[str, str]] = {"default": "kinematic-arm"}
 """The present names of detectors, by former name."""

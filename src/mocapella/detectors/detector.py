@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
     import numpy as np
@@ -12,9 +12,6 @@ if TYPE_CHECKING:
 
     from mocapella.model.arms import SeenArms
     from mocapella.model.camera import Camera
-
-INTERFACE: Final = 1
-"""Version of `Detector`; a change that breaks a descriptor raises it."""
 
 
 class ArmDetector(Protocol):
@@ -47,7 +44,7 @@ class Detector:
     import what they need when they are called.
 
     Attributes:
-        interface: the `INTERFACE` that the descriptor was written for.
+        interface: of `mocapella.registry`.
         name: on the command line, and in `mocapella.model.arms.ArmFrame.method`.
         summary: one line for people who choose.
         frame_type: the frames that a camera's node sends with it, such as ``arms``.

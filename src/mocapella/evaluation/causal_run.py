@@ -65,7 +65,7 @@ def run_causally(
     make: Callable[[int], ScoredTracker],
     sensors: Sequence[str],
     arrivals: Sequence[Arrival],
-    rig: Mapping[str, Float64],
+    layout: Mapping[str, Float64],
 ) -> CausalRun:
     """Feed a new tracker every frame; ask it what it knows before the first and after each.
 
@@ -73,13 +73,13 @@ def run_causally(
         make: a new tracker for so many sensors.
         sensors: names, the reference sensor first.
         arrivals: in their order.
-        rig: what is known before the first frame: the study's own calibration, as the log has it.
+        layout: T_world_sensor (4, 4) [m] known before the first frame: the study's own calibration, as the log has it.
 
     Raises:
         EvaluationError: a motion is not rigid, or a value cannot be one.
     """
     tracker = make(len(sensors))
-    tracker.start_from({sensor: T.copy() for sensor, T in rig.items()})
+    tracker.start_from({sensor: T.copy() for sensor, T in layout.items()})
     bias = tracker.joint_bias
     known = [_known(tracker.sensor_views(), sensors)]
     people: list[tuple[PersonThen, ...]] = []

@@ -39,14 +39,14 @@ SCORED: Final = {
     AS_LOGGED: "the rows as they were logged: they are the output of the thesis' own method, one motion per person",
     "": "raw joints × one rigid motion per sensor, shared by all people and known before either frame of the pair, "
     "+ the joint bias declared before the first frame, learnt without the participant who is scored; "
-    "begun from the rig of the thesis' calibration; "
+    "begun from the sensor layout of the thesis' calibration; "
     "both views brought to the earlier one's instant where the method declares time offsets; "
     "dx_cm … torso_dd_cm with labels repaired as decided before the pair's frames, raw_labels as the sensors gave them",
 }
 PROTOCOLS: Final = {
     "walk": "after Stationary and Steps, refined from past frames",
     "walk-frozen": "after Stationary and Steps, the motions and offsets as they were known before Walk's first frame",
-    "walk-cold": "only Walk's frames, begun from the rig of the thesis' calibration",
+    "walk-cold": "only Walk's frames, begun from the sensor layout of the thesis' calibration",
     "steps-second-half": "motions and offsets as they were known at the half of Steps",
     "steps-second-half-refined": "refined from past frames",
 }
@@ -123,7 +123,7 @@ class AsRun:
         self.session = session
         replay = session.replay
         reference, *others = replay.sensors
-        self._rig = {reference: np.eye(4), **dict.fromkeys(others, replay.T_reference_second)}
+        self._layout = {reference: np.eye(4), **dict.fromkeys(others, replay.T_reference_second)}
         self._run = self._run_over(session.frames, make)
         self._walk_frames = session.only(WALK) if (session.pairs.task == WALK).any() else None
         self._cold = None if self._walk_frames is None else self._run_over(self._walk_frames, make)
@@ -137,7 +137,7 @@ class AsRun:
                 tracker.leave_out(self.session.participant)
             return tracker
 
-        return run_causally(left_out, self.session.replay.sensors, frames.arrivals, self._rig)
+        return run_causally(left_out, self.session.replay.sensors, frames.arrivals, self._layout)
 
     @property
     def whole(self) -> CausalRun:

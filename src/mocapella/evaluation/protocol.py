@@ -48,7 +48,7 @@ class ScoredTracker(Protocol):
         """Read once, before the first frame."""
 
     def start_from(self, T_world_sensor: Mapping[str, Float64]) -> None:
-        """A rig that is known before the first frame; a method is free not to believe it."""
+        """Begin from a sensor layout, known before the first frame; a method is free not to believe it."""
 
     def update(self, arrival: Arrival) -> Scene:
         """As `mocapella.tracker.Tracker` has it."""

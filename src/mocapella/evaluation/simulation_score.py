@@ -90,8 +90,8 @@ class Score:
         self._now: dict[str, _SensorNow] = {}
         # calibration
         self._shared_s = dict.fromkeys(self.sensors, 0.0)
-        self._rig: dict[str, tuple[float, float] | None] = dict.fromkeys(self.sensors)
-        self._rig_then: dict[str, tuple[float, float] | None] = {}
+        self._layout: dict[str, tuple[float, float] | None] = dict.fromkeys(self.sensors)
+        self._layout_then: dict[str, tuple[float, float] | None] = {}
         self._offsets_s: dict[str, float | None] = dict.fromkeys(self.sensors)
         # people
         self._before: Truth | None = None
@@ -120,7 +120,7 @@ class Score:
         """
         sensor, truth = item.frame.sensor, item.truth
         self._now[sensor] = _sensor_now(item)
-        self._learn_rig(scene, offsets)
+        self._learn_layout(scene, offsets)
         tied = self._tied()
         if sensor in tied or not tied:
             everywhere = set.intersection(*(set(now.people) for now in self._now.values()))
@@ -157,10 +157,10 @@ class Score:
             "fused_of_best_sensor_percent": of_best,
             "hidden_of_sensor_percent": 100 * self._errors["hidden"].sum / hidden.sum if hidden.count else None,
             "wrong_left_right_percent": _times(100, self._wrong_labels.value),
-            "calibration_mm": _times(1000, _greatest(self._rig_then.get(name) for name in others)[0]),
-            "calibration_deg": _greatest(self._rig_then.get(name) for name in others)[1],
-            "calibration_end_mm": _times(1000, _greatest(self._rig[name] for name in others)[0]),
-            "calibration_end_deg": _greatest(self._rig[name] for name in others)[1],
+            "calibration_mm": _times(1000, _greatest(self._layout_then.get(name) for name in others)[0]),
+            "calibration_deg": _greatest(self._layout_then.get(name) for name in others)[1],
+            "calibration_end_mm": _times(1000, _greatest(self._layout[name] for name in others)[0]),
+            "calibration_end_deg": _greatest(self._layout[name] for name in others)[1],
             "time_offset_ms": _times(1000, self._time_offset_s()),
         }
 
@@ -169,16 +169,16 @@ class Score:
         tied = {name for name in self._now if self._shared_s[name] >= SHARED_WALKING}
         return tied | {self.main} if tied or len(self.sensors) == 1 else tied
 
-    def _learn_rig(self, scene: Scene, offsets: Mapping[str, float]) -> None:
+    def _learn_layout(self, scene: Scene, offsets: Mapping[str, float]) -> None:
         places = _places(scene)
         for name in self.sensors:
-            self._rig[name] = None
+            self._layout[name] = None
             if name in places and self.main in places:
                 found = inverse(places[self.main]) @ places[name]
-                self._rig[name] = self._rig_error(found, name)
+                self._layout[name] = self._layout_error(found, name)
             self._offsets_s[name] = offsets.get(name)
 
-    def _rig_error(self, T_main_sensor: Float64, sensor: str) -> tuple[float, float]:
+    def _layout_error(self, T_main_sensor: Float64, sensor: str) -> tuple[float, float]:
         """By how much a motion moves what this sensor says of the middle of the room [m], and turns it [deg]."""
         T_main_world = inverse(self._T_world_sensor[self.main])
         true = T_main_world @ self._T_world_sensor[sensor]
@@ -206,8 +206,8 @@ class Score:
             if name == self.main or not walking & set(now.people) & seen_too:
                 continue
             self._shared_s[name] += elapsed_s
-            if self._shared_s[name] >= SHARED_WALKING and name not in self._rig_then:
-                self._rig_then[name] = self._rig[name]
+            if self._shared_s[name] >= SHARED_WALKING and name not in self._layout_then:
+                self._layout_then[name] = self._layout[name]
 
     def _compare(self, scene: Scene, truth: Truth, elapsed_s: float) -> None:
         places = _places(scene) if scene.sensors else {}

@@ -21,7 +21,7 @@ from typing import Any
 import msgspec
 
 from mocapella import __version__
-from mocapella.calibration.rig import Rig
+from mocapella.calibration.sensor_layout import SensorLayout
 from mocapella.errors import MocapellaError, NotNowError, SettingsError, WireError, one_of
 from mocapella.live.inbox import Inbox, Letter
 from mocapella.live.recording_desk import RecordingDesk, outcome
@@ -59,7 +59,7 @@ class ServerSettings:
         running: whether tracking begins at once.
         method_settings: settings of the tracker's method.
         reserve_bytes: free space that a recording leaves.
-        rig: where the sensors were the last time.
+        layout: where the sensors were the last time.
     """
 
     listen: str
@@ -68,7 +68,7 @@ class ServerSettings:
     running: bool = True
     method_settings: dict[str, Any] = field(default_factory=dict)
     reserve_bytes: int = 1 << 30
-    rig: Rig | None = None
+    layout: SensorLayout | None = None
 
 
 class Server:
@@ -88,7 +88,9 @@ class Server:
     def __init__(self, settings: ServerSettings, say: Callable[[str], None] = lambda text: None) -> None:
         self._settings = settings
         self._say = say
-        self._session = Session(settings.setup, settings.method_settings, running=settings.running, rig=settings.rig)
+        self._session = Session(
+            settings.setup, settings.method_settings, running=settings.running, layout=settings.layout
+        )
         self._phase = ""
         self._reason = ""
         self._said: dict[str, float] = {}
@@ -279,10 +281,10 @@ class Server:
                 newest = self._roster.newest()
             return self._desk.begin(path, resume=resume, newest=newest)
 
-    def rig(self) -> Rig | None:
-        """Where the sensors are; None while that is not known."""
+    def layout(self) -> SensorLayout | None:
+        """The sensor layout; None while it is not known."""
         with self._stepping:  # between two steps
-            return self._session.rig_now()
+            return self._session.layout_now()
 
     def _record_by_name(self, arguments: dict[str, Any]) -> str:
         name = arguments.get("name")

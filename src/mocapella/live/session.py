@@ -8,11 +8,11 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 
-from mocapella.calibration.rig import Rig, decode_rig, encode_rig
+from mocapella.calibration.sensor_layout import SensorLayout, decode_layout, encode_layout
 from mocapella.errors import NotNowError, SettingsError, one_of
 from mocapella.model.camera_rig_file import decode_camera_rig
 from mocapella.model.observations import Arrival
@@ -20,9 +20,11 @@ from mocapella.model.scene import Phase, Scene, TrackerState
 from mocapella.model.session import PersonName, Setup
 from mocapella.settings import parse
 from mocapella.tracker import METHODS, Tracker, make_tracker
-from mocapella.tracker.protocol import KeepsRig
+from mocapella.tracker.protocol import KeepsLayout
 
 _STOPPED = TrackerState(Phase.STOPPED)
+_LAYOUT: Final = "rig"
+"""The sensor layout among the arguments of ``restore``, by the name that takes hold."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class Session:
 
     Attributes:
         setup: what was set up last. Each method has settings of its own, which stay while another is set up.
-        rig: where the sensors were the last time; every new tracker begins from it, until somebody recalibrates.
+        layout: where the sensors were the last time; every new tracker begins from it, until somebody recalibrates.
         running: whether frames are tracked.
         next_step: the number of the scene that comes next; begins anew with every tracker.
         names: of people, by their numbers. A new tracker numbers people anew, and begins without names.
@@ -53,10 +55,10 @@ class Session:
         method_settings: Mapping[str, Any] | None = None,
         *,
         running: bool = True,
-        rig: Rig | None = None,
+        layout: SensorLayout | None = None,
     ) -> None:
         self._settings_of = {setup.method: dict(method_settings or {})}
-        self.rig = rig
+        self.layout = layout
         self.setup = setup
         self.running = running
         self.next_step = 0
@@ -85,11 +87,11 @@ class Session:
             "tracker": base64.b64encode(self._tracker.snapshot()).decode("ascii"),
             "names": {str(person): name for person, name in self.names.items()},
         }
-        return memory if self.rig is None else {**memory, "rig": encode_rig(self.rig).decode()}
+        return memory if self.layout is None else {**memory, _LAYOUT: encode_layout(self.layout).decode()}
 
-    def rig_now(self) -> Rig | None:
-        """What the tracker knows of the sensors, to be kept; None where it knows nothing yet, or keeps no rig."""
-        return self._tracker.rig() if isinstance(self._tracker, KeepsRig) else None
+    def layout_now(self) -> SensorLayout | None:
+        """The layout to be kept; None where the tracker knows nothing yet, or keeps no layout."""
+        return self._tracker.layout() if isinstance(self._tracker, KeepsLayout) else None
 
     @property
     def verbs(self) -> tuple[str, ...]:
@@ -143,7 +145,7 @@ class Session:
     def _recalibrate(self, _: Mapping[str, Any]) -> str:
         if not self.running:
             raise NotNowError("not running; start first")
-        self.rig = None
+        self.layout = None
         self._tracker.recalibrate("asked for")
         return "recalibrating"
 
@@ -176,7 +178,7 @@ class Session:
         self.names = {}
 
     def _restore(self, arguments: Mapping[str, Any]) -> str:
-        self.rig = decode_rig(arguments["rig"].encode()) if "rig" in arguments else None
+        self.layout = decode_layout(arguments[_LAYOUT].encode()) if _LAYOUT in arguments else None
         self._tracker.restore(base64.b64decode(arguments["tracker"]))
         self.names = {int(person): name for person, name in arguments.get("names", {}).items()}
         return "restored"
@@ -205,9 +207,11 @@ class Session:
             settings=settings,
             sensors=setup.sensors,
         )
-        if self.rig is not None:
-            if not isinstance(tracker, KeepsRig):
+        if self.layout is not None:
+            if not isinstance(tracker, KeepsLayout):
                 able = [name for name, method in METHODS.items() if method.keeps_layout]
-                raise SettingsError(f"method {setup.method!r} uses no rig; methods that do: {', '.join(able)}")
-            tracker.use_rig(self.rig)
+                raise SettingsError(
+                    f"method {setup.method!r} keeps no sensor layout; methods that do: {', '.join(able)}"
+                )
+            tracker.use_layout(self.layout)
         return tracker

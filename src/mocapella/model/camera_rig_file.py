@@ -99,17 +99,30 @@ def decode_camera_rig(text: str, *, file: object = None) -> CameraRig:
         raise InputError(f"is no TOML: {error}", file=path, fix=_ANEW) from None
     if "format" in data:
         return _ours(data, path)
-    tables = data.get("cameras")
-    if isinstance(tables, dict) and tables:
-        return _rig({f"cam_{name}" if name.isdecimal() else name: table for name, table in tables.items()}, path)
-    tables = {name: table for name, table in data.items() if isinstance(table, dict) and "matrix" in table}
-    if tables:
+    if tables := _tables_of_others(data):
         return _rig(tables, path)
     raise InputError(
         "holds no cameras that are known here",
         file=path,
         fix="take one of mocapella calibrate, Caliscope's camera_array.toml or config.toml, or Pose2Sim's Calib_….toml",
     )
+
+
+def is_camera_rig(text: str) -> bool:
+    """Return whether a text is meant as a camera rig, ours or one of those above, complete or not."""
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        return False
+    return data.get("format") == FORMAT or bool(_tables_of_others(data))
+
+
+def _tables_of_others(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Caliscope's or Pose2Sim's table of each camera, by name; empty where there is none."""
+    tables = data.get("cameras")
+    if isinstance(tables, dict) and tables:
+        return {f"cam_{name}" if name.isdecimal() else name: table for name, table in tables.items()}
+    return {name: table for name, table in data.items() if isinstance(table, dict) and "matrix" in table}
 
 
 def _ours(data: Mapping[str, Any], path: object) -> CameraRig:

@@ -30,6 +30,12 @@ def pack(value: Any, kinds: Sequence[type]) -> bytes:
     return msgspec.msgpack.encode(_down(value, frozenset(kinds)))
 
 
+def recorded_name(kind: type) -> str:
+    """Return the name of a class in a take: its ``RECORDED_AS``, which a renamed class has, or its own name."""
+    name: str = vars(kind).get("RECORDED_AS", kind.__name__)
+    return name
+
+
 def unpack(data: bytes, kinds: Sequence[type]) -> Any:
     """The value that `pack` was given, with arrays of its own.
 
@@ -37,7 +43,7 @@ def unpack(data: bytes, kinds: Sequence[type]) -> Any:
         WireError: the bytes are not of `pack`, or of other kinds.
     """
     try:
-        return _up(msgspec.msgpack.decode(data), {kind.__name__: kind for kind in kinds})
+        return _up(msgspec.msgpack.decode(data), {recorded_name(kind): kind for kind in kinds})
     except (msgspec.DecodeError, LookupError, TypeError, ValueError) as error:
         raise WireError(f"{len(data)} bytes that are no memory of this tracker ({error})") from error
 
@@ -47,7 +53,7 @@ def _down(value: Any, kinds: frozenset[type]) -> Any:
     if kind in _PLAIN:
         return value
     if kind in kinds:
-        return [kind.__name__, _fields(value, kinds)]
+        return [recorded_name(kind), _fields(value, kinds)]
     if isinstance(value, np.ndarray | np.generic):
         array = np.asarray(value)
         return ["array", [array.dtype.str, list(array.shape), array.tobytes()]]

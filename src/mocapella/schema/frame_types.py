@@ -45,7 +45,8 @@ POSES: Final = FrameType(
 DEPTH: Final = FrameType(
     interface=1, name="depth", type=DepthFrame, encode=encode_depth_frame,
     decode=partial(_read, pb.DepthFrame, depth_frame_of), format=protobuf_format("DepthFrame"), field=60,
-    shown="depth images", history_frames=600,  # each takes a hundred times as much as other frames: twenty seconds at 30 a second
+    shown="depth images",
+    history_frames=600,  # each takes a hundred times as much as other frames: twenty seconds at 30 a second
 )  # fmt: skip
 ARMS: Final = FrameType(
     interface=1, name="arms", type=ArmFrame, encode=encode_arm_frame,

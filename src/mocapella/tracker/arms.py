@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mocapella.calibration.arm_places import REMEMBERED as PLACES_REMEMBERED
 from mocapella.calibration.arm_places import ArmPlaces, ArmPlaceSettings
-from mocapella.calibration.rig import VERSION, Rig, RigSensor
+from mocapella.calibration.sensor_layout import VERSION, LayoutSensor, SensorLayout
 from mocapella.conventions import NS_PER_S
 from mocapella.geometry.rigid import inverse, rigid, rotation_about_x
 from mocapella.model.arms import ArmFrame
@@ -77,7 +77,7 @@ class ArmsTracker:
         self._poses = dict(sensors or {})
         self._tracks = ArmTracks(s.tracks)
         self._calibration = ArmPlaces(s.places)
-        self._kept: dict[str, RigSensor] = {}
+        self._kept: dict[str, LayoutSensor] = {}
         self.reset()
 
     def reset(self) -> None:
@@ -94,7 +94,7 @@ class ArmsTracker:
         self._state = TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=self._expected)
 
     def recalibrate(self, reason: str) -> None:
-        """Place anew the cameras that the arm has placed; where those of a rig of cameras are is the rig's."""
+        """Place anew the cameras that the arm has placed; those of a camera rig stay."""
         self._restarts += 1
         self._kept = {}
         self._begin_places()
@@ -114,23 +114,23 @@ class ArmsTracker:
         self._delay_s: dict[str, float] = {}
         self._places: tuple[SensorPlace, ...] = self._say_places()
 
-    def use_rig(self, rig: Rig) -> None:
-        """See `KeepsRig`; where a rig of cameras has a place, too, that is taken."""
-        self._kept = dict(rig.sensors)
+    def use_layout(self, layout: SensorLayout) -> None:
+        """See `KeepsLayout`; a place that the camera rig has is taken from there."""
+        self._kept = dict(layout.sensors)
         self.reset()
 
-    def rig(self) -> Rig | None:
-        """Where cameras are; None before two of them have a place, or where a rig of cameras says it."""
+    def layout(self) -> SensorLayout | None:
+        """The layout that was found; None before two cameras have a place, and with a camera rig."""
         if self.camera_rig is not None or len(self._placed) < 2:
             return None
         places = (place for place in self._places if place.T_world_sensor is not None)
         sensors = {
-            place.sensor: RigSensor(
+            place.sensor: LayoutSensor(
                 np.asarray(place.T_world_sensor).tolist(), 1e3 * place.position_sd, float(np.degrees(place.rotation_sd))
             )
             for place in places
         }
-        return Rig(VERSION, False, sensors, [])
+        return SensorLayout(VERSION, False, sensors, [])
 
     def snapshot(self) -> bytes:
         """See `Tracker`."""
@@ -270,5 +270,5 @@ _OWN_MEMORY: Final = (
     *("_kept", "_given", "_placed", "_delay_s", "_places", "_state"),
 )
 _REMEMBERED: Final = tuple(
-    dict.fromkeys((*TRACKS_REMEMBERED, *PLACES_REMEMBERED, RigSensor, TrackedArm, SensorPlace, Phase, TrackerState))
+    dict.fromkeys((*TRACKS_REMEMBERED, *PLACES_REMEMBERED, LayoutSensor, TrackedArm, SensorPlace, Phase, TrackerState))
 )

@@ -29,8 +29,8 @@ from mocapella.calibration.pair_calibration import PairCalibration, PairEstimate
 from mocapella.calibration.pair_memory import SensorTracks
 from mocapella.calibration.people import PairOfSensors, PeopleCalibration, PeopleCalibrationSettings
 from mocapella.calibration.people_state import CalibratedSensor, PeopleState
-from mocapella.calibration.rig import Rig, RigPair, RigSensor
 from mocapella.calibration.sensor_graph import PlacedSensor
+from mocapella.calibration.sensor_layout import LayoutPair, LayoutSensor, SensorLayout
 from mocapella.calibration.time_offset import TimeOffset
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import one_of
@@ -160,7 +160,7 @@ class DefaultTracker:
 
     def recalibrate(self, reason: str) -> None:
         """Begin the calibration again; the next scene says why."""
-        self._calibration.rig = None
+        self._calibration.layout = None
         self._calibration.reset()
         self._T_root_sensor, self._known, self._outvoted_s = {}, None, None
         self._state = TrackerState(Phase.CALIBRATING, reason=reason)
@@ -169,7 +169,7 @@ class DefaultTracker:
         """See `Tracker`."""
         own = {name: getattr(self, name) for name in _OWN_MEMORY}
         people = None if self._people is None else (self._people.topology, self._people.remembered())
-        parts = [own, vars(self._arrivals), vars(self._jumps), vars(self._tracks), people, vars(self._calibration)]
+        parts = [own, vars(self._arrivals), vars(self._jumps), vars(self._tracks), people, self._calibration.memory()]
         return pack([*parts, self._arms.memory()], _REMEMBERED)
 
     def restore(self, data: bytes) -> None:
@@ -185,33 +185,33 @@ class DefaultTracker:
         if people is not None:
             self._people = People(self.settings.people, people[0])
             self._people.remember(people[1])
-        vars(self._calibration).update(calibration)
+        self._calibration.recall(calibration)
         self._known = self._calibration.state
 
     def start_from(self, T_world_sensor: Mapping[str, Float64]) -> None:
-        """A rig that is known before the first frame: used for a sensor until its own place is known better."""
+        """Begin from poses known before the first frame: used for a sensor until its own place is known better."""
         self._calibration.start_from(T_world_sensor)
 
-    def use_rig(self, rig: Rig) -> None:
-        """See `KeepsRig`."""
+    def use_layout(self, layout: SensorLayout) -> None:
+        """See `KeepsLayout`."""
         self.reset()
-        self._calibration.rig = rig
+        self._calibration.layout = layout
 
-    def rig(self) -> Rig | None:
-        """See `KeepsRig`."""
-        return self._calibration.rig_now() if self._calibration.tied else None
+    def layout(self) -> SensorLayout | None:
+        """See `KeepsLayout`."""
+        return self._calibration.layout_now() if self._calibration.tied else None
 
     def sensor_views(self) -> SensorViews:
         """What is known of the sensors now."""
-        rig = self._calibration.rig
-        told = {name: np.array(sensor.T_world_sensor) for name, sensor in rig.sensors.items()} if rig else {}
+        layout = self._calibration.layout
+        told = {name: np.array(sensor.T_world_sensor) for name, sensor in layout.sensors.items()} if layout else {}
         if self._people is None:
             return SensorViews(told)
         clocks = {name: sensor.clock for name, sensor in self._calibration.state.sensors.items()}
         places = {name: self._T_world_root @ T for name, T in self._T_root_sensor.items()}
         if self._root in told:  # of sensors that were not heard yet
-            T_world_rig = self._T_world_root @ inverse(told[self._root])
-            places |= {name: T_world_rig @ T for name, T in told.items() if name not in clocks}
+            T_world_layout = self._T_world_root @ inverse(told[self._root])
+            places |= {name: T_world_layout @ T for name, T in told.items() if name not in clocks}
         return SensorViews(
             places,
             {name: -clock.seconds for name, clock in clocks.items() if clock is not None and clock.known},
@@ -501,9 +501,9 @@ _REMEMBERED: Final = (
     PairSettings,
     PeopleState,
     PlacedSensor,
-    Rig,
-    RigPair,
-    RigSensor,
+    SensorLayout,
+    LayoutPair,
+    LayoutSensor,
     SensorPose,
     SensorTracks,
     TimeOffset,

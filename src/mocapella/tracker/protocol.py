@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.calibration.rig import Rig
+from mocapella.calibration.sensor_layout import SensorLayout
 from mocapella.model.bodies import BodyKey
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Scene, SensorPlace, TrackerState
@@ -106,11 +106,11 @@ class Tracker(Protocol):
 
 
 @runtime_checkable
-class KeepsRig(Protocol):
+class KeepsLayout(Protocol):
     """A tracker that finds out where the sensors are, so that it can be kept for the next time."""
 
-    def use_rig(self, rig: Rig) -> None:
-        """Begin anew from a rig: its sensors are where it says until people show something else."""
+    def use_layout(self, layout: SensorLayout) -> None:
+        """Begin anew from a layout: its sensors are where it says until people show something else."""
 
-    def rig(self) -> Rig | None:
-        """What is known of the sensors; None before two of them are tied to each other."""
+    def layout(self) -> SensorLayout | None:
+        """The layout that was found; None before two of them are tied to each other."""

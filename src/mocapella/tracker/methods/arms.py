@@ -56,7 +56,7 @@ METHOD: Final = Method(
     practice=_practice,
     camera_rig="optional",
     keeps_layout=True,
-    files={"rig": "mocapella.model.method_files:camera_rig"},
+    files={"rig": "mocapella.tracker.method_files:camera_rig"},
     stages=("mocapella.viewer.stages:ARMS", "mocapella.viewer.stages:ROOM"),
     exports=("arms",),
 )

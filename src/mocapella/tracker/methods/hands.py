@@ -85,9 +85,9 @@ METHOD: Final = Method(
     practice=_practice,
     camera_rig="required",
     files={
-        "rig": "mocapella.model.method_files:camera_rig",
-        "hand": "mocapella.model.method_files:hand_shape",
-        "alignment": "mocapella.model.method_files:spaces",
+        "rig": "mocapella.tracker.method_files:camera_rig",
+        "hand": "mocapella.tracker.method_files:hand_shape",
+        "alignment": "mocapella.tracker.method_files:spaces",
     },
     stages=("mocapella.viewer.stages:HANDS",),
 )

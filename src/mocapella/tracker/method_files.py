@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from mocapella.errors import SettingsError
+from mocapella.calibration.sensor_layout import is_layout
+from mocapella.errors import InputError, SettingsError
 from mocapella.model.camera_rig_file import encode_camera_rig, load_camera_rig
 from mocapella.model.hand_file import encode_hand_shape, load_hand_shape
 from mocapella.model.space import as_settings, load_space
@@ -16,10 +17,16 @@ def camera_rig(paths: Sequence[Path]) -> dict[str, Any]:
     """Where calibrated cameras are.
 
     Raises:
-        InputError: the file cannot be used.
+        InputError: the file cannot be used; of a sensor layout, it names ``--layout``.
         SettingsError: more than one is given.
     """
-    return {"rig": encode_camera_rig(load_camera_rig(_one(paths, "--rig")))}
+    path = _one(paths, "--rig")
+    try:
+        return {"rig": encode_camera_rig(load_camera_rig(path))}
+    except InputError:
+        if path.is_file() and is_layout(path.read_bytes()):
+            raise InputError("is a sensor layout", file=path, fix="use --layout") from None
+        raise
 
 
 def hand_shape(paths: Sequence[Path]) -> dict[str, Any]:

@@ -1,13 +1,16 @@
-"""A calibration that was found, to be kept: where the sensors stand, and all that is needed to go on from there.
+"""The sensor layout: the poses of body sensors, found from how people move, and what the calibration goes on from.
 
-A rig is JSON. People read ``sensors``; the program goes on from ``pairs``, whose sums continue as if nothing had been
-in between. A rig that is loaded is believed at first, and checked against what the sensors see (`people`).
+A layout file is JSON. People read ``sensors``; the program goes on from ``pairs``, whose sums continue as if nothing
+had been in between. A loaded layout is believed at first, and checked against what the sensors see (`people`).
+
+A camera rig is something else: lenses and poses of calibrated cameras (`mocapella.model.camera.CameraRig`, TOML).
+Both were once called rig; takes still hold the sensor layout under that name (`RECORDED_AS` of a class).
 """
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import msgspec
 import numpy as np
@@ -23,11 +26,13 @@ from mocapella.model.whole_file import read_whole, write_whole
 Float64 = NDArray[np.float64]
 
 VERSION: Final = 1
-"""Of the file's layout."""
+"""Of the file's format."""
 
 
-class RigPair(msgspec.Struct, frozen=True):
+class LayoutPair(msgspec.Struct, frozen=True):
     """Two sensors: what `PairCalibration` remembers of them."""
+
+    RECORDED_AS: ClassVar[str] = "RigPair"
 
     a: str
     b: str
@@ -38,38 +43,44 @@ class RigPair(msgspec.Struct, frozen=True):
     scalars: list[float]
 
 
-class RigSensor(msgspec.Struct, frozen=True):
-    """A sensor's place: ``T_world_sensor`` and its standard deviations."""
+class LayoutSensor(msgspec.Struct, frozen=True):
+    """A sensor's pose ``T_world_sensor`` (4, 4) [m], and its standard deviations [mm, °]."""
+
+    RECORDED_AS: ClassVar[str] = "RigSensor"
 
     T_world_sensor: list[list[float]]
     position_sd_mm: float
     rotation_sd_deg: float
 
 
-class Rig(msgspec.Struct, frozen=True):
-    """A whole calibration.
+class SensorLayout(msgspec.Struct, frozen=True):
+    """The poses of all sensors, and the pairs they were made of.
 
     Attributes:
-        version: of the layout.
+        version: of the file's format.
         floor_known: whether y = 0 is the floor.
         sensors: by name.
-        pairs: which the sensors' places were made of.
+        pairs: what the sensors' poses were made of.
     """
+
+    RECORDED_AS: ClassVar[str] = "Rig"
 
     version: int
     floor_known: bool
-    sensors: dict[str, RigSensor]
-    pairs: list[RigPair]
+    sensors: dict[str, LayoutSensor]
+    pairs: list[LayoutPair]
 
 
-def rig_pair(a: str, b: str, quality: str, pair: PairCalibration) -> RigPair:
+def layout_pair(a: str, b: str, quality: str, pair: PairCalibration) -> LayoutPair:
     """What is kept of a pair. The clocks' offset is not: they are brought together anew at every start."""
     scalars = pair.scalars.copy()
     scalars[at.REFERENCE_OFFSET] = scalars[at.OFFSET] = 0.0
-    return RigPair(a, b, quality, pair.T_a_b.tolist(), pair.moments.tolist(), pair.scatter.tolist(), scalars.tolist())
+    return LayoutPair(
+        a, b, quality, pair.T_a_b.tolist(), pair.moments.tolist(), pair.scatter.tolist(), scalars.tolist()
+    )
 
 
-def restored_pair(pair: RigPair, settings: PairSettings) -> PairCalibration:
+def restored_pair(pair: LayoutPair, settings: PairSettings) -> PairCalibration:
     """The estimate that goes on from what was kept."""
     return PairCalibration(
         settings,
@@ -80,40 +91,44 @@ def restored_pair(pair: RigPair, settings: PairSettings) -> PairCalibration:
     )
 
 
-def encode_rig(rig: Rig) -> bytes:
-    """As JSON, to be read by people too."""
-    return msgspec.json.format(msgspec.json.encode(rig), indent=1)
+def encode_layout(layout: SensorLayout) -> bytes:
+    """A layout as JSON, indented for people to read."""
+    return msgspec.json.format(msgspec.json.encode(layout), indent=1)
 
 
-def decode_rig(data: bytes, *, file: object = None) -> Rig:
-    """A rig of JSON.
+def decode_layout(data: bytes, *, file: object = None) -> SensorLayout:
+    """Read a layout from JSON.
 
     Raises:
-        InputError: it is none, of another version, or a number in it cannot be; names the field.
+        InputError: it is no layout, of another version, or a number in it cannot be; names the field.
     """
     try:
-        rig = msgspec.json.decode(data, type=Rig)
+        layout = msgspec.json.decode(data, type=SensorLayout)
     except msgspec.DecodeError as error:
-        raise InputError(f"is no rig: {error}", file=file, fix="save the rig anew") from None
-    if rig.version != VERSION:
+        raise InputError(
+            f"is no sensor layout: {error}", file=file, fix="save it anew: mocapella serve --save-layout FILE"
+        ) from None
+    if layout.version != VERSION:
         fix = f"this program reads version {VERSION}: calibrate anew and save"
-        raise InputError("is a rig of another version", file=file, field="version", value=rig.version, fix=fix)
-    for name, sensor in rig.sensors.items():
+        raise InputError(
+            "is a sensor layout of another version", file=file, field="version", value=layout.version, fix=fix
+        )
+    for name, sensor in layout.sensors.items():
         _check_name(name, file)
         _check_motion(sensor.T_world_sensor, f"sensors.{name}.T_world_sensor", file)
-    for i, pair in enumerate(rig.pairs):
+    for i, pair in enumerate(layout.pairs):
         field = f"pairs[{i}]"
         for name in (pair.a, pair.b):
             _check_name(name, file)
-            if name not in rig.sensors:
-                raise InputError("is none of the rig's sensors", file=file, field=field, value=name, fix=_ANEW)
+            if name not in layout.sensors:
+                raise InputError("is none of the layout's sensors", file=file, field=field, value=name, fix=_ANEW)
         _check_motion(pair.T_a_b, f"{field}.T_a_b", file)
         shapes = {"moments": (MOMENTS,), "scatter": (7, 7), "scalars": (at.PAIR_SCALARS,)}
         for what, shape in shapes.items():
             _array(getattr(pair, what), shape, f"{field}.{what}", file)
         if not pair.moments[0] > 0:
             raise InputError("has no weight", file=file, field=f"{field}.moments", value=pair.moments[0], fix=_ANEW)
-    return rig
+    return layout
 
 
 _ANEW: Final = "calibrate anew and save"
@@ -144,19 +159,27 @@ def _check_motion(value: Any, field: str, file: object) -> None:
         raise InputError("is no rigid motion", file=file, field=field, fix=_ANEW)
 
 
-def save_rig(path: Path | str, rig: Rig) -> None:
-    """Write a rig; the file appears complete or stays as it was.
+def is_layout(data: bytes) -> bool:
+    """Return whether the bytes are meant as a layout (JSON with ``sensors``), complete or not."""
+    try:
+        return "sensors" in msgspec.json.decode(data, type=dict[str, msgspec.Raw])
+    except msgspec.DecodeError:
+        return False
+
+
+def save_layout(path: Path | str, layout: SensorLayout) -> None:
+    """Write a layout; the file appears complete or stays as it was.
 
     Raises:
         InputError: it cannot be written there.
     """
-    write_whole(path, encode_rig(rig))
+    write_whole(path, encode_layout(layout))
 
 
-def load_rig(path: Path | str) -> Rig:
-    """Read a rig.
+def load_layout(path: Path | str) -> SensorLayout:
+    """Read a layout.
 
     Raises:
-        InputError: there is no such file, or it is no rig.
+        InputError: there is no such file, or it is no layout.
     """
-    return decode_rig(read_whole(path, fix="save a rig first"), file=path)
+    return decode_layout(read_whole(path, fix="save one first: mocapella serve --save-layout FILE"), file=path)

@@ -9,24 +9,24 @@ import pytest
 from test_people import ONE, two, walks
 
 from mocapella.calibration.people import PeopleCalibration
-from mocapella.calibration.rig import Rig, decode_rig, encode_rig, load_rig, save_rig
+from mocapella.calibration.sensor_layout import SensorLayout, decode_layout, encode_layout, load_layout, save_layout
 from mocapella.errors import InputError
 
 
 @pytest.fixture(scope="module")
-def rig() -> Rig:
+def layout() -> SensorLayout:
     calibration = PeopleCalibration()
     walks(calibration, two(), ONE, 8)
-    return calibration.rig_now()
+    return calibration.layout_now()
 
 
-def test_what_is_written_is_what_is_read(rig: Rig, tmp_path: Path) -> None:
+def test_what_is_written_is_what_is_read(layout: SensorLayout, tmp_path: Path) -> None:
     path = tmp_path / "hall.json"
-    save_rig(path, rig)
-    assert load_rig(path) == rig
-    assert encode_rig(load_rig(path)) == path.read_bytes()
-    assert sorted(rig.sensors) == ["a", "b"]
-    assert rig.pairs[0].quality.startswith("a–b: ")
+    save_layout(path, layout)
+    assert load_layout(path) == layout
+    assert encode_layout(load_layout(path)) == path.read_bytes()
+    assert sorted(layout.sensors) == ["a", "b"]
+    assert layout.pairs[0].quality.startswith("a–b: ")
     assert [file.name for file in tmp_path.iterdir()] == ["hall.json"]
 
 
@@ -41,36 +41,36 @@ def test_what_is_written_is_what_is_read(rig: Rig, tmp_path: Path) -> None:
         (lambda data: data["pairs"][0]["moments"].__setitem__(0, 0.0), "no weight"),
         (lambda data: data["pairs"][0]["T_a_b"][3].__setitem__(3, 2.0), "no rigid motion"),
         (lambda data: data["sensors"].update({"a b/": data["sensors"]["a"]}), "a b/"),
-        (lambda data: data.pop("pairs"), "is no rig"),
+        (lambda data: data.pop("pairs"), "is no sensor layout"),
     ],
 )
-def test_a_file_that_is_no_rig_is_refused_with_its_name_and_the_field(
-    rig: Rig, tmp_path: Path, change: Any, said: str
+def test_a_file_that_is_no_layout_is_refused_with_its_name_and_the_field(
+    layout: SensorLayout, tmp_path: Path, change: Any, said: str
 ) -> None:
-    data = json.loads(encode_rig(rig))
+    data = json.loads(encode_layout(layout))
     change(data)
     path = tmp_path / "hall.json"
     path.write_text(json.dumps(data))
     with pytest.raises(InputError, match=said) as caught:
-        load_rig(path)
+        load_layout(path)
     assert "hall.json" in str(caught.value)
 
 
-def test_no_file_no_json_and_no_folder_are_said(rig: Rig, tmp_path: Path) -> None:
+def test_no_file_no_json_and_no_folder_are_said(layout: SensorLayout, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be read"):
-        load_rig(tmp_path / "none.json")
-    with pytest.raises(InputError, match="is no rig"):
-        decode_rig(b"not json")
+        load_layout(tmp_path / "none.json")
+    with pytest.raises(InputError, match="is no sensor layout"):
+        decode_layout(b"not json")
     with pytest.raises(InputError, match="cannot be written"):
-        save_rig(tmp_path / "no" / "hall.json", rig)
+        save_layout(tmp_path / "no" / "hall.json", layout)
 
 
-def test_a_rig_of_places_alone_is_enough_to_begin(rig: Rig) -> None:
-    places = Rig(rig.version, rig.floor_known, rig.sensors, [])
-    state = walks(PeopleCalibration(rig=places), two(), ONE, 0.2)
+def test_a_layout_of_places_alone_is_enough_to_begin(layout: SensorLayout) -> None:
+    places = SensorLayout(layout.version, layout.floor_known, layout.sensors, [])
+    state = walks(PeopleCalibration(layout=places), two(), ONE, 0.2)
     assert state.sensors["b"].trusted
     np.testing.assert_allclose(
         np.linalg.norm(state.sensors["b"].T_world_sensor[:3, 3] - state.sensors["a"].T_world_sensor[:3, 3]),
-        np.linalg.norm(np.subtract(*(np.array(rig.sensors[name].T_world_sensor)[:3, 3] for name in "ab"))),
+        np.linalg.norm(np.subtract(*(np.array(layout.sensors[name].T_world_sensor)[:3, 3] for name in "ab"))),
         atol=0.15,
     )
