@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mocapella.errors import SettingsError
 from mocapella.model.arms import ArmFrame
 from mocapella.model.depth import DepthFrame
+from mocapella.model.images import ImageFrame
 from mocapella.model.markers import MarkerFrame
 from mocapella.model.poses import PoseFrame
 from mocapella.model.sensor_frame import SensorFrame
@@ -162,7 +163,7 @@ def body_frame(
     )
 
 
-Frame = BodyFrame | MarkerFrame | PoseFrame | DepthFrame | ArmFrame
+Frame = BodyFrame | MarkerFrame | PoseFrame | DepthFrame | ArmFrame | ImageFrame
 """What a sensor publishes."""
 
 

@@ -25,6 +25,7 @@ from mocapella.geometry.rigid import inverse, rigid, rotation_about_x
 from mocapella.model.arms import ArmFrame
 from mocapella.model.camera import CameraRig
 from mocapella.model.depth import DepthFrame
+from mocapella.model.images import ImageFrame
 from mocapella.model.memory import pack, unpack
 from mocapella.model.observations import Arrival, BodyFrame, Frame
 from mocapella.model.scene import Phase, Scene, SensorPlace, TrackedArm, TrackerState
@@ -33,7 +34,7 @@ from mocapella.model.topology import topology
 from mocapella.settings import check
 from mocapella.tracker.arm_tracks import REMEMBERED as TRACKS_REMEMBERED
 from mocapella.tracker.arm_tracks import TO_SENSOR, ArmTracks, ArmTracksSettings
-from mocapella.tracker.arrivals import for_the_take, time_problem
+from mocapella.tracker.arrivals import NO_CAMERA_IMAGES, for_the_take, time_problem
 from mocapella.tracker.protocol import TrackerReport
 
 Float64 = NDArray[np.float64]
@@ -200,6 +201,8 @@ class ArmsTracker:
     def _problem(self, frame: Frame) -> str:
         if isinstance(frame, DepthFrame):
             return "" if for_the_take(frame) else NO_IMAGES
+        if isinstance(frame, ImageFrame):
+            return NO_CAMERA_IMAGES
         if not isinstance(frame, ArmFrame):
             return NO_BODIES if isinstance(frame, BodyFrame) else NO_MARKERS
         placed = None if self.camera_rig is None else self.camera_rig.cameras.get(frame.sensor)

@@ -11,6 +11,7 @@ from mocapella.conventions import NS_PER_S
 from mocapella.model.arms import ArmFrame
 from mocapella.model.bodies import Bodies, tracked_bodies
 from mocapella.model.depth import IMAGES_SUFFIX, DepthFrame
+from mocapella.model.images import ImageFrame
 from mocapella.model.markers import MarkerFrame
 from mocapella.model.observations import Arrival, BodyFrame, Frame
 from mocapella.model.poses import PoseFrame
@@ -29,7 +30,15 @@ NO_DEPTH: Final = (
     "it sends depth images, of which no method makes people; a take keeps them, mocapella arm finds arms in them"
 )
 
-_NOT_BODIES: Final = {MarkerFrame: NO_BODIES, PoseFrame: NO_POSES, ArmFrame: NO_ARMS, DepthFrame: NO_DEPTH}
+NO_CAMERA_IMAGES: Final = "it sends images, of which this method makes nothing: set up the method silhouettes"
+
+_NOT_BODIES: Final = {
+    MarkerFrame: NO_BODIES,
+    PoseFrame: NO_POSES,
+    ArmFrame: NO_ARMS,
+    DepthFrame: NO_DEPTH,
+    ImageFrame: NO_CAMERA_IMAGES,
+}
 
 
 def for_the_take(frame: Frame) -> bool:

@@ -32,6 +32,7 @@ from mocapella.model.arms import ArmFrame
 from mocapella.model.camera import CameraRig
 from mocapella.model.depth import DepthFrame
 from mocapella.model.hand import ConstraintSet, Hand, HandShape, hand_model
+from mocapella.model.images import ImageFrame
 from mocapella.model.markers import MarkerFrame
 from mocapella.model.memory import pack, unpack
 from mocapella.model.observations import Arrival, BodyFrame
@@ -41,7 +42,7 @@ from mocapella.model.space import SpaceAlignment
 from mocapella.model.topology import topology
 from mocapella.settings import check
 from mocapella.smoothing.one_euro import OneEuro, OneEuroSettings
-from mocapella.tracker.arrivals import time_problem
+from mocapella.tracker.arrivals import NO_CAMERA_IMAGES, time_problem
 from mocapella.tracker.protocol import TrackerReport
 from mocapella.tracker.things import REMEMBERED, UNSAID_SD_PX, ObjectSettings, Things
 
@@ -237,6 +238,8 @@ class HandsTracker:
         if isinstance(frame, ArmFrame | DepthFrame):
             what = "arms" if isinstance(frame, ArmFrame) else "depth images"
             return f"it sends {what} of a depth camera, of which the method hands makes nothing; a take keeps them"
+        if isinstance(frame, ImageFrame):
+            return NO_CAMERA_IMAGES
         if problem := self._bodies_problem(frame) if isinstance(frame, PoseFrame) else self._markers_problem(frame):
             return problem
         return time_problem(frame, self._newest.get(frame.sensor))
