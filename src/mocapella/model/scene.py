@@ -233,6 +233,61 @@ class UnknownPart(msgspec.Struct, frozen=True):
     content: bytes
 
 
+class TrackedBodyView(msgspec.Struct, frozen=True, eq=False):
+    """A body in one camera's image.
+
+    Lines are closed, one after the other, with a row of NaN between two; empty where there is nothing to draw.
+
+    Attributes:
+        camera: whose image it is.
+        overlap: intersection over union of the model's outline and the image's; NaN where the camera does not see it.
+        left_out: why the image does not count; empty where it does.
+        outline_px: (k, 2) float32, of the model [px].
+        contour_px: (k, 2) float32, of what was segmented in the image [px].
+    """
+
+    camera: str
+    overlap: float
+    left_out: str
+    outline_px: Float32
+    contour_px: Float32
+
+
+class TrackedBody(msgspec.Struct, frozen=True, eq=False):
+    """A body model in a pose.
+
+    Attributes:
+        id: stays the same for as long as it is the same body.
+        name: the person's; empty where nobody gave one.
+        build: JSON of which a reader makes the same mesh again: ``model``, ``height_m`` and ``proportions``, or
+            ``model`` and ``sha256`` of a mesh's file. Empty where nobody said it.
+        T_world_model: (4, 4) of the root.
+        angles: (dof,) [rad].
+        joint_names: (dof,).
+        landmark_names: (landmarks,).
+        landmarks: (landmarks, 3), world [m].
+        states: (landmarks,) uint8 `JointState`: tracked = in the image of a camera that sees the body now; inferred =
+            predicted, or where the body waits; not tracked = the tracker does not look for the body yet.
+        lost: whether nobody is there, not yet or not any more; the pose is then where somebody is to stand, or was
+            last.
+        views: in the order of the rig's cameras.
+        person: id of the `Person` whose body it is; -1 where it is nobody's.
+    """
+
+    id: int
+    name: str
+    build: str
+    T_world_model: Float64
+    angles: Float64
+    joint_names: tuple[str, ...]
+    landmark_names: tuple[str, ...]
+    landmarks: Float64
+    states: UInt8
+    lost: bool
+    views: tuple[TrackedBodyView, ...] = ()
+    person: int = -1
+
+
 class Scene(msgspec.Struct, frozen=True, eq=False):
     """The result of one step, and which frame made it, so that it can be made again.
 
@@ -274,6 +329,11 @@ class Scene(msgspec.Struct, frozen=True, eq=False):
     def arms(self) -> tuple[TrackedArm, ...]:
         """In the order of their ids."""
         return self.of("arms")
+
+    @property
+    def bodies(self) -> tuple[TrackedBody, ...]:
+        """In the order of their ids."""
+        return self.of("bodies")
 
     @property
     def objects(self) -> tuple[TrackedObject, ...]:

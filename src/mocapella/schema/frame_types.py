@@ -9,6 +9,7 @@ from typing import Any, Final, TypeVar
 from mocapella.model.arms import ArmFrame
 from mocapella.model.depth import DepthFrame
 from mocapella.model.frame_types import FrameType
+from mocapella.model.images import ImageFrame
 from mocapella.model.markers import MarkerFrame
 from mocapella.model.observations import BodyFrame
 from mocapella.model.poses import PoseFrame
@@ -18,6 +19,7 @@ from mocapella.schema.body_frames import decode_body_frame, encode_body_frame
 from mocapella.schema.checks import MAX_MESSAGE_BYTES, parse
 from mocapella.schema.depth import depth_frame_of, encode_depth_frame
 from mocapella.schema.envelope import protobuf_format
+from mocapella.schema.images import encode_image_frame, image_frame_of
 from mocapella.schema.markers import encode_marker_frame, marker_frame_of
 from mocapella.schema.poses import encode_pose_frame, pose_frame_of
 
@@ -52,4 +54,10 @@ ARMS: Final = FrameType(
     interface=1, name="arms", type=ArmFrame, encode=encode_arm_frame,
     decode=partial(_read, pb.ArmFrame, arm_frame_of), format=protobuf_format("ArmFrame"), field=80,
     counted=("arm", "arms"), lane="mocapella.viewer.lanes:ARMS",
+)  # fmt: skip
+IMAGES: Final = FrameType(
+    interface=1, name="images", type=ImageFrame, encode=encode_image_frame,
+    decode=partial(_read, pb.ImageFrame, image_frame_of), format=protobuf_format("ImageFrame"), field=90,
+    lane="mocapella.viewer.lanes:IMAGES", pictures=True,
+    history_frames=600,  # each takes a hundred times as much as other frames: twenty seconds at 30 a second
 )  # fmt: skip

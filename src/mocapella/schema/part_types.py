@@ -7,8 +7,9 @@ from typing import Any, Final
 import numpy as np
 
 from mocapella.model.part_types import PartType
-from mocapella.model.scene import Person, TrackedArm, TrackedHand, TrackedObject, TrackedPoints
+from mocapella.model.scene import Person, TrackedArm, TrackedBody, TrackedHand, TrackedObject, TrackedPoints
 from mocapella.schema.arms import decode_arm, encode_arm
+from mocapella.schema.bodies import decode_body, encode_body
 from mocapella.schema.hands import (
     decode_hand,
     decode_object,
@@ -56,6 +57,17 @@ ARMS: Final = PartType(
     none="No arm is in view",
     meter="mocapella.kinematics.arm_quality:ArmQualityMeter",
     meter_name="arm_quality",
+)
+BODIES: Final = PartType(
+    interface=1,
+    name="bodies",
+    type=TrackedBody,
+    encode=encode_body,
+    decode=lambda m, _: decode_body(m),
+    field="bodies",
+    counted=("body", "bodies"),
+    none="Nobody is in view",
+    there=lambda body: not body.lost,
 )
 OBJECTS: Final = PartType(
     interface=1,
