@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from mocapella.calibration.sensor_layout import VERSION, LayoutSensor, SensorLayout, load_layout, save_layout
 from mocapella.cli.app import app
-from mocapella.cli.serve import LayoutKeeper, LiveSession, load_layout_option, rig_text, serve, wait_while
+from mocapella.cli.serve import LayoutKeeper, LiveSession, load_layout_option, serve, settings_of_files, wait_while
 from mocapella.errors import MocapellaError
 from mocapella.live.launch import Children
 from mocapella.live.server import Server, ServerSettings
@@ -105,7 +105,7 @@ def test_where_nobody_walked_nothing_is_saved_and_that_is_said(
         (["--rig", "hall.json"], "hall.json: is a sensor layout; use --layout"),
         (["--rig", "hall.toml", "--method", "arms"], "hall.toml: is a sensor layout; use --layout"),
         (["--rig", "old.json", "--method", "hands"], "old.json: is a sensor layout; use --layout"),
-        (["--rig", "rig.toml"], "--rig rig.toml: method 'default' uses no camera rig; methods that do: hands, arms"),
+        (["--rig", "rig.toml"], "--rig rig.toml: the method default wants no such file; methods that do: arms, hands"),
         (["--method", "defalt"], "did you mean default?"),
         (["--set", "silent_after=2"], "did you mean silent_after_s?"),
         (["--set", "people.smoothnig=kalman"], "did you mean smoothing?"),
@@ -136,7 +136,8 @@ def test_no_suffix_decides_whether_a_file_is_a_layout_or_a_camera_rig(tmp_path: 
     save_camera_rig(tmp_path / "rig.json", cameras)
     assert load_layout_option(tmp_path / "hall.toml") == layout
     for method in ("arms", "hands"):
-        assert rig_text(tmp_path / "rig.json", method) == encode_camera_rig(cameras)
+        told = settings_of_files(method, {"rig": tmp_path / "rig.json", "hand": None, "alignment": []})
+        assert told == {"rig": encode_camera_rig(cameras)}
 
 
 def test_the_former_name_of_an_option_is_not_in_the_help() -> None:

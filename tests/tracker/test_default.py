@@ -14,7 +14,8 @@ from mocapella.model.bodies import Bodies
 from mocapella.model.observations import Arrival, JointState, body_frame
 from mocapella.model.scene import Phase, Scene
 from mocapella.schema import encode_scene
-from mocapella.tracker import DefaultSettings, DefaultTracker, make_tracker
+from mocapella.tracker import make_tracker
+from mocapella.tracker.default import DefaultSettings, DefaultTracker
 from mocapella.tracker.people import SMOOTHING
 
 PLACES = {"front": FRONT, "side": SIDE}

@@ -56,7 +56,12 @@ def cameras(*turns: float, away: float = 0.5) -> tuple[SensorPlace, ...]:
 
 
 def scene(*hands: TrackedHand, **changed: Any) -> Scene:
-    made = Scene(0, 0, "c0", 0, 0, topology("hand"), TrackerState(Phase.TRACKING), {"hands": hands}, cameras(-0.4, 0.4))
+    """A scene with these hands; other parts, and fields of a scene, by name."""
+    parts = {name: changed.pop(name) for name in ("objects", "points") if name in changed}
+    if "points" in parts:
+        parts["points"] = (parts["points"],)
+    state, parts = TrackerState(Phase.TRACKING), {"hands": hands, **parts}
+    made = Scene(0, 0, "c0", 0, 0, topology("hand"), state, parts, cameras(-0.4, 0.4))
     return msgspec.structs.replace(made, **changed)
 
 

@@ -49,4 +49,4 @@ def placed(room: Room, t: float = 1.0, **problems: str) -> Scene:
         )
     reason = "; ".join(f"{name}: {problem}" for name, problem in sorted(problems.items()))
     state = TrackerState(Phase.TRACKING, reason=reason)
-    return scene.with_parts(people=tuple(people), sensors=tuple(places), state=state)
+    return msgspec.structs.replace(scene.with_parts(people=tuple(people)), sensors=tuple(places), state=state)

@@ -331,6 +331,8 @@ def settings_of_files(method: str, files: Mapping[str, Path | Sequence[Path] | N
         readers = METHODS.find(method).files
         if option not in readers:
             able = [one.name for one in METHODS.values() if option in one.files]
+            for other in able[:1]:
+                load(METHODS[other].files[option])(paths)  # what is wrong with the file comes first
             wanted = f"methods that do: {', '.join(able)}" if able else "no method does"
             raise SettingsError(f"--{option} {paths[0]}: the method {method} wants no such file; {wanted}")
         told |= load(readers[option])(paths)
