@@ -78,11 +78,10 @@ def test_a_person_that_the_sensor_lost_stays_and_one_that_it_never_saw_is_named(
     frames = room.frames(1.0)
     scene = room.scene(1.0, frames)
     seen, floors = learned(scene, frames)
-    blind = msgspec.structs.replace(
-        scene,
+    blind = scene.with_parts(
         people=tuple(
             msgspec.structs.replace(p, views=tuple(v for v in p.views if v.sensor != "front")) for p in scene.people
-        ),
+        )
     )
     seen.learn(blind)
     drawing = tracking_drawing(blind, "front", seen, floors)

@@ -101,11 +101,10 @@ def test_a_moved_sensor_stays_drawn_where_it_was_and_a_new_one_waits_aside():
 def test_from_a_sensor_without_a_place_nobody_is_shown_and_the_title_says_why():
     room = Room()
     scene = placed(room, left=WALK)
-    blind = msgspec.structs.replace(
-        scene,
+    blind = scene.with_parts(
         people=tuple(
             msgspec.structs.replace(p, views=tuple(v for v in p.views if v.sensor != "left")) for p in scene.people
-        ),
+        )
     )
     drawing = tracking_drawing(blind, "left", *learned(blind))
     assert len(drawing.bones) == 0

@@ -16,15 +16,12 @@ STILL = ROOM.scene(0.0, ROOM.frames(0.0))
 
 def at(t, shift=(0.0, 0.0, 0.0), people=(1, 2)):
     """The room's people, all moved by ``shift``, at ``t`` seconds."""
-    return msgspec.structs.replace(
-        STILL,
-        at_ns=round(t * 1e9),
-        people=tuple(
-            msgspec.structs.replace(person, positions=person.positions + np.array(shift))
-            for person in STILL.people
-            if person.id in people
-        ),
+    moved = tuple(
+        msgspec.structs.replace(person, positions=person.positions + np.array(shift))
+        for person in STILL.people
+        if person.id in people
     )
+    return msgspec.structs.replace(STILL.with_parts(people=moved), at_ns=round(t * 1e9))
 
 
 def walked(seconds, rate=30, **more):

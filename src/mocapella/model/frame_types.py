@@ -46,6 +46,7 @@ class FrameType:
         field: number of a protobuf field that each message has and no other type's; plug-ins use `ENVELOPE_FIELD`.
         counted: one and many of what is counted in a frame; None where nothing is.
         shown: what the table of sensors shows where nothing is counted; the name where left out.
+        hint: what else can be done with such frames, where no method takes them.
         lane: ``module:name`` of a `mocapella.viewer.lanes.Lane`, which draws a frame in the sensors' view, or empty.
         pictures: whether a node of this type answers questions for its camera's picture.
         history_frames: how many frames a node keeps for a server that missed them.
@@ -60,6 +61,7 @@ class FrameType:
     field: int = ENVELOPE_FIELD
     counted: tuple[str, str] | None = None
     shown: str = ""
+    hint: str = ""
     lane: str = ""
     pictures: bool = False
     history_frames: int = HISTORY_FRAMES

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, Final, Literal
 
-from mocapella.model.frame_types import what_it_sends
+from mocapella.model.frame_types import FRAME_TYPES, what_it_sends
 from mocapella.model.observations import Arrival
 from mocapella.model.sensor_frame import SensorFrame, UnknownFrame
 from mocapella.model.session import SensorPose
@@ -76,7 +76,8 @@ def _not_taken(kind: type[SensorFrame], name: str, method: str) -> str:
     if kind is UnknownFrame:
         return f"it sends {name}, which no installed package reads: install the one that does; a take keeps them"
     if not takers:
-        return f"it sends {name}, of which no method makes anything; a take keeps them"
+        hint = FRAME_TYPES[name].hint if name in FRAME_TYPES else ""
+        return f"it sends {name}, of which no method makes anything; {hint or 'a take keeps them'}"
     return (
         f"it sends {name}, of which the method {method} makes nothing: set up {' or '.join(takers)}; a take keeps them"
     )
