@@ -25,6 +25,8 @@ DECODERS: dict[str, Any] = {
     "PoseFrame": decode_frame,
     "DepthFrame": decode_frame,
     "ArmFrame": decode_frame,
+    "ImageFrame": decode_frame,
+    "OtherFrame": decode_frame,
     "Scene": decode_scene,
     "Truth": decode_truth,
 }

@@ -16,6 +16,7 @@ import numpy as np
 from mocapella.model.arms import ARM_POINTS, ArmFrame, SeenArm
 from mocapella.model.depth import DepthFrame, depth_frame
 from mocapella.model.hand import ANGLES
+from mocapella.model.images import ImageFrame, image_frame
 from mocapella.model.markers import MarkerFrame, marker_frame
 from mocapella.model.observations import BodyFrame, JointState, body_frame
 from mocapella.model.poses import PoseFrame, pose_frame
@@ -26,12 +27,15 @@ from mocapella.model.scene import (
     Scene,
     SensorPlace,
     TrackedArm,
+    TrackedBody,
+    TrackedBodyView,
     TrackedHand,
     TrackedObject,
     TrackedPoints,
     TrackerState,
+    UnknownPart,
 )
-from mocapella.model.sensor_frame import SensorFrame
+from mocapella.model.sensor_frame import SensorFrame, UnknownFrame
 from mocapella.model.topology import topology
 from mocapella.model.truth import Truth
 from mocapella.schema import encode_frame, encode_scene, encode_truth
@@ -164,6 +168,37 @@ def arms_one() -> ArmFrame:
     return ArmFrame("arm", NODE_ID, 6, 33_333_333, 5_000_000_123, (640, 480), lens, "line-skeleton", (arm,), reason)
 
 
+def image_four_by_three() -> ImageFrame:
+    """A camera's image of four by three pixels, as they are, of the empty room."""
+    pixels = np.arange(36, dtype=np.uint8).reshape(3, 4, 3)
+    return image_frame(
+        "left", pixels, time_ns=33_333_333, node_id=NODE_ID, sequence=4, sent_ns=5_000_000_123, empty_room=True
+    )
+
+
+def other_plug_in() -> UnknownFrame:
+    """A frame of a plug-in's type."""
+    return UnknownFrame("spot", NODE_ID, 2, 33_333_333, 5_000_000_123, "heat", b"\x01\x02")
+
+
+def scene_one_body() -> Scene:
+    """A body fitted to the silhouettes of one camera, another one's image left out, and a part of a plug-in's type."""
+    line = np.array([[1.5, 2.0], [4.0, 2.5], [3.0, 8.0]], np.float32)
+    views = (
+        TrackedBodyView("left", 0.875, "", line, line + 0.5),
+        TrackedBodyView("right", float("nan"), "its image is black", line[:0], line[:0]),
+    )
+    landmarks = np.array([[0.125, 1.0, 2.0], [-0.125, 1.0, 2.0]])
+    quarter_turn = np.array([[0.0, 0, 1, 0.5], [0, 1, 0, 0.25], [-1, 0, 0, 2], [0, 0, 0, 1]])
+    body = TrackedBody(
+        1, "anna", '{"model":"female"}', quarter_turn, np.array([0.25, -0.5]), ("left knee", "right knee"),
+        ("left hip", "right hip"), landmarks, np.array([2, 1], np.uint8), lost=False, views=views, person=3,
+    )  # fmt: skip
+    parts = {"bodies": (body,), "spots": (UnknownPart("spots", b"\x03"),)}
+    state = TrackerState(Phase.TRACKING)
+    return Scene(6, 5_000_000_000, "left", NODE_ID, 4, topology("kinect_v2"), state, parts)
+
+
 def scene_one_hand() -> Scene:
     """A left hand that holds a cup, made of two markers, of which one camera pair sees one."""
     landmark = np.arange(21)
@@ -240,22 +275,26 @@ def values(message: SensorFrame | Scene | Truth) -> dict[str, Any]:
         PoseFrame: _pose_values,
         DepthFrame: _depth_values,
         ArmFrame: _arm_values,
+        ImageFrame: _image_values,
+        UnknownFrame: _other_values,
         Scene: _scene_values,
         Truth: _truth_values,
     }
     read = kinds[type(message)]
-    return {"message": type(message).__name__, **read(message)}
+    name = "OtherFrame" if isinstance(message, UnknownFrame) else type(message).__name__
+    return {"message": name, **read(message)}
 
 
 def vectors() -> dict[str, tuple[bytes, dict[str, Any]]]:
     """Every vector: its bytes and its values, by the name of its files."""
     kinds = (
         frame_skeleton, frame_everything, frame_nobody, markers_two_of_three, poses_one_of_two, depth_slope, arms_one,
+        image_four_by_three, other_plug_in,
     )  # fmt: skip
     frames = {make.__name__: make() for make in kinds}
     found = {name: (encode_frame(frame), values(frame)) for name, frame in frames.items()}
     scenes, truth = (
-        {make.__name__: make() for make in (scene_one_person, scene_one_hand, scene_two_arms)},
+        {make.__name__: make() for make in (scene_one_person, scene_one_hand, scene_two_arms, scene_one_body)},
         truth_two_people(),
     )
     found |= {name: (encode_scene(scene), values(scene)) for name, scene in scenes.items()}
@@ -292,6 +331,47 @@ def _identity(frame: SensorFrame) -> dict[str, Any]:
         "sequence": str(frame.sequence),
         "time_ns": str(frame.time_ns),
         "sent_ns": str(frame.sent_ns),
+    }
+
+
+def _image_values(frame: ImageFrame) -> dict[str, Any]:
+    return {
+        **_identity(frame),
+        "width_px": frame.size_px[0],
+        "height_px": frame.size_px[1],
+        "format": frame.format,
+        "image": np.asarray(frame.data).tobytes().hex(),
+        "empty_room": frame.empty_room,
+    }
+
+
+def _other_values(frame: UnknownFrame) -> dict[str, Any]:
+    return {**_identity(frame), "kind": frame.kind, "content": frame.content.hex()}
+
+
+def _body_values(body: TrackedBody) -> dict[str, Any]:
+    return {
+        "id": str(body.id),
+        "name": body.name,
+        "build": body.build,
+        "T_world_model": body.T_world_model[:3].tolist(),
+        "angles_rad": body.angles.tolist(),
+        "joint_names": list(body.joint_names),
+        "landmark_names": list(body.landmark_names),
+        "landmarks_m": _lists(body.landmarks),
+        "landmark_states": body.states.tolist(),
+        "lost": body.lost,
+        "views": [
+            {
+                "camera": view.camera,
+                "overlap": None if np.isnan(view.overlap) else view.overlap,
+                "left_out": view.left_out,
+                "outline_px": _lists(view.outline_px),
+                "contour_px": _lists(view.contour_px),
+            }
+            for view in body.views
+        ],
+        "person": None if body.person < 0 else str(body.person),
     }
 
 
@@ -448,6 +528,13 @@ def _scene_values(scene: Scene) -> dict[str, Any]:
                 "cameras": list(arm.cameras),
             }
             for arm in scene.arms
+        ],
+        "bodies": [_body_values(body) for body in scene.bodies],
+        "parts": [
+            {"kind": part.kind, "content": part.content.hex()}
+            for some in scene.parts.values()
+            for part in some
+            if isinstance(part, UnknownPart)
         ],
     }
 
