@@ -32,7 +32,7 @@ from mocapella.model.body_meshes import body_mesh
 from mocapella.model.body_proportions import proportions_of
 from mocapella.sources.simulate.corruption import Corruption
 from mocapella.sources.simulate.silhouette_scene import silhouette_scene
-from mocapella.tracker.silhouettes import SilhouetteTracker
+from mocapella.tracker.body_fitter import BodyFitter
 
 UInt8 = NDArray[np.uint8]
 
@@ -165,7 +165,7 @@ def video(quick: bool) -> Iterator[Row]:
     points = silhouette_video.first_points(folder)
     mesh = body_mesh("male", None, proportions_of(points), supple=True)
     rig = silhouette_video.rig_of(folder)
-    tracker = SilhouetteTracker(mesh, rig)
+    tracker = BodyFitter(mesh, rig)
     tracker.start(
         pose_of(mesh, {name: at for name, at in points.items() if name in mesh.landmarks}), -silhouette_video.FRAME_NS
     )

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from mocapella.live.silhouette_run import SilhouetteRun
+from mocapella.tracker.frame_sync import FrameSyncSettings
+from mocapella.tracker.silhouettes import SilhouettesTracker
+from mocapella.tracker.starting_body import StartingBody
 
 
 class RunWithRows(SilhouetteRun):
@@ -12,8 +15,9 @@ class RunWithRows(SilhouetteRun):
         rows: of all frames so far, by name.
     """
 
-    def __init__(self, meshes, rig, settings=None, say=lambda _text: None):
-        super().__init__(meshes, rig, settings, say)
+    def __init__(self, meshes, rig, poses, hz=30.0, **how):
+        bodies = {name: StartingBody(mesh, poses[name]) for name, mesh in meshes.items()}
+        super().__init__(SilhouettesTracker(bodies, rig, sync=FrameSyncSettings(period_s=1 / hz), **how))
         self.rows = {name: [] for name in meshes}
 
     def step(self, shown):

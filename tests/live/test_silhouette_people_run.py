@@ -7,9 +7,10 @@ import pytest
 from silhouette_pictures import Room, pose_at, ring, silhouettes_of, somebody
 from silhouette_rows import RunWithRows
 
-from mocapella.live.silhouette_run import LOST_AFTER_S, SAID_AFTER
 from mocapella.model.rigged_mesh import landmarks_at
-from mocapella.sources.frame_set import FrameSet, time_of_frame
+from mocapella.sources.frame_set import FrameSet
+from mocapella.tracker.silhouette_conditions import SAID_AFTER
+from mocapella.tracker.silhouette_presence import LOST_AFTER_S
 
 HZ = 30.0
 MESH = somebody()
@@ -33,9 +34,8 @@ class Couple(Room):
 
 
 def start(anna=-0.6, ben=0.6):
-    run = RunWithRows({"anna": MESH, "ben": MESH}, RIG)
-    run.start({"anna": pose_at(MESH, anna), "ben": pose_at(MESH, ben)}, time_of_frame(-1, HZ))
-    return run
+    poses = {"anna": pose_at(MESH, anna), "ben": pose_at(MESH, ben)}
+    return RunWithRows({"anna": MESH, "ben": MESH}, RIG, poses, HZ)
 
 
 def place(run, name):
@@ -89,7 +89,7 @@ def test_it_is_said_who_left_and_came(passed):
 def test_who_waits_hides_nobody_and_is_not_found_in_who_stands_there():
     """Ben is gone as through a door; Anna goes to where he stood, and stays a while."""
     run, room = start(), Couple(RIG)
-    run.empty.learn(room.images())
+    run.learn_empty(room.images())
     way = [-0.6] * 25 + np.linspace(-0.6, 0.6, 40).tolist() + [0.6] * 20
     for k, aside in enumerate(way):
         ben = pose_at(MESH, 0.6, up_m=0.0 if k < 3 else 30.0)
@@ -117,7 +117,7 @@ def test_cameras_are_judged_by_both_bodies_where_the_empty_room_is_known(mixed):
     empty = room.images()
     if mixed:
         images, empty = ({**one, "c1": one["c3"], "c3": one["c1"]} for one in (images, empty))
-    run.empty.learn(empty)
+    run.learn_empty(empty)
     step = run.step(FrameSet.at_rate(0, HZ, images))
     assert bool(run.notes) == mixed
     assert list(step.people) == ["anna", "ben"]

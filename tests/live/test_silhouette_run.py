@@ -14,12 +14,17 @@ from silhouette_pictures import Room, pose_at, ring, silhouettes_of, somebody
 from silhouette_rows import RunWithRows
 
 from mocapella.kinematics.silhouette_fit import eye, within
-from mocapella.live.silhouette_run import LOST_AFTER_S, NO_PICTURE, SAID_AFTER, SilhouetteRun
+from mocapella.live.silhouette_run import SilhouetteRun
 from mocapella.live.silhouette_tally import Counted
 from mocapella.model.camera import CameraRig
 from mocapella.model.rigged_mesh import landmarks_at
 from mocapella.recording.followed_bodies import ALONE, FollowedFrame
-from mocapella.sources.frame_set import FrameSet, time_of_frame
+from mocapella.sources.frame_set import FrameSet
+from mocapella.tracker.silhouette_conditions import SAID_AFTER
+from mocapella.tracker.silhouette_presence import LOST_AFTER_S
+from mocapella.tracker.silhouette_seen import NO_PICTURE
+from mocapella.tracker.silhouettes import SilhouettesTracker
+from mocapella.tracker.starting_body import StartingBody
 
 HZ = 30.0
 MESH = somebody()
@@ -27,10 +32,8 @@ RIG = ring(3)
 HERE = 16
 
 
-def start(rig=RIG, aside_m=0.0):
-    run = RunWithRows({ALONE: MESH}, rig)
-    run.start({ALONE: pose_at(MESH, aside_m)}, time_of_frame(-1, HZ))
-    return run
+def start(rig=RIG, aside_m=0.0, **how):
+    return RunWithRows({ALONE: MESH}, rig, {ALONE: pose_at(MESH, aside_m)}, HZ, **how)
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +118,7 @@ def test_the_videos_of_two_cameras_the_wrong_way_round_are_said_at_once_where_th
     for mixed in (False, True):
         run, room = start(aside_m=0.3), Room(RIG)
         empty, images = room.images(), room.images(MESH, pose_at(MESH, 0.3))
-        run.empty.learn(wrong_way_round(empty) if mixed else empty)
+        run.learn_empty(wrong_way_round(empty) if mixed else empty)
         run.step(FrameSet.at_rate(0, HZ, wrong_way_round(images) if mixed else images))
         assert [note.partition(":")[0] for note in run.notes] == (["c1", "c3"] if mixed else [])
 
@@ -126,7 +129,7 @@ def test_a_camera_that_stands_elsewhere_is_said_where_the_empty_room_is_known():
     T[1, 3] += 0.7
     run = start(CameraRig({**RIG.cameras, "c2": msgspec.structs.replace(placed, T_camera_world=T)}))
     room = Room(RIG)
-    run.empty.learn(room.images())
+    run.learn_empty(room.images())
     run.step(FrameSet.at_rate(0, HZ, room.images(MESH, pose_at(MESH))))
     assert "c2 stands elsewhere" in run.notes[0]
     assert "c2: the body covers other parts" in run.notes[1]
@@ -170,10 +173,9 @@ def test_times_are_those_of_capture():
 @pytest.fixture(scope="module")
 def waited():
     """The empty room is known; something moves before one camera, then there is nothing, and then somebody is there."""
-    run, room, steps = start(), Room(RIG), []
+    run, room, steps = start(waiting=True), Room(RIG), []
     for _ in range(3):
         run.learn_empty(room.images())
-    run.wait()
     for k in range(HERE + 6):
         images = room.images() if k < HERE else room.images(MESH, pose_at(MESH, 0.03))
         if k < HERE / 2:
@@ -221,9 +223,7 @@ def test_who_is_behind_a_camera_is_not_in_its_image():
 def test_a_run_keeps_none_of_its_rows_and_knows_what_they_came_to():
     gc.collect()
     before = count_of(FollowedFrame)
-    run, room = SilhouetteRun({ALONE: MESH}, RIG), Room(RIG)
-    run.start({ALONE: pose_at(MESH)}, time_of_frame(-1, HZ))
-    rows = []
+    run, room, rows = SilhouetteRun(SilhouettesTracker({ALONE: StartingBody(MESH, pose_at(MESH))}, RIG)), Room(RIG), []
     for k in range(6):
         rows.append(run.step(FrameSet.at_rate(k, HZ, room.images(MESH, pose_at(MESH, 0.01 * k)))).people[ALONE].row)
     overlaps = [value for row in rows for value in row.overlap.values()]

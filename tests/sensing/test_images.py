@@ -92,4 +92,3 @@ def test_frames_and_formats_that_cannot_be_are_refused():
             image_frame("left", image, time_ns=5, **how)
     nothing = image_frame("left", None, time_ns=5)
     assert (nothing.format, nothing.data, nothing.size_px, nothing.bodies) == ("", b"", (0, 0), 0)
-    assert nothing.topology.name == "hand"

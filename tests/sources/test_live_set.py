@@ -80,7 +80,6 @@ def test_frames_count_up_from_time_zero_and_every_picture_is_used_once():
     with LiveSet(of, RIG) as live:
         assert list(live.rig.cameras) == ["c1", "c2"]
         assert live.rate_hz == 50.0  # as measured: nobody states it
-        assert live.start_ns == -20_000_000
         assert live.count is None
         assert live.described()["c1"] == {"source": "one", "size_px": [64, 48]}
         found = list(islice(live, 20))

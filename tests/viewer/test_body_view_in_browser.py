@@ -18,7 +18,9 @@ from mocapella.live.silhouette_run import SilhouetteRun
 from mocapella.live.silhouette_view import SilhouetteView
 from mocapella.recording.followed_bodies import ALONE
 from mocapella.sensing.outline_picture import jpeg
-from mocapella.sources.frame_set import FrameSet, time_of_frame
+from mocapella.sources.frame_set import FrameSet
+from mocapella.tracker.silhouettes import SilhouettesTracker
+from mocapella.tracker.starting_body import StartingBody
 from mocapella.viewer.body_panel import BodyViewFrame, EncodedPicture
 from mocapella.viewer.body_stage import ShownBody
 
@@ -67,8 +69,8 @@ def wait_for(page, what, holds):
 def test_a_page_shows_boards_at_once_and_no_white_ones_and_stays_with_who_goes_aside_until_it_is_moved_by_hand():
     sync_api = pytest.importorskip("playwright.sync_api")
     mesh, rig = somebody(), ring(3)
-    run, start = SilhouetteRun({ALONE: mesh}, rig), {ALONE: pose_at(mesh)}
-    view, stop = SilhouetteView("127.0.0.1", 0, run, start), threading.Event()
+    run = SilhouetteRun(SilhouettesTracker({ALONE: StartingBody(mesh, pose_at(mesh))}, rig))
+    view, stop = SilhouetteView("127.0.0.1", 0, run), threading.Event()
     pictures = {name: EncodedPicture(jpeg(image)) for name, image in Room(rig).images(mesh, pose_at(mesh)).items()}
     busy, places, shown = threading.Event(), [0.0], dict(pictures)
 
@@ -148,9 +150,8 @@ def test_a_page_shows_boards_at_once_and_no_white_ones_and_stays_with_who_goes_a
 def test_a_body_its_pictures_and_its_angles_are_seen_and_frames_can_be_chosen(tmp_path):
     sync_api = pytest.importorskip("playwright.sync_api")
     mesh, rig = somebody(), ring(2)
-    run, room, start = SilhouetteRun({ALONE: mesh}, rig), Room(rig), {ALONE: pose_at(mesh)}
-    run.start(start, time_of_frame(-1, 30.0))
-    view, stop = SilhouetteView("127.0.0.1", 0, run, start), threading.Event()
+    run, room = SilhouetteRun(SilhouettesTracker({ALONE: StartingBody(mesh, pose_at(mesh))}, rig)), Room(rig)
+    view, stop = SilhouetteView("127.0.0.1", 0, run), threading.Event()
     loop = threading.Thread(target=lambda: view.stay(stop))
     try:
         for k in range(12):

@@ -15,27 +15,22 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRe
 
 from mocapella.cli import INTERRUPTED
 from mocapella.cli.common import console, say, telling_of_compiling
-from mocapella.cli.silhouette_start import BACKGROUNDS, tell_unknown
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import InputError, SettingsError
 from mocapella.settings import check
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from mocapella.live.silhouette_run import SilhouetteRun, Step
     from mocapella.model.camera import CameraRig
-    from mocapella.model.twist_tree import TreePose
-    from mocapella.sensing.empty_room import EmptyRoom
     from mocapella.sources.frame_set import FrameSource
     from mocapella.sources.live_set import LiveSet
-
-    UInt8 = NDArray[np.uint8]
+    from mocapella.tracker.starting_body import StartingBody
 
 LONGEST_EMPTY_S: Final = 600.0
-MOVED: Final = 0.001
-"""What changes in a larger part of an image, in one piece, is more than noise."""
+LONGER_S: Final = 5.0
+"""So much longer than the empty room is to be seen its pictures are waited for."""
+NO_CAMERA: Final = "no camera gives a picture any more"
+PLUGGED_IN: Final = "look whether they are plugged in, and films long enough"
 RATE_OF: Final = 30
 """Frames a second are those of so many last frames."""
 
@@ -133,29 +128,27 @@ def late_cameras(texts: Sequence[str], sources: Mapping[str, str], rig: CameraRi
     return found
 
 
-def wait_for_people(
-    run: SilhouetteRun, shown: FrameSource, poses: Mapping[str, TreePose], empty_room_s: float | None, *, view: bool
-) -> None:
-    """Learn the empty room where that is wished, and say where people are looked for then: nobody is there yet."""
+def wait_for_people(run: SilhouetteRun, shown: FrameSource, empty_room_s: float | None, *, view: bool) -> None:
+    """Let the tracker learn the empty room where that is wished, and say where people are looked for then."""
     from mocapella.sources.live_set import LiveSet
 
     assert isinstance(shown, LiveSet)  # of videos, who starts is there
     if empty_room_s is not None:
         learn_room(run, shown, empty_room_s)
-    run.wait()
     where = "where the outlines are in the view's pictures" if view else "at the start (--view shows the outlines)"
-    for name, pose in poses.items():
-        run.note(f"{name or 'somebody'} may come now, in the start's pose and best {where}: {_place(run, name, pose)}")
+    for name, body in run.tracker.bodies.items():
+        run.note(f"{name or 'somebody'} may come now, in the start's pose and best {where}: {_place(body)}")
 
 
 def learn_room(run: SilhouetteRun, shown: LiveSet, seconds: float) -> None:
-    """Take in so many seconds of the empty room; Ctrl-C ends the command."""
+    """Give the tracker so many seconds of the empty room; Ctrl-C ends the command.
+
+    Raises:
+        InputError: cameras give no pictures.
+    """
     from mocapella.live.stopping import stop_on_signals
 
     say(f"learning the empty room for {seconds:g} s: nobody may be in the images")
-    seen: set[str] = set()
-    moved: set[str] = set()
-    next_s = 0.0
     columns = (TextColumn("nobody may be in the images"), BarColumn(), TimeRemainingColumn())
     with (
         telling_of_compiling("the method silhouettes"),
@@ -165,30 +158,18 @@ def learn_room(run: SilhouetteRun, shown: LiveSet, seconds: float) -> None:
         task = progress.add_task("learning", total=seconds)
         # What is compiled once a machine is not of these seconds.
         for frame in islice(shown.until(stop, say=run.note), 1):
-            run.learn_empty(frame.images)
-        for frame in shown.until(stop, seconds, run.note):
-            now_s = frame.time_ns / NS_PER_S
-            progress.update(task, completed=now_s)
-            if now_s >= next_s:
-                next_s += seconds / BACKGROUNDS
-                moved |= {name for name, image in frame.images.items() if _changed(run.empty, name, image) > MOVED}
-                run.learn_empty(frame.images)
-                seen |= set(frame.images)
+            run.feed(frame)
+            run.tracker.reset()
+        for frame in shown.until(stop, seconds + LONGER_S, run.note):
+            progress.update(task, completed=frame.time_ns / NS_PER_S)
+            run.feed(frame)
+            if not run.tracker.learning:
+                break
     if stop.is_set():
         say("stopped before the end")
         raise typer.Exit(INTERRUPTED)
-    if moved:
-        run.note(
-            f"something moved in the images of {', '.join(sorted(moved))} while the empty room was learnt: was "
-            "somebody there? Then begin anew, with nobody in the images"
-        )
-    tell_unknown(run, seen)
-
-
-def _changed(empty: EmptyRoom, name: str, image: UInt8) -> float:
-    """Which part of an image the largest thing is that was not there in the last one that was learnt."""
-    thing = empty.silhouette(name, image)
-    return 0.0 if thing is None else thing.step_px**2 * float((thing.phi > 0).sum()) / image[..., 0].size
+    if run.tracker.learning:
+        raise InputError(NO_CAMERA, fix=PLUGGED_IN)
 
 
 def follow_live(
@@ -219,17 +200,14 @@ def follow_live(
             rate = f"{(len(done_s) - 1) / (done_s[-1] - done_s[0]):.0f}" if len(done_s) > 1 else "–"
             progress.update(task, advance=1, rate=rate, dropped=sum(shown.dropped.values()))
     if not (run.frames or stop.is_set()):
-        raise InputError(
-            "no camera gives a picture any more", fix="look whether they are plugged in, and films long enough"
-        )
+        raise InputError(NO_CAMERA, fix=PLUGGED_IN)
 
 
-def _place(run: SilhouetteRun, name: str, pose: TreePose) -> str:
+def _place(body: StartingBody) -> str:
     """Where a body's hips are, for a person to stand there."""
     from mocapella.model.rigged_mesh import landmarks_at
 
-    mesh = run.meshes[name]
-    places = dict(zip(mesh.landmarks, landmarks_at(mesh, pose), strict=True))
+    places = dict(zip(body.mesh.landmarks, landmarks_at(body.mesh, body.pose), strict=True))
     hips = {joint: at for joint, at in places.items() if joint.endswith("hip")}
     said = hips or dict(list(places.items())[:2])
     return ", ".join(f"{joint} at ({x:.2f}, {y:.2f}, {z:.2f}) m" for joint, (x, y, z) in said.items())

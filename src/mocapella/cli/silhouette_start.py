@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -22,14 +22,11 @@ if TYPE_CHECKING:
     from mocapella.sources.frame_set import FrameSource
     from mocapella.sources.video import Frames
     from mocapella.tracker.silhouette_start import Body
+    from mocapella.tracker.starting_body import StartingBody
 
     Joints = Mapping[str, NDArray[np.float64]]
 
 MESH_FILES: Final = (".glb", ".gltf")
-BACKGROUNDS: Final = 30
-"""So many images of an empty room say all that more would."""
-
-
 LEAST_M, MOST_M = 0.5, 2.5
 """Of somebody's height."""
 
@@ -234,13 +231,16 @@ def _of_joints(wish: _Wish, found: _Found) -> tuple[Body, TreePose]:
 
 
 def _of_file(model: str, height_m: float | None) -> Body:
+    from hashlib import sha256
+
     from mocapella.model.body_proportions import AVERAGE
     from mocapella.model.rigged_mesh_file import load_rigged_mesh
     from mocapella.tracker.silhouette_start import Body
 
     if height_m is not None:
         raise SettingsError(f"--height {height_m:g}: the model of {model} has its own size; leave it out")
-    return Body(model, None, AVERAGE, load_rigged_mesh(Path(model)))
+    mesh = load_rigged_mesh(Path(model))
+    return Body(model, None, AVERAGE, mesh, sha256(Path(model).read_bytes()).hexdigest())
 
 
 def _of_earlier(wish: _Wish, at: _Earlier) -> tuple[Body, TreePose]:
@@ -274,31 +274,22 @@ def _of_earlier(wish: _Wish, at: _Earlier) -> tuple[Body, TreePose]:
     return body, frame.pose(body.mesh.joint_names)
 
 
-def begin(run: SilhouetteRun, poses: Mapping[str, TreePose], time_ns: int, words: str) -> None:
-    """Start the tracker at that time, and say in which cameras somebody is not seen.
+def check_seen(bodies: Mapping[str, StartingBody], rig: CameraRig, words: str) -> None:
+    """See that each body starts where a camera sees it.
 
     Raises:
         InputError: no camera sees a body there.
     """
     from mocapella.tracker.silhouette_start import cameras_that_see, root_of
 
-    outside = []
-    for name, pose in poses.items():
-        called, mesh = name or "the body", run.meshes[name]
-        seen = cameras_that_see(mesh, pose, run.rig)
-        if not seen:
-            x, y, z = root_of(mesh, pose)
+    for name, body in bodies.items():
+        if not cameras_that_see(body.mesh, body.pose, rig):
+            x, y, z = root_of(body.mesh, body.pose)
             raise InputError(
-                f"{called} would start at ({x:.2f}, {y:.2f}, {z:.2f}) m, which is outside of all images",
+                f"{name or 'the body'} would start at ({x:.2f}, {y:.2f}, {z:.2f}) m, which is outside of all images",
                 field="start", value=words,
                 fix="give joints in the rig's world, in metres, of the frame with which the videos begin",
             )  # fmt: skip
-        outside += [
-            f"at the start {called} is outside of {camera}'s image" for camera in run.rig.cameras if camera not in seen
-        ]
-    run.start(poses, time_ns)
-    for note in outside:
-        run.note(note)
 
 
 def learn(run: SilhouetteRun, texts: Sequence[str], rig: CameraRig, shown: FrameSource, other_size: str | None) -> None:
@@ -310,6 +301,7 @@ def learn(run: SilhouetteRun, texts: Sequence[str], rig: CameraRig, shown: Frame
     from mocapella.cli.calibrate import named_inputs
     from mocapella.sources.video import Frames, pictures
     from mocapella.sources.video_set import VideoSet
+    from mocapella.tracker.silhouette_room import IMAGES
 
     inputs = {name: Path(path) for name, path in named_inputs(texts).items()}
     empty = VideoSet(inputs, rig, rate_hz=1.0, other_size=other_size)
@@ -325,17 +317,9 @@ def learn(run: SilhouetteRun, texts: Sequence[str], rig: CameraRig, shown: Frame
                 "is of another size than the video", file=video.path, field="size", value=video.size_px,
                 fix=f"that of {name} has {size}",
             )  # fmt: skip
-        step = max(1, (video.count or 1) // BACKGROUNDS)
-        for _, image in pictures(video.path, Frames(0, step * BACKGROUNDS, step)):
+        step = max(1, (video.count or 1) // IMAGES)
+        for _, image in pictures(video.path, Frames(0, step * IMAGES, step)):
             run.learn_empty({name: image})
-    tell_unknown(run, empty.videos)
-
-
-def tell_unknown(run: SilhouetteRun, known: Container[str]) -> None:
-    """Say of which cameras no empty room is known."""
-    missing = [name for name in run.rig.cameras if name not in known]
-    if missing:
-        run.note(f"no empty room is known of {', '.join(missing)}: what is behind the body is learnt on the way there")
 
 
 def _path_and_frame(text: str) -> tuple[Path, int | None]:

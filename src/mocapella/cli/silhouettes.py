@@ -34,10 +34,9 @@ if TYPE_CHECKING:
     from mocapella.live.silhouette_run import SilhouetteRun, Step
     from mocapella.live.silhouette_view import SilhouetteView
     from mocapella.model.camera import CameraRig
-    from mocapella.model.twist_tree import TreePose
     from mocapella.sources.frame_set import FrameSource
     from mocapella.sources.video import Frames
-    from mocapella.tracker.silhouette_start import Body
+    from mocapella.tracker.starting_body import StartingBody
 
 
 @app.command()
@@ -160,7 +159,7 @@ def silhouettes(
     need_cameras("silhouettes")
     from mocapella.cli.silhouette_live import LiveWishes, wait_for_people
     from mocapella.cli.silhouette_result import SilhouetteResult, show
-    from mocapella.cli.silhouette_start import StartWishes, find_start, learn
+    from mocapella.cli.silhouette_start import StartWishes, check_seen, find_start, learn
     from mocapella.live.stopping import stop_on_signals
     from mocapella.model.camera_rig_file import load_camera_rig
     from mocapella.recording.followed_bodies import read_followed_people
@@ -183,20 +182,21 @@ def silhouettes(
                 closing.callback(writer.close)
                 tell.append(writer.write)
             found = find_start(wishes, cameras, wanted)
-            poses = {name: pose for name, (_, pose) in found.items()}
-            run = _started(found, shown, ", ".join(start or ["--points"]), steady=not no_steadiness)
+            bodies = {name: body.starting(pose) for name, (body, pose) in found.items()}
+            check_seen(bodies, shown.rig, ", ".join(start or ["--points"]))
+            run = _started(bodies, shown, live_wishes, wanted, steady=not no_steadiness)
             if background:
                 learn(run, background, cameras, shown, other_size)
         if live_wishes.live and (background or empty_room is not None):
-            wait_for_people(run, shown, poses, empty_room, view=view)
+            wait_for_people(run, shown, empty_room, view=view)
         with stop_on_signals() as stop, telling_of_compiling("the method silhouettes"):
             page = None
             if view:
-                page = open_view(run, poses, view_port, no_browser=no_browser)
+                page = open_view(run, view_port, no_browser=no_browser)
                 closing.callback(page.close)
                 tell.append(page.tell)
-            bodies = {name: body for name, (body, _) in found.items()}
-            result = closing.enter_context(SilhouetteResult(json, plot, bodies, shown, rig, steady=not no_steadiness))
+            whose = {name: body for name, (body, _) in found.items()}
+            result = closing.enter_context(SilhouetteResult(json, plot, whose, shown, rig, steady=not no_steadiness))
             whole = _follow(run, shown, stop, seconds, [result.keep, *tell])
             result.finish(run, shown)
             if json != "-":
@@ -222,18 +222,25 @@ def _opened(wishes: LiveWishes, cameras: CameraRig, wanted: Frames, closing: Exi
 
 
 def _started(
-    found: Mapping[str, tuple[Body, TreePose]], shown: FrameSource, words: str, *, steady: bool
+    bodies: Mapping[str, StartingBody], shown: FrameSource, wishes: LiveWishes, wanted: Frames, *, steady: bool
 ) -> SilhouetteRun:
-    """The run, with all where they start."""
-    from mocapella.cli.silhouette_start import begin
+    """The run, before its first frame. Of videos, who starts is there; before live cameras they may have to come."""
     from mocapella.live.silhouette_run import SilhouetteRun
+    from mocapella.tracker.frame_sync import FrameSyncSettings
     from mocapella.tracker.silhouette_settings import SilhouetteSettings
+    from mocapella.tracker.silhouettes import SilhouettesTracker
 
-    settings = SilhouetteSettings() if steady else SilhouetteSettings(steadiness=None)
-    run = SilhouetteRun({name: body.mesh for name, (body, _) in found.items()}, shown.rig, settings, say)
+    tracker = SilhouettesTracker(
+        bodies,
+        shown.rig,
+        SilhouetteSettings() if steady else SilhouetteSettings(steadiness=None),
+        sync=FrameSyncSettings(period_s=wanted.step / shown.rate_hz),
+        empty_room_s=wishes.empty_room_s or 0.0,
+        waiting=wishes.live and bool(wishes.background),
+    )
+    run = SilhouetteRun(tracker, say)
     for note in shown.notes:
         run.note(note)
-    begin(run, {name: pose for name, (_, pose) in found.items()}, shown.start_ns, words)
     return run
 
 
@@ -248,15 +255,13 @@ def _inputs(sources: Sequence[str] | None, hz: float | None) -> dict[str, str]:
     return named_inputs(sources)
 
 
-def open_view(
-    run: SilhouetteRun, starts: Mapping[str, TreePose], port: int | None, *, no_browser: bool
-) -> SilhouetteView:
+def open_view(run: SilhouetteRun, port: int | None, *, no_browser: bool) -> SilhouetteView:
     """Serve the view, say where, and open it."""
     from mocapella.cli.demo import choose_port
     from mocapella.cli.serve import say_url
     from mocapella.live.silhouette_view import SilhouetteView
 
-    page = SilhouetteView("127.0.0.1", choose_port(port, DEFAULT_VIEW_PORT), run, starts)
+    page = SilhouetteView("127.0.0.1", choose_port(port, DEFAULT_VIEW_PORT), run)
     say_url(page.url)
     if not no_browser:
         webbrowser.open(page.url)

@@ -53,9 +53,11 @@ def run_demo(
     from mocapella.live.silhouette_run import SilhouetteRun
     from mocapella.live.stopping import stop_on_signals
     from mocapella.recording.followed_bodies import ALONE
-    from mocapella.sources.frame_set import time_of_frame
     from mocapella.sources.simulate.silhouette_scene import scene_names, silhouette_scene
+    from mocapella.tracker.frame_sync import FrameSyncSettings
     from mocapella.tracker.silhouette_settings import SilhouetteSettings
+    from mocapella.tracker.silhouettes import SilhouettesTracker
+    from mocapella.tracker.starting_body import StartingBody
 
     name = scene or SCENE
     if name == "help":
@@ -65,9 +67,9 @@ def run_demo(
     settings = SilhouetteSettings() if steady else SilhouetteSettings(steadiness=None)
     with working("making the room …", status=0), telling_of_compiling("the rendered body and the method silhouettes"):
         made = silhouette_scene(name, seed=seed, cameras=4, size_px=(640, 480), fps=RATE_HZ, corruption=wrong)
-        run = SilhouetteRun({ALONE: made.mesh}, made.rig, settings, say)
-        pose = rough_start(made.pose(0), made.mesh.tree.limits, seed)
-        run.start({ALONE: pose}, time_of_frame(-1, RATE_HZ))
+        body = StartingBody(made.mesh, rough_start(made.pose(0), made.mesh.tree.limits, seed))
+        sync = FrameSyncSettings(period_s=1.0 / RATE_HZ)
+        run = SilhouetteRun(SilhouettesTracker({ALONE: body}, made.rig, settings, sync=sync), say)
         made.images(0)  # compiles once a machine
     meter = TruthMeter(made.mesh.joint_names)
     said = "" if corrupt is None else f", {CORRUPTIONS[corrupt]}"
@@ -75,7 +77,7 @@ def run_demo(
     with ExitStack() as closing, stop_on_signals() as stop, telling_of_compiling("the method silhouettes"):
         page = None
         if view:
-            page = open_view(run, {ALONE: pose}, view_port, no_browser=no_browser)
+            page = open_view(run, view_port, no_browser=no_browser)
             closing.callback(page.close)
         begin_s = time.monotonic()
         for step in _shown(run, made, stop, seconds):

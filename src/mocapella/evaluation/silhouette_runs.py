@@ -30,8 +30,8 @@ from mocapella.model.twist_tree import TreePose
 from mocapella.settings import check
 from mocapella.sources.simulate.corruption import Corruption
 from mocapella.sources.simulate.silhouette_scene import SilhouetteScene
+from mocapella.tracker.body_fitter import BodyFitter
 from mocapella.tracker.silhouette_settings import SilhouetteSettings, Steadiness
-from mocapella.tracker.silhouettes import SilhouetteTracker
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
@@ -139,7 +139,7 @@ def follow(
         corruption: what is wrong with the pictures.
         clock: such as `time.perf_counter` [s].
     """
-    tracker = SilhouetteTracker(mesh, film.scene.rig, settings)
+    tracker = BodyFitter(mesh, film.scene.rig, settings)
     between_ns = round(NS_PER_S / film.truth.fps)
     tracker.start(pose_of(mesh, {name: at for name, at in joints.items() if name in mesh.landmarks}), -between_ns)
     poses, blind, took = [], [], []

@@ -25,8 +25,8 @@ from mocapella.model.rigged_mesh import posed
 from mocapella.model.silhouettes import overlap
 from mocapella.recording.viewed_tracks import read_viewed_tracks
 from mocapella.sources.video import pictures
+from mocapella.tracker.body_fitter import FittedBody
 from mocapella.tracker.silhouette_start import joints_of_points
-from mocapella.tracker.silhouettes import Followed
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
@@ -80,7 +80,7 @@ def first_points(folder: Path) -> dict[str, Float64]:
 def score_video(
     folder: Path,
     body: Figure,
-    followed: list[Followed],
+    followed: list[FittedBody],
     outlines: Path,
     draw: Callable[[list[Float64], list[Float64]], UInt8],
 ) -> VideoScore:

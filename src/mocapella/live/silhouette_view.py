@@ -5,12 +5,10 @@ from __future__ import annotations
 import threading
 import time
 import warnings
-from collections.abc import Mapping
 from typing import Final
 
 from mocapella.live.silhouette_run import SilhouetteRun, Step
 from mocapella.live.view import beats
-from mocapella.model.twist_tree import TreePose
 from mocapella.sensing.outline_picture import jpeg
 from mocapella.tracker.silhouette_start import upright
 from mocapella.viewer.body_panel import BodyViewFrame, EncodedPicture
@@ -25,10 +23,11 @@ RATE_HZ: Final = 30.0
 class SilhouetteView:
     """A page for one run; arguments and errors as of `BodyView`."""
 
-    def __init__(self, host: str, port: int, run: SilhouetteRun, starts: Mapping[str, TreePose]) -> None:
+    def __init__(self, host: str, port: int, run: SilhouetteRun) -> None:
         # What is shown to a browser in the instant in which it leaves is nobody's concern; viser would warn of it.
         warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)
-        up = upright(*next((run.meshes[name], pose) for name, pose in starts.items()))
+        starts = {name: body.pose for name, body in run.tracker.bodies.items()}
+        up = upright(*next((body.mesh, body.pose) for body in run.tracker.bodies.values()))
         self._view = BodyView(host, port, run.meshes, run.rig, starts=starts, up=up)
 
     @property

@@ -7,9 +7,10 @@ them is left to the local densities of `region_contour`.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,6 +95,14 @@ class BackgroundMemory:
         self._next_row, self._learnt = 0, False
         self._shape: tuple[int, ...] = ()
         self._first_sd = self.settings.least_sd
+
+    def memory(self) -> dict[str, Any]:
+        """All that `recall` wants."""
+        return {name: getattr(self, name) for name in _MEMORY}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Be as when `memory` was made; of the same step and settings."""
+        vars(self).update(memory)
 
     @property
     def known(self) -> NDArray[np.bool_]:
@@ -224,6 +233,7 @@ class BackgroundMemory:
         return x // step, y // step
 
 
+_MEMORY: Final = ("_mean", "_variance", "_count", "_next_row", "_learnt", "_shape", "_first_sd")
 _NOBODY = np.empty((0, 0), np.float32)
 _NOBODY_COVERS = np.empty((0, 0), np.uint8)
 _NO_MASK = np.empty((0, 0), np.bool_)

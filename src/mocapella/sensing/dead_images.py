@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any, Final
 
@@ -26,6 +26,14 @@ class DeadImages:
     def __init__(self) -> None:
         self._last: dict[str, UInt8] = {}
         self._same: dict[str, int] = {}
+
+    def memory(self) -> list[Any]:
+        """All that `recall` wants."""
+        return [self._last, self._same]
+
+    def recall(self, memory: Sequence[Any]) -> None:
+        """Be as when `memory` was made."""
+        self._last, self._same = memory
 
     def update(self, images: Mapping[str, UInt8]) -> dict[str, str]:
         """Why images of one instant (height, width[, 3]) should not count, by camera; those that should are left out.

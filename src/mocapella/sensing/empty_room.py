@@ -7,8 +7,8 @@ where the body was or is.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Final
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -36,6 +36,14 @@ class EmptyRoom:
     def __init__(self) -> None:
         self._images: dict[str, UInt8] = {}
         self._known: dict[str, Bool] = {}
+
+    def memory(self) -> list[Any]:
+        """All that `recall` wants."""
+        return [self._images, self._known]
+
+    def recall(self, memory: Sequence[Any]) -> None:
+        """Be as when `memory` was made."""
+        self._images, self._known = memory
 
     def learn(self, images: Mapping[str, UInt8], people: Mapping[str, Silhouette] | None = None) -> None:
         """Nobody is in these images (height, width, 3), by camera, but for ``people``, about whom nothing is learnt."""
@@ -100,6 +108,14 @@ class MovedSince:
 
     def __init__(self) -> None:
         self._first: dict[str, tuple[UInt8, Bool]] = {}
+
+    def memory(self) -> dict[str, tuple[UInt8, Bool]]:
+        """All that `recall` wants."""
+        return self._first
+
+    def recall(self, memory: dict[str, tuple[UInt8, Bool]]) -> None:
+        """Be as when `memory` was made."""
+        self._first = memory
 
     def at_body(self, name: str, image: UInt8, covered: Silhouette) -> float:
         """Share of what has changed that is where the body was or is; NaN where next to nothing has.

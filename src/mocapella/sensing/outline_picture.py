@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from mocapella.errors import InputError
 from mocapella.model.outline_colours import INSIDE, OUTSIDE, Colour
 from mocapella.model.silhouettes import Silhouette
+from mocapella.sensing.outline_lines import border_samples
 
 UInt8 = NDArray[np.uint8]
 Int64 = NDArray[np.int64]
@@ -62,7 +63,7 @@ def outlined(image: UInt8, bodies: Sequence[Outlines] = (), width: int | None = 
         draw(outside, OUTSIDE, closed=False)
         draw(inside, INSIDE, closed=False)
     for body in bodies:  # on top: what differs by less than a line is wide does not show
-        draw(list(_lines(body.covered)), body.colour, closed=True)
+        draw(list(border_samples(body.covered)), body.colour, closed=True)
     return np.asarray(out, dtype=np.uint8)
 
 
@@ -81,20 +82,13 @@ def deviations(contour: Silhouette, covered: Silhouette) -> tuple[list[Int64], l
     within = cv2.erode(mask, cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3)), borderValue=(0.0,))
     outside: list[Int64] = []
     inside: list[Int64] = []
-    for line in _lines(contour):
+    for line in border_samples(contour):
         column, row = ((line - np.array(covered.origin_px)) / covered.step_px).round().astype(np.int64).T
         there = (column >= 0) & (row >= 0) & (column < mask.shape[1]) & (row < mask.shape[0])
         column, row = np.where(there, column, 0), np.where(there, row, 0)
         outside += _parts(line, _most(~(there & (mask[row, column] > 0))))
         inside += _parts(line, _most(there & (within[row, column] > 0)))
     return outside, inside
-
-
-def _lines(silhouette: Silhouette) -> Iterator[Int64]:
-    """(n, 2) outermost samples of what it covers [px], in order; of each of its parts and holes."""
-    mask = (silhouette.phi > 0).astype(np.uint8)
-    for line in cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]:
-        yield line[:, 0].astype(np.int64) * silhouette.step_px + np.array(silhouette.origin_px)
 
 
 def _most(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -61,11 +61,6 @@ class FrameSource(Protocol):
         """Of the frames; None where nobody knows."""
         ...
 
-    @property
-    def start_ns(self) -> int:
-        """An interval before the first frame: when bodies are where they start."""
-        ...
-
     def described(self) -> dict[str, dict[str, Any]]:
         """Where images come from and how large they are, by camera, as ``--json`` has it."""
         ...

@@ -130,11 +130,6 @@ class LiveSet:
         """Nobody knows how many frames there will be."""
 
     @property
-    def start_ns(self) -> int:
-        """An interval before the first frame."""
-        return -round(self._set.period_ns)
-
-    @property
     def dropped(self) -> dict[str, int]:
         """By camera, pictures of this run that nobody had time for."""
         now = self._all_dropped()

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from mocapella.errors import InputError
 from mocapella.model.camera import CameraRig
 from mocapella.model.point_tracks import match_cameras
-from mocapella.sources.frame_set import FrameSet, check_other_size, fitted, time_of_frame
+from mocapella.sources.frame_set import FrameSet, check_other_size, fitted
 from mocapella.sources.video import IMAGES, Frames, pictures
 
 UInt8 = NDArray[np.uint8]
@@ -117,11 +117,6 @@ class VideoSet:
         self.notes += said
         self.rig = CameraRig(placed)
         self.count = self._count()
-
-    @property
-    def start_ns(self) -> int:
-        """An interval of the wanted frames before the first."""
-        return time_of_frame(self._frames.first - self._frames.step, self.rate_hz)
 
     def described(self) -> dict[str, dict[str, Any]]:
         """As ``--json`` has the cameras."""

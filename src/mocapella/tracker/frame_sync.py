@@ -151,7 +151,7 @@ class FrameSync:
         """Forget every frame."""
         self._cameras = {name: _Waiting() for name in self._names}
         self._first_ns: int | None = None
-        self._now_ns = 0
+        self._now_ns: int | None = None
         self._last_ns: int | None = None
         self.used = 0
         self.dropped: Counter[str] = Counter()
@@ -187,7 +187,7 @@ class FrameSync:
         """
         camera = self._cameras[arrival.frame.sensor]
         self._first_ns = arrival.at_ns if self._first_ns is None else self._first_ns
-        self._now_ns = max(self._now_ns, arrival.at_ns)
+        self._now_ns = arrival.at_ns if self._now_ns is None else max(self._now_ns, arrival.at_ns)
         camera.hear(arrival, self._now_ns)
         if camera.newest_ns is not None and arrival.at_ns <= camera.newest_ns:
             self.dropped[NOT_RISING] += 1
@@ -243,12 +243,14 @@ class FrameSync:
 
     def _is_silent(self, camera: _Waiting) -> bool:
         since_ns = self._first_ns if camera.heard_ns is None else camera.heard_ns
-        return since_ns is not None and self._now_ns - since_ns > self.settings.silent_after_s * NS_PER_S
+        if since_ns is None or self._now_ns is None:
+            return False
+        return self._now_ns - since_ns > self.settings.silent_after_s * NS_PER_S
 
     def _may_come(self, camera: _Waiting, begin_ns: int, period_ns: float) -> bool:
         """Whether a camera without a waiting frame may still give one of the instant that begins then."""
         overdue_ns = camera.late_ns(period_ns) + OVERDUE * period_ns
-        return not self._is_silent(camera) and self._now_ns - begin_ns <= overdue_ns
+        return self._now_ns is not None and self._now_ns - begin_ns <= overdue_ns and not self._is_silent(camera)
 
     def _not_nearest(self, together: Mapping[str, Arrival], period_ns: float) -> Sequence[str]:
         """Cameras, the oldest first, without whose frames the set would be shorter: their next ones are nearer."""

@@ -105,6 +105,26 @@ class Tracker(Protocol):
         """What came of all frames so far."""
 
 
+class TrackerNote(msgspec.Struct, frozen=True):
+    """Something that happened once, to be told to a person; what lasts is in the state's reason.
+
+    Attributes:
+        time_ns: of the capture that showed it, on the clock of all sensors.
+        text: in words.
+    """
+
+    time_ns: int
+    text: str
+
+
+@runtime_checkable
+class TellsNotes(Protocol):
+    """A tracker that tells what happens."""
+
+    def drain_notes(self) -> list[TrackerNote]:
+        """What happened since the last call, the oldest first."""
+
+
 @runtime_checkable
 class KeepsLayout(Protocol):
     """A tracker that finds out where the sensors are, so that it can be kept for the next time."""

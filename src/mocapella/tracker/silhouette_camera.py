@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -76,7 +77,7 @@ class SilhouetteCamera:
         soft = settings.correspondences.soft_steps
         self._wide_correspondences = dataclasses.replace(settings.correspondences, soft_steps=WIDE * soft)
         self._usual_reach = float(settings.margin_steps * step_px)
-        self.memory = None if settings.background is None else BackgroundMemory(step_px, settings.background)
+        self.background = None if settings.background is None else BackgroundMemory(step_px, settings.background)
         self.wide = False
         self.usually, self.covers = Usually(), Usually()
         self.forget_frame()
@@ -88,6 +89,19 @@ class SilhouetteCamera:
         self._outline: Outline | None = None
         self._prior: Silhouette | None = None
         self._found: tuple[Silhouette, Float32] | None = None
+
+    def memory(self) -> list[Any]:
+        """All that `recall` wants, between two frames."""
+        background = None if self.background is None else self.background.memory()
+        return [self.step_px, background, self.usually.memory(), self.covers.memory()]
+
+    def recall(self, memory: Sequence[Any]) -> None:
+        """Be as when `memory` was made; of the same ``step_px``, which is the first of it."""
+        _, background, usually, covers = memory
+        if self.background is not None:
+            self.background.recall(background)
+        self.usually.recall(usually)
+        self.covers.recall(covers)
 
     @property
     def _reach(self) -> float:
@@ -118,18 +132,18 @@ class SilhouetteCamera:
 
     def unlike(self, image: UInt8) -> float:
         """How much of what is behind the body is not as it was; NaN where nobody knows."""
-        return float("nan") if self.memory is None else self.memory.unlike(image, self._expected())
+        return float("nan") if self.background is None else self.background.unlike(image, self._expected())
 
     def forget_background(self) -> None:
         """What it shows is how things are now."""
-        assert self.memory is not None
-        self.memory.reset()
+        assert self.background is not None
+        self.background.reset()
         self.usually = Usually()
 
     def segment(self, image: UInt8, others: Bool | None, *, near: bool) -> None:
         """What the image says, the body's outline in mind, which may be ``near`` to it."""
         settings = self._wide_region if self.wide else self._closer if near else self._region
-        found = region_contour(image, self._expected(), ignore=others, background=self.memory, settings=settings)
+        found = region_contour(image, self._expected(), ignore=others, background=self.background, settings=settings)
         self._found = found.silhouette, found.surety
 
     def planes(self, motions: tuple[Float64, Float64]) -> InPlanes:
@@ -156,13 +170,13 @@ class SilhouetteCamera:
 
     def against(self, image: UInt8, points: Float64) -> Float32:
         """(n,) how much the image shows the room at points (n, 3) of the body, 0 to 1."""
-        assert self.memory is not None
-        return np.maximum(-self.memory.strange_at(image, seen_at(points, self._eye)), 0.0)
+        assert self.background is not None
+        return np.maximum(-self.background.strange_at(image, seen_at(points, self._eye)), 0.0)
 
     def evidence(self, image: UInt8, others: Bool | None, about: Sequence[Ball]) -> Evidence:
         """What of the image is not the room, about the body, as far as some limbs reach."""
         assert self._outline is not None
-        assert self.memory is not None
+        assert self.background is not None
         (x, y), (rows, columns), step = self._outline.origin_px, self._outline.mask.shape, self.step_px
         width, height = self._eye.size_px
         grid, around = step * EVERY, step * round(FARTHER * max(rows, columns))
@@ -175,7 +189,7 @@ class SilhouetteCamera:
         # At least a sample, beyond the image where limbs are.
         right, bottom = max(right, left + 1), max(bottom, top + 1)
         shape = (-(-(bottom - top) // step), -(-(right - left) // step))
-        strange = self.memory.strange(image, Silhouette((left, top), step, np.empty(shape, np.float32)), EVERY)
+        strange = self.background.strange(image, Silhouette((left, top), step, np.empty(shape, np.float32)), EVERY)
         if others is not None:
             apart_from = others[top:bottom:grid, left:right:grid]
             strange[: apart_from.shape[0], : apart_from.shape[1]][apart_from] = 0.0
@@ -195,9 +209,9 @@ class SilhouetteCamera:
 
     def learn(self, image: UInt8, others: Bool | None) -> None:
         """Take in what is behind the body."""
-        if self.memory is not None and self._outline is not None and self._found is not None:
+        if self.background is not None and self._outline is not None and self._found is not None:
             # Without another distance: what is near the contour or in the body is not learnt.
-            self.memory.update(image, self._found[0], others, self._outline.mask)
+            self.background.update(image, self._found[0], others, self._outline.mask)
 
     def _expected(self) -> Silhouette:
         if self._prior is None:
@@ -214,6 +228,14 @@ class Usually:
         self._mean: float | None = None
         self._deviation = 0.0
         self._else_since_ns: int | None = None
+
+    def memory(self) -> list[Any]:
+        """All that `recall` wants."""
+        return [self._mean, self._deviation, self._else_since_ns]
+
+    def recall(self, memory: Sequence[Any]) -> None:
+        """Be as when `memory` was made."""
+        self._mean, self._deviation, self._else_since_ns = memory
 
     def much(self, share: float) -> float:
         """More than this is something else: so much of the rest."""

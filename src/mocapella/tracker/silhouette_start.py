@@ -22,6 +22,7 @@ from mocapella.model.openpose_names import LANDMARKS, NO_LANDMARKS
 from mocapella.model.point_tracks import ViewedTracks
 from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at
 from mocapella.model.twist_tree import TreePose
+from mocapella.tracker.starting_body import StartingBody, build_of
 
 Float64 = NDArray[np.float64]
 
@@ -53,12 +54,20 @@ class Body:
         height_m: where it was given.
         proportions: where they were measured.
         mesh: see there.
+        sha256: of the mesh's file, in hexadecimal digits; empty where it is of no file.
     """
 
     model: str
     height_m: float | None
     proportions: BodyProportions
     mesh: RiggedMesh
+    sha256: str = ""
+
+    def starting(self, pose: TreePose) -> StartingBody:
+        """The body that begins in a pose."""
+        return StartingBody(
+            self.mesh, pose, build_of(self.model, self.height_m, self.proportions.known, sha256=self.sha256)
+        )
 
 
 def joints_of_points(tracks: ViewedTracks, rig: CameraRig, frame: int = 0) -> dict[str, Float64]:

@@ -1,297 +1,312 @@
-"""The method ``silhouettes``: a body model in twists that several cameras' images are fitted with, frame by frame.
+"""The method ``silhouettes``: body models fitted to the images of several cameras.
 
-    expected = predicted(before, last)                  where it will be if it goes on as it did
-    contour  = region_contour(image, prior of expected) in each camera: what the image says, the model's outline in mind
-    given    = touching(outline, contour)               where the outlines want the body to be
-    pose     = fit(given, smoothness(expected))         with the penalty on jitter inside the estimate
+    instant = sync(images)                 the images of one instant
+    fits    = fit(instant, lost)           every body for itself, others being where they are expected
+    bodies  = presence(fits, empty room)   who is there, who is lost, where these are looked for
+    notes   = conditions, doubts           which cameras do not count, and whether the rig can be right
 
-The last three are repeated (B. Rosenhahn, T. Brox, D. Cremers, H.-P. Seidel, "Online Smoothing for Markerless Motion
-Capture", DAGM 2007). See docs/methods/silhouettes.md.
+A scene has the bodies of the last complete instant. See docs/methods/silhouettes.md.
 """
 
 from __future__ import annotations
 
+from collections import Counter, deque
 from collections.abc import Mapping, Sequence
+from typing import Any, Final
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.conventions import NS_PER_S
-from mocapella.errors import SettingsError
-from mocapella.geometry.signed_distance import signed_distance
-from mocapella.kinematics.contact import apart
-from mocapella.kinematics.silhouette_fit import Eye, eye, see
-from mocapella.kinematics.twist_fit import Constraints, FitSettings, Prior, fit
-from mocapella.kinematics.twist_prediction import looser, predicted, smoothness
+from mocapella.errors import InputError, WireError, one_of
+from mocapella.geometry.rigid import inverse
+from mocapella.kinematics.silhouette_fit import eye
 from mocapella.model.camera import CameraRig
-from mocapella.model.rigged_mesh import RiggedMesh, farthest_apart_m, posed
-from mocapella.model.silhouettes import Silhouette
-from mocapella.model.twist_tree import TreePose, motions
-from mocapella.sensing.dead_images import DeadImages
-from mocapella.sensing.speckles import without_speckles
-from mocapella.tracker.silhouette_body import SilhouetteBody
-from mocapella.tracker.silhouette_camera import USUAL_STEP_PX, SeenIn, SilhouetteCamera
-from mocapella.tracker.silhouette_settings import SilhouetteSettings, Steadiness
-from mocapella.tracker.steady_skin import SteadySkin
-from mocapella.tracker.stray_limbs import StrayLimbs, with_angles
-from mocapella.tracker.wrong_images import not_of_body, of_elsewhere
+from mocapella.model.images import REMEMBERED as IMAGES_REMEMBERED
+from mocapella.model.images import ImageFrame
+from mocapella.model.memory import pack, unpack
+from mocapella.model.observations import Arrival
+from mocapella.model.scene import Phase, Scene, SensorPlace, TrackedBody, TrackedBodyView, TrackerState
+from mocapella.sensing.images import decode_image
+from mocapella.settings import check
+from mocapella.tracker.arrivals import time_problem
+from mocapella.tracker.bodies_fitter import BodiesFitter
+from mocapella.tracker.body_fitter import REMEMBERED as FITTER_REMEMBERED
+from mocapella.tracker.frame_sync import REMEMBERED as SYNC_REMEMBERED
+from mocapella.tracker.frame_sync import FrameSync, FrameSyncSettings, SyncedFrames
+from mocapella.tracker.method import not_taken
+from mocapella.tracker.protocol import TrackerNote, TrackerReport, scene_at
+from mocapella.tracker.silhouette_conditions import CameraConditions
+from mocapella.tracker.silhouette_doubt import RigDoubt
+from mocapella.tracker.silhouette_presence import REMEMBERED as PRESENCE_REMEMBERED
+from mocapella.tracker.silhouette_presence import SilhouettePresence
+from mocapella.tracker.silhouette_room import IMAGES, LEARNING, EmptyRoomLearning, unknown_room
+from mocapella.tracker.silhouette_scene import BodyScenes
+from mocapella.tracker.silhouette_seen import DAMAGED, NO_PICTURE, SeenInstant, called
+from mocapella.tracker.silhouette_settings import SilhouetteSettings
+from mocapella.tracker.silhouette_start import cameras_that_see
+from mocapella.tracker.starting_body import StartingBody
 
-Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
-Bool = NDArray[np.bool_]
 
-SAMPLES_HIGH = 200
-"""About so many samples a body is high in an image."""
-HALF_LIFE_S = 0.15
-"""How long what nobody sees goes on as it did, until it is half as fast [s]."""
-SETTLING = 4
-"""How many times as many rounds the first frame has, whose pose is rough."""
+MOST_NOTES: Final = 200
+"""So many are kept for a caller that has not drained them."""
+TOO_LATE: Final = "it is an image of the empty room, and people are followed already: give these first"
+_TO_SENSOR: Final = np.diag([-1.0, -1.0, 1.0, 1.0])
+"""From a sensor's space (x left, y up) to a camera's (x right, y down)."""
 
 
-class Followed(msgspec.Struct, frozen=True, eq=False):
-    """A body in one frame.
+class SilhouettesTracker:
+    """See the module.
 
-    Attributes:
-        time_ns: of capture.
-        pose: see there.
-        landmarks: (n, 3) [m], in the order of the mesh's.
-        seen: by camera.
-        left_out: by camera, why its image did not count.
-    """
-
-    time_ns: int
-    pose: TreePose
-    landmarks: Float64
-    seen: Mapping[str, SeenIn]
-    left_out: Mapping[str, str]
-
-
-class SilhouetteTracker:
-    """One body, from a pose in which it roughly is.
+    Args:
+        bodies: by name, which is empty where there is one that nobody named; at least one.
+        rig: of the cameras, for images of their sizes.
+        settings: of the fit.
+        sync: of the cameras' times. Bodies are where they begin a ``period_s`` before the first instant.
+        empty_room_s: for so long nobody is in the images; the room is learnt, and then people are waited for [s].
+        waiting: whether nobody is there at first: bodies wait where they begin.
 
     Attributes:
-        settings: of every stage.
-        mesh: of the body.
-        body: the same, made ready.
-        eyes: the cameras, made ready.
+        bodies, rig: see above.
+        seen: the last instant, with what was fitted; None before the first.
+
+    Raises:
+        SettingsError: no body, a time out of range, or a body that no camera sees where it begins.
     """
 
-    def __init__(self, mesh: RiggedMesh, rig: CameraRig, settings: SilhouetteSettings | None = None) -> None:
-        self.settings = settings or SilhouetteSettings()
-        self.mesh = mesh
-        self.body = SilhouetteBody(mesh)
-        self._strays = None if self.settings.limbs is None else StrayLimbs(self.body, self.settings.limbs)
-        self.eyes: dict[str, Eye] = {name: eye(placed) for name, placed in rig.cameras.items()}
-        self._usual = np.clip(0.0, *mesh.tree.limits.T)
+    def __init__(
+        self,
+        bodies: Mapping[str, StartingBody],
+        rig: CameraRig,
+        settings: SilhouetteSettings | None = None,
+        *,
+        sync: FrameSyncSettings | None = None,
+        empty_room_s: float = 0.0,
+        waiting: bool = False,
+    ) -> None:
+        check(len(bodies) > 0, "bodies", list(bodies), "one or more")
+        check(0 <= empty_room_s <= 600, "empty_room_s", empty_room_s, "0 to 600 s")
+        self.bodies, self.rig = dict(bodies), rig
+        self._waiting = waiting or empty_room_s > 0
+        self._sync = FrameSync(rig.cameras, sync)
+        self._fitters = BodiesFitter({name: body.mesh for name, body in bodies.items()}, rig, settings)
+        self._presence = SilhouettePresence(self._fitters, rig)
+        self._conditions, self._doubt = CameraConditions(rig), RigDoubt(rig)
+        self._room = EmptyRoomLearning(empty_room_s)
+        self._scenes = BodyScenes(self.bodies, {name: eye(placed) for name, placed in rig.cameras.items()})
+        self._places = tuple(
+            SensorPlace(name, inverse(placed.T_camera_world) @ _TO_SENSOR, 0.0, 0.0, "as calibrated")
+            for name, placed in sorted(rig.cameras.items())
+        )
         self.reset()
 
     def reset(self) -> None:
-        """Forget where it is, and what is behind it."""
-        self._past: list[tuple[int, TreePose]] = []
-        self._cameras: dict[str, SilhouetteCamera] = {}
-        self._dead = DeadImages()
-        self._missed = False
-        self._as_expected = False
-        if self._strays is not None:
-            self._strays.reset()
+        """Forget everything, as if newly made."""
+        self._steps = self._instants = self._restarts = 0
+        self._rejected: Counter[str] = Counter()
+        self._notes: deque[TrackerNote] = deque(maxlen=MOST_NOTES)
+        self._begin_anew("")
 
-    def start(self, pose: TreePose, time_ns: int) -> None:
-        """It is about there, and at rest.
+    def recalibrate(self, reason: str) -> None:
+        """Learn the empty room anew, and look for all bodies where they begin; where the cameras are is the rig's."""
+        self._restarts += 1
+        self._rejected += self._sync.dropped
+        self._begin_anew(reason)
 
-        Raises:
-            SettingsError: no camera sees it there.
+    def _begin_anew(self, reason: str) -> None:
+        self._sync.reset()
+        self._fitters.reset()
+        self._presence.reset()
+        self._conditions.reset()
+        self._doubt.reset()
+        self._room.reset()
+        self._newest: dict[str, tuple[int, int]] = {}
+        self._filmed: set[str] = set()
+        self._begun, self._reason = False, reason
+        self.seen: SeenInstant | None = None
+        self._start(0)
+        waiting = {name: self._presence.waiting(name) for name in self.bodies}
+        self._bodies: tuple[TrackedBody, ...] = self._scenes.tracked(waiting, looked_for=False)
+        self._state = self._stand()
+
+    @property
+    def report(self) -> TrackerReport:
+        """See `Tracker`; images that wait for the others of their instant count as kept."""
+        rejected = self._rejected + self._sync.dropped
+        learnt = int(self._room.done and bool(self._room.seen))
+        return TrackerReport(self._steps, self._steps - rejected.total(), dict(rejected), learnt, self._restarts)
+
+    @property
+    def period_s(self) -> float:
+        """Between two instants, as it was given [s]."""
+        return self._sync.settings.period_s
+
+    @property
+    def learning(self) -> bool:
+        """Whether the empty room is being learnt."""
+        return not self._room.done
+
+    def drain_notes(self) -> list[TrackerNote]:
+        """What happened since the last call, the oldest first; nobody is told twice."""
+        notes = list(self._notes)
+        self._notes.clear()
+        return notes
+
+    def snapshot(self) -> bytes:
+        """See `Tracker`."""
+        own = {name: getattr(self, name) for name in _OWN_MEMORY}
+        return pack([_FORMAT, own, [part.memory() for part in self._parts()]], _REMEMBERED)
+
+    def restore(self, data: bytes) -> None:
+        """See `Tracker`; `seen` is None until the next instant."""
+        whole = unpack(data, _REMEMBERED)
+        try:
+            kind, own, memories = whole
+            if kind != _FORMAT:
+                raise ValueError(f"of {kind!r}")
+            for part, memory in zip(self._parts(), memories, strict=True):
+                part.recall(memory)
+            vars(self).update(own)
+        except (TypeError, ValueError, LookupError, AttributeError) as error:
+            self.reset()
+            raise WireError(f"{len(data)} bytes that are no memory of these bodies and this rig ({error})") from error
+        self.seen = None
+
+    def _parts(self) -> Sequence[Any]:
+        return self._sync, self._fitters, self._presence, self._conditions, self._doubt, self._room
+
+    def update(self, arrival: Arrival) -> Scene:
+        """Take one image in and say what there is now: the bodies of the last complete instant.
+
+        An image that cannot be used is counted and changes nothing; a damaged one, once its instant is complete.
         """
-        self._past, self._missed, self._as_expected = [(time_ns, pose)], False, False
-        self._skin = SteadySkin(self.body, self.settings.steadiness or Steadiness())
-        vertices, s = self.body.standing(pose).vertices, self.settings
-        steps = {name: camera.step_px for name, camera in self._cameras.items()}
-        for name, by in self.eyes.items():
-            outline = None if name in steps else see(self.body.figure, vertices, by, step_px=1, margin_px=1)
-            if outline is not None:
-                steps[name] = s.step_px or max(1, round(max(outline.mask.shape) / SAMPLES_HIGH))
-        if not steps:
-            raise SettingsError("no camera of the rig sees a body that stands there; is the pose in the rig's space?")
-        # Into the images of others it may walk.
-        usual = round(float(np.median(list(steps.values()))))
-        self._cameras = {
-            name: self._cameras.get(name) or SilhouetteCamera(by, steps.get(name, usual), s)
-            for name, by in self.eyes.items()
-        }
+        frame: Any = arrival.frame
+        if type(frame) is not ImageFrame:
+            problem = not_taken(frame, "silhouettes")
+        elif not (problem := self._problem(frame)):
+            self._see(arrival, frame)
+        if problem:
+            self._rejected[problem] += 1
+        return self._scene(arrival)
 
-    def learn_background(self, images: Mapping[str, UInt8]) -> None:
-        """Take in images of the empty room, by camera; after `start`. Cameras that move learn nothing.
+    def _see(self, arrival: Arrival, frame: ImageFrame) -> None:
+        """Take in an image that can be used."""
+        if frame.empty_room:
+            self._learn_empty(frame)
+            return
+        self._newest[frame.sensor] = (frame.node_id, frame.time_ns)
+        for instant in self._sync.update(arrival):
+            self._take(instant)
+        self._state = self._stand()
 
-        Raises:
-            InputError: an image of another size than before.
-        """
-        for name, image in images.items():
-            memory = self._cameras[name].memory if name in self._cameras else None
-            if memory is not None:
-                memory.update(without_speckles(image), None)
+    def _problem(self, frame: ImageFrame) -> str:
+        if frame.sensor not in self.rig.cameras:
+            return f"the rig has no camera {frame.sensor!r}; it has {one_of(frame.sensor, self.rig.cameras)}"
+        size = self.rig.cameras[frame.sensor].camera.size_px
+        if frame.format and frame.size_px != size:
+            told = f"{frame.size_px[0]} × {frame.size_px[1]}"
+            return f"its images are {told}, the rig's {size[0]} × {size[1]}: calibrate with this size"
+        if frame.empty_room:
+            return TOO_LATE if self._newest else ""
+        return time_problem(frame, self._newest.get(frame.sensor))
 
-    def expected(self, time_ns: int) -> TreePose:
-        """Where it will be if it goes on as it did."""
-        (last_ns, last) = self._past[-1]
-        if len(self._past) < 2:
-            return last
-        before_ns, before = self._past[-2]
-        since_s, before_s = (time_ns - last_ns) / NS_PER_S, (last_ns - before_ns) / NS_PER_S
-        # What nobody sees for longer than usual goes on ever more slowly.
-        slowing = max(since_s - before_s, 0.0)
-        since_s += HALF_LIFE_S / np.log(2) * (1.0 - 0.5 ** (slowing / HALF_LIFE_S)) - slowing
-        local = self.body.local(last)
-        pose = local.back(predicted(local.into(before), local.at, since_s / before_s))
-        return TreePose(pose.T_world_model, np.clip(pose.angles, *self.mesh.tree.limits.T))
+    def _learn_empty(self, frame: ImageFrame) -> None:
+        image = self._decoded(frame)
+        if image is not None:
+            self._filmed.add(frame.sensor)
+            self._fitters.learn_background({frame.sensor: image})
+            self._presence.empty.learn({frame.sensor: image})
 
-    def update(self, images: Mapping[str, UInt8], time_ns: int, others: Mapping[str, Bool] | None = None) -> Followed:
-        """The body in the next frame.
+    def _decoded(self, frame: ImageFrame) -> UInt8 | None:
+        """The pixels; None where there are none, which is counted where they are damaged."""
+        if not frame.format:
+            return None
+        try:
+            return decode_image(frame)
+        except InputError as error:
+            self._rejected[str(error)] += 1
+            return None
 
-        Args:
-            images: of one instant, by camera: (height, width) or (height, width, 3) uint8.
-            time_ns: of capture.
-            others: (height, width) by camera, where other people are: what is seen there says nothing of this one.
-        """
-        others = others or {}
-        s = self.settings
-        expected = pose = self.expected(time_ns)
-        expected_at = self.body.standing(expected).vertices
-        usual, steady = self._priors(expected, time_ns)
-        first = len(self._past) == 1
-        wide = first or self._missed
-        left_out = self._dead.update(images)
-        images = {name: without_speckles(image) for name, image in images.items()}
-        for camera in self._cameras.values():
-            camera.forget_frame()
-            camera.wide = wide
-        there = {
-            name: camera
-            for name, camera in self._cameras.items()
-            if name in images and name not in left_out and camera.look(self.body.figure, expected_at, s)
-        }
-        left_out |= of_elsewhere(there, images, left_out, s, time_ns)
-        usable = {name: image for name, image in images.items() if name in self._cameras and name not in left_out}
-        rounds, segmented = (s.rounds * SETTLING, s.rounds * SETTLING - 1) if first else (s.rounds, s.segmented)
-        if self._missed and not first:
-            rounds, segmented = 2 * rounds, 2 * rounds - 1
-        if not first:
-            for name in (name for name in usable if name in there):
-                there[name].segment(usable[name], others.get(name), near=self._as_expected or segmented == 1)
-            for name, reason in not_of_body(self._segmented(), left_out, s, time_ns).items():
-                left_out[name] = reason
-                there[name].forget_frame()
-                del usable[name]
-        pose = self._fitted(
-            usable, others, pose, priors=(usual, steady), rounds=rounds, segmented=segmented, begun=not first
-        )
-        found = None if self._strays is None else self._strays.found(pose, usable, others, self._segmented())
-        if found is not None:
-            joints, pose = found
-            # Where such a limb was says nothing of how it moves.
-            self._past = [(at_ns, with_angles(past, joints, pose.angles)) for at_ns, past in self._past]
-            priors = self._priors(with_angles(expected, joints, pose.angles), time_ns)
-            pose = self._fitted(usable, others, pose, priors=priors, rounds=s.rounds, segmented=s.segmented)
-        stands, seen = self.body.standing(pose), {}
-        self._as_expected = self._near(expected_at, stands.vertices, s.expected_steps)
-        for name, camera in self._segmented().items():
-            if camera.look(self.body.figure, stands.vertices, s):
-                seen[name] = camera.seen()
-                camera.learn(images[name], others.get(name))
-        if seen:
-            # Where it was thought to be before the first frame was rough: it is at rest, until it is seen to move.
-            last_ns, last = self._past[-1]
-            self._past = [(last_ns, pose if first else last), (time_ns, pose)]
-            self._skin.learn(stands)
-        self._missed = not seen
-        return Followed(time_ns, pose, stands.landmarks, seen, left_out)
-
-    def _fitted(
-        self,
-        images: Mapping[str, UInt8],
-        others: Mapping[str, Bool],
-        pose: TreePose,
-        *,
-        priors: tuple[Prior, Sequence[Prior]],
-        rounds: int,
-        segmented: int,
-        begun: bool = False,
-    ) -> TreePose:
-        """Outlines, and the pose that they want, again and again; the first ones may be there."""
-        s, (usual, steady) = self.settings, priors
-        beside_skin = steady
-        if s.steadiness is not None and steady:
-            beside_skin = (looser(steady[0], s.steadiness.beside_skin), *steady[1:])
-        wide = any(camera.wide for camera in self._cameras.values())
-        near, looked = self._as_expected and segmented == s.segmented, self.body.standing(pose).vertices
-        number = 0
-        while number < rounds:
-            if (
-                number == 1
-                and segmented == s.segmented
-                and self._near(looked, self.body.standing(pose).vertices, s.settled_steps)
-            ):
-                segmented, rounds = 1, max(rounds - 1, 2)
-            again = number < segmented and not (begun and number == 0)
-            for camera in self._cameras.values():
-                camera.wide = wide and number < rounds // 2
-            stands, local = self.body.standing(pose), self.body.local(pose)
-            moved = motions(local.tree, local.at)
-            given: list[Constraints] = []
-            for name, image in images.items():
-                camera = self._cameras[name]
-                if not camera.look(self.body.figure, stands.vertices, s):
-                    continue
-                if again:
-                    camera.segment(image, others.get(name), near=near or number == segmented - 1)
-                if camera.segmented:
-                    given.append(camera.planes(moved))
-            held = steady
-            if len(given) > 1 and steady:
-                held = beside_skin
-                given.append(self._skin.steady(stands, moved))
-            given.append(apart(self.body.solid, stands.landmarks, moved))
-            # What nobody sees goes on as it did, not to where it usually is.
-            local_priors = [local.into_prior(one) for one in held] + (
-                [local.into_usual(usual)] if len(given) > 1 else []
-            )
-            pose = local.back(fit(local.tree, local.at, given, local_priors, FitSettings(most_steps=3)).pose)
-            number += 1
-        return pose
-
-    def _segmented(self) -> dict[str, SilhouetteCamera]:
-        """Cameras in whose images of this frame the body was looked for, and is."""
-        return {name: camera for name, camera in self._cameras.items() if camera.segmented}
-
-    def _near(self, these: Float64, those: Float64, steps: float) -> bool:
-        """Whether vertices are no farther from each other than so many samples, of what was segmented."""
-        nearest_m = min((camera.sample_m for camera in self._segmented().values()), default=0.0)
-        return farthest_apart_m(these, those) <= steps * nearest_m
-
-    def covered(self, pose: TreePose, grown_px: int = 0) -> dict[str, Bool]:
-        """(height, width) by camera: what the body covers in a pose, and so much around it."""
-        vertices, out = posed(self.mesh, pose), {}
-        for name, by in self.eyes.items():
-            step = self._cameras[name].step_px if name in self._cameras else USUAL_STEP_PX
-            seen = see(self.body.figure, vertices, by, step_px=step, margin_px=grown_px + 2 * step)
-            if seen is None:
-                out[name] = np.zeros(by.size_px[::-1], np.bool_)
+    def _take(self, instant: SyncedFrames) -> None:
+        """The images of one instant are complete."""
+        images: dict[str, UInt8] = {}
+        missing: dict[str, str] = {}
+        for name in self.rig.cameras:  # in this order, whatever came first
+            frame: Any = instant.frames[name].frame if name in instant.frames else None
+            image = None if frame is None else self._decoded(frame)
+            if image is not None:
+                images[name] = image
             else:
-                phi = signed_distance(seen.mask, grown_px + step, step) + np.float32(grown_px)
-                out[name] = Silhouette(seen.origin_px, step, phi).mask(by.size_px)
-        return out
+                missing[name] = DAMAGED if frame is not None and frame.format else NO_PICTURE
+        numbers = {arrival.frame.sequence for arrival in instant.frames.values()}
+        number = numbers.pop() if len(numbers) == 1 else self._instants
+        self._instants += 1
+        if self._room.done:
+            said = self._follow(number, instant.time_ns, images, missing)
+        else:
+            said = self._room.update(instant.time_ns, images, self._presence.empty, self._fitters)
+            said += unknown_room(self.rig.cameras, self._room.seen) if self._room.done else []
+        self._notes.extend(TrackerNote(instant.time_ns, text) for text in said)
 
-    def _priors(self, expected: TreePose, time_ns: int) -> tuple[Prior, Sequence[Prior]]:
-        """How angles usually are, and how steady the body is."""
-        s = self.settings
-        weak = np.full(len(self._usual), s.usual_per_rad)
-        usual = Prior(TreePose(expected.T_world_model, self._usual), 0.0, 0.0, weak)
-        if s.steadiness is None or len(self._past) < 2:
-            return usual, ()
-        (before_ns, _), (last_ns, last) = self._past
-        since_s, before_s = (time_ns - last_ns) / NS_PER_S, (last_ns - before_ns) / NS_PER_S
-        per_s2 = 2.0 / (since_s * (since_s + before_s))
-        self._skin.expect(self.body.standing(expected), since_s, per_s2)
-        penalty = s.steadiness.penalty(per_s2)
-        turns = np.zeros(len(self._usual))
-        turns[self.body.balls.first + 2] = 1.0 / (s.steadiness.turn_rad_per_s * since_s)
-        return usual, (smoothness(self.mesh.tree, expected, penalty), Prior(last, 0.0, 0.0, turns))
+    def _follow(self, number: int, time_ns: int, images: Mapping[str, UInt8], missing: Mapping[str, str]) -> list[str]:
+        """Fit all bodies and decide who is there; returns what is to be said."""
+        said = [] if self._begun else self._begin(time_ns)
+        found = self._fitters.update(images, time_ns, self._presence.lost)
+        found = {
+            name: msgspec.structs.replace(fit, left_out={**fit.left_out, **missing}) for name, fit in found.items()
+        }
+        bodies, who = self._presence.update(number, found, images)
+        said += who + self._conditions.update(number, bodies)
+        if not self._presence.lost:
+            said += self._doubt.update({name: one.fit for name, one in bodies.items()}, images, self._presence.empty)
+        self.seen = SeenInstant(number, time_ns, images, bodies)
+        self._bodies = self._scenes.tracked(bodies)
+        return said
+
+    def _begin(self, time_ns: int) -> list[str]:
+        """The first instant in which bodies are looked for."""
+        self._begun, self._reason = True, ""
+        self._start(time_ns - round(self.period_s * NS_PER_S))
+        if self._waiting:
+            self._presence.wait()
+        said = [
+            f"at the start {called(name)} is outside of {camera}'s image"
+            for name, body in self.bodies.items()
+            for seen_by in [cameras_that_see(body.mesh, body.pose, self.rig)]
+            for camera in self.rig.cameras
+            if camera not in seen_by
+        ]
+        return said + (unknown_room(self.rig.cameras, self._filmed) if self._filmed else [])
+
+    def _start(self, time_ns: int) -> None:
+        """All bodies are where they begin, at that time."""
+        for name, body in self.bodies.items():
+            self._fitters.start(name, body.pose, time_ns)
+            self._presence.start(name, body.pose, time_ns)
+
+    def _stand(self) -> TrackerState:
+        if not self._room.done:
+            return TrackerState(Phase.CALIBRATING, 0, self._room.remaining, IMAGES, reason=self._reason or LEARNING)
+        if not self._begun:
+            missing = len(self.rig.cameras) - len(self._sync.heard)
+            return TrackerState(Phase.WAITING_FOR_SENSORS, missing, reason=self._reason)
+        lost = [f"{called(name)} is in no camera's image" for name in self._presence.lost]
+        clauses = (*self._doubt.said, *self._conditions.lasting, *lost)
+        return TrackerState(Phase.TRACKING, reason="; ".join(clause.replace("; ", ", ") for clause in clauses))
+
+    def _scene(self, arrival: Arrival) -> Scene:
+        step, self._steps = self._steps, self._steps + 1
+        return scene_at(arrival, step, self._state, {"bodies": self._bodies}, sensors=self._places)
+
+
+_FORMAT: Final = "silhouettes 1"
+_OWN_MEMORY: Final = (
+    *("_steps", "_instants", "_restarts", "_rejected", "_newest", "_filmed", "_begun", "_reason", "_notes", "_bodies"),
+    "_state",
+)
+_REMEMBERED: Final = (
+    *(Phase, TrackerState, TrackerNote, TrackedBody, TrackedBodyView, *IMAGES_REMEMBERED),
+    *(*SYNC_REMEMBERED, *FITTER_REMEMBERED, *PRESENCE_REMEMBERED),
+)

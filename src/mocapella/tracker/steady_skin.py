@@ -8,6 +8,9 @@ Transactions on Automatic Control, 1972): who sits still is held, and who jumps 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any, Final
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +23,7 @@ Float64 = NDArray[np.float64]
 
 LATELY_S = 0.1
 """In so much time what a point was is forgotten by half [s]."""
+_MEMORY: Final = ("_last", "_onward", "_weights", "_speed", "_acceleration", "_since_s", "_per_s2")
 AT_FIRST_M_PER_S = 4.0
 """Recordings begin amid motion: before it is known how fast a point is, it may be as fast as a runner's limbs [m/s]."""
 
@@ -40,6 +44,14 @@ class SteadySkin:
         self._onward, self._weights = np.empty((count, 3)), np.zeros(count)
         self._speed, self._acceleration = np.full(count, AT_FIRST_M_PER_S), np.zeros(count)
         self._since_s, self._per_s2 = 0.0, 0.0
+
+    def memory(self) -> dict[str, Any]:
+        """All that `recall` wants."""
+        return {name: getattr(self, name) for name in _MEMORY}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Be as when `memory` was made; of the same body."""
+        vars(self).update(memory)
 
     def expect(self, stands: Standing, since_s: float, per_s2: float) -> None:
         """Where the body will be if it goes on as it did.

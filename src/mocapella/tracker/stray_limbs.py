@@ -8,7 +8,9 @@ body, too.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Collection, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +70,17 @@ class StrayLimbs:
         self._asked: set[str] = set()
         self._evidence: dict[str, Evidence] = {}
 
+    def memory(self) -> list[Any]:
+        """All that `recall` wants."""
+        # Its numbers are larger than those of most formats.
+        chance = json.dumps(self._rng.bit_generator.state)
+        return [chance, self._frame, self._asked, self._evidence]
+
+    def recall(self, memory: Sequence[Any]) -> None:
+        """Be as when `memory` was made; of the same body."""
+        chance, self._frame, self._asked, self._evidence = memory
+        self._rng.bit_generator.state = json.loads(chance)
+
     def found(
         self,
         pose: TreePose,
@@ -79,7 +92,7 @@ class StrayLimbs:
 
         Args:
             pose: of the body in this frame.
-            images, others: as of `SilhouetteTracker.update`.
+            images, others: as of `BodyFitter.update`.
             cameras: in whose images the body was segmented.
         """
         self._frame += 1
@@ -88,7 +101,7 @@ class StrayLimbs:
         seeing = {
             name: camera
             for name, camera in cameras.items()
-            if camera.memory is not None and camera.shows_all(stands.vertices)
+            if camera.background is not None and camera.shows_all(stands.vertices)
         }
         doubtful, due = self._doubtful(images, seeing, stands), self._due(self._frame)
         wanted = (doubtful | due) & self._asked

@@ -13,8 +13,8 @@ from mocapella.geometry.twists import log_motion
 from mocapella.model.camera import CameraRig, PlacedCamera
 from mocapella.model.rigged_mesh import landmarks_at
 from mocapella.model.twist_tree import TreePose
+from mocapella.tracker.body_fitter import BodyFitter, FittedBody
 from mocapella.tracker.silhouette_settings import SilhouetteSettings, Steadiness
-from mocapella.tracker.silhouettes import Followed, SilhouetteTracker
 
 ROOM = Room()
 FRAMES = 24
@@ -38,8 +38,8 @@ def squat(k: int) -> TreePose:
 
 
 def follow(
-    tracker: SilhouetteTracker, frames: int, wrong: dict[int, dict[str, Any]] | None = None, every: int = 1
-) -> list[Followed]:
+    tracker: BodyFitter, frames: int, wrong: dict[int, dict[str, Any]] | None = None, every: int = 1
+) -> list[FittedBody]:
     tracker.start(squat(0), -FRAME_NS)
     found = []
     for k in range(0, frames, every):
@@ -48,16 +48,16 @@ def follow(
     return found
 
 
-def missed_mm(found: Followed, k: int) -> Any:
+def missed_mm(found: FittedBody, k: int) -> Any:
     return 1000 * np.linalg.norm(found.landmarks - landmarks_at(ROOM.mesh, squat(k)), axis=1)
 
 
 @pytest.fixture(scope="module")
-def clean() -> list[Followed]:
-    return follow(SilhouetteTracker(ROOM.mesh, ROOM.rig), FRAMES)
+def clean() -> list[FittedBody]:
+    return follow(BodyFitter(ROOM.mesh, ROOM.rig), FRAMES)
 
 
-def test_a_body_that_bends_its_knees_is_followed(clean: list[Followed]) -> None:
+def test_a_body_that_bends_its_knees_is_followed(clean: list[FittedBody]) -> None:
     for k, found in enumerate(clean):
         assert np.median(missed_mm(found, k)) < 15
         assert np.percentile(missed_mm(found, k), 85) < 40
@@ -66,8 +66,8 @@ def test_a_body_that_bends_its_knees_is_followed(clean: list[Followed]) -> None:
         assert list(found.seen) == list(ROOM.rig.cameras)
 
 
-def test_the_same_images_give_the_same_to_the_bit(clean: list[Followed]) -> None:
-    again = follow(SilhouetteTracker(ROOM.mesh, ROOM.rig), 4)
+def test_the_same_images_give_the_same_to_the_bit(clean: list[FittedBody]) -> None:
+    again = follow(BodyFitter(ROOM.mesh, ROOM.rig), 4)
     for one, other in zip(again, clean, strict=False):
         assert (one.pose.angles == other.pose.angles).all()
         assert (one.pose.T_world_model == other.pose.T_world_model).all()
@@ -76,7 +76,7 @@ def test_the_same_images_give_the_same_to_the_bit(clean: list[Followed]) -> None
 def test_images_that_are_stored_wrong_are_left_out_and_do_not_lead_astray() -> None:
     rng = np.random.default_rng(0)
     garbage = {name: rng.integers(0, 256, (240, 320, 3)).astype(np.uint8) for name in ROOM.rig.cameras}
-    found = follow(SilhouetteTracker(ROOM.mesh, ROOM.rig), FRAMES, {10: garbage, 11: garbage})
+    found = follow(BodyFitter(ROOM.mesh, ROOM.rig), FRAMES, {10: garbage, 11: garbage})
     assert list(found[10].left_out) == list(ROOM.rig.cameras)
     assert "something else" in found[10].left_out["camera 1"]
     assert found[10].seen == {}
@@ -100,7 +100,7 @@ def test_what_differs_in_half_of_the_cameras_at_once_is_stored_wrong(fault: Any,
     names = list(ROOM.rig.cameras)
     half = names[:count]
     wrong = {k: {name: fault(ROOM.images(squat(k), k)[name]) for name in half} for k in (6, 7)}
-    found = follow(SilhouetteTracker(ROOM.mesh, ROOM.rig), 12, wrong)
+    found = follow(BodyFitter(ROOM.mesh, ROOM.rig), 12, wrong)
     assert [list(one.left_out) for one in found] == [[]] * 6 + [half] * 2 + [[]] * 4
     assert all("it shows something else" in reason for reason in found[6].left_out.values())
     assert list(found[6].seen) == names[count:]
@@ -112,7 +112,7 @@ def test_what_differs_in_half_of_the_cameras_at_once_is_stored_wrong(fault: Any,
 def test_one_camera_may_differ_a_little_but_not_much(fault: Any, left_out: list[str]) -> None:
     """Somebody passes behind the body."""
     wrong = {k: {"camera 1": fault(ROOM.images(squat(k), k)["camera 1"])} for k in (6, 7)}
-    found = follow(SilhouetteTracker(ROOM.mesh, ROOM.rig), 9, wrong)
+    found = follow(BodyFitter(ROOM.mesh, ROOM.rig), 9, wrong)
     assert [list(one.left_out) for one in found] == [[]] * 6 + [left_out] * 2 + [[]]
     assert np.median(missed_mm(found[-1], 8)) < 15
 
@@ -121,8 +121,8 @@ def test_an_image_without_the_body_is_told_by_its_outline_though_the_room_is_as_
     """Learnt first, the room is known behind the body, too."""
     empty = {k: {"camera 1": ROOM.images(AWAY, k)["camera 1"]} for k in (6, 7)}
 
-    def followed(wrong: dict[int, dict[str, Any]]) -> list[Followed]:
-        tracker = SilhouetteTracker(ROOM.mesh, ROOM.rig)
+    def followed(wrong: dict[int, dict[str, Any]]) -> list[FittedBody]:
+        tracker = BodyFitter(ROOM.mesh, ROOM.rig)
         tracker.start(squat(0), -FRAME_NS)
         tracker.learn_background(ROOM.images(AWAY, 99))
         return [tracker.update(ROOM.images(squat(k), k) | wrong.get(k, {}), k * FRAME_NS) for k in range(10)]
@@ -134,7 +134,7 @@ def test_an_image_without_the_body_is_told_by_its_outline_though_the_room_is_as_
 
 
 def test_where_the_body_moves_at_once_in_all_cameras_none_is_left_out() -> None:
-    tracker = SilhouetteTracker(ROOM.mesh, ROOM.rig)
+    tracker = BodyFitter(ROOM.mesh, ROOM.rig)
     follow(tracker, 6)
     aside = squat(6)
     aside = TreePose(aside.T_world_model + np.array([[0, 0, 0, 0.25], *[[0] * 4] * 3]), aside.angles)
@@ -143,7 +143,7 @@ def test_where_the_body_moves_at_once_in_all_cameras_none_is_left_out() -> None:
 
 def test_a_camera_that_shows_nobody_for_long_is_asked_again() -> None:
     settings = SilhouetteSettings(something_else_s=0.05)
-    tracker = SilhouetteTracker(ROOM.mesh, ROOM.rig, settings)
+    tracker = BodyFitter(ROOM.mesh, ROOM.rig, settings)
     tracker.start(squat(0), -FRAME_NS)
     tracker.learn_background(ROOM.images(AWAY, 99))
     out = []
@@ -166,12 +166,12 @@ def test_what_differs_all_the_time_is_usual() -> None:
                                   images[name][24:]]) for name in ("camera 1", "camera 2")
         }  # fmt: skip
 
-    found = follow(SilhouetteTracker(ROOM.mesh, ROOM.rig), 10, {k: flickers(k) for k in range(10)})
+    found = follow(BodyFitter(ROOM.mesh, ROOM.rig), 10, {k: flickers(k) for k in range(10)})
     assert [one.left_out for one in found] == [{}] * 10
 
 
 def test_a_body_that_nobody_saw_is_looked_for_farther_away() -> None:
-    tracker = SilhouetteTracker(ROOM.mesh, ROOM.rig)
+    tracker = BodyFitter(ROOM.mesh, ROOM.rig)
     follow(tracker, 5)
     black = dict.fromkeys(ROOM.rig.cameras, np.zeros((240, 320, 3), np.uint8))
     for k in range(5, 8):
@@ -186,7 +186,7 @@ def test_a_body_that_nobody_saw_is_looked_for_farther_away() -> None:
 def test_an_arm_that_went_astray_is_looked_for(degrees: dict[str, float]) -> None:
     there, missed_m = bent(ROOM.mesh, degrees), []
     for settings in (SilhouetteSettings(limbs=None), SilhouetteSettings()):
-        tracker = SilhouetteTracker(ROOM.mesh, ROOM.rig, settings)
+        tracker = BodyFitter(ROOM.mesh, ROOM.rig, settings)
         tracker.start(bent(ROOM.mesh, {}), -FRAME_NS)
         tracker.learn_background(ROOM.walls())
         for k in range(10):
@@ -200,7 +200,7 @@ def test_a_limb_turns_about_itself_no_faster_than_it_may() -> None:
     turned = []
     for most in (0.1, 30.0):
         steadiness = Steadiness(turn_rad_per_s=most)
-        tracker = SilhouetteTracker(ROOM.mesh, ROOM.rig, SilhouetteSettings(steadiness=steadiness, limbs=None))
+        tracker = BodyFitter(ROOM.mesh, ROOM.rig, SilhouetteSettings(steadiness=steadiness, limbs=None))
         for k in range(-4, 5):
             turns = bent(ROOM.mesh, {"left shoulder turn outwards": 4.0 * max(k, 0), "left elbow flexion": 90})
             if k == -4:
@@ -213,7 +213,7 @@ def test_a_limb_turns_about_itself_no_faster_than_it_may() -> None:
 
 def test_a_black_camera_is_left_out_and_the_others_go_on() -> None:
     dark = {"camera 3": np.zeros((240, 320, 3), np.uint8)}
-    found = follow(SilhouetteTracker(ROOM.mesh, ROOM.rig), 12, dict.fromkeys(range(4, 12), dark))
+    found = follow(BodyFitter(ROOM.mesh, ROOM.rig), 12, dict.fromkeys(range(4, 12), dark))
     assert [list(one.left_out) for one in found] == [[]] * 4 + [["camera 3"]] * 8
     assert found[-1].left_out["camera 3"] == "its image is black"
     assert np.median(missed_mm(found[-1], 11)) < 15
@@ -221,18 +221,18 @@ def test_a_black_camera_is_left_out_and_the_others_go_on() -> None:
 
 def test_a_frozen_camera_is_left_out_and_a_recording_that_stands_still_is_not() -> None:
     frozen = {"camera 3": ROOM.images(squat(3), 3)["camera 3"]}
-    found = follow(SilhouetteTracker(ROOM.mesh, ROOM.rig), 10, dict.fromkeys(range(4, 10), frozen))
+    found = follow(BodyFitter(ROOM.mesh, ROOM.rig), 10, dict.fromkeys(range(4, 10), frozen))
     assert [list(one.left_out) for one in found] == [[]] * 4 + [["camera 3"]] * 6
     assert "frozen" in found[-1].left_out["camera 3"]
     assert np.median(missed_mm(found[-1], 9)) < 15
-    tracker = SilhouetteTracker(ROOM.mesh, ROOM.rig)
+    tracker = BodyFitter(ROOM.mesh, ROOM.rig)
     tracker.start(squat(0), -FRAME_NS)
     for k in range(3):
         assert tracker.update(ROOM.images(squat(0), 0), k * FRAME_NS).left_out == {}
 
 
 def test_another_light_is_a_new_background_after_a_while() -> None:
-    tracker = SilhouetteTracker(ROOM.mesh, ROOM.rig, SilhouetteSettings(something_else_s=0.05))
+    tracker = BodyFitter(ROOM.mesh, ROOM.rig, SilhouetteSettings(something_else_s=0.05))
     follow(tracker, 4)
     told = []
     for k in range(4, 12):
@@ -242,8 +242,8 @@ def test_another_light_is_a_new_background_after_a_while() -> None:
     assert told[-1] == 0
 
 
-def test_a_camera_without_an_image_is_no_matter(clean: list[Followed]) -> None:
-    tracker = SilhouetteTracker(ROOM.mesh, ROOM.rig)
+def test_a_camera_without_an_image_is_no_matter(clean: list[FittedBody]) -> None:
+    tracker = BodyFitter(ROOM.mesh, ROOM.rig)
     tracker.start(squat(0), -FRAME_NS)
     images = ROOM.images(squat(0))
     del images["camera 2"]
@@ -253,7 +253,7 @@ def test_a_camera_without_an_image_is_no_matter(clean: list[Followed]) -> None:
 
 
 def test_a_body_that_nobody_sees_goes_on_as_it_did() -> None:
-    tracker = SilhouetteTracker(ROOM.mesh, ROOM.rig)
+    tracker = BodyFitter(ROOM.mesh, ROOM.rig)
     follow(tracker, 6)
     expected = tracker.expected(6 * FRAME_NS)
     found = tracker.update({}, 6 * FRAME_NS)
@@ -267,7 +267,7 @@ def test_the_penalty_makes_it_steady() -> None:
     noisy = Room(rig=ring(3, (160, 120), 150.0), noise=25.0)
     jitter = []
     for steadiness in (None, Steadiness()):
-        tracker = SilhouetteTracker(noisy.mesh, noisy.rig, SilhouetteSettings(steadiness=steadiness))
+        tracker = BodyFitter(noisy.mesh, noisy.rig, SilhouetteSettings(steadiness=steadiness))
         tracker.start(squat(30), -FRAME_NS)
         found = [tracker.update(noisy.images(squat(30), k), k * FRAME_NS) for k in range(30)]
         places = np.array([one.landmarks for one in found])[8:]
@@ -276,12 +276,12 @@ def test_the_penalty_makes_it_steady() -> None:
 
 
 def test_frames_that_are_missing_are_bridged() -> None:
-    found = follow(SilhouetteTracker(ROOM.mesh, ROOM.rig), FRAMES, every=3)
+    found = follow(BodyFitter(ROOM.mesh, ROOM.rig), FRAMES, every=3)
     assert np.median(missed_mm(found[-1], FRAMES - 3)) < 15
 
 
 def test_where_it_stands_must_be_seen_by_somebody() -> None:
-    tracker = SilhouetteTracker(ROOM.mesh, ROOM.rig)
+    tracker = BodyFitter(ROOM.mesh, ROOM.rig)
     high = bent(ROOM.mesh, {}, (0.0, 30.0, 0.0))
     with pytest.raises(SettingsError, match="no camera of the rig sees"):
         tracker.start(high, 0)
@@ -296,7 +296,7 @@ def test_a_camera_into_whose_image_somebody_walks_counts_from_then_on() -> None:
     def there(k: int) -> TreePose:
         return bent(room.mesh, {}, (0.0, 0.0, 0.03 * k - 0.6))
 
-    tracker = SilhouetteTracker(room.mesh, room.rig)
+    tracker = BodyFitter(room.mesh, room.rig)
     tracker.start(there(0), -FRAME_NS)
     seen = [list(tracker.update(room.images(there(k), k), k * FRAME_NS).seen) for k in range(36)]
     assert "camera 4" not in seen[0]
@@ -309,7 +309,7 @@ def test_a_camera_into_whose_image_somebody_walks_counts_from_then_on() -> None:
 
 
 def test_it_takes_samples_so_that_a_body_has_about_200() -> None:
-    tracker = SilhouetteTracker(ROOM.mesh, ring(1, (1280, 960), 1200.0))
+    tracker = BodyFitter(ROOM.mesh, ring(1, (1280, 960), 1200.0))
     tracker.start(squat(0), -FRAME_NS)
     wide = Room(rig=ring(1, (1280, 960), 1200.0))
     found = tracker.update(wide.images(squat(0)), 0)
@@ -347,7 +347,7 @@ def test_of_one_camera_the_skin_is_not_held(cameras: int) -> None:
     """All of it moves in depth, which one camera hardly shows."""
     found = []
     for most in (1e-3, 1e3):
-        tracker = SilhouetteTracker(
+        tracker = BodyFitter(
             ROOM.mesh, ROOM.rig, SilhouetteSettings(steadiness=Steadiness(point_m_per_s2=most, point_per_s=0))
         )
         tracker.start(squat(0), -FRAME_NS)

@@ -10,8 +10,8 @@ from mocapella.errors import SettingsError
 from mocapella.model.body_meshes import body_mesh
 from mocapella.model.rigged_mesh import landmarks_at
 from mocapella.model.twist_tree import TreePose
-from mocapella.tracker.silhouette_people import SilhouettePeople
-from mocapella.tracker.silhouettes import SilhouetteTracker
+from mocapella.tracker.bodies_fitter import BodiesFitter
+from mocapella.tracker.body_fitter import BodyFitter
 
 ROOM = Room(rig=ring(4, radius=5.0))
 OTHER = Room(rig=ROOM.rig, mesh=body_mesh("female", 1.66), colour=(60, 90, 200))  # in the same clothes
@@ -41,7 +41,7 @@ def images(k: int) -> dict[str, np.ndarray]:
 
 
 def test_two_people_in_the_same_clothes_pass_each_other() -> None:
-    people = SilhouettePeople({"one": ROOM.mesh, "two": OTHER.mesh}, ROOM.rig)
+    people = BodiesFitter({"one": ROOM.mesh, "two": OTHER.mesh}, ROOM.rig)
     for name, pose in zip(("one", "two"), step(0), strict=True):
         people.start(name, pose, -FRAME_NS)
     for k in range(24):
@@ -55,21 +55,21 @@ def test_two_people_in_the_same_clothes_pass_each_other() -> None:
 
 
 def test_what_a_body_covers_is_where_it_is_and_so_much_around_it() -> None:
-    tracker = SilhouetteTracker(ROOM.mesh, ROOM.rig)
+    fitter = BodyFitter(ROOM.mesh, ROOM.rig)
     pose, _ = step(0)
     for name, mask in ROOM.masks(pose).items():
-        covered = tracker.covered(pose)[name]
+        covered = fitter.covered(pose)[name]
         assert np.mean(covered[mask]) > 0.9  # by samples of two pixels
         assert np.count_nonzero(covered & ~mask) < 0.12 * np.count_nonzero(mask)
-        grown = tracker.covered(pose, 6)[name]
+        grown = fitter.covered(pose, 6)[name]
         assert grown[mask].all()
         assert np.count_nonzero(grown) > 1.2 * np.count_nonzero(mask)
     away = bent(ROOM.mesh, {}, (0.0, 30.0, 0.0))
-    assert not any(mask.any() for mask in tracker.covered(away).values())
+    assert not any(mask.any() for mask in fitter.covered(away).values())
 
 
 def test_nobody_of_another_name_begins() -> None:
-    people = SilhouettePeople({"one": ROOM.mesh}, ROOM.rig)
+    people = BodiesFitter({"one": ROOM.mesh}, ROOM.rig)
     with pytest.raises(SettingsError, match="no body 'on'; known: one"):
         people.start("on", step(0)[0], 0)
     assert people.update(images(0), 0) == {}

@@ -6,7 +6,8 @@ who pass in front of each other are held by the cameras that see them apart, and
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +16,8 @@ from mocapella.errors import SettingsError, one_of
 from mocapella.model.camera import CameraRig
 from mocapella.model.rigged_mesh import RiggedMesh
 from mocapella.model.twist_tree import TreePose
+from mocapella.tracker.body_fitter import BodyFitter, FittedBody
 from mocapella.tracker.silhouette_settings import SilhouetteSettings
-from mocapella.tracker.silhouettes import Followed, SilhouetteTracker
 
 UInt8 = NDArray[np.uint8]
 Bool = NDArray[np.bool_]
@@ -25,18 +26,18 @@ GROWN_PX = 4
 """So near to where somebody is expected, pixels may be of them [px]."""
 
 
-class SilhouettePeople:
+class BodiesFitter:
     """Bodies by name; each begins when it is told where it is.
 
     Attributes:
-        trackers: by name.
+        fitters: by name.
         others: (height, width) by name and camera, where the last frame was of others and said nothing of them.
     """
 
     def __init__(
         self, meshes: Mapping[str, RiggedMesh], rig: CameraRig, settings: SilhouetteSettings | None = None
     ) -> None:
-        self.trackers = {name: SilhouetteTracker(mesh, rig, settings) for name, mesh in meshes.items()}
+        self.fitters = {name: BodyFitter(mesh, rig, settings) for name, mesh in meshes.items()}
         self.others: dict[str, dict[str, Bool]] = {}
         self._followed: set[str] = set()
 
@@ -46,21 +47,37 @@ class SilhouettePeople:
         Raises:
             SettingsError: there is nobody of that name, or no camera sees a body there.
         """
-        if name not in self.trackers:
-            raise SettingsError(f"there is no body {name!r}; known: {one_of(name, self.trackers)}")
-        self.trackers[name].start(pose, time_ns)
+        if name not in self.fitters:
+            raise SettingsError(f"there is no body {name!r}; known: {one_of(name, self.fitters)}")
+        self.fitters[name].start(pose, time_ns)
         self._followed.add(name)
 
     def stop(self, name: str) -> None:
         """Follow somebody no more."""
         self._followed.discard(name)
 
-    def learn_background(self, images: Mapping[str, UInt8]) -> None:
-        """Take in images of the empty room, as of `SilhouetteTracker`."""
-        for tracker in self.trackers.values():
-            tracker.learn_background(images)
+    def memory(self) -> list[Any]:
+        """All that `recall` wants, between two frames; after `start` of all."""
+        return [{name: fitter.memory() for name, fitter in self.fitters.items()}, self._followed]
 
-    def update(self, images: Mapping[str, UInt8], time_ns: int, waiting: Collection[str] = ()) -> dict[str, Followed]:
+    def recall(self, memory: Sequence[Any]) -> None:
+        """Be as when `memory` was made; of the same bodies, rig and settings."""
+        fitters, self._followed = memory
+        for name, fitter in self.fitters.items():
+            fitter.recall(fitters[name])
+
+    def reset(self) -> None:
+        """Forget where all are, and what is behind them."""
+        self._followed, self.others = set(), {}
+        for fitter in self.fitters.values():
+            fitter.reset()
+
+    def learn_background(self, images: Mapping[str, UInt8]) -> None:
+        """Take in images of the empty room, as of `BodyFitter`."""
+        for fitter in self.fitters.values():
+            fitter.learn_background(images)
+
+    def update(self, images: Mapping[str, UInt8], time_ns: int, waiting: Collection[str] = ()) -> dict[str, FittedBody]:
         """Everybody who is followed, in the next frame.
 
         Args:
@@ -68,18 +85,18 @@ class SilhouettePeople:
             time_ns: of capture.
             waiting: who is looked for where they were last, and covers nothing there.
         """
-        present = {name: tracker for name, tracker in self.trackers.items() if name in self._followed}
+        present = {name: fitter for name, fitter in self.fitters.items() if name in self._followed}
         covered = {
-            name: tracker.covered(tracker.expected(time_ns), GROWN_PX)
-            for name, tracker in present.items()
+            name: fitter.covered(fitter.expected(time_ns), GROWN_PX)
+            for name, fitter in present.items()
             if len(present) > 1 and name not in waiting
         }
         out, self.others = {}, {}
-        for name, tracker in present.items():
+        for name, fitter in present.items():
             others: dict[str, Bool] = {}
             for other, masks in covered.items():
                 if other != name:
                     others = {camera: mask | others.get(camera, False) for camera, mask in masks.items()}
             self.others[name] = others
-            out[name] = tracker.update(images, time_ns, others)
+            out[name] = fitter.update(images, time_ns, others)
         return out

@@ -1,0 +1,42 @@
+"""The border of a silhouette as lines of few points, to be drawn or sent."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.model.silhouettes import Silhouette
+
+Float32 = NDArray[np.float32]
+Int64 = NDArray[np.int64]
+
+MOST_POINTS: Final = 300
+"""Of all lines of a silhouette together, about."""
+FEWEST: Final = 3
+"""A line of fewer samples encloses nothing."""
+
+
+def border_samples(silhouette: Silhouette) -> Iterator[Int64]:
+    """(n, 2) outermost samples of what it covers [px], in order; of each of its parts and holes."""
+    mask = (silhouette.phi > 0).astype(np.uint8)
+    for line in cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]:
+        yield line[:, 0].astype(np.int64) * silhouette.step_px + np.array(silhouette.origin_px)
+
+
+def border_lines(silhouette: Silhouette, most: int = MOST_POINTS) -> Float32:
+    """(k, 2) float32 closed lines [px], one after the other, a row of NaN between two; (0, 2) where it covers nothing.
+
+    Args:
+        silhouette: of which the border is wanted.
+        most: about how many points there may be; what has more is thinned out evenly.
+    """
+    lines = [line for line in border_samples(silhouette) if len(line) >= FEWEST]
+    every = max(1, -(-sum(map(len, lines)) // most))
+    rows: list[Float32] = []
+    for line in lines:
+        rows += [line[::every].astype(np.float32), np.full((1, 2), np.nan, np.float32)]
+    return np.concatenate(rows[:-1]) if rows else np.empty((0, 2), np.float32)

@@ -1,0 +1,324 @@
+"""Fit one body model, in twists, to the images of several cameras, frame by frame.
+
+    expected = predicted(before, last)                  where it will be if it goes on as it did
+    contour  = region_contour(image, prior of expected) in each camera: what the image says, the model's outline in mind
+    given    = touching(outline, contour)               where the outlines want the body to be
+    pose     = fit(given, smoothness(expected))         with the penalty on jitter inside the estimate
+
+The last three are repeated (B. Rosenhahn, T. Brox, D. Cremers, H.-P. Seidel, "Online Smoothing for Markerless Motion
+Capture", DAGM 2007). See docs/methods/silhouettes.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.conventions import NS_PER_S
+from mocapella.errors import SettingsError
+from mocapella.geometry.signed_distance import signed_distance
+from mocapella.kinematics.contact import apart
+from mocapella.kinematics.limb_search import Evidence
+from mocapella.kinematics.silhouette_fit import Eye, eye, see
+from mocapella.kinematics.twist_fit import Constraints, FitSettings, Prior, fit
+from mocapella.kinematics.twist_prediction import looser, predicted, smoothness
+from mocapella.model.camera import CameraRig
+from mocapella.model.rigged_mesh import RiggedMesh, farthest_apart_m, posed
+from mocapella.model.silhouettes import Silhouette
+from mocapella.model.twist_tree import TreePose, motions
+from mocapella.sensing.dead_images import DeadImages
+from mocapella.sensing.speckles import without_speckles
+from mocapella.tracker.silhouette_body import SilhouetteBody
+from mocapella.tracker.silhouette_camera import USUAL_STEP_PX, SeenIn, SilhouetteCamera
+from mocapella.tracker.silhouette_settings import SilhouetteSettings, Steadiness
+from mocapella.tracker.steady_skin import SteadySkin
+from mocapella.tracker.stray_limbs import StrayLimbs, with_angles
+from mocapella.tracker.wrong_images import not_of_body, of_elsewhere
+
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+Bool = NDArray[np.bool_]
+
+SAMPLES_HIGH = 200
+"""About so many samples a body is high in an image."""
+HALF_LIFE_S = 0.15
+"""How long what nobody sees goes on as it did, until it is half as fast [s]."""
+SETTLING = 4
+"""How many times as many rounds the first frame has, whose pose is rough."""
+
+
+class FittedBody(msgspec.Struct, frozen=True, eq=False):
+    """A body in one frame.
+
+    Attributes:
+        time_ns: of capture.
+        pose: see there.
+        landmarks: (n, 3) [m], in the order of the mesh's.
+        seen: by camera.
+        left_out: by camera, why its image did not count.
+    """
+
+    time_ns: int
+    pose: TreePose
+    landmarks: Float64
+    seen: Mapping[str, SeenIn]
+    left_out: Mapping[str, str]
+
+
+class BodyFitter:
+    """One body, from a pose in which it roughly is.
+
+    Attributes:
+        settings: of every stage.
+        mesh: of the body.
+        body: the same, made ready.
+        eyes: the cameras, made ready.
+    """
+
+    def __init__(self, mesh: RiggedMesh, rig: CameraRig, settings: SilhouetteSettings | None = None) -> None:
+        self.settings = settings or SilhouetteSettings()
+        self.mesh = mesh
+        self.body = SilhouetteBody(mesh)
+        self._strays = None if self.settings.limbs is None else StrayLimbs(self.body, self.settings.limbs)
+        self.eyes: dict[str, Eye] = {name: eye(placed) for name, placed in rig.cameras.items()}
+        self._usual = np.clip(0.0, *mesh.tree.limits.T)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget where it is, and what is behind it."""
+        self._past: list[tuple[int, TreePose]] = []
+        self._cameras: dict[str, SilhouetteCamera] = {}
+        self._dead = DeadImages()
+        self._missed = False
+        self._as_expected = False
+        if self._strays is not None:
+            self._strays.reset()
+
+    def memory(self) -> list[Any]:
+        """All that `recall` wants, between two frames; after `start`."""
+        strays = None if self._strays is None else self._strays.memory()
+        cameras = {name: camera.memory() for name, camera in self._cameras.items()}
+        state = [self._past, self._missed, self._as_expected]
+        return [state, self._dead.memory(), self._skin.memory(), strays, cameras]
+
+    def recall(self, memory: Sequence[Any]) -> None:
+        """Be as when `memory` was made; of the same mesh, rig and settings."""
+        (self._past, self._missed, self._as_expected), dead, skin, strays, cameras = memory
+        self._dead.recall(dead)
+        self._skin = SteadySkin(self.body, self.settings.steadiness or Steadiness())
+        self._skin.recall(skin)
+        if self._strays is not None:
+            self._strays.recall(strays)
+        self._cameras = {
+            name: SilhouetteCamera(self.eyes[name], one[0], self.settings) for name, one in cameras.items()
+        }
+        for name, camera in self._cameras.items():
+            camera.recall(cameras[name])
+
+    def start(self, pose: TreePose, time_ns: int) -> None:
+        """It is about there, and at rest.
+
+        Raises:
+            SettingsError: no camera sees it there.
+        """
+        self._past, self._missed, self._as_expected = [(time_ns, pose)], False, False
+        self._skin = SteadySkin(self.body, self.settings.steadiness or Steadiness())
+        vertices, s = self.body.standing(pose).vertices, self.settings
+        steps = {name: camera.step_px for name, camera in self._cameras.items()}
+        for name, by in self.eyes.items():
+            outline = None if name in steps else see(self.body.figure, vertices, by, step_px=1, margin_px=1)
+            if outline is not None:
+                steps[name] = s.step_px or max(1, round(max(outline.mask.shape) / SAMPLES_HIGH))
+        if not steps:
+            raise SettingsError("no camera of the rig sees a body that stands there; is the pose in the rig's space?")
+        # Into the images of others it may walk.
+        usual = round(float(np.median(list(steps.values()))))
+        self._cameras = {
+            name: self._cameras.get(name) or SilhouetteCamera(by, steps.get(name, usual), s)
+            for name, by in self.eyes.items()
+        }
+
+    def learn_background(self, images: Mapping[str, UInt8]) -> None:
+        """Take in images of the empty room, by camera; after `start`. Cameras that move learn nothing.
+
+        Raises:
+            InputError: an image of another size than before.
+        """
+        for name, image in images.items():
+            background = self._cameras[name].background if name in self._cameras else None
+            if background is not None:
+                background.update(without_speckles(image), None)
+
+    def expected(self, time_ns: int) -> TreePose:
+        """Where it will be if it goes on as it did."""
+        (last_ns, last) = self._past[-1]
+        if len(self._past) < 2:
+            return last
+        before_ns, before = self._past[-2]
+        since_s, before_s = (time_ns - last_ns) / NS_PER_S, (last_ns - before_ns) / NS_PER_S
+        # What nobody sees for longer than usual goes on ever more slowly.
+        slowing = max(since_s - before_s, 0.0)
+        since_s += HALF_LIFE_S / np.log(2) * (1.0 - 0.5 ** (slowing / HALF_LIFE_S)) - slowing
+        local = self.body.local(last)
+        pose = local.back(predicted(local.into(before), local.at, since_s / before_s))
+        return TreePose(pose.T_world_model, np.clip(pose.angles, *self.mesh.tree.limits.T))
+
+    def update(self, images: Mapping[str, UInt8], time_ns: int, others: Mapping[str, Bool] | None = None) -> FittedBody:
+        """The body in the next frame.
+
+        Args:
+            images: of one instant, by camera: (height, width) or (height, width, 3) uint8.
+            time_ns: of capture.
+            others: (height, width) by camera, where other people are: what is seen there says nothing of this one.
+        """
+        others = others or {}
+        s = self.settings
+        expected = pose = self.expected(time_ns)
+        expected_at = self.body.standing(expected).vertices
+        usual, steady = self._priors(expected, time_ns)
+        first = len(self._past) == 1
+        wide = first or self._missed
+        left_out = self._dead.update(images)
+        images = {name: without_speckles(image) for name, image in images.items()}
+        for camera in self._cameras.values():
+            camera.forget_frame()
+            camera.wide = wide
+        there = {
+            name: camera
+            for name, camera in self._cameras.items()
+            if name in images and name not in left_out and camera.look(self.body.figure, expected_at, s)
+        }
+        left_out |= of_elsewhere(there, images, left_out, s, time_ns)
+        usable = {name: image for name, image in images.items() if name in self._cameras and name not in left_out}
+        rounds, segmented = (s.rounds * SETTLING, s.rounds * SETTLING - 1) if first else (s.rounds, s.segmented)
+        if self._missed and not first:
+            rounds, segmented = 2 * rounds, 2 * rounds - 1
+        if not first:
+            for name in (name for name in usable if name in there):
+                there[name].segment(usable[name], others.get(name), near=self._as_expected or segmented == 1)
+            for name, reason in not_of_body(self._segmented(), left_out, s, time_ns).items():
+                left_out[name] = reason
+                there[name].forget_frame()
+                del usable[name]
+        pose = self._fitted(
+            usable, others, pose, priors=(usual, steady), rounds=rounds, segmented=segmented, begun=not first
+        )
+        found = None if self._strays is None else self._strays.found(pose, usable, others, self._segmented())
+        if found is not None:
+            joints, pose = found
+            # Where such a limb was says nothing of how it moves.
+            self._past = [(at_ns, with_angles(past, joints, pose.angles)) for at_ns, past in self._past]
+            priors = self._priors(with_angles(expected, joints, pose.angles), time_ns)
+            pose = self._fitted(usable, others, pose, priors=priors, rounds=s.rounds, segmented=s.segmented)
+        stands, seen = self.body.standing(pose), {}
+        self._as_expected = self._near(expected_at, stands.vertices, s.expected_steps)
+        for name, camera in self._segmented().items():
+            if camera.look(self.body.figure, stands.vertices, s):
+                seen[name] = camera.seen()
+                camera.learn(images[name], others.get(name))
+        if seen:
+            # Where it was thought to be before the first frame was rough: it is at rest, until it is seen to move.
+            last_ns, last = self._past[-1]
+            self._past = [(last_ns, pose if first else last), (time_ns, pose)]
+            self._skin.learn(stands)
+        self._missed = not seen
+        return FittedBody(time_ns, pose, stands.landmarks, seen, left_out)
+
+    def _fitted(
+        self,
+        images: Mapping[str, UInt8],
+        others: Mapping[str, Bool],
+        pose: TreePose,
+        *,
+        priors: tuple[Prior, Sequence[Prior]],
+        rounds: int,
+        segmented: int,
+        begun: bool = False,
+    ) -> TreePose:
+        """Outlines, and the pose that they want, again and again; the first ones may be there."""
+        s, (usual, steady) = self.settings, priors
+        beside_skin = steady
+        if s.steadiness is not None and steady:
+            beside_skin = (looser(steady[0], s.steadiness.beside_skin), *steady[1:])
+        wide = any(camera.wide for camera in self._cameras.values())
+        near, looked = self._as_expected and segmented == s.segmented, self.body.standing(pose).vertices
+        number = 0
+        while number < rounds:
+            if (
+                number == 1
+                and segmented == s.segmented
+                and self._near(looked, self.body.standing(pose).vertices, s.settled_steps)
+            ):
+                segmented, rounds = 1, max(rounds - 1, 2)
+            again = number < segmented and not (begun and number == 0)
+            for camera in self._cameras.values():
+                camera.wide = wide and number < rounds // 2
+            stands, local = self.body.standing(pose), self.body.local(pose)
+            moved = motions(local.tree, local.at)
+            given: list[Constraints] = []
+            for name, image in images.items():
+                camera = self._cameras[name]
+                if not camera.look(self.body.figure, stands.vertices, s):
+                    continue
+                if again:
+                    camera.segment(image, others.get(name), near=near or number == segmented - 1)
+                if camera.segmented:
+                    given.append(camera.planes(moved))
+            held = steady
+            if len(given) > 1 and steady:
+                held = beside_skin
+                given.append(self._skin.steady(stands, moved))
+            given.append(apart(self.body.solid, stands.landmarks, moved))
+            # What nobody sees goes on as it did, not to where it usually is.
+            local_priors = [local.into_prior(one) for one in held] + (
+                [local.into_usual(usual)] if len(given) > 1 else []
+            )
+            pose = local.back(fit(local.tree, local.at, given, local_priors, FitSettings(most_steps=3)).pose)
+            number += 1
+        return pose
+
+    def _segmented(self) -> dict[str, SilhouetteCamera]:
+        """Cameras in whose images of this frame the body was looked for, and is."""
+        return {name: camera for name, camera in self._cameras.items() if camera.segmented}
+
+    def _near(self, these: Float64, those: Float64, steps: float) -> bool:
+        """Whether vertices are no farther from each other than so many samples, of what was segmented."""
+        nearest_m = min((camera.sample_m for camera in self._segmented().values()), default=0.0)
+        return farthest_apart_m(these, those) <= steps * nearest_m
+
+    def covered(self, pose: TreePose, grown_px: int = 0) -> dict[str, Bool]:
+        """(height, width) by camera: what the body covers in a pose, and so much around it."""
+        vertices, out = posed(self.mesh, pose), {}
+        for name, by in self.eyes.items():
+            step = self._cameras[name].step_px if name in self._cameras else USUAL_STEP_PX
+            seen = see(self.body.figure, vertices, by, step_px=step, margin_px=grown_px + 2 * step)
+            if seen is None:
+                out[name] = np.zeros(by.size_px[::-1], np.bool_)
+            else:
+                phi = signed_distance(seen.mask, grown_px + step, step) + np.float32(grown_px)
+                out[name] = Silhouette(seen.origin_px, step, phi).mask(by.size_px)
+        return out
+
+    def _priors(self, expected: TreePose, time_ns: int) -> tuple[Prior, Sequence[Prior]]:
+        """How angles usually are, and how steady the body is."""
+        s = self.settings
+        weak = np.full(len(self._usual), s.usual_per_rad)
+        usual = Prior(TreePose(expected.T_world_model, self._usual), 0.0, 0.0, weak)
+        if s.steadiness is None or len(self._past) < 2:
+            return usual, ()
+        (before_ns, _), (last_ns, last) = self._past
+        since_s, before_s = (time_ns - last_ns) / NS_PER_S, (last_ns - before_ns) / NS_PER_S
+        per_s2 = 2.0 / (since_s * (since_s + before_s))
+        self._skin.expect(self.body.standing(expected), since_s, per_s2)
+        penalty = s.steadiness.penalty(per_s2)
+        turns = np.zeros(len(self._usual))
+        turns[self.body.balls.first + 2] = 1.0 / (s.steadiness.turn_rad_per_s * since_s)
+        return usual, (smoothness(self.mesh.tree, expected, penalty), Prior(last, 0.0, 0.0, turns))
+
+
+REMEMBERED: Final[tuple[type, ...]] = (TreePose, Evidence, Eye)
+"""Kinds that are in a memory."""

@@ -1,0 +1,40 @@
+"""Images of one instant as the arrivals that a tracker takes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.model.images import image_frame
+from mocapella.model.observations import Arrival
+
+UInt8 = NDArray[np.uint8]
+
+
+def arrivals_of(
+    images: Mapping[str, UInt8],
+    time_ns: int,
+    *,
+    cameras: Iterable[str] | None = None,
+    number: int = 0,
+    empty_room: bool = False,
+) -> list[Arrival]:
+    """The arrivals of one instant, none of whose images is copied.
+
+    Args:
+        images: (height, width, 3) uint8 BGR by camera.
+        time_ns: of capture, on the clock of all cameras.
+        cameras: of the rig; one without an image is said to have given none. None: those of ``images``.
+        number: of the instant.
+        empty_room: whether the images show the room without people.
+
+    Raises:
+        SettingsError: an array that is no image.
+    """
+    names = images if cameras is None else cameras
+    frames = (
+        image_frame(name, images.get(name), time_ns=time_ns, sequence=number, empty_room=empty_room) for name in names
+    )
+    return [Arrival(frame, time_ns) for frame in frames]

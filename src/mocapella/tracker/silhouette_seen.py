@@ -1,0 +1,67 @@
+"""What the cameras saw of all bodies at one instant: the fits, for scores and pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.model.camera import CameraRig
+from mocapella.model.silhouettes import Silhouette
+from mocapella.tracker.body_fitter import FittedBody
+
+UInt8 = NDArray[np.uint8]
+
+NO_PICTURE: Final = "it gives no picture"
+DAMAGED: Final = "its image is damaged"
+
+
+class SeenBody(msgspec.Struct, frozen=True, eq=False):
+    """One body at one instant.
+
+    Attributes:
+        fit: pose, landmarks, and outlines by camera; of a lost body, the pose is where it waits.
+        lost: whether nobody is there, not yet or not any more.
+        waits: what a lost body covers where it waits, by camera.
+    """
+
+    fit: FittedBody
+    lost: bool
+    waits: Mapping[str, Silhouette] = {}
+
+
+class SeenInstant(msgspec.Struct, frozen=True, eq=False):
+    """All bodies at one instant.
+
+    Attributes:
+        number: of the instant: its frames' own where all have the same, as of files; else how many there were before.
+        time_ns: of capture, on the clock of all cameras.
+        images: (height, width, 3) BGR by camera; a camera without a usable image is missing.
+        bodies: by name.
+    """
+
+    number: int
+    time_ns: int
+    images: Mapping[str, UInt8]
+    bodies: Mapping[str, SeenBody]
+
+
+def covered_by_all(found: Mapping[str, FittedBody], rig: CameraRig) -> dict[str, Silhouette]:
+    """What all bodies together cover, by camera that sees one of them."""
+    out: dict[str, Silhouette] = {}
+    for name, placed in rig.cameras.items():
+        masks = [one.seen[name].outline.silhouette for one in found.values() if name in one.seen]
+        if len(masks) == 1:
+            out[name] = masks[0]
+        elif masks:
+            union = np.logical_or.reduce([mask.mask(placed.camera.size_px) for mask in masks])
+            out[name] = Silhouette((0, 0), 1, union.astype(np.float32) - np.float32(0.5))
+    return out
+
+
+def called(name: str) -> str:
+    """How a body is named in a message."""
+    return name or "the body"
