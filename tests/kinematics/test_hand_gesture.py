@@ -77,7 +77,7 @@ def test_only_what_cameras_see_now_is_kept() -> None:
 def test_what_is_missing_is_said_by_finger_and_marker() -> None:
     gesture = GesturePoints(TIP_NAMES, BASE_NAMES)
     assert gesture.missing("hook", 3)[0].startswith("no markers were tracked meanwhile")
-    gesture.update(scene(points=None), "hook")
+    gesture.update(scene().with_parts(points=()), "hook")
     assert gesture.missing("hook", 3)[0].startswith("no markers were tracked meanwhile")
     for k in range(5):
         gesture.update(scene(k, unseen=("red", "blue")), "hook")

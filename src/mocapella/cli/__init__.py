@@ -39,6 +39,7 @@ def run(arguments: Sequence[str]) -> None:
         align,
         arm,
         calibrate,
+        camera,
         colours,
         demo,
         depth,

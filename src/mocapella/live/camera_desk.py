@@ -11,19 +11,21 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, Protocol
 
 from msgspec.structs import replace
 
 from mocapella.errors import MocapellaError, NotNowError, SettingsError
-from mocapella.live.marker_work import DetectedPicture, MarkerWork
+from mocapella.live.marker_work import DetectedPicture
 from mocapella.model.board import parse_board
 from mocapella.sensing.boards import BoardDetector, why_not_found
 from mocapella.sensing.colour_learning import ColourSample, learn_colours
 from mocapella.sensing.colour_profile import ColourProfile, save_profile
 from mocapella.sensing.colour_table import separability
 from mocapella.sensing.marker_mask import encode_image, mask_image
+from mocapella.sensing.markers import MarkerDetector
 from mocapella.settings import check
+from mocapella.sources.acquisition import Acquisition
 from mocapella.wire.questions import (
     AskBoard,
     AskControls,
@@ -66,6 +68,35 @@ class DeskSettings:
         check(1 <= self.pictures <= 1000, "pictures", self.pictures, "from 1 to 1000")
 
 
+class PictureWork(Protocol):
+    """What a node does with a camera's pictures, as far as questions are about it.
+
+    Attributes:
+        camera: the camera's name.
+        acquisition: where the pictures come from.
+        detector: of the markers; None where none are looked for.
+        newest: the picture that was looked at last; None before the first.
+    """
+
+    camera: str
+    acquisition: Acquisition
+    detector: MarkerDetector | None
+    newest: DetectedPicture | None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the markers that are looked for."""
+
+    def use(self, profile: ColourProfile) -> None:
+        """Look for these colours from now on."""
+
+    def report(self) -> dict[str, Any]:
+        """Counts, as ``--json`` has them."""
+
+    def words(self) -> str:
+        """The report in a line."""
+
+
 class CameraDesk:
     """Answers questions (`mocapella.wire.questions`). A context manager; leaving it ends the thread.
 
@@ -79,7 +110,7 @@ class CameraDesk:
 
     def __init__(
         self,
-        work: MarkerWork,
+        work: PictureWork,
         profile_file: Path | None = None,
         settings: DeskSettings | None = None,
         *,

@@ -75,6 +75,7 @@ def run_camera_node(
     say: Callable[[str], None],
     begun: Callable[[], None] = lambda: None,
     full: Callable[[], bool] | None = None,
+    linger_s: float = 0.0,
     clock: Callable[[], float] = time.monotonic,
 ) -> CameraRun:
     """Hand on the newest picture, again and again, until the source ends or ``stop`` is set.
@@ -91,6 +92,7 @@ def run_camera_node(
         say: is told in words what happens.
         begun: is called when the source has been started.
         full: whether enough has been measured; a run with it needs no server.
+        linger_s: how long to stay after the source has ended, so that a recording server can fetch what it missed.
         clock: the monotonic clock, in seconds.
 
     Raises:
@@ -113,7 +115,7 @@ def run_camera_node(
             if picture is not None:
                 on_picture(picture)
             elif acquisition.ended:
-                ended_by_itself = True
+                ended_by_itself = not stop.wait(linger_s)
                 break
             if clock() >= next_report:
                 next_report = clock() + settings.report_s

@@ -1,0 +1,84 @@
+"""A camera's node whose images are sent themselves, with questions answered meanwhile (`live/camera_desk.py`)."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from mocapella.live.camera_desk import CameraDesk
+from mocapella.live.camera_node import CameraNodeSettings, run_camera_node
+from mocapella.live.image_work import ImageWork
+from mocapella.sources.acquisition import Acquisition
+from mocapella.wire.node import NodeLink
+
+
+@dataclass(frozen=True)
+class ImageNodeSummary:
+    """What a camera's node did.
+
+    Attributes:
+        sensor, node_id: who it was on the bus; the id as 16 hex digits.
+        served: whether a server was there at any time, and gave the node its sensor's name.
+        published: frames.
+        seconds: from the first picture's turn to the end [s].
+        report: as `ImageWork.report`.
+    """
+
+    sensor: str
+    node_id: str
+    served: bool
+    published: int
+    seconds: float
+    report: dict[str, Any]
+
+
+def run_image_node(
+    link: NodeLink,
+    acquisition: Acquisition,
+    work: ImageWork,
+    desk: CameraDesk,
+    settings: CameraNodeSettings | None = None,
+    *,
+    epoch: float | None = None,
+    stop: threading.Event,
+    wait: bool = True,
+    say: Callable[[str], None] = lambda text: None,
+    linger_s: float = 0.0,
+    clock: Callable[[], float] = time.monotonic,
+) -> ImageNodeSummary:
+    """Publish the newest picture, again and again, until the source ends or ``stop`` is set.
+
+    Args:
+        link: the sensor's end of the bus; stays open.
+        acquisition: of the pictures, not started yet; stays open.
+        work: makes frames of them.
+        desk: what answers questions.
+        settings: see there.
+        epoch: the Unix time [s] at which the source's time is 0; None is when the run begins.
+        stop: ends the run.
+        wait: whether the run begins when a server is there, or at once.
+        say: is told in words what happens.
+        linger_s: how long to stay after the last picture, so that a recording server can fetch what it missed.
+        clock: the monotonic clock, in seconds.
+
+    Raises:
+        NameTakenError: another node serves a sensor of this name.
+        NoServerError: the source has ended, and no server was ever there to receive anything.
+        MocapellaError: the source gives something else than before.
+    """
+    run = run_camera_node(
+        link, acquisition, work, lambda picture: link.publish(work.frame(picture)) and None,
+        settings or CameraNodeSettings(), epoch=epoch, stop=stop, wait=wait, say=say, clock=clock,
+        begun=lambda: link.answer(desk.ask), linger_s=linger_s,
+    )  # fmt: skip
+    return ImageNodeSummary(
+        sensor=link.node.sensor,
+        node_id=f"{link.node.node_id:016x}",
+        served=run.served,
+        published=link.published,
+        seconds=run.seconds,
+        report=work.report(),
+    )

@@ -1,0 +1,125 @@
+"""The pictures of a camera's node whose images are sent themselves: encoded, counted, and what is wrong."""
+
+from __future__ import annotations
+
+import statistics
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Any, Final, Literal
+
+import numpy as np
+
+from mocapella.conventions import NS_PER_S
+from mocapella.errors import NotNowError
+from mocapella.live.camera_node import Warned
+from mocapella.live.marker_work import DetectedPicture
+from mocapella.model.images import ImageFrame, image_frame
+from mocapella.model.markers import marker_frame
+from mocapella.sensing.colour_profile import ColourProfile
+from mocapella.sensing.images import encode_image
+from mocapella.sensing.markers import MarkerDetector
+from mocapella.settings import check
+from mocapella.sources.acquisition import Acquisition
+from mocapella.sources.picture_source import Picture
+
+_LATELY: Final = 300
+"""The median size is that of so many images."""
+NO_MARKERS: Final = "this camera sends its images, in which no markers are looked for: mocapella node markers does that"
+
+
+@dataclass(frozen=True)
+class ImageSettings:
+    """How images are sent.
+
+    Attributes:
+        format: ``jpeg``, or ``png``, which loses nothing and is some ten times as large.
+        quality: of a JPEG, 1 to 100.
+        delay_s: pictures show what was so long before they come, as those of network cameras [s].
+    """
+
+    format: Literal["jpeg", "png"] = "jpeg"
+    quality: int = 90
+    delay_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        check(self.format in ("jpeg", "png"), "format", self.format, "jpeg or png")
+        check(1 <= self.quality <= 100, "quality", self.quality, "1 to 100")
+        check(0 <= self.delay_s <= 10, "delay_s", self.delay_s, "0 to 10 s")
+
+
+class ImageWork:
+    """Makes frames of pictures, and answers what `mocapella.live.camera_desk` asks of a camera.
+
+    Args:
+        camera: the camera's name.
+        acquisition: where the pictures come from; read for its reports only.
+        settings: see there.
+
+    Attributes:
+        newest: the picture that was sent last; None before the first.
+        detector: None; no markers are looked for.
+    """
+
+    def __init__(self, camera: str, acquisition: Acquisition, settings: ImageSettings | None = None) -> None:
+        self.camera, self.acquisition, self.settings = camera, acquisition, settings or ImageSettings()
+        self.newest: DetectedPicture | None = None
+        self.detector: MarkerDetector | None = None
+        self.sent = self.bytes = 0
+        self._sizes: deque[int] = deque(maxlen=_LATELY)
+        self._warned = Warned()
+
+    def frame(self, picture: Picture) -> ImageFrame:
+        """The frame of a picture."""
+        s, pixels = self.settings, np.asarray(picture.image, np.uint8)
+        data = encode_image(pixels, s.format, s.quality)
+        self.sent, self.bytes = self.sent + 1, self.bytes + len(data)
+        self._sizes.append(len(data))
+        nothing = marker_frame(
+            self.camera, (), time_ns=picture.time_ns, size_px=picture.size_px, positions_px=np.zeros((0, 2))
+        )
+        self.newest = DetectedPicture(picture, nothing, None)
+        at_ns = picture.time_ns - round(s.delay_s * NS_PER_S)
+        return image_frame(self.camera, data, time_ns=at_ns, format=s.format, size_px=picture.size_px)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of markers: none."""
+        return ()
+
+    def use(self, profile: ColourProfile) -> None:
+        """Refuse colours.
+
+        Raises:
+            NotNowError: always; says which node looks for markers.
+        """
+        raise NotNowError(NO_MARKERS)
+
+    def report(self) -> dict[str, Any]:
+        """Counts, as ``--json`` has them."""
+        pictures = self.acquisition.report()
+        return {
+            "source": self.acquisition.source.name,
+            "times": self.acquisition.source.times,
+            **asdict(pictures),
+            "sent": self.sent,
+            "bytes": self.bytes,
+            "median_bytes": round(statistics.median(self._sizes)) if self._sizes else 0,
+            "markers": {},
+            "problems": [*([pictures.too_few] if pictures.too_few else []), *self.acquisition.state.problems],
+        }
+
+    def words(self) -> str:
+        """The report in a line."""
+        report = self.report()
+        rate = f"{report['fps']:.1f} a second; " if report["fps"] else ""
+        return (
+            f"{rate}{report['taken']} pictures taken, {report['dropped']} dropped, {report['sent']} sent, "
+            f"{report['median_bytes'] / 1000:.0f} kB each"
+        )
+
+    def warnings(self, now_s: float) -> Iterator[str]:
+        """What has become wrong since the last look, now and then; and what is right again."""
+        if self._warned.due(now_s):
+            few = self.acquisition.report().too_few
+            yield from self._warned.update({"rate": few} if few else {}, now_s)
