@@ -47,7 +47,7 @@ def pygltflib() -> Any:
 
 
 class Gltf:
-    """An open file.
+    """An open file, or one whose bytes are given: then nothing else is read from the disk.
 
     Attributes:
         path: of the file, named by errors.
@@ -55,9 +55,9 @@ class Gltf:
         parents: (nodes,) of each node; -1: none.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.content = _parsed(path, read_whole(path, fix="choose a .glb or .gltf file"))
+    def __init__(self, path: Path, data: bytes | None = None) -> None:
+        self.path, self._alone = path, data is not None
+        self.content = _parsed(path, read_whole(path, fix="choose a .glb or .gltf file") if data is None else data)
         required = self.content.extensionsRequired or []
         if required:
             raise self.error("cannot be read", "extensionsRequired", required, "export without compression")
@@ -189,7 +189,7 @@ class Gltf:
             except (ValueError, binascii.Error) as error:
                 raise self.error("is no base64", f"{field}.uri") from error
         other = Path(uri)
-        if other.is_absolute() or ".." in other.parts or ":" in uri:
+        if self._alone or other.is_absolute() or ".." in other.parts or ":" in uri:
             raise self.error("is not beside the file", f"{field}.uri", uri, "export as one .glb file")
         return read_whole(self.path.parent / other, fix=f"it belongs to {self.path}: export as one .glb file")
 

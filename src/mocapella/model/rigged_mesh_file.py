@@ -78,10 +78,27 @@ def load_rigged_mesh(path: Path | str) -> RiggedMesh:
         InputError: there is none, or something in it cannot be; names the field, its value, and what would do.
         SettingsError: pygltflib is not installed.
     """
+    return _loaded(Path(path))
+
+
+def decode_rigged_mesh(data: bytes, name: str = "mesh.glb") -> RiggedMesh:
+    """The mesh of a .glb or .gltf file's bytes, in which all of it has to be.
+
+    Args:
+        data: the whole file.
+        name: named by errors.
+
+    Raises:
+        InputError, SettingsError: as of `load_rigged_mesh`.
+    """
+    return _loaded(Path(name), data)
+
+
+def _loaded(path: Path, data: bytes | None = None) -> RiggedMesh:
     pygltflib()
     try:
         with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused in the end
-            return _read(Gltf(Path(path)))
+            return _read(Gltf(path, data))
     except SettingsError as error:
         raise InputError(str(error), file=path, fix="mend the model") from None
     except (TypeError, AttributeError, ValueError, KeyError, OverflowError) as error:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import Final
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +23,7 @@ from mocapella.model.openpose_names import LANDMARKS, NO_LANDMARKS
 from mocapella.model.point_tracks import ViewedTracks
 from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at
 from mocapella.model.twist_tree import TreePose
+from mocapella.settings import parse
 from mocapella.tracker.starting_body import StartingBody, build_of
 
 Float64 = NDArray[np.float64]
@@ -170,7 +172,23 @@ def body_again(model: str, height_m: float | None, proportions: Mapping[str, flo
     Raises:
         SettingsError: there is none like that.
     """
-    return _made(model, height_m, BodyProportions(**proportions))
+    if model not in MODELS:
+        raise SettingsError(f"model is {model!r}; it must be one of {one_of(model, MODELS)}, or a mesh's file")
+    return _made(model, height_m, parse(BodyProportions, dict(proportions), where="proportions"))
+
+
+def mesh_of_build(build: str) -> RiggedMesh:
+    """The mesh of a `TrackedBody.build` that is of no file.
+
+    Raises:
+        SettingsError: it is of a file, or no such text.
+    """
+    try:
+        told = msgspec.json.decode(build)
+        model, height_m, proportions = told["model"], told.get("height_m"), told["proportions"]
+        return body_again(model, height_m, proportions).mesh
+    except (msgspec.DecodeError, LookupError, TypeError, AttributeError) as error:
+        raise SettingsError(f"{build!r} does not say which body it is; it must have model and proportions") from error
 
 
 def _made(model: str, height_m: float | None, proportions: BodyProportions) -> Body:

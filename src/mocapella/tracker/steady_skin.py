@@ -41,7 +41,7 @@ class SteadySkin:
         self._part = body.figure.part[body.skin].astype(np.int64)
         count = len(body.skin)
         self._last: Float64 | None = None
-        self._onward, self._weights = np.empty((count, 3)), np.zeros(count)
+        self._onward, self._weights = np.zeros((count, 3)), np.zeros(count)
         self._speed, self._acceleration = np.full(count, AT_FIRST_M_PER_S), np.zeros(count)
         self._since_s, self._per_s2 = 0.0, 0.0
 

@@ -1,0 +1,163 @@
+"""The method ``silhouettes`` from plain settings, as a take keeps them: rig, bodies, and how they are followed.
+
+tracker = make_silhouettes({"rig": text, "bodies": [{"model": "male", "start": {"root_twist": […], "angles": {…}}}]})
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from hashlib import sha256
+from typing import Any, Final
+
+import numpy as np
+
+from mocapella.errors import SettingsError, one_of
+from mocapella.geometry.twists import exp_twist, log_motion
+from mocapella.model.body_proportions import AVERAGE
+from mocapella.model.camera_rig_file import decode_camera_rig
+from mocapella.model.rigged_mesh import RiggedMesh
+from mocapella.model.rigged_mesh_file import decode_rigged_mesh
+from mocapella.model.twist_tree import TreePose
+from mocapella.settings import check, parse
+from mocapella.tracker.frame_sync import FrameSyncSettings
+from mocapella.tracker.silhouette_settings import SilhouetteSettings
+from mocapella.tracker.silhouette_start import Body, body_again, check_apart
+from mocapella.tracker.silhouettes import SilhouettesTracker
+from mocapella.tracker.starting_body import StartingBody
+
+WHERE: Final = "settings of silhouettes"
+
+
+@dataclass(frozen=True)
+class BodyStartSetup:
+    """Where a body is at first.
+
+    Attributes:
+        root_twist: of T_world_model: translation part [m], then rotation vector [rad].
+        angles: by joint name [rad]; a joint that is not named stands at 0.
+    """
+
+    root_twist: tuple[float, float, float, float, float, float]
+    angles: dict[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        numbers = (*self.root_twist, *self.angles.values())
+        check(bool(np.isfinite(numbers).all()), "start", numbers, "finite numbers")
+
+
+@dataclass(frozen=True)
+class BodySetup:
+    """A body that is followed.
+
+    Attributes:
+        start: where it is at first.
+        name: of the person; may be empty where there is only one.
+        model: male, female, legs, or the name of the file that ``mesh`` is.
+        height_m: of the person; None where ``proportions`` say how large they are.
+        proportions: lengths of segments [m], by name.
+        mesh: a whole .glb file in base64; empty where ``model`` says it all.
+    """
+
+    start: BodyStartSetup
+    name: str = ""
+    model: str = "male"
+    height_m: float | None = None
+    proportions: dict[str, float] = field(default_factory=dict)
+    mesh: str = ""
+
+
+@dataclass(frozen=True)
+class SilhouettesSetup:
+    """What the method wants to know beside `SilhouetteSettings`.
+
+    Attributes:
+        rig: the text of the camera rig's file.
+        bodies: who is followed.
+        empty_room_s: for so long nobody is in the images at first; then people are waited for [s].
+        waiting: whether nobody is there at first.
+        sync: of the cameras' times.
+    """
+
+    rig: str
+    bodies: tuple[BodySetup, ...]
+    empty_room_s: float = 0.0
+    waiting: bool = False
+    sync: FrameSyncSettings = field(default_factory=FrameSyncSettings)
+
+
+def make_silhouettes(settings: Mapping[str, Any]) -> SilhouettesTracker:
+    """A new tracker.
+
+    Args:
+        settings: the fields of `SilhouettesSetup` and of `SilhouetteSettings`, by name.
+
+    Raises:
+        SettingsError: an unknown key, a value out of range, or a body that cannot be; says what would work.
+        InputError: the rig or a mesh cannot be read, or two bodies start in one place.
+    """
+    own, fit = (tuple(one.name for one in dataclasses.fields(kind)) for kind in (SilhouettesSetup, SilhouetteSettings))
+    for key in settings:
+        if key not in (*own, *fit):
+            raise SettingsError(f"{WHERE}: unknown key {key!r}; known: {one_of(str(key), (*own, *fit))}")
+    setup = parse(SilhouettesSetup, {key: value for key, value in settings.items() if key in own}, where=WHERE)
+    values = parse(SilhouetteSettings, {key: value for key, value in settings.items() if key in fit}, where=WHERE)
+    names = [body.name for body in setup.bodies]
+    check(len(set(names)) == len(names), "names of bodies", names, "one for each")
+    check(len(names) < 2 or all(names), "names of bodies", names, "given where there are several")
+    bodies = {body.name: _starting(body) for body in setup.bodies}
+    check_apart({name: (body.mesh, body.pose) for name, body in bodies.items()})
+    return SilhouettesTracker(
+        bodies,
+        decode_camera_rig(setup.rig),
+        values,
+        sync=setup.sync,
+        empty_room_s=setup.empty_room_s,
+        waiting=setup.waiting,
+    )
+
+
+def body_setup(name: str, body: Body, pose: TreePose, mesh_file: bytes = b"") -> dict[str, Any]:
+    """A body as plain settings, for ``bodies``.
+
+    Args:
+        name: of the person.
+        body: see there.
+        pose: in which it starts.
+        mesh_file: the whole .glb file, where the body is of one.
+    """
+    start = BodyStartSetup(
+        tuple(log_motion(pose.T_world_model).tolist()),
+        dict(zip(body.mesh.joint_names, pose.angles.tolist(), strict=True)),
+    )
+    mesh = base64.b64encode(mesh_file).decode("ascii")
+    return dataclasses.asdict(BodySetup(start, name, body.model, body.height_m, body.proportions.known, mesh))
+
+
+def _starting(setup: BodySetup) -> StartingBody:
+    whose = f"{WHERE}: {setup.name or 'body'}"
+    body = _of_file(setup, whose) if setup.mesh else body_again(setup.model, setup.height_m, setup.proportions)
+    return body.starting(_pose(setup.start, body.mesh, whose))
+
+
+def _of_file(setup: BodySetup, whose: str) -> Body:
+    check(setup.height_m is None and not setup.proportions, f"{whose}: height_m and proportions", "given", "left out: "
+          "the mesh has its own size")  # fmt: skip
+    try:
+        data = base64.b64decode(setup.mesh, validate=True)
+    except (ValueError, binascii.Error) as error:
+        raise SettingsError(f"{whose}: mesh is no base64; encode the whole .glb file") from error
+    return Body(setup.model, None, AVERAGE, decode_rigged_mesh(data, setup.model), sha256(data).hexdigest())
+
+
+def _pose(start: BodyStartSetup, mesh: RiggedMesh, whose: str) -> TreePose:
+    for joint in start.angles:
+        if joint not in mesh.joint_names:
+            raise SettingsError(
+                f"{whose}: {mesh.name} has no joint {joint!r}; known: {one_of(joint, mesh.joint_names)}"
+            )
+    angles = np.array([start.angles.get(joint, 0.0) for joint in mesh.joint_names], np.float64)
+    return TreePose(exp_twist(np.array(start.root_twist, np.float64)), angles)
