@@ -210,6 +210,14 @@ def serve(
             metavar="FILE", help="Whose hand it is, for --method hands (JSON); an average one where left out."
         ),
     ] = None,
+    start: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="[PERSON=]FILE",
+            help="Where people are at first, for --method silhouettes: JSON of named joints in metres, or an earlier "
+            "result of `mocapella silhouettes`; may be repeated.",
+        ),
+    ] = None,
     alignment: Annotated[
         list[Path] | None,
         typer.Option(
@@ -256,7 +264,13 @@ def serve(
         raise SettingsError(
             f"--save-layout: the method {method} finds no sensor layout; methods that do: {', '.join(keep)}"
         )
-    files = {"rig": rig, "hand": hand, "alignment": alignment, **_named_files(file)}
+    files = {
+        "rig": rig,
+        "hand": hand,
+        "alignment": alignment,
+        "start": list(map(Path, start or ())),
+        **_named_files(file),
+    }
     take = None if record is None else take_file(record)
     warn_if_open("sensors, results and commands are", interface, port)
     server_settings = ServerSettings(

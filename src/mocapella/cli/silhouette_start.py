@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from mocapella.cli.common import say
 from mocapella.errors import InputError, MocapellaError, SettingsError, one_of
@@ -69,10 +69,11 @@ class _Earlier:
 
 @dataclass(frozen=True)
 class _Found:
-    """Where joints say that somebody is."""
+    """Where joints say that somebody is, and which model the file names for them."""
 
     path: Path
     joints: Joints
+    wish: _Wish
 
 
 def find_start(wishes: StartWishes, rig: CameraRig, frames: Frames) -> dict[str, tuple[Body, TreePose]]:
@@ -127,7 +128,7 @@ def _of_points(wishes: StartWishes, rig: CameraRig, frames: Frames) -> dict[str,
         tracks = read_viewed_tracks(_folders(one), order=wishes.order)
         for note in tracks.notes:
             say(f"{one[0]}: {note}")
-        found[name] = _Found(one[0], joints_of_points(tracks, rig, frames.first))
+        found[name] = _Found(one[0], joints_of_points(tracks, rig, frames.first), _Wish(None, None))
     return found
 
 
@@ -153,7 +154,11 @@ def _of_files(wishes: StartWishes, frames: Frames) -> dict[str, _Found | _Earlie
         elif number is not None:
             raise SettingsError(f"--start {value}: {path} has joints of one instant; leave :{number} out")
         else:
-            people |= {name: _Found(path, joints) for name, joints in joints_of_people(data, path).items()}
+            joints, about = _without_models(data, path)
+            people |= {
+                name: _Found(path, at, about.get(name, _Wish(None, None)))
+                for name, at in joints_of_people(joints, path).items()
+            }
         if whose != ALONE and ALONE not in people:
             if whose not in people:
                 raise SettingsError(f"--start {text}: {path} has nobody called {whose!r}; {one_of(whose, people)}")
@@ -168,6 +173,57 @@ def _of_files(wishes: StartWishes, frames: Frames) -> dict[str, _Found | _Earlie
                 raise SettingsError(f"--start: {found[name].path} and {path} {called}")
             found[name] = one
     return found
+
+
+def _without_models(data: Any, path: Path) -> tuple[Any, dict[str, _Wish]]:
+    """Named joints without ``model`` and ``height_m``, and these by person.
+
+    Raises:
+        InputError: one of them cannot be.
+    """
+    from mocapella.recording.followed_bodies import ALONE
+
+    if not isinstance(data, dict):
+        return data, {}
+    several = bool(data) and all(isinstance(one, dict) for one in data.values())
+    rest: dict[str, Any] = {}
+    about: dict[str, _Wish] = {}
+    for name, one in (data if several else {ALONE: data}).items():
+        rest[name] = dict(one)
+        model, height_m = rest[name].pop("model", None), rest[name].pop("height_m", None)
+        if model is not None and not isinstance(model, str):
+            raise InputError("is no model", file=path, field="model", value=model, fix="write male, female or legs")
+        number = isinstance(height_m, int | float) and not isinstance(height_m, bool)
+        if height_m is not None and not (number and LEAST_M <= height_m <= MOST_M):
+            raise InputError(
+                "is no height", file=path, field="height_m", value=height_m, fix=f"write {LEAST_M} to {MOST_M} metres"
+            )
+        about[name] = _Wish(model, height_m)
+    return (rest if several else rest[ALONE]), about
+
+
+def settings_of_starts(paths: Sequence[Path]) -> dict[str, Any]:
+    """Where bodies are at first, as settings of the method silhouettes.
+
+    Args:
+        paths: ``FILE`` or ``PERSON=FILE``: named joints, or an earlier result. A person's joints may have ``model`` and
+            ``height_m`` beside them.
+
+    Raises:
+        InputError, SettingsError, CalibrationError: a file cannot be used, or nobody can be there.
+    """
+    from mocapella.model.camera import CameraRig
+    from mocapella.sources.video import Frames
+    from mocapella.tracker.silhouettes_setup import body_setup
+
+    found = find_start(StartWishes([str(path) for path in paths]), CameraRig({}), Frames())
+    files = {name: Path(body.model) for name, (body, _) in found.items() if body.sha256}
+    return {
+        "bodies": [
+            body_setup(name, body, pose, files[name].read_bytes() if name in files else b"")
+            for name, (body, pose) in found.items()
+        ]
+    }
 
 
 def _by_person(option: str, texts: Sequence[str], people: Mapping[str, object]) -> dict[str, str]:
@@ -221,12 +277,13 @@ def _person_and_value(text: str) -> tuple[str, str]:
 def _of_joints(wish: _Wish, found: _Found) -> tuple[Body, TreePose]:
     from mocapella.tracker.silhouette_start import body_of, check_joints, start_pose
 
-    name = wish.model or "male"
+    name = wish.model or found.wish.model or "male"
+    height_m = found.wish.height_m if wish.height_m is None else wish.height_m
     if name.lower().endswith(MESH_FILES):
-        body = _of_file(name, wish.height_m)
+        body = _of_file(name, height_m)
     else:
         check_joints(name, found.joints, found.path)
-        body = body_of(name, wish.height_m, found.joints)
+        body = body_of(name, height_m, found.joints)
     return body, start_pose(body.mesh, found.joints)
 
 
