@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 
 import msgspec
 import numpy as np
@@ -50,3 +52,22 @@ def test_images_that_are_for_takes_are_not_refused() -> None:
 @pytest.mark.parametrize("method", METHODS)
 def test_a_method_names_parts_that_there_are(method: str) -> None:
     assert set(METHODS[method].parts) <= set(PART_TYPES)
+
+
+def test_descriptors_need_no_extra() -> None:
+    """OpenCV is an extra: without it, only what needs it cannot be made, and says so."""
+    code = """
+import sys
+class Blocked:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] == "cv2":
+            raise ModuleNotFoundError("No module named 'cv2'")
+sys.meta_path.insert(0, Blocked())
+from mocapella.detectors import DETECTORS
+from mocapella.model.frame_types import FRAME_TYPES
+from mocapella.model.part_types import PART_TYPES
+from mocapella.tracker import METHODS
+print([one for table in (DETECTORS, FRAME_TYPES, PART_TYPES, METHODS) for one in table.check()])
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
+    assert done.stdout.strip() == "[]"

@@ -1,83 +1,41 @@
-"""The method ``silhouettes``: body models fitted to cameras' images (`mocapella.tracker.silhouettes`)."""
+"""The method ``silhouettes``: body models fitted to cameras' images (`mocapella.tracker.silhouettes`).
+
+Its tracker needs OpenCV, which is an extra: it is imported when one is made.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
+from importlib.util import find_spec
 from typing import Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mocapella.errors import SettingsError
-from mocapella.geometry.rigid import inverse, rigid, rotation_about_y
-from mocapella.kinematics.silhouette_fit import eye, figure, see
-from mocapella.model.body_meshes import body_mesh
-from mocapella.model.camera import Camera, CameraRig, PlacedCamera
 from mocapella.model.images import ImageFrame
 from mocapella.model.observations import Arrival
-from mocapella.model.rigged_mesh import RiggedMesh, posed
 from mocapella.model.session import SensorPose
-from mocapella.model.twist_tree import TreePose
-from mocapella.tracker.image_arrivals import arrivals_of
 from mocapella.tracker.method import Method
 from mocapella.tracker.protocol import Tracker
 from mocapella.tracker.silhouette_settings import SilhouetteSettings
-from mocapella.tracker.silhouettes import SilhouettesTracker
-from mocapella.tracker.silhouettes_setup import make_silhouettes
-from mocapella.tracker.starting_body import StartingBody
-
-_RATE_HZ: Final = 30
-_FRAMES: Final = 12
-_SIZE: Final = (160, 120)
-_LENS: Final = np.array([126.0, 126.0, 80.0, 60.0, 0, 0, 0, 0, 0], np.float64)
-_TURNS_RAD: Final = {"practice-0": 0.3, "practice-1": 1.6}
 
 
 def _make(settings: Mapping[str, Any], sensors_expected: int, sensors: Mapping[str, SensorPose]) -> Tracker:
-    for key, fix in (("rig", "--rig RIG.toml"), ("bodies", "--start JOINTS.json")):
+    if find_spec("cv2") is None:
+        raise SettingsError("the method silhouettes needs OpenCV: uv sync --extra cameras")
+    from mocapella.tracker.silhouettes_setup import make_silhouettes
+
+    for key, missing in (("rig", "--rig RIG.toml"), ("bodies", "--start JOINTS.json")):
         if key not in settings:
             raise SettingsError(
-                f"the method silhouettes wants {key}: mocapella serve --method silhouettes --rig RIG.toml "
-                f"--start JOINTS.json ({fix} is missing)"
+                f"the method silhouettes wants {key}: {missing} is missing (mocapella serve --method silhouettes "
+                "--rig RIG.toml --start JOINTS.json)"
             )
     return make_silhouettes(settings)
 
 
 def _practice() -> tuple[Tracker, Iterable[Arrival]]:
-    mesh, rig = body_mesh("male", 1.75), _rig()
-    return SilhouettesTracker({"": StartingBody(mesh, _pose(mesh, 0.0))}, rig), _somebody(mesh, rig)
+    from mocapella.tracker.silhouettes_practice import practice
 
-
-def _rig() -> CameraRig:
-    cameras = {}
-    for name, turn in _TURNS_RAD.items():
-        R = rotation_about_y(turn + np.pi) @ np.diag([-1.0, -1.0, 1.0])
-        place = rigid(R, (4.0 * np.sin(turn), 0.95, 4.0 * np.cos(turn)))
-        cameras[name] = PlacedCamera(Camera(name, _SIZE, _LENS), inverse(place), np.zeros((6, 6)))
-    return CameraRig(cameras)
-
-
-def _pose(mesh: RiggedMesh, aside_m: float) -> TreePose:
-    T = np.eye(4)
-    T[0, 3] = aside_m
-    return TreePose(T, np.zeros(len(mesh.joint_names)))
-
-
-def _somebody(mesh: RiggedMesh, rig: CameraRig) -> Iterator[Arrival]:
-    """Somebody who goes aside before two cameras; one image is black."""
-    body, rng = figure(mesh), np.random.default_rng(0)
-    width, height = _SIZE
-    rooms = {name: rng.integers(90, 160, (height, width, 3), np.uint8) for name in rig.cameras}
-    for k in range(_FRAMES):
-        images: dict[str, NDArray[np.uint8]] = {}
-        vertices = posed(mesh, _pose(mesh, 0.01 * k))
-        for name, placed in rig.cameras.items():
-            seen = see(body, vertices, eye(placed), step_px=1, margin_px=2)
-            image = rooms[name].copy()
-            if seen is not None:
-                image[seen.silhouette.mask(_SIZE)] = (40, 60, 230)
-            images[name] = image if k != _FRAMES - 2 or name != "practice-0" else np.zeros_like(image)
-        yield from arrivals_of(images, round(1e9 * (k + 1) / _RATE_HZ), cameras=rig.cameras, number=k)
+    return practice()
 
 
 METHOD: Final = Method(
