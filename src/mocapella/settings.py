@@ -55,6 +55,15 @@ def _refuse_ignored(given: Any, taken: Any, where: str) -> None:
             _refuse_ignored(inner, value, where)
 
 
+def merged(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
+    """Both mappings in one, and mappings in them likewise; where both have a value, the other's."""
+    out = dict(one)
+    for key, value in other.items():
+        mine = out.get(key)
+        out[key] = merged(mine, value) if isinstance(mine, Mapping) and isinstance(value, Mapping) else value
+    return out
+
+
 def settings_of_pairs(pairs: Sequence[str] | None) -> dict[str, Any]:
     """``["frames=60", "people.smoothing=kalman"]`` as a mapping, a dot leading into another; the method checks names
     and ranges.

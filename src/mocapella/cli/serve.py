@@ -39,7 +39,7 @@ from mocapella.cli.common import (
 )
 from mocapella.cli.node import READY
 from mocapella.errors import InputError, MocapellaError, SettingsError
-from mocapella.settings import settings_of_pairs
+from mocapella.settings import merged, settings_of_pairs
 
 if TYPE_CHECKING:
     from mocapella.calibration.sensor_layout import SensorLayout
@@ -278,7 +278,7 @@ def serve(
         takes=takes,
         setup=Setup(method=method, sensors_expected=sensors),
         running=not wait,
-        method_settings=settings_of_pairs(settings) | settings_of_files(method, files),
+        method_settings=merged(settings_of_pairs(settings), settings_of_files(method, files)),
         reserve_bytes=round(reserve_gib * GIB),
         layout=None if layout is None else load_layout_option(layout),
     )
@@ -349,7 +349,7 @@ def settings_of_files(method: str, files: Mapping[str, Path | Sequence[Path] | N
                 load(METHODS[other].files[option])(paths)  # what is wrong with the file comes first
             wanted = f"methods that do: {', '.join(able)}" if able else "no method does"
             raise SettingsError(f"--{option} {paths[0]}: the method {method} wants no such file; {wanted}")
-        told |= load(readers[option])(paths)
+        told = merged(told, load(readers[option])(paths))
     return told
 
 

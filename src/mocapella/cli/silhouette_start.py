@@ -226,6 +226,15 @@ def settings_of_starts(paths: Sequence[Path]) -> dict[str, Any]:
     }
 
 
+def settings_of_peoples_starts(paths: Sequence[Path]) -> dict[str, Any]:
+    """The same for the method default, whose people may have bodies.
+
+    Raises:
+        InputError, SettingsError, CalibrationError: as of `settings_of_starts`.
+    """
+    return {"bodies": {"silhouettes": settings_of_starts(paths)}}
+
+
 def _by_person(option: str, texts: Sequence[str], people: Mapping[str, object]) -> dict[str, str]:
     """What is said for each of the people: by name, or for all.
 

@@ -6,6 +6,7 @@
     measured    = fuse(views)                   each view by what it is worth
     steady      = body(measured)                the prediction is part of the estimate
     arms        = follow(arms)                  of depth cameras beside the sensors: whose each is
+    bodies      = fit(images)                   of cameras beside the sensors: whose each is
 
 See docs/methods/default.md.
 """
@@ -39,6 +40,7 @@ from mocapella.fusion.joint_bias import JointBiasModel, shipped_model
 from mocapella.geometry.rigid import inverse
 from mocapella.model.arms import ArmFrame
 from mocapella.model.bodies import Bodies
+from mocapella.model.images import ImageFrame
 from mocapella.model.memory import pack, unpack
 from mocapella.model.observations import Arrival, BodyFrame
 from mocapella.model.scene import (
@@ -49,6 +51,7 @@ from mocapella.model.scene import (
     Scene,
     SensorPlace,
     TrackedArm,
+    TrackedBody,
     TrackerState,
 )
 from mocapella.model.sensor_frame import SensorFrame
@@ -59,6 +62,8 @@ from mocapella.tracker.method import not_taken
 from mocapella.tracker.people import People, PeopleMemory, PeopleSettings, Sights, Told
 from mocapella.tracker.people_arms import REMEMBERED as ARMS_REMEMBERED
 from mocapella.tracker.people_arms import PeopleArms, PeopleArmsSettings
+from mocapella.tracker.people_bodies import REMEMBERED as BODIES_REMEMBERED
+from mocapella.tracker.people_bodies import PeopleBodies, PeopleBodiesSettings
 from mocapella.tracker.protocol import SensorViews, TrackerReport, scene_at
 
 JOINT_BIAS: Final = ("learnt", "none")
@@ -80,6 +85,7 @@ class DefaultSettings:
         keep_root_s: the sensor in whose space people are told is kept for so long while others are tied to each other,
             but not yet to it.
         arms: what depth cameras see of people's arms, and where these cameras are.
+        bodies: body models fitted to cameras' images, and whose they are.
         shown_for_s: somebody whom no sensor sees is shown, as predicted, for so long.
     """
 
@@ -92,6 +98,7 @@ class DefaultSettings:
     keep_root_s: float = 15.0
     joint_bias: str = "learnt"
     arms: PeopleArmsSettings = field(default_factory=PeopleArmsSettings)
+    bodies: PeopleBodiesSettings = field(default_factory=PeopleBodiesSettings)
 
     def __post_init__(self) -> None:
         for name in ("silent_after_s", "shown_for_s"):
@@ -129,9 +136,11 @@ class DefaultTracker:
         self._jumps = Jumps(self.settings.jumps)
         self._tracks = Tracks(self.settings.tracks)
         self._arms = PeopleArms(self.settings.arms)
+        self._bodies = PeopleBodies(self.settings.bodies)
         self._see: dict[type[SensorFrame], Callable[[Arrival], str]] = {
             BodyFrame: self._see_bodies,
             ArmFrame: self._see_arms,
+            ImageFrame: self._see_images,
         }
         self.reset()
 
@@ -141,6 +150,8 @@ class DefaultTracker:
         self._jumps.reset()
         self._tracks.reset()
         self._arms.reset()
+        self._bodies.reset()
+        self._shown_bodies: tuple[TrackedBody, ...] = ()
         self._shown_arms: tuple[TrackedArm, ...] = ()
         self._calibration.reset()
         self._root = ""
@@ -170,17 +181,17 @@ class DefaultTracker:
         own = {name: getattr(self, name) for name in _OWN_MEMORY}
         people = None if self._people is None else (self._people.topology, self._people.remembered())
         parts = [own, vars(self._arrivals), vars(self._jumps), vars(self._tracks), people, self._calibration.memory()]
-        return pack([*parts, self._arms.memory()], _REMEMBERED)
+        return pack([*parts, self._arms.memory(), self._bodies.memory()], _REMEMBERED)
 
     def restore(self, data: bytes) -> None:
         """See `Tracker`."""
-        own, arrivals, jumps, tracks, people, calibration, *arms = unpack(data, _REMEMBERED)
+        own, arrivals, jumps, tracks, people, calibration, *others = unpack(data, _REMEMBERED)
         vars(self).update(own)
         vars(self._arrivals).update(arrivals)
         vars(self._jumps).update(jumps)
         vars(self._tracks).update(tracks)
-        for memory in arms:  # takes of before there were any have none
-            self._arms.recall(memory)
+        for recall, memory in zip((self._arms.recall, self._bodies.recall), others, strict=False):
+            recall(memory)  # older takes have fewer
         self._people = None
         if people is not None:
             self._people = People(self.settings.people, people[0])
@@ -256,6 +267,12 @@ class DefaultTracker:
         self._arms.update(frame, arrival.at_ns / NS_PER_S, placed)
         self._tell_arms(arrival.at_ns)
         return ""
+
+    def _see_images(self, arrival: Arrival) -> str:
+        """Take in a camera's image of people's bodies; returns why it cannot be used."""
+        problem = self._bodies.see(arrival, self._shown, self._arrivals.topology)
+        self._shown_bodies = self._bodies.told(self._shown, self._arrivals.topology)
+        return problem
 
     def _tell_arms(self, at_ns: int) -> None:
         if self._shown_arms or self._arms.there:
@@ -433,8 +450,14 @@ class DefaultTracker:
 
     def _scene(self, arrival: Arrival) -> Scene:
         step, self._steps = self._steps, self._steps + 1
-        parts = {"people": self._shown, "arms": self._shown_arms}
-        return scene_at(arrival, step, self._state, parts, topology=self._arrivals.topology, sensors=self._places)
+        parts: dict[str, tuple[Any, ...]] = {"people": self._shown, "arms": self._shown_arms}
+        state, places = self._state, self._places
+        if cameras := self._bodies.places():
+            parts["bodies"] = self._shown_bodies
+            reason = "; ".join(part for part in (state.reason, self._bodies.reason) if part)
+            state = msgspec.structs.replace(state, reason=reason)
+            places = tuple(sorted((*places, *cameras), key=lambda place: place.sensor))
+        return scene_at(arrival, step, state, parts, topology=self._arrivals.topology, sensors=places)
 
 
 @lru_cache(maxsize=64)
@@ -484,7 +507,7 @@ def associate_and_fuse(  # noqa: PLR0917 - one frame, as it comes
 
 _OWN_MEMORY: Final = (
     *("_now_s", "_outvoted_s", "_steps", "_rejected", "_state", "_shown", "_views", "_places", "_conditions"),
-    "_shown_arms",
+    *("_shown_arms", "_shown_bodies"),
     *("_root", "_T_root_sensor", "_T_world_root"),
 )
 _REMEMBERED: Final = (
@@ -521,4 +544,5 @@ _REMEMBERED: Final = (
     TrackSettings,
     TrackedArm,
     *ARMS_REMEMBERED,
+    *BODIES_REMEMBERED,
 )

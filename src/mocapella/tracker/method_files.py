@@ -29,6 +29,15 @@ def camera_rig(paths: Sequence[Path]) -> dict[str, Any]:
         raise
 
 
+def bodies_rig(paths: Sequence[Path]) -> dict[str, Any]:
+    """Where calibrated cameras are whose images show the bodies of people that body sensors see, too.
+
+    Raises:
+        InputError, SettingsError: as of `camera_rig`.
+    """
+    return {"bodies": {"silhouettes": camera_rig(paths)}}
+
+
 def hand_shape(paths: Sequence[Path]) -> dict[str, Any]:
     """Whose hand it is.
 

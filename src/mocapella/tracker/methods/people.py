@@ -10,6 +10,7 @@ import numpy as np
 from mocapella.geometry.rigid import apply, inverse, rigid, rotation_about_y
 from mocapella.kinematics.body_model import body_model
 from mocapella.model.arms import ArmFrame
+from mocapella.model.images import ImageFrame
 from mocapella.model.observations import Arrival, BodyFrame, body_frame
 from mocapella.model.session import SensorPose
 from mocapella.model.topology import topology
@@ -62,11 +63,15 @@ METHOD: Final = Method(
     name="default",
     summary="people, from any number of body sensors; calibrated by the people themselves",
     settings=DefaultSettings,
-    frame_types=(BodyFrame, ArmFrame),
-    parts=("people", "arms"),
+    frame_types=(BodyFrame, ArmFrame, ImageFrame),
+    parts=("people", "arms", "bodies"),
     make=_make,
     practice=_practice,
     keeps_layout=True,
+    files={
+        "rig": "mocapella.tracker.method_files:bodies_rig",
+        "start": "mocapella.cli.silhouette_start:settings_of_peoples_starts",
+    },
     stages=("mocapella.viewer.stages:ARMS", "mocapella.viewer.stages:ROOM"),
     exports=("csv", "arms"),
 )

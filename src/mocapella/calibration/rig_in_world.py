@@ -1,0 +1,182 @@
+"""Where a camera rig lies in the world of body sensors, from people whom both see.
+
+A body that is fitted to images is in the rig's space, a person whom body sensors see is in theirs. If both are the same
+person, one rigid motion brings the body's joints to the person's in all postures and places:
+
+    T_world_rig = argmin Σ |p_person − T p_body|        over the joints of several seconds (`robust_align`)
+
+Two people who stand still are alike, so a pair counts only where both have moved, and only where the pair agrees much
+better than the body does with anybody else.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry.alignment import robust_align
+from mocapella.geometry.rigid import apply
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+
+_SCALE_M: Final = 0.05
+"""By so much joints of two ways of measuring usually differ [m]."""
+_FEWEST: Final = 4
+"""Joints of an instant that are known of both."""
+
+
+@dataclass(frozen=True)
+class RigInWorldSettings:
+    """When it is known where a rig lies.
+
+    Attributes:
+        every_s: pairs are taken so often [s].
+        samples: so many of them are remembered.
+        fewest: with fewer, nothing is concluded.
+        moved_m: both have to have moved by so much [m].
+        within_m: joints agree where their median distance is below [m].
+        beyond: and where it is below this share of that to the next person.
+        again_s: it is estimated anew so often [s].
+    """
+
+    every_s: float = 0.1
+    samples: int = 80
+    fewest: int = 20
+    moved_m: float = 0.4
+    within_m: float = 0.1
+    beyond: float = 0.6
+    again_s: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name in ("every_s", "moved_m", "within_m", "again_s"):
+            check(0 < getattr(self, name) <= 10, name, getattr(self, name), "above 0 and at most 10")
+        check(2 <= self.fewest <= self.samples <= 10_000, "fewest", self.fewest, "from 2 to samples, up to 10000")
+        check(0 < self.beyond <= 1, "beyond", self.beyond, "above 0 and at most 1")
+
+
+class RigInWorld(msgspec.Struct, frozen=True, eq=False):
+    """Where the rig lies.
+
+    Attributes:
+        T_world_rig: (4, 4).
+        residual_m: median distance of joints that are one [m].
+        pairs: which bodies are which persons, by the body's name.
+    """
+
+    T_world_rig: Float64
+    residual_m: float
+    pairs: dict[str, int]
+
+
+class RigAlignment:
+    """Learns from instants in which bodies and people are there.
+
+    Attributes:
+        found: what is known; None before it is.
+    """
+
+    def __init__(self, settings: RigInWorldSettings | None = None) -> None:
+        self.settings = settings or RigInWorldSettings()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.found: RigInWorld | None = None
+        self._samples: dict[tuple[str, int], deque[tuple[Float64, Float64]]] = {}
+        self._taken_s = self._tried_s = -np.inf
+
+    def memory(self) -> list[Any]:
+        """What `recall` wants."""
+        return [self.found, self._samples, float(self._taken_s), float(self._tried_s)]
+
+    def recall(self, memory: list[Any]) -> None:
+        """Go on as when `memory` was asked for."""
+        self.found, self._samples, self._taken_s, self._tried_s = memory
+
+    def update(self, bodies: Mapping[str, Float64], people: Mapping[int, Float64], at_s: float) -> None:
+        """Take in an instant.
+
+        Args:
+            bodies: (joints, 3) of each body by its name, in the rig's space [m]; NaN where not known. Left and right
+                joints alternate.
+            people: (joints, 3) of each person by its id, in the world [m]; the same joints.
+            at_s: when it was.
+        """
+        s = self.settings
+        if at_s < self._taken_s:
+            self.reset()  # the clock was set back
+        if at_s - self._taken_s < s.every_s:
+            return
+        self._taken_s = at_s
+        self._samples = {pair: kept for pair, kept in self._samples.items() if pair[0] in bodies and pair[1] in people}
+        for name, body in bodies.items():
+            for person, joints in people.items():
+                known = np.asarray(np.isfinite(body).all(axis=-1) & np.isfinite(joints).all(axis=-1))
+                if np.count_nonzero(known) >= _FEWEST:
+                    kept = self._samples.setdefault((name, person), deque(maxlen=s.samples))
+                    kept.append((np.where(known[:, None], joints, np.nan), np.where(known[:, None], body, np.nan)))
+        if at_s - self._tried_s >= s.again_s:
+            self._tried_s = at_s
+            self._estimate()
+
+    def _estimate(self) -> None:
+        """Which bodies are which people, and the one motion that brings all of them together."""
+        s, agreeing = self.settings, dict[str, tuple[int, float]]()
+        residuals: dict[str, dict[int, float]] = {}
+        for (name, person), kept in self._samples.items():
+            if len(kept) >= s.fewest and min(_moved(kept, 0), _moved(kept, 1)) >= s.moved_m:
+                residuals.setdefault(name, {})[person] = _residual(*_joined([kept]))[1]
+        for name, of in residuals.items():
+            best, *others = sorted(of, key=lambda person: of[person])
+            if of[best] <= s.within_m and all(of[best] <= s.beyond * of[other] for other in others):
+                agreeing[name] = best, of[best]
+        if len({person for person, _ in agreeing.values()}) < len(agreeing):  # two bodies cannot be one person
+            return
+        if agreeing:
+            T, residual = _residual(*_joined([self._samples[name, person] for name, (person, _) in agreeing.items()]))
+            if residual <= s.within_m:
+                self.found = RigInWorld(T, residual, {name: person for name, (person, _) in agreeing.items()})
+
+
+def _joined(samples: list[deque[tuple[Float64, Float64]]]) -> tuple[Float64, Float64]:
+    """(n, joints, 3) of persons, and of bodies."""
+    p, q = (np.stack([one[k] for kept in samples for one in kept]) for k in (0, 1))
+    return p, q
+
+
+def _residual(p: Float64, q: Float64) -> tuple[Float64, float]:
+    """``T_p_q``, and the median distance that is left [m].
+
+    Sensors swap left and right at times: the middles of left and right joints are aligned first, and then all joints,
+    with the labels of each instant as they agree better.
+    """
+    T = _aligned(0.5 * (p[:, ::2] + p[:, 1::2]), 0.5 * (q[:, ::2] + q[:, 1::2]))
+    swapped = np.stack([p[:, 1::2], p[:, ::2]], axis=2).reshape(p.shape)
+    for _ in range(2):
+        moved = apply(T, q)
+        as_told, other = (np.nanmean(np.linalg.norm(one - moved, axis=-1), axis=1) for one in (p, swapped))
+        chosen = np.where((other < as_told)[:, None, None], swapped, p)
+        T = _aligned(chosen, q)
+    return T, float(np.nanmedian(np.linalg.norm(chosen - apply(T, q), axis=-1)))
+
+
+def _aligned(p: Float64, q: Float64) -> Float64:
+    known = np.isfinite(p).all(axis=-1) & np.isfinite(q).all(axis=-1)
+    return robust_align(p[known], q[known], scale=_SCALE_M, iterations=10)
+
+
+def _moved(kept: deque[tuple[Float64, Float64]], which: int) -> float:
+    """How far apart the middles of the samples are [m]."""
+    middles = np.array([np.nanmean(one[which], axis=0) for one in kept])
+    return float(np.linalg.norm(np.ptp(middles, axis=0)))
+
+
+REMEMBERED: Final = (RigInWorld,)
+"""Kinds that are in a memory."""
