@@ -116,9 +116,23 @@ def _practice() -> Iterator[Arrival]:
             yield Arrival(frame, round(1e9 * t))
 
 
+def _tracker_of_silhouettes() -> Tracker:
+    # Images are decoded by a library that other methods do without.
+    from mocapella.tracker.silhouettes_practice import practice_tracker
+
+    return practice_tracker()
+
+
+def _practice_of_silhouettes() -> Iterator[Arrival]:
+    from mocapella.tracker.silhouettes_practice import practice_arrivals
+
+    yield from practice_arrivals()
+
+
 _PRACTICES: Final[dict[str, tuple[Callable[[], Tracker], Callable[[], Iterator[Arrival]]]]] = {
     "default": (lambda: DefaultTracker(sensors_expected=3), _practice),
     "hands": (lambda: HandsTracker(_RIG), _practice_of_a_hand),
     "arms": (ArmsTracker, _practice_of_an_arm),
+    "silhouettes": (_tracker_of_silhouettes, _practice_of_silhouettes),
 }
 """By method, how to make it, and what it does then."""
