@@ -22,17 +22,17 @@ from numpy.typing import NDArray
 
 from benchmarks.harness import Row, at_least, at_most, measured
 from benchmarks.tracker import recordings
+from mocapella.conventions import NS_PER_S
 from mocapella.evaluation import silhouette_video
 from mocapella.evaluation.silhouette_experiments import STRONG, RunRow, corrupted, followed
-from mocapella.evaluation.silhouette_runs import filmed, follow, rough_joints, with_penalty
+from mocapella.evaluation.silhouette_runs import alone, filmed, follow, rough_joints, seen_at, with_penalty
 from mocapella.evaluation.silhouettes import Outcome, outcome
-from mocapella.kinematics.landmark_pose import pose_of
 from mocapella.kinematics.silhouette_fit import figure
 from mocapella.model.body_meshes import body_mesh
 from mocapella.model.body_proportions import proportions_of
+from mocapella.recording.followed_bodies import ALONE
 from mocapella.sources.simulate.corruption import Corruption
 from mocapella.sources.simulate.silhouette_scene import silhouette_scene
-from mocapella.tracker.body_fitter import BodyFitter
 
 UInt8 = NDArray[np.uint8]
 
@@ -165,14 +165,11 @@ def video(quick: bool) -> Iterator[Row]:
     points = silhouette_video.first_points(folder)
     mesh = body_mesh("male", None, proportions_of(points), supple=True)
     rig = silhouette_video.rig_of(folder)
-    tracker = BodyFitter(mesh, rig)
-    tracker.start(
-        pose_of(mesh, {name: at for name, at in points.items() if name in mesh.landmarks}), -silhouette_video.FRAME_NS
-    )
+    tracker = alone(mesh, points, rig, period_s=silhouette_video.FRAME_NS / NS_PER_S)
     seen, took = [], []
     for k, images in enumerate(islice(silhouette_video.images_of(folder, rig.cameras), 8 if quick else None)):
         begin = time.perf_counter()
-        seen.append(tracker.update(images, k * silhouette_video.FRAME_NS))
+        seen.append(seen_at(tracker, images, k * silhouette_video.FRAME_NS, k).bodies[ALONE].fit)
         took.append(1e3 * (time.perf_counter() - begin))
     scored = silhouette_video.score_video(folder, figure(mesh), seen, OUTLINES, drawn)
     name = f"silhouettes: real clip of {scored.frames} frames"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import numba
+import numpy as np
+from silhouette_pictures import Room, pose_at, ring, somebody
 from tracker.hand_frames import tracker as tracker_of_a_hand
 from tracker.hand_frames import watched
 from tracker.test_default import frames, told
@@ -12,6 +14,11 @@ from mocapella.compiled import told_of_compiling
 from mocapella.model.observations import Arrival
 from mocapella.schema import decode_frame, encode_frame
 from mocapella.tracker import make_ready
+from mocapella.tracker.image_arrivals import arrivals_of
+from mocapella.tracker.silhouettes import SilhouettesTracker
+from mocapella.tracker.starting_body import StartingBody
+
+BODY = somebody()
 
 
 def as_it_comes(arrival: Arrival) -> Arrival:
@@ -44,6 +51,24 @@ def test_once_it_is_ready_nothing_is_compiled_while_a_hand_is_tracked() -> None:
         one = tracker_of_a_hand()
         for arrival in seen:
             one.update(Arrival(decode_frame(encode_frame(arrival.frame)), arrival.at_ns))
+        one.restore(one.snapshot())
+    assert compiled == []
+
+
+def test_once_it_is_ready_nothing_is_compiled_while_bodies_are_fitted() -> None:
+    make_ready("silhouettes")
+    compiled: list[str] = []
+    room = Room(ring(3))
+    with told_of_compiling(lambda: compiled.append("something")):
+        one = SilhouettesTracker({"": StartingBody(BODY, pose_at(BODY))}, room.rig)
+        for k in range(24):
+            away = 8 <= k < 20
+            images = room.images() if away else room.images(BODY, pose_at(BODY, 0.01 * k))
+            if k == 5:
+                noisy = np.random.default_rng(0).random(images["c1"].shape[:2]) < 0.1
+                images["c1"][noisy] = 255
+            for arrival in arrivals_of(images, (k + 1) * 33_000_000, number=k):
+                one.update(arrival)
         one.restore(one.snapshot())
     assert compiled == []
 

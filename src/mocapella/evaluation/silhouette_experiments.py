@@ -99,6 +99,7 @@ class RunRow(msgspec.Struct, frozen=True):
         score, outcome: see there.
         overlap: mean intersection over union of the mesh and the true masks.
         blind: frames in which no camera counted.
+        lost: frames in which the tracker held the body for lost.
         kept: the highest flexion of the knees over the true one; None where they do not move.
         lag: by how many frames the knees' curve comes late; likewise.
     """
@@ -112,6 +113,7 @@ class RunRow(msgspec.Struct, frozen=True):
     outcome: Outcome
     overlap: float
     blind: int
+    lost: int
     kept: float | None
     lag: float | None
 
@@ -202,7 +204,7 @@ def followed(
     moves = np.ptp(theirs) >= MOVES_DEG
     row = RunRow(
         film.scene.name, film.scene.seed, body, images, weight, score(found, true), outcome(found, true),
-        float(overlaps(film, found).mean()), len(done.left_out),
+        float(overlaps(film, found).mean()), len(done.left_out), len(done.lost),
         peak_kept(ours, theirs) if moves else None, lag_frames(ours, theirs) if moves else None,
     )  # fmt: skip
     return row, found

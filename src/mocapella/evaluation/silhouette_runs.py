@@ -24,14 +24,20 @@ from mocapella.kinematics.landmark_pose import pose_of
 from mocapella.kinematics.silhouette_fit import eye, figure, see
 from mocapella.model.body_meshes import body_mesh
 from mocapella.model.body_proportions import Sex, proportions_of
+from mocapella.model.camera import CameraRig
 from mocapella.model.rigged_mesh import RiggedMesh, posed
 from mocapella.model.silhouettes import overlap
 from mocapella.model.twist_tree import TreePose
+from mocapella.recording.followed_bodies import ALONE
 from mocapella.settings import check
 from mocapella.sources.simulate.corruption import Corruption
 from mocapella.sources.simulate.silhouette_scene import SilhouetteScene
-from mocapella.tracker.body_fitter import BodyFitter
+from mocapella.tracker.frame_sync import FrameSyncSettings
+from mocapella.tracker.image_arrivals import arrivals_of
+from mocapella.tracker.silhouette_seen import SeenInstant
 from mocapella.tracker.silhouette_settings import SilhouetteSettings, Steadiness
+from mocapella.tracker.silhouettes import SilhouettesTracker
+from mocapella.tracker.starting_body import StartingBody
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
@@ -70,11 +76,13 @@ class FollowedRun(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         movement: where it was said to be.
         left_out: frames in which no camera counted.
+        lost: frames in which the tracker held the body for lost.
         seconds: (frames,) what each update took; 0 without a clock.
     """
 
     movement: Movement
     left_out: tuple[int, ...]
+    lost: tuple[int, ...]
     seconds: Float64
 
 
@@ -129,7 +137,7 @@ def follow(
     corruption: Corruption | None = None,
     clock: Callable[[], float] = lambda: 0.0,
 ) -> FollowedRun:
-    """Follow the first person of a film.
+    """Follow the first person of a film, as the method does for users.
 
     Args:
         film: what is seen.
@@ -139,20 +147,43 @@ def follow(
         corruption: what is wrong with the pictures.
         clock: such as `time.perf_counter` [s].
     """
-    tracker = BodyFitter(mesh, film.scene.rig, settings)
     between_ns = round(NS_PER_S / film.truth.fps)
-    tracker.start(pose_of(mesh, {name: at for name, at in joints.items() if name in mesh.landmarks}), -between_ns)
-    poses, blind, took = [], [], []
+    tracker = alone(mesh, joints, film.scene.rig, settings, period_s=between_ns / NS_PER_S)
+    poses, blind, lost, took = [], [], [], []
     for k in range(len(film.images)):
         images = film.shown(k, corruption)
         begin = clock()
-        followed = tracker.update(images, k * between_ns)
+        body = seen_at(tracker, images, k * between_ns, k).bodies[ALONE]
         took.append(clock() - begin)
-        poses.append(followed.pose)
-        if not followed.seen:
-            blind.append(k)
+        poses.append(body.fit.pose)
+        blind += [] if body.fit.seen else [k]
+        lost += [k] if body.lost else []
     batch = TreePose(np.array([pose.T_world_model for pose in poses]), np.array([pose.angles for pose in poses]))
-    return FollowedRun(Movement(mesh, batch, film.truth.fps), tuple(blind), np.array(took))
+    return FollowedRun(Movement(mesh, batch, film.truth.fps), tuple(blind), tuple(lost), np.array(took))
+
+
+def alone(
+    mesh: RiggedMesh, joints: Joints, rig: CameraRig, settings: SilhouetteSettings | None = None, *, period_s: float
+) -> SilhouettesTracker:
+    """The method's tracker of one body, which starts from joints.
+
+    Args:
+        mesh: of the body.
+        joints: (3,) by name [m]; those that are no landmarks of the mesh do not count.
+        rig: of the cameras.
+        settings: of the fit.
+        period_s: between two frames.
+    """
+    pose = pose_of(mesh, {name: at for name, at in joints.items() if name in mesh.landmarks})
+    return SilhouettesTracker({ALONE: StartingBody(mesh, pose)}, rig, settings, sync=FrameSyncSettings(period_s))
+
+
+def seen_at(tracker: SilhouettesTracker, images: Mapping[str, UInt8], time_ns: int, number: int) -> SeenInstant:
+    """Give the tracker the images (height, width, 3) of all cameras of one instant, and see what came of it."""
+    for arrival in arrivals_of(images, time_ns, cameras=tracker.rig.cameras, number=number):
+        tracker.update(arrival)
+    assert tracker.seen is not None  # every camera has given its image
+    return tracker.seen
 
 
 def overlaps(film: Film, movement: Movement, every: int = EVERY) -> Float64:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -13,11 +13,13 @@ from mocapella.model.silhouettes import Silhouette
 
 Float32 = NDArray[np.float32]
 Int64 = NDArray[np.int64]
+UInt8 = NDArray[np.uint8]
 
 MOST_POINTS: Final = 300
 """Of all lines of a silhouette together, about."""
 FEWEST: Final = 3
 """A line of fewer samples encloses nothing."""
+_BETWEEN: Final = np.full((1, 2), np.nan, np.float32)
 
 
 def border_samples(silhouette: Silhouette) -> Iterator[Int64]:
@@ -34,9 +36,23 @@ def border_lines(silhouette: Silhouette, most: int = MOST_POINTS) -> Float32:
         silhouette: of which the border is wanted.
         most: about how many points there may be; what has more is thinned out evenly.
     """
-    lines = [line for line in border_samples(silhouette) if len(line) >= FEWEST]
+    return mask_lines((silhouette.phi > 0).view(np.uint8), silhouette.origin_px, silhouette.step_px, most)
+
+
+def mask_lines(mask: UInt8, origin_px: tuple[int, int], step_px: int, most: int = MOST_POINTS) -> Float32:
+    """The same of (rows, columns), not 0 where a sample is covered.
+
+    Args:
+        mask: of a window of an image.
+        origin_px, step_px: of the window, as of `Silhouette`.
+        most: see `border_lines`.
+    """
+    found = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]
+    lines = [line for line in found if len(line) >= FEWEST]
     every = max(1, -(-sum(map(len, lines)) // most))
-    rows: list[Float32] = []
+    rows: list[NDArray[Any]] = []
     for line in lines:
-        rows += [line[::every].astype(np.float32), np.full((1, 2), np.nan, np.float32)]
-    return np.concatenate(rows[:-1]) if rows else np.empty((0, 2), np.float32)
+        rows += [line[::every, 0], _BETWEEN]
+    if not rows:
+        return np.empty((0, 2), np.float32)
+    return np.concatenate(rows[:-1], dtype=np.float32) * np.float32(step_px) + np.array(origin_px, np.float32)

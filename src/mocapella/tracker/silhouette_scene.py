@@ -11,7 +11,7 @@ from mocapella.kinematics.silhouette_fit import Eye, seen_at
 from mocapella.model.observations import JointState
 from mocapella.model.scene import TrackedBody, TrackedBodyView
 from mocapella.model.silhouettes import Silhouette
-from mocapella.sensing.outline_lines import border_lines
+from mocapella.sensing.outline_lines import border_lines, mask_lines
 from mocapella.tracker.body_fitter import FittedBody
 from mocapella.tracker.silhouette_seen import SeenBody
 from mocapella.tracker.starting_body import StartingBody
@@ -77,7 +77,8 @@ class BodyScenes:
             return TrackedBodyView(camera, np.nan, left_out, self._waits(name, camera, one), _NO_LINES)
         if seen is None:
             return TrackedBodyView(camera, np.nan, left_out, _NO_LINES, _NO_LINES)
-        outline, contour = border_lines(seen.outline.silhouette), border_lines(seen.contour)
+        outline = mask_lines(seen.outline.mask, seen.outline.origin_px, seen.outline.step_px)
+        contour = border_lines(seen.contour)
         return TrackedBodyView(camera, seen.overlap, left_out, outline, contour)
 
     def _waits(self, name: str, camera: str, one: SeenBody) -> Float32:

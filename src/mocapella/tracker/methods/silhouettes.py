@@ -33,9 +33,9 @@ def _make(settings: Mapping[str, Any], sensors_expected: int, sensors: Mapping[s
 
 
 def _practice() -> tuple[Tracker, Iterable[Arrival]]:
-    from mocapella.tracker.silhouettes_practice import practice
+    from mocapella.tracker.silhouettes_practice import practice_arrivals, practice_tracker
 
-    return practice()
+    return practice_tracker(), practice_arrivals()
 
 
 METHOD: Final = Method(
