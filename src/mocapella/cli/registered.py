@@ -74,13 +74,12 @@ class _ExportVerb(TyperCommand):
     def invoke(self, ctx: Any) -> Any:
         from mocapella.cli.recordings import tell_left_out
 
-        done = super().invoke(ctx)
         tell_left_out(str(self.name), ctx.params["take"])
-        return done
+        return super().invoke(ctx)
 
 
 class ExportVerbs(RegisteredVerbs):
-    """``mocapella export``; each says at its end which parts of the take it does not carry."""
+    """``mocapella export``; each says first which parts of the take it does not carry."""
 
     verb_class = _ExportVerb
 
