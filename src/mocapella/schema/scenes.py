@@ -122,10 +122,11 @@ def _decode_parts(m: Any, topology: Topology) -> dict[str, tuple[Any, ...]]:
 
 def count_parts(message: pb.Scene) -> Counter[str]:
     """How many parts of each type a scene's message has, by the type's name; nothing of them is decoded."""
-    counts = Counter(other.kind for other in message.parts)
+    counts = Counter[str]()
     for kind in _with_fields():
         single = kind.field in _SINGLE
         counts[kind.name] += message.HasField(kind.field) if single else len(getattr(message, kind.field))
+    counts.update(other.kind for other in message.parts)
     return +counts
 
 
