@@ -116,7 +116,7 @@ def chain(folder: Path, count: int) -> dict[str, Any]:
 
 def node(folder: Path, name: str, connect: str, count: int) -> dict[str, Any]:
     """A camera's node, as `mocapella node markers` is one."""
-    from mocapella.cli.node import read_epoch
+    from mocapella.cli.nodes import read_epoch
     from mocapella.live.camera_desk import CameraDesk
     from mocapella.live.camera_node import CameraNodeSettings
     from mocapella.live.marker_node import run_marker_node

@@ -47,6 +47,7 @@ REAL_TIME = {
     **dict.fromkeys(("live/test_marker_node.py", "live/test_board_calibration.py"), (*PEOPLE, *HANDS)),
     **dict.fromkeys(("sources/test_acquisition.py", "cli/test_hand_measure.py"), HANDS),
     **dict.fromkeys(("cli/test_silhouettes_live.py", "live/test_silhouettes_served.py"), ()),
+    **dict.fromkeys(("cli/test_plugins.py", "examples/test_plugin.py"), ()),
     **dict.fromkeys(("cli/test_running.py", "live/test_arm_node.py"), (*PEOPLE, *HANDS, "arms")),
     **dict.fromkeys(("live/test_view_process.py", "viewer/test_body_view_in_browser.py"), (*PEOPLE, *HANDS, "arms")),
 }

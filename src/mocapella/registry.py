@@ -1,7 +1,7 @@
 """What the program can do: tables of descriptors that packages register by entry points, ours like anybody's.
 
-    METHODS: Table[Method] = Table("mocapella.methods", Method)
-    METHODS["default"].make(...)
+    METHODS = Table("mocapella.methods", Method, "tracking method")
+    METHODS.find("default").make(...)
 
 A table maps a name to one kind of frozen descriptor. A descriptor is imported when it is first wanted. One that cannot
 be used is skipped, and `Table.skipped` says which, of which package, and why; everything else runs.
@@ -9,7 +9,7 @@ be used is skipped, and `Table.skipped` says which, of which package, and why; e
 
 from __future__ import annotations
 
-from collections.abc import Iterator, MutableMapping
+from collections.abc import Callable, Iterable, Iterator, MutableMapping
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -20,7 +20,7 @@ from mocapella.errors import PluginError, SettingsError, one_of
 
 INTERFACE: Final = 1
 """Version of the descriptors. A plug-in writes the version it was made for, as a number."""
-_OURS: Final = "mocapella"
+OURS: Final = "mocapella"
 
 
 class Descriptor(Protocol):
@@ -59,7 +59,7 @@ class Skipped:
     why: str
 
     def __str__(self) -> str:
-        return f"{self.group} {self.name!r} of {self.package} is skipped: {self.why}"
+        return f"{self.package}: {self.group} {self.name!r} is skipped: {self.why}"
 
 
 class Table(MutableMapping[str, D], Generic[D]):
@@ -71,24 +71,27 @@ class Table(MutableMapping[str, D], Generic[D]):
         group: of the entry points, such as ``mocapella.methods``.
         kind: class of the descriptors.
         what: one of them in words, for errors.
+
+    Attributes:
+        group, what: as given.
     """
 
     def __init__(self, group: str, kind: type[D], what: str) -> None:
-        self.group, self._kind, self._what = group, kind, what
+        self.group, self.what, self._kind = group, what, kind
         self._found: dict[str, EntryPoint | None] | None = None
         self._loaded: dict[str, D] = {}
         self._skipped: list[Skipped] = []
 
     @property
     def skipped(self) -> tuple[Skipped, ...]:
-        """What was registered and cannot be used, as far as it was tried; `check` tries everything."""
+        """What was registered and cannot be used, as far as it was tried; `plugins` tries all of other packages."""
         self._points()
         return tuple(self._skipped)
 
-    def check(self) -> tuple[Skipped, ...]:
-        """Load everything; returns what cannot be used."""
-        dict(self)
-        return self.skipped
+    def plugins(self) -> dict[str, str]:
+        """Load what other packages registered; returns, by name, the package of each descriptor that can be used."""
+        points = tuple(self._points().items())
+        return {n: _package(p) for n, p in points if p is not None and _distribution(p) != OURS and n in self}
 
     def package(self, name: str) -> str:
         """The package that registers a name, with its version; empty where none does."""
@@ -106,8 +109,8 @@ class Table(MutableMapping[str, D], Generic[D]):
             return self[name]
         for one in self.skipped:
             if one.name == name:
-                raise PluginError(f"{self._what} {name!r} of {one.package} cannot be used: {one.why}")
-        raise SettingsError(f"unknown {self._what} {name!r}; known: {one_of(name, self)}")
+                raise PluginError(f"{self.what} {name!r} of {one.package} cannot be used: {one.why}")
+        raise SettingsError(f"unknown {self.what} {name!r}; known: {one_of(name, self)}")
 
     def __getitem__(self, name: str) -> D:
         if name not in self._loaded:
@@ -149,27 +152,28 @@ class Table(MutableMapping[str, D], Generic[D]):
                 first = self._found.setdefault(point.name, point)
                 assert first is not None
                 if (first.value, _package(first)) != (point.value, _package(point)):
-                    self._skip(point, f"{_package(first)} registers this name, too; give it another")
+                    self._skip(point, f"{_package(first)} has this name; uninstall one of the two")
         return self._found
 
     def _load(self, point: EntryPoint) -> D:
-        try:
-            value = point.load()
-        except Exception as error:
-            raise PluginError(f"{point.value} cannot be imported ({type(error).__name__}: {error})") from error
-        interface = getattr(value, "interface", None)
-        if interface != INTERFACE:
-            raise PluginError(
-                f"it was written for interface {interface}, and this Mocapella has {INTERFACE}; update it"
-            )
+        value = _imported(point.load, point.value)
         if not isinstance(value, self._kind):
-            raise PluginError(f"{point.value} is a {type(value).__name__}, and a {self._kind.__name__} is wanted")
+            raise PluginError(
+                f"{point.value} is a {type(value).__name__}, not a {self._kind.__name__}; update the package"
+            )
+        if value.interface != INTERFACE:
+            older, newer = f"it was written for interface {value.interface}", f"this Mocapella has {INTERFACE}"
+            raise PluginError(f"{older}, and {newer}; update the package or Mocapella")
         if value.name != point.name:
-            raise PluginError(f"{point.value} calls itself {value.name!r}; register it under that name")
+            raise PluginError(f"{point.value} calls itself {value.name!r}; its package must register that name")
         return value
 
     def _skip(self, point: EntryPoint, why: str) -> None:
         self._skipped.append(Skipped(self.group, point.name, _package(point), why))
+
+
+def _distribution(point: EntryPoint) -> str:
+    return "" if point.dist is None else point.dist.name
 
 
 def _package(point: EntryPoint) -> str:
@@ -177,8 +181,23 @@ def _package(point: EntryPoint) -> str:
 
 
 def _order(point: EntryPoint) -> tuple[bool, str, str]:
-    package = "" if point.dist is None else point.dist.name
-    return package != _OURS, package, point.name
+    return _distribution(point) != OURS, _distribution(point), point.name
+
+
+def plugin_points() -> list[EntryPoint]:
+    """All that other packages registered, in whatever group of ours; nothing is imported."""
+    groups = [group for group in entry_points().groups if group.startswith(f"{OURS}.")]
+    return sorted((p for group in groups for p in entry_points(group=group) if _distribution(p) != OURS), key=_order)
+
+
+def wrong_groups(groups: Iterable[str]) -> list[Skipped]:
+    """What other packages registered in groups of ours that there are not; ``groups`` are those that there are."""
+    known = sorted(groups)
+    return [
+        Skipped(p.group, p.name, _package(p), f"there is no such group; known: {one_of(p.group, known)}")
+        for p in plugin_points()
+        if p.group not in known
+    ]
 
 
 @cache
@@ -191,7 +210,12 @@ def load(reference: str) -> Any:
         PluginError: there is no such module or name, or importing it fails.
     """
     module, _, name = reference.partition(":")
+    return _imported(lambda: getattr(import_module(module), name), reference)
+
+
+def _imported(get: Callable[[], Any], reference: str) -> Any:
     try:
-        return getattr(import_module(module), name)
-    except Exception as error:  # a stranger's module may raise anything
-        raise PluginError(f"{reference} cannot be imported ({type(error).__name__}: {error})") from error
+        return get()
+    except (Exception, SystemExit) as error:  # a stranger's module may raise anything
+        what = f"{type(error).__name__}: {error}".partition("\n")[0]
+        raise PluginError(f"{reference} cannot be imported ({what}); update or uninstall its package") from error

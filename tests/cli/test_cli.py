@@ -24,10 +24,7 @@ from mocapella.cli import (  # noqa: F401  (they register)
     doctor,
     evaluate,
     evaluate_silhouettes,
-    export,
     hand,
-    markers,
-    node,
     record,
     replay,
     serve,
@@ -58,6 +55,7 @@ VERBS = [
     ["record"],
     ["export", "csv"],
     ["export", "arms"],
+    ["export", "json"],
     ["view"],
     ["doctor"],
     ["evaluate", "kinectmultitrack"],
@@ -100,7 +98,7 @@ def test_an_option_has_one_word_for_its_value_in_every_verb() -> None:
     for verb in VERBS:
         command = get_command(app)
         for name in verb:
-            command = command.commands[name]
+            command = command.commands[name] if name in command.commands else command.verb(name)
         for option in command.params:
             if not getattr(option, "is_flag", False) and verb != ["view"]:
                 words.setdefault(option.opts[0], set()).add(str(option.metavar))

@@ -7,6 +7,10 @@ from typing import Annotated
 import typer
 
 from mocapella import __version__
+from mocapella.cli.registered import ExportVerbs, NodeVerbs
+
+TELL_OF_PLUGINS = frozenset({"demo", "serve", "node", "view", "replay", "export"})
+"""Verbs that begin with a line for each plug-in that cannot be used."""
 
 app = typer.Typer(
     name="mocapella",
@@ -28,6 +32,7 @@ app = typer.Typer(
     """,
 )
 node_app = typer.Typer(
+    cls=NodeVerbs,
     no_args_is_help=True,
     help="""Serve one sensor: a camera, a recording, a simulation, or a foreign program.
 
@@ -42,6 +47,7 @@ colours_app = typer.Typer(
     """,
 )
 export_app = typer.Typer(
+    cls=ExportVerbs,
     no_args_is_help=True,
     help="""Make files for other programs out of a take.
 
@@ -79,8 +85,12 @@ def _print_version(wanted: bool) -> None:
 
 @app.callback()
 def _root(
+    context: typer.Context,
     version: Annotated[
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Version, and the schema's.")
     ] = False,
 ) -> None:
-    pass
+    if context.invoked_subcommand in TELL_OF_PLUGINS:
+        from mocapella.cli.plugins import tell_of_skipped
+
+        tell_of_skipped()

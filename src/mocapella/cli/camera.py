@@ -7,7 +7,6 @@ from typing import Annotated, Literal, cast
 
 import typer
 
-from mocapella.cli.app import node_app
 from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, need_cameras, say, write_json
 from mocapella.cli.markers import Exposure, Fourcc, Fps, Gain, Size, WhiteBalance, tell_state, wishes
 from mocapella.cli.node import Epoch, EpochFromInput, read_epoch
@@ -16,7 +15,6 @@ from mocapella.errors import SettingsError, one_of
 FORMATS = ("jpeg", "png")
 
 
-@node_app.command("camera")
 def camera(
     source: Annotated[
         str,

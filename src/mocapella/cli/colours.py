@@ -11,7 +11,7 @@ from rich.table import Table
 
 from mocapella.cli.app import colours_app
 from mocapella.cli.common import JsonOut, Seed, console, need_cameras, say, write_json
-from mocapella.cli.markers import (
+from mocapella.cli.pictures import (
     Contrast,
     Exposure,
     Fourcc,

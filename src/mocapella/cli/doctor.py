@@ -11,9 +11,9 @@ import shutil
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 from rich.console import Console
@@ -23,23 +23,15 @@ from rich.table import Table
 from mocapella import __version__
 from mocapella.cli.app import app
 from mocapella.cli.common import DEFAULT_PORT, DEFAULT_VIEW_PORT, JsonOut, console, write_json
-from mocapella.errors import AddressInUseError, BusError
+from mocapella.cli.plugins import plugin_findings
+from mocapella.errors import AddressInUseError, BusError, PluginError
+from mocapella.sources.source import Finding
 
 _BROWSERS = (
     *("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "firefox", "firefox-esr"),
     *("microsoft-edge", "brave-browser", "vivaldi", "opera", "safari"),
 )
 _MARKS = {"ok": "[green]ok[/green]", "note": "[yellow]note[/yellow]", "problem": "[red]problem[/red]"}
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One thing that was looked at, what was found, and what to do about it."""
-
-    what: str
-    verdict: Literal["ok", "note", "problem"]
-    found: str
-    advice: str = ""
 
 
 @app.command()
@@ -79,11 +71,11 @@ def examine(port: int, view_port: int, takes: Path) -> Iterator[Finding]:
     yield _python()
     yield from _core_packages()
     yield from _extras()
-    yield from _depth_cameras()
+    yield from plugin_findings()
+    yield from _source_looks()
     yield _port("bus port", port, "--port")
     yield _port("view port", view_port, "--view-port")
     yield _disk(takes)
-    yield _devices()
     yield _browser()
     yield _clock()
 
@@ -131,28 +123,24 @@ def _extras() -> Iterator[Finding]:
             yield Finding(f"extra {extra}", "ok", ", ".join(f"{name} {_version(name)}" for name in packages))
 
 
-def _depth_cameras() -> Iterator[Finding]:
-    """The packages that drive depth cameras, none of which is an extra: they come from the cameras' makers."""
-    from mocapella.sources.depth_cameras import CAMERAS, camera_class
+def _source_looks() -> Iterator[Finding]:
+    """What the sources say of their devices."""
+    from mocapella.sources.source import SOURCES
 
-    for kind in CAMERAS:
-        device = camera_class(kind)
-        found = next(filter(_is_installed, device.packages), None)
-        if found is None:
-            names = " or ".join(module.partition(".")[0] for module in device.packages)
-            yield Finding(
-                f"depth camera {kind}:", "note", f"not installed: {names}", f"only if you have one: {device.install}"
-            )
-        else:
-            yield Finding(f"depth camera {kind}:", "ok", found)
+    for source in SOURCES.values():
+        try:
+            yield from _looked(source.looks) if source.looks else ()
+        except PluginError as error:
+            yield Finding(f"source {source.name}", "note", str(error), "tell the authors of its package")
 
 
-def _is_installed(module: str) -> bool:
-    """Whether there is a module of that name, which is not imported: a driver may do things then."""
+def _looked(reference: str) -> list[Finding]:
+    from mocapella.registry import load
+
     try:
-        return importlib.util.find_spec(module) is not None
-    except ImportError:  # not even what it is in
-        return False
+        return list(load(reference)())
+    except Exception as error:  # a stranger's function may raise anything
+        raise PluginError(f"could not look ({type(error).__name__}: {error})") from error
 
 
 def _port(what: str, port: int, option: str) -> Finding:
@@ -178,14 +166,6 @@ def _disk(takes: Path) -> Finding:
         advice = "a recording leaves 1 GiB free (serve --reserve-gib); make room, or name another folder with --takes"
         return Finding("disk for takes", "problem", found, advice)
     return Finding("disk for takes", "ok", found)
-
-
-def _devices() -> Finding:
-    cameras = sorted(str(path) for path in Path("/dev").glob("video*"))
-    if cameras:
-        return Finding("cameras", "ok", ", ".join(cameras))
-    advice = "none is needed for recordings, simulations and sensors on other machines"
-    return Finding("cameras", "note", "none found", advice)
 
 
 def _browser() -> Finding:

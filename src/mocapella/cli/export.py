@@ -1,4 +1,4 @@
-"""``mocapella export``: files for other programs out of a take."""
+"""The verbs of ``mocapella export``: files for other programs out of a take."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import msgspec
 import typer
 
 from mocapella.cli import INTERRUPTED
-from mocapella.cli.app import export_app
 from mocapella.cli.common import JsonOut, TakeArgument, say, working, write_json
 
 if TYPE_CHECKING:
@@ -18,7 +17,6 @@ if TYPE_CHECKING:
     from mocapella.recording.take_reader import Take
 
 
-@export_app.command("csv")
 def csv(
     take: TakeArgument,
     out: Annotated[
@@ -46,12 +44,11 @@ def csv(
     """
     import dataclasses
 
-    from mocapella.cli.recordings import find_recording
+    from mocapella.cli.recordings import find_recording, open_take
     from mocapella.recording.study_export import export_study_log
-    from mocapella.recording.take_reader import read_take
 
     take = find_recording(take)
-    source = read_take(take)
+    source = open_take(take)
     given = {"participant": participant, "placement": placement, "scenario": scenario}
     setup = dataclasses.replace(source.info.setup, **{key: value for key, value in given.items() if value is not None})
     target = out or take.with_suffix(".csv")
@@ -65,7 +62,6 @@ def csv(
     write_json(json, {"path": str(target), **msgspec.to_builtins(report), "take_problems": list(source.problems)})
 
 
-@export_app.command("arms")
 def arms(
     take: TakeArgument,
     out: Annotated[
@@ -84,17 +80,46 @@ def arms(
 
     Example:  mocapella export arms grab-1 --out grab-1.csv
     """
-    from mocapella.cli.recordings import find_recording
+    from mocapella.cli.recordings import find_recording, open_take
     from mocapella.exports.arm_tracks import write_arm_tracks
-    from mocapella.recording.take_reader import read_take
 
     take = find_recording(take)
-    source = read_take(take)
+    source = open_take(take)
     target = out or take.with_suffix(".arms.csv")
     with working(f"writing {target} …", status=INTERRUPTED):
         scenes = (scene for run in source.runs for _, scene in source.scenes(run.number))
         report = write_arm_tracks(scenes, target, every=every, all_points=all_points)
     say(f"{report.rows} rows of {report.with_arms} results with arms in {target}; arms: {report.arms}")
+    for problem in source.problems:
+        say(f"{take.name}: {problem}")
+    write_json(json, {"path": str(target), **msgspec.to_builtins(report), "take_problems": list(source.problems)})
+
+
+def json_lines(
+    take: TakeArgument,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The file to write; by default the take's name with .jsonl.")
+    ] = None,
+    every: Annotated[int, typer.Option(metavar="N", min=1, help="Write every n-th result only.")] = 1,
+    json: JsonOut = None,
+) -> None:
+    """Write everything of a take's results: a line of JSON for each, with all fields of its parts, also of a plug-in's.
+
+    Arrays are lists, and null is what is not known. Parts whose package is not installed are named with their size.
+
+    Example:  mocapella export json walk-1 --out walk-1.jsonl
+    """
+    from mocapella.cli.recordings import find_recording, open_take
+    from mocapella.exports.scene_lines import write_scene_lines
+
+    take = find_recording(take)
+    source = open_take(take)
+    target = out or take.with_suffix(".jsonl")
+    with working(f"writing {target} …", status=INTERRUPTED):
+        scenes = ((run.number, log_ns, scene) for run in source.runs for log_ns, scene in source.scenes(run.number))
+        report = write_scene_lines(scenes, target, every=every)
+    parts = ", ".join(f"{name} {count}" for name, count in report.parts.items()) or "none"
+    say(f"{report.written} lines of {report.scenes} results in {target}; parts: {parts}")
     for problem in source.problems:
         say(f"{take.name}: {problem}")
     write_json(json, {"path": str(target), **msgspec.to_builtins(report), "take_problems": list(source.problems)})

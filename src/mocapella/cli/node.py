@@ -1,18 +1,15 @@
-"""``mocapella node``: one sensor's process."""
+"""The verbs of ``mocapella node`` that need no camera: simulations, recordings, foreign programs, other trackers."""
 
 from __future__ import annotations
 
-import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict
+from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mocapella.cli.app import node_app
 from mocapella.cli.common import (
     DEFAULT_ADDRESS,
     Connect,
@@ -25,32 +22,20 @@ from mocapella.cli.common import (
     warn_if_open,
     write_json,
 )
+from mocapella.cli.nodes import Epoch, EpochFromInput, SensorName, read_epoch, serve_frames
 from mocapella.errors import SettingsError
 
 if TYPE_CHECKING:
     from mocapella.live.node import DueFrame
 
-READY: Final = "ready"
-"""What a node that is told its epoch prints when it waits for it."""
-Epoch = Annotated[
-    float | None,
-    typer.Option(
-        metavar="TIME", help="Unix time of the source's time 0, in seconds. Nodes with one epoch are in step."
-    ),
-]
-EpochFromInput = Annotated[
-    bool, typer.Option("--epoch-from-input", hidden=True, help="Say `ready`, and read the epoch from standard input.")
-]
 _Linger = Annotated[
     float,
     typer.Option(
         metavar="SECONDS", min=0, help="Stay so many seconds after the last frame, so that a take gets what it missed."
     ),
 ]
-SensorName = Annotated[str | None, typer.Option("--name", metavar="SENSOR", help="Serve it under another name.")]
 
 
-@node_app.command("simulate")
 def simulate(
     scene: SceneName = "obstacle",
     sensor: Annotated[
@@ -89,10 +74,9 @@ def simulate(
         stop_s = None if seconds is None else start_s + seconds
         return (DueFrame(f.due_s, f.frame, f.truth) for f in source.frames(start_s=start_s, stop_s=stop_s))
 
-    _serve(frames, name or source.name, connect, zero, json, wait=not epoch_from_input)
+    serve_frames(frames, name or source.name, connect, zero, json, wait=not epoch_from_input)
 
 
-@node_app.command("replay")
 def replay(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A study log (.csv, .csv.gz) or a take (.mcap).")],
     sensor: Annotated[str, typer.Option(metavar="SENSOR", help="Which of its sensors, by name.")],
@@ -118,10 +102,11 @@ def replay(
     kind = None if first is None else frame_type_of(first.frame)
     kept = HISTORY_FRAMES if kind is None else kind.history_frames
     zero = read_epoch() if epoch_from_input else epoch
-    _serve(lambda: whole, name or sensor, connect, zero, json, wait=zero is None, linger_s=linger, history_frames=kept)
+    serve_frames(
+        lambda: whole, name or sensor, connect, zero, json, wait=zero is None, linger_s=linger, history_frames=kept
+    )
 
 
-@node_app.command("bridge")
 def bridge(
     listen: Annotated[
         str, typer.Option(metavar="HOST:PORT", help="Where foreign programs connect.")
@@ -145,7 +130,6 @@ def bridge(
         write_json(json, run_bridge(BridgeSettings(host=host, port=port), connect, stop, say))
 
 
-@node_app.command("datagrams")
 def datagrams(
     camera: Annotated[
         list[str],
@@ -214,7 +198,6 @@ def datagrams(
 _Space = Annotated[str, typer.Option(metavar="NAME", help="What to call the space that its poses are in.")]
 
 
-@node_app.command("osc")
 def osc(
     listen: Annotated[
         str,
@@ -244,7 +227,6 @@ def osc(
     write_json(json, summary)
 
 
-@node_app.command("openvr")
 def openvr(
     space: _Space = "vr",
     hz: Annotated[float, typer.Option(metavar="HZ", min=1, max=1000, help="How often.")] = 90.0,
@@ -278,38 +260,3 @@ def _parted(text: str, at: str, option: str, example: str) -> tuple[str, int]:
     if not before or not (port.isascii() and port.isdigit() and len(port) <= 5):
         raise SettingsError(f"{option} {text!r} cannot be used; write it as {example}")
     return before, int(port)
-
-
-def read_epoch() -> float:
-    """When the source's time is 0, from who started this process; once everything that takes long is done."""
-    typer.echo(READY)
-    line = sys.stdin.readline()
-    if not line:  # who started it is gone
-        raise typer.Exit(1)
-    return float(line)
-
-
-def _serve(
-    frames: Callable[[], Iterable[DueFrame]],
-    sensor: str,
-    connect: str,
-    epoch: float | None,
-    json: str | None,
-    *,
-    wait: bool,
-    linger_s: float = 0.0,
-    history_frames: int | None = None,
-) -> None:
-    from mocapella.live.node import run_node
-    from mocapella.live.stopping import stop_on_signals
-    from mocapella.model.frame_types import HISTORY_FRAMES
-    from mocapella.wire.node import NodeLink
-
-    kept = HISTORY_FRAMES if history_frames is None else history_frames
-    with stop_on_signals() as stop, NodeLink(connect, sensor, history_frames=kept) as link:
-        summary = run_node(link, frames, epoch=epoch, stop=stop, wait=wait, say=say, linger_s=linger_s)
-        if summary.served:
-            say(f"{sensor}: {summary.published} frames published, {summary.late} of them late")
-        else:
-            say(f"{sensor}: no server was at {connect}; it received none of {summary.published} frames")
-        write_json(json, asdict(summary))

@@ -3,29 +3,36 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 import msgspec
 
+from mocapella.cli.common import say
 from mocapella.conventions import NS_PER_S
-from mocapella.errors import InputError, SettingsError, one_of
+from mocapella.errors import InputError, PluginError, SettingsError, one_of
+from mocapella.exports.export import EXPORTS, left_out
 from mocapella.live.node import DueFrame
 from mocapella.live.replay import replay
 from mocapella.live.session import Session
 from mocapella.live.summary import RunSummary
+from mocapella.model.frame_types import FRAME_TYPES
 from mocapella.model.observations import Arrival
+from mocapella.model.part_types import PART_TYPES
 from mocapella.model.scene import Phase, Scene, TrackerState
 from mocapella.model.session import Setup
 from mocapella.recording.disk import SUFFIX
 from mocapella.recording.mcap_file import MAGIC
 from mocapella.recording.study_log import read_study_log
 from mocapella.recording.take import Command, Run
-from mocapella.recording.take_reader import read_take
+from mocapella.recording.take_reader import Take, read_take
+from mocapella.registry import Table
 from mocapella.schema import encode_scene
 from mocapella.sources.study_replay import ReplayReport, StudyReplay
+from mocapella.tracker import METHODS
 
 TAKES = Path("takes")
 """Where a server that was told of no other folder keeps its takes."""
@@ -61,6 +68,10 @@ class Recording(Protocol):
     @property
     def method_settings(self) -> dict[str, Any]:
         """Settings of the method, by name."""
+
+    @property
+    def missing(self) -> list[str]:
+        """What it needs to be tracked and is not installed, each with the package that has it."""
 
     def due_frames(self, sensor: str) -> Iterator[DueFrame]:
         """One sensor's frames for a node; time 0 is the file's first frame."""
@@ -122,8 +133,60 @@ def open_recording(
     return RecordedLog(file, placement, method or Setup().method, method_settings or {})
 
 
+def open_take(file: Path) -> Take:
+    """Read a take, as `find_recording` finds it; once, however often it is asked for.
+
+    Raises:
+        InputError, SchemaVersionError: as `read_take`.
+    """
+    found = find_recording(file).absolute()
+    is_now = found.stat()
+    return _take(found, is_now.st_mtime_ns, is_now.st_size)
+
+
+@lru_cache(maxsize=1)
+def _take(path: Path, _modified_ns: int, _size: int) -> Take:
+    return read_take(path)
+
+
+def missing_of(take: Take) -> list[str]:
+    """What a take was made with and cannot be used here: methods, frame types and part types, each with its package."""
+    packages = {what: package for run in take.runs for what, package in run.info.packages.items()}
+    needed: list[tuple[Table[Any], Iterable[str]]] = [
+        (METHODS, dict.fromkeys(run.info.method for run in take.runs)),
+        (FRAME_TYPES, take.unread_frame_types),
+        (PART_TYPES, take.part_counts),
+    ]
+    return [_missing(table, name, packages) for table, names in needed for name in names if name not in table]
+
+
+def _missing(table: Table[Any], name: str, packages: Mapping[str, str]) -> str:
+    what = f"{table.what} {name}"
+    package = packages.get(what, "a package that the take does not name")
+    try:
+        table.find(name)
+    except PluginError as error:
+        return f"it was made with {package}: {error}"
+    except SettingsError:
+        pass
+    return f"it was made with the {what} of {package}, which is not installed; install it"
+
+
+def tell_left_out(export: str, file: Path) -> None:
+    """Say which parts of a take an export does not carry, and which packages it was made with that are missing."""
+    take = open_take(file)
+    left = left_out(EXPORTS[export], take.part_counts)
+    if left:
+        parts = ", ".join(f"{name} ({count})" for name, count in left.items())
+        say(f"{take.path.name}: left out by export {export}: {parts}; `mocapella export json` writes everything")
+    for missing in missing_of(take):
+        say(f"{take.path.name}: {missing}")
+
+
 class RecordedLog:
     """A study log of 2015, as two sensors on their own clocks."""
+
+    missing: Final[list[str]] = []
 
     def __init__(self, file: Path, placement: str | None, method: str, method_settings: Mapping[str, Any]) -> None:
         self.method_settings = dict(method_settings)
@@ -177,6 +240,11 @@ class RecordedTake:
         self.sensors = self._take.sensors
         self.setup = self._take.info.setup
         self.method_settings = self._take.info.method_settings
+
+    @property
+    def missing(self) -> list[str]:
+        """See `Recording`."""
+        return missing_of(self._take)
 
     def due_frames(self, sensor: str) -> Iterator[DueFrame]:
         """See `Recording`; frames are due as they were stored, or `due_times`."""

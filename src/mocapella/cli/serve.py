@@ -37,7 +37,7 @@ from mocapella.cli.common import (
     warn_if_open,
     write_json,
 )
-from mocapella.cli.node import READY
+from mocapella.cli.nodes import READY
 from mocapella.errors import InputError, MocapellaError, SettingsError
 from mocapella.settings import merged, settings_of_pairs
 

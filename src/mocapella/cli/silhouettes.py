@@ -24,7 +24,7 @@ from mocapella.cli.common import (
     telling_of_compiling,
     working,
 )
-from mocapella.cli.markers import Fourcc
+from mocapella.cli.pictures import Fourcc
 from mocapella.errors import SettingsError
 
 if TYPE_CHECKING:

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
+from mocapella import __version__
 from mocapella.errors import NotNowError
 from mocapella.live.recorder import Recorder, begin_take
 from mocapella.live.refetch import Refetch
 from mocapella.live.session import Session
+from mocapella.model.frame_types import FRAME_TYPES
+from mocapella.model.part_types import PART_TYPES
 from mocapella.model.session import RecordingHealth
 from mocapella.recording.take import TakeInfo
+from mocapella.registry import OURS, Table
+from mocapella.tracker import METHODS
 from mocapella.wire.keys import NodeKey
 from mocapella.wire.server import OnFrame, ServerLink
 
@@ -28,6 +33,20 @@ def outcome(health: RecordingHealth) -> str:
     """How a take ended, in words; a frame that is missing from it is not passed over."""
     lost = f"; {health.lost} frames are missing" if health.lost else ""
     return health.problem or f"recorded {health.frames} frames in {health.path}{lost}"
+
+
+def packages_of(method: str) -> dict[str, str]:
+    """What of other packages a run of a method is made with, and the package of each; and our own version.
+
+    Any sensor may send any type of frame, so all frame types that other packages register are in it.
+    """
+    used: list[tuple[Table[Any], Iterable[str]]] = [
+        (METHODS, (method,)),
+        (FRAME_TYPES, FRAME_TYPES),
+        (PART_TYPES, METHODS[method].parts),
+    ]
+    found = {f"{t.what} {n}": p for t, names in used for n, p in t.plugins().items() if n in names}
+    return {OURS: f"{OURS} {__version__}", **found}
 
 
 class RecordingDesk:
@@ -166,4 +185,5 @@ class RecordingDesk:
             started_unix_ns=time.time_ns(),
             started_ns=time.monotonic_ns(),
             method_settings=self._session.method_settings,
+            packages=packages_of(self._session.setup.method),
         )

@@ -40,6 +40,8 @@ class TakeInfo:
         started_ns: the server's clock at the same instant; every ``log_ns`` in the take is of this clock.
         version: of Mocapella.
         schema_version: of the messages.
+        packages: what of other packages the run was made with, such as ``tracking method heat``, and the package
+            with its version; empty of older takes.
     """
 
     setup: Setup
@@ -48,6 +50,7 @@ class TakeInfo:
     method_settings: dict[str, Any] = field(default_factory=dict)
     version: str = __version__
     schema_version: int = SCHEMA_VERSION
+    packages: dict[str, str] = field(default_factory=dict)
 
     @property
     def method(self) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -18,6 +19,7 @@ from mocapella.recording.mcap_scan import Damage, End, Event, MessageRead, Metad
 from mocapella.recording.sequences import SequenceRanges
 from mocapella.recording.take import Interruption, Run
 from mocapella.schema import mocapella_pb2 as pb
+from mocapella.schema.scenes import count_parts
 
 NAMED_AT_MOST: Final = 5
 """How many scenes without a frame a problem names, before it says how many more there are."""
@@ -66,6 +68,7 @@ class TakeIndex:
         self.commands: list[tuple[int, Ref]] = []
         self.others: dict[str, list[Ref]] = {}
         self.nodes: dict[tuple[str, int], SequenceRanges] = {}
+        self.parts: Counter[str] = Counter()
         self.first_ns: int | None = None
         self.last_ns = 0
         self.damaged_parts: set[int] = set()
@@ -175,6 +178,7 @@ class TakeIndex:
         run, before = self._run_number(), self.scenes[-1] if self.scenes else None
         if before is not None and before.run == run and scene.step <= before.step:
             self.problems.append(f"run {run}: step {scene.step} follows step {before.step}; a new tracker is a new run")
+        self.parts.update(count_parts(scene))
         key = sys.intern(scene.sensor), scene.node_id, scene.sequence
         self.scenes.append(SceneRef(ref, run, scene.step, scene.at_ns, *key))
 

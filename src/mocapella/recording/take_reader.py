@@ -16,6 +16,7 @@ import msgspec
 from mocapella.errors import DamagedTakeError, InputError, SchemaVersionError, WireError
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Scene
+from mocapella.model.sensor_frame import UnknownFrame
 from mocapella.model.truth import Truth
 from mocapella.recording import disk, take
 from mocapella.recording.mcap_file import MAGIC
@@ -98,6 +99,18 @@ class Take:
     def scene_count(self) -> int:
         """How many scenes there are."""
         return len(self._index.scenes)
+
+    @property
+    def part_counts(self) -> dict[str, int]:
+        """How many parts of each type there are in all scenes, by the type's name, whether it is installed or not."""
+        return dict(self._index.parts)
+
+    @property
+    def unread_frame_types(self) -> tuple[str, ...]:
+        """Names of the types of frames that no installed package reads, as the first frames of the nodes show."""
+        firsts = {(frame.sensor, frame.node_id): frame for frame in reversed(self._index.frames)}
+        frames = (stored.frame for stored in self._frames(firsts.values()))
+        return tuple(sorted({frame.kind for frame in frames if isinstance(frame, UnknownFrame)}))
 
     def frames(self, sensor: str | None = None) -> Iterator[StoredFrame]:
         """The frames in the order they were stored in; of one sensor, or all.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping
 from functools import cache
 from typing import Any, Final
@@ -117,6 +118,16 @@ def _decode_parts(m: Any, topology: Topology) -> dict[str, tuple[Any, ...]]:
         read = UnknownPart(other.kind, other.content) if known is None else known.decode(other.content, topology)
         parts[other.kind] = (*parts.get(other.kind, ()), read)
     return parts
+
+
+def count_parts(message: pb.Scene) -> Counter[str]:
+    """How many parts of each type a scene's message has, by the type's name; nothing of them is decoded."""
+    counts = Counter[str]()
+    for kind in _with_fields():
+        single = kind.field in _SINGLE
+        counts[kind.name] += message.HasField(kind.field) if single else len(getattr(message, kind.field))
+    counts.update(other.kind for other in message.parts)
+    return +counts
 
 
 @cache

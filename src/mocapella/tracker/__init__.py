@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from mocapella.model.part_types import PART_TYPES
 from mocapella.model.session import SensorPose
 from mocapella.settings import check
 from mocapella.tracker.method import METHODS, Method, methods_making
@@ -38,5 +39,7 @@ def make_tracker(
         PluginError: the method is registered and cannot be used.
     """
     found = METHODS.find(method)
+    for part in found.parts:
+        PART_TYPES.find(part)
     check(sensors_expected >= 1, "sensors_expected", sensors_expected, "1 or more")
     return found.make(settings or {}, sensors_expected, sensors or {})

@@ -66,13 +66,15 @@ def methods_making(part: str) -> tuple[str, ...]:
 
 
 def not_taken(frame: SensorFrame, method: str) -> str:
-    """Why a method makes nothing of a frame whose type it does not take; empty of frames that are only for takes."""
+    """Why a method makes nothing of a frame; empty where it takes its type, and of frames that are only for takes."""
     return "" if frame.for_the_take else _not_taken(type(frame), what_it_sends(frame), method)
 
 
 @lru_cache(maxsize=256)
 def _not_taken(kind: type[SensorFrame], name: str, method: str) -> str:
     takers = [one.name for one in METHODS.values() if kind in one.frame_types]
+    if method in takers:
+        return ""
     if kind is UnknownFrame:
         return f"it sends {name}, which no installed package reads: install the one that does; a take keeps them"
     if not takers:

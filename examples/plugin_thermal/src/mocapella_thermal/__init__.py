@@ -1,0 +1,1 @@
+"""Hot spots on the floor, from heat cameras at the ceiling."""

@@ -1,0 +1,36 @@
+"""What the method finds: hot spots in the world."""
+
+import msgspec
+
+from mocapella.errors import WireError
+from mocapella.model.part_types import PartType
+
+
+class Spot(msgspec.Struct, frozen=True):
+    """A hot spot: (x, z) on the floor [m], the temperature [°C], and the cameras that see it."""
+
+    id: int
+    x: float
+    z: float
+    celsius: float
+    cameras: tuple[str, ...]
+
+
+def decode(content: bytes, _topology: object) -> Spot:
+    """Read a spot; a `WireError` where it is none."""
+    try:
+        return msgspec.msgpack.decode(content, type=Spot)
+    except msgspec.DecodeError as error:
+        raise WireError(f"spots: {error}") from error
+
+
+SPOTS = PartType(
+    interface=1,
+    name="spots",
+    type=Spot,
+    encode=msgspec.msgpack.encode,
+    decode=decode,
+    counted=("spot", "spots"),
+    none="Nothing is hot",
+    drawing="mocapella_thermal.view:draw",
+)

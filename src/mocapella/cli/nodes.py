@@ -1,0 +1,79 @@
+"""What verbs of ``mocapella node`` share, also a plug-in's: the epoch, and serving frames when they are due."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from mocapella.cli.common import say, write_json
+
+if TYPE_CHECKING:
+    from mocapella.live.node import DueFrame
+
+READY: Final = "ready"
+"""What a node that is told its epoch prints when it waits for it."""
+Epoch = Annotated[
+    float | None,
+    typer.Option(
+        metavar="TIME", help="Unix time of the source's time 0, in seconds. Nodes with one epoch are in step."
+    ),
+]
+EpochFromInput = Annotated[
+    bool, typer.Option("--epoch-from-input", hidden=True, help="Say `ready`, and read the epoch from standard input.")
+]
+SensorName = Annotated[str | None, typer.Option("--name", metavar="SENSOR", help="Serve it under another name.")]
+
+
+def read_epoch() -> float:
+    """When the source's time is 0, from who started this process; once everything that takes long is done."""
+    typer.echo(READY)
+    line = sys.stdin.readline()
+    if not line:  # who started it is gone
+        raise typer.Exit(1)
+    return float(line)
+
+
+def serve_frames(
+    frames: Callable[[], Iterable[DueFrame]],
+    sensor: str,
+    connect: str,
+    epoch: float | None,
+    json: str | None,
+    *,
+    wait: bool,
+    linger_s: float = 0.0,
+    history_frames: int | None = None,
+) -> None:
+    """Serve a sensor's frames, each when it is due, until they end or Ctrl-C; says at the end what came of it.
+
+    Args:
+        frames: makes them, in the order of their time; called when the run begins.
+        sensor: its name.
+        connect: address of the server.
+        epoch: Unix time [s] of the frames' time 0; None is when the run begins.
+        json: where the summary goes, as ``--json`` says.
+        wait: whether the run begins when a server is there, or at once.
+        linger_s: how long to stay after the last frame, so that a take gets what it missed [s].
+        history_frames: how many frames are kept for a server that missed them.
+
+    Raises:
+        NameTakenError: another node serves a sensor of this name.
+        NoServerError: no server was ever there.
+    """
+    from mocapella.live.node import run_node
+    from mocapella.live.stopping import stop_on_signals
+    from mocapella.model.frame_types import HISTORY_FRAMES
+    from mocapella.wire.node import NodeLink
+
+    kept = HISTORY_FRAMES if history_frames is None else history_frames
+    with stop_on_signals() as stop, NodeLink(connect, sensor, history_frames=kept) as link:
+        summary = run_node(link, frames, epoch=epoch, stop=stop, wait=wait, say=say, linger_s=linger_s)
+        if summary.served:
+            say(f"{sensor}: {summary.published} frames published, {summary.late} of them late")
+        else:
+            say(f"{sensor}: no server was at {connect}; it received none of {summary.published} frames")
+        write_json(json, asdict(summary))

@@ -1,0 +1,78 @@
+"""What verbs share that read a camera's pictures: its options, and what they say of its state."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from mocapella.cli.common import parse_size, say
+from mocapella.errors import InputError
+
+if TYPE_CHECKING:
+    from mocapella.sensing.colour_profile import ColourProfile
+    from mocapella.sources.camera_controls import CameraWishes
+    from mocapella.sources.picture_source import PictureSource, SourceState
+
+Source = Annotated[
+    str,
+    typer.Argument(
+        metavar="SOURCE",
+        help="camera:0, /dev/video0, http://… or rtsp://…, a film, a folder of images, or rendered:SCENE/CAMERA.",
+    ),
+]
+Size = Annotated[str | None, typer.Option("--size", metavar="WxH", help="Of the pictures; the profile's.")]
+Fps = Annotated[float | None, typer.Option("--fps", metavar="HZ", help="Pictures a second to ask for.")]
+Fourcc = Annotated[str | None, typer.Option("--fourcc", metavar="CODE", help="How they come, such as MJPG.")]
+Exposure = Annotated[float | None, typer.Option(metavar="VALUE", help="In the driver's own numbers; the profile's.")]
+Gain = Annotated[float | None, typer.Option(metavar="VALUE", help="As --exposure.")]
+WhiteBalance = Annotated[float | None, typer.Option(metavar="VALUE", help="As --exposure.")]
+Saturation = Annotated[float | None, typer.Option(metavar="VALUE", help="As --exposure.")]
+Contrast = Annotated[float | None, typer.Option(metavar="VALUE", help="As --exposure.")]
+
+
+def wishes(
+    size: str | None,
+    fps: float | None,
+    fourcc: str | None,
+    given: Any,
+    profile: ColourProfile | None,
+) -> CameraWishes:
+    """How a camera is to be set: as was said, else as the profile says.
+
+    Raises:
+        SettingsError: something that no camera has.
+    """
+    from mocapella.sources.camera_controls import CameraWishes
+
+    if profile is not None:
+        said = {name: value for name, value in asdict(given).items() if value is not None and name != "automatic"}
+        given = replace(profile.controls, **said)
+    size_px = None if profile is None else profile.size_px
+    if size is not None:
+        size_px = parse_size(size)
+    return CameraWishes(size_px, fps, fourcc, given)
+
+
+def check_state(state: SourceState, known: ColourProfile | None, profile: Path | None, source: str) -> None:
+    """Refuse pictures of another size than the colours were learnt at, before the first.
+
+    Raises:
+        InputError: they are.
+    """
+    if known is None or state.size_px is None or tuple(state.size_px) == tuple(known.size_px):
+        return
+    was, now = (f"{w} × {h}" for w, h in (known.size_px, state.size_px))
+    fix = f"set it to {was} px, or learn the colours anew"
+    raise InputError(f"{source} gives pictures of {now} px", file=profile, field="size_px", value=was, fix=fix)
+
+
+def tell_state(sensor: str, pictures: PictureSource, state: SourceState) -> None:
+    """How the source is set, in words."""
+    size = "" if state.size_px is None else f", {state.size_px[0]} × {state.size_px[1]} px"
+    rate = "" if state.fps is None else f", {state.fps:g} a second"
+    say(f"{sensor}: pictures of {pictures.name}{size}{rate}; their time is {pictures.times}")
+    for problem in state.problems:
+        say(f"{sensor}: {problem}")

@@ -1,0 +1,60 @@
+"""What other packages add to the program: which of it can be used, and why the rest cannot."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+from mocapella.cli.common import say
+from mocapella.registry import Skipped, Table, plugin_points, wrong_groups
+
+if TYPE_CHECKING:
+    from mocapella.sources.source import Finding
+
+
+def tables() -> tuple[Table[Any], ...]:
+    """All tables that packages can add to."""
+    from mocapella.detectors import DETECTORS
+    from mocapella.exports.export import EXPORTS
+    from mocapella.model.frame_types import FRAME_TYPES
+    from mocapella.model.part_types import PART_TYPES
+    from mocapella.sources.source import SOURCES
+    from mocapella.tracker.method import METHODS
+
+    return METHODS, DETECTORS, FRAME_TYPES, PART_TYPES, SOURCES, EXPORTS
+
+
+def plugins() -> tuple[list[tuple[str, str]], list[Skipped]]:
+    """Load what other packages register.
+
+    Returns:
+        (package, what it registers) of each descriptor that can be used, and what cannot be used.
+    """
+    if not plugin_points():
+        return [], []
+    every = tables()
+    usable = [(package, f"{one.what} {name}") for one in every for name, package in one.plugins().items()]
+    skipped = [each for one in every for each in one.skipped]
+    return usable, skipped + wrong_groups(one.group for one in every)
+
+
+def tell_of_skipped() -> None:
+    """Say a line for each plug-in that cannot be used; not in a process that another of ours started and told so."""
+    from mocapella.live.stopping import STARTED_BY_US
+
+    if STARTED_BY_US not in os.environ:
+        for one in plugins()[1]:
+            say(str(one))
+
+
+def plugin_findings() -> Iterator[Finding]:
+    """What `mocapella doctor` says of plug-ins."""
+    from mocapella.sources.source import Finding
+
+    usable, skipped = plugins()
+    for package, what in usable:
+        yield Finding(f"plug-in {package}", "ok", what)
+    for one in skipped:
+        problem, _, advice = one.why.partition("; ")
+        yield Finding(f"plug-in {one.package}", "note", f"{one.group} {one.name}: {problem}", advice)

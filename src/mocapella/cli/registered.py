@@ -1,0 +1,90 @@
+"""Groups of verbs that packages register: ``mocapella node`` and ``mocapella export``.
+
+A verb's module is imported when it runs or its help is asked for; a list of verbs shows names and summaries only.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from mocapella.errors import SettingsError
+
+
+class RegisteredVerbs(TyperGroup):
+    """The verbs of a `mocapella.registry.Table` whose descriptors have a ``summary`` and a ``command``."""
+
+    verb_class: type[TyperCommand] = TyperCommand
+
+    def table(self) -> Any:
+        """The table; imported when it is first wanted."""
+        raise NotImplementedError
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """See `TyperGroup`."""
+        return [*super().list_commands(ctx), *self.table()]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """What a list shows of a verb; `resolve_command` has the verb itself."""
+        descriptor = self.table().get(cmd_name)
+        if descriptor is None:
+            return super().get_command(ctx, cmd_name)
+        return TyperCommand(cmd_name, help=descriptor.summary, rich_markup_mode=self.rich_markup_mode)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """See `TyperGroup`.
+
+        Raises:
+            PluginError: the verb is registered and cannot be used.
+        """
+        if args[0] in self.commands or args[0].startswith("-"):
+            return super().resolve_command(ctx, args)
+        try:
+            return args[0], self.verb(args[0]), args[1:]
+        except SettingsError as error:
+            return ctx.fail(str(error))
+
+    def verb(self, name: str) -> Any:
+        """Import a verb.
+
+        Raises:
+            SettingsError: there is none of that name.
+            PluginError: it cannot be used.
+        """
+        from mocapella.registry import load
+
+        one = typer.Typer(add_completion=False, rich_markup_mode=self.rich_markup_mode, pretty_exceptions_enable=False)
+        one.command(name, cls=self.verb_class)(load(self.table().find(name).command))
+        return typer.main.get_command(one)
+
+
+class NodeVerbs(RegisteredVerbs):
+    """``mocapella node``."""
+
+    def table(self) -> Any:
+        """See `RegisteredVerbs`."""
+        from mocapella.sources.source import SOURCES
+
+        return SOURCES
+
+
+class _ExportVerb(TyperCommand):
+    def invoke(self, ctx: Any) -> Any:
+        from mocapella.cli.recordings import tell_left_out
+
+        tell_left_out(str(self.name), ctx.params["take"])
+        return super().invoke(ctx)
+
+
+class ExportVerbs(RegisteredVerbs):
+    """``mocapella export``; each says first which parts of the take it does not carry."""
+
+    verb_class = _ExportVerb
+
+    def table(self) -> Any:
+        """See `RegisteredVerbs`."""
+        from mocapella.exports.export import EXPORTS
+
+        return EXPORTS

@@ -1,0 +1,44 @@
+"""What a source of frames is: the descriptor of a verb of ``mocapella node``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from mocapella.registry import Table
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One line of `mocapella doctor`: what was looked at, what was found, and what to do about it."""
+
+    what: str
+    verdict: Literal["ok", "note", "problem"]
+    found: str
+    advice: str = ""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A source of frames.
+
+    Attributes:
+        interface: of `mocapella.registry`.
+        name: the verb after ``mocapella node``.
+        summary: what it serves, in a line.
+        frame_types: names of the frame types that it sends; all that are installed where it is empty.
+        command: ``module:function`` of its typer command. The module is imported when the verb runs.
+        looks: ``module:function`` that returns `Finding` values for `mocapella doctor`, such as which devices are
+            connected; may be empty.
+    """
+
+    interface: int
+    name: str
+    summary: str
+    frame_types: tuple[str, ...]
+    command: str
+    looks: str = ""
+
+
+SOURCES: Final = Table("mocapella.sources", Source, "source")
+"""By name."""
