@@ -31,7 +31,7 @@ def raised():
 class Seeing:
     """A camera that sees exactly what there is: 1 where somebody is, −1 the room."""
 
-    memory = object()
+    background = object()
 
     def __init__(self, name):
         self._name, self._eye = name, eye(RIG.cameras[name])
