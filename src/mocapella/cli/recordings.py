@@ -19,17 +19,18 @@ from mocapella.live.node import DueFrame
 from mocapella.live.replay import replay
 from mocapella.live.session import Session
 from mocapella.live.summary import RunSummary
-from mocapella.model.frame_types import FRAME_TYPES
+from mocapella.model.frame_types import FRAME_TYPES, frame_type_of
 from mocapella.model.observations import Arrival
 from mocapella.model.part_types import PART_TYPES
 from mocapella.model.scene import Phase, Scene, TrackerState
+from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import Setup
 from mocapella.recording.disk import SUFFIX
 from mocapella.recording.mcap_file import MAGIC
 from mocapella.recording.study_log import read_study_log
-from mocapella.recording.take import Command, Run
+from mocapella.recording.take import Command
 from mocapella.recording.take_reader import Take, read_take
-from mocapella.registry import Table
+from mocapella.registry import Table, load
 from mocapella.schema import encode_scene
 from mocapella.sources.study_replay import ReplayReport, StudyReplay
 from mocapella.tracker import METHODS
@@ -240,6 +241,7 @@ class RecordedTake:
         self.sensors = self._take.sensors
         self.setup = self._take.info.setup
         self.method_settings = self._take.info.method_settings
+        self._resolvers: dict[str, Any] = {}
 
     @property
     def missing(self) -> list[str]:
@@ -266,7 +268,23 @@ class RecordedTake:
             if node_id not in (None, frame.node_id):  # another clock; who replays it has only one
                 shift = last_time + max(1, due - last_due) - frame.time_ns
             node_id, last_due, last_time = frame.node_id, due, frame.time_ns + shift
-            yield DueFrame((due - zero) / NS_PER_S, msgspec.structs.replace(frame, time_ns=last_time))
+            whole = self._resolved(frame)
+            yield DueFrame((due - zero) / NS_PER_S, msgspec.structs.replace(whole, time_ns=last_time))
+
+    def _resolved(self, frame: SensorFrame) -> Any:
+        """The frame with what it refers to, such as the image of a video."""
+        kind = frame_type_of(frame)
+        if kind is None or not kind.resolver:
+            return frame
+        resolver = self._resolvers.get(kind.name)
+        if resolver is None:
+            resolver = self._resolvers[kind.name] = load(kind.resolver)()
+        return resolver.resolve(frame)
+
+    def _events(self, run: int) -> Iterator[Command | Arrival]:
+        """One run's frames and commands, as the tracker had them."""
+        for event in self._take.replay_run(run):
+            yield event if isinstance(event, Command) else Arrival(self._resolved(event.frame), event.at_ns)
 
     def replay(self, on_scene: Callable[[Scene], None]) -> Replayed:
         """See `Recording`."""
@@ -279,9 +297,9 @@ class RecordedTake:
             on_scene(scene)
 
         tally, last, unusable = RunSummary(), TrackerState(Phase.STOPPED), Counter[str]()
-        for run, events in _by_run(self._take.replay()):
+        for run in self._take.runs:
             session = Session(run.info.setup, run.info.method_settings)
-            tally = replay(session, events, compare, tally)
+            tally = replay(session, self._events(run.number), compare, tally)
             last = session.state
             unusable.update(session.unusable)
         missing = self._take.scene_count - tally.scenes_out
@@ -302,17 +320,3 @@ def _row_problems(report: ReplayReport) -> list[str]:
         (report.sorted, "rows came late, and were sorted in"),
     )
     return [f"{count} {what}" for count, what in problems if count]
-
-
-def _by_run(events: Iterator[Run | Command | Arrival]) -> Iterator[tuple[Run, list[Command | Arrival]]]:
-    run: Run | None = None
-    of_run: list[Command | Arrival] = []
-    for event in events:
-        if not isinstance(event, Run):
-            of_run.append(event)
-            continue
-        if run is not None:
-            yield run, of_run
-        run, of_run = event, []
-    if run is not None:
-        yield run, of_run

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 
 @app.command()
-def silhouettes(
+def silhouettes(  # noqa: PLR0915 - every option is passed on
     sources: Annotated[
         list[str] | None,
         typer.Argument(
@@ -142,6 +142,13 @@ def silhouettes(
             "(blue) of them.",
         ),
     ] = None,
+    record: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="TAKE",
+            help="Record a take that refers to the videos; `mocapella replay` tracks it again.",
+        ),
+    ] = None,
     view: Annotated[bool, typer.Option("--view", help="Show it in the browser meanwhile, and until Ctrl-C.")] = False,
     view_port: Annotated[
         int | None, typer.Option(metavar="PORT", min=1, max=65535, help="View port; by default 7448, or a free one.")
@@ -160,6 +167,7 @@ def silhouettes(
     from mocapella.cli.silhouette_live import LiveWishes, wait_for_people
     from mocapella.cli.silhouette_result import SilhouetteResult, show
     from mocapella.cli.silhouette_start import StartWishes, check_seen, find_start, learn
+    from mocapella.cli.silhouette_take import recorded
     from mocapella.live.stopping import stop_on_signals
     from mocapella.model.camera_rig_file import load_camera_rig
     from mocapella.recording.followed_bodies import read_followed_people
@@ -184,7 +192,12 @@ def silhouettes(
             found = find_start(wishes, cameras, wanted)
             bodies = {name: body.starting(pose) for name, (body, pose) in found.items()}
             check_seen(bodies, shown.rig, ", ".join(start or ["--points"]))
-            run = _started(bodies, shown, live_wishes, wanted, steady=not no_steadiness)
+            if record is None:
+                run = _started(bodies, shown, live_wishes, wanted, steady=not no_steadiness)
+            else:
+                take = recorded(record, found, shown, live_wishes, wanted, steady=not no_steadiness)
+                closing.callback(take.close)
+                run = take.run
             if background:
                 learn(run, background, cameras, shown, other_size)
         if live_wishes.live and (background or empty_room is not None):

@@ -7,6 +7,7 @@ counted.
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 
 import msgspec
@@ -15,7 +16,9 @@ from numpy.typing import NDArray
 
 from mocapella.conventions import NS_PER_S
 from mocapella.live.silhouette_tally import STEP_MS, BodyTally, Counted
+from mocapella.model.observations import Arrival
 from mocapella.model.outline_colours import Colour, body_colour
+from mocapella.model.scene import Scene
 from mocapella.model.silhouettes import Silhouette
 from mocapella.recording.followed_bodies import FollowedFrame, frame_of
 from mocapella.sensing.outline_picture import Outlines, outlined
@@ -27,6 +30,9 @@ from mocapella.tracker.silhouettes import SilhouettesTracker
 
 UInt8 = NDArray[np.uint8]
 Say = Callable[[str], None]
+RecordStep = Callable[[Arrival, int | None, Scene], None]
+ROOM_NODE, VIDEO_NODE = 1, 2
+"""Node ids of recorded frames: of the empty room, and of the videos."""
 
 
 class PersonStep(msgspec.Struct, frozen=True, eq=False):
@@ -81,6 +87,8 @@ class SilhouetteRun:
     Args:
         tracker: newly made.
         say: is told what happens.
+        record: is given each arrival, the number of its frame (None: of the empty room), and the scene that was made
+            of it.
 
     Attributes:
         tracker: see above.
@@ -92,19 +100,22 @@ class SilhouetteRun:
         notes: all that was said.
     """
 
-    def __init__(self, tracker: SilhouettesTracker, say: Say = lambda _text: None) -> None:
+    def __init__(
+        self, tracker: SilhouettesTracker, say: Say = lambda _text: None, record: RecordStep | None = None
+    ) -> None:
         self.tracker, self.rig = tracker, tracker.rig
         self.meshes = {name: body.mesh for name, body in tracker.bodies.items()}
         self.frames, self.took_ms = 0, Counted(STEP_MS)
         self.tallies = {name: BodyTally() for name in self.meshes}
         self.notes: list[str] = []
-        self._tell = say
+        self._tell, self._record = say, record
+        self._fed: Counter[tuple[str, int]] = Counter()
         self._zero_ns, self._last_ns = 0, -1
 
     def learn_empty(self, images: Mapping[str, UInt8]) -> None:
         """Nobody is in these images (height, width, 3), by camera; before the first frame."""
         for arrival in arrivals_of(images, 0, empty_room=True):
-            self.tracker.update(arrival)
+            self._give(arrival, None)
 
     def feed(self, shown: FrameSet) -> float:
         """Give the tracker a frame, of which nothing is counted; returns how long it took [s]."""
@@ -114,11 +125,23 @@ class SilhouetteRun:
         arrivals = arrivals_of(shown.images, self._last_ns, cameras=self.rig.cameras, number=shown.frame)
         begin_s = time.perf_counter()
         for arrival in arrivals:
-            self.tracker.update(arrival)
+            self._give(arrival, shown.frame)
         took_s = time.perf_counter() - begin_s
         for note in self.tracker.drain_notes():
             self.note(note.text)
         return took_s
+
+    def _give(self, arrival: Arrival, number: int | None) -> None:
+        """Give the tracker a frame; one that is recorded has a number of its own."""
+        if self._record is None:
+            self.tracker.update(arrival)
+            return
+        node = ROOM_NODE if number is None else VIDEO_NODE
+        key = arrival.frame.sensor, node
+        frame = msgspec.structs.replace(arrival.frame, node_id=node, sequence=self._fed[key])
+        self._fed[key] += 1
+        arrival = Arrival(frame, arrival.at_ns)
+        self._record(arrival, number, self.tracker.update(arrival))
 
     def steps(self, frames: Iterable[FrameSet]) -> Iterator[Step]:
         """Each frame when it is done."""

@@ -48,6 +48,7 @@ class FrameType:
         shown: what the table of sensors shows where nothing is counted; the name where left out.
         hint: what else can be done with such frames, where no method takes them.
         lane: ``module:name`` of a `mocapella.viewer.lanes.Lane`, which draws a frame in the sensors' view, or empty.
+        resolver: ``module:name`` of a class whose ``resolve`` brings what a frame in a take refers to; may be empty.
         pictures: whether a node of this type answers questions for its camera's picture.
         history_frames: how many frames a node keeps for a server that missed them.
     """
@@ -63,6 +64,7 @@ class FrameType:
     shown: str = ""
     hint: str = ""
     lane: str = ""
+    resolver: str = ""
     pictures: bool = False
     history_frames: int = HISTORY_FRAMES
 

@@ -13,8 +13,8 @@ from mocapella.model.sensor_frame import SensorFrame
 
 UInt8 = NDArray[np.uint8]
 
-ImageFormat = Literal["raw", "jpeg", "png", ""]
-IMAGE_FORMATS: Final[tuple[ImageFormat, ...]] = ("raw", "jpeg", "png", "")
+ImageFormat = Literal["raw", "jpeg", "png", "file", ""]
+IMAGE_FORMATS: Final[tuple[ImageFormat, ...]] = ("raw", "jpeg", "png", "file", "")
 
 
 class ImageFrame(SensorFrame, frozen=True, eq=False):
@@ -22,8 +22,10 @@ class ImageFrame(SensorFrame, frozen=True, eq=False):
 
     Attributes:
         size_px: (width, height).
-        format: ``raw``, ``jpeg`` or ``png``; empty where the camera gave no picture at this instant.
-        data: the encoded bytes; of ``raw``, the (height, width, 3) uint8 BGR array; of an empty format, no bytes.
+        format: ``raw``, ``jpeg``, ``png``, or in a take ``file``: a reference to a video's frame
+            (`mocapella.sources.referenced_images`); empty where the camera gave no picture at this instant.
+        data: the encoded bytes; of ``raw``, the (height, width, 3) uint8 BGR array; of ``file``, the reference; of an
+            empty format, no bytes.
         empty_room: whether the image shows the room without people.
     """
 

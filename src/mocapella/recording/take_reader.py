@@ -178,7 +178,7 @@ class Take:
         """
         for run in self._index.runs:
             yield run
-            yield from self._replay_run(run.number)
+            yield from self.replay_run(run.number)
 
     def complete(self) -> tuple[NodeFrames, ...]:
         """Which frames of each node are there and which are missing, by sensor and node."""
@@ -194,7 +194,8 @@ class Take:
                 raw = self._bytes(files, frame.ref)
                 yield StoredFrame(frame.ref.log_ns, self._decode(decode_frame, raw, frame.ref), raw)
 
-    def _replay_run(self, run: int) -> Iterator[Command | Arrival]:
+    def replay_run(self, run: int) -> Iterator[Command | Arrival]:
+        """One run's arrivals, and each command where it was carried out."""
         waiting = list(self.commands(run))[::-1]
         scenes = [scene for scene in self._index.scenes if scene.run == run]
         with ExitStack() as stack:

@@ -59,5 +59,6 @@ IMAGES: Final = FrameType(
     interface=1, name="images", type=ImageFrame, encode=encode_image_frame,
     decode=partial(_read, pb.ImageFrame, image_frame_of), format=protobuf_format("ImageFrame"), field=90,
     lane="mocapella.viewer.lanes:IMAGES", pictures=True,
+    resolver="mocapella.sources.referenced_images:ReferencedImages",
     history_frames=600,  # each takes a hundred times as much as other frames: twenty seconds at 30 a second
 )  # fmt: skip

@@ -6,6 +6,7 @@ import struct
 from typing import Final, Literal
 
 import cv2
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -62,6 +63,13 @@ def encode_image(image: UInt8, format: Literal["jpeg", "png"] = "jpeg", quality:
         raise SettingsError(f"image is {image.dtype} {image.shape}; (height, width, 3) uint8 is wanted")
     suffix, options = known[format]
     return bytes(cv2.imencode(suffix, image, options)[1].tobytes())
+
+
+def as_png(frame: ImageFrame) -> ImageFrame:
+    """The same image as PNG, of which nothing is lost; an encoded one, or none, stays as it is."""
+    if not isinstance(frame.data, np.ndarray):
+        return frame
+    return msgspec.structs.replace(frame, format="png", data=encode_image(frame.data, "png"))
 
 
 def _decoded(data: bytes) -> UInt8 | None:

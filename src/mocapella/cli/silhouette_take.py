@@ -1,0 +1,88 @@
+"""The take of `mocapella silhouettes --record`: it refers to the videos by path and checksum."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+from mocapella.cli.common import say, take_file
+from mocapella.errors import SettingsError
+from mocapella.live.file_take import FileTake
+from mocapella.live.silhouette_run import SilhouetteRun
+from mocapella.model.camera_rig_file import encode_camera_rig
+from mocapella.model.observations import Arrival
+from mocapella.model.scene import Scene
+from mocapella.model.session import Setup
+from mocapella.model.twist_tree import TreePose
+from mocapella.sensing.images import as_png
+from mocapella.sources.referenced_images import checksum, referred
+from mocapella.tracker import make_tracker
+from mocapella.tracker.silhouettes_setup import body_setup
+
+if TYPE_CHECKING:
+    from mocapella.cli.silhouette_live import LiveWishes
+    from mocapella.sources.frame_set import FrameSource
+    from mocapella.sources.video import Frames
+    from mocapella.sources.video_set import VideoSet
+    from mocapella.tracker.silhouette_start import Body
+
+
+class RecordedRun:
+    """A run that is recorded: its tracker is made of the settings that stand in the take."""
+
+    def __init__(self, path: Path, settings: dict[str, Any], shown: VideoSet) -> None:
+
+        cameras = len(shown.rig.cameras)
+        tracker: Any = make_tracker("silhouettes", sensors_expected=cameras, settings=settings)
+        self._sums = {name: checksum(video.path) for name, video in shown.videos.items()}
+        self._paths = {name: video.path for name, video in shown.videos.items()}
+        self._take = FileTake(path, Setup("silhouettes", cameras), settings)
+        self.run = SilhouetteRun(tracker, say, self._write)
+
+    def _write(self, arrival: Arrival, number: int | None, scene: Scene) -> None:
+
+        frame: Any = arrival.frame
+        if number is None:
+            stored = as_png(frame)
+        else:
+            name = frame.sensor
+            stored = referred(frame, self._paths[name], self._sums[name], number) if frame.format else frame
+        self._take.write(stored, arrival, scene)
+
+    def close(self) -> None:
+        """End the take, and say what is in it."""
+        report = self._take.close()
+        frames = sum(report.frames.values())
+        size = f"{report.size_bytes / 1e6:.1f} MB"
+        say(f"recorded {frames} images in {report.path} ({size}); those of videos stay there")
+
+
+def recorded(
+    record: Path, found: Mapping[str, tuple[Body, TreePose]], shown: FrameSource, wishes: LiveWishes, wanted: Frames,
+    *, steady: bool,
+) -> RecordedRun:  # fmt: skip
+    """The run of videos, which a take is made of.
+
+    Raises:
+        SettingsError: of live cameras.
+        TakeExistsError, DiskFullError, RecordingError: before anything is created.
+    """
+
+    if wishes.live:
+        raise SettingsError(
+            "--record is of videos; live cameras are recorded by mocapella serve --method silhouettes --record TAKE"
+        )
+    settings: dict[str, Any] = {
+        "rig": encode_camera_rig(shown.rig),
+        "bodies": [
+            body_setup(name, body, pose, Path(body.model).read_bytes() if body.sha256 else b"")
+            for name, (body, pose) in found.items()
+        ],
+        "sync": {"period_s": wanted.step / shown.rate_hz},
+        **({} if steady else {"steadiness": None}),
+    }
+    run = RecordedRun(take_file(record), settings, cast("VideoSet", shown))
+    for note in shown.notes:
+        run.run.note(note)
+    return run

@@ -1,0 +1,67 @@
+"""A take of a run that has no bus: frames and scenes as the tracker had and made them, in their order."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from mocapella.live.recording_desk import packages_of
+from mocapella.model.observations import Arrival
+from mocapella.model.scene import Scene
+from mocapella.model.sensor_frame import SensorFrame
+from mocapella.model.session import Setup
+from mocapella.recording.take import TakeInfo, TakeReport
+from mocapella.recording.take_writer import TakeWriter
+from mocapella.schema import encode_frame, encode_scene
+
+FLUSH_EVERY: Final = 64
+"""Frames."""
+
+
+class FileTake:
+    """A take that is being written. A context manager; leaving it closes the take.
+
+    Args:
+        path: of the take.
+        setup: how the tracker was made …
+        method_settings: … and with which settings: a replay makes it of these.
+        reserve_bytes: free space that is left.
+
+    Raises:
+        TakeExistsError, DiskFullError, RecordingError: before anything is created.
+    """
+
+    def __init__(
+        self, path: Path, setup: Setup, method_settings: Mapping[str, Any], *, reserve_bytes: int = 1 << 30
+    ) -> None:
+        info = TakeInfo(setup, time.time_ns(), 0, dict(method_settings), packages=packages_of(setup.method))
+        self._writer = TakeWriter.create(path, info=info, reserve_bytes=reserve_bytes)
+        self._since = 0
+
+    def write(self, frame: SensorFrame, arrival: Arrival, scene: Scene) -> None:
+        """A frame as it is to be stored, when it arrived, and the scene that was made of it.
+
+        Raises:
+            DiskFullError, RecordingError: what was flushed before is safe.
+        """
+        self._writer.write_frame(
+            encode_frame(frame), sensor=frame.sensor, node_id=frame.node_id, sequence=frame.sequence,
+            log_ns=arrival.at_ns,
+        )  # fmt: skip
+        self._writer.write_scene(encode_scene(scene), arrival.at_ns)
+        self._since += 1
+        if self._since >= FLUSH_EVERY:
+            self._since = 0
+            self._writer.flush()
+
+    def close(self) -> TakeReport:
+        """End the take properly; returns what is in it."""
+        return self._writer.close()
+
+    def __enter__(self) -> FileTake:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

@@ -1,0 +1,119 @@
+"""Images that a take does not contain but refers to: a frame of a video, by its path and checksum.
+
+A take of videos holds some 200 bytes an image instead of the image. It is replayed to the bit as long as the videos are
+where they were, and are what they were.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import InputError
+from mocapella.model.images import ImageFrame
+from mocapella.sources.video import IMAGES, Frames, pictures
+
+UInt8 = NDArray[np.uint8]
+
+FORMAT: Final = "file"
+_PIECE: Final = 1 << 20
+
+
+class ImageReference(msgspec.Struct, frozen=True):
+    """What a frame has instead of pixels.
+
+    Attributes:
+        path: of the video, image or folder of images.
+        sha256: of its content, as `checksum` says.
+        frame: number of the frame, from 0.
+    """
+
+    path: str
+    sha256: str
+    frame: int
+
+
+def checksum(path: Path) -> str:
+    """SHA-256 of a file, or of a folder's images by name, in hexadecimal digits.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    digest = hashlib.sha256()
+    folder = path.is_dir()
+    files = sorted(file for file in path.iterdir() if file.suffix.lower() in IMAGES) if folder else [path]
+    try:
+        for file in files:
+            digest.update(file.name.encode() if folder else b"")
+            with file.open("rb") as content:
+                while piece := content.read(_PIECE):
+                    digest.update(piece)
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})", file=path, fix="name a video that is there") from error
+    return digest.hexdigest()
+
+
+def referred(frame: ImageFrame, path: Path, sha256: str, number: int) -> ImageFrame:
+    """The frame with a reference instead of its pixels."""
+    data = msgspec.json.encode(ImageReference(str(path.absolute()), sha256, number))
+    return msgspec.structs.replace(frame, format=FORMAT, data=data)
+
+
+class ReferencedImages:
+    """Opens the videos that frames refer to; frames of one video are read the faster the more they rise."""
+
+    def __init__(self) -> None:
+        self._videos: dict[str, _Video] = {}
+
+    def resolve(self, frame: ImageFrame) -> ImageFrame:
+        """The frame with its pixels; a frame that has them already stays as it is.
+
+        Raises:
+            InputError: the video is not there, has changed, or has no such frame.
+        """
+        if frame.format != FORMAT:
+            return frame
+        try:
+            reference = msgspec.json.decode(bytes(frame.data), type=ImageReference)
+        except msgspec.DecodeError as error:
+            raise InputError(f"refers to no video ({error})", field=f"image of {frame.sensor}") from error
+        video = self._videos.get(reference.path)
+        if video is None:
+            video = self._videos[reference.path] = _Video(reference)
+        image = video.at(reference.frame)
+        return msgspec.structs.replace(frame, format="raw", data=image)
+
+
+class _Video:
+    """One video, checked once, and read forward."""
+
+    def __init__(self, reference: ImageReference) -> None:
+        self._path = Path(reference.path)
+        if not self._path.exists():
+            raise InputError("is not there any more", file=self._path, fix="put it back where the take was made of it")
+        if checksum(self._path) != reference.sha256:
+            raise InputError(
+                "is not the video that the take was made of", file=self._path, field="sha256", value=reference.sha256,
+                fix="put that one back",
+            )  # fmt: skip
+        self._last = -1
+        self._frames: Iterator[tuple[int, UInt8]] = iter(())
+        self._image: UInt8 | None = None
+
+    def at(self, number: int) -> UInt8:
+        """(height, width, 3) uint8 BGR of a frame."""
+        if number < self._last or self._image is None:
+            self._frames, self._last = pictures(self._path, Frames()), -1
+        while self._last < number:
+            found = next(self._frames, None)
+            if found is None:
+                raise InputError("has no such frame", file=self._path, field="frame", value=number)
+            self._last, self._image = found
+        assert self._image is not None
+        return self._image
