@@ -2,7 +2,8 @@
 
 Parts, each of which `--part NAME` runs alone: ``noise`` (accuracy, jitter, and what the penalty on jitter costs),
 ``corruption`` (frames stored wrong, with the penalty and without), ``live`` (time a frame), ``step`` (a Gauss–Newton
-step beside numpy, of the group twists), ``video`` (four cameras' real clip). What was tuned was tuned on seeds below
+step beside numpy, of the group twists), ``video`` (four cameras' real clip),
+``storage`` (what a take of images takes). What was tuned was tuned on seeds below
 100; these are from 100 on. `docs/evaluation.md` says how everything is scored.
 """
 
@@ -28,9 +29,14 @@ from mocapella.evaluation.silhouette_experiments import STRONG, RunRow, corrupte
 from mocapella.evaluation.silhouette_runs import alone, filmed, follow, rough_joints, seen_at, with_penalty
 from mocapella.evaluation.silhouettes import Outcome, outcome
 from mocapella.kinematics.silhouette_fit import figure
+from mocapella.live.image_work import ImageSettings
 from mocapella.model.body_meshes import body_mesh
 from mocapella.model.body_proportions import proportions_of
+from mocapella.model.images import ImageFrame, image_frame
 from mocapella.recording.followed_bodies import ALONE
+from mocapella.schema import encode_frame
+from mocapella.sensing.images import as_png, encode_image
+from mocapella.sources.referenced_images import referred
 from mocapella.sources.simulate.corruption import Corruption
 from mocapella.sources.simulate.silhouette_scene import silhouette_scene
 
@@ -214,6 +220,26 @@ def one_core() -> Iterator[None]:
         os.sched_setaffinity(0, before)
 
 
+def storage(quick: bool) -> Iterator[Row]:
+    """What a take of images takes: encoded as `node camera` does, without loss, or referred to."""
+    scene = silhouette_scene("runner", seed=100, cameras=4, size_px=(640, 480), fps=30.0)
+    images = [image for k in range(0, len(scene), len(scene) if quick else 10) for image in scene.images(k)]
+    frames = [image_frame("left", image, time_ns=k) for k, image in enumerate(images)]
+    encoded = ImageSettings()
+    ways: dict[str, Callable[[ImageFrame], ImageFrame]] = {
+        f"jpeg {encoded.quality}": lambda frame: image_frame(
+            "left", encode_image(frame.data, "jpeg", encoded.quality), time_ns=1, format="jpeg", size_px=frame.size_px
+        ),
+        "png": as_png,
+        "file": lambda frame: referred(frame, Path("left.mp4"), "0" * 64, 1000),
+    }
+    for name, way in ways.items():
+        median = float(np.median([len(encode_frame(way(frame))) for frame in frames]))
+        yield measured(f"silhouettes: a 640 × 480 image in a take, {name}", median / 1000, "kB")
+        yield measured(f"silhouettes: an hour of four cameras at 30 Hz, {name}", 4 * 30 * 3600 * median / 1e9, "GB")
+
+
 PARTS: Final[dict[str, Callable[[bool], Iterator[Row]]]] = {
     "noise": noise, "corruption": corruption, "live": live, "step": step, "video": video,
+    "storage": storage,
 }  # fmt: skip
