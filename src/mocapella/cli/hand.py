@@ -127,7 +127,7 @@ def _recorded(path: Path) -> Take:
 
 def _names(take: Take | None, tips: str | None, base: str | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The markers of tips and base: as given, as in the take, or the usual ones."""
-    from mocapella.tracker import HandsSettings
+    from mocapella.tracker.hands import HandsSettings
 
     usual = HandsSettings()
     told = {} if take is None else take.info.method_settings
@@ -170,7 +170,7 @@ def _scenes(take: Take, rig: Path | None, gesture: GesturePoints) -> Iterator[Sc
         yield from (scene for _, scene in take.scenes())
         return
     from mocapella.model.camera_rig_file import load_camera_rig
-    from mocapella.tracker import HandsSettings, HandsTracker
+    from mocapella.tracker.hands import HandsSettings, HandsTracker
 
     first, second, third, fourth, fifth = gesture.tips
     settings = HandsSettings(tips=(first, second, third, fourth, fifth), base=gesture.base)

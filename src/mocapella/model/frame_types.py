@@ -48,6 +48,8 @@ class FrameType:
         shown: what the table of sensors shows where nothing is counted; the name where left out.
         lane: ``module:name`` of a `mocapella.viewer.lanes.Lane`, which draws a frame in the sensors' view, or empty.
         pictures: whether a node of this type answers questions for its camera's picture.
+        depth_images: whether a frame is a depth image: it has ``depth``, ``size_px``, ``unit_m`` and ``lens``, as a
+            `mocapella.model.depth.DepthFrame`, and what reads depth images reads it out of takes.
         history_frames: how many frames a node keeps for a server that missed them.
     """
 
@@ -62,6 +64,7 @@ class FrameType:
     shown: str = ""
     lane: str = ""
     pictures: bool = False
+    depth_images: bool = False
     history_frames: int = HISTORY_FRAMES
 
 
