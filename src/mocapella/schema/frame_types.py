@@ -47,8 +47,9 @@ POSES: Final = FrameType(
 DEPTH: Final = FrameType(
     interface=1, name="depth", type=DepthFrame, encode=encode_depth_frame,
     decode=partial(_read, pb.DepthFrame, depth_frame_of), format=protobuf_format("DepthFrame"), field=60,
-    shown="depth images", depth_images=True,
+    shown="depth images",
     history_frames=600,  # each takes a hundred times as much as other frames: twenty seconds at 30 a second
+    depth_images=True,
 )  # fmt: skip
 ARMS: Final = FrameType(
     interface=1, name="arms", type=ArmFrame, encode=encode_arm_frame,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import msgspec
 import numpy as np
@@ -105,6 +105,7 @@ class Tracker(Protocol):
         """What came of all frames so far."""
 
 
+@runtime_checkable
 class KeepsLayout(Protocol):
     """A tracker that finds out where the sensors are, so that it can be kept for the next time."""
 
