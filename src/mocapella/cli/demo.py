@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import webbrowser
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
@@ -101,10 +102,12 @@ def demo(
 
     if what is not What.ARM and detector is not None:
         raise SettingsError("--detector is of demo arm; leave it out")
+    source = context.get_parameter_source("method")
+    said = method if source is not None and source.name == "COMMANDLINE" else None
     if what is What.SILHOUETTES:
         from mocapella.cli.silhouettes_demo import run_demo
 
-        for option, given in (("--record", record), ("--port", port), ("--method", method != "default" or None)):
+        for option, given in (("--record", record), ("--port", port), ("--method", said)):
             if given is not None:
                 raise SettingsError(f"{option}: demo silhouettes has no bus and one method; leave it out")
         run_demo(
@@ -114,11 +117,10 @@ def demo(
         return
     if no_steadiness or corrupt is not None:
         raise SettingsError("--no-steadiness and --corrupt are of demo silhouettes; leave them out")
-    said = context.get_parameter_source("method")
-    if what is What.ARM and said is not None and said.name == "COMMANDLINE":
-        raise SettingsError(not_method(method))
+    if what is What.ARM and said is not None:
+        raise SettingsError(not_method(said))
     take = None if record is None else take_file(record)
-    show_of = _show_of(what, scene, method, detector, seed)
+    show_of = _SHOWS[what](Wish(scene, method, detector, seed))
     bus_port = choose_port(port, DEFAULT_PORT)
     if port is not None:
         check_port_free("127.0.0.1", port, "--port")
@@ -154,18 +156,21 @@ class Show:
     view: tuple[str, ...] = ()
 
 
-def _show_of(what: What, scene: str | None, method: str, detector: str | None, seed: int) -> Show:
-    if what is What.HANDS:
-        return _hands_show(seed)
-    if what is What.ARM:
-        return _arm_show(scene or "cloth", detector or DEFAULT_DETECTOR, seed)
-    return _people_show(check_scene(scene or "obstacle"), method, seed)
+@dataclass(frozen=True)
+class Wish:
+    """What is wished of a demo; None where nothing was said."""
+
+    scene: str | None
+    method: str
+    detector: str | None
+    seed: int
 
 
-def _people_show(scene: str, method: str, seed: int) -> Show:
+def _people_show(wish: Wish) -> Show:
     from mocapella.model.session import Setup
     from mocapella.sources.simulate import SimulatedSensor, load_scene
 
+    scene, seed = check_scene(wish.scene or "obstacle"), wish.seed
     room = load_scene(scene, seed=seed)
     names = room.sensor_names
     with working("making the room …", status=0):
@@ -173,17 +178,17 @@ def _people_show(scene: str, method: str, seed: int) -> Show:
     words = ["--scene", scene, "--seed", str(seed)]
     nodes = [["simulate", "--sensor", name, *words] for name in names]
     said = f"simulating {scene}: sensors {', '.join(names)}"
-    return Show(Setup(method=method, sensors_expected=len(names)), {}, nodes, said)
+    return Show(Setup(method=wish.method, sensors_expected=len(names)), {}, nodes, said)
 
 
-def _hands_show(seed: int) -> Show:
+def _hands_show(wish: Wish) -> Show:
     from mocapella.model.camera_rig_file import encode_camera_rig
     from mocapella.model.hand_file import encode_hand_shape
     from mocapella.model.session import Setup
     from mocapella.sources.simulate.hand_camera import SimulatedHandCamera
     from mocapella.sources.simulate.hand_scene import base_places, load_hand_scene
 
-    made = load_hand_scene("demo", seed=seed)
+    made = load_hand_scene("demo", seed=wish.seed)
     names = list(made.cameras)
     with working("making the hand …", status=0):
         next(SimulatedHandCamera(made, names[0]).frames())  # compiles once a machine, and not in every camera at once
@@ -193,12 +198,12 @@ def _hands_show(seed: int) -> Show:
         "base_places_m": base_places(made).tolist(),
         "rays": {"acceleration_density": 8.0},  # a quiet hand, and few frames a second
     }
-    nodes = [["markers", f"rendered:demo/{name}", "--seed", str(seed), "--report", "0"] for name in names]
+    nodes = [["markers", f"rendered:demo/{name}", "--seed", str(wish.seed), "--report", "0"] for name in names]
     said = f"rendering a hand: cameras {', '.join(names)}"
     return Show(Setup(method="hands", sensors_expected=len(names)), settings, nodes, said)
 
 
-def _arm_show(scene: str, detector: str, seed: int) -> Show:
+def _arm_show(wish: Wish) -> Show:
     import numpy as np
 
     from mocapella.cli.common import need_cameras, telling_of_compiling
@@ -207,6 +212,7 @@ def _arm_show(scene: str, detector: str, seed: int) -> Show:
     from mocapella.model.session import Setup
     from mocapella.sources.simulate.depth_scene import depth_scene_names, load_depth_scene
 
+    scene, detector, seed = wish.scene or "cloth", wish.detector or DEFAULT_DETECTOR, wish.seed
     if scene == "help":
         typer.echo("\n".join(depth_scene_names()))
         raise typer.Exit
@@ -220,6 +226,13 @@ def _arm_show(scene: str, detector: str, seed: int) -> Show:
     words = ["arm", f"rendered:{scene}/{seed}", "--detector", detector, "--drop-after-ms", "1000", "--report", "0"]
     said = f"rendering an arm before a depth camera: {scene}"
     return Show(Setup(method="arms", sensors_expected=1), {}, [words], said, ("--cloth",))
+
+
+_SHOWS: Final[Mapping[What, Callable[[Wish], Show]]] = {
+    What.PEOPLE: _people_show,
+    What.HANDS: _hands_show,
+    What.ARM: _arm_show,
+}
 
 
 def choose_port(wanted: int | None, default: int) -> int:

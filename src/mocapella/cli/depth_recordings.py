@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,8 @@ from numpy.typing import NDArray
 from mocapella.cli.recordings import find_recording, is_take
 from mocapella.errors import InputError, SettingsError, one_of
 from mocapella.model.camera_rig_file import load_camera_rig
-from mocapella.model.depth import DepthFrame
+from mocapella.model.frame_types import frame_type_of
+from mocapella.model.sensor_frame import SensorFrame
 from mocapella.recording.disk import SUFFIX
 from mocapella.recording.take_reader import Take, read_take
 from mocapella.sensing.line_skeleton_sheet import write_pictures
@@ -104,7 +106,7 @@ class TakeDepth:
         """
         for stored in self._take.frames_in_sequence(self.sensor):
             frame, name = stored.frame, f"{self.name}/{stored.frame.sequence}"
-            if not isinstance(frame, DepthFrame):
+            if not _is_depth_image(frame):
                 yield RecordedDepth(name, frame.time_ns, None, "is no depth image")
                 continue
             like = self._like
@@ -116,10 +118,15 @@ class TakeDepth:
             yield RecordedDepth(name, frame.time_ns, frame.depth)
 
 
-def _first(take: Take, sensor: str) -> DepthFrame | None:
-    """A sensor's first frame, where it is a depth image."""
+def _first(take: Take, sensor: str) -> Any:
+    """A sensor's first frame, where it is a depth image; else None."""
     stored = next(take.frames(sensor), None)
-    return stored.frame if stored is not None and isinstance(stored.frame, DepthFrame) else None
+    return stored.frame if stored is not None and _is_depth_image(stored.frame) else None
+
+
+def _is_depth_image(frame: SensorFrame) -> bool:
+    kind = frame_type_of(frame)
+    return kind is not None and kind.depth_images
 
 
 def depth_of_take(text: str, options: DepthOptions | None = None) -> TakeDepth | None:

@@ -127,11 +127,12 @@ def _source_looks() -> Iterator[Finding]:
     """What the sources say of their devices."""
     from mocapella.sources.source import SOURCES
 
-    for source in SOURCES.values():
+    looks = {source.looks: source.name for source in SOURCES.values() if source.looks}  # some share one
+    for reference, name in looks.items():
         try:
-            yield from _looked(source.looks) if source.looks else ()
+            yield from _looked(reference)
         except PluginError as error:
-            yield Finding(f"source {source.name}", "note", str(error), "tell the authors of its package")
+            yield Finding(f"source {name}", "note", str(error), "tell the authors of its package")
 
 
 def _looked(reference: str) -> list[Finding]:

@@ -23,6 +23,7 @@ __all__ = [
     "Detector",
     "arm_detector",
     "arm_detectors",
+    "detectors_of",
     "make_detector",
 ]
 
@@ -34,7 +35,12 @@ RENAMED: Final[Mapping[str, str]] = {"default": "kinematic-arm"}
 
 def arm_detectors() -> dict[str, Detector]:
     """Return the detectors that find arms in depth images, by name."""
-    return {name: detector for name, detector in DETECTORS.items() if detector.frame_type == "arms"}
+    return detectors_of("arms")
+
+
+def detectors_of(frame_type: str) -> dict[str, Detector]:
+    """Return the detectors that make frames of a type, by name."""
+    return {name: detector for name, detector in DETECTORS.items() if detector.frame_type == frame_type}
 
 
 def arm_detector(name: str) -> Detector:

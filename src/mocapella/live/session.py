@@ -20,7 +20,6 @@ from mocapella.model.scene import Phase, Scene, TrackerState
 from mocapella.model.session import PersonName, Setup
 from mocapella.settings import parse
 from mocapella.tracker import METHODS, Tracker, make_tracker
-from mocapella.tracker.protocol import KeepsLayout
 
 _STOPPED = TrackerState(Phase.STOPPED)
 _LAYOUT: Final = "rig"
@@ -91,7 +90,7 @@ class Session:
 
     def layout_now(self) -> SensorLayout | None:
         """The layout to be kept; None where the tracker knows nothing yet, or keeps no layout."""
-        return self._tracker.layout() if isinstance(self._tracker, KeepsLayout) else None
+        return self._tracker.layout() if METHODS[self.setup.method].keeps_layout else None
 
     @property
     def verbs(self) -> tuple[str, ...]:
@@ -208,7 +207,7 @@ class Session:
             sensors=setup.sensors,
         )
         if self.layout is not None:
-            if not isinstance(tracker, KeepsLayout):
+            if not METHODS[setup.method].keeps_layout:
                 able = [name for name, method in METHODS.items() if method.keeps_layout]
                 raise SettingsError(
                     f"method {setup.method!r} keeps no sensor layout; methods that do: {', '.join(able)}"

@@ -50,6 +50,8 @@ class FrameType:
         lane: ``module:name`` of a `mocapella.viewer.lanes.Lane`, which draws a frame in the sensors' view, or empty.
         resolver: ``module:name`` of a class whose ``resolve`` brings what a frame in a take refers to; may be empty.
         pictures: whether a node of this type answers questions for its camera's picture.
+        depth_images: whether a frame is a depth image: it has ``depth``, ``size_px``, ``unit_m`` and ``lens``, as a
+            `mocapella.model.depth.DepthFrame`, and what reads depth images reads it out of takes.
         history_frames: how many frames a node keeps for a server that missed them.
     """
 
@@ -66,6 +68,7 @@ class FrameType:
     lane: str = ""
     resolver: str = ""
     pictures: bool = False
+    depth_images: bool = False
     history_frames: int = HISTORY_FRAMES
 
 

@@ -49,6 +49,7 @@ DEPTH: Final = FrameType(
     decode=partial(_read, pb.DepthFrame, depth_frame_of), format=protobuf_format("DepthFrame"), field=60,
     shown="depth images", hint="`mocapella node arm` finds the arms in them and sends those, under a name of their own",
     history_frames=600,  # each takes a hundred times as much as other frames: twenty seconds at 30 a second
+    depth_images=True,
 )  # fmt: skip
 ARMS: Final = FrameType(
     interface=1, name="arms", type=ArmFrame, encode=encode_arm_frame,

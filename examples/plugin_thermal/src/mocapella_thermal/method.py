@@ -4,15 +4,20 @@ from dataclasses import dataclass, field
 from math import dist
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.errors import WireError
+from mocapella.geometry.rigid import rigid, rotation_about_x
 from mocapella.model.observations import Arrival
-from mocapella.model.scene import Phase, Scene, TrackerState
+from mocapella.model.scene import Phase, Scene, SensorPlace, TrackerState
 from mocapella.settings import check, parse
 from mocapella.tracker.method import Method, not_taken
 from mocapella.tracker.protocol import TrackerReport, scene_at
 from mocapella_thermal.frame import HeatFrame
 from mocapella_thermal.spots import Spot
+
+CEILING_M = 2.5
 
 
 @dataclass(frozen=True)
@@ -52,12 +57,17 @@ class HeatTracker:
             m.newest[frame.sensor] = frame.spots
             m.spots = self._spots()
         m.steps += 1
-        return scene_at(arrival, m.steps - 1, TrackerState(Phase.TRACKING), {"spots": m.spots})
+        places = tuple(SensorPlace(camera, self._place(camera)) for camera in sorted(m.newest))
+        return scene_at(arrival, m.steps - 1, TrackerState(Phase.TRACKING), {"spots": m.spots}, sensors=places)
+
+    def _place(self, camera: str) -> NDArray[np.float64]:
+        x, z = self._settings.places.get(camera, (0.0, 0.0))
+        return rigid(rotation_about_x(np.pi / 2), (x, CEILING_M, z))  # it looks down
 
     def _spots(self) -> tuple[Spot, ...]:
         m, spots = self._memory, dict[int, Spot]()
         for camera, seen in sorted(m.newest.items()):
-            x0, z0 = self._settings.places.get(camera, (0.0, 0.0))
+            x0, _, z0 = self._place(camera)[:3, 3].tolist()
             for x, z, celsius in seen:
                 at = x0 + x, z0 + z
                 same = self._nearest(at, list(spots.values()))
