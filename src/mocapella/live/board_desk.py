@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -27,8 +27,10 @@ from mocapella.live.board_looks import Looks, NodeLooks, film, urgent
 from mocapella.model.board import Board, load_board
 from mocapella.model.board_progress import BoardProgress, CameraProgress, RigQuality
 from mocapella.model.camera_rig_file import encode_camera_rig, save_camera_rig
+from mocapella.model.frame_types import FRAME_TYPES
 from mocapella.model.session import CommandReply, SensorHealth, SessionStatus
 from mocapella.settings import parse
+from mocapella.tracker.method import METHODS
 from mocapella.wire.questions import NodeAnswer, Question
 
 Send = Callable[[str, dict[str, Any]], CommandReply]
@@ -57,16 +59,20 @@ class BoardDesk:
         ask: asks a camera's node and waits for its answer.
         send: sends a command to the server.
         folder: where boards are read and rigs are saved; nothing outside of it is.
-        make_ready: is called before the server begins to track hands, so that it does not compile while it tracks.
+        make_ready: is called with the method's name before the server begins to track with it, so that it does not
+            compile while it tracks.
     """
 
-    def __init__(self, ask: Ask, send: Send, folder: Path, *, make_ready: Callable[[], object] = lambda: None) -> None:
+    def __init__(
+        self, ask: Ask, send: Send, folder: Path, *, make_ready: Callable[[str], object] = lambda method: None
+    ) -> None:
         self._send, self._folder, self._make_ready = send, folder, make_ready
         self._ask: Callable[[str, Question, float], NodeAnswer] = lambda camera, question, timeout_s: ask(
             camera, msgspec.to_builtins(question), timeout_s
         )
         self._lock = threading.Lock()
         self._sensors: tuple[SensorHealth, ...] = ()
+        self._has_rig = False
         self._progress = BoardProgress(file=self._free_name())
         self._rig: CameraCalibration | None = None
         self._thread: threading.Thread | None = None
@@ -86,8 +92,14 @@ class BoardDesk:
 
     def learn(self, status: SessionStatus | None) -> None:
         """Take up the newest table of sensors."""
-        if status is not None:
-            self._sensors = status.sensors
+        if status is None:
+            return
+        self._sensors = status.sensors
+        method = METHODS.get(status.setup.method)
+        has_rig = method is not None and method.camera_rig == "required"
+        if has_rig != self._has_rig:
+            self._has_rig = has_rig
+            self._progress = replace(self._progress, has_rig=has_rig)
 
     def command(self, verb: str, arguments: dict[str, Any]) -> CommandReply:
         """Carry out a verb of its own; any other goes to the server."""
@@ -120,7 +132,9 @@ class BoardDesk:
             run = BoardRun(board, cameras)
             looks = NodeLooks(self._ask, lambda: self._sensors, cameras, board)
             self._end, self._cancelled, self._rig = threading.Event(), False, None
-            self._progress = BoardProgress("filming", _words(board), _cameras(run), file=self._free_name())
+            self._progress = BoardProgress(
+                "filming", _words(board), _cameras(run), file=self._free_name(), has_rig=self._has_rig
+            )
             self._thread = threading.Thread(target=self._work, args=(run, looks), name="calibrate cameras")
             self._thread.start()
         return f"show the board to {', '.join(cameras)}"
@@ -157,11 +171,13 @@ class BoardDesk:
         found = self._found()
         if not self._progress.saved:
             self._save(arguments)
-        busy = "making the tracking of hands ready; for the first time on a machine that takes a minute"
+        cameras = set(found.rig.cameras)
+        method = method_of_rig([row.sends for row in self._sensors if row.name in cameras])
+        busy = f"making the method {method} ready; for the first time on a machine that takes a minute"
         self._progress = replace(self._progress, busy=busy)
         try:
-            self._make_ready()
-            reply = self._send("use-rig", {"rig": encode_camera_rig(found.rig)})
+            self._make_ready(method)
+            reply = self._send("use-rig", {"rig": encode_camera_rig(found.rig), "method": method})
         finally:
             self._progress = replace(self._progress, busy="")
         if not reply.ok:
@@ -199,7 +215,7 @@ class BoardDesk:
             looks.close()
             if self._rig is None:
                 why = "" if self._cancelled else "it ended for a reason that nobody foresaw; the view has printed it"
-                self._progress = BoardProgress(problem=why, file=self._free_name())
+                self._progress = BoardProgress(problem=why, file=self._free_name(), has_rig=self._has_rig)
 
     def _tell(self, run: BoardRun) -> None:
         self._progress = replace(
@@ -227,6 +243,23 @@ class BoardDesk:
         )
         self._rig = found
         self._progress = replace(self._progress, phase="done", quality=quality)
+
+
+def method_of_rig(sends: Collection[str]) -> str:
+    """Name of the method that tracks with a rig: the first that wants one and takes what the cameras send.
+
+    Args:
+        sends: names of the cameras' frame types.
+
+    Raises:
+        NotNowError: no method that is installed does; says what the cameras send.
+    """
+    types = {FRAME_TYPES[name].type for name in sends if name in FRAME_TYPES}
+    for name, method in METHODS.items():
+        if method.camera_rig == "required" and types & set(method.frame_types):
+            return name
+    told = ", ".join(sorted(set(sends))) or "nothing"
+    raise NotNowError(f"the rig is saved, and no method that is installed tracks with cameras that send {told}")
 
 
 def _words(board: Board) -> str:

@@ -9,7 +9,6 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -17,7 +16,6 @@ import msgspec
 import zenoh
 
 from mocapella.errors import NoServerError
-from mocapella.live.arm_show import ArmShow
 from mocapella.live.board_desk import BoardDesk
 from mocapella.model.scene import Scene
 from mocapella.model.sensor_frame import SensorFrame
@@ -29,6 +27,7 @@ from mocapella.wire.reader import Newest, send_command
 from mocapella.wire.session import check_address, open_reader
 
 RATE_HZ = 30.0
+CLOTH = "mocapella.sources.simulate.cloth:ClothBeforeHand"
 ATTEMPT_S = 0.5
 """How long one attempt to reach the server takes at most: Ctrl-C waits for its end."""
 STALE_AFTER_S = 2.0
@@ -170,16 +169,18 @@ def run_view(
     # What is shown to a browser in the instant in which it leaves is nobody's concern; viser would warn of it.
     warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)
     link = Link(connect, on_waiting)
-    desk = BoardDesk(link.ask, link.command, Path.cwd(), make_ready=partial(make_ready, "hands"))
+    desk = BoardDesk(link.ask, link.command, Path.cwd(), make_ready=make_ready)
     try:
-        viewer = Viewer(host, port, command=desk.command, methods=tuple(METHODS), ask=link.ask)
+        stages = {name: method.stages for name, method in METHODS.items()}
+        props = {"cloth": CLOTH} if cloth else {}
+        viewer = Viewer(host, port, command=desk.command, methods=stages, props=props, ask=link.ask)
         try:
             on_ready(viewer.url)
-            picture, arms = ViewState(), ArmShow(cloth)
+            picture = ViewState()
             for now_s in beats(RATE_HZ, stop):
                 scene, frames, status = picture.update(*link.newest(), now_s)
                 desk.learn(status)
-                viewer.show(scene, frames, status, desk.progress, arms.update(scene))
+                viewer.show(scene, frames, status, desk.progress)
         finally:
             viewer.close()
     finally:

@@ -61,6 +61,7 @@ class BoardProgress(msgspec.Struct, frozen=True):
         file: the name under which the rig was saved, or would be.
         busy: what is being done that takes long; empty where nothing is.
         saved, used: whether it was saved, and whether the server tracks with it.
+        has_rig: whether the session's method tracks with a rig already.
     """
 
     phase: BoardPhase = "idle"
@@ -74,3 +75,4 @@ class BoardProgress(msgspec.Struct, frozen=True):
     busy: str = ""
     saved: bool = False
     used: bool = False
+    has_rig: bool = False

@@ -34,6 +34,7 @@ PEOPLE: Final = PartType(
     field="people",
     counted=("person", "people"),
     none="Nobody is in view",
+    drawing="mocapella.viewer.room_people:PEOPLE",
 )
 HANDS: Final = PartType(
     interface=1,
@@ -68,6 +69,7 @@ BODIES: Final = PartType(
     counted=("body", "bodies"),
     none="Nobody is in view",
     there=lambda body: not body.lost,
+    drawing="mocapella.viewer.room_bodies:BODIES",
 )
 OBJECTS: Final = PartType(
     interface=1,
@@ -76,6 +78,7 @@ OBJECTS: Final = PartType(
     encode=encode_object,
     decode=lambda m, _: decode_object(m),
     field="objects",
+    drawing="mocapella.viewer.room_objects:OBJECTS",
 )
 POINTS: Final = PartType(
     interface=1,

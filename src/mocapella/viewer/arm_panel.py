@@ -6,13 +6,13 @@ from html import escape
 from typing import Final
 
 import numpy as np
-import viser
 
 from mocapella.model.arm_quality import ArmQuality
 from mocapella.model.arms import ARM_JOINT_NAMES
 from mocapella.model.scene import Scene
-from mocapella.viewer.arms import COLOURS, ArmsShown
+from mocapella.viewer.arm_strokes import COLOURS
 from mocapella.viewer.palette import AMBER, GREEN, GREY
+from mocapella.viewer.part_panel import PanelPlace, PanelState
 
 EVERY_S: Final = 0.25
 """Figures that change faster cannot be read."""
@@ -23,20 +23,21 @@ _MANY: Final = 6.0
 class ArmPanel:
     """A folder of its own, which is there while arms are."""
 
-    def __init__(self, gui: viser.GuiApi) -> None:
-        self._folder = gui.add_folder("Arms", visible=False)
+    def __init__(self, place: PanelPlace) -> None:
+        self._folder = place.gui.add_folder("Arms", order=place.order, visible=False)
         with self._folder:
-            self._text = gui.add_html("")
+            self._text = place.gui.add_html("")
         self._visible, self._shown_s = False, -EVERY_S
 
-    def show(self, scene: Scene | None, arms: ArmsShown | None, now_s: float) -> None:
+    def show(self, state: PanelState) -> None:
         """Bring it up to the newest, a few times a second."""
-        if (arms is not None) != self._visible:
-            self._visible = self._folder.visible = arms is not None
-        if arms is None or arms.quality is None or now_s - self._shown_s < EVERY_S:
+        if state.visible != self._visible:
+            self._visible = self._folder.visible = state.visible
+        quality = None if state.shown is None else state.shown.quality
+        if not state.visible or quality is None or state.now_s - self._shown_s < EVERY_S:
             return
-        self._shown_s = now_s
-        self._text.content = quality_html(scene, arms.quality)
+        self._shown_s = state.now_s
+        self._text.content = quality_html(state.scene, quality)
 
 
 def quality_html(scene: Scene | None, quality: ArmQuality) -> str:

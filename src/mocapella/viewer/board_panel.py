@@ -96,7 +96,7 @@ class BoardPanel:
             self._html = gui.add_html("")
             self._name = gui.add_text("Save as", "rig.toml", hint="Nothing is ever overwritten")
             self._use = gui.add_button(
-                "Use it", icon=viser.Icon.CHECK, color="teal", hint="Track hands with it; saves it"
+                "Use it", icon=viser.Icon.CHECK, color="teal", hint="Track with it; saves it"
             )
             self._save = gui.add_button("Save", icon=viser.Icon.DEVICE_FLOPPY, color="gray")
             self._kind = gui.add_dropdown("Board", KINDS, hint="As printed; a file holds the same as text")
@@ -185,5 +185,5 @@ class BoardPlace:
         if self._panel is None:
             if status is None or not any(row.pictures for row in status.sensors):
                 return
-            self._panel = self._make(status.setup.method != "hands")
+            self._panel = self._make(not progress.has_rig)
         self._panel.show(progress)

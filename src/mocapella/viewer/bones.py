@@ -71,6 +71,25 @@ def join(parts: list[Strokes]) -> Strokes:
     )
 
 
+def checked(strokes: Strokes) -> Strokes:
+    """The strokes themselves; what somebody else made can be drawn.
+
+    Raises:
+        TypeError: they are none.
+        ValueError: an array of another shape, or a value that is not finite; says which.
+    """
+    if not isinstance(strokes, Strokes):
+        raise TypeError(f"{type(strokes).__name__} where Strokes are wanted")
+    wanted = {"positions": (3,), "wxyzs": (4,), "scales": (3,), "colours": (3,), "opacities": ()}
+    for name, shape in wanted.items():
+        values = np.asarray(getattr(strokes, name))
+        if values.shape != (len(strokes), *shape):
+            raise ValueError(f"{name} are {values.shape}; {(len(strokes), *shape)} is wanted")
+        if not np.isfinite(values).all():
+            raise ValueError(f"{name} have a value that is not finite")
+    return strokes
+
+
 def padded(strokes: Strokes, count: int) -> Strokes:
     """The strokes, and after them as many of no size as make ``count``: they draw nothing."""
     missing = count - len(strokes)

@@ -1,120 +1,193 @@
-"""One connected browser: its panel, its Tracking stage, its camera."""
+"""One connected browser: its panel, its stages, its camera, and where it is on the timeline."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 import viser
+from numpy.typing import NDArray
 
-from mocapella.model.board_progress import BoardProgress
-from mocapella.model.observations import BodyFrame
-from mocapella.model.scene import Person, Scene
-from mocapella.model.sensor_frame import SensorFrame
-from mocapella.model.session import SessionStatus
 from mocapella.model.topology import UNKNOWN_FIELD_OF_VIEW_DEG
 from mocapella.viewer import layout
-from mocapella.viewer.arms import ArmsShown
+from mocapella.viewer.boards import BoardNodes
+from mocapella.viewer.browser_camera import BrowserCamera
 from mocapella.viewer.camera_feed import CameraFeed
 from mocapella.viewer.commands import Commander
+from mocapella.viewer.gallery import SensorsStage
+from mocapella.viewer.known import Known
 from mocapella.viewer.layout import Look
-from mocapella.viewer.palette import SensorColours
-from mocapella.viewer.panel import Aim, Panel
-from mocapella.viewer.perspective import Float64, Floors, Perspectives
+from mocapella.viewer.panel import Aim, Panel, PanelNews
+from mocapella.viewer.perspective import FREE, StageSpace
+from mocapella.viewer.picture_plane import Plane
 from mocapella.viewer.picture_stage import PictureStage
 from mocapella.viewer.readout import condition_lines, stage_text
-from mocapella.viewer.stages import TrackingDrawing, TrackingStage
-from mocapella.viewer.trails import TrailChoice, Trails
+from mocapella.viewer.room import RoomView
+from mocapella.viewer.show import Boards, ViewNow
+from mocapella.viewer.sight import Sight
+from mocapella.viewer.stage import Stage, TrackingDrawing
+from mocapella.viewer.timeline import Moment, Playhead, PlayState, Timeline
+from mocapella.viewer.tracking_stage import TrackingStage
+from mocapella.viewer.trails import TrailChoice, trail_lines
 
-FOV = np.radians(36.0)
-_ELEVATION = np.radians(13.0)
-_ELEVATION_OF_ARMS = np.radians(7.0)
-_ASIDE = 1e-3
-"""[m]."""
-ROUND = 1.2
+Float64 = NDArray[np.float64]
+
+FOV: Final = float(np.radians(36.0))
+_ELEVATION: Final = float(np.radians(13.0))
+ROUND: Final = 1.2
 """How much wider than the large picture the browser's own is, which has words over it."""
-_SETTLED = 30
-"""Calls after a move of ours in which the browser may still report where its camera was before."""
+ASPECT: Final = 1.4
+"""Of a usual window beside the panel."""
+_TALL: Final = 0.7
+"""Of a telephone held upright: its panel is a sheet that covers three fifths from below."""
+_OVER_SHEET: Final = 0.2
+_ELEVATION_ALONG: Final = float(np.radians(9.0))
+_MARGIN_ALONG, _MARGIN_PICTURE = 1.06, 1.02
+_HALF_M: Final = 0.45
+"""So far what the camera goes along with reaches to the front and back at least."""
+STILL_S, LONGEST_STILL_S = 0.5, 5.0
+"""The first pictures stay for so long once the browser answers, and no longer than this if it does not.
+
+A browser drops a picture that it has not decoded when the next one comes: one that is busy would show none.
+"""
 
 
-@dataclass(frozen=True)
-class Known:
-    """What the view remembers of sensors and people, the same for all browsers; only the loop that draws changes it."""
+def new_sight(space: StageSpace | None, extent: tuple[Float64, Float64] | None, *, free: bool) -> Sight:
+    """What the camera goes along with at first: about the stage's middle where that is free, else where it is."""
+    x, _, z = layout.stage_centre()
+    middle = np.array([x, 0.0, z])
+    if extent is not None and not (free and space is not None):
+        middle = 0.5 * (extent[0] + extent[1]) * [1.0, 0.0, 1.0]
+    if space is not None:
+        return Sight(np.array([space.half_wide_m, _HALF_M]), space.tall_m, middle)
+    tall = layout.PERSON_HEIGHT_M if extent is None else float(extent[1][1])
+    return Sight(np.full(2, _HALF_M), tall, middle)
 
-    colours: SensorColours = field(default_factory=SensorColours)
-    fields: dict[str, tuple[float, float]] = field(default_factory=dict)
-    floors: Floors = field(default_factory=Floors)
-    seen: Perspectives = field(default_factory=Perspectives)
-    trails: Trails = field(default_factory=Trails)
 
-    def learn(self, scene: Scene | None, frames: Mapping[str, SensorFrame], status: SessionStatus | None) -> None:
-        """Take up the newest."""
-        self.colours.learn({row.name for row in status.sensors} if status else set())
-        self.colours.learn(set(frames))
-        if scene is not None:
-            self.seen.learn(scene)
-            self.floors.learn_scene(scene)
-            self.trails.learn(scene, self.seen.world)
-        poses = status.setup.sensors if status else {}
-        for name, frame in frames.items():
-            self.fields[name] = frame.field_of_view_deg
-            if not isinstance(frame, BodyFrame):
-                continue
-            self.floors.learn_frame(frame, poses.get(name))
+def look_along(sight: Sight, planes: Sequence[Plane], aspect: float) -> Look:
+    """A camera that has what it goes along with, and all pictures over it, in its picture."""
+    corners = np.concatenate([sight.corners, *(plane.corners + sight.middle for plane in planes)])
+    return layout.frame(
+        corners, fov=FOV, aspect=aspect, elevation=_ELEVATION_ALONG, margin=_MARGIN_ALONG, lowest=_lowest(aspect)
+    )
+
+
+def look_at_picture(sight: Sight, plane: Plane, aspect: float) -> Look:
+    """A camera that has one picture over the stage before it."""
+    corners = plane.moved(sight.middle).corners
+    return layout.frame(corners, fov=FOV, aspect=aspect, elevation=0.0, margin=_MARGIN_PICTURE, lowest=_lowest(aspect))
+
+
+def _lowest(aspect: float) -> float:
+    return _OVER_SHEET if aspect < _TALL else -1.0
 
 
 class Browser:
-    """What one client sees. Owned by the loop that draws; the client's callbacks only leave a wish."""
+    """What one client sees. Owned by the loop that draws; the client's callbacks only leave a wish.
+
+    Attributes:
+        playhead: where it is on the timeline.
+        camera: its own.
+    """
 
     def __init__(
         self,
         client: viser.ClientHandle,
-        commander: Commander,
+        commander: Commander | None,
         methods: Sequence[str],
         known: Known,
+        *,
         feed: CameraFeed,
+        timeline: Timeline,
+        now_s: float,
     ) -> None:
-        self._client, self._known, self._colours = client, known, known.colours
+        self._client, self._known, self._came_s = client, known, now_s
+        self._served, self._timeline = commander is not None, timeline
+        self.playhead = Playhead(timeline)
+        self.camera = BrowserCamera(client)
         self._wish: Aim | None = Aim.BOTH
         self._aim = Aim.BOTH
         self._framed: tuple[object, ...] | None = None
-        self._look: Look | None = None
-        self._calls_since_move = 0
-        self._arms = False
+        self._stage_name = ""
         self._stage = TrackingStage(client.scene, known.colours, known.fields)
+        self._gallery = SensorsStage(client.scene, known.fields)
+        self._boards = BoardNodes(client.scene)
         self._pictures = PictureStage(client.scene)
+        self._sight: Sight | None = None
+        self._sight_of: tuple[object, ...] = ()
+        self._picture_before = ""
         self._hears_clicks = self._before_picture = False
-        self._panel = Panel(client, commander, methods, known.colours, aim=self._want, feed=feed)
+        self._panel = Panel(
+            client, commander, methods, known, aim=self._want, feed=feed, timeline=timeline, playhead=self.playhead
+        )
 
-    def show(
-        self,
-        draw: Callable[[str], TrackingDrawing],
-        scene: Scene | None,
-        status: SessionStatus | None,
-        board: BoardProgress | None = None,
-        arms: ArmsShown | None = None,
-    ) -> None:
-        """Show the newest: ``draw`` makes the Tracking stage of a perspective."""
+    @property
+    def live(self) -> bool:
+        """Whether it shows what comes now."""
+        return self.playhead.number is None
+
+    def show(self, now: ViewNow) -> None:
+        """Show the newest, or what somebody chose on the timeline."""
+        self.playhead.update(now.now_s)
+        self.camera.beat(now.now_s)
+        self.camera.home = None if now.home is None else np.asarray(now.home.position)
+        moment = now.moment if self.live or not len(self._timeline) else self._timeline[self.playhead.shown]
+        stage, boards = moment.stage, now.drawings.boards(moment)
         with self._client.atomic():
-            self._panel.show(status, scene, board, arms)
-            if (arms is not None) != self._arms:  # the stages change, and the camera with them, unless it was moved
-                self._arms = arms is not None
-                if self._wish in (None, Aim.BOTH) and not self._touched():
-                    self._wish = Aim.TRACKING if self._arms else Aim.BOTH
+            self._panel.show(PanelNews(now.status, moment, now.board, tuple(boards.planes), now.now_s))
+            self._change_stage(stage)
             wish, self._wish = self._wish, None  # before the perspective: a callback sets it first, and then the wish
             perspective = self._panel.perspective
-            self._stage.draw(
-                draw(perspective),
-                perspective,
-                stage_text(status),
-                condition_lines(status),
-                eyes=self._aim is Aim.EYES,
-                fields=self._panel.fields,
-            )
+            drawing = now.drawings.tracking(moment, perspective)
+            gallery = now.drawings.gallery(moment, tuple(boards.planes))
+            self._go_along(drawing, boards, perspective, now.now_s)
+            self._draw_stage(now, moment, drawing, perspective)
+            self._draw_boards(boards, now.now_s)
+            self._gallery.draw(gallery)
             self._draw_pictures()
-            self._draw_trails(perspective, self._panel.trails if scene is not None else TrailChoice())
-            self._move_camera(perspective, self._known.floors, wish)
+            self._draw_trails(moment, perspective)
+            self._move_camera(stage, perspective, len(gallery.spaces), wish)
+
+    def _change_stage(self, stage: Stage) -> None:
+        """Another stage than before moves the camera with it, unless somebody moved it."""
+        if stage.name == self._stage_name:
+            return
+        first, self._stage_name = not self._stage_name, stage.name
+        if self._wish in (None, Aim.BOTH) and (first or not self.camera.touched):
+            self._wish = Aim.BOTH if stage.box_with_sensors else Aim.TRACKING
+
+    def _draw_stage(self, now: ViewNow, moment: Moment, drawing: TrackingDrawing, perspective: str) -> None:
+        conditions = condition_lines(now.status) if self.live else self._behind()
+        along = None if self._sight is None else self._sight.middle - np.array([0.0, 0.0, layout.stage_centre()[2]])
+        space = self._known.ground.space
+        self._stage.draw(
+            moment.stage,
+            drawing,
+            perspective,
+            self._empty_text(now, moment),
+            conditions,
+            eyes=self._aim is Aim.EYES,
+            fields=self._panel.fields,
+            named=not self._panel.picture,
+            along=along,
+            eye=None if now.home is None or space is None else np.asarray(now.home.position),
+        )
+
+    def _empty_text(self, now: ViewNow, moment: Moment) -> str:
+        if self._served:
+            return stage_text(now.status) if self.live else "Nothing was there"
+        return str(PlayState.NOTHING) if moment.scene is None else "Nothing is there"
+
+    def _behind(self) -> tuple[str, ...]:
+        """That what is shown is not now, where a session goes on meanwhile."""
+        return () if self._timeline.done else (f"{self.playhead.state} · {self.playhead.behind_s:.1f} s ago",)
+
+    def _draw_boards(self, boards: Boards, now_s: float) -> None:
+        if self._sight is not None:
+            self._boards.place(self._sight.middle)
+        still_s = min(self.camera.answered_s + STILL_S, self._came_s + LONGEST_STILL_S)
+        self._boards.draw(boards.planes, boards.shown, new_pictures=now_s >= still_s)
 
     def _draw_pictures(self) -> None:
         cameras = self._panel.cameras
@@ -132,59 +205,88 @@ class Browser:
         if at is not None:
             self._panel.cameras.click(at)
 
-    def _draw_trails(self, perspective: str, shown: TrailChoice) -> None:
-        seen, T_stage = self._known.seen, self._known.floors.level(perspective)
-
-        def to_stage(person: Person) -> Float64 | None:
-            T = seen.from_world(person, perspective)
-            return None if T is None else T_stage @ T
-
-        self._stage.draw_trails(self._known.trails, shown, perspective, to_stage)
+    def _draw_trails(self, moment: Moment, perspective: str) -> None:
+        trails, shown = self._known.trails, self._panel.trails
+        if moment.scene is None or not moment.stage.perspectives:
+            shown = TrailChoice()
+        room = RoomView(perspective, moment.seen, self._known.floors)
+        until_s = np.inf if self.live else moment.at_s
+        self._stage.draw_trails(
+            (trails.number, shown, perspective, until_s), lambda: trail_lines(trails, shown, room, until_s)
+        )
 
     def _want(self, aim: Aim) -> None:
         self._wish = aim
 
-    def _move_camera(self, perspective: str, floors: Floors, wish: Aim | None) -> None:
-        self._calls_since_move += 1
-        camera, plane = self._client.camera, self._pictures.plane
-        width, tall = max(camera.image_width, 1), max(camera.image_height, 1)
-        lanes = len(self._colours.sensors)
-        fits: tuple[object, ...] = (lanes if plane is None else plane.size_px, width / tall)
+    def _go_along(self, drawing: TrackingDrawing, boards: Boards, perspective: str, now_s: float) -> None:
+        """Keep what moves, and the pictures over it, in sight."""
+        space, extent = self._known.ground.space, drawing.extent
+        if extent is None and not boards.planes and (space is None or self._sight is None):
+            self._sight, self._sight_of = None, ()
+            return
+        key = (id(space), perspective, self._stage_name)
+        if self._sight is None or key != self._sight_of:
+            self._sight, self._sight_of = new_sight(space, extent, free=perspective == FREE), key
+        if extent is None:
+            self._sight.rest(now_s)
+        else:
+            self._sight.follow(*extent, now_s)
+
+    def _move_camera(self, stage: Stage, perspective: str, lanes: int, wish: Aim | None) -> None:
+        camera, plane = self.camera, self._pictures.plane
         if plane is not None and wish is None:
-            if self._framed is None or not self._before_picture or (fits != self._framed and not self._touched()):
-                self._framed, self._before_picture = fits, True
-                self._put(layout.frame(plane.corners, fov=FOV, aspect=width / tall, elevation=0.0, margin=ROUND))
+            self._look_at_large(plane)
             return
         if self._before_picture:
             self._before_picture, wish = False, wish or self._aim
             self._panel.cameras.leave()
-        if wish is None and (fits == self._framed or self._touched() or self._aim is Aim.EYES):
-            return
         self._aim = wish or self._aim
+        if self._sight is not None and (self._panel.picture or self._aim in (Aim.TRACKING, Aim.BOTH)):
+            self._look_along(lanes, wish)
+            return
+        self._picture_before = ""
+        fits: tuple[object, ...] = (lanes, camera.aspect, stage.name)
+        if wish is None and (fits == self._framed or camera.touched or self._aim is Aim.EYES):
+            return
         self._framed = fits
+        floors = self._known.floors
         if self._aim is Aim.EYES:
             _, high = self._known.fields.get(perspective, UNKNOWN_FIELD_OF_VIEW_DEG)
-            self._put(layout.eyes(floors.tilt(perspective), floors.height(perspective), np.radians(high)))
+            camera.put(layout.eyes(floors.tilt(perspective), floors.height(perspective), np.radians(high)))
             return
-        tracking = layout.arms_box().corners if self._arms else layout.tracking_box().corners
-        sensors = layout.sensors_box(lanes).corners
+        tracking, sensors = stage.box.corners, layout.sensors_box(lanes).corners
         seen = {Aim.TRACKING: tracking, Aim.SENSORS: sensors}.get(self._aim, np.concatenate([tracking, sensors]))
-        elevation = _ELEVATION_OF_ARMS if self._arms and self._aim is Aim.TRACKING else _ELEVATION
-        self._put(layout.frame(seen, fov=FOV, aspect=width / tall, elevation=elevation))
+        elevation = stage.elevation if self._aim is Aim.TRACKING else _ELEVATION
+        camera.put(layout.frame(seen, fov=FOV, aspect=camera.aspect, elevation=elevation))
 
-    def _touched(self) -> bool:
-        """Whether a person moved the camera since we did."""
-        if self._look is None or self._calls_since_move <= _SETTLED:
-            return False
-        return not np.allclose(self._client.camera.position, self._look.position, atol=0.02)
+    def _look_at_large(self, plane: Plane) -> None:
+        """Before a camera's picture that is as large as the window."""
+        camera = self.camera
+        fits: tuple[object, ...] = (plane.size_px, camera.aspect)
+        if self._framed is None or not self._before_picture or (fits != self._framed and not camera.touched):
+            self._framed, self._before_picture = fits, True
+            camera.put(layout.frame(plane.corners, fov=FOV, aspect=camera.aspect, elevation=0.0, margin=ROUND))
 
-    def _put(self, look: Look) -> None:
-        self._look, self._calls_since_move = look, 0
-        camera = self._client.camera
-        camera.fov = look.fov
-        camera.up_direction = (0.0, 1.0, 0.0)
-        # What the camera is at already is not sent; but what is known of it is the browser's last report, from before
-        # moves that are on their way. So it is put beside its place first: then the place itself is always sent.
-        for aside in (_ASIDE, 0.0):
-            camera.position = np.asarray(look.position) + aside
-            camera.look_at = np.asarray(look.target) + aside
+    def _look_along(self, lanes: int, wish: Aim | None) -> None:
+        """Go along with what is in sight, or stand before one of the pictures over it."""
+        assert self._sight is not None
+        camera, planes, picture = self.camera, self._boards.planes, self._panel.picture
+        self._framed = None
+        if not camera.ready:
+            return
+        if picture in planes:
+            look = look_at_picture(self._sight, planes[picture], camera.aspect)
+        else:
+            look = look_along(self._sight, list(planes.values()), camera.aspect)
+            if self._aim is Aim.BOTH and lanes:
+                corners = np.concatenate([
+                    self._sight.corners, *(plane.corners + self._sight.middle for plane in planes.values()),
+                    layout.sensors_box(lanes).corners,
+                ])  # fmt: skip
+                look = layout.frame(
+                    corners, fov=FOV, aspect=camera.aspect, elevation=_ELEVATION, lowest=_lowest(camera.aspect)
+                )
+        if picture != self._picture_before or wish is not None:
+            self._picture_before = picture
+            camera.put(look)
+        camera.follow(look)

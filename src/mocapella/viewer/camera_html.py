@@ -8,7 +8,7 @@ from html import escape
 from typing import Any
 
 from mocapella.viewer.camera_feed import CameraAnswer, FeedImage, FeedMode
-from mocapella.viewer.hands import marker_colour
+from mocapella.viewer.marker_lane import marker_colour
 from mocapella.viewer.palette import AMBER, GREEN, GREY, RED
 from mocapella.viewer.pointing import SKIN, Point, Pointing, asks_for, where
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import PurePath
 
+from mocapella.model.scene import Scene
 from mocapella.model.session import SessionStatus
 from mocapella.viewer.perspective import FREE
 
@@ -40,9 +41,10 @@ def allowed(status: SessionStatus | None) -> Allowed:
     )
 
 
-def makes_people(status: SessionStatus | None) -> bool:
-    """Whether people can be there; not where the method makes other parts alone."""
-    return status is None or not status.counts or "people" in status.counts
+def part_names(status: SessionStatus | None, scene: Scene | None) -> tuple[str, ...]:
+    """Names of the types of parts that there can be: those that the status counts, or else that the scene has."""
+    counted = tuple(status.counts) if status is not None else ()
+    return counted or (tuple(scene.parts) if scene is not None else ())
 
 
 def progress_percent(status: SessionStatus | None) -> float | None:

@@ -13,6 +13,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from mocapella.model.rigged_mesh import RiggedMesh
 from mocapella.viewer.bones import Strokes, padded
 from mocapella.viewer.meshes import Mesh
 from mocapella.viewer.palette import FLOOR, Rgb
@@ -83,37 +84,87 @@ class StrokeNode:
         )
 
 
-class ClothNode:
+class SurfaceNode:
     """One surface whose corners move, seen from both sides."""
 
-    def __init__(self, scene: viser.SceneApi, name: str, colour: Rgb) -> None:
-        self._scene, self._name, self._colour = scene, name, colour
-        self._faces: NDArray[np.uint32] | None = None
+    def __init__(self, scene: viser.SceneApi, name: str) -> None:
+        self._scene, self._name = scene, name
+        self._made_of: tuple[object, ...] = ()
         self._handle: viser.MeshHandle | None = None
 
-    def draw(self, mesh: Mesh | None) -> None:
-        """Show exactly this; nothing where there is none."""
-        if mesh is None:
-            if self._handle is not None and self._handle.visible:
-                self._handle.visible = False
-            return
-        if self._handle is None or self._faces is not mesh.faces:
+    def draw(self, mesh: Mesh, colour: Rgb, opacity: float) -> None:
+        """Show exactly this."""
+        made_of = (id(mesh.faces), colour, opacity)
+        if self._handle is None or self._made_of != made_of:
             if self._handle is not None:
                 self._handle.remove()
-            self._faces = mesh.faces
+            self._faces, self._made_of = mesh.faces, made_of  # held, so that no other has its id
             self._handle = self._scene.add_mesh_simple(
                 self._name,
                 mesh.vertices,
                 mesh.faces,
-                color=self._colour.paint,
+                color=colour.paint,
                 side="double",
-                opacity=0.4,
+                opacity=opacity if opacity < 1 else None,
                 cast_shadow=False,
                 receive_shadow=False,
             )
         self._handle.vertices = mesh.vertices
         if not self._handle.visible:
             self._handle.visible = True
+
+    def hide(self) -> None:
+        """Show it no more."""
+        if self._handle is not None and self._handle.visible:
+            self._handle.visible = False
+
+
+class SkinNode:
+    """A rigged mesh, of which only the motions of its parts are sent."""
+
+    def __init__(self, scene: viser.SceneApi, name: str) -> None:
+        self._scene, self._name = scene, name
+        self._mesh: RiggedMesh | None = None
+        self._look: tuple[Rgb, float] | None = None
+        self._handle: viser.MeshSkinnedHandle | None = None
+
+    def draw(self, mesh: RiggedMesh, T: NDArray[np.float64], colour: Rgb, opacity: float) -> None:
+        """Show it: ``T`` (parts, 4, 4) takes each part from the rest frame to where it is."""
+        if self._handle is None or mesh is not self._mesh:
+            self._add(mesh)
+        assert self._handle is not None
+        wxyz = viser.transforms.SO3.from_matrix(T[:, :3, :3]).wxyz
+        for bone, q, at in zip(self._handle.bones, wxyz, T[:, :3, 3], strict=True):
+            bone.wxyz, bone.position = q, at
+        if (colour, opacity) != self._look:
+            self._look = colour, opacity
+            self._handle.color, self._handle.opacity = colour.paint, opacity if opacity < 1 else None
+        if not self._handle.visible:
+            self._handle.visible = True
+
+    def hide(self) -> None:
+        """Show it no more."""
+        if self._handle is not None and self._handle.visible:
+            self._handle.visible = False
+
+    def _add(self, mesh: RiggedMesh) -> None:
+        if self._handle is not None:
+            self._handle.remove()
+        self._mesh, self._look, parts = mesh, None, len(mesh.part_names)
+        self._handle = self._scene.add_mesh_skinned(
+            self._name, mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32),
+            bone_wxyzs=np.tile([1.0, 0.0, 0.0, 0.0], (parts, 1)), bone_positions=np.zeros((parts, 3)),
+            skin_weights=_summed(mesh, parts), receive_shadow=False,
+        )  # fmt: skip
+
+
+def _summed(mesh: RiggedMesh, parts: int) -> NDArray[np.float64]:
+    """(n, parts) how much each part moves each vertex; a part may be there more than once where its share is 0."""
+    weights = np.zeros((len(mesh.vertices), parts))
+    rows = np.arange(len(mesh.vertices))
+    for column in range(mesh.bones.shape[1]):
+        np.add.at(weights, (rows, mesh.bones[:, column]), mesh.shares[:, column])
+    return weights
 
 
 class LineNode:
@@ -186,7 +237,7 @@ class SensorNode:
         self._placed: NDArray[np.float64] | None = None
         self._colour: Rgb | None = None
         self._field_deg: tuple[float, float] | None = None
-        self._visible = False
+        self._visible, self._size = False, (scale, thickness)
         self._handle = scene.add_camera_frustum(
             name,
             fov=1.0,
@@ -215,6 +266,13 @@ class SensorNode:
             self._handle.wxyz = viser.transforms.SO3.from_matrix(T[:3, :3] @ _FROM_PICTURE).wxyz
             self._handle.position = T[:3, 3]
         self._show(True)
+
+    def resize(self, scale: float, thickness: float) -> None:
+        """Make it so large, and its lines so thick [m]."""
+        size = (round(scale, 3), round(thickness, 4))
+        if size != self._size:
+            self._size = size
+            self._handle.scale, self._handle.thickness = size
 
     def hide(self) -> None:
         """Show it no more."""
@@ -255,3 +313,8 @@ class FloorNode:
             self._placed = centre.copy()
             self._handle.position = centre
             self._handle.visible = True
+
+    def hide(self) -> None:
+        """Show it no more."""
+        if self._placed is not None:
+            self._placed, self._handle.visible = None, False

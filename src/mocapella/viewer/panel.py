@@ -5,19 +5,17 @@ What they show comes from the session's status alone, never from what this brows
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
+from functools import partial
+from typing import Any, Final
 
 import viser
 
 from mocapella.model.board_progress import BoardProgress
-from mocapella.model.scene import Scene
 from mocapella.model.session import SessionStatus
 from mocapella.viewer import readout
-from mocapella.viewer.arm_panel import ArmPanel
-from mocapella.viewer.arms import ArmsShown
 from mocapella.viewer.board_panel import BoardPanel, BoardPlace
 from mocapella.viewer.camera_feed import CameraFeed
 from mocapella.viewer.camera_panel import CameraPanel
@@ -26,20 +24,27 @@ from mocapella.viewer.controls import (
     FIRST_TAKE,
     allowed,
     default_perspective,
-    makes_people,
+    part_names,
     perspectives,
     progress_percent,
     take_name,
 )
-from mocapella.viewer.palette import SensorColours
-from mocapella.viewer.people_panel import PeoplePanel
+from mocapella.viewer.known import Known
+from mocapella.viewer.part_panel import MakePanel, PanelPlace, PanelState, PartPanel
 from mocapella.viewer.perspective import FREE
+from mocapella.viewer.room import called, drawing_of
 from mocapella.viewer.setup_panel import SetupPanel
+from mocapella.viewer.timeline import Moment, Playhead, Timeline
+from mocapella.viewer.timeline_panel import TimelinePanel
 from mocapella.viewer.trails import LONGEST_S, TrailChoice, TrailOf
 from mocapella.viewer.watchdog import Watchdog
 
 WIDTH_PX = 340
 SHORTEST_TRAIL_S = 2
+NO_PICTURE: Final = "–"
+"""What the dropdown of pictures shows while none is looked at alone."""
+_BESIDE: Final = 0.01
+"""Between two folders that are made when they are first needed, among the others' orders."""
 
 
 class Aim(StrEnum):
@@ -51,51 +56,86 @@ class Aim(StrEnum):
     EYES = "Sensor's eyes"
 
 
+@dataclass(frozen=True, eq=False)
+class PanelNews:
+    """What a browser's panel is to show.
+
+    Attributes:
+        status: the session's newest; None while no server answers, and where there is none.
+        moment: that this browser shows.
+        board: how a calibration of cameras goes; None where nobody can calibrate.
+        pictures: cameras whose pictures stand over the stage.
+        now_s: of a monotonic clock [s].
+    """
+
+    status: SessionStatus | None
+    moment: Moment
+    board: BoardProgress | None
+    pictures: tuple[str, ...]
+    now_s: float
+
+
 class Panel:
     """All that a browser shows beside the 3D scene.
 
+    Args:
+        client: the browser.
+        commander: sends commands; None where there is no server: then what commands it is not there.
+        methods: names of the tracker's methods.
+        known: what the view remembers.
+        aim: is called with what somebody wants to look at.
+        feed: of cameras' pictures.
+        timeline: what was shown.
+        playhead: this browser's.
+
     Attributes:
-        perspective: from where this browser shows the people; a sensor's name or `FREE`.
         cameras: their pictures, and how their colours are learnt.
     """
 
     def __init__(
         self,
         client: viser.ClientHandle,
-        commander: Commander,
+        commander: Commander | None,
         methods: Sequence[str],
-        colours: SensorColours,
+        known: Known,
         *,
         aim: Callable[[Aim], None],
         feed: CameraFeed,
+        timeline: Timeline,
+        playhead: Playhead,
     ) -> None:
-        self._client, self._commander, self._colours, self._aim = client, commander, colours, aim
+        self._client, self._commander, self._aim = client, commander, aim
+        self._known, self._colours = known, known.colours
+        self._timeline, self._playhead = timeline, playhead
         self._status: SessionStatus | None = None
-        self._begun = False
+        self._shown: tuple[object, ...] | None = None
         self._chosen: str | None = None
         self._shown_perspective = ""
-        self._take = ""
+        self._stage_panels: dict[str, PartPanel | None] = {}
+        self._part_panels: dict[str, PartPanel | None] = {}
         gui = client.gui
         self._watchdog = Watchdog(gui)
-        self._headline = gui.add_html(readout.status_html(None))
+        self._headline = gui.add_html(readout.status_html(None) if commander else readout.run_html("", None, 0, 0, 0))
+        served = commander is not None
         self._progress = gui.add_progress_bar(0.0, visible=False, animated=True, color="blue")
         self._start = self._button("Start", "start", viser.Icon.PLAYER_PLAY, "teal")
         self._stop = self._button("Stop", "stop", viser.Icon.PLAYER_STOP, "gray")
         self._recalibrate = self._button("Recalibrate", "recalibrate", viser.Icon.REFRESH, "gray")
-        self._arms = ArmPanel(gui)
-        with gui.add_folder("Sensors") as sensors:
-            self._sensors = gui.add_html(readout.sensors_html(None, colours))
+        self._timeline_panel = TimelinePanel(gui, timeline, playhead)
+        self._stage_order = gui.add_html("", visible=False).order
+        with gui.add_folder("Sensors", visible=served) as sensors:
+            self._sensors = gui.add_html(readout.sensors_html(None, known.colours))
         self.cameras = CameraPanel(gui, feed, self._tell)
         self._boards = BoardPlace(
             lambda expanded: BoardPanel(
-                gui, colours, self._send_board, self._say_no, order=sensors.order + 0.5, expanded=expanded
+                gui, known.colours, self._send, self._say_no, order=sensors.order + 0.5, expanded=expanded
             )
         )
-        self._people = PeoplePanel(gui, self._send_name)
-        self._add_recording_folder(gui)
+        self._part_order = gui.add_html("", visible=False).order
+        self._add_recording_folder(gui, visible=served)
         self._add_camera_folder(gui)
-        self._setup = SetupPanel(gui, methods, self._send_setup, self._refuse)
-        with gui.add_folder("Notices"):
+        self._setup = SetupPanel(gui, methods, self._send_setup, self._refuse, visible=served)
+        with gui.add_folder("Notices", visible=served) as self._notices_folder:
             self._notices = gui.add_html(readout.notices_html(None))
 
     @property
@@ -109,35 +149,41 @@ class Panel:
         return bool(self._fields.value)
 
     @property
+    def picture(self) -> str:
+        """The camera whose picture over the stage is looked at alone; empty where none is."""
+        return "" if self._picture.value == NO_PICTURE else str(self._picture.value)
+
+    @property
     def perspective(self) -> str:
-        """From where this browser shows the people: what was chosen in it, else the default."""
+        """From where this browser shows the scene: what was chosen in it, else the default."""
         if self._chosen is not None:
             return self._chosen
+        if self._known.ground.space is not None:
+            return FREE
         return default_perspective(self._status, self._colours.sensors)
 
-    def show(
-        self,
-        status: SessionStatus | None,
-        scene: Scene | None,
-        board: BoardProgress | None = None,
-        arms: ArmsShown | None = None,
-    ) -> None:
-        """Bring everything up to the status; costs next to nothing when it is the one already shown."""
-        now_s = time.monotonic()
-        self._watchdog.beat(now_s)
-        self.cameras.show(now_s)
-        self._arms.show(scene, arms, now_s)
+    def show(self, news: PanelNews) -> None:
+        """Bring everything up to the news; costs next to nothing where they are shown already."""
+        status, moment = news.status, news.moment
+        self._watchdog.beat(news.now_s)
+        self.cameras.show(news.now_s)
+        self._timeline_panel.show(news.now_s)
+        self._show_pictures(news.pictures)
         can = allowed(status)
         self._setup.show(status, enabled=can.setup)
-        self._boards.show(status, board)
+        self._boards.show(status, news.board)
         self._show_perspectives(status)
-        if self._begun and status is self._status:
+        live = self._playhead.number is None
+        shown = (status, self._known.troubles.lines, None if live and self._commander else moment, live)
+        changed = self._shown is None or any(a is not b for a, b in zip(shown, self._shown, strict=True))
+        self._show_parts(news, changed=changed, can_name=can.name and live)
+        if not changed:
             return
-        self._begun = True
+        self._shown = shown
         if status is not None and (name := take_name(self._name.value, self._status, status)) != self._name.value:
             self._name.value = name
         self._status = status
-        self._headline.content = readout.status_html(status)
+        self._headline.content = self._headline_html(status, moment)
         percent = progress_percent(status)
         self._progress.visible = percent is not None
         self._progress.value = percent or 0.0
@@ -146,28 +192,75 @@ class Panel:
         self._record.disabled, self._record_stop.disabled = not can.record, not can.record_stop
         self._name.disabled = not can.record
         self._recording.content = readout.recording_html(status.recording if status else None)
-        self._notices.content = readout.notices_html(status)
-        places = {place.sensor: place for place in scene.sensors} if scene else {}
+        troubles = self._known.troubles.lines
+        self._notices_folder.visible = self._commander is not None or bool(troubles)
+        self._notices.content = readout.notices_html(status, troubles)
+        places = {place.sensor: place for place in moment.scene.sensors} if moment.scene else {}
         self._sensors.content = readout.sensors_html(status, self._colours, places)
-        people = scene.people if scene and status else ()
-        self._people.show(people, enabled=can.name, visible=makes_people(status))
+
+    def _headline_html(self, status: SessionStatus | None, moment: Moment) -> str:
+        if self._commander is not None:
+            return readout.status_html(status)
+        timeline, playhead = self._timeline, self._playhead
+        place = playhead.shown - timeline.first + 1
+        return readout.run_html(playhead.state, moment.scene, moment.at_s, place, len(timeline))
+
+    def _show_parts(self, news: PanelNews, *, changed: bool, can_name: bool) -> None:
+        """The folders of the stage that is shown, and of the types of parts that there can be."""
+        status, moment = news.status, news.moment
+        scene = moment.scene if status is not None or self._commander is None else None
+        stage = moment.stage
+        if stage.name not in self._stage_panels:
+            self._stage_panels[stage.name] = self._made(f"stage {stage.name}", stage.panel, self._stage_order)
+        names = part_names(status, scene)
+        for name in names:
+            if name not in self._part_panels:
+                how = drawing_of(name, self._known.troubles)
+                make = None if how is None else how.panel
+                order = self._part_order + _BESIDE * len(self._part_panels)
+                self._part_panels[name] = self._made(called(name), make, order)
+                changed = True
+        panels = [
+            *((f"stage {name}", panel, name == stage.name, ()) for name, panel in self._stage_panels.items()),
+            *(
+                (called(name), panel, status is None or name in names, () if scene is None else scene.of(name))
+                for name, panel in self._part_panels.items()
+            ),
+        ]
+        for what, panel, visible, parts in panels:
+            if panel is None:
+                continue
+            state = PanelState(
+                scene, parts, moment.shown, visible, can_name, changed, news.now_s,
+                lambda seconds: self._timeline.lately(self._playhead.shown, seconds),
+            )  # fmt: skip
+            self._known.troubles.attempt(f"panel of {what}", partial(panel.show, state), None)
+
+    def _made(self, what: str, make: MakePanel | None, order: float) -> PartPanel | None:
+        if make is None:
+            return None
+        place = PanelPlace(self._client.gui, order, None if self._commander is None else self._send)
+        return self._known.troubles.attempt(f"panel of {what}", lambda: make(place), None)
 
     def _button(self, label: str, verb: str, icon: Any, colour: Any) -> viser.GuiButtonHandle:
-        button = self._client.gui.add_button(label, disabled=True, icon=icon, color=colour)
+        served = self._commander is not None
+        button = self._client.gui.add_button(label, disabled=True, icon=icon, color=colour, visible=served)
 
         @button.on_click
         async def _(_: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
-            arguments = {"name": self._name.value.strip()} if verb == "record" else {}
-            self._commander.send(verb, arguments, self._client)
+            self._send(verb, {"name": self._name.value.strip()} if verb == "record" else {})
 
         return button
 
     def _add_camera_folder(self, gui: viser.GuiApi) -> None:
         with gui.add_folder("View"):
             self._perspective = gui.add_dropdown(
-                "Perspective", (FREE,), hint="Whose eyes place the people; free: the tracker's own world"
+                "Perspective", (FREE,), hint="Whose eyes place what is tracked; free: the tracker's own world"
             )
             self._aims = gui.add_button_group("Look at", tuple(Aim))
+            self._picture = gui.add_dropdown(
+                "Picture", (NO_PICTURE,), visible=False, hint="A camera's picture over the stage, looked at alone"
+            )
             self._trails = gui.add_dropdown("Trails", tuple(TrailOf), hint="Lines along which people have moved")
             self._trail_seconds = gui.add_slider(
                 "Trail length, s", SHORTEST_TRAIL_S, LONGEST_S, 1, TrailChoice().seconds, hint="How many seconds back"
@@ -183,6 +276,7 @@ class Panel:
         @self._aims.on_click
         async def _(_: viser.GuiEvent[Any]) -> None:
             aim = Aim(self._aims.value)
+            self._picture.value = NO_PICTURE
             if aim is Aim.EYES and self.perspective == FREE:
                 sensor = default_perspective(self._status, self._colours.sensors)
                 if sensor == FREE:
@@ -191,12 +285,20 @@ class Panel:
                 self._chosen = sensor
             self._aim(aim)
 
-    def _add_recording_folder(self, gui: viser.GuiApi) -> None:
-        with gui.add_folder("Recording"):
+    def _add_recording_folder(self, gui: viser.GuiApi, *, visible: bool) -> None:
+        with gui.add_folder("Recording", visible=visible):
             self._name = gui.add_text("Take", FIRST_TAKE, hint="The take's name; nothing is ever overwritten")
             self._record = self._button("Record", "record", viser.Icon.PLAYER_RECORD, "red")
             self._record_stop = self._button("Stop recording", "record-stop", viser.Icon.PLAYER_STOP, "gray")
             self._recording = gui.add_html(readout.recording_html(None))
+
+    def _show_pictures(self, cameras: tuple[str, ...]) -> None:
+        options = (NO_PICTURE, *cameras)
+        if options != tuple(self._picture.options):
+            chosen = self._picture.value
+            self._picture.options = options
+            self._picture.value = chosen if chosen in options else NO_PICTURE
+            self._picture.visible = bool(cameras)
 
     def _show_perspectives(self, status: SessionStatus | None) -> None:
         options = perspectives(status, self._colours.sensors)
@@ -207,14 +309,12 @@ class Panel:
         if now in options and now != self._shown_perspective:
             self._perspective.value = self._shown_perspective = now
 
-    def _send_name(self, arguments: dict[str, Any]) -> None:
-        self._commander.send("name", arguments, self._client)
+    def _send(self, verb: str, arguments: dict[str, Any]) -> None:
+        if self._commander is not None:
+            self._commander.send(verb, arguments, self._client)
 
     def _send_setup(self, arguments: dict[str, Any]) -> None:
-        self._commander.send("setup", arguments, self._client)
-
-    def _send_board(self, verb: str, arguments: dict[str, Any]) -> None:
-        self._commander.send(verb, arguments, self._client)
+        self._send("setup", arguments)
 
     def _tell(self, title: str, message: str, ok: bool) -> None:
         notify(self._client, title, message, ok=ok)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import viser
 
 from mocapella.model.scene import Person
 from mocapella.viewer import readout
+from mocapella.viewer.part_panel import PanelPlace, PanelState
 
 NOBODY = "–"
 """What the dropdown shows while nobody is there."""
@@ -17,11 +17,11 @@ NOBODY = "–"
 class PeoplePanel:
     """Shows everybody, and lets one of them be given a name; what is typed stays until it is sent."""
 
-    def __init__(self, gui: viser.GuiApi, name: Callable[[dict[str, Any]], None]) -> None:
-        self._name = name
+    def __init__(self, place: PanelPlace) -> None:
+        gui, self._send = place.gui, place.send
         self._chosen: int | None = None
         self._people: dict[int, str] = {}
-        with gui.add_folder("People") as self._folder:
+        with gui.add_folder("People", order=place.order) as self._folder:
             self._list = gui.add_html(readout.people_html(()))
             self._who = gui.add_dropdown("Who", (NOBODY,), disabled=True, hint="Whom to give a name")
             self._text = gui.add_text("Name", "", disabled=True, hint="What everybody sees; empty takes the name away")
@@ -34,17 +34,18 @@ class PeoplePanel:
 
         @self._button.on_click
         async def _(_: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
-            if self._chosen is not None:
-                self._name({"person": self._chosen, "name": self._text.value.strip()})
+            if self._chosen is not None and self._send is not None:
+                self._send("name", {"person": self._chosen, "name": self._text.value.strip()})
 
-    def show(self, people: tuple[Person, ...], *, enabled: bool, visible: bool = True) -> None:
-        """Bring it up to who is there; whoever is chosen stays so, also while nobody sees them.
+        for handle in (self._who, self._text, self._button):
+            handle.visible = self._send is not None
 
-        Args:
-            enabled: whether somebody can be given a name now.
-            visible: whether there can be people at all.
-        """
-        self._folder.visible = visible
+    def show(self, state: PanelState) -> None:
+        """Bring it up to who is there; whoever is chosen stays so, also while nobody sees them."""
+        if not state.changed:
+            return
+        people: tuple[Person, ...] = state.parts
+        self._folder.visible = state.visible
         self._list.content = readout.people_html(people)
         chosen, called = self._chosen, self._people.get(self._chosen, "") if self._chosen is not None else ""
         now = {person.id: person.name for person in people}
@@ -59,7 +60,9 @@ class PeoplePanel:
             self._who.value = self._option(chosen)
             if now[chosen] != called and self._text.value.strip() == called:
                 self._text.value = now[chosen]
-        self._who.disabled = self._text.disabled = self._button.disabled = not (enabled and self._chosen is not None)
+        self._who.disabled = self._text.disabled = self._button.disabled = not (
+            state.can_name and self._chosen is not None
+        )
 
     def _choose(self, who: int | None) -> None:
         self._chosen = who

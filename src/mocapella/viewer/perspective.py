@@ -8,13 +8,15 @@ sensor saw it.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.geometry.rigid import apply, inverse, rigid, rotation_about_x, rotation_about_y
-from mocapella.model.observations import BodyFrame
 from mocapella.model.scene import Person, Scene
 from mocapella.model.session import SensorPose
 
@@ -25,6 +27,41 @@ FREE = "free"
 _FLOOR_MEMORY = 0.05
 _ANOTHER_WORLD_M, _ANOTHER_WORLD_RAD = 0.1, np.radians(3.0)
 """When all sensors are further from where they were just before, the world was laid anew."""
+
+
+class OnFloor(Protocol):
+    """A frame of a sensor that stands over the floor on which people are."""
+
+    @property
+    def sensor(self) -> str:
+        """Its name."""
+
+    @property
+    def tilt(self) -> float:
+        """Of the sensor, upwards positive [rad]."""
+
+    @property
+    def height(self) -> float:
+        """Of the sensor over the floor [m]; 0 where not known."""
+
+    @property
+    def positions(self) -> NDArray[np.float32]:
+        """(..., 3) of people's joints, camera space [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class StageSpace:
+    """How a world lies on the stage in the `FREE` perspective, where the scene's parts say it.
+
+    Attributes:
+        T_stage_world: (4, 4); y is up on the stage, and the floor at 0.
+        tall_m: how high over the floor the parts reach at first.
+        half_wide_m: how far from the stage's middle they reach along x at first.
+    """
+
+    T_stage_world: Float64
+    tall_m: float
+    half_wide_m: float
 
 
 def level(tilt: float, height: float) -> Float64:
@@ -54,7 +91,7 @@ class Floors:
         self._heights: dict[str, float] = {}
         self._tilts: dict[str, float] = {}
 
-    def learn_frame(self, frame: BodyFrame, pose: SensorPose | None = None) -> None:
+    def learn_frame(self, frame: OnFloor, pose: SensorPose | None = None) -> None:
         """Learn of a sensor's frame; ``pose`` was set up for the sensor, and goes before what the frame says."""
         tilt, height = (frame.tilt, frame.height) if pose is None else (pose.tilt, pose.height)
         self._tilts[frame.sensor] = tilt
@@ -63,10 +100,13 @@ class Floors:
         else:
             self._learn_lowest(frame.sensor, apply(level(tilt, 0.0), frame.positions))
 
-    def learn_scene(self, scene: Scene) -> None:
-        """Learn of the free world, and of the sensors that have a place in it."""
+    def learn_scene(self, scene: Scene, space: StageSpace | None = None) -> None:
+        """Learn of the free world, and of the sensors that have a place in it; ``space`` is what its parts say."""
         self._places = places_of(scene)
-        if self._places and not any(np.allclose(T, np.eye(4), atol=1e-9) for T in self._places.values()):
+        if space is not None:
+            self._places = {name: space.T_stage_world @ T for name, T in self._places.items()}
+            self._heights[FREE] = 0.0
+        elif self._places and not any(np.allclose(T, np.eye(4), atol=1e-9) for T in self._places.values()):
             self._heights[FREE] = 0.0  # a world whose origin is no sensor's has the floor for its ground
         elif scene.people:
             self._learn_lowest(FREE, np.concatenate([person.positions for person in scene.people]))
@@ -109,17 +149,24 @@ class Perspectives:
     Attributes:
         places: (4, 4) T_world_sensor, the last that was known, of every sensor that still belongs to the session.
         world: grows by one when the world is laid anew: what was remembered of places in it is then worth nothing.
+        T_free_world: (4, 4) from the world to the `FREE` perspective.
     """
 
     def __init__(self) -> None:
         self.places: dict[str, Float64] = {}
         self.world = 0
+        self.T_free_world = np.eye(4)
         self._step = -1
         self._newest: dict[str, Float64] = {}
         self._T_world_sensor: dict[tuple[int, str], Float64] = {}
 
-    def learn(self, scene: Scene) -> None:
-        """Take up the scene's places and views, and forget those who are gone."""
+    def copy(self) -> Perspectives:
+        """As they are now; what is learnt later does not change it."""
+        return copy.copy(self)  # what it has is replaced by what is learnt, and never changed
+
+    def learn(self, scene: Scene, space: StageSpace | None = None) -> None:
+        """Take up the scene's places and views, and forget those who are gone; ``space`` is what its parts say."""
+        self.T_free_world = np.eye(4) if space is None else space.T_stage_world
         now = places_of(scene)
         if scene.step < self._step or _laid_anew(self._newest, now):
             self.places = {}
@@ -141,8 +188,15 @@ class Perspectives:
         That is where the sensor has no place of its own and never saw the person.
         """
         if perspective == FREE:
-            return np.eye(4)
+            return self.T_free_world
         T = self.places.get(perspective, self._T_world_sensor.get((person.id, perspective)))
+        return None if T is None else inverse(T)
+
+    def from_shared_world(self, perspective: str) -> Float64 | None:
+        """(4, 4), the world that all share to the perspective's camera space; None where its place in it is unknown."""
+        if perspective == FREE:
+            return self.T_free_world
+        T = self.places.get(perspective)
         return None if T is None else inverse(T)
 
 

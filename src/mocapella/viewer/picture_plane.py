@@ -36,6 +36,29 @@ class Encoded(Protocol):
         """Of ``image``: jpeg or png."""
 
 
+class SizedPicture(Encoded, Protocol):
+    """A camera's picture as a file, and how large the camera's own is."""
+
+    @property
+    def size_px(self) -> tuple[int, int] | None:
+        """(width, height) of the camera's picture, before it was scaled; None where not known."""
+
+
+@dataclass(frozen=True)
+class CameraPicture:
+    """A `SizedPicture` of somebody who has one.
+
+    Attributes:
+        image: the file.
+        size_px: (width, height) of the camera's picture, before it was scaled.
+        format: jpeg or png.
+    """
+
+    image: bytes
+    size_px: tuple[int, int] | None
+    format: str = "jpeg"
+
+
 @dataclass(frozen=True, eq=False)
 class Plane:
     """Where a picture stands, seen by whoever looks along +z.

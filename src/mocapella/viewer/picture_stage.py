@@ -8,7 +8,7 @@ import viser
 from mocapella.viewer.camera_html import radius_px
 from mocapella.viewer.camera_panel import Large
 from mocapella.viewer.drawing import LineNode, Tag, TagNodes
-from mocapella.viewer.hands import marker_colour
+from mocapella.viewer.marker_lane import marker_colour
 from mocapella.viewer.palette import Rgb
 from mocapella.viewer.picture_plane import PictureNode, Plane, rings
 from mocapella.viewer.pointing import SKIN

@@ -10,7 +10,7 @@ from types import MappingProxyType
 from mocapella.model.conditions import conditions, trouble
 from mocapella.model.frame_types import FRAME_TYPES
 from mocapella.model.part_types import PART_TYPES
-from mocapella.model.scene import Person, Phase, SensorPlace
+from mocapella.model.scene import Person, Phase, Scene, SensorPlace
 from mocapella.model.session import RecordingHealth, SensorHealth, SessionStatus
 from mocapella.viewer.palette import AMBER, BLUE, GREEN, GREY, RED, Rgb, SensorColours, person_colour
 
@@ -47,6 +47,32 @@ def status_html(status: SessionStatus | None) -> str:
     return _headline(title, colour, _detail(status, silent), facts)
 
 
+def run_html(state: str, scene: Scene | None, at_s: float, place: int, count: int) -> str:
+    """The state of a run of files in large letters, and which frame is shown.
+
+    Args:
+        state: a `mocapella.viewer.timeline.PlayState`.
+        scene: that is shown; None before the first.
+        at_s: its time [s].
+        place: of it among those that are kept, from 1.
+        count: of those.
+    """
+    if scene is None or not count:
+        return _headline(state, _BLUE, "", "the first pictures are waited for")
+    nothing = _nothing_there(scene)
+    colour = _AMBER if nothing else _BLUE if state == "End" else _GREEN
+    return _headline(state, colour, nothing, f"frame {scene.sequence} · {at_s:.2f} s · {place} of {count}")
+
+
+def _nothing_there(scene: Scene) -> str:
+    """What is missing, where none of the parts is there that the scene is about; else nothing."""
+    name = next(iter(scene.parts), "")
+    kind = PART_TYPES.get(name)
+    if kind is None or any(kind.there(part) for part in scene.of(name)):
+        return ""
+    return kind.none
+
+
 def _counted(counts: Mapping[str, int]) -> str:
     """What the newest scene has: the part types that there are, and people where there are none."""
     said = []
@@ -81,7 +107,7 @@ def stage_text(status: SessionStatus | None) -> str:
 
 
 def condition_lines(status: SessionStatus | None) -> tuple[str, ...]:
-    """What is wrong or to be done, for a stage on which people are; the panel has all of it, and at its full length."""
+    """What is wrong or to be done, for a stage that is not empty; the panel has all of it, and at its full length."""
     if status is None or not status.running:
         return ()
     said = _conditions(status, {})
@@ -118,16 +144,17 @@ def recording_html(recording: RecordingHealth | None) -> str:
     return _note(f"<div>{headline}</div><div>{facts} · {lost}</div>{problem}", "inherit")
 
 
-def notices_html(status: SessionStatus | None) -> str:
-    """The newest notices, the newest first."""
+def notices_html(status: SessionStatus | None, troubles: tuple[str, ...] = ()) -> str:
+    """What cannot be drawn, and the newest notices, the newest first."""
     newest = status.notices[-_NEWEST_NOTICES:][::-1] if status else ()
+    wrong = "".join(f'<div style="padding:2px 0;color:{_AMBER}">{escape(text)}</div>' for text in troubles)
     if not newest:
-        return _note("Nothing to report.", _GREY)
+        return _note(wrong or "Nothing to report.", "inherit" if wrong else _GREY)
     lines = (
         f'<div style="padding:2px 0;opacity:{1.0 - 0.15 * age:.2f}">{escape(text)}</div>'
         for age, text in enumerate(newest)
     )
-    return _note("".join(lines), "inherit")
+    return _note(wrong + "".join(lines), "inherit")
 
 
 def _headline(title: str, colour: str, detail: str, facts: str) -> str:

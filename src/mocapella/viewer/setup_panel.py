@@ -63,12 +63,14 @@ class SetupPanel:
         methods: Sequence[str],
         apply: Callable[[dict[str, Any]], None],
         refuse: Callable[[str], None],
+        *,
+        visible: bool = True,
     ) -> None:
         self._gui, self._apply, self._refuse = gui, apply, refuse
         self._applied = SetupFields()
         self._setup: Setup | None = None
         self._poses: dict[str, PoseInputs] = {}
-        with gui.add_folder("Setup", expand_by_default=False) as self._folder:
+        with gui.add_folder("Setup", expand_by_default=False, visible=visible) as self._folder:
             self._method = gui.add_dropdown("Method", tuple(methods), hint="How skeletons become people")
             self._expected = gui.add_number("Wait for", 1, step=1, hint="How many sensors to wait for; 1 or more")
             self._participant = gui.add_text("Participant", "", hint="The study's whole number of the person, or empty")

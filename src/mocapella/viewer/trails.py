@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mocapella.conventions import NS_PER_S
 from mocapella.model.scene import Person, Scene
 from mocapella.viewer.palette import FLOOR, person_colour
+from mocapella.viewer.room import RoomView
 
 Float64 = NDArray[np.float64]
 
@@ -93,7 +94,7 @@ class Trails:
         self._people = {who: steps for who, steps in self._people.items() if steps.at_s[-1] > at_s - LONGEST_S}
 
     def lines(
-        self, of: TrailOf, seconds: float, T_stage: Callable[[Person], Float64 | None]
+        self, of: TrailOf, seconds: float, T_stage: Callable[[Person], Float64 | None], until_s: float = np.inf
     ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
         """(n, 2, 3) points and (n, 2, 3) colours of the trails of who is there now.
 
@@ -101,7 +102,9 @@ class Trails:
             of: what leaves them.
             seconds: how far back they go.
             T_stage: (4, 4), world to stage, of a person; None where the person is not on the stage.
+            until_s: where they end, on the clock of scenes [s]; at the newest sample where left out.
         """
+        now_s = min(self._now_s, until_s)
         points, colours = [np.zeros((0, 2, 3))], [np.zeros((0, 2, 3))]
         for part in _TRACED[of]:
             for who, steps in self._people.items():
@@ -114,9 +117,21 @@ class Trails:
                     path[:, 1] = np.where(np.isfinite(path[:, 1]), _OVER_FLOOR_M, np.nan)
                 between_s = np.diff(at_s)
                 joined = np.linalg.norm(np.diff(path, axis=0), axis=-1) < _FASTEST_M_S * between_s  # not where NaN
-                joined &= (between_s < _LONGEST_GAP_S) & (at_s[:-1] >= self._now_s - seconds)
+                joined &= (between_s < _LONGEST_GAP_S) & (at_s[:-1] >= now_s - seconds) & (at_s[1:] <= now_s)
                 points.append(np.stack([path[:-1], path[1:]], axis=1)[joined])
-                fresh = np.clip(1 - (self._now_s - at_s) / seconds, 0, 1)[:, None]
+                fresh = np.clip(1 - (now_s - at_s) / seconds, 0, 1)[:, None]
                 shade = FLOOR + fresh * (np.array(person_colour(who)) - FLOOR)
                 colours.append(np.stack([shade[:-1], shade[1:]], axis=1)[joined])
         return np.concatenate(points).astype(np.float32), np.concatenate(colours).round().astype(np.uint8)
+
+
+def trail_lines(
+    trails: Trails, shown: TrailChoice, room: RoomView, until_s: float = np.inf
+) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """`Trails.lines` on the stage of a room."""
+
+    def to_stage(person: Person) -> Float64 | None:
+        T = room.T_perspective_world(person)
+        return None if T is None else room.T_stage_perspective @ T
+
+    return trails.lines(shown.of, shown.seconds, to_stage, until_s)

@@ -1,24 +1,37 @@
-"""The live view: a web page with both stages and all controls, for any number of browsers."""
+"""The live view: a web page with all stages and controls, for any number of browsers."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from functools import cache
-from typing import Any
+from dataclasses import replace
+from typing import Any, Final
 
+from mocapella.conventions import NS_PER_S
 from mocapella.errors import BusError
 from mocapella.model.board_progress import BoardProgress
 from mocapella.model.scene import Scene
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import SessionStatus, Setup
-from mocapella.viewer.arms import ArmsShown
-from mocapella.viewer.browser import Browser, Known
-from mocapella.viewer.camera_feed import Ask, CameraAnswer, CameraFeed
+from mocapella.viewer.browser import ASPECT, Browser, look_along, new_sight
+from mocapella.viewer.camera_feed import Ask, CameraAnswer, CameraFeed, FeedMode
 from mocapella.viewer.commands import Commander, SendCommand
+from mocapella.viewer.known import Known
+from mocapella.viewer.lanes import kept
+from mocapella.viewer.layout import Look
 from mocapella.viewer.page import open_page, tolerated, unprinted
 from mocapella.viewer.panel import WIDTH_PX
-from mocapella.viewer.stages import SensorsStage, TrackingDrawing, tracking_drawing
+from mocapella.viewer.picture_plane import SizedPicture
+from mocapella.viewer.show import Drawings, ViewNow
+from mocapella.viewer.stages import StageChoice
+from mocapella.viewer.timeline import LATEST_S, Moment, ShownPicture, Timeline
+
+BOARD_PX: Final = 560
+"""So wide a picture over the stage is asked for."""
+_SAME_INSTANT_S: Final = 1.0
+"""A picture is drawn into with the scene of its instant, where there is one within so much of it."""
+ROOM: Final = "mocapella.viewer.stages:ROOM"
+_UP: Final = (0.0, 1.0, 0.0)
 
 
 class Viewer:
@@ -27,13 +40,20 @@ class Viewer:
     Args:
         host: the interface to serve on, and no other.
         port: its port; 0 takes a free one.
-        command: carries out a verb with its arguments; may block.
-        methods: what the Setup form offers as the tracker's methods.
+        command: carries out a verb with its arguments; may block. None: there is no server, as of a run of files: then
+            what commands it is not shown, and a ``status`` of None means nothing.
+        methods: the tracker's methods that the Setup form offers, and references to the stages of each; a method that
+            is not among them has the ROOM.
+        props: by name, references to what makes things that a stage may show beside a scene, such as a cloth.
         ask: asks a camera's node; may block. Without it no picture of a camera is shown.
+
+    Attributes:
+        timeline: what was shown lately.
 
     Raises:
         AddressInUseError: somebody else listens there.
         SettingsError: an address that this machine cannot listen at.
+        PluginError: a prop that cannot be imported.
     """
 
     def __init__(
@@ -41,18 +61,27 @@ class Viewer:
         host: str,
         port: int,
         *,
-        command: SendCommand,
-        methods: Sequence[str] = (Setup.method,),
+        command: SendCommand | None,
+        methods: Mapping[str, Sequence[str]] | None = None,
+        props: Mapping[str, str] | None = None,
         ask: Ask | None = None,
     ) -> None:
+        methods = {Setup.method: (ROOM,)} if methods is None else methods
+        self._known = Known()
+        self._stages = StageChoice(methods, props or {}, self._known.troubles)
         self._server = open_page(host, port, WIDTH_PX)
         self._methods = tuple(methods)
-        self._commander = Commander(command)
+        self._commander = None if command is None else Commander(command)
         self._feed = CameraFeed(ask or _nobody)
         self._asks = ask is not None
-        self._known = Known()
         self._browsers: dict[int, Browser] = {}
-        self._sensors = SensorsStage(self._server.scene, self._known.colours, self._known.fields)
+        self._drawings = Drawings(self._known)
+        self._method = ""
+        self.timeline = Timeline()
+        self._moment: Moment | None = None
+        self._pictures: dict[str, ShownPicture] = {}
+        self._kept: dict[str, tuple[SensorFrame, SensorFrame | None]] = {}
+        self._home: tuple[object, Look | None] = (None, None)
 
     @property
     def url(self) -> str:
@@ -65,9 +94,11 @@ class Viewer:
         frames: Mapping[str, SensorFrame],
         status: SessionStatus | None,
         board: BoardProgress | None = None,
-        arms: ArmsShown | None = None,
+        *,
+        pictures: Mapping[str, SizedPicture] | None = None,
+        keep: bool = True,
     ) -> None:
-        """Show the newest of everything in every browser; next to nothing is done while there is none.
+        """Show the newest of everything in every browser; little is done while there is none.
 
         Call it steadily, at up to 30 Hz, also when nothing is new: that is when browsers that came are served.
 
@@ -76,38 +107,124 @@ class Viewer:
             frames: each sensor's newest frame, by its name.
             status: the session's newest, None while no server answers.
             board: how a calibration of cameras goes; None where the commands of one (``calibrate`` …) are unknown.
-            arms: what belongs to the scene's arms; None where there are none.
+            pictures: cameras' pictures of the scene's own instant; None: they are asked for, as far as they are shown.
+            keep: whether the scene can be looked at later.
         """
-        self._welcome()
+        now_s = time.monotonic()
+        self._welcome(now_s)
         self._known.learn(scene, frames, status)
+        self._method = self._method if status is None else status.setup.method
+        self._take_pictures(scene, status, pictures, now_s)
+        moment = self._moment = self._newest(scene, frames)
+        if keep and moment.scene is not None:
+            self.timeline.add(replace(moment, frames=self._thin(frames)))
         if not self._browsers:
             return
-
-        @cache
-        def draw(perspective: str) -> TrackingDrawing:
-            return tracking_drawing(scene, perspective, self._known.seen, self._known.floors, arms)
-
-        rows = status.sensors if status is not None and self._asks else ()
-        self._feed.beat([row.name for row in rows if row.pictures and row.connected], time.monotonic())
-        with tolerated(), self._server.atomic():
-            self._sensors.draw(frames, self._known.floors)
+        self._drawings.begin()
+        now = ViewNow(moment, status, board, self._drawings, self._look_home(moment), now_s)
         for browser in self._browsers.values():
             with tolerated():
-                browser.show(draw, scene, status, board, arms)
+                browser.show(now)
+
+    def end(self) -> None:
+        """No more scenes come: what was shown can be played from its beginning."""
+        self.timeline.done = True
 
     def close(self) -> None:
         """Serve no more."""
-        self._commander.close()
+        if self._commander is not None:
+            self._commander.close()
         self._feed.close()
         with unprinted():
             self._server.stop()
 
-    def _welcome(self) -> None:
+    def _newest(self, scene: Scene | None, frames: Mapping[str, SensorFrame]) -> Moment:
+        """What is shown now; the same object as long as that is the same."""
+        stage, shown = self._stages.update(scene, self._method)
+        last = self._moment
+        if (
+            last is not None
+            and last.scene is scene
+            and last.stage is stage
+            and last.shown is shown
+            and last.pictures == self._pictures
+            and frames.keys() == last.frames.keys()
+            and all(frame is last.frames[name] for name, frame in frames.items())
+        ):
+            return last
+        at_s = 0.0 if scene is None else scene.at_ns / NS_PER_S
+        return Moment(at_s, scene, dict(frames), stage, shown, self._known.seen.copy(), dict(self._pictures))
+
+    def _thin(self, frames: Mapping[str, SensorFrame]) -> dict[str, SensorFrame]:
+        """The frames as the timeline keeps them."""
+        for name, frame in frames.items():
+            if name not in self._kept or self._kept[name][0] is not frame:
+                self._kept[name] = frame, kept(frame, self._known.troubles)
+        return {name: thin for name in frames if (thin := self._kept[name][1]) is not None}
+
+    def _take_pictures(
+        self,
+        scene: Scene | None,
+        status: SessionStatus | None,
+        given: Mapping[str, SizedPicture] | None,
+        now_s: float,
+    ) -> None:
+        """Take in the pictures of cameras: those that are given, or else what has come of those that are asked for."""
+        if given is not None:
+            at_s = 0.0 if scene is None else scene.at_ns / NS_PER_S
+            before = {name: one for name, one in self._pictures.items() if 0 <= at_s - one.at_s <= LATEST_S}
+            fresh = {name: self._same(name, ShownPicture(one, scene, at_s)) for name, one in given.items()}
+            self._pictures = before | fresh
+            return
+        rows = status.sensors if status is not None and self._asks else ()
+        answering = {row.name: row for row in rows if row.pictures and row.connected}
+        if not self._browsers:
+            return
+        self._feed.beat(list(answering), now_s)
+        wanted = self._drawings.cameras(scene) if any(one.live for one in self._browsers.values()) else ()
+        self._pictures = {name: one for name, one in self._pictures.items() if name in answering}
+        for name in wanted:
+            if name not in answering:
+                continue
+            shot = self._feed.want(name, FeedMode.PICTURE, BOARD_PX, now_s)
+            if shot.answer is None or shot.problem:
+                self._pictures.pop(name, None)
+            elif name not in self._pictures or self._pictures[name].picture is not shot.answer:
+                offset = answering[name].capture_offset
+                of = None
+                if offset is not None:
+                    of = self.timeline.scene_near(shot.answer.time_ns / NS_PER_S + offset, _SAME_INSTANT_S)
+                self._pictures[name] = ShownPicture(shot.answer, of or scene, now_s)
+
+    def _same(self, name: str, shown: ShownPicture) -> ShownPicture:
+        """The one that is there already, where it is the same."""
+        before = self._pictures.get(name)
+        if before is not None and before.picture is shown.picture and before.scene is shown.scene:
+            return before
+        return shown
+
+    def _look_home(self, moment: Moment) -> Look | None:
+        """Where a page begins that is opened now, and where "Reset View" goes, while the camera goes along."""
+        space, boards = self._known.ground.space, self._drawings.boards(moment)
+        if space is None and not boards.planes:
+            return None
+        key = (space, boards.planes)
+        if key != self._home[0]:
+            look = look_along(new_sight(space, None, free=True), list(boards.planes.values()), ASPECT)
+            self._home = key, look
+            begin = self._server.initial_camera
+            begin.fov, begin.up, begin.position, begin.look_at = look.fov, _UP, look.position, look.target
+        return self._home[1]
+
+    def _welcome(self, now_s: float) -> None:
         clients = self._server.get_clients()
         self._browsers = {number: browser for number, browser in self._browsers.items() if number in clients}
         for number, client in clients.items():
             if number not in self._browsers:
-                self._browsers[number] = Browser(client, self._commander, self._methods, self._known, self._feed)
+                self._browsers[number] = Browser(
+                    client, self._commander, self._methods, self._known, feed=self._feed,
+                    timeline=self.timeline, now_s=now_s,
+                )  # fmt: skip
 
 
 def _nobody(camera: str, question: dict[str, Any], timeout_s: float) -> CameraAnswer:

@@ -1,4 +1,4 @@
-"""Arms on the Tracking stage: from the front, in perspective and from the side at once, several times their size.
+"""The ARMS stage: arms from the front, in perspective and from the side at once, several times their size.
 
 An arm is eight balls, joined by lines: a colour for each digit, white for the rest. A joint that is only inferred is
 hollow: a pale, translucent ball.
@@ -6,24 +6,30 @@ hollow: a pale, translucent ball.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.conventions import NS_PER_S
 from mocapella.geometry.rigid import rotation_about_x, rotation_about_y
 from mocapella.model.arm_quality import ArmQuality
-from mocapella.model.arms import ARM_BONES, ARM_JOINT_NAMES, ARM_JOINTS, PALM, ArmFrame
+from mocapella.model.arms import ARM_JOINT_NAMES, ARM_JOINTS, PALM
 from mocapella.model.observations import JointState
+from mocapella.model.part_types import PART_TYPES
 from mocapella.model.scene import Scene, TrackedArm
+from mocapella.registry import load
 from mocapella.viewer import layout
-from mocapella.viewer.bones import Strokes, join, joint_strokes, line_strokes
+from mocapella.viewer.arm_panel import ArmPanel
+from mocapella.viewer.arm_strokes import COLOURS, arm_strokes
+from mocapella.viewer.bones import Strokes, join, line_strokes
 from mocapella.viewer.drawing import Tag
-from mocapella.viewer.lane_picture import LanePicture
 from mocapella.viewer.meshes import Mesh
-from mocapella.viewer.palette import Rgb
+from mocapella.viewer.palette import CLOTH, Rgb
+from mocapella.viewer.stage import Stage, StageView, Surface, TrackingDrawing, enlarged_title
 
 Float64 = NDArray[np.float64]
 
@@ -31,20 +37,12 @@ SCALE: Final = 2.3
 _APART_M: Final = 1.75
 _EYE_M: Final = 6.5
 """The panels face who stands so far before them."""
-DIGIT_COLOURS: Final = (
-    Rgb(255, 107, 107), Rgb(255, 184, 77), Rgb(154, 230, 72), Rgb(46, 196, 255), Rgb(190, 140, 255),
-)  # fmt: skip
-WHITE: Final = Rgb(235, 240, 248)
-COLOURS: Final = (WHITE, WHITE, WHITE, *DIGIT_COLOURS)
-"""Of the eight joints."""
-_RADII_M: Final = np.array([0.024, 0.018, 0.02, *[0.0115] * 5])
-_LINE_M: Final = np.array([0.010, 0.008, *[0.0055] * 5])
-_HOLLOW: Final = 0.45
 _NAME_HIGH_M: Final = 0.075
 _BESIDE_M: Final = 0.19
 """Elbow, wrist and palm have their names beside them."""
 _TIP_NAMES_M: Final = 0.29
 """From one fingertip's name to the next, in a row below the upper edge of the front view."""
+_CLOTH_OPACITY: Final = 0.4
 _CHECKS: Final = 2
 """So many meshes wide are a cloth's checks, without which one does not see how it hangs."""
 _TIPS: Final = (3, 4, 5, 6, 7)
@@ -52,9 +50,11 @@ _TIPS: Final = (3, 4, 5, 6, 7)
 _LEAD_M: Final = 0.003
 _FRAME: Final = Rgb(70, 88, 118)
 _FORGET: Final = 0.05
-_OF_LANE: Final = 0.6
-"""So wide an image of a usual shape is seen whole above the panels."""
 _STAYS_M: Final = 0.22
+GONE_AFTER_S: Final = 5.0
+"""The stage stays so long after the last arm."""
+CLOTH_PROP: Final = "cloth"
+"""Name of what makes a cloth among the things that the view was asked to show."""
 _HIGH_M, _WIDE_M = 1.9, 1.6
 _MIDDLE: Final = np.array([0.0, 0.5 * _HIGH_M + 0.12, layout.stage_centre()[2]])
 
@@ -120,26 +120,45 @@ def centre_of(arms: tuple[TrackedArm, ...], before: Float64 | None) -> Float64 |
     return before if away < _STAYS_M else before + _FORGET * (now - before)
 
 
-@dataclass(frozen=True, eq=False)
-class ArmsDrawing:
-    """What is drawn of arms, in the view's own space.
+class ArmsMemory:
+    """Takes in scenes as they come: what to look at, how good the arms are, and the cloth that they play with.
 
-    Attributes:
-        lines, joints: of all that is known; joints only as far as they are measured.
-        hollow: the joints that are inferred, which are translucent.
-        tags: titles, names of joints, and a line for each arm.
-        cloth: its checks, of both colours; None without a cloth.
+    Args:
+        props: may have a cloth, by `CLOTH_PROP`: ``update(arms, eye, at_s)`` gives it, with ``positions`` (n, 3) and
+            its ``shape``, rows and columns, or None.
     """
 
-    lines: Strokes
-    joints: Strokes
-    hollow: Strokes
-    tags: list[Tag]
-    cloth: tuple[Mesh | None, Mesh | None]
+    def __init__(self, props: Mapping[str, Callable[[], Any]]) -> None:
+        kind = PART_TYPES["arms"]
+        self._meter = load(kind.meter)()
+        self._cloth = props[CLOTH_PROP]() if CLOTH_PROP in props else None
+        self._centre: Float64 | None = None
+        self._scene: Scene | None = None
+        self._seen_s = 0.0
+        self._shown: ArmsShown | None = None
+
+    def update(self, scene: Scene | None) -> ArmsShown | None:
+        """What belongs to the newest scene; None where there are no arms and were none of late."""
+        if scene is None or scene is self._scene:
+            self._shown = None if scene is None else self._shown
+            return self._shown
+        self._scene, at_s = scene, scene.at_ns / NS_PER_S
+        if scene.arms:
+            self._seen_s = at_s
+            self._centre = centre_of(scene.arms, self._centre)
+        if self._centre is None or not 0 <= at_s - self._seen_s <= GONE_AFTER_S:
+            self._centre = self._shown = None
+            return None
+        eye = next((place.T_world_sensor[:3, 3] for place in scene.sensors if place.T_world_sensor is not None), None)
+        cloth = None if self._cloth is None else self._cloth.update(scene.arms, eye, at_s)
+        quality = self._meter.update(scene.arms, at_s)
+        grid = None if cloth is None else cloth.positions.reshape(*cloth.shape, 3).copy()
+        self._shown = ArmsShown(self._centre, quality, grid)
+        return self._shown
 
 
-def arms_drawing(scene: Scene | None, shown: ArmsShown) -> ArmsDrawing:
-    """What a scene's arms show in all panels."""
+def arms_drawing(scene: Scene | None, shown: ArmsShown) -> TrackingDrawing:
+    """What a scene's arms show in all panels; its ``halos`` are the joints that are inferred, which are hollow."""
     lines, joints, hollow, tags = [], [], [], []
     arms = () if scene is None else scene.arms
     R_level = _level(scene)
@@ -164,38 +183,11 @@ def arms_drawing(scene: Scene | None, shown: ArmsShown) -> ArmsDrawing:
         if shown.cloth is not None:
             clothes.append(stand(shown.cloth))
     tags += [_headline(arm, k) for k, arm in enumerate(arms)]
-    cloth = cloth_mesh(np.stack(clothes)) if clothes else (None, None)
-    return ArmsDrawing(join(lines), join(joints), join(hollow), tags, cloth)
-
-
-def arm_strokes(p: Float64, states: NDArray[np.uint8], scale: float) -> tuple[Strokes, Strokes, Strokes]:
-    """Lines, balls and hollow balls of an arm.
-
-    Args:
-        p: (8, 3) of `mocapella.model.arms.ARM_JOINTS` where they are drawn [m].
-        states: (8,) `JointState`.
-        scale: how many times as large as it is.
-    """
-    known = np.isfinite(p).all(axis=-1) & (states != JointState.NOT_TRACKED)
-    paints = np.array([colour.paint for colour in COLOURS], np.uint8)
-    measured = known & (states == JointState.TRACKED)
-    lines = []
-    for (a, b), radius in zip(ARM_BONES, scale * _LINE_M, strict=True):
-        if known[a] and known[b]:
-            both = measured[a] and measured[b]
-            lines.append(line_strokes(p[[a, b]], paints[b], radius * (1.0 if both else _HOLLOW)))
-    radii = scale * _RADII_M
-    solid = [joint_strokes(p[None, [k]], states[None, [k]], paints[[k]], radii[[k]]) for k in np.flatnonzero(measured)]
-    pale = [_hollow(p[k], paints[k], 1.15 * radii[k]) for k in np.flatnonzero(known & ~measured)]
-    return join(lines), join(solid), join(pale)
-
-
-def _hollow(at: Float64, colour: NDArray[np.uint8], radius: float) -> Strokes:
-    pale = (0.6 * colour + 0.4 * np.array(WHITE.paint)).round().astype(np.uint8)
-    return Strokes(
-        at[None].astype(np.float32), np.array([[1, 0, 0, 0]], np.float32), np.full((1, 3), radius, np.float32),
-        pale[None], np.full(1, _HOLLOW, np.float32),
-    )  # fmt: skip
+    surfaces = {}
+    if clothes:
+        for k, (mesh, colour) in enumerate(zip(cloth_mesh(np.stack(clothes)), CLOTH, strict=True)):
+            surfaces[f"cloth/{k}"] = Surface(mesh, colour, _CLOTH_OPACITY)
+    return TrackingDrawing(join(lines), join(joints), join(hollow), tags, scale=SCALE, surfaces=surfaces)
 
 
 def _level(scene: Scene | None) -> Float64:
@@ -280,22 +272,11 @@ def _cloth_faces(pieces: int, rows: int, columns: int) -> tuple[NDArray[np.uint3
     )
 
 
-def lane_arms(frame: ArmFrame, origin: Float64, colour: Rgb) -> tuple[Strokes, Strokes]:
-    """A depth camera's image as it stands in its lane: its edge, and the arms in it.
+def _draw(scene: Scene | None, shown: ArmsShown, view: StageView) -> TrackingDrawing:
+    return arms_drawing(scene, shown)
 
-    Args:
-        frame: what the camera saw.
-        origin: (3,) where the lane begins [m].
-        colour: the camera's own.
-    """
-    picture = LanePicture(frame.size_px, origin, _OF_LANE)
-    lines, balls = [picture.edge(colour)], []
-    for arm in frame.arms:
-        x, y, z = arm.joints.T
-        with np.errstate(invalid="ignore", divide="ignore"):
-            fx, fy, cx, cy = frame.lens[:4]
-            pixels = np.where((z > 0)[:, None], np.stack([fx * x / z + cx, fy * y / z + cy], axis=-1), np.nan)
-        near, solid, hollow = arm_strokes(picture.at(pixels), arm.joint_states, 1.6)
-        lines.append(near)
-        balls += [solid, hollow]
-    return join(lines), join(balls)
+
+ARMS: Final = Stage(
+    "arms", _draw, enlarged_title, layout.arms_box(), float(np.radians(7.0)), ArmsMemory, perspectives=False,
+    box_with_sensors=False, panel=ArmPanel,
+)  # fmt: skip

@@ -1,29 +1,27 @@
-"""Hands on the Tracking stage: several times as large as they are, with their markers, cameras and what they hold.
+"""The HANDS stage: hands several times as large as they are, with their markers, cameras and what they hold.
 
 The stage's space has the cameras in front: whoever looks at it sees the hand as the cameras do.
 """
 
 from __future__ import annotations
 
-import colorsys
-import hashlib
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.geometry.rigid import rotation_about_y
 from mocapella.model.hand import DIGIT_ANGLES, hand_model
-from mocapella.model.markers import MarkerFrame
 from mocapella.model.observations import JointState
 from mocapella.model.scene import Scene, TrackedHand
 from mocapella.viewer import layout
-from mocapella.viewer.bones import Strokes, bone_strokes, halo_strokes, join, joint_strokes, line_strokes
+from mocapella.viewer.bones import bone_strokes, halo_strokes, join, joint_strokes, line_strokes
 from mocapella.viewer.drawing import Tag
-from mocapella.viewer.lane_picture import LanePicture
-from mocapella.viewer.palette import AMBER, FUSED, Rgb
+from mocapella.viewer.marker_lane import marker_colour
+from mocapella.viewer.palette import AMBER, FUSED
 from mocapella.viewer.sensor_marks import SensorMark, standing, words
+from mocapella.viewer.stage import Stage, StageView, TrackingDrawing, enlarged_title
 
 Float64 = NDArray[np.float64]
 
@@ -35,11 +33,6 @@ _AHEAD_M: Final = 0.5
 _BONE_M, _JOINT_M, _MARKER_M, _OUTLINE_M = 0.004, 0.0055, 0.0068, 0.002
 _AT_LIMIT: Final = np.radians(2.0)
 _OVER: Final = np.array([0.0, 0.18, 0.0])
-_NAMED: Final = {
-    **{"red": (230, 60, 60), "green": (70, 200, 90), "blue": (70, 110, 255), "yellow": (245, 215, 60)},
-    **{"magenta": (235, 70, 190), "cyan": (70, 215, 230), "orange": (255, 150, 50), "purple": (160, 90, 230)},
-    **{"pink": (255, 140, 190), "white": (240, 240, 240), "black": (60, 60, 60), "brown": (150, 100, 60)},
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,19 +80,7 @@ class StageOfHands:
         return T
 
 
-@dataclass(frozen=True, eq=False)
-class HandsDrawing:
-    """What is drawn of hands, in the view's own space; halos are about landmarks that are unsure."""
-
-    bones: Strokes
-    joints: Strokes
-    halos: Strokes
-    tags: list[Tag]
-    sensors: dict[str, SensorMark]
-    scale: float
-
-
-def hands_drawing(scene: Scene) -> HandsDrawing:
+def hands_drawing(scene: Scene) -> TrackingDrawing:
     """What a scene of hands shows."""
     stage = StageOfHands.of(scene)
     bones, joints, halos, tags = [], [], [], []
@@ -129,7 +110,9 @@ def hands_drawing(scene: Scene) -> HandsDrawing:
         bones.append(line_strokes(closed, AMBER.paint, stage.scale * _OUTLINE_M))
         top = closed[np.argmax(closed[:, 1])] + _OVER
         tags.append(Tag(thing.name, tuple(top.tolist())))
-    return HandsDrawing(join(bones), join(joints), join(halos), tags, _marks(scene, stage), stage.scale)
+    return TrackingDrawing(
+        join(bones), join(joints), join(halos), tags, _marks(scene, stage), scale=stage.scale, there=bool(tags)
+    )
 
 
 def at_limit(hand: TrackedHand) -> NDArray[np.bool_]:
@@ -166,30 +149,10 @@ def _marks(scene: Scene, stage: StageOfHands) -> dict[str, SensorMark]:
     return made
 
 
-def marker_colour(name: str) -> Rgb:
-    """The colour that a marker is called, or else one that its name always gets."""
-    for word in name.lower().replace("-", " ").split():
-        if word in _NAMED:
-            return Rgb(*_NAMED[word])
-    hue = int.from_bytes(hashlib.blake2s(name.encode(), digest_size=2).digest()) / 65536
-    return Rgb(*(round(255 * channel) for channel in colorsys.hsv_to_rgb(hue, 0.6, 0.95)))
+def _draw(scene: Scene | None, shown: Any, view: StageView) -> TrackingDrawing:
+    if scene is None:
+        return TrackingDrawing(scale=LARGEST_SCALE, there=False)
+    return hands_drawing(scene)
 
 
-def lane_picture(frame: MarkerFrame, origin: Float64, colour: Rgb) -> tuple[Strokes, Strokes]:
-    """A camera's picture as it stands in its lane: its edge, and the markers in it, at their sizes.
-
-    Args:
-        frame: what the camera saw.
-        origin: (3,) where the lane begins [m].
-        colour: the camera's own.
-    """
-    picture = LanePicture(frame.size_px, origin)
-    p = picture.at(frame.positions_px.astype(np.float64))
-    radii = np.sqrt(np.maximum(frame.areas_px, 0.0) / np.pi)
-    radii = picture.px * np.maximum(radii, 0.006 * frame.size_px[0])
-    states = np.where(frame.found, JointState.TRACKED, JointState.NOT_TRACKED)
-    balls = [
-        joint_strokes(p[None, i : i + 1], states[None, i : i + 1], [marker_colour(name).paint], radii[i : i + 1])
-        for i, name in enumerate(frame.names)
-    ]
-    return picture.edge(colour), join(balls)
+HANDS: Final = Stage("hands", _draw, enlarged_title, layout.tracking_box(), float(np.radians(13.0)), perspectives=False)

@@ -1,4 +1,4 @@
-"""Which part of the stage of followed bodies is looked at: it goes along with them, and grows where they go apart.
+"""What of a stage the camera goes along with: it follows those who move, and grows where they go apart.
 
 It stays where it is while they move about in it, so that the picture does not sway with every step.
 """
@@ -26,15 +26,16 @@ class Sight:
     Args:
         half_m: (2,) how far it reaches along x and z at least, from its middle.
         tall_m: how high at first.
+        middle: (3,) where it is at first; the origin where left out.
 
     Attributes:
         middle: (3,) of it, on the floor; higher where somebody reaches higher than at first.
         half_m: (2,) how far it reaches along x and z now.
     """
 
-    def __init__(self, half_m: Float64, tall_m: float) -> None:
+    def __init__(self, half_m: Float64, tall_m: float, middle: Float64 | None = None) -> None:
         self._least, self._tall = np.asarray(half_m, np.float64), tall_m
-        self.middle, self.half_m = np.zeros(3), self._least.copy()
+        self.middle, self.half_m = np.zeros(3) if middle is None else np.array(middle, np.float64), self._least.copy()
         self._to_middle, self._to_half = self.middle.copy(), self.half_m.copy()
         self._last_s: float | None = None
 
@@ -54,3 +55,10 @@ class Sight:
         self._last_s = now_s
         self.middle = self.middle + share * (self._to_middle - self.middle)
         self.half_m = self.half_m + share * (self._to_half - self.half_m)
+
+    @property
+    def corners(self) -> Float64:
+        """(8, 3) of what is looked at."""
+        (x, above, z), (wide, deep) = self.middle, self.half_m
+        heights = (0.0, self._tall + above)
+        return np.array([[x + i, y, z + k] for i in (-wide, wide) for y in heights for k in (-deep, deep)])

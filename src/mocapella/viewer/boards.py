@@ -1,0 +1,183 @@
+"""Boards over the stage with the cameras' pictures, and the outlines of what was fitted to them drawn in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Final
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from mocapella.model.scene import Scene
+from mocapella.viewer.drawing import LineNode, Tag, TagNodes
+from mocapella.viewer.palette import Rgb
+from mocapella.viewer.picture_plane import Encoded, PictureNode, Plane, SizedPicture
+from mocapella.viewer.room import ImageLines, called, drawing_of
+from mocapella.viewer.troubles import Troubles
+
+Float64 = NDArray[np.float64]
+
+BOARDS: Final = "/board"
+"""Where boards are; what is in it goes along with what the camera goes along with."""
+EMPTY: Final = Rgb(106, 114, 129)
+"""Of a board without a picture; seen from before, where little light is, it is a dark slate."""
+_RIM_M: Final = 0.015
+"""So much a board is wider than its picture, which is before it by as much."""
+_ROW_HIGH_M, _ROW_WIDE_M, _GAP_M = 1.9, 6.4, 0.06
+"""A row of pictures is as high as this, and no wider than that."""
+_OVER_M, _BEHIND_M = 0.35, 1.2
+"""Where it begins: over the highest head at the start, and behind it."""
+_LINES_LIFT: Final = 0.003
+"""So far lines are before a picture, over its width."""
+_LINE_M: Final = 0.012
+_NEAR_M: Final = 1e-4
+"""Boards that are so near to where they are to be stay."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShownBoard:
+    """What one board shows.
+
+    Attributes:
+        words: over it.
+        picture: None where there is none now.
+        lines: in it.
+    """
+
+    words: str
+    picture: SizedPicture | None
+    lines: ImageLines | None
+
+
+def image_lines(scene: Scene, troubles: Troubles) -> dict[str, ImageLines]:
+    """What all parts of a scene have drawn into cameras' images, by camera."""
+    found: dict[str, list[ImageLines]] = {}
+    for name, parts in scene.parts.items():
+        how = drawing_of(name, troubles)
+        if how is None or not parts:
+            continue
+        nothing: Mapping[str, ImageLines] = {}
+        for camera, lines in troubles.attempt(called(name), partial(how.images, parts), nothing).items():
+            found.setdefault(camera, []).append(lines)
+    return {camera: told[0] if len(told) == 1 else _joined(told) for camera, told in found.items()}
+
+
+def _joined(told: list[ImageLines]) -> ImageLines:
+    return ImageLines(
+        " · ".join(one.words for one in told if one.words),
+        np.concatenate([one.ends_px for one in told]),
+        tuple(colour for one in told for colour in one.colours),
+    )
+
+
+def picture_row(sizes_px: Mapping[str, tuple[int, int]], tall_m: float) -> dict[str, Plane]:
+    """Where each camera's picture stands: beside each other, the first at the left of the screen, all of one height."""
+    if not sizes_px:
+        return {}
+    ratios = [width / height for width, height in sizes_px.values()]
+    gaps = _GAP_M * (len(ratios) - 1)
+    high = min(_ROW_HIGH_M, (_ROW_WIDE_M - gaps) / sum(ratios))
+    left = 0.5 * (high * sum(ratios) + gaps)
+    middle_y = tall_m + _OVER_M + 0.5 * high
+    planes = {}
+    for (name, size), ratio in zip(sizes_px.items(), ratios, strict=True):
+        wide = high * ratio
+        planes[name] = Plane(np.array([left - 0.5 * wide, middle_y, _BEHIND_M]), wide, size)
+        left -= wide + _GAP_M
+    return planes
+
+
+class BoardNodes:
+    """The boards in one browser, about the origin of their own space, which `place` moves."""
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        self._scene = scene
+        self._root = scene.add_frame(BOARDS, show_axes=False)
+        self._nodes: dict[str, _BoardNode] = {}
+        self._words = TagNodes(scene, f"{BOARDS}/words", size=0.9, anchor="bottom-left")
+        self.planes: Mapping[str, Plane] = {}
+
+    def place(self, at: Float64) -> None:
+        """Bring all of them there (3,) [m]."""
+        if np.abs(at - self._root.position).max() > _NEAR_M:
+            self._root.position = at
+
+    def draw(self, planes: Mapping[str, Plane], boards: Mapping[str, ShownBoard], *, new_pictures: bool) -> None:
+        """Show exactly these, on their planes; a picture that is there stays, where there are to be no new ones."""
+        self.planes = planes
+        for name, plane in planes.items():
+            node = self._nodes.get(name)
+            if node is None or node.size_px != plane.size_px:
+                if node is not None:
+                    node.remove()
+                self._nodes[name] = node = _BoardNode(self._scene, f"{BOARDS}/{name}", plane.size_px)
+            node.draw(plane, boards[name], new_picture=new_pictures)
+        for name, node in self._nodes.items():
+            if name not in planes:
+                node.hide()
+        over = {name: plane.corners[0] + [0.0, 0.03, 0.0] for name, plane in planes.items()}
+        self._words.draw([Tag(boards[name].words, (float(x), float(y), float(z))) for name, (x, y, z) in over.items()])
+
+
+class _BoardNode:
+    """One board: what is seen where there is no picture, a rim around one, the picture, and lines before it."""
+
+    def __init__(self, scene: viser.SceneApi, name: str, size_px: tuple[int, int]) -> None:
+        self._scene, self._name, self.size_px = scene, name, size_px
+        self._frame = scene.add_frame(name, show_axes=False)
+        self._picture = PictureNode(scene, f"{name}/picture")
+        self._lines = LineNode(scene, f"{name}/lines", thickness=_LINE_M)
+        self._plane: Plane | None = None
+        self._shown: Encoded | None = None
+        self._drawn: ImageLines | None = None
+        self._empty: viser.MeshHandle | None = None
+
+    def draw(self, plane: Plane, board: ShownBoard, *, new_picture: bool) -> None:
+        moved = self._plane is None or (self._plane.wide_m, *self._plane.middle) != (plane.wide_m, *plane.middle)
+        if moved:
+            self._plane = plane
+            self._frame.position = plane.middle
+            self._add_empty(plane.at_origin)
+        if not self._frame.visible:
+            self._frame.visible = True
+        if board.picture is None:
+            self._shown = None
+            self._picture.hide()
+        elif self._shown is None or new_picture or moved:
+            self._shown = board.picture
+            self._picture.draw(plane.at_origin, board.picture)
+        if board.lines is not self._drawn or moved:
+            self._drawn = board.lines
+            self._draw_lines(plane.at_origin, board.lines)
+
+    def hide(self) -> None:
+        if self._frame.visible:
+            self._frame.visible = False
+
+    def remove(self) -> None:
+        self._frame.remove()  # and all that is in it
+
+    def _draw_lines(self, plane: Plane, lines: ImageLines | None) -> None:
+        if lines is None or not len(lines.ends_px):
+            self._lines.draw(np.zeros((0, 2, 3), np.float32), np.zeros((0, 2, 3), np.uint8))
+            return
+        ends = plane.place(lines.ends_px.astype(np.float64), _LINES_LIFT * plane.wide_m)
+        colours = np.array(lines.colours, np.uint8)[:, None].repeat(2, axis=1)
+        self._lines.draw(ends.astype(np.float32), colours)
+
+    def _add_empty(self, plane: Plane) -> None:
+        if self._empty is not None:
+            self._empty.remove()
+        px = _RIM_M / plane.px_m
+        width, height = plane.size_px
+        corners = plane.place(
+            np.array([[-px, -px], [width + px, -px], [width + px, height + px], [-px, height + px]]) - 0.5
+        )
+        self._empty = self._scene.add_mesh_simple(
+            f"{self._name}/empty", (corners + np.array([0.0, 0.0, _RIM_M])).astype(np.float32),
+            np.array([[0, 1, 2], [0, 2, 3]], np.uint32), color=EMPTY.paint, side="double", cast_shadow=False,
+            receive_shadow=False,
+        )  # fmt: skip

@@ -1,0 +1,105 @@
+"""Outlines of a body in an image: the model's, and where the image's own is elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Bool = NDArray[np.bool_]
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+
+_FINEST: Final = 320
+"""So many samples the longer side of an outline has."""
+_SMOOTHED: Final = 5
+"""Over so many points of an outline its side is the one that most of them are on."""
+MOST_POINTS: Final = 220
+"""Of a line that is drawn; more do not show."""
+
+
+def closed_lines(points_px: Float32) -> Iterator[Float64]:
+    """(k, 2) each of the closed lines in (n, 2), between which are rows of NaN; those of two points and more."""
+    points = np.asarray(points_px, np.float64).reshape(-1, 2)
+    gaps = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    for part in np.split(points, gaps):
+        line = part[np.isfinite(part).all(axis=1)]
+        if len(line) >= 2:
+            yield line
+
+
+def pieces(points_px: Float32) -> Float32:
+    """(m, 2, 2) the straight pieces of closed lines (n, 2)."""
+    lines = [_thinned(line) for line in closed_lines(points_px)]
+    made = [np.stack([line, np.roll(line, -1, axis=0)], axis=1) for line in lines]
+    return np.concatenate([np.zeros((0, 2, 2)), *made]).astype(np.float32)
+
+
+def deviations(outline_px: Float32, contour_px: Float32) -> tuple[Float32, Float32]:
+    """Where an image's contour lies beside the model's outline, by a sample of it and more.
+
+    Args:
+        outline_px: (n, 2) of the model, closed lines with rows of NaN between.
+        contour_px: (m, 2) of the image, likewise.
+
+    Returns:
+        (a, 2, 2) straight pieces of the contour outside of the model, and (b, 2, 2) inside of it.
+    """
+    outlines = list(closed_lines(outline_px))
+    if not outlines:
+        return pieces(contour_px), np.zeros((0, 2, 2), np.float32)
+    low, step, mask = _filled(outlines)
+    within = mask & np.roll(mask, 1, 0) & np.roll(mask, -1, 0) & np.roll(mask, 1, 1) & np.roll(mask, -1, 1)
+    outside: list[Float64] = [np.zeros((0, 2, 2))]
+    inside: list[Float64] = [np.zeros((0, 2, 2))]
+    for line in closed_lines(contour_px):
+        x, y = np.floor((line - low) / step).astype(np.int64).T
+        there = (x >= 0) & (y >= 0) & (x < mask.shape[1]) & (y < mask.shape[0])
+        x, y = np.where(there, x, 0), np.where(there, y, 0)
+        ends = np.stack([line, np.roll(line, -1, axis=0)], axis=1)
+        outside.append(ends[_most(~(there & mask[y, x]))])
+        inside.append(ends[_most(there & within[y, x])])
+    return np.concatenate(outside).astype(np.float32), np.concatenate(inside).astype(np.float32)
+
+
+def _filled(lines: list[Float64]) -> tuple[Float64, float, Bool]:
+    """What closed lines cover, their own samples included: (2,) of the mask's corner, its step [px], the mask.
+
+    A sample is covered where an odd number of lines is to the left of it.
+    """
+    every = np.concatenate(lines)
+    extent = every.max(axis=0) - every.min(axis=0)
+    step = max(1.0, float(extent.max()) / _FINEST)
+    low = every.min(axis=0) - 2.5 * step
+    width, height = np.ceil((extent + 5 * step) / step).astype(np.int64) + 1
+    crossings = np.zeros((height, width + 1), np.int32)
+    border = np.zeros((height, width), np.bool_)
+    for line in lines:
+        a = (line - low) / step - 0.5  # whole numbers are the middles of the mask's cells
+        b = np.roll(a, -1, axis=0)
+        first = np.ceil(np.minimum(a[:, 1], b[:, 1])).astype(np.int64)
+        count = np.ceil(np.maximum(a[:, 1], b[:, 1])).astype(np.int64) - first
+        of = np.repeat(np.arange(len(a)), count)
+        row = first[of] + np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count)
+        share = (row - a[of, 1]) / (b[of, 1] - a[of, 1])
+        column = np.ceil(a[of, 0] + share * (b[of, 0] - a[of, 0])).astype(np.int64)
+        np.add.at(crossings, (row, np.clip(column, 0, width)), 1)
+        samples = np.maximum(np.ceil(np.abs(b - a).max(axis=1)).astype(np.int64), 1)
+        of = np.repeat(np.arange(len(a)), samples)
+        along = (np.arange(len(of)) - np.repeat(np.cumsum(samples) - samples, samples)) / samples[of]
+        x, y = np.round(a[of] + along[:, None] * (b - a)[of]).astype(np.int64).T
+        border[y, x] = True
+    return low, step, border | (np.cumsum(crossings[:, :-1], axis=1) % 2 == 1)
+
+
+def _most(flags: Bool) -> Bool:
+    """(n,) of a closed line: what most of the points about each say."""
+    half = _SMOOTHED // 2
+    around = np.pad(flags.astype(np.int64), half, mode="wrap")
+    return np.asarray(2 * np.convolve(around, np.ones(_SMOOTHED, np.int64), "valid") > _SMOOTHED)
+
+
+def _thinned(line: Float64) -> Float64:
+    return line[:: max(1, -(-len(line) // MOST_POINTS))]

@@ -1,0 +1,163 @@
+"""Lanes of the sensors' gallery: how one frame of each type is drawn.
+
+A frame type names its lane by reference (`mocapella.model.frame_types.FrameType.lane`). A plug-in's lane is a `Lane`,
+or just a function like `Lane.draw`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry.rigid import apply
+from mocapella.model.arms import ArmFrame
+from mocapella.model.frame_types import frame_type_of, what_it_sends
+from mocapella.model.images import ImageFrame
+from mocapella.model.markers import MarkerFrame
+from mocapella.model.observations import BodyFrame
+from mocapella.model.sensor_frame import SensorFrame
+from mocapella.registry import load
+from mocapella.viewer.arm_strokes import lane_arms
+from mocapella.viewer.bones import NO_STROKES, Strokes, bone_strokes, checked
+from mocapella.viewer.lane_picture import LanePicture
+from mocapella.viewer.layout import SENSORS_SCALE
+from mocapella.viewer.marker_lane import lane_picture
+from mocapella.viewer.palette import Rgb
+from mocapella.viewer.troubles import Troubles
+
+Float64 = NDArray[np.float64]
+
+SENSOR_RADIUS_M: Final = 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class LaneSpace:
+    """Where a lane is.
+
+    Attributes:
+        origin: (3,) where it begins, in the view's own space [m].
+        T_level: (4, 4) from the sensor's camera space to one whose floor is level and at y = 0.
+        colour: the sensor's own.
+    """
+
+    origin: Float64
+    T_level: Float64
+    colour: Rgb
+
+
+@dataclass(frozen=True, eq=False)
+class LaneDrawing:
+    """What is drawn of a frame, in the view's own space: lines, and balls."""
+
+    lines: Strokes = NO_STROKES
+    balls: Strokes = NO_STROKES
+
+
+EMPTY: Final = LaneDrawing()
+
+
+def _as_it_is(frame: Any) -> Any:
+    return frame
+
+
+def _no_size(frame: Any) -> tuple[int, int] | None:
+    return None
+
+
+@dataclass(frozen=True)
+class Lane:
+    """How frames of one type are drawn.
+
+    Attributes:
+        draw: a frame in a `LaneSpace` as a `LaneDrawing`.
+        keep: a frame without what is not needed to draw it again, for the timeline.
+        on_floor: whether frames have ``tilt``, ``height`` and ``positions`` of people, of which the floor is learnt.
+        size_px: (width, height) of the image that a frame is; None where it is none.
+    """
+
+    draw: Callable[[Any, LaneSpace], LaneDrawing]
+    keep: Callable[[Any], SensorFrame] = _as_it_is
+    on_floor: bool = False
+    size_px: Callable[[Any], tuple[int, int] | None] = _no_size
+
+
+def _skeletons(frame: BodyFrame, space: LaneSpace) -> LaneDrawing:
+    return LaneDrawing(lane_bones(frame, space)) if frame.bodies else EMPTY
+
+
+def _markers(frame: MarkerFrame, space: LaneSpace) -> LaneDrawing:
+    return LaneDrawing(*lane_picture(frame, space.origin, space.colour))
+
+
+def _arms(frame: ArmFrame, space: LaneSpace) -> LaneDrawing:
+    return LaneDrawing(*lane_arms(frame, space.origin, space.colour))
+
+
+def _image(frame: ImageFrame, space: LaneSpace) -> LaneDrawing:
+    if min(frame.size_px) < 1:
+        return EMPTY
+    return LaneDrawing(LanePicture(frame.size_px, space.origin, 0.6).edge(space.colour))
+
+
+def _without_pixels(frame: ImageFrame) -> ImageFrame:
+    return msgspec.structs.replace(frame, format="", data=b"")
+
+
+def _image_size(frame: ImageFrame) -> tuple[int, int] | None:
+    return frame.size_px if min(frame.size_px) >= 1 else None
+
+
+def lane_bones(frame: BodyFrame, space: LaneSpace) -> Strokes:
+    """The frame's skeletons in the gallery's scale."""
+    positions = apply(space.T_level, frame.positions) * SENSORS_SCALE + space.origin
+    colours, radii = [space.colour.paint] * frame.bodies, [SENSOR_RADIUS_M * SENSORS_SCALE] * frame.bodies
+    return bone_strokes(positions, frame.states, frame.topology, colours, radii)
+
+
+SKELETONS: Final = Lane(_skeletons, on_floor=True)
+MARKERS: Final = Lane(_markers)
+ARMS: Final = Lane(_arms)
+IMAGES: Final = Lane(_image, keep=_without_pixels, size_px=_image_size)
+
+
+def lane_of(frame: SensorFrame, troubles: Troubles) -> Lane | None:
+    """The lane of a frame's type; None where it has none, is not installed, or its lane cannot be imported."""
+    kind = frame_type_of(frame)
+    if kind is None or not kind.lane:
+        return None
+    return troubles.attempt(_called(frame), lambda: _lane(kind.lane), None)
+
+
+def draw_lane(frame: SensorFrame, space: LaneSpace, troubles: Troubles) -> LaneDrawing:
+    """What a frame's lane shows; an empty lane where its type has none, or where that raises, which is told once."""
+    lane = lane_of(frame, troubles)
+    return EMPTY if lane is None else troubles.attempt(_called(frame), lambda: _drawn(lane, frame, space), EMPTY)
+
+
+def _drawn(lane: Lane, frame: SensorFrame, space: LaneSpace) -> LaneDrawing:
+    drawing = lane.draw(frame, space)
+    if not isinstance(drawing, LaneDrawing):
+        raise TypeError(f"it makes {type(drawing).__name__}; a LaneDrawing is wanted")
+    return LaneDrawing(checked(drawing.lines), checked(drawing.balls))
+
+
+def kept(frame: SensorFrame, troubles: Troubles) -> SensorFrame | None:
+    """The frame as the timeline keeps it; None where nothing would be drawn of it."""
+    lane = lane_of(frame, troubles)
+    return None if lane is None else troubles.attempt(_called(frame), lambda: lane.keep(frame), None)
+
+
+def _called(frame: SensorFrame) -> str:
+    return f"lane of {what_it_sends(frame)}"
+
+
+@cache
+def _lane(reference: str) -> Lane:
+    found = load(reference)
+    return found if isinstance(found, Lane) else Lane(found)

@@ -1,0 +1,53 @@
+"""Markers in a camera's lane of the gallery, in the colours that they are called by."""
+
+from __future__ import annotations
+
+import colorsys
+import hashlib
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.model.markers import MarkerFrame
+from mocapella.model.observations import JointState
+from mocapella.viewer.bones import Strokes, join, joint_strokes
+from mocapella.viewer.lane_picture import LanePicture
+from mocapella.viewer.palette import Rgb
+
+Float64 = NDArray[np.float64]
+
+_NAMED: Final = {
+    **{"red": (230, 60, 60), "green": (70, 200, 90), "blue": (70, 110, 255), "yellow": (245, 215, 60)},
+    **{"magenta": (235, 70, 190), "cyan": (70, 215, 230), "orange": (255, 150, 50), "purple": (160, 90, 230)},
+    **{"pink": (255, 140, 190), "white": (240, 240, 240), "black": (60, 60, 60), "brown": (150, 100, 60)},
+}
+
+
+def marker_colour(name: str) -> Rgb:
+    """The colour that a marker is called, or else one that its name always gets."""
+    for word in name.lower().replace("-", " ").split():
+        if word in _NAMED:
+            return Rgb(*_NAMED[word])
+    hue = int.from_bytes(hashlib.blake2s(name.encode(), digest_size=2).digest()) / 65536
+    return Rgb(*(round(255 * channel) for channel in colorsys.hsv_to_rgb(hue, 0.6, 0.95)))
+
+
+def lane_picture(frame: MarkerFrame, origin: Float64, colour: Rgb) -> tuple[Strokes, Strokes]:
+    """A camera's picture as it stands in its lane: its edge, and the markers in it, at their sizes.
+
+    Args:
+        frame: what the camera saw.
+        origin: (3,) where the lane begins [m].
+        colour: the camera's own.
+    """
+    picture = LanePicture(frame.size_px, origin)
+    p = picture.at(frame.positions_px.astype(np.float64))
+    radii = np.sqrt(np.maximum(frame.areas_px, 0.0) / np.pi)
+    radii = picture.px * np.maximum(radii, 0.006 * frame.size_px[0])
+    states = np.where(frame.found, JointState.TRACKED, JointState.NOT_TRACKED)
+    balls = [
+        joint_strokes(p[None, i : i + 1], states[None, i : i + 1], [marker_colour(name).paint], radii[i : i + 1])
+        for i, name in enumerate(frame.names)
+    ]
+    return picture.edge(colour), join(balls)

@@ -1,0 +1,183 @@
+"""How parts of a scene are drawn life-size on the ROOM stage, all in one room.
+
+A part type names its drawing by reference (`mocapella.model.part_types.PartType.drawing`): a `DrawPart`, or just a
+function like `DrawPart.draw`:
+
+    def draw(parts, scene, room):
+        at = apply(room.T_stage_world, np.array([part.position for part in parts]))
+        return PartDrawing(joints=joint_strokes(at[:, None], ...), tags=(Tag("a ball", ...),))
+
+    BALLS = PartType(..., drawing="my_package.drawing:draw")
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.model.part_types import PART_TYPES
+from mocapella.model.scene import Person, Scene
+from mocapella.registry import load
+from mocapella.viewer.bones import NO_STROKES, Strokes, checked
+from mocapella.viewer.drawing import Tag
+from mocapella.viewer.palette import Rgb
+from mocapella.viewer.part_panel import MakePanel
+from mocapella.viewer.perspective import Floors, Perspectives, StageSpace
+from mocapella.viewer.stage import Skin, Surface
+from mocapella.viewer.troubles import Troubles
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class RoomView:
+    """From where the room is looked at.
+
+    Attributes:
+        perspective: a sensor's name, or `mocapella.viewer.perspective.FREE`.
+        seen: from where each person was seen.
+        floors: how high the perspective is over the floor.
+    """
+
+    perspective: str
+    seen: Perspectives
+    floors: Floors
+
+    @property
+    def T_stage_perspective(self) -> Float64:  # noqa: N802 - the field's notation
+        """(4, 4) from the perspective's camera space to the stage, whose floor is level and at y = 0."""
+        return self.floors.level(self.perspective)
+
+    @property
+    def T_stage_world(self) -> Float64:  # noqa: N802 - the field's notation
+        """(4, 4) from the world to the stage; NaN where the perspective's place in the world is not known."""
+        T = self.seen.from_shared_world(self.perspective)
+        return np.full((4, 4), np.nan) if T is None else self.T_stage_perspective @ T
+
+    def T_perspective_world(self, person: Person) -> Float64 | None:  # noqa: N802 - the field's notation
+        """(4, 4) from the world to the perspective's camera space; a method may give each person a world of its own.
+
+        None where the perspective's sensor has no place and never saw the person.
+        """
+        return self.seen.from_world(person, self.perspective)
+
+
+@dataclass(frozen=True, eq=False)
+class PartDrawing:
+    """What is drawn of the parts of one type, in the view's own space.
+
+    Attributes:
+        bones, joints: strokes, of `mocapella.viewer.bones`.
+        halos: translucent balls.
+        tags: texts.
+        surfaces, skins: meshes, by names that stay as long as they are of the same part.
+        unseen: names of parts that cannot be placed in the perspective.
+        sensors: (4, 4) where sensors stand that the parts were seen from, by name.
+        extent: (3,) and (3,) of an upright box that the camera goes along with; None where it need not.
+    """
+
+    bones: Strokes = NO_STROKES
+    joints: Strokes = NO_STROKES
+    halos: Strokes = NO_STROKES
+    tags: tuple[Tag, ...] = ()
+    surfaces: Mapping[str, Surface] = field(default_factory=dict)
+    skins: Mapping[str, Skin] = field(default_factory=dict)
+    unseen: tuple[str, ...] = ()
+    sensors: Mapping[str, Float64] = field(default_factory=dict)
+    extent: tuple[Float64, Float64] | None = None
+
+    @property
+    def there(self) -> bool:
+        """Whether anything is drawn."""
+        strokes = len(self.bones) + len(self.joints) + len(self.halos)
+        return bool(strokes or self.tags or self.surfaces or self.skins or self.unseen)
+
+
+NOTHING: Final = PartDrawing()
+
+
+@dataclass(frozen=True, eq=False)
+class ImageLines:
+    """What is drawn into a camera's image.
+
+    Attributes:
+        words: over the image, such as ``93%``; empty where there is nothing to say.
+        ends_px: (n, 2, 2) float32 ends of straight lines [px].
+        colours: (n,) of the lines.
+    """
+
+    words: str
+    ends_px: Float32
+    colours: tuple[Rgb, ...]
+
+
+def _no_space(parts: tuple[Any, ...]) -> StageSpace | None:
+    return None
+
+
+def _no_images(parts: tuple[Any, ...]) -> Mapping[str, ImageLines]:
+    return {}
+
+
+@dataclass(frozen=True, eq=False)
+class DrawPart:
+    """How the parts of one type are shown.
+
+    Attributes:
+        draw: parts, their scene and the `RoomView` as a `PartDrawing`. Where the perspective's place in the world is
+            not known, it is only called if ``own_places``.
+        own_places: whether parts are placed by themselves, with `RoomView.T_perspective_world`.
+        space: how the world lies in the `FREE` perspective, where such parts say it; else as it is.
+        images: what is drawn into cameras' images, by camera: these images stand over the stage.
+        panel: makes the folder of such parts in the panel.
+    """
+
+    draw: Callable[[tuple[Any, ...], Scene, RoomView], PartDrawing]
+    own_places: bool = False
+    space: Callable[[tuple[Any, ...]], StageSpace | None] = _no_space
+    images: Callable[[tuple[Any, ...]], Mapping[str, ImageLines]] = _no_images
+    panel: MakePanel | None = None
+
+
+def drawing_of(name: str, troubles: Troubles) -> DrawPart | None:
+    """How parts of that type are shown; None where the type has no drawing, is unknown, or cannot be imported."""
+    kind = PART_TYPES.get(name)
+    if kind is None or not kind.drawing:
+        return None
+    return troubles.attempt(called(name), lambda: _loaded(kind.drawing), None)
+
+
+def draw_parts(name: str, parts: tuple[Any, ...], scene: Scene, room: RoomView, troubles: Troubles) -> PartDrawing:
+    """What parts of one type show; nothing where their drawing raises, which is told once."""
+    how = drawing_of(name, troubles)
+    if how is None or not parts:
+        return NOTHING
+    if not how.own_places and room.seen.from_shared_world(room.perspective) is None:
+        return NOTHING
+    return troubles.attempt(called(name), lambda: _drawn(how, parts, scene, room), NOTHING)
+
+
+def called(name: str) -> str:
+    """The drawing of a part type in words, for errors."""
+    return f"scene part {name}"
+
+
+def _drawn(how: DrawPart, parts: tuple[Any, ...], scene: Scene, room: RoomView) -> PartDrawing:
+    drawing = how.draw(parts, scene, room)
+    if not isinstance(drawing, PartDrawing):
+        raise TypeError(f"it makes {type(drawing).__name__}; a PartDrawing is wanted")
+    for strokes in (drawing.bones, drawing.joints, drawing.halos):
+        checked(strokes)
+    return drawing
+
+
+@cache
+def _loaded(reference: str) -> DrawPart:
+    found = load(reference)
+    return found if isinstance(found, DrawPart) else DrawPart(found)

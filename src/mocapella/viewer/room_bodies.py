@@ -1,0 +1,201 @@
+"""Fitted bodies in the room: skinned meshes, made again from their builds, and their outlines in cameras' images."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry.rigid import apply
+from mocapella.model.observations import JointState
+from mocapella.model.outline_colours import INSIDE, OUTSIDE, Colour, body_colour
+from mocapella.model.rigged_mesh import RiggedMesh, posed
+from mocapella.model.scene import Scene, TrackedBody, TrackedBodyView
+from mocapella.model.twist_tree import TreePose, part_motions
+from mocapella.viewer import layout
+from mocapella.viewer.body_panel import BodyPanel
+from mocapella.viewer.body_shelf import SHELF
+from mocapella.viewer.bones import Strokes, join, joint_strokes, line_strokes
+from mocapella.viewer.drawing import Tag
+from mocapella.viewer.image_lines import deviations, pieces
+from mocapella.viewer.palette import Rgb
+from mocapella.viewer.perspective import StageSpace
+from mocapella.viewer.room import DrawPart, ImageLines, PartDrawing, RoomView
+from mocapella.viewer.room_people import called
+from mocapella.viewer.stage import Skin
+
+Float64 = NDArray[np.float64]
+
+SKIN: Final = Rgb(222, 228, 238)
+LOST_OPACITY: Final = 0.3
+"""A body of whom nobody is there is pale."""
+HALF_M: Final = 0.45
+"""Of a body that stands: so far it reaches to either side."""
+_TAG_M: Final = 0.08
+"""So far over a head its name stands."""
+_SOLE_M: Final = 0.02
+"""So far under the toes' landmarks is the ground."""
+_LINE_M, _BALL_M = 0.022, 0.03
+_SIDES: Final = ("left", "right")
+_LIMBS: Final = (
+    ("pelvis", "waist"), ("waist", "neck"), ("neck", "head"),
+    *((f"{side} {a}", f"{side} {b}") for side in _SIDES for a, b in (
+        ("shoulder", "elbow"), ("elbow", "wrist"), ("wrist", "fingertip"), ("hip", "knee"), ("knee", "ankle"),
+        ("ankle", "toe"), ("ankle", "heel"), ("heel", "toe"),
+    )),
+    ("left shoulder", "right shoulder"), ("left hip", "right hip"), ("pelvis", "left hip"), ("pelvis", "right hip"),
+)  # fmt: skip
+"""Between which landmarks lines are drawn where there is no mesh."""
+
+
+def mesh_of(body: TrackedBody) -> RiggedMesh | None:
+    """The body's mesh; None while it is being made, where it cannot be, and where its joints are others."""
+    mesh = SHELF.mesh(body.build)
+    return mesh if mesh is not None and mesh.joint_names == body.joint_names else None
+
+
+def draw_bodies(bodies: tuple[TrackedBody, ...], scene: Scene, room: RoomView) -> PartDrawing:
+    """What bodies show from a perspective: one alone in the colour of skin, several in their outlines' colours."""
+    T = room.T_stage_world
+    bones: list[Strokes] = []
+    joints: list[Strokes] = []
+    tags, skins, extents = [], {}, []
+    for k, body in enumerate(bodies):
+        colour = SKIN if len(bodies) == 1 else _softer(body_colour(k))
+        mesh = mesh_of(body)
+        if mesh is None:
+            points = apply(T, body.landmarks)
+            lines, balls = _stick_figure(body, points, colour)
+            bones += lines
+            joints.append(balls)
+        else:
+            pose = TreePose(body.T_world_model, body.angles)
+            opacity = LOST_OPACITY if body.lost else 1.0
+            skins[str(body.id)] = Skin(mesh, T @ part_motions(mesh.tree, pose), colour, opacity)
+            points = apply(T, posed(mesh, pose))
+        points = points[np.isfinite(points).all(axis=-1)]
+        if not len(points):
+            continue
+        x, y, z = points[np.argmax(points[:, 1])].tolist()
+        text = body_tag(body, scene)
+        tags += [Tag(text, (x, y + _TAG_M, z))] if text else []
+        extents += [] if body.lost else [(points.min(axis=0), points.max(axis=0))]
+    return PartDrawing(join(bones), join(joints), tags=tuple(tags), skins=skins, extent=_around(extents))
+
+
+def body_tag(body: TrackedBody, scene: Scene) -> str:
+    """What stands over a body: its name, whose it is, and that nobody is there; empty of one that nobody named."""
+    person = next((one for one in scene.people if one.id == body.person), None)
+    of = called(person) if person is not None else f"person {body.person}" if body.person >= 0 else ""
+    said = [body.name] if body.name else []
+    if of and of != body.name:
+        said.append(f"body of {of}")
+    if body.lost and said:
+        said.append("not there")
+    text = " · ".join(said)
+    return text[:1].upper() + text[1:] if not body.name else text
+
+
+def body_space(bodies: tuple[TrackedBody, ...]) -> StageSpace | None:
+    """Where the world of bodies stands: the first one faces the viewer, all stand on the floor in the stage's middle.
+
+    Up is the axis of the world that is nearest to the first body's own.
+    """
+    first = bodies[0]
+    up = first.T_world_model[:3, 1]
+    axis = int(np.argmax(np.abs(up)))
+    y = np.zeros(3)
+    y[axis] = np.sign(up[axis])
+    forward = first.T_world_model[:3, 2]
+    ahead = forward - (forward @ y) * y
+    if np.linalg.norm(ahead) < 0.1:  # it lies: any way will do
+        ahead = np.cross(y, np.eye(3)[np.argmin(np.abs(y))])
+    z = -ahead / np.linalg.norm(ahead)
+    R = np.stack([np.cross(y, z), y, z])
+    made = [(body, mesh_of(body)) for body in bodies]
+    points = [_body_points(body, mesh, y) for body, mesh in made]
+    every = np.concatenate(points) @ R.T
+    every = every[np.isfinite(every).all(axis=-1)]
+    if not len(every):
+        return None
+    roots = np.array([R @ _root(body, mesh) for body, mesh in made])
+    middle = 0.5 * (roots.min(axis=0) + roots.max(axis=0))
+    centre_x, _, centre_z = layout.stage_centre()
+    T = np.eye(4)
+    T[:3, :3] = R
+    T[:3, 3] = centre_x - middle[0], -every[:, 1].min(), centre_z - middle[2]
+    return StageSpace(T, float(np.ptp(every[:, 1])), 0.5 * float(np.ptp(roots[:, 0])) + HALF_M)
+
+
+def _body_points(body: TrackedBody, mesh: RiggedMesh | None, up: Float64) -> Float64:
+    """(n, 3) its surface, or else its landmarks and what is under them, world [m]."""
+    if mesh is not None:
+        return posed(mesh, TreePose(body.T_world_model, body.angles))
+    return np.concatenate([body.landmarks, body.landmarks - _SOLE_M * up])
+
+
+def _root(body: TrackedBody, mesh: RiggedMesh | None) -> Float64:
+    if mesh is not None:
+        return np.asarray(apply(body.T_world_model, mesh.tree.root))
+    there = body.landmarks[np.isfinite(body.landmarks).all(axis=-1)]
+    return there.mean(axis=0) if len(there) else body.T_world_model[:3, 3]
+
+
+def _around(extents: list[tuple[Float64, Float64]]) -> tuple[Float64, Float64] | None:
+    if not extents:
+        return None
+    return np.min([low for low, _ in extents], axis=0), np.max([high for _, high in extents], axis=0)
+
+
+def _stick_figure(body: TrackedBody, points: Float64, colour: Rgb) -> tuple[list[Strokes], Strokes]:
+    """Lines between landmarks (n, 3) on the stage, and balls there."""
+    place = {name: k for k, name in enumerate(body.landmark_names)}
+    faint = 0.45 if body.lost else 1.0
+    paint = Rgb(*(round(faint * channel) for channel in colour.paint))
+    pairs = [(place[a], place[b]) for a, b in _LIMBS if a in place and b in place]
+    lines = [line_strokes(points[[a, b]], paint, faint * _LINE_M) for a, b in pairs]
+    there = np.isfinite(points).all(axis=-1)
+    states = np.where(there, JointState.TRACKED, JointState.NOT_TRACKED)
+    return lines, joint_strokes(points[None], states[None], [paint], np.full(len(points), faint * _BALL_M))
+
+
+def _softer(colour: Colour) -> Rgb:
+    """Half way to the skin's: bright surfaces of a line's colour would hide their shape."""
+    return Rgb(*((np.array(colour) + np.array(SKIN)) // 2).tolist())
+
+
+def body_images(bodies: tuple[TrackedBody, ...]) -> Mapping[str, ImageLines]:
+    """Each model's outline in its own colour, and the image's where it is outside of it, red, or inside, blue."""
+    views: dict[str, list[tuple[int, TrackedBody, TrackedBodyView]]] = {}
+    for k, body in enumerate(bodies):
+        for view in body.views:
+            views.setdefault(view.camera, []).append((k, body, view))
+    return {camera: _image(told) for camera, told in views.items()}
+
+
+def _image(told: list[tuple[int, TrackedBody, TrackedBodyView]]) -> ImageLines:
+    words, ends, colours = [], [np.zeros((0, 2, 2), np.float32)], list[Rgb]()
+    for _, body, view in told:
+        outside, inside = (
+            (np.zeros((0, 2, 2), np.float32),) * 2 if body.lost else deviations(view.outline_px, view.contour_px)
+        )
+        ends += [outside, inside]
+        colours += [Rgb(*OUTSIDE)] * len(outside) + [Rgb(*INSIDE)] * len(inside)
+        words.append(f"{body.name} {view_words(view)}".strip())
+    for k, _, view in told:  # on top: what differs by less than a line is wide does not show
+        model = pieces(view.outline_px)
+        ends.append(model)
+        colours += [Rgb(*body_colour(k))] * len(model)
+    return ImageLines(" · ".join(dict.fromkeys(words)), np.concatenate(ends), tuple(colours))
+
+
+def view_words(view: TrackedBodyView) -> str:
+    """How well the outlines agree, or that the image does not count."""
+    if view.left_out:
+        return "left out"
+    return "not in the image" if np.isnan(view.overlap) else f"{view.overlap:.0%}"
+
+
+BODIES: Final = DrawPart(draw_bodies, space=body_space, images=body_images, panel=BodyPanel)

@@ -1,0 +1,85 @@
+"""People in the room: the fused skeleton in white, and each sensor's view of it in the person's colour."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry.rigid import apply
+from mocapella.model.scene import Person, Scene
+from mocapella.viewer.bones import NO_STROKES, Float32, bone_strokes, doubt, halo_strokes, joint_strokes
+from mocapella.viewer.drawing import Tag
+from mocapella.viewer.palette import FUSED, person_colour
+from mocapella.viewer.people_panel import PeoplePanel
+from mocapella.viewer.room import DrawPart, PartDrawing, RoomView
+
+Float64 = NDArray[np.float64]
+
+FUSED_RADIUS_M, POTENTIAL_RADIUS_M = 0.025, 0.014
+JOINT_RADIUS_M, HEAD_RADIUS_M = 0.03, 0.095
+_OVER_HEAD: Final = np.array([0.0, 0.22, 0.0])
+
+
+def draw_people(people: tuple[Person, ...], scene: Scene, room: RoomView) -> PartDrawing:
+    """What people show from a perspective."""
+    positions, states, sds, colours, radii = [], [], [], [], []
+    fused: list[int] = []
+    tags: list[Tag] = []
+    unseen = []
+    views_from: dict[str, Float64] = {}
+    T_stage = room.T_stage_perspective
+    for person in people:
+        T = room.T_perspective_world(person)
+        if T is None:
+            unseen.append(called(person))
+            continue
+        views = person.views
+        fused.append(len(states))
+        positions.append(apply(T_stage @ T, np.stack([person.positions, *(view.positions for view in views)])))
+        states += [person.states, *(view.states for view in views)]
+        sds.append(person.sd)
+        colours += [FUSED, *([person_colour(person.id).paint] * len(views))]
+        radii += [FUSED_RADIUS_M, *([POTENTIAL_RADIUS_M] * len(views))]
+        tags += _person_tag(person, positions[-1][0], len(views))
+        for view in views:
+            if view.sensor not in views_from:
+                views_from[view.sensor] = T_stage @ T @ view.T_world_sensor
+    if not positions:
+        return PartDrawing(unseen=tuple(unseen))
+    # All skeletons at once: one by one they would cost several times as much.
+    p, s, white = np.concatenate(positions), np.stack(states), [FUSED] * len(fused)
+    doubts = of_fused = None
+    halos = NO_STROKES
+    if any(sd is not None for sd in sds):
+        said = np.array([np.full(s.shape[1], np.nan) if sd is None else sd for sd in sds], np.float32)
+        halos = halo_strokes(p[fused], s[fused], said, white)
+        doubts, of_fused = np.zeros(s.shape, np.float32), doubt(said)
+        doubts[fused] = of_fused
+    bones = bone_strokes(p, s, scene.topology, colours, radii, doubts=doubts)
+    joints = joint_strokes(p[fused], s[fused], white, _joint_radii(scene), doubts=of_fused)
+    return PartDrawing(bones, joints, halos, tuple(tags), unseen=tuple(unseen), sensors=views_from)
+
+
+def called(person: Person) -> str:
+    """The person's name, or number."""
+    return person.name or f"person {person.id}"
+
+
+def _joint_radii(scene: Scene) -> Float32:
+    radii = np.full(len(scene.topology), JOINT_RADIUS_M, np.float32)
+    radii[scene.topology.parts["head"]] = HEAD_RADIUS_M
+    return radii
+
+
+def _person_tag(person: Person, fused: Float64, views: int) -> list[Tag]:
+    there = np.isfinite(fused).all(axis=-1)
+    if not there.any():
+        return []
+    top = fused[there][np.argmax(fused[there][:, 1])] + _OVER_HEAD
+    who = called(person)
+    return [Tag(f"{who[0].upper()}{who[1:]} · {views} view{'' if views == 1 else 's'}", tuple(top.tolist()))]
+
+
+PEOPLE: Final = DrawPart(draw_people, own_places=True, panel=PeoplePanel)

@@ -1,0 +1,282 @@
+"""What was shown lately, so that each browser can stop, go back, and play it again."""
+
+from __future__ import annotations
+
+import bisect
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields, is_dataclass, replace
+from enum import StrEnum
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+
+from mocapella.model.scene import Scene
+from mocapella.model.sensor_frame import SensorFrame
+from mocapella.model.topology import Topology
+from mocapella.viewer.perspective import Perspectives
+from mocapella.viewer.picture_plane import SizedPicture
+from mocapella.viewer.stage import Stage
+
+KEPT_BYTES: Final = 300_000_000
+"""Beyond, the pictures and frames of the oldest moments are let go; of scenes beyond, the oldest moments."""
+KEPT_FRAMES: Final = 36_000
+"""Beyond, the oldest moments are let go, so many at once:"""
+LET_GO: Final = 1_000
+LATEST_S: Final = 0.5
+"""A camera that gave no picture for a moment of a run has its last one shown, where that is no older."""
+BACK_S: Final = 1.0
+"""A scene so much older than the last one begins another timeline."""
+_VALUE_BYTES: Final = 120
+"""What an array or structure takes beside its content, about."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShownPicture:
+    """A camera's picture, and the scene of the instant at which it was captured.
+
+    Attributes:
+        picture: the file.
+        scene: what is drawn into it is of this scene; None where there is none of that instant.
+        at_s: when it came, on the timeline's clock [s].
+    """
+
+    picture: SizedPicture
+    scene: Scene | None
+    at_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """All that is shown at once.
+
+    Attributes:
+        at_s: time of the scene, on the common clock [s].
+        scene: the tracker's result; None where there is none.
+        frames: each sensor's newest, by its name.
+        stage: of the scene.
+        shown: what the stage's memory made of the scene.
+        seen: from where each person was seen then.
+        pictures: by camera.
+    """
+
+    at_s: float
+    scene: Scene | None
+    frames: Mapping[str, SensorFrame]
+    stage: Stage
+    shown: Any
+    seen: Perspectives
+    pictures: Mapping[str, ShownPicture]
+
+
+class Timeline:
+    """The moments that are kept, by numbers that stay: 0, 1, 2, … since it began.
+
+    Attributes:
+        done: whether no more come: the end of a run of files.
+        world: grows by one when it begins anew.
+    """
+
+    def __init__(self) -> None:
+        self.done, self.world = False, 0
+        self._clear()
+
+    def _clear(self) -> None:
+        self._moments: list[Moment] = []
+        self._at_s: list[float] = []
+        self._scene_bytes: list[int] = []
+        self._other_bytes: list[int] = []
+        self._bytes, self._thin, self.first = 0, 0, 0
+
+    def __len__(self) -> int:
+        return len(self._moments)
+
+    @property
+    def last(self) -> int:
+        """Number of the newest moment; −1 before the first."""
+        return self.first + len(self._moments) - 1
+
+    def __getitem__(self, number: int) -> Moment:
+        return self._moments[self.nearest(number) - self.first]
+
+    def nearest(self, number: int) -> int:
+        """The number, or that of the nearest moment that is kept."""
+        return min(max(number, self.first), self.last)
+
+    def add(self, moment: Moment) -> None:
+        """Keep a moment, unless its scene is the last one's; ``moment.frames`` are kept as they are."""
+        before = self._moments[-1] if self._moments else None
+        if moment.scene is None or (before is not None and before.scene is moment.scene):
+            return
+        at_s = moment.at_s
+        if before is not None and at_s < before.at_s - BACK_S:
+            self._clear()
+            self.world, before = self.world + 1, None
+        at_s = at_s if before is None else max(at_s, before.at_s)
+        moment = replace(moment, at_s=at_s)
+        scene_bytes = size_of(moment.scene) + size_of(moment.shown if moment.shown is not moment.scene else None)
+        other = _fresh_bytes(moment, before)
+        self._moments.append(moment)
+        self._at_s.append(at_s)
+        self._scene_bytes.append(scene_bytes)
+        self._other_bytes.append(other)
+        self._bytes += scene_bytes + other
+        while self._bytes > KEPT_BYTES and self._thin < len(self._moments) - 1:
+            self._make_thin(self._thin)
+        if len(self._moments) >= KEPT_FRAMES + LET_GO:
+            self._let_go(LET_GO)
+        elif self._bytes > KEPT_BYTES and len(self._moments) > 1:
+            self._let_go(max(1, min(LET_GO, len(self._moments) // 10)))
+
+    def number_at(self, at_s: float) -> int:
+        """Number of the last moment that is not after a time [s]; the first one's where all are."""
+        return self.first + max(0, bisect.bisect_right(self._at_s, at_s) - 1)
+
+    def scene_near(self, at_s: float, within_s: float) -> Scene | None:
+        """The scene nearest to a time [s]; None where none is within so much of it."""
+        k = bisect.bisect_left(self._at_s, at_s)
+        around = [n for n in (k - 1, k) if 0 <= n < len(self._at_s)]
+        best = min(around, key=lambda n: abs(self._at_s[n] - at_s), default=None)
+        return None if best is None or abs(self._at_s[best] - at_s) > within_s else self._moments[best].scene
+
+    def lately(self, number: int, seconds: float) -> tuple[list[float], list[Scene]]:
+        """Times [s] and scenes of the last so many seconds up to that moment, or the nearest that is kept."""
+        if not self._moments:
+            return [], []
+        end = self.nearest(number) - self.first + 1
+        begin = bisect.bisect_left(self._at_s, self._at_s[end - 1] - seconds)
+        scenes = [moment.scene for moment in self._moments[begin:end] if moment.scene is not None]
+        return self._at_s[begin:end], scenes
+
+    def _make_thin(self, k: int) -> None:
+        """Without its pictures and frames; what later moments show, too, stays with them."""
+        old, after = self._moments[k], self._moments[k + 1]
+        self._moments[k] = replace(old, frames={}, pictures={})
+        moved = _fresh_bytes(after, None) - _fresh_bytes(after, old)
+        self._bytes += moved - self._other_bytes[k]
+        self._other_bytes[k + 1] += moved
+        self._other_bytes[k] = 0
+        self._thin = k + 1
+
+    def _let_go(self, count: int) -> None:
+        for k in range(self._thin, count):
+            self._make_thin(k)
+        self._bytes -= sum(self._scene_bytes[:count])
+        for values in (self._moments, self._at_s, self._scene_bytes, self._other_bytes):
+            del values[:count]
+        self._thin, self.first = max(0, self._thin - count), self.first + count
+
+
+class PlayState(StrEnum):
+    """What a browser shows of the timeline."""
+
+    NOTHING = "Getting ready"
+    FOLLOWING = "Following"
+    PLAYING = "Playing"
+    PAUSED = "Paused"
+    END = "End"
+
+
+class Playhead:
+    """Where one browser is on a timeline. Callbacks set ``playing`` and ``wish``; the loop that draws does the rest.
+
+    Attributes:
+        playing: whether it goes on by itself.
+        wish: number of the moment that somebody chose, until it is taken.
+        newest: whether somebody wants to follow what comes now, until it is done.
+        number: of the moment that is shown; None: the newest, whichever it is.
+    """
+
+    def __init__(self, timeline: Timeline) -> None:
+        self._timeline, self._world = timeline, timeline.world
+        self.playing, self.newest = True, False
+        self.wish: int | None = None
+        self.number: int | None = None
+        self._played_s: float | None = None
+        self._rested = False
+
+    @property
+    def shown(self) -> int:
+        """Number of the moment that is shown."""
+        return self._timeline.last if self.number is None else self._timeline.nearest(self.number)
+
+    @property
+    def state(self) -> PlayState:
+        """In a word."""
+        timeline = self._timeline
+        if not len(timeline):
+            return PlayState.NOTHING
+        if timeline.done and self.shown == timeline.last:
+            return PlayState.END
+        if not self.playing:
+            return PlayState.PAUSED
+        return PlayState.FOLLOWING if self.number is None else PlayState.PLAYING
+
+    @property
+    def behind_s(self) -> float:
+        """How much older than the newest is what is shown [s]."""
+        timeline = self._timeline
+        return 0.0 if not len(timeline) else timeline[timeline.last].at_s - timeline[self.shown].at_s
+
+    def update(self, now_s: float) -> None:
+        """Take what somebody chose; or play on, as fast as it was."""
+        timeline = self._timeline
+        if timeline.world != self._world:
+            self._world, self.number, self.wish = timeline.world, None, None
+        wish, self.wish = self.wish, None
+        if self.newest:
+            self.newest, self.playing, self.number, wish = False, True, None, None
+        if not len(timeline):
+            return
+        if wish is not None:
+            self.number = timeline.nearest(wish)
+        if not self.playing:
+            self.number = self.shown
+            self._played_s, self._rested = None, True
+            return
+        rested, self._rested = self._rested, False
+        if self.shown >= timeline.last:
+            self._at_the_end(now_s, rested=rested)
+            return
+        if self._played_s is not None:
+            due_s = timeline[self.shown].at_s + (now_s - self._played_s)
+            self.number = max(self.shown, timeline.number_at(due_s))
+            now_s -= max(0.0, due_s - timeline[self.number].at_s)  # what is left of this beat counts at the next
+        self._played_s = now_s
+
+    def _at_the_end(self, now_s: float, *, rested: bool) -> None:
+        timeline, self._played_s = self._timeline, None
+        if not timeline.done:
+            self.number = None
+        elif rested:  # Play was pressed at the end
+            self.number, self._played_s = timeline.first, now_s
+        else:
+            self.number, self.playing = timeline.last, False
+
+
+def size_of(value: Any) -> int:
+    """About how many bytes of memory a value takes: of arrays, texts, structures, and what they have."""
+    if isinstance(value, np.ndarray | bytes | str):
+        return _VALUE_BYTES + (value.nbytes if isinstance(value, np.ndarray) else len(value))
+    if isinstance(value, int | float | bool | Topology) or value is None:  # all scenes have the same topologies
+        return 16
+    inside: Iterable[Any] = ()
+    if isinstance(value, Mapping):
+        inside = value.values()
+    elif isinstance(value, tuple | list):
+        inside = value
+    elif isinstance(value, msgspec.Struct):
+        inside = (getattr(value, name) for name in value.__struct_fields__)
+    elif is_dataclass(value) and not isinstance(value, type):
+        inside = (getattr(value, one.name) for one in fields(value))
+    return _VALUE_BYTES + sum(size_of(one) for one in inside)
+
+
+def _fresh_bytes(moment: Moment, before: Moment | None) -> int:
+    """Of the frames and pictures that the moment before does not have."""
+    frames, pictures = (before.frames, before.pictures) if before is not None else ({}, {})
+    size = sum(size_of(frame) for name, frame in moment.frames.items() if frames.get(name) is not frame)
+    for camera, shown in moment.pictures.items():
+        if camera not in pictures or pictures[camera].picture is not shown.picture:
+            size += len(shown.picture.image) + _VALUE_BYTES
+    return size

@@ -1,0 +1,169 @@
+"""The Tracking stage in one browser: draws whatever a stage says, for each browser may take another perspective."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from mocapella.model.topology import UNKNOWN_FIELD_OF_VIEW_DEG
+from mocapella.viewer import layout
+from mocapella.viewer.drawing import FloorNode, LineNode, SensorNode, SkinNode, StrokeNode, SurfaceNode, Tag, TagNodes
+from mocapella.viewer.meshes import ball_mesh, bone_mesh
+from mocapella.viewer.palette import SensorColours
+from mocapella.viewer.perspective import Float64
+from mocapella.viewer.sensor_marks import PlaceState, SensorMark, field_lines
+from mocapella.viewer.stage import Stage, TrackingDrawing
+
+Fields = Mapping[str, tuple[float, float]]
+"""Each sensor's field of view, across and high [°]."""
+
+_TITLE_SIZE = 1.2
+_OVER_SENSOR_M = 0.2
+_OVER_TITLE = np.array([0.0, 0.16, 0.0])
+SENSOR_M, SENSOR_LINE_M = 0.15, 0.012
+_OF_DISTANCE, _LINE_OF_SIZE = 0.012, 0.09
+"""Of a sensor that is as large on the screen wherever it stands: over its distance from the viewer; over its size."""
+FLOOR_STEP_M = 1.0
+"""A floor goes along by whole squares, so that its lines stay where they are."""
+_FLOOR = np.array([0.0, 0.0, layout.TRACKING_DEPTH_M / 2 - layout.BEHIND_SENSOR_M])
+
+
+def tracking_title(stage: Stage, drawing: TrackingDrawing, perspective: str) -> Tag:
+    """What stands before a stage."""
+    return Tag(stage.title(drawing, perspective), layout.title_place(stage.box))
+
+
+class TrackingStage:
+    """Draws it. Nothing is sent of a drawing that is shown already."""
+
+    def __init__(self, scene: viser.SceneApi, colours: SensorColours, fields: Fields) -> None:
+        self._scene, self._colours, self._fields = scene, colours, fields
+        self._bones = StrokeNode(scene, "/tracking/bones", bone_mesh())
+        self._joints = StrokeNode(scene, "/tracking/joints", ball_mesh())
+        self._halos = StrokeNode(scene, "/tracking/halos", ball_mesh(), shadow=False, translucent=True)
+        self._surfaces: dict[str, SurfaceNode] = {}
+        self._skins: dict[str, SkinNode] = {}
+        self._trails = LineNode(scene, "/tracking/trails", thickness=0.02)
+        self._field_lines = LineNode(scene, "/tracking/fields", thickness=0.008)
+        self._trails_of: tuple[object, ...] = ()
+        self._fields_of: tuple[object, ...] = ()
+        self._tags = TagNodes(scene, "/tracking/people", size=0.9)
+        self._names = TagNodes(scene, "/tracking/names", size=0.8)
+        self._conditions = TagNodes(scene, "/tracking/conditions", size=0.9, anchor="bottom-left")
+        self._title = TagNodes(scene, "/tracking/title", size=_TITLE_SIZE, anchor="bottom-left")
+        self._empty = TagNodes(scene, "/tracking/empty", size=_TITLE_SIZE)
+        self._sensors: dict[str, SensorNode] = {}
+        self._floor = FloorNode(scene, "/tracking/floor", width=layout.TRACKING_WIDTH_M, depth=layout.TRACKING_DEPTH_M)
+        self._drawn: TrackingDrawing | None = None
+        self._floor.place(_FLOOR)
+
+    def draw(
+        self,
+        stage: Stage,
+        drawing: TrackingDrawing,
+        perspective: str,
+        empty: str,
+        conditions: tuple[str, ...],
+        *,
+        eyes: bool,
+        fields: bool,
+        named: bool = True,
+        along: Float64 | None = None,
+        eye: Float64 | None = None,
+    ) -> None:
+        """Show it.
+
+        Args:
+            stage: whose drawing it is.
+            drawing: what is on it.
+            perspective: a sensor's name, or free.
+            empty: stands on the stage while nothing does.
+            conditions: lines over the title while something does.
+            eyes: the browser looks through the perspective's sensor, which would be in the way.
+            fields: whether what each sensor can see is drawn.
+            named: whether the sensors' names stand beside them.
+            along: (3,) by how much the floor and title go along [m]; None where they stay.
+            eye: (3,) where the viewer is: sensors are as large from there wherever they stand; None: as usual.
+        """
+        self._empty.draw([] if drawing.there else [Tag(empty, layout.stage_centre())])
+        moved = np.zeros(3) if along is None else FLOOR_STEP_M * np.round(along * [1.0, 0.0, 1.0] / FLOOR_STEP_M)
+        self._floor.place(_FLOOR + moved)
+        title = tracking_title(stage, drawing, perspective)
+        at = np.array(title.position) + moved
+        self._title.draw([Tag(title.text, _place(at))])
+        over = [at + (len(conditions) - k) * _OVER_TITLE for k in range(len(conditions))]
+        lines = [Tag(text, _place(place)) for text, place in zip(conditions, over, strict=True)]
+        self._conditions.draw(lines if drawing.there else [])
+        if drawing is not self._drawn:
+            self._drawn = drawing
+            self._bones.draw(drawing.bones)
+            self._joints.draw(drawing.joints)
+            self._halos.draw(drawing.halos)
+            self._draw_meshes(drawing)
+            self._tags.draw(drawing.tags)
+        shown = {name: mark for name, mark in drawing.sensors.items() if not (eyes and name == perspective)}
+        self._draw_sensors(shown, fields=fields, named=named, eye=eye)
+
+    def draw_trails(self, key: tuple[object, ...], lines: Any) -> None:
+        """Show the trails, ``lines()``: points and colours (n, 2, 3); nothing where the key is the last one."""
+        if self._trails_of != key:
+            self._trails_of = key
+            self._trails.draw(*lines())
+
+    def _draw_meshes(self, drawing: TrackingDrawing) -> None:
+        for k, (name, surface) in enumerate(drawing.surfaces.items()):
+            if name not in self._surfaces:
+                self._surfaces[name] = SurfaceNode(self._scene, f"/tracking/surfaces/{len(self._surfaces)}-{k}")
+            self._surfaces[name].draw(surface.mesh, surface.colour, surface.opacity)
+        for name, skin in drawing.skins.items():
+            if name not in self._skins:
+                self._skins[name] = SkinNode(self._scene, f"/tracking/skins/{len(self._skins)}")
+            self._skins[name].draw(skin.mesh, skin.T_stage_parts, skin.colour, skin.opacity)
+        for name, node in self._surfaces.items():
+            if name not in drawing.surfaces:
+                node.hide()
+        for name, skin_node in self._skins.items():
+            if name not in drawing.skins:
+                skin_node.hide()
+
+    def _draw_sensors(
+        self, marked: Mapping[str, SensorMark], *, fields: bool, named: bool, eye: Float64 | None
+    ) -> None:
+        sizes = {}
+        for sensor, mark in marked.items():
+            if sensor not in self._sensors:
+                node = SensorNode(self._scene, f"/tracking/sensors/{sensor}", scale=SENSOR_M, thickness=SENSOR_LINE_M)
+                self._sensors[sensor] = node
+            size = SENSOR_M if eye is None else _OF_DISTANCE * float(np.linalg.norm(mark.T[:3, 3] - eye))
+            sizes[sensor] = size
+            self._sensors[sensor].resize(size, SENSOR_LINE_M if eye is None else _LINE_OF_SIZE * size)
+            self._sensors[sensor].place(mark.T, mark.colour(self._colours.of(sensor)), self._field(sensor))
+        for sensor, node in self._sensors.items():
+            if sensor not in marked:
+                node.hide()
+        over = {sensor: _OVER_SENSOR_M if eye is None else 1.3 * size for sensor, size in sizes.items()}
+        places = {sensor: (mark.T[:3, 3] + [0.0, over[sensor], 0.0]).round(2) for sensor, mark in marked.items()}
+        self._names.draw([Tag(mark.words, _place(places[sensor]), named) for sensor, mark in marked.items()])
+        looking = [s for s, mark in marked.items() if fields and mark.standing in (PlaceState.GOOD, PlaceState.DOUBTED)]
+        drawn = [(s, marked[s].T.round(2), self._field(s)) for s in looking]
+        if (key := tuple((s, T.tobytes(), field) for s, T, field in drawn)) != self._fields_of:
+            self._fields_of = key
+            lines = [field_lines(T, field) for _, T, field in drawn]
+            colours = [np.full((8, 2, 3), self._colours.of(s).faint, np.uint8) for s in looking]
+            self._field_lines.draw(_joined(lines, np.float32), _joined(colours, np.uint8))
+
+    def _field(self, sensor: str) -> tuple[float, float]:
+        return self._fields.get(sensor, UNKNOWN_FIELD_OF_VIEW_DEG)
+
+
+def _place(at: Float64) -> tuple[float, float, float]:
+    x, y, z = at.tolist()
+    return x, y, z
+
+
+def _joined(parts: list[NDArray[Any]], dtype: type) -> NDArray[Any]:
+    return np.concatenate([np.zeros((0, 2, 3), dtype), *parts])
