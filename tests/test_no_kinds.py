@@ -25,16 +25,6 @@ NAMES = frozenset((*METHODS, *DETECTORS, *FRAME_TYPES))
 
 ALLOWED: dict[str, str] = {}
 """By ``path: what``, the reason."""
-TO_DO = frozenset(
-    {
-        "viewer/board_panel.py: compares with 'hands'",
-        "viewer/browser.py: asks for BodyFrame",
-        "viewer/stages.py: asks for ArmFrame",
-        "viewer/stages.py: asks for BodyFrame",
-        "viewer/stages.py: asks for MarkerFrame",
-    }
-)
-"""What is still wrong, and is being changed elsewhere."""
 
 
 def trackers() -> frozenset[str]:
@@ -160,7 +150,7 @@ def test_no_module_asks_of_which_kind_something_is(path: Path) -> None:
     place = path.relative_to(SOURCE).as_posix()
     own = taken_by_module().get(name_of(path), frozenset()) if place.startswith("tracker/") else frozenset()
     found = without_lines(place, asked(path.read_text(encoding="utf-8"), own))
-    assert found - TO_DO - ALLOWED.keys() == set()
+    assert found - ALLOWED.keys() == set()
 
 
 @pytest.mark.parametrize("path", modules("tracker"), ids=lambda path: path.relative_to(SOURCE).as_posix())
@@ -172,7 +162,7 @@ def test_every_exception_is_still_needed() -> None:
     found = set()
     for path in modules(*ROOMS):
         found |= without_lines(path.relative_to(SOURCE).as_posix(), asked(path.read_text(encoding="utf-8")))
-    assert (TO_DO | ALLOWED.keys()) - found == set()
+    assert ALLOWED.keys() - found == set()
 
 
 @pytest.mark.parametrize(
