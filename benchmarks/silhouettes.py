@@ -170,7 +170,7 @@ def video(quick: bool) -> Iterator[Row]:
         return
     points = silhouette_video.first_points(folder)
     mesh = body_mesh("male", None, proportions_of(points), supple=True)
-    rig = silhouette_video.rig_of(folder)
+    rig = silhouette_video.filmed_rig(folder)
     tracker = alone(mesh, points, rig, period_s=silhouette_video.FRAME_NS / NS_PER_S)
     seen, took = [], []
     for k, images in enumerate(islice(silhouette_video.images_of(folder, rig.cameras), 8 if quick else None)):

@@ -25,6 +25,7 @@ from mocapella.model.rigged_mesh import posed
 from mocapella.model.silhouettes import overlap
 from mocapella.recording.viewed_tracks import read_viewed_tracks
 from mocapella.sources.video import pictures
+from mocapella.sources.video_set import VideoSet
 from mocapella.tracker.body_fitter import FittedBody
 from mocapella.tracker.silhouette_start import joints_of_points
 
@@ -62,6 +63,13 @@ def rig_of(folder: Path) -> CameraRig:
     """Its cameras, under the videos' names."""
     rig = load_camera_rig(folder / "calibration" / "Calib_qualisys.toml")
     return CameraRig({name.replace("_", ""): camera for name, camera in rig.cameras.items()})
+
+
+def filmed_rig(folder: Path) -> CameraRig:
+    """The same cameras for images of the videos' sizes, of which some are 8 pixels narrower than the calibration's."""
+    cameras = rig_of(folder)
+    videos = {name: folder / "videos" / f"{name}.mp4" for name in cameras.cameras}
+    return VideoSet(videos, cameras, other_size="crop").rig
 
 
 def images_of(folder: Path, cameras: Mapping[str, object]) -> Iterator[dict[str, UInt8]]:
