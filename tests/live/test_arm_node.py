@@ -15,8 +15,7 @@ from nearest_arm import NEAREST
 from programs import Program, free_port, wait_until
 from typer.testing import CliRunner
 
-from mocapella.cli import arm as _arm  # noqa: F401 - registers the verbs
-from mocapella.cli import export as _export  # noqa: F401
+from mocapella.cli import arm as _arm  # noqa: F401 - registers the verb
 from mocapella.cli import replay as _replay  # noqa: F401
 from mocapella.cli.app import app
 from mocapella.detectors import DETECTORS

@@ -17,7 +17,6 @@ import pytest
 from programs import Program, free_port, wait_until
 from typer.testing import CliRunner
 
-from mocapella.cli import node as _verbs  # noqa: F401  (they register)
 from mocapella.cli.app import app
 from mocapella.errors import AddressInUseError, NameTakenError, SettingsError
 from mocapella.live.datagrams import run_datagrams

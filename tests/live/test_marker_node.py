@@ -16,7 +16,6 @@ import zenoh
 from programs import Program, free_port, wait_until
 from typer.testing import CliRunner
 
-import mocapella.cli.markers  # noqa: F401 - registers the verb
 from mocapella.cli.app import app
 from mocapella.errors import MocapellaError, SettingsError
 from mocapella.model.board import parse_board

@@ -184,6 +184,20 @@ def tell_left_out(export: str, file: Path) -> None:
         say(f"{take.path.name}: {missing}")
 
 
+def open_to_track(
+    file: Path, placement: str | None, method: str | None, method_settings: Mapping[str, Any]
+) -> Recording:
+    """As `open_recording`.
+
+    Raises:
+        PluginError: a package that it was made with is missing; names it.
+    """
+    recording = open_recording(file, placement, method, method_settings)
+    if recording.missing:
+        raise PluginError(f"{file} cannot be tracked: {'; '.join(recording.missing)}")
+    return recording
+
+
 class RecordedLog:
     """A study log of 2015, as two sensors on their own clocks."""
 

@@ -33,7 +33,7 @@ from mocapella.cli.common import (
     working,
     write_json,
 )
-from mocapella.errors import PluginError, SettingsError
+from mocapella.errors import SettingsError
 from mocapella.settings import settings_of_pairs
 
 if TYPE_CHECKING:
@@ -68,6 +68,7 @@ def replay(
 
     Example:  mocapella replay walk-1 --json -
     """
+    from mocapella.cli.recordings import open_to_track
     from mocapella.live.stopping import stop_on_signals
 
     if record is not None and (not live or len(files) > 1):
@@ -76,7 +77,7 @@ def replay(
     rows: list[dict[str, Any]] = []
     with stop_on_signals() if live else nullcontext() as stop:
         for file in files:
-            open_it = partial(_open, file, placement, method, settings_of_pairs(settings))
+            open_it = partial(open_to_track, file, placement, method, settings_of_pairs(settings))
             if stop is None:
                 row = _replay_fast(file, open_it)
             elif not stop.is_set():
@@ -89,15 +90,6 @@ def replay(
         if row.get("differing_scenes"):
             raise typer.Exit(1)
         exit_by(row.get("recording"))
-
-
-def _open(file: Path, placement: str | None, method: str | None, method_settings: dict[str, Any]) -> Recording:
-    from mocapella.cli.recordings import open_recording
-
-    recording = open_recording(file, placement, method, method_settings)
-    if recording.missing:
-        raise PluginError(f"{file} cannot be tracked: {'; '.join(recording.missing)}")
-    return recording
 
 
 def _replay_fast(file: Path, open_it: Callable[[], Recording]) -> dict[str, Any]:

@@ -29,5 +29,5 @@ def lane(frame: HeatFrame, space: LaneSpace) -> LaneDrawing:
 def draw(spots: tuple[Spot, ...], scene: Scene, room: RoomView) -> PartDrawing:
     """Spots as balls on the floor, with their temperature over them."""
     points = apply(room.T_stage_world, np.array([(spot.x, 0.1, spot.z) for spot in spots]))
-    tags = [Tag(f"{s.celsius:.0f} °C", (x, y + 0.25, z)) for s, (x, y, z) in zip(spots, points.tolist(), strict=True)]
+    tags = [Tag(f"{s.celsius:.1f} °C", (x, y + 0.25, z)) for s, (x, y, z) in zip(spots, points.tolist(), strict=True)]
     return PartDrawing(joints=balls(points, AMBER.paint, 0.1), tags=tuple(tags))
