@@ -5,13 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from conftest import recordings
 
 from mocapella.evaluation.silhouette_video import filmed_rig, images_of, rig_of
 
 
 @pytest.fixture
-def clip(recordings: Path) -> Path:
-    folder = recordings / "pose2sim_single_person"
+def clip() -> Path:
+    folder = recordings() / "pose2sim_single_person"
     if not folder.is_dir():
         pytest.skip(f"needs {folder}")
     return folder
