@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from conftest import recordings
 
+from benchmarks.tracker import recordings
 from mocapella.evaluation.silhouette_video import filmed_rig, images_of, rig_of
 
 
