@@ -84,7 +84,7 @@ def _baked(mesh: RiggedMesh, clothes: Clothes) -> Float32:
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
+class LitBodies:
     """Bodies at an instant, and the light on them.
 
     Attributes:
@@ -135,7 +135,7 @@ class Covered:
     depth_m: Float32
 
 
-def stand(cast: Cast, vertices: Float64, light: Light) -> Stage:
+def stand(cast: Cast, vertices: Float64, light: Light) -> LitBodies:
     """Bodies with their vertices where they are now, (n, 3) in the world [m]."""
     from scipy.ndimage import gaussian_filter
 
@@ -149,10 +149,10 @@ def stand(cast: Cast, vertices: Float64, light: Light) -> Stage:
     tops, which = np.zeros((deep, wide)), np.full((deep, wide), -1, np.int32)
     _raster().cover(seen, cast.faces, 0.0, 0.0, 1.0, tops, which)
     shade = gaussian_filter((which >= 0).astype(np.float32), _PENUMBRA_CELLS, truncate=3.0)
-    return Stage(cast, vertices, normals, light, tops, shade, first)
+    return LitBodies(cast, vertices, normals, light, tops, shade, first)
 
 
-def painted(stages: Sequence[Stage], placed: PlacedCamera) -> Layer:
+def painted(stages: Sequence[LitBodies], placed: PlacedCamera) -> Layer:
     """What a camera sees of bodies that stand as they do at each of the instants of its exposure."""
     views = [_seen(stage, placed) for stage in stages]
     boxes = np.array([box for _, box in views])
@@ -172,7 +172,7 @@ def painted(stages: Sequence[Stage], placed: PlacedCamera) -> Layer:
     return Layer((int(left), int(top)), colour, alpha)
 
 
-def covered(stage: Stage, placed: PlacedCamera) -> Covered:
+def covered(stage: LitBodies, placed: PlacedCamera) -> Covered:
     """Which pixels' middles show which body and which part of it."""
     width, height = placed.camera.size_px
     people, parts = np.full((height, width), -1, np.int8), np.full((height, width), -1, np.int8)
@@ -192,7 +192,7 @@ def cell_m() -> float:
     return _CELL_M
 
 
-def _seen(stage: Stage, placed: PlacedCamera) -> tuple[Float64, NDArray[np.int64]]:
+def _seen(stage: LitBodies, placed: PlacedCamera) -> tuple[Float64, NDArray[np.int64]]:
     """Vertices in the picture, and the window around them: left, top, and right and low beyond it."""
     camera = placed.camera
     seen, box = np.empty_like(stage.vertices), np.empty(4, np.int64)

@@ -31,7 +31,7 @@ from mocapella.model.twist_tree import TreePose
 from mocapella.settings import check
 from mocapella.sources.simulate.backdrop import Backdrop, BackdropView, Light, make_backdrop
 from mocapella.sources.simulate.body_motion import BodyMotion, body_motion, motion_names, usual_seconds
-from mocapella.sources.simulate.body_paint import Covered, Layer, Stage, cell_m, covered, make_cast, painted, stand
+from mocapella.sources.simulate.body_paint import Covered, Layer, LitBodies, cell_m, covered, make_cast, painted, stand
 from mocapella.sources.simulate.corruption import Corruption
 from mocapella.sources.simulate.hand_scene import SimulatedCamera
 from mocapella.sources.simulate.outfits import Outfit, dressed, make_outfit
@@ -114,7 +114,7 @@ class SilhouetteScene:
         ) * look.exposure  # fmt: skip
         self._tables = _coding(look)
         self._noise = np.random.default_rng([seed, 43]).standard_normal(_TABLE, dtype=np.float32)
-        self._staged: tuple[int, Stage] | None = None
+        self._staged: tuple[int, LitBodies] | None = None
 
     def __len__(self) -> int:
         return len(self.times_s)
@@ -143,7 +143,7 @@ class SilhouetteScene:
     def image(self, k: int, camera: int) -> UInt8:
         """As `images`, of one camera."""
         stage = self._stage(k)
-        stages: Sequence[Stage] = (stage,)
+        stages: Sequence[LitBodies] = (stage,)
         if self.look.exposure_s > 0:
             instants = ((np.arange(_INSTANTS) + 0.5) / _INSTANTS - 0.5) * self.look.exposure_s
             stages = [self._stage_at(self.times_s[k] + late) for late in instants]
@@ -167,16 +167,16 @@ class SilhouetteScene:
     def _views(self) -> list[BackdropView]:
         return [self.backdrop.seen_by(placed) for placed in self._placed]
 
-    def _stage(self, k: int) -> Stage:
+    def _stage(self, k: int) -> LitBodies:
         if self._staged is None or self._staged[0] != k:
             self._staged = (k, self._stage_at(self.times_s[k]))
         return self._staged[1]
 
-    def _stage_at(self, at_s: float) -> Stage:
+    def _stage_at(self, at_s: float) -> LitBodies:
         bodies = [posed(mesh, motion.pose(at_s)) for mesh, motion in zip(self.meshes, self.motions, strict=True)]
         return stand(self._cast, np.concatenate(bodies), self.backdrop.light)
 
-    def _developed(self, layer: Layer, stage: Stage | None, k: int, camera: int) -> UInt8:
+    def _developed(self, layer: Layer, stage: LitBodies | None, k: int, camera: int) -> UInt8:
         view, light = self._views[camera], self.backdrop.light
         height, width = view.linear.shape[:2]
         # The noise of a picture with nobody is another: no two pictures of a camera share theirs.
