@@ -49,6 +49,7 @@ VERBS = [
     ["node", "osc"],
     ["node", "openvr"],
     ["node", "arm"],
+    ["node", "camera"],
     ["align"],
     ["arm"],
     ["replay"],

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 from gesturing_hand import BASE_NAMES, PHASES_S, frames, rig, scenes, somebody
@@ -122,7 +121,7 @@ def test_frames_of_a_take_can_be_tracked_anew_for_a_left_hand(tmp_path: Path) ->
 
 
 def without_points(scene: Scene) -> Scene:
-    return msgspec.structs.replace(scene, points=None)
+    return scene.with_parts(points=())
 
 
 @pytest.mark.parametrize(

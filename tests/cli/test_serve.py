@@ -105,7 +105,11 @@ def test_where_nobody_walked_nothing_is_saved_and_that_is_said(
         (["--rig", "hall.json"], "hall.json: is a sensor layout; use --layout"),
         (["--rig", "hall.toml", "--method", "arms"], "hall.toml: is a sensor layout; use --layout"),
         (["--rig", "old.json", "--method", "hands"], "old.json: is a sensor layout; use --layout"),
-        (["--rig", "rig.toml"], "--rig rig.toml: the method default wants no such file; methods that do: arms, hands"),
+        (
+            ["--rig", "rig.toml", "--method", "stand-still"],
+            "the method stand-still wants no such file; methods that do: arms, default, hands, silhouettes",
+        ),
+        (["--rig", "rig.toml"], "settings of silhouettes"),
         (["--method", "defalt"], "did you mean default?"),
         (["--set", "silent_after=2"], "did you mean silent_after_s?"),
         (["--set", "people.smoothnig=kalman"], "did you mean smoothing?"),

@@ -52,7 +52,7 @@ def test_encoded_images_and_none_come_back_as_they_were(kind: Any, content: byte
     ("changed", "named"),
     [
         ({"width_px": 5000}, "width_px"),
-        ({"format": "gif"}, "format is 'gif'; raw, jpeg, png are read"),
+        ({"format": "gif"}, "format is 'gif'; raw, jpeg, png, file are read"),
         ({"format": ""}, "image has 36 bytes and no format"),
         ({"image": b""}, "image is empty, and the format is raw"),
         ({"image": bytes(35)}, "image has 35 bytes; 3 × 4 × 3 are wanted"),

@@ -213,7 +213,7 @@ def serve(
     start: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="[PERSON=]FILE",
+            metavar="[PERSON=]FILE[:FRAME]",
             help="Where people are at first, for --method silhouettes: JSON of named joints in metres, or an earlier "
             "result of `mocapella silhouettes`; may be repeated.",
         ),
