@@ -85,7 +85,7 @@ class Desk:
         self.sent.append((verb, arguments))
         return self.reply
 
-    def _make_ready(self) -> None:
+    def _make_ready(self, method: str) -> None:
         assert "making the tracking of hands ready" in self.desk.progress.busy
         self.made_ready += 1
 
