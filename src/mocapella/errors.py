@@ -10,12 +10,12 @@ MocapellaError                what we raise on purpose; the message says what wo
 ├── BusError                  the bus could not do it
 │   ├── AddressInUseError     another program listens there
 │   ├── NameTakenError        another node serves a sensor of this name
-│   └── NoServerError         nobody answers at that address
+│   └── NoServerError         no server answers at that address
 ├── RecordingError            a take could not be started or went wrong
 │   ├── TakeExistsError       the name is taken; nothing is ever overwritten
 │   └── DiskFullError         less room than the reserve
-├── CalibrationError          what was seen does not say where cameras are or how they see
-├── EvaluationError           what a method says cannot be scored
+├── CalibrationError          observations do not determine the cameras' poses or lenses
+├── EvaluationError           a method's result cannot be scored
 └── NotNowError               a command that cannot be used in the present state
 """
 
@@ -30,7 +30,7 @@ class MocapellaError(Exception):
 
 
 class InputError(MocapellaError):
-    """A file that cannot be used as it is.
+    """A file that cannot be used.
 
     The message is one line of the parts that are known: ``file: row 12: field Head_X: 'abc': <problem>; <fix>``.
     Rows count from 1 and the header is row 1, as a text editor counts lines.
@@ -63,11 +63,11 @@ class SettingsError(MocapellaError):
 
 
 class PluginError(MocapellaError):
-    """A registered descriptor that cannot be used; names it, its package and what is wrong."""
+    """A registered descriptor that cannot be used; names it, its package and the fault."""
 
 
 class WireError(MocapellaError):
-    """Bytes that are not a valid message; the message names what was wrong."""
+    """Bytes that are not a valid message; the text names the fault."""
 
 
 class SchemaVersionError(WireError):
@@ -111,7 +111,7 @@ class EvaluationError(MocapellaError):
 
 
 class NotNowError(MocapellaError):
-    """A command that cannot be used in the present state; says in which it can."""
+    """A command that cannot be used in the present state; names the states that allow it."""
 
 
 def one_of(value: str, choices: Iterable[str]) -> str:

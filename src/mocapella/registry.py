@@ -1,10 +1,10 @@
-"""What the program can do: tables of descriptors that packages register by entry points, ours like anybody's.
+"""Tables of descriptors that packages register by entry points; the program's own are registered likewise.
 
     METHODS = Table("mocapella.methods", Method, "tracking method")
     METHODS.find("default").make(...)
 
 A table maps a name to one kind of frozen descriptor. A descriptor is imported when it is first wanted. One that cannot
-be used is skipped, and `Table.skipped` says which, of which package, and why; everything else runs.
+be used is skipped, and `Table.skipped` has its name, its package and the reason; everything else runs.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Skipped:
     Attributes:
         group, name: as registered.
         package: that registered it, with its version.
-        why: what is wrong, and what to do.
+        why: the fault and its remedy.
     """
 
     group: str
@@ -84,7 +84,7 @@ class Table(MutableMapping[str, D], Generic[D]):
 
     @property
     def skipped(self) -> tuple[Skipped, ...]:
-        """What was registered and cannot be used, as far as it was tried; `plugins` tries all of other packages."""
+        """Entry points that failed to load, among those tried so far; `plugins` tries all of other packages."""
         self._points()
         return tuple(self._skipped)
 
@@ -103,7 +103,7 @@ class Table(MutableMapping[str, D], Generic[D]):
 
         Raises:
             SettingsError: there is none; says which there are.
-            PluginError: it is registered and cannot be used; names the package and what is wrong.
+            PluginError: it is registered and cannot be used; names the package and the fault.
         """
         if name in self:
             return self[name]
@@ -115,7 +115,7 @@ class Table(MutableMapping[str, D], Generic[D]):
     def __getitem__(self, name: str) -> D:
         if name not in self._loaded:
             point = self._points()[name]
-            assert point is not None  # what was set is loaded
+            assert point is not None  # descriptors that were set are already in `_loaded`
             try:
                 self._loaded[name] = self._load(point)
             except PluginError as error:
@@ -191,7 +191,7 @@ def plugin_points() -> list[EntryPoint]:
 
 
 def wrong_groups(groups: Iterable[str]) -> list[Skipped]:
-    """What other packages registered in groups of ours that there are not; ``groups`` are those that there are."""
+    """Other packages' entry points in groups that do not exist; ``groups`` are the existing ones."""
     known = sorted(groups)
     return [
         Skipped(p.group, p.name, _package(p), f"there is no such group; known: {one_of(p.group, known)}")

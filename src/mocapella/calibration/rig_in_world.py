@@ -6,7 +6,7 @@ person, one rigid motion brings the body's joints to the person's in all posture
     T_world_rig = argmin Σ |p_person − T p_body|        over the joints of several seconds (`robust_align`)
 
 Two people who stand still are alike, so a pair counts only where both have moved, and only where the pair agrees much
-better than the body does with anybody else.
+better than the body does with any other person.
 """
 
 from __future__ import annotations
@@ -76,10 +76,10 @@ class RigInWorld(msgspec.Struct, frozen=True, eq=False):
 
 
 class RigAlignment:
-    """Learns from instants in which bodies and people are there.
+    """Estimates the rig's pose in the world from instants with both bodies and people.
 
     Attributes:
-        found: what is known; None before it is.
+        found: the estimate; None before there is one.
     """
 
     def __init__(self, settings: RigInWorldSettings | None = None) -> None:

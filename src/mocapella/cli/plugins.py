@@ -29,7 +29,7 @@ def plugins() -> tuple[list[tuple[str, str]], list[Skipped]]:
     """Load what other packages register.
 
     Returns:
-        (package, what it registers) of each descriptor that can be used, and what cannot be used.
+        (package, its registration) of each usable descriptor, and the skipped entry points.
     """
     if not plugin_points():
         return [], []

@@ -140,7 +140,7 @@ class LayoutKeeper:
         return False
 
     def save(self) -> None:
-        """Save what is known now; a file stays as it was where nothing is."""
+        """Save the layout known now; without one, the file is left unchanged."""
         layout = self._server.layout()
         if layout is None:
             say(f"no sensor layout saved to {self._path}: no two sensors have been placed; walk where both see you")
@@ -324,7 +324,7 @@ def _text(path: Path) -> str:
 
 
 def settings_of_files(method: str, files: Mapping[str, Path | Sequence[Path] | None]) -> dict[str, Any]:
-    """What the files say that a method is told of: a take keeps it, so that a replay does the same.
+    """Read the files given to a method into settings, which a take stores for its replay.
 
     Args:
         method: name of the tracking method.
@@ -346,7 +346,7 @@ def settings_of_files(method: str, files: Mapping[str, Path | Sequence[Path] | N
         if option not in readers:
             able = [one.name for one in METHODS.values() if option in one.files]
             for other in able[:1]:
-                load(METHODS[other].files[option])(paths)  # what is wrong with the file comes first
+                load(METHODS[other].files[option])(paths)  # a fault of the file itself is raised first
             wanted = f"methods that do: {', '.join(able)}" if able else "no method does"
             raise SettingsError(f"--{option} {paths[0]}: the method {method} wants no such file; {wanted}")
         told = merged(told, load(readers[option])(paths))
@@ -427,7 +427,7 @@ def start_together(session: LiveSession, nodes: list[list[str]]) -> None:
 
 
 def wait_while(session: LiveSession, seconds: float | None, until: Callable[[], bool] = lambda: False) -> None:
-    """Until Ctrl-C, the time is over, or ``until`` holds. A view that ends by itself is told of, and ends nothing else.
+    """Wait for Ctrl-C, the end of the time, or ``until``. A view that ends by itself is reported; the session goes on.
 
     Raises:
         MocapellaError: the server has failed.

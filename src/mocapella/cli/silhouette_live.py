@@ -32,7 +32,7 @@ LONGER_S: Final = 5.0
 NO_CAMERA: Final = "no camera gives a picture any more"
 PLUGGED_IN: Final = "look whether they are plugged in, and films long enough"
 RATE_OF: Final = 30
-"""Frames a second are those of so many last frames."""
+"""Number of latest frames over which the frame rate is measured."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class LiveWishes:
 
 
 def open_live(wishes: LiveWishes, rig: CameraRig) -> LiveSet:
-    """The cameras, opened, and asked for pictures as they were calibrated for, unless others are expected.
+    """Open the cameras and request pictures of the calibrated size, unless another size is expected.
 
     Raises:
         SettingsError, InputError: one cannot be opened, or not together with the others.
@@ -182,7 +182,7 @@ def follow_live(
     """Frame by frame until ``stop`` is set, for so many seconds, or until all sources have ended.
 
     Raises:
-        InputError: no camera gave a picture, and nobody stopped it.
+        InputError: no camera gave a picture, and the run was not stopped.
     """
     whom = ", ".join(filter(None, run.meshes))
     say(f"following {whom}".strip() + (" until Ctrl-C" if seconds is None else f" for {seconds:g} s"))

@@ -1,4 +1,4 @@
-"""What `mocapella silhouettes` begins with: whose bodies they are, where they are at first, and what is behind them."""
+"""The start of `mocapella silhouettes`: the bodies, their first poses, and the empty room."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 MESH_FILES: Final = (".glb", ".gltf")
 LEAST_M, MOST_M = 0.5, 2.5
-"""Of somebody's height."""
+"""Limits of a person's height [m]."""
 
 
 @dataclass(frozen=True)
@@ -52,13 +52,13 @@ class _Wish:
 
 @dataclass(frozen=True)
 class _Earlier:
-    """Where an earlier result says that somebody is.
+    """A person's pose in an earlier result.
 
     Attributes:
         path: of the result.
         body: of it.
         number: of the frame.
-        chosen: whether somebody named that frame.
+        chosen: whether that frame was named on the command line.
     """
 
     path: Path
@@ -69,7 +69,7 @@ class _Earlier:
 
 @dataclass(frozen=True)
 class _Found:
-    """Where joints say that somebody is, and which model the file names for them."""
+    """A person's joints in a file, and the model that the file names for them."""
 
     path: Path
     joints: Joints
@@ -77,7 +77,7 @@ class _Found:
 
 
 def find_start(wishes: StartWishes, rig: CameraRig, frames: Frames) -> dict[str, tuple[Body, TreePose]]:
-    """The bodies, and where they are in the first frame, by name; `ALONE` where nobody named the only one.
+    """The bodies and their poses in the first frame, by name; `ALONE` for a single body without a name.
 
     Raises:
         SettingsError, InputError, CalibrationError: nothing says it, or nothing that can be.
@@ -210,7 +210,7 @@ def settings_of_starts(paths: Sequence[Path]) -> dict[str, Any]:
             ``height_m`` beside them.
 
     Raises:
-        InputError, SettingsError, CalibrationError: a file cannot be used, or nobody can be there.
+        InputError, SettingsError, CalibrationError: a file cannot be used, or a pose is impossible.
     """
     from mocapella.model.camera import CameraRig
     from mocapella.sources.video import Frames
@@ -236,10 +236,10 @@ def settings_of_peoples_starts(paths: Sequence[Path]) -> dict[str, Any]:
 
 
 def _by_person(option: str, texts: Sequence[str], people: Mapping[str, object]) -> dict[str, str]:
-    """What is said for each of the people: by name, or for all.
+    """An option's value for each of the people: by name, or for all.
 
     Raises:
-        SettingsError: nobody is called so, or it is said twice.
+        SettingsError: no person has that name, or the option is given twice.
     """
     from mocapella.recording.followed_bodies import ALONE
 
@@ -273,7 +273,7 @@ def _person_and_value(text: str) -> tuple[str, str]:
     """Of ``PERSON=VALUE``; a file of that whole name is no person's.
 
     Raises:
-        SettingsError: nobody can be called so.
+        SettingsError: not a valid person's name.
     """
     from mocapella.recording.followed_bodies import ALONE, check_person_name
 

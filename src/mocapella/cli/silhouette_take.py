@@ -51,7 +51,7 @@ class RecordedRun:
         self._take.write(stored, arrival, scene)
 
     def close(self) -> None:
-        """End the take, and say what is in it."""
+        """End the take, and report its contents."""
         report = self._take.close()
         frames = sum(report.frames.values())
         size = f"{report.size_bytes / 1e6:.1f} MB"

@@ -1,4 +1,4 @@
-"""``mocapella demo silhouettes``: somebody rendered before four cameras, followed by their silhouettes."""
+"""``mocapella demo silhouettes``: a person rendered before four cameras, tracked by their silhouettes."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def _corruption(corrupt: str | None, seed: int) -> Corruption | None:
 
 
 def _shown(run: SilhouetteRun, made: SilhouetteScene, stop: Event, seconds: float | None) -> Iterator[Step]:
-    """Every frame once it is followed, until all have been, time is up, or somebody stops it."""
+    """Every frame once it is tracked, until the last one, the end of the time, or ``stop``."""
     from mocapella.sources.frame_set import FrameSet
 
     names, end_s = list(made.rig.cameras), None if seconds is None else time.monotonic() + seconds

@@ -1,6 +1,6 @@
 """Detectors: the images of one camera in, observations out. No clock, thread, file or socket.
 
-`DETECTORS` has them by name. A tracker (`mocapella.tracker`) turns what they send into scenes.
+`DETECTORS` has them by name. A tracker (`mocapella.tracker`) turns their observations into scenes.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def make_detector(name: str, camera: Camera, settings: Mapping[str, Any] | None 
     Args:
         name: key of `arm_detectors`.
         camera: its size and lens.
-        settings: the detector's own, by name, and ``gestures``, those of
+        settings: the detector's own, by name, and ``gestures``, by the names of
             `mocapella.kinematics.gestures.GestureSettings`; the rest are its defaults.
 
     Raises:

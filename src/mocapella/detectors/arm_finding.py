@@ -146,7 +146,7 @@ class ArmFinder:
         )  # fmt: skip
 
     def judged(self, depth: Float32, found: list[Found]) -> list[Found]:
-        """The best first, by how well each explains what is around any of them."""
+        """The best first, by how well each explains the points around any of them."""
         if len(found) < 2:
             return found
         judged: list[tuple[float, int]] = []
@@ -258,7 +258,7 @@ def _work(evidence: ArmEvidence, iterations: int) -> int:
 
 
 def cost_of(model: ArmModel, pose: ArmPose, evidence: ArmEvidence) -> float:
-    """What a pose costs, as it is."""
+    """The cost of a pose, without iterations of the fit."""
     return model.fit(pose, model.unexpected(pose), evidence, iterations=0).cost
 
 
@@ -343,7 +343,7 @@ def _across(normal: Float64, z_axis: Float64, centre: Float64) -> Float64:
 
 _FLAT: Final = (0.0, np.pi)
 _EDGE_ON_M: Final = 0.026
-"""A hand in which no larger circle fits may be seen from its side."""
+"""A hand whose largest inscribed circle has a smaller radius may be seen from its side [m]."""
 _ROLLS: Final = (*_FLAT, 0.5 * np.pi, -0.5 * np.pi)
 _OPEN: Final = ((0, 0, 10), *[(5, 0, 8)] * 4)
 _BENT: Final = ((0, 0, 40), *[(70, 0, 85)] * 4)
@@ -354,7 +354,7 @@ _SHIFTS_M: Final = (-0.03, 0.0, 0.03)
 
 
 SUREST: Final = 0.95
-"""Nothing is said of a hand's side with more than this."""
+"""Largest certainty of a hand's side."""
 _CLEAR: Final = 0.75
 """A side that is at least so sure is clear."""
 _BESIDE_M: Final = 0.04
@@ -374,7 +374,7 @@ _REPAIRS: Final = 10
 _ROUNDS: Final = ((5, 250, 8, 2.0), (2, 400, 8, 1.5))
 """How many starts of either side are kept, with how many points, iterations, and how loose at the beginning."""
 _AROUND: Final = 6
-"""Iterations in which the upper arm finds where it is."""
+"""Iterations to place the upper arm."""
 _HOPELESS: Final = 0.4
 _FEW_OF_HAND: Final = 10
 """With fewer points of the hand nothing says that it is one."""

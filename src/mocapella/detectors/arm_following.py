@@ -1,9 +1,8 @@
 """Arms and hands in the images of one depth camera: found, followed, and told. The detector ``kinematic-arm``.
 
 An image goes through three steps: the part of it that may be an arm (`sensing.arm_region`), a kinematic arm and hand
-fitted to its points (`kinematics.arm_fit`), and what is told of it. An arm that was there before is followed from its
-prediction; where there is none, palms are looked for in the whole image and the fit begins from several poses of
-either hand.
+fitted to its points (`kinematics.arm_fit`), and the observation made from it. A known arm is tracked from its
+prediction; without one, palms are looked for in the whole image and the fit begins from several poses of either hand.
 """
 
 from __future__ import annotations
@@ -46,8 +45,7 @@ class KinematicArmSettings:
         better: another pose is taken when its cost is below this part of that of the arm's own.
         look_again_after: images for which a hand is doubtful before it is looked for anew where it is, and twice as
             long each time that nothing better is found.
-        firm: an arm is told once its cost was below this; where it was so for some images, others are not looked for in
-            its stead.
+        firm: an arm is reported once its cost was below this; after some images below it, no replacement is looked for.
         refuse_for: images for which a place is not looked at again where no arm was; eight times as long while there is
             an arm, and twice as long each time.
         lost_after: frames in a row that an arm may be doubtful.
@@ -116,11 +114,11 @@ class _Refused:
 
 
 class _Look:
-    """A look for further arms. It takes longer than an image may: a little is done in each of those that follow.
+    """A search for further arms. It takes longer than an image may, so it is spread over the images that follow.
 
     Attributes:
         depth, at_s: the image that is looked at.
-        images: (depth, time) of those since: what is found is followed through them.
+        images: (depth, time) of the images since; arms that are found are tracked through them.
         newest: of them.
         steps: the work.
     """
@@ -202,7 +200,7 @@ class KinematicArmDetector:
 
     @property
     def _unsure(self) -> bool:
-        """Whether no arm is told, or none for long and there are places that nobody has looked at."""
+        """Whether no arm is reported, or none is firm and some places have not been searched."""
         return not self._believed() or (self._unfinished and all(arm.firm < _FIRM_AFTER for arm in self._arms))
 
     @property
@@ -304,7 +302,7 @@ class KinematicArmDetector:
             self._anew(arm, depth)
 
     def _anew(self, arm: _Arm, depth: Float32) -> None:
-        """Look for a hand where it is, as if nothing were known of it: at once, for it is told wrongly meanwhile."""
+        """Search for a hand at its place without its prediction; at once, because it is reported wrongly meanwhile."""
         found: list[Found] = []
         for candidate in at_once(self.finder.candidates(depth, 2, arm.model.points(arm.fitted.pose)[PALM])):
             found += at_once(self.finder.best(depth, candidate))
@@ -314,7 +312,7 @@ class KinematicArmDetector:
                 arm.sure, arm.wait = self.finder.sure(one, found), self.settings.look_again_after
 
     def _caught_up(self, arms: list[_Arm], look: _Look) -> Steps[None]:
-        """Follow arms to the newest image, and leave out, in place, those that are lost on the way."""
+        """Track arms to the newest image, and remove, in place, arms that are lost on the way."""
         while look.images and arms:
             depth, at_s = look.images[:_STRIDE][-1]
             del look.images[:_STRIDE]
@@ -350,7 +348,7 @@ class KinematicArmDetector:
         rates[:3], rates[3:6] = s.palm_rate_m_s, np.radians(s.palm_rate_deg_s)
         rates = np.clip(_MAY_CHANGE * np.abs(arm.velocity), _STILL * rates, rates)
         base, before = model.unexpected(predicted), arm.fitted.pose.v.copy()
-        # Nobody grows while he is looked at. A forearm's length is told by that of the hand.
+        # Sizes do not change while an arm is tracked. A forearm's length is inferred from the hand's.
         known = np.full(len(before), 1.0 / _SIZE_SD**2)
         before[2] /= before[0]
         known[2] /= model.forearm_m**2
@@ -364,7 +362,7 @@ class KinematicArmDetector:
     def _worth_a_look(self, depth: Float32) -> tuple[int, Float64 | None]:
         """How many places are looked at, 0 where it is not worth while, and (k, 3) near to what [m]; None for anywhere.
 
-        All while there is no arm. Else one: in each image while there are places that nobody looked at, then now and
+        All while there is no arm. Else one: in each image while some places have not been searched, then now and
         then where something came nearer, or anywhere while no arm is firm.
         """
         s = self.settings
@@ -470,7 +468,7 @@ class KinematicArmDetector:
 
 
 def _sd_m(shown: Float64, cost: float) -> Float64:
-    """(23,) how unsure a coordinate is of a landmark of which so much is shown, in a fit of such a cost.
+    """(23,) standard deviation of a landmark's coordinate [m], from its visible share and the fit's cost.
 
     Set to the errors in rendered scenes of seeds below 100: 2.6 mm where much is seen and all fits, more than twice as
     much where the fit is doubtful, and up to 2.6 times as much again where little is seen.
@@ -487,7 +485,7 @@ def _motion(before: ArmPose, after: ArmPose) -> Float64:
 
 
 _WORK: Final = ((3000, 5000), (0, 3000))
-"""So long is looked in an image while an arm is told, and while several are; the second where nothing else is [µs]."""
+"""Search time in an image with one arm or none, and with several; the second values where nothing else is done [µs]."""
 _MOST_IMAGES: Final = 40
 """Are kept meanwhile; of more, every other."""
 _STRIDE: Final = 3
@@ -495,7 +493,7 @@ _STRIDE: Final = 3
 _FOLLOWED: Final = 2500
 """Following an arm takes so long [µs]."""
 _FIRM_AFTER: Final = 5
-"""Images in which an arm fitted well, for none to be looked for in its stead."""
+"""Images with a good fit of an arm before no replacement is looked for."""
 _PLACES: Final = 8
 """Are looked at in an image while there is no arm …"""
 _CANDIDATES: Final = 24
@@ -518,7 +516,7 @@ _FOREARM_RATE_DEG_S: Final = 300.0
 _MAY_CHANGE: Final = 4.0
 """In an image a motion may become so many times as fast …"""
 _STILL: Final = 0.1
-"""… or reach this part of what it may at most, where it is still: which calms a still hand."""
+"""… or reach this part of its limit, where the hand is still; this steadies a still hand."""
 
 _JUMP: Final = 1.25
 """A fit that costs so many times as much as that of the image before was predicted wrongly."""
@@ -533,7 +531,7 @@ _MARGIN: Final = 0.93
 
 _FEW: Final = 250
 _FEWER: Final = 100
-"""Points that are enough to find a better posture, and to sort postures by what they promise."""
+"""Points that suffice to find a better posture, and to sort postures by their expected gain."""
 _AT_ONCE: Final = 5
 """For so many images of doubt all kinds of postures are tried in each; then they take turns."""
 _TRIED: Final = 2

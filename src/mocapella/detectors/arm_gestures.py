@@ -42,7 +42,7 @@ class ArmGestures:
 
     @property
     def reports(self) -> dict[int, GesturesReport]:
-        """By arm, of those that are not forgotten."""
+        """The reports by arm; forgotten arms have none."""
         return {number: hand.report for number, hand in self._hands.items()}
 
     def update(self, arms: tuple[SeenArm, ...], at_s: float) -> tuple[SeenArm, ...]:

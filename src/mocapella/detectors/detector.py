@@ -41,7 +41,7 @@ class Detector:
     """Describes a detector: what turns the images of one camera into observations.
 
     A descriptor's module imports no kernels, so that names and summaries can be listed quickly; `settings` and `make`
-    import what they need when they are called.
+    import their modules when they are called.
 
     Attributes:
         interface: of `mocapella.registry`.

@@ -16,7 +16,7 @@ class Export:
     Attributes:
         interface: of `mocapella.registry`.
         name: the verb after ``mocapella export``.
-        summary: what it writes, in a line.
+        summary: its output, in a line.
         parts: names of the types of scene parts that it carries; None where it carries every type.
         command: ``module:function`` of its typer command, which has the take's path as its argument ``take``. The
             module is imported when the verb runs.

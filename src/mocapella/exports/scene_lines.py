@@ -73,7 +73,7 @@ def scene_line(run: int, log_ns: int, scene: Scene) -> bytes:
         "sensors": scene.sensors,
         "parts": {name: [_named_if_unknown(one) for one in some] for name, some in scene.parts.items()},
     }
-    return msgspec.json.encode(row, enc_hook=_plain)  # which writes what is not finite as null
+    return msgspec.json.encode(row, enc_hook=_plain)  # writes numbers that are not finite as null
 
 
 def _named_if_unknown(part: Any) -> Any:

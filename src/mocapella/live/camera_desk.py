@@ -1,4 +1,4 @@
-"""Answers what is asked of a camera's node, in a thread of its own, so that the frames flow on meanwhile."""
+"""Answer a camera node's queries in a thread of their own, so that frames are not delayed."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ class CameraDesk:
         work: whose pictures and colours they are about.
         profile_file: where `AskSave` writes; None where there is none.
         settings: see there.
-        say: is told in words what has changed.
+        say: receives messages about changes.
         clock: the monotonic clock, in seconds.
     """
 
@@ -153,7 +153,7 @@ class CameraDesk:
             return NodeAnswer(False, str(error))
 
     def close(self) -> None:
-        """End the thread, when it has answered what it is at."""
+        """End the thread after its current answer."""
         self._ended.set()
         with contextlib.suppress(queue.Full):  # the thread wakes up for what fills it
             self._waiting.put_nowait(None)

@@ -26,7 +26,7 @@ class FileTake:
     Args:
         path: of the take.
         setup: how the tracker was made …
-        method_settings: … and with which settings: a replay makes it of these.
+        method_settings: … and its settings; a replay makes it from these.
         reserve_bytes: free space that is left.
 
     Raises:
@@ -41,10 +41,10 @@ class FileTake:
         self._since = 0
 
     def write(self, frame: SensorFrame, arrival: Arrival, scene: Scene) -> None:
-        """A frame as it is to be stored, when it arrived, and the scene that was made of it.
+        """Write a frame as it is to be stored, its arrival, and the scene made of it.
 
         Raises:
-            DiskFullError, RecordingError: what was flushed before is safe.
+            DiskFullError, RecordingError: frames flushed before are safe.
         """
         self._writer.write_frame(
             encode_frame(frame), sensor=frame.sensor, node_id=frame.node_id, sequence=frame.sequence,
@@ -57,7 +57,7 @@ class FileTake:
             self._writer.flush()
 
     def close(self) -> TakeReport:
-        """End the take properly; returns what is in it."""
+        """End the take properly; returns its contents."""
         return self._writer.close()
 
     def __enter__(self) -> FileTake:

@@ -60,8 +60,8 @@ def run_image_node(
         epoch: the Unix time [s] at which the source's time is 0; None is when the run begins.
         stop: ends the run.
         wait: whether the run begins when a server is there, or at once.
-        say: is told in words what happens.
-        linger_s: how long to stay after the last picture, so that a recording server can fetch what it missed.
+        say: receives messages about the run.
+        linger_s: how long to stay after the last picture, so that a recording server can fetch missed frames [s].
         clock: the monotonic clock, in seconds.
 
     Raises:

@@ -1,4 +1,4 @@
-"""The pictures of a camera's node whose images are sent themselves: encoded, counted, and what is wrong."""
+"""Encode and count the pictures of a node that sends images, and warn about faults."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class ImageSettings:
     Attributes:
         format: ``jpeg``, or ``png``, which loses nothing and is some ten times as large.
         quality: of a JPEG, 1 to 100.
-        delay_s: pictures show what was so long before they come, as those of network cameras [s].
+        delay_s: latency from capture to arrival, as of network cameras [s].
     """
 
     format: Literal["jpeg", "png"] = "jpeg"
@@ -119,7 +119,7 @@ class ImageWork:
         )
 
     def warnings(self, now_s: float) -> Iterator[str]:
-        """What has become wrong since the last look, now and then; and what is right again."""
+        """Faults since the last call, at limited intervals, and recoveries."""
         if self._warned.due(now_s):
             few = self.acquisition.report().too_few
             yield from self._warned.update({"rate": few} if few else {}, now_s)

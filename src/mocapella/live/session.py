@@ -36,8 +36,8 @@ class Session:
     """A tracker under commands.
 
     Attributes:
-        setup: what was set up last. Each method has settings of its own, which stay while another is set up.
-        layout: where the sensors were the last time; every new tracker begins from it, until somebody recalibrates.
+        setup: the latest setup. Each method has settings of its own, which stay while another is set up.
+        layout: the sensors' last known poses; every new tracker begins from them, until a recalibration.
         running: whether frames are tracked.
         next_step: the number of the scene that comes next; begins anew with every tracker.
         names: of people, by their numbers. A new tracker numbers people anew, and begins without names.
@@ -114,7 +114,7 @@ class Session:
         return scene
 
     def carry_out(self, verb: str, arguments: Mapping[str, Any]) -> str:
-        """Do what the command says; returns what was done, in words.
+        """Carry out a command; returns a message about its effect.
 
         Raises:
             SettingsError: an unknown verb or argument.
@@ -155,7 +155,7 @@ class Session:
     def _use_rig(self, arguments: Mapping[str, Any]) -> str:
         """Track with the cameras of a rig's text; the rig is a setting of the method, and so stands in a take.
 
-        The method is the one that is named, or that is set up where it takes a rig, or else the first that needs one.
+        The method is the named one, or the one set up if it takes a rig, or else the first that needs one.
         """
         told = parse(_UseRig, arguments, where="use-rig")
         takes = [name for name, method in METHODS.items() if method.camera_rig != "none"]

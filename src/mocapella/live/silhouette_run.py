@@ -1,7 +1,6 @@
 """Bodies followed through the videos of several cameras, or live: what the command and the demo do, frame by frame.
 
-The tracker decides everything; here its time is measured, what it tells is passed on, and what came of the run is
-counted.
+The tracker decides everything; this module measures its time, passes on its notes, and counts the results.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ class PersonStep(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         followed: what the tracker says.
         row: as the file has it.
-        waits: by camera, what the body covers where it waits; nothing while somebody is there.
+        waits: by camera, the silhouette of a lost body where it waits; empty while the person is present.
     """
 
     followed: FittedBody
@@ -58,11 +57,11 @@ class PersonStep(msgspec.Struct, frozen=True, eq=False):
 
 
 class Step(msgspec.Struct, frozen=True, eq=False):
-    """One frame and what came of it.
+    """One frame and its results.
 
     Attributes:
         frame: its number.
-        images: (height, width, 3) BGR by camera; those that there are.
+        images: (height, width, 3) BGR by camera, where there is one.
         people: by name.
         took_s: how long the tracker took.
     """
@@ -73,7 +72,7 @@ class Step(msgspec.Struct, frozen=True, eq=False):
     took_s: float
 
     def pictures(self, width: int | None = None) -> dict[str, UInt8]:
-        """Each camera's image with the outlines drawn in, so many pixels wide; as it is without ``width``."""
+        """Each camera's image with the outlines drawn in, ``width`` pixels wide; None keeps the image's width."""
         return {name: outlined(image, self._outlines(name), width) for name, image in self.images.items()}
 
     def _outlines(self, camera: str) -> list[Outlines]:
@@ -86,7 +85,7 @@ class SilhouetteRun:
 
     Args:
         tracker: newly made.
-        say: is told what happens.
+        say: receives messages about the run.
         record: is given each arrival, the number of its frame (None: of the empty room), and the scene that was made
             of it.
 
@@ -95,9 +94,9 @@ class SilhouetteRun:
         meshes: of the bodies, by name.
         rig: of the cameras.
         frames: how many so far.
-        tallies: what they came to, by name; the rows themselves are the steps', and nothing here keeps them.
+        tallies: totals by name; the rows themselves belong to the steps, and nothing here keeps them.
         took_ms: of the frames.
-        notes: all that was said.
+        notes: all messages so far.
     """
 
     def __init__(
@@ -118,7 +117,7 @@ class SilhouetteRun:
             self._give(arrival, None)
 
     def feed(self, shown: FrameSet) -> float:
-        """Give the tracker a frame, of which nothing is counted; returns how long it took [s]."""
+        """Give the tracker a frame without counting it; returns how long it took [s]."""
         if self._zero_ns + shown.time_ns <= self._last_ns:  # live cameras began anew, and the tracker's time goes on
             self._zero_ns = self._last_ns + round(self.tracker.period_s * NS_PER_S) - shown.time_ns
         self._last_ns = self._zero_ns + shown.time_ns

@@ -48,7 +48,7 @@ MOST_CONDITIONS = 100
 
 @dataclass
 class Condition:
-    """Something that was wrong or to be done: when it was said first and last [s], and in how many results."""
+    """A fault or a task: when it was reported first and last [s], and in how many results."""
 
     first_s: float
     last_s: float

@@ -1,4 +1,4 @@
-"""The JSON of which a reader makes a fitted body's mesh again (`mocapella.model.scene.TrackedBody.build`).
+"""The JSON from which a reader rebuilds a fitted body's mesh (`mocapella.model.scene.TrackedBody.build`).
 
 {"model": "female", "height_m": 1.68, "proportions": {"thigh": 0.43}}
 {"model": "robot.glb", "sha256": "…"}      the mesh is a file's, which is not in the JSON
@@ -25,7 +25,7 @@ class BodyBuild(msgspec.Struct, frozen=True, omit_defaults=True):
     Attributes:
         model: of `MODELS`, or the name of a mesh's file.
         height_m: where it was given.
-        proportions: lengths of segments [m] and girth, by name; those that were measured.
+        proportions: measured lengths of segments [m] and girth, by name.
         sha256: of the mesh's file, in hexadecimal digits; empty of `MODELS`.
     """
 
@@ -43,7 +43,7 @@ def mesh_of_build(build: str) -> RiggedMesh:
     """The mesh that a body was fitted with; of the same text the same mesh.
 
     Raises:
-        SettingsError: the text is no build, its values are nobody's, or its mesh is a file's.
+        SettingsError: the text is no build, its values are impossible, or its mesh is a file's.
     """
     try:
         told = msgspec.json.decode(build, type=BodyBuild)

@@ -10,7 +10,7 @@ from mocapella.model.sensor_frame import SensorFrame
 from mocapella.registry import Table
 
 ENVELOPE_FIELD: Final = 100
-"""The protobuf field of an `OtherFrame`, in which a plug-in's frames travel."""
+"""The protobuf field of an `OtherFrame`, which carries plug-ins' frames."""
 HISTORY_FRAMES: Final = 18_000
 """So many frames a node keeps for a server that missed them."""
 
@@ -44,7 +44,7 @@ class FrameType:
         decode: the bytes as a frame, checked; raises `WireError`.
         format: how a take says that they are written.
         field: number of a protobuf field that each message has and no other type's; plug-ins use `ENVELOPE_FIELD`.
-        counted: one and many of what is counted in a frame; None where nothing is.
+        counted: singular and plural noun for a frame's items; None where nothing is counted.
         shown: what the table of sensors shows where nothing is counted; the name where left out.
         hint: what else can be done with such frames, where no method takes them.
         lane: ``module:name`` of a `mocapella.viewer.lanes.Lane`, which draws a frame in the sensors' view, or empty.

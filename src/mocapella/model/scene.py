@@ -82,10 +82,10 @@ class Person(msgspec.Struct, frozen=True, eq=False):
         positions: (joints, 3), fused, world [m]; NaN where no sensor sees the joint.
         states: (joints,), `JointState`: tracked = measured by at least one sensor; inferred; not tracked.
         views: the potential skeletons, in the order of their sensors' names. A sensor that has lost the person for
-            now may keep a view in which nothing is tracked.
+            now may keep a view without tracked joints.
         sd: (joints,) float32, standard deviation of a coordinate [m]; NaN where not tracked. None where the method does
             not say.
-        name: that somebody gave to the person in this session; empty where nobody did.
+        name: given to the person in this session; empty if none was.
     """
 
     id: int
@@ -102,7 +102,7 @@ class Person(msgspec.Struct, frozen=True, eq=False):
     def seen_from(self, sensor: str) -> Float64 | None:
         """(joints, 3), the fused skeleton in that sensor's camera space [m]; None where it has no view of this person.
 
-        A view in which nothing is tracked will do: this is how the others see whom that sensor has lost.
+        A view without tracked joints suffices: it shows how the others see a person whom that sensor has lost.
         """
         view = self.view_of(sensor)
         return None if view is None else apply(inverse(view.T_world_sensor), self.positions)
@@ -114,7 +114,7 @@ class SensorPlace(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         sensor: its name.
         T_world_sensor: (4, 4), from its camera space to the world; None where not known yet.
-        position_sd: of what it says of a point where people are [m]; NaN where not known.
+        position_sd: standard deviation of a point's position where people are [m]; NaN where not known.
         rotation_sd: likewise of the angle [rad].
         quality: how well it is known, in words.
         problem: why its views are not used, or what to do; empty where all is well.
@@ -132,7 +132,7 @@ class TrackedHand(msgspec.Struct, frozen=True, eq=False):
     """A hand; landmarks and angles are in the order of `mocapella.model.hand`.
 
     Attributes:
-        id: stays the same for as long as it is the same hand.
+        id: constant for one hand.
         left: whether it is a left one.
         landmarks: (21, 3), world [m]; NaN where not known.
         states: (21,) `JointState`: tracked = the markers of this instant determine it; inferred; not tracked.
@@ -156,7 +156,7 @@ class TrackedArm(msgspec.Struct, frozen=True, eq=False):
     """An arm and its hand that depth cameras see; points are in the order of `mocapella.model.arms.ARM_POINTS`.
 
     Attributes:
-        id: stays the same for as long as it is the same arm.
+        id: constant for one arm.
         left: whether it is a left one.
         points: (23, 3), world [m]; NaN where not known.
         states: (23,) `JointState`: tracked = at least one camera measures it; inferred; not tracked.
@@ -166,8 +166,8 @@ class TrackedArm(msgspec.Struct, frozen=True, eq=False):
         gesture: in a word, such as open or fist; empty where none is recognised.
         gesture_sure: from 0 to 1.
         grabbing: whether the hand holds on to something.
-        person: id of the `Person` whose arm it is; -1 where it is nobody's.
-        cameras: names of those that see it now; empty while it is only predicted.
+        person: id of the arm's `Person`; -1 if unassigned.
+        cameras: names of the cameras that see it now; empty while it is only predicted.
     """
 
     id: int
@@ -243,7 +243,7 @@ class TrackedBodyView(msgspec.Struct, frozen=True, eq=False):
         overlap: intersection over union of the model's outline and the image's; NaN where the camera does not see it.
         left_out: why the image does not count; empty where it does.
         outline_px: (k, 2) float32, of the model [px].
-        contour_px: (k, 2) float32, of what was segmented in the image [px].
+        contour_px: (k, 2) float32, of the segmented region in the image [px].
     """
 
     camera: str
@@ -257,10 +257,10 @@ class TrackedBody(msgspec.Struct, frozen=True, eq=False):
     """A body model in a pose.
 
     Attributes:
-        id: stays the same for as long as it is the same body.
-        name: the person's; empty where nobody gave one.
-        build: JSON of which a reader makes the same mesh again: ``model``, ``height_m`` and ``proportions``, or
-            ``model`` and ``sha256`` of a mesh's file. Empty where nobody said it.
+        id: constant for one body.
+        name: the person's; empty if none was given.
+        build: JSON from which a reader rebuilds the mesh: ``model``, ``height_m`` and ``proportions``, or
+            ``model`` and ``sha256`` of a mesh's file. Empty if not given.
         T_world_model: (4, 4) of the root.
         angles: (dof,) [rad].
         joint_names: (dof,).
@@ -268,10 +268,9 @@ class TrackedBody(msgspec.Struct, frozen=True, eq=False):
         landmarks: (landmarks, 3), world [m].
         states: (landmarks,) uint8 `JointState`: tracked = in the image of a camera that sees the body now; inferred =
             predicted, or where the body waits; not tracked = the tracker does not look for the body yet.
-        lost: whether nobody is there, not yet or not any more; the pose is then where somebody is to stand, or was
-            last.
+        lost: whether the person is absent, not yet come or gone; the pose is then the start's, or the last one seen.
         views: in the order of the rig's cameras.
-        person: id of the `Person` whose body it is; -1 where it is nobody's.
+        person: id of the body's `Person`; -1 if unassigned.
     """
 
     id: int

@@ -1,4 +1,4 @@
-"""What is in a take: how it was made, what each channel holds, and what was left out.
+"""The contents of a take: how it was made, its channels, and the frames left out.
 
 A take is one MCAP file. `mocapella.recording.take_writer` writes it, `mocapella.recording.take_reader` reads it.
 """
@@ -34,7 +34,7 @@ class TakeInfo:
     """How a take, or a run of it, was made.
 
     Attributes:
-        setup: what was chosen before the start.
+        setup: chosen before the start.
         method_settings: of the tracker's method, by name.
         started_unix_ns: wall clock at the start.
         started_ns: the server's clock at the same instant; every ``log_ns`` in the take is of this clock.

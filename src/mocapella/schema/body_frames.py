@@ -179,7 +179,7 @@ def _refuse_bad_positions(values: NDArray[np.float32], kind: Topology) -> None:
 
 
 def _refuse_misfit(m: Any, kind: Topology) -> None:
-    """Refuse the first field of a frame that does not fit the others, and say what it wants."""
+    """Raise `WireError` for the first field of a frame that does not fit the others, with the expected value."""
     length = len(m.tracking_ids)
     bodies = length // 8
     if length % 8 or bodies > MAX_BODIES:

@@ -29,7 +29,7 @@ def decode_frame(data: bytes) -> Any:
     Raises:
         SchemaVersionError: it is of another schema version; names both.
         WireError: it is no frame, or a field is missing, too long, of the wrong length, not finite or out of range;
-            names the field and what it wants.
+            names the field and the expected value.
     """
     message = parse(
         pb.BodyFrame, data, MAX_MESSAGE_BYTES

@@ -32,7 +32,7 @@ def image_frame_of(m: pb.ImageFrame) -> ImageFrame:
     """Check a message and make a frame of it; whether an encoded image can be read is seen when it is decoded.
 
     Raises:
-        WireError: a field of the wrong length, or a value that cannot be; names the field and what it wants.
+        WireError: a field of the wrong length, or an impossible value; names the field and the expected value.
     """
     width, height = image_size(m.width_px, m.height_px, "ImageFrame")
     if m.format not in _KNOWN:

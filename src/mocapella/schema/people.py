@@ -26,7 +26,7 @@ def encode_person(person: Person) -> Any:
 
 
 def decode_person(m: Any, kind: Topology) -> Person:
-    """Of a message, whose joints are those of a topology.
+    """Decode a person with the joints of ``kind``.
 
     Raises:
         WireError: a field of the wrong length, or a value that cannot be; names the field.

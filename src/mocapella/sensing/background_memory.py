@@ -1,8 +1,8 @@
-"""What a camera that stands still sees behind people, learnt while they are there.
+"""Learn a static camera's background from images with people in them.
 
-Wherever nobody is near, the image is background. When somebody comes there it is known what was behind; when somebody
-goes, it is learnt. So a clip needs no images of the empty room, only people who move, and what was never seen free of
-them is left to the local densities of `region_contour`.
+Wherever no person is near, the image is background. It is learnt there, and used when a person comes later. So a clip
+needs no images of the empty room, only people who move. Places that were never seen without people are left to the
+local densities of `region_contour`.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ class MemorySettings:
         guard_steps: nearer than so many samples to a person nothing is learnt.
         rate: how much a new image counts, once there were more than 1/rate.
         least_sd: of a sample [grey levels].
-        window_images: what is in a window is taken in within so many images.
-        sweep_images: what is far from people is taken in within so many images.
-        cut_sd: a sample that is farther from what it was is not as it was [standard deviations].
+        window_images: number of images within which a window is updated once.
+        sweep_images: number of images within which the parts far from people are updated once.
+        cut_sd: a sample farther than this from its mean has changed [standard deviations].
         strange_sd: likewise, where several samples vote …
-        strange_gray_sd: … and where there is no colour by which a shadow is told.
-        shadow: what has less than this of its light, 0 to 1, is not in shadow; 1: nothing is.
-        shadow_sd: nor is what is so far from its colour, darkened [grey levels].
+        strange_gray_sd: … and without colour to tell a shadow.
+        shadow: least share of its light, 0 to 1, for a sample to be in shadow; 1: no sample is.
+        shadow_sd: largest distance of such a sample from its darkened colour [grey levels].
         every: so manieth row and column of samples is asked whether an image is of this room.
     """
 
@@ -112,11 +112,11 @@ class BackgroundMemory:
     def update(
         self, image: UInt8, person: Silhouette | None, others: Bool | None = None, covered: UInt8 | None = None
     ) -> None:
-        """Take in an image, but for what is near a person.
+        """Learn from an image, except near people.
 
         Args:
             image: (height, width) or (height, width, 3).
-            person: a window at this memory's step, aligned with it; None: nobody is there.
+            person: a window at this memory's step, aligned with it; None: no person is there.
             others: (height, width) where other people are.
             covered: (rows, columns) of the window, not 0 where the person is, too.
 
@@ -145,7 +145,7 @@ class BackgroundMemory:
         self._learnt = self._learnt or bool(self._count.any())
 
     def unlike(self, image: UInt8, person: Silhouette | None) -> float:
-        """Share of what is known, and no person is near of, that is not as it was; NaN where nothing is.
+        """Share of the known samples away from people that have changed, 0 to 1; NaN if there are none.
 
         Arguments and errors as of `update`.
         """
@@ -162,10 +162,10 @@ class BackgroundMemory:
         ))  # fmt: skip
 
     def strange(self, image: UInt8, window: Silhouette, every: int) -> Float32:
-        """What is not as it was, at every so manieth sample of a window: from 1, somebody, to −1, the room; 0: unknown,
-        as what is rather a shadow on the room.
+        """Foreground score at every ``every``-th sample of a window: from 1, a person, to −1, the room; 0: unknown, or
+        rather a shadow on the room.
 
-        Each is the mean of what five samples about it say. Arguments and errors as of `update`.
+        Each is the mean of five samples around it. Arguments and errors as of `update`.
         """
         image, (left, top), phi = self._door(image, window)
         rows, columns = -(-phi.shape[0] // every), -(-phi.shape[1] // every)
@@ -185,7 +185,7 @@ class BackgroundMemory:
         return out
 
     def _bounds(self) -> tuple[float, float, float, float]:
-        """Of what is strange; see `background_memory_kernels.strange`."""
+        """Bounds of foreground; see `background_memory_kernels.strange`."""
         s, channels = self.settings, self._mean.shape[2]
         # Of one channel everything that is darker could lie in shadow.
         sd, darkest = (s.strange_gray_sd, 1.0) if channels == 1 else (s.strange_sd, s.shadow)

@@ -66,7 +66,7 @@ def encode_image(image: UInt8, format: Literal["jpeg", "png"] = "jpeg", quality:
 
 
 def as_png(frame: ImageFrame) -> ImageFrame:
-    """The same image as PNG, of which nothing is lost; an encoded one, or none, stays as it is."""
+    """Encode an image as PNG, without loss; an encoded frame, or one without an image, is returned unchanged."""
     if not isinstance(frame.data, np.ndarray):
         return frame
     return msgspec.structs.replace(frame, format="png", data=encode_image(frame.data, "png"))
@@ -74,7 +74,7 @@ def as_png(frame: ImageFrame) -> ImageFrame:
 
 def _decoded(data: bytes) -> UInt8 | None:
     try:
-        # Cameras that note how they are held do not turn the pixels: the lens is of the pixels as they are.
+        # EXIF orientation is ignored: the lens is calibrated for the stored pixels.
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error:
         return None

@@ -23,7 +23,7 @@ _BETWEEN: Final = np.full((1, 2), np.nan, np.float32)
 
 
 def border_samples(silhouette: Silhouette) -> Iterator[Int64]:
-    """(n, 2) outermost samples of what it covers [px], in order; of each of its parts and holes."""
+    """(n, 2) outermost samples of the silhouette [px], in order; of each of its parts and holes."""
     mask = (silhouette.phi > 0).astype(np.uint8)
     for line in cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]:
         yield line[:, 0].astype(np.int64) * silhouette.step_px + np.array(silhouette.origin_px)
@@ -33,8 +33,8 @@ def border_lines(silhouette: Silhouette, most: int = MOST_POINTS) -> Float32:
     """(k, 2) float32 closed lines [px], one after the other, a row of NaN between two; (0, 2) where it covers nothing.
 
     Args:
-        silhouette: of which the border is wanted.
-        most: about how many points there may be; what has more is thinned out evenly.
+        silhouette: its border is returned.
+        most: approximate limit of points; longer borders are thinned out evenly.
     """
     return mask_lines((silhouette.phi > 0).view(np.uint8), silhouette.origin_px, silhouette.step_px, most)
 

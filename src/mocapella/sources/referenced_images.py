@@ -1,7 +1,7 @@
 """Images that a take does not contain but refers to: a frame of a video, by its path and checksum.
 
 A take of videos holds some 200 bytes an image instead of the image. It is replayed to the bit as long as the videos are
-where they were, and are what they were.
+neither moved nor changed.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class ReferencedImages:
         self._videos: dict[str, _Video] = {}
 
     def resolve(self, frame: ImageFrame) -> ImageFrame:
-        """The frame with its pixels; a frame that has them already stays as it is.
+        """The frame with its pixels; a frame that has them already is returned unchanged.
 
         Raises:
             InputError: the video is not there, has changed, or has no such frame.

@@ -10,7 +10,7 @@ from mocapella.registry import Table
 
 @dataclass(frozen=True)
 class Finding:
-    """One line of `mocapella doctor`: what was looked at, what was found, and what to do about it."""
+    """One line of `mocapella doctor`: the subject, the finding, and the remedy."""
 
     what: str
     verdict: Literal["ok", "note", "problem"]
@@ -25,7 +25,7 @@ class Source:
     Attributes:
         interface: of `mocapella.registry`.
         name: the verb after ``mocapella node``.
-        summary: what it serves, in a line.
+        summary: its purpose, in a line.
         frame_types: names of the frame types that it sends; all that are installed where it is empty.
         command: ``module:function`` of its typer command. The module is imported when the verb runs.
         looks: ``module:function`` that returns `Finding` values for `mocapella doctor`, such as which devices are

@@ -1,7 +1,7 @@
 """The method ``arms``: arms that one depth camera sees, or several.
 
     places = the rig's, or calibrate(frames)   a camera that has none is placed by the arm that it and others see
-    arms   = follow(frames, places)            `arm_tracks`: who is which, fused
+    arms   = follow(frames, places)            `arm_tracks`: assigned to tracks, fused
 
 The world is the rig's. Without one it is the sensor space of the first camera that is heard (x to the camera's left, y
 up, z out of the lens), turned and lifted by its tilt and height where these are set up. See docs/arms/fusion.md.
@@ -47,7 +47,7 @@ class ArmsSettings:
         tracks: how arms are followed and fused.
         places: how cameras are placed that no rig places.
         silent_after_s: a camera without a frame for so long is not waited for.
-        moved_m: a camera that has palms so far from where all have them is said to have been moved.
+        moved_m: a camera with palms so far from the mean of all is reported as moved.
     """
 
     tracks: ArmTracksSettings = field(default_factory=ArmTracksSettings)
@@ -94,7 +94,7 @@ class ArmsTracker:
         self._state = TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=self._expected)
 
     def recalibrate(self, reason: str) -> None:
-        """Place anew the cameras that the arm has placed; those of a camera rig stay."""
+        """Recalibrate the cameras placed by an arm; cameras of a camera rig keep their poses."""
         self._restarts += 1
         self._kept = {}
         self._begin_places()
@@ -104,7 +104,7 @@ class ArmsTracker:
         self._state = TrackerState(phase, reason=reason)
 
     def _begin_places(self) -> None:
-        """Forget what was found; `_given` are places that are not found: a rig's, or that of the first camera."""
+        """Forget the found poses; `_given` are the other ones: a rig's, or the first camera's."""
         self._calibration.reset()
         cameras = {} if self.camera_rig is None else self.camera_rig.cameras
         kept = {name: np.array(sensor.T_world_sensor) @ TO_SENSOR for name, sensor in self._kept.items()}

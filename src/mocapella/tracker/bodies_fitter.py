@@ -1,7 +1,7 @@
-"""Several bodies that are followed by their silhouettes at once.
+"""Track several bodies by their silhouettes at once.
 
-Where somebody else is expected, an image says nothing of a body: neither that it is there nor that it is not. So people
-who pass in front of each other are held by the cameras that see them apart, and by where they were going.
+Pixels where another person is expected are no evidence for or against a body. People who pass in front of each other
+are therefore tracked by the cameras that see them apart, and by their predicted motion.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ UInt8 = NDArray[np.uint8]
 Bool = NDArray[np.bool_]
 
 GROWN_PX = 4
-"""So near to where somebody is expected, pixels may be of them [px]."""
+"""Margin around another person's expected pixels; pixels inside it may be that person's [px]."""
 
 
 class BodiesFitter:
-    """Bodies by name; each begins when it is told where it is.
+    """The fitters of all bodies, by name; a body is tracked once `start` has given its pose.
 
     Attributes:
         fitters: by name.
@@ -45,7 +45,7 @@ class BodiesFitter:
         """Somebody is about there, and at rest.
 
         Raises:
-            SettingsError: there is nobody of that name, or no camera sees a body there.
+            SettingsError: no body has that name, or no camera sees a body there.
         """
         if name not in self.fitters:
             raise SettingsError(f"there is no body {name!r}; known: {one_of(name, self.fitters)}")
@@ -53,7 +53,7 @@ class BodiesFitter:
         self._followed.add(name)
 
     def stop(self, name: str) -> None:
-        """Follow somebody no more."""
+        """Stop tracking a body."""
         self._followed.discard(name)
 
     def memory(self) -> list[Any]:
@@ -67,7 +67,7 @@ class BodiesFitter:
             fitter.recall(fitters[name])
 
     def reset(self) -> None:
-        """Forget where all are, and what is behind them."""
+        """Forget all poses and backgrounds."""
         self._followed, self.others = set(), {}
         for fitter in self.fitters.values():
             fitter.reset()
@@ -78,12 +78,12 @@ class BodiesFitter:
             fitter.learn_background(images)
 
     def update(self, images: Mapping[str, UInt8], time_ns: int, waiting: Collection[str] = ()) -> dict[str, FittedBody]:
-        """Everybody who is followed, in the next frame.
+        """Fit every tracked body to the next frame.
 
         Args:
             images: of one instant, by camera.
             time_ns: of capture.
-            waiting: who is looked for where they were last, and covers nothing there.
+            waiting: names of lost bodies; they are looked for at their last pose and cover nothing there.
         """
         present = {name: fitter for name, fitter in self.fitters.items() if name in self._followed}
         covered = {

@@ -46,7 +46,7 @@ Bool = NDArray[np.bool_]
 SAMPLES_HIGH = 200
 """About so many samples a body is high in an image."""
 HALF_LIFE_S = 0.15
-"""How long what nobody sees goes on as it did, until it is half as fast [s]."""
+"""Half-life of an unseen part's predicted velocity [s]."""
 SETTLING = 4
 """How many times as many rounds the first frame has, whose pose is rough."""
 
@@ -70,7 +70,7 @@ class FittedBody(msgspec.Struct, frozen=True, eq=False):
 
 
 class BodyFitter:
-    """One body, from a pose in which it roughly is.
+    """Fits one body to images, beginning with a rough pose.
 
     Attributes:
         settings: of every stage.
@@ -89,7 +89,7 @@ class BodyFitter:
         self.reset()
 
     def reset(self) -> None:
-        """Forget where it is, and what is behind it."""
+        """Forget the pose and the backgrounds."""
         self._past: list[tuple[int, TreePose]] = []
         self._cameras: dict[str, SilhouetteCamera] = {}
         self._dead = DeadImages()
@@ -160,7 +160,7 @@ class BodyFitter:
             return last
         before_ns, before = self._past[-2]
         since_s, before_s = (time_ns - last_ns) / NS_PER_S, (last_ns - before_ns) / NS_PER_S
-        # What nobody sees for longer than usual goes on ever more slowly.
+        # The predicted velocity of a part that is unseen for longer than usual decays.
         slowing = max(since_s - before_s, 0.0)
         since_s += HALF_LIFE_S / np.log(2) * (1.0 - 0.5 ** (slowing / HALF_LIFE_S)) - slowing
         local = self.body.local(last)
@@ -173,7 +173,7 @@ class BodyFitter:
         Args:
             images: of one instant, by camera: (height, width) or (height, width, 3) uint8.
             time_ns: of capture.
-            others: (height, width) by camera, where other people are: what is seen there says nothing of this one.
+            others: (height, width) by camera, where other people are; these pixels are no evidence for this body.
         """
         others = others or {}
         s = self.settings
@@ -273,7 +273,7 @@ class BodyFitter:
                 held = beside_skin
                 given.append(self._skin.steady(stands, moved))
             given.append(apart(self.body.solid, stands.landmarks, moved))
-            # What nobody sees goes on as it did, not to where it usually is.
+            # An unseen part keeps its predicted motion; it is not drawn to its usual pose.
             local_priors = [local.into_prior(one) for one in held] + (
                 [local.into_usual(usual)] if len(given) > 1 else []
             )
@@ -286,7 +286,7 @@ class BodyFitter:
         return {name: camera for name, camera in self._cameras.items() if camera.segmented}
 
     def _near(self, these: Float64, those: Float64, steps: float) -> bool:
-        """Whether vertices are no farther from each other than so many samples, of what was segmented."""
+        """Whether two vertex sets are at most ``steps`` samples of the segmentation apart."""
         nearest_m = min((camera.sample_m for camera in self._segmented().values()), default=0.0)
         return farthest_apart_m(these, those) <= steps * nearest_m
 

@@ -1,12 +1,12 @@
-"""The method ``default``: one place for each sensor, found from how people move; everybody by where they are expected.
+"""The method ``default``: calibrate sensors from people's motion, and track each person from a prediction.
 
     T, offsets  = calibrate(bodies)             one motion and clock offset for each sensor, shared by all people
-    people      = associate(bodies, expected)   global assignment to where everybody is expected
-    labels      = facing(views)                 which way everybody faces, and which views are mirrored
-    measured    = fuse(views)                   each view by what it is worth
+    people      = associate(bodies, expected)   global assignment to people's predicted places
+    labels      = facing(views)                 which way people face, and which views are mirrored
+    measured    = fuse(views)                   mean of the views, weighted by their reliability
     steady      = body(measured)                the prediction is part of the estimate
-    arms        = follow(arms)                  of depth cameras beside the sensors: whose each is
-    bodies      = fit(images)                   of cameras beside the sensors: whose each is
+    arms        = follow(arms)                  of depth cameras beside the sensors, assigned to people
+    bodies      = fit(images)                   of cameras beside the sensors, assigned to people
 
 See docs/methods/default.md.
 """
@@ -67,7 +67,7 @@ from mocapella.tracker.people_bodies import PeopleBodies, PeopleBodiesSettings
 from mocapella.tracker.protocol import SensorViews, TrackerReport, scene_at
 
 JOINT_BIAS: Final = ("learnt", "none")
-"""What is taken off the views: what was learnt with this version, or nothing."""
+"""Bias subtracted from the views' joints: the one shipped with this version, or none."""
 
 
 @dataclass(frozen=True)
@@ -76,17 +76,17 @@ class DefaultSettings:
 
     Attributes:
         calibration: where the sensors are.
-        jumps: which bodies are nobody.
-        tracks: who is who.
+        jumps: rejection of bodies at impossible places.
+        tracks: assignment of bodies to people.
         people: how their views become skeletons.
         silent_after_s: a sensor without a frame for so long is not waited for.
         joint_bias: ``learnt`` takes off what sensors are known to be wrong by, depending on how people are turned;
             ``none`` does not.
-        keep_root_s: the sensor in whose space people are told is kept for so long while others are tied to each other,
-            but not yet to it.
-        arms: what depth cameras see of people's arms, and where these cameras are.
-        bodies: body models fitted to cameras' images, and whose they are.
-        shown_for_s: somebody whom no sensor sees is shown, as predicted, for so long.
+        keep_root_s: how long the root sensor, whose space defines the world, is kept while other sensors are tied to
+            each other but not yet to it [s].
+        arms: people's arms in depth cameras, and the poses of these cameras.
+        bodies: body models fitted to cameras' images, and their assignment to people.
+        shown_for_s: how long a person whom no sensor sees is shown, as predicted [s].
     """
 
     calibration: PeopleCalibrationSettings = field(default_factory=PeopleCalibrationSettings)
@@ -115,7 +115,7 @@ class DefaultTracker:
     """See the module.
 
     Attributes:
-        joint_bias: what is taken off the views of sensors with those joints, or None; read with every frame.
+        joint_bias: subtracted from the views of sensors with those joints, or None; read with every frame.
     """
 
     joint_bias: JointBiasModel | None
@@ -279,7 +279,7 @@ class DefaultTracker:
             self._shown_arms = self._arms.told(self._shown, self._arrivals.topology, at_ns / NS_PER_S)
 
     def _without_jumps(self, sighting: Sighting, people: People) -> Sighting:
-        """What the frame shows, without the bodies that cannot be where they are told to be."""
+        """The frame's bodies, without the ones at impossible places."""
         bodies = sighting.bodies
         there = self._jumps.update(
             bodies.sensor, bodies.ids, bodies.positions[:, people.middle], sighting.at_ns / NS_PER_S
@@ -287,12 +287,12 @@ class DefaultTracker:
         return sighting if there.all() else msgspec.structs.replace(sighting, bodies=bodies.only(there))
 
     def leave_out(self, participant: int) -> None:
-        """Use what was learnt without this participant of the KinectMultiTrack studies; for scoring."""
+        """Use the joint bias learnt without this participant of the KinectMultiTrack studies; for scoring."""
         if self.joint_bias is not None:
             self.joint_bias = self.joint_bias.without(participant)
 
     def _corrections(self, sighting: Sighting, people: People) -> Float64 | None:
-        """What to add to the joints of the bodies in the sensor's own space [m], by what was known before the frame."""
+        """Corrections to add to the bodies' joints in the sensor's own space [m], from the state before the frame."""
         bodies, model = sighting.bodies, self.joint_bias
         T = self._T_root_sensor.get(bodies.sensor)
         if model is None or T is None or model.topology != people.topology.name:
@@ -307,7 +307,7 @@ class DefaultTracker:
         return sighting.at_ns / NS_PER_S - (clock.seconds if clock is not None and clock.known else 0.0)
 
     def _calibrate(self, sighting: Sighting, heard: Heard, corrections: Float64 | None) -> None:
-        """Learn from the frame where the sensors are. Everything else is told in the frame of the first of them."""
+        """Calibrate the sensors from the frame. The root sensor's space is the frame of all other results."""
         frame = sighting.frame
         pose = self._poses.get(frame.sensor) or _told_pose(frame.tilt, max(0.0, frame.height))
         bodies = sighting.bodies
@@ -344,7 +344,7 @@ class DefaultTracker:
         self._places = self._say_places()
 
     def _choose_root(self, sensors: Mapping[str, CalibratedSensor]) -> str:
-        """In whose camera space everything is told: it stays until more sensors are tied to each other without it."""
+        """The root sensor, whose space defines the world: kept until more sensors are tied to each other without it."""
         tied: dict[str, list[str]] = {}
         for name, sensor in sensors.items():
             if sensor.trusted:
@@ -356,7 +356,7 @@ class DefaultTracker:
         if len(most) < 2 or (self._root in own and len(own) == len(most)):
             self._outvoted_s = None
             return self._root
-        # Who is seen now would be lost; mostly the root is tied to the others a little later.
+        # A change would lose the people seen now; mostly the root is tied to the others a little later.
         self._outvoted_s = self._now_s if self._outvoted_s is None else self._outvoted_s
         seen = self._tracks.memory.present.any()
         if self._root not in own and seen and self._now_s - self._outvoted_s < self.settings.keep_root_s:
@@ -365,7 +365,7 @@ class DefaultTracker:
         return most[0]
 
     def _track(self, sighting: Sighting, people: People, corrections: Float64 | None) -> None:
-        """Whose bodies these are, and everybody brought up to date; nothing where the sensor's place is not known."""
+        """Assign the bodies to people and update all people; does nothing where the sensor's pose is not known."""
         bodies, sensor = sighting.bodies, sighting.bodies.sensor
         T = self._T_root_sensor.get(sensor)
         if T is None:
@@ -395,7 +395,7 @@ class DefaultTracker:
         return TrackerState(Phase.TRACKING if tied else Phase.CALIBRATING, reason=self._conditions)
 
     def _show(self, heard: Heard, people: People) -> tuple[Person, ...]:
-        """Everybody who is confirmed and was seen lately, with the views that are not too old."""
+        """The confirmed people who were seen lately, with the views that are not too old."""
         tracks, told = self._tracks.memory, people.told(self._T_world_root, self._now_s)
         views, states = self._follow_views(heard, people, told), people.memory.states.copy()
         shown = tracks.confirmed & (self._now_s - tracks.seen_s <= self.settings.shown_for_s)
@@ -477,10 +477,10 @@ def associate_and_fuse(  # noqa: PLR0917 - one frame, as it comes
     at_s: float,
     now_s: float,
 ) -> None:
-    """Whose bodies these are, and everybody brought up to date.
+    """Assign the bodies to people and update all people.
 
     Args:
-        tracks, people: who is known, and how they move.
+        tracks, people: known people and their motion.
         frame, bodies: what a sensor shows.
         T: (4, 4) from its camera space to the space of the people.
         corrections: (bodies, joints, 3) to be added to the joints against the sensor's bias, camera space [m].

@@ -1,4 +1,4 @@
-"""Frames of several cameras brought to sets of one instant, by the order in which they arrive alone.
+"""Group the frames of several cameras into sets of one instant, by their order of arrival alone.
 
     sync = FrameSync(rig.cameras)
     for arrival in arrivals:
@@ -10,7 +10,7 @@ that are not in step are up to a period apart: a set has the first waiting frame
 period of the oldest, and where a camera's next one would be nearer to the others, its first is dropped. A camera that
 has nothing waiting is waited for until an arrival shows that its frame will not come: one of its own of a later
 instant, or one of another camera that is too much later. So the order of arrival within an instant does not matter,
-except for the first frame after a silence, which nobody waits for.
+except for the first frame after a silence, which is not waited for.
 
 The only clock is the newest ``at_ns`` so far. A camera whose frames come steadily behind it is waited for that much
 longer.
@@ -32,7 +32,7 @@ from mocapella.settings import check
 INTERVALS: Final = 15
 """A camera's period is the median of so many last intervals."""
 FEWEST: Final = 5
-"""From so many intervals, or delays, on, what they say of a camera counts."""
+"""Fewest intervals, or delays, for an estimate of a camera's period or lateness."""
 WITHIN: Final = 0.9
 """Frames of one instant are less than so many periods apart."""
 OVERDUE: Final = 1.5
@@ -131,10 +131,10 @@ class _Waiting:
 
 
 class FrameSync:
-    """Keeps frames until those of their instant are there.
+    """Holds frames until the set of their instant is complete.
 
     Args:
-        cameras: names of those that are waited for.
+        cameras: names of the cameras to wait for.
         settings: see there.
 
     Attributes:
@@ -199,7 +199,7 @@ class FrameSync:
         return list(self._closed())
 
     def flush(self) -> list[SyncedFrames]:
-        """No more frames will come: the sets of those that wait."""
+        """Close the sets of all waiting frames, after the last frame."""
         return list(self._closed(ended=True))
 
     def memory(self) -> list[Any]:
@@ -269,4 +269,4 @@ class FrameSync:
 
 
 REMEMBERED: Final[tuple[type, ...]] = (Arrival,)
-"""Kinds that are in a memory, beside those of the frames."""
+"""Types in a memory, beside the frames' own."""

@@ -73,7 +73,7 @@ class HandsSettings:
         tag_sd_px: error of a tag's corners on top of what the camera says: of the lens, and of how it is glued on.
         spaces: of other trackers, as `mocapella align` found them.
         grasp: when they are held.
-        rig_fit: when cameras are said to be swapped, or the rig not to fit.
+        rig_fit: when swapped cameras, or a rig that does not fit, are reported.
         silent_after_s: a camera without a frame for so long is not waited for.
     """
 
@@ -139,7 +139,7 @@ class HandsTracker:
     ) -> None:
         self.settings = s = settings or HandsSettings()
         self._sensors_expected = min(sensors_expected, len(rig.cameras))
-        # Arrivals say when a frame was captured on the clock of all; the rig's offsets are those of recordings.
+        # Arrivals have the capture time on the common clock; the rig's offsets apply to recordings.
         cameras = {name: msgspec.structs.replace(camera, clock_s=0.0) for name, camera in rig.cameras.items()}
         self.rig = CameraRig(cameras)
         model = hand_model(s.constraints)
@@ -305,7 +305,7 @@ class HandsTracker:
         return self._with_things(_Said(hands, told, ()), found.at_s)
 
     def _with_things(self, said: _Said, at_s: float) -> _Said:
-        """The same, with things as they are at that instant, and what is held."""
+        """The same, with the things' poses at that instant, and the held ones."""
         self._told_s = at_s
         objects = self._things.tell(said.hands[0] if said.hands else None, at_s)
         hands = tuple(msgspec.structs.replace(one, holds=self._things.held) for one in said.hands)

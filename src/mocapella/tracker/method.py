@@ -1,4 +1,4 @@
-"""What a tracking method is: a descriptor by name, from which everything else learns what it has to know of it."""
+"""Descriptors of tracking methods: all that the rest of the program knows of a method."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mocapella.tracker.protocol import Tracker
 Make = Callable[[Mapping[str, Any], int, Mapping[str, SensorPose]], Tracker]
 """How to make a tracker of settings by name, sensors expected, and sensors' poses by name."""
 Practice = Callable[[], tuple[Tracker, Iterable[Arrival]]]
-"""A tracker, and arrivals in which it does all that it can do: what compiles then is compiled."""
+"""Make a tracker and arrivals that use all its kernels, to compile these before the first frame."""
 
 
 @dataclass(frozen=True)
@@ -27,17 +27,17 @@ class Method:
     Attributes:
         interface: of `mocapella.registry`.
         name: on the command line, in takes and in the view.
-        summary: what it is for, in a line.
+        summary: its purpose, in a line.
         settings: the frozen dataclass of its settings.
-        frame_types: classes of the frames that it takes; others are refused, and why is said.
-        parts: names of the types of scene parts that it makes, the one that it is about first.
+        frame_types: classes of the frames that it takes; others are refused with the reason.
+        parts: names of the types of scene parts that it makes, the main one first.
         make: a new tracker.
         practice: for compiling before the first frame counts; None where nothing has to be compiled.
         camera_rig: whether it wants to know where calibrated cameras are, as ``rig`` in its settings.
         keeps_layout: whether its tracker finds out where sensors stand, so that this can be kept (`KeepsLayout`).
         files: by option of ``mocapella serve`` (``rig``, ``hand`` …), ``module:name`` of a function that makes settings
             of the files (a sequence of paths).
-        stages: of the view, ``module:name`` each, in the order in which they are shown; the last is always shown.
+        stages: of the view, ``module:name`` each, in display order; the last is always shown.
         exports: names of the exports that can be made of its results.
     """
 

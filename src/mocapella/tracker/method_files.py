@@ -1,4 +1,4 @@
-"""Files that a method is told of on the command line, as settings that stand in a take: a replay does the same."""
+"""Read the files given to a method on the command line into settings, which a take stores for its replay."""
 
 from __future__ import annotations
 

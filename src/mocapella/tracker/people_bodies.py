@@ -1,4 +1,4 @@
-"""The bodies of people: what is fitted to cameras' images, beside body sensors, and whose body each is.
+"""Fit bodies to cameras' images, beside body sensors, and assign each body to a person.
 
 The method ``silhouettes`` follows bodies in the space of its camera rig. Where the rig lies in the world of the sensors
 is found from people whom both see (`mocapella.calibration.rig_in_world`); until then bodies are not in the scene.
@@ -47,7 +47,7 @@ class PeopleBodiesSettings:
     Attributes:
         silhouettes: the settings of the method ``silhouettes``; without any, images are refused.
         alignment: when it is known where the rig lies in the world.
-        take_m: mean distance of the joints within which a body becomes somebody's …
+        take_m: mean distance of the joints within which a body is assigned to a person …
         keep_m: … and within which it stays [m].
     """
 
@@ -108,7 +108,7 @@ class PeopleBodies:
 
         Args:
             arrival: of the image.
-            people: who is there now.
+            people: present now.
             topology: of their skeletons.
         """
         if self._tracker is None:
@@ -157,7 +157,7 @@ class PeopleBodies:
         return tuple(msgspec.structs.replace(body, person=owner) for body, owner in zip(moved, owners, strict=True))
 
     def _owners(self, bodies: Sequence[TrackedBody], people: Mapping[int, Float64]) -> list[int]:
-        """Whose each body is, one to one; a body stays somebody's while it is near."""
+        """Assign bodies to people one to one; a body keeps its person while it is near."""
         if not bodies or not people:
             return [-1] * len(bodies)
         ids, joints = list(people), np.array(list(people.values()))

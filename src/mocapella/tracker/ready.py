@@ -1,4 +1,4 @@
-"""A method made ready before the first frame counts: what is compiled once a machine is compiled now."""
+"""Compile a method's kernels before the first frame."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _READY: Final[set[str]] = set()
 
 
 def make_ready(method: str, on_compiling: Callable[[], None] = lambda: None) -> None:
-    """Compile what a method needs, the first time on a machine; load what is compiled, the first time in a process.
+    """Compile a method's kernels, the first time on a machine; load compiled ones, the first time in a process.
 
     A tracker that is given its first frames would compile in the middle of them, while others come in.
 

@@ -1,6 +1,4 @@
-"""What is known of one camera's images while a body is followed: the body's outline in this frame, the image's, and
-what is behind.
-"""
+"""State of one camera while a body is tracked: outlines of the body and the image in this frame, and the background."""
 
 from __future__ import annotations
 
@@ -33,7 +31,7 @@ LEAST_JUMP, BEYOND = 0.04, 6.0
 LEAST_LOSS = 0.25
 """… that the outlines have so much less in common than usual."""
 LEARNT = 0.2
-"""How fast what is usual is learnt."""
+"""Learning rate of the usual share and its deviation."""
 WIDE = 2.0
 """Where a pose is rough, outlines are looked for so many times as far away."""
 FARTHER, EVERY = 0.3, 3
@@ -48,7 +46,7 @@ class SeenIn(msgspec.Struct, frozen=True, eq=False):
     """A body in one camera's image.
 
     Attributes:
-        contour: what was segmented.
+        contour: the segmented region.
         outline: of the posed mesh.
         overlap: intersection over union of both.
     """
@@ -131,7 +129,7 @@ class SilhouetteCamera:
         return seen is not None
 
     def unlike(self, image: UInt8) -> float:
-        """How much of what is behind the body is not as it was; NaN where nobody knows."""
+        """Share of the background that has changed, 0 to 1; NaN where unknown."""
         return float("nan") if self.background is None else self.background.unlike(image, self._expected())
 
     def forget_background(self) -> None:
@@ -208,9 +206,9 @@ class SilhouetteCamera:
         return left, top, right, bottom
 
     def learn(self, image: UInt8, others: Bool | None) -> None:
-        """Take in what is behind the body."""
+        """Update the background outside the body."""
         if self.background is not None and self._outline is not None and self._found is not None:
-            # Without another distance: what is near the contour or in the body is not learnt.
+            # Neither the contour's neighbourhood nor the body is learnt; no further distance is kept.
             self.background.update(image, self._found[0], others, self._outline.mask)
 
     def _expected(self) -> Silhouette:
@@ -250,7 +248,7 @@ class Usually:
         return 0.0 if self._mean is None else self._mean - max(LEAST_LOSS, BEYOND * self._deviation)
 
     def learn(self, share: float) -> None:
-        """Take in what was as usual; NaN: nobody knows."""
+        """Update mean and deviation by a usual share; NaN (unknown) changes neither."""
         self._else_since_ns = None
         if np.isnan(share):
             return
@@ -269,7 +267,7 @@ class Usually:
 
 
 def _scaled(region: RegionSettings, step_px: int) -> RegionSettings:
-    """Settings for samples of `USUAL_STEP_PX` for those of others."""
+    """Scale settings for samples of `USUAL_STEP_PX` to samples of another step."""
     scale = step_px / USUAL_STEP_PX
     return dataclasses.replace(
         region,

@@ -9,7 +9,7 @@ from mocapella.model.camera import CameraRig
 from mocapella.tracker.silhouette_seen import SeenBody, called
 
 SAID_AFTER: Final = 3
-"""Instants in a row in which a camera does not count."""
+"""Consecutive instants for which a camera is left out before this is reported."""
 
 
 class CameraConditions:
@@ -37,7 +37,7 @@ class CameraConditions:
 
     @property
     def lasting(self) -> Sequence[str]:
-        """What has lasted for so long that it was said, a clause for each camera."""
+        """The reported conditions that still last, a clause for each camera."""
         clauses: dict[str, None] = {}  # the same of several bodies once
         for (camera, _), (_, count, reason) in self._since.items():
             if count >= SAID_AFTER:

@@ -22,11 +22,11 @@ from mocapella.tracker.silhouette_seen import covered_by_all
 UInt8 = NDArray[np.uint8]
 
 DOUBTED_BELOW: Final = 0.4
-"""Overlap of the body and of what is not in the empty room, below which a camera is doubted."""
+"""Overlap of the body and the foreground below which a camera is doubted."""
 MOVES_WITH: Final = 0.85
 """Share of what moves that has to be where the body is."""
 JUDGED_BY: Final = 5
-"""Images of a camera in which something has moved: later ones may show what has nothing to do with the body."""
+"""Images with motion by which a camera is judged; in later ones, the motion may be unrelated to the body."""
 
 
 class RigDoubt:
@@ -59,12 +59,12 @@ class RigDoubt:
         self._moved.recall(moved)
 
     def update(self, found: Mapping[str, FittedBody], images: Mapping[str, UInt8], empty: EmptyRoom) -> list[str]:
-        """New doubts after an instant in which all bodies are there, in words.
+        """New doubts in words, after an instant with all bodies present.
 
         Args:
             found: by name.
             images: (height, width, 3) by camera.
-            empty: the room without people, as far as it is known.
+            empty: the background of each camera, as far as known.
         """
         new = self._judge_motion(found, images)
         if not self._compared:

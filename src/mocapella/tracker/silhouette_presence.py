@@ -31,11 +31,11 @@ UInt8 = NDArray[np.uint8]
 Bool = NDArray[np.bool_]
 
 SEEN_FROM: Final = 0.5
-"""Overlap of the outlines from which on a camera sees the body that is meant."""
+"""Least overlap of the outlines for a camera to count as seeing the body."""
 HIDDEN_FROM: Final = 0.7
-"""Share of a body that others cover, from which on a camera says nothing of it."""
+"""Least share of a body covered by others for a camera not to be asked about it."""
 STANDS_OUT: Final = 0.3
-"""Share of what was taken for the body that has to be unlike the empty room."""
+"""Least foreground share of the segmented body."""
 LOST_AFTER_S: Final = 0.5
 """A body that is not seen for so long is lost [s]."""
 WITNESSES: Final = 2
@@ -43,16 +43,16 @@ WITNESSES: Final = 2
 
 
 class BodyPresence(msgspec.Struct, eq=False):
-    """What is known of one body from instant to instant.
+    """State of one body from instant to instant.
 
     Attributes:
-        pose: in which enough cameras saw all of it last; where it waits once it is lost.
+        pose: the last one that enough cameras saw whole; a lost body waits there.
         landmarks: (n, 3) in that pose [m].
         seen_ns: when it was seen last.
         whole_in: in how many images all of it was then.
         lost: whether it is.
         came: whether it has been seen at all.
-        placed: whether the place at which it is looked for is one where somebody may be.
+        placed: whether a person can be at the place that is searched.
     """
 
     pose: TreePose
@@ -64,7 +64,7 @@ class BodyPresence(msgspec.Struct, eq=False):
     placed: bool = True
 
     def away(self, time_ns: int) -> bool:
-        """Whether it has not been seen for so long that nobody is there."""
+        """Whether the body has been unseen for so long that it is absent."""
         return (self.lost and time_ns > self.seen_ns) or time_ns - self.seen_ns >= LOST_AFTER_S * NS_PER_S
 
 
@@ -76,7 +76,7 @@ class SilhouettePresence:
         rig: whose cameras see them.
 
     Attributes:
-        empty: the room without people, as far as it is known.
+        empty: the background of each camera, as far as known.
     """
 
     def __init__(self, fitters: BodiesFitter, rig: CameraRig) -> None:
@@ -103,7 +103,7 @@ class SilhouettePresence:
 
     @property
     def lost(self) -> tuple[str, ...]:
-        """Names of the bodies that are lost, or that nobody has come for yet."""
+        """Names of the bodies that are lost or have not appeared yet."""
         return tuple(name for name, body in self._bodies.items() if body.lost)
 
     def start(self, name: str, pose: TreePose, time_ns: int) -> None:
@@ -114,7 +114,7 @@ class SilhouettePresence:
     def wait(self) -> None:
         """Nobody is there yet: all bodies are looked for as lost ones are. After `start`.
 
-        The empty room should be known: without it, whatever is there is taken for somebody.
+        The empty room should be known: without it, any object is taken for a person.
         """
         for body in self._bodies.values():
             body.lost, body.came = True, False
@@ -128,7 +128,7 @@ class SilhouettePresence:
     def update(
         self, number: int, found: Mapping[str, FittedBody], images: Mapping[str, UInt8]
     ) -> tuple[dict[str, SeenBody], list[str]]:
-        """The bodies of one instant, the lost ones where they wait; and who left or came, in words.
+        """The bodies of one instant, the lost ones where they wait; and departures and arrivals in words.
 
         Args:
             number: of the instant, for the words.
@@ -159,10 +159,10 @@ class SilhouettePresence:
         return seen, said
 
     def _look_for(self, name: str, fit: FittedBody, images: Mapping[str, UInt8]) -> None:
-        """Note when a body was seen, and in which pose it can wait.
+        """Note when a body was seen, and the pose to wait at.
 
         It waits only in a pose that enough cameras saw. A lost body is found again where all of it is seen, if it ever
-        was, and where the empty room says that somebody is: legs alone are soon lost again.
+        was, and where the foreground shows a person: legs alone are soon lost again.
         """
         body, others = self._bodies[name], self._fitters.others[name]
         good = sum(self._sees(one, images[k], k, others.get(k)) for k, one in fit.seen.items())
@@ -174,7 +174,7 @@ class SilhouettePresence:
             body.seen_ns = fit.time_ns
 
     def _learn_empty(self, found: Mapping[str, FittedBody], images: Mapping[str, UInt8]) -> None:
-        """Learn the room from images in which a body is missing, as long as it is known where all bodies are."""
+        """Learn the room from images without one of the bodies, while the places of all bodies are known."""
         if any(self._bodies[name].lost or self._bodies[name].away(one.time_ns) for name, one in found.items()):
             return
         without = [
@@ -204,7 +204,7 @@ class SilhouettePresence:
         return sum(within(landmarks, self._eyes[name]) for name in cameras)
 
     def _sees(self, one: SeenIn, image: UInt8, name: str, others: Bool | None) -> bool:
-        """Whether a camera sees the body that is meant, rather than somebody else or the empty room."""
+        """Whether a camera sees this body, rather than another person or the empty room."""
         if others is not None:
             body = one.outline.silhouette.mask((others.shape[1], others.shape[0]))
             if np.count_nonzero(others & body) >= HIDDEN_FROM * max(int(np.count_nonzero(body)), 1):

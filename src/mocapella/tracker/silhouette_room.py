@@ -1,4 +1,4 @@
-"""The empty room learnt from the first seconds, in which nobody may be in the images."""
+"""Learn the empty room from the first seconds, without people in the images."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class EmptyRoomLearning:
     """Takes in images of the empty room, spread evenly over its seconds.
 
     Args:
-        seconds: for how long nobody is there; 0: nothing is learnt.
+        seconds: duration without people; 0: nothing is learnt.
     """
 
     def __init__(self, seconds: float) -> None:
@@ -54,7 +54,7 @@ class EmptyRoomLearning:
         return max(IMAGES - self._taken, 0)
 
     def update(self, time_ns: int, images: Mapping[str, UInt8], empty: EmptyRoom, fitters: BodiesFitter) -> list[str]:
-        """Learn from the images of one instant; what is to be said once it is done.
+        """Learn from the images of one instant; returns messages once learning has ended.
 
         Args:
             time_ns: of capture.
@@ -66,7 +66,7 @@ class EmptyRoomLearning:
         passed_s = (time_ns - self._begin_ns) / NS_PER_S
         self.done = passed_s >= self._seconds
         if passed_s >= self._taken * self._seconds / IMAGES:
-            # After a pause, those that would have come in it are not made up for.
+            # Images missed in a pause are not made up for.
             self._taken = max(self._taken + 1, int(IMAGES * passed_s / self._seconds))
             self._moved |= {name for name, image in images.items() if _changed(empty, name, image) > MOVED}
             fitters.learn_background(images)
@@ -81,7 +81,7 @@ class EmptyRoomLearning:
 
 
 def unknown_room(cameras: Iterable[str], known: Container[str]) -> list[str]:
-    """What is to be said of cameras whose empty room is not known."""
+    """Messages about cameras whose empty room is not known."""
     missing = [name for name in cameras if name not in known]
     if not missing:
         return []

@@ -24,7 +24,7 @@ class SeenBody(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         fit: pose, landmarks, and outlines by camera; of a lost body, the pose is where it waits.
-        lost: whether nobody is there, not yet or not any more.
+        lost: whether the person is absent, not yet come or gone.
         waits: what a lost body covers where it waits, by camera.
     """
 

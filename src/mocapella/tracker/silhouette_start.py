@@ -1,4 +1,4 @@
-"""How a body that is to be followed begins: whose it is, and where, from joints in space of one instant."""
+"""The start of a tracked body: model, size and pose from 3D joints of one instant."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ NEEDED: Final = {
     "legs": tuple(f"{side} {joint}" for joint in ("hip", "knee", "ankle") for side in _SIDES),
     **dict.fromkeys(("male", "female"), tuple(f"{side} {joint}" for joint in ("hip", "shoulder") for side in _SIDES)),
 }
-"""Joints without which nobody knows where a body is."""
+"""Joints required to place a body, by model."""
 ENOUGH: Final = {"legs": ("shank", "thigh"), **dict.fromkeys(("male", "female"), ("shank", "thigh", "trunk"))}
-"""Segments that say how large somebody is."""
+"""Segments that give a person's size, by model."""
 FAR_M: Final = 0.15
-"""Joints that the model misses by more, in the median, are not those of a body of its size."""
+"""Largest median distance of the joints from the model; joints farther off do not fit a body of its size [m]."""
 APART_M: Final = 0.15
 """Two bodies whose middles are nearer to each other are in one place."""
 _ERROR, _LEAST_ERROR_PX = 0.008, 4.0
@@ -49,7 +49,7 @@ _REJECTED, _FEWEST_POINTS = 0.6, 6
 
 @dataclass(frozen=True)
 class Body:
-    """Who is followed.
+    """A body to be tracked.
 
     Attributes:
         model: of `MODELS`, or another mesh's name.
@@ -144,7 +144,7 @@ def body_of(model: str, height_m: float | None, joints: Mapping[str, Float64]) -
     """The model of a person: of a height, or as large as the joints say.
 
     Raises:
-        SettingsError: no such model, or joints that do not say how large somebody is where no height does.
+        SettingsError: no such model, or neither the joints nor a height give the person's size.
         CalibrationError: joints that are none of a person.
     """
     if model not in MODELS:

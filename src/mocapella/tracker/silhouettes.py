@@ -2,7 +2,7 @@
 
     instant = sync(images)                 the images of one instant
     fits    = fit(instant, lost)           every body for itself, others being where they are expected
-    bodies  = presence(fits, empty room)   who is there, who is lost, where these are looked for
+    bodies  = presence(fits, empty room)   present bodies, lost bodies, and where to look for the lost ones
     notes   = conditions, doubts           which cameras do not count, and whether the rig can be right
 
 A scene has the bodies of the last complete instant. See docs/methods/silhouettes.md.
@@ -61,16 +61,16 @@ class SilhouettesTracker:
     """See the module.
 
     Args:
-        bodies: by name, which is empty where there is one that nobody named; at least one.
+        bodies: by name, at least one; a single body may have an empty name.
         rig: of the cameras, for images of their sizes.
         settings: of the fit.
         sync: of the cameras' times. Bodies are where they begin a ``period_s`` before the first instant.
-        empty_room_s: for so long nobody is in the images; the room is learnt, and then people are waited for [s].
-        waiting: whether nobody is there at first: bodies wait where they begin.
+        empty_room_s: duration without people, to learn the room; then people are waited for [s].
+        waiting: whether the room is empty at first: bodies wait where they begin.
 
     Attributes:
         bodies, rig: see above.
-        seen: the last instant, with what was fitted; None before the first.
+        seen: the last instant, with its fits; None before the first.
 
     Raises:
         SettingsError: no body, a time out of range, or a body that no camera sees where it begins.
@@ -140,7 +140,7 @@ class SilhouettesTracker:
 
     @property
     def period_s(self) -> float:
-        """Between two instants, as it was given [s]."""
+        """Time between two instants, from the settings [s]."""
         return self._sync.settings.period_s
 
     @property
@@ -149,7 +149,7 @@ class SilhouettesTracker:
         return not self._room.done
 
     def drain_notes(self) -> list[TrackerNote]:
-        """What happened since the last call, the oldest first; nobody is told twice."""
+        """Notes since the last call, the oldest first; each is returned once."""
         notes = list(self._notes)
         self._notes.clear()
         return notes
@@ -251,7 +251,7 @@ class SilhouettesTracker:
         self._notes.extend(TrackerNote(instant.time_ns, text) for text in said)
 
     def _follow(self, number: int, time_ns: int, images: Mapping[str, UInt8], missing: Mapping[str, str]) -> list[str]:
-        """Fit all bodies and decide who is there; returns what is to be said."""
+        """Fit all bodies and decide which are present; returns messages."""
         said = [] if self._begun else self._begin(time_ns)
         found = self._fitters.update(images, time_ns, self._presence.lost)
         found = {
@@ -266,7 +266,7 @@ class SilhouettesTracker:
         return said
 
     def _begin(self, time_ns: int) -> list[str]:
-        """The first instant in which bodies are looked for."""
+        """Start all bodies, before the first fit; returns messages."""
         self._begun, self._reason = True, ""
         self._start(time_ns - round(self.period_s * NS_PER_S))
         if self._waiting:

@@ -29,7 +29,7 @@ _FRAMES: Final = 30
 _SPECKLED: Final = (4, 8)
 """Frames with single wrong pixels."""
 _AWAY: Final = (10, 28)
-"""Frames without anybody."""
+"""Range of the frames without people, the end excluded."""
 
 
 def practice_tracker() -> SilhouettesTracker:

@@ -76,9 +76,9 @@ class SilhouettesSetup:
 
     Attributes:
         rig: the text of the camera rig's file.
-        bodies: who is followed.
-        empty_room_s: for so long nobody is in the images at first; then people are waited for [s].
-        waiting: whether nobody is there at first.
+        bodies: the tracked bodies.
+        empty_room_s: duration without people at first, to learn the room; then people are waited for [s].
+        waiting: whether the room is empty at first.
         sync: of the cameras' times.
     """
 
@@ -126,7 +126,7 @@ def body_setup(name: str, body: Body, pose: TreePose, mesh_file: bytes = b"") ->
     Args:
         name: of the person.
         body: see there.
-        pose: in which it starts.
+        pose: at the start.
         mesh_file: the whole .glb file, where the body is of one.
     """
     start = BodyStartSetup(

@@ -1,6 +1,6 @@
 """The KinectMultiTrack thesis' tracker (2015), for any number of sensors: ``stand-still``.
 
-Its known flaw: every body is centred on itself, so two people stand at the same place in its world, and who is who is
+Its known flaw: every body is centred on itself, so two people stand at the same place in its world, and identity is
 decided by body shape alone. See docs/methods/stand-still.md.
 """
 
@@ -32,12 +32,12 @@ from mocapella.tracker.protocol import TrackerReport, scene_at
 
 @dataclass(frozen=True)
 class StandStillTrackerSettings(StandStillSettings):
-    """The calibration's settings, and those of what follows.
+    """The settings of the calibration and of the later stages.
 
     Attributes:
         max_distance_m: skeletons further apart are not taken for one person; the thesis has no such limit [m].
-        regain_within_m: a body with a new tracking id is somebody whom its sensor had lost, not somebody new, if it is
-            closer than this to where that person was last seen; 0 takes every new tracking id for somebody new [m].
+        regain_within_m: a body with a new tracking id is a person whom its sensor had lost, not a new one, if it is
+            closer than this to where that person was last seen; 0 takes every new tracking id for a new person [m].
         silent_after_s: a sensor without a frame for so long leaves the fusion until it speaks again [s].
     """
 
@@ -56,7 +56,7 @@ _OWN_MEMORY: Final = ("_steps", "_rejected", "_state", "_people")
 
 
 class StandStillTracker:
-    """Sensors' newest frames → each body's way to the world → whose views they are → the mean of what is tracked."""
+    """Sensors' newest frames → each body's transform to the world → assignment to people → mean of tracked joints."""
 
     def __init__(
         self,
@@ -166,7 +166,7 @@ class CalibratedViews:
     def update(self, heard: Heard, calibration: Calibration) -> list[PotentialSkeleton]:
         """The views of all sensors that speak, in the order of sensors and tracking ids; none before a calibration.
 
-        A body that its sensor does not see just now keeps a view in which nothing is tracked, because the person can
+        A body that its sensor does not see just now keeps a view without tracked joints, because the person can
         still be shown from that sensor's perspective, as the others see them.
         """
         if not calibration.T_world_sensor:

@@ -17,7 +17,7 @@ class StartingBody(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         mesh: of the body.
         pose: about where it is at first.
-        build: JSON of which a reader makes the mesh again, see `TrackedBody.build`; empty where nobody said it.
+        build: JSON from which a reader rebuilds the mesh, see `TrackedBody.build`; empty if not given.
     """
 
     mesh: RiggedMesh
@@ -31,7 +31,7 @@ def build_of(model: str, height_m: float | None, proportions: Mapping[str, float
     Args:
         model: male, female, legs, or the name of a mesh's file.
         height_m: where it was given.
-        proportions: lengths of segments [m], by name; those that are known.
+        proportions: known lengths of segments [m], by name.
         sha256: of the mesh's file, in hexadecimal digits; empty where there is none.
     """
     if sha256:

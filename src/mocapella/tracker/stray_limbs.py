@@ -1,9 +1,8 @@
-"""Limbs that are not where they are said to be, and are looked for (`kinematics/limb_search.py`): which, and in what.
+"""Select misplaced limbs and the evidence to search for them (`kinematics/limb_search.py`).
 
 A limb is doubtful where images show the room at its points, or where it is in another one. What is strange in one image
-alone may be gone in the next, so a limb is looked for in what two images in a row show, from the second one in which it
-is doubtful on. One whole limb after the other is also looked for where nothing speaks against it: limbs hide behind a
-body, too.
+alone may be gone in the next, so a limb is looked for in the foreground of two images in a row, from its second
+doubtful image on. Undoubted limbs are searched as well, one whole limb after the other: limbs hide behind a body, too.
 """
 
 from __future__ import annotations
@@ -64,7 +63,7 @@ class StrayLimbs:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what was doubtful, and what images showed."""
+        """Forget the doubtful limbs and the evidence."""
         self._rng = np.random.default_rng(0)
         self._frame = 0
         self._asked: set[str] = set()
@@ -72,7 +71,7 @@ class StrayLimbs:
 
     def memory(self) -> list[Any]:
         """All that `recall` wants."""
-        # Its numbers are larger than those of most formats.
+        # Its integers exceed the range of most formats.
         chance = json.dumps(self._rng.bit_generator.state)
         return [chance, self._frame, self._asked, self._evidence]
 
@@ -133,7 +132,7 @@ class StrayLimbs:
     def _doubtful(
         self, images: Mapping[str, UInt8], seeing: Mapping[str, SilhouetteCamera], stands: Standing
     ) -> set[str]:
-        """Limbs where images show the room where they are said to be, or that are in others.
+        """Limbs placed where images show the room, or inside other limbs.
 
         Every other point is asked, the others in the next frame.
         """

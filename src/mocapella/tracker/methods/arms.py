@@ -37,7 +37,7 @@ def _practice() -> tuple[Tracker, Iterable[Arrival]]:
 
 
 def _arm() -> Iterator[Arrival]:
-    """An arm that is held still before a camera: what is loaded when it is first needed is loaded."""
+    """Arrivals of an arm held still before a camera; they load every module that the method loads lazily."""
     points, states, sd = np.full((23, 3), 0.5), np.full(23, 2, np.uint8), np.full(23, 0.005, np.float32)
     arm = SeenArm(0, False, 0.9, points, states, sd, np.zeros(21))
     for k in range(3):
