@@ -45,7 +45,7 @@ class Room:
         ]  # fmt: skip
         wait_until("the view", self.server.said("live view: http"), timeout=120.0)
         self.session = open_reader(self.address, timeout=30.0)
-        wait_until("both cameras", lambda: sum(row.markers for row in self.status().sensors) == 2, timeout=120.0)
+        wait_until("both cameras", lambda: sum(row.pictures for row in self.status().sensors) == 2, timeout=120.0)
 
     def status(self) -> SessionStatus:
         status = send_command(self.session, "status").status

@@ -86,7 +86,7 @@ class Desk:
         return self.reply
 
     def _make_ready(self, method: str) -> None:
-        assert "making the tracking of hands ready" in self.desk.progress.busy
+        assert "making the method hands ready" in self.desk.progress.busy
         self.made_ready += 1
 
     def do(self, verb: str, **arguments: Any) -> CommandReply:

@@ -184,7 +184,7 @@ def test_a_take_recorded_by_command_begins_mid_session_and_replays_alike(served:
         simulate(tmp_path, served.address, "1", "--name", "front"),
         simulate(tmp_path, served.address, "2", "--name", "side"),
     ):
-        wait_until("somebody is tracked", lambda: served.status().people == 1, timeout=60.0)
+        wait_until("somebody is tracked", lambda: served.status().counts.get("people") == 1, timeout=60.0)
         made = result(tmp_path, "record", "mid", "--connect", served.address, "--seconds", "2")
         assert made["frames"] > 0
         assert made["lost"] == 0
@@ -203,7 +203,7 @@ def test_takes_are_whole_and_nobody_flaps_when_something_stands_still_as_they_be
         simulate(tmp_path, served.address, "1", "--name", "front") as front,
         simulate(tmp_path, served.address, "2", "--name", "side") as side,
     ):
-        wait_until("somebody is tracked", lambda: served.status().people == 1, timeout=60.0)
+        wait_until("somebody is tracked", lambda: served.status().counts.get("people") == 1, timeout=60.0)
         said = served.program.output
         takes = []
         for k, paused in enumerate((front, side, served.program, front)):
@@ -225,7 +225,7 @@ def test_takes_are_whole_and_nobody_flaps_when_something_stands_still_as_they_be
         notices = served.program.output.removeprefix(said)
         assert "sent nothing" not in notices
         assert "left" not in notices
-        assert served.status().people == 1
+        assert served.status().counts.get("people") == 1
     for row in result_here(tmp_path, "replay", *map(str, takes)):
         assert row["differing_scenes"] == 0
         assert row["frames_out"] > 30
