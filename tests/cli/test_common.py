@@ -14,7 +14,9 @@ import pytest
 import typer
 from hypothesis import given
 from hypothesis import strategies as st
+from typer.testing import CliRunner
 
+from mocapella.cli.app import app
 from mocapella.cli.common import (
     DEFAULT_ADDRESS,
     exit_by,
@@ -158,3 +160,12 @@ def test_a_dot_leads_into_a_group_of_settings() -> None:
     assert given == {"people": {"smoothing": "kalman", "fusion": {"age_speed": 0.5}}, "keep_root_s": 2}
     settings = make_tracker("default", settings=settings_of_pairs(["people.smoothing=kalman"])).settings
     assert settings == DefaultSettings(people=PeopleSettings(smoothing="kalman"))
+
+
+def test_the_methods_are_listed_with_what_they_take_make_and_export() -> None:
+    said = CliRunner().invoke(app, ["serve", "--method", "help"])
+    assert said.exit_code == 0
+    told = dict(line.split(":", 1) for line in said.output.splitlines() if not line.startswith(" "))
+    assert {name: METHODS.find(name).summary for name in told} == {name: text.strip() for name, text in told.items()}
+    assert set(told) >= {"default", "stand-still", "hands", "arms", "silhouettes"}
+    assert "frames: skeletons; results: people; exports: csv, json" in said.output

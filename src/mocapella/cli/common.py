@@ -57,6 +57,23 @@ def check_out(path: Path) -> Path:
     return path
 
 
+def _list_methods(name: str) -> str:
+    """List the tracking methods where that is asked for: what each takes, makes and can be exported as."""
+    if name == "help":
+        from mocapella.exports.export import exports_of
+        from mocapella.model.frame_types import FRAME_TYPES
+        from mocapella.tracker.method import METHODS
+
+        for method in METHODS.values():
+            takes = [each.name for each in FRAME_TYPES.values() if each.type in method.frame_types]
+            typer.echo(
+                f"{method.name}: {method.summary}\n    frames: {', '.join(takes)}; results: {', '.join(method.parts)}; "
+                f"exports: {', '.join(exports_of(method.parts))}"
+            )
+        raise typer.Exit
+    return name
+
+
 def check_scene(name: str) -> str:
     """List the scenes where that is asked for, and where there is none of that name."""
     from mocapella.sources.simulate import scene_summaries
@@ -114,7 +131,12 @@ RecordTo = Annotated[
     typer.Option("--record", metavar="TAKE", help="Record from the start, to this file; .mcap is added."),
 ]
 
-Method = Annotated[str, typer.Option("--method", metavar="NAME", help="Tracking method.")]
+Method = Annotated[
+    str,
+    typer.Option(
+        "--method", metavar="NAME", help="Tracking method; `--method help` lists them.", callback=_list_methods
+    ),
+]
 
 Participants = Annotated[
     str | None, typer.Option(metavar="P,P,…", help="Whose logs, such as 0,1,20; all where left out.")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -44,3 +44,8 @@ def left_out(export: Export, parts: Mapping[str, int]) -> dict[str, int]:
         How many are left out, by the type's name.
     """
     return {} if export.parts is None else {name: n for name, n in parts.items() if name not in export.parts}
+
+
+def exports_of(parts: Collection[str]) -> tuple[str, ...]:
+    """Names of the exports that carry any of these types of scene parts, such as those that a method makes."""
+    return tuple(each.name for each in EXPORTS.values() if each.parts is None or not set(parts).isdisjoint(each.parts))

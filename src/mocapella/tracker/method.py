@@ -38,7 +38,6 @@ class Method:
         files: by option of ``mocapella serve`` (``rig``, ``hand`` …), ``module:name`` of a function that makes settings
             of the files (a sequence of paths).
         stages: of the view, ``module:name`` each, in display order; the last is always shown.
-        exports: names of the exports that can be made of its results.
     """
 
     interface: int
@@ -53,7 +52,6 @@ class Method:
     keeps_layout: bool = False
     files: Mapping[str, str] = field(default_factory=dict)
     stages: tuple[str, ...] = ("mocapella.viewer.stages:ROOM",)
-    exports: tuple[str, ...] = ()
 
 
 METHODS: Final = Table("mocapella.methods", Method, "tracking method")

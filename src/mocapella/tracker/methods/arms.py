@@ -58,6 +58,5 @@ METHOD: Final = Method(
     keeps_layout=True,
     files={"rig": "mocapella.tracker.method_files:camera_rig"},
     stages=("mocapella.viewer.stages:ARMS", "mocapella.viewer.stages:ROOM"),
-    exports=("arms",),
 )
 """It has a setting more than `ArmsSettings`: ``rig``, the text of a camera rig's file, which it need not have."""

@@ -73,5 +73,4 @@ METHOD: Final = Method(
         "start": "mocapella.cli.silhouette_start:settings_of_peoples_starts",
     },
     stages=("mocapella.viewer.stages:ARMS", "mocapella.viewer.stages:ROOM"),
-    exports=("csv", "arms"),
 )

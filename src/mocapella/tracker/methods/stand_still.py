@@ -26,5 +26,4 @@ METHOD: Final = Method(
     frame_types=(BodyFrame,),
     parts=("people",),
     make=_make,
-    exports=("csv",),
 )
