@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from mocapella.conventions import NS_PER_S
 from mocapella.live.silhouette_tally import STEP_MS, BodyTally, Counted
 from mocapella.model.outline_colours import Colour, body_colour
+from mocapella.model.scene import Scene
 from mocapella.model.silhouettes import Silhouette
 from mocapella.recording.followed_bodies import FollowedFrame, frame_of
 from mocapella.sensing.outline_picture import Outlines, outlined
@@ -59,12 +60,14 @@ class Step(msgspec.Struct, frozen=True, eq=False):
         images: (height, width, 3) BGR by camera; those that there are.
         people: by name.
         took_s: how long the tracker took.
+        scene: what the tracker made of the frame's last image.
     """
 
     frame: int
     images: Mapping[str, UInt8]
     people: Mapping[str, PersonStep]
     took_s: float
+    scene: Scene
 
     def pictures(self, width: int | None = None) -> dict[str, UInt8]:
         """Each camera's image with the outlines drawn in, so many pixels wide; as it is without ``width``."""
@@ -100,6 +103,7 @@ class SilhouetteRun:
         self.notes: list[str] = []
         self._tell = say
         self._zero_ns, self._last_ns = 0, -1
+        self._scene: Scene | None = None
 
     def learn_empty(self, images: Mapping[str, UInt8]) -> None:
         """Nobody is in these images (height, width, 3), by camera; before the first frame."""
@@ -114,7 +118,7 @@ class SilhouetteRun:
         arrivals = arrivals_of(shown.images, self._last_ns, cameras=self.rig.cameras, number=shown.frame)
         begin_s = time.perf_counter()
         for arrival in arrivals:
-            self.tracker.update(arrival)
+            self._scene = self.tracker.update(arrival)
         took_s = time.perf_counter() - begin_s
         for note in self.tracker.drain_notes():
             self.note(note.text)
@@ -130,6 +134,7 @@ class SilhouetteRun:
         took_s = self.feed(shown)
         seen = self.tracker.seen
         assert seen is not None  # a frame has an image of every camera, or that it gave none
+        assert self._scene is not None
         people = {
             name: PersonStep(one.fit, self._row(name, one, shown), one.waits) for name, one in seen.bodies.items()
         }
@@ -137,7 +142,7 @@ class SilhouetteRun:
             self.tallies[name].add(person.row)
         self.frames += 1
         self.took_ms.add(1e3 * took_s)
-        return Step(shown.frame, seen.images, people, took_s)
+        return Step(shown.frame, seen.images, people, took_s, self._scene)
 
     def _row(self, name: str, one: SeenBody, shown: FrameSet) -> FollowedFrame:
         fit, mesh = one.fit, self.meshes[name]

@@ -1,7 +1,7 @@
 """The JSON of which a reader makes a fitted body's mesh again (`mocapella.model.scene.TrackedBody.build`).
 
-    {"model": "female", "height_m": 1.68, "proportions": {"thigh": 0.43}}
-    {"model": "robot.glb", "sha256": "…"}      the mesh is a file's, which is not in the JSON
+{"model": "female", "height_m": 1.68, "proportions": {"thigh": 0.43}}
+{"model": "robot.glb", "sha256": "…"}      the mesh is a file's, which is not in the JSON
 """
 
 from __future__ import annotations

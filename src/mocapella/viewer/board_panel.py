@@ -95,9 +95,7 @@ class BoardPanel:
         with gui.add_folder("Calibrate cameras", order=order, expand_by_default=expanded):
             self._html = gui.add_html("")
             self._name = gui.add_text("Save as", "rig.toml", hint="Nothing is ever overwritten")
-            self._use = gui.add_button(
-                "Use it", icon=viser.Icon.CHECK, color="teal", hint="Track with it; saves it"
-            )
+            self._use = gui.add_button("Use it", icon=viser.Icon.CHECK, color="teal", hint="Track with it; saves it")
             self._save = gui.add_button("Save", icon=viser.Icon.DEVICE_FLOPPY, color="gray")
             self._kind = gui.add_dropdown("Board", KINDS, hint="As printed; a file holds the same as text")
             self._file = gui.add_text("Board file", "board.toml", hint="In the folder where the view was started")

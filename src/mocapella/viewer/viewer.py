@@ -126,6 +126,10 @@ class Viewer:
             with tolerated():
                 browser.show(now)
 
+    def tell_fields(self, fields_deg: Mapping[str, tuple[float, float]]) -> None:
+        """Say each sensor's field of view, across and high [°], where its frames do not."""
+        self._known.fields.update(fields_deg)
+
     def end(self) -> None:
         """No more scenes come: what was shown can be played from its beginning."""
         self.timeline.done = True
@@ -206,7 +210,7 @@ class Viewer:
     def _look_home(self, moment: Moment) -> Look | None:
         """Where a page begins that is opened now, and where "Reset View" goes, while the camera goes along."""
         space, boards = self._known.ground.space, self._drawings.boards(moment)
-        if space is None and not boards.planes:
+        if space is None:
             return None
         key = (space, boards.planes)
         if key != self._home[0]:
