@@ -32,7 +32,8 @@ def sensor(name: str, **changes: Any) -> SensorHealth:
     row: dict[str, Any] = {
         "name": name, "node_id": 1, "connected": True, "silent": False, "local": True, "bodies": 0, "rate_hz": 30.0,
         "latency": None, "frames": 1, "dropped": 0, "rejected": 0, "clock_offset": None, "clock_bound": None,
-        "stored": 0, "lost": 0, "tilt": 0.0, "height": 0.0, "pictures": True, "capture_offset": 100.0, "sends": "markers",
+        "stored": 0, "lost": 0, "tilt": 0.0, "height": 0.0, "pictures": True, "capture_offset": 100.0,
+        "sends": "markers",
     }  # fmt: skip
     return SensorHealth(**(row | changes))
 

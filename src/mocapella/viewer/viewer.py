@@ -10,6 +10,7 @@ from typing import Any, Final
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import BusError
 from mocapella.model.board_progress import BoardProgress
+from mocapella.model.frame_types import FRAME_TYPES
 from mocapella.model.scene import Scene
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import SessionStatus, Setup
@@ -184,7 +185,9 @@ class Viewer:
         answering = {row.name: row for row in rows if row.pictures and row.connected}
         if not self._browsers:
             return
-        self._feed.beat(list(answering), now_s)
+        self._feed.beat(
+            list(answering), now_s, [name for name, row in answering.items() if _nothing_counted(row.sends)]
+        )
         wanted = self._drawings.cameras(scene) if any(one.live for one in self._browsers.values()) else ()
         self._pictures = {name: one for name, one in self._pictures.items() if name in answering}
         for name in wanted:
@@ -229,6 +232,12 @@ class Viewer:
                     client, self._commander, self._methods, self._known, feed=self._feed,
                     timeline=self.timeline, now_s=now_s,
                 )  # fmt: skip
+
+
+def _nothing_counted(sends: str) -> bool:
+    """Whether frames of that type say nothing of what is in the picture."""
+    kind = FRAME_TYPES.get(sends)
+    return kind is not None and kind.counted is None
 
 
 def _nobody(camera: str, question: dict[str, Any], timeout_s: float) -> CameraAnswer:
