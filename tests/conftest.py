@@ -49,7 +49,7 @@ REAL_TIME = {
     **dict.fromkeys(("cli/test_silhouettes_live.py", "live/test_silhouettes_served.py"), ()),
     **dict.fromkeys(("cli/test_plugins.py", "examples/test_plugin.py"), ()),
     **dict.fromkeys(("cli/test_running.py", "live/test_arm_node.py"), (*PEOPLE, *HANDS, "arms")),
-    **dict.fromkeys(("live/test_view_process.py", "viewer/test_body_view_in_browser.py"), (*PEOPLE, *HANDS, "arms")),
+    **dict.fromkeys(("live/test_view_process.py", "viewer/test_run_view_in_browser.py"), (*PEOPLE, *HANDS, "arms")),
 }
 """Tests of programs, servers and a browser that keep real time, and which of `PARTS` they want compiled: never two at
 once, least of all two browsers that draw in software, and in this order, for other workers compile meanwhile. Those of

@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 from programs import wait_until
 
 from mocapella.calibration.board_run import BoardRun
-from mocapella.errors import BusError, SettingsError
+from mocapella.errors import BusError, NotNowError, SettingsError
 from mocapella.live import board_looks
-from mocapella.live.board_desk import BoardDesk
+from mocapella.live.board_desk import BoardDesk, method_of_rig
 from mocapella.live.board_looks import EXPLAIN_EVERY, NodeLooks, node_names, urgent
 from mocapella.model.board import encode_board, parse_board
 from mocapella.model.camera_rig_file import decode_camera_rig, load_camera_rig
@@ -38,8 +38,9 @@ def sensor(name: str, **changes: Any) -> SensorHealth:
     return SensorHealth(**(row | changes))
 
 
-def status(*sensors: SensorHealth) -> SessionStatus:
-    return SessionStatus(0, True, "waiting for sensors", 0, 0, 0, "", 0, 0.0, Setup(), sensors, RecordingHealth(),
+def status(*sensors: SensorHealth, setup: Setup | None = None) -> SessionStatus:
+    setup = setup or Setup()
+    return SessionStatus(0, True, "waiting for sensors", 0, 0, 0, "", 0, 0.0, setup, sensors, RecordingHealth(),
                          (), 0.0, "")  # fmt: skip
 
 
@@ -77,7 +78,7 @@ class Desk:
     def __init__(self, folder: Path, nodes: Nodes) -> None:
         self.sent: list[tuple[str, dict[str, Any]]] = []
         self.reply = CommandReply(True, "tracking hands with c0, c1")
-        self.made_ready = 0
+        self.made_ready: list[str] = []
         self.desk = BoardDesk(nodes.ask, self._send, folder, make_ready=self._make_ready)
         self.desk.learn(status(sensor("c0"), sensor("c1"), sensor("kinect", pictures=False)))
 
@@ -86,8 +87,8 @@ class Desk:
         return self.reply
 
     def _make_ready(self, method: str) -> None:
-        assert "making the method hands ready" in self.desk.progress.busy
-        self.made_ready += 1
+        assert f"making the method {method} ready" in self.desk.progress.busy
+        self.made_ready.append(method)
 
     def do(self, verb: str, **arguments: Any) -> CommandReply:
         return self.desk.command(verb, arguments)
@@ -144,9 +145,10 @@ def test_from_start_to_a_rig_that_is_saved_and_used(desk: Desk, nodes: Nodes, tm
     desk.reply = CommandReply(True, "tracking hands with c0, c1")
     assert "mine.toml" in desk.do("use-this-rig", name="mine").message
     assert desk.desk.progress.used
-    assert desk.made_ready == 2
+    assert desk.made_ready == ["hands"] * 2
     verb, arguments = desk.sent[-1]
     assert verb == "use-rig"
+    assert arguments["method"] == "hands"
     told, saved = decode_camera_rig(arguments["rig"]), load_camera_rig(tmp_path / "mine.toml")
     assert list(told.cameras) == list(saved.cameras) == ["c0", "c1"]
     assert (tmp_path / "rig.toml").read_text() == "somebody's"
@@ -281,3 +283,32 @@ def test_nodes_are_named_as_they_are() -> None:
             node_names([text], "node:", rows)
     with pytest.raises(SettingsError, match="none; start one: mocapella node markers"):
         node_names(["node:c0"], "node:", [])
+
+
+@pytest.mark.parametrize(
+    ("sends", "method"),
+    [
+        (["markers"], "hands"),
+        (["images"], "silhouettes"),
+        (["images", "images"], "silhouettes"),
+        (["markers", "?"], "hands"),
+    ],
+)
+def test_a_rig_is_for_the_method_that_wants_one_and_takes_what_its_cameras_send(sends: list[str], method: str) -> None:
+    assert method_of_rig(sends) == method
+
+
+@pytest.mark.parametrize("sends", [["skeletons"], ["depth"], ["unknown"], []])
+def test_cameras_of_which_no_method_wants_a_rig_are_named(sends: list[str]) -> None:
+    with pytest.raises(NotNowError, match=sends[0] if sends else "nothing"):
+        method_of_rig(sends)
+
+
+def test_it_is_known_whether_the_session_tracks_with_a_rig(desk: Desk) -> None:
+    assert not desk.desk.progress.has_rig
+    for method, has_rig in (("hands", True), ("default", False), ("silhouettes", True), ("not installed", False)):
+        desk.desk.learn(status(sensor("c0"), setup=Setup(method=method)))
+        assert desk.desk.progress.has_rig is has_rig
+        same = desk.desk.progress
+        desk.desk.learn(status(sensor("c0"), setup=Setup(method=method)))
+        assert desk.desk.progress is same  # browsers see that nothing is new

@@ -17,10 +17,14 @@ from mocapella.model.scene import Phase, Scene, SensorPlace, TrackedArm, Tracker
 from mocapella.model.topology import topology
 from mocapella.viewer import layout
 from mocapella.viewer.arm_panel import quality_html
-from mocapella.viewer.arms import COLOURS, PANELS, SCALE, ArmsShown, arms_drawing, centre_of, cloth_mesh, lane_arms
+from mocapella.viewer.arm_strokes import COLOURS, lane_arms
 from mocapella.viewer.palette import Rgb
 from mocapella.viewer.perspective import Floors, Perspectives
-from mocapella.viewer.stages import tracking_drawing, tracking_title
+from mocapella.viewer.stage import StageView
+from mocapella.viewer.stage_arms import PANELS, SCALE, ArmsShown, arms_drawing, centre_of, cloth_mesh
+from mocapella.viewer.stages import ARMS, ROOM
+from mocapella.viewer.tracking_stage import tracking_title
+from mocapella.viewer.troubles import Troubles
 
 POINTS = np.random.default_rng(4).normal(0, 0.1, (23, 3)) + np.array([0.0, 0.0, 0.8])
 CENTRE = POINTS.mean(axis=0)
@@ -42,8 +46,8 @@ def scene(*arms: TrackedArm, **changed: Any) -> Scene:
 def test_every_view_has_all_joints_at_their_distances_and_the_front_is_what_the_camera_sees() -> None:
     drawing = arms_drawing(scene(arm()), ArmsShown(CENTRE))
     assert len(drawing.joints) == 3 * 8
-    assert len(drawing.hollow) == 0
-    assert len(drawing.lines) == 3 * (4 + len(ARM_BONES)) + 5  # and the frames, and those that lead to names
+    assert len(drawing.halos) == 0
+    assert len(drawing.bones) == 3 * (4 + len(ARM_BONES)) + 5  # and the frames, and those that lead to names
     views = drawing.joints.positions.reshape(3, 8, 3)
     joints = POINTS[list(ARM_JOINTS)]
     apart = np.linalg.norm(joints[:, None] - joints[None], axis=-1)
@@ -80,10 +84,10 @@ def test_what_is_inferred_is_hollow_and_what_is_not_known_is_not_there() -> None
     points[16] = np.nan
     drawing = arms_drawing(scene(arm(states=states, points=points)), ArmsShown(CENTRE))
     assert len(drawing.joints) == 3 * 5
-    assert len(drawing.hollow) == 3
-    assert (drawing.hollow.opacities < 0.6).all()
-    assert len(drawing.lines) == 3 * (4 + len(ARM_BONES) - 2) + 3
-    for strokes in (drawing.lines, drawing.joints, drawing.hollow):
+    assert len(drawing.halos) == 3
+    assert (drawing.halos.opacities < 0.6).all()
+    assert len(drawing.bones) == 3 * (4 + len(ARM_BONES) - 2) + 3
+    for strokes in (drawing.bones, drawing.joints, drawing.halos):
         assert all(np.isfinite(a).all() for a in (strokes.positions, strokes.wxyzs, strokes.scales))
     names = {tag.text: tag.visible for tag in drawing.tags}
     assert not names["middle"]
@@ -114,8 +118,8 @@ def test_the_row_of_names_begins_on_the_thumbs_side_and_each_arm_has_its_own(tur
 def test_the_cloth_is_in_every_view_and_closed_to_its_edges() -> None:
     drawing = arms_drawing(scene(arm()), ArmsShown(CENTRE, cloth=GRID))
     area = 0.0
-    for mesh in drawing.cloth:
-        assert mesh is not None
+    assert list(drawing.surfaces) == ["cloth/0", "cloth/1"]
+    for mesh in (surface.mesh for surface in drawing.surfaces.values()):
         assert mesh.vertices.shape == (3 * GRID.shape[0] * GRID.shape[1], 3)
         corners = mesh.vertices[mesh.faces].astype(np.float64)
         areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=-1)
@@ -124,7 +128,7 @@ def test_the_cloth_is_in_every_view_and_closed_to_its_edges() -> None:
     assert area == pytest.approx(3 * SCALE**2 * 0.3 * 0.1, rel=1e-5)
     for one, other in zip(cloth_mesh(GRID[None]), cloth_mesh(GRID[None] + 1), strict=True):
         assert one.faces is other.faces
-    assert arms_drawing(None, ArmsShown(CENTRE)).cloth == (None, None)
+    assert arms_drawing(None, ArmsShown(CENTRE)).surfaces == {}
 
 
 def test_what_is_looked_at_stays_while_the_hand_is_near_and_follows_when_it_goes_away() -> None:
@@ -141,26 +145,14 @@ def test_what_is_looked_at_stays_while_the_hand_is_near_and_follows_when_it_goes
     np.testing.assert_array_equal(centre_of((arm(points=np.full((23, 3), np.nan)),), first), first)
 
 
-def test_the_stage_is_that_of_arms_where_there_are_any() -> None:
-    drawn = tracking_drawing(scene(arm()), "free", Perspectives(), Floors(), ArmsShown(CENTRE, cloth=GRID))
-    assert drawn.arms
-    assert all(part is not None for part in drawn.cloth)
-    assert drawn.scale == SCALE
-    assert not tracking_drawing(scene(), "free", Perspectives(), Floors()).arms
-
-
 def test_the_title_is_at_the_edge_of_what_the_picture_has() -> None:
-    shown = ArmsShown(CENTRE)
-    for arms, box in ((shown, layout.arms_box()), (None, layout.tracking_box())):
-        drawing = tracking_drawing(None if arms is None else scene(arm()), "arm", Perspectives(), Floors(), arms)
-        place = tracking_title(drawing, "arm").position
-        assert (np.array(place) >= box.low).all()
-        assert (np.array(place) <= box.high).all()
-        assert place[0] > max(panel.middle[0] for panel in PANELS)
-    assert (
-        "2.3 times as large"
-        in tracking_title(tracking_drawing(None, "arm", Perspectives(), Floors(), shown), "arm").text
-    )
+    view = StageView("arm", Perspectives(), Floors(), Troubles())
+    for stage, shown in ((ARMS, ArmsShown(CENTRE)), (ROOM, None)):
+        title = tracking_title(stage, stage.draw(scene(arm()), shown, view), "arm")
+        assert (np.array(title.position) >= stage.box.low).all()
+        assert (np.array(title.position) <= stage.box.high).all()
+        assert title.position[0] > max(panel.middle[0] for panel in PANELS)
+        assert ("2.3 times as large" in title.text) == (stage is ARMS)
 
 
 def test_an_image_in_its_lane_has_the_arm_where_the_camera_sees_it() -> None:

@@ -50,6 +50,7 @@ class Rig:
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self.node, self.now_s, self.cameras = Node(), 0.0, ["left"]
+        self.plain: list[str] = []
         self.said: list[tuple[str, str, bool]] = []
         self.feed = CameraFeed(self.node.ask)
         self.panel = CameraPanel(gui, self.feed, lambda *words: self.said.append(words))
@@ -59,7 +60,7 @@ class Rig:
         while not holds():
             assert time.monotonic() < deadline, what
             self.now_s += 0.1
-            self.feed.beat(self.cameras, self.now_s)
+            self.feed.beat(self.cameras, self.now_s, self.plain)
             self.panel.show(self.now_s)
             time.sleep(0.01)
 
@@ -202,3 +203,15 @@ def test_a_lesson_that_is_cancelled_takes_nothing_that_comes_late(rig: Rig) -> N
     rig.panel.click((1.0, 2.0))
     rig.until(lambda: not rig.panel._wishes, "the click came")
     assert not rig.panel._pointing.points
+
+
+def test_of_a_camera_that_looks_for_nothing_no_colours_are_spoken_of_and_none_can_be_learnt(rig: Rig) -> None:
+    rig.plain = ["left"]
+    rig.panel._shown.value = FeedMode.PICTURE
+    rig.until(lambda: "<img" in rig.panel._view.content, "the picture is there")
+    assert "320 × 240 px" in rig.panel._view.content
+    assert "markers" not in rig.panel._view.content
+    assert "colours" not in rig.panel._view.content
+    assert not rig.panel._begin.visible
+    rig.plain = []
+    rig.until(lambda: bool(rig.panel._begin.visible), "colours can be learnt")

@@ -5,14 +5,14 @@ import dataclasses
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from walkers import health, status
+from walkers import Room, health, status
 
 from mocapella.model.session import RecordingHealth, Setup
 from mocapella.tracker import METHODS
 from mocapella.viewer.controls import (
     allowed,
     default_perspective,
-    makes_people,
+    part_names,
     perspectives,
     progress_percent,
     take_name,
@@ -31,11 +31,16 @@ def test_of_every_pair_of_opposites_exactly_one_can_be_used(running, recording):
     assert can.setup
 
 
-def test_people_can_be_there_unless_the_method_makes_arms_or_hands_alone():
-    counts = {method: dict.fromkeys(METHODS[method].parts, 0) for method in METHODS}
-    methods = {method: makes_people(status(setup=Setup(method=method), counts=counts[method])) for method in METHODS}
-    assert methods == {method: "people" in METHODS[method].parts for method in METHODS}
-    assert makes_people(status())
+@pytest.mark.parametrize("method", METHODS)
+def test_parts_can_be_there_that_the_method_makes_whether_or_not_there_are_any(method):
+    counts = dict.fromkeys(METHODS[method].parts, 0)
+    assert part_names(status(setup=Setup(method=method), counts=counts), None) == METHODS[method].parts
+
+
+def test_without_a_server_parts_can_be_there_that_the_scene_has():
+    scene = Room().scene(0.0, Room().frames(0.0))
+    assert part_names(None, scene) == ("people",)
+    assert part_names(None, None) == ()
 
 
 def test_without_a_server_nothing_can_be_used():

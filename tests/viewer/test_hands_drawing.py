@@ -18,17 +18,11 @@ from mocapella.model.scene import Phase, Scene, SensorPlace, TrackedHand, Tracke
 from mocapella.model.topology import topology
 from mocapella.sources.simulate.hand_motion import UPRIGHT, landmarks_of
 from mocapella.viewer import layout
-from mocapella.viewer.hands import (
-    LARGEST_SCALE,
-    HandsDrawing,
-    StageOfHands,
-    at_limit,
-    hands_drawing,
-    lane_picture,
-    marker_colour,
-)  # fmt: skip
+from mocapella.viewer.marker_lane import lane_picture, marker_colour
 from mocapella.viewer.palette import AMBER, FUSED, Rgb
 from mocapella.viewer.sensor_marks import PlaceState
+from mocapella.viewer.stage import TrackingDrawing
+from mocapella.viewer.stage_hands import LARGEST_SCALE, StageOfHands, at_limit, hands_drawing
 
 FULL = hand_model("full")
 SHAPE = FULL.shape("right")
@@ -65,7 +59,7 @@ def scene(*hands: TrackedHand, **changed: Any) -> Scene:
     return msgspec.structs.replace(made, **changed)
 
 
-def numbers(drawing: HandsDrawing) -> list[np.ndarray]:
+def numbers(drawing: TrackingDrawing) -> list[np.ndarray]:
     parts = (drawing.bones, drawing.joints, drawing.halos)
     return [a for s in parts for a in (s.positions, s.wxyzs, s.scales, s.opacities)]
 

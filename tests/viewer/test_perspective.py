@@ -3,6 +3,7 @@
 import msgspec
 import numpy as np
 import pytest
+from drawings import tracking_drawing, tracking_title
 from hypothesis import given
 from hypothesis import strategies as st
 from walkers import HEIGHT_M, KINECT, Room
@@ -10,9 +11,9 @@ from walkers import HEIGHT_M, KINECT, Room
 from mocapella.geometry.rigid import apply
 from mocapella.model.observations import body_frame
 from mocapella.model.session import SensorPose
+from mocapella.viewer.lanes import LaneSpace, lane_bones
 from mocapella.viewer.palette import SENSORS, SensorColours, person_colour
 from mocapella.viewer.perspective import FREE, Floors, Perspectives, level
-from mocapella.viewer.stages import lane_bones, tracking_drawing, tracking_title
 
 ANGLE = st.floats(-1.5, 1.5)
 
@@ -143,8 +144,7 @@ def test_a_frame_without_anybody_teaches_nothing_of_the_floor():
 
 def test_a_lane_shows_the_sensors_own_skeletons_in_its_colour():
     frame = Room().frames(0.0)["front"]
-    colours = SensorColours()
-    strokes = lane_bones(frame, np.eye(4), np.zeros(3), colours)
+    strokes = lane_bones(frame, LaneSpace(np.zeros(3), np.eye(4), SENSORS[0]))
     assert len(strokes) == 2 * 24
     assert (strokes.colours == SENSORS[0].paint).all()
 

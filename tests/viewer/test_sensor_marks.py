@@ -3,6 +3,7 @@
 import msgspec
 import numpy as np
 import pytest
+from drawings import tracking_drawing, tracking_title
 from hypothesis import given
 from hypothesis import strategies as st
 from unsure import MOVED, WALK, placed
@@ -13,7 +14,6 @@ from mocapella.model.scene import SensorPlace
 from mocapella.viewer.palette import AMBER, GREY, RED, SENSORS
 from mocapella.viewer.perspective import FREE, Floors, Perspectives, upright
 from mocapella.viewer.sensor_marks import REACH_M, PlaceState, field_lines, marks, standing, words
-from mocapella.viewer.stages import tracking_drawing, tracking_title
 
 DOUBT = "it does not see people where front sees them: walk a few steps where both see you"
 ANGLE = st.floats(-3.0, 3.0)

@@ -14,11 +14,13 @@ import msgspec
 import numpy as np
 import pytest
 from browser import FLAGS
+from drawings import tracking_drawing
 from stand_in import StandIn
 from unsure import MOVED, WALK, placed
 from walkers import HEIGHT_M, KINECT, Room, in_picture
 
 from mocapella.geometry.rigid import apply
+from mocapella.model.part_types import PART_TYPES, PartType
 from mocapella.model.session import RecordingHealth, SensorPose, Setup
 from mocapella.viewer.layout import SENSORS_SCALE, Look, lane_origins
 from mocapella.viewer.palette import SENSORS, person_colour
@@ -26,7 +28,6 @@ from mocapella.viewer.panel import Aim
 from mocapella.viewer.perspective import Floors, Perspectives
 from mocapella.viewer.setup_form import PoseField, SetupFields
 from mocapella.viewer.setup_panel import HEIGHT_LABEL, TILT_LABEL
-from mocapella.viewer.stages import tracking_drawing
 
 CHROMIUM = shutil.which("chromium")
 LEFT = 1
@@ -370,10 +371,10 @@ def test_where_the_method_makes_arms_alone_no_people_are_listed(server, tab):
     server.empty = True
     server.change(running=True, phase="tracking")
     tab.expect("Nobody is in view.")
-    server.change(setup=Setup(method="arms"))
+    server.change(setup=Setup(method="arms"), counts={"arms": 0})
     tab.page.locator(".mocapella-people").locator("visible=true").wait_for(state="detached")
     assert not tab.field("Who").is_visible()
-    server.change(setup=Setup())
+    server.change(setup=Setup(), counts={"people": 0})
     tab.expect("Nobody is in view.")
 
 
@@ -381,9 +382,9 @@ def test_whom_to_name_is_chosen_and_stays_so_while_nobody_sees_them(server, tab)
     server.change(running=True, phase="tracking")
     tab.expect_value("Who", "Person 2")
     tab.choose("Who", "Person 3")
-    until(tab, lambda: panels(server)[0]._people._chosen == 3, "the choice has arrived")
+    until(tab, lambda: panels(server)[0]._part_panels["people"]._chosen == 3, "the choice has arrived")
     tab.type("Name", "Lin")
-    until(tab, lambda: panels(server)[0]._people._text.value == "Lin", "the name has arrived")
+    until(tab, lambda: panels(server)[0]._part_panels["people"]._text.value == "Lin", "the name has arrived")
     server.empty = True
     server.change()
     tab.expect("Nobody is in view.")
@@ -425,6 +426,55 @@ def stage_text(server):
     """What stands on the first browser's Tracking stage instead of people."""
     _, browser = min(server.viewer._browsers.items())
     return [handle.text for handle in browser._stage._empty._handles if handle.visible]
+
+
+class Balloon(msgspec.Struct, frozen=True, eq=False):
+    """A plug-in's scene part."""
+
+
+def burst(parts, scene, room):
+    raise ZeroDivisionError("it <b>burst</b>")
+
+
+def test_a_plug_ins_drawing_that_raises_is_told_in_the_panel_and_all_else_is_drawn(server, tab, monkeypatch):
+    kind = PartType(1, "balloons", Balloon, None, None, drawing=f"{__name__}:burst")
+    monkeypatch.setitem(PART_TYPES, "balloons", kind)
+    server.change(running=True, phase="tracking")
+    server.scene = placed(server.room).with_parts(balloons=(Balloon(),))  # where sensors have places
+    tab.expect("scene part balloons cannot be drawn: ZeroDivisionError: it <b>burst</b>")
+    until(tab, lambda: len(labels(stage(server)._tags)) == 2, "the people are drawn")
+    assert len(server.viewer._known.troubles.lines) == 1
+
+
+def test_a_browser_that_is_stopped_stays_where_it_is_and_follows_again(server, tab):
+    server.change(running=True, phase="tracking")
+    begun = server.scene
+    tab.expect_state("Tracking")
+    (browser,) = server.viewer._browsers.values()
+
+    def go_on():
+        step, at_ns = server.scene.step + 1, server.scene.at_ns + 100_000_000
+        people = tuple(msgspec.structs.replace(p, positions=p.positions + 0.02) for p in server.scene.people)
+        server.scene = msgspec.structs.replace(server.scene.with_parts(people=people), at_ns=at_ns, step=step)
+
+    for _ in range(5):
+        shown, _ = server.viewer.timeline.last, go_on()
+        until(tab, lambda shown=shown: server.viewer.timeline.last > shown, "the scene is kept")
+    tab.button("Pause").click()
+    until(tab, lambda: not browser.live, "it is stopped")
+    stopped = browser.playhead.shown
+    tags = [tag.position for tag in stage(server)._tags._shown]
+    for _ in range(5):
+        shown, _ = server.viewer.timeline.last, go_on()
+        until(tab, lambda shown=shown: server.viewer.timeline.last > shown, "the scene is kept")
+    tab.page.locator(".mocapella-timeline", has_text=re.compile("Paused · 0.[45] s ago")).wait_for()
+    assert browser.playhead.shown == stopped
+    assert [tag.position for tag in stage(server)._tags._shown] == tags
+    assert any("Paused" in text for text in labels(stage(server)._conditions))
+    tab.button("Newest").click()
+    until(tab, lambda: browser.live, "it follows again")
+    until(tab, lambda: [tag.position for tag in stage(server)._tags._shown] != tags, "the people have moved")
+    server.scene = begun
 
 
 def test_a_take_gets_the_name_that_the_server_proposes_unless_one_was_typed(server, tab):
@@ -505,7 +555,7 @@ def test_a_refused_command_is_explained_in_the_browser_that_gave_it(server, tabs
 
 def give_name(server, tabs, k, name):
     tabs[k].type("Name", name)
-    until(tabs[k], lambda: panels(server)[k]._people._text.value == name, "the name has arrived")
+    until(tabs[k], lambda: panels(server)[k]._part_panels["people"]._text.value == name, "the name has arrived")
     tabs[k].button("Set name").click()
 
 
@@ -514,8 +564,8 @@ def test_a_name_that_one_browser_gives_is_seen_in_all_and_the_last_of_two_holds(
     first.page.bring_to_front()
     server.change(running=True, phase="tracking")
     for panel in panels(server):
-        until(first, lambda panel=panel: not panel._people._text.disabled, "somebody can be named")
-    who = [panel._people._chosen for panel in panels(server)]
+        until(first, lambda panel=panel: not panel._part_panels["people"]._text.disabled, "somebody can be named")
+    who = [panel._part_panels["people"]._chosen for panel in panels(server)]
     give_name(server, tabs, 0, "Ada")
     for k, tab in enumerate(tabs):
         until(tab, lambda k=k: "Ada · 3 views" in labels(stage(server, k)._tags), "the name is over the person")

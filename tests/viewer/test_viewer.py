@@ -7,8 +7,7 @@ from walkers import Room, status
 
 from mocapella.errors import AddressInUseError, SettingsError
 from mocapella.model.session import CommandReply
-from mocapella.viewer import Viewer
-from mocapella.viewer.stages import SensorsStage
+from mocapella.viewer import Viewer, show
 
 
 def obey(verb, arguments):
@@ -43,7 +42,8 @@ def test_it_listens_on_the_given_interface_only_frees_the_port_and_shares_nothin
 
 def test_while_no_browser_looks_nothing_is_drawn(monkeypatch):
     drawn = []
-    monkeypatch.setattr(SensorsStage, "draw", lambda *_: drawn.append(1))
+    monkeypatch.setattr(show, "gallery_drawing", lambda *_: drawn.append(1))
+    monkeypatch.setattr(show, "image_lines", lambda *_: drawn.append(1))
     room = Room()
     frames = room.frames(0.0)
     viewer = Viewer("127.0.0.1", 0, command=obey)
@@ -65,7 +65,7 @@ class FailingBrowser:
     """One whose messages cannot be queued."""
 
     def __init__(self, error):
-        self.error, self.shown = error, 0
+        self.error, self.shown, self.live = error, 0, True
 
     def show(self, *_):
         self.shown += 1
@@ -74,7 +74,7 @@ class FailingBrowser:
 
 def test_a_race_in_the_library_costs_one_browser_one_drawing_and_any_other_error_is_raised(monkeypatch):
     viewer = Viewer("127.0.0.1", 0, command=obey)
-    monkeypatch.setattr(viewer, "_welcome", lambda: None)
+    monkeypatch.setattr(viewer, "_welcome", lambda now_s: None)
     racing = [FailingBrowser(RuntimeError("deque mutated during iteration")) for _ in range(2)]
     try:
         viewer._browsers = dict(enumerate(racing))

@@ -64,12 +64,14 @@ class Step(msgspec.Struct, frozen=True, eq=False):
         images: (height, width, 3) BGR by camera, where there is one.
         people: by name.
         took_s: how long the tracker took.
+        scene: what the tracker made of the frame's last image.
     """
 
     frame: int
     images: Mapping[str, UInt8]
     people: Mapping[str, PersonStep]
     took_s: float
+    scene: Scene
 
     def pictures(self, width: int | None = None) -> dict[str, UInt8]:
         """Each camera's image with the outlines drawn in, ``width`` pixels wide; None keeps the image's width."""
@@ -110,6 +112,7 @@ class SilhouetteRun:
         self._tell, self._record = say, record
         self._fed: Counter[tuple[str, int]] = Counter()
         self._zero_ns, self._last_ns = 0, -1
+        self._scene: Scene | None = None
 
     def learn_empty(self, images: Mapping[str, UInt8]) -> None:
         """Nobody is in these images (height, width, 3), by camera; before the first frame."""
@@ -133,14 +136,15 @@ class SilhouetteRun:
     def _give(self, arrival: Arrival, number: int | None) -> None:
         """Give the tracker a frame; one that is recorded has a number of its own."""
         if self._record is None:
-            self.tracker.update(arrival)
+            self._scene = self.tracker.update(arrival)
             return
         node = ROOM_NODE if number is None else VIDEO_NODE
         key = arrival.frame.sensor, node
         frame = msgspec.structs.replace(arrival.frame, node_id=node, sequence=self._fed[key])
         self._fed[key] += 1
         arrival = Arrival(frame, arrival.at_ns)
-        self._record(arrival, number, self.tracker.update(arrival))
+        self._scene = self.tracker.update(arrival)
+        self._record(arrival, number, self._scene)
 
     def steps(self, frames: Iterable[FrameSet]) -> Iterator[Step]:
         """Each frame when it is done."""
@@ -152,6 +156,7 @@ class SilhouetteRun:
         took_s = self.feed(shown)
         seen = self.tracker.seen
         assert seen is not None  # a frame has an image of every camera, or that it gave none
+        assert self._scene is not None
         people = {
             name: PersonStep(one.fit, self._row(name, one, shown), one.waits) for name, one in seen.bodies.items()
         }
@@ -159,7 +164,7 @@ class SilhouetteRun:
             self.tallies[name].add(person.row)
         self.frames += 1
         self.took_ms.add(1e3 * took_s)
-        return Step(shown.frame, seen.images, people, took_s)
+        return Step(shown.frame, seen.images, people, took_s, self._scene)
 
     def _row(self, name: str, one: SeenBody, shown: FrameSet) -> FollowedFrame:
         fit, mesh = one.fit, self.meshes[name]

@@ -1,60 +1,140 @@
-"""The steps of a `SilhouetteRun` in the view, while it goes on and afterwards."""
+"""The steps of a run of files in the view, while it goes on and afterwards."""
 
 from __future__ import annotations
 
 import threading
 import time
 import warnings
+from collections.abc import Mapping
 from typing import Final
 
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry.rigid import inverse
 from mocapella.live.silhouette_run import SilhouetteRun, Step
 from mocapella.live.view import beats
-from mocapella.sensing.outline_picture import jpeg
-from mocapella.tracker.silhouette_start import upright
-from mocapella.viewer.body_panel import BodyViewFrame, EncodedPicture
-from mocapella.viewer.body_stage import ShownBody
-from mocapella.viewer.body_view import BodyView
+from mocapella.model.camera import CameraRig
+from mocapella.model.images import ImageFrame, image_frame
+from mocapella.model.observations import JointState
+from mocapella.model.rigged_mesh import landmarks_at
+from mocapella.model.scene import Phase, Scene, SensorPlace, TrackedBody, TrackedBodyView, TrackerState
+from mocapella.model.topology import topology
+from mocapella.sensing.outline_picture import jpeg, outlined
+from mocapella.tracker.starting_body import StartingBody
+from mocapella.viewer import Viewer
+from mocapella.viewer.body_shelf import SHELF
+from mocapella.viewer.picture_plane import CameraPicture
+
+UInt8 = NDArray[np.uint8]
 
 WIDTH_PX: Final = 560
 """Of a picture in the view."""
 RATE_HZ: Final = 30.0
+_NO_LINES: Final = np.zeros((0, 2), np.float32)
+_TO_SENSOR: Final = np.diag([-1.0, -1.0, 1.0, 1.0])
+"""From a sensor's axes, x left and y up, to a camera's, x right and y down."""
 
 
-class SilhouetteView:
-    """A page for one run; arguments and errors as of `BodyView`."""
+class RunView:
+    """A page without a server, which shows scenes and images as they are given to it.
 
-    def __init__(self, host: str, port: int, run: SilhouetteRun) -> None:
+    Args:
+        host: the interface to serve on, and no other.
+        port: its port; 0 takes a free one.
+        rig: of the cameras.
+        bodies: by name, where they begin.
+
+    Raises:
+        AddressInUseError: somebody else listens there.
+        SettingsError: an address that this machine cannot listen at.
+    """
+
+    def __init__(self, host: str, port: int, rig: CameraRig, bodies: Mapping[str, StartingBody]) -> None:
         # What is shown to a browser in the instant in which it leaves is nobody's concern; viser would warn of it.
         warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)
-        starts = {name: body.pose for name, body in run.tracker.bodies.items()}
-        up = upright(*next((body.mesh, body.pose) for body in run.tracker.bodies.values()))
-        self._view = BodyView(host, port, run.meshes, run.rig, starts=starts, up=up)
+        self._builds = {name: body.build or f"the mesh of {name!r} in this run" for name, body in bodies.items()}
+        for name, body in bodies.items():
+            SHELF.put(self._builds[name], body.mesh)
+        self.viewer = Viewer(host, port, command=None)
+        self.viewer.tell_fields({name: _field_deg(rig, name) for name in rig.cameras})
+        self._frames: dict[str, ImageFrame] = {
+            name: image_frame(name, None, time_ns=0, size_px=placed.camera.size_px)
+            for name, placed in rig.cameras.items()
+        }
+        self._scene = _first_scene(rig, bodies, self._builds)
+        self._pictures: dict[str, CameraPicture] = {}
+        self._kept = False
+        self.beat()
 
     @property
     def url(self) -> str:
         """Where a browser finds it."""
-        return self._view.url
+        return self.viewer.url
 
-    def tell(self, step: Step) -> None:
-        """Show a step."""
-        pictures = {name: EncodedPicture(jpeg(one)) for name, one in step.pictures(WIDTH_PX).items()}
-        bodies = {
-            name: ShownBody(one.followed.pose, one.row.overlap, one.row.left_out, one.row.lost)
-            for name, one in step.people.items()
+    def show(self, scene: Scene, images: Mapping[str, UInt8]) -> None:
+        """Show a scene, and the images (height, width, 3) BGR of its instant by camera."""
+        bodies = tuple(
+            body if body.build else msgspec.structs.replace(body, build=self._builds.get(body.name, ""))
+            for body in scene.bodies
+        )
+        self._scene, self._kept = scene.with_parts(bodies=bodies), True
+        self._pictures = {
+            name: CameraPicture(jpeg(outlined(image, (), min(WIDTH_PX, image.shape[1]))), image.shape[1::-1])
+            for name, image in images.items()
         }
-        time_s = next(one.row.time_s for one in step.people.values())
-        self._view.add(BodyViewFrame(step.frame, time_s, bodies, pictures))
-        self._view.show(time.monotonic())
+        self.beat()
+
+    def beat(self) -> None:
+        """Serve the browsers; call it steadily while nothing is new."""
+        self.viewer.show(self._scene, self._frames, None, pictures=self._pictures, keep=self._kept)
 
     def stay(self, stop: threading.Event, seconds: float | None = None) -> None:
-        """All frames have been: what was followed can be looked at until ``stop`` is set, or for some seconds."""
-        self._view.end()
+        """All scenes have been: they can be looked at until ``stop`` is set, or for some seconds."""
+        self.viewer.end()
         end_s = None if seconds is None else time.monotonic() + seconds
         for now_s in beats(RATE_HZ, stop):
-            self._view.show(now_s)
+            self.beat()
             if end_s is not None and now_s >= end_s:
                 return
 
     def close(self) -> None:
         """Serve no more."""
-        self._view.close()
+        self.viewer.close()
+
+
+class SilhouetteView(RunView):
+    """A page for one run of `mocapella silhouettes`; arguments and errors as of `RunView`."""
+
+    def __init__(self, host: str, port: int, run: SilhouetteRun) -> None:
+        super().__init__(host, port, run.rig, run.tracker.bodies)
+
+    def tell(self, step: Step) -> None:
+        """Show a step."""
+        self.show(step.scene, step.images)
+
+
+def _first_scene(rig: CameraRig, bodies: Mapping[str, StartingBody], builds: Mapping[str, str]) -> Scene:
+    """Bodies where they begin, before the first step."""
+    views = tuple(TrackedBodyView(camera, np.nan, "", _NO_LINES, _NO_LINES) for camera in rig.cameras)
+    made = tuple(
+        TrackedBody(
+            k, name, builds[name], body.pose.T_world_model, body.pose.angles, body.mesh.joint_names,
+            tuple(body.mesh.landmarks), landmarks_at(body.mesh, body.pose),
+            np.full(len(body.mesh.landmarks), JointState.NOT_TRACKED, np.uint8), lost=False, views=views,
+        )
+        for k, (name, body) in enumerate(bodies.items())
+    )  # fmt: skip
+    places = tuple(
+        SensorPlace(name, inverse(placed.T_camera_world) @ _TO_SENSOR) for name, placed in rig.cameras.items()
+    )
+    state = TrackerState(Phase.WAITING_FOR_SENSORS)
+    return Scene(-1, 0, "", 0, 0, topology("kinect_v2"), state, {"bodies": made}, places)
+
+
+def _field_deg(rig: CameraRig, name: str) -> tuple[float, float]:
+    """A camera's field of view, across and high [°], as if its lens did not distort."""
+    camera = rig.cameras[name].camera
+    across, high = np.degrees(2 * np.arctan(0.5 * np.array(camera.size_px) / camera.lens[:2]))
+    return float(across), float(high)

@@ -12,6 +12,7 @@ import viser
 from numpy.typing import NDArray
 
 from mocapella.model.scene import Scene
+from mocapella.viewer import layout
 from mocapella.viewer.drawing import LineNode, Tag, TagNodes
 from mocapella.viewer.palette import Rgb
 from mocapella.viewer.picture_plane import Encoded, PictureNode, Plane, SizedPicture
@@ -30,9 +31,13 @@ _ROW_HIGH_M, _ROW_WIDE_M, _GAP_M = 1.9, 6.4, 0.06
 """A row of pictures is as high as this, and no wider than that."""
 _OVER_M, _BEHIND_M = 0.35, 1.2
 """Where it begins: over the highest head at the start, and behind it."""
+BOARDS_BEHIND: Final = np.array([0.0, 0.0, layout.SENSORS_ORIGIN[2] - _BEHIND_M])
+"""The boards' middle where the camera does not go along: over the sensors' gallery."""
 _LINES_LIFT: Final = 0.003
 """So far lines are before a picture, over its width."""
-_LINE_M: Final = 0.012
+_LINE_M: Final = 0.014
+_DEEPER: Final = 0.55
+"""Lines are as bright as what is lit most: without this, bright colours would be nearly white."""
 _NEAR_M: Final = 1e-4
 """Boards that are so near to where they are to be stay."""
 
@@ -165,7 +170,8 @@ class _BoardNode:
             self._lines.draw(np.zeros((0, 2, 3), np.float32), np.zeros((0, 2, 3), np.uint8))
             return
         ends = plane.place(lines.ends_px.astype(np.float64), _LINES_LIFT * plane.wide_m)
-        colours = np.array(lines.colours, np.uint8)[:, None].repeat(2, axis=1)
+        colours = (_DEEPER * np.array([colour.paint for colour in lines.colours])).astype(np.uint8)
+        colours = colours[:, None].repeat(2, axis=1)
         self._lines.draw(ends.astype(np.float32), colours)
 
     def _add_empty(self, plane: Plane) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mocapella.model.topology import UNKNOWN_FIELD_OF_VIEW_DEG
 from mocapella.viewer import layout
-from mocapella.viewer.boards import BoardNodes
+from mocapella.viewer.boards import BOARDS_BEHIND, BoardNodes
 from mocapella.viewer.browser_camera import BrowserCamera
 from mocapella.viewer.camera_feed import CameraFeed
 from mocapella.viewer.commands import Commander
@@ -53,16 +53,11 @@ A browser drops a picture that it has not decoded when the next one comes: one t
 """
 
 
-def new_sight(space: StageSpace | None, extent: tuple[Float64, Float64] | None, *, free: bool) -> Sight:
+def new_sight(space: StageSpace, extent: tuple[Float64, Float64] | None, *, free: bool) -> Sight:
     """What the camera goes along with at first: about the stage's middle where that is free, else where it is."""
     x, _, z = layout.stage_centre()
-    middle = np.array([x, 0.0, z])
-    if extent is not None and not (free and space is not None):
-        middle = 0.5 * (extent[0] + extent[1]) * [1.0, 0.0, 1.0]
-    if space is not None:
-        return Sight(np.array([space.half_wide_m, _HALF_M]), space.tall_m, middle)
-    tall = layout.PERSON_HEIGHT_M if extent is None else float(extent[1][1])
-    return Sight(np.full(2, _HALF_M), tall, middle)
+    middle = np.array([x, 0.0, z]) if free or extent is None else 0.5 * (extent[0] + extent[1]) * [1.0, 0.0, 1.0]
+    return Sight(np.array([space.half_wide_m, _HALF_M]), space.tall_m, middle)
 
 
 def look_along(sight: Sight, planes: Sequence[Plane], aspect: float) -> Look:
@@ -141,7 +136,7 @@ class Browser:
             perspective = self._panel.perspective
             drawing = now.drawings.tracking(moment, perspective)
             gallery = now.drawings.gallery(moment, tuple(boards.planes))
-            self._go_along(drawing, boards, perspective, now.now_s)
+            self._go_along(stage, drawing, perspective, now.now_s)
             self._draw_stage(now, moment, drawing, perspective)
             self._draw_boards(boards, now.now_s)
             self._gallery.draw(gallery)
@@ -159,8 +154,6 @@ class Browser:
 
     def _draw_stage(self, now: ViewNow, moment: Moment, drawing: TrackingDrawing, perspective: str) -> None:
         conditions = condition_lines(now.status) if self.live else self._behind()
-        along = None if self._sight is None else self._sight.middle - np.array([0.0, 0.0, layout.stage_centre()[2]])
-        space = self._known.ground.space
         self._stage.draw(
             moment.stage,
             drawing,
@@ -170,8 +163,8 @@ class Browser:
             eyes=self._aim is Aim.EYES,
             fields=self._panel.fields,
             named=not self._panel.picture,
-            along=along,
-            eye=None if now.home is None or space is None else np.asarray(now.home.position),
+            along=None if self._sight is None else self._sight.middle,
+            eye=None if now.home is None or self._sight is None else np.asarray(now.home.position),
         )
 
     def _empty_text(self, now: ViewNow, moment: Moment) -> str:
@@ -184,8 +177,7 @@ class Browser:
         return () if self._timeline.done else (f"{self.playhead.state} · {self.playhead.behind_s:.1f} s ago",)
 
     def _draw_boards(self, boards: Boards, now_s: float) -> None:
-        if self._sight is not None:
-            self._boards.place(self._sight.middle)
+        self._boards.place(BOARDS_BEHIND if self._sight is None else self._sight.middle)
         still_s = min(self.camera.answered_s + STILL_S, self._came_s + LONGEST_STILL_S)
         self._boards.draw(boards.planes, boards.shown, new_pictures=now_s >= still_s)
 
@@ -218,10 +210,10 @@ class Browser:
     def _want(self, aim: Aim) -> None:
         self._wish = aim
 
-    def _go_along(self, drawing: TrackingDrawing, boards: Boards, perspective: str, now_s: float) -> None:
-        """Keep what moves, and the pictures over it, in sight."""
+    def _go_along(self, stage: Stage, drawing: TrackingDrawing, perspective: str, now_s: float) -> None:
+        """Keep what moves in sight, where it is said how its world lies."""
         space, extent = self._known.ground.space, drawing.extent
-        if extent is None and not boards.planes and (space is None or self._sight is None):
+        if space is None or not stage.pictures:
             self._sight, self._sight_of = None, ()
             return
         key = (id(space), perspective, self._stage_name)
@@ -241,7 +233,8 @@ class Browser:
             self._before_picture, wish = False, wish or self._aim
             self._panel.cameras.leave()
         self._aim = wish or self._aim
-        if self._sight is not None and (self._panel.picture or self._aim in (Aim.TRACKING, Aim.BOTH)):
+        along = self._aim in (Aim.TRACKING, Aim.BOTH) or (self._aim is Aim.SENSORS and not lanes)
+        if self._sight is not None and (self._panel.picture or along):
             self._look_along(lanes, wish)
             return
         self._picture_before = ""
@@ -255,7 +248,9 @@ class Browser:
             camera.put(layout.eyes(floors.tilt(perspective), floors.height(perspective), np.radians(high)))
             return
         tracking, sensors = stage.box.corners, layout.sensors_box(lanes).corners
-        seen = {Aim.TRACKING: tracking, Aim.SENSORS: sensors}.get(self._aim, np.concatenate([tracking, sensors]))
+        pictures = [plane.corners + BOARDS_BEHIND for plane in self._boards.planes.values()]
+        both = np.concatenate([tracking, sensors, *pictures])
+        seen = {Aim.TRACKING: tracking, Aim.SENSORS: np.concatenate([sensors, *pictures])}.get(self._aim, both)
         elevation = stage.elevation if self._aim is Aim.TRACKING else _ELEVATION
         camera.put(layout.frame(seen, fov=FOV, aspect=camera.aspect, elevation=elevation))
 

@@ -140,6 +140,7 @@ class CameraFeed:
         self._pool = ThreadPoolExecutor(self.settings.workers, thread_name_prefix="view-pictures")
         self._orders = ThreadPoolExecutor(self.settings.workers, thread_name_prefix="view-colours")
         self._cameras: set[str] = set()
+        self._plain: set[str] = set()
         self._answering: set[str] = set()
         self._shots: dict[tuple[str, str], FeedImage] = {}
         self._wishes: dict[tuple[str, str], _Wish] = {}
@@ -151,6 +152,10 @@ class CameraFeed:
     def cameras(self) -> tuple[str, ...]:
         """The cameras whose nodes answer questions, by name."""
         return tuple(sorted(self._cameras & self._answering))
+
+    def looks(self, camera: str) -> bool:
+        """Whether its node looks for something in its pictures, of which colours can be learnt."""
+        return camera not in self._plain
 
     def want(self, camera: str, shown: FeedMode, width_px: float, now_s: float) -> FeedImage:
         """A browser shows it, so wide; returns the newest there is."""
@@ -164,14 +169,15 @@ class CameraFeed:
         shot = self._shots.get((camera, _REPORT))
         return {} if shot is None or shot.answer is None else shot.answer.report or {}
 
-    def beat(self, cameras: Collection[str], now_s: float) -> None:
+    def beat(self, cameras: Collection[str], now_s: float, plain: Collection[str] = ()) -> None:
         """Ask what is due; returns at once. Call it steadily, while there is a browser.
 
         Args:
             cameras: the cameras whose nodes are there now.
             now_s: of a monotonic clock [s].
+            plain: those of them whose nodes look for nothing in their pictures.
         """
-        self._cameras = set(cameras)
+        self._cameras, self._plain = set(cameras), set(plain)
         if now_s < self._next_s or len(self._under_way) >= self.settings.workers:
             return
         due = [key for key in self._due(now_s) if key not in self._under_way]

@@ -31,10 +31,12 @@ def radius_px(size_px: tuple[int, int]) -> float:
     return _RADIUS * size_px[0]
 
 
-def picture_html(shot: FeedImage | None, shown: FeedMode, report: Mapping[str, Any], *, large: bool = False) -> str:
+def picture_html(
+    shot: FeedImage | None, shown: FeedMode, report: Mapping[str, Any], *, large: bool = False, looks: bool = True
+) -> str:
     """What a camera shows: its picture with a circle around each marker, or its mask; and what is wrong with it.
 
-    ``large``: the picture itself stands before the stages, and not here.
+    ``large``: the picture itself stands before the stages, and not here. ``looks``: markers are looked for in it.
     """
     if shown is FeedMode.OFF or shot is None:
         return ""
@@ -61,10 +63,10 @@ def picture_html(shot: FeedImage | None, shown: FeedMode, report: Mapping[str, A
     if shot.problem:
         lines.append(_line(shot.problem, RED.css))
     names = answer.names or []
-    seen = f"{len(found(answer))} of {len(names)} markers found" if names else "no colours are learnt yet"
+    seen = f" · {len(found(answer))} of {len(names)} markers found" if names else " · no colours are learnt yet"
     fps = report.get("fps")
     rate = f" · {fps:.0f} pictures a second" if isinstance(fps, int | float) and fps else ""
-    lines.append(_line(f"{width} × {height} px · {seen}{rate}", GREY.css))
+    lines.append(_line(f"{width} × {height} px{seen if looks else ''}{rate}", GREY.css))
     said = _texts(report.get("problems"))[:_MOST_PROBLEMS]
     lines += [_line(text, AMBER.css) for text in said if names or "learnt" not in text]
     return _box(("" if large else view) + "".join(lines))

@@ -107,8 +107,9 @@ class CameraPanel:
                     shot.answer, shot.problem or f"{camera}: its node is gone, or does not answer", shot.number
                 )
         report = self._feed.report(camera) if camera else {}
-        self._view.content = camera_html.picture_html(shot, shown, report, large=bool(self._enlarge.value))
-        self._show_lesson(bool(report.get("unsaved")))
+        looks = self._feed.looks(camera)
+        self._view.content = camera_html.picture_html(shot, shown, report, large=bool(self._enlarge.value), looks=looks)
+        self._show_lesson(bool(report.get("unsaved")), looks=looks)
         answer = None if shot is None else shot.answer
         self.large = self._large(camera, shown, answer) if self._enlarge.value else None
         self._enlarge.disabled = shown is FeedMode.OFF and self._frozen is None
@@ -134,7 +135,7 @@ class CameraPanel:
         self._cameras.disabled = self._lesson is not Lesson.NONE
         self._begin.disabled = not cameras
 
-    def _show_lesson(self, unsaved: bool) -> None:
+    def _show_lesson(self, unsaved: bool, *, looks: bool) -> None:
         lesson, pointing = self._lesson, self._pointing
         at_work, learnt = lesson is Lesson.POINTING, lesson is Lesson.LEARNT
         if at_work and self._markers.value != self._typed:
@@ -146,7 +147,7 @@ class CameraPanel:
             Lesson.LEARNING: camera_html.waiting_html("The colours are learnt …"),
             Lesson.LEARNT: self._learnt,
         }[lesson]
-        self._begin.visible = lesson is Lesson.NONE
+        self._begin.visible = lesson is Lesson.NONE and looks
         self._shown.disabled = lesson not in (Lesson.NONE, Lesson.LEARNT)
         for handle in (self._markers, self._moves, self._learn, self._background):
             handle.visible = at_work

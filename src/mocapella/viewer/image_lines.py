@@ -16,7 +16,7 @@ _FINEST: Final = 320
 """So many samples the longer side of an outline has."""
 _SMOOTHED: Final = 5
 """Over so many points of an outline its side is the one that most of them are on."""
-MOST_POINTS: Final = 220
+MOST_POINTS: Final = 160
 """Of a line that is drawn; more do not show."""
 
 
@@ -32,7 +32,7 @@ def closed_lines(points_px: Float32) -> Iterator[Float64]:
 
 def pieces(points_px: Float32) -> Float32:
     """(m, 2, 2) the straight pieces of closed lines (n, 2)."""
-    lines = [_thinned(line) for line in closed_lines(points_px)]
+    lines = [line[:: _every(line)] for line in closed_lines(points_px)]
     made = [np.stack([line, np.roll(line, -1, axis=0)], axis=1) for line in lines]
     return np.concatenate([np.zeros((0, 2, 2)), *made]).astype(np.float32)
 
@@ -51,16 +51,19 @@ def deviations(outline_px: Float32, contour_px: Float32) -> tuple[Float32, Float
     if not outlines:
         return pieces(contour_px), np.zeros((0, 2, 2), np.float32)
     low, step, mask = _filled(outlines)
-    within = mask & np.roll(mask, 1, 0) & np.roll(mask, -1, 0) & np.roll(mask, 1, 1) & np.roll(mask, -1, 1)
+    moved = [np.roll(mask, by, axis) for by in (-1, 1) for axis in (0, 1)]
+    within, about = np.logical_and.reduce([mask, *moved]), np.logical_or.reduce([mask, *moved])
     outside: list[Float64] = [np.zeros((0, 2, 2))]
     inside: list[Float64] = [np.zeros((0, 2, 2))]
     for line in closed_lines(contour_px):
         x, y = np.floor((line - low) / step).astype(np.int64).T
         there = (x >= 0) & (y >= 0) & (x < mask.shape[1]) & (y < mask.shape[0])
         x, y = np.where(there, x, 0), np.where(there, y, 0)
-        ends = np.stack([line, np.roll(line, -1, axis=0)], axis=1)
-        outside.append(ends[_most(~(there & mask[y, x]))])
-        inside.append(ends[_most(there & within[y, x])])
+        every = _every(line)
+        thin = line[::every]
+        ends = np.stack([thin, np.roll(thin, -1, axis=0)], axis=1)
+        outside.append(ends[_most(~(there & about[y, x]))[::every]])
+        inside.append(ends[_most(there & within[y, x])[::every]])
     return np.concatenate(outside).astype(np.float32), np.concatenate(inside).astype(np.float32)
 
 
@@ -101,5 +104,5 @@ def _most(flags: Bool) -> Bool:
     return np.asarray(2 * np.convolve(around, np.ones(_SMOOTHED, np.int64), "valid") > _SMOOTHED)
 
 
-def _thinned(line: Float64) -> Float64:
-    return line[:: max(1, -(-len(line) // MOST_POINTS))]
+def _every(line: Float64) -> int:
+    return max(1, -(-len(line) // MOST_POINTS))

@@ -25,7 +25,7 @@ _LONGER_SIDE_DEG: Final = 60.0
 
 
 class Ground:
-    """How the world lies on the stage, as the first parts said that say it; another world begins anew."""
+    """How the world lies on the stage, where the parts say it that scenes are about; another world begins anew."""
 
     def __init__(self) -> None:
         self.space: StageSpace | None = None
@@ -36,9 +36,10 @@ class Ground:
         if scene.step < self._step:
             self.space = None
         self._step = scene.step
-        for name, parts in scene.parts.items() if self.space is None else ():
+        name, parts = next(iter(scene.parts.items()), ("", ()))  # what the scene is about
+        if self.space is None and parts:
             how = drawing_of(name, troubles)
-            if how is not None and parts and self.space is None:
+            if how is not None:
                 self.space = troubles.attempt(called(name), partial(how.space, parts), None)
         return self.space
 

@@ -138,7 +138,7 @@ def _body_points(body: TrackedBody, mesh: RiggedMesh | None, up: Float64) -> Flo
 
 def _root(body: TrackedBody, mesh: RiggedMesh | None) -> Float64:
     if mesh is not None:
-        return np.asarray(apply(body.T_world_model, mesh.tree.root))
+        return np.asarray(body.T_world_model[:3, :3] @ mesh.tree.root + body.T_world_model[:3, 3])
     there = body.landmarks[np.isfinite(body.landmarks).all(axis=-1)]
     return there.mean(axis=0) if len(there) else body.T_world_model[:3, 3]
 

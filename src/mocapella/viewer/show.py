@@ -97,11 +97,12 @@ class Drawings:
             of = lines if picture is None or picture.scene is None else self._image_lines(picture.scene)
             words = " · ".join(filter(None, (camera, lines[camera].words)))
             shown[camera] = ShownBoard(words, None if picture is None else picture.picture, of.get(camera))
-        return Boards(self._row(sizes), shown)
+        lanes = len([name for name in known.colours.sensors if name not in sizes])
+        return Boards(self._row(sizes, lanes), shown)
 
-    def _row(self, sizes_px: Mapping[str, tuple[int, int]]) -> Mapping[str, Plane]:
+    def _row(self, sizes_px: Mapping[str, tuple[int, int]], lanes: int) -> Mapping[str, Plane]:
         space = self._known.ground.space
-        tall = layout.PERSON_HEIGHT_M if space is None else space.tall_m
+        tall = float(layout.sensors_box(lanes).high[1]) if space is None else space.tall_m
         key = (tuple(sizes_px.items()), tall)
         if key != self._planes[0]:
             self._planes = key, picture_row(sizes_px, tall)

@@ -29,6 +29,8 @@ _OF_DISTANCE, _LINE_OF_SIZE = 0.012, 0.09
 """Of a sensor that is as large on the screen wherever it stands: over its distance from the viewer; over its size."""
 FLOOR_STEP_M = 1.0
 """A floor goes along by whole squares, so that its lines stay where they are."""
+_TITLE_BESIDE = np.array([2.5, 0.0, 0.0])
+"""From what the camera goes along with to a stage's title."""
 _FLOOR = np.array([0.0, 0.0, layout.TRACKING_DEPTH_M / 2 - layout.BEHIND_SENSOR_M])
 
 
@@ -86,14 +88,18 @@ class TrackingStage:
             eyes: the browser looks through the perspective's sensor, which would be in the way.
             fields: whether what each sensor can see is drawn.
             named: whether the sensors' names stand beside them.
-            along: (3,) by how much the floor and title go along [m]; None where they stay.
+            along: (3,) what the camera goes along with: the floor and title do, too; None where they stay.
             eye: (3,) where the viewer is: sensors are as large from there wherever they stand; None: as usual.
         """
         self._empty.draw([] if drawing.there else [Tag(empty, layout.stage_centre())])
-        moved = np.zeros(3) if along is None else FLOOR_STEP_M * np.round(along * [1.0, 0.0, 1.0] / FLOOR_STEP_M)
-        self._floor.place(_FLOOR + moved)
         title = tracking_title(stage, drawing, perspective)
-        at = np.array(title.position) + moved
+        at = np.array(title.position)
+        if along is None:
+            self._floor.place(_FLOOR)
+        else:
+            ground = along * [1.0, 0.0, 1.0]
+            self._floor.place(FLOOR_STEP_M * np.round(ground / FLOOR_STEP_M))
+            at = ground + _TITLE_BESIDE
         self._title.draw([Tag(title.text, _place(at))])
         over = [at + (len(conditions) - k) * _OVER_TITLE for k in range(len(conditions))]
         lines = [Tag(text, _place(place)) for text, place in zip(conditions, over, strict=True)]

@@ -10,6 +10,7 @@ from typing import Any, Final
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import BusError
 from mocapella.model.board_progress import BoardProgress
+from mocapella.model.frame_types import FRAME_TYPES
 from mocapella.model.scene import Scene
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import SessionStatus, Setup
@@ -126,6 +127,10 @@ class Viewer:
             with tolerated():
                 browser.show(now)
 
+    def tell_fields(self, fields_deg: Mapping[str, tuple[float, float]]) -> None:
+        """Say each sensor's field of view, across and high [°], where its frames do not."""
+        self._known.fields.update(fields_deg)
+
     def end(self) -> None:
         """No more scenes come: what was shown can be played from its beginning."""
         self.timeline.done = True
@@ -180,7 +185,9 @@ class Viewer:
         answering = {row.name: row for row in rows if row.pictures and row.connected}
         if not self._browsers:
             return
-        self._feed.beat(list(answering), now_s)
+        self._feed.beat(
+            list(answering), now_s, [name for name, row in answering.items() if _nothing_counted(row.sends)]
+        )
         wanted = self._drawings.cameras(scene) if any(one.live for one in self._browsers.values()) else ()
         self._pictures = {name: one for name, one in self._pictures.items() if name in answering}
         for name in wanted:
@@ -206,7 +213,7 @@ class Viewer:
     def _look_home(self, moment: Moment) -> Look | None:
         """Where a page begins that is opened now, and where "Reset View" goes, while the camera goes along."""
         space, boards = self._known.ground.space, self._drawings.boards(moment)
-        if space is None and not boards.planes:
+        if space is None:
             return None
         key = (space, boards.planes)
         if key != self._home[0]:
@@ -225,6 +232,12 @@ class Viewer:
                     client, self._commander, self._methods, self._known, feed=self._feed,
                     timeline=self.timeline, now_s=now_s,
                 )  # fmt: skip
+
+
+def _nothing_counted(sends: str) -> bool:
+    """Whether frames of that type say nothing of what is in the picture."""
+    kind = FRAME_TYPES.get(sends)
+    return kind is not None and kind.counted is None
 
 
 def _nobody(camera: str, question: dict[str, Any], timeout_s: float) -> CameraAnswer:

@@ -1,4 +1,4 @@
-"""The view of a followed body in a real browser: mesh, pictures, curves, and frames that are chosen."""
+"""Fitted bodies in a real browser: mesh, pictures, curves, and frames that are chosen; of a run, and of a session."""
 
 from __future__ import annotations
 
@@ -12,17 +12,23 @@ import cv2
 import numpy as np
 import pytest
 from browser import FLAGS
-from silhouette_pictures import Room, pose_at, ring, somebody
+from fitted import body, left_out, scene, view
+from silhouette_pictures import Room, pose_at, ring, silhouettes_of, somebody
+from walkers import health, status
 
 from mocapella.live.silhouette_run import SilhouetteRun
 from mocapella.live.silhouette_view import SilhouetteView
+from mocapella.model.images import image_frame
+from mocapella.model.session import CommandReply, Setup
 from mocapella.recording.followed_bodies import ALONE
+from mocapella.sensing.outline_lines import border_lines
 from mocapella.sensing.outline_picture import jpeg
 from mocapella.sources.frame_set import FrameSet
 from mocapella.tracker.silhouettes import SilhouettesTracker
 from mocapella.tracker.starting_body import StartingBody
-from mocapella.viewer.body_panel import BodyViewFrame, EncodedPicture
-from mocapella.viewer.body_stage import ShownBody
+from mocapella.viewer import Viewer
+from mocapella.viewer.picture_plane import CameraPicture
+from mocapella.wire.questions import NodeAnswer
 
 CHROMIUM = shutil.which("chromium")
 ARTIFACTS = Path(__file__).resolve().parents[2] / "artifacts"
@@ -62,7 +68,9 @@ def coat(shot):
 def wait_for(page, what, holds):
     deadline = time.monotonic() + WAIT_MS / 1000
     while not holds():
-        assert time.monotonic() < deadline, what
+        if time.monotonic() > deadline:
+            page.screenshot(path=ARTIFACTS / "never.png")
+            raise AssertionError(what)
         page.wait_for_timeout(200)
 
 
@@ -70,21 +78,24 @@ def test_a_page_shows_boards_at_once_and_no_white_ones_and_stays_with_who_goes_a
     sync_api = pytest.importorskip("playwright.sync_api")
     mesh, rig = somebody(), ring(3)
     run = SilhouetteRun(SilhouettesTracker({ALONE: StartingBody(mesh, pose_at(mesh))}, rig))
-    view, stop = SilhouetteView("127.0.0.1", 0, run), threading.Event()
-    pictures = {name: EncodedPicture(jpeg(image)) for name, image in Room(rig).images(mesh, pose_at(mesh)).items()}
+    page_of_run, stop = SilhouetteView("127.0.0.1", 0, run), threading.Event()
+    viewer, size = page_of_run.viewer, rig.cameras["c1"].camera.size_px
+    images = Room(rig).images(mesh, pose_at(mesh))
+    pictures = {name: CameraPicture(jpeg(image), size) for name, image in images.items()}
+    seen = (view("c1"), *(left_out(name, "") for name in ("c2", "c3")))
     busy, places, shown = threading.Event(), [0.0], dict(pictures)
 
     def loop():
         for k in itertools.count():
             if stop.wait(1 / 10):
                 return
-            if busy.is_set():
-                body = ShownBody(pose_at(mesh, places[-1]), {"c1": 0.9}, {}, lost=False)
-                # No two pictures are the same: a browser that is still at one is given the next.
-                view._view.add(
-                    BodyViewFrame(k, k / 10, {ALONE: body}, {n: EncodedPicture(p.image) for n, p in shown.items()})
-                )
-            view._view.show(time.monotonic())
+            if not busy.is_set():
+                page_of_run.beat()
+                continue
+            made = scene(k, body(mesh, pose_at(mesh, places[-1]), *seen), at_s=k / 10)
+            # No two pictures are the same: a browser that is still at one is given the next.
+            given = {name: CameraPicture(one.image, size) for name, one in shown.items()}
+            viewer.show(made, {}, None, pictures=given)
 
     ARTIFACTS.mkdir(exist_ok=True)
     thread = threading.Thread(target=loop)
@@ -94,7 +105,7 @@ def test_a_page_shows_boards_at_once_and_no_white_ones_and_stays_with_who_goes_a
             browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
             page = browser.new_page(viewport={"width": 1100, "height": 640})
             page.set_default_timeout(WAIT_MS)
-            page.goto(view.url)
+            page.goto(page_of_run.url)
             page.locator(".mocapella-status", has_text="Getting ready").wait_for()
 
             def white(one):
@@ -105,11 +116,11 @@ def test_a_page_shows_boards_at_once_and_no_white_ones_and_stays_with_who_goes_a
             page.screenshot(path=ARTIFACTS / "followed-body-empty.png")
             assert white(page) < 300
             # In the middle of the run, and of a browser that is too busy to decode any picture.
-            shown.update(dict.fromkeys(pictures, EncodedPicture(b"never decoded")))
+            shown.update(dict.fromkeys(pictures, CameraPicture(b"never decoded", size)))
             busy.set()
             other = browser.new_page(viewport={"width": 1100, "height": 640})
             other.set_default_timeout(WAIT_MS)
-            other.goto(view.url)
+            other.goto(page_of_run.url)
             other.locator(".mocapella-status", has_text="Following").wait_for()
             wait_for(other, "the body stands there", lambda: len(body_columns(picture_of(other))) > 1500)
             assert white(other) < 300
@@ -124,47 +135,47 @@ def test_a_page_shows_boards_at_once_and_no_white_ones_and_stays_with_who_goes_a
             wait_for(page, "it is still in sight", lambda: len(body_columns(picture_of(page))) > 1500)
             assert abs(np.median(body_columns(picture_of(page))) - 370) < 150
             page.screenshot(path=ARTIFACTS / "followed-body-aside.png")
-            (one,) = view._view._browsers.values()
+            (one,) = viewer._browsers.values()
             page.mouse.move(350, 400)
             page.mouse.down()
             for k in range(20):
                 page.mouse.move(350 + 10 * k, 400)
             page.mouse.up()
-            wait_for(page, "it is noticed", lambda: one.touched)
+            wait_for(page, "it is noticed", lambda: one.camera.touched)
             page.wait_for_timeout(1000)
             by_hand = np.array(one._client.camera.position)
             places.append(0.0)
             page.wait_for_timeout(2000)
             np.testing.assert_allclose(one._client.camera.position, by_hand, atol=1e-3)
-            assert one.touched
+            assert one.camera.touched
             page.locator("svg.tabler-icon-adjustments").locator("xpath=..").click()
             page.get_by_role("button", name="Reset View").click()
-            wait_for(page, "it goes along again", lambda: not one.touched)
+            wait_for(page, "it goes along again", lambda: not one.camera.touched)
             browser.close()
     finally:
         stop.set()
         thread.join()
-        view.close()
+        page_of_run.close()
 
 
 def test_a_body_its_pictures_and_its_angles_are_seen_and_frames_can_be_chosen(tmp_path):
     sync_api = pytest.importorskip("playwright.sync_api")
     mesh, rig = somebody(), ring(2)
     run, room = SilhouetteRun(SilhouettesTracker({ALONE: StartingBody(mesh, pose_at(mesh))}, rig)), Room(rig)
-    view, stop = SilhouetteView("127.0.0.1", 0, run), threading.Event()
-    loop = threading.Thread(target=lambda: view.stay(stop))
+    page_of_run, stop = SilhouetteView("127.0.0.1", 0, run), threading.Event()
+    loop = threading.Thread(target=lambda: page_of_run.stay(stop))
     try:
         for k in range(12):
             images = room.images(mesh, pose_at(mesh, 0.01 * k, 0.4 + 0.1 * k))
-            view.tell(run.step(FrameSet.at_rate(k, 30.0, images)))
+            page_of_run.tell(run.step(FrameSet.at_rate(k, 30.0, images)))
         loop.start()
         with sync_api.sync_playwright() as playwright:
             browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
             page = browser.new_page(viewport={"width": 1100, "height": 640})
             page.set_default_timeout(WAIT_MS)
-            page.goto(view.url)
+            page.goto(page_of_run.url)
             page.locator(".mocapella-status", has_text="End").wait_for()
-            page.get_by_text("12 of 12").wait_for()
+            page.locator(".mocapella-timeline", has_text="12 of 12").wait_for()
             page.locator(".mocapella-overlaps", has_text="c2").wait_for()
             page.locator(".mocapella-legend", has_text="outside").wait_for()
             page.locator(".uplot").first.wait_for()
@@ -186,7 +197,7 @@ def test_a_body_its_pictures_and_its_angles_are_seen_and_frames_can_be_chosen(tm
             )
             page.keyboard.press("Enter")
             page.locator(".mocapella-status", has_text="Paused").wait_for()
-            page.get_by_text("5 of 12").wait_for()
+            page.locator(".mocapella-timeline", has_text="5 of 12").wait_for()
             page.get_by_role("button", name="Play", exact=True).click()
             page.locator(".mocapella-status", has_text="End").wait_for()
             browser.close()
@@ -194,4 +205,74 @@ def test_a_body_its_pictures_and_its_angles_are_seen_and_frames_can_be_chosen(tm
         stop.set()
         if loop.ident is not None:
             loop.join()
-        view.close()
+        page_of_run.close()
+
+
+def test_a_session_shows_bodies_and_asks_for_the_pictures_that_are_shown_and_can_be_looked_at_later():
+    sync_api = pytest.importorskip("playwright.sync_api")
+    mesh, rig = somebody(), ring(2)
+    size, lines = rig.cameras["c1"].camera.size_px, {}
+    for name, one in silhouettes_of(mesh, rig, pose_at(mesh)).items():
+        lines[name] = border_lines(one)
+    images = {name: jpeg(image) for name, image in Room(rig).images(mesh, pose_at(mesh)).items()}
+    asked, stop, places = [], threading.Event(), [0.0]
+
+    def ask(camera, question, timeout_s):
+        asked.append((camera, question["ask"]))
+        if question["ask"] == "report":
+            return NodeAnswer(True, report={})
+        return NodeAnswer(True, time_ns=1, size_px=size, image=images[camera], format="jpeg", names=[])
+
+    sensors = tuple(health(name, sends="images", pictures=True, bodies=0) for name in rig.cameras)
+    setup = Setup(method="silhouettes", sensors_expected=2)
+    now = status(sensors=sensors, setup=setup, counts={"bodies": 1})
+    viewer = Viewer("127.0.0.1", 0, command=lambda verb, arguments: CommandReply(True), ask=ask)
+    frames = {name: image_frame(name, None, time_ns=1, size_px=size) for name in rig.cameras}
+
+    def loop():
+        for k in itertools.count():
+            if stop.wait(1 / 10):
+                return
+            views = [view(name, outline_px=line, contour_px=line) for name, line in lines.items()]
+            viewer.show(scene(k, body(mesh, pose_at(mesh, places[-1]), *views, name="anna")), frames, now)
+
+    thread = threading.Thread(target=loop)
+    thread.start()
+    try:
+        time.sleep(0.5)
+        assert asked == []  # nobody looks
+        with sync_api.sync_playwright() as playwright:
+            browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+            page = browser.new_page(viewport={"width": 1100, "height": 640})
+            page.set_default_timeout(WAIT_MS)
+            page.goto(viewer.url)
+            page.locator(".mocapella-status", has_text="Tracking").wait_for()
+            page.locator(".mocapella-overlaps", has_text="c2").wait_for()
+            for what, holds in (
+                ("pictures", lambda: coat(picture_of(page)) > 200),
+                ("the model's outline", lambda: of_hue(picture_of(page), 100, 150) > 60),
+                ("the body", lambda: len(body_columns(picture_of(page))) > 1500),
+            ):
+                wait_for(page, what, holds)
+            ARTIFACTS.mkdir(exist_ok=True)
+            page.screenshot(path=ARTIFACTS / "session-bodies.png")
+            assert {camera for camera, kind in asked if kind == "picture"} == set(rig.cameras)
+            (one,) = viewer._browsers.values()
+            page.get_by_role("button", name="Pause", exact=True).click()
+            wait_for(page, "it is paused", lambda: one.playhead.number is not None)
+            stopped = one.playhead.shown
+            page.locator(".mocapella-timeline", has_text="Paused").wait_for()
+            places.append(2.0)
+            wait_for(page, "time goes on", lambda: viewer.timeline.last > stopped + 20)
+            assert one.playhead.shown == stopped
+            wait_for(page, "its pictures stay", lambda: coat(picture_of(page)) > 200)
+            before = len(asked)
+            page.wait_for_timeout(1500)
+            assert [kind for _, kind in asked[before + 2 :] if kind == "picture"] == []  # nobody looks at now
+            page.get_by_role("button", name="Newest", exact=True).click()
+            wait_for(page, "it follows", lambda: one.live)
+            browser.close()
+    finally:
+        stop.set()
+        thread.join()
+        viewer.close()
