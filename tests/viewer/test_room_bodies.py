@@ -18,13 +18,14 @@ from mocapella.geometry.rigid import apply, inverse
 from mocapella.geometry.twists import exp_twist
 from mocapella.model.body_builds import mesh_of_build
 from mocapella.model.body_meshes import legs_mesh
+from mocapella.model.images import image_frame
 from mocapella.model.outline_colours import INSIDE, OUTSIDE, body_colour, css
 from mocapella.model.rigged_mesh import posed
 from mocapella.model.scene import SensorPlace
 from mocapella.model.twist_tree import TreePose, part_motions
 from mocapella.sensing.outline_lines import border_lines
 from mocapella.viewer import layout
-from mocapella.viewer.boards import image_lines, picture_row
+from mocapella.viewer.boards import BOARDS_BEHIND, image_lines, picture_row
 from mocapella.viewer.body_panel import outlines_html
 from mocapella.viewer.body_shelf import BodyShelf
 from mocapella.viewer.charts import groups
@@ -34,7 +35,9 @@ from mocapella.viewer.palette import Rgb
 from mocapella.viewer.perspective import FREE
 from mocapella.viewer.readout import run_html
 from mocapella.viewer.room_bodies import LOST_OPACITY, SKIN, body_space, body_tag
-from mocapella.viewer.timeline import PlayState
+from mocapella.viewer.show import Drawings
+from mocapella.viewer.stages import HANDS, ROOM
+from mocapella.viewer.timeline import Moment, PlayState
 
 MESH, LEGS, RIG = somebody(), legs_mesh("female", 1.7), ring(2)
 DEEP = layout.stage_centre()[2]
@@ -330,3 +333,21 @@ def test_the_lines_in_a_picture_are_of_all_bodies_that_it_shows():
     waits = scene(0, body(MESH, pose_at(MESH), view("c1", np.nan, contour_px=NO_LINES), lost=True))
     assert image_lines(waits, Strict())["c1"].words == "not in the image"
     assert len(image_lines(waits, Strict())["c1"].ends_px) == 4
+
+
+def test_where_the_world_is_the_peoples_pictures_stand_over_the_sensors_gallery():
+    room = Room(people=1)
+    frames = room.frames(0.0)
+    made = scene(0, body(MESH, pose_at(MESH), view("c1")))
+    both = msgspec.structs.replace(made, parts={"people": room.scene(0.0, frames).people, "bodies": made.bodies})
+    known = Known(troubles=Strict())
+    known.learn(both, {**frames, "c1": image_frame("c1", None, time_ns=0, size_px=(640, 480))}, None)
+    boards = Drawings(known).boards(Moment(0.0, both, frames, ROOM, both, known.seen, {}))
+    (plane,) = boards.planes.values()
+    lanes = layout.sensors_box(3)
+    assert (plane.corners + BOARDS_BEHIND)[:, 1].min() > lanes.high[1]
+    assert (plane.corners + BOARDS_BEHIND)[:, 2].min() == pytest.approx(lanes.low[2])
+    assert boards.shown["c1"].words == "c1 · 90%"
+    assert boards.shown["c1"].picture is None
+    none = Drawings(known).boards(Moment(0.0, both, frames, HANDS, both, known.seen, {}))
+    assert none.planes == {}

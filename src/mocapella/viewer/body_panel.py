@@ -24,7 +24,7 @@ _PLAIN: Final = Rgb(222, 228, 238)
 
 
 class BodyPanel:
-    """The folder "Bodies"."""
+    """The folder "Bodies", which is there from the first body on."""
 
     def __init__(self, place: PanelPlace) -> None:
         self._gui = place.gui
@@ -34,6 +34,7 @@ class BodyPanel:
             self._whose = place.gui.add_dropdown("Angles of", ("–",), visible=False)
         self._charts: list[Chart] = []
         self._visible, self._charted_s = False, -CHARTS_EVERY_S
+        self._had = False
         self._said = ""
 
     @property
@@ -43,11 +44,12 @@ class BodyPanel:
 
     def show(self, state: PanelState) -> None:
         """Bring it up to the newest."""
-        if state.visible != self._visible:
-            self._visible = self._folder.visible = state.visible
-        if not state.visible:
-            return
         bodies: Sequence[TrackedBody] = state.parts
+        self._had = self._had or bool(bodies)
+        if (visible := state.visible and self._had) != self._visible:
+            self._visible = self._folder.visible = visible
+        if not visible:
+            return
         said = outlines_html(bodies)
         if said != self._said:
             self._said = self._outlines.content = said

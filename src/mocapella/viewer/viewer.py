@@ -29,6 +29,8 @@ from mocapella.viewer.timeline import LATEST_S, Moment, ShownPicture, Timeline
 
 BOARD_PX: Final = 560
 """So wide a picture over the stage is asked for."""
+STALE_S: Final = 2.0
+"""A picture after which none came, and why is known, is shown no longer than this."""
 _SAME_INSTANT_S: Final = 1.0
 """A picture is drawn into with the scene of its instant, where there is one within so much of it."""
 ROOM: Final = "mocapella.viewer.stages:ROOM"
@@ -195,7 +197,8 @@ class Viewer:
                 continue
             shot = self._feed.want(name, FeedMode.PICTURE, BOARD_PX, now_s)
             if shot.answer is None or shot.problem:
-                self._pictures.pop(name, None)
+                if name in self._pictures and now_s - self._pictures[name].at_s > STALE_S:
+                    del self._pictures[name]
             elif name not in self._pictures or self._pictures[name].picture is not shot.answer:
                 offset = answering[name].capture_offset
                 of = None
