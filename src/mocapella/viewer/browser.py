@@ -46,6 +46,8 @@ _ELEVATION_ALONG: Final = float(np.radians(9.0))
 _MARGIN_ALONG, _MARGIN_PICTURE = 1.06, 1.02
 _HALF_M: Final = 0.45
 """So far what the camera goes along with reaches to the front and back at least."""
+_WORDS_M: Final = 0.2
+"""So high are the words over a picture."""
 STILL_S, LONGEST_STILL_S = 0.5, 5.0
 """The first pictures stay for so long once the browser answers, and no longer than this if it does not.
 
@@ -248,7 +250,8 @@ class Browser:
             camera.put(layout.eyes(floors.tilt(perspective), floors.height(perspective), np.radians(high)))
             return
         tracking, sensors = stage.box.corners, layout.sensors_box(lanes).corners
-        pictures = [plane.corners + BOARDS_BEHIND for plane in self._boards.planes.values()]
+        over = BOARDS_BEHIND + np.array([0.0, _WORDS_M, 0.0])
+        pictures = [plane.corners + over for plane in self._boards.planes.values()]
         both = np.concatenate([tracking, sensors, *pictures])
         seen = {Aim.TRACKING: tracking, Aim.SENSORS: np.concatenate([sensors, *pictures])}.get(self._aim, both)
         elevation = stage.elevation if self._aim is Aim.TRACKING else _ELEVATION

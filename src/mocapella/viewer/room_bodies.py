@@ -35,6 +35,8 @@ HALF_M: Final = 0.45
 """Of a body that stands: so far it reaches to either side."""
 _TAG_M: Final = 0.08
 """So far over a head its name stands."""
+_OVER_PERSON_M: Final = 0.38
+"""So far where the person's own name stands there, too."""
 _SOLE_M: Final = 0.02
 """So far under the toes' landmarks is the ground."""
 _LINE_M, _BALL_M = 0.022, 0.03
@@ -80,7 +82,8 @@ def draw_bodies(bodies: tuple[TrackedBody, ...], scene: Scene, room: RoomView) -
             continue
         x, y, z = points[np.argmax(points[:, 1])].tolist()
         text = body_tag(body, scene)
-        tags += [Tag(text, (x, y + _TAG_M, z))] if text else []
+        over = _OVER_PERSON_M if any(one.id == body.person for one in scene.people) else _TAG_M
+        tags += [Tag(text, (x, y + over, z))] if text else []
         extents += [] if body.lost else [(points.min(axis=0), points.max(axis=0))]
     return PartDrawing(join(bones), join(joints), tags=tuple(tags), skins=skins, extent=_around(extents))
 
