@@ -11,12 +11,13 @@ import pytest
 from silhouette_pictures import Room, pose_at, ring
 
 from mocapella.errors import InputError, MocapellaError, SettingsError
+from mocapella.model.body_builds import mesh_of_build
 from mocapella.model.body_meshes import legs_mesh
 from mocapella.model.camera_rig_file import encode_camera_rig
 from mocapella.model.rigged_mesh_file import decode_rigged_mesh, load_rigged_mesh, save_rigged_mesh
 from mocapella.model.twist_tree import TreePose
 from mocapella.tracker.image_arrivals import arrivals_of
-from mocapella.tracker.silhouette_start import Body, body_again, mesh_of_build
+from mocapella.tracker.silhouette_start import Body, body_again
 from mocapella.tracker.silhouettes import SilhouettesTracker
 from mocapella.tracker.silhouettes_setup import body_setup, make_silhouettes
 

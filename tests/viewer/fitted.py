@@ -8,11 +8,11 @@ import msgspec
 import numpy as np
 
 from mocapella.conventions import NS_PER_S
-from mocapella.model.body_builds import BodyBuild
 from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at
 from mocapella.model.scene import Phase, Scene, TrackedBody, TrackedBodyView, TrackerState
 from mocapella.model.topology import topology
 from mocapella.model.twist_tree import TreePose
+from mocapella.tracker.starting_body import build_of
 from mocapella.viewer.body_shelf import SHELF
 
 SQUARE = np.array([[20, 20], [80, 20], [80, 90], [20, 90]], np.float32)
@@ -50,4 +50,4 @@ def scene(k: int, *bodies: TrackedBody, at_s: float | None = None, **parts: Any)
 
 
 def build(height_m: float) -> str:
-    return BodyBuild("male", height_m).encode()
+    return build_of("male", height_m, {})

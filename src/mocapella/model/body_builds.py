@@ -31,12 +31,8 @@ class BodyBuild(msgspec.Struct, frozen=True, omit_defaults=True):
 
     model: str
     height_m: float | None = None
-    proportions: dict[str, float] = {}
+    proportions: dict[str, float] | None = None
     sha256: str = ""
-
-    def encode(self) -> str:
-        """As JSON."""
-        return msgspec.json.encode(self).decode()
 
 
 def mesh_of_build(build: str) -> RiggedMesh:
@@ -48,11 +44,22 @@ def mesh_of_build(build: str) -> RiggedMesh:
     try:
         told = msgspec.json.decode(build, type=BodyBuild)
     except msgspec.DecodeError as error:
-        raise SettingsError(f"build {build[:80]!r} cannot be read: {error}") from None
-    if told.sha256 or told.model not in MODELS:
-        raise SettingsError(f"the mesh {told.model!r} is a file's, which is not here")
+        raise SettingsError(f"{build[:80]!r} does not say which body it is: {error}") from None
+    if told.sha256 or told.model not in MODELS or told.proportions is None:
+        wanted = "a model and its proportions; a mesh's file is not in it"
+        raise SettingsError(f"{build[:80]!r} does not say which body it is: it must have {wanted}")
     proportions = parse(BodyProportions, told.proportions, where="proportions of a body's build")
-    if told.model == "legs":
-        return legs_mesh("male", told.height_m, proportions)
-    sex: Sex = "female" if told.model == "female" else "male"
-    return body_mesh(sex, told.height_m, proportions, supple=True)
+    return built_mesh(told.model, told.height_m, proportions)
+
+
+def built_mesh(model: str, height_m: float | None, proportions: BodyProportions) -> RiggedMesh:
+    """The mesh of one of `MODELS`.
+
+    Raises:
+        SettingsError: nobody's height or proportions.
+    """
+    if model == "legs":
+        return legs_mesh("male", height_m, proportions)
+    # Real people nod and turn: without that, the head pulls the trunk.
+    sex: Sex = "female" if model == "female" else "male"
+    return body_mesh(sex, height_m, proportions, supple=True)

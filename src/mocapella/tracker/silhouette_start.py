@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import Final
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,8 +15,8 @@ from mocapella.fusion.point_tracks import TracksSettings, triangulate_tracks
 from mocapella.geometry import lens as lenses
 from mocapella.geometry.rigid import apply
 from mocapella.kinematics.landmark_pose import pose_of
-from mocapella.model.body_meshes import body_mesh, legs_mesh
-from mocapella.model.body_proportions import AVERAGE, BodyProportions, Sex, proportions_of
+from mocapella.model.body_builds import built_mesh
+from mocapella.model.body_proportions import AVERAGE, BodyProportions, proportions_of
 from mocapella.model.camera import CameraRig
 from mocapella.model.openpose_names import LANDMARKS, NO_LANDMARKS
 from mocapella.model.point_tracks import ViewedTracks
@@ -177,26 +176,8 @@ def body_again(model: str, height_m: float | None, proportions: Mapping[str, flo
     return _made(model, height_m, parse(BodyProportions, dict(proportions), where="proportions"))
 
 
-def mesh_of_build(build: str) -> RiggedMesh:
-    """The mesh of a `TrackedBody.build` that is of no file.
-
-    Raises:
-        SettingsError: it is of a file, or no such text.
-    """
-    try:
-        told = msgspec.json.decode(build)
-        model, height_m, proportions = told["model"], told.get("height_m"), told["proportions"]
-        return body_again(model, height_m, proportions).mesh
-    except (msgspec.DecodeError, LookupError, TypeError, AttributeError) as error:
-        raise SettingsError(f"{build!r} does not say which body it is; it must have model and proportions") from error
-
-
 def _made(model: str, height_m: float | None, proportions: BodyProportions) -> Body:
-    if model == "legs":
-        return Body(model, height_m, proportions, legs_mesh("male", height_m, proportions))
-    # Real people nod and turn: without that, the head pulls the trunk.
-    sex: Sex = "female" if model == "female" else "male"
-    return Body(model, height_m, proportions, body_mesh(sex, height_m, proportions, supple=True))
+    return Body(model, height_m, proportions, built_mesh(model, height_m, proportions))
 
 
 def start_pose(mesh: RiggedMesh, joints: Mapping[str, Float64]) -> TreePose:
