@@ -46,8 +46,8 @@ REAL_TIME = {
     **dict.fromkeys(("live/test_outages.py", "live/test_processes.py", "live/test_datagrams.py"), PEOPLE),
     **dict.fromkeys(("live/test_marker_node.py", "live/test_board_calibration.py"), (*PEOPLE, *HANDS)),
     **dict.fromkeys(("sources/test_acquisition.py", "cli/test_hand_measure.py"), HANDS),
-    **dict.fromkeys(("cli/test_silhouettes_live.py", "live/test_silhouettes_served.py"), ()),
-    **dict.fromkeys(("cli/test_plugins.py", "examples/test_plugin.py"), ()),
+    **dict.fromkeys(("cli/test_silhouettes_live.py", "live/test_silhouettes_served.py"), ("silhouettes",)),
+    **dict.fromkeys(("examples/test_plugin.py",), ()),
     **dict.fromkeys(("cli/test_running.py", "live/test_arm_node.py"), (*PEOPLE, *HANDS, "arms")),
     **dict.fromkeys(("live/test_view_process.py", "viewer/test_run_view_in_browser.py"), (*PEOPLE, *HANDS, "arms")),
 }
@@ -149,6 +149,7 @@ def _make_rooms_ready() -> None:
 
 PARTS = {
     "people": lambda: make_ready("default"),
+    "silhouettes": lambda: make_ready("silhouettes"),
     "arms": _make_arms_ready,
     "hands": lambda: make_ready("hands"),
     "pictures of hands": _make_pictures_ready,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from unittest.mock import patch
 
 import msgspec
 import numpy as np
@@ -64,6 +65,16 @@ def test_a_wrong_byte_is_lived_through(format, at, value):
     data[at % len(data)] = value
     with suppress(InputError):
         assert decode_image(msgspec.structs.replace(frame, data=bytes(data))).shape == (30, 40, 3)
+
+
+@pytest.mark.parametrize("chunk", [8, 33])
+@given(claimed=st.integers(1000, 2**32 - 1))
+def test_a_chunk_that_claims_to_be_enormous_is_never_decoded(chunk, claimed):
+    frame = encoded(picture(), "png")
+    data = bytearray(frame.data)
+    data[chunk : chunk + 4] = claimed.to_bytes(4, "big")
+    with pytest.raises(InputError), patch("cv2.imdecode", side_effect=AssertionError("it was decoded")):
+        decode_image(msgspec.structs.replace(frame, data=bytes(data)))
 
 
 @given(st.binary(max_size=200), st.sampled_from(["jpeg", "png"]))

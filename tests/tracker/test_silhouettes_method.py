@@ -15,10 +15,11 @@ from mocapella.model.topology import topology
 from mocapella.sensing.images import encode_image
 from mocapella.tracker.frame_sync import NOT_RISING
 from mocapella.tracker.image_arrivals import arrivals_of
+from mocapella.tracker.method import not_taken
 from mocapella.tracker.silhouette_presence import LOST_AFTER_S
 from mocapella.tracker.silhouette_room import IMAGES, LEARNING
 from mocapella.tracker.silhouette_seen import DAMAGED, NO_PICTURE
-from mocapella.tracker.silhouettes import NO_IMAGE, TOO_LATE, SilhouettesTracker
+from mocapella.tracker.silhouettes import TOO_LATE, SilhouettesTracker
 from mocapella.tracker.starting_body import StartingBody
 
 HZ = 30.0
@@ -308,8 +309,9 @@ def test_what_cannot_be_used_is_counted_and_changes_nothing():
     before = tracker.snapshot()
     image = room.images()["c1"]
     bones = topology("kinect_v2")
+    bodies = body_frame("c1", bones, time_ns=at(1), positions=np.zeros((1, len(bones), 3)))
     wrong = {
-        NO_IMAGE: body_frame("c1", bones, time_ns=at(1), positions=np.zeros((1, len(bones), 3))),
+        not_taken(bodies, "silhouettes"): bodies,
         "the rig has no camera 'c9'; it has c1, c2, c3": image_frame("c9", image, time_ns=at(1)),
         "its images are 120 × 200, the rig's 240 × 200: calibrate with this size": image_frame(
             "c1", np.ascontiguousarray(image[:, :120]), time_ns=at(1)

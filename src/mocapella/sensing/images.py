@@ -81,10 +81,20 @@ def _decoded(data: bytes) -> UInt8 | None:
     return None if image is None else np.asarray(image, np.uint8)
 
 
+def _chunks_fit(data: bytes) -> bool:
+    """Whether a PNG's chunks fill its bytes, up to IEND; a decoder reserves memory for what a chunk claims to have."""
+    at = len(_PNG)
+    while at + 12 <= len(data):
+        kind, at = data[at + 4 : at + 8], at + 12 + int.from_bytes(data[at : at + 4], "big")
+        if kind == b"IEND":
+            return at == len(data)
+    return False
+
+
 def _encoded_size(data: bytes, format: str) -> tuple[int, int] | None:
     """(width, height) that an encoded image says it has; None where it is no whole image of that format."""
     if format == "png":
-        whole = data.startswith(_PNG) and b"IEND" in data[-12:] and len(data) > 24
+        whole = data.startswith(_PNG) and len(data) > 24 and _chunks_fit(data)
         return struct.unpack(">II", data[16:24]) if whole else None
     # Some cameras fill a JPEG up with zeros.
     if format != "jpeg" or not data.startswith(b"\xff\xd8") or not data.rstrip(b"\0").endswith(b"\xff\xd9"):
