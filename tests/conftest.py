@@ -42,18 +42,19 @@ PEOPLE, HANDS = ("people", "rooms"), ("hands", "pictures of hands")
 REAL_TIME = {
     **dict.fromkeys(("viewer/test_view_in_browser.py", "viewer/test_viewer.py", "cli/test_align.py"), ()),
     **dict.fromkeys(("live/test_recording_desk.py", "live/test_server.py", "live/test_server_junk.py"), ()),
+    **dict.fromkeys(("examples/test_plugin.py::test_its_spots_are_in_the_view",), ()),
     **dict.fromkeys(("sources/test_bridge.py", "live/test_node.py", "cli/test_record.py"), PEOPLE),
     **dict.fromkeys(("live/test_outages.py", "live/test_processes.py", "live/test_datagrams.py"), PEOPLE),
+    **dict.fromkeys(("viewer/test_run_view_in_browser.py",), ("silhouettes",)),
     **dict.fromkeys(("live/test_marker_node.py", "live/test_board_calibration.py"), (*PEOPLE, *HANDS)),
     **dict.fromkeys(("sources/test_acquisition.py", "cli/test_hand_measure.py"), HANDS),
     **dict.fromkeys(("cli/test_silhouettes_live.py", "live/test_silhouettes_served.py"), ("silhouettes",)),
-    **dict.fromkeys(("examples/test_plugin.py",), ()),
     **dict.fromkeys(("cli/test_running.py", "live/test_arm_node.py"), (*PEOPLE, *HANDS, "arms")),
-    **dict.fromkeys(("live/test_view_process.py", "viewer/test_run_view_in_browser.py"), (*PEOPLE, *HANDS, "arms")),
+    **dict.fromkeys(("live/test_view_process.py",), (*PEOPLE, *HANDS, "arms")),
 }
-"""Tests of programs, servers and a browser that keep real time, and which of `PARTS` they want compiled: never two at
-once, least of all two browsers that draw in software, and in this order, for other workers compile meanwhile. Those of
-the README and the examples start programs, too, but do not mind how long these take."""
+"""Tests of programs, servers and a browser that keep real time, by file or one by one, and which of `PARTS` they want
+compiled: never two at once, least of all two browsers that draw in software, and in this order, for other workers
+compile meanwhile. The rest of the README's and examples' start programs, too, but do not mind how long these take."""
 COMPILING = ("tracker/test_ready.py", "cli/test_silhouettes.py")
 """Tests that compile what others use: first of all, each file on a worker of its own."""
 LONG = ("test_readme.py",)
@@ -175,7 +176,9 @@ def _compile(part: str, *, wait: bool) -> None:
 
 
 def _place(item: pytest.Item) -> str:
-    return item.path.relative_to(TESTS).as_posix()
+    """The test's own entry of `REAL_TIME`, or its file."""
+    name = item.nodeid.removeprefix("tests/")
+    return name if name in REAL_TIME else item.path.relative_to(TESTS).as_posix()
 
 
 def recordings() -> Path:

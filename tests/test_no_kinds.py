@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterable, Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -105,6 +106,7 @@ def without_lines(path: str, problems: Iterable[str]) -> set[str]:
     return {f"{path}: {problem.partition(' ')[2].partition(' ')[2]}" for problem in problems}
 
 
+@cache
 def taken_by_module() -> dict[str, frozenset[str]]:
     """For each module of the room `tracker`, the frame classes that a method takes whose tracker imports it."""
     taken: dict[str, set[str]] = {}
