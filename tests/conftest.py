@@ -1,4 +1,4 @@
-"""What all tests share: the real recordings, how to skip by name where they are not there, and three workers."""
+"""What all tests share: the real recordings, how to skip by name where they are not there, and four workers."""
 
 from __future__ import annotations
 
@@ -6,12 +6,7 @@ import os
 import sys
 from pathlib import Path
 
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None  # type: ignore[assignment]
-
-# Three workers share two cores: threads within a product of small matrices would only wait for each other.
+# Four workers share two cores: threads within a product of small matrices would only wait for each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 CACHE = Path(__file__).resolve().parents[1] / ".pytest_cache"
 # More than a hundred programs are started. Without the bytecode of what they import, each takes seconds more; who wants
@@ -22,6 +17,7 @@ if sys.dont_write_bytecode:
     os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
+from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
@@ -38,49 +34,61 @@ settings.register_profile("same", deadline=None, derandomize=True, max_examples=
 settings.register_profile("explore", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
-PEOPLE, HANDS = ("people", "rooms"), ("hands", "pictures of hands")
-REAL_TIME = {
-    **dict.fromkeys(("viewer/test_view_in_browser.py", "viewer/test_viewer.py", "cli/test_align.py"), ()),
-    **dict.fromkeys(("live/test_recording_desk.py", "live/test_server.py", "live/test_server_junk.py"), ()),
-    **dict.fromkeys(("examples/test_plugin.py::test_its_spots_are_in_the_view",), ()),
-    **dict.fromkeys(("sources/test_bridge.py", "live/test_node.py", "cli/test_record.py"), PEOPLE),
-    **dict.fromkeys(("live/test_outages.py", "live/test_processes.py", "live/test_datagrams.py"), PEOPLE),
-    **dict.fromkeys(("viewer/test_run_view_in_browser.py",), ("silhouettes",)),
-    **dict.fromkeys(("live/test_marker_node.py", "live/test_board_calibration.py"), (*PEOPLE, *HANDS)),
-    **dict.fromkeys(("sources/test_acquisition.py", "cli/test_hand_measure.py"), HANDS),
-    **dict.fromkeys(("cli/test_silhouettes_live.py", "live/test_silhouettes_served.py"), ("silhouettes",)),
-    **dict.fromkeys(("cli/test_running.py", "live/test_arm_node.py"), (*PEOPLE, *HANDS, "arms")),
-    **dict.fromkeys(("live/test_view_process.py",), (*PEOPLE, *HANDS, "arms")),
-}
-"""Tests of programs, servers and a browser that keep real time, by file or one by one, and which of `PARTS` they want
-compiled: never two at once, least of all two browsers that draw in software, and in this order, for other workers
-compile meanwhile. The rest of the README's and examples' start programs, too, but do not mind how long these take."""
-COMPILING = ("tracker/test_ready.py", "cli/test_silhouettes.py")
-"""Tests that compile what others use: first of all, each file on a worker of its own."""
-LONG = ("test_readme.py",)
+BROWSERS = (
+    "viewer/test_view_in_browser.py",
+    "viewer/test_run_view_in_browser.py",
+    "viewer/test_viewer.py",
+    "live/test_cameras_in_view.py",
+    "live/test_board_calibration.py",
+    "live/test_view_process.py",
+    "examples/test_plugin.py::test_its_spots_are_in_the_view",
+)
+"""Tests with a browser that draws in software, by file or one by one: never two at once."""
+PROGRAMS = (
+    "live/test_outages.py",
+    "live/test_processes.py",
+    "live/test_datagrams.py",
+    "live/test_server.py",
+    "live/test_server_junk.py",
+    "live/test_node.py",
+    "live/test_arm_node.py",
+    "live/test_marker_node.py",
+    "live/test_recording_desk.py",
+    "live/test_silhouettes_served.py",
+    "sources/test_acquisition.py",
+    "sources/test_bridge.py",
+    "cli/test_align.py",
+    "cli/test_hand_measure.py",
+    "cli/test_record.py",
+    "cli/test_running.py",
+    "cli/test_silhouettes_live.py",
+)
+"""Tests of programs and servers that keep real time: never two at once, either. The rest of the README's and examples'
+start programs, too, but do not mind how long these take."""
+LONG = ("cli/test_silhouettes.py", "test_readme.py")
 """Files that take a minute: early, so that nobody waits for them alone at the end."""
 TESTS = Path(__file__).resolve().parent
 ROOT = TESTS.parent
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
-    """Three workers for all tests or a folder of them; none where files, tests or words are chosen: it begins sooner.
+    """Four workers for all tests or a folder of them; none where files, tests or words are chosen: it begins sooner.
 
-    Two cores are enough for them: the one that has what keeps real time mostly waits.
+    Two cores are enough for them: the two that have what keeps real time mostly wait.
     """
     chosen = config.option.keyword or any(".py" in argument for argument in config.args)
-    return 0 if chosen else 3
+    return 0 if chosen else 4
 
 
 class RealTimeApart(LoadScopeScheduling):
-    """One worker has all that keeps real time, from the beginning; the others everything else, file by file."""
+    """One worker has the browsers and one the programs, from the beginning; the others all else, file by file."""
 
     def __init__(self, config: pytest.Config, log: Any) -> None:
         config.option.loadscopereorder = False  # they are in order, see below
         super().__init__(config, log)
 
     def _split_scope(self, nodeid: str) -> str:
-        return "real time" if nodeid.removeprefix("tests/").startswith(tuple(REAL_TIME)) else nodeid.partition("::")[0]
+        return _lane(nodeid) or nodeid.partition("::")[0]
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -89,37 +97,49 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> RealTimeApar
     return RealTimeApart(config, log)
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_collection(session: pytest.Session) -> Iterator[None]:
+    """Workers compile all kernels first, each part once: what keeps real time must not wait for it.
+
+    The first worker collects meanwhile. The others load the bytecode that it has written.
+    """
+    first = session.config.workerinput["workerid"] == "gw0" if hasattr(session.config, "workerinput") else None
+    if first is False:
+        _compile_what_nobody_does(session.config)
+    yield
+    if first:
+        _compile_what_nobody_does(session.config)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What compiles comes first, then what keeps real time, which has a mark, then what is long."""
-    order = (*COMPILING, *REAL_TIME, *LONG)
+    """What keeps real time comes first and has a mark, then what is long."""
+    lanes = ("browsers", "programs", "")
     for item in items:
-        if _place(item) in REAL_TIME:
+        if _lane(item.nodeid):
             item.add_marker("real_time")
-    items.sort(key=lambda item: order.index(_place(item)) if _place(item) in order else len(order))
+    items.sort(key=lambda item: (lanes.index(_lane(item.nodeid)), not _name(item.nodeid).startswith(LONG)))
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """A program that is waited for does not compile meanwhile. Each part is compiled once, by whoever comes first."""
-    place = _place(item)
-    if place not in REAL_TIME and hasattr(item.config, "workerinput"):
+    """A worker that only computes is in no hurry; programs that keep real time are."""
+    if not _lane(item.nodeid) and hasattr(item.config, "workerinput"):
         _give_way()
-    if place in COMPILING:
-        _compile_what_nobody_does()
-    for part in PARTS if place == "tracker/test_ready.py" else REAL_TIME.get(place, ()):
-        _compile(part, wait=True)
 
 
 @cache
 def _give_way() -> None:
-    """A worker that only computes is in no hurry; programs that keep real time are."""
     if hasattr(os, "nice"):
         os.nice(5)
 
 
-@cache
-def _compile_what_nobody_does() -> None:
-    for part in PARTS:
-        _compile(part, wait=False)
+def _lane(nodeid: str) -> str:
+    """Which worker's tests it is of: "browsers", "programs", or "" for those that keep no real time."""
+    name = _name(nodeid)
+    return "browsers" if name.startswith(BROWSERS) else "programs" if name.startswith(PROGRAMS) else ""
+
+
+def _name(nodeid: str) -> str:
+    return nodeid.removeprefix("tests/")
 
 
 def _make_arms_ready() -> None:
@@ -149,36 +169,25 @@ def _make_rooms_ready() -> None:
 
 
 PARTS = {
-    "people": lambda: make_ready("default"),
     "silhouettes": lambda: make_ready("silhouettes"),
+    "people": lambda: make_ready("default"),
     "arms": _make_arms_ready,
     "hands": lambda: make_ready("hands"),
     "pictures of hands": _make_pictures_ready,
     "rooms": _make_rooms_ready,
 }
-_compiled: set[str] = set()
-"""By this worker, or loaded after another one had."""
+"""What tests want compiled. What takes longest begins first."""
 
 
-def _compile(part: str, *, wait: bool) -> None:
-    """Once a worker; not while another one does it, for which it may ``wait``."""
-    if part in _compiled:
-        return
-    CACHE.mkdir(exist_ok=True)
-    with (CACHE / f"{part}.lock").open("w") as lock:
-        if fcntl is not None:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                return
-        PARTS[part]()
-    _compiled.add(part)
-
-
-def _place(item: pytest.Item) -> str:
-    """The test's own entry of `REAL_TIME`, or its file."""
-    name = item.nodeid.removeprefix("tests/")
-    return name if name in REAL_TIME else item.path.relative_to(TESTS).as_posix()
+def _compile_what_nobody_does(config: Any) -> None:
+    claims = CACHE / "compiling" / config.workerinput["testrunuid"]
+    claims.mkdir(parents=True, exist_ok=True)
+    for part, compile_part in PARTS.items():
+        try:
+            (claims / part).touch(exist_ok=False)
+        except FileExistsError:
+            continue
+        compile_part()
 
 
 def recordings() -> Path:

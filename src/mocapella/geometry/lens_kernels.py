@@ -54,7 +54,8 @@ def undistorted(u, v, k1, k2, p1, p2, k3, farthest_r2):
 @njit(cache=True, error_model="numpy")
 def undistorted_all(us, vs, k1, k2, p1, p2, k3, farthest_r2, xs, ys):
     """Write `undistorted` of points, us and vs (n,), to xs and ys (n,): all of them step together, several at once."""
-    xs[:], ys[:] = us, vs
+    for i in range(len(us)):
+        xs[i], ys[i] = us[i], vs[i]
     edge = farthest_r2 if farthest_r2 > 0.0 else math.inf
     for _ in range(STEPS):
         moving = 0

@@ -456,12 +456,12 @@ def segment(
     )  # fmt: skip
     nodes, terms = (node_rows(rows, size), row_blocks + 1), 1 + 2 * channels
     sums = np.zeros((2, nodes[0], nodes[1], terms), np.int64)
-    both = np.zeros((nodes[0], nodes[1], terms), np.int64)
     coefficients = np.zeros((nodes[0], nodes[1], 2 + 4 * channels), np.float32)
     leans, stale = np.zeros(nodes), np.ones(nodes, np.uint8)
     if learnt:
         _add_all(values, np.zeros_like(state), state, blocks, rows, odd, sums)
-        both[:] = sums[0] + sums[1]
+    both = sums[0] + sums[1]
+    if learnt:
         densities(sums, both, size, fewest, least_sd, stale, leans, coefficients)
     if begun:  # elsewhere than the prior
         blur(inside, mean)

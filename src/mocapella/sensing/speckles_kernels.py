@@ -60,7 +60,9 @@ def median_of_nine(image, out):
     """
     height, n, c = image.shape[0], image.shape[1] * image.shape[2], image.shape[2]
     rows, written = image.reshape(height, n), out.reshape(height, n)
-    written[:] = rows
+    for y in range(height):
+        for x in range(n):
+            written[y, x] = rows[y, x]
     if image.shape[1] < 3:
         return
     low, mid, high = np.empty(n, np.uint8), np.empty(n, np.uint8), np.empty(n, np.uint8)
