@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from pathlib import Path
@@ -65,7 +66,14 @@ PROGRAMS = (
 )
 """Tests of programs and servers that keep real time: never two at once, either. The rest of the README's and examples'
 start programs, too, but do not mind how long these take."""
-LONG = ("cli/test_silhouettes.py", "test_readme.py")
+STUDY = (
+    "evaluation/test_facing_figures.py",
+    "evaluation/test_fused_metrics.py",
+    "evaluation/test_interactions.py",
+    "evaluation/test_study_tables.py",
+)
+"""Tests that compute the same of all real logs: one worker does so once."""
+LONG = (*STUDY, "cli/test_silhouettes.py", "test_readme.py")
 """Files that take a minute: early, so that nobody waits for them alone at the end."""
 TESTS = Path(__file__).resolve().parent
 ROOT = TESTS.parent
@@ -81,14 +89,14 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 
 
 class RealTimeApart(LoadScopeScheduling):
-    """One worker has the browsers and one the programs, from the beginning; the others all else, file by file."""
+    """One worker has the browsers and one the programs, from the beginning; the others all else, mostly by file."""
 
     def __init__(self, config: pytest.Config, log: Any) -> None:
         config.option.loadscopereorder = False  # they are in order, see below
         super().__init__(config, log)
 
     def _split_scope(self, nodeid: str) -> str:
-        return _lane(nodeid) or nodeid.partition("::")[0]
+        return _lane(nodeid) or ("study" if _name(nodeid).startswith(STUDY) else nodeid.partition("::")[0])
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -104,11 +112,16 @@ def pytest_collection(session: pytest.Session) -> Iterator[None]:
     The first worker collects meanwhile. The others load the bytecode that it has written.
     """
     first = session.config.workerinput["workerid"] == "gw0" if hasattr(session.config, "workerinput") else None
+    gc.disable()
     if first is False:
         _compile_what_nobody_does(session.config)
     yield
     if first:
         _compile_what_nobody_does(session.config)
+    # What is there now stays: nobody need look through a million objects again and again.
+    gc.collect()
+    gc.freeze()
+    gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import msgspec
 import numpy as np
 import pytest
@@ -138,19 +140,20 @@ def test_two_people_are_followed_and_who_leaves_is_lost_and_found(whole):
 
 
 def test_a_memory_goes_on_to_the_bit_alike(visits, whole):
+    """Each goes on until the next was made and is the same as that one, so all go on alike until the end."""
     tracker, scenes, notes, snapshots = whole
     assert len(snapshots) == 5
-    for after, data in snapshots.items():
+    made = {**snapshots, len(visits): tracker.snapshot()}
+    for after, until in pairwise(made):
         again = new()
-        again.restore(data)
-        for k in range(after, len(visits)):
+        again.restore(made[after])
+        assert again.snapshot() == made[after]
+        for k in range(after, until):
             scene = again.update(visits[k])
             assert plain(scene) == plain(scenes[k]), f"restored after {after} arrivals, arrival {k}"
             assert again.drain_notes() == notes[k]
-        assert again.report == tracker.report
-    again = new()
-    again.restore(tracker.snapshot())
-    assert again.snapshot() == tracker.snapshot()
+        assert again.snapshot() == made[until], f"restored after {after} arrivals, at {until}"
+    assert again.report == tracker.report
 
 
 def test_what_is_no_memory_is_refused_and_the_tracker_is_as_new(whole):
