@@ -48,13 +48,13 @@ def place(run, name):
 def passed():
     """Ben leaves; Anna goes to where he was, and back; Ben comes again."""
     run, room = start(), Couple(RIG)
-    up = (AWAY_M * (0.5 - 0.5 * np.cos(np.linspace(0, np.pi, 56)))).tolist()  # nobody stops at once
+    up = (AWAY_M * (0.5 - 0.5 * np.cos(np.linspace(0, np.pi, 76)))).tolist()  # nobody stops at once
     gone = [AWAY_M] * (round(LOST_AFTER_S * HZ) + 3)
-    there = np.linspace(-0.6, 0.6, 28).tolist()
+    there = np.linspace(-0.6, 0.6, 40).tolist()
     way = [(-0.6, at) for at in (*up, *gone)]
     way += [(at, AWAY_M) for at in (*there, *[0.6] * 8, *reversed(there))]
     met = len(way) - len(there) - 4
-    way += [(-0.6, at) for at in (*reversed(up), *[0.0] * 15)]
+    way += [(-0.6, at) for at in (*reversed(up), *[0.0] * 25)]
     for k, (aside, above) in enumerate(way):
         run.step(FrameSet.at_rate(k, HZ, room.pair(pose_at(MESH, aside), pose_at(MESH, 0.6, up_m=above))))
     return run, way, met
@@ -90,7 +90,7 @@ def test_who_waits_hides_nobody_and_is_not_found_in_who_stands_there():
     """Ben is gone as through a door; Anna goes to where he stood, and stays a while."""
     run, room = start(), Couple(RIG)
     run.learn_empty(room.images())
-    way = [-0.6] * 25 + np.linspace(-0.6, 0.6, 28).tolist() + [0.6] * 20
+    way = [-0.6] * 25 + np.linspace(-0.6, 0.6, 40).tolist() + [0.6] * 20
     for k, aside in enumerate(way):
         ben = pose_at(MESH, 0.6, up_m=0.0 if k < 3 else 30.0)
         run.step(FrameSet.at_rate(k, HZ, room.pair(pose_at(MESH, aside), ben)))
