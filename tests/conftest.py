@@ -181,12 +181,21 @@ def _make_rooms_ready() -> None:
     next(SimulatedSensor(load_scene("obstacle", seed=1), 1).frames())
 
 
+def _make_filmed_bodies_ready() -> None:
+    from mocapella.sources.simulate.silhouette_scene import silhouette_scene
+
+    scene = silhouette_scene("t-pose", cameras=1, size_px=(64, 48))
+    scene.images(0)
+    scene.masks(0)
+
+
 PARTS = {
     "silhouettes": lambda: make_ready("silhouettes"),
     "people": lambda: make_ready("default"),
     "arms": _make_arms_ready,
     "hands": lambda: make_ready("hands"),
     "pictures of hands": _make_pictures_ready,
+    "filmed bodies": _make_filmed_bodies_ready,
     "rooms": _make_rooms_ready,
 }
 """What tests want compiled. What takes longest begins first."""
