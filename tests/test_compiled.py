@@ -64,7 +64,7 @@ def test_a_kernel_that_may_round_otherwise_in_each_of_its_copies_is_refused(aske
 
 
 def test_without_it_it_is_compiled() -> None:
-    @njit
+    @njit()
     def twice(x):  # type: ignore[no-untyped-def]
         return 2 * x
 

@@ -1,4 +1,4 @@
-"""What was compiled is kept while its sources are as they were, and no longer than that."""
+"""Compiled kernels are loaded from disk while all of their sources are the same, and no longer."""
 
 from __future__ import annotations
 
@@ -11,17 +11,59 @@ from pathlib import Path
 import pytest
 
 import mocapella
-from mocapella.kernel_cache import COMPILED, STAMPS, discard_stale, kept_in
+from mocapella.kernel_cache import source_digest, sources_of
 
+PACKAGE = Path(mocapella.__file__).parent
+KERNELS = "\nfrom mocapella.compiled import njit\n"
 SOURCES = {
-    "stage/outer_kernels.py": COMPILED
+    "stage/outer_kernels.py": KERNELS
     + "from mocapella.stage.inner_kernels import half\nfrom mocapella.stage import row\n",
-    "stage/inner_kernels.py": COMPILED + "from mocapella.base.far_kernels import (\n    one,\n    two,\n)\n",
-    "base/far_kernels.py": COMPILED + "one, two = 1, 2\n",
-    "base/lonely_kernels.py": COMPILED + "alone = 1\n",
+    "stage/inner_kernels.py": KERNELS + "from mocapella.base.far_kernels import (\n    one,\n    two,\n)\n",
+    "base/far_kernels.py": KERNELS + "from mocapella.stage.inner_kernels import half\none, two = 1, 2\n",
+    "base/lonely_kernels.py": KERNELS + "alone = 1\n",
     "stage/row.py": "WIDTH = 3\n",
     "stage/other.py": "unrelated = 1\n",
 }
+DIGESTS = (
+    "import sys; from pathlib import Path; from mocapella.kernel_cache import source_digest; p = Path(sys.argv[1]); "
+    "print(*(source_digest(one, p) for one in sorted(p.rglob('*.py'))))"
+)
+WORK = """
+from mocapella.compiled import njit
+WIDTH = 3
+
+@njit(cache=True)
+def work(x):
+    return WIDTH * x
+"""
+CALL = """
+import sys
+from numba.core import event
+from work_kernels import work
+compiled = []
+class Heard(event.Listener):
+    def on_start(self, told): compiled.append(told)
+    def on_end(self, told): pass
+with event.install_listener("numba:compile", Heard()):
+    print(*(work(eval(x)) for x in sys.argv[1:]), len(compiled))
+"""
+"""Prints the results, and how often numba compiled for them."""
+SLOW_SAVE = """
+import time
+from numba.core.caching import IndexDataCacheFile
+load = IndexDataCacheFile._load_index
+def slow(self):
+    found = load(self)
+    time.sleep(0.3)
+    return found
+IndexDataCacheFile._load_index = slow
+"""
+
+FULL_DISK = """
+import resource
+resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+"""
+"""As far as files go; POSIX only."""
 
 
 @pytest.fixture
@@ -30,100 +72,149 @@ def package(tmp_path: Path) -> Path:
         source = tmp_path / name
         source.parent.mkdir(exist_ok=True)
         source.write_text(text, encoding="utf-8")
-    discard_stale(tmp_path)
-    compile_all(tmp_path)
     return tmp_path
 
 
-def compile_all(package: Path) -> None:
-    for name in SOURCES:
-        if name.endswith("_kernels.py"):
-            index(package, name).parent.mkdir(exist_ok=True)
-            index(package, name).write_bytes(b"compiled")
+@pytest.fixture
+def kernels(tmp_path: Path) -> Path:
+    """The folder of a file of kernels that is of no package."""
+    (tmp_path / "work_kernels.py").write_text(WORK, encoding="utf-8")
+    return tmp_path
 
 
-def index(package: Path, name: str) -> Path:
-    source = package / name
-    return source.parent / "__pycache__" / f"{source.stem}.work-12.py311.nbi"
+def digests(package: Path) -> dict[str, str]:
+    """As a new process sees them: one reads each source once."""
+    done = subprocess.run([sys.executable, "-c", DIGESTS, str(package)], capture_output=True, text=True, check=True)
+    names = [path.relative_to(package).as_posix() for path in sorted(package.rglob("*.py"))]
+    return dict(zip(names, done.stdout.split(), strict=True))
 
 
-def left(package: Path) -> set[str]:
-    return {name for name in SOURCES if index(package, name).exists()}
+def start(folder: Path, *arguments: str, code: str = CALL, **environment: str) -> subprocess.Popen[str]:
+    surroundings = {name: text for name, text in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    command = [sys.executable, "-c", code, *arguments]
+    return subprocess.Popen(command, cwd=folder, env={**surroundings, **environment}, stdout=subprocess.PIPE, text=True)
 
 
-ALL = {name for name in SOURCES if name.endswith("_kernels.py")}
+def call(folder: Path, *arguments: str, **environment: str) -> list[str]:
+    process = start(folder, *arguments, **environment)
+    out, _ = process.communicate(timeout=120)
+    assert process.returncode == 0
+    return out.split()
 
 
-def test_what_is_as_it_was_is_kept(package: Path) -> None:
-    assert discard_stale(package) == []
-    assert left(package) == ALL
+def entries(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.rglob("*.nb[ci]"))
 
 
 @pytest.mark.parametrize(
-    ("changed", "stale"),
+    ("changed", "other"),
     [
         ("base/far_kernels.py", {"stage/outer_kernels.py", "stage/inner_kernels.py", "base/far_kernels.py"}),
-        ("stage/inner_kernels.py", {"stage/outer_kernels.py", "stage/inner_kernels.py"}),
-        ("stage/row.py", {"stage/outer_kernels.py"}),
+        ("stage/inner_kernels.py", {"stage/outer_kernels.py", "stage/inner_kernels.py", "base/far_kernels.py"}),
+        ("stage/row.py", {"stage/outer_kernels.py", "stage/row.py"}),
         ("base/lonely_kernels.py", {"base/lonely_kernels.py"}),
-        ("stage/other.py", set()),
+        ("stage/other.py", {"stage/other.py"}),
     ],
 )
-def test_what_imports_a_changed_file_is_compiled_anew(package: Path, changed: str, stale: set[str]) -> None:
+def test_a_digest_changes_with_every_source_and_no_other_file(package: Path, changed: str, other: set[str]) -> None:
+    before = digests(package)
+    stat = (package / changed).stat()
     (package / changed).write_text(SOURCES[changed] + "# changed\n", encoding="utf-8")
-    assert set(discard_stale(package)) == stale
-    assert left(package) == ALL - stale
-    assert discard_stale(package) == []
+    os.utime(package / changed, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+    after = digests(package)
+    assert {name for name in SOURCES if after[name] != before[name]} == other
+    (package / changed).write_text(SOURCES[changed], encoding="utf-8")
+    assert digests(package) == before
 
 
-@pytest.mark.parametrize("stamps", [b"", b"[]", b"\xff\x00", b'{"stage/inner_kernels.py": 7}'])
-def test_stamps_that_are_none_are_no_proof(package: Path, stamps: bytes) -> None:
-    (package / "__pycache__" / STAMPS).write_bytes(stamps)
-    assert set(discard_stale(package)) == ALL
-    assert left(package) == set()
+def test_sources_that_import_each_other_are_all_found(package: Path) -> None:
+    names = ["base/far_kernels.py", "stage/inner_kernels.py", "stage/outer_kernels.py", "stage/row.py"]
+    found = sources_of(package / "stage/outer_kernels.py", package)
+    assert [path.relative_to(package).as_posix() for path in found] == names
 
 
-def test_a_file_that_is_gone_or_new_concerns_those_that_import_it(package: Path) -> None:
+def test_a_source_that_is_gone_counts_for_those_that_import_it(package: Path) -> None:
+    before = digests(package)
     (package / "stage" / "row.py").unlink()
-    assert discard_stale(package) == ["stage/outer_kernels.py"]
+    after = digests(package)
+    assert {name for name in after if after[name] != before[name]} == {"stage/outer_kernels.py"}
 
 
-def test_whatever_is_compiled_imports_what_looks_at_it() -> None:
-    folder = Path(mocapella.__file__).parent
-    sources = {path.relative_to(folder).as_posix(): path.read_text(encoding="utf-8") for path in folder.rglob("*.py")}
-    by_numba = {
-        name for name, text in sources.items() if re.search(r"^\s*(from numba import|import numba)", text, re.M)
+def test_kernels_of_this_package_see_their_sources() -> None:
+    found = {path.relative_to(PACKAGE).as_posix() for path in sources_of(PACKAGE / "tracker" / "people_kernels.py")}
+    assert {"tracker/people_kernels.py", "kinematics/articulated_kernels.py", "geometry/turn_kernels.py"} <= found
+    assert re.fullmatch("[0-9a-f]{24}", source_digest(PACKAGE / "tracker" / "people_kernels.py"))
+
+
+def test_numba_is_imported_in_one_place() -> None:
+    importers = {
+        path.name for path in PACKAGE.rglob("*.py") if re.search(r"^\s*(from|import) numba\b", path.read_text(), re.M)
     }
-    assert by_numba == {"compiled.py"}
-    assert "geometry/lens_kernels.py" in {name for name, text in sources.items() if COMPILED in text}
+    assert importers == {"compiled.py", "kernel_cache.py"}
 
 
-def test_the_package_itself_is_looked_at_when_a_kernel_is_imported() -> None:
-    folder = Path(mocapella.__file__).parent
-    code = "import mocapella.geometry.lens_kernels; from mocapella.kernel_cache import discard_stale; "
-    code += "from pathlib import Path; print(discard_stale(Path(mocapella.__file__).parent))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
-    assert (folder / "__pycache__" / STAMPS).is_file()
+def test_an_import_writes_nothing(kernels: Path) -> None:
+    before = set(kernels.rglob("*"))
+    given = kernels / "given"
+    code = "import work_kernels, mocapella.tracker.people_kernels"
+    process = start(kernels, code=code, NUMBA_CACHE_DIR=str(given), PYTHONDONTWRITEBYTECODE="1")
+    assert process.communicate(timeout=120) == ("", None)
+    assert process.returncode == 0
+    assert set(kernels.rglob("*")) == before
 
 
-def test_what_is_kept_elsewhere_is_looked_at_there(package: Path, tmp_path: Path) -> None:
-    cache = tmp_path / "cache"
-    assert set(discard_stale(package, cache)) == ALL
-    kept = kept_in(package / "stage", cache) / "inner_kernels.half-3.py311.nbi"
-    kept.parent.mkdir()
-    kept.write_bytes(b"compiled")
-    (package / "base/far_kernels.py").write_text(COMPILED + "one, two = 1, 3\n", encoding="utf-8")
-    assert "base/far_kernels.py" in discard_stale(package)  # beside the sources; the other has stamps of its own
-    assert kept.exists()
-    assert "stage/inner_kernels.py" in discard_stale(package, cache)
-    assert not kept.exists()
+def test_a_kernel_is_compiled_once_and_again_when_a_constant_changes(kernels: Path) -> None:
+    source = kernels / "work_kernels.py"
+    assert call(kernels, "2") == ["6", "1"]
+    assert call(kernels, "2") == ["6", "0"]
+    old, stat = entries(kernels), source.stat()
+    # Neither the function nor the file's time and size change, which is all that numba would look at.
+    source.write_text(WORK.replace("WIDTH = 3", "WIDTH = 4"), encoding="utf-8")
+    os.utime(source, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+    assert call(kernels, "2", PYTHONDONTWRITEBYTECODE="1", PYTHONPYCACHEPREFIX=str(kernels / "bytecode")) == ["8", "1"]
+    new = entries(kernels)
+    assert len(old) == len(new) == 2
+    assert not set(old) & set(new)  # the old ones are removed
 
 
-def test_numba_keeps_elsewhere_what_it_is_told_to_where_it_is_looked_for(tmp_path: Path) -> None:
-    code = "from mocapella.geometry.lens_kernels import distort; distort(*[0.1] * 7)"
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    subprocess.run([sys.executable, "-c", code], env=environment, check=True)
-    folder = Path(mocapella.__file__).parent
-    assert list(kept_in(folder / "geometry", tmp_path).glob("lens_kernels.distort-*.nbi"))
-    assert (kept_in(folder, tmp_path) / STAMPS).is_file()
+def test_entries_of_another_python_are_left_alone(kernels: Path) -> None:
+    call(kernels, "2")
+    (name,) = (entry for entry in entries(kernels) if entry.endswith(".nbi"))
+    other = kernels / "__pycache__" / re.sub(r"\.py\d+", ".py399", name)
+    other.write_bytes(b"of another Python")
+    call(kernels, "2.5")
+    assert other.exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a limit of POSIX stands for a full disk")
+def test_on_a_full_disk_kernels_still_run(kernels: Path) -> None:
+    process = start(kernels, "2", code=FULL_DISK + CALL, PYTHONDONTWRITEBYTECODE="1")
+    out, _ = process.communicate(timeout=120)
+    assert (process.returncode, out.split()) == (0, ["6", "1"])
+    assert call(kernels, "2") == ["6", "1"]
+    assert call(kernels, "2") == ["6", "0"]
+
+
+def test_processes_that_start_together_save_all_that_they_compile(kernels: Path) -> None:
+    arguments = ("2", "2.5", "2j", "True")
+    code = SLOW_SAVE + CALL
+    processes = [start(kernels, argument, code=code, NUMBA_CACHE_DIR=str(kernels / "given")) for argument in arguments]
+    outs = [process.communicate(timeout=120)[0].split() for process in processes]
+    assert [out[0] for out in outs] == ["6", "7.5", "6j", "3"]
+    assert call(kernels, *arguments, NUMBA_CACHE_DIR=str(kernels / "given")) == ["6", "7.5", "6j", "3", "0"]
+
+
+def test_without_a_folder_beside_the_source_the_users_cache_is_taken(kernels: Path) -> None:
+    (kernels / "__pycache__").write_text("no folder")
+    home = {name: str(kernels / "home") for name in ("HOME", "XDG_CACHE_HOME", "LOCALAPPDATA")}
+    assert call(kernels, "2", PYTHONDONTWRITEBYTECODE="1", **home) == ["6", "1"]
+    assert len(entries(kernels / "home")) == 2
+    assert call(kernels, "2", PYTHONDONTWRITEBYTECODE="1", **home) == ["6", "0"]
+
+
+def test_where_nothing_can_be_written_kernels_still_run(kernels: Path) -> None:
+    (kernels / "__pycache__").write_text("no folder")
+    (kernels / "home").write_text("no folder, either")
+    home = {name: str(kernels / "home" / "cache") for name in ("HOME", "XDG_CACHE_HOME", "LOCALAPPDATA")}
+    assert call(kernels, "2", PYTHONDONTWRITEBYTECODE="1", **home) == ["6", "1"]
+    assert entries(kernels) == []

@@ -1,89 +1,170 @@
-"""Compiled kernels that are kept are of the kernels as they are now.
+"""Keep compiled kernels on disk, and invalidate them when any of their sources changes.
 
-numba keeps what it has compiled beside the source (or where ``NUMBA_CACHE_DIR`` says), and compiles anew where that one
-file has changed. But kernels call kernels of other files, and have their constants, which are compiled into them: after
-an update those would still be the old ones, and with another layout of their arrays they would write where they must
-not. So what is kept of a file of kernels is thrown away whenever it, or a file that it imports, is not as it was.
+numba's own cache looks at the file of a kernel alone. But kernels call kernels of other files and take constants from
+there, and both are compiled into them: after an update a caller would still run the old ones, and with another layout
+of their arrays it would write where it must not. So a kernel's entries carry, also in their names, a digest of its file
+and of all files of this package that it imports. Entries of other sources are never read; the next save removes them.
 """
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
-import json
 import re
-from collections.abc import Container, Mapping
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache, cached_property
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
-STAMPS: Final = "kernels.json"
-COMPILED: Final = "\nfrom mocapella.compiled import njit\n"
-"""What stands in every file that is compiled."""
+from numba.core import caching
+
+if sys.platform == "win32":
+    import msvcrt
+else:
+    import fcntl
+
+LOCK: Final = "kernels.lock"
+"""File of each folder of entries that a process locks while it saves one."""
+_PACKAGE: Final = Path(__file__).resolve().parent
 _IMPORT: Final = re.compile(r"^from mocapella\.([\w.]+) import (?:\(([^)]*)\)|(.*))$", re.MULTILINE)
 
 
-def discard_stale(package: Path, cache: Path | None = None) -> list[str]:
-    """Throw away what was compiled of other sources than those that are there.
-
-    Where nothing can be written (a package that is installed for all), numba keeps its files elsewhere, and nothing is
-    done here.
-
-    Args:
-        package: the folder of the package.
-        cache: where numba keeps what it compiles, if not beside the sources.
-
-    Returns:
-        The files of kernels of which it was thrown away, by their path in the package.
-    """
-    stamps = kept_in(package, cache) / STAMPS
-    try:
-        was = json.loads(stamps.read_bytes())
-    except (OSError, ValueError):
-        was = {}
-    texts = {path.relative_to(package).as_posix(): path.read_text(encoding="utf-8") for path in package.rglob("*.py")}
-    imports = {name: _imports(text, texts) for name, text in texts.items()}
-    compiled = sorted(name for name, text in texts.items() if COMPILED in text)
-    now = {name: _state(package, name, imports) for name in compiled}
-    if now == was:
-        return []
-    stale = [name for name, state in now.items() if not isinstance(was, dict) or was.get(name) != state]
-    with contextlib.suppress(OSError):
-        for name in stale:
-            source = package / name
-            for index in kept_in(source.parent, cache).glob(f"{source.stem}.*.nbi"):
-                index.unlink(missing_ok=True)
-        stamps.parent.mkdir(exist_ok=True, parents=True)
-        stamps.write_text(json.dumps(now), encoding="ascii")
-    return stale
-
-
-def kept_in(folder: Path, cache: Path | None) -> Path:
-    """Where numba keeps what it compiles of the sources of a folder; ``cache`` is as of `discard_stale`."""
-    if cache is None:
-        return folder / "__pycache__"
-    whole = str(folder.absolute())  # as numba names it: links are not followed
-    return cache / f"{folder.name}_{hashlib.sha1(whole.encode(), usedforsecurity=False).hexdigest()}"
-
-
-def _state(package: Path, name: str, imports: Mapping[str, list[str]]) -> str:
-    """Of a file and all of the package that it imports: their names, sizes and times, in short."""
-    seen, open_ = set[str](), [name]
+def sources_of(file: Path, package: Path = _PACKAGE) -> list[Path]:
+    """The file, and every file of the package that it imports, directly or not; sorted."""
+    found, open_ = set[Path](), [file]
     while open_:
         one = open_.pop()
-        if one not in seen:
-            seen.add(one)
-            open_ += imports[one]
-    stats = [(one, (package / one).stat()) for one in sorted(seen)]
-    told = "\n".join(f"{one} {stat.st_size} {stat.st_mtime_ns}" for one, stat in stats)
-    return hashlib.blake2s(told.encode(), digest_size=12).hexdigest()
+        if one not in found:
+            found.add(one)
+            open_ += _imported(one, package)
+    return sorted(found)
 
 
-def _imports(text: str, files: Container[str]) -> list[str]:
-    """Which of the package's files a source imports from: ``from mocapella.a import b`` may be a/b.py, or a.py."""
+def source_digest(file: Path, package: Path = _PACKAGE) -> str:
+    """24 hexadecimal digits of the contents of `sources_of` a file.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
+    total = hashlib.blake2s(digest_size=12)
+    for source in sources_of(file, package):
+        total.update(hashlib.blake2s(_contents(source)).digest())
+    return total.hexdigest()
+
+
+def keep_on_disk(dispatcher: Any) -> None:
+    """Load a kernel's machine code from disk from now on, and save there what is compiled.
+
+    The folder is ``NUMBA_CACHE_DIR`` if that is set, else ``__pycache__`` beside the source, else the user's cache.
+    Where none of them can be written, the kernel is compiled anew in each process.
+    """
+    dispatcher._cache = _AtFirstCall(dispatcher.py_func)
+
+
+class _AtFirstCall(caching.NullCache):
+    """Looks for the folder at a kernel's first call: an import reads and writes nothing."""
+
+    def __init__(self, py_func: Callable[..., Any]) -> None:
+        self._py_func = py_func
+
+    @cached_property
+    def _cache(self) -> Any:
+        try:
+            return _KernelCache(self._py_func)  # type: ignore[no-untyped-call]
+        except RuntimeError:  # no locator found a folder
+            return caching.NullCache()
+
+    @property
+    def cache_path(self) -> str | None:
+        return self._cache.cache_path  # type: ignore[no-any-return]
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        return self._cache.load_overload(sig, target_context)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        self._cache.save_overload(sig, data)
+
+
+class _BySources:
+    """Names entries by the digest of all sources, beside one of numba's locators."""
+
+    _py_file: str
+
+    def get_source_stamp(self) -> str:
+        return _digest(Path(self._py_file))
+
+    def get_disambiguator(self) -> str:
+        return self.get_source_stamp()
+
+
+class _InGivenFolder(_BySources, caching.UserProvidedCacheLocator):
+    pass
+
+
+class _BesideSource(_BySources, caching.InTreeCacheLocator):
+    pass
+
+
+class _InUsersCache(_BySources, caching.UserWideCacheLocator):
+    pass
+
+
+class _KernelCacheImpl(caching.CompileResultCacheImpl):
+    def __init__(self, py_func: Callable[..., Any]) -> None:
+        self._locator_classes = [_InGivenFolder, _BesideSource, _InUsersCache]
+        super().__init__(py_func)  # type: ignore[no-untyped-call]
+
+
+class _KernelCache(caching.FunctionCache):
+    """numba's cache, for processes that start at the same time: two that save one kernel took the same file name."""
+
+    _impl_class = _KernelCacheImpl
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        try:
+            with _locked(Path(self._cache_path)):
+                self._remove_outdated()
+                super().save_overload(sig, data)  # type: ignore[no-untyped-call]
+        except OSError:  # a full disk, a folder that was removed: the kernel runs, and is compiled again another time
+            return
+
+    def _remove_outdated(self) -> None:
+        current = str(self._impl.filename_base).rpartition(".")[0]  # without the version of Python
+        for entry in Path(self._cache_path).glob(f"{current.rpartition('-')[0]}-*.nb[ci]"):
+            if not entry.name.startswith(f"{current}."):
+                entry.unlink(missing_ok=True)
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    with (folder / LOCK).open("a") as lock:
+        if sys.platform == "win32":
+            msvcrt.locking(lock.fileno(), msvcrt.LK_LOCK, 1)
+        else:
+            fcntl.flock(lock, fcntl.LOCK_EX)  # closing the file unlocks it
+        yield
+
+
+_digest: Callable[[Path], str] = cache(source_digest)  # sources do not change for a process that has imported them
+
+
+@cache
+def _contents(file: Path) -> bytes:
+    return file.read_bytes()
+
+
+def _imported(file: Path, package: Path) -> list[Path]:
+    """Files of the package that a source imports from: ``from mocapella.a import b`` may be a/b.py, or a.py."""
     found = []
-    for module, several, one in _IMPORT.findall(text):
+    for module, several, one in _IMPORT.findall(_contents(file).decode(errors="replace")):
         folder = module.replace(".", "/")
         names = [name.split(" as ")[0].strip() for name in (several or one).split("#")[0].split(",")]
         candidates = [f"{folder}.py", f"{folder}/__init__.py", *(f"{folder}/{name}.py" for name in names if name)]
-        found += [path for path in candidates if path in files]
+        found += [package / path for path in candidates if _exists(package / path)]
     return found
+
+
+@cache
+def _exists(file: Path) -> bool:
+    return file.is_file()
