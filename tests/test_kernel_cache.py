@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import mocapella
+from mocapella import kernel_cache
 from mocapella.kernel_cache import source_digest, sources_of
 
 PACKAGE = Path(mocapella.__file__).parent
@@ -24,10 +25,6 @@ SOURCES = {
     "stage/row.py": "WIDTH = 3\n",
     "stage/other.py": "unrelated = 1\n",
 }
-DIGESTS = (
-    "import sys; from pathlib import Path; from mocapella.kernel_cache import source_digest; p = Path(sys.argv[1]); "
-    "print(*(source_digest(one, p) for one in sorted(p.rglob('*.py'))))"
-)
 WORK = """
 from mocapella.compiled import njit
 WIDTH = 3
@@ -84,9 +81,9 @@ def kernels(tmp_path: Path) -> Path:
 
 def digests(package: Path) -> dict[str, str]:
     """As a new process sees them: one reads each source once."""
-    done = subprocess.run([sys.executable, "-c", DIGESTS, str(package)], capture_output=True, text=True, check=True)
-    names = [path.relative_to(package).as_posix() for path in sorted(package.rglob("*.py"))]
-    return dict(zip(names, done.stdout.split(), strict=True))
+    kernel_cache._contents.cache_clear()
+    kernel_cache._exists.cache_clear()
+    return {path.relative_to(package).as_posix(): source_digest(path, package) for path in package.rglob("*.py")}
 
 
 def start(folder: Path, *arguments: str, code: str = CALL, **environment: str) -> subprocess.Popen[str]:

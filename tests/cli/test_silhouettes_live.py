@@ -130,8 +130,10 @@ def test_somebody_who_comes_before_live_cameras_is_followed_until_ctrl_c(stage, 
     assert rows[0]["time_s"] == 0.0
     assert (np.diff([row["time_s"] for row in rows]) > 0).all()
     lost = [row["lost"] for row in rows]
-    assert lost == sorted(lost, reverse=True)  # first nobody is there, and then somebody, for good
-    assert 5 <= sum(lost) < len(lost)
+    found_at = lost.index(False)
+    assert found_at >= 5
+    # Somebody stands there from one image to the next, which cameras show at different times: they may disagree first.
+    assert not any(lost[found_at + 15 :])
     truth = dict(zip(mesh.landmarks, landmarks_at(mesh, scene.pose(len(scene) - 1)), strict=True))
     off = [np.linalg.norm(np.subtract(at, truth[name])) for name, at in rows[-1]["joints"].items() if name in truth]
     assert np.median(off) < 0.05
