@@ -321,7 +321,7 @@ def test_a_new_take_begins_with_the_first_frame_that_is_tracked_after_it_was_ask
 ) -> None:
     with NodeLink(address, "front") as link:
         wait_until("it joins", link.join)
-        publish(link, 300, every=0.001)
+        publish(link, 300, every=0.005)
         wait_until("they are tracked", lambda: server.tally.frames_in > 250)
         time.sleep(0.2)
         count = server.tally.frames_in
