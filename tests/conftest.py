@@ -31,7 +31,7 @@ from mocapella.tracker import make_ready
 
 # The same examples every time, so that a change is judged by itself; `explore` tries others, and more. A first call may
 # compile.
-settings.register_profile("same", deadline=None, derandomize=True, max_examples=40)
+settings.register_profile("same", deadline=None, derandomize=True, max_examples=50)
 settings.register_profile("explore", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 

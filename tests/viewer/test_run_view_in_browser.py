@@ -131,21 +131,21 @@ def test_a_page_shows_boards_at_once_and_no_white_ones_and_stays_with_who_goes_a
             middle = np.median(body_columns(picture_of(page)))
             assert abs(middle - 370) < 60
             places.append(4.0)  # 4 m are more than the page has to either side
-            page.wait_for_timeout(1500)
+            page.wait_for_timeout(3000)
             wait_for(page, "it is still in sight", lambda: len(body_columns(picture_of(page))) > 1500)
             assert abs(np.median(body_columns(picture_of(page))) - 370) < 150
             page.screenshot(path=ARTIFACTS / "followed-body-aside.png")
             (one,) = viewer._browsers.values()
             page.mouse.move(350, 400)
             page.mouse.down()
-            for k in range(8):
-                page.mouse.move(350 + 25 * k, 400)
+            for k in range(20):
+                page.mouse.move(350 + 10 * k, 400)
             page.mouse.up()
             wait_for(page, "it is noticed", lambda: one.camera.touched)
             page.wait_for_timeout(1000)
             by_hand = np.array(one._client.camera.position)
             places.append(0.0)
-            page.wait_for_timeout(1000)
+            page.wait_for_timeout(2000)
             np.testing.assert_allclose(one._client.camera.position, by_hand, atol=1e-3)
             assert one.camera.touched
             page.locator("svg.tabler-icon-adjustments").locator("xpath=..").click()
