@@ -117,8 +117,8 @@ def chain(folder: Path, count: int) -> dict[str, Any]:
 def node(folder: Path, name: str, connect: str, count: int) -> dict[str, Any]:
     """A camera's node, as `mocapella node markers` is one."""
     from mocapella.cli.nodes import read_epoch
-    from mocapella.live.camera_desk import CameraDesk
     from mocapella.live.camera_node import CameraNodeSettings
+    from mocapella.live.camera_service import CameraService
     from mocapella.live.marker_node import run_marker_node
     from mocapella.live.marker_work import MarkerWork
     from mocapella.live.stage_times import StageTimes
@@ -129,7 +129,7 @@ def node(folder: Path, name: str, connect: str, count: int) -> dict[str, Any]:
     with Acquisition(InMemory(name, np.load(folder / f"{name}.npy"), count)) as acquisition:
         work = MarkerWork(name, acquisition, profile)
         times = StageTimes(count, len(work.names))
-        with CameraDesk(work) as desk, NodeLink(connect, name) as link:
+        with CameraService(work) as desk, NodeLink(connect, name) as link:
             while not link.join():
                 time.sleep(0.1)
             epoch = read_epoch()

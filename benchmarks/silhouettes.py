@@ -33,7 +33,7 @@ from mocapella.live.image_work import ImageSettings
 from mocapella.model.body_meshes import body_mesh
 from mocapella.model.body_proportions import proportions_of
 from mocapella.model.images import ImageFrame, image_frame
-from mocapella.recording.followed_bodies import ALONE
+from mocapella.recording.bodies_file import ALONE
 from mocapella.schema import encode_frame
 from mocapella.sensing.images import as_png, encode_image
 from mocapella.sources.referenced_images import referred

@@ -25,7 +25,7 @@ from mocapella.model.observations import Arrival, BodyFrame
 from mocapella.model.scene import Scene
 from mocapella.model.session import CommandReply, Setup
 from mocapella.viewer import Viewer
-from tests.browser import FLAGS
+from tests.support.browser import FLAGS
 
 SENSORS = 6
 PEOPLE = 6

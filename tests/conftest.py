@@ -27,7 +27,7 @@ import pytest
 from hypothesis import settings
 from xdist.scheduler import LoadScopeScheduling
 
-from mocapella.tracker import make_ready
+from mocapella.tracker import warm_up
 
 # The same examples every time, so that a change is judged by itself; `explore` tries others, and more. A first call may
 # compile.
@@ -190,10 +190,10 @@ def _make_filmed_bodies_ready() -> None:
 
 
 PARTS = {
-    "silhouettes": lambda: make_ready("silhouettes"),
-    "people": lambda: make_ready("default"),
+    "silhouettes": lambda: warm_up("silhouettes"),
+    "people": lambda: warm_up("default"),
     "arms": _make_arms_ready,
-    "hands": lambda: make_ready("hands"),
+    "hands": lambda: warm_up("hands"),
     "pictures of hands": _make_pictures_ready,
     "filmed bodies": _make_filmed_bodies_ready,
     "rooms": _make_rooms_ready,

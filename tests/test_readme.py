@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 
 import pytest
-from programs import wait_until
+from support.programs import wait_until
 
 from mocapella.wire.reader import send_command
 from mocapella.wire.session import DEFAULT_ADDRESS, open_reader

@@ -9,7 +9,7 @@ import tokenize
 from pathlib import Path
 
 import pytest
-from distributions import BAD, distribution, lamps, source_text
+from support.distributions import BAD, distribution, lamps, source_text
 
 from mocapella.errors import PluginError, SettingsError
 from mocapella.registry import Table, load, plugin_points, wrong_groups

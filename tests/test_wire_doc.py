@@ -7,7 +7,7 @@ from typing import get_args
 
 import pytest
 
-from mocapella.live.camera_desk import DeskSettings
+from mocapella.live.camera_service import CameraServiceSettings
 from mocapella.live.session import Session
 from mocapella.model.session import Setup
 from mocapella.model.topology import topology, topology_names
@@ -45,7 +45,7 @@ def test_every_question_and_its_arguments_are_listed() -> None:
         rows = [line for line in TEXT.splitlines() if line.startswith(f"| `{kind.__struct_config__.tag}` |")]
         assert len(rows) == 1
         assert all(f"`{name}`" in rows[0] for name in kind.__struct_fields__)
-    desk, kib = DeskSettings(), 2**10
+    desk, kib = CameraServiceSettings(), 2**10
     assert f"at most {MAX_QUESTION_BYTES // kib} KiB, an answer at most {MAX_ANSWER_BYTES // kib**2} MiB" in TEXT
     assert f"At most {desk.waiting} questions\nwait and {desk.a_second} a second are answered" in TEXT
     assert f"The last {desk.pictures} that were asked for are kept" in TEXT

@@ -9,11 +9,11 @@ from numba.core import event
 
 from mocapella.kernel_cache import keep_on_disk
 
-__all__ = ["njit", "told_of_compiling"]
+__all__ = ["njit", "on_first_compilation"]
 
 
 @contextmanager
-def told_of_compiling(tell: Callable[[], None]) -> Iterator[None]:
+def on_first_compilation(tell: Callable[[], None]) -> Iterator[None]:
     """``tell`` is called when numba begins to compile the first time; loading what it has kept is no such time."""
 
     class First(event.Listener):

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import numpy as np
-from standing_people import HEAD, bodies, inverse, sensor_at, somebody, without
+from support.standing_people import HEAD, bodies, inverse, sensor_at, somebody, without
 
 from mocapella.association.regained import regained
 from mocapella.model.scene import Person, PotentialSkeleton

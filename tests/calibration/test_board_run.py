@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from calibration.filmed import BOARD, SIZE, film, to_first
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.filmed_boards import BOARD, SIZE, film, to_first
 
 from mocapella.calibration.board_run import LATELY, BoardLook, BoardRun, BoardRunSettings
-from mocapella.calibration.rig_words import HEADINGS, sentences, table, tape_measure
+from mocapella.calibration.rig_report import HEADINGS, sentences, table, tape_measure
 from mocapella.errors import CalibrationError, SettingsError
 from mocapella.model.board import BoardView
 

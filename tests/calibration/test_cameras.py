@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 import pytest
-from calibration.filmed import BOARD, LENSES, SIZE, film, to_first
+from support.filmed_boards import BOARD, LENSES, SIZE, film, to_first
 
 from mocapella.calibration.cameras import BOARD_LYING, Origin, calibrate_cameras
 from mocapella.calibration.corner_quality import corner_quality

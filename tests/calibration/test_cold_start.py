@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from walking_people import FRONT, KINECT_V2, MIRROR, RATE_HZ, SIDE, Sensor, Walker, errors
+from support.walking_people import FRONT, KINECT_V2, MIRROR, RATE_HZ, SIDE, Sensor, Walker, errors
 
 from mocapella.calibration.cold_start import ColdStart
 from mocapella.calibration.pair_calibration import PairCalibration, PairSettings

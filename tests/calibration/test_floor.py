@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from walking_people import RATE_HZ, Sensor, Walker, standing_at
+from support.walking_people import RATE_HZ, Sensor, Walker, standing_at
 
 from mocapella.calibration.floor import FloorFromFeet, floor_of_pose, mean_floor
 from mocapella.geometry.rigid import apply, inverse

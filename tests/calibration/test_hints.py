@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import msgspec
 import numpy as np
-from calibration.filmed import BOARD, SIZE, film
+from support.filmed_boards import BOARD, SIZE, film
 
 from mocapella.calibration.hints import coverage, field_counts, tilt
 from mocapella.model.board import BoardView

@@ -1,8 +1,8 @@
 from __future__ import annotations
 
 import numpy as np
+from support.walking_people import FRONT, SIDE, Sensor, Walker, standing_at
 from test_pair_calibration import calibrated
-from walking_people import FRONT, SIDE, Sensor, Walker, standing_at
 
 from mocapella.calibration.moved_sensor import disagrees_for, moved_sensors
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from walking_people import BACK, FRONT, LEFT, MIRROR, RATE_HZ, SIDE, Sensor, Walker, errors, standing_at
+from support.walking_people import BACK, FRONT, LEFT, MIRROR, RATE_HZ, SIDE, Sensor, Walker, errors, standing_at
 
 from mocapella.calibration import pair_memory as at
 from mocapella.calibration.pair_calibration import (

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import pytest
-from walking_people import BACK, FRONT, KINECT_V2, LEFT, RATE_HZ, SIDE, Sensor, Walker, errors, standing_at
+from support.walking_people import BACK, FRONT, KINECT_V2, LEFT, RATE_HZ, SIDE, Sensor, Walker, errors, standing_at
 
 from mocapella.calibration.people import PeopleCalibration, PeopleCalibrationSettings
 from mocapella.calibration.people_state import CalibratedSensor, PeopleState

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from standing_people import HEAD, LEFT_SHOULDER, RIGHT_HAND, bodies, moved, somebody, without
+from support.standing_people import HEAD, LEFT_SHOULDER, RIGHT_HAND, bodies, moved, somebody, without
 
 from mocapella.calibration.stand_still import Calibration, StandStill, StandStillSettings, standing
 from mocapella.errors import SettingsError

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.walking_people import FRONT, SIDE, Sensor, Walker
 from test_pair_calibration import calibrated
-from walking_people import FRONT, SIDE, Sensor, Walker
 
 from mocapella.calibration import pair_memory as at
 from mocapella.calibration.time_offset import OFFSET_PRIOR_SD, TimeOffset, moved_clock, offset_of

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from silhouette_pictures import pose_at, ring, silhouettes_of, somebody
+from support.silhouette_pictures import pose_at, ring, silhouettes_of, somebody
 
 from mocapella.calibration.visual_cones import MEET_FROM, doubts, meetings
 from mocapella.model.camera import CameraRig

@@ -11,8 +11,8 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from moved_wand import DELAY_S, HZ, ON_BODY, T_WORLD_VR, moved, wand
-from programs import Program, free_port, wait_until
+from support.moved_wand import DELAY_S, HZ, ON_BODY, T_WORLD_VR, moved, wand
+from support.programs import Program, free_port, wait_until
 from typer.testing import CliRunner
 
 from mocapella.cli.align import align

@@ -15,8 +15,8 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
-from nearest_arm import NEAREST, NearestArm, NearestArmSettings
-from programs import run
+from support.nearest_arm import NEAREST, NearestArm, NearestArmSettings
+from support.programs import run
 from typer.testing import CliRunner
 
 from mocapella.cli import arm as _arm  # noqa: F401 - registers the verb

@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from calibration.filmed import BOARD, SIZE, film
+from support.filmed_boards import BOARD, SIZE, film
 
 from mocapella.cli import main
 from mocapella.cli.calibrate import named_inputs

@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 
 import pytest
-from programs import result, result_here, run, run_here
+from support.programs import result, result_here, run, run_here
 from typer.main import get_command
 from typer.testing import CliRunner
 

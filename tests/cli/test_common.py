@@ -132,7 +132,7 @@ def test_who_waits_for_a_method_to_be_compiled_is_told(
         if compiles:
             on_compiling()
 
-    monkeypatch.setattr("mocapella.tracker.make_ready", make)
+    monkeypatch.setattr("mocapella.tracker.warm_up", make)
     get_ready("default")
     assert made == ["default"]
     assert ("compiling the method default for this machine" in capsys.readouterr().err) == compiles

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 import typer
-from programs import free_port
+from support.programs import free_port
 
 from mocapella.cli.doctor import doctor, examine
 

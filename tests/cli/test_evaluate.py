@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from evaluation.sessions import log_of
-from programs import result, result_here, run_here
+from support.evaluation_sessions import log_of
+from support.programs import result, result_here, run_here
 
 from mocapella.cli.evaluate import failures
 from mocapella.recording.study_log import write_study_log

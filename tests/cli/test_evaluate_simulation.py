@@ -6,8 +6,8 @@ from io import StringIO
 from pathlib import Path
 
 import pytest
-from programs import run_here
 from rich.console import Console
+from support.programs import run_here
 
 from mocapella.cli.evaluate import _JOINTS, _WHO_AND_WHERE, show_simulation
 from mocapella.evaluation.simulation import TARGETS, scene_summaries, summary

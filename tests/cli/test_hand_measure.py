@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gesturing_hand import BASE_NAMES, PHASES_S, frames, rig, scenes, somebody
-from programs import Program, free_port, wait_until
+from support.gesturing_hand import BASE_NAMES, PHASES_S, frames, rig, scenes, somebody
+from support.programs import Program, free_port, wait_until
 from typer.testing import CliRunner
 
 from mocapella.cli import hand as _hand  # noqa: F401  (it registers)

@@ -7,10 +7,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from distributions import BAD, distribution, lamps, source_text
-from programs import Program, free_port, result, run, wait_until
+from support.distributions import BAD, distribution, lamps, source_text
+from support.programs import Program, free_port, result, run, wait_until
 
-from mocapella.live.stopping import STARTED_BY_US
+from mocapella.live.signals import STARTED_BY_US
 from mocapella.sources.source import SOURCES
 
 SKIPPED = sorted([*BAD, "typed-wrong"])

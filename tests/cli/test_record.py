@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from programs import Program, free_port, result, run, wait_until
+from support.programs import Program, free_port, result, run, wait_until
 
 from mocapella.recording.take_reader import read_take
 

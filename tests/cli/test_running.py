@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from programs import free_port, result, result_here, run, run_here
+from support.programs import free_port, result, result_here, run, run_here
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import cast
 
 import pytest
-from marker_motion import pair
-from programs import free_port
+from support.marker_motion import pair
+from support.programs import free_port
 from typer.main import get_command
 from typer.testing import CliRunner
 
@@ -121,7 +121,7 @@ def test_what_cannot_be_used_ends_the_command_before_it_begins(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], said: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("mocapella.tracker.make_ready", lambda *_: pytest.fail("compiled before it was refused"))
+    monkeypatch.setattr("mocapella.tracker.warm_up", lambda *_: pytest.fail("compiled before it was refused"))
     for name in ("hall.json", "hall.toml"):
         save_layout(name, SensorLayout(VERSION, True, {}, []))
     save_layout("old.json", SensorLayout(VERSION + 1, True, {}, []))

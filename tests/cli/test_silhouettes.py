@@ -9,8 +9,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from programs import Program, result_here, run_here, wait_until
-from silhouette_pictures import Room, pose_at, ring, somebody, write_folders, write_video
+from support.programs import Program, result_here, run_here, wait_until
+from support.silhouette_pictures import Room, pose_at, ring, somebody, write_folders, write_video
 
 from mocapella.model.body_meshes import legs_mesh
 from mocapella.model.camera_rig_file import save_camera_rig

@@ -12,15 +12,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mjpeg_streams import MjpegStreams, jpeg
-from programs import Program, free_port, run_here, wait_until
-from silhouette_pictures import Room, pose_at, ring, somebody, write_folders
+from support.mjpeg_streams import MjpegStreams, jpeg
+from support.programs import Program, free_port, run_here, wait_until
+from support.silhouette_pictures import Room, pose_at, ring, somebody, write_folders
 
 from mocapella.cli.silhouette_result import SilhouetteResult
 from mocapella.errors import InputError
 from mocapella.model.camera_rig_file import save_camera_rig
 from mocapella.model.rigged_mesh import landmarks_at
-from mocapella.recording.followed_bodies import read_followed_people
+from mocapella.recording.bodies_file import read_followed_people
 from mocapella.sources.simulate.silhouette_scene import silhouette_scene
 
 COMPILED = 300.0

@@ -7,11 +7,11 @@ import json
 import cv2
 import numpy as np
 import pytest
-from programs import result, run_here
+from support.programs import result, run_here
 
 from mocapella.geometry.lens import project
 from mocapella.geometry.rigid import apply
-from mocapella.recording.followed_bodies import read_followed_people
+from mocapella.recording.bodies_file import read_followed_people
 from mocapella.sources.simulate.silhouette_files import write_sequence
 from mocapella.sources.simulate.silhouette_scene import silhouette_scene
 

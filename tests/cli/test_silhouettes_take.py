@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 
 import pytest
-from programs import run_here
-from silhouette_pictures import Room, pose_at, ring, somebody, write_folders
+from support.programs import run_here
+from support.silhouette_pictures import Room, pose_at, ring, somebody, write_folders
 
 from mocapella.model.camera_rig_file import save_camera_rig
 from mocapella.model.rigged_mesh import landmarks_at

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
-from programs import result_here, run_here
+from support.programs import result_here, run_here
 
 from mocapella.geometry.lens import project
 from mocapella.geometry.rigid import apply, rigid, rotation_about_y

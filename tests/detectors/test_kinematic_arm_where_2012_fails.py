@@ -14,7 +14,7 @@ import pytest
 
 cv2 = pytest.importorskip("cv2")
 
-from sensing.abandoned_methods import fingers_by_defects, lines_of_fingers  # noqa: E402 - only where there is OpenCV
+from support.abandoned_methods import fingers_by_defects, lines_of_fingers  # noqa: E402 - only where there is OpenCV
 
 from mocapella.detectors import make_detector  # noqa: E402
 from mocapella.evaluation.arms import matched, score  # noqa: E402

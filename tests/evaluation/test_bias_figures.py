@@ -9,9 +9,9 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from evaluation.reference_methods import Method
-from evaluation.sessions import KINECT, log_of, session_of
-from programs import result_here, run_here
+from support.evaluation_sessions import KINECT, log_of, session_of
+from support.programs import result_here, run_here
+from support.reference_methods import Method
 
 from mocapella.errors import InputError
 from mocapella.evaluation.bias_sessions import ROWS, bias_session, bias_sessions, make_tracker

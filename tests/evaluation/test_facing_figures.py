@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from programs import result_here, run_here
+from support.programs import result_here, run_here
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.evaluation.facing_sessions import FacingSession, facing_sessions, figures, split

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from evaluation.sessions import KINECT, body, walker
 from hypothesis import given
 from hypothesis import strategies as st
+from support.evaluation_sessions import KINECT, body, walker
 
 from mocapella.evaluation import fused_metrics as metrics
 from mocapella.geometry import rigid

@@ -107,7 +107,7 @@ def test_the_thesis_two_calibrations_are_those_that_are_known(as_logged: dict[st
 
 def test_both_people_are_replayed_in_one_camera_space(sessions: list[StudySession]) -> None:
     # One motion for both people: with each person's logged rows as they are, their best motions are 5–9° apart.
-    from evaluation.reference_methods import robust_fit
+    from support.reference_methods import robust_fit
 
     for session in sessions:
         turns, logged_turns = [], []

@@ -12,7 +12,7 @@ import pytest
 
 pytest.importorskip("cv2")
 
-from sensing.drawn_arms import CAMERA, arm
+from support.drawn_arms import CAMERA, arm
 from typer.testing import CliRunner
 
 from mocapella.cli import evaluate as _evaluate  # noqa: F401 - registers the verb

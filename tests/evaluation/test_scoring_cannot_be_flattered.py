@@ -8,10 +8,10 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from evaluation.reference_methods import BatchFit, Bender, Copier, Doubter, Method
-from evaluation.sessions import KINECT, log_of, session_of
 from hypothesis import given
 from hypothesis import strategies as st
+from support.evaluation_sessions import KINECT, log_of, session_of
+from support.reference_methods import BatchFit, Bender, Copier, Doubter, Method
 
 from mocapella.errors import EvaluationError
 from mocapella.evaluation.causal_run import run_causally

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from evaluation.sessions import log_of
+from support.evaluation_sessions import log_of
 
 from mocapella.association.proportions import SD_M
 from mocapella.errors import InputError

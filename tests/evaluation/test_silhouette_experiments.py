@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from silhouette_pictures import pose_at, somebody
+from support.silhouette_pictures import pose_at, somebody
 from typer.testing import CliRunner
 
 from mocapella.cli import evaluate_silhouettes  # noqa: F401  (it registers)
@@ -34,7 +34,7 @@ from mocapella.sources.simulate.corruption import Corruption
 from mocapella.sources.simulate.silhouette_scene import silhouette_scene
 from mocapella.tracker.silhouette_body import SilhouetteBody
 from mocapella.tracker.silhouette_settings import SilhouetteSettings, Steadiness
-from mocapella.tracker.steady_skin import SteadySkin
+from mocapella.tracker.surface_prior import SurfacePrior
 
 SMALL = {"seed": 3, "cameras": 3, "size_px": (160, 120)}
 
@@ -104,7 +104,7 @@ def test_a_weight_times_a_cost_is_that_of_the_penalty() -> None:
     stands = body.standing(pose_at(body.mesh))
     weights = []
     for steadiness in (usual, fourfold):
-        skin = SteadySkin(body, steadiness)
+        skin = SurfacePrior(body, steadiness)
         skin.expect(stands, 1 / 60, 3600.0)
         weights.append(skin.steady(stands, motions(body.mesh.tree, stands.pose)).weights)
     np.testing.assert_allclose(weights[1], 4.0 * weights[0])

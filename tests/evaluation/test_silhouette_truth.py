@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from silhouette_pictures import pose_at, ring, silhouettes_of, somebody
+from support.silhouette_pictures import pose_at, ring, silhouettes_of, somebody
 
 from mocapella.evaluation.silhouette_truth import TruthMeter, rough_start
 from mocapella.kinematics.silhouette_fit import eye, figure, see

@@ -9,11 +9,11 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-import study_examples as examples
-from evaluation.reference_methods import Repaired
-from evaluation.sessions import log_of
 from hypothesis import given
 from hypothesis import strategies as st
+from support import study_examples as examples
+from support.evaluation_sessions import log_of
+from support.reference_methods import Repaired
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.evaluation.kinectmultitrack import evaluate

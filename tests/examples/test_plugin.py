@@ -15,9 +15,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from browser import FLAGS
-from distributions import distribution
-from programs import Program, free_port, result, run, wait_until
+from support.browser import FLAGS
+from support.distributions import distribution
+from support.programs import Program, free_port, result, run, wait_until
 
 from mocapella.model.session import SessionStatus
 from mocapella.wire.reader import Newest

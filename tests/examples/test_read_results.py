@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from programs import Program, free_port, wait_until
+from support.programs import Program, free_port, wait_until
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "01_read_results.py"
 

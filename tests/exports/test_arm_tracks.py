@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from schema.messages import arms_scene
+from support.messages import arms_scene
 
 from mocapella.errors import SettingsError
 from mocapella.exports.arm_tracks import COLUMNS, write_arm_tracks

@@ -8,9 +8,9 @@ import dataclasses
 import msgspec
 import numpy as np
 import pytest
-from fusion.facing_bodies import ACROSS_X, KINECT, MIRROR, Frames, frames_of
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from support.facing_bodies import ACROSS_X, KINECT, MIRROR, Frames, frames_of
 
 from mocapella.errors import SettingsError
 from mocapella.fusion.facing import FacingFilter, FacingMemory, FacingSettings

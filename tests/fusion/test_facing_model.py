@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fusion.facing_bodies import ACROSS_X, KINECT, MIRROR
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.facing_bodies import ACROSS_X, KINECT, MIRROR
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.fusion import facing_model

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from marker_motion import LENS, hand, pair, shot
+from support.marker_motion import LENS, hand, pair, shot
 
 from mocapella.errors import SettingsError
 from mocapella.fusion.marker_rays import MarkerPoints, MarkerRays, MarkerRaysSettings, RayState, captured, views_of

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from marker_motion import LENS, pair
+from support.marker_motion import LENS, pair
 
 from mocapella.errors import SettingsError
 from mocapella.fusion.pair_depth import METHODS, PairDepth, PairDepthSettings

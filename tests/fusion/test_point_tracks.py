@@ -2,23 +2,23 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from marker_motion import LENS, hand, pair
+from support.marker_motion import LENS, hand, pair
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.fusion.point_tracks import METHODS, TracksSettings, triangulate_tracks
 from mocapella.geometry.lens import project
 from mocapella.geometry.rigid import apply
-from mocapella.model.point_tracks import ViewedTracks, match_cameras
+from mocapella.model.point_tracks import ImageTracks, match_cameras
 
 RIG = pair(readout_s=0.0, clock_s=2.0)
 TRUTH = np.stack([hand(t) for t in (0.0, 0.1, 0.2)])
 POINTS = tuple("abcde")
 
 
-def tracks(cameras: tuple[str, ...] = ("left", "right")) -> ViewedTracks:
+def tracks(cameras: tuple[str, ...] = ("left", "right")) -> ImageTracks:
     pixels = np.stack([project(apply(c.T_camera_world, TRUTH), LENS) for c in RIG.cameras.values()], axis=1)
     at_s = np.array([[0.0, 2.0], [0.1, 2.1], [np.nan, np.nan]])
-    return ViewedTracks(cameras, POINTS, np.arange(3), at_s, pixels, np.ones((3, 2, 5)))
+    return ImageTracks(cameras, POINTS, np.arange(3), at_s, pixels, np.ones((3, 2, 5)))
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -53,7 +53,7 @@ def test_half_as_sure_is_so_much_less_certain() -> None:
 
 def test_cameras_are_matched_by_name_and_the_order_does_not_matter() -> None:
     seen = tracks()
-    turned = ViewedTracks(
+    turned = ImageTracks(
         ("Right_json", "left"), POINTS, seen.frames, seen.at_s[:, ::-1], seen.pixels[:, ::-1], seen.confidences
     )
     np.testing.assert_allclose(triangulate_tracks(turned, RIG)[0].positions, TRUTH, atol=1e-9)

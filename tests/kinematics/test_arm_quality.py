@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hands import random_motion
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.kinematic_hands import random_motion
 
 from mocapella.errors import SettingsError
 from mocapella.geometry.rigid import apply

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from bodies import DOFS, KINECT, MODEL, VARIANCES, pose, standing
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from support.kinematic_bodies import DOFS, KINECT, MODEL, VARIANCES, pose, standing
 
 from mocapella.errors import SettingsError
 from mocapella.geometry.rigid import apply, rigid

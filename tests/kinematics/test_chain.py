@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from bodies import DOFS, KINECT, MODEL, pose
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from support.kinematic_bodies import DOFS, KINECT, MODEL, pose
 
 from mocapella.geometry.turn_kernels import turn_between, turned
 from mocapella.kinematics.articulated_body import Pose, joints

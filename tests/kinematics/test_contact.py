@@ -7,8 +7,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from rigged_meshes import any_pose, worm
-from silhouette_room import bent
+from support.rigged_meshes import any_pose, worm
+from support.silhouette_room import bent
 
 from mocapella.geometry.rigid import apply
 from mocapella.geometry.twists import exp_twist

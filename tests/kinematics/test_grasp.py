@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hands import random_motion
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from support.kinematic_hands import random_motion
 
 from mocapella.errors import SettingsError
 from mocapella.geometry.rigid import apply

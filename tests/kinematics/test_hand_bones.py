@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hands import RIGHT, THESIS, markers
 from scipy.spatial.transform import Rotation
+from support.kinematic_hands import RIGHT, THESIS, markers
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.geometry.rigid import rigid

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hands import FULL, LEFT, RIGHT, random_angles, random_motion
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.kinematic_hands import FULL, LEFT, RIGHT, random_angles, random_motion
 
 from mocapella.geometry.rigid import apply
 from mocapella.geometry.twists import exp_twist

@@ -7,7 +7,9 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from gesturing_hand import (
+from hypothesis import given
+from hypothesis import strategies as st
+from support.gesturing_hand import (
     BASE_NAMES,
     MODEL,
     PALM_SIDE_M,
@@ -16,8 +18,6 @@ from gesturing_hand import (
     scenes,
     somebody,
 )
-from hypothesis import given
-from hypothesis import strategies as st
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.kinematics.hand_bones import PHASES

@@ -7,11 +7,11 @@ import math
 
 import numpy as np
 import pytest
-from hands import FULL, LEFT, RIGHT, THESIS, random_angles, tips
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.optimize import least_squares
+from support.kinematic_hands import FULL, LEFT, RIGHT, THESIS, random_angles, tips
 
 from mocapella.errors import SettingsError
 from mocapella.kinematics.hand_solvers import (

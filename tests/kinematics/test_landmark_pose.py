@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rigged_meshes import BOX_FACES, CORNERS, any_motion, any_pose
+from support.rigged_meshes import BOX_FACES, CORNERS, any_motion, any_pose
 
 from mocapella.errors import SettingsError
 from mocapella.geometry.rigid import apply

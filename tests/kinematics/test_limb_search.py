@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from rigged_meshes import any_pose, worm
-from silhouette_room import bent, ring
+from support.rigged_meshes import any_pose, worm
+from support.silhouette_room import bent, ring
 
 from mocapella.errors import SettingsError
 from mocapella.geometry.rigid import apply, inverse

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from moved_wand import DELAY_S, ON_BODY, T_WORLD_VR, moved, wand
+from support.moved_wand import DELAY_S, ON_BODY, T_WORLD_VR, moved, wand
 
 from mocapella.calibration.space_observations import SpaceObservations
 from mocapella.errors import CalibrationError, InputError, MocapellaError, NoServerError, SettingsError

@@ -11,8 +11,8 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from nearest_arm import NEAREST
-from programs import Program, free_port, wait_until
+from support.nearest_arm import NEAREST
+from support.programs import Program, free_port, wait_until
 from typer.testing import CliRunner
 
 from mocapella.cli import arm as _arm  # noqa: F401 - registers the verb

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from nearest_arm import NearestArm
+from support.nearest_arm import NearestArm
 
 from mocapella.errors import InputError
 from mocapella.live.arm_work import ArmWork, rough_arm

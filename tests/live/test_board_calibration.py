@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from board_pictures import BASELINE_M, BOARD, FPS, Pictures, board_pictures, off_mm
-from browser import FLAGS
-from programs import Program, free_port, result_here, run, wait_until
+from support.board_pictures import BASELINE_M, BOARD, FPS, Pictures, board_pictures, off_mm
+from support.browser import FLAGS
+from support.programs import Program, free_port, result_here, run, wait_until
 
 from mocapella.model.camera import CameraRig
 from mocapella.model.camera_rig_file import load_camera_rig
 from mocapella.model.session import SessionStatus
-from mocapella.tracker import make_ready
+from mocapella.tracker import warm_up
 from mocapella.wire.reader import send_command
 from mocapella.wire.session import open_reader
 
@@ -30,7 +30,7 @@ class Room:
     """A server with its view, and the nodes of two cameras that show pictures again and again."""
 
     def __init__(self, folder: Path, pictures: Pictures) -> None:
-        make_ready("hands")
+        warm_up("hands")
         self.folder, self.pictures = folder, pictures
         self.port, self.page_port = free_port(), free_port()
         self.address = f"tcp/127.0.0.1:{self.port}"

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
-from browser import FLAGS
-from programs import Program, free_port, wait_until
+from support.browser import FLAGS
+from support.programs import Program, free_port, wait_until
 
 from mocapella.sensing.colour_profile import load_profile
 from mocapella.sources.simulate.hand_scene import load_hand_scene

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from programs import Program, free_port, wait_until
+from support.programs import Program, free_port, wait_until
 from typer.testing import CliRunner
 
 from mocapella.cli.app import app

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
-from gesturing_hand import BASE_NAMES, MODEL, PALM_SIDE_M, PHASES_S, TIP_NAMES, scenes
+from support.gesturing_hand import BASE_NAMES, MODEL, PALM_SIDE_M, PHASES_S, TIP_NAMES, scenes
 
 from mocapella.errors import InputError, NoServerError, SettingsError
 from mocapella.kinematics.hand_bones import PHASES, Bones

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 import zenoh
-from programs import Program, free_port, wait_until
+from support.programs import Program, free_port, wait_until
 from typer.testing import CliRunner
 
 from mocapella.cli.app import app

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from programs import free_port, wait_until
+from support.programs import free_port, wait_until
 
 from mocapella.errors import NoServerError
 from mocapella.live.node import DueFrame, NodeSummary, run_node

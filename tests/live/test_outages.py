@@ -13,7 +13,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from programs import Program, free_port, result, result_here, run, wait_until
+from support.programs import Program, free_port, result, result_here, run, wait_until
 
 from mocapella.errors import NoServerError
 from mocapella.model.session import SensorHealth, SessionStatus
@@ -98,7 +98,7 @@ def test_a_silent_node_is_noticed_and_so_is_its_return(one_server: Served, tmp_p
     with simulate(tmp_path, one_server.address, "1", "--name", "quiet") as node:
         wait_until("frames", lambda: seen(one_server, "quiet", 10))
         os.kill(node.process.pid, signal.SIGSTOP)
-        # Within 3 s is held in tests/live/test_roster.py, where time is an argument.
+        # Within 3 s is held in tests/live/test_sensor_registry.py, where time is an argument.
         wait_until("the silence is noticed", lambda: (row := one_server.sensor("quiet")) is not None and row.silent)
         os.kill(node.process.pid, signal.SIGCONT)
         wait_until("the return", lambda: (row := one_server.sensor("quiet")) is not None and not row.silent)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from programs import Program, free_port, result_here, wait_until
+from support.programs import Program, free_port, result_here, wait_until
 
 from mocapella.model.observations import BodyFrame
 from mocapella.recording.study_log import read_study_log

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zenoh
-from programs import free_port, wait_until
+from support.programs import free_port, wait_until
 
 from mocapella.errors import AddressInUseError, NameTakenError, NoServerError
 from mocapella.live.server import CONDITION_AGAIN_S, Server, ServerSettings

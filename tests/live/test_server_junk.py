@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zenoh
-from programs import free_port, wait_until
+from support.programs import free_port, wait_until
 
 from mocapella.cli.recordings import open_recording
 from mocapella.live.server import Server, ServerSettings

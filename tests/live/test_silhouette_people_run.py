@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from silhouette_pictures import Room, pose_at, ring, silhouettes_of, somebody
-from silhouette_rows import RunWithRows
+from support.silhouette_pictures import Room, pose_at, ring, silhouettes_of, somebody
+from support.silhouette_rows import RunWithRows
 
 from mocapella.model.rigged_mesh import landmarks_at
 from mocapella.sources.frame_set import FrameSet
+from mocapella.tracker.body_presence import LOST_AFTER_S
 from mocapella.tracker.silhouette_conditions import SAID_AFTER
-from mocapella.tracker.silhouette_presence import LOST_AFTER_S
 
 HZ = 30.0
 MESH = somebody()

@@ -10,21 +10,21 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from silhouette_pictures import Room, pose_at, ring, silhouettes_of, somebody
-from silhouette_rows import RunWithRows
+from support.silhouette_pictures import Room, pose_at, ring, silhouettes_of, somebody
+from support.silhouette_rows import RunWithRows
 
 from mocapella.kinematics.silhouette_fit import eye, within
 from mocapella.live.silhouette_run import SilhouetteRun
-from mocapella.live.silhouette_tally import Counted
+from mocapella.live.silhouette_statistics import Counted
 from mocapella.model.camera import CameraRig
 from mocapella.model.rigged_mesh import landmarks_at
-from mocapella.recording.followed_bodies import ALONE, FollowedFrame
+from mocapella.recording.bodies_file import ALONE, FollowedFrame
 from mocapella.sources.frame_set import FrameSet
+from mocapella.tracker.body_presence import LOST_AFTER_S
+from mocapella.tracker.initial_body import InitialBody
 from mocapella.tracker.silhouette_conditions import SAID_AFTER
-from mocapella.tracker.silhouette_presence import LOST_AFTER_S
-from mocapella.tracker.silhouette_seen import NO_PICTURE
+from mocapella.tracker.silhouette_views import NO_PICTURE
 from mocapella.tracker.silhouettes import SilhouettesTracker
-from mocapella.tracker.starting_body import StartingBody
 
 HZ = 30.0
 MESH = somebody()
@@ -223,7 +223,7 @@ def test_who_is_behind_a_camera_is_not_in_its_image():
 def test_a_run_keeps_none_of_its_rows_and_knows_what_they_came_to():
     gc.collect()
     before = count_of(FollowedFrame)
-    run, room, rows = SilhouetteRun(SilhouettesTracker({ALONE: StartingBody(MESH, pose_at(MESH))}, RIG)), Room(RIG), []
+    run, room, rows = SilhouetteRun(SilhouettesTracker({ALONE: InitialBody(MESH, pose_at(MESH))}, RIG)), Room(RIG), []
     for k in range(6):
         rows.append(run.step(FrameSet.at_rate(k, HZ, room.images(MESH, pose_at(MESH, 0.01 * k)))).people[ALONE].row)
     overlaps = [value for row in rows for value in row.overlap.values()]

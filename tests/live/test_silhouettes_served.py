@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from programs import Program, free_port, run_here, wait_until
-from silhouette_pictures import Room, pose_at, ring, somebody, write_folders
+from support.programs import Program, free_port, run_here, wait_until
+from support.silhouette_pictures import Room, pose_at, ring, somebody, write_folders
 
 from mocapella.model.camera_rig_file import save_camera_rig
 from mocapella.model.images import ImageFrame

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from schema.messages import small_scene
+from support.messages import small_scene
 
 from mocapella.live.summary import MOST_CONDITIONS, LatencyHistogram, RunSummary
 from mocapella.model.scene import Phase, Scene, SensorPlace, TrackerState

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from browser import FLAGS
-from programs import Program, free_port, result_here, wait_until
+from support.browser import FLAGS
+from support.programs import Program, free_port, result_here, wait_until
 
 from mocapella.recording.take_reader import read_take
 from mocapella.wire.reader import send_command

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import numpy as np
-from standing_people import KINECT
+from support.standing_people import KINECT
 
 from mocapella.model.bodies import body_name, tracked_bodies
 from mocapella.model.observations import body_frame

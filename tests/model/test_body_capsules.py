@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rigged_meshes import any_pose, worm
+from support.rigged_meshes import any_pose, worm
 
 from mocapella.geometry.rigid import apply
 from mocapella.geometry.twists import exp_twist

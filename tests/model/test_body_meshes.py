@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rigged_meshes import any_pose, is_closed, is_own_mirror_image, volume
+from support.rigged_meshes import any_pose, is_closed, is_own_mirror_image, volume
 
 from mocapella.errors import SettingsError
 from mocapella.model.body_meshes import PARTS, body_mesh, legs_mesh

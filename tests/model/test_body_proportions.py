@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rigged_meshes import any_pose
+from support.rigged_meshes import any_pose
 
 from mocapella.errors import SettingsError
 from mocapella.model.body_meshes import body_mesh

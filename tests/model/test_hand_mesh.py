@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rigged_meshes import any_motion, is_closed, volume
+from support.rigged_meshes import any_motion, is_closed, volume
 
 from mocapella.errors import SettingsError
 from mocapella.kinematics.hand_chain import hand_chain, landmarks

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rigged_meshes import BOX_FACES, CORNERS, any_motion, any_pose, is_closed, volume, worm
+from support.rigged_meshes import BOX_FACES, CORNERS, any_motion, any_pose, is_closed, volume, worm
 
 from mocapella.errors import SettingsError
 from mocapella.geometry.rigid import apply

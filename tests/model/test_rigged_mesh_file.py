@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rigged_meshes import BOX_FACES, CORNERS, any_pose, worm
+from support.rigged_meshes import BOX_FACES, CORNERS, any_pose, worm
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.model import gltf

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import twist_trees as trees
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support import twist_trees as trees
 
 from mocapella.errors import SettingsError
 from mocapella.geometry.rigid import apply

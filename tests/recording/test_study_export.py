@@ -8,9 +8,9 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-import study_examples as examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support import study_examples as examples
 
 from mocapella.calibration.centre_and_angle import world_from_sensor
 from mocapella.errors import RecordingError, SettingsError, TakeExistsError

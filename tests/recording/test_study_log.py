@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-import study_examples as examples
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from support import study_examples as examples
 
 from mocapella.errors import DiskFullError, InputError, RecordingError, SettingsError, TakeExistsError
 from mocapella.model.session import PLACEMENTS, SCENARIOS

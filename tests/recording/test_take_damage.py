@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
-from take_making import info, keys, record, small_take, unclosed_take
+from support.take_making import info, keys, record, small_take, unclosed_take
 
 from mocapella.errors import DamagedTakeError, InputError, MocapellaError, SchemaVersionError
 from mocapella.recording import merge, take

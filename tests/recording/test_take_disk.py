@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from take_making import info, small_take, unclosed_take
+from support.take_making import info, small_take, unclosed_take
 
 from mocapella.errors import DiskFullError, RecordingError, TakeExistsError
 from mocapella.recording import disk

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
-from take_making import frame_bytes, info, scene_bytes, small_take
+from support.take_making import frame_bytes, info, scene_bytes, small_take
 
 from mocapella.recording import take
 from mocapella.recording.take_file import channel_format

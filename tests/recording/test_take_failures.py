@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from take_making import info, keys, record, unclosed_take, write_frame
+from support.take_making import info, keys, record, unclosed_take, write_frame
 
 from mocapella.errors import DiskFullError, RecordingError
 from mocapella.recording import disk
@@ -130,7 +130,7 @@ LIMITED = """
 import resource, sys
 from pathlib import Path
 sys.path.insert(0, {tests!r})
-from take_making import info, record
+from support.take_making import info, record
 from mocapella.errors import RecordingError
 from mocapella.recording.take_writer import TakeWriter
 

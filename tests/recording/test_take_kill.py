@@ -10,21 +10,21 @@ from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
-from take_making import SECOND, info, keys, record, unclosed_take, write_frame
+from support.take_making import SECOND, info, keys, record, unclosed_take, write_frame
 
 from mocapella.errors import RecordingError, TakeExistsError
 from mocapella.recording import disk, merge
 from mocapella.recording.take_reader import read_take
 from mocapella.recording.take_writer import TakeWriter
 
-CHILD = Path(__file__).parent / "take_child.py"
+TESTS = Path(__file__).resolve().parent.parent
 FOREVER = 1_000_000
 
 
 def record_and_kill(path: Path, after: int, delay: float) -> int:
     """Let a process record, kill it ``delay`` seconds after its ``after``-th acknowledgement; the last one it gave."""
-    command = [sys.executable, str(CHILD), str(path), str(FOREVER)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
+    command = [sys.executable, "-m", "support.take_child", str(path), str(FOREVER)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=TESTS) as child:
         assert child.stdout is not None
         assert child.stdout.readline() == "ready\n"
         for _ in range(after):
@@ -62,7 +62,12 @@ def test_two_kills_and_a_proper_end_make_one_clean_take(tmp_path: Path) -> None:
     assert "the take is in 2 parts" in torn.problems[-1]
     end = 5 * (2 + max(first, second, torn.frame_count) // 5)
     result = subprocess.run(
-        [sys.executable, str(CHILD), str(path), str(end)], capture_output=True, text=True, check=True, timeout=60
+        [sys.executable, "-m", "support.take_child", str(path), str(end)],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+        cwd=TESTS,
     )
     assert result.stdout.endswith("closed True\n")
     assert [entry.name for entry in tmp_path.iterdir()] == ["walk.mcap"]

@@ -7,7 +7,7 @@ import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
-from take_making import frame_bytes, info, record, small_take
+from support.take_making import frame_bytes, info, record, small_take
 
 from mocapella.model.session import Setup
 from mocapella.recording.mcap_file import McapFile

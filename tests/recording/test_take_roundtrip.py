@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
-from take_making import KIND, STEP, frame, frame_bytes, info, keys, record, scene, scene_bytes, write_frame
+from support.take_making import KIND, STEP, frame, frame_bytes, info, keys, record, scene, scene_bytes, write_frame
 
 from mocapella.model.arms import ArmFrame
 from mocapella.model.depth import depth_frame

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from schema.messages import arms_scene
 from schema.test_codec_scenes import assert_same
+from support.messages import arms_scene
 
 from mocapella.errors import WireError
 from mocapella.schema import decode_scene, encode_scene

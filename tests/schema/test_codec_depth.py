@@ -11,7 +11,7 @@ import pytest
 import zstandard
 from hypothesis import given
 from hypothesis import strategies as st
-from messages import arm_frames, depth_frames, plain_frame, some_arm
+from support.messages import arm_frames, depth_frames, plain_frame, some_arm
 
 from mocapella.errors import SettingsError, WireError
 from mocapella.model.arms import ARM_POINTS, ArmFrame

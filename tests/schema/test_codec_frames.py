@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from schema.messages import frames, message, plain_frame
+from support.messages import frames, message, plain_frame
 
 from mocapella.errors import SchemaVersionError, WireError
 from mocapella.model.observations import BodyFrame, body_frame

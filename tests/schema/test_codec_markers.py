@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from messages import hands_scene, marker_frames, plain_frame
+from support.messages import hands_scene, marker_frames, plain_frame
 
 from mocapella.errors import SettingsError, WireError
 from mocapella.model.markers import MarkerFrame, marker_frame

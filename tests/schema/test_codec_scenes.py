@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from schema.messages import small_scene
+from support.messages import small_scene
 
 from mocapella.errors import SchemaVersionError, WireError
 from mocapella.model.scene import Phase, Scene, TrackerState

@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 from hypothesis import given
 from hypothesis import strategies as st
-from schema.messages import small_scene
+from support.messages import small_scene
 
 from mocapella.model.frame_types import FRAME_TYPES
 from mocapella.model.part_types import PART_TYPES

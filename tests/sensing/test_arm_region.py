@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.ndimage import distance_transform_edt, label
-from sensing.drawn_arms import CAMERA, DISTANCE_M, arm
+from support.drawn_arms import CAMERA, DISTANCE_M, arm
 
 from mocapella.errors import SettingsError
 from mocapella.model.arms import ELBOW, PALM

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sensing.marker_images import discs, profile, sample
+from support.marker_images import discs, profile, sample
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.sensing.colour_learning import ColourSample, learn_colours

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 cv2 = pytest.importorskip("cv2")
 
-from sensing.drawn_arms import CAMERA, DISTANCE_M, arm, drawn  # noqa: E402 - only where there is OpenCV
+from support.drawn_arms import CAMERA, DISTANCE_M, arm, drawn  # noqa: E402 - only where there is OpenCV
 
 from mocapella.detectors import ArmDetector  # noqa: E402
 from mocapella.errors import SettingsError  # noqa: E402

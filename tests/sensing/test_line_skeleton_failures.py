@@ -12,8 +12,8 @@ import pytest
 
 cv2 = pytest.importorskip("cv2")
 
-from sensing.abandoned_methods import fingers_by_defects, hand_mask, lines_of_fingers  # noqa: E402
-from sensing.drawn_arms import CAMERA, arm  # noqa: E402 - only where there is OpenCV
+from support.abandoned_methods import fingers_by_defects, hand_mask, lines_of_fingers  # noqa: E402
+from support.drawn_arms import CAMERA, arm  # noqa: E402 - only where there is OpenCV
 
 from mocapella.model.arms import ARM_JOINTS, SeenArm  # noqa: E402
 from mocapella.sensing.line_skeleton import LineSkeleton  # noqa: E402

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
-from sensing.marker_images import discs, profile, scene, shot
+from support.marker_images import discs, profile, scene, shot
 
 from mocapella.errors import SettingsError
 from mocapella.sensing import marker_kernels as kernels

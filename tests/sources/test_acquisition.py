@@ -11,9 +11,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from fake_capture import FakeDevice, FilmWithoutRate
-from mjpeg_streams import MjpegStreams, jpeg
-from programs import free_port, wait_until
+from support.fake_capture import FakeDevice, FilmWithoutRate
+from support.mjpeg_streams import MjpegStreams, jpeg
+from support.programs import free_port, wait_until
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.sources import paced_pictures

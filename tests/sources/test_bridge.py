@@ -10,7 +10,7 @@ from contextlib import contextmanager
 import msgspec
 import numpy as np
 import pytest
-from schema.messages import plain_frame
+from support.messages import plain_frame
 
 from mocapella.errors import AddressInUseError, BusError, NameTakenError, SettingsError
 from mocapella.model.observations import BodyFrame

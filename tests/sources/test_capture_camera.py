@@ -7,9 +7,9 @@ from pathlib import Path
 
 import cv2
 import pytest
-from fake_capture import NONE, FakeDevice
 from hypothesis import given
 from hypothesis import strategies as st
+from support.fake_capture import NONE, FakeDevice
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.sensing.colour_profile import CameraControls

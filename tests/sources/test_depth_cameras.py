@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fake_depth import SIZE, FakeCamera, freenect, openni2, pyorbbecsdk, pyrealsense2
-from programs import wait_until
+from support.fake_depth import SIZE, FakeCamera, freenect, openni2, pyorbbecsdk, pyrealsense2
+from support.programs import wait_until
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.geometry.kinect_depth import UNIT_M

@@ -10,9 +10,9 @@ from itertools import islice, pairwise
 import cv2
 import numpy as np
 import pytest
-from fake_capture import FakeDevice, FilmWithoutRate
-from programs import wait_until
-from silhouette_pictures import ring, write_folders, write_video
+from support.fake_capture import FakeDevice, FilmWithoutRate
+from support.programs import wait_until
+from support.silhouette_pictures import ring, write_folders, write_video
 
 import mocapella.sources.live_set as module
 import mocapella.sources.open_pictures as opening

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from sensing.marker_images import scene, shot
+from support.marker_images import scene, shot
 
 from mocapella.errors import SettingsError
 from mocapella.sources.simulate.camera_image import CameraImageSettings, camera_image

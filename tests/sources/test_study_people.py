@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import study_examples as examples
 from hypothesis import given
 from hypothesis import strategies as st
+from support import study_examples as examples
 
 from mocapella.geometry import rigid
 from mocapella.model.study_log import StudyLog

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from study_examples import FRAME_TICKS, FRONT, NOON_MS, SIDE, Rows, real_logs_of
+from support.study_examples import FRAME_TICKS, FRONT, NOON_MS, SIDE, Rows, real_logs_of
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.geometry import rigid

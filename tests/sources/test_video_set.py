@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from silhouette_pictures import ring, write_folders, write_video
+from support.silhouette_pictures import ring, write_folders, write_video
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.geometry.lens import project, undistort

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from arm_frames import FPS, LENS, arm_at, frame, places, rig, run, seen
+from support.arm_frames import FPS, LENS, arm_at, frame, places, rig, run, seen
 
 from mocapella.calibration.sensor_layout import decode_layout, encode_layout
 from mocapella.errors import SettingsError, WireError

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import msgspec
 import pytest
-from standing_people import FRAME_NS, KINECT, see, sensor_at, somebody
+from support.standing_people import FRAME_NS, KINECT, see, sensor_at, somebody
 
 from mocapella.model.observations import Arrival, body_frame
 from mocapella.model.topology import topology, topology_from_toml

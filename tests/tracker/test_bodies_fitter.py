@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from silhouette_room import FRAME_NS, Room, bent, ring
+from support.silhouette_room import FRAME_NS, Room, bent, ring
 
 from mocapella.errors import SettingsError
 from mocapella.model.body_meshes import body_mesh

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from silhouette_room import FRAME_NS, Room, bent, looking, ring
+from support.silhouette_room import FRAME_NS, Room, bent, looking, ring
 
 from mocapella.errors import SettingsError
 from mocapella.geometry.twists import log_motion

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import msgspec
 import numpy as np
 import pytest
-from walking_people import BACK, FRONT, KINECT_V2, LEFT, MIRROR, SIDE, Sensor, Walker, errors, standing_at
+from support.walking_people import BACK, FRONT, KINECT_V2, LEFT, MIRROR, SIDE, Sensor, Walker, errors, standing_at
 
 from mocapella.calibration.people_state import CalibratedSensor
 from mocapella.errors import SettingsError, WireError

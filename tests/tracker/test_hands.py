@@ -9,8 +9,19 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from hand_frames import CUBE, HZ, IN_PALM, hands_settings, landmarks_at, palm_at, scene, seen_by, tracker, watched
-from standing_people import see, sensor_at, somebody
+from support.hand_frames import (
+    CUBE,
+    HZ,
+    IN_PALM,
+    hands_settings,
+    landmarks_at,
+    palm_at,
+    scene,
+    seen_by,
+    tracker,
+    watched,
+)
+from support.standing_people import see, sensor_at, somebody
 
 from mocapella.errors import SettingsError, WireError
 from mocapella.geometry.rigid import inverse, rigid, rotation_about_x

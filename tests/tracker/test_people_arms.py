@@ -6,8 +6,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from arm_frames import LENS, SIZE
 from numpy.typing import NDArray
+from support.arm_frames import LENS, SIZE
 
 from mocapella.errors import SettingsError
 from mocapella.geometry.rigid import apply, inverse, rigid, rotation_about_y

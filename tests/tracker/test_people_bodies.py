@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from silhouette_pictures import Room, pose_at, ring, somebody
+from support.silhouette_pictures import Room, pose_at, ring, somebody
 
 from mocapella.errors import SettingsError
 from mocapella.geometry.rigid import apply, inverse, rigid, rotation_about_y

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from walking_people import KINECT_V2
+from support.walking_people import KINECT_V2
 
 from mocapella.geometry.angles import wrap
 from mocapella.geometry.rigid import apply, rigid, rotation_about_y

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from silhouette_pictures import pose_at, ring, somebody
+from support.silhouette_pictures import pose_at, ring, somebody
 
 from mocapella.errors import CalibrationError, InputError, SettingsError
 from mocapella.geometry.lens import project
 from mocapella.geometry.rigid import apply
 from mocapella.model.openpose_names import LANDMARKS
-from mocapella.model.point_tracks import ViewedTracks
+from mocapella.model.point_tracks import ImageTracks
 from mocapella.model.rigged_mesh import landmarks_at
 from mocapella.tracker.silhouette_start import (
     APART_M,
@@ -36,7 +36,7 @@ def keypoints(names=LANDMARKS, rig=RIG):
     at = np.array([JOINTS[LANDMARKS.get(name, name)] for name in names])
     pixels = np.array([project(apply(p.T_camera_world, at), p.camera.lens) for p in placed.values()])[None]
     shape = pixels.shape[:3]
-    return ViewedTracks(tuple(placed), tuple(names), np.array([0]), np.zeros(shape[:2]), pixels, np.ones(shape))
+    return ImageTracks(tuple(placed), tuple(names), np.array([0]), np.zeros(shape[:2]), pixels, np.ones(shape))
 
 
 def test_joints_of_points_are_where_they_were():
@@ -52,7 +52,7 @@ def test_openposes_neck_is_not_the_bodys_joint_of_that_name():
         "left hip", "right hip", "nose", "neck"
     }  # fmt: skip
     seen = keypoints(("LHip", "RHip", "nose", "neck"))
-    called = ViewedTracks(seen.cameras, ("LHip", "RHip", "nose", "Neck"), *(
+    called = ImageTracks(seen.cameras, ("LHip", "RHip", "nose", "Neck"), *(
         getattr(seen, name) for name in seen.__struct_fields__[2:]
     ))  # fmt: skip
     assert set(joints_of_points(called, RIG)) == {"left hip", "right hip", "nose"}
@@ -69,7 +69,7 @@ def test_two_bodies_in_one_place_are_named():
 def test_points_of_cameras_in_another_order_do_not_meet():
     rig = ring(3, (640, 480))
     seen = keypoints(rig=rig)
-    mixed = ViewedTracks(("c1", "c3", "c2"), *(getattr(seen, name) for name in seen.__struct_fields__[1:]))
+    mixed = ImageTracks(("c1", "c3", "c2"), *(getattr(seen, name) for name in seen.__struct_fields__[1:]))
     with pytest.raises(CalibrationError, match=r"do not meet in space|do not agree with the other cameras'"):
         joints_of_points(mixed, rig)
 
@@ -79,7 +79,7 @@ def test_one_camera_whose_points_are_of_another_is_named():
     seen = keypoints(rig=four)
     pixels = seen.pixels.copy()
     pixels[:, 1, :, 1] += 30.0
-    moved = ViewedTracks(
+    moved = ImageTracks(
         seen.cameras, seen.points, seen.frames, seen.at_s, pixels, *(getattr(seen, n) for n in ("confidences", "notes"))
     )
     with pytest.raises(CalibrationError, match="the points of c2 do not agree with the other cameras'"):
@@ -88,7 +88,7 @@ def test_one_camera_whose_points_are_of_another_is_named():
 
 def test_points_that_are_none_of_a_body_or_of_no_frame_are_named():
     seen = keypoints()
-    other = ViewedTracks(
+    other = ImageTracks(
         seen.cameras, tuple(f"p{k}" for k in range(22)), *(getattr(seen, name) for name in seen.__struct_fields__[2:])
     )
     with pytest.raises(InputError, match=r"p0, p1.*no point is called like a joint"):

@@ -7,7 +7,7 @@ from itertools import pairwise
 import msgspec
 import numpy as np
 import pytest
-from silhouette_pictures import Room, pose_at, ring, silhouettes_of, somebody
+from support.silhouette_pictures import Room, pose_at, ring, silhouettes_of, somebody
 
 from mocapella.errors import SettingsError, WireError
 from mocapella.model.images import image_frame
@@ -15,14 +15,14 @@ from mocapella.model.observations import Arrival, JointState, body_frame
 from mocapella.model.scene import Phase
 from mocapella.model.topology import topology
 from mocapella.sensing.images import encode_image
+from mocapella.tracker.body_presence import LOST_AFTER_S
 from mocapella.tracker.frame_sync import NOT_RISING
 from mocapella.tracker.image_arrivals import arrivals_of
+from mocapella.tracker.initial_body import InitialBody
 from mocapella.tracker.method import not_taken
-from mocapella.tracker.silhouette_presence import LOST_AFTER_S
 from mocapella.tracker.silhouette_room import IMAGES, LEARNING
-from mocapella.tracker.silhouette_seen import DAMAGED, NO_PICTURE
+from mocapella.tracker.silhouette_views import DAMAGED, NO_PICTURE
 from mocapella.tracker.silhouettes import TOO_LATE, SilhouettesTracker
-from mocapella.tracker.starting_body import StartingBody
 
 HZ = 30.0
 MESH = somebody()
@@ -36,7 +36,7 @@ def at(frame):
 
 def new(bodies=None, **how):
     poses = {"anna": pose_at(MESH, -0.6), "ben": pose_at(MESH, 0.6)} if bodies is None else bodies
-    return SilhouettesTracker({name: StartingBody(MESH, pose) for name, pose in poses.items()}, RIG, **how)
+    return SilhouettesTracker({name: InitialBody(MESH, pose) for name, pose in poses.items()}, RIG, **how)
 
 
 def alone(**how):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from silhouette_pictures import Room, pose_at, ring
+from support.silhouette_pictures import Room, pose_at, ring
 
 from mocapella.errors import InputError, MocapellaError, SettingsError
 from mocapella.model.body_builds import mesh_of_build

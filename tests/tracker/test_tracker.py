@@ -9,7 +9,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from standing_people import KINECT, RIGHT_HAND, RIGHT_SHOULDER, inverse, moved, see, sensor_at, somebody, without
+from support.standing_people import (
+    KINECT,
+    RIGHT_HAND,
+    RIGHT_SHOULDER,
+    inverse,
+    moved,
+    see,
+    sensor_at,
+    somebody,
+    without,
+)
 
 from mocapella.errors import SettingsError, WireError
 from mocapella.geometry.rigid import apply, rigid, rotation_about_y

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
-from walking_people import FRONT, KINECT_V2, MIRROR, Sensor, Walker, standing_at
+from support.walking_people import FRONT, KINECT_V2, MIRROR, Sensor, Walker, standing_at
 
 from mocapella.errors import SettingsError
 from mocapella.evaluation.fused_metrics import facing_yaw

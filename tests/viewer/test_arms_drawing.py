@@ -20,11 +20,11 @@ from mocapella.viewer.arm_panel import quality_html
 from mocapella.viewer.arm_strokes import COLOURS, lane_arms
 from mocapella.viewer.palette import Rgb
 from mocapella.viewer.perspective import Floors, Perspectives
+from mocapella.viewer.plugin_errors import PluginErrors
 from mocapella.viewer.stage import StageView
 from mocapella.viewer.stage_arms import PANELS, SCALE, ArmsShown, arms_drawing, centre_of, cloth_mesh
 from mocapella.viewer.stages import ARMS, ROOM
 from mocapella.viewer.tracking_stage import tracking_title
-from mocapella.viewer.troubles import Troubles
 
 POINTS = np.random.default_rng(4).normal(0, 0.1, (23, 3)) + np.array([0.0, 0.0, 0.8])
 CENTRE = POINTS.mean(axis=0)
@@ -146,7 +146,7 @@ def test_what_is_looked_at_stays_while_the_hand_is_near_and_follows_when_it_goes
 
 
 def test_the_title_is_at_the_edge_of_what_the_picture_has() -> None:
-    view = StageView("arm", Perspectives(), Floors(), Troubles())
+    view = StageView("arm", Perspectives(), Floors(), PluginErrors())
     for stage, shown in ((ARMS, ArmsShown(CENTRE)), (ROOM, None)):
         title = tracking_title(stage, stage.draw(scene(arm()), shown, view), "arm")
         assert (np.array(title.position) >= stage.box.low).all()

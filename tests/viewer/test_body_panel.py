@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from fitted import body, scene, view
-from silhouette_pictures import pose_at, somebody
+from support.fitted_scenes import body, scene, view
+from support.silhouette_pictures import pose_at, somebody
 
 from mocapella.model.body_meshes import legs_mesh
 from mocapella.model.twist_tree import TreePose

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from walkers import KINECT, standing
+from support.walkers import KINECT, standing
 
 from mocapella.model.observations import JointState
 from mocapella.model.topology import topology

@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from walkers import Room, health, status
+from support.walkers import Room, health, status
 
 from mocapella.model.session import RecordingHealth, Setup
 from mocapella.tracker import METHODS

@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 import pytest
-from walkers import Room
+from support.walkers import Room
 
 from mocapella.model import frame_types
 from mocapella.model.frame_types import FRAME_TYPES
@@ -14,11 +14,11 @@ from mocapella.model.markers import marker_frame
 from mocapella.model.sensor_frame import SensorFrame, UnknownFrame
 from mocapella.viewer.bones import line_strokes
 from mocapella.viewer.gallery import gallery_drawing
-from mocapella.viewer.known import Known
 from mocapella.viewer.lanes import LaneDrawing, LaneSpace, draw_lane, kept, lane_of
 from mocapella.viewer.palette import Rgb
+from mocapella.viewer.plugin_errors import PluginErrors
 from mocapella.viewer.readout import notices_html
-from mocapella.viewer.troubles import Troubles
+from mocapella.viewer.view_state import Known
 
 SPACE = LaneSpace(np.zeros(3), np.eye(4), Rgb(255, 255, 255))
 
@@ -69,7 +69,7 @@ def bells(monkeypatch):
 
 @pytest.mark.parametrize("name", FRAME_TYPES)
 def test_every_lane_that_is_named_can_be_imported(name):
-    troubles = Troubles()
+    troubles = PluginErrors()
     reference = FRAME_TYPES[name].lane
     if reference:
         from mocapella.registry import load
@@ -115,7 +115,7 @@ def test_a_lane_that_raises_is_empty_the_others_are_drawn_and_it_is_told_once(be
 
 
 def test_a_type_without_a_lane_or_that_nobody_reads_has_an_empty_lane():
-    troubles = Troubles()
+    troubles = PluginErrors()
     for frame in (UnknownFrame("stranger", 0, 0, 0, 0, "gongs", b""), BELL):
         assert lane_of(frame, troubles) is None
         assert len(draw_lane(frame, SPACE, troubles).lines) == 0
@@ -124,7 +124,7 @@ def test_a_type_without_a_lane_or_that_nobody_reads_has_an_empty_lane():
 
 
 def test_an_image_is_an_edge_of_its_shape_and_is_kept_without_its_pixels():
-    troubles = Troubles()
+    troubles = PluginErrors()
     frame = image_frame("c1", bytes(1000), time_ns=1, format="jpeg", size_px=(640, 480))
     lines = draw_lane(frame, SPACE, troubles).lines
     assert len(lines) == 4

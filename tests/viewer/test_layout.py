@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from walkers import in_picture
+from support.walkers import in_picture
 
 from mocapella.viewer import layout
 

@@ -3,10 +3,10 @@
 import msgspec
 import numpy as np
 import pytest
-from drawings import tracking_drawing, tracking_title
 from hypothesis import given
 from hypothesis import strategies as st
-from walkers import HEIGHT_M, KINECT, Room
+from support.drawings import tracking_drawing, tracking_title
+from support.walkers import HEIGHT_M, KINECT, Room
 
 from mocapella.geometry.rigid import apply
 from mocapella.model.observations import body_frame

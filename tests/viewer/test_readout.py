@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from walkers import Room, health, status
+from support.walkers import Room, health, status
 
 from mocapella.model.scene import Phase, SensorPlace
 from mocapella.model.session import RecordingHealth, Setup

@@ -7,8 +7,8 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from drawings import Strict
-from walkers import Room
+from support.drawings import Strict
+from support.walkers import Room
 
 from mocapella.geometry.rigid import apply, rigid, rotation_about_y
 from mocapella.model.observations import JointState
@@ -17,12 +17,12 @@ from mocapella.model.scene import TrackedObject, UnknownPart
 from mocapella.viewer.boards import image_lines
 from mocapella.viewer.bones import joint_strokes
 from mocapella.viewer.drawing import Tag
-from mocapella.viewer.known import Known
 from mocapella.viewer.perspective import FREE
+from mocapella.viewer.plugin_errors import PluginErrors
 from mocapella.viewer.room import DrawPart, ImageLines, PartDrawing, drawing_of
 from mocapella.viewer.stage import StageView, TrackingDrawing
 from mocapella.viewer.stages import ROOM
-from mocapella.viewer.troubles import Troubles
+from mocapella.viewer.view_state import Known
 
 ROOM_OF_TWO = Room()
 FRAMES = ROOM_OF_TWO.frames(0.0)
@@ -69,7 +69,7 @@ def balloons(monkeypatch):
     return register
 
 
-def draw(scene: Any, troubles: Troubles, perspective: str = FREE) -> TrackingDrawing:
+def draw(scene: Any, troubles: PluginErrors, perspective: str = FREE) -> TrackingDrawing:
     known = Known(troubles=troubles)
     known.learn(scene, FRAMES, None)
     return ROOM.draw(scene, scene, StageView(perspective, known.seen, known.floors, troubles))
@@ -103,7 +103,7 @@ def test_a_plug_ins_part_stands_in_the_room_with_the_people(balloons):
 )
 def test_a_drawing_that_raises_is_skipped_the_others_are_drawn_and_it_is_told_once(balloons, drawing, said):
     balloons(drawing)
-    troubles = Troubles()
+    troubles = PluginErrors()
     for _ in range(3):
         assert len(draw(WITH, troubles).joints) == len(draw(SCENE, troubles).joints)
     (line,) = troubles.lines
@@ -113,7 +113,7 @@ def test_a_drawing_that_raises_is_skipped_the_others_are_drawn_and_it_is_told_on
 
 def test_lines_in_images_that_raise_are_skipped_too(balloons):
     balloons(f"{__name__}:SMEARED")
-    troubles = Troubles()
+    troubles = PluginErrors()
     assert image_lines(WITH, troubles) == {}
     assert "KeyError" in troubles.lines[0]
     assert draw(WITH, troubles).there
@@ -147,7 +147,7 @@ def test_a_thing_is_its_outline_where_it_is_and_thin_where_it_was_last_seen():
 
 
 def test_so_many_troubles_are_kept_and_no_more():
-    troubles = Troubles()
+    troubles = PluginErrors()
     for k in range(100):
         troubles.tell(f"lane {k}", ValueError("x" * 1000))
     assert len(troubles.lines) == 20

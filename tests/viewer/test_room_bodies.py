@@ -7,12 +7,12 @@ import time
 import msgspec
 import numpy as np
 import pytest
-from drawings import Strict, tracking_drawing
-from fitted import NO_LINES, SQUARE, WIDER, body, build, left_out, scene, view
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from silhouette_pictures import pose_at, ring, silhouettes_of, somebody
-from walkers import Room
+from support.drawings import Strict, tracking_drawing
+from support.fitted_scenes import NO_LINES, SQUARE, WIDER, body, build, left_out, scene, view
+from support.silhouette_pictures import pose_at, ring, silhouettes_of, somebody
+from support.walkers import Room
 
 from mocapella.geometry.rigid import apply, inverse
 from mocapella.geometry.twists import exp_twist
@@ -26,18 +26,18 @@ from mocapella.model.twist_tree import TreePose, part_motions
 from mocapella.sensing.outline_lines import border_lines
 from mocapella.viewer import layout
 from mocapella.viewer.boards import BOARDS_BEHIND, image_lines, picture_row
+from mocapella.viewer.body_mesh_cache import BodyMeshCache
 from mocapella.viewer.body_panel import outlines_html
-from mocapella.viewer.body_shelf import BodyShelf
 from mocapella.viewer.charts import groups
 from mocapella.viewer.image_lines import closed_lines, deviations, pieces
-from mocapella.viewer.known import Known
 from mocapella.viewer.palette import Rgb
 from mocapella.viewer.perspective import FREE
 from mocapella.viewer.readout import run_html
 from mocapella.viewer.room_bodies import LOST_OPACITY, SKIN, body_space, body_tag
-from mocapella.viewer.show import Drawings
 from mocapella.viewer.stages import HANDS, ROOM
 from mocapella.viewer.timeline import Moment, PlayState
+from mocapella.viewer.view_frame import Drawings
+from mocapella.viewer.view_state import Known
 
 MESH, LEGS, RIG = somebody(), legs_mesh("female", 1.7), ring(2)
 DEEP = layout.stage_centre()[2]
@@ -146,7 +146,7 @@ def test_where_no_mesh_can_be_made_lines_are_drawn_between_landmarks():
 
 
 def test_a_mesh_is_made_again_from_its_build_once_and_meanwhile_there_is_none():
-    shelf = BodyShelf()
+    shelf = BodyMeshCache()
     assert shelf.mesh("") is None
     assert shelf.mesh(build(1.7)) is None
     deadline = time.monotonic() + 120

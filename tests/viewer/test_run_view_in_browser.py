@@ -11,21 +11,21 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from browser import FLAGS
-from fitted import body, left_out, scene, view
-from silhouette_pictures import Room, pose_at, ring, silhouettes_of, somebody
-from walkers import health, status
+from support.browser import FLAGS
+from support.fitted_scenes import body, left_out, scene, view
+from support.silhouette_pictures import Room, pose_at, ring, silhouettes_of, somebody
+from support.walkers import health, status
 
 from mocapella.live.silhouette_run import SilhouetteRun
 from mocapella.live.silhouette_view import SilhouetteView
 from mocapella.model.images import image_frame
 from mocapella.model.session import CommandReply, Setup
-from mocapella.recording.followed_bodies import ALONE
+from mocapella.recording.bodies_file import ALONE
 from mocapella.sensing.outline_lines import border_lines
 from mocapella.sensing.outline_picture import jpeg
 from mocapella.sources.frame_set import FrameSet
+from mocapella.tracker.initial_body import InitialBody
 from mocapella.tracker.silhouettes import SilhouettesTracker
-from mocapella.tracker.starting_body import StartingBody
 from mocapella.viewer import Viewer
 from mocapella.viewer.picture_plane import CameraPicture
 from mocapella.wire.questions import NodeAnswer
@@ -77,7 +77,7 @@ def wait_for(page, what, holds):
 def test_a_page_shows_boards_at_once_and_no_white_ones_and_stays_with_who_goes_aside_until_it_is_moved_by_hand():
     sync_api = pytest.importorskip("playwright.sync_api")
     mesh, rig = somebody(), ring(3)
-    run = SilhouetteRun(SilhouettesTracker({ALONE: StartingBody(mesh, pose_at(mesh))}, rig))
+    run = SilhouetteRun(SilhouettesTracker({ALONE: InitialBody(mesh, pose_at(mesh))}, rig))
     page_of_run, stop = SilhouetteView("127.0.0.1", 0, run), threading.Event()
     viewer, size = page_of_run.viewer, rig.cameras["c1"].camera.size_px
     images = Room(rig).images(mesh, pose_at(mesh))
@@ -161,7 +161,7 @@ def test_a_page_shows_boards_at_once_and_no_white_ones_and_stays_with_who_goes_a
 def test_a_body_its_pictures_and_its_angles_are_seen_and_frames_can_be_chosen(tmp_path):
     sync_api = pytest.importorskip("playwright.sync_api")
     mesh, rig = somebody(), ring(2)
-    run, room = SilhouetteRun(SilhouettesTracker({ALONE: StartingBody(mesh, pose_at(mesh))}, rig)), Room(rig)
+    run, room = SilhouetteRun(SilhouettesTracker({ALONE: InitialBody(mesh, pose_at(mesh))}, rig)), Room(rig)
     page_of_run, stop = SilhouetteView("127.0.0.1", 0, run), threading.Event()
     loop = threading.Thread(target=lambda: page_of_run.stay(stop))
     try:

@@ -3,11 +3,11 @@
 import msgspec
 import numpy as np
 import pytest
-from drawings import tracking_drawing, tracking_title
 from hypothesis import given
 from hypothesis import strategies as st
-from unsure import MOVED, WALK, placed
-from walkers import HEIGHT_M, KINECT, Room, rigid
+from support.drawings import tracking_drawing, tracking_title
+from support.unsure_scene import MOVED, WALK, placed
+from support.walkers import HEIGHT_M, KINECT, Room, rigid
 
 from mocapella.geometry.rigid import apply
 from mocapella.model.scene import SensorPlace

@@ -6,7 +6,7 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from walkers import health, status
+from support.walkers import health, status
 
 from mocapella.conventions import NOT_AVAILABLE
 from mocapella.errors import SettingsError

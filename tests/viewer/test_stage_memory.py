@@ -13,10 +13,10 @@ from mocapella.model.scene import Phase, Scene, SensorPlace, TrackedArm, Tracker
 from mocapella.model.topology import topology
 from mocapella.tracker import METHODS
 from mocapella.viewer import layout
+from mocapella.viewer.plugin_errors import PluginErrors
 from mocapella.viewer.stage import Stage, TrackingDrawing
 from mocapella.viewer.stage_arms import GONE_AFTER_S, ArmsMemory
 from mocapella.viewer.stages import ARMS, HANDS, ROOM, StageChoice
-from mocapella.viewer.troubles import Troubles
 
 POINTS = np.random.default_rng(2).normal(0, 0.05, (23, 3)) + np.array([0.0, 0.0, 0.8])
 CLOTH = "mocapella.sources.simulate.cloth:ClothBeforeHand"
@@ -75,14 +75,14 @@ def test_where_there_are_no_arms_there_is_nothing_and_after_the_last_the_stage_s
 
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_has_stages_that_can_be_imported(method: str) -> None:
-    troubles = Troubles()
+    troubles = PluginErrors()
     stage, _ = StageChoice(STAGES, {}, troubles).update(None, method)
     assert troubles.lines == ()
     assert stage is (HANDS if method == "hands" else ROOM)
 
 
 def test_the_first_stage_that_has_something_to_show_is_shown_and_the_last_always() -> None:
-    choice = StageChoice(STAGES, {"cloth": CLOTH}, Troubles())
+    choice = StageChoice(STAGES, {"cloth": CLOTH}, PluginErrors())
     for method in ("default", "arms"):
         assert choice.update(scene(0.0, arms=0), method)[0] is ROOM
         stage, shown = choice.update(scene(1.0), method)
@@ -107,7 +107,7 @@ NO_STAGE = "text"
 
 
 def test_a_stage_that_raises_or_is_none_is_passed_over_and_told_once() -> None:
-    troubles = Troubles()
+    troubles = PluginErrors()
     here = f"{__name__}:"
     choice = StageChoice(
         {"theirs": (f"{here}BROKEN", f"{here}NO_STAGE", "nowhere:AT_ALL", STAGES["arms"][0])}, {}, troubles
@@ -122,4 +122,4 @@ def test_a_stage_that_raises_or_is_none_is_passed_over_and_told_once() -> None:
 
 def test_a_prop_that_cannot_be_imported_is_refused() -> None:
     with pytest.raises(PluginError, match="nowhere"):
-        StageChoice({}, {"cloth": "nowhere:AT_ALL"}, Troubles())
+        StageChoice({}, {"cloth": "nowhere:AT_ALL"}, PluginErrors())

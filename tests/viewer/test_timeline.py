@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from fitted import body, scene
 from hypothesis import given
 from hypothesis import strategies as st
-from silhouette_pictures import pose_at, somebody
-from walkers import Room
+from support.fitted_scenes import body, scene
+from support.silhouette_pictures import pose_at, somebody
+from support.walkers import Room
 
 from mocapella.viewer import timeline as module
 from mocapella.viewer.perspective import Perspectives

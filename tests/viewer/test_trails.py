@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from walkers import KINECT, Room
+from support.walkers import KINECT, Room
 
 from mocapella.viewer.palette import FLOOR, person_colour
 from mocapella.viewer.trails import LONGEST_S, TrailChoice, TrailOf, Trails

@@ -13,11 +13,11 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
-from browser import FLAGS
-from drawings import tracking_drawing
-from stand_in import StandIn
-from unsure import MOVED, WALK, placed
-from walkers import HEIGHT_M, KINECT, Room, in_picture
+from support.browser import FLAGS
+from support.drawings import tracking_drawing
+from support.stand_in_server import StandIn
+from support.unsure_scene import MOVED, WALK, placed
+from support.walkers import HEIGHT_M, KINECT, Room, in_picture
 
 from mocapella.geometry.rigid import apply
 from mocapella.model.part_types import PART_TYPES, PartType

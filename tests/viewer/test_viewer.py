@@ -3,11 +3,11 @@
 import socket
 
 import pytest
-from walkers import Room, status
+from support.walkers import Room, status
 
 from mocapella.errors import AddressInUseError, SettingsError
 from mocapella.model.session import CommandReply
-from mocapella.viewer import Viewer, show
+from mocapella.viewer import Viewer, view_frame
 
 
 def obey(verb, arguments):
@@ -42,8 +42,8 @@ def test_it_listens_on_the_given_interface_only_frees_the_port_and_shares_nothin
 
 def test_while_no_browser_looks_nothing_is_drawn(monkeypatch):
     drawn = []
-    monkeypatch.setattr(show, "gallery_drawing", lambda *_: drawn.append(1))
-    monkeypatch.setattr(show, "image_lines", lambda *_: drawn.append(1))
+    monkeypatch.setattr(view_frame, "gallery_drawing", lambda *_: drawn.append(1))
+    monkeypatch.setattr(view_frame, "image_lines", lambda *_: drawn.append(1))
     room = Room()
     frames = room.frames(0.0)
     viewer = Viewer("127.0.0.1", 0, command=obey)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
-from moved_wand import moved
+from support.moved_wand import moved
 
 from mocapella.model.scene import Scene
 from mocapella.schema import encode_frame, encode_scene

@@ -110,7 +110,7 @@ def _guided(
     from rich.text import Text
 
     from mocapella.live.align_guide import AlignGuide
-    from mocapella.live.stopping import interruptible
+    from mocapella.live.signals import interruptible
     from mocapella.wire.reader import Following
     from mocapella.wire.session import open_reader
 

@@ -136,7 +136,7 @@ def arm(
     from mocapella.cli.depth_recordings import depth_options, depth_recordings
     from mocapella.detectors import arm_detectors, make_detector
     from mocapella.exports.arm_rows import table_rows
-    from mocapella.live.stopping import interruptible
+    from mocapella.live.signals import interruptible
     from mocapella.settings import check, settings_of_pairs
     from mocapella.sources.depth_options import complete
 

@@ -76,7 +76,7 @@ def calibrate(
     """
     need_cameras("calibrate")
     from mocapella.calibration.cameras import Origin, calibrate_cameras
-    from mocapella.calibration.rig_words import as_result
+    from mocapella.calibration.rig_report import as_result
     from mocapella.model.board import load_board
     from mocapella.model.camera_rig_file import load_camera_rig, save_camera_rig
     from mocapella.sources.video import LIVE, parse_frames
@@ -224,7 +224,7 @@ def _films(
     from functools import partial
 
     from mocapella.calibration.board_run import BoardRun
-    from mocapella.live.board_looks import CameraLooks, Looks, NodeLooks, film, node_names, urgent
+    from mocapella.live.board_cameras import CameraLooks, Looks, NodeLooks, film, node_names, urgent
     from mocapella.sources.video import LIVE
     from mocapella.wire.questions import ask_node
     from mocapella.wire.reader import send_command
@@ -274,7 +274,7 @@ def _number(text: str) -> int:
 def _instants(
     views: Sequence[BoardView], timestamps: Path | None, tolerance_ms: float | None, counts: Mapping[str, int]
 ) -> dict[tuple[str, int], int]:
-    from mocapella.calibration.instants import pair_instants
+    from mocapella.calibration.frame_sync import synchronise_frames
     from mocapella.sources.video import read_timestamps
 
     if timestamps is None:
@@ -285,7 +285,7 @@ def _instants(
     for name, count in counts.items():
         if len(times[name]) < count:
             say(f"{timestamps}: {len(times[name])} times for {count} frames of {name}; the rest is left out")
-    return pair_instants(times, None if tolerance_ms is None else tolerance_ms / 1e3)
+    return synchronise_frames(times, None if tolerance_ms is None else tolerance_ms / 1e3)
 
 
 def _instant_of(frame: int, instants: Mapping[tuple[str, int], int]) -> int:
@@ -297,7 +297,7 @@ def _instant_of(frame: int, instants: Mapping[tuple[str, int], int]) -> int:
 
 def show(found: CameraCalibration, out: Console) -> None:
     """The tables for a person."""
-    from mocapella.calibration.rig_words import HEADINGS, sentences, table, tape_measure
+    from mocapella.calibration.rig_report import HEADINGS, sentences, table, tape_measure
 
     shown = Table(box=SIMPLE_HEAD, padding=0, show_edge=False)
     for k, (words, unit) in enumerate(HEADINGS):

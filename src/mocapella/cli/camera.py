@@ -59,11 +59,11 @@ def camera(
     Example:  mocapella node camera camera:0 --name left
     """
     need_cameras("node camera")
-    from mocapella.live.camera_desk import CameraDesk
     from mocapella.live.camera_node import CameraNodeSettings
+    from mocapella.live.camera_service import CameraService
     from mocapella.live.image_node import run_image_node
     from mocapella.live.image_work import ImageSettings, ImageWork
-    from mocapella.live.stopping import stop_on_signals
+    from mocapella.live.signals import stop_on_signals
     from mocapella.model.frame_types import FRAME_TYPES
     from mocapella.model.observations import check_sensor_name
     from mocapella.sensing.colour_profile import CameraControls
@@ -85,7 +85,7 @@ def camera(
         # From here on standard input is watched for the end of who started this process.
         with (
             stop_on_signals() as stop,
-            CameraDesk(work, say=say) as desk,
+            CameraService(work, say=say) as desk,
             NodeLink(connect, sensor, history_frames=kept) as link,
         ):
             summary = run_image_node(

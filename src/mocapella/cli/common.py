@@ -206,7 +206,7 @@ def exit_by(recording: dict[str, Any] | None) -> None:
 @contextmanager
 def working(text: str, *, status: int) -> Iterator[None]:
     """Show ``text`` while something takes long; Ctrl-C ends the command there, with that exit status."""
-    from mocapella.live.stopping import interruptible
+    from mocapella.live.signals import interruptible
 
     try:
         with interruptible(), console.status(text):
@@ -218,18 +218,18 @@ def working(text: str, *, status: int) -> Iterator[None]:
 
 def get_ready(method: str, *, status: int = 0) -> None:
     """Compile what the method needs before the first frame, and say so; Ctrl-C ends the command with that status."""
-    from mocapella.tracker import make_ready
+    from mocapella.tracker import warm_up
 
     with working(f"making the method {method} ready …", status=status):
-        make_ready(method, lambda: _tell_of_compiling(f"the method {method}"))
+        warm_up(method, lambda: _tell_of_compiling(f"the method {method}"))
 
 
 @contextmanager
 def telling_of_compiling(what: str) -> Iterator[None]:
     """Where something is compiled within, say that ``what`` is."""
-    from mocapella.compiled import told_of_compiling
+    from mocapella.compiled import on_first_compilation
 
-    with told_of_compiling(lambda: _tell_of_compiling(what)):
+    with on_first_compilation(lambda: _tell_of_compiling(what)):
         yield
 
 

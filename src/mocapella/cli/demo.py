@@ -98,7 +98,7 @@ def demo(
     from mocapella.cli.serve import finish, live_session, say_url, start_together, wait_while
     from mocapella.live.launch import check_port_free
     from mocapella.live.server import ServerSettings
-    from mocapella.live.stopping import stop_on_signals
+    from mocapella.live.signals import stop_on_signals
 
     if what is not What.ARM and detector is not None:
         raise SettingsError("--detector is of demo arm; leave it out")

@@ -51,7 +51,7 @@ def lines(
     need_cameras("depth lines")
     from mocapella.cli import INTERRUPTED
     from mocapella.cli.depth_recordings import depth_options, depth_recordings
-    from mocapella.live.stopping import interruptible
+    from mocapella.live.signals import interruptible
     from mocapella.sensing.body_lines import BodyLinesSettings
     from mocapella.settings import check
 

@@ -184,7 +184,7 @@ def _scenes(take: Take, rig: Path | None, gesture: GesturePoints) -> Iterator[Sc
 
 def _guided(gesture: GesturePoints, fit: Any, connect: str, lasting: str, prepare: float) -> Bones:
     from mocapella.live.hand_guide import GuideSettings, HandGuide
-    from mocapella.live.stopping import interruptible
+    from mocapella.live.signals import interruptible
     from mocapella.wire.reader import Newest
     from mocapella.wire.session import open_reader
 

@@ -97,12 +97,12 @@ def markers(
     Example:  mocapella node markers camera:0 --profile left.json
     """
     need_cameras("node markers")
-    from mocapella.live.camera_desk import CameraDesk
     from mocapella.live.camera_node import CameraNodeSettings
+    from mocapella.live.camera_service import CameraService
     from mocapella.live.marker_node import run_marker_node
     from mocapella.live.marker_work import MarkerWork
+    from mocapella.live.signals import stop_on_signals
     from mocapella.live.stage_times import StageTimes
-    from mocapella.live.stopping import stop_on_signals
     from mocapella.sensing.colour_profile import CameraControls
     from mocapella.sources.acquisition import Acquisition
     from mocapella.sources.open_pictures import RENDERED, open_pictures
@@ -128,7 +128,11 @@ def markers(
             zero = 0.0  # cameras of one scene see the same, whenever they are started
         wait = not (pictures.live or epoch_from_input or epoch is not None or times is not None)
         # From here on standard input is watched for the end of who started this process.
-        with stop_on_signals() as stop, CameraDesk(work, profile, say=say) as desk, NodeLink(connect, sensor) as link:
+        with (
+            stop_on_signals() as stop,
+            CameraService(work, profile, say=say) as desk,
+            NodeLink(connect, sensor) as link,
+        ):
             summary = run_marker_node(
                 link, acquisition, work, desk, settings,
                 epoch=zero, stop=stop, say=say, times=times, camera=camera, wait=wait,

@@ -121,7 +121,7 @@ def bridge(
     Example:  mocapella node bridge --listen 127.0.0.1:7450
     """
     from mocapella.live.bridging import run_bridge
-    from mocapella.live.stopping import stop_on_signals
+    from mocapella.live.signals import stop_on_signals
     from mocapella.sources.bridge import BridgeSettings
 
     host, port = _parted(listen, ":", "--listen", "127.0.0.1:7450")
@@ -174,7 +174,7 @@ def datagrams(
     Example:  mocapella node datagrams --camera left=5001 --camera right=5002 --host 0.0.0.0
     """
     from mocapella.live.datagrams import run_datagrams
-    from mocapella.live.stopping import stop_on_signals
+    from mocapella.live.signals import stop_on_signals
     from mocapella.sources.marker_datagrams import DatagramSettings
 
     settings = DatagramSettings(
@@ -213,7 +213,7 @@ def osc(
     Example:  mocapella node osc --listen 127.0.0.1:9000 --space vr
     """
     from mocapella.live.poses import run_osc
-    from mocapella.live.stopping import stop_on_signals
+    from mocapella.live.signals import stop_on_signals
     from mocapella.wire.node import NodeLink
 
     host, port = _parted(listen, ":", "--listen", "127.0.0.1:9000")
@@ -239,7 +239,7 @@ def openvr(
     Example:  mocapella node openvr --space vr
     """
     from mocapella.live.poses import run_openvr
-    from mocapella.live.stopping import stop_on_signals
+    from mocapella.live.signals import stop_on_signals
     from mocapella.sources.openvr_poses import OpenVrPoses
     from mocapella.wire.node import NodeLink
 

@@ -72,7 +72,7 @@ def node_arm(
     from mocapella.live.arm_node import run_arm_node
     from mocapella.live.arm_work import ArmWork
     from mocapella.live.camera_node import CameraNodeSettings
-    from mocapella.live.stopping import stop_on_signals
+    from mocapella.live.signals import stop_on_signals
     from mocapella.model.depth import IMAGES_SUFFIX
     from mocapella.model.frame_types import FRAME_TYPES
     from mocapella.model.observations import check_sensor_name

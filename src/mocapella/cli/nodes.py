@@ -65,7 +65,7 @@ def serve_frames(
         NoServerError: no server was ever there.
     """
     from mocapella.live.node import run_node
-    from mocapella.live.stopping import stop_on_signals
+    from mocapella.live.signals import stop_on_signals
     from mocapella.model.frame_types import HISTORY_FRAMES
     from mocapella.wire.node import NodeLink
 

@@ -41,7 +41,7 @@ def plugins() -> tuple[list[tuple[str, str]], list[Skipped]]:
 
 def tell_of_skipped() -> None:
     """Say a line for each plug-in that cannot be used; not in a process that another of ours started and told so."""
-    from mocapella.live.stopping import STARTED_BY_US
+    from mocapella.live.signals import STARTED_BY_US
 
     if STARTED_BY_US not in os.environ:
         for one in plugins()[1]:

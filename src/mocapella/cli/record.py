@@ -52,7 +52,7 @@ def record(
 
     Example:  mocapella record walk-1 --seconds 30
     """
-    from mocapella.live.stopping import stop_on_signals
+    from mocapella.live.signals import stop_on_signals
     from mocapella.wire.session import open_reader
 
     if stop == (name is not None) or (stop and seconds is not None):

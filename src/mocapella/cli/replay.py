@@ -69,7 +69,7 @@ def replay(
     Example:  mocapella replay walk-1 --json -
     """
     from mocapella.cli.recordings import open_to_track
-    from mocapella.live.stopping import stop_on_signals
+    from mocapella.live.signals import stop_on_signals
 
     if record is not None and (not live or len(files) > 1):
         raise SettingsError("--record wants --live and one file; `mocapella record` records a running server")

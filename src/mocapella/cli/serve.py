@@ -252,7 +252,7 @@ def serve(
     Example:  mocapella serve --sensors 2 --record walk-1
     """
     from mocapella.live.server import ServerSettings
-    from mocapella.live.stopping import stop_on_signals
+    from mocapella.live.signals import stop_on_signals
     from mocapella.model.session import Setup
     from mocapella.recording.disk import GIB
     from mocapella.tracker.method import METHODS

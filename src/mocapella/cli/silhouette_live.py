@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from mocapella.model.camera import CameraRig
     from mocapella.sources.frame_set import FrameSource
     from mocapella.sources.live_set import LiveSet
-    from mocapella.tracker.starting_body import StartingBody
+    from mocapella.tracker.initial_body import InitialBody
 
 LONGEST_EMPTY_S: Final = 600.0
 LONGER_S: Final = 5.0
@@ -146,7 +146,7 @@ def learn_room(run: SilhouetteRun, shown: LiveSet, seconds: float) -> None:
     Raises:
         InputError: cameras give no pictures.
     """
-    from mocapella.live.stopping import stop_on_signals
+    from mocapella.live.signals import stop_on_signals
 
     say(f"learning the empty room for {seconds:g} s: nobody may be in the images")
     columns = (TextColumn("nobody may be in the images"), BarColumn(), TimeRemainingColumn())
@@ -203,7 +203,7 @@ def follow_live(
         raise InputError(NO_CAMERA, fix=PLUGGED_IN)
 
 
-def _place(body: StartingBody) -> str:
+def _place(body: InitialBody) -> str:
     """Where a body's hips are, for a person to stand there."""
     from mocapella.model.rigged_mesh import landmarks_at
 

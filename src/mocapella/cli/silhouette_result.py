@@ -18,8 +18,8 @@ from mocapella.errors import SettingsError
 
 if TYPE_CHECKING:
     from mocapella.live.silhouette_run import SilhouetteRun, Step
-    from mocapella.recording.followed_bodies import FollowedBody
-    from mocapella.recording.growing_bodies import GrowingBodies
+    from mocapella.recording.bodies_file import FollowedBody
+    from mocapella.recording.bodies_writer import BodiesWriter
     from mocapella.sources.frame_set import FrameSource
     from mocapella.tracker.silhouette_start import Body
 
@@ -51,12 +51,12 @@ class SilhouetteResult:
         self, json: str | None, plot: Path | None, bodies: Mapping[str, Body], shown: FrameSource, rig: Path, *,
         steady: bool,
     ) -> None:  # fmt: skip
-        from mocapella.recording.followed_bodies import FollowedBody
-        from mocapella.recording.growing_bodies import GrowingBodies, left_behind
+        from mocapella.recording.bodies_file import FollowedBody
+        from mocapella.recording.bodies_writer import BodiesWriter, left_behind
 
         self._json, self._plot = json, plot
         self._angles: dict[str, list[AnglesAt]] = {}
-        self._kept: GrowingBodies | None = None
+        self._kept: BodiesWriter | None = None
         if json is None and plot is None:
             return
         path = None if json in (None, "-") else Path(str(json)).resolve()
@@ -68,7 +68,7 @@ class SilhouetteResult:
             name: FollowedBody(body.model, [], body.height_m, body.proportions.known) for name, body in bodies.items()
         }
         how = {"rig": str(rig), "cameras": shown.described(), "rate_hz": shown.rate_hz, "steadiness": steady}
-        self._kept = GrowingBodies(path, heads, how)
+        self._kept = BodiesWriter(path, heads, how)
 
     def keep(self, step: Step) -> None:
         """The next frame.
@@ -121,7 +121,7 @@ class SilhouetteResult:
                 say(f"the {self._kept.frames} frames until then are in {self._kept.part}")
 
 
-def _angles(kept: GrowingBodies) -> dict[str, list[AnglesAt]]:
+def _angles(kept: BodiesWriter) -> dict[str, list[AnglesAt]]:
     """Of everybody, by name."""
     import msgspec
 

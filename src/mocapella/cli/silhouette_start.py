@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from mocapella.live.silhouette_run import SilhouetteRun
     from mocapella.model.camera import CameraRig
     from mocapella.model.twist_tree import TreePose
-    from mocapella.recording.followed_bodies import FollowedBody
+    from mocapella.recording.bodies_file import FollowedBody
     from mocapella.sources.frame_set import FrameSource
     from mocapella.sources.video import Frames
+    from mocapella.tracker.initial_body import InitialBody
     from mocapella.tracker.silhouette_start import Body
-    from mocapella.tracker.starting_body import StartingBody
 
     Joints = Mapping[str, NDArray[np.float64]]
 
@@ -82,7 +82,7 @@ def find_start(wishes: StartWishes, rig: CameraRig, frames: Frames) -> dict[str,
     Raises:
         SettingsError, InputError, CalibrationError: nothing says it, or nothing that can be.
     """
-    from mocapella.recording.followed_bodies import ALONE
+    from mocapella.recording.bodies_file import ALONE
     from mocapella.tracker.silhouette_start import check_apart
 
     if wishes.starts and wishes.points:
@@ -116,7 +116,7 @@ def find_start(wishes: StartWishes, rig: CameraRig, frames: Frames) -> dict[str,
 
 
 def _of_points(wishes: StartWishes, rig: CameraRig, frames: Frames) -> dict[str, _Found | _Earlier]:
-    from mocapella.recording.viewed_tracks import read_viewed_tracks
+    from mocapella.recording.image_tracks_file import read_image_tracks
     from mocapella.tracker.silhouette_start import joints_of_points
 
     paths: dict[str, list[Path]] = {}
@@ -125,7 +125,7 @@ def _of_points(wishes: StartWishes, rig: CameraRig, frames: Frames) -> dict[str,
         paths.setdefault(name, []).append(Path(value))
     found: dict[str, _Found | _Earlier] = {}
     for name, one in paths.items():
-        tracks = read_viewed_tracks(_folders(one), order=wishes.order)
+        tracks = read_image_tracks(_folders(one), order=wishes.order)
         for note in tracks.notes:
             say(f"{one[0]}: {note}")
         found[name] = _Found(one[0], joints_of_points(tracks, rig, frames.first), _Wish(None, None))
@@ -133,7 +133,7 @@ def _of_points(wishes: StartWishes, rig: CameraRig, frames: Frames) -> dict[str,
 
 
 def _of_files(wishes: StartWishes, frames: Frames) -> dict[str, _Found | _Earlier]:
-    from mocapella.recording.followed_bodies import (
+    from mocapella.recording.bodies_file import (
         ALONE,
         is_followed_body,
         is_followed_people,
@@ -181,7 +181,7 @@ def _without_models(data: Any, path: Path) -> tuple[Any, dict[str, _Wish]]:
     Raises:
         InputError: one of them cannot be.
     """
-    from mocapella.recording.followed_bodies import ALONE
+    from mocapella.recording.bodies_file import ALONE
 
     if not isinstance(data, dict):
         return data, {}
@@ -241,7 +241,7 @@ def _by_person(option: str, texts: Sequence[str], people: Mapping[str, object]) 
     Raises:
         SettingsError: no person has that name, or the option is given twice.
     """
-    from mocapella.recording.followed_bodies import ALONE
+    from mocapella.recording.bodies_file import ALONE
 
     said: dict[str, str] = {}
     for text in texts:
@@ -275,7 +275,7 @@ def _person_and_value(text: str) -> tuple[str, str]:
     Raises:
         SettingsError: not a valid person's name.
     """
-    from mocapella.recording.followed_bodies import ALONE, check_person_name
+    from mocapella.recording.bodies_file import ALONE, check_person_name
 
     name, equals, value = text.partition("=")
     if not equals or Path(text).exists():
@@ -340,7 +340,7 @@ def _of_earlier(wish: _Wish, at: _Earlier) -> tuple[Body, TreePose]:
     return body, frame.pose(body.mesh.joint_names)
 
 
-def check_seen(bodies: Mapping[str, StartingBody], rig: CameraRig, words: str) -> None:
+def check_seen(bodies: Mapping[str, InitialBody], rig: CameraRig, words: str) -> None:
     """See that each body starts where a camera sees it.
 
     Raises:

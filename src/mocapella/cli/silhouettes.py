@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from mocapella.model.camera import CameraRig
     from mocapella.sources.frame_set import FrameSource
     from mocapella.sources.video import Frames
-    from mocapella.tracker.starting_body import StartingBody
+    from mocapella.tracker.initial_body import InitialBody
 
 
 @app.command()
@@ -168,9 +168,9 @@ def silhouettes(  # noqa: PLR0915 - every option is passed on
     from mocapella.cli.silhouette_result import SilhouetteResult, show
     from mocapella.cli.silhouette_start import StartWishes, check_seen, find_start, learn
     from mocapella.cli.silhouette_take import recorded
-    from mocapella.live.stopping import stop_on_signals
+    from mocapella.live.signals import stop_on_signals
     from mocapella.model.camera_rig_file import load_camera_rig
-    from mocapella.recording.followed_bodies import read_followed_people
+    from mocapella.recording.bodies_file import read_followed_people
     from mocapella.sources.video import parse_frames
 
     live_wishes = LiveWishes(
@@ -235,7 +235,7 @@ def _opened(wishes: LiveWishes, cameras: CameraRig, wanted: Frames, closing: Exi
 
 
 def _started(
-    bodies: Mapping[str, StartingBody], shown: FrameSource, wishes: LiveWishes, wanted: Frames, *, steady: bool
+    bodies: Mapping[str, InitialBody], shown: FrameSource, wishes: LiveWishes, wanted: Frames, *, steady: bool
 ) -> SilhouetteRun:
     """The run, before its first frame. Of videos, who starts is there; before live cameras they may have to come."""
     from mocapella.live.silhouette_run import SilhouetteRun

@@ -50,14 +50,14 @@ def run_demo(
     need_cameras("demo silhouettes")
     from mocapella.cli.silhouettes import open_view
     from mocapella.evaluation.silhouette_truth import TruthMeter, rough_start
+    from mocapella.live.signals import stop_on_signals
     from mocapella.live.silhouette_run import SilhouetteRun
-    from mocapella.live.stopping import stop_on_signals
-    from mocapella.recording.followed_bodies import ALONE
+    from mocapella.recording.bodies_file import ALONE
     from mocapella.sources.simulate.silhouette_scene import scene_names, silhouette_scene
     from mocapella.tracker.frame_sync import FrameSyncSettings
+    from mocapella.tracker.initial_body import InitialBody
     from mocapella.tracker.silhouette_settings import SilhouetteSettings
     from mocapella.tracker.silhouettes import SilhouettesTracker
-    from mocapella.tracker.starting_body import StartingBody
 
     name = scene or SCENE
     if name == "help":
@@ -67,7 +67,7 @@ def run_demo(
     settings = SilhouetteSettings() if steady else SilhouetteSettings(steadiness=None)
     with working("making the room …", status=0), telling_of_compiling("the rendered body and the method silhouettes"):
         made = silhouette_scene(name, seed=seed, cameras=4, size_px=(640, 480), fps=RATE_HZ, corruption=wrong)
-        body = StartingBody(made.mesh, rough_start(made.pose(0), made.mesh.tree.limits, seed))
+        body = InitialBody(made.mesh, rough_start(made.pose(0), made.mesh.tree.limits, seed))
         sync = FrameSyncSettings(period_s=1.0 / RATE_HZ)
         run = SilhouetteRun(SilhouettesTracker({ALONE: body}, made.rig, settings, sync=sync), say)
         made.images(0)  # compiles once a machine
@@ -132,7 +132,7 @@ def _score(meter: TruthMeter, made: SilhouetteScene, step: Step) -> None:
 def _result(name: str, run: SilhouetteRun, meter: TruthMeter, frames: int) -> dict[str, Any]:
     import msgspec
 
-    from mocapella.recording.followed_bodies import ALONE
+    from mocapella.recording.bodies_file import ALONE
 
     score = meter.score
     return {

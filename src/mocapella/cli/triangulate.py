@@ -59,7 +59,7 @@ def triangulate(
     from mocapella.exports.space_tracks import write_space_tracks
     from mocapella.fusion.point_tracks import TracksSettings, triangulate_tracks
     from mocapella.model.camera_rig_file import load_camera_rig
-    from mocapella.recording.viewed_tracks import OPENPOSE_ORDERS, read_viewed_tracks
+    from mocapella.recording.image_tracks_file import OPENPOSE_ORDERS, read_image_tracks
 
     settings = TracksSettings(method, sd_px, 4.0, least_confidence, largest_error)
     if order not in OPENPOSE_ORDERS:
@@ -70,7 +70,7 @@ def triangulate(
     if len(cameras.cameras) < 2:
         raise InputError(f"has {len(cameras.cameras)} camera", file=rig, fix="give a rig of two cameras or more")
     with working("reading …", status=INTERRUPTED), console.status("reading …") as status:
-        tracks = read_viewed_tracks(
+        tracks = read_image_tracks(
             points, order=order, progress=lambda text: status.update(f"reading {text.replace('[', '(')} …")
         )
         status.update(f"triangulating {len(tracks.frames)} frames …")

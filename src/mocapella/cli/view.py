@@ -25,7 +25,7 @@ def view(
 
     Example:  mocapella view --connect tcp/127.0.0.1:7447 --port 7449
     """
-    from mocapella.live.stopping import stop_on_signals
+    from mocapella.live.signals import stop_on_signals
     from mocapella.live.view import run_view
 
     warn_if_open("the view is", host, port)

@@ -22,7 +22,7 @@ from mocapella.model.camera import Camera
 from mocapella.model.hand import TIPS, Handedness, hand_model
 from mocapella.model.observations import JointState
 from mocapella.sensing.arm_region import ArmRegionSettings, Region, within
-from mocapella.sensing.nearer import Nearer
+from mocapella.sensing.depth_foreground import DepthForeground
 from mocapella.settings import check
 from mocapella.steps import Steps, at_once
 
@@ -171,7 +171,7 @@ class KinematicArmDetector:
         self._frames = self._next_id = 0
         self._look: _Look | None = None
         self._unfinished = False
-        self._nearer = Nearer(self.finder.lens, self.settings.region)
+        self._nearer = DepthForeground(self.finder.lens, self.settings.region)
 
     def update(self, depth: Float32, at_s: float) -> SeenArms:
         """Look at the next image, as `mocapella.detectors.ArmDetector` says."""

@@ -14,7 +14,7 @@ from mocapella.errors import InputError
 from mocapella.fusion.point_tracks import TracksSettings, triangulate_tracks
 from mocapella.model.camera_rig_file import load_camera_rig
 from mocapella.model.point_tracks import SpaceTracks
-from mocapella.recording.viewed_tracks import read_viewed_tracks
+from mocapella.recording.image_tracks_file import read_image_tracks
 
 Float64 = NDArray[np.float64]
 
@@ -76,7 +76,7 @@ def holistic(folder: Path, settings: TracksSettings = LINEAR_HOLISTIC) -> tuple[
         InputError: a file is missing or none of these.
     """
     recording = folder / "recording_1" / "HOLISTIC"
-    tracks = read_viewed_tracks([recording / "xy_HOLISTIC.csv"])
+    tracks = read_image_tracks([recording / "xy_HOLISTIC.csv"])
     space, _ = triangulate_tracks(tracks, load_camera_rig(folder / "config.toml"), settings)
     reference = caliscope_points(recording / "xyz_HOLISTIC.csv", space)
     numbers = np.array([int(name) for name in space.points])
@@ -119,7 +119,7 @@ def single_person(folder: Path, settings: TracksSettings = WEIGHTED_LINEAR) -> A
     Raises:
         InputError: a file is missing or none of these.
     """
-    tracks = read_viewed_tracks(sorted((folder / "pose-associated").glob("*_json")))
+    tracks = read_image_tracks(sorted((folder / "pose-associated").glob("*_json")))
     space, _ = triangulate_tracks(tracks, load_camera_rig(folder / "calibration" / "Calib_qualisys.toml"), settings)
     (path,) = (p for p in (folder / "pose-3d").glob("*.trc") if "filt" not in p.name)
     names, reference = trc_points(path)

@@ -28,16 +28,16 @@ from mocapella.model.camera import CameraRig
 from mocapella.model.rigged_mesh import RiggedMesh, posed
 from mocapella.model.silhouettes import overlap
 from mocapella.model.twist_tree import TreePose
-from mocapella.recording.followed_bodies import ALONE
+from mocapella.recording.bodies_file import ALONE
 from mocapella.settings import check
 from mocapella.sources.simulate.corruption import Corruption
 from mocapella.sources.simulate.silhouette_scene import SilhouetteScene
 from mocapella.tracker.frame_sync import FrameSyncSettings
 from mocapella.tracker.image_arrivals import arrivals_of
-from mocapella.tracker.silhouette_seen import SeenInstant
+from mocapella.tracker.initial_body import InitialBody
 from mocapella.tracker.silhouette_settings import SilhouetteSettings, Steadiness
+from mocapella.tracker.silhouette_views import SeenInstant
 from mocapella.tracker.silhouettes import SilhouettesTracker
-from mocapella.tracker.starting_body import StartingBody
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
@@ -175,7 +175,7 @@ def alone(
         period_s: between two frames.
     """
     pose = pose_of(mesh, {name: at for name, at in joints.items() if name in mesh.landmarks})
-    return SilhouettesTracker({ALONE: StartingBody(mesh, pose)}, rig, settings, sync=FrameSyncSettings(period_s))
+    return SilhouettesTracker({ALONE: InitialBody(mesh, pose)}, rig, settings, sync=FrameSyncSettings(period_s))
 
 
 def seen_at(tracker: SilhouettesTracker, images: Mapping[str, UInt8], time_ns: int, number: int) -> SeenInstant:

@@ -23,7 +23,7 @@ from mocapella.model.camera_rig_file import load_camera_rig
 from mocapella.model.openpose_names import LANDMARKS
 from mocapella.model.rigged_mesh import posed
 from mocapella.model.silhouettes import overlap
-from mocapella.recording.viewed_tracks import read_viewed_tracks
+from mocapella.recording.image_tracks_file import read_image_tracks
 from mocapella.sources.video import pictures
 from mocapella.sources.video_set import VideoSet
 from mocapella.tracker.body_fitter import FittedBody
@@ -81,7 +81,7 @@ def images_of(folder: Path, cameras: Mapping[str, object]) -> Iterator[dict[str,
 
 def first_points(folder: Path) -> dict[str, Float64]:
     """(3,) [m] of landmarks, from the keypoints of the first frame."""
-    tracks = read_viewed_tracks(sorted((folder / "pose-associated").glob("*_json")))
+    tracks = read_image_tracks(sorted((folder / "pose-associated").glob("*_json")))
     return joints_of_points(tracks, load_camera_rig(folder / "calibration" / "Calib_qualisys.toml"))
 
 
@@ -111,7 +111,7 @@ def score_video(
     joints = dict(zip(SCORED, np.nanmedian(far, axis=0).tolist(), strict=True))
     far = far[np.isfinite(far)]
 
-    tracks = read_viewed_tracks(sorted((folder / "pose-associated").glob("*_json")))
+    tracks = read_image_tracks(sorted((folder / "pose-associated").glob("*_json")))
     columns = [tracks.points.index(name) for name in SCORED]
     drawn = tomllib.loads(outlines.read_text(encoding="utf-8"))["outline"]
     within: list[bool] = []

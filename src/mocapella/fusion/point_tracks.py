@@ -14,7 +14,7 @@ from mocapella.errors import one_of
 from mocapella.geometry.triangulation import PointState, Triangulated, TriangulationSettings, triangulate, views
 from mocapella.geometry.weighted_linear import WeightedLinearSettings, weighted_linear
 from mocapella.model.camera import CameraRig
-from mocapella.model.point_tracks import SpaceTracks, ViewedTracks, match_cameras
+from mocapella.model.point_tracks import ImageTracks, SpaceTracks, match_cameras
 from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
@@ -84,7 +84,7 @@ class CameraPointsReport(msgspec.Struct, frozen=True):
 
 
 def triangulate_tracks(
-    tracks: ViewedTracks, rig: CameraRig, settings: TracksSettings | None = None
+    tracks: ImageTracks, rig: CameraRig, settings: TracksSettings | None = None
 ) -> tuple[SpaceTracks, TracksReport]:
     """Points in the world of the rig.
 

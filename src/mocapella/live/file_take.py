@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from mocapella.live.recording_desk import packages_of
+from mocapella.live.recording_service import packages_of
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Scene
 from mocapella.model.sensor_frame import SensorFrame

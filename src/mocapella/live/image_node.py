@@ -1,4 +1,4 @@
-"""A camera's node whose images are sent themselves, with questions answered meanwhile (`live/camera_desk.py`)."""
+"""A camera's node whose images are sent themselves, with questions answered meanwhile (`live/camera_service.py`)."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from mocapella.live.camera_desk import CameraDesk
 from mocapella.live.camera_node import CameraNodeSettings, run_camera_node
+from mocapella.live.camera_service import CameraService
 from mocapella.live.image_work import ImageWork
 from mocapella.sources.acquisition import Acquisition
 from mocapella.wire.node import NodeLink
@@ -39,7 +39,7 @@ def run_image_node(
     link: NodeLink,
     acquisition: Acquisition,
     work: ImageWork,
-    desk: CameraDesk,
+    desk: CameraService,
     settings: CameraNodeSettings | None = None,
     *,
     epoch: float | None = None,

@@ -49,7 +49,7 @@ class ImageSettings:
 
 
 class ImageWork:
-    """Makes frames of pictures, and answers what `mocapella.live.camera_desk` asks of a camera.
+    """Makes frames of pictures, and answers what `mocapella.live.camera_service` asks of a camera.
 
     Args:
         camera: the camera's name.

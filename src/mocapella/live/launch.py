@@ -13,7 +13,7 @@ from collections.abc import Callable
 from types import TracebackType
 
 from mocapella.errors import AddressInUseError, BusError
-from mocapella.live.stopping import STARTED_BY_US
+from mocapella.live.signals import STARTED_BY_US
 
 
 class Children:

@@ -1,4 +1,4 @@
-"""A camera's node: pictures → markers → the bus, with questions answered meanwhile (`live/camera_desk.py`)."""
+"""A camera's node: pictures → markers → the bus, with questions answered meanwhile (`live/camera_service.py`)."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from mocapella.geometry.lens import undistort
-from mocapella.live.camera_desk import CameraDesk
 from mocapella.live.camera_node import CameraNodeSettings, run_camera_node
+from mocapella.live.camera_service import CameraService
 from mocapella.live.marker_work import MarkerWork
 from mocapella.live.stage_times import StageTimes
 from mocapella.model.camera import Camera
@@ -48,7 +48,7 @@ def run_marker_node(
     link: NodeLink,
     acquisition: Acquisition,
     work: MarkerWork,
-    desk: CameraDesk,
+    desk: CameraService,
     settings: CameraNodeSettings | None = None,
     *,
     epoch: float | None = None,

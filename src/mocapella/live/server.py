@@ -24,8 +24,8 @@ from mocapella import __version__
 from mocapella.calibration.sensor_layout import SensorLayout
 from mocapella.errors import MocapellaError, NotNowError, SettingsError, WireError, one_of
 from mocapella.live.inbox import Inbox, Letter
-from mocapella.live.recording_desk import RecordingDesk, outcome
-from mocapella.live.roster import Roster
+from mocapella.live.recording_service import RecordingService, outcome
+from mocapella.live.sensor_registry import SensorRegistry
 from mocapella.live.session import Session
 from mocapella.live.summary import RunSummary
 from mocapella.model.observations import Arrival, check_sensor_name
@@ -98,7 +98,7 @@ class Server:
         self._notices: deque[str] = deque(maxlen=8)
         self._inbox = Inbox()
         self._commands: queue.SimpleQueue[tuple[str, dict[str, Any], Answer]] = queue.SimpleQueue()
-        self._roster = Roster()
+        self._roster = SensorRegistry()
         self._lock = threading.RLock()
         self._stepping = threading.RLock()
         self._ended = threading.Event()
@@ -106,7 +106,7 @@ class Server:
         self._began = time.monotonic()
         self.tally = RunSummary(began_ns=time.monotonic_ns())
         self._link = ServerLink(settings.listen, on_nonsense=self._note)
-        self._desk = RecordingDesk(
+        self._desk = RecordingService(
             self._session,
             self._link,
             self._on_recorded_frame,

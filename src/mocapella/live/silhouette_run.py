@@ -14,17 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.conventions import NS_PER_S
-from mocapella.live.silhouette_tally import STEP_MS, BodyTally, Counted
+from mocapella.live.silhouette_statistics import STEP_MS, BodyStatistics, Counted
 from mocapella.model.observations import Arrival
 from mocapella.model.outline_colours import Colour, body_colour
 from mocapella.model.scene import Scene
 from mocapella.model.silhouettes import Silhouette
-from mocapella.recording.followed_bodies import FollowedFrame, frame_of
+from mocapella.recording.bodies_file import FollowedFrame, frame_of
 from mocapella.sensing.outline_picture import Outlines, outlined
 from mocapella.sources.frame_set import FrameSet
 from mocapella.tracker.body_fitter import FittedBody
 from mocapella.tracker.image_arrivals import arrivals_of
-from mocapella.tracker.silhouette_seen import SeenBody
+from mocapella.tracker.silhouette_views import SeenBody
 from mocapella.tracker.silhouettes import SilhouettesTracker
 
 UInt8 = NDArray[np.uint8]
@@ -107,7 +107,7 @@ class SilhouetteRun:
         self.tracker, self.rig = tracker, tracker.rig
         self.meshes = {name: body.mesh for name, body in tracker.bodies.items()}
         self.frames, self.took_ms = 0, Counted(STEP_MS)
-        self.tallies = {name: BodyTally() for name in self.meshes}
+        self.tallies = {name: BodyStatistics() for name in self.meshes}
         self.notes: list[str] = []
         self._tell, self._record = say, record
         self._fed: Counter[tuple[str, int]] = Counter()

@@ -22,9 +22,9 @@ from mocapella.model.rigged_mesh import landmarks_at
 from mocapella.model.scene import Phase, Scene, SensorPlace, TrackedBody, TrackedBodyView, TrackerState
 from mocapella.model.topology import topology
 from mocapella.sensing.outline_picture import jpeg, outlined
-from mocapella.tracker.starting_body import StartingBody
+from mocapella.tracker.initial_body import InitialBody
 from mocapella.viewer import Viewer
-from mocapella.viewer.body_shelf import SHELF
+from mocapella.viewer.body_mesh_cache import SHELF
 from mocapella.viewer.picture_plane import CameraPicture
 
 UInt8 = NDArray[np.uint8]
@@ -51,7 +51,7 @@ class RunView:
         SettingsError: an address that this machine cannot listen at.
     """
 
-    def __init__(self, host: str, port: int, rig: CameraRig, bodies: Mapping[str, StartingBody]) -> None:
+    def __init__(self, host: str, port: int, rig: CameraRig, bodies: Mapping[str, InitialBody]) -> None:
         # What is shown to a browser in the instant in which it leaves is nobody's concern; viser would warn of it.
         warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)
         self._builds = {name: body.build or f"the mesh of {name!r} in this run" for name, body in bodies.items()}
@@ -115,7 +115,7 @@ class SilhouetteView(RunView):
         self.show(step.scene, step.images)
 
 
-def _first_scene(rig: CameraRig, bodies: Mapping[str, StartingBody], builds: Mapping[str, str]) -> Scene:
+def _first_scene(rig: CameraRig, bodies: Mapping[str, InitialBody], builds: Mapping[str, str]) -> Scene:
     """Bodies where they begin, before the first step."""
     views = tuple(TrackedBodyView(camera, np.nan, "", _NO_LINES, _NO_LINES) for camera in rig.cameras)
     made = tuple(

@@ -16,11 +16,11 @@ import msgspec
 import zenoh
 
 from mocapella.errors import NoServerError
-from mocapella.live.board_desk import BoardDesk
+from mocapella.live.board_service import BoardService
 from mocapella.model.scene import Scene
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import CommandReply, SessionStatus
-from mocapella.tracker import METHODS, make_ready
+from mocapella.tracker import METHODS, warm_up
 from mocapella.viewer import Viewer
 from mocapella.wire.questions import NodeAnswer, Question, ask_node
 from mocapella.wire.reader import Newest, send_command
@@ -169,7 +169,7 @@ def run_view(
     # What is shown to a browser in the instant in which it leaves is nobody's concern; viser would warn of it.
     warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)
     link = Link(connect, on_waiting)
-    desk = BoardDesk(link.ask, link.command, Path.cwd(), make_ready=make_ready)
+    desk = BoardService(link.ask, link.command, Path.cwd(), warm_up=warm_up)
     try:
         stages = {name: method.stages for name, method in METHODS.items()}
         props = {"cloth": CLOTH} if cloth else {}

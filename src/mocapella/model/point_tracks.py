@@ -14,7 +14,7 @@ from mocapella.errors import InputError
 Float64 = NDArray[np.float64]
 
 
-class ViewedTracks(msgspec.Struct, frozen=True, eq=False):
+class ImageTracks(msgspec.Struct, frozen=True, eq=False):
     """What cameras saw of named points, frame by frame.
 
     Attributes:

@@ -54,7 +54,7 @@ CAMERA: Final = Source(
     summary="A camera: its images themselves, for silhouettes.",
     frame_types=("images",),
     command="mocapella.cli.camera:camera",
-    looks="mocapella.sources.looks:cameras",
+    looks="mocapella.sources.device_checks:cameras",
 )
 MARKERS: Final = Source(
     interface=1,
@@ -62,7 +62,7 @@ MARKERS: Final = Source(
     summary="A camera: the coloured markers in its pictures.",
     frame_types=("markers",),
     command="mocapella.cli.markers:markers",
-    looks="mocapella.sources.looks:cameras",
+    looks="mocapella.sources.device_checks:cameras",
 )
 ARM: Final = Source(
     interface=1,
@@ -70,5 +70,5 @@ ARM: Final = Source(
     summary="A depth camera: the arms in its images.",
     frame_types=("arms", "depth"),
     command="mocapella.cli.node_arm:node_arm",
-    looks="mocapella.sources.looks:depth_cameras",
+    looks="mocapella.sources.device_checks:depth_cameras",
 )

@@ -14,9 +14,9 @@ from mocapella.model.session import SensorPose
 from mocapella.settings import check
 from mocapella.tracker.method import METHODS, Method, methods_making
 from mocapella.tracker.protocol import Tracker, TrackerReport
-from mocapella.tracker.ready import make_ready
+from mocapella.tracker.warmup import warm_up
 
-__all__ = ["METHODS", "Method", "Tracker", "TrackerReport", "make_ready", "make_tracker", "methods_making"]
+__all__ = ["METHODS", "Method", "Tracker", "TrackerReport", "make_tracker", "methods_making", "warm_up"]
 
 
 def make_tracker(

@@ -17,8 +17,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.calibration.arm_places import REMEMBERED as PLACES_REMEMBERED
-from mocapella.calibration.arm_places import ArmPlaces, ArmPlaceSettings
+from mocapella.calibration.arm_extrinsics import REMEMBERED as PLACES_REMEMBERED
+from mocapella.calibration.arm_extrinsics import ArmExtrinsics, ArmExtrinsicsSettings
 from mocapella.calibration.sensor_layout import VERSION, LayoutSensor, SensorLayout
 from mocapella.conventions import NS_PER_S
 from mocapella.geometry.rigid import inverse, rigid, rotation_about_x
@@ -51,7 +51,7 @@ class ArmsSettings:
     """
 
     tracks: ArmTracksSettings = field(default_factory=ArmTracksSettings)
-    places: ArmPlaceSettings = field(default_factory=ArmPlaceSettings)
+    places: ArmExtrinsicsSettings = field(default_factory=ArmExtrinsicsSettings)
     silent_after_s: float = 1.0
     moved_m: float = 0.03
 
@@ -76,7 +76,7 @@ class ArmsTracker:
         self._expected = sensors_expected
         self._poses = dict(sensors or {})
         self._tracks = ArmTracks(s.tracks)
-        self._calibration = ArmPlaces(s.places)
+        self._calibration = ArmExtrinsics(s.places)
         self._kept: dict[str, LayoutSensor] = {}
         self.reset()
 

@@ -32,12 +32,12 @@ from mocapella.model.silhouettes import Silhouette
 from mocapella.model.twist_tree import TreePose, motions
 from mocapella.sensing.dead_images import DeadImages
 from mocapella.sensing.speckles import without_speckles
+from mocapella.tracker.image_rejection import hides_the_body, shows_another_scene
+from mocapella.tracker.limb_recovery import LimbRecovery, with_angles
 from mocapella.tracker.silhouette_body import SilhouetteBody
 from mocapella.tracker.silhouette_camera import USUAL_STEP_PX, SeenIn, SilhouetteCamera
 from mocapella.tracker.silhouette_settings import SilhouetteSettings, Steadiness
-from mocapella.tracker.steady_skin import SteadySkin
-from mocapella.tracker.stray_limbs import StrayLimbs, with_angles
-from mocapella.tracker.wrong_images import not_of_body, of_elsewhere
+from mocapella.tracker.surface_prior import SurfacePrior
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
@@ -83,7 +83,7 @@ class BodyFitter:
         self.settings = settings or SilhouetteSettings()
         self.mesh = mesh
         self.body = SilhouetteBody(mesh)
-        self._strays = None if self.settings.limbs is None else StrayLimbs(self.body, self.settings.limbs)
+        self._strays = None if self.settings.limbs is None else LimbRecovery(self.body, self.settings.limbs)
         self.eyes: dict[str, Eye] = {name: eye(placed) for name, placed in rig.cameras.items()}
         self._usual = np.clip(0.0, *mesh.tree.limits.T)
         self.reset()
@@ -109,7 +109,7 @@ class BodyFitter:
         """Be as when `memory` was made; of the same mesh, rig and settings."""
         (self._past, self._missed, self._as_expected), dead, skin, strays, cameras = memory
         self._dead.recall(dead)
-        self._skin = SteadySkin(self.body, self.settings.steadiness or Steadiness())
+        self._skin = SurfacePrior(self.body, self.settings.steadiness or Steadiness())
         self._skin.recall(skin)
         if self._strays is not None:
             self._strays.recall(strays)
@@ -126,7 +126,7 @@ class BodyFitter:
             SettingsError: no camera sees it there.
         """
         self._past, self._missed, self._as_expected = [(time_ns, pose)], False, False
-        self._skin = SteadySkin(self.body, self.settings.steadiness or Steadiness())
+        self._skin = SurfacePrior(self.body, self.settings.steadiness or Steadiness())
         vertices, s = self.body.standing(pose).vertices, self.settings
         steps = {name: camera.step_px for name, camera in self._cameras.items()}
         for name, by in self.eyes.items():
@@ -192,7 +192,7 @@ class BodyFitter:
             for name, camera in self._cameras.items()
             if name in images and name not in left_out and camera.look(self.body.figure, expected_at, s)
         }
-        left_out |= of_elsewhere(there, images, left_out, s, time_ns)
+        left_out |= shows_another_scene(there, images, left_out, s, time_ns)
         usable = {name: image for name, image in images.items() if name in self._cameras and name not in left_out}
         rounds, segmented = (s.rounds * SETTLING, s.rounds * SETTLING - 1) if first else (s.rounds, s.segmented)
         if self._missed and not first:
@@ -200,7 +200,7 @@ class BodyFitter:
         if not first:
             for name in (name for name in usable if name in there):
                 there[name].segment(usable[name], others.get(name), near=self._as_expected or segmented == 1)
-            for name, reason in not_of_body(self._segmented(), left_out, s, time_ns).items():
+            for name, reason in hides_the_body(self._segmented(), left_out, s, time_ns).items():
                 left_out[name] = reason
                 there[name].forget_frame()
                 del usable[name]

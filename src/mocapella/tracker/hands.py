@@ -43,8 +43,8 @@ from mocapella.settings import check
 from mocapella.smoothing.one_euro import OneEuro, OneEuroSettings
 from mocapella.tracker.arrivals import time_problem
 from mocapella.tracker.method import not_taken
+from mocapella.tracker.objects import REMEMBERED, UNSAID_SD_PX, ObjectSettings, RigidObjects
 from mocapella.tracker.protocol import TrackerReport, scene_at
-from mocapella.tracker.things import REMEMBERED, UNSAID_SD_PX, ObjectSettings, Things
 
 Float64 = NDArray[np.float64]
 
@@ -150,7 +150,7 @@ class HandsTracker:
         self._fit = HandTracker(model, self.shape, places, s.fit)
         self._smooth_2d = {} if s.smoothing_2d is None else {name: OneEuro(s.smoothing_2d) for name in sorted(cameras)}
         self._smooth = None if s.smoothing is None else OneEuro(s.smoothing)
-        self._things = Things(self.rig, s.objects, s.poses, s.grasp)
+        self._things = RigidObjects(self.rig, s.objects, s.poses, s.grasp)
         self._spaces = {one.space: one for one in s.spaces}
         self._places = {name: _place(name, camera.T_camera_world) for name, camera in sorted(cameras.items())}
         self._takes: dict[type[SensorFrame], _Taken] = {

@@ -32,7 +32,7 @@ class Method:
         frame_types: classes of the frames that it takes; others are refused with the reason.
         parts: names of the types of scene parts that it makes, the main one first.
         make: a new tracker.
-        practice: for compiling before the first frame counts; None where nothing has to be compiled.
+        warm_up_run: for compiling before the first frame counts; None where nothing has to be compiled.
         camera_rig: whether it wants to know where calibrated cameras are, as ``rig`` in its settings.
         keeps_layout: whether its tracker finds out where sensors stand, so that this can be kept (`KeepsLayout`).
         files: by option of ``mocapella serve`` (``rig``, ``hand`` …), ``module:name`` of a function that makes settings
@@ -47,7 +47,7 @@ class Method:
     frame_types: tuple[type[SensorFrame], ...]
     parts: tuple[str, ...]
     make: Make
-    practice: Practice | None = None
+    warm_up_run: Practice | None = None
     camera_rig: Literal["none", "optional", "required"] = "none"
     keeps_layout: bool = False
     files: Mapping[str, str] = field(default_factory=dict)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from mocapella.model.camera import CameraRig
-from mocapella.tracker.silhouette_seen import SeenBody, called
+from mocapella.tracker.silhouette_views import SeenBody, called
 
 SAID_AFTER: Final = 3
 """Consecutive instants for which a camera is left out before this is reported."""

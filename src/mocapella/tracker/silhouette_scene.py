@@ -13,8 +13,8 @@ from mocapella.model.scene import TrackedBody, TrackedBodyView
 from mocapella.model.silhouettes import Silhouette
 from mocapella.sensing.outline_lines import border_lines, mask_lines
 from mocapella.tracker.body_fitter import FittedBody
-from mocapella.tracker.silhouette_seen import SeenBody
-from mocapella.tracker.starting_body import StartingBody
+from mocapella.tracker.initial_body import InitialBody
+from mocapella.tracker.silhouette_views import SeenBody
 
 Float32 = NDArray[np.float32]
 UInt8 = NDArray[np.uint8]
@@ -30,7 +30,7 @@ class BodyScenes:
         eyes: of the rig's cameras, in its order.
     """
 
-    def __init__(self, bodies: Mapping[str, StartingBody], eyes: Mapping[str, Eye]) -> None:
+    def __init__(self, bodies: Mapping[str, InitialBody], eyes: Mapping[str, Eye]) -> None:
         self._bodies, self._eyes = bodies, eyes
         # Of a body that waits, lines stay the same for long.
         self._waiting: dict[tuple[str, str], tuple[Silhouette, Float32]] = {}

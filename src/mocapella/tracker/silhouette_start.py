@@ -19,11 +19,11 @@ from mocapella.model.body_builds import built_mesh
 from mocapella.model.body_proportions import AVERAGE, BodyProportions, proportions_of
 from mocapella.model.camera import CameraRig
 from mocapella.model.openpose_names import LANDMARKS, NO_LANDMARKS
-from mocapella.model.point_tracks import ViewedTracks
+from mocapella.model.point_tracks import ImageTracks
 from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at
 from mocapella.model.twist_tree import TreePose
 from mocapella.settings import parse
-from mocapella.tracker.starting_body import StartingBody, build_of
+from mocapella.tracker.initial_body import InitialBody, build_of
 
 Float64 = NDArray[np.float64]
 
@@ -64,14 +64,14 @@ class Body:
     mesh: RiggedMesh
     sha256: str = ""
 
-    def starting(self, pose: TreePose) -> StartingBody:
+    def starting(self, pose: TreePose) -> InitialBody:
         """The body that begins in a pose."""
-        return StartingBody(
+        return InitialBody(
             self.mesh, pose, build_of(self.model, self.height_m, self.proportions.known, sha256=self.sha256)
         )
 
 
-def joints_of_points(tracks: ViewedTracks, rig: CameraRig, frame: int = 0) -> dict[str, Float64]:
+def joints_of_points(tracks: ImageTracks, rig: CameraRig, frame: int = 0) -> dict[str, Float64]:
     """Joints in space (3,) [m] of 2D points, by the names of a body's landmarks; without those not found.
 
     Args:
@@ -94,7 +94,7 @@ def joints_of_points(tracks: ViewedTracks, rig: CameraRig, frame: int = 0) -> di
             fix="name points as OpenPose does (LHip …), or left hip, left knee …",
         )  # fmt: skip
     one = slice(frame, frame + 1)
-    first = ViewedTracks(
+    first = ImageTracks(
         tracks.cameras, tracks.points, tracks.frames[one], tracks.at_s[one], tracks.pixels[one], tracks.confidences[one]
     )
     # What a detector errs by grows with the image.

@@ -33,20 +33,20 @@ from mocapella.settings import check
 from mocapella.tracker.arrivals import time_problem
 from mocapella.tracker.bodies_fitter import BodiesFitter
 from mocapella.tracker.body_fitter import REMEMBERED as FITTER_REMEMBERED
+from mocapella.tracker.body_presence import REMEMBERED as PRESENCE_REMEMBERED
+from mocapella.tracker.body_presence import SilhouettePresence
 from mocapella.tracker.frame_sync import REMEMBERED as SYNC_REMEMBERED
 from mocapella.tracker.frame_sync import FrameSync, FrameSyncSettings, SyncedFrames
+from mocapella.tracker.initial_body import InitialBody
 from mocapella.tracker.method import not_taken
 from mocapella.tracker.protocol import TrackerNote, TrackerReport, scene_at
+from mocapella.tracker.rig_check import RigCheck
 from mocapella.tracker.silhouette_conditions import CameraConditions
-from mocapella.tracker.silhouette_doubt import RigDoubt
-from mocapella.tracker.silhouette_presence import REMEMBERED as PRESENCE_REMEMBERED
-from mocapella.tracker.silhouette_presence import SilhouettePresence
 from mocapella.tracker.silhouette_room import IMAGES, LEARNING, EmptyRoomLearning, unknown_room
 from mocapella.tracker.silhouette_scene import BodyScenes
-from mocapella.tracker.silhouette_seen import DAMAGED, NO_PICTURE, SeenInstant, called
 from mocapella.tracker.silhouette_settings import SilhouetteSettings
 from mocapella.tracker.silhouette_start import cameras_that_see
-from mocapella.tracker.starting_body import StartingBody
+from mocapella.tracker.silhouette_views import DAMAGED, NO_PICTURE, SeenInstant, called
 
 UInt8 = NDArray[np.uint8]
 
@@ -78,7 +78,7 @@ class SilhouettesTracker:
 
     def __init__(
         self,
-        bodies: Mapping[str, StartingBody],
+        bodies: Mapping[str, InitialBody],
         rig: CameraRig,
         settings: SilhouetteSettings | None = None,
         *,
@@ -93,7 +93,7 @@ class SilhouettesTracker:
         self._sync = FrameSync(rig.cameras, sync)
         self._fitters = BodiesFitter({name: body.mesh for name, body in bodies.items()}, rig, settings)
         self._presence = SilhouettePresence(self._fitters, rig)
-        self._conditions, self._doubt = CameraConditions(rig), RigDoubt(rig)
+        self._conditions, self._doubt = CameraConditions(rig), RigCheck(rig)
         self._room = EmptyRoomLearning(empty_room_s)
         self._scenes = BodyScenes(self.bodies, {name: eye(placed) for name, placed in rig.cameras.items()})
         self._places = tuple(

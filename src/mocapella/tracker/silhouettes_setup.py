@@ -24,10 +24,10 @@ from mocapella.model.rigged_mesh_file import decode_rigged_mesh
 from mocapella.model.twist_tree import TreePose
 from mocapella.settings import check, parse
 from mocapella.tracker.frame_sync import FrameSyncSettings
+from mocapella.tracker.initial_body import InitialBody
 from mocapella.tracker.silhouette_settings import SilhouetteSettings
 from mocapella.tracker.silhouette_start import Body, body_again, check_apart
 from mocapella.tracker.silhouettes import SilhouettesTracker
-from mocapella.tracker.starting_body import StartingBody
 
 WHERE: Final = "settings of silhouettes"
 
@@ -137,7 +137,7 @@ def body_setup(name: str, body: Body, pose: TreePose, mesh_file: bytes = b"") ->
     return dataclasses.asdict(BodySetup(start, name, body.model, body.height_m, body.proportions.known, mesh))
 
 
-def _starting(setup: BodySetup) -> StartingBody:
+def _starting(setup: BodySetup) -> InitialBody:
     whose = f"{WHERE}: {setup.name or 'body'}"
     body = _of_file(setup, whose) if setup.mesh else body_again(setup.model, setup.height_m, setup.proportions)
     return body.starting(_pose(setup.start, body.mesh, whose))

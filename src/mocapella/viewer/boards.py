@@ -16,8 +16,8 @@ from mocapella.viewer import layout
 from mocapella.viewer.drawing import LineNode, Tag, TagNodes
 from mocapella.viewer.palette import Rgb
 from mocapella.viewer.picture_plane import Encoded, PictureNode, Plane, SizedPicture
+from mocapella.viewer.plugin_errors import PluginErrors
 from mocapella.viewer.room import ImageLines, called, drawing_of
-from mocapella.viewer.troubles import Troubles
 
 Float64 = NDArray[np.float64]
 
@@ -57,7 +57,7 @@ class ShownBoard:
     lines: ImageLines | None
 
 
-def image_lines(scene: Scene, troubles: Troubles) -> dict[str, ImageLines]:
+def image_lines(scene: Scene, troubles: PluginErrors) -> dict[str, ImageLines]:
     """What all parts of a scene have drawn into cameras' images, by camera."""
     found: dict[str, list[ImageLines]] = {}
     for name, parts in scene.parts.items():

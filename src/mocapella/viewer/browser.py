@@ -15,8 +15,8 @@ from mocapella.viewer.boards import BOARDS_BEHIND, BoardNodes
 from mocapella.viewer.browser_camera import BrowserCamera
 from mocapella.viewer.camera_feed import CameraFeed
 from mocapella.viewer.commands import Commander
+from mocapella.viewer.framing import Framing
 from mocapella.viewer.gallery import SensorsStage
-from mocapella.viewer.known import Known
 from mocapella.viewer.layout import Look
 from mocapella.viewer.panel import Aim, Panel, PanelNews
 from mocapella.viewer.perspective import FREE, StageSpace
@@ -24,12 +24,12 @@ from mocapella.viewer.picture_plane import Plane
 from mocapella.viewer.picture_stage import PictureStage
 from mocapella.viewer.readout import condition_lines, stage_text
 from mocapella.viewer.room import RoomView
-from mocapella.viewer.show import Boards, ViewNow
-from mocapella.viewer.sight import Sight
 from mocapella.viewer.stage import Stage, TrackingDrawing
 from mocapella.viewer.timeline import Moment, Playhead, PlayState, Timeline
 from mocapella.viewer.tracking_stage import TrackingStage
 from mocapella.viewer.trails import TrailChoice, trail_lines
+from mocapella.viewer.view_frame import Boards, ViewNow
+from mocapella.viewer.view_state import Known
 
 Float64 = NDArray[np.float64]
 
@@ -55,14 +55,14 @@ A browser drops a picture that it has not decoded when the next one comes: one t
 """
 
 
-def new_sight(space: StageSpace, extent: tuple[Float64, Float64] | None, *, free: bool) -> Sight:
+def new_sight(space: StageSpace, extent: tuple[Float64, Float64] | None, *, free: bool) -> Framing:
     """What the camera goes along with at first: about the stage's middle where that is free, else where it is."""
     x, _, z = layout.stage_centre()
     middle = np.array([x, 0.0, z]) if free or extent is None else 0.5 * (extent[0] + extent[1]) * [1.0, 0.0, 1.0]
-    return Sight(np.array([space.half_wide_m, _HALF_M]), space.tall_m, middle)
+    return Framing(np.array([space.half_wide_m, _HALF_M]), space.tall_m, middle)
 
 
-def look_along(sight: Sight, planes: Sequence[Plane], aspect: float) -> Look:
+def look_along(sight: Framing, planes: Sequence[Plane], aspect: float) -> Look:
     """A camera that has what it goes along with, and all pictures over it, in its picture."""
     corners = np.concatenate([sight.corners, *(plane.corners + sight.middle for plane in planes)])
     return layout.frame(
@@ -70,7 +70,7 @@ def look_along(sight: Sight, planes: Sequence[Plane], aspect: float) -> Look:
     )
 
 
-def look_at_picture(sight: Sight, plane: Plane, aspect: float) -> Look:
+def look_at_picture(sight: Framing, plane: Plane, aspect: float) -> Look:
     """A camera that has one picture over the stage before it."""
     corners = plane.moved(sight.middle).corners
     return layout.frame(corners, fov=FOV, aspect=aspect, elevation=0.0, margin=_MARGIN_PICTURE, lowest=_lowest(aspect))
@@ -111,7 +111,7 @@ class Browser:
         self._gallery = SensorsStage(client.scene, known.fields)
         self._boards = BoardNodes(client.scene)
         self._pictures = PictureStage(client.scene)
-        self._sight: Sight | None = None
+        self._sight: Framing | None = None
         self._sight_of: tuple[object, ...] = ()
         self._picture_before = ""
         self._hears_clicks = self._before_picture = False

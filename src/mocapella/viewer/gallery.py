@@ -14,10 +14,10 @@ from mocapella.model.topology import UNKNOWN_FIELD_OF_VIEW_DEG
 from mocapella.viewer import layout
 from mocapella.viewer.bones import Strokes, join
 from mocapella.viewer.drawing import FloorNode, SensorNode, StrokeNode, Tag, TagNodes
-from mocapella.viewer.known import Known
 from mocapella.viewer.lanes import LaneSpace, draw_lane
 from mocapella.viewer.layout import SENSORS_SCALE
 from mocapella.viewer.meshes import ball_mesh, bone_mesh
+from mocapella.viewer.view_state import Known
 
 Float64 = NDArray[np.float64]
 

@@ -29,7 +29,7 @@ from mocapella.viewer.lane_picture import LanePicture
 from mocapella.viewer.layout import SENSORS_SCALE
 from mocapella.viewer.marker_lane import lane_picture
 from mocapella.viewer.palette import Rgb
-from mocapella.viewer.troubles import Troubles
+from mocapella.viewer.plugin_errors import PluginErrors
 
 Float64 = NDArray[np.float64]
 
@@ -126,7 +126,7 @@ ARMS: Final = Lane(_arms)
 IMAGES: Final = Lane(_image, keep=_without_pixels, size_px=_image_size)
 
 
-def lane_of(frame: SensorFrame, troubles: Troubles) -> Lane | None:
+def lane_of(frame: SensorFrame, troubles: PluginErrors) -> Lane | None:
     """The lane of a frame's type; None where it has none, is not installed, or its lane cannot be imported."""
     kind = frame_type_of(frame)
     if kind is None or not kind.lane:
@@ -134,7 +134,7 @@ def lane_of(frame: SensorFrame, troubles: Troubles) -> Lane | None:
     return troubles.attempt(_called(frame), lambda: _lane(kind.lane), None)
 
 
-def draw_lane(frame: SensorFrame, space: LaneSpace, troubles: Troubles) -> LaneDrawing:
+def draw_lane(frame: SensorFrame, space: LaneSpace, troubles: PluginErrors) -> LaneDrawing:
     """What a frame's lane shows; an empty lane where its type has none, or where that raises, which is told once."""
     lane = lane_of(frame, troubles)
     return EMPTY if lane is None else troubles.attempt(_called(frame), lambda: _drawn(lane, frame, space), EMPTY)
@@ -147,7 +147,7 @@ def _drawn(lane: Lane, frame: SensorFrame, space: LaneSpace) -> LaneDrawing:
     return LaneDrawing(checked(drawing.lines), checked(drawing.balls))
 
 
-def kept(frame: SensorFrame, troubles: Troubles) -> SensorFrame | None:
+def kept(frame: SensorFrame, troubles: PluginErrors) -> SensorFrame | None:
     """The frame as the timeline keeps it; None where nothing would be drawn of it."""
     lane = lane_of(frame, troubles)
     return None if lane is None else troubles.attempt(_called(frame), lambda: lane.keep(frame), None)

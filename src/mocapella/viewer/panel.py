@@ -29,7 +29,6 @@ from mocapella.viewer.controls import (
     progress_percent,
     take_name,
 )
-from mocapella.viewer.known import Known
 from mocapella.viewer.part_panel import MakePanel, PanelPlace, PanelState, PartPanel
 from mocapella.viewer.perspective import FREE
 from mocapella.viewer.room import called, drawing_of
@@ -37,6 +36,7 @@ from mocapella.viewer.setup_panel import SetupPanel
 from mocapella.viewer.timeline import Moment, Playhead, Timeline
 from mocapella.viewer.timeline_panel import TimelinePanel
 from mocapella.viewer.trails import LONGEST_S, TrailChoice, TrailOf
+from mocapella.viewer.view_state import Known
 from mocapella.viewer.watchdog import Watchdog
 
 WIDTH_PX = 340

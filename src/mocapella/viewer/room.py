@@ -28,8 +28,8 @@ from mocapella.viewer.drawing import Tag
 from mocapella.viewer.palette import Rgb
 from mocapella.viewer.part_panel import MakePanel
 from mocapella.viewer.perspective import Floors, Perspectives, StageSpace
+from mocapella.viewer.plugin_errors import PluginErrors
 from mocapella.viewer.stage import Skin, Surface
-from mocapella.viewer.troubles import Troubles
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -145,7 +145,7 @@ class DrawPart:
     panel: MakePanel | None = None
 
 
-def drawing_of(name: str, troubles: Troubles) -> DrawPart | None:
+def drawing_of(name: str, troubles: PluginErrors) -> DrawPart | None:
     """How parts of that type are shown; None where the type has no drawing, is unknown, or cannot be imported."""
     kind = PART_TYPES.get(name)
     if kind is None or not kind.drawing:
@@ -153,7 +153,7 @@ def drawing_of(name: str, troubles: Troubles) -> DrawPart | None:
     return troubles.attempt(called(name), lambda: _loaded(kind.drawing), None)
 
 
-def draw_parts(name: str, parts: tuple[Any, ...], scene: Scene, room: RoomView, troubles: Troubles) -> PartDrawing:
+def draw_parts(name: str, parts: tuple[Any, ...], scene: Scene, room: RoomView, troubles: PluginErrors) -> PartDrawing:
     """What parts of one type show; nothing where their drawing raises, which is told once."""
     how = drawing_of(name, troubles)
     if how is None or not parts:

@@ -15,8 +15,8 @@ from mocapella.model.rigged_mesh import RiggedMesh, posed
 from mocapella.model.scene import Scene, TrackedBody, TrackedBodyView
 from mocapella.model.twist_tree import TreePose, part_motions
 from mocapella.viewer import layout
+from mocapella.viewer.body_mesh_cache import SHELF
 from mocapella.viewer.body_panel import BodyPanel
-from mocapella.viewer.body_shelf import SHELF
 from mocapella.viewer.bones import Strokes, join, joint_strokes, line_strokes
 from mocapella.viewer.drawing import Tag
 from mocapella.viewer.image_lines import deviations, pieces

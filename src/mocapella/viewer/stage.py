@@ -23,8 +23,8 @@ from mocapella.viewer.meshes import Mesh
 from mocapella.viewer.palette import Rgb
 from mocapella.viewer.part_panel import MakePanel
 from mocapella.viewer.perspective import Floors, Perspectives
+from mocapella.viewer.plugin_errors import PluginErrors
 from mocapella.viewer.sensor_marks import SensorMark
-from mocapella.viewer.troubles import Troubles
 
 Float64 = NDArray[np.float64]
 
@@ -98,7 +98,7 @@ class StageView:
     perspective: str
     seen: Perspectives
     floors: Floors
-    troubles: Troubles
+    troubles: PluginErrors
 
 
 class StageMemory(Protocol):

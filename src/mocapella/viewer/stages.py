@@ -12,11 +12,11 @@ from typing import Any, Final
 from mocapella.errors import PluginError
 from mocapella.model.scene import Scene
 from mocapella.registry import load
+from mocapella.viewer.plugin_errors import PluginErrors
 from mocapella.viewer.stage import Stage, StageMemory
 from mocapella.viewer.stage_arms import ARMS
 from mocapella.viewer.stage_hands import HANDS
 from mocapella.viewer.stage_room import ROOM
-from mocapella.viewer.troubles import Troubles
 
 __all__ = ["ARMS", "HANDS", "ROOM", "StageChoice"]
 
@@ -32,7 +32,7 @@ class StageChoice:
         troubles: is told of a stage that cannot be used; it is then passed over.
     """
 
-    def __init__(self, methods: Mapping[str, Sequence[str]], props: Mapping[str, str], troubles: Troubles) -> None:
+    def __init__(self, methods: Mapping[str, Sequence[str]], props: Mapping[str, str], troubles: PluginErrors) -> None:
         self._methods, self._troubles = methods, troubles
         self._props: dict[str, Callable[[], Any]] = {name: load(reference) for name, reference in props.items()}
         self._memories: dict[str, StageMemory] = {}

@@ -17,15 +17,15 @@ from mocapella.model.session import SessionStatus, Setup
 from mocapella.viewer.browser import ASPECT, Browser, look_along, new_sight
 from mocapella.viewer.camera_feed import Ask, CameraAnswer, CameraFeed, FeedMode
 from mocapella.viewer.commands import Commander, SendCommand
-from mocapella.viewer.known import Known
 from mocapella.viewer.lanes import kept
 from mocapella.viewer.layout import Look
 from mocapella.viewer.page import open_page, tolerated, unprinted
 from mocapella.viewer.panel import WIDTH_PX
 from mocapella.viewer.picture_plane import SizedPicture
-from mocapella.viewer.show import Drawings, ViewNow
 from mocapella.viewer.stages import StageChoice
 from mocapella.viewer.timeline import LATEST_S, Moment, ShownPicture, Timeline
+from mocapella.viewer.view_frame import Drawings, ViewNow
+from mocapella.viewer.view_state import Known
 
 BOARD_PX: Final = 560
 """So wide a picture over the stage is asked for."""

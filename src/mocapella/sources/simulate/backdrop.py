@@ -176,7 +176,7 @@ def _rug(maker: _Maker, rng: np.random.Generator) -> None:
 
 
 def _furnish(maker: _Maker, rng: np.random.Generator, half: Float64, side: int) -> None:
-    """Things along one wall, from one corner to the other, each as wide as there is place; pictures above low ones."""
+    """Objects along one wall, from one corner to the other, each as wide as there is place; pictures above low ones."""
     along = half[0] if side < 2 else half[2]
     depth_at = half[2] if side < 2 else half[0]
     sign = 1.0 if side % 2 == 0 else -1.0

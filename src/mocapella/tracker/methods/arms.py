@@ -42,7 +42,7 @@ def _arm() -> Iterator[Arrival]:
     arm = SeenArm(0, False, 0.9, points, states, sd, np.zeros(21))
     for k in range(3):
         at_ns = round(1e9 * k / _RATE_HZ) + 1
-        yield Arrival(ArmFrame("practice", 0, k, at_ns, 0, _SIZE, _LENS, "practice", (arm,)), at_ns)
+        yield Arrival(ArmFrame("warm-up", 0, k, at_ns, 0, _SIZE, _LENS, "warm-up", (arm,)), at_ns)
 
 
 METHOD: Final = Method(
@@ -53,7 +53,7 @@ METHOD: Final = Method(
     frame_types=(ArmFrame,),
     parts=("arms",),
     make=_make,
-    practice=_practice,
+    warm_up_run=_practice,
     camera_rig="optional",
     keeps_layout=True,
     files={"rig": "mocapella.tracker.method_files:camera_rig"},

@@ -28,7 +28,7 @@ from mocapella.tracker.protocol import Tracker
 _RATE_HZ: Final = 30
 _SIZE: Final = (640, 480)
 _LENS: Final = np.array([530.0, 530.0, 319.5, 239.5, -0.05, 0.0, 0.0, 0.0, 0.0])
-_AT: Final = {"practice-0": -0.2, "practice-1": 0.0, "practice-2": 0.2}
+_AT: Final = {"warm-up-0": -0.2, "warm-up-1": 0.0, "warm-up-2": 0.2}
 """Of cameras that look along z; where along x [m]."""
 _RIG: Final = CameraRig(
     {
@@ -82,7 +82,7 @@ METHOD: Final = Method(
     frame_types=(MarkerFrame, PoseFrame),
     parts=("hands", "objects", "points"),
     make=_make,
-    practice=_practice,
+    warm_up_run=_practice,
     camera_rig="required",
     files={
         "rig": "mocapella.tracker.method_files:camera_rig",

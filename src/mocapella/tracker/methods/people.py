@@ -48,7 +48,7 @@ def _walkers() -> Iterator[Arrival]:
                 apply(rigid(rotation_about_y(a), (0.7 * np.sin(a), 1.0, 3.0 + 0.7 * np.cos(a))), rest) for a in angles
             ]
             frame = body_frame(
-                f"practice-{i}",
+                f"warm-up-{i}",
                 tree,
                 time_ns=round(1e9 * t),
                 positions=apply(inverse(T_world_sensor), np.array(world)),
@@ -66,7 +66,7 @@ METHOD: Final = Method(
     frame_types=(BodyFrame, ArmFrame, ImageFrame),
     parts=("people", "arms", "bodies"),
     make=_make,
-    practice=_practice,
+    warm_up_run=_practice,
     keeps_layout=True,
     files={
         "rig": "mocapella.tracker.method_files:bodies_rig",

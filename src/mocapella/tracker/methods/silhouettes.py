@@ -33,9 +33,9 @@ def _make(settings: Mapping[str, Any], sensors_expected: int, sensors: Mapping[s
 
 
 def _practice() -> tuple[Tracker, Iterable[Arrival]]:
-    from mocapella.tracker.silhouettes_practice import practice_arrivals, practice_tracker
+    from mocapella.tracker.silhouettes_warmup import warm_up_arrivals, warm_up_tracker
 
-    return practice_tracker(), practice_arrivals()
+    return warm_up_tracker(), warm_up_arrivals()
 
 
 METHOD: Final = Method(
@@ -46,7 +46,7 @@ METHOD: Final = Method(
     frame_types=(ImageFrame,),
     parts=("bodies",),
     make=_make,
-    practice=_practice,
+    warm_up_run=_practice,
     camera_rig="required",
     files={
         "rig": "mocapella.tracker.method_files:camera_rig",

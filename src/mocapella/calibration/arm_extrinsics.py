@@ -1,0 +1,297 @@
+"""Where a depth camera stands, from an arm that it and a camera whose place is known see while the arm moves.
+
+The eight joints of the arm at many instants are paired points; T_world_camera and the clocks' difference δ minimise
+Σ w |p − T (q + δ v)|² with Geman–McClure weights (`geometry.alignment`, where the sources are). The other camera's
+joints are interpolated to the instant of each frame. What is told of the error comes from the scatter of half-second
+blocks (K.-Y. Liang, S. Zeger, Biometrika 73 (1986) 13): errors of neighbouring frames are alike, so that n frames tell
+less than n times as much.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry.alignment import align, moments, normal_equations, robust_align, robust_weights
+from mocapella.geometry.rigid import apply
+from mocapella.model.arms import ARM_JOINTS, SeenArm
+from mocapella.model.observations import JointState
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+_JOINTS: Final = list(ARM_JOINTS)
+_BLOCK_S: Final = 0.5
+_UNSAID_SD_M: Final = 0.02
+_ROUNDS: Final = 8
+_LONGEST_S: Final = 0.3
+
+
+@dataclass(frozen=True)
+class ArmExtrinsicsSettings:
+    """What is wanted of a calibration by an arm.
+
+    Attributes:
+        instants: that both cameras must have seen; and to go on with, at most.
+        most_hz: instants a second that are used, at most.
+        gap_s: frames of the other camera that are farther apart are not interpolated.
+        space_m: how far the joints must move about their means, as a standard deviation in the second direction.
+        scale_m: joints that fit worse than that count ever less.
+        largest_residual_m: cameras that agree worse do not see the same arm.
+        largest_sd_m, largest_sd_rad: of the place.
+        delay_sd_s: how different the cameras' delays are.
+    """
+
+    instants: tuple[int, int] = (60, 300)
+    most_hz: float = 20.0
+    gap_s: float = 0.1
+    space_m: float = 0.025
+    scale_m: float = 0.03
+    largest_residual_m: float = 0.03
+    largest_sd_m: float = 0.01
+    largest_sd_rad: float = 0.035
+    delay_sd_s: float = 0.02
+
+    def __post_init__(self) -> None:
+        least, most = self.instants
+        check(10 <= least <= most <= 10_000, "instants", self.instants, "two numbers from 10 to 10000, rising")
+        above = ("most_hz", "gap_s", "space_m", "scale_m", "largest_residual_m", "largest_sd_m", "largest_sd_rad")
+        for name in (*above, "delay_sd_s"):
+            check(0 < getattr(self, name) <= 1000, name, getattr(self, name), "above 0 and at most 1000")
+
+
+class ArmExtrinsicsResult(msgspec.Struct, frozen=True, eq=False):
+    """A camera's place, and how well it is known.
+
+    Attributes:
+        T_world_camera: (4, 4).
+        delay_s: its frames were captured so much later than the other camera's clock says.
+        position_sd_m: of a point where the arm was.
+        rotation_sd_rad: likewise.
+        residual_m: median distance of a joint from the other camera's.
+        missing: what is wanted before it can be believed; empty where nothing is.
+    """
+
+    T_world_camera: Float64
+    delay_s: float
+    position_sd_m: float
+    rotation_sd_rad: float
+    residual_m: float
+    missing: str = ""
+
+
+class Instant(msgspec.Struct, frozen=True, eq=False):
+    """Eight joints that two cameras saw at one instant.
+
+    Attributes:
+        at_s: on the common clock.
+        world: (8, 3) by the camera whose place is known [m].
+        own: (8, 3) by the other, in its space [m].
+        velocity: (8, 3) of that [m/s].
+        weights: (8,) [1/m²]; 0 of a joint that one of them does not measure.
+    """
+
+    at_s: float
+    world: Float64
+    own: Float64
+    velocity: Float64
+    weights: Float64
+
+
+class ArmSights(msgspec.Struct, frozen=True, eq=False):
+    """One camera's frame: its arms at an instant."""
+
+    at_s: float
+    arms: tuple[SeenArm, ...]
+
+
+class ArmExtrinsics:
+    """Cameras that are placed by the arm that they see.
+
+    Attributes:
+        found: by camera, the newest estimate.
+    """
+
+    def __init__(self, settings: ArmExtrinsicsSettings | None = None) -> None:
+        self.settings = settings or ArmExtrinsicsSettings()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.found: dict[str, ArmExtrinsicsResult] = {}
+        self.instants: dict[str, list[Instant]] = {}
+        self.seen: dict[str, deque[ArmSights]] = {}
+
+    def update(self, camera: str, arms: Sequence[SeenArm], at_s: float, places: Mapping[str, Float64]) -> list[str]:
+        """Take a frame in.
+
+        Args:
+            camera, arms: which saw what, in its own space.
+            at_s: when, on the common clock [s].
+            places: ``T_world_camera`` of those that are placed otherwise: the others are found here.
+
+        Returns:
+            The cameras of which there is a new estimate.
+        """
+        self.seen.setdefault(camera, deque(maxlen=8)).append(ArmSights(at_s, tuple(arms)))
+        if camera not in places:
+            self.instants.setdefault(camera, [])
+            return []
+        return [other for other in sorted(self.instants) if other not in places and self._pair(other, camera, places)]
+
+    def needs(self, camera: str) -> str:
+        """What is wanted before the camera has a place, for a person; empty where it has one."""
+        found = self.found.get(camera)
+        if found is not None:
+            return found.missing
+        have = len(self.instants.get(camera, ())) / self.settings.instants[0]
+        return f"move one arm about where another camera sees it too ({10 * int(10 * have)} % done)"
+
+    def _pair(self, camera: str, reference: str, places: Mapping[str, Float64]) -> bool:
+        """Pair the camera's frames that lie between two of the reference's; True where that gave a new estimate.
+
+        The newest of the reference is left out: the camera's next frame is wanted, too.
+        """
+        s, instants, sights = self.settings, self.instants[camera], self.seen[camera]
+        if len(instants) >= s.instants[1] or len(self.seen[reference]) < 3:
+            return False
+        early, late, _ = list(self.seen[reference])[-3:]
+        if not 0.0 < late.at_s - early.at_s <= s.gap_s:
+            return False
+        added = False
+        for before, sight, after in zip(sights, islice(sights, 1, None), islice(sights, 2, None), strict=False):
+            due = not instants or sight.at_s - instants[-1].at_s >= 0.999 / s.most_hz
+            if not due or not early.at_s <= sight.at_s < late.at_s:
+                continue
+            instant = _instant((before, sight, after), early, late, places[reference])
+            if instant is not None:
+                instants.append(instant)
+                added = True
+        n = len(instants)
+        if not added or n < s.instants[0] or n % 10:
+            return False
+        self.found[camera] = extrinsics_from_arm(instants, s)
+        return True
+
+
+def _instant(
+    sights: tuple[ArmSights, ArmSights, ArmSights], early: ArmSights, late: ArmSights, T_world_reference: Float64
+) -> Instant | None:
+    """The one arm that both cameras saw, or None where that is not certain.
+
+    Its velocity is of the frames before and after: of its own frame it would have the very error of the place, which
+    would look like a delay.
+    """
+    before, sight, after = sights
+    own = _only(sight.arms, early.arms)
+    theirs = _only(early.arms, sight.arms)
+    if own is None or theirs is None:
+        return None
+    own_before, own_after, theirs_later = _same(before, own), _same(after, own), _same(late, theirs)
+    if own_before is None or own_after is None or theirs_later is None or after.at_s - before.at_s > _LONGEST_S:
+        return None
+    share = (sight.at_s - early.at_s) / (late.at_s - early.at_s)
+    world = apply(T_world_reference, (1.0 - share) * theirs.joints + share * theirs_later.joints)
+    velocity = (own_after.joints - own_before.joints) / (after.at_s - before.at_s)
+    arms = (own, own_before, own_after, theirs, theirs_later)
+    measured = np.all([arm.joint_states == JointState.TRACKED for arm in arms], axis=0)
+    sd = np.array([arm.sd[_JOINTS] for arm in (own, theirs)], dtype=np.float64)
+    sd = np.maximum(np.where(np.isfinite(sd), sd, _UNSAID_SD_M), 0.003)
+    weights = np.where(measured, 1.0 / (sd * sd).sum(axis=0), 0.0)
+    if np.count_nonzero(weights) < 3:
+        return None
+    return Instant(sight.at_s, world, own.joints, velocity, weights)
+
+
+def _same(sights: ArmSights, arm: SeenArm) -> SeenArm | None:
+    return next((one for one in sights.arms if one.id == arm.id), None)
+
+
+def _only(arms: Sequence[SeenArm], others: Sequence[SeenArm]) -> SeenArm | None:
+    """The arm that must be the other camera's: the only one, or the only one of the only side that both see."""
+    if len(arms) == 1 and len(others) == 1:
+        return arms[0]
+    for left in (True, False):
+        mine = [arm for arm in arms if arm.left == left]
+        if len(mine) == 1 and sum(arm.left == left for arm in others) == 1:
+            return mine[0]
+    return None
+
+
+def extrinsics_from_arm(
+    instants: Sequence[Instant], settings: ArmExtrinsicsSettings | None = None
+) -> ArmExtrinsicsResult:
+    """The place of the camera that saw ``own``, and what is missing before it can be believed."""
+    s = settings or ArmExtrinsicsSettings()
+    p, q = np.array([one.world for one in instants]), np.array([one.own for one in instants])
+    v, w = np.array([one.velocity for one in instants]), np.array([one.weights for one in instants])
+    flat = (p.reshape(-1, 3), q.reshape(-1, 3), w.ravel())
+    centre = np.average(np.nan_to_num(flat[0]), axis=0, weights=flat[2])
+    T = robust_align(flat[0] - centre, flat[1], flat[2], kernel="geman-mcclure", scale=s.scale_m)
+    delay, p = 0.0, p - centre
+    for _ in range(_ROUNDS):
+        residual = np.linalg.norm(p - apply(T, q + delay * v), axis=-1)
+        fits = robust_weights(residual, "geman-mcclure", s.scale_m)
+        counted = np.where(np.isfinite(residual), w * fits, 0.0)
+        M = moments(p.reshape(-1, 3), q.reshape(-1, 3), counted.ravel(), v.reshape(-1, 3))
+        H, g = normal_equations(M, T, delay)
+        H[6, 6] += 1.0 / s.delay_sd_s**2
+        g[6] -= delay / s.delay_sd_s**2
+        delay = float(np.clip(delay + np.linalg.solve(H, g)[6], -0.1, 0.1))
+        T = align(M, delay)
+    at_s = np.array([one.at_s for one in instants])
+    covariance = np.linalg.pinv(H)
+    blocks = np.unique(((at_s - at_s[0]) / _BLOCK_S).astype(np.int64), return_inverse=True)[1]
+    scatter = _scatter(p, q, v, counted, T, delay, blocks)
+    covariance = covariance @ scatter @ covariance
+    away = residual[w > 0]
+    position_sd, rotation_sd = (math.sqrt(float(np.trace(covariance[k : k + 3, k : k + 3]))) for k in (0, 3))
+    T = T.copy()
+    T[:3, 3] += centre
+    place = ArmExtrinsicsResult(T, delay, position_sd, rotation_sd, float(np.median(away)))
+    return msgspec.structs.replace(place, missing=_missing(place, _space(p, w), s))
+
+
+def _scatter(  # noqa: PLR0917 - one fit, in its parts
+    p: Float64, q: Float64, v: Float64, w: Float64, T: Float64, delay: float, blocks: Int64
+) -> Float64:
+    """Σ g gᵀ (7, 7) over blocks of instants of their gradients."""
+    _, g = normal_equations(moments(p, q, w, v), np.broadcast_to(T, (len(p), 4, 4)), np.full(len(p), delay))
+    of_block = np.zeros((int(blocks.max()) + 1, 7))
+    np.add.at(of_block, blocks, g)
+    return np.asarray(of_block.T @ of_block)
+
+
+def _space(p: Float64, w: Float64) -> float:
+    """How far the joints moved about their means, as a standard deviation in the second direction [m]."""
+    there = w > 0
+    seen = np.where(there[..., None], p, 0.0)
+    mean = seen.sum(axis=0) / np.maximum(there.sum(axis=0), 1)[:, None]
+    moved = np.where(there[..., None], p - mean, 0.0).reshape(-1, 3)
+    return math.sqrt(max(float(np.linalg.eigvalsh(moved.T @ moved / max(int(there.sum()), 1))[1]), 0.0))
+
+
+def _missing(place: ArmExtrinsicsResult, space_m: float, s: ArmExtrinsicsSettings) -> str:
+    if space_m < s.space_m:
+        return "move the arm farther about, to all sides"
+    if place.residual_m > s.largest_residual_m:
+        return (
+            f"what it sees is {1e2 * place.residual_m:.0f} cm from what another camera sees: show both one arm only, "
+            "and check intrinsics and unit"
+        )
+    if place.position_sd_m > s.largest_sd_m or place.rotation_sd_rad > s.largest_sd_rad:
+        return f"go on moving the arm: its place is known to {1e3 * place.position_sd_m:.0f} mm only"
+    return ""
+
+
+REMEMBERED: Final = (ArmExtrinsicsResult, Instant, ArmSights, SeenArm)
+"""Kinds that an `ArmExtrinsics` remembers, see `mocapella.model.memory`."""

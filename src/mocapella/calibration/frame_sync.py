@@ -1,0 +1,49 @@
+"""Which pictures of several cameras are of one instant."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from mocapella.errors import CalibrationError
+
+
+def synchronise_frames(
+    times_s: Mapping[str, Sequence[float]], tolerance_s: float | None = None
+) -> dict[tuple[str, int], int]:
+    """Group frames that were captured within a tolerance.
+
+    Args:
+        times_s: when each frame was captured, by camera; all on one clock; NaN where nobody knows.
+        tolerance_s: the frames of an instant lie no farther apart; a third of the shortest camera's interval where not
+            given. It has to be less than half of it, or frames of one camera would be of one instant.
+
+    Returns:
+        the instant, rising with time, of every camera's frame whose time is known.
+
+    Raises:
+        CalibrationError: times that do not rise, or a tolerance that is too large.
+    """
+    known = {name: np.asarray(times)[np.isfinite(times)] for name, times in times_s.items()}
+    intervals = [float(np.median(np.diff(times))) for times in known.values() if len(times) > 1]
+    for name, times in known.items():
+        if (np.diff(times) <= 0).any():
+            raise CalibrationError(f"camera {name}: the times of its frames do not rise: check --timestamps")
+    shortest = min(intervals, default=np.inf)
+    if tolerance_s is None:
+        tolerance_s = shortest / 3 if np.isfinite(shortest) else 0.0
+    if not 0 <= tolerance_s < shortest / 2:
+        raise CalibrationError(
+            f"frames {1e3 * tolerance_s:.1f} ms apart cannot be taken as of one instant with one every "
+            f"{1e3 * shortest:.1f} ms: choose less than half of that"
+        )
+    frames = sorted((at, name, k) for name, times in times_s.items() for k, at in enumerate(times) if np.isfinite(at))
+    found: dict[tuple[str, int], int] = {}
+    instant, began, names = -1, -np.inf, set[str]()
+    for at, name, k in frames:
+        if at - began > tolerance_s or name in names:
+            instant, began, names = instant + 1, at, set()
+        found[name, k] = instant
+        names.add(name)
+    return found

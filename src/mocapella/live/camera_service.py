@@ -1,0 +1,316 @@
+"""Answer a camera node's queries in a thread of their own, so that frames are not delayed."""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import threading
+import time
+from collections import OrderedDict, deque
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, Literal, Protocol
+
+from msgspec.structs import replace
+
+from mocapella.errors import MocapellaError, NotNowError, SettingsError
+from mocapella.live.marker_work import DetectedPicture
+from mocapella.model.board import parse_board
+from mocapella.sensing.boards import BoardDetector, why_not_found
+from mocapella.sensing.colour_learning import ColourSample, learn_colours
+from mocapella.sensing.colour_profile import ColourProfile, save_profile
+from mocapella.sensing.colour_table import separability
+from mocapella.sensing.marker_mask import encode_image, mask_image
+from mocapella.sensing.markers import MarkerDetector
+from mocapella.settings import check
+from mocapella.sources.acquisition import Acquisition
+from mocapella.wire.questions import (
+    AskBoard,
+    AskControls,
+    AskDiscard,
+    AskLearn,
+    AskMask,
+    AskPicture,
+    AskReport,
+    AskSave,
+    NodeAnswer,
+    read_question,
+    write_answer,
+)  # fmt: skip
+
+_SAVED: Final = "saved"
+"""In place of the colours before: none were learnt since the beginning, or since they were saved."""
+SCALES: Final = (0.05, 2.0)
+"""Between these a picture's scale is."""
+LONGEST_NAME: Final = 80
+"""Of a marker, on the wire."""
+
+
+@dataclass(frozen=True)
+class CameraServiceSettings:
+    """How much is answered.
+
+    Attributes:
+        waiting: questions that may wait; more are refused.
+        a_second: answers a second; more are refused.
+        pictures: that were asked for and are kept, to be pointed at.
+    """
+
+    waiting: int = 8
+    a_second: int = 20
+    pictures: int = 16
+
+    def __post_init__(self) -> None:
+        check(1 <= self.waiting <= 1000, "waiting", self.waiting, "from 1 to 1000")
+        check(1 <= self.a_second <= 1000, "a_second", self.a_second, "from 1 to 1000")
+        check(1 <= self.pictures <= 1000, "pictures", self.pictures, "from 1 to 1000")
+
+
+class PictureWork(Protocol):
+    """What a node does with a camera's pictures, as far as questions are about it.
+
+    Attributes:
+        camera: the camera's name.
+        acquisition: where the pictures come from.
+        detector: of the markers; None where none are looked for.
+        newest: the picture that was looked at last; None before the first.
+    """
+
+    camera: str
+    acquisition: Acquisition
+    detector: MarkerDetector | None
+    newest: DetectedPicture | None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the markers that are looked for."""
+
+    def use(self, profile: ColourProfile) -> None:
+        """Look for these colours from now on."""
+
+    def report(self) -> dict[str, Any]:
+        """Counts, as ``--json`` has them."""
+
+    def words(self) -> str:
+        """The report in a line."""
+
+
+class CameraService:
+    """Answers questions (`mocapella.wire.questions`). A context manager; leaving it ends the thread.
+
+    Args:
+        work: whose pictures and colours they are about.
+        profile_file: where `AskSave` writes; None where there is none.
+        settings: see there.
+        say: receives messages about changes.
+        clock: the monotonic clock, in seconds.
+    """
+
+    def __init__(
+        self,
+        work: PictureWork,
+        profile_file: Path | None = None,
+        settings: CameraServiceSettings | None = None,
+        *,
+        say: Callable[[str], None] = lambda text: None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._work, self._file, self.settings = work, profile_file, settings or CameraServiceSettings()
+        self._say, self._clock = say, clock
+        self._waiting: queue.Queue[tuple[bytes, Callable[[bytes], None]] | None] = queue.Queue(self.settings.waiting)
+        self._asked_s: deque[float] = deque(maxlen=self.settings.a_second)
+        self._lock, self._ended = threading.Lock(), threading.Event()
+        self._shown: OrderedDict[int, DetectedPicture] = OrderedDict()
+        self._board: tuple[str, BoardDetector] | None = None
+        self._before: ColourProfile | Literal["saved"] | None = _SAVED
+        self._thread = threading.Thread(target=self._run, name="questions", daemon=True)
+        self._thread.start()
+
+    def ask(self, question: bytes, reply: Callable[[bytes], None]) -> None:
+        """Take in a question, or refuse it at once; returns at once. ``reply`` is called with the answer, once."""
+        now_s, refusal = self._clock(), ""
+        with self._lock:
+            recent = self._asked_s
+            if len(recent) == recent.maxlen and now_s - recent[0] < 1.0:
+                refusal = f"more than {recent.maxlen} questions a second; ask again in a second"
+            else:
+                recent.append(now_s)
+        if not refusal:
+            try:
+                self._waiting.put_nowait((question, reply))
+                return
+            except queue.Full:
+                refusal = f"{self.settings.waiting} questions wait already; ask again when they are answered"
+        reply(write_answer(NodeAnswer(False, refusal)))
+
+    def answer(self, question: bytes) -> NodeAnswer:
+        """The answer to a question; what cannot be done is answered with the reason."""
+        try:
+            return self._answers(question)
+        except MocapellaError as error:
+            return NodeAnswer(False, str(error))
+
+    def close(self) -> None:
+        """End the thread after its current answer."""
+        self._ended.set()
+        with contextlib.suppress(queue.Full):  # the thread wakes up for what fills it
+            self._waiting.put_nowait(None)
+        self._thread.join(1.0)
+
+    def __enter__(self) -> CameraService:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _run(self) -> None:
+        while (waiting := self._waiting.get()) is not None and not self._ended.is_set():
+            question, reply = waiting
+            reply(write_answer(self.answer(question)))
+
+    def _answers(self, data: bytes) -> NodeAnswer:  # noqa: PLR0911 - one return a question
+        match read_question(data):
+            case AskPicture(scale=scale, format=kind, keep=keep):
+                look = self._newest(keep=keep)
+                return self._pictured(look, look.picture.image, kind, scale)
+            case AskMask(scale=scale, format=kind):
+                look = self._newest()
+                if look.detector is None:
+                    raise NotNowError("no colours are learnt yet; ask for a picture, and learn the colours in it")
+                painted = mask_image(look.picture.image, look.detector.profile, look.detector.table, look.frame)
+                return self._pictured(look, painted, kind, scale)
+            case AskControls():
+                return NodeAnswer(True, controls=self._controls())
+            case AskReport():
+                return NodeAnswer(
+                    True, self._work.words(), report={**self._work.report(), "unsaved": self._before != _SAVED}
+                )
+            case AskLearn() as wanted:
+                return self._learn(wanted)
+            case AskSave():
+                return self._save()
+            case AskDiscard():
+                return self._discard()
+            case AskBoard(board=text, explain=explain):
+                return self._find_board(text, explain=explain)
+
+    def _newest(self, *, keep: bool = False) -> DetectedPicture:
+        look = self._work.newest
+        if look is None:
+            raise NotNowError("there is no picture yet; ask again when the camera gives one")
+        if keep:
+            self._shown[look.picture.time_ns] = look
+            while len(self._shown) > self.settings.pictures:
+                self._shown.popitem(last=False)
+        return look
+
+    def _pictured(self, look: DetectedPicture, image: Any, kind: Literal["jpeg", "png"], scale: float) -> NodeAnswer:
+        if not SCALES[0] <= scale <= SCALES[1]:
+            raise SettingsError(f"scale is {scale:g}; it must be from {SCALES[0]:g} to {SCALES[1]:g}")
+        frame = look.frame
+        return NodeAnswer(
+            True,
+            time_ns=look.picture.time_ns,
+            size_px=look.picture.size_px,
+            image=encode_image(image, kind, scale),
+            format=kind,
+            names=list(frame.names),
+            positions_px=[
+                (float(x), float(y)) if found else None
+                for (x, y), found in zip(frame.positions_px, frame.found, strict=True)
+            ],
+        )
+
+    def _controls(self) -> dict[str, Any]:
+        acquisition = self._work.acquisition
+        state, report = acquisition.state, acquisition.report()
+        return {
+            **asdict(state.controls),
+            "fps": report.fps,
+            "asked_fps": report.asked_fps,
+            "size_px": state.size_px,
+            "problems": state.problems,
+            "times": acquisition.source.times,
+            "source": acquisition.source.name,
+        }
+
+    def _learn(self, wanted: AskLearn) -> NodeAnswer:
+        samples = [ColourSample(self._kept(part.time_ns), part.points) for part in wanted.clicks]
+        if not any(sample.clicks for sample in samples):
+            raise SettingsError("clicks has no point; point at every marker, and at skin")
+        for name in {name for sample in samples for name in sample.clicks}:
+            if not 0 < len(name) <= LONGEST_NAME:
+                raise SettingsError(f"marker {name[:40]!r}: a name has 1 to {LONGEST_NAME} characters")
+        profile = learn_colours(
+            self._work.camera,
+            samples,
+            backgrounds=[self._kept(time_ns) for time_ns in wanted.backgrounds],
+            controls=self._work.acquisition.state.controls,
+        )
+        how = separability(profile)
+        if self._before == _SAVED:
+            detector = self._work.detector
+            self._before = None if detector is None else detector.profile
+        self._work.use(profile)
+        self._say(f"{profile.camera}: looks for {', '.join(profile.names)} now")
+        told = f"learnt {', '.join(profile.names)}" + ("; not saved yet" if self._file else "")
+        return NodeAnswer(
+            True,
+            told,
+            names=list(profile.names),
+            separability={
+                "kept": how.kept,
+                "in_background": how.in_background,
+                "distances": how.distances.tolist(),
+                "problems": list(how.problems),
+            },
+        )
+
+    def _kept(self, time_ns: int) -> Any:
+        if time_ns not in self._shown:
+            raise SettingsError(
+                f"time_ns {time_ns}: no picture of that time is kept; ask for a picture, and point at that one "
+                f"(the last {self.settings.pictures} are kept)"
+            )
+        return self._shown[time_ns].picture.image
+
+    def _save(self) -> NodeAnswer:
+        if self._file is None:
+            raise NotNowError("this node was started without --profile FILE; start it with one to keep colours")
+        if self._work.detector is None:
+            raise NotNowError("no colours are learnt yet; there is nothing to save")
+        profile = self._work.detector.profile
+        save_profile(self._file, profile)
+        self._before = _SAVED
+        self._say(f"{profile.camera}: colours saved to {self._file}")
+        return NodeAnswer(True, f"saved to {self._file}", names=list(profile.names))
+
+    def _discard(self) -> NodeAnswer:
+        if self._before == _SAVED:
+            raise NotNowError("no colours were learnt that are not saved; there is nothing to discard")
+        before, self._before = self._before, _SAVED
+        if isinstance(before, ColourProfile):
+            self._work.use(before)
+        else:
+            self._work.detector = None
+        said = "looks for the colours again that it had before" if before else "no colours are in use, as before"
+        self._say(f"{self._work.camera}: {said}")
+        return NodeAnswer(True, said, names=list(self._work.names))
+
+    def _find_board(self, text: str, *, explain: bool) -> NodeAnswer:
+        if self._board is None or self._board[0] != text:
+            self._board = (text, BoardDetector(parse_board(text)))
+        detector, look = self._board[1], self._newest()
+        seen = detector.update(look.picture.image, self._work.camera, look.picture.number)
+        there = NodeAnswer(True, time_ns=look.picture.time_ns, size_px=look.picture.size_px)
+        corners: dict[str, Any] = {"ids": [], "corners_px": [], "edge_px": None}
+        if seen is None:
+            said = why_not_found([look.picture.image], detector.board) if explain else "the board is not seen"
+            return replace(there, message=said, corners=corners)
+        edge = seen.edge_px if seen.edge_px == seen.edge_px else None  # NaN is no JSON
+        corners = {"ids": seen.ids.tolist(), "corners_px": seen.corners_px.tolist(), "edge_px": edge}
+        return replace(there, message=f"{len(seen.ids)} corners", corners=corners)

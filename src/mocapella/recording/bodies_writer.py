@@ -1,0 +1,217 @@
+"""Followed bodies written frame by frame, as they are followed, to a file that can be read at any time.
+
+While a run goes on, its frames are in a file beside the one that is to be: ``out.part.json`` of ``out.json``. After
+every frame it is a whole JSON that `followed_bodies.py` reads, so that a run that is killed leaves what it had. Of
+one body it has the layout of the result, but for the summary; of several, a row has all of them. At the end it becomes
+the result, which appears complete or not at all.
+"""
+
+from __future__ import annotations
+
+import codecs
+import os
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import IO, Any, Final, TypeVar
+
+import msgspec
+
+from mocapella.errors import DiskFullError, RecordingError
+from mocapella.recording import disk
+from mocapella.recording.bodies_file import ALONE, PEOPLE_FORMAT, VERSION, FollowedBody, FollowedFrame
+
+PIECE: Final = 1 << 20
+
+_Row = TypeVar("_Row")
+
+
+class BodiesWriter:
+    """The file of one run. A context manager; left before `finish` it keeps what there is.
+
+    Args:
+        path: of the result; None where it is not to be a file of its own: then what is written goes with it.
+        bodies: who is followed, without frames, by name.
+        how: of the whole run, as the file has it.
+
+    Attributes:
+        part: where frames are meanwhile; None where ``path`` is.
+        bodies: see above.
+        frames: how many there are.
+
+    Raises:
+        RecordingError: it cannot be written there.
+    """
+
+    def __init__(self, path: Path | None, bodies: Mapping[str, FollowedBody], how: Mapping[str, Any]) -> None:
+        self.path, self.part, self.frames = path, None, 0  # type: Path | None, Path | None, int
+        self.bodies, self._how = dict(bodies), dict(how)
+        self._file: IO[bytes]
+        if path is None:
+            self._file = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115
+        else:
+            self.part = next(part for part in _part_names(path) if not os.path.lexists(part))
+            self._file = os.fdopen(disk.create_new(self.part), "r+b", buffering=0)
+        self._tail = b"\n]}\n"
+        self._begin = self._end = 0
+        self._put(self._head(), b"")
+        self._begin = self._end
+
+    def add(self, rows: Mapping[str, FollowedFrame]) -> None:
+        """The next frame: a row of each body.
+
+        Raises:
+            DiskFullError, RecordingError: it could not be written; what was before is there.
+        """
+        data = msgspec.json.encode(rows[ALONE] if ALONE in self.bodies else rows)
+        self._put(b",\n" if self.frames else b"\n", data)
+        self.frames += 1
+
+    def rows(self, of: type[_Row]) -> Iterator[dict[str, _Row]]:
+        """Each frame again, by name; of each body what the type has."""
+        for line in self._lines():
+            if ALONE in self.bodies:
+                yield {ALONE: msgspec.json.decode(line, type=of)}
+            else:
+                yield msgspec.json.decode(line, type=dict[str, of])  # type: ignore[valid-type]
+
+    def finish(self, summary: Mapping[str, Any], summaries: Mapping[str, Mapping[str, Any]]) -> None:
+        """Make the result of it: with what the run came to, and what it came to for each body, by name.
+
+        Raises:
+            DiskFullError, RecordingError: it could not be written; what was before is there.
+        """
+        try:
+            if ALONE in self.bodies:
+                self._tail = b'\n],\n"summary": ' + msgspec.json.encode({**summaries[ALONE], **summary}) + b"}\n"
+                self._put(b"", b"")
+            else:
+                self._put_together(summary, summaries)
+            if self.part is not None and self.path is not None:
+                os.fsync(self._file.fileno())
+                self.part.replace(self.path)
+                self.part = None
+        except OSError as error:
+            raise self._as_ours(error) from error
+
+    def copy_to(self, out: IO[str]) -> None:
+        """Write the result elsewhere, too."""
+        self._file.seek(0)
+        decoder = codecs.getincrementaldecoder("utf-8")()
+        while piece := self._file.read(PIECE):
+            out.write(decoder.decode(piece))
+        out.flush()
+
+    def close(self) -> None:
+        """End; a part without a frame is of no use to anybody."""
+        self._file.close()
+        if self.part is not None and not self.frames:
+            self.part.unlink(missing_ok=True)
+            self.part = None
+
+    def __enter__(self) -> BodiesWriter:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _head(self) -> bytes:
+        """All before the first frame."""
+        if ALONE in self.bodies:
+            return _opened({**_without_frames(self.bodies[ALONE]), **self._how}) + b',\n"frames": ['
+        people = {name: {**_without_frames(body), "frames": []} for name, body in self.bodies.items()}
+        whole = {"format": PEOPLE_FORMAT, "version": VERSION, **self._how, "people": people}
+        return _opened(whole) + b',\n"rows": ['
+
+    def _put(self, before: bytes, data: bytes) -> None:
+        """Behind what is there, and what ends the file behind it: in one piece, so that there is no moment between."""
+        try:
+            self._write(before + data + self._tail)
+        except OSError as error:
+            with suppress(OSError):  # where that much was there before, it is not too much
+                self._write(self._tail)
+                self._file.truncate(self._end + len(self._tail))
+            raise self._as_ours(error) from error
+        self._end += len(before) + len(data)
+
+    def _write(self, data: bytes) -> None:
+        self._file.seek(self._end)
+        piece = memoryview(data)
+        while piece:
+            piece = piece[self._file.write(piece) :]
+
+    def _lines(self) -> Iterator[bytes]:
+        self._file.seek(self._begin)
+        rest, left = b"", self._end - self._begin
+        while left:
+            piece = self._file.read(min(PIECE, left))
+            left -= len(piece)
+            *lines, rest = (rest + piece).split(b"\n")
+            yield from (line.removesuffix(b",") for line in lines if line)
+        if rest:
+            yield rest
+
+    def _put_together(self, summary: Mapping[str, Any], summaries: Mapping[str, Mapping[str, Any]]) -> None:
+        """Of rows that have all bodies, a body after the other."""
+        beside = None if self.part is None else self.part.with_suffix(".whole")
+        whole = tempfile.TemporaryFile() if beside is None else beside.open("w+b")  # noqa: SIM115
+        try:
+            self._write_whole(whole, summary, summaries)
+            if self.part is not None and beside is not None:
+                beside.replace(self.part)
+        except BaseException:
+            whole.close()
+            if beside is not None:
+                beside.unlink(missing_ok=True)
+            raise
+        self._file.close()
+        self._file = whole
+
+    def _write_whole(
+        self, whole: IO[bytes], summary: Mapping[str, Any], summaries: Mapping[str, Mapping[str, Any]]
+    ) -> None:
+        whole.write(_opened({"format": PEOPLE_FORMAT, "version": VERSION, **self._how, "summary": summary}))
+        whole.write(b',\n"people": {')
+        for k, (name, body) in enumerate(self.bodies.items()):
+            whole.write((b",\n" if k else b"\n") + msgspec.json.encode(name) + b": ")
+            whole.write(_opened({**_without_frames(body), "summary": summaries[name]}) + b', "frames": [')
+            for number, rows in enumerate(self.rows(msgspec.Raw)):
+                whole.write((b",\n" if number else b"\n") + bytes(rows[name]))
+            whole.write(b"\n]}")
+        whole.write(b"}}\n")
+        whole.flush()
+
+    def _as_ours(self, error: OSError) -> RecordingError:
+        kind = DiskFullError if disk.is_full(error) else RecordingError
+        where = "" if self.part is None else f"; {self.part} has the {self.frames} frames before it"
+        return kind(f"the frames cannot be written: {error.strerror}{where}")
+
+
+def left_behind(path: Path) -> list[Path]:
+    """What is there already of results of that name that are not finished: their runs go on, or were killed."""
+    found = []
+    for part in _part_names(path):
+        if not part.exists():
+            return found
+        found.append(part)
+    return found
+
+
+def _part_names(path: Path) -> Iterator[Path]:
+    """``out.part.json``, ``out.part2.json``, …"""
+    for number in range(1, 1_000_000):
+        yield path.with_name(f"{path.stem}.part{number if number > 1 else ''}{path.suffix or '.json'}")
+
+
+def _without_frames(body: FollowedBody) -> dict[str, Any]:
+    said = msgspec.to_builtins(body)
+    assert isinstance(said, dict)
+    first = {key: said.pop(key) for key in ("format", "version")}
+    del said["frames"]
+    return {**first, **said}
+
+
+def _opened(values: Mapping[str, Any]) -> bytes:
+    """A JSON object that does not end yet."""
+    return msgspec.json.encode(values).removesuffix(b"}")

@@ -1,0 +1,249 @@
+"""Files of 2D points: folders of OpenPose, CSV of Caliscope and FreeMoCap-like tools, and our own CSV.
+
+Our own has a row for each point that a camera saw in a frame, with the columns ``frame, camera, point, x_px, y_px`` and
+perhaps ``confidence`` and ``time_s``, in any order; docs/triangulation.md describes it.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import InputError
+from mocapella.model.point_tracks import ImageTracks
+
+Float64 = NDArray[np.float64]
+Progress = Callable[[str], None]
+
+OWN_COLUMNS: Final = ("frame", "camera", "point", "x_px", "y_px")
+CALISCOPE_COLUMNS: Final = ("sync_index", "port", "point_id", "img_loc_x", "img_loc_y")
+BODY_25: Final = (
+    "Nose", "Neck", "RShoulder", "RElbow", "RWrist", "LShoulder", "LElbow", "LWrist", "MidHip", "RHip", "RKnee",
+    "RAnkle", "LHip", "LKnee", "LAnkle", "REye", "LEye", "REar", "LEar", "LBigToe", "LSmallToe", "LHeel", "RBigToe",
+    "RSmallToe", "RHeel",
+)  # fmt: skip
+BODY_25B: Final = (
+    "Nose", "LEye", "REye", "LEar", "REar", "LShoulder", "RShoulder", "LElbow", "RElbow", "LWrist", "RWrist", "LHip",
+    "RHip", "LKnee", "RKnee", "LAnkle", "RAnkle", "Neck", "Head", "LBigToe", "LSmallToe", "LHeel", "RBigToe",
+    "RSmallToe", "RHeel",
+)  # fmt: skip
+OPENPOSE_ORDERS: Final = {"BODY_25B": BODY_25B, "BODY_25": BODY_25}
+"""Both have 25 points: the file does not say which it is."""
+
+
+def read_image_tracks(
+    paths: Sequence[Path], *, order: str = "BODY_25B", progress: Progress = lambda _text: None
+) -> ImageTracks:
+    """2D points: folders of OpenPose JSON, one a camera, or one CSV.
+
+    Args:
+        paths: the folders, or the file.
+        order: of OpenPose's points, see `OPENPOSE_ORDERS`.
+        progress: is told what is read.
+
+    Raises:
+        InputError: names file, row, field and value.
+    """
+    if not paths:
+        raise InputError("no points are named", fix="name a CSV, or a folder of OpenPose JSON for each camera")
+    for path in paths:
+        if not path.exists():
+            raise InputError(
+                "there is no such file or folder", file=path, fix="name a CSV or a folder of OpenPose JSON"
+            )
+    folders = [path.is_dir() for path in paths]
+    if all(folders):
+        return read_openpose(paths, order=order, progress=progress)
+    if any(folders) or len(paths) > 1:
+        raise InputError(
+            "points are several folders, or one file",
+            file=paths[1 if len(paths) > 1 else 0],
+            fix="name one CSV with all cameras, or a folder of OpenPose JSON for each camera",
+        )
+    progress(paths[0].name)
+    return read_csv(paths[0])
+
+
+def read_openpose(
+    folders: Sequence[Path], *, order: str = "BODY_25B", progress: Progress = lambda _text: None
+) -> ImageTracks:
+    """OpenPose's JSON, a folder for each camera and a file for each frame; of several people the surest is taken.
+
+    Raises:
+        InputError: a folder without JSON, a file that is none of OpenPose's, or another number of points.
+    """
+    names = OPENPOSE_ORDERS[order]
+    found: dict[int, dict[int, Float64]] = {}
+    several = 0
+    for k, folder in enumerate(folders):
+        files = sorted(folder.glob("*.json"))
+        if not files:
+            raise InputError(
+                "no JSON in this folder", file=folder, fix="name a folder that OpenPose wrote for one camera"
+            )
+        for path in files:
+            progress(f"{folder.name}/{path.name}")
+            number = _frame_of(path)
+            if k in found.setdefault(number, {}):
+                raise InputError(
+                    "two files of one frame", file=path, value=number, fix="give a camera a folder of its own"
+                )
+            people = [_keypoints(path, i, person, names) for i, person in enumerate(_people(path)) if person]
+            several += len(people) > 1
+            found[number][k] = max(people, key=lambda p: float(p[:, 2].sum()), default=np.zeros((len(names), 3)))
+    frames = np.array(sorted(found), dtype=np.int64)
+    table = np.zeros((len(frames), len(folders), len(names), 3))
+    for i, number in enumerate(frames):
+        for k, keypoints in found[int(number)].items():
+            table[i, k] = keypoints
+    notes = [f"{several} pictures have more than one person: the surest of each was taken"] if several else []
+    missing = len(frames) * len(folders) - sum(map(len, found.values()))
+    notes += [f"{missing} frames are not there of every camera"] if missing else []
+    seen = table[..., 2] > 0
+    return ImageTracks(
+        tuple(folder.name for folder in folders), names, frames, np.full(table.shape[:2], np.nan),
+        np.where(seen[..., None], table[..., :2], np.nan), table[..., 2], tuple(notes),
+    )  # fmt: skip
+
+
+def read_csv(path: Path) -> ImageTracks:
+    """Caliscope's CSV or our own, by the names of its columns.
+
+    Raises:
+        InputError: names file, row, field and value.
+    """
+    rows = _rows(path)
+    columns = next(rows, (0, {}))[1]
+    if set(OWN_COLUMNS) <= set(columns):
+        fields = dict(zip(("frame", "camera", "point", "x", "y"), OWN_COLUMNS, strict=True))
+        fields |= {"time": "time_s"} if "time_s" in columns else {}
+        fields |= {"confidence": "confidence"} if "confidence" in columns else {}
+    elif set(CALISCOPE_COLUMNS) <= set(columns):
+        fields = dict(zip(("frame", "camera", "point", "x", "y"), CALISCOPE_COLUMNS, strict=True))
+        fields |= {"time": "frame_time"} if "frame_time" in columns else {}
+    else:
+        raise InputError(
+            "columns of 2D points are missing",
+            file=path,
+            row=1,
+            value=", ".join(columns),
+            fix=f"give it {', '.join(OWN_COLUMNS)} (our own) or {', '.join(CALISCOPE_COLUMNS)} (Caliscope)",
+        )
+    return _table(path, fields, _rows(path))
+
+
+def _table(path: Path, fields: Mapping[str, str], rows: Iterator[tuple[int, Mapping[str, str]]]) -> ImageTracks:
+    numbers: list[tuple[int, str, str, float, float, float, float]] = []
+    for row, cells in rows:
+        frame = _number(path, row, fields["frame"], cells)
+        if frame != int(frame):
+            raise InputError("not a whole number", file=path, row=row, field=fields["frame"], value=frame)
+        numbers.append(
+            (
+                int(frame),
+                _text(path, row, fields["camera"], cells),
+                _text(path, row, fields["point"], cells),
+                _number(path, row, fields["x"], cells),
+                _number(path, row, fields["y"], cells),
+                _number(path, row, fields["confidence"], cells) if "confidence" in fields else 1.0,
+                _number(path, row, fields["time"], cells, empty=np.nan) if "time" in fields else np.nan,
+            )
+        )
+    if not numbers:
+        raise InputError("no rows below the header", file=path, fix="give it a row for each point that a camera saw")
+    frames = sorted({n[0] for n in numbers})
+    cameras, points = (sorted({str(n[k]) for n in numbers}, key=_naturally) for k in (1, 2))
+    places = [{value: i for i, value in enumerate(values)} for values in (frames, cameras, points)]
+    shape = len(frames), len(cameras), len(points)
+    pixels, confidences, at_s = np.full((*shape, 2), np.nan), np.zeros(shape), np.full(shape[:2], np.nan)
+    for row, (frame, camera, point, x, y, confidence, time) in enumerate(numbers, start=2):
+        i, k, p = places[0][frame], places[1][camera], places[2][point]
+        if confidences[i, k, p] > 0:
+            raise InputError(
+                "the point is there twice", file=path, row=row, field=fields["point"], value=point,
+                fix="keep one row for a frame, camera and point",
+            )  # fmt: skip
+        if not 0 <= confidence <= 1:
+            raise InputError("not between 0 and 1", file=path, row=row, field="confidence", value=confidence)
+        pixels[i, k, p], confidences[i, k, p], at_s[i, k] = (x, y), confidence, time
+    pixels[confidences == 0] = np.nan
+    return ImageTracks(tuple(cameras), tuple(points), np.array(frames, dtype=np.int64), at_s, pixels, confidences)
+
+
+def _rows(path: Path) -> Iterator[tuple[int, Mapping[str, str]]]:
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            for row, cells in enumerate(csv.DictReader(file), start=2):
+                yield row, {key: value for key, value in cells.items() if key is not None and value is not None}
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"cannot be read: {error}", file=path, fix="give a CSV in UTF-8") from error
+
+
+def _number(path: Path, row: int, field: str, cells: Mapping[str, str], empty: float | None = None) -> float:
+    text = cells.get(field, "").strip()
+    if not text and empty is not None:
+        return empty
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise InputError(
+            "not a number", file=path, row=row, field=field, value=text, fix="leave the row out if not seen"
+        )
+    return value
+
+
+def _text(path: Path, row: int, field: str, cells: Mapping[str, str]) -> str:
+    text = cells.get(field, "").strip()
+    if not text:
+        raise InputError("empty", file=path, row=row, field=field, fix="give it a name")
+    return text
+
+
+def _naturally(name: str) -> list[tuple[int, int, str]]:
+    """Sorts cam_2 before cam_10."""
+    return [(0, int(part), "") if part.isdecimal() else (1, 0, part) for part in re.split(r"(\d+)", name) if part]
+
+
+def _frame_of(path: Path) -> int:
+    numbers = re.findall(r"\d+", path.stem)
+    if not numbers:
+        raise InputError("no frame number in its name", file=path, fix="name it like NAME_000012_keypoints.json")
+    return int(numbers[-1])
+
+
+def _people(path: Path) -> list[Any]:
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise InputError(f"cannot be read as JSON: {error}", file=path, fix="leave it out or write it anew") from error
+    people = data.get("people") if isinstance(data, dict) else None
+    if not isinstance(people, list):
+        raise InputError("no list of people", file=path, field="people", fix="give files of OpenPose's --write_json")
+    return people
+
+
+def _keypoints(path: Path, i: int, person: Any, names: Sequence[str]) -> Float64:
+    field = f"people[{i}].pose_keypoints_2d"
+    values = person.get("pose_keypoints_2d") if isinstance(person, dict) else None
+    if not isinstance(values, list) or len(values) != 3 * len(names):
+        count = len(values) if isinstance(values, list) else None
+        raise InputError(
+            "not x, y and confidence of 25 points", file=path, field=field, value=count,
+            fix=f"give files of the model {' or '.join(OPENPOSE_ORDERS)}",
+        )  # fmt: skip
+    try:
+        result = np.array(values, dtype=np.float64).reshape(-1, 3)
+    except (TypeError, ValueError) as error:
+        raise InputError("not numbers", file=path, field=field, fix="write it anew") from error
+    if not np.isfinite(result).all() or (result[:, 2] < 0).any():
+        raise InputError("not finite numbers, or a confidence below 0", file=path, field=field, fix="write it anew")
+    return result

@@ -1,0 +1,180 @@
+"""Select misplaced limbs and the evidence to search for them (`kinematics/limb_search.py`).
+
+A limb is doubtful where images show the room at its points, or where it is in another one. What is strange in one image
+alone may be gone in the next, so a limb is looked for in the foreground of two images in a row, from its second
+doubtful image on. Undoubted limbs are searched as well, one whole limb after the other: limbs hide behind a body, too.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.kinematics.contact import depth_m
+from mocapella.kinematics.limb_search import (
+    TOUCHING_M,
+    Evidence,
+    Limb,
+    LimbSearchSettings,
+    lasting,
+    limbs,
+    search,
+    without,
+)
+from mocapella.model.rigged_mesh import RiggedMesh
+from mocapella.model.twist_tree import TreePose, motions
+from mocapella.tracker.silhouette_body import SilhouetteBody, Standing
+from mocapella.tracker.silhouette_camera import Ball, SilhouetteCamera
+
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+Bool = NDArray[np.bool_]
+
+FEWEST_CAMERAS = 2
+"""One camera's word is not enough."""
+EVERY_LIMB = 12
+"""After so many frames the next whole limb is looked for, even if nothing speaks against where it is."""
+LOOSE = 1e-3
+"""How much the middle of a limb counts against its axes."""
+STRETCHED = 1.1
+"""How much farther than at rest a limb may reach."""
+
+
+class LimbRecovery:
+    """One body's.
+
+    Args:
+        body: see there.
+        settings: of the search.
+    """
+
+    def __init__(self, body: SilhouetteBody, settings: LimbSearchSettings) -> None:
+        self._body, self._settings = body, settings
+        self._limbs = limbs(body.mesh, settings)
+        parts = {limb.name: set(limb.part.tolist()) for limb in self._limbs}
+        self._whole = [name for name, some in parts.items() if not any(some < more for more in parts.values())]
+        self._hung = tuple(_hung(body.mesh, limb) for limb in self._limbs)
+        self._points = np.concatenate([np.empty(0, np.int64), *(limb.vertices for limb in self._limbs)])
+        self._limb_of = np.repeat(np.arange(len(self._limbs)), [len(limb.vertices) for limb in self._limbs])
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the doubtful limbs and the evidence."""
+        self._rng = np.random.default_rng(0)
+        self._frame = 0
+        self._asked: set[str] = set()
+        self._evidence: dict[str, Evidence] = {}
+
+    def memory(self) -> list[Any]:
+        """All that `recall` wants."""
+        # Its integers exceed the range of most formats.
+        chance = json.dumps(self._rng.bit_generator.state)
+        return [chance, self._frame, self._asked, self._evidence]
+
+    def recall(self, memory: Sequence[Any]) -> None:
+        """Be as when `memory` was made; of the same body."""
+        chance, self._frame, self._asked, self._evidence = memory
+        self._rng.bit_generator.state = json.loads(chance)
+
+    def found(
+        self,
+        pose: TreePose,
+        images: Mapping[str, UInt8],
+        others: Mapping[str, Bool],
+        cameras: Mapping[str, SilhouetteCamera],
+    ) -> tuple[NDArray[np.int64], TreePose] | None:
+        """Joints of limbs that are rather elsewhere, and where.
+
+        Args:
+            pose: of the body in this frame.
+            images, others: as of `BodyFitter.update`.
+            cameras: in whose images the body was segmented.
+        """
+        self._frame += 1
+        stands = self._body.standing(pose)
+        # Of who leaves an image limbs are doubtful that are only outside of it.
+        seeing = {
+            name: camera
+            for name, camera in cameras.items()
+            if camera.background is not None and camera.shows_all(stands.vertices)
+        }
+        doubtful, due = self._doubtful(images, seeing, stands), self._due(self._frame)
+        wanted = (doubtful | due) & self._asked
+        self._asked = doubtful | self._due(self._frame + 1)
+        about = self._about(self._asked | wanted, pose)
+        now = {name: one.evidence(images[name], others.get(name), about) for name, one in seeing.items() if about}
+        then, self._evidence = self._evidence, now
+        evidence = [lasting(one, then[name]) for name, one in now.items() if name in then]
+        moved: list[NDArray[np.int64]] = []
+        for limb in self._limbs if len(evidence) >= FEWEST_CAMERAS else ():
+            if limb.name not in wanted:
+                continue
+            of_it = [without(one, self._body.figure, stands.vertices, limb) for one in evidence]
+            places = stands.vertices, stands.landmarks[self._body.solid.ends]
+            found = search(
+                limb, self._body.local(pose), places, of_it, self._rng,
+                also_hidden=limb.name in due, settings=self._settings,
+            )  # fmt: skip
+            if found is not None:
+                pose, moved = found.pose, [*moved, limb.joints]
+                stands = self._body.standing(pose)
+        return (np.concatenate(moved), pose) if moved else None
+
+    def _due(self, frame: int) -> set[str]:
+        """The limb whose turn it is, if it is one's."""
+        turn, rest = divmod(frame, EVERY_LIMB)
+        return {self._whole[turn % len(self._whole)]} if self._whole and rest == 0 else set()
+
+    def _doubtful(
+        self, images: Mapping[str, UInt8], seeing: Mapping[str, SilhouetteCamera], stands: Standing
+    ) -> set[str]:
+        """Limbs placed where images show the room, or inside other limbs.
+
+        Every other point is asked, the others in the next frame.
+        """
+        these = slice(self._frame % 2, None, 2)
+        points, limb_of = stands.vertices[self._points[these]], self._limb_of[these]
+        against = np.zeros(len(points))
+        for name, camera in seeing.items():
+            against += camera.against(images[name], points)
+        most = self._settings.against * len(seeing) * np.bincount(limb_of, minlength=len(self._limbs))
+        room = np.bincount(limb_of, against, len(self._limbs)) > most
+        return {
+            limb.name
+            for k, limb in enumerate(self._limbs)
+            if room[k] or depth_m(self._body.solid, limb.pairs, stands.landmarks) > TOUCHING_M
+        }
+
+    def _about(self, names: Collection[str], pose: TreePose) -> Sequence[Ball]:
+        """Where limbs can be: about where they hang, as far as they reach."""
+        if not names:
+            return []
+        R, t = motions(self._body.mesh.tree, pose)
+        chosen = [hung for limb, hung in zip(self._limbs, self._hung, strict=True) if limb.name in names]
+        return [Ball(R[part].reshape(3, 3) @ ball.centre + t[part], ball.radius_m) for part, ball in chosen]
+
+
+def with_angles(pose: TreePose, joints: NDArray[np.int64], angles: Float64) -> TreePose:
+    """The pose with other angles of some joints."""
+    changed = pose.angles.copy()
+    changed[joints] = angles[joints]
+    return TreePose(pose.T_world_model, changed)
+
+
+def _hung(mesh: RiggedMesh, limb: Limb) -> tuple[int, Ball]:
+    """The part that a limb begins with, and the ball that it stays in, as of that part at rest: about the point that is
+    nearest to that part's axes, and to the limb.
+    """
+    part, points = int(limb.part.min()), mesh.vertices[limb.vertices]
+    axes = mesh.tree.twists[mesh.tree.joint_parts == part]
+    middle = points.mean(axis=0)
+    A, b = LOOSE * np.eye(3), LOOSE * middle
+    for twist in axes:
+        across = np.eye(3) - np.outer(twist[3:], twist[3:])
+        A, b = A + across, b + np.cross(twist[3:], twist[:3])
+    centre = np.linalg.solve(A, b)
+    return part, Ball(centre, STRETCHED * float(np.linalg.norm(points - centre, axis=1).max()))

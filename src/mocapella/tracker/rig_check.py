@@ -1,0 +1,111 @@
+"""Whether the cameras stand where the rig says: judged in the first instants by what moves and by the empty room.
+
+The outlines alone do not say it: they are looked for where a body is expected. So it is asked what differs from the
+empty room, and where that is not known, what moves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.calibration.visual_cones import doubts, meetings
+from mocapella.model.camera import CameraRig
+from mocapella.model.silhouettes import overlap
+from mocapella.sensing.empty_room import EmptyRoom, MovedSince
+from mocapella.tracker.body_fitter import FittedBody
+from mocapella.tracker.silhouette_views import covered_by_all
+
+UInt8 = NDArray[np.uint8]
+
+DOUBTED_BELOW: Final = 0.4
+"""Overlap of the body and the foreground below which a camera is doubted."""
+MOVES_WITH: Final = 0.85
+"""Share of what moves that has to be where the body is."""
+JUDGED_BY: Final = 5
+"""Images with motion by which a camera is judged; in later ones, the motion may be unrelated to the body."""
+
+
+class RigCheck:
+    """Judges a rig while all bodies are there.
+
+    Args:
+        rig: of the cameras.
+
+    Attributes:
+        said: all doubts so far.
+    """
+
+    def __init__(self, rig: CameraRig) -> None:
+        self._rig = rig
+        self.reset()
+
+    def reset(self) -> None:
+        """Judge anew."""
+        self.said: list[str] = []
+        self._moved, self._shares = MovedSince(), dict[str, list[float]]()
+        self._compared = False
+
+    def memory(self) -> list[Any]:
+        """All that `recall` wants."""
+        return [self.said, self._moved.memory(), self._shares, self._compared]
+
+    def recall(self, memory: Sequence[Any]) -> None:
+        """Be as when `memory` was made; of the same rig."""
+        self.said, moved, self._shares, self._compared = memory
+        self._moved.recall(moved)
+
+    def update(self, found: Mapping[str, FittedBody], images: Mapping[str, UInt8], empty: EmptyRoom) -> list[str]:
+        """New doubts in words, after an instant with all bodies present.
+
+        Args:
+            found: by name.
+            images: (height, width, 3) by camera.
+            empty: the background of each camera, as far as known.
+        """
+        new = self._judge_motion(found, images)
+        if not self._compared:
+            self._compared = True
+            new += rig_faults(found, images, empty, self._rig)
+        self.said += new
+        return new
+
+    def _judge_motion(self, found: Mapping[str, FittedBody], images: Mapping[str, UInt8]) -> list[str]:
+        said = []
+        for name, covered in covered_by_all(found, self._rig).items():
+            shares = self._shares.setdefault(name, [])
+            if len(shares) >= JUDGED_BY:
+                continue
+            share = self._moved.at_body(name, images[name], covered)
+            shares += [share] if np.isfinite(share) else []
+            if len(shares) == JUDGED_BY and np.median(shares) < MOVES_WITH:
+                who = "the body is" if len(found) == 1 else "the bodies are"
+                said.append(
+                    f"{name}: only {np.median(shares):.0%} of what moves in its images is where {who}: is "
+                    f"this the video of {name}, does it begin with the others, and stands it where the rig says?"
+                )
+        return said
+
+
+def rig_faults(
+    found: Mapping[str, FittedBody], images: Mapping[str, UInt8], empty: EmptyRoom, rig: CameraRig
+) -> list[str]:
+    """What in one instant says that a camera is not where the rig says, of the cameras whose empty room is known."""
+    said, silhouettes = [], {}
+    covers = "the body covers" if len(found) == 1 else "the bodies cover"
+    for name, covered in covered_by_all(found, rig).items():
+        silhouette = empty.silhouette(name, images[name], len(found))
+        if silhouette is None:
+            continue
+        silhouettes[name] = silhouette
+        size = rig.cameras[name].camera.size_px
+        shared = overlap(silhouette.mask(size), covered.mask(size))
+        if shared < DOUBTED_BELOW:
+            said.append(
+                f"{name}: {covers} other parts of the image than what is not in the empty room (overlap "
+                f"{shared:.0%}): is this the video of {name}, and does the camera stand where the rig says?"
+            )
+    return doubts(meetings(silhouettes, rig)) + said

@@ -1,0 +1,64 @@
+"""What of a stage the camera goes along with: it follows those who move, and grows where they go apart.
+
+It stays where it is while they move about in it, so that the picture does not sway with every step.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float64 = NDArray[np.float64]
+
+SLACK_M: Final = 0.6
+"""So far bodies may reach out of it to either side, to the front and to the back."""
+HEADROOM_M: Final = 0.3
+"""So much higher than at first they may reach."""
+SETTLES_S: Final = 0.35
+"""It comes nearer to where it is to be by 1 − 1/e in so long."""
+
+
+class Framing:
+    """What is looked at.
+
+    Args:
+        half_m: (2,) how far it reaches along x and z at least, from its middle.
+        tall_m: how high at first.
+        middle: (3,) where it is at first; the origin where left out.
+
+    Attributes:
+        middle: (3,) of it, on the floor; higher where somebody reaches higher than at first.
+        half_m: (2,) how far it reaches along x and z now.
+    """
+
+    def __init__(self, half_m: Float64, tall_m: float, middle: Float64 | None = None) -> None:
+        self._least, self._tall = np.asarray(half_m, np.float64), tall_m
+        self.middle, self.half_m = np.zeros(3) if middle is None else np.array(middle, np.float64), self._least.copy()
+        self._to_middle, self._to_half = self.middle.copy(), self.half_m.copy()
+        self._last_s: float | None = None
+
+    def follow(self, low: Float64, high: Float64, now_s: float) -> None:
+        """Somebody is there: (3,) and (3,) of an upright box that all of them are in."""
+        for axis, k in ((0, 0), (2, 1)):
+            wide = 0.5 * (high[axis] - low[axis])
+            self._to_half[k] = max(self._least[k], wide - SLACK_M)
+            reach = self._to_half[k] + SLACK_M
+            self._to_middle[axis] = np.clip(self._to_middle[axis], high[axis] - reach, low[axis] + reach)
+        self._to_middle[1] = max(0.0, high[1] - self._tall - HEADROOM_M)
+        self.rest(now_s)
+
+    def rest(self, now_s: float) -> None:
+        """Nobody is there, or nothing is new: it comes to where it is to be."""
+        share = 1.0 if self._last_s is None else -np.expm1(-max(0.0, now_s - self._last_s) / SETTLES_S)
+        self._last_s = now_s
+        self.middle = self.middle + share * (self._to_middle - self.middle)
+        self.half_m = self.half_m + share * (self._to_half - self.half_m)
+
+    @property
+    def corners(self) -> Float64:
+        """(8, 3) of what is looked at."""
+        (x, above, z), (wide, deep) = self.middle, self.half_m
+        heights = (0.0, self._tall + above)
+        return np.array([[x + i, y, z + k] for i in (-wide, wide) for y in heights for k in (-deep, deep)])

@@ -1,0 +1,43 @@
+"""Errors of what other packages draw: told once, while everything else goes on being drawn."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from typing import Final, TypeVar
+
+T = TypeVar("T")
+
+MOST: Final = 20
+"""So many are kept."""
+_LONGEST: Final = 300
+_LOG: Final = logging.getLogger("mocapella.viewer")
+
+
+class PluginErrors:
+    """What could not be drawn, in words, once each.
+
+    Attributes:
+        lines: in the order in which they came.
+    """
+
+    def __init__(self) -> None:
+        self.lines: tuple[str, ...] = ()
+        self._told: set[str] = set()
+
+    def tell(self, what: str, error: Exception) -> None:
+        """Keep the first error of ``what``, such as ``lane of markers``; later ones change nothing."""
+        if what in self._told or len(self._told) >= MOST:
+            return
+        self._told.add(what)
+        said = f"{what} cannot be drawn: {type(error).__name__}: {error}"
+        self.lines = (*self.lines, said if len(said) <= _LONGEST else said[: _LONGEST - 1] + "…")
+        _LOG.warning("%s cannot be drawn", what, exc_info=error)
+
+    def attempt(self, what: str, do: Callable[[], T], otherwise: T) -> T:
+        """What ``do`` returns; ``otherwise``, and the error is told, where it raises."""
+        try:
+            return do()
+        except Exception as error:  # noqa: BLE001 - a plug-in may raise anything
+            self.tell(what, error)
+            return otherwise

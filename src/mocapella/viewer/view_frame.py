@@ -1,0 +1,150 @@
+"""What is shown at one beat of the view, made once for all browsers that want the same of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final, TypeVar
+
+from mocapella.model.board_progress import BoardProgress
+from mocapella.model.scene import Scene
+from mocapella.model.session import SessionStatus
+from mocapella.viewer import layout
+from mocapella.viewer.boards import ShownBoard, image_lines, picture_row
+from mocapella.viewer.gallery import GalleryDrawing, gallery_drawing
+from mocapella.viewer.picture_plane import Plane
+from mocapella.viewer.room import ImageLines
+from mocapella.viewer.stage import StageView, TrackingDrawing
+from mocapella.viewer.timeline import Moment
+from mocapella.viewer.view_state import Known
+
+T = TypeVar("T")
+
+_KEPT: Final = 64
+"""Scenes whose lines in images are kept: many pictures are of scenes of a moment ago."""
+_NOTHING: Final = TrackingDrawing(there=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Boards:
+    """Cameras' pictures over a stage.
+
+    Attributes:
+        planes: where each stands, about the middle of what is looked at.
+        shown: what each shows.
+    """
+
+    planes: Mapping[str, Plane]
+    shown: Mapping[str, ShownBoard]
+
+
+class Drawings:
+    """Makes what browsers draw of moments; what two of them want, or two beats, is made once.
+
+    Args:
+        known: what the view remembers.
+    """
+
+    def __init__(self, known: Known) -> None:
+        self._known = known
+        self._before: dict[tuple[object, ...], tuple[object, Any]] = {}
+        self._now: dict[tuple[object, ...], tuple[object, Any]] = {}
+        self._lines: dict[int, tuple[Scene, dict[str, ImageLines]]] = {}
+        self._planes: tuple[object, Mapping[str, Plane]] = (None, {})
+
+    def begin(self) -> None:
+        """The next beat: what nobody wanted in the last one is forgotten."""
+        self._before, self._now = self._now, {}
+
+    def tracking(self, moment: Moment, perspective: str) -> TrackingDrawing:
+        """The stage of a moment from a perspective; an empty one where drawing it raises, which is told once."""
+        known, stage = self._known, moment.stage
+        view = StageView(perspective, moment.seen, known.floors, known.troubles)
+
+        def make() -> TrackingDrawing:
+            return known.troubles.attempt(
+                f"stage {stage.name}", lambda: stage.draw(moment.scene, moment.shown, view), _NOTHING
+            )
+
+        return self._once(("tracking", id(moment), perspective), moment, make)
+
+    def gallery(self, moment: Moment, without: tuple[str, ...]) -> GalleryDrawing:
+        """The sensors' lanes, but for some."""
+        lanes = (known := self._known).colours.sensors
+        key = ("gallery", id(moment), lanes, without)
+        return self._once(key, moment, lambda: gallery_drawing(moment.frames, known, without))
+
+    def boards(self, moment: Moment) -> Boards:
+        """The pictures over the stage."""
+        return self._once(("boards", id(moment)), moment, lambda: self._make_boards(moment))
+
+    def cameras(self, scene: Scene | None) -> tuple[str, ...]:
+        """Cameras in whose images the scene's parts draw, in the order of their boards."""
+        return tuple(self._image_lines(scene))
+
+    def _make_boards(self, moment: Moment) -> Boards:
+        lines, known = self._image_lines(moment.scene) if moment.stage.pictures else {}, self._known
+        pictures = {camera: moment.pictures[camera] for camera in lines if camera in moment.pictures}
+        sizes = {
+            camera: size_px
+            for camera in lines
+            if (size_px := _size_px(pictures[camera].picture.size_px if camera in pictures else None)
+                or known.sizes_px.get(camera)) is not None
+        }  # fmt: skip
+        shown = {}
+        for camera in sizes:
+            picture = pictures.get(camera)
+            of = lines if picture is None or picture.scene is None else self._image_lines(picture.scene)
+            words = " · ".join(filter(None, (camera, lines[camera].words)))
+            shown[camera] = ShownBoard(words, None if picture is None else picture.picture, of.get(camera))
+        lanes = len([name for name in known.colours.sensors if name not in sizes])
+        return Boards(self._row(sizes, lanes), shown)
+
+    def _row(self, sizes_px: Mapping[str, tuple[int, int]], lanes: int) -> Mapping[str, Plane]:
+        space = self._known.ground.space
+        tall = float(layout.sensors_box(lanes).high[1]) if space is None else space.tall_m
+        key = (tuple(sizes_px.items()), tall)
+        if key != self._planes[0]:
+            self._planes = key, picture_row(sizes_px, tall)
+        return self._planes[1]
+
+    def _image_lines(self, scene: Scene | None) -> dict[str, ImageLines]:
+        if scene is None:
+            return {}
+        if id(scene) not in self._lines:
+            self._lines[id(scene)] = scene, image_lines(scene, self._known.troubles)
+            while len(self._lines) > _KEPT:
+                del self._lines[next(iter(self._lines))]
+        return self._lines[id(scene)][1]
+
+    def _once(self, key: tuple[object, ...], of: object, make: Callable[[], T]) -> T:
+        """``of`` is held as long as the drawing, so that no other has its id."""
+        if key not in self._now:
+            self._now[key] = self._before.get(key) or (of, make())
+        found: T = self._now[key][1]
+        return found
+
+
+def _size_px(size_px: tuple[int, int] | None) -> tuple[int, int] | None:
+    return None if size_px is None else (int(size_px[0]), int(size_px[1]))
+
+
+@dataclass(frozen=True, eq=False)
+class ViewNow:
+    """What all browsers are given at one beat.
+
+    Attributes:
+        moment: the newest.
+        status: the session's; None while no server answers, and where there is none.
+        board: how a calibration of cameras goes; None where nobody can calibrate.
+        drawings: of moments.
+        home: where "Reset View" puts the camera; None where it is left to the library.
+        now_s: of a monotonic clock [s].
+    """
+
+    moment: Moment
+    status: SessionStatus | None
+    board: BoardProgress | None
+    drawings: Drawings
+    home: layout.Look | None
+    now_s: float

@@ -1,0 +1,90 @@
+"""What the view remembers of sensors and scenes, the same for all browsers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Final
+
+import numpy as np
+
+from mocapella.model.scene import Scene
+from mocapella.model.sensor_frame import SensorFrame
+from mocapella.model.session import SessionStatus
+from mocapella.model.topology import UNKNOWN_FIELD_OF_VIEW_DEG
+from mocapella.viewer.lanes import lane_of
+from mocapella.viewer.palette import SensorColours
+from mocapella.viewer.perspective import Floors, Perspectives, StageSpace
+from mocapella.viewer.plugin_errors import PluginErrors
+from mocapella.viewer.room import called, drawing_of
+from mocapella.viewer.trails import Trails
+
+_LONGER_SIDE_DEG: Final = 60.0
+"""Field of view over the longer side of a camera's image whose lens nobody knows."""
+
+
+class Ground:
+    """How the world lies on the stage, where the parts say it that scenes are about; another world begins anew."""
+
+    def __init__(self) -> None:
+        self.space: StageSpace | None = None
+        self._step = -1
+
+    def learn(self, scene: Scene, troubles: PluginErrors) -> StageSpace | None:
+        """Take up a scene."""
+        if scene.step < self._step:
+            self.space = None
+        self._step = scene.step
+        name, parts = next(iter(scene.parts.items()), ("", ()))  # what the scene is about
+        if self.space is None and parts:
+            how = drawing_of(name, troubles)
+            if how is not None:
+                self.space = troubles.attempt(called(name), partial(how.space, parts), None)
+        return self.space
+
+
+@dataclass(frozen=True)
+class Known:
+    """See the module; only the loop that draws changes it.
+
+    Attributes:
+        fields: each sensor's field of view, across and high [°].
+        sizes_px: (width, height) of the images that sensors send, by sensor.
+    """
+
+    troubles: PluginErrors = field(default_factory=PluginErrors)
+    colours: SensorColours = field(default_factory=SensorColours)
+    fields: dict[str, tuple[float, float]] = field(default_factory=dict)
+    sizes_px: dict[str, tuple[int, int]] = field(default_factory=dict)
+    floors: Floors = field(default_factory=Floors)
+    seen: Perspectives = field(default_factory=Perspectives)
+    ground: Ground = field(default_factory=Ground)
+    trails: Trails = field(default_factory=Trails)
+
+    def learn(self, scene: Scene | None, frames: Mapping[str, SensorFrame], status: SessionStatus | None) -> None:
+        """Take up the newest."""
+        self.colours.learn({row.name for row in status.sensors} if status else set())
+        self.colours.learn(set(frames))
+        if scene is not None:
+            space = self.ground.learn(scene, self.troubles)
+            self.seen.learn(scene, space)
+            self.floors.learn_scene(scene, space)
+            self.trails.learn(scene, self.seen.world)
+        poses = status.setup.sensors if status else {}
+        for name, frame in frames.items():
+            lane = lane_of(frame, self.troubles)
+            size_px = None if lane is None else lane.size_px(frame)
+            if size_px is not None:
+                self.sizes_px[name] = size_px
+            if frame.field_of_view_deg != UNKNOWN_FIELD_OF_VIEW_DEG or name not in self.fields:
+                self.fields[name] = frame.field_of_view_deg if size_px is None else _field_deg(size_px)
+            if lane is not None and lane.on_floor:
+                self.floors.learn_frame(frame, poses.get(name))  # type: ignore[arg-type]  # its lane says so
+
+
+def _field_deg(size_px: tuple[int, int]) -> tuple[float, float]:
+    """Across and high [°]."""
+    half = np.tan(np.radians(0.5 * _LONGER_SIDE_DEG)) / max(size_px)
+    across, high = np.degrees(2 * np.arctan(half * np.array(size_px)))
+    return float(across), float(high)

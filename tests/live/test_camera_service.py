@@ -1,0 +1,108 @@
+"""What a camera's node keeps for pointing, and how it goes back to the colours before."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mocapella.live.camera_service import CameraService, CameraServiceSettings
+from mocapella.live.marker_work import MarkerWork
+from mocapella.sources.acquisition import Acquisition
+from mocapella.sources.picture_source import Picture
+from mocapella.sources.simulate.hand_camera import pointed_at
+from mocapella.sources.simulate.hand_scene import HandShot, load_hand_scene
+from mocapella.sources.simulate.rendered_camera import RenderedCamera
+from mocapella.wire.questions import AskDiscard, AskLearn, AskPicture, AskReport, AskSave, Clicks, write_question
+
+SCENE = load_hand_scene("demo", seed=3)
+
+
+@cache
+def shot() -> HandShot:
+    """Not while tests are collected: all workers would compile for it at once."""
+    return SCENE.at("left", 0.2)
+
+
+def points() -> dict[str, tuple[float, float]]:
+    return {name: (float(x), float(y)) for name, (x, y) in zip(SCENE.names, shot().centres_px, strict=True)}
+
+
+class Desk:
+    """A desk whose node has looked at pictures of one instant, each with a time of its own."""
+
+    def __init__(self, folder: Path, **known: Any) -> None:
+        source = RenderedCamera(SCENE, "left", "rendered:demo/left")
+        self.acquisition = Acquisition(source)
+        self.work = MarkerWork("left", self.acquisition, known.get("profile"))
+        self.file = folder / "left.json"
+        self.desk = CameraService(self.work, self.file, CameraServiceSettings(pictures=2))
+
+    def look(self, time_ns: int) -> None:
+        self.work.look(Picture(np.ascontiguousarray(shot().image), time_ns, 0, 0.0, 0.0))
+
+    def ask(self, question: Any) -> Any:
+        return self.desk.answer(write_question(question))
+
+    def learn(self, **points: tuple[float, float]) -> Any:
+        return self.ask(AskLearn([Clicks(1, points)]))
+
+    def unsaved(self) -> bool:
+        return bool(self.ask(AskReport()).report["unsaved"])
+
+
+@pytest.fixture
+def made(tmp_path: Path) -> Iterator[Desk]:
+    desk = Desk(tmp_path)
+    yield desk
+    desk.desk.close()
+
+
+def test_a_picture_that_is_not_to_be_kept_pushes_none_out(made: Desk) -> None:
+    made.look(1)
+    assert made.ask(AskPicture()).ok
+    for time_ns in range(2, 9):
+        made.look(time_ns)
+        assert made.ask(AskPicture(keep=False)).ok
+    assert made.learn(**points()).ok
+    for time_ns in (10, 11):
+        made.look(time_ns)
+        assert made.ask(AskPicture()).ok
+    refused = made.learn(**points())
+    assert (refused.ok, "no picture of that time is kept" in refused.message) == (False, True)
+
+
+def test_what_was_learnt_is_unsaved_until_it_is_saved_or_discarded(made: Desk) -> None:
+    made.look(1)
+    assert made.ask(AskPicture()).ok
+    assert not made.unsaved()
+    refused = made.ask(AskDiscard())
+    assert (refused.ok, "nothing to discard" in refused.message) == (False, True)
+    assert made.learn(**points()).ok
+    assert made.unsaved()
+    done = made.ask(AskDiscard())
+    assert (done.ok, done.names) == (True, [])
+    assert made.work.detector is None
+    assert not made.unsaved()
+    assert made.learn(**points()).ok
+    assert made.ask(AskSave()).ok
+    assert not made.unsaved()
+    assert made.learn(red=points()["red"], blue=points()["blue"]).ok
+    assert made.learn(red=points()["red"]).ok
+    assert made.work.names == ("red",)
+    done = made.ask(AskDiscard())
+    assert done.names == list(points())  # those that were saved, not those learnt first
+    assert made.file.exists()
+
+
+def test_colours_that_the_node_began_with_come_back(tmp_path: Path) -> None:
+    made = Desk(tmp_path, profile=pointed_at(SCENE, "left"))
+    made.look(1)
+    assert made.ask(AskPicture()).ok
+    assert made.learn(red=points()["red"]).ok
+    assert made.ask(AskDiscard()).names == list(SCENE.names)
+    made.desk.close()

@@ -1,0 +1,89 @@
+"""A method that was made ready compiles nothing more while people are tracked, and who waits for it is told."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+from support.hand_frames import tracker as tracker_of_a_hand
+from support.hand_frames import watched
+from support.silhouette_pictures import Room, pose_at, ring, somebody
+from support.walking_people import Walker
+from tracker.test_default import frames, told
+
+from mocapella.compiled import on_first_compilation
+from mocapella.model.observations import Arrival
+from mocapella.schema import decode_frame, encode_frame
+from mocapella.tracker import warm_up
+from mocapella.tracker.image_arrivals import arrivals_of
+from mocapella.tracker.initial_body import InitialBody
+from mocapella.tracker.silhouettes import SilhouettesTracker
+
+BODY = somebody()
+
+
+def as_it_comes(arrival: Arrival) -> Arrival:
+    """A frame's arrays are those of a message, which cannot be written."""
+    frame = decode_frame(encode_frame(arrival.frame))
+    assert not frame.states.flags.writeable
+    return Arrival(frame, arrival.at_ns)
+
+
+def test_once_it_is_ready_nothing_is_compiled_while_people_are_tracked() -> None:
+    warm_up("default")
+    compiled: list[str] = []
+    walker = Walker()
+    with on_first_compilation(lambda: compiled.append("something")):
+        tracker = told()
+        for arrival in frames({1: walker}, 3.0, noise=0.01):
+            tracker.update(as_it_comes(arrival))
+        tracker.recalibrate("asked for")
+        tracker.restore(tracker.snapshot())
+        for arrival in frames({1: walker, 2: Walker()}, 3.0, begin=3.0, noise=0.01):
+            tracker.update(as_it_comes(arrival))
+    assert compiled == []
+
+
+def test_once_it_is_ready_nothing_is_compiled_while_a_hand_is_tracked() -> None:
+    warm_up("hands")
+    seen = list(watched(0, 30))
+    compiled: list[str] = []
+    with on_first_compilation(lambda: compiled.append("something")):
+        one = tracker_of_a_hand()
+        for arrival in seen:
+            one.update(Arrival(decode_frame(encode_frame(arrival.frame)), arrival.at_ns))
+        one.restore(one.snapshot())
+    assert compiled == []
+
+
+def test_once_it_is_ready_nothing_is_compiled_while_bodies_are_fitted() -> None:
+    warm_up("silhouettes")
+    compiled: list[str] = []
+    room = Room(ring(3))
+    with on_first_compilation(lambda: compiled.append("something")):
+        one = SilhouettesTracker({"": InitialBody(BODY, pose_at(BODY))}, room.rig)
+        for k in range(24):
+            away = 8 <= k < 20
+            images = room.images() if away else room.images(BODY, pose_at(BODY, 0.01 * k))
+            if k == 5:
+                noisy = np.random.default_rng(0).random(images["c1"].shape[:2]) < 0.1
+                images["c1"][noisy] = 255
+            for arrival in arrivals_of(images, (k + 1) * 33_000_000, number=k):
+                one.update(arrival)
+        one.restore(one.snapshot())
+    assert compiled == []
+
+
+def test_who_waits_is_told_once_and_only_where_something_is_compiled() -> None:
+    @numba.njit
+    def new(x):  # type: ignore[no-untyped-def]
+        return x + 1
+
+    said: list[int] = []
+    with on_first_compilation(lambda: said.append(1)):
+        assert said == []
+        new(1)
+        new(1.0)
+    assert said == [1]
+    with on_first_compilation(lambda: said.append(2)):
+        new(2)
+    assert said == [1]
