@@ -145,7 +145,7 @@ except RecordingError as error:
 
 def test_a_real_limit_of_the_file_system_cuts_a_write_in_the_middle(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
-    code = LIMITED.format(tests=str(Path(__file__).parent), path=str(path))
+    code = LIMITED.format(tests=str(Path(__file__).parent.parent), path=str(path))
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
     count, clean, message = result.stdout.split(" ", 2)
     assert "File too large" in message
