@@ -129,12 +129,12 @@ def node(folder: Path, name: str, connect: str, count: int) -> dict[str, Any]:
     with Acquisition(InMemory(name, np.load(folder / f"{name}.npy"), count)) as acquisition:
         work = MarkerWork(name, acquisition, profile)
         times = StageTimes(count, len(work.names))
-        with CameraService(work) as desk, NodeLink(connect, name) as link:
+        with CameraService(work) as service, NodeLink(connect, name) as link:
             while not link.join():
                 time.sleep(0.1)
             epoch = read_epoch()
             summary = run_marker_node(
-                link, acquisition, work, desk, CameraNodeSettings(report_s=0.0),
+                link, acquisition, work, service, CameraNodeSettings(report_s=0.0),
                 epoch=epoch, stop=stop, wait=False, times=times,
             )  # fmt: skip
             time.sleep(1.0)  # the last frames are on their way

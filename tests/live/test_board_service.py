@@ -18,7 +18,7 @@ from support.programs import wait_until
 from mocapella.calibration.board_run import BoardRun
 from mocapella.errors import BusError, NotNowError, SettingsError
 from mocapella.live import board_cameras
-from mocapella.live.board_cameras import EXPLAIN_EVERY, NodeLooks, node_names, urgent
+from mocapella.live.board_cameras import EXPLAIN_EVERY, NodeCameras, node_names, urgent
 from mocapella.live.board_service import BoardService, method_of_rig
 from mocapella.model.board import encode_board, parse_board
 from mocapella.model.camera_rig_file import decode_camera_rig, load_camera_rig
@@ -72,29 +72,29 @@ class Nodes:
         return NodeAnswer(True, time_ns=time_ns, size_px=SIZE, corners=corners)
 
 
-class Desk:
-    """A desk, what it sent to the server, and what the server says."""
+class Harness:
+    """A harness, what it sent to the server, and what the server says."""
 
     def __init__(self, folder: Path, nodes: Nodes) -> None:
         self.sent: list[tuple[str, dict[str, Any]]] = []
         self.reply = CommandReply(True, "tracking hands with c0, c1")
         self.made_ready: list[str] = []
-        self.desk = BoardService(nodes.ask, self._send, folder, warm_up=self._make_ready)
-        self.desk.learn(status(sensor("c0"), sensor("c1"), sensor("kinect", pictures=False)))
+        self.service = BoardService(nodes.ask, self._send, folder, warm_up=self._make_ready)
+        self.service.learn(status(sensor("c0"), sensor("c1"), sensor("kinect", pictures=False)))
 
     def _send(self, verb: str, arguments: dict[str, Any]) -> CommandReply:
         self.sent.append((verb, arguments))
         return self.reply
 
     def _make_ready(self, method: str) -> None:
-        assert f"making the method {method} ready" in self.desk.progress.busy
+        assert f"making the method {method} ready" in self.service.progress.busy
         self.made_ready.append(method)
 
     def do(self, verb: str, **arguments: Any) -> CommandReply:
-        return self.desk.command(verb, arguments)
+        return self.service.command(verb, arguments)
 
     def until(self, phase: str, holds: Callable[[], bool] = lambda: True) -> None:
-        wait_until(phase, lambda: self.desk.progress.phase == phase and holds())
+        wait_until(phase, lambda: self.service.progress.phase == phase and holds())
 
 
 @pytest.fixture(autouse=True)
@@ -108,45 +108,49 @@ def nodes() -> Nodes:
 
 
 @pytest.fixture
-def desk(tmp_path: Path, nodes: Nodes) -> Iterator[Desk]:
-    made = Desk(tmp_path, nodes)
+def harness(tmp_path: Path, nodes: Nodes) -> Iterator[Harness]:
+    made = Harness(tmp_path, nodes)
     yield made
     nodes.gate.set()
-    made.desk.close()
+    made.service.close()
 
 
-def test_from_start_to_a_rig_that_is_saved_and_used(desk: Desk, nodes: Nodes, tmp_path: Path) -> None:
-    assert desk.desk.progress.phase == "idle"
-    started = desk.do("calibrate", board=VALUES)
+def test_from_start_to_a_rig_that_is_saved_and_used(harness: Harness, nodes: Nodes, tmp_path: Path) -> None:
+    assert harness.service.progress.phase == "idle"
+    started = harness.do("calibrate", board=VALUES)
     assert (started.ok, started.message) == (True, "show the board to c0, c1")
-    assert not desk.do("calibrate", board=VALUES).ok
-    assert not desk.do("save-rig", name="rig.toml").ok
-    desk.until("filming", lambda: desk.desk.progress.shared >= 13)
-    filming = desk.desk.progress
+    assert not harness.do("calibrate", board=VALUES).ok
+    assert not harness.do("save-rig", name="rig.toml").ok
+    harness.until("filming", lambda: harness.service.progress.shared >= 13)
+    filming = harness.service.progress
     assert filming.board == "ChArUco board (DICT_4X4_1000), 6 × 5 squares of 60 mm, markers of 45 mm"
     assert [camera.name for camera in filming.cameras] == ["c0", "c1"]
     assert all(camera.views >= 13 and camera.size_px == SIZE for camera in filming.cameras)
     assert sum(map(sum, filming.cameras[0].fields)) > 100
     assert {question["ask"] for question in nodes.questions} == {"board"}
     assert parse_board(nodes.questions[0]["board"]) == BOARD
-    assert desk.do("finish-calibration").ok
-    desk.until("done")
-    quality = desk.desk.progress.quality
+    assert harness.do("finish-calibration").ok
+    harness.until("done")
+    quality = harness.service.progress.quality
     assert quality is not None
     assert [row[0] for row in quality.rows] == ["c0", "c1"]
     assert "c0 – c1 0." in quality.tape
     assert any("pictures of one instant: 0.0 ms apart" in text for text in quality.sentences)
     (tmp_path / "rig.toml").write_text("somebody's")
-    refused = desk.do("save-rig", name="rig")
+    refused = harness.do("save-rig", name="rig")
     assert "rig.toml is there already, and nothing is overwritten; take rig-2.toml" in refused.message
-    desk.reply = CommandReply(False, "no server answered")
-    assert desk.do("use-this-rig", name="mine").message == "no server answered"
-    assert (desk.desk.progress.saved, desk.desk.progress.used, desk.desk.progress.busy) == (True, False, "")
-    desk.reply = CommandReply(True, "tracking hands with c0, c1")
-    assert "mine.toml" in desk.do("use-this-rig", name="mine").message
-    assert desk.desk.progress.used
-    assert desk.made_ready == ["hands"] * 2
-    verb, arguments = desk.sent[-1]
+    harness.reply = CommandReply(False, "no server answered")
+    assert harness.do("use-this-rig", name="mine").message == "no server answered"
+    assert (harness.service.progress.saved, harness.service.progress.used, harness.service.progress.busy) == (
+        True,
+        False,
+        "",
+    )
+    harness.reply = CommandReply(True, "tracking hands with c0, c1")
+    assert "mine.toml" in harness.do("use-this-rig", name="mine").message
+    assert harness.service.progress.used
+    assert harness.made_ready == ["hands"] * 2
+    verb, arguments = harness.sent[-1]
     assert verb == "use-rig"
     assert arguments["method"] == "hands"
     told, saved = decode_camera_rig(arguments["rig"]), load_camera_rig(tmp_path / "mine.toml")
@@ -154,40 +158,42 @@ def test_from_start_to_a_rig_that_is_saved_and_used(desk: Desk, nodes: Nodes, tm
     assert (tmp_path / "rig.toml").read_text() == "somebody's"
 
 
-def test_too_few_views_are_said_and_filming_goes_on(desk: Desk, nodes: Nodes) -> None:
+def test_too_few_views_are_said_and_filming_goes_on(harness: Harness, nodes: Nodes) -> None:
     nodes.blind |= {"c0", "c1"}
-    desk.do("calibrate", board=VALUES)
-    desk.do("finish-calibration")
-    desk.until("filming", lambda: "no camera has seen the board" in desk.desk.progress.problem)
+    harness.do("calibrate", board=VALUES)
+    harness.do("finish-calibration")
+    harness.until("filming", lambda: "no camera has seen the board" in harness.service.progress.problem)
     nodes.blind.clear()
-    desk.until("filming", lambda: desk.desk.progress.shared >= 12)
-    desk.do("finish-calibration")
-    desk.until("done")
-    assert desk.desk.progress.problem == ""
+    harness.until("filming", lambda: harness.service.progress.shared >= 12)
+    harness.do("finish-calibration")
+    harness.until("done")
+    assert harness.service.progress.problem == ""
 
 
-def test_a_camera_that_never_sees_it_says_what_it_sees_and_one_that_goes_is_named(desk: Desk, nodes: Nodes) -> None:
+def test_a_camera_that_never_sees_it_says_what_it_sees_and_one_that_goes_is_named(
+    harness: Harness, nodes: Nodes
+) -> None:
     nodes.blind.add("c0")
-    desk.do("calibrate", board=VALUES)
-    desk.until("filming", lambda: "camera c0: there is one of 9 × 6 squares" in desk.desk.progress.hints)
+    harness.do("calibrate", board=VALUES)
+    harness.until("filming", lambda: "camera c0: there is one of 9 × 6 squares" in harness.service.progress.hints)
     explained = sum(question["explain"] for question in nodes.questions)
     assert 1 <= explained <= len(nodes.questions) / EXPLAIN_EVERY + 1
     nodes.gone.add("c1")
     gone = "camera c1 does not answer: look whether its node (mocapella node markers) runs"
-    desk.until("filming", lambda: gone in desk.desk.progress.hints)
-    desk.do("finish-calibration")
-    desk.until("filming", lambda: "camera c0 has not seen the board" in desk.desk.progress.problem)
+    harness.until("filming", lambda: gone in harness.service.progress.hints)
+    harness.do("finish-calibration")
+    harness.until("filming", lambda: "camera c0 has not seen the board" in harness.service.progress.problem)
 
 
-def test_a_cancelled_run_is_forgotten_and_another_begins(desk: Desk, tmp_path: Path) -> None:
+def test_a_cancelled_run_is_forgotten_and_another_begins(harness: Harness, tmp_path: Path) -> None:
     (tmp_path / "boards").mkdir()
     (tmp_path / "boards" / "b.toml").write_text(encode_board(BOARD))
-    assert desk.do("calibrate", file="boards/b.toml").ok
-    assert desk.do("cancel-calibration").ok
-    desk.until("idle")
-    assert not desk.do("finish-calibration").ok
-    assert not desk.do("cancel-calibration").ok
-    assert desk.do("calibrate", file="boards/b.toml").ok
+    assert harness.do("calibrate", file="boards/b.toml").ok
+    assert harness.do("cancel-calibration").ok
+    harness.until("idle")
+    assert not harness.do("finish-calibration").ok
+    assert not harness.do("cancel-calibration").ok
+    assert harness.do("calibrate", file="boards/b.toml").ok
 
 
 @pytest.mark.parametrize(
@@ -201,33 +207,33 @@ def test_a_cancelled_run_is_forgotten_and_another_begins(desk: Desk, tmp_path: P
         ("use-this-rig", {"name": "x"}, "no rig is found yet"),
     ],
 )
-def test_what_cannot_be_done_says_what_can(desk: Desk, verb: str, arguments: dict[str, Any], says: str) -> None:
-    reply = desk.do(verb, **arguments)
+def test_what_cannot_be_done_says_what_can(harness: Harness, verb: str, arguments: dict[str, Any], says: str) -> None:
+    reply = harness.do(verb, **arguments)
     assert not reply.ok
     assert says in reply.message
-    assert desk.desk.progress.phase == "idle"
+    assert harness.service.progress.phase == "idle"
 
 
 @pytest.mark.parametrize("name", ["", "../rig", "a/b.toml", ".hidden", "x" * 200, "a\nb"])
-def test_a_rig_is_saved_in_the_folder_only(desk: Desk, tmp_path: Path, name: str) -> None:
-    desk.do("calibrate", board=VALUES)
-    desk.until("filming", lambda: desk.desk.progress.shared >= 10)
-    desk.do("finish-calibration")
-    desk.until("done")
-    assert "write the name of a file, such as rig.toml" in desk.do("save-rig", name=name).message
+def test_a_rig_is_saved_in_the_folder_only(harness: Harness, tmp_path: Path, name: str) -> None:
+    harness.do("calibrate", board=VALUES)
+    harness.until("filming", lambda: harness.service.progress.shared >= 10)
+    harness.do("finish-calibration")
+    harness.until("done")
+    assert "write the name of a file, such as rig.toml" in harness.do("save-rig", name=name).message
     assert list(tmp_path.rglob("*")) == []
 
 
-def test_without_a_camera_nothing_begins_and_other_verbs_go_to_the_server(desk: Desk) -> None:
-    desk.desk.learn(status(sensor("kinect", pictures=False), sensor("c0", connected=False)))
-    assert "start one: mocapella node markers" in desk.do("calibrate", board=VALUES).message
-    desk.do("start")
-    assert desk.sent == [("start", {})]
+def test_without_a_camera_nothing_begins_and_other_verbs_go_to_the_server(harness: Harness) -> None:
+    harness.service.learn(status(sensor("kinect", pictures=False), sensor("c0", connected=False)))
+    assert "start one: mocapella node markers" in harness.do("calibrate", board=VALUES).message
+    harness.do("start")
+    assert harness.sent == [("start", {})]
 
 
 def test_times_are_brought_to_the_servers_clock_and_without_it_nothing_is_believed(nodes: Nodes) -> None:
     rows = [sensor("c0", capture_offset=7.5), sensor("c1", capture_offset=None)]
-    looks = NodeLooks(lambda name, question, s: nodes.ask(name, msgspec.to_builtins(question), s), lambda: rows,
+    looks = NodeCameras(lambda name, question, s: nodes.ask(name, msgspec.to_builtins(question), s), lambda: rows,
                       ["c0", "c1"], BOARD)  # fmt: skip
     seen = looks.look()
     looks.close()
@@ -251,7 +257,7 @@ def test_times_are_brought_to_the_servers_clock_and_without_it_nothing_is_believ
 )
 def test_whatever_a_node_answers_is_a_view_or_a_problem(corners: dict[str, Any] | None) -> None:
     answer = NodeAnswer(True, time_ns=1, size_px=SIZE, corners=corners)
-    looks = NodeLooks(lambda *_: answer, lambda: [sensor("c0")], ["c0"], BOARD)
+    looks = NodeCameras(lambda *_: answer, lambda: [sensor("c0")], ["c0"], BOARD)
     found = looks.look()["c0"]
     looks.close()
     if found.view is not None:
@@ -266,7 +272,7 @@ def test_whatever_a_node_answers_is_a_view_or_a_problem(corners: dict[str, Any] 
 
 def test_what_keeps_a_camera_from_seeing_comes_before_what_is_missing(nodes: Nodes) -> None:
     nodes.gone.add("c1")
-    looks = NodeLooks(lambda name, question, s: nodes.ask(name, msgspec.to_builtins(question), s),
+    looks = NodeCameras(lambda name, question, s: nodes.ask(name, msgspec.to_builtins(question), s),
                       lambda: [sensor("c0"), sensor("c1")], ["c0", "c1"], BOARD)  # fmt: skip
     run = BoardRun(BOARD, ["c0", "c1"])
     run.add(looks.look())
@@ -304,11 +310,11 @@ def test_cameras_of_which_no_method_wants_a_rig_are_named(sends: list[str]) -> N
         method_of_rig(sends)
 
 
-def test_it_is_known_whether_the_session_tracks_with_a_rig(desk: Desk) -> None:
-    assert not desk.desk.progress.has_rig
+def test_it_is_known_whether_the_session_tracks_with_a_rig(harness: Harness) -> None:
+    assert not harness.service.progress.has_rig
     for method, has_rig in (("hands", True), ("default", False), ("silhouettes", True), ("not installed", False)):
-        desk.desk.learn(status(sensor("c0"), setup=Setup(method=method)))
-        assert desk.desk.progress.has_rig is has_rig
-        same = desk.desk.progress
-        desk.desk.learn(status(sensor("c0"), setup=Setup(method=method)))
-        assert desk.desk.progress is same  # browsers see that nothing is new
+        harness.service.learn(status(sensor("c0"), setup=Setup(method=method)))
+        assert harness.service.progress.has_rig is has_rig
+        same = harness.service.progress
+        harness.service.learn(status(sensor("c0"), setup=Setup(method=method)))
+        assert harness.service.progress is same  # browsers see that nothing is new

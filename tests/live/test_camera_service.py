@@ -32,21 +32,21 @@ def points() -> dict[str, tuple[float, float]]:
     return {name: (float(x), float(y)) for name, (x, y) in zip(SCENE.names, shot().centres_px, strict=True)}
 
 
-class Desk:
-    """A desk whose node has looked at pictures of one instant, each with a time of its own."""
+class Harness:
+    """A service whose node has looked at pictures of one instant, each with a time of its own."""
 
     def __init__(self, folder: Path, **known: Any) -> None:
         source = RenderedCamera(SCENE, "left", "rendered:demo/left")
         self.acquisition = Acquisition(source)
         self.work = MarkerWork("left", self.acquisition, known.get("profile"))
         self.file = folder / "left.json"
-        self.desk = CameraService(self.work, self.file, CameraServiceSettings(pictures=2))
+        self.service = CameraService(self.work, self.file, CameraServiceSettings(pictures=2))
 
     def look(self, time_ns: int) -> None:
         self.work.look(Picture(np.ascontiguousarray(shot().image), time_ns, 0, 0.0, 0.0))
 
     def ask(self, question: Any) -> Any:
-        return self.desk.answer(write_question(question))
+        return self.service.answer(write_question(question))
 
     def learn(self, **points: tuple[float, float]) -> Any:
         return self.ask(AskLearn([Clicks(1, points)]))
@@ -56,13 +56,13 @@ class Desk:
 
 
 @pytest.fixture
-def made(tmp_path: Path) -> Iterator[Desk]:
-    desk = Desk(tmp_path)
-    yield desk
-    desk.desk.close()
+def made(tmp_path: Path) -> Iterator[Harness]:
+    harness = Harness(tmp_path)
+    yield harness
+    harness.service.close()
 
 
-def test_a_picture_that_is_not_to_be_kept_pushes_none_out(made: Desk) -> None:
+def test_a_picture_that_is_not_to_be_kept_pushes_none_out(made: Harness) -> None:
     made.look(1)
     assert made.ask(AskPicture()).ok
     for time_ns in range(2, 9):
@@ -76,7 +76,7 @@ def test_a_picture_that_is_not_to_be_kept_pushes_none_out(made: Desk) -> None:
     assert (refused.ok, "no picture of that time is kept" in refused.message) == (False, True)
 
 
-def test_what_was_learnt_is_unsaved_until_it_is_saved_or_discarded(made: Desk) -> None:
+def test_what_was_learnt_is_unsaved_until_it_is_saved_or_discarded(made: Harness) -> None:
     made.look(1)
     assert made.ask(AskPicture()).ok
     assert not made.unsaved()
@@ -100,9 +100,9 @@ def test_what_was_learnt_is_unsaved_until_it_is_saved_or_discarded(made: Desk) -
 
 
 def test_colours_that_the_node_began_with_come_back(tmp_path: Path) -> None:
-    made = Desk(tmp_path, profile=pointed_at(SCENE, "left"))
+    made = Harness(tmp_path, profile=pointed_at(SCENE, "left"))
     made.look(1)
     assert made.ask(AskPicture()).ok
     assert made.learn(red=points()["red"]).ok
     assert made.ask(AskDiscard()).names == list(SCENE.names)
-    made.desk.close()
+    made.service.close()

@@ -95,8 +95,8 @@ def test_a_second_node_under_a_name_is_refused_and_seen(server: Server, address:
         row = sensor(server, "front")
         assert row is not None
         assert row.node_id == first.node.node_id
-        wait_until("frames", lambda: server.tally.frames_in >= 20)
-        assert server.tally.frames_in == 20
+        wait_until("frames", lambda: server.summary.frames_in >= 20)
+        assert server.summary.frames_in == 20
         assert any("second node under the name front was refused" in notice for notice in server.status().notices)
 
 
@@ -110,7 +110,7 @@ def test_two_servers_on_one_machine_never_see_each_others_sensors(server: Server
                 here.publish(frame(k))
                 there.publish(frame(k))
                 time.sleep(0.01)
-            wait_until("frames", lambda: server.tally.frames_in == 20 and other.tally.frames_in == 20)
+            wait_until("frames", lambda: server.summary.frames_in == 20 and other.summary.frames_in == 20)
             assert [row.name for row in server.status().sensors] == ["here"]
             assert [row.name for row in other.status().sensors] == ["there"]
     finally:
@@ -174,12 +174,12 @@ def test_bytes_that_are_no_frame_are_counted_and_told(server: Server, address: s
         for junk in (b"", b"\xff" * 40, b"\x08\x09", b"\x80\x04\x95pickle"):
             publisher.put(junk)
         session.put("mocapella/v1/live/<script>/0000000000000001", b"x")
-        wait_until("the rejections", lambda: server.tally.rejected == 4)
+        wait_until("the rejections", lambda: server.summary.rejected == 4)
         row = sensor(server, "front")
         assert row is not None
         assert row.rejected == 4
         assert row.problem
-        assert server.tally.frames_in == 0
+        assert server.summary.frames_in == 0
         assert all("<script>" not in r.name for r in server.status().sensors)
     finally:
         session.close()
@@ -306,7 +306,7 @@ def test_a_frame_that_the_tracker_cannot_use_is_counted_and_told(server: Server,
         for _ in range(3):
             link.publish(frame(1))  # the same capture time again and again
             time.sleep(0.02)
-        wait_until("the rejections", lambda: server.tally.rejected == 2)
+        wait_until("the rejections", lambda: server.summary.rejected == 2)
         row = sensor(server, "front")
         assert row is not None
         assert row.rejected == 2
@@ -322,11 +322,11 @@ def test_a_new_take_begins_with_the_first_frame_that_is_tracked_after_it_was_ask
     with NodeLink(address, "front") as link:
         wait_until("it joins", link.join)
         publish(link, 300, every=0.005)
-        wait_until("they are tracked", lambda: server.tally.frames_in > 250)
+        wait_until("they are tracked", lambda: server.summary.frames_in > 250)
         time.sleep(0.2)
-        count = server.tally.frames_in
+        count = server.summary.frames_in
         publish(link, 1, 300)
-        wait_until("the last, too", lambda: server.tally.frames_in > count)
+        wait_until("the last, too", lambda: server.summary.frames_in > count)
         assert send_command(reader, "record", {"name": "fresh"}).ok
         publish(link, 30, 301)
         assert send_command(reader, "record-stop", timeout=30).ok
@@ -398,12 +398,12 @@ def test_what_a_halted_server_says_is_what_its_take_has_though_frames_go_on_comi
         node = threading.Thread(target=go_on, args=(link,))
         node.start()
         try:
-            wait_until("frames come", lambda: server.tally.frames_in > 50)
+            wait_until("frames come", lambda: server.summary.frames_in > 50)
             server.halt()
-            said = server.tally.frames_in, server.tally.scenes_out, server.status().scenes
+            said = server.summary.frames_in, server.summary.scenes_out, server.status().scenes
             health = server.close()
         finally:
             stop.set()
             node.join()
-    assert (server.tally.frames_in, server.tally.scenes_out, server.status().scenes) == said
+    assert (server.summary.frames_in, server.summary.scenes_out, server.status().scenes) == said
     assert health.scenes == said[1]

@@ -140,11 +140,11 @@ def test_a_number_that_comes_again_is_refused_and_told(server: Server, stranger:
     token = speak(stranger, server)
     again = body_frame("front", topology("kinect_v2"), time_ns=2, positions=POSITIONS, node_id=7, sequence=0)
     stranger.put(keys.of_node("live", NODE), encode_frame(again))
-    wait_until("it is refused", lambda: server.tally.rejected == 1)
+    wait_until("it is refused", lambda: server.summary.rejected == 1)
     seat = row(server)
     assert seat is not None
     assert "sequence is 0 after 0" in seat.problem
-    assert server.tally.frames_in == 1
+    assert server.summary.frames_in == 1
     token.undeclare()
 
 
@@ -173,15 +173,15 @@ def test_a_take_begins_with_the_memory_of_its_first_step_whoever_begins_it(
         thread = threading.Thread(target=stream)
         thread.start()
         try:
-            wait_until("frames", lambda: server.tally.frames_in > 0)
+            wait_until("frames", lambda: server.summary.frames_in > 0)
             server.record_to(tmp_path / "a.mcap")
             wait_until("scenes", lambda: server.status().recording.scenes > 3)
         finally:
             stop.set()
             thread.join()
-        server._desk.finish()
+        server._recording.finish()
     replayed = open_recording(tmp_path / "a.mcap").replay(lambda scene: None)
-    assert replayed.tally.scenes_out > 3
+    assert replayed.summary.scenes_out > 3
     assert replayed.notes["differing_scenes"] == 0
 
 

@@ -47,15 +47,15 @@ def test_a_run_whose_clocks_are_unknown_has_no_latency() -> None:
     st.text(min_size=1),
 )
 def test_a_run_that_never_tracked_names_what_was_missing_and_the_reason(phase: Phase, count: int, reason: str) -> None:
-    tally = RunSummary()
-    tally.state(0.0, phase.value, "")
+    summary = RunSummary()
+    summary.state(0.0, phase.value, "")
     last = TrackerState(phase, sensors_missing=count, frames_remaining=count, frames_wanted=120, reason=reason)
-    why = tally.never_tracked(last)
+    why = summary.never_tracked(last)
     assert why is not None
     assert f"{count} of " in why
     assert why.endswith(f"; {reason}")
-    tally.state(1.0, Phase.TRACKING.value, "")
-    assert tally.never_tracked(last) is None
+    summary.state(1.0, Phase.TRACKING.value, "")
+    assert summary.never_tracked(last) is None
 
 
 def test_a_run_that_was_not_started_says_so() -> None:
@@ -67,10 +67,10 @@ def scene_with(reason: str, places: tuple[SensorPlace, ...] = ()) -> Scene:
 
 
 def test_every_condition_is_told_of_with_its_times_also_when_another_holds_as_well() -> None:
-    tally = RunSummary(began_ns=10**9)
+    summary = RunSummary(began_ns=10**9)
     for second, reason in enumerate(["", "left: moved", "left: moved; asked for", "", "left: moved"]):
-        tally.scene(scene_with(reason), None, (second + 1) * 10**9)
-    row = tally.as_json(TrackerState(Phase.TRACKING, reason="left: moved"))
+        summary.scene(scene_with(reason), None, (second + 1) * 10**9)
+    row = summary.as_json(TrackerState(Phase.TRACKING, reason="left: moved"))
     assert row["conditions"] == [
         {"condition": "left: moved", "first_s": 1.0, "last_s": 4.0, "results": 3},
         {"condition": "asked for", "first_s": 2.0, "last_s": 2.0, "results": 1},
@@ -80,10 +80,10 @@ def test_every_condition_is_told_of_with_its_times_also_when_another_holds_as_we
 
 
 def test_of_many_conditions_the_newest_are_kept_and_the_others_counted() -> None:
-    tally = RunSummary()
+    summary = RunSummary()
     for k in range(MOST_CONDITIONS + 7):
-        tally.scene(scene_with(f"a hand moved {k} cm"), None, k)
-    row = tally.as_json(TrackerState(Phase.CALIBRATING))
+        summary.scene(scene_with(f"a hand moved {k} cm"), None, k)
+    row = summary.as_json(TrackerState(Phase.CALIBRATING))
     assert [said["condition"] for said in row["conditions"]] == [
         f"a hand moved {k + 7} cm" for k in range(MOST_CONDITIONS)
     ]
@@ -96,10 +96,10 @@ def test_where_the_sensors_are_is_told_of_and_null_where_it_is_not_known() -> No
         SensorPlace("left", None, problem="with front: walk"),
         SensorPlace("right", None, problem="with front: walk"),
     )
-    tally = RunSummary()
-    tally.scene(scene_with("", places), None, 0)
+    summary = RunSummary()
+    summary.scene(scene_with("", places), None, 0)
     last = TrackerState(Phase.CALIBRATING, reason="left: with front: walk; right: with front: walk")
-    row = tally.as_json(last)
+    row = summary.as_json(last)
     assert row["sensor_places"][0] == {
         "sensor": "front",
         "T_world_sensor": np.eye(4)[:3].tolist(),
@@ -131,12 +131,12 @@ def scene_of(sensor: str, mirrored: list[bool]) -> Scene:
 
 
 def test_repaired_labels_are_counted_by_sensor_each_view_once_and_each_time_that_it_begins() -> None:
-    tally = RunSummary()
+    summary = RunSummary()
     for mirrored in ([False, True], [True, True], [True], [False, False], [True, False]):
-        tally.scene(scene_of("front", mirrored), None, 0)
-    tally.scene(scene_of("left", [False]), None, 0)
-    assert tally.as_json(TrackerState(Phase.TRACKING))["labels_repaired"] == [
+        summary.scene(scene_of("front", mirrored), None, 0)
+    summary.scene(scene_of("left", [False]), None, 0)
+    assert summary.as_json(TrackerState(Phase.TRACKING))["labels_repaired"] == [
         {"sensor": "front", "views": 9, "swapped": 5, "repairs": 3},
         {"sensor": "left", "views": 1, "swapped": 0, "repairs": 0},
     ]
-    json.dumps(tally.as_json(TrackerState(Phase.TRACKING)))
+    json.dumps(summary.as_json(TrackerState(Phase.TRACKING)))

@@ -224,7 +224,7 @@ def _films(
     from functools import partial
 
     from mocapella.calibration.board_run import BoardRun
-    from mocapella.live.board_cameras import CameraLooks, Looks, NodeLooks, film, node_names, urgent
+    from mocapella.live.board_cameras import BoardCameras, LocalCameras, NodeCameras, film, node_names, urgent
     from mocapella.sources.video import LIVE
     from mocapella.wire.questions import ask_node
     from mocapella.wire.reader import send_command
@@ -232,7 +232,7 @@ def _films(
 
     clock = time.monotonic
     with ExitStack() as stack:
-        looks: Looks
+        cameras: BoardCameras
         if next(iter(inputs.values())).startswith(NODE):
             session = open_reader(connect)
             stack.callback(session.close)  # type: ignore[no-untyped-call]
@@ -242,12 +242,12 @@ def _films(
                 return status.sensors if status is not None else ()
 
             names = node_names(list(inputs.values()), NODE, sensors())
-            looks = NodeLooks(partial(ask_node, session), sensors, names, board)
+            cameras = NodeCameras(partial(ask_node, session), sensors, names, board)
             run = BoardRun(board, names, known=known)
         else:
             numbers = {name: _number(path.removeprefix(LIVE)) for name, path in inputs.items()}
-            looks, run = CameraLooks(numbers, board, clock=clock), BoardRun(board, list(inputs), known=known)
-        stack.callback(looks.close)
+            cameras, run = LocalCameras(numbers, board, clock=clock), BoardRun(board, list(inputs), known=known)
+        stack.callback(cameras.close)
         end, said = clock() + seconds, [""]
 
         def tell() -> None:
@@ -256,7 +256,7 @@ def _films(
                 say(text)
             said[0] = text
 
-        film(looks, run, lambda: clock() >= end, tell, clock=clock)
+        film(cameras, run, lambda: clock() >= end, tell, clock=clock)
     for name, count in run.report.unanswered.items():
         if count:
             say(f"camera {name} gave no picture {count} times")

@@ -85,11 +85,11 @@ def camera(
         # From here on standard input is watched for the end of who started this process.
         with (
             stop_on_signals() as stop,
-            CameraService(work, say=say) as desk,
+            CameraService(work, say=say) as service,
             NodeLink(connect, sensor, history_frames=kept) as link,
         ):
             summary = run_image_node(
-                link, acquisition, work, desk, CameraNodeSettings(report_s=report), epoch=zero, stop=stop, say=say,
+                link, acquisition, work, service, CameraNodeSettings(report_s=report), epoch=zero, stop=stop, say=say,
                 wait=not (pictures.live or zero is not None), linger_s=0.0 if pictures.live else linger,
             )  # fmt: skip
     say(f"{sensor}: {summary.published} frames published; {work.words()}")

@@ -130,11 +130,11 @@ def markers(
         # From here on standard input is watched for the end of who started this process.
         with (
             stop_on_signals() as stop,
-            CameraService(work, profile, say=say) as desk,
+            CameraService(work, profile, say=say) as service,
             NodeLink(connect, sensor) as link,
         ):
             summary = run_marker_node(
-                link, acquisition, work, desk, settings,
+                link, acquisition, work, service, settings,
                 epoch=zero, stop=stop, say=say, times=times, camera=camera, wait=wait,
             )  # fmt: skip
     say(f"{sensor}: {summary.published} frames published; {work.words()}")

@@ -49,7 +49,7 @@ LONGEST_BETWEEN_NS = 60_000_000_000
 class Replayed:
     """What came of a replay: counts, the state at its end, how long the recording is [s], and what else there is."""
 
-    tally: RunSummary
+    summary: RunSummary
     last: TrackerState
     seconds: float
     notes: dict[str, Any] = field(default_factory=dict)
@@ -216,14 +216,14 @@ class RecordedLog:
     def replay(self, on_scene: Callable[[Scene], None]) -> Replayed:
         """See `Recording`."""
         session = Session(self.setup, self.method_settings)
-        tally = replay(session, self._source.arrivals(), on_scene)
+        summary = replay(session, self._source.arrivals(), on_scene)
         notes = {
             "placement": self._source.placement,
             "log": msgspec.to_builtins(self._source.report),
             "unusable": dict(session.unusable),
             "problems": _row_problems(self._source.report),
         }
-        return Replayed(tally, session.state, self._source.duration_s, notes)
+        return Replayed(summary, session.state, self._source.duration_s, notes)
 
 
 def due_times(times: Sequence[tuple[int, int, int]]) -> list[int]:
@@ -310,13 +310,13 @@ class RecordedTake:
             differing += encode_scene(scene) != next(recorded, None)
             on_scene(scene)
 
-        tally, last, unusable = RunSummary(), TrackerState(Phase.STOPPED), Counter[str]()
+        summary, last, unusable = RunSummary(), TrackerState(Phase.STOPPED), Counter[str]()
         for run in self._take.runs:
             session = Session(run.info.setup, run.info.method_settings)
-            tally = replay(session, self._events(run.number), compare, tally)
+            summary = replay(session, self._events(run.number), compare, summary)
             last = session.state
             unusable.update(session.unusable)
-        missing = self._take.scene_count - tally.scenes_out
+        missing = self._take.scene_count - summary.scenes_out
         notes = {
             "recorded_scenes": self._take.scene_count,
             "differing_scenes": differing + abs(missing),
@@ -325,7 +325,7 @@ class RecordedTake:
             "problems": list(self._take.problems),
             "lost": sum(frames.lost for frames in self._take.complete()),
         }
-        return Replayed(tally, last, self._take.seconds, notes)
+        return Replayed(summary, last, self._take.seconds, notes)
 
 
 def _row_problems(report: ReplayReport) -> list[str]:

@@ -104,7 +104,7 @@ def _replay_fast(file: Path, open_it: Callable[[], Recording]) -> dict[str, Any]
     took = time.perf_counter() - began
     row = {
         "sensors": list(recording.sensors),
-        **replayed.tally.as_json(replayed.last),
+        **replayed.summary.as_json(replayed.last),
         "recorded_s": round(replayed.seconds, 3),
         "took_s": round(took, 3),
         "times_real_time": round(replayed.seconds / took, 1),

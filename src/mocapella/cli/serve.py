@@ -401,7 +401,7 @@ def _summary(server: Server) -> dict[str, Any]:
         "seconds": status.uptime,
         "sensors": rows,
         "drops": sum(row["drops"] for row in rows),
-        **server.tally.as_json(last),
+        **server.summary.as_json(last),
     }
 
 

@@ -138,20 +138,20 @@ def _angles(kept: BodiesWriter) -> dict[str, list[AnglesAt]]:
 
 def show(run: SilhouetteRun, out: Console, summary: Mapping[str, Any] = MappingProxyType({})) -> None:
     """The table for a person, and what the images' source tells of the run."""
-    named = [name for name in run.tallies if name]
+    named = [name for name in run.statistics if name]
     table = Table(box=SIMPLE_HEAD, padding=(0, 1), show_edge=False)
     for words in (*(["person"] if named else []), "camera", "frames", "overlap", "least", "left out"):
         table.add_column(words, justify="left" if words in ("person", "camera") else "right")
-    for person, tally in run.tallies.items():
+    for person, body in run.statistics.items():
         for k, name in enumerate(run.rig.cameras):
-            overlaps = tally.overlaps.get(name)
+            overlaps = body.overlaps.get(name)
             median, least = (f"{overlaps.median:.1%}", f"{overlaps.least:.1%}") if overlaps else ("–", "–")
             whose = [Text(person if k == 0 else "")] if named else []
             counted = str(len(overlaps)) if overlaps else "0"
-            table.add_row(*whose, name, counted, median, least, str(tally.left_out[name]))
+            table.add_row(*whose, name, counted, median, least, str(body.left_out[name]))
     out.print(table)
     if run.frames:
-        lost = {name: tally.lost for name, tally in run.tallies.items()}
+        lost = {name: body.lost for name, body in run.statistics.items()}
         gone = ", ".join(f"{count} of them without {name or 'anybody'}" for name, count in lost.items() if count)
         took = f"{run.took_ms.median:.0f} ms a frame"
         dropped = ", ".join(f"{name} {count}" for name, count in summary.get("dropped", {}).items())

@@ -27,7 +27,7 @@ EXPLAIN_S: Final = 10.0
 """That takes seconds."""
 
 
-class Looks(Protocol):
+class BoardCameras(Protocol):
     """What looks for the board with all cameras at once."""
 
     def look(self) -> dict[str, BoardLook]:
@@ -49,7 +49,7 @@ class _Corners(msgspec.Struct, frozen=True):
     edge_px: float | None = None
 
 
-class NodeLooks:
+class NodeCameras:
     """Running nodes, all asked at the same moment, each for its newest picture.
 
     Args:
@@ -75,7 +75,7 @@ class NodeLooks:
         self._workers = ThreadPoolExecutor(max(len(self._cameras), 1), thread_name_prefix="ask for board")
 
     def look(self) -> dict[str, BoardLook]:
-        """As `Looks`."""
+        """As `BoardCameras`."""
         asked = {name: self._workers.submit(self._one, name) for name in self._cameras}
         answers = {name: future.result() for name, future in asked.items()}
         rows = {row.name: row for row in self._sensors()}
@@ -85,11 +85,11 @@ class NodeLooks:
         }
 
     def wait(self, seconds: float) -> None:
-        """As `Looks`."""
+        """As `BoardCameras`."""
         time.sleep(max(seconds, 0.0))
 
     def close(self) -> None:
-        """As `Looks`."""
+        """As `BoardCameras`."""
         self._workers.shutdown(wait=False, cancel_futures=True)
 
     def _one(self, name: str) -> NodeAnswer | str:
@@ -109,7 +109,7 @@ class NodeLooks:
             told = msgspec.convert(answer.corners, _Corners)
         except msgspec.ValidationError as error:
             return BoardLook(problem=f"camera {name} answers what cannot be used ({error}); is it of this version?")
-        if not told.ids:
+        if not (told.ids or told.corners_px):
             return BoardLook(at_s, None, self._unseen(name, answer.message))
         view = self._view(name, told, answer.size_px)
         if view is None:
@@ -138,7 +138,7 @@ class NodeLooks:
         return self._why.get(name, "")
 
 
-class CameraLooks:
+class LocalCameras:
     """Cameras of this machine.
 
     Args:
@@ -160,7 +160,7 @@ class CameraLooks:
         self._detectors = {name: BoardDetector(board) for name in numbers}
 
     def look(self) -> dict[str, BoardLook]:
-        """As `Looks`."""
+        """As `BoardCameras`."""
         seen = self._cameras.read()
         lost = {
             name: BoardLook(problem=f"camera {name} gave no picture {count} times")
@@ -171,18 +171,18 @@ class CameraLooks:
         return lost | {name: BoardLook(seen[name][0], view) for name, view in found.items()}
 
     def wait(self, seconds: float) -> None:
-        """As `Looks`: reads on, so that the next picture is a new one."""
+        """As `BoardCameras`: reads on, so that the next picture is a new one."""
         end = self._clock() + seconds
         while self._clock() < end:
             self._cameras.read()
 
     def close(self) -> None:
-        """As `Looks`."""
+        """As `BoardCameras`."""
         self._cameras.close()
 
 
 def film(
-    looks: Looks,
+    cameras: BoardCameras,
     run: BoardRun,
     until: Callable[[], bool],
     on_look: Callable[[], None] = lambda: None,
@@ -192,10 +192,10 @@ def film(
     """Look again and again until that holds; ``on_look`` is called after each."""
     while not until():
         began = clock()
-        run.add(looks.look())
+        run.add(cameras.look())
         on_look()
         if not until():
-            looks.wait(began + INTERVAL_S - clock())
+            cameras.wait(began + INTERVAL_S - clock())
 
 
 def urgent(run: BoardRun) -> list[str]:

@@ -23,7 +23,7 @@ from mocapella.calibration.cameras import CameraCalibration
 from mocapella.calibration.hints import field_counts
 from mocapella.calibration.rig_report import HEADINGS, sentences, table, tape_measure
 from mocapella.errors import InputError, MocapellaError, NotNowError, SettingsError
-from mocapella.live.board_cameras import Looks, NodeLooks, film, urgent
+from mocapella.live.board_cameras import BoardCameras, NodeCameras, film, urgent
 from mocapella.model.board import Board, load_board
 from mocapella.model.board_progress import BoardProgress, CameraProgress, RigQuality
 from mocapella.model.camera_rig_file import encode_camera_rig, save_camera_rig
@@ -130,12 +130,12 @@ class BoardService:
             if self._thread is not None:
                 self._thread.join()
             run = BoardRun(board, cameras)
-            looks = NodeLooks(self._ask, lambda: self._sensors, cameras, board)
+            board_cameras = NodeCameras(self._ask, lambda: self._sensors, cameras, board)
             self._end, self._cancelled, self._rig = threading.Event(), False, None
             self._progress = BoardProgress(
                 "filming", _words(board), _cameras(run), file=self._free_name(), has_rig=self._has_rig
             )
-            self._thread = threading.Thread(target=self._work, args=(run, looks), name="calibrate cameras")
+            self._thread = threading.Thread(target=self._work, args=(run, board_cameras), name="calibrate cameras")
             self._thread.start()
         return f"show the board to {', '.join(cameras)}"
 
@@ -205,14 +205,14 @@ class BoardService:
         names = ("rig.toml", *(f"rig-{k}.toml" for k in range(2, 10_000)))
         return next((name for name in names if not (self._folder / name).exists()), names[-1])
 
-    def _work(self, run: BoardRun, looks: Looks) -> None:
+    def _work(self, run: BoardRun, cameras: BoardCameras) -> None:
         try:
             while self._rig is None and not self._cancelled:
-                film(looks, run, self._end.is_set, partial(self._tell, run))
+                film(cameras, run, self._end.is_set, partial(self._tell, run))
                 if not self._cancelled:
                     self._calibrate(run)
         finally:
-            looks.close()
+            cameras.close()
             if self._rig is None:
                 why = "" if self._cancelled else "it ended for a reason that nobody foresaw; the view has printed it"
                 self._progress = BoardProgress(problem=why, file=self._free_name(), has_rig=self._has_rig)

@@ -176,12 +176,12 @@ class CameraService:
         match read_question(data):
             case AskPicture(scale=scale, format=kind, keep=keep):
                 look = self._newest(keep=keep)
-                return self._pictured(look, look.picture.image, kind, scale)
+                return self._pictured(look, look.image, kind, scale)
             case AskMask(scale=scale, format=kind):
                 look = self._newest()
                 if look.detector is None:
                     raise NotNowError("no colours are learnt yet; ask for a picture, and learn the colours in it")
-                painted = mask_image(look.picture.image, look.detector.profile, look.detector.table, look.frame)
+                painted = mask_image(look.image, look.detector.profile, look.detector.table, look.frame)
                 return self._pictured(look, painted, kind, scale)
             case AskControls():
                 return NodeAnswer(True, controls=self._controls())
@@ -276,7 +276,7 @@ class CameraService:
                 f"time_ns {time_ns}: no picture of that time is kept; ask for a picture, and point at that one "
                 f"(the last {self.settings.pictures} are kept)"
             )
-        return self._shown[time_ns].picture.image
+        return self._shown[time_ns].image
 
     def _save(self) -> NodeAnswer:
         if self._file is None:
@@ -305,11 +305,11 @@ class CameraService:
         if self._board is None or self._board[0] != text:
             self._board = (text, BoardDetector(parse_board(text)))
         detector, look = self._board[1], self._newest()
-        seen = detector.update(look.picture.image, self._work.camera, look.picture.number)
+        seen = detector.update(look.image, self._work.camera, look.picture.number)
         there = NodeAnswer(True, time_ns=look.picture.time_ns, size_px=look.picture.size_px)
         corners: dict[str, Any] = {"ids": [], "corners_px": [], "edge_px": None}
         if seen is None:
-            said = why_not_found([look.picture.image], detector.board) if explain else "the board is not seen"
+            said = why_not_found([look.image], detector.board) if explain else "the board is not seen"
             return replace(there, message=said, corners=corners)
         edge = seen.edge_px if seen.edge_px == seen.edge_px else None  # NaN is no JSON
         corners = {"ids": seen.ids.tolist(), "corners_px": seen.corners_px.tolist(), "edge_px": edge}

@@ -12,6 +12,7 @@ from mocapella.live.camera_node import CameraNodeSettings, run_camera_node
 from mocapella.live.camera_service import CameraService
 from mocapella.live.image_work import ImageWork
 from mocapella.sources.acquisition import Acquisition
+from mocapella.sources.picture_source import Picture
 from mocapella.wire.node import NodeLink
 
 
@@ -39,7 +40,7 @@ def run_image_node(
     link: NodeLink,
     acquisition: Acquisition,
     work: ImageWork,
-    desk: CameraService,
+    service: CameraService,
     settings: CameraNodeSettings | None = None,
     *,
     epoch: float | None = None,
@@ -55,7 +56,7 @@ def run_image_node(
         link: the sensor's end of the bus; stays open.
         acquisition: of the pictures, not started yet; stays open.
         work: makes frames of them.
-        desk: what answers questions.
+        service: what answers questions.
         settings: see there.
         epoch: the Unix time [s] at which the source's time is 0; None is when the run begins.
         stop: ends the run.
@@ -69,10 +70,14 @@ def run_image_node(
         NoServerError: the source has ended, and no server was ever there to receive anything.
         MocapellaError: the source gives something else than before.
     """
+
+    def publish(picture: Picture) -> None:
+        link.publish(work.frame(picture))
+
     run = run_camera_node(
-        link, acquisition, work, lambda picture: link.publish(work.frame(picture)) and None,
+        link, acquisition, work, publish,
         settings or CameraNodeSettings(), epoch=epoch, stop=stop, wait=wait, say=say, clock=clock,
-        begun=lambda: link.answer(desk.ask), linger_s=linger_s,
+        begun=lambda: link.answer(service.ask), linger_s=linger_s,
     )  # fmt: skip
     return ImageNodeSummary(
         sensor=link.node.sensor,

@@ -13,7 +13,7 @@ import numpy as np
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import NotNowError
 from mocapella.live.camera_node import Warned
-from mocapella.live.marker_work import DetectedPicture
+from mocapella.live.marker_work import DetectedPicture, colour_image
 from mocapella.model.images import ImageFrame, image_frame
 from mocapella.model.markers import marker_frame
 from mocapella.sensing.colour_profile import ColourProfile
@@ -71,7 +71,7 @@ class ImageWork:
 
     def frame(self, picture: Picture) -> ImageFrame:
         """The frame of a picture."""
-        s, pixels = self.settings, np.asarray(picture.image, np.uint8)
+        s, pixels = self.settings, colour_image(picture)
         data = encode_image(pixels, s.format, s.quality)
         self.sent, self.bytes = self.sent + 1, self.bytes + len(data)
         self._sizes.append(len(data))

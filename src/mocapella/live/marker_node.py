@@ -48,7 +48,7 @@ def run_marker_node(
     link: NodeLink,
     acquisition: Acquisition,
     work: MarkerWork,
-    desk: CameraService,
+    service: CameraService,
     settings: CameraNodeSettings | None = None,
     *,
     epoch: float | None = None,
@@ -65,7 +65,7 @@ def run_marker_node(
         link: the sensor's end of the bus; stays open.
         acquisition: of the pictures, not started yet; stays open.
         work: what finds markers.
-        desk: what answers questions.
+        service: what answers questions.
         settings: see there.
         epoch: the Unix time [s] at which the source's time is 0; None is when the run begins.
         stop: ends the run.
@@ -101,7 +101,7 @@ def run_marker_node(
 
     run = run_camera_node(
         link, acquisition, work, look, s, epoch=epoch, stop=stop, wait=wait, say=say, clock=clock,
-        begun=lambda: link.answer(desk.ask), full=None if times is None else lambda: times.full,
+        begun=lambda: link.answer(service.ask), full=None if times is None else lambda: times.full,
     )  # fmt: skip
     return MarkerNodeSummary(
         sensor=link.node.sensor,

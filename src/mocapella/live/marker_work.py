@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.conventions import NS_PER_S
 from mocapella.live.camera_node import Warned
@@ -22,13 +23,23 @@ OFTEN: Final = 0.5
 """A colour of which several things are seen in more than this part of the pictures is said to be there twice."""
 
 
-class DetectedPicture:
-    """A picture, what was found in it, and by which detector; None where no colours were learnt."""
+def colour_image(picture: Picture) -> NDArray[np.uint8]:
+    """Return a colour camera's image, (height, width, 3) blue, green, red; depth cameras have other work."""
+    return np.asarray(picture.image, np.uint8)
 
-    __slots__ = ("detector", "frame", "picture")
+
+class DetectedPicture:
+    """An image of a camera, the markers in it, and the detector that found them; None if no colours are learnt.
+
+    Attributes:
+        image: (height, width, 3) blue, green, red.
+    """
+
+    __slots__ = ("detector", "frame", "image", "picture")
 
     def __init__(self, picture: Picture, frame: MarkerFrame, detector: MarkerDetector | None) -> None:
         self.picture, self.frame, self.detector = picture, frame, detector
+        self.image = colour_image(picture)
 
 
 class MarkerWork:
@@ -84,15 +95,15 @@ class MarkerWork:
         Raises:
             SettingsError: it has another size than the colours were learnt at.
         """
-        detector = self.detector
+        detector, image = self.detector, colour_image(picture)
         if detector is None:
             frame = marker_frame(
                 self.camera, (), time_ns=picture.time_ns, size_px=picture.size_px, positions_px=np.zeros((0, 2))
             )
         else:
-            frame = detector.update(picture.image, picture.time_ns / NS_PER_S)
+            frame = detector.update(image, picture.time_ns / NS_PER_S)
         if self._tags is not None:
-            frame = joined(frame, self._tags.update(picture.image, picture.time_ns / NS_PER_S))
+            frame = joined(frame, self._tags.update(image, picture.time_ns / NS_PER_S))
         self.newest = DetectedPicture(picture, frame, detector)
         return frame
 

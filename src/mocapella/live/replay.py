@@ -15,24 +15,24 @@ def replay(
     session: Session,
     events: Iterable[Arrival | Command],
     on_scene: Callable[[Scene], None] = lambda scene: None,
-    tally: RunSummary | None = None,
+    summary: RunSummary | None = None,
 ) -> RunSummary:
-    """Feed the session every frame and command in their order; returns what it came to, added to ``tally``."""
-    tally = tally or RunSummary()
+    """Feed the session every frame and command in their order; returns what it came to, added to ``summary``."""
+    summary = summary or RunSummary()
     phase, began_ns = "", None
     for event in events:
         if isinstance(event, Command):
             session.carry_out(event.values["verb"], event.values["arguments"])
             continue
         began_ns = event.at_ns if began_ns is None else began_ns
-        tally.began_ns = began_ns
-        tally.frames_in += 1
+        summary.began_ns = began_ns
+        summary.frames_in += 1
         scene = session.step(event)
         if scene is None:
             continue
         on_scene(scene)
-        tally.scene(scene, None, event.at_ns)
+        summary.scene(scene, None, event.at_ns)
         if scene.state.phase.value != phase:
             phase = scene.state.phase.value
-            tally.state((event.at_ns - began_ns) / 1e9, phase, scene.state.reason)
-    return tally
+            summary.state((event.at_ns - began_ns) / 1e9, phase, scene.state.reason)
+    return summary

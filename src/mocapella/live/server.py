@@ -77,7 +77,7 @@ class Server:
     ``say`` is called with each notice, on whichever thread it arises.
 
     Attributes:
-        tally: what the run has come to.
+        summary: what the run has come to.
         failed: is set when a thread of the server has died of an error that nobody foresaw; close it then.
 
     Raises:
@@ -98,15 +98,15 @@ class Server:
         self._notices: deque[str] = deque(maxlen=8)
         self._inbox = Inbox()
         self._commands: queue.SimpleQueue[tuple[str, dict[str, Any], Answer]] = queue.SimpleQueue()
-        self._roster = SensorRegistry()
+        self._registry = SensorRegistry()
         self._lock = threading.RLock()
         self._stepping = threading.RLock()
         self._ended = threading.Event()
         self.failed = threading.Event()
         self._began = time.monotonic()
-        self.tally = RunSummary(began_ns=time.monotonic_ns())
+        self.summary = RunSummary(began_ns=time.monotonic_ns())
         self._link = ServerLink(settings.listen, on_nonsense=self._note)
-        self._desk = RecordingService(
+        self._recording = RecordingService(
             self._session,
             self._link,
             self._on_recorded_frame,
@@ -130,18 +130,18 @@ class Server:
             self._inbox.put(Letter(node, data, arrived_ns))
 
     def _on_recorded_frame(self, node: NodeKey, data: bytes, arrived_ns: int) -> None:
-        recorder = self._desk.recorder
+        recorder = self._recording.recorder
         if recorder is not None and self._admit(node, arrived_ns):
             recorder.frame(node, data, arrived_ns)
 
     def _on_truth(self, node: NodeKey, data: bytes, arrived_ns: int) -> None:
-        recorder = self._desk.recorder
+        recorder = self._recording.recorder
         if recorder is not None and self._admit(node, arrived_ns):
             recorder.truth(node.sensor, data, arrived_ns)
 
     def _on_alive(self, node: NodeKey, alive: bool) -> None:
         with self._lock:
-            self._roster.set_connected(node, alive, time.monotonic_ns())
+            self._registry.set_connected(node, alive, time.monotonic_ns())
         if not alive:
             self._inbox.forget(node)
 
@@ -154,7 +154,7 @@ class Server:
 
     def _admit(self, node: NodeKey, now_ns: int) -> bool:
         with self._lock:
-            return self._roster.admit(node, now_ns) == ""
+            return self._registry.admit(node, now_ns) == ""
 
     def _join(self, arguments: dict[str, Any]) -> JoinReply:
         try:
@@ -163,8 +163,8 @@ class Server:
         except (SettingsError, WireError) as error:
             return JoinReply(False, str(error))
         with self._lock:
-            refusal = self._roster.admit(node, time.monotonic_ns())
-            self._roster.set_local(node, arguments.get("machine") == platform.node())
+            refusal = self._registry.admit(node, time.monotonic_ns())
+            self._registry.set_local(node, arguments.get("machine") == platform.node())
         return JoinReply(not refusal, refusal)
 
     def _guarded(self, run: Callable[[], None]) -> None:
@@ -191,16 +191,16 @@ class Server:
             if frame.key[:2] != letter.node:
                 raise WireError(f"a frame of {frame.sensor}/{frame.node_id:016x} came under another node's key")
             with self._lock:
-                if not self._roster.holds(letter.node):
+                if not self._registry.holds(letter.node):
                     return
-                at_ns = self._roster.arrived(frame, letter.node, letter.arrived_ns)
+                at_ns = self._registry.arrived(frame, letter.node, letter.arrived_ns)
         except WireError as error:
-            self.tally.rejected += 1
+            self.summary.rejected += 1
             with self._lock:
-                self._roster.rejected(letter.node, str(error))
+                self._registry.rejected(letter.node, str(error))
             return
-        self.tally.frames_in += 1
-        recorder = self._desk.recorder
+        self.summary.frames_in += 1
+        recorder = self._recording.recorder
         if recorder is not None:  # at the latest here, so that a take has every frame that its scenes were made of
             recorder.frame(letter.node, letter.data, letter.arrived_ns)
         scene = self._session.step(Arrival(frame, at_ns))
@@ -212,19 +212,19 @@ class Server:
         if recorder is not None:
             recorder.scene(data, letter.arrived_ns)
         with self._lock:
-            latency = self._roster.finished(letter.node, frame.sent_ns, done_ns)
+            latency = self._registry.finished(letter.node, frame.sent_ns, done_ns)
             if self._session.problem:
-                self.tally.rejected += 1
-                self._roster.rejected(letter.node, f"a frame cannot be tracked: {self._session.problem}")
-        self.tally.scene(scene, latency, done_ns)
+                self.summary.rejected += 1
+                self._registry.rejected(letter.node, f"a frame cannot be tracked: {self._session.problem}")
+        self.summary.scene(scene, latency, done_ns)
         self._watch_state()
 
     def _watch_state(self) -> None:
         state = self._session.state
         if state.phase.value != self._phase:
             self._phase = state.phase.value
-            self.tally.state(time.monotonic() - self._began, self._phase, state.reason)
-            self._note(self._phase + (f": {self.tally.in_words(state.reason)}" if state.reason else ""))
+            self.summary.state(time.monotonic() - self._began, self._phase, state.reason)
+            self._note(self._phase + (f": {self.summary.in_words(state.reason)}" if state.reason else ""))
         elif state.phase is Phase.TRACKING and state.reason != self._reason:
             self._note_conditions(state.reason, time.monotonic())
         self._reason = state.reason
@@ -232,8 +232,8 @@ class Server:
     def _note_conditions(self, reason: str, now_s: float) -> None:
         """Tell of what is wrong while people are tracked; what comes and goes is not told of each time."""
         self._said = {text: said_s for text, said_s in self._said.items() if now_s - said_s < CONDITION_AGAIN_S}
-        for text in self.tally.in_words(reason).split("; "):
-            if text and not text.endswith(": silent") and text not in self._said:  # the roster tells who is silent
+        for text in self.summary.in_words(reason).split("; "):
+            if text and not text.endswith(": silent") and text not in self._said:  # the registry tells who is silent
                 self._said[text] = now_s
                 self._note(text)
 
@@ -257,7 +257,7 @@ class Server:
             message = self._record_by_name(arguments)
         elif verb in self._session.verbs:
             message = self._session.carry_out(verb, arguments)
-            self._desk.tell(verb, arguments)
+            self._recording.tell(verb, arguments)
         else:
             known = ("status", "record", "record-stop", *self._session.verbs)
             raise SettingsError(f"unknown command {verb!r}; known: {one_of(verb, known)}")
@@ -278,8 +278,8 @@ class Server:
         """
         with self._stepping:  # the take begins with the tracker's memory between two steps
             with self._lock:
-                newest = self._roster.newest()
-            return self._desk.begin(path, resume=resume, newest=newest)
+                newest = self._registry.newest()
+            return self._recording.begin(path, resume=resume, newest=newest)
 
     def layout(self) -> SensorLayout | None:
         """The sensor layout; None while it is not known."""
@@ -295,11 +295,11 @@ class Server:
 
     def _stop_recording_aside(self, answer: Answer) -> None:
         """The end of a take waits for stragglers and the disk; the tracker must not."""
-        if self._desk.recorder is None:
+        if self._recording.recorder is None:
             raise NotNowError("not recording; begin a take first")
 
         def finish() -> None:
-            health = self._desk.finish()
+            health = self._recording.finish()
             self._revision += 1
             self._answer(answer, CommandReply(not health.problem, outcome(health), self.status()))
 
@@ -311,22 +311,22 @@ class Server:
 
     def _keep_house(self) -> None:
         while not self._ended.wait(STATUS_EVERY_S):
-            self._desk.fetch_missing()
+            self._recording.fetch_missing()
             with self._lock:
-                self._roster.notice_silence(time.monotonic_ns())
-                notices = self._roster.take_notices()
+                self._registry.notice_silence(time.monotonic_ns())
+                notices = self._registry.take_notices()
             for notice in notices:
                 self._note(notice)
             status = self.status()
             self._link.publish_status(msgspec.json.encode(status))
-            recorder = self._desk.recorder
+            recorder = self._recording.recorder
             if recorder is not None:
                 recorder.status(status, time.monotonic_ns())
 
     def _watch_clocks(self) -> None:
         while not self._ended.wait(PROBE_EVERY_S):
             with self._lock:
-                nodes = self._roster.nodes()
+                nodes = self._registry.nodes()
             for node in nodes:
                 if not self._ended.is_set():
                     self._compare_clocks(node)
@@ -336,14 +336,14 @@ class Server:
             probes = self._link.probe_clock(node, timeout=0.5)
         except WireError as error:
             with self._lock:
-                self._roster.rejected(node, str(error))
+                self._registry.rejected(node, str(error))
             return
         estimate = estimate_offset(probes)
         if estimate is None:
             return
         with self._lock:
-            self._roster.set_clock(node, estimate)
-        recorder = self._desk.recorder
+            self._registry.set_clock(node, estimate)
+        recorder = self._recording.recorder
         if recorder is not None:
             times = [[p.sent_ns, p.far_ns, p.received_ns] for p in probes]
             row = {"sensor": node.sensor, "node_id": node.node_id, "probes": times}
@@ -357,14 +357,14 @@ class Server:
     def status(self) -> SessionStatus:
         """The session as it stands, for a view or a script."""
         now_ns = time.monotonic_ns()
-        recorder = self._desk.recorder
+        recorder = self._recording.recorder
         stored, lost = recorder.stored_and_lost() if recorder is not None else ({}, {})
         session = self._session
         state = session.state
-        recording = self._desk.health()
+        recording = self._recording.health()
         take = next_name(Path(recording.path).stem) if recording.path else "take-1"
         with self._lock:
-            sensors = self._roster.health(now_ns, session.setup, stored, lost)
+            sensors = self._registry.health(now_ns, session.setup, stored, lost)
         return SessionStatus(
             revision=self._revision,
             running=session.running,
@@ -373,9 +373,9 @@ class Server:
             frames_remaining=state.frames_remaining,
             frames_wanted=state.frames_wanted,
             reason=state.reason,
-            counts={name: count for name, count in self.tally.counts.items() if session.running},
-            scenes=self.tally.scenes_out,
-            scenes_hz=round(self.tally.rate_hz(now_ns), 1),
+            counts={name: count for name, count in self.summary.counts.items() if session.running},
+            scenes=self.summary.scenes_out,
+            scenes_hz=round(self.summary.rate_hz(now_ns), 1),
             setup=session.setup,
             sensors=tuple(sensors),
             recording=recording,
@@ -386,7 +386,7 @@ class Server:
         )
 
     def halt(self) -> None:
-        """Track nothing more: what `status` and `tally` say from now on is what the session came to."""
+        """Track nothing more: what `status` and `summary` say from now on is what the session came to."""
         self._ended.set()
         self._inbox.wake()
         for thread in self._threads:  # no command may begin another take after this one
@@ -395,7 +395,7 @@ class Server:
     def close(self) -> RecordingHealth:
         """End the take properly, leave the bus, and return how the last take ended."""
         self.halt()
-        health = self._desk.finish()
+        health = self._recording.finish()
         for thread in self._finishing:
             thread.join()
         self._link.close()

@@ -8,7 +8,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import msgspec
 
@@ -20,6 +20,7 @@ from mocapella.model.scene import Phase, Scene, TrackerState
 from mocapella.model.session import PersonName, Setup
 from mocapella.settings import parse
 from mocapella.tracker import METHODS, Tracker, make_tracker
+from mocapella.tracker.protocol import KeepsLayout
 
 _STOPPED = TrackerState(Phase.STOPPED)
 _LAYOUT: Final = "rig"
@@ -90,7 +91,7 @@ class Session:
 
     def layout_now(self) -> SensorLayout | None:
         """The layout to be kept; None where the tracker knows nothing yet, or keeps no layout."""
-        return self._tracker.layout() if METHODS[self.setup.method].keeps_layout else None
+        return _keeper(self._tracker).layout() if METHODS[self.setup.method].keeps_layout else None
 
     @property
     def verbs(self) -> tuple[str, ...]:
@@ -212,5 +213,10 @@ class Session:
                 raise SettingsError(
                     f"method {setup.method!r} keeps no sensor layout; methods that do: {', '.join(able)}"
                 )
-            tracker.use_layout(self.layout)
+            _keeper(tracker).use_layout(self.layout)
         return tracker
+
+
+def _keeper(tracker: Tracker) -> KeepsLayout:
+    """A tracker whose method has ``keeps_layout``; the descriptor says so, not the class."""
+    return cast(KeepsLayout, tracker)

@@ -96,7 +96,7 @@ class SilhouetteRun:
         meshes: of the bodies, by name.
         rig: of the cameras.
         frames: how many so far.
-        tallies: totals by name; the rows themselves belong to the steps, and nothing here keeps them.
+        statistics: totals by name; the rows themselves belong to the steps, and nothing here keeps them.
         took_ms: of the frames.
         notes: all messages so far.
     """
@@ -107,7 +107,7 @@ class SilhouetteRun:
         self.tracker, self.rig = tracker, tracker.rig
         self.meshes = {name: body.mesh for name, body in tracker.bodies.items()}
         self.frames, self.took_ms = 0, Counted(STEP_MS)
-        self.tallies = {name: BodyStatistics() for name in self.meshes}
+        self.statistics = {name: BodyStatistics() for name in self.meshes}
         self.notes: list[str] = []
         self._tell, self._record = say, record
         self._fed: Counter[tuple[str, int]] = Counter()
@@ -161,7 +161,7 @@ class SilhouetteRun:
             name: PersonStep(one.fit, self._row(name, one, shown), one.waits) for name, one in seen.bodies.items()
         }
         for name, person in people.items():
-            self.tallies[name].add(person.row)
+            self.statistics[name].add(person.row)
         self.frames += 1
         self.took_ms.add(1e3 * took_s)
         return Step(shown.frame, seen.images, people, took_s, self._scene)
@@ -195,4 +195,4 @@ class SilhouetteRun:
 
     def summary_of(self, name: str) -> dict[str, object]:
         """What it came to for one body."""
-        return self.tallies[name].summary()
+        return self.statistics[name].summary()

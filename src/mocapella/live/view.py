@@ -169,20 +169,20 @@ def run_view(
     # What is shown to a browser in the instant in which it leaves is nobody's concern; viser would warn of it.
     warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)
     link = Link(connect, on_waiting)
-    desk = BoardService(link.ask, link.command, Path.cwd(), warm_up=warm_up)
+    boards = BoardService(link.ask, link.command, Path.cwd(), warm_up=warm_up)
     try:
         stages = {name: method.stages for name, method in METHODS.items()}
         props = {"cloth": CLOTH} if cloth else {}
-        viewer = Viewer(host, port, command=desk.command, methods=stages, props=props, ask=link.ask)
+        viewer = Viewer(host, port, command=boards.command, methods=stages, props=props, ask=link.ask)
         try:
             on_ready(viewer.url)
             picture = ViewState()
             for now_s in beats(RATE_HZ, stop):
                 scene, frames, status = picture.update(*link.newest(), now_s)
-                desk.learn(status)
-                viewer.show(scene, frames, status, desk.progress)
+                boards.learn(status)
+                viewer.show(scene, frames, status, boards.progress)
         finally:
             viewer.close()
     finally:
-        desk.close()
+        boards.close()
         link.close()

@@ -190,7 +190,7 @@ class BodiesWriter:
 
 def left_behind(path: Path) -> list[Path]:
     """What is there already of results of that name that are not finished: their runs go on, or were killed."""
-    found = []
+    found: list[Path] = []
     for part in _part_names(path):
         if not part.exists():
             return found

@@ -58,7 +58,9 @@ class McapFile:
         self._chunk_indices, self._metadata_indices = bytearray(), bytearray()
         self._front = bytearray(MAGIC + _bytes(Header("", library)))
         self._new_metadata: list[tuple[int, int, str]] = []
-        self._clear_chunk()
+        self._chunk = bytearray()
+        self._index: dict[int, bytearray] = {}
+        self._chunk_first, self._chunk_last = -1, 0
 
     @property
     def size(self) -> int:
@@ -216,12 +218,12 @@ class McapFile:
 
     def _clear_chunk(self) -> None:
         self._chunk = bytearray()
-        self._index: dict[int, bytearray] = {}
+        self._index = {}
         self._chunk_first, self._chunk_last = -1, 0
 
 
 def _bytes(record: McapRecord) -> bytes:
     builder = RecordBuilder()
     record.write(builder)
-    written: bytes = builder.end()
+    written: bytes = builder.end()  # type: ignore[no-untyped-call]  # mcap has no annotation here
     return written

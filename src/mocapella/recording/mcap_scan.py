@@ -256,6 +256,8 @@ def _messages(data: bytes, base: int, topics: dict[int, str]) -> Iterator[Messag
 
 def _parse(kind: type[_Record], body: bytes) -> _Record:
     try:
-        return kind.read(ReadDataStream(BytesIO(body)))
+        record = kind.read(ReadDataStream(BytesIO(body)))
     except (McapError, struct.error, UnicodeDecodeError) as error:
         raise _MalformedError from error
+    assert isinstance(record, kind)  # mcap does not annotate what `read` returns
+    return record

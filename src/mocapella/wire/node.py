@@ -79,7 +79,7 @@ class NodeLink:
                 max_samples=history_frames,
                 replies_config=ext.RepliesConfig(congestion_control=zenoh.CongestionControl.BLOCK),
             ),
-            sample_miss_detection=ext.MissDetectionConfig(heartbeat=0.2),
+            sample_miss_detection=ext.MissDetectionConfig(heartbeat=0.2, sporadic_heartbeat=None),
             publisher_detection=True,
             reliability=zenoh.Reliability.RELIABLE,
             congestion_control=zenoh.CongestionControl.DROP,
@@ -117,7 +117,7 @@ class NodeLink:
             def reply(data: bytes) -> None:
                 with contextlib.suppress(zenoh.ZError):  # who asked is gone, or this node is going
                     query.reply(key, data)
-                    query.drop()
+                    query.drop()  # type: ignore[no-untyped-call]  # zenoh's stub has no annotation here
 
             on_question(query.payload.to_bytes() if query.payload is not None else b"", reply)
 

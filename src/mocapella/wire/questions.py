@@ -13,14 +13,8 @@ from mocapella.wire import keys
 MAX_QUESTION_BYTES: Final = 64 * 1024
 MAX_ANSWER_BYTES: Final = 8 * 1024 * 1024
 
-_Scale = float
 
-
-class _Question(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask"):
-    pass
-
-
-class AskPicture(_Question, tag="picture"):
+class AskPicture(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="picture"):
     """The newest picture, ``scale`` times as large.
 
     Attributes:
@@ -32,18 +26,18 @@ class AskPicture(_Question, tag="picture"):
     keep: bool = True
 
 
-class AskMask(_Question, tag="mask"):
+class AskMask(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="mask"):
     """What the colours' look-up table makes of the newest picture, and the markers that were found in it."""
 
     scale: float = 1.0
     format: Literal["jpeg", "png"] = "png"
 
 
-class AskControls(_Question, tag="controls"):
+class AskControls(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="controls"):
     """How the camera is set."""
 
 
-class AskReport(_Question, tag="report"):
+class AskReport(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="report"):
     """What was found, lost, dropped, and what is wrong."""
 
 
@@ -54,7 +48,7 @@ class Clicks(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     points: dict[str, tuple[float, float]]
 
 
-class AskLearn(_Question, tag="learn"):
+class AskLearn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="learn"):
     """Learn the colours anew, from pictures that were asked for, and use them at once.
 
     Attributes:
@@ -66,15 +60,15 @@ class AskLearn(_Question, tag="learn"):
     backgrounds: list[int] = []
 
 
-class AskSave(_Question, tag="save"):
+class AskSave(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="save"):
     """Write the colours that are in use to the node's profile."""
 
 
-class AskDiscard(_Question, tag="discard"):
+class AskDiscard(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="discard"):
     """Forget what was learnt and not saved: the colours are those again that were in use before."""
 
 
-class AskBoard(_Question, tag="board"):
+class AskBoard(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="board"):
     """Where a calibration board's corners are in the newest picture.
 
     Attributes:

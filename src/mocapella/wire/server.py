@@ -76,7 +76,10 @@ class ServerLink:
             self._session,
             keys.ALL_RECORD,
             self._handing_on(on_frame),
-            recovery=ext.RecoveryConfig(periodic_queries=_RECOVER_EVERY),
+            recovery=ext.RecoveryConfig(
+                periodic_queries=_RECOVER_EVERY,  # type: ignore[arg-type]  # a timedelta, whatever zenoh's stub says
+                heartbeat=None,
+            ),
             subscriber_detection=True,
         )
 
@@ -158,7 +161,7 @@ class ServerLink:
 
             def answer(data: bytes) -> None:
                 query.reply(query.key_expr, data)
-                query.drop()
+                query.drop()  # type: ignore[no-untyped-call]  # zenoh's stub has no annotation here
 
             on_command(verb, arguments, answer)
 
