@@ -27,7 +27,8 @@ import pytest
 from hypothesis import settings
 from xdist.scheduler import LoadScopeScheduling
 
-from mocapella.tracker import warm_up
+from mocapella.registry import load
+from mocapella.tracker import METHODS, warm_up
 
 # The same examples every time, so that a change is judged by itself; `explore` tries others, and more. A first call may
 # compile.
@@ -189,9 +190,15 @@ def _make_filmed_bodies_ready() -> None:
     scene.masks(0)
 
 
+def _compile_parts_of_people() -> None:
+    for part in METHODS["default"].warm_up_parts:
+        load(part)()
+
+
 PARTS = {
     "silhouettes": lambda: warm_up("silhouettes"),
     "people": lambda: warm_up("default"),
+    "parts of people": _compile_parts_of_people,
     "arms": _make_arms_ready,
     "hands": lambda: warm_up("hands"),
     "pictures of hands": _make_pictures_ready,

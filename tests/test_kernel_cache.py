@@ -215,3 +215,54 @@ def test_where_nothing_can_be_written_kernels_still_run(kernels: Path) -> None:
     home = {name: str(kernels / "home" / "cache") for name in ("HOME", "XDG_CACHE_HOME", "LOCALAPPDATA")}
     assert call(kernels, "2", PYTHONDONTWRITEBYTECODE="1", **home) == ["6", "1"]
     assert entries(kernels) == []
+
+
+ONLY_COMPILED = """
+from work_kernels import work
+from mocapella.compiled import NotCompiledError, only_compiled
+try:
+    with only_compiled():
+        print(work(2))
+except NotCompiledError as error:
+    print("not compiled:", error)
+"""
+SLOW_COMPILE = """
+import time
+from numba.core.compiler import Compiler
+compile_ir = Compiler.compile_extra
+def slow(self, function):
+    time.sleep(1.0)
+    return compile_ir(self, function)
+Compiler.compile_extra = slow
+"""
+
+
+@pytest.mark.parametrize("folders", [{}, {"NUMBA_CACHE_DIR": "given"}])
+def test_where_compiling_is_forbidden_only_kernels_on_disk_run(kernels: Path, folders: dict[str, str]) -> None:
+    refused = start(kernels, code=ONLY_COMPILED, **folders)
+    assert refused.communicate(timeout=120)[0] == "not compiled: work_kernels.work(int64,)\n"
+    assert entries(kernels) == []
+    assert call(kernels, "2", **folders) == ["6", "1"]
+    assert start(kernels, code=ONLY_COMPILED, **folders).communicate(timeout=120)[0] == "6\n"
+
+
+def test_processes_that_start_together_compile_a_kernel_once(kernels: Path) -> None:
+    processes = [start(kernels, "2", code=SLOW_COMPILE + CALL) for _ in range(3)]
+    outs = [process.communicate(timeout=120)[0].split() for process in processes]
+    assert sorted(outs) == [["6", "0"], ["6", "0"], ["6", "1"]]
+
+
+def test_a_kernel_whose_compilation_was_killed_is_compiled_by_the_next(kernels: Path) -> None:
+    killed = start(kernels, "2", code=SLOW_COMPILE.replace("1.0", "60") + CALL)
+    while not list(kernels.rglob("*.claim")):
+        assert killed.poll() is None
+    waits = start(kernels, "2")
+    killed.kill()
+    killed.communicate()
+    assert waits.communicate(timeout=60)[0].split() == ["6", "1"]
+
+
+def test_a_claim_that_is_never_given_back_does_not_stop_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kernel_cache, "CLAIM_S", 0.05)
+    with kernel_cache._claimed(tmp_path / "a.claim"), kernel_cache._claimed(tmp_path / "a.claim"):
+        pass

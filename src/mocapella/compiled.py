@@ -7,9 +7,9 @@ from typing import Any
 import numba
 from numba.core import event
 
-from mocapella.kernel_cache import keep_on_disk
+from mocapella.kernel_cache import NotCompiledError, keep_on_disk, keeps_kernels, only_compiled
 
-__all__ = ["njit", "on_first_compilation"]
+__all__ = ["NotCompiledError", "keeps_kernels", "njit", "on_first_compilation", "only_compiled"]
 
 
 @contextmanager

@@ -11,11 +11,13 @@ from __future__ import annotations
 import hashlib
 import re
 import sys
+import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
+from contextvars import ContextVar
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Any, Final
+from typing import IO, Any, Final
 
 from numba.core import caching
 
@@ -26,8 +28,30 @@ else:
 
 LOCK: Final = "kernels.lock"
 """File of each folder of entries that a process locks while it saves one."""
+CLAIM_S: Final = 90.0
+"""Longest wait for another process that compiles the same kernel [s]; after that, both compile it."""
+_RETRY_S: Final = 0.02
+_compiling_allowed: ContextVar[bool] = ContextVar("compiling_allowed", default=True)
 _PACKAGE: Final = Path(__file__).resolve().parent
 _IMPORT: Final = re.compile(r"^from mocapella\.([\w.]+) import (?:\(([^)]*)\)|(.*))$", re.MULTILINE)
+
+
+class NotCompiledError(Exception):
+    """A kernel would have to be compiled where `only_compiled` forbids it."""
+
+
+@contextmanager
+def only_compiled() -> Iterator[None]:
+    """Load kernels, but compile none.
+
+    Raises:
+        NotCompiledError: a kernel that is called within is not on disk.
+    """
+    before = _compiling_allowed.set(False)
+    try:
+        yield
+    finally:
+        _compiling_allowed.reset(before)
 
 
 def sources_of(file: Path, package: Path = _PACKAGE) -> list[Path]:
@@ -62,6 +86,15 @@ def keep_on_disk(dispatcher: Any) -> None:
     dispatcher._cache = _AtFirstCall(dispatcher.py_func)
 
 
+def keeps_kernels() -> bool:
+    """Whether a folder for compiled kernels can be written."""
+    try:
+        _KernelCacheImpl(source_digest)
+    except RuntimeError:
+        return False
+    return True
+
+
 class _AtFirstCall(caching.NullCache):
     """Looks for the folder at a kernel's first call: an import reads and writes nothing."""
 
@@ -71,7 +104,7 @@ class _AtFirstCall(caching.NullCache):
     @cached_property
     def _cache(self) -> Any:
         try:
-            return _KernelCache(self._py_func)  # type: ignore[no-untyped-call]
+            return _KernelCache(self._py_func)
         except RuntimeError:  # no locator found a folder
             return caching.NullCache()
 
@@ -80,7 +113,10 @@ class _AtFirstCall(caching.NullCache):
         return self._cache.cache_path  # type: ignore[no-any-return]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        return self._cache.load_overload(sig, target_context)
+        found = self._cache.load_overload(sig, target_context)
+        if found is None and not _compiling_allowed.get():
+            raise NotCompiledError(f"{self._py_func.__module__}.{self._py_func.__qualname__}{sig}")
+        return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
         self._cache.save_overload(sig, data)
@@ -117,9 +153,30 @@ class _KernelCacheImpl(caching.CompileResultCacheImpl):
 
 
 class _KernelCache(caching.FunctionCache):
-    """numba's cache, for processes that start at the same time: two that save one kernel took the same file name."""
+    """numba's cache for processes that start at the same time.
+
+    A process claims a kernel before it compiles it; the others wait and load the result. An exclusive lock guards each
+    save, because two processes that save the same kernel would choose the same file name.
+    """
 
     _impl_class = _KernelCacheImpl
+
+    def __init__(self, py_func: Callable[..., Any]) -> None:
+        super().__init__(py_func)  # type: ignore[no-untyped-call]
+        self._claim: ExitStack | None = None
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        found = super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+        if found is not None:
+            return found
+        if self._claim is None and _compiling_allowed.get():  # else a signature of this kernel calls another one
+            self._claim = ExitStack()
+            with suppress(OSError):  # a folder that was removed: compile without a claim
+                self._claim.enter_context(_claimed(Path(self._cache_path) / f"{self._impl.filename_base}.claim"))
+            found = super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+            if found is not None:
+                self._release()
+        return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
         try:
@@ -128,12 +185,20 @@ class _KernelCache(caching.FunctionCache):
                 super().save_overload(sig, data)  # type: ignore[no-untyped-call]
         except OSError:  # a full disk, a folder that was removed: the kernel runs, and is compiled again another time
             return
+        finally:
+            self._release()
+
+    def _release(self) -> None:
+        if self._claim is not None:
+            self._claim.close()
+            self._claim = None
 
     def _remove_outdated(self) -> None:
         current = str(self._impl.filename_base).rpartition(".")[0]  # without the version of Python
-        for entry in Path(self._cache_path).glob(f"{current.rpartition('-')[0]}-*.nb[ci]"):
-            if not entry.name.startswith(f"{current}."):
-                entry.unlink(missing_ok=True)
+        for pattern in ("nb[ci]", "claim"):
+            for entry in Path(self._cache_path).glob(f"{current.rpartition('-')[0]}-*.{pattern}"):
+                if not entry.name.startswith(f"{current}."):
+                    entry.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -144,6 +209,27 @@ def _locked(folder: Path) -> Iterator[None]:
         else:
             fcntl.flock(lock, fcntl.LOCK_EX)  # closing the file unlocks it
         yield
+
+
+@contextmanager
+def _claimed(file: Path) -> Iterator[None]:
+    """Hold a file's lock, or go on without it after `CLAIM_S`: its holder may have failed to compile."""
+    with file.open("a") as claim:
+        deadline = time.monotonic() + CLAIM_S
+        while not _try_lock(claim) and time.monotonic() < deadline:
+            time.sleep(_RETRY_S)
+        yield
+
+
+def _try_lock(file: IO[str]) -> bool:
+    try:
+        if sys.platform == "win32":
+            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+        else:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
 
 
 _digest: Callable[[Path], str] = cache(source_digest)  # sources do not change for a process that has imported them

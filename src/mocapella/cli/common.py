@@ -217,11 +217,17 @@ def working(text: str, *, status: int) -> Iterator[None]:
 
 
 def get_ready(method: str, *, status: int = 0) -> None:
-    """Compile what the method needs before the first frame, and say so; Ctrl-C ends the command with that status."""
-    from mocapella.tracker import warm_up
+    """Load the method's kernels, or compile them and print that; Ctrl-C ends the command with that exit status."""
+    from mocapella.live.compilation import Compilation
+    from mocapella.tracker import is_compiled, warm_up
 
-    with working(f"making the method {method} ready …", status=status):
-        warm_up(method, lambda: _tell_of_compiling(f"the method {method}"))
+    with working(f"loading the method {method} …", status=status):
+        if is_compiled(method):
+            return
+        _tell_of_compiling(f"the method {method}")
+        with Compilation(method) as compilation:
+            compilation.wait()
+        warm_up(method)
 
 
 @contextmanager

@@ -168,13 +168,10 @@ class Wish:
 
 def _people_show(wish: Wish) -> Show:
     from mocapella.model.session import Setup
-    from mocapella.sources.simulate import SimulatedSensor, load_scene
+    from mocapella.sources.simulate import load_scene
 
     scene, seed = check_scene(wish.scene or "obstacle"), wish.seed
-    room = load_scene(scene, seed=seed)
-    names = room.sensor_names
-    with working("making the room …", status=0):
-        next(SimulatedSensor(room, 1).frames())  # compiles once a machine, and not in every sensor at once
+    names = load_scene(scene, seed=seed).sensor_names
     words = ["--scene", scene, "--seed", str(seed)]
     nodes = [["simulate", "--sensor", name, *words] for name in names]
     said = f"simulating {scene}: sensors {', '.join(names)}"

@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -43,6 +43,7 @@ from mocapella.settings import merged, settings_of_pairs
 
 if TYPE_CHECKING:
     from mocapella.calibration.sensor_layout import SensorLayout
+    from mocapella.live.compilation import Compilation
     from mocapella.live.launch import Children
     from mocapella.live.server import Server, ServerSettings
 
@@ -51,18 +52,40 @@ VIEW_HOST = "127.0.0.1"
 """`view --host` opens another interface, for who wants that."""
 
 
+COMPILING = "compiling the tracking method; tracking begins by itself"
 BEGIN_IN_S = 2.0
 """From the moment that every node is ready until their sources begin: they join the bus meanwhile."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class LiveSession:
-    """A server with its view, the nodes that were started with it, and the event that ends it all."""
+    """A server with its view and the nodes that were started with it.
+
+    Attributes:
+        server: of the session.
+        view: its process.
+        nodes: their processes.
+        stop: ends the session.
+        compilation: of the method's kernels; tracking begins after it. None if they are compiled.
+        begins: whether tracking begins by itself then.
+    """
 
     server: Server
     view: Children
     nodes: Children
     stop: threading.Event
+    compilation: Compilation | None = None
+    begins: bool = True
+
+    def begin_if_compiled(self) -> None:
+        """Start tracking as soon as the method's kernels are compiled."""
+        from mocapella.tracker import warm_up
+
+        if self.compilation is not None and self.compilation.done:
+            self.compilation = None
+            warm_up(self.server.status().setup.method)
+            if self.begins:
+                self.server.begin()
 
 
 def say_url(url: str) -> None:
@@ -78,14 +101,26 @@ def live_session(
     view_port: int | None,
     on_url: Callable[[str], None] = say_url,
     view_words: Sequence[str] = (),
+    track_at_once: bool = False,
 ) -> Iterator[LiveSession]:
     """A server and its view (unless ``view_port`` is None), which ``stop`` ends; all closed at the end.
 
-    ``view_words`` are further options of ``mocapella view``.
+    On the first start, the method's kernels are compiled while sensors connect and the view shows them; tracking begins
+    afterwards (`wait_while`).
+
+    Args:
+        settings: of the server.
+        stop: ends the session.
+        view_port: of the view; None without a view.
+        on_url: is called with the view's URL.
+        view_words: further options of ``mocapella view``.
+        track_at_once: compile before the server listens, so that every frame is tracked.
     """
+    from mocapella.live.compilation import Compilation
     from mocapella.live.launch import Children, check_port_free
     from mocapella.live.server import Server
     from mocapella.live.session import Session
+    from mocapella.tracker import is_compiled
 
     if view_port is not None:
         check_port_free(VIEW_HOST, view_port, "--view-port")
@@ -93,11 +128,20 @@ def live_session(
     if ":" not in host:  # IPv6: the server says it, a little later
         check_port_free(host, int(port), "--port")
     Session(settings.setup, settings.method_settings, layout=settings.layout)  # refuses what cannot be used
-    get_ready(settings.setup.method)
+    compiled = is_compiled(settings.setup.method)
+    if track_at_once and not compiled:
+        get_ready(settings.setup.method)
+        compiled = True
     # Two threads that compute (the tracker's and the recorder's) share one interpreter; the default of 5 ms between
     # switches would be half of the latency that a result may have.
     sys.setswitchinterval(0.0005)
     with ExitStack() as stack:
+        compilation, begins = None, settings.running
+        if not compiled:
+            say(f"compiling the method {settings.setup.method} for this machine, this once; tracking begins afterwards")
+            compilation = stack.enter_context(Compilation(settings.setup.method))
+            if begins:
+                settings = replace(settings, running=False, waiting_for=COMPILING)
         server = Server(settings, say=say)
         stack.callback(server.close)
         view = stack.enter_context(Children())
@@ -105,7 +149,7 @@ def live_session(
             arguments = ["view", "--connect", settings.listen, "--port", str(view_port), "--host", VIEW_HOST]
             view.start([*arguments, *view_words], lambda line: _pass_on(line, on_url))
         nodes = stack.enter_context(Children())
-        yield LiveSession(server, view, nodes, stop)
+        yield LiveSession(server, view, nodes, stop, compilation, begins)
 
 
 def _pass_on(line: str, on_url: Callable[[str], None]) -> None:
@@ -427,14 +471,19 @@ def start_together(session: LiveSession, nodes: list[list[str]]) -> None:
 
 
 def wait_while(session: LiveSession, seconds: float | None, until: Callable[[], bool] = lambda: False) -> None:
-    """Wait for Ctrl-C, the end of the time, or ``until``. A view that ends by itself is reported; the session goes on.
+    """Wait for Ctrl-C, ``until``, or the end of the time, which begins when the method is compiled.
+
+    A view that ends by itself is reported; the session goes on.
 
     Raises:
         MocapellaError: the server has failed.
     """
-    deadline = None if seconds is None else time.monotonic() + seconds
+    deadline: float | None = None
     view_is_there = True
     while not session.stop.wait(0.1):
+        session.begin_if_compiled()
+        if deadline is None and seconds is not None and session.compilation is None:
+            deadline = time.monotonic() + seconds
         if view_is_there and session.view.any_ended():
             view_is_there = False
             say("the live view has ended; the session goes on, and `mocapella view` shows it again")

@@ -23,10 +23,12 @@ class Children:
         self._running: list[subprocess.Popen[str]] = []
         self._listeners: list[threading.Thread] = []
 
-    def start(self, arguments: list[str], on_line: Callable[[str], None] = lambda line: None) -> None:
-        """Start ``mocapella <arguments>``; ``on_line`` is called with each line it prints."""
+    def start(
+        self, arguments: list[str], on_line: Callable[[str], None] = lambda line: None, *, module: str = "mocapella"
+    ) -> None:
+        """Start ``mocapella <arguments>``, or another module; ``on_line`` is called with each line it prints."""
         process = subprocess.Popen(
-            [sys.executable, "-m", "mocapella", *arguments],
+            [sys.executable, "-m", module, *arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

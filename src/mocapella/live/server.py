@@ -60,6 +60,7 @@ class ServerSettings:
         method_settings: settings of the tracker's method.
         reserve_bytes: free space that a recording leaves.
         layout: where the sensors were the last time.
+        waiting_for: if tracking does not begin at once, what `Server.begin` waits for; shown until then.
     """
 
     listen: str
@@ -69,6 +70,7 @@ class ServerSettings:
     method_settings: dict[str, Any] = field(default_factory=dict)
     reserve_bytes: int = 1 << 30
     layout: SensorLayout | None = None
+    waiting_for: str = ""
 
 
 class Server:
@@ -89,7 +91,11 @@ class Server:
         self._settings = settings
         self._say = say
         self._session = Session(
-            settings.setup, settings.method_settings, running=settings.running, layout=settings.layout
+            settings.setup,
+            settings.method_settings,
+            running=settings.running,
+            layout=settings.layout,
+            waiting_for=settings.waiting_for,
         )
         self._phase = ""
         self._reason = ""
@@ -280,6 +286,13 @@ class Server:
             with self._lock:
                 newest = self._registry.newest()
             return self._recording.begin(path, resume=resume, newest=newest)
+
+    def begin(self) -> None:
+        """Start tracking, if it was not started yet."""
+        with self._stepping:  # between two steps
+            if not self._session.running:
+                self._do("start", {})
+                self._watch_state()
 
     def layout(self) -> SensorLayout | None:
         """The sensor layout; None while it is not known."""

@@ -22,7 +22,6 @@ from mocapella.settings import parse
 from mocapella.tracker import METHODS, Tracker, make_tracker
 from mocapella.tracker.protocol import KeepsLayout
 
-_STOPPED = TrackerState(Phase.STOPPED)
 _LAYOUT: Final = "rig"
 """The sensor layout among the arguments of ``restore``, by the name that takes hold."""
 
@@ -33,8 +32,23 @@ class _UseRig:
     method: str = ""
 
 
+def _stopped(reason: str = "") -> TrackerState:
+    return TrackerState(Phase.STOPPED, reason=reason)
+
+
+def _waiting(setup: Setup) -> TrackerState:
+    return TrackerState(Phase.WAITING_FOR_SENSORS, setup.sensors_expected)
+
+
 class Session:
     """A tracker under commands.
+
+    Args:
+        setup: the first setup.
+        method_settings: settings of its method.
+        running: whether tracking begins at once.
+        layout: the sensors' last known poses.
+        waiting_for: if tracking does not begin at once, the reason, which the state gives until it begins.
 
     Attributes:
         setup: the latest setup. Each method has settings of its own, which stay while another is set up.
@@ -56,6 +70,7 @@ class Session:
         *,
         running: bool = True,
         layout: SensorLayout | None = None,
+        waiting_for: str = "",
     ) -> None:
         self._settings_of = {setup.method: dict(method_settings or {})}
         self.layout = layout
@@ -65,7 +80,9 @@ class Session:
         self.names: dict[int, str] = {}
         self.problem = ""
         self._tracker = self._make_tracker(setup, self.method_settings)
-        self.state = TrackerState(Phase.WAITING_FOR_SENSORS, setup.sensors_expected) if running else _STOPPED
+        self.state = (
+            TrackerState(Phase.WAITING_FOR_SENSORS, setup.sensors_expected) if running else _stopped(waiting_for)
+        )
         self._verbs: dict[str, Callable[[Mapping[str, Any]], str]] = {
             "start": self._start,
             "stop": self._stop,
@@ -132,14 +149,14 @@ class Session:
         self.running = True
         self.next_step = 0
         self.names = {}
-        self.state = TrackerState(Phase.WAITING_FOR_SENSORS, self.setup.sensors_expected)
+        self.state = _waiting(self.setup)
         return "started"
 
     def _stop(self, _: Mapping[str, Any]) -> str:
         if not self.running:
             raise NotNowError("not running; start first")
         self.running = False
-        self.state = _STOPPED
+        self.state = _stopped()
         return "stopped"
 
     def _recalibrate(self, _: Mapping[str, Any]) -> str:

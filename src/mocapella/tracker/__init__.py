@@ -14,9 +14,9 @@ from mocapella.model.session import SensorPose
 from mocapella.settings import check
 from mocapella.tracker.method import METHODS, Method, methods_making
 from mocapella.tracker.protocol import Tracker, TrackerReport
-from mocapella.tracker.warmup import warm_up
+from mocapella.tracker.warmup import is_compiled, warm_up
 
-__all__ = ["METHODS", "Method", "Tracker", "TrackerReport", "make_tracker", "methods_making", "warm_up"]
+__all__ = ["METHODS", "Method", "Tracker", "TrackerReport", "is_compiled", "make_tracker", "methods_making", "warm_up"]
 
 
 def make_tracker(

@@ -33,6 +33,8 @@ class Method:
         parts: names of the types of scene parts that it makes, the main one first.
         make: a new tracker.
         warm_up_run: for compiling before the first frame counts; None where nothing has to be compiled.
+        warm_up_parts: ``module:name`` each of a function without arguments that calls kernels of ``warm_up_run``. Where
+            these have to be compiled, other processes do so at the same time (`mocapella.live.compilation`).
         camera_rig: whether it wants to know where calibrated cameras are, as ``rig`` in its settings.
         keeps_layout: whether its tracker finds out where sensors stand, so that this can be kept (`KeepsLayout`).
         files: by option of ``mocapella serve`` (``rig``, ``hand`` …), ``module:name`` of a function that makes settings
@@ -48,6 +50,7 @@ class Method:
     parts: tuple[str, ...]
     make: Make
     warm_up_run: Practice | None = None
+    warm_up_parts: tuple[str, ...] = ()
     camera_rig: Literal["none", "optional", "required"] = "none"
     keeps_layout: bool = False
     files: Mapping[str, str] = field(default_factory=dict)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from mocapella.compiled import on_first_compilation
+from mocapella.compiled import NotCompiledError, on_first_compilation, only_compiled
 from mocapella.tracker.method import METHODS
 
 _READY: Final[set[str]] = set()
@@ -29,3 +29,17 @@ def warm_up(method: str, on_compiling: Callable[[], None] = lambda: None) -> Non
             tracker.update(arrival)
         tracker.restore(tracker.snapshot())
     _READY.add(method)
+
+
+def is_compiled(method: str) -> bool:
+    """Load a method's kernels if all of them are on disk.
+
+    Returns:
+        Whether `warm_up` has nothing left to compile.
+    """
+    try:
+        with only_compiled():
+            warm_up(method)
+    except NotCompiledError:
+        return False
+    return True

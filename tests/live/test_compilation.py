@@ -1,0 +1,104 @@
+"""Kernels that are compiled in other processes while a session serves its sensors."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from support.distributions import distribution
+from support.programs import Program, free_port, wait_until
+
+from mocapella.live.compilation import Compilation
+from mocapella.live.session import Session
+from mocapella.model.scene import Phase
+from mocapella.model.session import Setup
+from mocapella.tracker import is_compiled
+
+METHOD = """
+import time
+from dataclasses import dataclass
+
+from mocapella.compiled import njit
+from mocapella.tracker.methods.stand_still import METHOD as STAND_STILL
+from mocapella.tracker.method import Method
+
+@dataclass(frozen=True)
+class Nothing:
+    pass
+
+@njit(cache=True)
+def slow(x):
+    return x + 1
+
+@njit(cache=True)
+def other(x):
+    return x + 2
+
+def warm_up_run():
+    time.sleep(1.0)
+    slow(1)
+    return STAND_STILL.make({}, 1, {}), ()
+
+def part():
+    other(1)
+    raise SystemExit("a part that fails is no harm")
+
+TINY = Method(
+    interface=1, name="tiny", summary="two kernels", settings=Nothing, frame_types=STAND_STILL.frame_types,
+    parts=("people",), make=lambda settings, expected, sensors: STAND_STILL.make({}, expected, sensors),
+    warm_up_run=warm_up_run, warm_up_parts=("tiny_kernels:part",),
+)
+"""
+
+
+@pytest.fixture
+def tiny(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder that processes find a package in, with a method whose kernels are not compiled yet."""
+    methods = {"mocapella.methods": {"tiny": "tiny_kernels:TINY"}}
+    distribution(tmp_path, "tiny", methods, {"tiny_kernels.py": METHOD})
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])]))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "compiled"))
+    return tmp_path
+
+
+def test_a_server_listens_while_its_method_is_compiled_and_tracks_afterwards(tiny: Path) -> None:
+    words = ("serve", "--method", "tiny", "--no-view", "--port", str(free_port()))
+    with Program(tiny, "first", *words) as serve:
+        wait_until("the server", serve.said("waiting for sensors at"))
+        wait_until("tracking", serve.said("started"))
+        assert serve.end() == 0
+    assert serve.output.index("compiling the method tiny") < serve.output.index("waiting for sensors at")
+    names = [entry.name for entry in (tiny / "compiled").rglob("*.nbi")]
+    assert any("slow" in name for name in names)
+    assert any("other" in name for name in names)
+    with Program(tiny, "second", *words) as serve:
+        wait_until("the server", serve.said("waiting for sensors at"))
+        assert serve.end() == 0
+    assert "compiling" not in serve.output
+    assert "started" not in serve.output
+
+
+def test_a_session_that_was_to_wait_is_not_started_by_the_end_of_a_compilation(tiny: Path) -> None:
+    words = ("serve", "--method", "tiny", "--no-view", "--wait", "--seconds", "0.5", "--port", str(free_port()))
+    with Program(tiny, "wait", *words) as serve:
+        assert serve.process.wait(90) == 0
+    assert "compiling the method tiny" in serve.output
+    assert "started" not in serve.output
+
+
+def test_until_tracking_begins_the_state_gives_the_reason() -> None:
+    session = Session(Setup(method="stand-still"), running=False, waiting_for="compiling")
+    assert (session.state.phase, session.state.reason) == (Phase.STOPPED, "compiling")
+    session.carry_out("start", {})
+    assert (session.state.phase, session.state.reason) == (Phase.WAITING_FOR_SENSORS, "")
+
+
+def test_a_method_without_kernels_is_compiled() -> None:
+    assert is_compiled("stand-still")
+
+
+def test_where_kernels_cannot_be_kept_no_process_compiles_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mocapella.live.compilation.keeps_kernels", lambda: False)
+    with Compilation("default") as compilation:
+        assert compilation.done
