@@ -1,4 +1,4 @@
-"""``mocapella align``: from a take to a file that the tracker uses; and what is said of a take that will not do."""
+"""``mocapella calibrate space``: from a take to a file for the tracker; messages about unusable takes."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def recorded(path: Path, *, seconds: float = 6.0, turned: float = 0.7, spaces: t
 
 
 def run(*words: object) -> Any:
-    return CliRunner().invoke(app, ["align", *map(str, words)])
+    return CliRunner().invoke(app, ["calibrate", "space", *map(str, words)])
 
 
 @pytest.mark.parametrize("what", [("--thing", "wand"), ("--marker", "cyan")])
@@ -115,7 +115,7 @@ def test_live_it_leads_somebody_who_moves_it(tmp_path: Path) -> None:
     words = ["--body", "LHR-1", "--thing", "wand", "--out", str(out), "--connect", address, "--seconds", "5"]
     try:
         with (
-            Program(tmp_path, "align", "align", *words, "--json", str(report)) as program,
+            Program(tmp_path, "align", "calibrate", "space", *words, "--json", str(report)) as program,
             NodeLink(address, "vr") as node,
         ):
             moving = threading.Thread(target=move, args=(server, node, over))
@@ -141,7 +141,7 @@ def test_ctrl_c_ends_it_and_writes_nothing(tmp_path: Path) -> None:
     server = ServerLink(address, on_nonsense=lambda text: None)
     words = ["--body", "LHR-1", "--thing", "wand", "--out", str(out), "--connect", address]
     try:
-        with Program(tmp_path, "align", "align", *words) as program:
+        with Program(tmp_path, "align", "calibrate", "space", *words) as program:
             wait_until("it waits", program.said("waiting for scenes"))
             assert program.end() == 130
             assert "nothing was written" in program.output

@@ -1,4 +1,4 @@
-"""mocapella arm: recordings in, arms out, and what is wrong with what is given said in a line."""
+"""mocapella track arm: recordings in, arms out, and what is wrong with what is given said in a line."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def arm(*arguments: str) -> Any:
-    return CliRunner().invoke(app, ["arm", *arguments, "--detector", "nearest"])
+    return CliRunner().invoke(app, ["track", "arm", *arguments, "--detector", "nearest"])
 
 
 def result(*arguments: str) -> dict[str, Any]:
@@ -209,21 +209,21 @@ def test_detectors_and_stages_that_there_are_not(folder: Path, monkeypatch: pyte
     assert "the detector nearest has none; detectors that do: line-skeleton" in said
 
 
-@pytest.mark.parametrize("verb", [["arm", "frames"], ["node", "arm", "frames"], ["demo", "arm", "--no-view"]])
+@pytest.mark.parametrize("verb", [["track", "arm", "frames"], ["node", "arm", "frames"], ["demo", "arm", "--no-view"]])
 @pytest.mark.parametrize(("old", "new"), [("default", "kinematic-arm"), ("line-skeleton", "line-skeleton")])
 def test_the_former_option_is_refused_with_the_present_one(verb: list[str], old: str, new: str) -> None:
     done = CliRunner().invoke(app, [*verb, "--method", old])
     assert isinstance(done.exception, SettingsError), done.output
     assert str(done.exception) == f"--method {old}: the option is --detector now; write --detector {new}"
-    assert "--method" not in CliRunner().invoke(app, ["arm", "--help"]).output
+    assert "--method" not in CliRunner().invoke(app, ["track", "arm", "--help"]).output
 
 
 def test_the_former_name_is_refused_with_the_present_one(folder: Path) -> None:
-    done = CliRunner().invoke(app, ["arm", "frames", *SAID, "--detector", "default"])
+    done = CliRunner().invoke(app, ["track", "arm", "frames", *SAID, "--detector", "default"])
     assert str(done.exception) == "the detector 'default' is called kinematic-arm now"
 
 
-@pytest.mark.parametrize("verb", [["arm", "frames"], ["node", "arm", "frames"], ["demo", "arm"]])
+@pytest.mark.parametrize("verb", [["track", "arm", "frames"], ["node", "arm", "frames"], ["demo", "arm"]])
 def test_detectors_are_listed(verb: list[str]) -> None:
     done = CliRunner().invoke(app, [*verb, "--detector", "help"])
     assert done.exit_code == 0
@@ -325,7 +325,7 @@ def test_a_cut_off_take_is_read_as_far_as_it_goes(folder: Path) -> None:
 
 def test_the_process_says_it_in_one_line(tmp_path: Path) -> None:
     png(tmp_path / "a.png", np.ones((4, 4), np.uint8))
-    done = run(tmp_path, "arm", "a.png", *SAID)
+    done = run(tmp_path, "track", "arm", "a.png", *SAID)
     assert done.returncode == 1
     assert "8-bit greyscale; depth images have 16 bits" in " ".join(done.stderr.split())
 

@@ -1,4 +1,4 @@
-"""mocapella arm on what it is not made for, with both detectors: it says what is wrong, or finds what is there."""
+"""`mocapella track arm` on unsuitable input, with both detectors: a message names the fault, or arms are detected."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def write(folder: Path, images: list[Any]) -> None:
 
 def run(folder: Path, images: list[Any], *more: str, said: list[str] = SAID) -> Any:
     write(folder, images)
-    return CliRunner().invoke(app, ["arm", str(folder), *said, *more, "--json", str(folder / "out.json")])
+    return CliRunner().invoke(app, ["track", "arm", str(folder), *said, *more, "--json", str(folder / "out.json")])
 
 
 def recording(folder: Path, images: list[Any], *more: str, said: list[str] = SAID) -> dict[str, Any]:
@@ -185,7 +185,7 @@ def test_8_bit_files_are_refused_and_damaged_ones_are_passed_over(tmp_path: Path
     for number, keep in ((1, 0.5), (2, 0.0)):
         path = folder / f"{number}.png"
         path.write_bytes(path.read_bytes()[: round(keep * path.stat().st_size)])
-    done = CliRunner().invoke(app, ["arm", str(folder), *SAID, "--json", str(folder / "out.json")])
+    done = CliRunner().invoke(app, ["track", "arm", str(folder), *SAID, "--json", str(folder / "out.json")])
     assert done.exit_code == 0, done.exception
     (found,) = json.loads((folder / "out.json").read_text(encoding="utf-8"))["recordings"]
     assert found["counts"]["damaged"] == 2

@@ -1,4 +1,4 @@
-"""``mocapella calibrate``: from pictures to a rig file, in words and in JSON."""
+"""``mocapella calibrate cameras``: from pictures to a rig file, in words and in JSON."""
 
 from __future__ import annotations
 
@@ -63,6 +63,7 @@ def test_pictures_become_a_rig_and_a_report(
     status = run(
         monkeypatch,
         "calibrate",
+        "cameras",
         scene / "c0",
         scene / "c1",
         "--board",
@@ -91,7 +92,7 @@ def test_lenses_of_another_rig_times_and_a_table(
 ) -> None:
     common = ["--board", scene / "board.toml", "--frames", "0:12"]
     cameras = [scene / "c0", scene / "c1"]
-    assert run(monkeypatch, "calibrate", *cameras, *common, "--out", scene / "a.toml") == 0
+    assert run(monkeypatch, "calibrate", "cameras", *cameras, *common, "--out", scene / "a.toml") == 0
     table = capsys.readouterr().out
     assert "triangulated one by one" in table
     assert "each half by the other" in table
@@ -99,7 +100,7 @@ def test_lenses_of_another_rig_times_and_a_table(
     rows = [f"{c},{k},{0.1 * k + 0.004 * (c == 'c1')}" for c in ("c0", "c1") for k in range(14)]
     times.write_text("\n".join(["camera,frame,time_s", *rows]))
     more = ["--intrinsics", scene / "a.toml", "--timestamps", times, "--origin", "3"]
-    assert run(monkeypatch, "calibrate", *cameras, *common, *more, "--out", scene / "b.toml") == 0
+    assert run(monkeypatch, "calibrate", "cameras", *cameras, *common, *more, "--out", scene / "b.toml") == 0
     first, second = load_camera_rig(scene / "a.toml"), load_camera_rig(scene / "b.toml")
     for name in ("c0", "c1"):
         np.testing.assert_array_equal(first.cameras[name].camera.lens, second.cameras[name].camera.lens)
@@ -127,7 +128,7 @@ def test_a_command_line_that_cannot_be_says_what_can(
 ) -> None:
     (scene / "empty").mkdir()
     monkeypatch.chdir(scene)
-    assert run(monkeypatch, "calibrate", *arguments, "--board", "board.toml", "--out", "rig.toml") == 1
+    assert run(monkeypatch, "calibrate", "cameras", *arguments, "--board", "board.toml", "--out", "rig.toml") == 1
     assert says in capsys.readouterr().err
     assert not (scene / "rig.toml").exists()
 
@@ -139,7 +140,7 @@ def test_a_camera_that_never_sees_the_board_is_told_why(
     shown = Board("charuco", 6, 5, 0.06, dictionary="DICT_4X4_50")
     cv2.imwrite(str(tmp_path / "left.png"), cv2.copyMakeBorder(boards.draw_board(shown, 60), *[40] * 4, 0, value=255))
     monkeypatch.chdir(tmp_path)
-    assert run(monkeypatch, "calibrate", "left.png", "--board", "board.toml", "--out", "rig.toml") == 1
+    assert run(monkeypatch, "calibrate", "cameras", "left.png", "--board", "board.toml", "--out", "rig.toml") == 1
     said = capsys.readouterr().err
     assert "camera left: found no corner of DICT_6X6_50 board of 6 × 5 squares; of DICT_4X4_50 there are 15" in said
 
@@ -149,7 +150,9 @@ def test_a_board_is_drawn_in_its_size(
 ) -> None:
     (tmp_path / "board.toml").write_text(TOML)
     monkeypatch.chdir(tmp_path)
-    assert run(monkeypatch, "board", "board.toml", "--out", "board.png", "--dpi", "100", "--json", "-") == 0
+    assert (
+        run(monkeypatch, "calibrate", "board", "board.toml", "--out", "board.png", "--dpi", "100", "--json", "-") == 0
+    )
     assert json.loads(capsys.readouterr().out) == {"path": "board.png", "width_mm": 420, "height_mm": 360}
     data = (tmp_path / "board.png").read_bytes()
     at = data.index(b"pHYs")
@@ -167,8 +170,10 @@ def test_without_opencv_the_extra_is_named(
     import importlib.util
 
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    assert run(monkeypatch, "calibrate", "a.mp4", "--board", "b.toml", "--out", str(tmp_path / "r.toml")) == 1
-    assert "calibrate needs OpenCV: uv sync --extra cameras" in capsys.readouterr().err
+    assert (
+        run(monkeypatch, "calibrate", "cameras", "a.mp4", "--board", "b.toml", "--out", str(tmp_path / "r.toml")) == 1
+    )
+    assert "calibrate cameras needs OpenCV: uv sync --extra cameras" in capsys.readouterr().err
 
 
 def test_names_come_from_files_or_are_given() -> None:
@@ -220,7 +225,7 @@ def test_live_cameras_are_filmed_and_guided(
     monkeypatch.setattr(time, "monotonic", lambda: float(next(ticks)))
     monkeypatch.chdir(scene)
     arguments = ["camera:0", "camera:1", "--board", "board.toml", "--out", "rig.toml", "--seconds", "70"]
-    assert run(monkeypatch, "calibrate", *arguments) == 0
+    assert run(monkeypatch, "calibrate", "cameras", *arguments) == 0
     said = capsys.readouterr().err.replace("\n", " ")
     assert "of 10: go on filming" in said
     assert "camera camera_1 gave no picture 3 times" in said  # while it was gone

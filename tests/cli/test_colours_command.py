@@ -1,4 +1,4 @@
-"""`mocapella colours`: pictures → profile → mask, and what a user may get wrong."""
+"""`mocapella calibrate colours`: pictures → profile → mask, and what a user may get wrong."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def shot() -> HandShot:
 
 
 def run(*arguments: str) -> Result:
-    return CliRunner().invoke(app, ["colours", *arguments])
+    return CliRunner().invoke(app, ["calibrate", "colours", *arguments])
 
 
 def pointing() -> list[str]:

@@ -1,4 +1,4 @@
-"""mocapella depth lines: depth images in, lines of bodies out."""
+"""mocapella lab depth lines: depth images in, lines of bodies out."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from mocapella.sources.simulate.room_depth import room_depth_scene
 
 
 def lines(*arguments: str) -> Any:
-    return CliRunner().invoke(app, ["depth", "lines", *arguments])
+    return CliRunner().invoke(app, ["lab", "depth", "lines", *arguments])
 
 
 def result(*arguments: str) -> dict[str, Any]:

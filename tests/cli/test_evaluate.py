@@ -1,4 +1,4 @@
-"""``mocapella evaluate kinectmultitrack``: its JSON, its table, and bad input."""
+"""``mocapella lab evaluate kinectmultitrack``: its JSON, its table, and bad input."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from support.programs import result, result_here, run_here
 from mocapella.cli.evaluate import failures
 from mocapella.recording.study_log import write_study_log
 
-VERB = ("evaluate", "kinectmultitrack")
+VERB = ("lab", "evaluate", "kinectmultitrack")
 FIGURES = {"dx_cm", "dy_cm", "dz_cm", "dd_cm", "torso_dd_cm"}
 
 

@@ -1,4 +1,4 @@
-"""``mocapella evaluate simulation``: its JSON, its tables, and bad input."""
+"""``mocapella lab evaluate simulation``: its JSON, its tables, and bad input."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from support.programs import run_here
 from mocapella.cli.evaluate import _JOINTS, _WHO_AND_WHERE, show_simulation
 from mocapella.evaluation.simulation import TARGETS, scene_summaries, summary
 
-VERB = ("evaluate", "simulation")
+VERB = ("lab", "evaluate", "simulation")
 
 
 def figures(**changed: float | None) -> dict[str, float | None]:

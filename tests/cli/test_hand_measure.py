@@ -1,4 +1,4 @@
-"""``mocapella hand measure``: from a take and live, to a hand that the method hands then tracks better with."""
+"""``mocapella calibrate hand``: from a take and live, to a hand that the method hands then tracks better with."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def measure(*words: str) -> Any:
     """What ``--json -`` prints, or the error."""
-    done = CliRunner().invoke(app, ["hand", "measure", *words, "--json", "-"])
+    done = CliRunner().invoke(app, ["calibrate", "hand", *words, "--json", "-"])
     if done.exception is not None and not isinstance(done.exception, SystemExit):
         raise done.exception
     assert done.exit_code == 0, done.output
@@ -92,7 +92,7 @@ def test_a_take_of_the_gesture_gives_a_hand_that_is_tracked_better_with(take: Pa
 def test_it_prints_the_table_with_what_is_only_proportioned(take: Path, tmp_path: Path) -> None:
     out = tmp_path / "hand.json"
     done = CliRunner().invoke(
-        app, ["hand", "measure", str(take), "--phases", PHASES_TEXT, "--out", str(out)], env={"COLUMNS": "160"}
+        app, ["calibrate", "hand", str(take), "--phases", PHASES_TEXT, "--out", str(out)], env={"COLUMNS": "160"}
     )
     assert done.exit_code == 0, done.output
     assert "in proportion to the fingers" in " ".join(done.stderr.split())
@@ -166,7 +166,7 @@ def test_live_it_leads_through_the_gesture(tmp_path: Path) -> None:
         for phase, (begin, end) in PHASES_S.items()
     }
     link, over = ServerLink(address, on_nonsense=lambda text: None), threading.Event()
-    words = ["hand", "measure", "--base", ",".join(BASE_NAMES), "--person", "Ada", "--out", str(out)]
+    words = ["calibrate", "hand", "--base", ",".join(BASE_NAMES), "--person", "Ada", "--out", str(out)]
     words += ["--connect", address, "--lasting", "1.6,2,2", "--prepare", "0.1", "--json", str(report)]
     try:
         with Program(tmp_path, "measure", *words) as program:

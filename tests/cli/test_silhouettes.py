@@ -1,4 +1,4 @@
-"""`mocapella silhouettes` as a user runs it, with everything that users get wrong."""
+"""`mocapella track silhouettes` as a user runs it, with everything that users get wrong."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def found(folder):
-    return result_here(folder, "silhouettes", *FOLDERS, *GIVEN, "--height", "1.75")
+    return result_here(folder, "track", "silhouettes", *FOLDERS, *GIVEN, "--height", "1.75")
 
 
 def failed(folder, *arguments):
     """The one line that it ends with."""
-    done = run_here(folder, "silhouettes", *arguments)
+    done = run_here(folder, "track", "silhouettes", *arguments)
     assert done.returncode == 1, done.stdout + done.stderr
     assert "Traceback" not in done.stderr
     return " ".join(done.stderr.split())
@@ -71,6 +71,7 @@ def test_it_starts_from_what_it_wrote(folder, found):
     (folder / "out.json").write_text(json.dumps(found))
     again = result_here(
         folder,
+        "track",
         "silhouettes",
         *FOLDERS,
         "--rig",
@@ -95,7 +96,8 @@ def test_it_starts_from_what_it_wrote(folder, found):
 def test_pictures_plots_and_tables_are_for_people(folder, found):
     (folder / "before.json").write_text(json.dumps(found))
     done = run_here(
-        folder, "silhouettes", *FOLDERS, *GIVEN, "--frames", "0:2", "--no-steadiness", "--background", "empty/c1",
+        folder, "track", "silhouettes", *FOLDERS, *GIVEN, "--frames", "0:2", "--no-steadiness",
+        "--background", "empty/c1",
         "--plot", "plot.png", "--beside", "before.json", "--overlay", "overlay",
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
@@ -109,7 +111,7 @@ def test_pictures_plots_and_tables_are_for_people(folder, found):
     assert (
         picture[..., 1] - picture.max(axis=-1, initial=0, where=[True, False, True]) > 60
     ).any()  # the model's green
-    done = run_here(folder, "silhouettes", *FOLDERS, *GIVEN, "--frames", "0:2", "--overlay", "overlay.mp4")
+    done = run_here(folder, "track", "silhouettes", *FOLDERS, *GIVEN, "--frames", "0:2", "--overlay", "overlay.mp4")
     assert done.returncode == 0, done.stderr
     assert cv2.VideoCapture(str(folder / "overlay.mp4")).get(cv2.CAP_PROP_FRAME_COUNT) == 2
 
@@ -174,7 +176,7 @@ def test_a_mesh_whose_weights_do_not_match_its_joints_is_named(folder):
     said = failed(folder, *FOLDERS, *GIVEN, "--model", "bad.glb")
     assert "bad.glb" in said
     assert "weights" in said
-    legs = result_here(folder, "silhouettes", *FOLDERS, *GIVEN, "--model", "legs.glb", "--frames", "0:1")
+    legs = result_here(folder, "track", "silhouettes", *FOLDERS, *GIVEN, "--model", "legs.glb", "--frames", "0:1")
     assert legs["model"] == "legs.glb"
 
 
@@ -185,7 +187,7 @@ def test_videos_of_two_lengths_and_a_black_one_are_said(folder, tmp_path):
         write_video(tmp_path / f"{name}.avi", images if name != "c2" else [np.zeros_like(one) for one in images], HZ)
     for name in ("rig.toml", "joints.json"):
         (tmp_path / name).write_text((folder / name).read_text())
-    done = run_here(tmp_path, "silhouettes", "c1.avi", "c2.avi", "c3.avi", *GIVEN[:4], "--json", "out.json")
+    done = run_here(tmp_path, "track", "silhouettes", "c1.avi", "c2.avi", "c3.avi", *GIVEN[:4], "--json", "out.json")
     assert done.returncode == 0, done.stderr
     said = " ".join(done.stderr.split())
     assert "the videos differ in length (c1 6, c2 8, c3 8 frames): the shortest, 6 frames, counts" in said
@@ -206,7 +208,7 @@ def test_ctrl_c_writes_what_is_there(folder, tmp_path):
     for name in ("rig.toml", "joints.json"):
         (tmp_path / name).write_text((folder / name).read_text())
     with Program(
-        tmp_path, "run", "silhouettes", *FOLDERS, *GIVEN, "--json", "out.json", "--overlay", "seen"
+        tmp_path, "run", "track", "silhouettes", *FOLDERS, *GIVEN, "--json", "out.json", "--overlay", "seen"
     ) as program:
         wait_until("some frames", lambda: len(list((tmp_path / "seen").glob("c1_*"))) > 3)
         assert program.end(signal.SIGINT) == 130
@@ -225,7 +227,7 @@ def test_the_real_clip_begins_at_its_keypoints(single_person: Path, tmp_path):
     assert "cam01.mp4: field size" in said
     assert "1080 × 1920" in said
     assert "1088 × 1920" in said
-    found = result_here(tmp_path, "silhouettes", *map(str, reversed(videos)), *common, "--other-size", "crop")
+    found = result_here(tmp_path, "track", "silhouettes", *map(str, reversed(videos)), *common, "--other-size", "crop")
     assert list(found["cameras"]) == ["cam_01", "cam_02", "cam_03", "cam_04"]
     assert found["summary"]["median_overlap"] > 0.7
     assert len([note for note in found["summary"]["notes"] if "--other-size crop" in note]) == 2

@@ -1,4 +1,4 @@
-"""`mocapella silhouettes` on live cameras as a user runs it: streams over loopback, films as cameras, and mistakes."""
+"""`mocapella track silhouettes` on live cameras: streams over loopback, films as cameras, and mistakes."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def test_somebody_who_comes_before_live_cameras_is_followed_until_ctrl_c(stage, 
     with MjpegStreams(stage.pictures, 1 / 15) as streams:
         sources = [f"{name}={streams.address(name)}" for name in reversed(scene.rig.cameras)]
         with Program(
-            folder, "run", "silhouettes", *sources, *GIVEN,
+            folder, "run", "track", "silhouettes", *sources, *GIVEN,
             "--empty-room", "1", "--json", "out.json", "--overlay", "seen",
             "--view", "--no-browser", "--view-port", str(free_port()),
         ) as program:  # fmt: skip
@@ -149,7 +149,7 @@ def test_a_stream_that_ends_is_said_and_counts_again_when_it_is_back(stage, fold
     with MjpegStreams(stage.pictures, 1 / 15) as streams:
         sources = [f"{name}={streams.address(name)}" for name in stage.scene.rig.cameras]
         with Program(
-            folder, "run", "silhouettes", *sources, *GIVEN, "--json", "out.json", "--overlay", "seen"
+            folder, "run", "track", "silhouettes", *sources, *GIVEN, "--json", "out.json", "--overlay", "seen"
         ) as program:
             wait_until("it follows", lambda: program.said("until Ctrl-C")() and seen(folder) >= 3, COMPILED)
             stage.off.add("camera2")
@@ -172,7 +172,18 @@ def test_a_run_that_is_killed_leaves_its_frames_which_are_read_as_any_result(sta
     start = [word for name in names for word in ("--start", f"{name}=joints.json")] or ["--start", "joints.json"]
     with MjpegStreams(stage.pictures, 1 / 15) as streams:
         sources = [f"{name}={streams.address(name)}" for name in stage.scene.rig.cameras]
-        given = ("silhouettes", *sources, "--rig", "rig.toml", *start, "--json", "out.json", "--overlay", "seen")
+        given = (
+            "track",
+            "silhouettes",
+            *sources,
+            "--rig",
+            "rig.toml",
+            *start,
+            "--json",
+            "out.json",
+            "--overlay",
+            "seen",
+        )
         with Program(folder, "run", *given) as program:
             wait_until("it follows", lambda: program.said("until Ctrl-C")() and seen(folder) >= 5, COMPILED)
             program.end(signal.SIGKILL)
@@ -183,7 +194,8 @@ def test_a_run_that_is_killed_leaves_its_frames_which_are_read_as_any_result(sta
     with MjpegStreams(stage.pictures, 1 / 15) as streams:
         sources = [f"{name}={streams.address(name)}" for name in stage.scene.rig.cameras]
         done = run_here(
-            folder, "silhouettes", *sources, "--rig", "rig.toml", "--start", "out.part.json:2", "--json", "out.json",
+            folder, "track", "silhouettes", *sources, "--rig", "rig.toml", "--start", "out.part.json:2",
+            "--json", "out.json",
             "--seconds", "1",
         )  # fmt: skip
     assert done.returncode == 0, done.stderr
@@ -211,15 +223,17 @@ def films(tmp_path_factory):
 
 
 def ran(folder, *arguments):
-    done = run_here(folder, "silhouettes", *arguments, "--rig", "rig.toml", "--start", "joints.json", "--json", "-")
+    done = run_here(
+        folder, "track", "silhouettes", *arguments, "--rig", "rig.toml", "--start", "joints.json", "--json", "-"
+    )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout), " ".join(done.stderr.split())
 
 
 def test_what_asks_for_no_file_leaves_none_and_what_fails_says_where_its_frames_are(films, tmp_path, monkeypatch):
     before = sorted(films.iterdir())
-    assert run_here(films, "silhouettes", *FILMS, "--live", "--hz", str(HZ), *GIVEN).returncode == 0
-    done = run_here(films, "silhouettes", *FILMS, "--live", "--hz", str(HZ), *GIVEN, "--json", os.devnull)
+    assert run_here(films, "track", "silhouettes", *FILMS, "--live", "--hz", str(HZ), *GIVEN).returncode == 0
+    done = run_here(films, "track", "silhouettes", *FILMS, "--live", "--hz", str(HZ), *GIVEN, "--json", os.devnull)
     assert done.returncode == 0, done.stderr
     assert Path(os.devnull).is_char_device()  # it is no file to be replaced
     assert sorted(films.iterdir()) == before
@@ -229,7 +243,7 @@ def test_what_asks_for_no_file_leaves_none_and_what_fails_says_where_its_frames_
 
     monkeypatch.setattr(SilhouetteResult, "finish", refuse)
     out = tmp_path / "out.json"
-    done = run_here(films, "silhouettes", *FILMS, "--live", "--hz", str(HZ), *GIVEN, "--json", str(out))
+    done = run_here(films, "track", "silhouettes", *FILMS, "--live", "--hz", str(HZ), *GIVEN, "--json", str(out))
     assert done.returncode == 1
     (body,) = read_followed_people(tmp_path / "out.part.json").values()
     assert f"the {len(body.frames)} frames until then are in" in " ".join(done.stderr.split())
@@ -280,7 +294,7 @@ def test_who_is_not_there_yet_is_waited_for_where_the_empty_room_is_filmed(films
 
 
 def failed(folder, *arguments):
-    done = run_here(folder, "silhouettes", *arguments, "--rig", "rig.toml", "--start", "joints.json")
+    done = run_here(folder, "track", "silhouettes", *arguments, "--rig", "rig.toml", "--start", "joints.json")
     assert done.returncode == 1, done.stdout + done.stderr
     assert "Traceback" not in done.stderr
     return " ".join(done.stderr.split())
@@ -326,7 +340,7 @@ def test_a_camera_of_another_size_is_refused_as_a_video_is(films, tmp_path):
         "field size: (120, 100): has images of 120 × 100 px, but the camera c1 is calibrated for 240 × 200 px" in said
     )
     done = run_here(
-        films, "silhouettes", f"c1={small}", "c2=c2", "--live", "--other-size", "scale", "--hz", "10", *GIVEN
+        films, "track", "silhouettes", f"c1={small}", "c2=c2", "--live", "--other-size", "scale", "--hz", "10", *GIVEN
     )
     assert done.returncode == 0, done.stderr
     assert "--other-size scale" in done.stderr

@@ -1,4 +1,4 @@
-"""`mocapella silhouettes` with several people, as a user runs it, and what users get wrong about them."""
+"""`mocapella track silhouettes` with several people, as a user runs it, and what users get wrong about them."""
 
 from __future__ import annotations
 
@@ -40,14 +40,16 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def found(folder):
     (folder / "out.json").write_text(
-        json.dumps(result(folder, "silhouettes", *FILMS, "--start", "both.json", *MODELS, "--overlay", "overlay"))
+        json.dumps(
+            result(folder, "track", "silhouettes", *FILMS, "--start", "both.json", *MODELS, "--overlay", "overlay")
+        )
     )
     return json.loads((folder / "out.json").read_text())
 
 
 def failed(folder, *arguments):
     """The one line that it ends with."""
-    done = run_here(folder, "silhouettes", *FILMS, *arguments)
+    done = run_here(folder, "track", "silhouettes", *FILMS, *arguments)
     assert done.returncode == 1, done.stdout + done.stderr
     assert "Traceback" not in done.stderr
     return " ".join(done.stderr.split())
@@ -82,13 +84,16 @@ def test_both_models_are_drawn_into_the_pictures_in_their_colours(folder, found)
 
 def test_they_start_from_what_was_written_all_or_one(folder, found):
     assert list(read_followed_people(folder / "out.json")) == list(NAMES)
-    again = result(folder, "silhouettes", *FILMS, "--start", "out.json:5", "--frames", "5:7", "--plot", "plot.png")
+    again = result(
+        folder, "track", "silhouettes", *FILMS, "--start", "out.json:5", "--frames", "5:7", "--plot", "plot.png"
+    )
     assert list(again["people"]) == list(NAMES)
     assert [row["frame"] for row in again["people"]["ben"]["frames"]] == [5, 6]
     assert again["people"]["ben"]["proportions"] == found["people"]["ben"]["proportions"]
     assert (folder / "plot.png").stat().st_size > 1000
     done = run_here(
-        folder, "silhouettes", *FILMS, "--start", "ben=out.json:5", "--frames", "5:7", "--json", "ben-again.json",
+        folder, "track", "silhouettes", *FILMS, "--start", "ben=out.json:5", "--frames", "5:7",
+        "--json", "ben-again.json",
         "--beside", "out.json", "--plot", "ben.png",
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
@@ -99,7 +104,8 @@ def test_they_start_from_what_was_written_all_or_one(folder, found):
 
 def test_a_start_can_be_a_file_for_each_and_heights_are_of_one_or_of_all(folder):
     done = run_here(
-        folder, "silhouettes", *FILMS, "--start", "anna=anna.json", "--start", "ben=ben.json", "--height", "1.6",
+        folder, "track", "silhouettes", *FILMS, "--start", "anna=anna.json", "--start", "ben=ben.json",
+        "--height", "1.6",
         "--height", "ben=1.8", "--frames", "0:1", "--json", "tall.json",
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
@@ -116,7 +122,7 @@ def test_keypoints_are_named_by_person(folder):
             rows += [f"0,{camera},{joint},{x},{y}" for joint, (x, y) in zip(joints_of(k), seen, strict=True)]
         (folder / f"{name}.csv").write_text("\n".join(rows))
     points = [word for name in NAMES for word in ("--points", f"{name}={name}.csv")]
-    done = run_here(folder, "silhouettes", *FILMS, *points, "--frames", "0:1", "--json", "points.json")
+    done = run_here(folder, "track", "silhouettes", *FILMS, *points, "--frames", "0:1", "--json", "points.json")
     assert done.returncode == 0, done.stderr
     people = json.loads((folder / "points.json").read_text())
     assert [off_m(people, k, 0) < 0.05 for k in (0, 1)] == [True, True]

@@ -35,7 +35,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def command(*more: str) -> tuple[str, ...]:
     films = ("films/c1", "films/c2", "--background", "empty/c1", "--background", "empty/c2", "--hz", "20")
-    return ("silhouettes", *films, "--start", "start.json", "--height", "1.75", *more)
+    return ("track", "silhouettes", *films, "--start", "start.json", "--height", "1.75", *more)
 
 
 def test_the_take_is_replayed_to_the_bit_from_the_videos(made: Path) -> None:

@@ -38,12 +38,14 @@ def scene(folder: Path) -> np.ndarray:
 
 def test_points_become_points_in_space(tmp_path: Path) -> None:
     truth = scene(tmp_path)
-    found = result_here(tmp_path, "triangulate", "points.csv", "--rig", "rig.toml", "--hz", "50", "--out", "out.csv")
+    found = result_here(
+        tmp_path, "track", "points", "points.csv", "--rig", "rig.toml", "--hz", "50", "--out", "out.csv"
+    )
     assert found["counted"]["seen"] == 6
     rows = [line.split(",") for line in (tmp_path / "out.csv").read_text(encoding="utf-8").splitlines()[1:]]
     np.testing.assert_allclose([[float(x) for x in row[3:6]] for row in rows], truth.reshape(-1, 3), atol=1e-6)
     done = run_here(
-        tmp_path, "triangulate", "points.csv", "--rig", "rig.toml", "--hz", "50", "--up", "z", "--out", "o.trc"
+        tmp_path, "track", "points", "points.csv", "--rig", "rig.toml", "--hz", "50", "--up", "z", "--out", "o.trc"
     )
     assert done.returncode == 0
     assert "6 of 6 points" in done.stdout
@@ -54,7 +56,7 @@ def test_points_become_points_in_space(tmp_path: Path) -> None:
 def test_what_cannot_be_triangulated_is_one_line(tmp_path: Path) -> None:
     scene(tmp_path)
     (tmp_path / "one.toml").write_text(CAMERA.format(name="left", angle=0.0), encoding="utf-8")
-    alone = run_here(tmp_path, "triangulate", "points.csv", "--rig", "one.toml", "--out", "o.csv")
+    alone = run_here(tmp_path, "track", "points", "points.csv", "--rig", "one.toml", "--out", "o.csv")
     assert alone.returncode == 1
     assert "a rig of two cameras or more" in " ".join(alone.stderr.split())
     for arguments, said in (
@@ -63,7 +65,7 @@ def test_what_cannot_be_triangulated_is_one_line(tmp_path: Path) -> None:
         (["points.csv", "--out", "o.csv", "--order", "COCO"], "--order is 'COCO'"),
         (["rig.toml", "--out", "o.csv"], "columns of 2D points are missing"),
     ):
-        done = run_here(tmp_path, "triangulate", *arguments, "--rig", "rig.toml")
+        done = run_here(tmp_path, "track", "points", *arguments, "--rig", "rig.toml")
         assert done.returncode == 1
         assert said in " ".join(done.stderr.split())
         assert "Traceback" not in done.stderr
@@ -72,14 +74,14 @@ def test_what_cannot_be_triangulated_is_one_line(tmp_path: Path) -> None:
 def test_a_power_law_is_fitted_and_shown(tmp_path: Path) -> None:
     rows = ["distance_cm,disparity_px", *(f"{cm},{4543.3 / cm:.3f}" for cm in (100, 50, 25, 20))]
     (tmp_path / "m.csv").write_text("\n".join(rows), encoding="utf-8")
-    found = result_here(tmp_path, "depth", "fit", "m.csv", "--baseline-cm", "7.5")
+    found = result_here(tmp_path, "lab", "depth", "fit", "m.csv", "--baseline-cm", "7.5")
     assert abs(found["z"] + 1) < 1e-3
     assert abs(found["k_cm"] - 4543.3) < 5
     assert found["mean_error_corrected_percent"] < 0.01
     assert len(found["rows"]) == 4
     swapped = (tmp_path / "m.csv").read_text(encoding="utf-8").replace(",", ",-").replace(",-disparity", ",disparity")
     (tmp_path / "s.csv").write_text(swapped, encoding="utf-8")
-    done = run_here(tmp_path, "depth", "fit", "s.csv", "--baseline-cm", "7.5")
+    done = run_here(tmp_path, "lab", "depth", "fit", "s.csv", "--baseline-cm", "7.5")
     assert done.returncode == 1
     assert "the cameras are swapped" in " ".join(done.stderr.split())
 
@@ -92,13 +94,26 @@ def test_the_filter_is_tuned_in_two_steps(tmp_path: Path) -> None:
         rows = [f"{t:.5f},tip,{x:.4f},{y:.4f}" for t, (x, y) in zip(at_s, noise + motion + 300, strict=True)]
         (tmp_path / f"{name}.csv").write_text("time_s,point,x_px,y_px\n" + "\n".join(rows), encoding="utf-8")
     done = run_here(
-        tmp_path, "tune", "one-euro", "still.csv", "fast.csv", "--jitter", "0.15", "--lag-ms", "15", "--json", "-"
+        tmp_path,
+        "lab",
+        "tune",
+        "one-euro",
+        "still.csv",
+        "fast.csv",
+        "--jitter",
+        "0.15",
+        "--lag-ms",
+        "15",
+        "--json",
+        "-",
     )
     assert done.returncode == 0, done.stderr
     tuned = json.loads(done.stdout)
     assert tuned["jitter_reached"]
     assert tuned["lag_s"] <= 0.015 < tuned["lag_without_beta_s"]
     assert "step 2, in motion" in done.stderr
-    failed = run_here(tmp_path, "tune", "one-euro", "still.csv", "fast.csv", "--jitter", "0.00001", "--lag-ms", "15")
+    failed = run_here(
+        tmp_path, "lab", "tune", "one-euro", "still.csv", "fast.csv", "--jitter", "0.00001", "--lag-ms", "15"
+    )
     assert failed.returncode == 1
     assert "NOT as wished" in failed.stderr

@@ -1,4 +1,4 @@
-"""``mocapella train bias``, and that nobody is scored with what was learnt from them."""
+"""``mocapella lab train bias``, and that nobody is scored with what was learnt from them."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from mocapella.recording.study_log import write_study_log
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
-    """The folder in which `mocapella train bias` was run on logs of two people, and what it said."""
+    """The folder in which `mocapella lab train bias` was run on logs of two people, and what it said."""
     folder = tmp_path_factory.mktemp("bias")
     (folder / "logs").mkdir()
     for participant in (7, 8):
         log = log_of(frames=150, seed=participant)
         log = msgspec.structs.replace(log, study_id=np.full_like(log.study_id, participant))
         write_study_log(folder / "logs" / f"Study_{participant}_Kinect_2_Time_1.csv.gz", log.rows())
-    return folder, result_here(folder, "train", "bias", "logs", "--out", "model.json", "--folds", "2")
+    return folder, result_here(folder, "lab", "train", "bias", "logs", "--out", "model.json", "--folds", "2")
 
 
 def test_the_file_says_what_it_learnt_from_and_has_what_is_learnt_without_each(
@@ -41,7 +41,7 @@ def test_the_file_says_what_it_learnt_from_and_has_what_is_learnt_without_each(
     model = read_model(folder / "model.json")
     assert model.trained_on == said["trained_on"] == json.loads((folder / "model.json").read_text())["trained_on"]
     assert model.trained_on["participants"] == [7, 8]
-    assert model.trained_on["command"] == "mocapella train bias DIR --folds 2"
+    assert model.trained_on["command"] == "mocapella lab train bias DIR --folds 2"
     assert [fold.participants for fold in model.left_out] == [(7,), (8,)]
 
 
@@ -59,7 +59,7 @@ def test_it_prints_rows_of_people_left_out_with_and_without(trained: tuple[Path,
 
 
 def test_where_the_model_cannot_be_written_is_said_before_the_work(tmp_path: Path) -> None:
-    done = run_here(tmp_path, "train", "bias", "logs", "--out", "no/m.json")
+    done = run_here(tmp_path, "lab", "train", "bias", "logs", "--out", "no/m.json")
     assert done.returncode == 1
     assert "--out no/m.json: no folder no; name a file in a folder that exists" in done.stderr
 

@@ -26,9 +26,9 @@ KINECT = topology("kinect_v2")
 
 @pytest.fixture(scope="module")
 def trained(study_logs: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
-    """The folder in which `mocapella train facing` was run on three people, and what it said."""
+    """The folder in which `mocapella lab train facing` was run on three people, and what it said."""
     folder = tmp_path_factory.mktemp("facing")
-    line = ("train", "facing", str(study_logs), "--out", "model.json", "--participants", "2,4,7", "--folds", "3")
+    line = ("lab", "train", "facing", str(study_logs), "--out", "model.json", "--participants", "2,4,7", "--folds", "3")
     return folder, result_here(folder, *line)
 
 
@@ -54,7 +54,7 @@ def test_the_file_says_what_it_learnt_from(trained: tuple[Path, dict[str, Any]])
 
 
 def test_where_the_model_cannot_be_written_is_said_before_the_work(study_logs: Path, tmp_path: Path) -> None:
-    done = run_here(tmp_path, "train", "facing", str(study_logs), "--out", "no/m.json")
+    done = run_here(tmp_path, "lab", "train", "facing", str(study_logs), "--out", "no/m.json")
     assert done.returncode == 1
     assert "--out no/m.json: no folder no; name a file in a folder that exists" in done.stderr
 

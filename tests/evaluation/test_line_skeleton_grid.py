@@ -96,7 +96,9 @@ def test_the_experiment_is_a_command(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     words = ["--scenes", "still", "--seeds", "101", "--sensor", "exact", "--plot", str(tmp_path / "grid.svg")]
     done = CliRunner().invoke(
-        app, ["evaluate", "line-skeleton-grid", *words, "--json", str(tmp_path / "grid.json")], env={"COLUMNS": "120"}
+        app,
+        ["lab", "evaluate", "line-skeleton-grid", *words, "--json", str(tmp_path / "grid.json")],
+        env={"COLUMNS": "120"},
     )
     assert done.exit_code == 0, (done.output, done.exception)
     rows = json.loads((tmp_path / "grid.json").read_text(encoding="utf-8"))["rows"]

@@ -173,7 +173,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_an_experiment_is_a_command(name: str, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     plan = experiments.EXPERIMENTS[name]
-    line = ["evaluate", f"silhouettes-{name}", "--seeds", "5", "--bodies", "own", "--seconds", "0.05"]
+    line = ["lab", "evaluate", f"silhouettes-{name}", "--seeds", "5", "--bodies", "own", "--seconds", "0.05"]
     files = ["--plot", str(tmp_path / "plot.svg"), "--json", str(tmp_path / "rows.json")]
     done = CliRunner().invoke(app, [*line, *files], env={"COLUMNS": "80"})
     assert done.exit_code == 0, (done.output, done.exception)

@@ -86,7 +86,7 @@ def test_the_experiment_is_a_command(monkeypatch: pytest.MonkeyPatch, tmp_path: 
         return silhouette_scene(name, **(more | SMALL | {"seed": seed}))
 
     monkeypatch.setattr(experiment, "silhouette_scene", scene)
-    line = ["evaluate", "silhouettes-one-camera", "--seeds", "5", "--seconds", "0.05"]
+    line = ["lab", "evaluate", "silhouettes-one-camera", "--seeds", "5", "--seconds", "0.05"]
     files = ["--plot", str(tmp_path / "plot.svg"), "--json", str(tmp_path / "rows.json")]
     done = CliRunner().invoke(app, [*line, *files], env={"COLUMNS": "80"})
     assert done.exit_code == 0, (done.output, done.exception)

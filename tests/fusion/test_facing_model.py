@@ -83,7 +83,7 @@ def test_the_shipped_model_is_small_and_says_what_it_was_trained_on() -> None:
     assert len(to_json(model)) < 10_000
     assert model.trained_on["participants"] == list(range(10))
     assert "KinectMultiTrack" in model.trained_on["recordings"]
-    assert "mocapella train facing" in model.trained_on["command"]
+    assert "mocapella lab train facing" in model.trained_on["command"]
 
 
 def test_a_model_survives_its_file(tmp_path: Path) -> None:
@@ -110,7 +110,7 @@ def test_without_a_file_the_shipped_model_is_the_untrained_one(monkeypatch: pyte
 )
 def test_a_file_that_is_no_model_is_refused(field: str, value: Any, said: str) -> None:
     data = {**json.loads(to_json(shipped_model())), field: value}
-    with pytest.raises(InputError, match=f"a.json: is no model of facing: .*{said}.*mocapella train facing"):
+    with pytest.raises(InputError, match=f"a.json: is no model of facing: .*{said}.*mocapella lab train facing"):
         from_json(json.dumps(data), "a.json")
 
 

@@ -200,7 +200,7 @@ def test_the_shipped_model_is_small_and_says_what_it_was_trained_on() -> None:
     assert len(text) < 50_000
     assert model.trained_on["participants"] == list(range(10))
     assert "KinectMultiTrack" in model.trained_on["recordings"]
-    assert "mocapella train bias" in model.trained_on["command"]
+    assert "mocapella lab train bias" in model.trained_on["command"]
     assert np.abs(model.weights).max() < 0.3
     for participant in range(10):
         others = model.without(participant)
@@ -257,7 +257,7 @@ def test_a_file_that_is_no_model_is_refused(field: str, value: Any, said: str) -
     if not said:  # folds may be missing
         assert from_json(json.dumps(data), "a.json").left_out == ()
         return
-    with pytest.raises(InputError, match=f"a.json: is no model of joint bias: .*{said}.*mocapella train bias"):
+    with pytest.raises(InputError, match=f"a.json: is no model of joint bias: .*{said}.*mocapella lab train bias"):
         from_json(json.dumps(data), "a.json")
 
 

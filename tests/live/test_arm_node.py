@@ -157,7 +157,7 @@ def test_the_arms_are_exported_as_a_table(ran: Ran, monkeypatch: pytest.MonkeyPa
 def test_the_takes_images_give_the_same_arms_again(ran: Ran, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(DETECTORS, "nearest", NEAREST)
     monkeypatch.chdir(ran.folder)
-    done = CliRunner().invoke(app, ["arm", "walk.mcap", "--detector", "nearest", "--json", "again.json"])
+    done = CliRunner().invoke(app, ["track", "arm", "walk.mcap", "--detector", "nearest", "--json", "again.json"])
     assert done.exit_code == 0, (done.output, done.exception)
     (recording,) = json.loads((ran.folder / "again.json").read_text(encoding="utf-8"))["recordings"]
     images = list(ran.take.frames_in_sequence("left.depth"))

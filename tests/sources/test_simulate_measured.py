@@ -182,7 +182,7 @@ def test_the_file_says_what_it_was_measured_on_and_by_which_command() -> None:
 )
 def test_a_file_that_is_none_is_refused_and_says_how_to_make_one(change: dict[str, object]) -> None:
     data = msgspec.json.decode(errors_to_json(measured_errors().data)) | change
-    with pytest.raises(InputError, match="mocapella train sensor-errors"):
+    with pytest.raises(InputError, match="mocapella lab train sensor-errors"):
         errors_from_json(msgspec.json.encode(data), "here.json")
 
 

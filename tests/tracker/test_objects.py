@@ -165,7 +165,10 @@ def test_another_trackers_poses_are_predicted_for_a_moment() -> None:
 @pytest.mark.parametrize(
     ("arrival", "said"),
     [
-        (told("stage", "LHR-1", np.eye(4), 1.0), "its space 'stage' is not aligned with the cameras: mocapella align"),
+        (
+            told("stage", "LHR-1", np.eye(4), 1.0),
+            "its space 'stage' is not aligned with the cameras: mocapella calibrate space",
+        ),
         (told("vr", "LHR-9", np.eye(4), 1.0), "none of its bodies is a thing: --set 'objects=.*LHR-9"),
     ],
 )

@@ -2,7 +2,7 @@
 
 Lengths do not depend on where a sensor stands, nor on whether it mixes up left and right. On the KinectMultiTrack logs
 those of one second are nearer to the person's own than to another's in 95 % of the comparisons within a session, and in
-83 % with another session of the same person (`mocapella train sensor-errors`, ``told_apart_by_lengths``).
+83 % with another session of the same person (`mocapella lab train sensor-errors`, ``told_apart_by_lengths``).
 """
 
 from __future__ import annotations

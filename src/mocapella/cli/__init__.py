@@ -32,6 +32,12 @@ def run(arguments: Sequence[str]) -> None:
     Raises:
         SystemExit: at its end, with the exit status.
     """
+    from mocapella.cli.moved import moved
+
+    note = moved(arguments)
+    if note:
+        sys.stderr.write(f"mocapella: {note}\n")
+        sys.exit(2)
     # What takes any time to import comes here, so that Ctrl-C finds a handler.
     import typer
 

@@ -1,4 +1,4 @@
-"""``mocapella align``: another tracker's space, in the world of the cameras."""
+"""``mocapella calibrate space``: another tracker's space, in the world of the cameras."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mocapella.cli import INTERRUPTED
-from mocapella.cli.app import app
+from mocapella.cli.app import calibrate_app
 from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, check_out, console, say, working, write_json
 from mocapella.errors import SettingsError
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from mocapella.recording.take_reader import Take
 
 
-@app.command()
+@calibrate_app.command("space")
 def align(
     out: Annotated[
         Path, typer.Option(metavar="FILE", help="What to write, a TOML for serve --alignment.", callback=check_out)
@@ -52,7 +52,7 @@ def align(
     every second it says what is missing, and ends when the space is known well. Of a take that was recorded so, it says
     afterwards what was missing.
 
-    Example:  mocapella align --body LHR-1 --thing wand --out vr.toml
+    Example:  mocapella calibrate space --body LHR-1 --thing wand --out vr.toml
     """
     from mocapella.calibration.space_alignment import SpaceAlignmentSettings
     from mocapella.calibration.space_observations import SpaceObservations

@@ -1,78 +1,105 @@
-"""What the verbs register with, and what ``mocapella --help`` says before it lists them."""
+"""The command groups, and the introduction that ``mocapella --help`` prints."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
 from mocapella import __version__
 from mocapella.cli.registered import ExportVerbs, NodeVerbs
 
-TELL_OF_PLUGINS = frozenset({"demo", "serve", "node", "view", "replay", "export"})
-"""Verbs that begin with a line for each plug-in that cannot be used."""
+REPORT_PLUGINS: Final = frozenset({"demo", "serve", "node", "view", "replay", "export"})
+"""Commands that begin with a line for each plug-in that cannot be used."""
+
+LIVE: Final = "Track live"
+RECORDINGS: Final = "Recordings and files"
+SET_UP: Final = "Set up"
+RESEARCH: Final = "Method research"
 
 app = typer.Typer(
     name="mocapella",
     no_args_is_help=True,
     add_completion=False,
-    rich_markup_mode="markdown",  # which wraps paragraphs to the window; "rich" keeps the breaks of the source
+    rich_markup_mode="markdown",  # wraps paragraphs to the window; "rich" keeps the line breaks of the source
     pretty_exceptions_enable=False,
-    help="""Tracks people, live, with several cheap depth sensors, and sees around occlusion.
+    help="""Track people and hands live with several cheap cameras, also where one camera's sight is blocked.
 
-    Try it without any hardware:  **mocapella demo**
+    Try it without hardware:  **mocapella demo**
 
     With sensors:  **mocapella serve**, and one **mocapella node …** for each sensor, in any order.
 
-    Record:  **mocapella record walk-1**; afterwards **mocapella replay walk-1**
+    Record:  **mocapella record walk-1**; afterwards **mocapella replay walk-1** or **mocapella export csv walk-1**
 
-    Something does not work?  **mocapella doctor**
+    Check the installation and the devices:  **mocapella doctor**
 
-    Ctrl-C ends every command, and closes a take properly.
+    Ctrl-C ends every command and closes its take.
     """,
 )
 node_app = typer.Typer(
     cls=NodeVerbs,
     no_args_is_help=True,
-    help="""Serve one sensor: a camera, a recording, a simulation, or a foreign program.
+    help="""Serve one sensor: a camera, a recording, a simulation, or another program.
 
     Example:  mocapella node simulate --scene walk --sensor front
     """,
 )
+track_app = typer.Typer(
+    no_args_is_help=True,
+    help="""Track in images without a server: bodies, arms, or 2D points of any program.
+
+    Example:  mocapella track silhouettes cam1.mp4 cam2.mp4 --rig rig.toml --start joints.json --json out.json
+    """,
+)
+calibrate_app = typer.Typer(
+    no_args_is_help=True,
+    help="""Calibrate cameras, marker colours, a person's hand, or another tracker's space.
+
+    Example:  mocapella calibrate cameras left.mp4 right.mp4 --board board.toml --out rig.toml
+    """,
+)
 colours_app = typer.Typer(
     no_args_is_help=True,
-    help="""Learn the markers' colours by pointing at them, and look at what is taken for them.
+    help="""Learn the colours of markers from clicks in an image, and check what is detected.
 
-    Example:  mocapella colours check camera:0 --out shot.png
+    Example:  mocapella calibrate colours check camera:0 --out shot.png
     """,
 )
 export_app = typer.Typer(
     cls=ExportVerbs,
     no_args_is_help=True,
-    help="""Make files for other programs out of a take.
+    help="""Export a take to files for other programs.
 
     Example:  mocapella export csv walk-1
     """,
 )
-evaluate_app = typer.Typer(
+lab_app = typer.Typer(
     no_args_is_help=True,
-    help="""Say how good tracking methods are, in figures.
+    help="""Evaluate, train and tune tracking methods, and study depth images.
 
-    Example:  mocapella evaluate kinectmultitrack recordings/ --methods stand-still
+    Example:  mocapella lab evaluate simulation --methods default
     """,
 )
-train_app = typer.Typer(no_args_is_help=True, help="Learn from recordings of real people.")
-depth_app = typer.Typer(no_args_is_help=True, help="Depth images: bodies as lines; depth from two parallel cameras.")
-tune_app = typer.Typer(no_args_is_help=True, help="Find settings from recordings, step by step.")
-hand_app = typer.Typer(no_args_is_help=True, help="A person's hand, measured.")
-app.add_typer(node_app, name="node")
-app.add_typer(colours_app, name="colours")
-app.add_typer(export_app, name="export")
-app.add_typer(evaluate_app, name="evaluate")
-app.add_typer(train_app, name="train")
-app.add_typer(depth_app, name="depth")
-app.add_typer(tune_app, name="tune")
-app.add_typer(hand_app, name="hand")
+evaluate_app = typer.Typer(
+    no_args_is_help=True,
+    help="""Measure the accuracy of tracking methods.
+
+    Example:  mocapella lab evaluate kinectmultitrack recordings/ --methods stand-still
+    """,
+)
+train_app = typer.Typer(no_args_is_help=True, help="Train models on recordings of real people.")
+depth_app = typer.Typer(no_args_is_help=True, help="Extract body lines from depth images; fit a stereo model.")
+tune_app = typer.Typer(no_args_is_help=True, help="Tune filter settings on recordings, step by step.")
+app.add_typer(node_app, name="node", rich_help_panel=LIVE)
+app.add_typer(track_app, name="track", rich_help_panel=RECORDINGS)
+app.add_typer(export_app, name="export", rich_help_panel=RECORDINGS)
+app.add_typer(calibrate_app, name="calibrate", rich_help_panel=SET_UP)
+app.add_typer(lab_app, name="lab", rich_help_panel=RESEARCH)
+calibrate_app.add_typer(colours_app, name="colours")
+lab_app.add_typer(evaluate_app, name="evaluate")
+lab_app.add_typer(train_app, name="train")
+lab_app.add_typer(tune_app, name="tune")
+lab_app.add_typer(depth_app, name="depth")
 
 
 def _print_version(wanted: bool) -> None:
@@ -87,10 +114,11 @@ def _print_version(wanted: bool) -> None:
 def _root(
     context: typer.Context,
     version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Version, and the schema's.")
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and the schema's."),
     ] = False,
 ) -> None:
-    if context.invoked_subcommand in TELL_OF_PLUGINS:
+    if context.invoked_subcommand in REPORT_PLUGINS:
         from mocapella.cli.plugins import tell_of_skipped
 
         tell_of_skipped()

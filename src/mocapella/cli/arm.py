@@ -1,4 +1,4 @@
-"""``mocapella arm``: arms and hands in recorded depth images."""
+"""``mocapella track arm``: arms and hands in recorded depth images."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from mocapella.cli.app import app
+from mocapella.cli.app import track_app
 from mocapella.cli.common import (
     JsonOut,
     console,
@@ -93,7 +93,7 @@ DetectorSettings = Annotated[
 RenamedMethod = Annotated[str | None, typer.Option("--method", metavar="NAME", hidden=True, callback=_refuse_method)]
 
 
-@app.command("arm")
+@track_app.command("arm")
 def arm(
     paths: Annotated[
         list[str],
@@ -127,11 +127,11 @@ def arm(
     """Find arms and hands in recorded depth images.
 
     docs/arms/recordings.md describes files, depth.toml and results. A camera is served by mocapella node arm. Whole
-    bodies as lines: mocapella depth lines.
+    bodies as lines: mocapella lab depth lines.
 
-    Example:  mocapella arm frames/ --intrinsics 476.0,313.7,242.8 --unit 0.000125 --json arms.json
+    Example:  mocapella track arm frames/ --intrinsics 476.0,313.7,242.8 --unit 0.000125 --json arms.json
     """
-    need_cameras("arm")
+    need_cameras("track arm")
     from mocapella.cli import INTERRUPTED
     from mocapella.cli.depth_recordings import depth_options, depth_recordings
     from mocapella.detectors import arm_detectors, make_detector

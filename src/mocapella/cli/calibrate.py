@@ -1,4 +1,4 @@
-"""``mocapella calibrate``: where cameras stand and how they see, from a board that is carried about before them."""
+"""``mocapella calibrate cameras`` and ``board``: intrinsics and extrinsics from views of a calibration board."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from mocapella.cli import INTERRUPTED
-from mocapella.cli.app import app
+from mocapella.cli.app import calibrate_app
 from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, console, need_cameras, say, working, write_json
 from mocapella.errors import CalibrationError, SettingsError, one_of
 
@@ -30,7 +30,7 @@ NODE = "node:"
 """Before the name of a running node's camera."""
 
 
-@app.command()
+@calibrate_app.command("cameras")
 def calibrate(
     videos: Annotated[
         list[str],
@@ -72,9 +72,9 @@ def calibrate(
 
     docs/cameras.md says how to print a board, how to film, and what the messages mean.
 
-    Example:  mocapella calibrate left.mp4 right.mp4 --board board.toml --out rig.toml
+    Example:  mocapella calibrate cameras left.mp4 right.mp4 --board board.toml --out rig.toml
     """
-    need_cameras("calibrate")
+    need_cameras("calibrate cameras")
     from mocapella.calibration.cameras import Origin, calibrate_cameras
     from mocapella.calibration.rig_report import as_result
     from mocapella.model.board import load_board
@@ -119,7 +119,7 @@ def calibrate(
     say(f"{out}: {len(found.rig.cameras)} cameras")
 
 
-@app.command("board")
+@calibrate_app.command("board")
 def draw(
     board: Annotated[
         Path, typer.Argument(metavar="BOARD.toml", help="The board: docs/cameras.md says how to write it.")
@@ -132,9 +132,9 @@ def draw(
 ) -> None:
     """Draw a calibration board, to be printed in its size.
 
-    Example:  mocapella board board.toml --out board.png
+    Example:  mocapella calibrate board board.toml --out board.png
     """
-    need_cameras("board")
+    need_cameras("calibrate board")
     from mocapella.model.board import load_board
     from mocapella.model.whole_file import write_whole
     from mocapella.sensing.boards import board_png

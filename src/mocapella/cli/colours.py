@@ -1,4 +1,4 @@
-"""``mocapella colours``: the markers' colours, learnt by pointing at them, and shown."""
+"""``mocapella calibrate colours``: the markers' colours, learnt by pointing at them, and shown."""
 
 from __future__ import annotations
 
@@ -65,12 +65,12 @@ def learn(
 ) -> None:
     """Learn colours from a picture, and say how well they can be told apart.
 
-    `mocapella colours check SOURCE --out shot.png` writes a picture to find the places in; it can be the SOURCE here.
-    The camera's controls go into the profile: as read back, or of a picture as the options say.
+    `mocapella calibrate colours check SOURCE --out shot.png` writes an image to find the coordinates in; it can be the
+    SOURCE here. The profile holds the camera's controls: as read back, or for an image file as the options say.
 
-    Example:  mocapella colours learn shot.png --name left --point red=301,84 --point skin=320,190 --out left.json
+    Example:  mocapella calibrate colours learn shot.png --name left --point red=301,84 --out left.json
     """
-    need_cameras("colours learn")
+    need_cameras("calibrate colours learn")
     from mocapella.model.observations import check_sensor_name
     from mocapella.sensing.colour_learning import ColourSample, learn_colours
     from mocapella.sensing.colour_profile import CameraControls, save_profile
@@ -128,9 +128,9 @@ def check(
 ) -> None:
     """Draw what is taken for each colour in a picture, and where the markers are.
 
-    Example:  mocapella colours check camera:0 --profile left.json --out mask.png
+    Example:  mocapella calibrate colours check camera:0 --profile left.json --out mask.png
     """
-    need_cameras("colours check")
+    need_cameras("calibrate colours check")
     from mocapella.model.whole_file import write_whole
     from mocapella.sensing.colour_profile import CameraControls, load_profile
     from mocapella.sensing.marker_mask import encode_image, mask_image

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from mocapella.cli.app import app
+from mocapella.cli.app import LIVE, app
 from mocapella.cli.arm import DEFAULT_DETECTOR, check_detector, not_method
 from mocapella.cli.common import (
     DEFAULT_PORT,
@@ -43,7 +43,7 @@ class What(StrEnum):
     SILHOUETTES = "silhouettes"
 
 
-@app.command()
+@app.command(rich_help_panel=LIVE)
 def demo(
     context: typer.Context,
     what: Annotated[

@@ -1,4 +1,4 @@
-"""``mocapella depth``: two parallel cameras, and how their depth is corrected."""
+"""``mocapella lab depth``: two parallel cameras, and how their depth is corrected."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def fit(
 
     Disparity is the right picture's column minus the left one's. docs/triangulation.md describes method and file.
 
-    Example:  mocapella depth fit measured.csv --baseline-cm 7.5 --view-angle 62.2
+    Example:  mocapella lab depth fit measured.csv --baseline-cm 7.5 --view-angle 62.2
     """
     from mocapella.geometry.parallel_pair import ParallelPair, distance_table, view_angle_of
     from mocapella.recording.measured_distances import read_measured_distances

@@ -1,4 +1,4 @@
-"""``mocapella depth lines``: the line skeleton of whole bodies in recorded depth images."""
+"""``mocapella lab depth lines``: the line skeleton of whole bodies in recorded depth images."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ def lines(
 
     docs/arms/line-skeleton.md describes stages and results.
 
-    Example:  mocapella depth lines rendered:room-walk --fps 1 --stages looked --json lines.json
+    Example:  mocapella lab depth lines rendered:room-walk --fps 1 --stages looked --json lines.json
     """
-    need_cameras("depth lines")
+    need_cameras("lab depth lines")
     from mocapella.cli import INTERRUPTED
     from mocapella.cli.depth_recordings import depth_options, depth_recordings
     from mocapella.live.signals import interruptible

@@ -21,7 +21,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from mocapella import __version__
-from mocapella.cli.app import app
+from mocapella.cli.app import SET_UP, app
 from mocapella.cli.common import DEFAULT_PORT, DEFAULT_VIEW_PORT, JsonOut, console, write_json
 from mocapella.cli.plugins import plugin_findings
 from mocapella.errors import AddressInUseError, BusError, PluginError
@@ -34,7 +34,7 @@ _BROWSERS = (
 _MARKS = {"ok": "[green]ok[/green]", "note": "[yellow]note[/yellow]", "problem": "[red]problem[/red]"}
 
 
-@app.command()
+@app.command(rich_help_panel=SET_UP)
 def doctor(
     port: Annotated[int, typer.Option(metavar="PORT", min=1, max=65535, help="Bus port to look at.")] = DEFAULT_PORT,
     view_port: Annotated[

@@ -1,4 +1,4 @@
-"""``mocapella evaluate``: how good tracking methods are, on recordings of real people and in simulated rooms."""
+"""``mocapella lab evaluate``: how good tracking methods are, on recordings of real people and in simulated rooms."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def kinectmultitrack(
 
     docs/evaluation.md says how everything is scored. Exit status 1 says that a row fails, and the table why.
 
-    Example:  mocapella evaluate kinectmultitrack shared/data/kinectmultitrack --methods stand-still --json out.json
+    Example:  mocapella lab evaluate kinectmultitrack shared/data/kinectmultitrack --methods stand-still --json out.json
     """
     from mocapella.evaluation.kinectmultitrack import evaluate
     from mocapella.evaluation.study_tables import rounded
@@ -109,7 +109,7 @@ def simulation(
 
     docs/evaluation.md says how everything is scored.
 
-    Example:  mocapella evaluate simulation --methods default --scenes crossing,leaving --seeds 0 --json out.json
+    Example:  mocapella lab evaluate simulation --methods default --scenes crossing,leaving --seeds 0 --json out.json
     """
     from mocapella.evaluation.simulation import evaluate, scene_summaries
     from mocapella.evaluation.study_tables import rounded
@@ -161,7 +161,7 @@ def hands(
 
     docs/hands.md says how everything is scored.
 
-    Example:  mocapella evaluate hands --scenes wide,thesis --seeds 0 --json out.json
+    Example:  mocapella lab evaluate hands --scenes wide,thesis --seeds 0 --json out.json
     """
     from mocapella.evaluation.hands import evaluate
     from mocapella.evaluation.study_tables import rounded
@@ -218,9 +218,9 @@ def line_skeleton_grid(
 
     docs/arms/line-skeleton.md says what is counted.
 
-    Example:  mocapella evaluate line-skeleton-grid --plot grid.png --json grid.json
+    Example:  mocapella lab evaluate line-skeleton-grid --plot grid.png --json grid.json
     """
-    need_cameras("evaluate line-skeleton-grid")
+    need_cameras("lab evaluate line-skeleton-grid")
     import time
 
     import msgspec
@@ -371,9 +371,9 @@ def charuco(
 
     docs/cameras.md says how everything is scored.
 
-    Example:  mocapella evaluate charuco shared/data/charuco_4cam --json out.json
+    Example:  mocapella lab evaluate charuco shared/data/charuco_4cam --json out.json
     """
-    need_cameras("evaluate charuco")
+    need_cameras("lab evaluate charuco")
     from mocapella.evaluation.charuco import evaluate
     from mocapella.evaluation.study_tables import rounded
 

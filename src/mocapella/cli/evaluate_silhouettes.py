@@ -1,4 +1,4 @@
-"""``mocapella evaluate silhouettes-…``: what the penalty on jitter does to a body fitted to silhouettes."""
+"""``mocapella lab evaluate silhouettes-…``: what the penalty on jitter does to a body fitted to silhouettes."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def _command(name: str, usual: str, about: str) -> None:
     called = f"silhouettes-{name}"
     command.__doc__ = (
         f"{about}\n\ndocs/evaluation.md says how everything is scored.\n\n"
-        f"Example:  mocapella evaluate {called} --plot {name}.png"
+        f"Example:  mocapella lab evaluate {called} --plot {name}.png"
     )
     evaluate_app.command(called)(command)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from mocapella.cli.app import hand_app
+from mocapella.cli.app import calibrate_app
 from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, check_out, console, say, write_json
 from mocapella.errors import SettingsError
 
@@ -24,7 +24,7 @@ _PROPORTIONED: Final = ("thumb",)
 """Digits that the gesture does not measure."""
 
 
-@hand_app.command("measure")
+@calibrate_app.command("hand")
 def measure(
     out: Annotated[
         Path, typer.Option(metavar="FILE", help="The hand to write, for serve --hand (JSON).", callback=check_out)
@@ -77,7 +77,7 @@ def measure(
     Live, it says what to do and what is missing. The server runs with the same markers:
     mocapella serve --method hands --rig RIG.toml --set 'base=["cyan","white","orange"]'
 
-    Example:  mocapella hand measure --base cyan,white,orange --right --person Ada --out ada.json
+    Example:  mocapella calibrate hand --base cyan,white,orange --right --person Ada --out ada.json
     """  # fmt: skip
     from mocapella.kinematics.hand_gesture import GesturePoints, spans_of_text
     from mocapella.kinematics.hand_tracker import base_layout

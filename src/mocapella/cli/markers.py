@@ -116,7 +116,7 @@ def markers(
     sensor = _name(name, known, profile)
     camera = None if rig is None else _camera(rig, sensor)
     if timing is not None and known is None:
-        raise SettingsError("--timing wants colours; give --profile FILE (mocapella colours learn makes one)")
+        raise SettingsError("--timing wants colours; give --profile FILE (mocapella calibrate colours learn makes one)")
     settings = CameraNodeSettings(drop_after_ms / 1e3, report)
     with Acquisition(pictures, say=say) as acquisition:
         check_state(acquisition.state, known, profile, source)
@@ -191,8 +191,8 @@ def _name(name: str | None, known: ColourProfile | None, profile: Path | None) -
     if known is None:
         if name is None:
             raise SettingsError(
-                "no colours yet: give --profile FILE (mocapella colours learn makes one), or --name and learn them in "
-                "the view"
+                "no colours yet: give --profile FILE (mocapella calibrate colours learn makes one), or --name and "
+                "learn them in the view"
             )
         return check_sensor_name(name)
     if name is not None and name != known.camera:

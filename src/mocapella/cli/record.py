@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mocapella.cli.app import app
+from mocapella.cli.app import RECORDINGS, app
 from mocapella.cli.common import (
     DEFAULT_ADDRESS,
     Connect,
@@ -32,7 +32,7 @@ _CLOSING_S = 150.0
 """How long the end of a take may take: it waits for frames that are asked for again, and for the disk."""
 
 
-@app.command()
+@app.command(rich_help_panel=RECORDINGS)
 def record(
     name: Annotated[
         str | None,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mocapella.cli import INTERRUPTED
-from mocapella.cli.app import app
+from mocapella.cli.app import RECORDINGS, app
 from mocapella.cli.common import (
     DEFAULT_PORT,
     DEFAULT_VIEW_PORT,
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from mocapella.cli.recordings import Recording
 
 
-@app.command()
+@app.command(rich_help_panel=RECORDINGS)
 def replay(
     files: Annotated[
         list[Path], typer.Argument(metavar="FILE...", help="Study logs (.csv, .csv.gz) and takes (.mcap).")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mocapella.cli.app import app
+from mocapella.cli.app import LIVE, app
 from mocapella.cli.common import (
     DEFAULT_PORT,
     DEFAULT_VIEW_PORT,
@@ -203,7 +203,7 @@ class LayoutKeeper:
             say(f"sensor layout saved to {self._path}: {', '.join(layout.sensors)}")
 
 
-@app.command()
+@app.command(rich_help_panel=LIVE)
 def serve(
     port: BusPort = DEFAULT_PORT,
     view_port: ViewPort = DEFAULT_VIEW_PORT,
@@ -236,7 +236,7 @@ def serve(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Camera rig: lenses and poses of the cameras (TOML), as `mocapella calibrate` found them. For "
+            help="Camera rig: lenses and poses of the cameras (TOML), as `mocapella calibrate cameras` found them. For "
             "--method hands, which needs one, and arms.",
         ),
     ] = None,
@@ -259,14 +259,14 @@ def serve(
         typer.Option(
             metavar="[PERSON=]FILE[:FRAME]",
             help="Where people are at first, for --method silhouettes: JSON of named joints in metres, or an earlier "
-            "result of `mocapella silhouettes`; may be repeated.",
+            "result of `mocapella track silhouettes`; may be repeated.",
         ),
     ] = None,
     alignment: Annotated[
         list[Path] | None,
         typer.Option(
             metavar="FILE",
-            help="Another tracker's space, as `mocapella align` found it, for --method hands; may be repeated.",
+            help="Another tracker's space, as `mocapella calibrate space` found it, for --method hands; repeatable.",
         ),
     ] = None,
     file: Annotated[

@@ -1,4 +1,4 @@
-"""Live cameras of `mocapella silhouettes`: opened, the empty room learnt, and people followed until Ctrl-C."""
+"""Live cameras of `mocapella track silhouettes`: opened, the empty room learnt, and people followed until Ctrl-C."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `mocapella silhouettes` leaves: the file, kept frame by frame, the table for a person, and the plot."""
+"""What `mocapella track silhouettes` leaves: the file, kept frame by frame, the table for a person, and the plot."""
 
 from __future__ import annotations
 

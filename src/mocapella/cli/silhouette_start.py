@@ -1,4 +1,4 @@
-"""The start of `mocapella silhouettes`: the bodies, their first poses, and the empty room."""
+"""The start of `mocapella track silhouettes`: the bodies, their first poses, and the empty room."""
 
 from __future__ import annotations
 

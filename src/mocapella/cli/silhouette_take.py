@@ -1,4 +1,4 @@
-"""The take of `mocapella silhouettes --record`: it refers to the videos by path and checksum."""
+"""The take of `mocapella track silhouettes --record`: it refers to the videos by path and checksum."""
 
 from __future__ import annotations
 

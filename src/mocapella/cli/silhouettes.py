@@ -1,4 +1,4 @@
-"""``mocapella silhouettes``: body models fitted to the silhouettes that calibrated cameras see, in videos or live."""
+"""``mocapella track silhouettes``: body models fitted to silhouettes in images of calibrated cameras, files or live."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from mocapella.cli import INTERRUPTED
-from mocapella.cli.app import app
+from mocapella.cli.app import track_app
 from mocapella.cli.common import (
     DEFAULT_VIEW_PORT,
     JsonOut,
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from mocapella.tracker.initial_body import InitialBody
 
 
-@app.command()
+@track_app.command()
 def silhouettes(  # noqa: PLR0915 - every option is passed on
     sources: Annotated[
         list[str] | None,
@@ -159,11 +159,11 @@ def silhouettes(  # noqa: PLR0915 - every option is passed on
 
     docs/silhouettes.md describes how to film, what a start is, the results, and what the messages mean.
 
-    Example:  mocapella silhouettes cam1.mp4 cam2.mp4 --rig rig.toml --start joints.json --json out.json
+    Example:  mocapella track silhouettes cam1.mp4 cam2.mp4 --rig rig.toml --start joints.json --json out.json
 
-    Live:  mocapella silhouettes left=camera:0 right=camera:2 --start joints.json --empty-room 3 --view --json out.json
+    Live:  mocapella track silhouettes a=camera:0 b=camera:2 --start joints.json --empty-room 3 --view --json out.json
     """
-    need_cameras("silhouettes")
+    need_cameras("track silhouettes")
     from mocapella.cli.silhouette_live import LiveWishes, wait_for_people
     from mocapella.cli.silhouette_result import SilhouetteResult, show
     from mocapella.cli.silhouette_start import StartWishes, check_seen, find_start, learn
@@ -264,7 +264,9 @@ def _inputs(sources: Sequence[str] | None, hz: float | None) -> dict[str, str]:
 
     check(hz is None or 0 < hz <= 1000, "--hz", hz, "above 0, at most 1000")
     if not sources:
-        raise SettingsError("no videos are named; name one for each camera: mocapella silhouettes cam1.mp4 cam2.mp4 …")
+        raise SettingsError(
+            "no videos are named; name one for each camera: mocapella track silhouettes cam1.mp4 cam2.mp4 …"
+        )
     return named_inputs(sources)
 
 

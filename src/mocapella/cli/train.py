@@ -1,4 +1,4 @@
-"""``mocapella train``: what the project learns from recordings, learnt again."""
+"""``mocapella lab train``: what the project learns from recordings, learnt again."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def facing(
 
     docs/methods/facing.md describes the method, and what the shipped model was trained on.
 
-    Example:  mocapella train facing shared/data/kinectmultitrack --out facing.json --folds 2
+    Example:  mocapella lab train facing shared/data/kinectmultitrack --out facing.json --folds 2
     """
     from mocapella.evaluation.facing_sessions import TOPOLOGY, facing_sessions, left_out, split, trained_on
     from mocapella.fusion.facing_model import to_json
@@ -68,7 +68,7 @@ def facing(
         model = train([session.sequence for session in sessions], TOPOLOGY.name)
         statement = {
             **trained_on(sessions),
-            "command": "mocapella train facing DIR" + ("" if chosen is None else f" --participants {participants}"),
+            "command": "mocapella lab train facing DIR" + ("" if chosen is None else f" --participants {participants}"),
             "mocapella": __version__,
         }
         write_text(out, to_json(msgspec.structs.replace(model, trained_on=statement)))
@@ -101,7 +101,7 @@ def bias(
     docs/methods/joint-bias.md describes the method, and what the shipped model was trained on. Only a model with folds
     can be scored on people whom it was trained on.
 
-    Example:  mocapella train bias shared/data/kinectmultitrack --out joint_bias.json --folds 5
+    Example:  mocapella lab train bias shared/data/kinectmultitrack --out joint_bias.json --folds 5
     """
     from mocapella.evaluation.bias_sessions import bias_sessions, learn, left_out
     from mocapella.evaluation.facing_sessions import split
@@ -117,7 +117,7 @@ def bias(
         model = learn(sessions, parts)
         options = "" if chosen is None else f" --participants {participants}"
         options += "" if folds is None else f" --folds {folds}"
-        statement = {**model.trained_on, "command": "mocapella train bias DIR" + options, "mocapella": __version__}
+        statement = {**model.trained_on, "command": "mocapella lab train bias DIR" + options, "mocapella": __version__}
         write_text(out, to_json(msgspec.structs.replace(model, trained_on=statement)))
         figures = {}
         if parts:
@@ -167,14 +167,18 @@ def sensor_errors(
 
     docs/simulation.md says what is measured and how.
 
-    Example:  mocapella train sensor-errors shared/data/kinectmultitrack --out kinect_v2_measured.json
+    Example:  mocapella lab train sensor-errors shared/data/kinectmultitrack --out kinect_v2_measured.json
     """
     from mocapella.evaluation.sensor_errors import as_simulated, measure
     from mocapella.sources.simulate.measured import errors_to_json
 
     with console.status("reading …") as status:
         errors = measure(folder, lambda name: status.update(f"reading {name} …"))
-        measured_on = {**errors.measured_on, "command": "mocapella train sensor-errors DIR", "mocapella": __version__}
+        measured_on = {
+            **errors.measured_on,
+            "command": "mocapella lab train sensor-errors DIR",
+            "mocapella": __version__,
+        }
         write_text(out, errors_to_json(msgspec.structs.replace(errors, measured_on=measured_on)))
         status.update("simulating …")
         simulated = as_simulated(errors)

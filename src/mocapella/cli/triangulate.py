@@ -1,4 +1,4 @@
-"""``mocapella triangulate``: 2D points of several cameras become points in space."""
+"""``mocapella track points``: 2D points of several cameras become points in space."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from rich.console import Console
 from rich.table import Table
 
 from mocapella.cli import INTERRUPTED
-from mocapella.cli.app import app
+from mocapella.cli.app import track_app
 from mocapella.cli.common import JsonOut, console, say, working, write_json
 
 if TYPE_CHECKING:
     from mocapella.fusion.point_tracks import TracksReport
 
 
-@app.command()
+@track_app.command("points")
 def triangulate(
     points: Annotated[
         list[Path],
@@ -51,7 +51,7 @@ def triangulate(
 
     Reads OpenPose's JSON, Caliscope's CSV and our own; docs/triangulation.md describes files, methods and axes.
 
-    Example:  mocapella triangulate cam1_json cam2_json --rig rig.toml --hz 60 --out walk.trc
+    Example:  mocapella track points cam1_json cam2_json --rig rig.toml --hz 60 --out walk.trc
     """
     import msgspec
 

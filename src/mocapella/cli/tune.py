@@ -1,4 +1,4 @@
-"""``mocapella tune``: settings from recordings."""
+"""``mocapella lab tune``: settings from recordings."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def one_euro(
 
     Both recordings are CSV of points in space or in one camera's picture; docs/triangulation.md describes them.
 
-    Example:  mocapella tune one-euro still.csv fast.csv --jitter 0.3 --lag-ms 15
+    Example:  mocapella lab tune one-euro still.csv fast.csv --jitter 0.3 --lag-ms 15
     """
     import msgspec
 

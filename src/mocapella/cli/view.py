@@ -6,11 +6,11 @@ from typing import Annotated
 
 import typer
 
-from mocapella.cli.app import app
+from mocapella.cli.app import LIVE, app
 from mocapella.cli.common import DEFAULT_ADDRESS, DEFAULT_VIEW_PORT, Connect, say, warn_if_open
 
 
-@app.command()
+@app.command(rich_help_panel=LIVE)
 def view(
     connect: Connect = DEFAULT_ADDRESS,
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the page.")] = DEFAULT_VIEW_PORT,

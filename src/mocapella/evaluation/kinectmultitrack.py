@@ -1,4 +1,4 @@
-"""Methods over the logs of the KinectMultiTrack studies: what ``mocapella evaluate kinectmultitrack`` says."""
+"""Methods over the logs of the KinectMultiTrack studies: what ``mocapella lab evaluate kinectmultitrack`` says."""
 
 from __future__ import annotations
 

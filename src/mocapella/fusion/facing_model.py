@@ -191,7 +191,7 @@ def from_json(text: bytes | str, file: object) -> FacingModel:
     Raises:
         InputError: it is not such a file; names ``file``.
     """
-    fix = "make it with `mocapella train facing`"
+    fix = "make it with `mocapella lab train facing`"
     try:
         data = msgspec.json.decode(text, type=_File)
         if data.features != list(FEATURES):
@@ -217,7 +217,7 @@ def from_json(text: bytes | str, file: object) -> FacingModel:
 
 
 def read_model(path: Path) -> FacingModel:
-    """The model in a file that `mocapella train facing` wrote.
+    """The model in a file that `mocapella lab train facing` wrote.
 
     Raises:
         InputError: it cannot be read, or is none.

@@ -135,7 +135,7 @@ class JointBiasModel(msgspec.Struct, frozen=True, eq=False, dict=True):
                 return JointBiasModel(self.topology, fold.weights, {**self.trained_on, "participants": others})
         raise SettingsError(
             f"the joint bias was learnt of participant {participant} and never without; "
-            "make it with `mocapella train bias --folds 5`"
+            "make it with `mocapella lab train bias --folds 5`"
         )
 
 
@@ -195,7 +195,7 @@ def from_json(text: bytes | str, file: object) -> JointBiasModel:
     Raises:
         InputError: it is not such a file; names ``file``.
     """
-    fix = "make it with `mocapella train bias`"
+    fix = "make it with `mocapella lab train bias`"
     try:
         data = msgspec.json.decode(text, type=_File)
         if data.terms != _names():
@@ -237,7 +237,7 @@ def _check_folds(folds: Collection[LeftOut], participants: Collection[int]) -> N
 
 
 def read_model(path: Path) -> JointBiasModel:
-    """The model in a file that `mocapella train bias` wrote.
+    """The model in a file that `mocapella lab train bias` wrote.
 
     Raises:
         InputError: it cannot be read, or is none.

@@ -47,8 +47,8 @@ class PairDepthSettings:
     def __post_init__(self) -> None:
         check(self.method in METHODS, "method", self.method, f"one of {one_of(self.method, METHODS)}")
         if self.method == "parallel-fitted":
-            check(0 < self.k_cm < 1e9, "k_cm", self.k_cm, "above 0 cm: fit it with `mocapella depth fit`")
-            check(-3 < self.z < 0, "z", self.z, "between -3 and 0: fit it with `mocapella depth fit`")
+            check(0 < self.k_cm < 1e9, "k_cm", self.k_cm, "above 0 cm: fit it with `mocapella lab depth fit`")
+            check(-3 < self.z < 0, "z", self.z, "between -3 and 0: fit it with `mocapella lab depth fit`")
         check(0 < self.sd_px < 1e6, "sd_px", self.sd_px, "above 0 px")
         check(self.gate_sd > 0, "gate_sd", self.gate_sd, "above 0")
 

@@ -196,7 +196,7 @@ class BoardService:
     def _board(self, file: str) -> Board:
         path = (self._folder / file).resolve()
         if not file.strip() or not path.is_relative_to(self._folder.resolve()):
-            fix = "mocapella board draws one"
+            fix = "mocapella calibrate board draws one"
             called = file.strip() or "the board's file"
             raise InputError(f"is no file below {self._folder}", file=called, fix=fix)
         return load_board(path)

@@ -164,7 +164,10 @@ class MarkerWork:
         if pictures.too_few:
             yield "rate", pictures.too_few
         if seen is None:
-            yield "colours", "no colours are learnt yet; point at them in the view, or mocapella colours learn"
+            yield (
+                "colours",
+                "no colours are learnt yet; point at them in the view, or mocapella calibrate colours learn",
+            )
             return
         if seen.light:
             yield "light", seen.light

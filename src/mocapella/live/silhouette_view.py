@@ -105,7 +105,7 @@ class RunView:
 
 
 class SilhouetteView(RunView):
-    """A page for one run of `mocapella silhouettes`; arguments and errors as of `RunView`."""
+    """A page for one run of `mocapella track silhouettes`; arguments and errors as of `RunView`."""
 
     def __init__(self, host: str, port: int, run: SilhouetteRun) -> None:
         super().__init__(host, port, run.rig, run.tracker.bodies)

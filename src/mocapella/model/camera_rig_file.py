@@ -32,7 +32,7 @@ Float64 = NDArray[np.float64]
 FORMAT: Final = "mocapella camera rig"
 VERSION: Final = 1
 """Of the file's layout."""
-_ANEW: Final = "calibrate anew: mocapella calibrate"
+_ANEW: Final = "calibrate anew: mocapella calibrate cameras"
 _FIELDS: Final = ("size_px", "focal_px", "centre_px", "distortion", "T_camera_world")
 _OPTIONAL: Final = ("covariance", "readout_s", "clock_s")
 
@@ -104,7 +104,7 @@ def decode_camera_rig(text: str, *, file: object = None) -> CameraRig:
     raise InputError(
         "holds no cameras that are known here",
         file=path,
-        fix="take one of mocapella calibrate, Caliscope's camera_array.toml or config.toml, or Pose2Sim's Calib_….toml",
+        fix="use one of mocapella calibrate, Caliscope's camera_array.toml or config.toml, Pose2Sim's Calib_….toml",
     )
 
 
@@ -168,7 +168,7 @@ def _rig(tables: Mapping[str, Any], path: object) -> CameraRig:
         if table.get("ignore") is True:
             continue
         if table.get("fisheye") is True:
-            fix = "calibrate this camera with mocapella calibrate"
+            fix = "calibrate this camera with mocapella calibrate cameras"
             raise InputError("is of a lens model that is not known here", file=path, field=f"{name}.fisheye", fix=fix)
         for key in ("size", "matrix", "distortions", "rotation", "translation"):
             if table.get(key) is None:

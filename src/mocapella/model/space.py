@@ -21,7 +21,7 @@ Float64 = NDArray[np.float64]
 FORMAT: Final = "mocapella space alignment"
 VERSION: Final = 1
 """Of the file's layout."""
-_ANEW: Final = "align anew: mocapella align"
+_ANEW: Final = "align anew: mocapella calibrate space"
 _Row = tuple[float, float, float, float]
 
 

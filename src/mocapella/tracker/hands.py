@@ -71,7 +71,7 @@ class HandsSettings:
         objects: things that are tracked, too.
         poses: how they move.
         tag_sd_px: error of a tag's corners on top of what the camera says: of the lens, and of how it is glued on.
-        spaces: of other trackers, as `mocapella align` found them.
+        spaces: of other trackers, as `mocapella calibrate space` found them.
         grasp: when they are held.
         rig_fit: when swapped cameras, or a rig that does not fit, are reported.
         silent_after_s: a camera without a frame for so long is not waited for.
@@ -180,7 +180,7 @@ class HandsTracker:
         self._state = TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=self._sensors_expected)
 
     def recalibrate(self, reason: str) -> None:
-        """Find markers and hand anew; where the cameras are is the rig's, which `mocapella calibrate` makes."""
+        """Find markers and hand anew; where the cameras are is the rig's, which `mocapella calibrate cameras` makes."""
         rejected, steps, hand_id = self._rejected, self._steps, self._hand_id
         self.reset()
         self._rejected, self._steps, self._hand_id = rejected, steps, hand_id
@@ -254,7 +254,7 @@ class HandsTracker:
 
     def _bodies_problem(self, frame: PoseFrame) -> str:
         if frame.space not in self._spaces:
-            fix = "mocapella align finds how it lies, and serve --alignment FILE says so"
+            fix = "mocapella calibrate space finds how it lies, and serve --alignment FILE says so"
             return f"its space {frame.space!r} is not aligned with the cameras: {fix}"
         wanted = {thing.body for thing in self.settings.objects if thing.space == frame.space}
         if frame.names and not set(frame.names) & wanted:

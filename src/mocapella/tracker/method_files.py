@@ -49,7 +49,7 @@ def hand_shape(paths: Sequence[Path]) -> dict[str, Any]:
 
 
 def spaces(paths: Sequence[Path]) -> dict[str, Any]:
-    """Other trackers' spaces, as `mocapella align` found them.
+    """Other trackers' spaces, as `mocapella calibrate space` found them.
 
     Raises:
         InputError: a file cannot be used.

@@ -87,7 +87,7 @@ class ObjectSettings:
         tag: number of a tag on the box's side towards z, upright with y; None where there is none.
         tag_side_m: of that tag's dark square.
         tags: tags anywhere on it.
-        space: in which another tracker says where ``body`` is; see `mocapella align`.
+        space: in which another tracker says where ``body`` is; see `mocapella calibrate space`.
         body: the other tracker's name of it.
         origin_m: the thing's origin, the middle of its box, in the frame of ``body``.
     """

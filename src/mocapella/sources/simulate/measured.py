@@ -5,9 +5,9 @@
     noise    = √share · splines + white[joint]                                   the share is smaller of who stands
 
 α is the true facing from the direction towards the sensor. The tables are in ``data/kinect_v2_measured.json``, which
-`mocapella train sensor-errors` makes (docs/simulation.md). Noise in time is white noise and cubic B-splines (de Boor,
-*A Practical Guide to Splines*, 1978, chapter IX) over independent knots at several spacings, so that any instant can
-be asked for without those before it.
+`mocapella lab train sensor-errors` makes (docs/simulation.md). Noise in time is white noise and cubic B-splines (de
+Boor, *A Practical Guide to Splines*, 1978, chapter IX) over independent knots at several spacings, so that any instant
+can be asked for without those before it.
 """
 
 from __future__ import annotations
@@ -285,7 +285,7 @@ def errors_from_json(text: bytes | str, file: object) -> Errors:
     try:
         return Errors(msgspec.json.decode(text, type=SensorErrors))
     except (msgspec.DecodeError, ValueError) as error:
-        fix = "make it with `mocapella train sensor-errors`"
+        fix = "make it with `mocapella lab train sensor-errors`"
         raise InputError(f"is no table of a sensor's errors: {error}", file=file, fix=fix) from error
 
 
