@@ -36,13 +36,18 @@ def joints_at(mesh, pose):
 
 
 class Stage:
-    """Somebody who bends the knees before cameras that stream; what they do, and when, is by the test."""
+    """A person who bends the knees before cameras that stream. The test sets the motion; all cameras show it at once.
+
+    Attributes:
+        at: the motion's image to show from the streams' next tick on; None shows the empty room.
+        off: cameras whose streams end.
+    """
 
     def __init__(self, fps=20.0):
         self.scene = silhouette_scene(
             "knee-bend", seed=4, cameras=3, size_px=(320, 240), fps=fps, sex="male", height_m=1.75
         )
-        self.at = None  # of the motion's pictures; None: nobody is there
+        self.at = self._shown = None
         self.off = set()
         names, rng = list(self.scene.rig.cameras), np.random.default_rng(0)
         self._empty = {name: [] for name in names}
@@ -67,11 +72,18 @@ class Stage:
 
         threading.Thread(target=run, daemon=True).start()
 
-    def pictures(self, name):
+    def streams(self):
+        return MjpegStreams(self._pictures, 1 / 15, self._tick)
+
+    def _tick(self):
+        self._shown = self.at
+
+    def _pictures(self, name):
         for k in itertools.count():
             if name in self.off:
                 return
-            yield self._empty[name][k % 8] if self.at is None else self._moving[name][self.at][k % 2]
+            shown = self._shown
+            yield self._empty[name][k % 8] if shown is None else self._moving[name][shown][k % 2]
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +115,7 @@ def wait_for_more(folder, count):
 
 def test_somebody_who_comes_before_live_cameras_is_followed_until_ctrl_c(stage, folder):
     scene = stage.scene
-    with MjpegStreams(stage.pictures, 1 / 15) as streams:
+    with stage.streams() as streams:
         sources = [f"{name}={streams.address(name)}" for name in reversed(scene.rig.cameras)]
         with Program(
             folder, "run", "track", "silhouettes", *sources, *GIVEN,
@@ -130,10 +142,8 @@ def test_somebody_who_comes_before_live_cameras_is_followed_until_ctrl_c(stage, 
     assert rows[0]["time_s"] == 0.0
     assert (np.diff([row["time_s"] for row in rows]) > 0).all()
     lost = [row["lost"] for row in rows]
-    found_at = lost.index(False)
-    assert found_at >= 5
-    # Somebody stands there from one image to the next, which cameras show at different times: they may disagree first.
-    assert not any(lost[found_at + 15 :])
+    assert lost == sorted(lost, reverse=True)  # the room is empty, and then the person is there for good
+    assert 5 <= sum(lost) < len(lost)
     truth = dict(zip(mesh.landmarks, landmarks_at(mesh, scene.pose(len(scene) - 1)), strict=True))
     off = [np.linalg.norm(np.subtract(at, truth[name])) for name, at in rows[-1]["joints"].items() if name in truth]
     assert np.median(off) < 0.05
@@ -146,7 +156,7 @@ def test_somebody_who_comes_before_live_cameras_is_followed_until_ctrl_c(stage, 
 
 def test_a_stream_that_ends_is_said_and_counts_again_when_it_is_back(stage, folder):
     stage.at = 0
-    with MjpegStreams(stage.pictures, 1 / 15) as streams:
+    with stage.streams() as streams:
         sources = [f"{name}={streams.address(name)}" for name in stage.scene.rig.cameras]
         with Program(
             folder, "run", "track", "silhouettes", *sources, *GIVEN, "--json", "out.json", "--overlay", "seen"
@@ -170,7 +180,7 @@ def test_a_run_that_is_killed_leaves_its_frames_which_are_read_as_any_result(sta
     stage.at = 0
     (folder / "out.json").write_text("of before")
     start = [word for name in names for word in ("--start", f"{name}=joints.json")] or ["--start", "joints.json"]
-    with MjpegStreams(stage.pictures, 1 / 15) as streams:
+    with stage.streams() as streams:
         sources = [f"{name}={streams.address(name)}" for name in stage.scene.rig.cameras]
         given = (
             "track",
@@ -191,7 +201,7 @@ def test_a_run_that_is_killed_leaves_its_frames_which_are_read_as_any_result(sta
     (body,) = read_followed_people(folder / "out.part.json").values()
     assert len(body.frames) >= 5
     assert [row.frame for row in body.frames] == list(range(len(body.frames)))
-    with MjpegStreams(stage.pictures, 1 / 15) as streams:
+    with stage.streams() as streams:
         sources = [f"{name}={streams.address(name)}" for name in stage.scene.rig.cameras]
         done = run_here(
             folder, "track", "silhouettes", *sources, "--rig", "rig.toml", "--start", "out.part.json:2",

@@ -1,0 +1,83 @@
+"""A fake camera: the port `mocapella.sources.picture_source.PictureSource` without a device."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from mocapella.conventions import NS_PER_S
+from mocapella.errors import InputError
+from mocapella.sources.picture_source import Image, Picture, SourceState
+
+_USUAL = SourceState((64, 48), 30.0)
+_POLL_S = 0.01
+
+
+class FakeCamera:
+    """A live camera of made-up images, with a plug that can be pulled.
+
+    Args:
+        state: what it reports when it is opened. With ``unit_m``, it is a depth camera. Images come at ``fps``, or as
+            fast as they are read if that is None; their times are exact multiples of 1 / fps (of 1/30 s) above 0.
+        image: makes image 0, 1, 2, …, of the state's size; by default, every pixel of an image is its number modulo 256
+            (of a depth camera, 700 plus the number modulo 256).
+        name: as a user would write it.
+
+    Attributes:
+        plugged: set it to False to pull the plug: reading returns None, and opening raises `InputError`.
+        opened, closed: how often it was.
+        count: images so far; it goes on when the camera is opened again.
+    """
+
+    live = True
+    times = "a counter"
+
+    def __init__(
+        self,
+        state: SourceState = _USUAL,
+        image: Callable[[int], Image] | None = None,
+        *,
+        name: str = "fake camera",
+    ) -> None:
+        self.name, self.plugged = name, True
+        self.opened = self.closed = self.count = 0
+        self._state, self._image = state, image or self._numbered
+
+    def open(self) -> SourceState:
+        """Return the state.
+
+        Raises:
+            InputError: the plug is pulled.
+        """
+        if not self.plugged:
+            raise InputError("cannot be opened", file=self.name, fix="set its attribute plugged to True")
+        self.opened += 1
+        return self._state
+
+    def begin(self, zero_s: float) -> None:
+        """Do nothing: a camera has a clock of its own."""
+
+    def read(self, stop: threading.Event) -> Picture | None:
+        """Wait for the next image; None if ``stop`` is set or the plug is pulled meanwhile."""
+        due_s = time.monotonic() + (1 / self._state.fps if self._state.fps else 0.0)
+        while self.plugged and not stop.is_set():
+            left_s = due_s - time.monotonic()
+            if left_s <= 0:
+                number, self.count = self.count, self.count + 1
+                time_ns = round((number + 1) * NS_PER_S / (self._state.fps or 30.0))
+                return Picture(self._image(number), time_ns, number, time.monotonic(), 0.0)
+            stop.wait(min(left_s, _POLL_S))
+        return None
+
+    def close(self) -> None:
+        """Count it."""
+        self.closed += 1
+
+    def _numbered(self, number: int) -> Image:
+        width, height = self._state.size_px or (64, 48)
+        if self._state.unit_m is not None:
+            return np.full((height, width), 700 + number % 256, np.uint16)
+        return np.full((height, width, 3), number % 256, np.uint8)
