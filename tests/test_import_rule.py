@@ -38,8 +38,9 @@ MAY_IMPORT: dict[str, set[str]] = {
     "studies": TRACKER | {"recording", "schema"},
     "live": TRACKER | DETECTORS | EDGES | {"schema", "viewer"},
     "cli": TRACKER | DETECTORS | EDGES | {"schema", "viewer", "studies", "evaluation", "live"},
+    "testing": TRACKER | {"schema", "sources", "wire"},
 }
-"""Which rooms a room may import, beside itself. `docs/decisions/0001-rooms.md` says why."""
+"""Which rooms a room may import, beside itself; none may import `testing`. `docs/decisions/0001-rooms.md` says why."""
 
 PURE = {"geometry", "model", *STAGES, "detectors", "tracker", "evaluation"}
 IMPURE_MODULES = {"asyncio", "threading", "socket", "time", "multiprocessing", "subprocess"}
@@ -104,6 +105,11 @@ def test_the_rule_bites_for_every_forbidden_room(room: str) -> None:
             f"from mocapella import {other}",
         ):
             assert violations(room, f"def f():\n    {planted}\n") == [f"{room} imports {other}"]
+
+
+def test_the_program_does_not_import_what_is_for_tests() -> None:
+    assert [room for room, others in MAY_IMPORT.items() if "testing" in others] == []
+    assert violations("cli", "from mocapella.testing import FakeServer") == ["cli imports testing"]
 
 
 @pytest.mark.parametrize("room", sorted(MAY_IMPORT))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from dataclasses import replace
 
 import numpy as np
@@ -17,31 +16,14 @@ from mocapella.schema import decode_frame, encode_frame
 from mocapella.sources.acquisition import Acquisition, AcquisitionReport
 from mocapella.sources.depth_options import complete
 from mocapella.sources.picture_source import Picture, SourceState
+from mocapella.testing import FakeCamera
 
 LENS = (12.0, 12.0, 7.5, 5.5, 0.0, 0.0, 0.0, 0.0, 0.0)
 STATE = SourceState((16, 12), 20.0, problems=("a screw is loose",), unit_m=0.001, lens=LENS)
 
 
-class Nothing:
-    """A source that is opened and never read."""
-
-    live, name, times = True, "nothing", "none"
-
-    def open(self) -> SourceState:
-        return STATE
-
-    def begin(self, zero_s: float) -> None:
-        pass
-
-    def read(self, stop: threading.Event) -> Picture | None:
-        return None
-
-    def close(self) -> None:
-        pass
-
-
 def work() -> ArmWork:
-    acquisition, camera = Acquisition(Nothing()), complete(STATE, "nothing")
+    acquisition, camera = Acquisition(FakeCamera(STATE, name="nothing")), complete(STATE, "nothing")
     return ArmWork("arm", acquisition, camera, NearestArm(camera))
 
 

@@ -8,8 +8,6 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -22,11 +20,9 @@ from mocapella.errors import AddressInUseError, NameTakenError, SettingsError
 from mocapella.live.datagrams import run_datagrams
 from mocapella.live.server import Server, ServerSettings
 from mocapella.model.markers import MarkerFrame
-from mocapella.schema import decode_frame
 from mocapella.sources.marker_datagrams import DatagramSettings
-from mocapella.wire.keys import NodeKey
+from mocapella.testing import FakeServer
 from mocapella.wire.node import NodeLink
-from mocapella.wire.server import ServerLink
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "02_pi_camera.py"
 PICTURES = 40
@@ -42,29 +38,8 @@ def free_udp_ports(count: int) -> list[int]:
     return ports
 
 
-@contextmanager
-def bus(address: str) -> Iterator[list[MarkerFrame]]:
-    """The frames that a server gets."""
-    heard: list[MarkerFrame] = []
-
-    def take(_node: NodeKey, data: bytes, _at_ns: int) -> None:
-        frame = decode_frame(data)
-        assert isinstance(frame, MarkerFrame)
-        heard.append(frame)
-
-    def answer(_verb: str, _arguments: object, reply: Callable[[bytes], None]) -> None:
-        reply(b'{"accepted": true}')
-
-    link = ServerLink(address, on_nonsense=lambda text: None)
-    try:
-        link.serve(on_frame=take, on_truth=lambda *_: None, on_alive=lambda *_: None, on_command=answer)
-        yield heard
-    finally:
-        link.close()
-
-
 def test_two_programs_wait_for_the_start_and_become_two_cameras_while_a_third_floods(tmp_path: Path) -> None:
-    address = f"tcp/127.0.0.1:{free_port()}"
+    server = FakeServer()
     left, right, *starts = free_udp_ports(4)
     report = tmp_path / "report.json"
     over = threading.Event()
@@ -78,9 +53,9 @@ def test_two_programs_wait_for_the_start_and_become_two_cameras_while_a_third_fl
 
     flooding = threading.Thread(target=flood)
     senders: list[subprocess.Popen[bytes]] = []
-    words = ["node", "datagrams", "--camera", f"left={left}", "--camera", f"right={right}", "--connect", address]
+    words = ["node", "datagrams", "--camera", f"left={left}", "--camera", f"right={right}", "--connect", server.address]
     try:
-        with bus(address) as heard:
+        with server:
             for port, start in zip((left, right), starts, strict=True):
                 command = [sys.executable, str(EXAMPLE), "127.0.0.1", str(port), str(PICTURES), str(start)]
                 senders.append(subprocess.Popen(command))
@@ -109,7 +84,8 @@ def test_two_programs_wait_for_the_start_and_become_two_cameras_while_a_third_fl
     done = json.loads(report.read_text())
     assert done["starts_sent"] >= 1
     for name in ("left", "right"):
-        row, frames = done["cameras"][name], [frame for frame in heard if frame.sensor == name]
+        row, frames = done["cameras"][name], [frame for frame in server.frames if frame.sensor == name]
+        assert all(isinstance(frame, MarkerFrame) for frame in frames)
         assert row["served"]
         assert row["refused"] == {}
         assert PICTURES // 2 < row["frames"] + row["superseded"] <= PICTURES  # in spite of the flood

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from dataclasses import replace
 from functools import cache
 
@@ -22,6 +21,7 @@ from mocapella.sources.acquisition import Acquisition
 from mocapella.sources.picture_source import Picture, SourceState
 from mocapella.sources.simulate.hand_camera import pointed_at
 from mocapella.sources.simulate.hand_scene import load_hand_scene
+from mocapella.testing import FakeCamera
 
 SCENE = load_hand_scene("demo", seed=3)
 
@@ -37,26 +37,11 @@ def shot() -> np.ndarray:
     return SCENE.at("left", 0.2).image
 
 
-class Nothing:
-    """A source that is opened and never read."""
-
-    live, name, times = True, "nothing", "none"
-
-    def open(self) -> SourceState:
-        return SourceState((320, 240), 20.0, problems=("a screw is loose",))
-
-    def begin(self, zero_s: float) -> None:
-        pass
-
-    def read(self, stop: threading.Event) -> Picture | None:
-        return None
-
-    def close(self) -> None:
-        pass
+STATE = SourceState((320, 240), 20.0, problems=("a screw is loose",))
 
 
 def work(colours: bool = True) -> MarkerWork:
-    return MarkerWork("left", Acquisition(Nothing()), profile() if colours else None)
+    return MarkerWork("left", Acquisition(FakeCamera(STATE, name="nothing")), profile() if colours else None)
 
 
 def picture(image: np.ndarray, number: int) -> Picture:
@@ -173,7 +158,12 @@ def test_tags_are_found_beside_the_colours() -> None:
     tag = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50), 7, 48)
     image[6:66, 6:66] = 255
     image[12:60, 12:60] = tag[..., None]
-    made = MarkerWork("left", Acquisition(Nothing()), profile(), tags=TagDetector("left", TagSettings("4X4_50", (7,))))
+    made = MarkerWork(
+        "left",
+        Acquisition(FakeCamera(STATE, name="nothing")),
+        profile(),
+        tags=TagDetector("left", TagSettings("4X4_50", (7,))),
+    )
     frame = made.look(picture(image, 0))
     assert frame.names == (*profile().names, "tag7.0", "tag7.1", "tag7.2", "tag7.3")
     corners = frame.positions_px[len(profile().names) :]

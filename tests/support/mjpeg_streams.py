@@ -56,7 +56,7 @@ class Ticks:
 
 
 class MjpegStreams:
-    """A server of streams by name, at ``address(name)``, all of which send at the ticks of one clock. A context manager.
+    """A server of streams by name, at ``address(name)``, that send at the ticks of one clock. A context manager.
 
     Args:
         pictures: JPEGs of a stream of that name, from the tick after a request on; the stream ends with them.

@@ -6,9 +6,12 @@ import numpy as np
 
 from mocapella.model.observations import BodyFrame, JointState, body_frame
 from mocapella.model.scene import Person, Phase, PotentialSkeleton, Scene, TrackerState
-from mocapella.model.session import RecordingHealth, SensorHealth, SessionStatus, Setup
 from mocapella.model.topology import topology
+from mocapella.testing import sensor_health as health
+from mocapella.testing import session_status as status
 from mocapella.viewer.layout import Look
+
+__all__ = ["HEIGHT_M", "KINECT", "Room", "health", "in_picture", "rigid", "standing", "status", "turn"]
 
 KINECT = topology("kinect_v2")
 HEIGHT_M = 1.1
@@ -119,26 +122,3 @@ class Room:
             people.append(Person(self.first_id + k, fused, states, tuple(views)))
         state = TrackerState(Phase.TRACKING)
         return Scene(int(t * 30), int(t * 1e9), "front", 0, int(t * 30), KINECT, state, {"people": tuple(people)})
-
-
-def health(name: str, **changes: object) -> SensorHealth:
-    """A sensor that does well."""
-    values: dict[str, object] = {
-        "name": name, "node_id": 7, "connected": True, "silent": False, "local": False, "bodies": 2, "rate_hz": 30.0,
-        "latency": 0.0021, "frames": 900, "dropped": 0, "rejected": 0, "clock_offset": 0.0123, "clock_bound": 0.0004,
-        "stored": 0, "lost": 0, "tilt": 0.0, "height": HEIGHT_M,
-    }  # fmt: skip
-    return SensorHealth(**(values | changes))  # type: ignore[arg-type]
-
-
-def status(**changes: object) -> SessionStatus:
-    """A session that runs and tracks two people with three sensors."""
-    values: dict[str, object] = {
-        "revision": 3, "running": True, "phase": "tracking", "sensors_missing": 0, "frames_remaining": 0,
-        "frames_wanted": 120, "reason": "", "counts": {"people": 2}, "scenes": 900, "scenes_hz": 90.0,
-        "setup": Setup(sensors_expected=3),
-        "sensors": (health("front", local=True), health("left", latency=0.0034), health("right", dropped=2)),
-        "recording": RecordingHealth(), "notices": ("front joined", "left joined", "right joined"), "uptime": 60.0,
-        "version": "0.1.0",
-    }  # fmt: skip
-    return SessionStatus(**(values | changes))  # type: ignore[arg-type]

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import msgspec
 import numpy as np
 import pytest
-from support.walking_people import BACK, FRONT, KINECT_V2, LEFT, MIRROR, SIDE, Sensor, Walker, errors, standing_at
+from support.walking_people import BACK, FRONT, KINECT_V2, LEFT, MIRROR, SIDE, Walker, errors, standing_at
 
 from mocapella.calibration.people_state import CalibratedSensor
 from mocapella.errors import SettingsError, WireError
@@ -14,6 +14,7 @@ from mocapella.model.bodies import Bodies
 from mocapella.model.observations import Arrival, JointState, body_frame
 from mocapella.model.scene import Phase, Scene
 from mocapella.schema import encode_scene
+from mocapella.testing.walking import frame_of, walking_arrivals
 from mocapella.tracker import make_tracker
 from mocapella.tracker.default import DefaultSettings, DefaultTracker
 from mocapella.tracker.people import SMOOTHING
@@ -24,16 +25,7 @@ RATE = 30.0
 
 def seen(bodies: Bodies, t: float, sequence: int, ids: Mapping[int, int] | None = None) -> Arrival:
     """A frame as it arrives; ``ids`` gives bodies other tracking ids."""
-    frame = body_frame(
-        bodies.sensor,
-        KINECT_V2,
-        time_ns=round(1e9 * t),
-        positions=bodies.positions,
-        states=bodies.states,
-        tracking_ids=[(ids or {}).get(body, body) for body in bodies.ids],
-        sequence=sequence,
-    )
-    return Arrival(frame, round(1e9 * t))
+    return Arrival(frame_of(bodies, round(1e9 * t), sequence, ids), round(1e9 * t))
 
 
 def frames(
@@ -44,13 +36,7 @@ def frames(
     **how: float,
 ) -> list[Arrival]:
     """What sensors see of people, in the order of capture."""
-    sensors = [Sensor(name, T, phase=i / RATE / len(places), **how) for i, (name, T) in enumerate(places.items())]  # type: ignore[arg-type]
-    out = []
-    for k in range(round(begin * RATE), round((begin + seconds) * RATE)):
-        for sensor in sensors:
-            t = k / RATE + sensor.phase
-            out.append(seen(sensor.see(dict(walkers), t), t, k))
-    return out
+    return walking_arrivals(walkers, seconds, places, begin_s=begin, **how)
 
 
 def run(tracker: DefaultTracker, arrivals: Sequence[Arrival]) -> list[Scene]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from mocapella.model.arms import ARM_POINTS, ArmFrame, SeenArm
@@ -30,7 +32,7 @@ def example_frames(
     states = np.full(len(ARM_POINTS), 2, np.uint8)
     sd = np.full(len(ARM_POINTS), 0.003, np.float32)
     arm = SeenArm(7, True, 0.75, points, states, sd, np.zeros(len(ANGLES)), np.eye(4), "open", 0.5)
-    common = {"node_id": node_id, "sequence": sequence, "time_ns": time_ns}
+    common: dict[str, Any] = {"node_id": node_id, "sequence": sequence, "time_ns": time_ns}
     return [
         body_frame(sensor, kinect, positions=np.ones((2, len(kinect), 3)), **common),
         marker_frame(

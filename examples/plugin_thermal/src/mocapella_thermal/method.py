@@ -96,7 +96,7 @@ class HeatTracker:
     def restore(self, data: bytes) -> None:
         try:
             self._memory = msgspec.msgpack.decode(data, type=Memory)
-        except msgspec.DecodeError as error:
+        except (msgspec.DecodeError, UnicodeDecodeError) as error:
             raise WireError(f"no memory of the method heat: {error}") from error
 
     @property

@@ -20,7 +20,7 @@ def decode(content: bytes, _topology: object) -> Spot:
     """Read a spot; a `WireError` where it is none."""
     try:
         return msgspec.msgpack.decode(content, type=Spot)
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise WireError(f"spots: {error}") from error
 
 
