@@ -77,7 +77,5 @@ def _end_with_parent() -> None:
 
 if __name__ == "__main__":
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    if hasattr(os, "nice"):
-        os.nice(5)  # sensors and the view go first
     gc.set_threshold(200_000, 50, 100)  # numba makes millions of small objects that live until the end
     compile_part(*sys.argv[1:3])
