@@ -23,7 +23,7 @@ from mocapella.sensing.region_contour import (
     Band,
     RegionContour,
     RegionSettings,
-    kernels,
+    cost_kernels,
     read_band,
     reading,
     settle,
@@ -89,7 +89,7 @@ class BackgroundModel(msgspec.Struct, frozen=True, eq=False):
             read.append(to)
         out = np.empty(band.known.shape, dtype=np.float32)
         least, shadow = 2.0 * self.least_sd, float(self.shadow_nats)
-        kernels().background_costs(band.values, *read, band.known, least, float(self.darkest), shadow, out)
+        cost_kernels().background_costs(band.values, *read, band.known, least, float(self.darkest), shadow, out)
         return out
 
 

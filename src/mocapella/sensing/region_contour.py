@@ -213,8 +213,9 @@ def read_band(
     pad = (padded - columns) // 2
     farthest, *read = reading().read(
         np.ascontiguousarray(image).reshape(height, width, -1), np.ascontiguousarray(prior.phi),
-        _NO_START if start is None else starting(prior, start), settings.band_px, guided, settings.median, pad, padded,
-        size, x, y, step, _NO_MASK if ignore is None else np.ascontiguousarray(ignore),
+        _NO_START if start is None else starting(prior, start), settings.band_px, guided, settings.median,
+        reading().WindowLayout(x, y, step, pad, padded, size),
+        _NO_MASK if ignore is None else np.ascontiguousarray(ignore),
     )  # fmt: skip
     check(math.isfinite(farthest), "prior.phi", "of NaN or infinite values", "finite")
     phi, inside, active, known, blocks, values = read
@@ -246,13 +247,23 @@ def settle(
 ) -> RegionContour:
     """Move the outline; ``outside``, ``inside_cost`` and ``unsure_px`` as in the kernel `settled`."""
     step, columns = band.prior.step_px, band.prior.phi.shape[1]
-    moved, phi, surety, told = kernels().settled(
-        band.values, band.active, band.known, band.phi, band.blocks, band.inside, outside, band.pad, columns,
-        np.float32(s.prior_weight), np.float32(s.length_weight * math.sqrt(2 * math.pi) / step),
-        np.float32(math.sqrt(2 / math.pi) / step), guided, np.float32(unsure_px), s.fewest_px2 / step**2,
-        2.0 * s.least_sd, np.float32(3 * s.most_nats), inside_cost, s.iterations, energies, band.reach,
-        np.float32(step),
-    )  # fmt: skip
+    k = kernels()
+    weights = k.ContourWeights(
+        prior_weight=np.float32(s.prior_weight),
+        length=np.float32(s.length_weight * math.sqrt(2 * math.pi) / step),
+        slope=np.float32(math.sqrt(2 / math.pi) / step),
+        guided=guided,
+        unsure=np.float32(unsure_px),
+        fewest=s.fewest_px2 / step**2,
+        least_sd=2.0 * s.least_sd,
+        most=np.float32(3 * s.most_nats),
+        inside_cost=inside_cost,
+        iterations=s.iterations,
+    )
+    samples = k.ContourBand(band.values, band.active, band.known, band.phi, band.blocks, band.inside)
+    moved, phi, surety, told = k.settled(
+        samples, outside, weights, band.pad, columns, energies, band.reach, np.float32(step)
+    )
     return RegionContour(Silhouette(band.prior.origin_px, step, phi), surety, moved, told * step**2)
 
 
@@ -296,3 +307,11 @@ def kernels() -> ModuleType:
     from mocapella.sensing import region_contour_kernels
 
     return region_contour_kernels
+
+
+@cache
+def cost_kernels() -> ModuleType:
+    """Compiled; numba is imported when it is first needed."""
+    from mocapella.sensing import region_cost_kernels
+
+    return region_cost_kernels

@@ -1,23 +1,51 @@
-"""How `mocapella.sensing.region_contour` reads an image about an outline; compiled. Importing this imports numba.
+"""How `mocapella.sensing.region_contour` reads an image near a contour; compiled. Importing this imports numba.
 
-A window is padded to whole blocks of samples of a row. Of the blocks that the band touches all samples are read, and
-kept one block after another: what is done with all of them is done in long loops.
+A window is padded to whole blocks of samples of a row. All samples of the blocks that the band touches are read, and
+stored one block after another, so that later stages run in long loops.
 """
 
-# ruff: noqa: PLR0912, PLR0915, PLR0917 - compiled: arrays come by position, loops are written out
+# ruff: noqa: PLR0917 - compiled: arrays come by position, loops are written out
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
+
+Bool = NDArray[np.bool_]
+Float32 = NDArray[np.float32]
+Int16 = NDArray[np.int16]
+Int32 = NDArray[np.int32]
+UInt8 = NDArray[np.uint8]
 
 _0F, _0B, _1B = np.float32(0.0), np.uint8(0), np.uint8(1)
 
 
+class WindowLayout(NamedTuple):
+    """How a window's samples lie in the image and in blocks.
+
+    Attributes:
+        x0, y0: pixel of the first sample, which may lie beyond the image.
+        step: from sample to sample [px].
+        pad: columns of padding before the first.
+        padded: columns with their padding.
+        size: of a block [samples], a multiple of 8.
+    """
+
+    x0: int
+    y0: int
+    step: int
+    pad: int
+    padded: int
+    size: int
+
+
 @njit(cache=True, error_model="numpy")
-def farthest(phi):
-    """The largest distance (rows, columns) float32; NaN where one is none."""
-    # As whole numbers, bits of numbers above 0 are in the same order, infinite ones and then NaN last.
+def farthest(phi: Float32) -> np.float32:
+    """Return the largest magnitude in (rows, columns) float32 distances; NaN where any is NaN."""
+    # The bit patterns of floats above 0, read as integers, are in the same order; infinity and then NaN come last.
     bits, most = phi.view(np.int32), np.zeros(1, np.int32)
     for i in range(len(bits)):
         row, largest = bits[i], most[0]
@@ -29,31 +57,34 @@ def farthest(phi):
 
 
 @njit(cache=True, error_model="numpy")
-def lay_out(phi, start, band, unguided, pad, size, size_px, x0, y0, step, wide, inside, active, known, blocks):
-    """Write a window with its padding, and which of its blocks have anything undecided.
+def lay_out(
+    phi: Float32, start: UInt8, band: np.float32, unguided: bool, layout: WindowLayout, size_px: tuple[int, int],
+    wide: Float32, inside: UInt8, active: UInt8, known: UInt8, blocks: Int32,
+) -> int:  # fmt: skip
+    """Write a padded window and the list of its blocks that have undecided samples; return their number.
 
     Args:
-        phi: (rows, columns) float32 the prior's signed distance [px]; start: (rows, columns) uint8, 1 inside, or
-            (0, 0): where the prior is.
-        band: [px] farther from the outline nothing moves, unless ``unguided``.
-        pad: columns of padding before the first; size: of a block [samples], a multiple of 8.
-        size_px: (width, height) of the image; x0, y0: the first sample's pixel, which may lie beyond it; step: [px].
-        wide: (rows, padded) float32 phi, far outside in the padding; inside: (rows, padded) uint8 where to begin.
-        active, known: (capacity, size) uint8 of the blocks, 1 where a sample is undecided, and where the image says
-            anything of it.
-        blocks: (capacity, 2) int32 row and block.
-
-    Returns:
-        How many blocks.
+        phi: (rows, columns) float32 the prior's signed distance [px].
+        start: (rows, columns) uint8, 1 inside the contour to start with; or (0, 0): the prior's.
+        band: [px] samples farther from the contour are decided, unless ``unguided``.
+        unguided: whether all samples are undecided.
+        layout: of the window.
+        size_px: (width, height) of the image.
+        wide: (rows, padded) float32 out: phi, far outside in the padding.
+        inside: (rows, padded) uint8 out: the start.
+        active, known: (capacity, size) uint8 out, of the blocks: 1 where a sample is undecided, and where the image
+            shows it.
+        blocks: (capacity, 2) int32 out: row and number of each block.
     """
+    x0, y0, step, pad, _, size = layout
     rows, columns = phi.shape
     padded = wide.shape[1]
     width, height = size_px
     first, last = min(max((-x0 + step - 1) // step, 0), columns), min(max((width - x0 + step - 1) // step, 0), columns)
     count, words = 0, size // 8
-    on, told, seen = np.zeros(padded, np.uint8), np.zeros(padded, np.uint8), np.zeros(padded, np.uint8)
+    on, shown, seen = np.zeros(padded, np.uint8), np.zeros(padded, np.uint8), np.zeros(padded, np.uint8)
     seen[pad + first : pad + last] = _1B
-    undecided, on_by_8, told_by_8 = on[pad : pad + columns], on.view(np.uint64), told.view(np.uint64)
+    undecided, on_by_8, seen_by_8 = on[pad : pad + columns], on.view(np.uint64), shown.view(np.uint64)
     active_by_8, known_by_8 = active.reshape(-1).view(np.uint64), known.reshape(-1).view(np.uint64)
     wide[:], inside[:] = np.float32(-1e6), _0B
     for i in range(rows):
@@ -70,7 +101,7 @@ def lay_out(phi, start, band, unguided, pad, size, size_px, x0, y0, step, wide, 
                 u[j] = begin[j] if undecided[j] > _0B else u[j]
         in_image = 0 <= y0 + i * step < height
         for j in range(padded):
-            told[j] = on[j] & seen[j] if in_image else _0B
+            shown[j] = on[j] & seen[j] if in_image else _0B
         for b in range(0, len(on_by_8), words):
             some = np.uint64(0)
             for m in range(b, b + words):
@@ -78,31 +109,113 @@ def lay_out(phi, start, band, unguided, pad, size, size_px, x0, y0, step, wide, 
             if some:
                 blocks[count, 0], blocks[count, 1] = i, b // words
                 for m in range(words):
-                    active_by_8[count * words + m], known_by_8[count * words + m] = on_by_8[b + m], told_by_8[b + m]
+                    active_by_8[count * words + m], known_by_8[count * words + m] = on_by_8[b + m], seen_by_8[b + m]
                 count += 1
     return count
 
 
 @njit(cache=True, error_model="numpy")
-def read_samples(image, x0, y0, step, median, columns, blocks, values):
-    """Write what the image is like about every sample of the blocks of a band.
+def _copy_row(source: UInt8, begin: int, end: int, channels: int, target: UInt8) -> None:
+    """Copy pixels ``begin`` to ``end`` of an image row; beyond the image its border pixel is repeated."""
+    width = len(source) // channels
+    low, high = min(max(begin, 0), width), max(min(end, width), 0)
+    for x in range(begin, min(low, end)):
+        for c in range(channels):
+            target[channels * (x - begin) + c] = source[c]
+    if high > low:
+        span = channels * (high - low)
+        part, place = source[channels * low :], target[channels * (low - begin) :]
+        for k in range(span):
+            place[k] = part[k]
+    for x in range(max(high, begin), end):
+        for c in range(channels):
+            target[channels * (x - begin) + c] = source[channels * (width - 1) + c]
 
-    A sample is a mean over what lies nearer than a step, weighted like a tent, so that how much of its surroundings is
-    inside shows in its value; before that, a median over three rows and columns takes away single wrong pixels.
+
+@njit(cache=True, error_model="numpy")
+def _median_row(rows: UInt8, channels: int, middle: UInt8, out: UInt8) -> None:
+    """Write the median of columns, then of rows, of three image rows (3, n); ``middle`` (n,) is scratch."""
+    a, b, d = rows[0], rows[1], rows[2]
+    for k in range(len(middle)):
+        p, q, r = a[k], b[k], d[k]
+        less, more = (p if p < q else q), (q if p < q else p)
+        more = more if more < r else r
+        middle[k] = less if less > more else more
+    left, centre, right = middle[: len(out)], middle[channels:], middle[2 * channels :]
+    for k in range(len(out)):
+        p, q, r = left[k], centre[k], right[k]
+        less, more = (p if p < q else q), (q if p < q else p)
+        more = more if more < r else r
+        out[k] = less if less > more else more
+
+
+@njit(cache=True, error_model="numpy")
+def _tent_row(smooth: UInt8, i: int, step: int, channels: int, small: Int16, line: Int32, ready: Int16) -> None:
+    """Write the tent-weighted means about the pixels of sample row i, in half grey levels from the middle of the scale.
+
+    Args:
+        smooth: (2 step − 1, n) ring of image rows.
+        i: row of samples.
+        step: [px].
+        channels: of a pixel.
+        small, line: (n,) scratch.
+        ready: (n,) out.
+    """
+    taps, inner, whole = 2 * step - 1, smooth.shape[1], step**4
+    if step == 1:
+        row = smooth[0]
+        for k in range(inner):
+            ready[k] = 2 * np.int16(row[k]) - 255
+    elif step == 2:
+        above, here, below = smooth[2 * i % 3], smooth[(2 * i + 1) % 3], smooth[(2 * i + 2) % 3]
+        # In 16 bits each, so that a vector holds more.
+        for k in range(inner):
+            small[k] = np.int16(np.int16(above[k]) + np.int16(np.int16(here[k]) << 1) + np.int16(below[k]))
+        left, centre, right = small, small[channels:], small[2 * channels :]
+        for k in range(inner - 2 * channels):
+            off = np.int16(np.int16(left[k] + np.int16(centre[k] << 1)) + np.int16(right[k] - np.int16(2040)))
+            size = np.int16(-off) if off < 0 else off
+            # Halves are rounded away from the middle, so that an inverted image gives the inverted values.
+            far = np.int16(np.int16(size + np.int16(4)) >> 3)
+            ready[k] = far if off >= 0 else np.int16(-far)
+    else:
+        line[:] = 0
+        for t in range(taps):
+            row, weight = smooth[(i * step + t) % taps], np.int32(step - abs(t - step + 1))
+            for k in range(inner):
+                line[k] += weight * np.int32(row[k])
+        for k in range(inner - 2 * channels * (step - 1)):
+            total = 0
+            for t in range(taps):
+                total += (step - abs(t - step + 1)) * line[k + channels * t]
+            centred = 2 * total - 255 * whole
+            level = (2 * abs(centred) + whole) // (2 * whole)
+            ready[k] = level if centred >= 0 else -level
+
+
+@njit(cache=True, error_model="numpy")
+def read_samples(
+    image: UInt8, x0: int, y0: int, step: int, median: bool, columns: int, blocks: Int32, values: Int16
+) -> None:
+    """Write the image's values at all samples of a band's blocks.
+
+    A sample is a mean over the pixels nearer than a step, weighted like a tent, so that its value shows which share of
+    its surroundings is inside. Before that, a median over three rows and columns removes single wrong pixels.
 
     Args:
         image: (h, w, channels) uint8.
         x0, y0: the pixel of the first sample, padding included, which may lie beyond the image.
-        step: [px]; median: whether there is one.
-        blocks: of `lay_out`.
+        step: [px].
+        median: whether the median is applied.
         columns: of the window, padding included.
+        blocks: of `lay_out`.
         values: (channels, blocks, size) int16 half grey levels, 0 the middle of the scale.
     """
     height, width, channels = image.shape
-    taps = 2 * step - 1
+    taps, size = 2 * step - 1, values.shape[2]
     border = 1 if median else 0
     first_x, first_y = x0 - step + 1, y0 - step + 1
-    wide = (columns - 1) * step + taps  # pixels that are looked at in a row, after the median
+    wide = (columns - 1) * step + taps  # pixels of a row, after the median
     inner, broad = channels * wide, channels * (wide + 2 * border)
     flat = image.reshape(-1)
     ring = np.empty((3, broad), np.uint8)  # rows of the image
@@ -111,81 +224,25 @@ def read_samples(image, x0, y0, step, median, columns, blocks, values):
     line, small, ready = np.empty(inner, np.int32), np.empty(inner, np.int16), np.zeros(inner, np.int16)
     begin = first_x - border
     end = begin + wide + 2 * border
-    low, high = min(max(begin, 0), width), max(min(end, width), 0)
-    whole = step**4
     copied, done, block = 0, 0, 0
     while block < len(blocks):
         i = blocks[block, 0]
         if done < i * step:
             done = i * step
             copied = max(copied, done)
-        while done < i * step + taps:  # one more row of what is smoothed
-            to = smooth[done % taps]
+        while done < i * step + taps:  # one more row after the median
             while copied < done + 1 + 2 * border:
                 y = min(max(first_y - border + copied, 0), height - 1)
-                source, target = flat[channels * y * width : channels * (y + 1) * width], ring[copied % 3]
-                for x in range(begin, min(low, end)):
-                    for c in range(channels):
-                        target[channels * (x - begin) + c] = source[c]
-                if high > low:
-                    span = channels * (high - low)
-                    part, place = source[channels * low :], target[channels * (low - begin) :]
-                    for k in range(span):
-                        place[k] = part[k]
-                for x in range(max(high, begin), end):
-                    for c in range(channels):
-                        target[channels * (x - begin) + c] = source[channels * (width - 1) + c]
+                row = flat[channels * y * width : channels * (y + 1) * width]
+                _copy_row(row, begin, end, channels, ring[copied % 3])
                 copied += 1
             if median:
-                a, b, d = ring[0], ring[1], ring[2]
-                for k in range(broad):
-                    p, q, r = a[k], b[k], d[k]
-                    less, more = (p if p < q else q), (q if p < q else p)
-                    more = more if more < r else r
-                    middle[k] = less if less > more else more
-                left, centre, right = middle[:inner], middle[channels:], middle[2 * channels :]
-                for k in range(inner):
-                    p, q, r = left[k], centre[k], right[k]
-                    less, more = (p if p < q else q), (q if p < q else p)
-                    more = more if more < r else r
-                    to[k] = less if less > more else more
+                _median_row(ring, channels, middle, smooth[done % taps])
             else:
-                source = ring[done % 3]
-                for k in range(inner):
-                    to[k] = source[k]
+                smooth[done % taps] = ring[done % 3]
             done += 1
-        if step == 1:
-            row = smooth[0]
-            for k in range(inner):
-                ready[k] = 2 * np.int16(row[k]) - 255
-        elif step == 2:
-            above, here, below = smooth[2 * i % 3], smooth[(2 * i + 1) % 3], smooth[(2 * i + 2) % 3]
-            # In 16 bits each, so that a vector holds more.
-            for k in range(inner):
-                small[k] = np.int16(np.int16(above[k]) + np.int16(np.int16(here[k]) << 1) + np.int16(below[k]))
-            left, centre, right = small, small[channels:], small[2 * channels :]
-            for k in range(inner - 2 * channels):
-                off = np.int16(np.int16(left[k] + np.int16(centre[k] << 1)) + np.int16(right[k] - np.int16(2040)))
-                size = np.int16(-off) if off < 0 else off
-                far = np.int16(
-                    np.int16(size + np.int16(4)) >> 3
-                )  # halves away from the middle, as inverted images have
-                ready[k] = far if off >= 0 else np.int16(-far)
-        else:
-            line[:] = 0
-            for t in range(taps):
-                row, weight = smooth[(i * step + t) % taps], np.int32(step - abs(t - step + 1))
-                for k in range(inner):
-                    line[k] += weight * np.int32(row[k])
-            for k in range(inner - 2 * channels * (step - 1)):
-                total = 0
-                for t in range(taps):
-                    total += (step - abs(t - step + 1)) * line[k + channels * t]
-                off = 2 * total - 255 * whole
-                far = (2 * abs(off) + whole) // (2 * whole)
-                ready[k] = far if off >= 0 else -far
+        _tent_row(smooth, i, step, channels, small, line, ready)
         while block < len(blocks) and blocks[block, 0] == i:
-            size = values.shape[2]
             first, apart = np.uint64(channels * step * size * blocks[block, 1]), np.uint64(channels * step)
             for c in range(channels):
                 for j in range(size):
@@ -194,12 +251,13 @@ def read_samples(image, x0, y0, step, median, columns, blocks, values):
 
 
 @njit(cache=True)
-def forget(ignore, x0, y0, step, reach, blocks, known):
-    """Samples whose value comes in part of pixels that tell nothing, at most ``reach`` [px] away, are not known.
+def forget(ignore: Bool, x0: int, y0: int, step: int, reach: int, blocks: Int32, known: UInt8) -> None:
+    """Mark samples as unknown that have an ignored pixel at most ``reach`` [px] away.
 
     Args:
         ignore: (h, w) bool.
         x0, y0, step: as in `read_samples`.
+        reach: see above.
         blocks, known: of `lay_out`.
     """
     height, width = ignore.shape
@@ -216,28 +274,32 @@ def forget(ignore, x0, y0, step, reach, blocks, known):
 
 
 @njit(cache=True, error_model="numpy")
-def read(image, phi, start, band_px, guided, median, pad, padded, size, x0, y0, step, ignore):
-    """All of this, one after the other.
+def read(
+    image: UInt8, phi: Float32, start: UInt8, band_px: float, guided: bool, median: bool, layout: WindowLayout,
+    ignore: Bool,
+) -> tuple[np.float32, Float32, UInt8, UInt8, UInt8, Int32, Int16]:  # fmt: skip
+    """Lay out a window and read the image in it.
 
     Args:
         image: of `read_samples`.
-        phi, start, pad, size, x0, y0, step: of `lay_out`; padded: columns with their padding.
-        band_px: farther from the outline nothing moves, if ``guided`` [px]; median: whether there is one.
+        phi, start, layout: of `lay_out`.
+        band_px: samples farther from the contour are decided, if ``guided`` [px].
+        guided: whether there is a prior.
+        median: of `read_samples`.
         ignore: of `forget`, or (0, 0).
 
     Returns:
-        `farthest`, then wide, inside, active, known, blocks of `lay_out` and values of `read_samples`.
+        `farthest`, then wide, inside, active, known and blocks of `lay_out`, and values of `read_samples`.
     """
     rows, (height, width, channels), far = len(phi), image.shape, farthest(phi)
-    # Where phi is cut off, nobody knows how far it is.
+    x0, y0, step, pad, padded, size = layout
+    # Where phi is cut off, the distance is unknown.
     within = min(np.float32(band_px), np.nextafter(far, _0F))
     room = rows * (padded // size)
     wide, inside = np.empty((rows, padded), np.float32), np.empty((rows, padded), np.uint8)
     active, known = np.empty((room, size), np.uint8), np.empty((room, size), np.uint8)
     blocks = np.empty((room, 2), np.int32)
-    count = lay_out(
-        phi, start, within, not guided, pad, size, (width, height), x0, y0, step, wide, inside, active, known, blocks
-    )
+    count = lay_out(phi, start, within, not guided, layout, (width, height), wide, inside, active, known, blocks)
     blocks, active, known = blocks[:count], active[:count], known[:count]
     values = np.empty((channels, count, size), np.int16)
     read_samples(image, x0 - pad * step, y0, step, median, padded, blocks, values)
