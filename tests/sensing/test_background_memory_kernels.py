@@ -41,9 +41,10 @@ def test_what_is_learnt_is_a_mean_and_a_variance_that_single_values_hardly_move(
     seen = seen.astype(np.uint8)
     mean, variance, count = (np.zeros(shape, kind) for shape, kind in (
         ((4, 5, channels), np.float32), ((4, 5), np.float32), ((4, 5), np.uint8)))  # fmt: skip
-    nobody, uncovered, no_others = np.empty((0, 0), np.float32), np.empty((0, 0), np.uint8), np.empty((0, 0), np.bool_)
+    learnt, nobody = k.BackgroundSamples(mean, variance, count), k.PersonWindow(np.empty((0, 0), np.float32), 0, 0, 0.0)
+    uncovered, no_others = np.empty((0, 0), np.uint8), np.empty((0, 0), np.bool_)
     for image in seen:
-        k.learn(image, 1, nobody, 0, 0, 0.0, uncovered, no_others, 0, 4, 8, rate, 10.0, mean, variance, count)
+        k.learn(image, 1, nobody, uncovered, no_others, 0, 4, 8, rate, 10.0, learnt)
     wanted, spread = seen[0].astype(float), np.full((4, 5), 100.0)
     for n, image in enumerate(seen[1:].astype(float), 1):
         r, most = max(1 / (n + 1), rate), k.WIDE * np.sqrt(spread)[..., None]

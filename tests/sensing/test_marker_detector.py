@@ -10,9 +10,9 @@ from scipy import ndimage
 from support.marker_images import discs, profile, scene, shot
 
 from mocapella.errors import SettingsError
-from mocapella.sensing import marker_kernels as kernels
+from mocapella.sensing import marker_piece_kernels as kernels
 from mocapella.sensing.colour_learning import ColourSample, learn_colours
-from mocapella.sensing.markers import MarkerDetector, MarkerSettings, room
+from mocapella.sensing.markers import MarkerDetector, MarkerSettings, piece_buffers
 
 RED, BLUE = (20, 15, 190), (180, 60, 20)
 TABLE = np.zeros(32768, np.uint8)  # the label is red // 8
@@ -25,9 +25,9 @@ def pieces(
 ) -> tuple[int, np.ndarray]:
     image = np.zeros((*labels.shape, 3), np.uint8)
     image[..., 2] = 8 * labels
-    space = room(labels.shape[1], runs)
+    buffers = piece_buffers(labels.shape[1], runs)
     x0, y0, x1, y1 = box or (0, 0, labels.shape[1], labels.shape[0])
-    return kernels.pieces(image, TABLE, x0, y0, x1, y1, 0, *space), space[-1]
+    return kernels.pieces(image, TABLE, x0, y0, x1, y1, 0, buffers), buffers.found
 
 
 def two_discs(x: float = 60.0, y: float = 50.0, radius: float = 8.0) -> np.ndarray:

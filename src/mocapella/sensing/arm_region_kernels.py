@@ -1,25 +1,30 @@
-"""The part of a depth image that may be an arm; compiled.
+"""Segment the part of a depth image that may be an arm, on a subsampled grid; compiled.
 
-Images are looked at on a grid of every so many pixels. Importing this module imports numba.
+Importing this module imports numba.
 """
 
-# ruff: noqa: PLR0912, PLR0915, PLR0917 - compiled: arrays come by position, loops are written out
+# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, loops are written out
 from __future__ import annotations
 
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
 
 @njit(cache=True)
-def thinned(depth, x0, y0, step, near, far, out):
-    """Write the depth at every so manyth pixel into out (h, w) [m], 0 where it is out of range, or stands alone.
+def thinned(depth: Float32, x0: int, y0: int, step: int, near: float, far: float, out: Float64) -> None:
+    """Write the depth at every ``step``-th pixel from (x0, y0) into out (h, w) [m]; 0 out of range or if isolated.
 
-    It is the mean of its surroundings within half a step, of those pixels that are within 1.5 cm of it. Where the pixel
-    itself has no depth, its surroundings' will do where they are measured for the most part. At the edges of surfaces
-    pixels are a mixture of both sides; there fewer than a third of the surroundings are within 1.5 cm.
+    It is the mean over the neighbourhood within half a step, of the pixels within 1.5 cm of the centre's depth. Where
+    the centre has no depth, the nearest depth of the neighbourhood replaces it, if most neighbours are measured. Pixels
+    at the edges of surfaces mix both sides; fewer than a third of their neighbours are within 1.5 cm, so they become 0.
     """
     height, width = depth.shape
     half = max(step // 2, 1)
@@ -29,7 +34,7 @@ def thinned(depth, x0, y0, step, near, far, out):
             x = x0 + j * step
             out[i, j] = 0.0
             z = depth[y, x]
-            if half == 1 and 0 < y < height - 1 and 0 < x < width - 1:  # the usual case: as below, and faster
+            if half == 1 and 0 < y < height - 1 and 0 < x < width - 1:  # the usual case: the same as below, but faster
                 if not near <= z <= far:
                     count, least = 0, math.inf
                     for b in range(-1, 2):
@@ -52,7 +57,7 @@ def thinned(depth, x0, y0, step, near, far, out):
                     out[i, j] = total / count
                 continue
             if not near <= z <= far:
-                # The nearest of the surroundings, where most of them are measured.
+                # The nearest neighbour, where most are measured.
                 valid, looked, least = 0, 0, math.inf
                 for b in range(max(y - half, 0), min(y + half + 1, height)):
                     for a in range(max(x - half, 0), min(x + half + 1, width)):
@@ -75,12 +80,14 @@ def thinned(depth, x0, y0, step, near, far, out):
 
 
 @njit(cache=True)
-def bands(spheres, lens, gate, arm_gate, low, high):
-    """Write how near and far a surface may be that is no farther than the gate from spheres (k, 5) [m].
+def bands(spheres: Float64, lens: Float64, gate: float, arm_gate: float, low: Float64, high: Float64) -> None:
+    """Write the least and greatest depth of each pixel at which a surface is within the gate of the spheres.
 
     Args:
-        arm_gate: of spheres whose last number is 0.
+        spheres: (k, 5) centre, radius [m], and whether it belongs to the hand.
         lens: (4,) of the grid.
+        gate: distance from the spheres of the hand [m].
+        arm_gate: distance from the other spheres [m].
         low, high: (h, w) [m], out; infinite and 0 where there is none.
     """
     height, width = low.shape
@@ -102,7 +109,7 @@ def bands(spheres, lens, gate, arm_gate, low, high):
             if left <= 0.0:
                 continue
             reach, f = size * math.sqrt(left), 1.0 / size
-            # Without a branch within, several columns are done at a time.
+            # Without a branch the compiler vectorises this loop over columns.
             for j in range(max(math.ceil(px - reach), 0), min(math.floor(px + reach) + 1, width)):
                 d = f * (j - px)
                 half = r * math.sqrt(max(left - d * d, 0.0))
@@ -111,12 +118,14 @@ def bands(spheres, lens, gate, arm_gate, low, high):
 
 
 @njit(cache=True)
-def grown(seen, low, high, wide_low, wide_high, jump, front):
+def grown(
+    seen: Float64, low: Float64, high: Float64, wide_low: Float64, wide_high: Float64, jump: float, front: Float64
+) -> None:
     """Write the surface that may be the arm into front (h, w): seeds in the narrow bands, grown within the wide ones.
 
-    What is before the narrow bands, and in the wide ones, is a seed, too: a finger before the palm, in whose shadow
-    nothing joins it to the hand. It grows over neighbours whose depths differ by less than the jump [m]. Other things
-    are told by minus their depth.
+    Surfaces in front of the narrow bands but within the wide ones are seeds, too: a finger in front of the palm is not
+    connected to the hand, because its shadow separates them. Regions grow over neighbours whose depths differ by less
+    than the jump [m]. Pixels of other surfaces get minus their depth.
     """
     height, width = seen.shape
     stack = np.empty(height * width, np.int64)
@@ -144,14 +153,14 @@ def grown(seen, low, high, wide_low, wide_high, jump, front):
 
 
 @njit(cache=True)
-def others_edges(front, jump):
-    """Which part of a surface's edges, from 0 to 1, is that of a nearer thing which hides its rest.
+def others_edges(front: Float64, jump: float) -> float:
+    """Return the share of a surface's edges, 0 to 1, that belong to a nearer surface which occludes the rest.
 
-    An edge is the nearer side's, in whose shadow nothing may be measured: so what is beyond that is looked at.
+    Beside an edge may be a shadow without measurements, so the first measured pixel beyond it decides.
 
     Args:
-        front: (h, w) the surface, minus other things', 0 where nothing was measured [m].
-        jump: how much nearer another thing is at least [m].
+        front: (h, w) depth of the surface, minus that of others, 0 where nothing was measured [m].
+        jump: least difference in depth to a nearer surface [m].
     """
     own, others = 0, 0
     for axis in range(2):
@@ -168,15 +177,15 @@ def others_edges(front, jump):
                         beyond = front[i, k] if axis == 0 else front[k, i]
                         k += step
                     if beyond > 0.0:
-                        continue  # itself
+                        continue  # the same surface
                     own += beyond == 0.0 or -beyond > z - jump
                     others += beyond < 0.0 and -beyond <= z - jump
     return others / max(own + others, 1)
 
 
 @njit(cache=True)
-def opposite(front, out):
-    """Write the nearest column in its line that is the arm's where a pixel is not, and the reverse; -1: none."""
+def opposite(front: Float64, out: Int64) -> None:
+    """Write, for each pixel off the arm, the nearest column of its row on the arm, and the reverse; −1 for none."""
     height, width = front.shape
     for i in range(height):
         last = -1
@@ -193,8 +202,8 @@ def opposite(front, out):
 
 
 @njit(cache=True)
-def unprojected(front, lens, out):
-    """Write the points of front above 0 into out (n, 3) [m]; how many there are, at most len(out), every so manyth."""
+def unprojected(front: Float64, lens: Float64, out: Float64) -> int:
+    """Write the points of pixels above 0, evenly subsampled, into out (n, 3), camera [m]; return their number."""
     height, width = front.shape
     count = 0
     for i in range(height):
@@ -214,10 +223,10 @@ def unprojected(front, lens, out):
 
 
 @njit(cache=True)
-def labelled(seen, jump, labels, sizes):
-    """Write the connected surfaces of an image (h, w) into labels, from 1; their numbers of pixels; how many.
+def labelled(seen: Float64, jump: float, labels: Int64, sizes: Int64) -> int:
+    """Write the connected surfaces of an image (h, w) into labels, from 1, and their sizes [px]; return their number.
 
-    Neighbours whose depths differ by less than the jump [m] a metre of depth are connected.
+    Neighbours whose depths differ by less than the jump [m per metre of depth] are connected.
     """
     height, width = seen.shape
     stack = np.empty(height * width, np.int64)
@@ -251,11 +260,11 @@ def labelled(seen, jump, labels, sizes):
 
 
 @njit(cache=True)
-def inner_distance(seen, labels, lens, out):
-    """Write how far each pixel is from the edge of its surface [m], 0 outside of any: chamfer 5-7-11.
+def inner_distance(seen: Float64, labels: Int64, lens: Float64, out: Float64) -> None:
+    """Write the distance of each pixel to the edge of its surface [m], 0 off any surface: chamfer 5-7-11.
 
     G. Borgefors, "Distance transformations in digital images", Computer Vision, Graphics, and Image Processing 34
-    (1986) 344. The image's edge is no edge of a surface. A pixel at the edge is 1 pixel from it.
+    (1986) 344. The image's border is not an edge of a surface. A pixel at the edge is 1 pixel from it.
     """
     height, width = seen.shape
     for i in range(height):
@@ -308,10 +317,12 @@ _KNIGHT = np.array(
 
 
 @njit(cache=True)
-def geodesic(seen, lens, jump, from_y, from_x, most, out):
-    """Write the distances along the surface from a pixel [m], by Dijkstra's method; infinite beyond `most`.
+def geodesic(
+    seen: Float64, lens: Float64, jump: float, from_y: int, from_x: int, most: float, out: Float64
+) -> None:  # fmt: skip
+    """Write the distances along the surface from a pixel [m], by Dijkstra's algorithm; infinite beyond ``most``.
 
-    Neighbours whose depths differ by more than the jump [m] a metre of depth are not joined.
+    Neighbours whose depths differ by more than the jump [m per metre of depth] are not connected.
     """
     height, width = seen.shape
     for i in range(height):
@@ -357,16 +368,12 @@ def geodesic(seen, lens, jump, from_y, from_x, most, out):
 
 
 @njit(cache=True)
-def branches(seen, away, lens, jump, least, found):
-    """Write the branches of a surface, seen from where `away` is 0, into found (n, 8); how many there are.
+def _persistent_tops(
+    seen: Float64, away: Float64, jump: float, least: float, tops: Int64, persists: Float64
+) -> int:  # fmt: skip
+    """Write the farthest pixels of all branches, as flat indices, and their persistence [m]; return their number.
 
-    A branch grows from a farthest pixel towards the middle, until it meets one that reaches farther: its persistence
-    is how far that is (H. Edelsbrunner, D. Letscher, A. Zomorodian, "Topological persistence and simplification",
-    Discrete & Computational Geometry 28 (2002) 511). Those shorter than `least` [m] are part of the one they meet.
-
-    Args:
-        found: of each, out: line, column and distance of its farthest pixel, persistence, its area [m²] within
-            4 cm of its end, line and column of the middle of that part, whether it is at the image's edge.
+    Arguments of `branches`; the farthest of all pixels comes last.
     """
     height, width = seen.shape
     flat = away.ravel()
@@ -381,7 +388,7 @@ def branches(seen, away, lens, jump, least, found):
     order = order[np.argsort(values)]
     parent = np.full(len(flat), -1, np.int64)
     top = np.empty(len(flat), np.int64)
-    tops, persists, n = np.empty(count, np.int64), np.empty(count), 0
+    n = 0
     for at in order:
         parent[at] = at
         top[at] = at
@@ -405,7 +412,7 @@ def branches(seen, away, lens, jump, least, found):
                     continue
                 if flat[top[one]] > flat[top[two]]:
                     one, two = two, one
-                # `one` ends here
+                # branch `one` ends here
                 if flat[top[one]] - flat[at] >= least:
                     tops[n], persists[n] = top[one], flat[top[one]] - flat[at]
                     n += 1
@@ -414,6 +421,30 @@ def branches(seen, away, lens, jump, least, found):
         last = order[0]
         tops[n], persists[n] = last, flat[last]
         n += 1
+    return n
+
+
+@njit(cache=True)
+def branches(seen: Float64, away: Float64, lens: Float64, jump: float, least: float, found: Float64) -> int:
+    """Write the branches of a surface, seen from where ``away`` is 0, into found (n, 8); return their number.
+
+    A branch grows from a farthest pixel towards the origin, until it meets one that reaches farther: its persistence is
+    its length up to there (H. Edelsbrunner, D. Letscher, A. Zomorodian, "Topological persistence and simplification",
+    Discrete & Computational Geometry 28 (2002) 511). Branches shorter than ``least`` [m] are part of the one they meet.
+
+    Args:
+        seen: (h, w) depth [m].
+        away: (h, w) distances along the surface [m], infinite off it.
+        lens: (4,) of the grid.
+        jump: as in `geodesic`.
+        least: see above.
+        found: out, for each: row, column and distance of its farthest pixel, persistence, the width of its last 4 cm
+            [m], row and column of the centre of that part, whether it touches the image's border.
+    """
+    height, width = seen.shape
+    flat = away.ravel()
+    tops, persists = np.empty(len(flat), np.int64), np.empty(len(flat))
+    n = _persistent_tops(seen, away, jump, least, tops, persists)
     stack, marked = np.empty(len(flat), np.int64), np.zeros(len(flat), np.int64)
     written = 0
     for k in range(n - 1, -1, -1):

@@ -1,8 +1,8 @@
 """Learn a static camera's background from images with people in them.
 
 Wherever no person is near, the image is background. It is learnt there, and used when a person comes later. So a clip
-needs no images of the empty room, only people who move. Places that were never seen without people are left to the
-local densities of `region_contour`.
+needs no images of the empty room, only people who move. Where people were in every image, the
+local densities of `region_contour` are used.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,9 @@ from mocapella.errors import InputError
 from mocapella.model.silhouettes import Silhouette
 from mocapella.sensing.region_contour import Band, RegionSettings
 from mocapella.settings import check
+
+if TYPE_CHECKING:
+    from mocapella.sensing.background_memory_kernels import BackgroundSamples, ForegroundBounds, PersonWindow
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -31,9 +34,9 @@ class MemorySettings:
     """How a background is learnt.
 
     Attributes:
-        guard_steps: nearer than so many samples to a person nothing is learnt.
-        rate: how much a new image counts, once there were more than 1/rate.
-        least_sd: of a sample [grey levels].
+        guard_steps: samples nearer than this to a person are not learnt.
+        rate: weight of a new image, after the first 1/rate images.
+        least_sd: least standard deviation of a sample [grey levels].
         window_images: number of images within which a window is updated once.
         sweep_images: number of images within which the parts far from people are updated once.
         cut_sd: a sample farther than this from its mean has changed [standard deviations].
@@ -41,7 +44,7 @@ class MemorySettings:
         strange_gray_sd: … and without colour to tell a shadow.
         shadow: least share of its light, 0 to 1, for a sample to be in shadow; 1: no sample is.
         shadow_sd: largest distance of such a sample from its darkened colour [grey levels].
-        every: so manieth row and column of samples is asked whether an image is of this room.
+        every: stride between the samples that decide whether an image shows this room.
     """
 
     guard_steps: float = 6.0
@@ -73,13 +76,13 @@ class MemorySettings:
 DEFAULT = MemorySettings()
 
 NOISIER = 2.0
-"""An image so many times as noisy as the first is of nothing."""
+"""An image this many times as noisy as the first shows nothing."""
 FIRST_SDS = 1.5
-"""A sample's deviation is taken for so many times the image's noise at first: its mean is of one image, too."""
+"""Initial standard deviation of a sample, in units of the image's noise: its mean is of one image, too."""
 
 
 class BackgroundMemory:
-    """Of one camera, in samples of step × step pixels."""
+    """The learnt background of one camera, in samples of step × step pixels."""
 
     def __init__(self, step_px: int, settings: MemorySettings = DEFAULT) -> None:
         check(step_px >= 1, "step_px", step_px, "1 or more")
@@ -97,11 +100,11 @@ class BackgroundMemory:
         self._first_sd = self.settings.least_sd
 
     def memory(self) -> dict[str, Any]:
-        """All that `recall` wants."""
+        """Return the state for `recall`."""
         return {name: getattr(self, name) for name in _MEMORY}
 
     def recall(self, memory: Mapping[str, Any]) -> None:
-        """Be as when `memory` was made; of the same step and settings."""
+        """Restore a state of `memory`, of the same step and settings."""
         vars(self).update(memory)
 
     @property
@@ -136,11 +139,9 @@ class BackgroundMemory:
         else:
             begin, end = self._next_row, self._next_row + -(-rows // s.sweep_images)
             self._next_row = end if end < rows else 0
-        learnt = self._mean, self._variance, self._count
         _kernels().learn(
-            image, self.step_px, phi, left, top, s.guard_steps * self.step_px,
-            _NOBODY_COVERS if covered is None else covered, _NO_MASK if others is None else others, begin, end,
-            s.window_images, s.rate, self._first_sd, *learnt,
+            image, self.step_px, self._window(phi, left, top), _NOT_COVERED if covered is None else covered,
+            _NO_MASK if others is None else others, begin, end, s.window_images, s.rate, self._first_sd, self._samples,
         )  # fmt: skip
         self._learnt = self._learnt or bool(self._count.any())
 
@@ -156,40 +157,46 @@ class BackgroundMemory:
         return differ / known if known else float("nan")
 
     def _compared(self, image: UInt8, phi: Float32, left: int, top: int) -> tuple[int, int, float]:
-        s, learnt = self.settings, (self._mean, self._variance, self._count)
-        return tuple(_kernels().unlike(
-            image, self.step_px, phi, left, top, s.guard_steps * self.step_px, s.every, s.least_sd, s.cut_sd, *learnt,
-        ))  # fmt: skip
+        s, window = self.settings, self._window(phi, left, top)
+        return tuple(_kernels().unlike(image, self.step_px, window, s.every, s.least_sd, s.cut_sd, self._samples))
+
+    def _window(self, phi: Float32, left: int, top: int) -> PersonWindow:
+        window: PersonWindow = _kernels().PersonWindow(phi, left, top, self.settings.guard_steps * self.step_px)
+        return window
+
+    @property
+    def _samples(self) -> BackgroundSamples:
+        samples: BackgroundSamples = _kernels().BackgroundSamples(self._mean, self._variance, self._count)
+        return samples
 
     def strange(self, image: UInt8, window: Silhouette, every: int) -> Float32:
-        """Foreground score at every ``every``-th sample of a window: from 1, a person, to −1, the room; 0: unknown, or
-        rather a shadow on the room.
+        """Foreground score at every ``every``-th sample of a window: from 1, foreground, to −1, background.
 
-        Each is the mean of five samples around it. Arguments and errors as of `update`.
+        0: unknown, or probably in shadow. Each is a vote of five samples. Arguments and errors as of `update`.
         """
         image, (left, top), phi = self._door(image, window)
         rows, columns = -(-phi.shape[0] // every), -(-phi.shape[1] // every)
         out = np.zeros((rows, columns), np.float32)
         if self._learnt:
-            learnt = self._mean, self._variance, self._count
-            _kernels().strange(image, self.step_px, left, top, every, self._bounds(), *learnt, out)
+            _kernels().strange(image, self.step_px, left, top, every, self._bounds(), self._samples, out)
         return out
 
     def strange_at(self, image: UInt8, pixels: Float64) -> Float32:
-        """The same at points (n, 2) of the image [px]; 0 beyond it."""
+        """Foreground score at points (n, 2) of the image [px]; 0 beyond it."""
         image, _, _ = self._door(image, None)
         out = np.zeros(len(pixels), np.float32)
         if self._learnt:
-            learnt = self._mean, self._variance, self._count
-            _kernels().strange_at(image, self.step_px, pixels, self._bounds(), *learnt, out)
+            _kernels().strange_at(image, self.step_px, pixels, self._bounds(), self._samples, out)
         return out
 
-    def _bounds(self) -> tuple[float, float, float, float]:
-        """Bounds of foreground; see `background_memory_kernels.strange`."""
+    def _bounds(self) -> ForegroundBounds:
         s, channels = self.settings, self._mean.shape[2]
-        # Of one channel everything that is darker could lie in shadow.
+        # In a single channel any darker value could be in shadow.
         sd, darkest = (s.strange_gray_sd, 1.0) if channels == 1 else (s.strange_sd, s.shadow)
-        return sd**2 * channels, s.least_sd**2, darkest, s.shadow_sd**2 * channels
+        bounds: ForegroundBounds = _kernels().ForegroundBounds(
+            sd**2 * channels, s.least_sd**2, darkest, s.shadow_sd**2 * channels
+        )
+        return bounds
 
     def costs(self, band: Band, settings: RegionSettings) -> Float32:
         """See `Background`. Its window is aligned as of `update`."""
@@ -199,8 +206,7 @@ class BackgroundMemory:
             return np.full(band.known.shape, np.nan, np.float32)
         out = np.empty(band.known.shape, np.float32)
         _kernels().costs(
-            band.values, band.blocks, left - band.pad, top, self.settings.least_sd, self._mean, self._variance,
-            self._count, out,
+            band.values, band.blocks, left - band.pad, top, self.settings.least_sd, self._samples, out
         )  # fmt: skip
         return out
 
@@ -235,7 +241,7 @@ class BackgroundMemory:
 
 _MEMORY: Final = ("_mean", "_variance", "_count", "_next_row", "_learnt", "_shape", "_first_sd")
 _NOBODY = np.empty((0, 0), np.float32)
-_NOBODY_COVERS = np.empty((0, 0), np.uint8)
+_NOT_COVERED = np.empty((0, 0), np.uint8)
 _NO_MASK = np.empty((0, 0), np.bool_)
 
 

@@ -1,32 +1,85 @@
-"""What a camera that stands still sees behind people, learnt while they are there; compiled.
+"""Learn and apply the background model of `background_memory`; compiled. Importing this module imports numba.
 
-Arrays are those of `background_memory`. Importing this module imports numba.
+Samples are means of odd squares of pixels, at every ``step``-th row and column of the image.
 """
 
 # ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 
+Bool = NDArray[np.bool_]
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+Int16 = NDArray[np.int16]
+Int32 = NDArray[np.int32]
+UInt8 = NDArray[np.uint8]
+
 MIDDLE = 127.5
-"""Of the scale [grey levels]."""
+"""Middle of the scale [grey levels]."""
 SD_OF_FIFTH = 1.0 / 0.25335
-"""Of a normal distribution: over what a fifth of all deviations is below."""
+"""Standard deviation of a normal distribution over the magnitude that a fifth of its deviations stay below."""
 WIDE = 1.5
-"""What is farther from the mean than so many standard deviations moves it no more than that, and its variance neither:
-so little that one wrong value in six does not make the variance grow without end (P. Huber, Robust Statistics, 1981,
-section 6.4)."""
+"""Deviations are cut off at so many standard deviations before they update mean and variance: so few that one outlier
+in six does not make the variance diverge (P. Huber, Robust Statistics, 1981, section 6.4)."""
 OF_CUT = 1.0 / 0.77846
-"""Of a normal distribution: its variance over that of what is cut off there."""
+"""Variance of a normal distribution over its variance after that cut-off."""
+
+
+class BackgroundSamples(NamedTuple):
+    """The learnt background.
+
+    Attributes:
+        mean: (rows, columns, channels) float32 [grey levels].
+        variance: (rows, columns) float32, of a channel.
+        images: (rows, columns) uint8 images that a sample was learnt from, at most 255; 0: unknown.
+    """
+
+    mean: Float32
+    variance: Float32
+    images: UInt8
+
+
+class PersonWindow(NamedTuple):
+    """A window of samples with a person's signed distance.
+
+    Attributes:
+        phi: (rows, columns) float32, above 0 inside [px]; (0, 0): no person.
+        left, top: column and row of its first sample in the image.
+        guard: samples nearer than this to the person are not background [px].
+    """
+
+    phi: Float32
+    left: int
+    top: int
+    guard: float
+
+
+class ForegroundBounds(NamedTuple):
+    """Bounds between background, shadow and foreground.
+
+    Attributes:
+        most: squared deviation, in variances, from which a sample differs from the background.
+        least: variance [grey levels²].
+        darkest: least share of its light for a sample in shadow.
+        chroma2: squared distance from its darkened colour up to which a sample is in shadow [grey levels²].
+    """
+
+    most: float
+    least: float
+    darkest: float
+    chroma2: float
 
 
 @njit(cache=True)
-def _mean(image, step, i, j, out):
-    """Write the mean of an odd square of pixels about a sample [grey levels], of what there is of it in the image."""
+def _mean(image: UInt8, step: int, i: int, j: int, out: Float64) -> None:
+    """Write the mean of an odd square of pixels about a sample [grey levels], as far as it is in the image."""
     half, channels = step // 2, image.shape[2]
     top, bottom = max(i * step - half, 0), min(i * step + half + 1, image.shape[0])
     left, right = max(j * step - half, 0), min(j * step + half + 1, image.shape[1])
@@ -40,8 +93,8 @@ def _mean(image, step, i, j, out):
 
 
 @njit(cache=True, forceinline=True)
-def _nine(image, step, top, left, out):
-    """Write the mean of 3 × 3 pixels in colour, all of which there are; for a step of 1 that in their middle."""
+def _nine(image: UInt8, step: int, top: int, left: int, out: Float64) -> None:
+    """Write the mean of 3 × 3 colour pixels, all in the image; for a step of 1 the middle one."""
     if step == 1:
         y, x = np.uint64(top + 1), np.uint64(left + 1)
         out[0], out[1], out[2] = image[y, x, 0], image[y, x, 1], image[y, x, 2]
@@ -58,11 +111,11 @@ def _nine(image, step, top, left, out):
 
 
 @njit(cache=True, forceinline=True)
-def _usual(shape, step, i, j):
-    """Whether `_nine` is `_mean` of a sample (i, j) of an image of that shape.
+def _usual(shape: tuple[int, int, int], step: int, i: int, j: int) -> bool:
+    """Return whether `_nine` equals `_mean` for sample (i, j) of an image of that shape.
 
-    Callers ask, not one function that calls both: where an array is handed on, its references are counted, which takes
-    longer than nine pixels do.
+    Callers choose between the two, instead of one function that calls both: passing an array on counts its references,
+    which takes longer than nine pixels.
     """
     top, left = i * step - 1, j * step - 1
     inner = top >= 0 and left >= 0 and top + 2 < shape[0] and left + 2 < shape[1]
@@ -70,20 +123,33 @@ def _usual(shape, step, i, j):
 
 
 @njit(cache=True, forceinline=True)
-def _free(phi, left, top, i, j, guard):
-    """Whether no person is near a sample of the whole image."""
+def _free(phi: Float32, left: int, top: int, i: int, j: int, guard: float) -> bool:
+    """Return whether no person is near sample (i, j) of the whole image."""
     a, b = i - top, j - left
     return not (0 <= a < phi.shape[0] and 0 <= b < phi.shape[1]) or phi[a, b] < -guard
 
 
 @njit(cache=True)
-def unlike(image, step, phi, left, top, guard, every, least_sd, cut_sd, mean, variance, count):
-    """What samples where nobody is, at every so manieth row and column, say of an image: those beside are asked, too.
+def unlike(
+    image: UInt8, step: int, window: PersonWindow, every: int, least_sd: float, cut_sd: float,
+    learnt: BackgroundSamples,
+) -> tuple[int, int, float]:  # fmt: skip
+    """Compare an image with the background at every ``every``-th sample away from people, and estimate its noise.
+
+    Args:
+        image: (height, width, channels) uint8.
+        step: of samples [px].
+        window: the person.
+        every: stride between samples.
+        least_sd, cut_sd: see `mocapella.sensing.background_memory.MemorySettings`.
+        learnt: the background.
 
     Returns:
-        How many are not as they were, of how many that are known, and the standard deviation of samples [grey levels],
-        of what neighbours do not explain: of the smallest fifth, for the larger ones may be the room's texture.
+        The number of changed samples, the number of known ones, and the standard deviation of samples that their
+        neighbours do not explain [grey levels]: from the smallest fifth, because larger ones may be texture.
     """
+    phi, left, top, guard = window
+    mean, variance, count = learnt
     rows, columns, channels = mean.shape
     differ = known = n = 0
     rest = np.empty((rows // every + 1) * (columns // every + 1) * channels)
@@ -122,16 +188,27 @@ def unlike(image, step, phi, left, top, guard, every, least_sd, cut_sd, mean, va
 
 @njit(cache=True)
 def learn(
-    image, step, phi, left, top, guard, covered, others, begin, end, every, rate, least_sd, mean, variance, count
-):
-    """Take in the rows from ``begin`` to ``end`` of samples, and every so manieth of the window, where nobody is.
+    image: UInt8, step: int, window: PersonWindow, covered: UInt8, others: Bool, begin: int, end: int, every: int,
+    rate: float, least_sd: float, learnt: BackgroundSamples,
+) -> None:  # fmt: skip
+    """Update the background away from people, in rows ``begin`` to ``end`` and every ``every``-th row of the window.
 
-    ``covered`` is (rows, columns) of the window, not 0 where the person is, too, and ``others`` (height, width) where
-    others are; or (0, 0).
+    Args:
+        image: (height, width, channels) uint8.
+        step: of samples [px].
+        window: the person.
+        covered: (rows, columns) of the window, not 0 where the person is, too; or (0, 0).
+        others: (height, width) where other people are; or (0, 0).
+        begin, end, every: see above.
+        rate: least weight of an image.
+        least_sd: standard deviation at first [grey levels].
+        learnt: the background.
     """
+    phi, left, top, guard = window
+    mean, variance, count = learnt
     rows, columns, channels = mean.shape
     here, least, per_channel = np.empty(channels), least_sd * least_sd, OF_CUT / channels
-    rates = np.maximum(1.0 / np.arange(1, 257), rate)  # of the first image that a sample was in, the second one, …
+    rates = np.maximum(1.0 / np.arange(1, 257), rate)  # of a sample's first image, its second one, …
     for i in range(rows):
         whole = begin <= i < end
         if not whole and (not top <= i < top + phi.shape[0] or (i - begin) % every != 0):
@@ -156,7 +233,7 @@ def learn(
                 r, most, squares = rates[n], WIDE * WIDE * variance[i, j], 0.0
                 for c in range(channels):
                     d = here[c] - mean[i, j, c]
-                    if d * d > most:  # seldom: there is no root of the others
+                    if d * d > most:  # rare, so that few roots are taken
                         d = math.copysign(math.sqrt(most), d)
                     mean[i, j, c] += r * d
                     squares += d * d
@@ -166,14 +243,18 @@ def learn(
 
 
 @njit(cache=True, forceinline=True)
-def _vote(image, step, i, j, most, least, darkest, chroma2, mean, variance, count, here):
-    """Of a sample and the four about it the share that is not as it was, 1 for all and −1 for none; 0 where less than
-    three are known. Whether a sample is one that a shadow may have fallen on is not known.
+def _vote(
+    image: UInt8, step: int, i: int, j: int, bounds: ForegroundBounds, mean: Float32, variance: Float32, count: UInt8,
+    here: Float64,
+) -> float:  # fmt: skip
+    """Return the share of changed samples among a sample and its four neighbours, scaled to −1 (none) to 1 (all).
 
-    A shadow takes some of the light and leaves its colour (T. Horprasert, D. Harwood, L. S. Davis, "A statistical
-    approach for real-time robust background subtraction and shadow detection", ICCV Frame-Rate Workshop 1999, section
-    2): what is nearest to `here` on the line from black to the sample's colour is at ``f`` of it, and near.
+    0 where fewer than three are known. A sample that may lie in shadow counts as unknown. A shadow darkens a surface
+    and keeps its colour (T. Horprasert, D. Harwood, L. S. Davis, "A statistical approach for real-time robust
+    background subtraction and shadow detection", ICCV Frame-Rate Workshop 1999, section 2): the point nearest to
+    ``here`` (scratch) on the line from black to the sample's colour is at the fraction ``f`` of it, and near.
     """
+    most, least, darkest, chroma2 = bounds
     known = differ = 0
     channels = mean.shape[2]
     for v in range(5):
@@ -205,41 +286,47 @@ def _vote(image, step, i, j, most, least, darkest, chroma2, mean, variance, coun
 
 
 @njit(cache=True)
-def strange(image, step, left, top, every, bounds, mean, variance, count, out):
-    """Write out (rows, columns) of every so manieth sample from (left, top): see `_vote`.
-
-    ``bounds`` are its four numbers: how far away is not as it was, the least variance, how dark a shadow is, and how
-    far aside of a colour, each but the third squared.
-    """
+def strange(
+    image: UInt8, step: int, left: int, top: int, every: int, bounds: ForegroundBounds, learnt: BackgroundSamples,
+    out: Float32,
+) -> None:  # fmt: skip
+    """Write the foreground score of `_vote` of every ``every``-th sample from (left, top) into out (rows, columns)."""
+    mean, variance, count = learnt
     here = np.empty(mean.shape[2])
-    most, least, darkest, chroma2 = bounds
     for a in range(out.shape[0]):
         for b in range(out.shape[1]):
             i, j = top + a * every, left + b * every
-            out[a, b] = _vote(image, step, i, j, most, least, darkest, chroma2, mean, variance, count, here)
+            out[a, b] = _vote(image, step, i, j, bounds, mean, variance, count, here)
 
 
 @njit(cache=True)
-def strange_at(image, step, pixels, bounds, mean, variance, count, out):
-    """Write out (n,) of the samples at points (n, 2) [px]: see `strange`."""
+def strange_at(
+    image: UInt8, step: int, pixels: Float64, bounds: ForegroundBounds, learnt: BackgroundSamples, out: Float32
+) -> None:
+    """Write the foreground score of `_vote` of the samples at points (n, 2) [px] into out (n,)."""
+    mean, variance, count = learnt
     here = np.empty(mean.shape[2])
-    most, least, darkest, chroma2 = bounds
     for k in range(len(pixels)):
         i, j = round(pixels[k, 1] / step), round(pixels[k, 0] / step)
         if 0 <= i < mean.shape[0] and 0 <= j < mean.shape[1]:
-            out[k] = _vote(image, step, i, j, most, least, darkest, chroma2, mean, variance, count, here)
+            out[k] = _vote(image, step, i, j, bounds, mean, variance, count, here)
 
 
 @njit(cache=True, error_model="numpy")
-def costs(values, blocks, left, top, least_sd, mean, variance, count, out):
-    """Write −log p [nats] of values being background, as of three channels; NaN: not known.
+def costs(
+    values: Int16, blocks: Int32, left: int, top: int, least_sd: float, learnt: BackgroundSamples, out: Float32
+) -> None:
+    """Write −log p [nats] of values being background, as of three channels; NaN where unknown.
 
     Args:
         values: (channels, blocks, size) int16 half grey levels from the middle of the scale.
         blocks: (blocks, 2) int32 row and number of each.
         left, top: the first sample's column and row.
+        least_sd: [grey levels].
+        learnt: the background.
         out: (blocks, size) float32; the log 2π/2 of every channel is left out.
     """
+    mean, variance, count = learnt
     channels, least, size = mean.shape[2], least_sd * least_sd, values.shape[2]
     f, of_least = 1.5 / channels, 1.5 * math.log(4.0 * least)
     for n in range(len(blocks)):
@@ -254,5 +341,5 @@ def costs(values, blocks, left, top, least_sd, mean, variance, count, out):
             for c in range(channels):
                 d = 0.5 * values[c, n, b] - (mean[i, j, c] - MIDDLE)
                 squares += d * d
-            # Most samples have the least variance: no logarithm of theirs is taken.
+            # Most samples have the least variance, whose logarithm is computed once.
             out[n, b] = f * squares / v + (of_least if v == least else 1.5 * math.log(4.0 * v))

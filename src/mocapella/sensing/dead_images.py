@@ -1,4 +1,4 @@
-"""Cameras in whose images nothing is to be seen: black ones, uniform ones, and the same one again and again."""
+"""Detect cameras that deliver black, uniform or frozen images."""
 
 from __future__ import annotations
 
@@ -12,36 +12,36 @@ from numpy.typing import NDArray
 UInt8 = NDArray[np.uint8]
 
 DARK: Final = 16
-"""Of 255: what is not brighter is black …"""
+"""Values up to this are black [grey levels]."""
 BRIGHT_SHARE: Final = 0.01
-"""but for so much of it, as of a sensor's broken pixels."""
+"""Share of brighter values that a black image may have, such as a sensor's broken pixels."""
 UNIFORM: Final = 2.0
-"""Grey levels: an image of whose channels no standard deviation is above has nothing in it."""
+"""An image is uniform if no channel has a larger standard deviation [grey levels]."""
 _EVERY: Final = 19
 
 
 class DeadImages:
-    """Remembers the last images, by camera."""
+    """Compares each camera's image with its previous one."""
 
     def __init__(self) -> None:
         self._last: dict[str, UInt8] = {}
         self._same: dict[str, int] = {}
 
     def memory(self) -> list[Any]:
-        """All that `recall` wants."""
+        """Return the state for `recall`."""
         return [self._last, self._same]
 
     def recall(self, memory: Sequence[Any]) -> None:
-        """Be as when `memory` was made."""
+        """Restore a state of `memory`."""
         self._last, self._same = memory
 
     def update(self, images: Mapping[str, UInt8]) -> dict[str, str]:
-        """Why images of one instant (height, width[, 3]) should not count, by camera; those that should are left out.
+        """Return why images of one instant (height, width[, 3]) must not be used, by camera; usable ones are left out.
 
-        An image that comes a second time, while other cameras' change, says nothing of this instant, whether the camera
-        is broken or slower than the others.
+        An image that is repeated while other cameras' images change is stale, whether the camera is broken or slower
+        than the others.
         """
-        looked_at: dict[str, tuple[float, float]] = {}
+        measured: dict[str, tuple[float, float]] = {}
         for name, image in images.items():
             pixels = image.reshape(*image.shape[:2], -1)
             shape = (-(-pixels.shape[0] // _EVERY), -(-pixels.shape[1] // _EVERY), pixels.shape[2])
@@ -49,12 +49,12 @@ class DeadImages:
             if before is None or before.shape != shape:
                 self._same[name] = 0
                 before = self._last[name] = np.zeros(shape, np.uint8)
-            bright, sd, same = _kernels().looked_at(pixels, _EVERY, DARK, before)
-            looked_at[name] = bright, sd
+            bright, sd, same = _kernels().sampled(pixels, _EVERY, DARK, before)
+            measured[name] = bright, sd
             self._same[name] = self._same[name] + 1 if same else 1
-        moving = any(self._same[name] == 1 for name in looked_at)
+        moving = any(self._same[name] == 1 for name in measured)
         found = {}
-        for name, (bright, sd) in looked_at.items():
+        for name, (bright, sd) in measured.items():
             if bright <= BRIGHT_SHARE:
                 found[name] = "its image is black"
             elif sd < UNIFORM:

@@ -1,29 +1,31 @@
-"""What an image is like at every so manieth pixel; compiled. Importing this module imports numba."""
+"""Brightness, contrast and change of an image on a subsampled grid; compiled. Importing this module imports numba."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 
 
 @njit(cache=True)
-def looked_at(image, every, dark, last):
-    """How much of every so manieth row and column is brighter than ``dark``, how much its channels vary, and whether it
-    is as it was.
+def sampled(image: NDArray[np.uint8], every: int, dark: int, last: NDArray[np.uint8]) -> tuple[float, float, bool]:
+    """Measure every ``every``-th row and column of an image.
 
     Args:
         image: (height, width, channels) uint8.
-        last: (rows, columns, channels) what was seen before; becomes what is seen now.
+        every: stride [px].
+        dark: [grey levels].
+        last: (rows, columns, channels) the samples of the previous image; overwritten with this one's.
 
     Returns:
         The share of values above ``dark``, the largest of the channels' standard deviations [grey levels], and whether
-        nothing of ``last`` changed.
+        all samples equal ``last``.
     """
     rows, columns, channels = last.shape
-    bright, same = 0, True
+    bright, same = np.int64(0), True
     sums, squares = np.zeros(channels, np.int64), np.zeros(channels, np.int64)
     for i in range(rows):
         for j in range(columns):

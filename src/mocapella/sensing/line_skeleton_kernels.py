@@ -1,26 +1,32 @@
 """Zhang–Suen thinning on 64 pixels at a time, compiled; importing this module imports numba.
 
 Source: T. Y. Zhang, C. Y. Suen: A Fast Parallel Algorithm for Thinning Digital Patterns (Communications of the ACM
-27(3), 1984), conditions (a) to (d) of the first subiteration and (c') and (d') of the second. As all pixels of a
-subiteration are judged by the same image, a word of 64 pixels is judged by Boolean operations on nine words.
+27(3), 1984), conditions (a) to (d) of the first subiteration and (c') and (d') of the second. All pixels of a
+subiteration are tested on the same image, so a word of 64 pixels is tested by Boolean operations on nine words.
 """
 
 # ruff: noqa: PLR0917 - compiled: arrays come by position
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 
+Int64 = NDArray[np.int64]
+UInt64 = NDArray[np.uint64]
+
 ROWS = 8
-"""In a strip, which is judged again only where something in it or beside it has changed."""
+"""Rows of a strip. A strip is tested again only if it or a neighbouring one has changed."""
 
 _1, _63, _0 = np.uint64(1), np.uint64(63), np.uint64(0)
 
 
 @njit(cache=True, error_model="numpy")
-def judge(words, free, gone, begin, end, stride, second):
-    """Which pixels of words[begin:end] a subiteration removes, into ``gone``; returns their union.
+def removable(
+    words: UInt64, free: UInt64, gone: UInt64, begin: int, end: int, stride: int, second: bool
+) -> np.uint64:  # fmt: skip
+    """Write the pixels of words[begin:end] that a subiteration removes into ``gone``; return their union.
 
     The neighbours are p2 (above), p3 (above right), … p9 (above left), clockwise as in the paper. Bit 0 is the
     leftmost pixel of a word.
@@ -34,14 +40,14 @@ def judge(words, free, gone, begin, end, stride, second):
         p3 = (p2 >> _1) | (words[i - stride + 1] << _63)
         p7 = (p6 << _1) | (words[i + stride - 1] >> _63)
         p5 = (p6 >> _1) | (words[i + stride + 1] << _63)
-        # (b) exactly one step from 0 to 1 around the pixel. Of two steps side by side at most one can be.
+        # (b) exactly one step from 0 to 1 around the pixel. Two adjacent steps exclude each other.
         a, b = (~p2 & p3) | (~p3 & p4), (~p4 & p5) | (~p5 & p6)
         c, d = (~p6 & p7) | (~p7 & p8), (~p8 & p9) | (~p9 & p2)
         one = (a ^ b ^ c ^ d) & ~((a & b) | (c & d))  # an odd number of them, and not three
-        # (a) at least 2 neighbours: with one such step they are one run, so that two are side by side.
+        # (a) at least 2 neighbours: with one such step they are one run, so that two are adjacent.
         pairs = (p2 & (p3 | p9)) | (p4 & (p3 | p5)) | (p6 & (p5 | p7)) | (p8 & (p7 | p9))
-        # (c) and (d), or (c') and (d'); and of (a) at most 6 neighbours. Where those hold, the only one that is 0 of 7
-        # can be one of two.
+        # (c) and (d), or (c') and (d'); and of (a) at most 6 neighbours. Where those hold, a single 0 among 7
+        # neighbours can be at one of two positions only.
         if second:
             held = (p2 & p8 & (p4 | p6)) | (~p2 & p9 & p3) | (~p8 & p7 & p9)
         else:
@@ -53,19 +59,21 @@ def judge(words, free, gone, begin, end, stride, second):
 
 
 @njit(cache=True, error_model="numpy")
-def thin(words, free, gone, changed, pending, height, stride):
-    """Thin an image in place, until a subiteration of each kind, one after the other, removes nothing.
+def thin(
+    words: UInt64, free: UInt64, gone: UInt64, changed: Int64, pending: NDArray[np.bool_], height: int, stride: int
+) -> int:
+    """Thin an image in place, until two subiterations in a row, one of each kind, remove nothing.
 
     Args:
         words: (1 + (height + 2) * stride + 1,) uint64: a word, a row of zeros, the rows, a row of zeros, a word. The
             last bit of a row is 0, so that rows do not touch at their ends.
         free: of the same shape; bits of pixels that may be removed.
-        gone: of the same shape; work.
-        changed, pending: (strips + 2,) int64 and bool; work; the first and last strip are empty.
-        height, stride: rows, and words a row.
+        gone: of the same shape; scratch.
+        changed, pending: (strips + 2,) int64 and bool scratch; the first and last strip are empty.
+        height, stride: rows, and words per row.
 
     Returns:
-        How many subiterations were made.
+        The number of subiterations.
     """
     strips = len(changed) - 2
     changed[:] = -1
@@ -73,10 +81,10 @@ def thin(words, free, gone, changed, pending, height, stride):
     while at <= last + 2:
         for strip in range(1, strips + 1):
             pending[strip] = False
-            # A pixel was judged by the same conditions two subiterations ago: again only if it or a neighbour changed.
+            # The same conditions were tested two subiterations ago: again only if the pixel or a neighbour changed.
             if max(changed[strip - 1], changed[strip], changed[strip + 1]) >= at - 2:
                 begin, end = strip_of(strip, height, stride)
-                pending[strip] = judge(words, free, gone, begin, end, stride, at % 2 == 1) != _0
+                pending[strip] = removable(words, free, gone, begin, end, stride, at % 2 == 1) != _0
         for strip in range(1, strips + 1):
             if pending[strip]:
                 begin, end = strip_of(strip, height, stride)
@@ -88,7 +96,7 @@ def thin(words, free, gone, changed, pending, height, stride):
 
 
 @njit(cache=True)
-def strip_of(strip, height, stride):
-    """Where the words of a strip, counted from 1, begin and end."""
+def strip_of(strip: int, height: int, stride: int) -> tuple[int, int]:
+    """Return the first and the end of the words of a strip, counted from 1."""
     first = (strip - 1) * ROWS
     return 1 + stride * (1 + first), 1 + stride * (1 + min(first + ROWS, height))

@@ -1,4 +1,4 @@
-"""Where things are in the rows of `marker_kernels`: what is remembered of a marker, and what is told of it."""
+"""Columns of the rows of `marker_kernels`: a marker's memory, and its result in an image."""
 
 from __future__ import annotations
 
@@ -8,4 +8,4 @@ MEMORY = 7
 FOUND, SD, ELONGATION, CONFIDENCE, CANDIDATES = 2, 3, 4, 6, 7
 MERGED, REJECTED_SMALL, REJECTED_BIG, REJECTED_SHAPE = 8, 9, 10, 11
 OUT = 12
-"""Columns of the result, beside ``X``, ``Y`` and ``AREA``."""
+"""Columns of the result, besides ``X``, ``Y`` and ``AREA``."""

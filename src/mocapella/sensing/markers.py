@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,9 @@ from mocapella.sensing.colour_learning import check_image, light_of
 from mocapella.sensing.colour_profile import ColourProfile
 from mocapella.sensing.colour_table import TableSettings, lookup_table
 from mocapella.settings import check
+
+if TYPE_CHECKING:
+    from mocapella.sensing.marker_piece_kernels import PieceBuffers
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
@@ -123,15 +126,22 @@ class MarkerDetector:
         self.profile, self.settings, self.node_id = profile, settings or MarkerSettings(), node_id
         s, (width, height) = self.settings, profile.size_px
         self._table = lookup_table(profile, s.table)
-        self._linear = linear_light()
-        self._limits = np.array(
-            [
-                *(s.least_px, s.largest_share * width * height, s.largest_elongation, s.least_fill),
-                *(s.window_px, s.sd_floor_px, s.sd_scale, s.area_range),
-            ]
+        k = _kernels()
+        self._colours = k.MarkerColours(self._table, linear_light())
+        self._limits = k.MarkerLimits(
+            least_px=float(s.least_px),
+            most_px=float(s.largest_share * width * height),
+            elongation=float(s.largest_elongation),
+            fill=float(s.least_fill),
+            window_px=float(s.window_px),
+            sd_floor_px=float(s.sd_floor_px),
+            sd_scale=float(s.sd_scale),
+            area_range=float(s.area_range),
+            acceleration_px_s2=float(s.acceleration_px_s2),
+            forget_s=float(s.forget_s),
         )
-        self._names, self._follow = profile.names, _kernels().follow
-        self._room = room(width, RUNS)
+        self._names, self._follow, self._rows = profile.names, k.follow, k.MarkerRows
+        self._buffers = piece_buffers(width, RUNS)
         self._out = np.zeros((len(profile.colours), at.OUT))
         self.reset()
 
@@ -162,16 +172,15 @@ class MarkerDetector:
             profile.check_camera(profile.camera, (image.shape[1], image.shape[0]))
         if not image.flags.c_contiguous or not image.flags.writeable:
             image = image.copy()  # a view, or of a message: compiled for one kind of array
-        told = np.empty(self._out.shape, np.float32)
-        said = self._follow(
-            image, self._table, self._linear, self._memory, at_s, at_s - self._whole_s >= s.whole_image_s, self._limits,
-            s.acceleration_px_s2, s.forget_s, *self._room, self._out, self._sums, told,
-        )  # fmt: skip
+        reported = np.empty(self._out.shape, np.float32)
+        rows = self._rows(self._memory, self._out, self._sums, reported)
+        whole = at_s - self._whole_s >= s.whole_image_s
+        flags = self._follow(image, self._colours, rows, at_s, whole, self._limits, self._buffers)
         sequence = self._images
         self._images += 1
-        if said:
+        if flags:
             self._whole += 1
-            self._overflows += said == 3
+            self._overflows += flags == 3
             self._whole_s = at_s
         if at_s - self._light_s >= s.light_s:
             self._light_s = at_s
@@ -184,12 +193,12 @@ class MarkerDetector:
             sent_ns=0,
             size_px=profile.size_px,
             names=self._names,
-            positions_px=told[:, :2],
-            sd_px=told[:, at.SD],
-            areas_px=told[:, at.AREA],
-            elongations=told[:, at.ELONGATION],
-            confidences=told[:, at.CONFIDENCE],
-            candidates=told[:, at.CANDIDATES].astype(np.uint8),
+            positions_px=reported[:, :2],
+            sd_px=reported[:, at.SD],
+            areas_px=reported[:, at.AREA],
+            elongations=reported[:, at.ELONGATION],
+            confidences=reported[:, at.CONFIDENCE],
+            candidates=reported[:, at.CANDIDATES].astype(np.uint8),
         )
 
     def _compare_light(self, image: UInt8) -> None:
@@ -237,11 +246,13 @@ def linear_light() -> Float64:
     return np.asarray(np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4))
 
 
-def room(width: int, runs: int) -> tuple[NDArray[Any], ...]:
-    """What the kernels write into: a row's indices and labels, runs, their parents, and pieces."""
+def piece_buffers(width: int, runs: int) -> PieceBuffers:
+    """Return buffers for rows of ``width`` pixels and at most so many runs."""
+    from mocapella.sensing.marker_piece_kernels import PieceBuffers
+
     labels = np.zeros(8 * (width // 8 + 2), np.uint8)
     index, parent = np.empty(width, np.uint16), np.empty(runs, np.int64)
-    return index, labels, np.empty((runs, 4), np.int64), parent, np.empty((runs, 11))
+    return PieceBuffers(index, labels, np.empty((runs, 4), np.int64), parent, np.empty((runs, 11)))
 
 
 @cache

@@ -3,7 +3,7 @@
 All samples of the blocks that the band touches are evaluated at once, and again only where something has changed.
 """
 
-# ruff: noqa: PLR0917, PLR1714 - compiled: arrays come by position, loops are written out
+# ruff: noqa: PLR0915, PLR0917, PLR1714, SIM109 - compiled: arrays come by position, loops are written out
 from __future__ import annotations
 
 import math
@@ -92,7 +92,7 @@ def move_samples(
 
 
 @njit(cache=True, error_model="numpy")
-def _began_elsewhere(phi: Float32, inside: UInt8, prior: UInt8) -> bool:
+def _began_elsewhere(phi: Float32, inside: UInt8, prior: UInt8) -> np.bool_:
     """Write the mask of the prior; return whether the start is another one."""
     differs = _0B
     for i in range(phi.shape[0]):

@@ -4,7 +4,7 @@ Costs are −log p [nats], as of three channels, without the log 2π/2 that all 
 imports numba.
 """
 
-# ruff: noqa: PLR0917 - compiled: arrays come by position
+# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, loops are written out
 from __future__ import annotations
 
 import math
@@ -147,7 +147,7 @@ def _costs_of_gray(
     two: Float32,
     outside: bool,
 ) -> None:
-    """Write −log p of the gray samples of block n, (blocks, size): inside into ``one`` and, if asked, outside into ``two``."""
+    """Write −log p of the gray samples of block n: inside into ``one``, and ``outside`` also into ``two``."""
     a0, a1, a0_rise, a1_rise = row[k, 0], row[k, 1], rise[k, 0], rise[k, 1]
     b00, b00_rise, c00, c00_rise = row[k, 2], rise[k, 2], row[k, 4], rise[k, 4]
     b01, b01_rise, c01, c01_rise = row[k, 3], rise[k, 3], row[k, 5], rise[k, 5]
@@ -305,7 +305,7 @@ def decide(samples: ContourSamples, outside: Float32, known: UInt8, active: UInt
 def energy_of(
     band: ContourBand, samples: ContourSamples, blurred: UInt16, lattice: DensityLattice, outside_costs: Float32,
     w: ContourWeights,
-) -> float:  # fmt: skip
+) -> np.float64:  # fmt: skip
     """Return the energy of a contour with the densities learnt from it [nats × samples].
 
     Args:
@@ -322,7 +322,7 @@ def energy_of(
     )  # fmt: skip
     inside_cost, most = w.inside_cost, w.most
     modelled, learnt, unit = outside_costs.size > 0, math.isnan(inside_cost), 1.0 / (4 * size * size)
-    energy = lattice.leans.sum()
+    energy: np.float64 = lattice.leans.sum()
     for i in range(rows):
         for j in range(columns):
             if inside[i, j]:

@@ -26,8 +26,8 @@ UInt8 = NDArray[np.uint8]
 
 OUTLIER, INSIDE, OUTSIDE, UNKNOWN = np.uint8(0), np.uint8(1), np.uint8(2), np.uint8(3)
 """Labels of samples: only those inside and outside count in a density."""
-# Loops over a block end at an array's length, not at a constant: constants are unrolled instead of vectorised. And loops
-# are short and use few arrays, because the compiler checks at run time that these do not overlap.
+# Loops over a block end at an array's length, not at a constant: constants are unrolled, not vectorised. They are short
+# and use few arrays, because the compiler checks at run time that these do not overlap.
 
 
 class DensityLattice(NamedTuple):

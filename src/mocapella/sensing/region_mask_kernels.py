@@ -4,6 +4,7 @@ A window is padded to whole blocks of samples of a row. Blocks that the band tou
 gathered and scattered as words of 8 bytes.
 """
 
+# ruff: noqa: PLR0917 - compiled: arrays come by position
 from __future__ import annotations
 
 import numpy as np
@@ -101,7 +102,7 @@ def scatter(parts: UInt64, blocks: Int32, window: UInt64) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def replace(old: UInt8, new: UInt8) -> bool:
+def replace(old: UInt8, new: UInt8) -> np.bool_:
     """Copy ``new`` over ``old``, both (samples,); return whether they differed."""
     other = _0B
     for j in range(len(old)):

@@ -53,7 +53,8 @@ def farthest(phi: Float32) -> np.float32:
             far = np.int32(row[j] & np.int32(0x7FFFFFFF))
             largest = far if far > largest else largest
         most[0] = largest
-    return most.view(np.float32)[0]
+    largest_float: np.float32 = most.view(np.float32)[0]
+    return largest_float
 
 
 @njit(cache=True, error_model="numpy")

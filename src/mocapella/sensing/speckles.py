@@ -1,10 +1,10 @@
-"""Images with single wrong pixels, as of bad transmission: these are taken out, where there are many.
+"""Remove single wrong pixels from images that have many, such as after bad transmission.
 
     image = without_speckles(image)
 
-A pixel among others that are all of a person says nothing of where the person ends, but it counts as much as they do.
-The median of 3 × 3 pixels does not see it (J. Tukey, Exploratory Data Analysis, 1977). It also rounds fine corners off,
-so an image without speckles stays as it is.
+A wrong pixel inside a person tells nothing about the contour, but counts as much as a right one. The median of 3 × 3
+pixels ignores it (J. Tukey, Exploratory Data Analysis, 1977). It also rounds fine corners, so an image without speckles
+is returned unchanged.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from mocapella.errors import InputError
 UInt8 = NDArray[np.uint8]
 
 LEVELS = 30
-"""A value that is so far from the median of its neighbours is wrong [grey levels] …"""
+"""A value farther than this from the median of its neighbours is wrong [grey levels]."""
 EVERY = 40
-"""… and asked is every so manieth row."""
+"""Stride between the rows that are tested."""
 FEWEST, MOST = 0.02, 0.6
-"""Where less than this share of them is wrong, the image is let be; where more is, it is none."""
+"""An image is filtered if the share of wrong values is between these; above, it is not an image at all."""
 
 
 def without_speckles(image: UInt8) -> UInt8:
-    """The image, or the medians of its pixels' 3 × 3, where many single pixels are wrong.
+    """Return the image, filtered by a 3 × 3 median if many single pixels are wrong.
 
     Args:
         image: (height, width) or (height, width, channels).

@@ -1,4 +1,4 @@
-"""Pixels that stand out of their neighbours, and medians of three by three; compiled.
+"""Pixels that differ from their neighbours, and 3 × 3 medians; compiled.
 
 Importing this module imports numba.
 """
@@ -7,12 +7,15 @@ Importing this module imports numba.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 
+UInt8 = NDArray[np.uint8]
+
 
 @njit(cache=True)
-def _sorted_columns(above, here, below, low, mid, high):
+def _sorted_columns(above: UInt8, here: UInt8, below: UInt8, low: UInt8, mid: UInt8, high: UInt8) -> None:
     for x in range(len(low)):
         a, b, c = above[x], here[x], below[x]
         less, more = a if a < b else b, b if a < b else a
@@ -23,7 +26,9 @@ def _sorted_columns(above, here, below, low, mid, high):
 
 
 @njit(cache=True)
-def _median(l1, l2, l3, m1, m2, m3, h1, h2, h3, out):
+def _median(
+    l1: UInt8, l2: UInt8, l3: UInt8, m1: UInt8, m2: UInt8, m3: UInt8, h1: UInt8, h2: UInt8, h3: UInt8, out: UInt8
+) -> None:
     for x in range(len(out)):
         a, b, c = l1[x], l2[x], l3[x]
         low = b if a < b else a
@@ -41,8 +46,10 @@ def _median(l1, l2, l3, m1, m2, m3, h1, h2, h3, out):
 
 
 @njit(cache=True)
-def _row_of_medians(above, here, below, c, low, mid, high, out):
-    """Write the medians of a row of pixels of ``c`` channels each, but for its ends; low, mid and high are room."""
+def _row_of_medians(
+    above: UInt8, here: UInt8, below: UInt8, c: int, low: UInt8, mid: UInt8, high: UInt8, out: UInt8
+) -> None:
+    """Write the medians of a row of pixels of ``c`` channels, except its ends; low, mid and high are scratch."""
     _sorted_columns(above, here, below, low, mid, high)
     _median(
         low[: -2 * c], low[c:-c], low[2 * c :], mid[: -2 * c], mid[c:-c], mid[2 * c :],
@@ -51,12 +58,12 @@ def _row_of_medians(above, here, below, c, low, mid, high, out):
 
 
 @njit(cache=True)
-def median_of_nine(image, out):
-    """Write out the median of each pixel's 3 × 3, by channel; of the border the pixel itself.
+def median_of_nine(image: UInt8, out: UInt8) -> None:
+    """Write the median of each pixel's 3 × 3 neighbourhood, by channel; at the border the pixel itself.
 
-    Both are (height, width, channels). Columns of three are sorted first: the median of nine is that of the largest of
-    the lowest, the median of the middle and the smallest of the highest ones (A. Paeth, "Median finding on a 3 × 3
-    grid", Graphics Gems, 1990). Rows are whole arrays, so that many pixels are compared at once.
+    Both are (height, width, channels). Columns of three are sorted first: the median of nine is the median of the
+    largest of the lowest, the median of the middle and the smallest of the highest ones (A. Paeth, "Median finding on a
+    3 × 3 grid", Graphics Gems, 1990). Rows are whole arrays, so that many pixels are compared at once.
     """
     height, n, c = image.shape[0], image.shape[1] * image.shape[2], image.shape[2]
     rows, written = image.reshape(height, n), out.reshape(height, n)
@@ -71,9 +78,13 @@ def median_of_nine(image, out):
 
 
 @njit(cache=True)
-def standing_out(image, every, levels):
-    """Share of values, of every so manieth row, that are farther from the median of their 3 × 3 than so many levels;
-    image (height, width, channels).
+def standing_out(image: UInt8, every: int, levels: int) -> float:
+    """Return the share of values that differ from the median of their 3 × 3 neighbourhood by more than ``levels``.
+
+    Args:
+        image: (height, width, channels).
+        every: stride between the rows that are measured.
+        levels: [grey levels].
     """
     height, n, c = image.shape[0], image.shape[1] * image.shape[2], image.shape[2]
     rows, medians = image.reshape(height, n), np.empty(n, np.uint8)
@@ -88,7 +99,7 @@ def standing_out(image, every, levels):
 
 
 @njit(cache=True)
-def _apart(values, medians, levels):
+def _apart(values: UInt8, medians: UInt8, levels: int) -> np.int64:
     count = np.int64(0)
     for x in range(len(values)):
         a, b = np.int32(values[x]), np.int32(medians[x])
