@@ -12,10 +12,12 @@ from mocapella.geometry.angles import wrap
 from mocapella.geometry.rigid import apply, rigid, rotation_about_y
 from mocapella.tracker import people_kernels as kernels
 from mocapella.tracker.people import People, PeopleSettings
+from mocapella.tracker.people_memory import FacingResults, PeopleParameters, PointArrays, ViewArrays
 
 DT = 1 / 30
 LINES = np.array([[1, 2], [3, 4]])
 """Left and right of the shoulders, and of the hips, of a body of five joints; the first is the root."""
+PARAMETERS = PeopleParameters(8.0, 1.0, 1.0, 5.0, 1.0, 0.12, 0.2, 0.02, 0.1, 0.05, 0.1, 0.6, 0.2)
 UP = np.array([0.0, 1.0, 0.0])
 angles = st.floats(-3.0, 3.0)
 
@@ -25,7 +27,8 @@ def moved(seconds: float, speed_memory_s: float) -> float:
     at_s, positions, velocities = np.zeros(1), np.zeros((1, 1, 3)), np.array([[[1.0, 0.0, 0.0]]])
     variances, seen_s = np.full((1, 1, 3), 1e-4), np.zeros((1, 1))
     for k in range(1, round(seconds / DT) + 1):
-        kernels.bring(k * DT, at_s, positions, velocities, variances, seen_s, 8.0, 10.0, 0.12, speed_memory_s)
+        points = PointArrays(at_s, positions, velocities, variances, seen_s)
+        kernels.bring(k * DT, points, PARAMETERS._replace(forget_after_s=10.0, speed_memory_s=speed_memory_s))
     return float(positions[0, 0, 0])
 
 
@@ -52,11 +55,19 @@ class View:
 
     def face(self, joints: np.ndarray, yaw: float, sd: float = 0.3, mirrored: bool = False, speed: float = 0.0) -> None:
         reported = np.arctan2(-(joints[1] - joints[2])[2], (joints[1] - joints[2])[0]) + np.pi * mirrored
-        kernels.turn_views(
-            np.arange(1), 0, np.full(1, DT), 0.05, 0.6, joints[None], LINES, np.array([yaw]), np.array([sd]),
-            np.array([mirrored]), np.array([reported]), np.zeros(1), np.array([[speed, 0.0, 0.0]]), 0.1,
-            self.yaw, self.mirrored, self.toward, self.reported, self.turn, self.offsets,
+        facing = FacingResults(
+            joints[None], np.array([yaw]), np.array([sd]), np.array([mirrored]), np.array([reported]), np.zeros(1),
+            np.array([[speed, 0.0, 0.0]]),
         )  # fmt: skip
+        kernels.turn_views(
+            np.arange(1), 0, np.full(1, DT), PARAMETERS, LINES, facing, self.yaw, view_arrays(**vars(self))
+        )
+
+
+def view_arrays(**arrays: np.ndarray) -> ViewArrays:
+    """Views of which only these arrays are used."""
+    unused = dict.fromkeys(ViewArrays._fields, np.zeros((1, 1)))
+    return ViewArrays(**{name: arrays.get(name, value) for name, value in unused.items()})
 
 
 @settings(deadline=None)
@@ -101,7 +112,7 @@ def test_a_sensor_whose_place_becomes_better_known_moves_its_views_and_nobody_ju
 ) -> None:
     people = People(PeopleSettings(), KINECT_V2)
     people.sensors, people.numbers = ["front", "side"], [7]
-    people.memory = people.memory.taken([], 1, 2)
+    people.memory = people.memory.resized([], 1, 2)
     m, rng = people.memory, np.random.default_rng(0)
     m.view_positions[:] = rng.normal(size=m.view_positions.shape)
     m.view_positions[0, 1, 3] = np.nan
@@ -109,8 +120,8 @@ def test_a_sensor_whose_place_becomes_better_known_moves_its_views_and_nobody_ju
     labels = people.mirror if mirrored else slice(None)
     T = rigid(rotation_about_y(yaw), (x, 0.0, 0.1))
     before = m.view_positions[0].copy()
-    people.place_anew("side", T)
-    people.place_anew("nobody's", T)
+    people.move_sensor("side", T)
+    people.move_sensor("nobody's", T)
     np.testing.assert_allclose(m.view_positions[0, 1], apply(T, before[1]))
     np.testing.assert_allclose((m.view_positions[0, 1][labels] - m.view_offsets[0, 1]), before[1][labels], atol=1e-12)
     np.testing.assert_array_equal(m.view_positions[0, 0], before[0])

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -44,6 +44,24 @@ class JumpSettings:
             check(0 <= getattr(self, name) < 1e6, name, getattr(self, name), "0 or more")
 
 
+class JumpLimits(NamedTuple):
+    """The fields of `JumpSettings`, for the kernels."""
+
+    step_m: float
+    fastest_m_s: float
+    longest_step_s: float
+    doubt_s: float
+
+
+class KnownBodies(NamedTuple):
+    """The arrays of `SeenBodies`, for the kernels."""
+
+    ids: UInt64
+    at_s: Float64
+    middle: Float64
+    jumped: Bools
+
+
 class SeenBodies(msgspec.Struct, frozen=True, eq=False):
     """Where a sensor last saw bodies that did not jump.
 
@@ -64,6 +82,11 @@ class SeenBodies(msgspec.Struct, frozen=True, eq=False):
         """Bodies that were never seen."""
         n = len(ids)
         return cls(ids, np.full(n, -np.inf), np.full((n, joints, 3), np.nan), np.zeros(n, dtype=np.bool_))
+
+    @property
+    def arrays(self) -> KnownBodies:
+        """The fields, for the kernels."""
+        return KnownBodies(self.ids, self.at_s, self.middle, self.jumped)
 
     def with_these(self, ids: UInt64, kept: Bools) -> SeenBodies:
         """The ``kept`` ones, and those of ``ids`` that are not among them."""
@@ -104,11 +127,11 @@ class Jumps:
         if seen is None:
             seen = self.seen[sensor] = SeenBodies.new(numbers, middles.shape[1])
         middles = np.ascontiguousarray(middles)
-        limits = s.step_m, s.fastest_m_s, s.longest_step_s, s.doubt_s
-        changed = _kernels().stay(at_s, numbers, middles, limits, seen.ids, seen.at_s, seen.middle, seen.jumped, there)
+        limits = JumpLimits(*map(float, (s.step_m, s.fastest_m_s, s.longest_step_s, s.doubt_s)))
+        changed = _kernels().stay(at_s, numbers, middles, limits, seen.arrays, there)
         if changed:  # Times may go back, for a sensor's clock may jump.
             seen = self.seen[sensor] = seen.with_these(numbers, np.abs(at_s - seen.at_s) <= s.doubt_s)
-        _kernels().follow(at_s, numbers, middles, there, seen.ids, seen.at_s, seen.middle, seen.jumped)
+        _kernels().follow(at_s, numbers, middles, there, seen.arrays)
         return there
 
 

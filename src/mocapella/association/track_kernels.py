@@ -1,28 +1,35 @@
-"""The hot steps of `mocapella.association.tracks`, compiled and in place; importing this module imports numba.
+"""Compiled steps of `mocapella.association.tracks` and `jumps`, in place; importing this module imports numba.
 
-Arrays are as `mocapella.association.tracks.TrackMemory` describes them: a row for each track, a column for each sensor.
+Arrays are those of `mocapella.association.tracks.TrackMemory`: a row for each track, a column for each sensor.
 """
 
 # ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, loops stand in one place
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
+from mocapella.association.jumps import JumpLimits, KnownBodies
 from mocapella.association.proportions import MOST, SD_M
-from mocapella.association.tracks import RECENT_S
+from mocapella.association.tracks import RECENT_S, Assignment, FrameBodies, Gates, TrackArrays
 from mocapella.compiled import njit
 
-EXPIRED, EVERYBODY, DECIDED, AMBIGUOUS = -1, 0, 1, 2
-"""What `costs` found."""
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+UInt64 = NDArray[np.uint64]
+Bools = NDArray[np.bool_]
+
+EXPIRED, COMPLETE, DECIDED, AMBIGUOUS = -1, 0, 1, 2
+"""Outcomes of `costs`."""
 MAY_BE_ONE, MAY_BE_KNOWN, FORGOTTEN = 1, 2, 4
-"""What `take` found; added."""
+"""Events of `take`; they are added."""
 
 _MOST_VALUES = 300
 
 
 @njit(cache=True)
-def apart(one, other):
-    """Mean distance of the joints that both have [m]; infinite where they have none in common."""
+def apart(one: Float64, other: Float64) -> float:
+    """Return the mean distance of the joints (joints, 3) that both have [m]; infinite if they share none."""
     total, count = 0.0, 0
     for j in range(min(len(one), len(other))):
         square = 0.0
@@ -35,8 +42,8 @@ def apart(one, other):
 
 
 @njit(cache=True)
-def is_placed(middle):
-    """Whether a joint of the middle is seen."""
+def is_placed(middle: Float64) -> bool:
+    """Return whether any middle joint is visible."""
     for j in range(len(middle)):
         if np.isfinite(middle[j, 0]) and np.isfinite(middle[j, 1]) and np.isfinite(middle[j, 2]):
             return True
@@ -44,16 +51,16 @@ def is_placed(middle):
 
 
 @njit(cache=True)
-def distances(bodies, people, out):
-    """Of each body to each person, into ``out`` (bodies, people)."""
+def distances(bodies: Float64, people: Float64, out: Float64) -> None:
+    """Compute the distance of each body to each person into ``out`` (bodies, people)."""
     for b in range(len(bodies)):
         for p in range(len(people)):
             out[b, p] = apart(bodies[b], people[p])
 
 
 @njit(cache=True)
-def measure(positions, ends, lengths):
-    """Lengths of bodies (bodies, joints, 3) between pairs of joints, left and right in turn, into (bodies, lengths)."""
+def measure(positions: Float64, ends: Int64, lengths: Float64) -> None:
+    """Measure bodies (bodies, joints, 3) between pairs of joints into (bodies, lengths); mean of left and right."""
     for b in range(len(lengths)):
         for i in range(lengths.shape[1]):
             total = 0.0
@@ -67,8 +74,13 @@ def measure(positions, ends, lengths):
 
 
 @njit(cache=True)
-def learn_size(size, seen):
-    """`mocapella.association.proportions.learn_size` of one body, in place."""
+def learn_size(size: Float64, seen: Float64) -> None:
+    """Update a body's running mean of lengths by the lengths in one frame, in place.
+
+    Args:
+        size: (2, lengths) mean [m], and number of values; see `mocapella.association.proportions.unknown_size`.
+        seen: (lengths,) [m]; NaN where not measured.
+    """
     for i in range(len(seen)):
         if not np.isfinite(seen[i]):
             continue
@@ -81,32 +93,39 @@ def learn_size(size, seen):
 
 
 @njit(cache=True)
-def known_size(size):
-    """Whether half of the lengths have been seen."""
+def known_size(size: Float64) -> bool:
+    """Return whether at least half of the lengths have been measured."""
     count = 0
     for i in range(size.shape[1]):
         count += size[1, i] > 0.0
-    return 2 * count >= size.shape[1]
+    enough: bool = 2 * count >= size.shape[1]
+    return enough
 
 
 @njit(cache=True)
-def costs(
-    at_s, column, ids, middles, expected, sized, gates, seen_s, confirmed, middle, size, body, body_s,
-    cost, allowed, unplaced, rows,
-):  # fmt: skip
-    """What it costs to take each body of a frame for each person, and whether that is allowed.
+def costs(frame: FrameBodies, expected: Float64, gates: Gates, tracks: TrackArrays, result: Assignment) -> int:
+    """Compute the cost of assigning each body of a frame to each person, and whether the gates allow it.
+
+    Args:
+        frame, gates, tracks: see there.
+        expected: (tracks, middle joints, 3) predicted positions [m]; NaN or no joints where not known.
+        result: written.
 
     Returns:
-        `EXPIRED` where somebody is to be forgotten first, `AMBIGUOUS` where two bodies want the same row; else, with
-        the row of each body in ``rows`` and −1 for nobody, `DECIDED`, or `EVERYBODY` where each has one.
+        `EXPIRED` if a track must be dropped first; `AMBIGUOUS` if two bodies want the same track; else `COMPLETE` if
+        each body has a track, or `DECIDED`.
     """
-    gate, stay_bonus, speed, widest, by_place_s, forget_after_s = gates
+    at_s, column, ids, middles = frame.at_s, frame.column, frame.ids, frame.middles
+    sized = len(frame.lengths) > 0
+    seen_s, confirmed, middle, body = tracks.seen_s, tracks.confirmed, tracks.middle, tracks.body
+    cost, allowed, unplaced, rows = result.cost, result.allowed, result.unplaced, result.rows
+    gate = gates.gate_m
     bodies, people = cost.shape
     for p in range(people):
-        if at_s - seen_s[p] > (forget_after_s if confirmed[p] else 2.0 * RECENT_S):
+        if at_s - seen_s[p] > (gates.forget_after_s if confirmed[p] else 2.0 * RECENT_S):
             return EXPIRED
     taken = np.zeros(people, dtype=np.bool_)
-    choice, everybody = False, True
+    conflict, complete = False, True
     for b in range(bodies):
         unplaced[b] = not is_placed(middles[b])
         rows[b] = -1
@@ -117,73 +136,74 @@ def costs(
                     there = expected[p]
             away = apart(middles[b], there)
             unseen = max(0.0, at_s - seen_s[p] - RECENT_S)
-            widened = min(gate + speed * unseen, widest)
-            held = np.isfinite(body_s[p, column]) and body[p, column] == ids[b]
-            value = away - (stay_bonus if held else 0.0) + 0.5 * (widened - gate)  # who is seen before who is lost
+            widened = min(gate + gates.speed_m_s * unseen, gates.widest_gate_m)
+            held = np.isfinite(tracks.body_s[p, column]) and body[p, column] == ids[b]
+            # A wider gate costs more, so that visible people come before lost ones.
+            value = away - (gates.stay_bonus_m if held else 0.0) + 0.5 * (widened - gate)
             cost[b, p] = value if np.isfinite(value) else gate
-            by_size = sized and unseen > by_place_s and known_size(size[p])
+            by_size = sized and unseen > gates.by_place_s and known_size(tracks.size[p])
             allowed[b, p] = (away <= widened and not by_size) or (held and unplaced[b])
             if allowed[b, p] and (rows[b] < 0 or cost[b, p] < cost[b, rows[b]]):
                 rows[b] = p
-        everybody = everybody and rows[b] >= 0
-        if rows[b] >= 0:  # nothing costs less than what is best for everybody
-            choice = choice or taken[rows[b]]
+        complete = complete and rows[b] >= 0
+        if rows[b] >= 0:  # without a conflict, the cheapest tracks are the best assignment
+            conflict = conflict or taken[rows[b]]
             taken[rows[b]] = True
-    if choice:
+    if conflict:
         return AMBIGUOUS
-    return EVERYBODY if everybody else DECIDED
+    return COMPLETE if complete else DECIDED
 
 
 @njit(cache=True)
-def take(
-    at_s, column, ids, middles, lengths, rows, same_within_m, confirm_after_s,
-    since_s, seen_s, confirmed, middle, size, body, body_s,
-):  # fmt: skip
-    """Take the bodies of a frame for the people in ``rows``; −1 for nobody.
+def take(frame: FrameBodies, rows: Int64, same_within_m: float, confirm_after_s: float, tracks: TrackArrays) -> int:
+    """Update tracks by a frame's bodies, assigned to ``rows``; −1 for none.
 
     Returns:
-        Whether there are two who may be one (`MAY_BE_ONE`), and somebody new of whom to tell (`MAY_BE_KNOWN`); whether
-        another sensor has not seen somebody for so long that it does not see them (`FORGOTTEN`).
+        The sum of events: two tracks may be one person (`MAY_BE_ONE`), a new track is due for confirmation
+        (`MAY_BE_KNOWN`), another sensor's view of a person expired (`FORGOTTEN`).
     """
-    tracks, sensors = body_s.shape
-    shown = np.zeros(tracks, dtype=np.bool_)
-    found = 0
+    at_s, column, ids, middles, lengths = frame.at_s, frame.column, frame.ids, frame.middles, frame.lengths
+    since_s, seen_s, confirmed, middle = tracks.since_s, tracks.seen_s, tracks.confirmed, tracks.middle
+    size, body, body_s = tracks.size, tracks.body, tracks.body_s
+    number, sensors = body_s.shape
+    shown = np.zeros(number, dtype=np.bool_)
+    events = 0
     for b in range(len(rows)):
         r = rows[b]
         if r < 0:
             continue
         shown[r] = True
-        seen_s[r] = max(at_s, seen_s[r])  # frames of several sensors come a little out of order
+        seen_s[r] = max(at_s, seen_s[r])  # frames of several sensors arrive slightly out of order
         body[r, column], body_s[r, column] = ids[b], seen_s[r]
         for j in range(middle.shape[1]):
             if np.isfinite(middles[b, j, 0]) and np.isfinite(middles[b, j, 1]) and np.isfinite(middles[b, j, 2]):
                 middle[r, j, 0], middle[r, j, 1], middle[r, j, 2] = middles[b, j, 0], middles[b, j, 1], middles[b, j, 2]
         if len(lengths):
             learn_size(size[r], lengths[b])
-    present = np.zeros(tracks, dtype=np.bool_)
-    for r in range(tracks):
+    present = np.zeros(number, dtype=np.bool_)
+    for r in range(number):
         for c in range(sensors):
             if not shown[r] and np.isfinite(body_s[r, c]) and (c == column or at_s - body_s[r, c] > RECENT_S):
                 body_s[r, c] = -np.inf
-                found |= 0 if c == column else FORGOTTEN
+                events |= 0 if c == column else FORGOTTEN
             present[r] = present[r] or np.isfinite(body_s[r, c])
         if present[r] and not confirmed[r] and seen_s[r] - since_s[r] >= confirm_after_s:
-            found |= MAY_BE_KNOWN
-    for r in range(tracks):
-        for other in range(r + 1, tracks):
+            events |= MAY_BE_KNOWN
+    for r in range(number):
+        for other in range(r + 1, number):
             if not present[r] or not present[other]:
                 continue
             share = False
             for c in range(sensors):
                 share = share or (np.isfinite(body_s[r, c]) and np.isfinite(body_s[other, c]))
             if not share and apart(middle[r], middle[other]) <= same_within_m:
-                found |= MAY_BE_ONE
-    return found
+                events |= MAY_BE_ONE
+    return events
 
 
 @njit(cache=True)
-def rows_of(ids, column, body, body_s):
-    """(bodies,) the row of whoever a sensor's bodies are, −1 of nobody."""
+def rows_of(ids: Int64, column: int, body: Int64, body_s: Float64) -> Int64:
+    """Return the row of each of a sensor's bodies' person (bodies,); −1 for none."""
     rows = np.full(len(ids), -1, dtype=np.int64)
     for b in range(len(ids)):
         for r in range(len(body)):
@@ -193,8 +213,8 @@ def rows_of(ids, column, body, body_s):
 
 
 @njit(cache=True)
-def place_of(number, ids):
-    """Where the number is among the ids; −1 for nowhere."""
+def index_of(number: int, ids: UInt64) -> int:
+    """Return the index of a number in ids; −1 if it is not there."""
     for i in range(len(ids)):
         if ids[i] == number:
             return i
@@ -202,36 +222,38 @@ def place_of(number, ids):
 
 
 @njit(cache=True)
-def stay(at_s, ids, middles, limits, known_ids, known_at_s, known_middle, known_jumped, there):
-    """Which bodies are where one was just before, into ``there``; whether one is new, or was not seen for long.
+def stay(at_s: float, ids: UInt64, middles: Float64, limits: JumpLimits, known: KnownBodies, there: Bools) -> bool:
+    """Compute which bodies are near a recent body of the same sensor, into ``there``.
 
-    Arrays are as `mocapella.association.jumps.SeenBodies` describes them.
+    Returns:
+        Whether a body is new, or was unseen for long.
     """
-    step_m, fastest_m_s, longest_step_s, doubt_s = limits
+    doubt_s = limits.doubt_s
     changed = False
-    for i in range(len(known_ids)):
-        changed = changed or not abs(at_s - known_at_s[i]) <= doubt_s
+    for i in range(len(known.ids)):
+        changed = changed or not abs(at_s - known.at_s[i]) <= doubt_s
     for b in range(len(ids)):
-        own = place_of(ids[b], known_ids)
+        own = index_of(ids[b], known.ids)
         changed = changed or own < 0
-        there[b] = own < 0 or abs(at_s - known_at_s[own]) > doubt_s or not is_placed(middles[b])
-        for i in range(len(known_ids)):
-            away_s = abs(at_s - known_at_s[i])
+        there[b] = own < 0 or abs(at_s - known.at_s[own]) > doubt_s or not is_placed(middles[b])
+        for i in range(len(known.ids)):
+            away_s = abs(at_s - known.at_s[i])
             if not there[b] and away_s <= doubt_s:
-                longest_s = longest_step_s if known_jumped[i] else doubt_s
-                there[b] = apart(middles[b], known_middle[i]) <= step_m + fastest_m_s * min(away_s, longest_s)
+                longest_s = limits.longest_step_s if known.jumped[i] else doubt_s
+                walked_m = limits.fastest_m_s * min(away_s, longest_s)
+                there[b] = apart(middles[b], known.middle[i]) <= limits.step_m + walked_m
     return changed
 
 
 @njit(cache=True)
-def follow(at_s, ids, middles, there, known_ids, known_at_s, known_middle, known_jumped):
-    """Keep where bodies are that did not jump, and which did."""
+def follow(at_s: float, ids: UInt64, middles: Float64, there: Bools, known: KnownBodies) -> None:
+    """Store the positions of bodies that did not jump, and mark the others."""
     for b in range(len(ids)):
-        i = place_of(ids[b], known_ids)
+        i = index_of(ids[b], known.ids)
         if not there[b]:
-            known_jumped[i] = True
+            known.jumped[i] = True
         elif is_placed(middles[b]):
-            known_at_s[i], known_jumped[i] = at_s, False
+            known.at_s[i], known.jumped[i] = at_s, False
             for j in range(middles.shape[1]):
                 for k in range(3):
-                    known_middle[i, j, k] = middles[b, j, k]
+                    known.middle[i, j, k] = middles[b, j, k]

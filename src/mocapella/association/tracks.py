@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import combinations
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import msgspec
 import numpy as np
@@ -78,6 +78,62 @@ class TrackSettings:
         check(0 <= self.same_size < 1e6, "same_size", self.same_size, "0 or more")
 
 
+class TrackArrays(NamedTuple):
+    """The arrays of a `TrackMemory`, for the kernels."""
+
+    since_s: Float64
+    seen_s: Float64
+    confirmed: Bools
+    middle: Float64
+    size: Float64
+    body: Int64
+    body_s: Float64
+
+
+class FrameBodies(NamedTuple):
+    """One frame's bodies.
+
+    Attributes:
+        at_s: capture time, on the common clock [s].
+        column: column of the sensor in the memory.
+        ids: (bodies,) tracking ids.
+        middles: (bodies, middle joints, 3), world [m].
+        lengths: (bodies, lengths) [m]; (0, 0) where not measured.
+    """
+
+    at_s: float
+    column: int
+    ids: Int64
+    middles: Float64
+    lengths: Float64
+
+
+class Gates(NamedTuple):
+    """`TrackSettings` of the gating, for the kernels."""
+
+    gate_m: float
+    stay_bonus_m: float
+    speed_m_s: float
+    widest_gate_m: float
+    by_place_s: float
+    forget_after_s: float
+
+
+class Assignment(NamedTuple):
+    """Costs of a frame's bodies, written by the kernel.
+
+    Attributes:
+        cost, allowed: (bodies, tracks) cost of an assignment, and whether it passes the gates.
+        unplaced: (bodies,) whether no middle joint is visible.
+        rows: (bodies,) the cheapest allowed track; −1 for none.
+    """
+
+    cost: Float64
+    allowed: Bools
+    unplaced: Bools
+    rows: Int64
+
+
 class TrackMemory(msgspec.Struct, eq=False):
     """All who are known: a row for each, in the order of their numbers; a column for each sensor.
 
@@ -126,6 +182,11 @@ class TrackMemory(msgspec.Struct, eq=False):
             kept = (slice(rows), slice(columns)) if name.startswith("body") else slice(rows)
             getattr(new, name)[kept] = getattr(self, name)
         return new
+
+    @property
+    def arrays(self) -> TrackArrays:
+        """The fields without ``person``, for the kernels."""
+        return TrackArrays(self.since_s, self.seen_s, self.confirmed, self.middle, self.size, self.body, self.body_s)
 
     @property
     def present(self) -> Bools:
@@ -258,17 +319,15 @@ class Tracks:
             m.since_s[rows[new]] = at_s
             self._next += len(new)
         s, m = self.settings, self.memory
-        found = _kernels().take(
-            at_s, column, numbers, middles, lengths, rows, s.same_within_m, s.confirm_after_s,
-            m.since_s, m.seen_s, m.confirmed, m.middle, m.size, m.body, m.body_s,
-        )  # fmt: skip
-        if found & _kernels().FORGOTTEN:
+        frame = FrameBodies(at_s, column, numbers, middles, lengths)
+        events = _kernels().take(frame, rows, float(s.same_within_m), float(s.confirm_after_s), m.arrays)
+        if events & _kernels().FORGOTTEN:
             self._owners = {}
         if nobody:
             self._owners.pop(sensor, None)
         elif (owners := dict(zip(ids, m.person[rows].tolist(), strict=True))) != self._owners.get(sensor):
             self._owners[sensor] = owners
-        if not found & (_kernels().MAY_BE_ONE | _kernels().MAY_BE_KNOWN):
+        if not events & (_kernels().MAY_BE_ONE | _kernels().MAY_BE_KNOWN):
             self._close_since_s, self.merged = {}, ()
             return rows
         people = np.where(rows < 0, -1, m.person[rows])
@@ -294,14 +353,12 @@ class Tracks:
             (bodies,) rows, −1 for nobody; (bodies,) whether nothing of the middle is seen; whether anybody is nobody.
         """
         s, m = self.settings, self.memory
-        gates = (s.gate_m, s.stay_bonus_m, s.speed_m_s, s.widest_gate_m, s.by_place_s, s.forget_after_s)
+        numbers = (s.gate_m, s.stay_bonus_m, s.speed_m_s, s.widest_gate_m, s.by_place_s, s.forget_after_s)
         shape = len(ids), len(m.person)
         cost, allowed = np.empty(shape), np.empty(shape, dtype=np.bool_)
         rows, unplaced = np.empty(len(ids), dtype=np.int64), np.empty(len(ids), dtype=np.bool_)
-        outcome = _kernels().costs(
-            at_s, column, ids, middles, expected, len(lengths) > 0, gates, m.seen_s, m.confirmed, m.middle, m.size,
-            m.body, m.body_s, cost, allowed, unplaced, rows,
-        )  # fmt: skip
+        frame, result = FrameBodies(at_s, column, ids, middles, lengths), Assignment(cost, allowed, unplaced, rows)
+        outcome = _kernels().costs(frame, expected, Gates(*map(float, numbers)), m.arrays, result)
         if outcome == _kernels().EXPIRED:
             patience_s = np.where(m.confirmed, s.forget_after_s, 2.0 * RECENT_S)
             stays = at_s - m.seen_s <= patience_s
@@ -309,7 +366,7 @@ class Tracks:
             return self._assign(column, ids, middles, expected[stays], at_s, lengths)
         if outcome == _kernels().AMBIGUOUS:
             rows = assign(cost, allowed)
-        return rows, unplaced, outcome != _kernels().EVERYBODY
+        return rows, unplaced, outcome != _kernels().COMPLETE
 
     def _know_again(self, at_s: float) -> None:
         """Tell of those who are new for long enough, or find out that they are somebody who was missing."""

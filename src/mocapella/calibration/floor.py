@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import msgspec
 import numpy as np
@@ -37,6 +37,21 @@ EVERY_S: Final = 0.08
 """Frames that come sooner after the last are left out [s]."""
 ENOUGH_S: Final = 1.0
 """Of standing feet, before there is a floor [s]."""
+
+
+class FloorJoints(NamedTuple):
+    """Joints of a topology that the floor is estimated from; ``feet`` (feet,)."""
+
+    root: int
+    head: int
+    feet: NDArray[np.int64]
+
+
+class FeetOfFrame(NamedTuple):
+    """Tracking ids (bodies,) of a frame, and its feet (bodies, feet, 3) [m]; NaN where not seen."""
+
+    ids: NDArray[np.uint64]
+    positions: Float64
 
 
 class Floor(msgspec.Struct, frozen=True, eq=False):
@@ -102,12 +117,12 @@ class FloorFromFeet:
         dt = at - self.last
         if 0 <= dt < EVERY_S:
             return
-        root, head, foot_joints = _joints(bodies.topology.name)
+        joints = _joints(bodies.topology.name)
         ids = np.array(bodies.ids, dtype=np.uint64)
-        feet = np.empty((len(ids), len(foot_joints), 3))
+        feet = np.empty((len(ids), len(joints.feet), 3))
         _kernels().stand(
-            self.sums, self.back, self.plane, self.ids, self.feet, ids, feet, dt,
-            np.ascontiguousarray(bodies.positions), np.ascontiguousarray(bodies.states), root, head, foot_joints,
+            self.sums, self.back, self.plane, FeetOfFrame(self.ids, self.feet), FeetOfFrame(ids, feet), dt,
+            np.ascontiguousarray(bodies.positions), np.ascontiguousarray(bodies.states), joints,
         )  # fmt: skip
         self.ids, self.feet, self.last = ids, feet, at
         if self.sums[0] > 1.05 * self.grown:
@@ -142,10 +157,10 @@ _UPPER: Final = np.triu_indices(3)
 
 
 @cache
-def _joints(name: str) -> tuple[int, int, NDArray[np.int64]]:
-    """A topology's root, head and feet."""
+def _joints(name: str) -> FloorJoints:
     parts = topology(name).parts
-    return parts["root"], parts["head"], np.array([j for part, j in parts.items() if part.startswith("foot_")])
+    feet = np.array([j for part, j in parts.items() if part.startswith("foot_")])
+    return FloorJoints(parts["root"], parts["head"], feet)
 
 
 @cache

@@ -1,29 +1,53 @@
-"""The step of `mocapella.calibration.floor` for each frame, compiled; importing this module imports numba."""
+"""Compiled step of `mocapella.calibration.floor` for each frame; importing this module imports numba."""
 
 # ruff: noqa: PLR0917 - compiled functions take arrays by position
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mocapella.calibration.floor import FOOT_HEIGHT_M, OUTLIER_M, STANCE_S, STANDS_BELOW_M_S
+from mocapella.calibration.floor import (
+    FOOT_HEIGHT_M,
+    OUTLIER_M,
+    STANCE_S,
+    STANDS_BELOW_M_S,
+    FeetOfFrame,
+    FloorJoints,
+)
 from mocapella.compiled import njit
 
+Float64 = NDArray[np.float64]
+
 LONGEST_STEP = 0.3
-"""A foot that was not seen for longer may have been anywhere [s]."""
-LOOKED_AT = 0.03
-"""What a frame adds to the seconds of backs [s]."""
+"""A foot that was unseen for longer is not compared [s]."""
+BACK_STEP_S = 0.03
+"""Time that each frame adds to the back directions [s]."""
 TRACKED = 2
 """`JointState.TRACKED`."""
 
 
 @njit(cache=True)
-def stand(sums, back, plane, ids_before, feet_before, ids, feet, dt, positions, states, root, head, foot_joints):
-    """Fill ``feet`` and add to ``sums`` and ``back``; all as in `floor.FloorFromFeet`.
+def stand(
+    sums: Float64,
+    back: Float64,
+    plane: Float64,
+    before: FeetOfFrame,
+    now: FeetOfFrame,
+    dt: float,
+    positions: Float64,
+    states: NDArray[np.uint8],
+    joints: FloorJoints,
+) -> None:
+    """Fill the feet of ``now``, and add to ``sums`` and ``back``; see `floor.FloorFromFeet`.
 
     Args:
-        dt: since the frame of ``feet_before`` [s].
-        positions: (bodies, joints, 3); states: (bodies, joints); root, head: joints; foot_joints: (feet,).
+        sums, back, plane: see there.
+        before, now: the previous frame, and this one.
+        dt: time between them [s].
+        positions: (bodies, joints, 3); states: (bodies, joints).
+        joints: see there.
     """
+    ids, feet, foot_joints, root, head = now.ids, now.positions, joints.feet, joints.root, joints.head
     for i in range(len(ids)):
         p, found = positions[i], 0
         for k in range(len(foot_joints)):
@@ -37,9 +61,9 @@ def stand(sums, back, plane, ids_before, feet_before, ids, feet, dt, positions, 
             length = _distance(p[head], p[root])
             if length > 0.0:
                 for m in range(3):
-                    back[m] += LOOKED_AT * (p[head, m] - p[root, m]) / length
-                back[3] += LOOKED_AT
-        # The lower one: the other may be lifted and still.
+                    back[m] += BACK_STEP_S * (p[head, m] - p[root, m]) / length
+                back[3] += BACK_STEP_S
+        # Only the lower foot: the other one may be lifted and at rest.
         lowest, least = 0, np.inf
         for k in range(len(foot_joints)):
             height = back[0] * feet[i, k, 0] + back[1] * feet[i, k, 1] + back[2] * feet[i, k, 2]
@@ -47,24 +71,26 @@ def stand(sums, back, plane, ids_before, feet_before, ids, feet, dt, positions, 
                 lowest, least = k, height
         if not 0.0 < dt < LONGEST_STEP:
             continue
-        for b in range(len(ids_before)):
-            if ids_before[b] == ids[i]:
-                _add(sums, plane, feet_before[b, lowest], feet[i, lowest], dt)
+        for b in range(len(before.ids)):
+            if before.ids[b] == ids[i]:
+                _add(sums, plane, before.positions[b, lowest], feet[i, lowest], dt)
 
 
 @njit(cache=True)
-def _seen(p, state):
-    finite = np.isfinite(p[0]) and np.isfinite(p[1]) and np.isfinite(p[2])
-    return state == TRACKED and finite and (p[0] != 0.0 or p[1] != 0.0 or p[2] != 0.0)
+def _seen(p: Float64, state: int) -> bool:
+    finite: bool = np.isfinite(p[0]) and np.isfinite(p[1]) and np.isfinite(p[2])
+    there: bool = p[0] != 0.0 or p[1] != 0.0 or p[2] != 0.0
+    return state == TRACKED and finite and there
 
 
 @njit(cache=True)
-def _distance(p, q):
-    return np.sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
+def _distance(p: Float64, q: Float64) -> float:
+    distance: float = np.sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
+    return distance
 
 
 @njit(cache=True)
-def _add(sums, plane, earlier, x, dt):
+def _add(sums: Float64, plane: Float64, earlier: Float64, x: Float64, dt: float) -> None:
     if not _distance(x, earlier) <= STANDS_BELOW_M_S * dt:
         return
     weight = dt / STANCE_S

@@ -1,34 +1,35 @@
-"""Small linear algebra of `mocapella.calibration.sensor_graph`, compiled; importing this module imports numba.
+"""Compiled linear algebra of `mocapella.calibration.sensor_graph`; importing this module imports numba.
 
-LAPACK starts threads for matrices as small as these, which takes longer than the work on a machine that is busy. Sums
-are written out: numba compiles them sooner than expressions of arrays.
+LAPACK starts threads even for small matrices, which costs more than it saves on a busy machine. Sums are written out
+because numba compiles loops faster than expressions of arrays.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
+from mocapella.geometry.cholesky_kernels import factorise
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+_UNDAMPED = np.float64(0.0)
 
 
 @njit(cache=True)
-def inverse_of_positive(A):
-    """Of a symmetric positive definite (n, n) matrix, by its Cholesky factor (Golub and Van Loan, 4.2); NaN if it is
-    none.
+def inverse_of_positive(A: Float64) -> Float64:
+    """Invert a symmetric positive definite matrix (n, n) by its Cholesky factor; all NaN if it is not one.
+
+    G. Golub, C. Van Loan, *Matrix Computations*, 4.2.
     """
     n = len(A)
-    L = np.zeros((n, n))
-    for i in range(n):
-        for j in range(i + 1):
-            s = A[i, j]
-            for k in range(j):
-                s -= L[i, k] * L[j, k]
-            if i > j:
-                L[i, j] = s / L[j, j]
-            elif s > 0.0:
-                L[i, i] = np.sqrt(s)
-            else:
-                L[i, i] = np.nan  # and with it all that follows
+    L, out = np.zeros((n, n)), np.empty((n, n))
+    if not factorise(A, _UNDAMPED, L):
+        for i in range(n):
+            for j in range(n):
+                out[i, j] = np.nan
+        return out
     # Columns of L⁻¹, kept as rows, so that the products below run along memory.
     X = np.zeros((n, n))
     for c in range(n):
@@ -38,7 +39,6 @@ def inverse_of_positive(A):
             for k in range(c, i):
                 s -= L[i, k] * X[c, k]
             X[c, i] = s / L[i, i]
-    out = np.empty((n, n))
     for i in range(n):
         for j in range(i + 1):
             s = 0.0
@@ -49,13 +49,21 @@ def inverse_of_positive(A):
 
 
 @njit(cache=True)
-def refine(world, a, b, T_a_b, weights, most_steps, smallest_step):  # noqa: PLR0917
-    """Gauss–Newton over all pairs; see `sensor_graph`. Improves ``world`` in place but for its first.
+def refine(  # noqa: PLR0917
+    world: Float64,
+    a: Int64,
+    b: Int64,
+    T_a_b: Float64,
+    weights: Float64,
+    most_steps: int,
+    smallest_step: float,
+) -> Float64:
+    """Refine ``world`` in place, except its first, by Gauss–Newton over all pairs; see `sensor_graph`.
 
     Args:
         world: (sensors, 4, 4) T_root_sensor.
-        a, b: (pairs,) which sensors; T_a_b: (pairs, 4, 4); weights: (pairs, 6, 6) inverse covariances.
-        most_steps, smallest_step: when to end.
+        a, b: (pairs,) indices of the sensors; T_a_b: (pairs, 4, 4); weights: (pairs, 6, 6) inverse covariances.
+        most_steps, smallest_step: stopping criteria.
 
     Returns:
         (6·(sensors − 1), 6·(sensors − 1)) covariance.
@@ -103,7 +111,7 @@ def refine(world, a, b, T_a_b, weights, most_steps, smallest_step):  # noqa: PLR
 
 
 @njit(cache=True)
-def _inverse(T):
+def _inverse(T: Float64) -> Float64:
     out = np.eye(4)
     for i in range(3):
         for k in range(3):
@@ -113,7 +121,7 @@ def _inverse(T):
 
 
 @njit(cache=True)
-def _product(A, B):
+def _product(A: Float64, B: Float64) -> Float64:
     out = np.zeros((A.shape[0], B.shape[1]))
     for i in range(A.shape[0]):
         for j in range(A.shape[1]):
@@ -123,7 +131,7 @@ def _product(A, B):
 
 
 @njit(cache=True)
-def _transposed(A):
+def _transposed(A: Float64) -> Float64:
     out = np.empty((A.shape[1], A.shape[0]))
     for i in range(A.shape[0]):
         for k in range(A.shape[1]):
@@ -132,7 +140,7 @@ def _transposed(A):
 
 
 @njit(cache=True)
-def _cross(x, y, z):
+def _cross(x: float, y: float, z: float) -> Float64:
     out = np.zeros((3, 3))
     out[0, 1], out[0, 2], out[1, 2] = -z, y, -x
     out[1, 0], out[2, 0], out[2, 1] = z, -y, x
@@ -140,7 +148,7 @@ def _cross(x, y, z):
 
 
 @njit(cache=True)
-def _adjoint(T):
+def _adjoint(T: Float64) -> Float64:
     out, across = np.zeros((6, 6)), _cross(T[0, 3], T[1, 3], T[2, 3])
     for i in range(3):
         for k in range(3):
@@ -151,8 +159,8 @@ def _adjoint(T):
 
 
 @njit(cache=True)
-def _exp(twist):
-    """As `twists.exp_twist`."""
+def _exp(twist: Float64) -> Float64:
+    """Return the exponential of a twist (6,), as `twists.exp_twist`."""
     square = twist[3] ** 2 + twist[4] ** 2 + twist[5] ** 2
     angle = np.sqrt(square)
     K = _cross(twist[3], twist[4], twist[5])
@@ -170,8 +178,10 @@ def _exp(twist):
 
 
 @njit(cache=True)
-def _log(T):
-    """As `twists.log_motion`: by the longest column of 4 q qᵀ of the unit quaternion q."""
+def _log(T: Float64) -> Float64:
+    """Return the logarithm of a motion (4, 4), as `twists.log_motion`.
+
+    By the longest column of 4 q qᵀ of the unit quaternion q."""
     trace = T[0, 0] + T[1, 1] + T[2, 2]
     best, most = -1, trace
     for i in range(3):

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.calibration import pair_memory as at
-from mocapella.calibration.pair_memory import BodyTrack, new_body
+from mocapella.calibration.pair_memory import BodyTrack, PairArrays, PairParameters, new_body
 from mocapella.calibration.time_offset import OFFSET_PRIOR_SD, TimeOffset, moved_clock, offset_of
 from mocapella.geometry.alignment import MOMENTS, centred_products, cross_matrix, moments, normal_equations, shifted
 from mocapella.geometry.rigid import apply
@@ -102,13 +102,9 @@ class PairSettings:
         check(self.moved_factor >= 1, "moved_factor", self.moved_factor, "1 or more")
 
     @cached_property
-    def vector(self) -> Float64:
-        """For the compiled step, in its order."""
-        return np.array([
-            self.memory_s, self.first_memory_s, self.memory_growth, self.residual_floor_m, self.mirrored_weight,
-            self.label_hysteresis_m, self.full_speed_m_s, self.still_fraction, self.velocity_window_s,
-            self.independent_after_m, self.moved_factor, self.moved_least_m, self.every_s,
-        ])  # fmt: skip
+    def parameters(self) -> PairParameters:
+        """The settings for the kernels, which are compiled for floats alone."""
+        return PairParameters(*(float(getattr(self, name)) for name in PairParameters._fields))
 
 
 class PairEstimate(msgspec.Struct, frozen=True, eq=False):
@@ -206,12 +202,8 @@ class PairCalibration:
         body = self.bodies.get(who)
         if body is None:
             body = self.bodies[who] = new_body(mirrored=self.mirrored_at_first)
-        return bool(
-            _take_newest()(
-                self.moments, self.scatter, self.T_a_b, self.scalars, self.clock, body, a.times, a.points, a.weights,
-                a.held, b.times, b.points, b.weights, b.held, mirror, self.settings.vector,
-            )
-        )  # fmt: skip
+        pair = PairArrays(self.moments, self.scatter, self.T_a_b, self.scalars, self.clock, body)
+        return bool(_take_newest()(pair, a.arrays, b.arrays, mirror, self.settings.parameters))
 
     def trust(self, estimate: PairEstimate) -> None:
         """Leave frames out from now on that disagree with the estimate more than is usual, if it is trusted."""

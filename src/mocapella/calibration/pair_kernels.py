@@ -1,12 +1,13 @@
-"""The hot step of `mocapella.calibration.pair_calibration`, compiled; importing this module imports numba.
+"""Compiled step of `mocapella.calibration.pair_calibration`; importing this module imports numba.
 
-All memory is in arrays, whose places have the names below. Times are seconds on the common clock.
+State is in arrays, whose elements the constants of `pair_memory` name. Times are seconds on the common clock.
 """
 
-# ruff: noqa: PLR0912, PLR0915, PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0917 - compiled: arrays come by position, and loops are written out
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.calibration.pair_memory import (
     AGREED,
@@ -40,33 +41,40 @@ from mocapella.calibration.pair_memory import (
     STEP_AT,
     STEPS,
     STOOD,
+    PairArrays,
+    PairParameters,
+    TrackArrays,
 )
 from mocapella.compiled import njit
 from mocapella.geometry.alignment_kernels import accumulate, align, residuals
 
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
 LONGEST_STEP = 0.2
-"""A frame counts for no more time than this [s]."""
+"""Longest time that one frame counts for [s]."""
 STANDS_FOR = 20.0
-"""However long somebody stands in one place, it counts no more than so long at `PairSettings.still_fraction` [s]."""
+"""Upper bound of the time that standing in one spot counts, at `PairSettings.still_fraction` [s]."""
 TRACKED = 2
 """`JointState.TRACKED`."""
 FARTHEST = 0.3
-"""Residuals count as no more than this in the statistics [m]."""
+"""Upper bound of residuals in the statistics [m]."""
 CLOCK_LAG = 0.1
-"""Offsets of clocks are judged by how joints moved since so long ago [s]."""
+"""Clock offsets are estimated from the motion of joints over this time [s]."""
 CLOCK_MEMORY = 30.0
-"""Time constant of what is remembered of the clocks, of shared motion [s]."""
+"""Time constant of the sums for the clock offset, in shared motion [s]."""
 CLOCK_FARTHEST = 0.15
-"""Joints that the two sensors see move so differently since then have jumped, or are others' [m]."""
+"""Joints whose motion differs by more between the two sensors are left out: a jump, or another person [m]."""
 CLOCK_FASTEST = 3.0
-"""Nor does a joint change its velocity so much meanwhile [m/s]."""
+"""Joints whose velocity changes by more are left out [m/s]."""
 
 
 @njit(cache=True)
-def resample(times, points, weights, t, q, w):
-    """Interpolate (frames, joints, 3) at t into q (joints, 3) and w (joints,): 1 it did, 0 there is a gap, −1 not yet.
+def resample(times: Float64, points: Float64, weights: Float64, t: float, q: Float64, w: Float64) -> int:
+    """Interpolate (frames, joints, 3) at t into q (joints, 3) and w (joints,).
 
-    Between frames that are farther apart than `LONGEST_STEP` is a gap.
+    Returns:
+        1 if t is between two frames at most `LONGEST_STEP` apart; 0 if it is in a gap; −1 if after the last frame.
     """
     n = len(times)
     if n == 0 or times[n - 1] < t:
@@ -92,8 +100,18 @@ def resample(times, points, weights, t, q, w):
 
 
 @njit(cache=True)
-def add_frame(times, points, weights, held, frozen_since, at, positions, states, inferred):
-    """See `pair_memory.BodyTrack.add`."""
+def add_frame(
+    times: Float64,
+    points: Float64,
+    weights: Float64,
+    held: Int64,
+    frozen_since: Float64,
+    at: float,
+    positions: Float64,
+    states: NDArray[np.uint8],
+    inferred: float,
+) -> bool:
+    """Append a frame, see `pair_memory.BodyTrack.add`."""
     begin, end = held
     if not np.isfinite(at) or (end > begin and at <= times[end - 1]):
         return False
@@ -127,8 +145,19 @@ def add_frame(times, points, weights, held, frozen_since, at, positions, states,
 
 
 @njit(cache=True)
-def add_bodies(times, points, weights, held, frozen_since, slots, at, positions, states, inferred):
-    """Add one frame's bodies to their slots; since when none of them has moved at all [s], NaN where one has."""
+def add_bodies(
+    times: Float64,
+    points: Float64,
+    weights: Float64,
+    held: Int64,
+    frozen_since: Float64,
+    slots: Int64,
+    at: float,
+    positions: Float64,
+    states: NDArray[np.uint8],
+    inferred: float,
+) -> float:
+    """Append a frame's bodies to their slots; return since when all of them are frozen [s], NaN if one moves."""
     since = -np.inf if len(slots) else np.nan
     for i in range(len(slots)):
         s = slots[i]
@@ -138,58 +167,51 @@ def add_bodies(times, points, weights, held, frozen_since, slots, at, positions,
 
 
 @njit(cache=True)
-def take_newest(
-    M, B, T, S, clock, body, a_times, a_points, a_weights, a_held, b_times, b_points, b_weights, b_held, mirror, cfg
-):  # fmt: skip
-    """Take in the newest frame of a that b's frames reach around, if it is new enough; whether there was one.
+def take_newest(pair: PairArrays, a: TrackArrays, b: TrackArrays, mirror: Int64, p: PairParameters) -> bool:
+    """Take in the newest frame of a that b's frames surround in time, if it is due; whether there was one.
 
     Args:
-        M: (50,) moments; B: (7, 7) of the gradients; T: (4, 4); S: the pair's scalars; clock: its sums of that name;
-            body: this pair of bodies'.
-        a_times, a_points, a_weights, a_held, and the same of b: as in `pair_memory.BodyTrack`.
-        mirror: (joints,).
-        cfg: the settings, in the order of `PairSettings.vector`.
+        pair: state, updated in place.
+        a, b: the newest frames of the body in both sensors.
+        mirror: (joints,) of the topology.
+        p: see there.
     """
-    (memory, first_memory, growth, floor, mirrored_weight, hysteresis, full_speed, still, half, independent,
-     factor, least_apart, every) = cfg  # fmt: skip
-    joints = len(mirror)
-    b_times, b_points, b_weights = (
-        b_times[b_held[0] : b_held[1]], b_points[b_held[0] : b_held[1]], b_weights[b_held[0] : b_held[1]]
-    )  # fmt: skip
-    i = a_held[1] - 1
-    while i >= a_held[0] and a_times[i] > body[LAST] + every:
-        if len(b_times) and b_times[-1] >= a_times[i] + S[REFERENCE_OFFSET] + half:
+    S, body, half = pair.scalars, pair.body, p.velocity_window_s
+    joints, offset = len(mirror), S[REFERENCE_OFFSET]
+    b_end = b.held[1]
+    frames = TrackArrays(b.times[b.held[0] : b_end], b.points[b.held[0] : b_end], b.weights[b.held[0] : b_end], b.held)
+    i = a.held[1] - 1
+    while i >= a.held[0] and a.times[i] > body[LAST] + p.every_s:
+        if len(frames.times) and frames.times[-1] >= a.times[i] + offset + half:
             break
         i -= 1
-    if i < a_held[0] or a_times[i] <= body[LAST] + every:
+    if i < a.held[0] or a.times[i] <= body[LAST] + p.every_s:
         return False
-    t = a_times[i]
-    at = t + S[REFERENCE_OFFSET]
+    t = a.times[i]
     body[LAST] = t
     v, q, w_q = np.empty((joints, 3)), np.empty((joints, 3)), np.empty(joints)
-    if not _moving(b_times, b_points, b_weights, at, half, q, v, w_q):
+    if not _moving(frames, t + offset, half, q, v, w_q):
         return False
     w, w_mirrored = np.empty(joints), np.empty(joints)
     used = 0
     for j in range(joints):
-        w[j], w_mirrored[j] = min(a_weights[i, j], w_q[j]), min(a_weights[i, j], w_q[mirror[j]])
+        w[j], w_mirrored[j] = min(a.weights[i, j], w_q[j]), min(a.weights[i, j], w_q[mirror[j]])
         used += w[j] > 0.0
     if used < 4:
         return False
-    if M[0] > 0.0:
-        a_held_times, a_held_points, a_held_weights = (
-            a_times[a_held[0] : i + 1], a_points[a_held[0] : i + 1], a_weights[a_held[0] : i + 1]
-        )  # fmt: skip
-        _learn_clock(body, T, a_held_times, a_held_points, a_held_weights, b_times, b_points, b_weights, t - half,
-                     S[REFERENCE_OFFSET], half, mirror)  # fmt: skip
-    _step(M, B, T, S, clock, body, t, a_points[i], q, v, w, w_mirrored, mirror, memory, first_memory, growth, floor,
-          mirrored_weight, hysteresis, full_speed, still, independent, factor, least_apart)  # fmt: skip
+    if pair.moments[0] > 0.0:
+        a_frames = TrackArrays(
+            a.times[a.held[0] : i + 1], a.points[a.held[0] : i + 1], a.weights[a.held[0] : i + 1], a.held
+        )
+        _learn_clock(body, pair.T_a_b, a_frames, frames, t - half, offset, half, mirror)
+    _step(pair, t, a.points[i], q, v, w, w_mirrored, mirror, p)
     return True
 
 
 @njit(cache=True)
-def _moving(times, points, weights, at, half, q, v, w):
-    """Write where joints are at a time, their velocities (joints, 3) and weights (joints,); whether that is known."""
+def _moving(frames: TrackArrays, at: float, half: float, q: Float64, v: Float64, w: Float64) -> bool:
+    """Interpolate joints and velocities (joints, 3) and weights (joints,) at a time; whether frames surround it."""
+    times, points, weights = frames.times, frames.points, frames.weights
     before, w_before, w_after = np.empty_like(q), np.empty_like(w), np.empty_like(w)
     if (
         resample(times, points, weights, at + half, v, w_after) != 1
@@ -205,17 +227,23 @@ def _moving(times, points, weights, at, half, q, v, w):
 
 
 @njit(cache=True)
-def _learn_clock(body, T, a_times, a_points, a_weights, b_times, b_points, b_weights, t, offset, half, mirror):
-    """Add Σ w u_a·u_b and Σ w z·r at one time to those of the block; see `time_offset`."""
+def _learn_clock(
+    body: Float64,
+    T: Float64,
+    a: TrackArrays,
+    b: TrackArrays,
+    t: float,
+    offset: float,
+    half: float,
+    mirror: Int64,
+) -> None:
+    """Add Σ w u_a·u_b and Σ w z·r at one time to the sums of the block; see `time_offset`."""
     n = len(mirror)
     p, q, u_a, u_b, w = (
         np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty(n)
     )  # fmt: skip
     w_b = np.empty(n)
-    if not (
-        _changes(a_times, a_points, a_weights, t, half, p, u_a, w)
-        and _changes(b_times, b_points, b_weights, t + offset, half, q, u_b, w_b)
-    ):
+    if not (_changes(a, t, half, p, u_a, w) and _changes(b, t + offset, half, q, u_b, w_b)):
         return
     for j in range(n):
         o = mirror[j] if body[MIRRORED] > 0.0 else j
@@ -238,13 +266,10 @@ def _learn_clock(body, T, a_times, a_points, a_weights, b_times, b_points, b_wei
 
 
 @njit(cache=True)
-def _changes(times, points, weights, t, half, x, v, w):
-    """Write by how much joints and their velocities (joints, 3) changed in the last `CLOCK_LAG`; whether known."""
+def _changes(frames: TrackArrays, t: float, half: float, x: Float64, v: Float64, w: Float64) -> bool:
+    """Compute the changes of joints and velocities (joints, 3) in the last `CLOCK_LAG`; whether frames cover it."""
     x_before, v_before, w_before = np.empty_like(x), np.empty_like(v), np.empty_like(w)
-    if not (
-        _moving(times, points, weights, t, half, x, v, w)
-        and _moving(times, points, weights, t - CLOCK_LAG, half, x_before, v_before, w_before)
-    ):
+    if not (_moving(frames, t, half, x, v, w) and _moving(frames, t - CLOCK_LAG, half, x_before, v_before, w_before)):
         return False
     for j in range(len(w)):
         w[j] = min(w[j], w_before[j])
@@ -255,19 +280,26 @@ def _changes(times, points, weights, t, half, x, v, w):
 
 
 @njit(cache=True)
-def _step(
-    M, B, T, S, clock, body, t, p, q, v, w, w_mirrored, mirror, memory, first_memory, growth, floor, mirrored_weight,
-    hysteresis, full_speed, still, independent, factor, least_apart
-):  # fmt: skip
-    joints, offset, started = len(w), S[OFFSET], M[0] > 0.0
-    order, r, r_mirrored, centre = np.arange(joints), np.empty(joints), np.empty(joints), np.empty(3)
-    dt = min(max(t - body[STEP_AT], 0.0), LONGEST_STEP) if body[STEP_AT] > -1e300 else 0.0
-    body[STEP_AT] = t
+def _choose_labels(
+    pair: PairArrays, p: Float64, q: Float64, v: Float64, w: Float64, w_mirrored: Float64, mirror: Int64,
+    hysteresis: float, r: Float64,
+) -> Int64:  # fmt: skip
+    """Decide which labels of b match a's: those of before, unless the others fit better by the hysteresis.
 
-    # Which labels: those of before, unless the others fit better by the hysteresis.
-    labels = order
-    if started:
-        for j in range(joints):  # over the same joints, or the comparison is none
+    Args:
+        pair: its ``body[MIRRORED]`` is updated.
+        p, q, v: (joints, 3) joints in a, in b, and velocities in b.
+        w, w_mirrored: (joints,) weights with b's labels and with mirrored ones; ``w`` becomes the chosen ones.
+        r: (joints,) scratch.
+
+    Returns:
+        (joints,) b's joint for each joint of a.
+    """
+    body, T, offset, joints = pair.body, pair.T_a_b, pair.scalars[OFFSET], len(w)
+    order = np.arange(joints)
+    if pair.moments[0] > 0.0:
+        r_mirrored = np.empty(joints)
+        for j in range(joints):  # compare over the same joints
             r[j] = w[j] if w_mirrored[j] > 0.0 else 0.0
         both = r.copy()
         same = residuals(T, offset, p, q, v, order, both, r)
@@ -278,34 +310,66 @@ def _step(
         elif other < same - hysteresis:
             body[MIRRORED] = 1.0
     if body[MIRRORED] > 0.0:
-        labels = mirror
         for j in range(joints):
             w[j] = w_mirrored[j]
+        return mirror
+    return order
 
-    # Standing still says less and less that is new: how long a frame counts goes by how far the body moves.
+
+@njit(cache=True)
+def _time_of_motion(body: Float64, dt: float, v: Float64, w: Float64, labels: Int64, settings: PairParameters) -> float:
+    """Return the time that a frame counts for [s], by how fast the body moves: standing still adds ever less."""
     speed_sq, used = 0.0, 0
-    for j in range(joints):
+    for j in range(len(w)):
         used += w[j] > 0.0
     for k in range(3):
         u = 0.0
-        for j in range(joints):
+        for j in range(len(w)):
             if w[j] > 0.0:
                 u += v[labels[j], k]
         speed_sq += (u / max(used, 1)) ** 2
-    moves = min(1.0, np.sqrt(speed_sq) / full_speed)
-    stands = still * (STANDS_FOR / (STANDS_FOR + body[STOOD])) ** 2
+    moves = min(1.0, np.sqrt(speed_sq) / settings.full_speed_m_s)
+    stands = settings.still_fraction * (STANDS_FOR / (STANDS_FOR + body[STOOD])) ** 2
     body[STOOD] += dt * (1.0 - moves)
-    counts = dt * max(stands, moves)
+    counts: float = dt * max(stands, moves)
+    return counts
+
+
+@njit(cache=True)
+def _step(
+    pair: PairArrays, t: float, p: Float64, q: Float64, v: Float64, w: Float64, w_mirrored: Float64, mirror: Int64,
+    settings: PairParameters,
+) -> None:  # fmt: skip
+    """Update the estimate by one pair of frames.
+
+    Args:
+        pair: state, updated in place.
+        t: time of a's frame [s].
+        p: (joints, 3) joints in a [m].
+        q, v: (joints, 3) joints in b at that time, and their velocities [m], [m/s].
+        w, w_mirrored: (joints,) weights with b's labels, and with mirrored ones; written over.
+        mirror: (joints,) of the topology.
+        settings: see there.
+    """
+    M, B, T, S, clock, body = pair.moments, pair.scatter, pair.T_a_b, pair.scalars, pair.clock, pair.body
+    joints, offset, started = len(w), S[OFFSET], M[0] > 0.0
+    r, centre = np.empty(joints), np.empty(3)
+    dt = min(max(t - body[STEP_AT], 0.0), LONGEST_STEP) if body[STEP_AT] > -1e300 else 0.0
+    body[STEP_AT] = t
+    labels = _choose_labels(pair, p, q, v, w, w_mirrored, mirror, settings.label_hysteresis_m, r)
+    counts = _time_of_motion(body, dt, v, w, labels, settings)
     if not started:
-        counts = 0.03 * still
+        counts = 0.03 * settings.still_fraction
     mean = residuals(T, offset, p, q, v, labels, w, r) if started else 0.0
     body[RESIDUAL] = mean
     apart = _apart(T, offset, p, q, v, labels, w, centre)
     S[STEPS] += 1.0
-    if started and not _agrees(S, body, apart, t, dt, factor, least_apart) and S[OWN_SD] > 0.0:
+    agrees = not started or _agrees(S, body, apart, t, dt, settings.moved_factor, settings.moved_least_m)
+    if not agrees and S[OWN_SD] > 0.0:
         return
     S[MOTION] += counts
-    keep = np.exp(-counts / min(memory, first_memory + growth * S[MOTION]))
+    memory_s = min(settings.memory_s, settings.first_memory_s + settings.memory_growth * S[MOTION])
+    keep = np.exp(-counts / memory_s)
     for k in (BLOCKS, COST, COST_WEIGHT, APART_SQ):
         S[k] *= keep
     S[BLOCKS_SQ] *= keep * keep
@@ -319,20 +383,22 @@ def _step(
         S[CENTRE + k] = S[CENTRE + k] * keep + counts * centre[k]
     M *= keep
     B *= keep * keep
-    scale = mirrored_weight if body[MIRRORED] > 0.0 else 1.0
+    scale, floor = settings.mirrored_weight if body[MIRRORED] > 0.0 else 1.0, settings.residual_floor_m
     for j in range(joints):
         w[j] *= counts * scale / (max(r[j], floor) if started else floor)
     if started:
         _gradient(body, T, offset, p, q, v, labels, w)
-        _close_block(B, S, clock, body, centre, independent)
+        _close_block(B, S, clock, body, centre, settings.independent_after_m)
     accumulate(M, p, q, v, w, labels)
     if M[0] > 0.0:
         align(M, offset, T)
 
 
 @njit(cache=True)
-def _apart(T, offset, p, q, v, labels, w, centre):
-    """How far apart the two views of the body's centre are [m]; write a's into centre (3,)."""
+def _apart(
+    T: Float64, offset: float, p: Float64, q: Float64, v: Float64, labels: Int64, w: Float64, centre: Float64
+) -> float:
+    """Return the distance between the two views of the body's centre [m]; write a's centre into ``centre`` (3,)."""
     x, used = np.zeros(3), 0
     centre[0] = centre[1] = centre[2] = 0.0
     for j in range(len(w)):
@@ -350,12 +416,13 @@ def _apart(T, offset, p, q, v, labels, w, centre):
     for k in range(3):
         apart += (x[k] / max(used, 1)) ** 2
         centre[k] /= max(used, 1)
-    return np.sqrt(apart)
+    distance: float = np.sqrt(apart)
+    return distance
 
 
 @njit(cache=True)
-def _agrees(S, body, apart, t, dt, factor, least_apart):
-    """Whether the centres are no farther apart than is usual for these sensors, and remember since when not."""
+def _agrees(S: Float64, body: Float64, apart: float, t: float, dt: float, factor: float, least_apart: float) -> bool:
+    """Return whether the centres are as near as is usual for these sensors; record since when they are not."""
     body[APART] = apart
     usual = np.sqrt(S[APART_SQ] / S[COST_WEIGHT] + S[OWN_SD] ** 2)
     if apart <= max(least_apart, factor * usual):
@@ -368,8 +435,10 @@ def _agrees(S, body, apart, t, dt, factor, least_apart):
 
 
 @njit(cache=True)
-def _gradient(body, T, offset, p, q, v, labels, w):
-    """Add Σ w Jᵀ (p − x) of this frame to that of the block; J as in `alignment.normal_equations`."""
+def _gradient(
+    body: Float64, T: Float64, offset: float, p: Float64, q: Float64, v: Float64, labels: Int64, w: Float64
+) -> None:
+    """Add Σ w Jᵀ (p − x) of this frame to the sum of the block; J as in `alignment.normal_equations`."""
     x, d, u = np.empty(3), np.empty(3), np.empty(3)
     for j in range(len(w)):
         if w[j] <= 0.0:
@@ -389,8 +458,8 @@ def _gradient(body, T, offset, p, q, v, labels, w):
 
 
 @njit(cache=True)
-def _close_block(B, S, clock, body, centre, independent):
-    """When the body is somewhere else, what was seen since it was at the anchor counts as one independent sample."""
+def _close_block(B: Float64, S: Float64, clock: Float64, body: Float64, centre: Float64, independent: float) -> None:
+    """Close the block of frames as one independent sample once the body has moved far enough from its anchor."""
     away = 0.0
     for k in range(3):
         away += (centre[k] - body[ANCHOR + k]) ** 2

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,6 +76,53 @@ FRAMES_KEPT: Final = 48
 """Of every body: as many as a sensor of 120 Hz gives in 0.4 s."""
 
 
+class PairArrays(NamedTuple):
+    """State of a pair of sensors and one pair of their bodies, for the kernels; see `pair_calibration.PairCalibration`.
+
+    Attributes:
+        moments: (50,) of `geometry.alignment`.
+        scatter: (7, 7) scatter of the gradients of closed blocks.
+        T_a_b: (4, 4) the present estimate.
+        scalars: (PAIR_SCALARS,) of the pair, by the indices above.
+        clock: (CLOCK_SUMS,) sums for the clock offset.
+        body: (BODY_SCALARS,) of the pair of bodies.
+    """
+
+    moments: Float64
+    scatter: Float64
+    T_a_b: Float64
+    scalars: Float64
+    clock: Float64
+    body: Float64
+
+
+class TrackArrays(NamedTuple):
+    """The arrays of a `BodyTrack`, for the kernels: ``times``, ``points``, ``weights``, ``held``."""
+
+    times: Float64
+    points: Float64
+    weights: Float64
+    held: NDArray[np.int64]
+
+
+class PairParameters(NamedTuple):
+    """`pair_calibration.PairSettings` for the kernels; see there."""
+
+    memory_s: float
+    first_memory_s: float
+    memory_growth: float
+    residual_floor_m: float
+    mirrored_weight: float
+    label_hysteresis_m: float
+    full_speed_m_s: float
+    still_fraction: float
+    velocity_window_s: float
+    independent_after_m: float
+    moved_factor: float
+    moved_least_m: float
+    every_s: float
+
+
 def new_body(*, mirrored: bool = False) -> Float64:
     """The memory of a pair of bodies that was never seen."""
     body = np.zeros(BODY_SCALARS)
@@ -124,6 +171,11 @@ class BodyTrack:
                 inferred_weight,
             )
         )  # fmt: skip
+
+    @property
+    def arrays(self) -> TrackArrays:
+        """The frames, for the kernels."""
+        return TrackArrays(self.times, self.points, self.weights, self.held)
 
     @property
     def newest(self) -> float:

@@ -16,7 +16,7 @@ import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -59,6 +59,45 @@ class FacingSettings:
             check(0 <= getattr(self, name) <= 1, name, getattr(self, name), "from 0 to 1")
         check(0 <= self.hysteresis_deg < 90, "hysteresis_deg", self.hysteresis_deg, "from 0° to below 90°")
         check(90 <= self.mirrors_from_deg <= 180, "mirrors_from_deg", self.mirrors_from_deg, "from 90° to 180°")
+
+
+class FacingArrays(NamedTuple):
+    """The arrays of a `FacingMemory`, for the kernels."""
+
+    p: Float64
+    at_s: Float64
+    told_s: Float64
+    mirrored: Bools
+
+
+class FacingTables(NamedTuple):
+    """A `FacingModel` for one topology, for the kernels.
+
+    Attributes:
+        tables: (rows, BINS) log-likelihoods of yaw, shape and motion, and the waves of the turning; see
+            `mocapella.fusion.facing_kernels.TABLE_ROWS`.
+        across: (pairs, 2) left and right joints that give the yaw, in the order of preference.
+        joints: (1 + terms, 2) the head and the SpineBase; then feature and joint of each term of the features' sums.
+        weights: (terms,) of these sums; empty where the model has no shapes for the topology.
+        classifier: (4 · features + 2,) mean, spread, linear and squared weights of the features, the constant, and the
+            largest standardised value of a feature.
+    """
+
+    tables: Float64
+    across: Int64
+    joints: Int64
+    weights: Float64
+    classifier: Float64
+
+
+class FacingWeights(NamedTuple):
+    """`FacingSettings` for the kernels; angles in radians."""
+
+    yaw: float
+    shape: float
+    motion: float
+    hysteresis: float
+    mirrors_from: float
 
 
 class FacingMemory(msgspec.Struct, eq=False):
@@ -139,9 +178,9 @@ class FacingFilter:
         self.topology = topology
         self.model = model or shipped_model()
         s = self.settings
-        self._learnt = _learnt(self.model, topology)
-        angles = np.radians([s.hysteresis_deg, s.mirrors_from_deg])
-        self._weights = np.array([s.yaw_weight, s.shape_weight, s.motion_weight, *angles])
+        self._tables = _tables(self.model, topology)
+        angles = math.radians(s.hysteresis_deg), math.radians(s.mirrors_from_deg)
+        self._weights = FacingWeights(float(s.yaw_weight), float(s.shape_weight), float(s.motion_weight), *angles)
         self.reset()
 
     def reset(self) -> None:
@@ -184,8 +223,8 @@ class FacingFilter:
         memory, slots, column = self.memory, self._slots(people, at_s), self._column(sensor)
         out = np.empty((4, bodies))
         changed = _kernels().update(
-            slots, column, positions, toward, float(at_s), velocities, memory.zero, memory.p, memory.at_s,
-            memory.told_s, memory.mirrored, *self._learnt, self._weights, out,
+            slots, column, positions, toward, float(at_s), velocities, memory.zero,
+            FacingArrays(memory.p, memory.at_s, memory.told_s, memory.mirrored), self._tables, self._weights, out,
         )  # fmt: skip
         mirrored = memory.mirrored[slots, column]
         repairs: tuple[Repair, ...] = ()
@@ -198,7 +237,7 @@ class FacingFilter:
         """Which way people face at a time, from what was seen so far; before a person's last frame: as it was then."""
         memory, out = self.memory, np.empty((2, len(people)))
         slots = np.array([memory.people.get(person, -1) for person in people], dtype=np.int64)
-        _kernels().predict(slots, float(at_s), memory.zero, memory.p, memory.at_s, self._learnt[0], out)
+        _kernels().predict(slots, float(at_s), memory.zero, memory.p, memory.at_s, self._tables.tables, out)
         return PredictedFacings(out[0], out[1])
 
     def forget(self, kept: Collection[int]) -> None:
@@ -262,8 +301,8 @@ class FacingFilter:
         return memory.sensors[sensor]
 
 
-def _learnt(model: FacingModel, topology: Topology) -> tuple[Float64, Int64, Int64, Float64, Float64]:
-    """What the kernels take of a model: tables, pairs, joints, the weights of features' sums, and the classifier."""
+def _tables(model: FacingModel, topology: Topology) -> FacingTables:
+    """Return a model's tables for a topology."""
     k = _kernels()
     m = np.arange(BINS // 2 + 1)
     tables = np.zeros((k.TABLE_ROWS, BINS))
@@ -276,13 +315,13 @@ def _learnt(model: FacingModel, topology: Topology) -> tuple[Float64, Int64, Int
     across = np.array(pairs_across(topology))
     sums, classifier = feature_sums(topology), model.classifier
     if sums is None or classifier is None or model.shape is None or model.topology != topology.name:
-        return tables, across, np.zeros((1, 2), dtype=np.int64), np.empty(0), np.empty(0)
+        return FacingTables(tables, across, np.zeros((1, 2), dtype=np.int64), np.empty(0), np.empty(0))
     tables[k.SHAPE_AT : k.MOTION_AT] = model.shape.T
     terms = np.argwhere(sums != 0)
     joints = np.concatenate([[(topology.index("Head"), topology.index("SpineBase"))], terms])
     joints = np.ascontiguousarray(joints)  # as the kernels are compiled for
     numbers = np.concatenate([classifier.mean, classifier.spread, classifier.weights, [MOST_SPREADS]])
-    return tables, across, joints, sums[sums != 0], numbers
+    return FacingTables(tables, across, joints, sums[sums != 0], numbers)
 
 
 @cache

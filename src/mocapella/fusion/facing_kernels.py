@@ -1,19 +1,23 @@
-"""The hot steps of `mocapella.fusion.facing`, compiled; importing this module imports numba.
+"""Compiled steps of `mocapella.fusion.facing`; importing this module imports numba.
 
-The same in numpy, for many frames at once, is in `mocapella.fusion.facing_training`, and tests compare the two. What
-was learnt comes as arrays, see `mocapella.fusion.facing._learnt`; angles are radians. Constants of other modules are
-compiled in, and numba's cache asks for changes of this file only: who changes one of them changes this file too.
+`mocapella.fusion.facing_training` computes the same in numpy for many frames at once, and tests compare the two. The
+learnt model comes as `mocapella.fusion.facing.FacingTables`; angles are radians.
 """
 
 # ruff: noqa: PLR0917 - compiled: arrays come by position
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
+from mocapella.fusion.facing import FacingArrays, FacingTables, FacingWeights
 from mocapella.fusion.facing_grid import BIN, BINS, LEAST, STEP_S
 from mocapella.fusion.facing_model import MOST_SCORE, SHAPE_BINS, SPEEDS, YAW_BINS
 from mocapella.fusion.facing_shape import FEATURES, LENGTHS_M, NARROWEST_M
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
 
 YAW_AT = 0
 SHAPE_AT = YAW_AT + YAW_BINS
@@ -22,35 +26,36 @@ WAVES_AT = MOTION_AT + len(SPEEDS)
 RATES_AT = WAVES_AT + BINS // 2 + 1
 COS_AT = RATES_AT + 1
 TABLE_ROWS = COS_AT + 2
-"""Rows of `BINS`: of the tables of yaw, shape and motion; the cosine waves of which the turning is made, and how fast
-each fades; the cosine and the sine of each bin."""
+"""Rows of `BINS` each: tables of yaw, shape and motion; the cosine waves of the turning and their decay rates; the
+cosine and the sine of each bin."""
 
 N = len(FEATURES)
 _SPEEDS = np.array(SPEEDS)
 
 
 @njit(cache=True)
-def wrap(angle):
-    """See `mocapella.geometry.angles.wrap`."""
+def wrap(angle: float) -> float:
+    """Wrap an angle, see `mocapella.geometry.angles.wrap`."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
 @njit(cache=True)
-def view_worth(yaw, toward, reported):
-    """What a view is worth in the fusion, from 0 to 1: cos²α · cos⁴ of how far its repaired labels are off.
+def view_worth(yaw: float, toward: float, reported: float) -> float:
+    """Return a view's weight in the fusion, 0 to 1: cos²α · cos⁴β; 0 where an angle is NaN.
 
-    A sensor that looks along the shoulders guesses the farther one, and labels that stick say so by their yaw. α is the
-    angle between the person's yaw and that to the sensor; a view whose yaw is not known (NaN) is worth nothing.
+    A sensor that looks along the shoulders guesses the far one; α is the angle between the person's yaw and the
+    direction to the sensor. β is the error of the yaw that the view's repaired labels imply.
     """
     off = np.cos(reported - yaw)
     if not (np.isfinite(off) and np.isfinite(toward)):
         return 0.0
-    return np.cos(toward - yaw) ** 2 * max(0.0, off) ** 4
+    worth: float = np.cos(toward - yaw) ** 2 * max(0.0, off) ** 4
+    return worth
 
 
 @njit(cache=True)
-def turning(steps, tables, kernel):
-    """Write the probability (BINS,) of having turned by so many bins after a while."""
+def turning(steps: float, tables: Float64, kernel: Float64) -> None:
+    """Compute the probability (BINS,) of a turn by each number of bins after ``steps`` of `STEP_S`."""
     kernel[:] = 0.0
     for m in range(COS_AT - 1 - WAVES_AT):
         fading = np.exp(-steps * tables[RATES_AT, m])
@@ -59,8 +64,11 @@ def turning(steps, tables, kernel):
 
 
 @njit(cache=True)
-def turn_on(p, kernel, twice):
-    """See `mocapella.fusion.facing_grid.turned_on`; p (BINS,) is written over, twice (2 · BINS,) is room to work in."""
+def turn_on(p: Float64, kernel: Float64, twice: Float64) -> None:
+    """Convolve p (BINS,) with the turning, in place; twice (2 · BINS,) is scratch.
+
+    See `mocapella.fusion.facing_grid.turned_on`.
+    """
     for d in range(BINS):
         twice[d] = twice[BINS + d] = p[d]
         p[d] = 0.0
@@ -72,8 +80,8 @@ def turn_on(p, kernel, twice):
 
 
 @njit(cache=True)
-def add_turned(total, first, second, part, factor, by):
-    """Add factor · ((1 − part) · first + part · second), all (BINS,), turned by an angle, to a total."""
+def add_turned(total: Float64, first: Float64, second: Float64, part: float, factor: float, by: float) -> None:
+    """Add factor · ((1 − part) · first + part · second), all (BINS,), shifted by an angle, to a total."""
     place = by / BIN
     whole = np.floor(place)
     rest = place - whole
@@ -88,8 +96,8 @@ def add_turned(total, first, second, part, factor, by):
 
 
 @njit(cache=True)
-def most_likely(p):
-    """See `mocapella.fusion.facing_grid.most_likely`."""
+def most_likely(p: Float64) -> float:
+    """Return the mode of p (BINS,), see `mocapella.fusion.facing_grid.most_likely`."""
     best, most = 0, -1.0
     for i in range(BINS):
         five = p[i] + p[i - 2] + p[i - 1] + p[(i + 1) % BINS] + p[(i + 2) % BINS]
@@ -100,47 +108,49 @@ def most_likely(p):
         near = p[(best + k) % BINS]
         mean += near * k
         total += near
-    return wrap((best + mean / total) * BIN)
+    angle: float = wrap((best + mean / total) * BIN)
+    return angle
 
 
 @njit(cache=True)
-def circular_sd(p, tables):
-    """See `mocapella.fusion.facing_grid.circular_sd`; p must sum to 1."""
+def circular_sd(p: Float64, tables: Float64) -> float:
+    """Return the circular standard deviation of p, whose sum is 1; see `mocapella.fusion.facing_grid.circular_sd`."""
     c, s = 0.0, 0.0
     for i in range(BINS):
         c += p[i] * tables[COS_AT, i]
         s += p[i] * tables[COS_AT + 1, i]
     R = np.hypot(c, s)
-    return np.sqrt(-2.0 * np.log(min(max(R, LEAST), 1.0)))
+    sd: float = np.sqrt(-2.0 * np.log(min(max(R, LEAST), 1.0)))
+    return sd
 
 
 @njit(cache=True)
-def reported_yaw(positions, across):
-    """The yaw that labels say of a body (joints, 3), see `mocapella.fusion.facing_shape.view_of`; NaN where unknown.
+def reported_yaw(positions: Float64, across: Int64) -> float:
+    """Return the yaw that a body's labels imply, see `mocapella.fusion.facing_shape.view_of`; NaN where unknown.
 
     Args:
         positions: (joints, 3).
-        across: (pairs, 2) indices of left and right, in the order in which they are asked.
+        across: (pairs, 2) left and right joints, in the order of preference.
     """
     for k in range(len(across)):
         x = positions[across[k, 0], 0] - positions[across[k, 1], 0]
         z = positions[across[k, 0], 2] - positions[across[k, 1], 2]
         if np.hypot(x, z) > NARROWEST_M:
-            return np.arctan2(-z, x)
+            yaw: float = np.arctan2(-z, x)
+            return yaw
     return np.nan
 
 
 @njit(cache=True)
-def shape_score(positions, yaw, terms, weights, trunk, classifier):
-    """The score of a body's shape, and how much of it was seen.
+def shape_score(positions: Float64, yaw: float, model: FacingTables) -> tuple[float, float]:
+    """Return the shape classifier's score of a body, and the fraction of its features that are visible.
 
     Args:
-        positions: (joints, 3); yaw: along which features are measured.
-        terms: (n, 2) feature and joint, and weights: (n,), of the sums that are the features.
-        trunk: indices of the head and the SpineBase.
-        classifier: (4 · N + 2,) mean, spread, weights of the features and of their squares, the constant, and by how
-            many spreads a feature counts at most.
+        positions: (joints, 3).
+        yaw: direction along which features are measured.
+        model: see there.
     """
+    trunk, terms, weights, classifier = model.joints[0], model.joints[1:], model.weights, model.classifier
     head, base = positions[trunk[0]], positions[trunk[1]]
     length = np.sqrt((head[0] - base[0]) ** 2 + (head[1] - base[1]) ** 2 + (head[2] - base[2]) ** 2)
     if not LENGTHS_M[0] < length < LENGTHS_M[1]:
@@ -162,24 +172,37 @@ def shape_score(positions, yaw, terms, weights, trunk, classifier):
 
 
 @njit(cache=True)
-def add_view(evidence, positions, seen, toward, zero, scale, tables, joints, weights, classifier, settings):
-    """Add what the yaw ``seen`` and the shape of a body say, see `mocapella.fusion.facing_training.evidence`."""
+def add_view(
+    evidence: Float64,
+    positions: Float64,
+    seen: float,
+    toward: float,
+    zero: float,
+    scale: float,
+    model: FacingTables,
+    factors: FacingWeights,
+) -> None:
+    """Add the log-likelihoods of a view's yaw ``seen`` and of the body's shape to ``evidence`` (BINS,).
+
+    See `mocapella.fusion.facing_training.evidence`.
+    """
+    tables = model.tables
     place = seen / BIN + YAW_BINS / 2
     first = int(np.floor(place))
     a, b = tables[YAW_AT + first % YAW_BINS], tables[YAW_AT + (first + 1) % YAW_BINS]
-    add_turned(evidence, a, b, place - first, settings[0] * scale, toward - zero)
-    if len(weights) == 0:
+    add_turned(evidence, a, b, place - first, factors.yaw * scale, toward - zero)
+    if len(model.weights) == 0:
         return
-    score, share = shape_score(positions, toward + seen, joints[1:], weights, joints[0], classifier)
+    score, share = shape_score(positions, toward + seen, model)
     place = (min(max(score, -MOST_SCORE), MOST_SCORE) / MOST_SCORE + 1.0) * (SHAPE_BINS - 1) / 2
     first = min(int(np.floor(place)), SHAPE_BINS - 2)
     a, b = tables[SHAPE_AT + first], tables[SHAPE_AT + first + 1]
-    add_turned(evidence, a, b, place - first, settings[1] * scale * share, toward - zero)
+    add_turned(evidence, a, b, place - first, factors.shape * scale * share, toward - zero)
 
 
 @njit(cache=True)
-def add_motion(evidence, velocity, zero, factor, tables):
-    """Add what a velocity (3,) says, see `mocapella.fusion.facing_model.FacingModel.motion_evidence`."""
+def add_motion(evidence: Float64, velocity: Float64, zero: float, factor: float, tables: Float64) -> None:
+    """Add the log-likelihood of a velocity (3,), see `mocapella.fusion.facing_model.FacingModel.motion_evidence`."""
     speed = np.hypot(velocity[0], velocity[2])
     if not speed >= _SPEEDS[0]:
         return
@@ -191,8 +214,8 @@ def add_motion(evidence, velocity, zero, factor, tables):
 
 
 @njit(cache=True)
-def believe(p, evidence):
-    """See `mocapella.fusion.facing_training.believed`; p (BINS,) is written over."""
+def believe(p: Float64, evidence: Float64) -> None:
+    """Update p (BINS,) by log-likelihoods, in place; see `mocapella.fusion.facing_training.believed`."""
     most, total = evidence[0], 0.0
     for i in range(BINS):
         most = max(most, evidence[i])
@@ -204,31 +227,40 @@ def believe(p, evidence):
 
 
 @njit(cache=True)
-def counts_for(now, last):
-    """How much of a `STEP_S` what is said now stands for, from 0 to 1."""
+def counts_for(now: float, last: float) -> float:
+    """Return the weight of new evidence by the time since the last, in `STEP_S`, from 0 to 1."""
     return min(max((now - last) / STEP_S, 0.0), 1.0)
 
 
 @njit(cache=True)
 def update(
-    slots, sensor, positions, toward, at, velocities, zero, p, at_s, told_s, mirrored,
-    tables, across, joints, weights, classifier, settings, out,
-):  # fmt: skip
-    """See `mocapella.fusion.facing.FacingFilter.update`.
+    slots: Int64,
+    sensor: int,
+    positions: Float64,
+    toward: Float64,
+    at: float,
+    velocities: Float64,
+    zero: float,
+    memory: FacingArrays,
+    model: FacingTables,
+    factors: FacingWeights,
+    out: Float64,
+) -> int:
+    """Take in a frame, see `mocapella.fusion.facing.FacingFilter.update`.
 
     Args:
         slots: (bodies,) rows of the memory; sensor: the column there.
         positions: (bodies, joints, 3), toward: (bodies,), at: [s], velocities: (bodies, 3).
         zero: yaw of the first bin.
-        p, at_s, told_s, mirrored: the memory, written over.
-        tables, across, joints, weights, classifier: what was learnt; across (pairs, 2) are the joints that say the yaw,
-            joints (1 + n, 2) the trunk and the terms.
-        settings: (5,) weights of yaw, shape and motion, the hysteresis, and from where on backs are mirrored.
+        memory: updated in place.
+        model, factors: see there.
         out: (4, bodies) yaw, standard deviation, yaw of the repaired labels, and 1 where the mirroring changed.
 
     Returns:
-        of how many it did.
+        The number of bodies whose mirroring changed.
     """
+    p, at_s, told_s, mirrored = memory.p, memory.at_s, memory.told_s, memory.mirrored
+    tables = model.tables
     twice, evidence, kernel, of_kernel = np.empty(2 * BINS), np.empty(BINS), np.empty(BINS), -1.0
     changed = 0
     for n in range(len(slots)):
@@ -237,27 +269,25 @@ def update(
         steps = (now - at_s[slot]) / STEP_S
         at_s[slot] = now
         if steps > 0.0:
-            if steps != of_kernel:  # mostly all bodies of a frame were in the one before
+            if steps != of_kernel:  # usually all bodies of a frame were in the previous one
                 turning(steps, tables, kernel)
                 of_kernel = steps
             turn_on(p[slot], kernel, twice)
-        reported = reported_yaw(positions[n], across)
+        reported = reported_yaw(positions[n], model.across)
         if np.isfinite(reported) and np.isfinite(toward[n]):
             evidence[:] = 0.0
             seen = (reported - toward[n] + np.pi / 2) % np.pi - np.pi / 2
             scale = counts_for(now, told_s[slot, 1 + sensor])
-            add_view(
-                evidence, positions[n], seen, toward[n], zero, scale, tables, joints, weights, classifier, settings
-            )
-            add_motion(evidence, velocities[n], zero, settings[2] * counts_for(now, told_s[slot, 0]), tables)
+            add_view(evidence, positions[n], seen, toward[n], zero, scale, model, factors)
+            add_motion(evidence, velocities[n], zero, factors.motion * counts_for(now, told_s[slot, 0]), tables)
             told_s[slot, 0] = told_s[slot, 1 + sensor] = now
             believe(p[slot], evidence)
         yaw, was = wrap(most_likely(p[slot]) + zero), mirrored[slot, sensor]
         off, limit = abs(wrap(reported - yaw)), np.pi / 2
         if np.isnan(off):
-            off, limit = abs(wrap(toward[n] - yaw)), settings[4]
+            off, limit = abs(wrap(toward[n] - yaw)), factors.mirrors_from
         if np.isfinite(off):
-            mirrored[slot, sensor] = off > limit + (-settings[3] if was else settings[3])
+            mirrored[slot, sensor] = off > limit + (-factors.hysteresis if was else factors.hysteresis)
         out[0, n] = yaw
         out[1, n] = circular_sd(p[slot], tables)
         out[2, n] = wrap(reported + np.pi) if mirrored[slot, sensor] else reported
@@ -267,8 +297,8 @@ def update(
 
 
 @njit(cache=True)
-def predict(slots, at, zero, p, at_s, tables, out):
-    """Yaw and standard deviation (2, bodies) at a time, for rows of the memory; a row −1 is nobody who is known."""
+def predict(slots: Int64, at: float, zero: float, p: Float64, at_s: Float64, tables: Float64, out: Float64) -> None:
+    """Predict yaw and standard deviation (2, bodies) for rows of the memory; −1 stands for an unknown person."""
     twice, later, kernel = np.empty(2 * BINS), np.empty(BINS), np.empty(BINS)
     for n in range(len(slots)):
         if slots[n] < 0:

@@ -21,7 +21,7 @@ from collections.abc import Collection, Mapping, Sequence
 from functools import cache, cached_property
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import msgspec
 import numpy as np
@@ -48,6 +48,23 @@ _OF_HARMONIC: Final = np.array([1.0, -1.0])
 PARITY: Final = np.concatenate([np.tile(_OF_HARMONIC, 2 * HARMONICS + FAR), np.tile(-_OF_HARMONIC, HARMONICS)])
 """(TERMS,) what becomes of each term in the mirror."""
 _DECIMALS: Final = 4
+
+
+class BiasInputs(NamedTuple):
+    """State of the tracked people that the bias depends on, for the kernel.
+
+    Attributes:
+        positions, velocities: (people, joints, 3) [m], [m/s].
+        view_at: (people, sensors) capture time of each view [s].
+        view_positions: (people, sensors, joints, 3) with the sensor's labels [m].
+        view_swapped: (people, sensors) whether left and right are to be swapped so that the sensors agree.
+    """
+
+    positions: Float64
+    velocities: Float64
+    view_at: Float64
+    view_positions: Float64
+    view_swapped: NDArray[np.bool_]
 
 
 def terms(alpha: Float64, distance_m: Float64, ahead_m_s: Float64, left_m_s: Float64) -> Float64:

@@ -1,17 +1,30 @@
-"""The joint bias of `mocapella.fusion.joint_bias`, compiled; importing this module imports numba."""
+"""Compiled joint bias of `mocapella.fusion.joint_bias`; importing this module imports numba."""
 
 # ruff: noqa: PLR0917 - compiled: arrays come by position
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
-from mocapella.fusion.joint_bias import FAR, FARTHEST_M, FASTEST_M_S, HARMONICS, MIDDLE_M, NEAREST_M, TERMS
+from mocapella.fusion.joint_bias import (
+    FAR,
+    FARTHEST_M,
+    FASTEST_M_S,
+    HARMONICS,
+    MIDDLE_M,
+    NEAREST_M,
+    TERMS,
+    BiasInputs,
+)
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
 
 
 @njit(cache=True)
-def terms_of(alpha, distance_m, ahead_m_s, left_m_s):
-    """`mocapella.fusion.joint_bias.terms` of one view, (TERMS,)."""
+def terms_of(alpha: float, distance_m: float, ahead_m_s: float, left_m_s: float) -> Float64:
+    """Return `mocapella.fusion.joint_bias.terms` (TERMS,) of one view."""
     out = np.empty(TERMS)
     for h in range(HARMONICS):
         out[2 * h], out[2 * h + 1] = np.cos((h + 1) * alpha), np.sin((h + 1) * alpha)
@@ -27,8 +40,15 @@ def terms_of(alpha, distance_m, ahead_m_s, left_m_s):
 
 
 @njit(cache=True)
-def across_body(view_positions, view_at, view_swapped, lines, now_s, view_age_s):
-    """(3,) from right to left of a person, the sum over the views in use, with labels on which they agree."""
+def across_body(
+    view_positions: Float64,
+    view_at: Float64,
+    view_swapped: NDArray[np.bool_],
+    lines: Int64,
+    now_s: float,
+    view_age_s: float,
+) -> Float64:
+    """Return the sum (3,) over a person's views in use of vectors from right to left, with agreeing labels."""
     across = np.zeros(3)
     for c in range(len(view_at)):
         if now_s - view_at[c] > view_age_s:
@@ -45,7 +65,7 @@ def across_body(view_positions, view_at, view_swapped, lines, now_s, view_age_s)
 
 
 @njit(cache=True)
-def _turned(R, x, y, z):
+def _turned(R: Float64, x: float, y: float, z: float) -> tuple[float, float, float]:
     return (
         R[0, 0] * x + R[0, 1] * y + R[0, 2] * z,
         R[1, 0] * x + R[1, 1] * y + R[1, 2] * z,
@@ -55,20 +75,26 @@ def _turned(R, x, y, z):
 
 @njit(cache=True)
 def corrections(
-    rows, column, weights, T, R_level, now_s, view_age_s, mirror, lines, root,
-    positions, velocities, view_at, view_positions, view_swapped, out,
-):  # fmt: skip
-    """What to add to the joints of a frame's bodies, in the sensor's space and with its labels [m].
+    rows: Int64, column: int, weights: Float64, T: Float64, R_level: Float64, now_s: float, view_age_s: float,
+    mirror: Int64, lines: Int64, root: int, people: BiasInputs, out: Float64,
+) -> None:  # fmt: skip
+    """Compute corrections of the joints of a frame's bodies, in the sensor's space and with its labels [m].
 
     Args:
-        rows: (bodies,) of the persons whose bodies they are taken for; −1 of nobody, who gets none.
-        column: of the sensor; the other arrays are of `mocapella.tracker.people.PeopleMemory`.
+        rows: (bodies,) row of each body's person; −1 for none, whose correction is 0.
+        column: of the sensor.
         weights: (TERMS, joints · 3) of `JointBiasModel.flat`.
         T: (4, 4) from the sensor's space to that of the people.
         R_level: (3, 3) from there to a space with y up.
-        out: (bodies, joints, 3).
+        now_s, view_age_s: present time, and age up to which views are used [s].
+        mirror: (joints,) counterparts on the other side of the body.
+        lines: (lines, 2) left and right joints that give the facing.
+        root: index of the root joint.
+        people: see there.
+        out: (bodies, joints, 3), written.
     """
     out[:] = 0.0
+    positions, velocities, view_swapped = people.positions, people.velocities, people.view_swapped
     R, joints = np.empty((3, 3)), np.empty(weights.shape[1])
     for k in range(3):
         R[0, k], R[1, k], R[2, k] = _turned(R_level, T[0, k], T[1, k], T[2, k])
@@ -76,7 +102,7 @@ def corrections(
         r = rows[b]
         if r < 0:
             continue
-        line = across_body(view_positions[r], view_at[r], view_swapped[r], lines, now_s, view_age_s)
+        line = across_body(people.view_positions[r], people.view_at[r], view_swapped[r], lines, now_s, view_age_s)
         p, v = positions[r, root], velocities[r, root]
         across = _turned(R_level, line[0], line[1], line[2])
         place = _turned(R_level, p[0] - T[0, 3], p[1] - T[1, 3], p[2] - T[2, 3])

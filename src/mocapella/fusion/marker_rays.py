@@ -15,7 +15,7 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -81,6 +81,74 @@ class MarkerRaysSettings:
         check(0 < self.alone_s < 1e3, "alone_s", self.alone_s, "above 0 s")
         check(0 < self.forget_after_s < 1e3, "forget_after_s", self.forget_after_s, "above 0 s")
         check(0 < self.largest_sd_m < 1e3, "largest_sd_m", self.largest_sd_m, "above 0 m")
+
+
+class RayMemory(NamedTuple):
+    """State of all markers, for the kernels; one row per marker.
+
+    Attributes:
+        states, covariances: (points, 6), (points, 6, 6) of position and velocity, at ``begins``.
+        begins: (points,) time of the state [s]; NaN where nothing is known.
+        counts: (points,) number of stored observations.
+        times, cameras, pixels, variances: (points, MEMORY, ...) these observations in the order of time.
+        used_s: (points, cameras) when the filter last used an observation of each camera [s].
+        refused: (points,) number of rejected observations in a row.
+    """
+
+    states: Float64
+    covariances: Float64
+    begins: Float64
+    counts: NDArray[np.int64]
+    times: Float64
+    cameras: NDArray[np.int64]
+    pixels: Float64
+    variances: Float64
+    used_s: Float64
+    refused: NDArray[np.int64]
+
+
+class RayParameters(NamedTuple):
+    """`MarkerRaysSettings` for the kernels; see there.
+
+    Attributes:
+        least_sin2: squared sine of ``least_angle_rad``. The others are the settings of these names.
+    """
+
+    acceleration_density: float
+    speed_sd: float
+    gate_sd: float
+    keep_s: float
+    together_s: float
+    image_speed_px: float
+    least_sin2: float
+    alone_s: float
+    forget_after_s: float
+    largest_sd_m: float
+
+
+class CameraPixels(NamedTuple):
+    """One camera's frame, for the kernels.
+
+    Attributes:
+        camera: index of the camera.
+        pixels: (points, 2) [px]; NaN where not seen.
+        variances: (points,) [px²].
+        times: (points,) capture times of the pixels' rows, on the rig's clock [s].
+    """
+
+    camera: int
+    pixels: Float64
+    variances: Float64
+    times: Float64
+
+
+class RayOutput(NamedTuple):
+    """Written by the kernel: (points, 3), (points, 3), (points, 3, 3), (points,); see `MarkerPoints`."""
+
+    positions: Float64
+    velocities: Float64
+    covariances: Float64
+    states: NDArray[np.uint8]
 
 
 class MarkerPoints(msgspec.Struct, frozen=True, eq=False):
@@ -173,18 +241,15 @@ class MarkerRays:
             raise SettingsError(
                 f"pixels of the shape {seen.shape}; there are {self._points} points: ({self._points}, 2)"
             )
-        k, s = self._order.index(camera), self.settings
+        k = self._order.index(camera)
         if at_s <= self._frame_s[k]:
             self._frames_late += 1
         self._frame_s[k] = max(self._frame_s[k], at_s)
         times = captured(self.rig.cameras[camera], seen[:, 1], at_s)
         variances = np.empty(self._points)
         variances[:] = np.square(sd_px)
-        _kernels().observe(
-            k, seen, variances, times, *self._arrays, self._views.numbers, self._counted,
-            *_floats(s.acceleration_density, s.gate_sd, s.keep_s, s.together_s, s.image_speed_px, s.speed_sd),
-            math.sin(s.least_angle_rad) ** 2,
-        )  # fmt: skip
+        frame = CameraPixels(k, seen, variances, times)
+        _kernels().observe(frame, self._memory, self._views.numbers, self._counted, _parameters(self.settings))
         # A frame in which nothing is seen tells the time, too: else what has gone would stay where it was for ever.
         first_row_s = float(at_s - self.rig.cameras[camera].clock_s)
         self._newest_s = max(self._newest_s, first_row_s, *times[np.isfinite(times)].tolist())
@@ -192,27 +257,31 @@ class MarkerRays:
 
     def at(self, at_s: float) -> MarkerPoints:
         """Where the markers are at an instant of the rig's clock, of all that was seen."""
-        n, s = self._points, self.settings
+        n = self._points
         points, velocities, covariances = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
         states = np.empty(n, dtype=np.uint8)
-        _kernels().tell(
-            float(at_s), *self._arrays, self._views.numbers, self._counted,
-            *_floats(s.acceleration_density, s.gate_sd, s.alone_s, s.forget_after_s, s.largest_sd_m),
-            points, velocities, covariances, states,
+        _kernels().locate(
+            float(at_s), self._memory, self._views.numbers, self._counted, _parameters(self.settings),
+            RayOutput(points, velocities, covariances, states),
         )  # fmt: skip
         return MarkerPoints(at_s, points, velocities, covariances, states)
 
     @property
-    def _arrays(self) -> tuple[Any, ...]:
-        return (
+    def _memory(self) -> RayMemory:
+        return RayMemory(
             self._states, self._covariances, self._begins, self._counts, self._times, self._cameras, self._pixels,
             self._variances, self._used_s, self._refused,
         )  # fmt: skip
 
 
-def _floats(*numbers: float) -> tuple[float, ...]:
-    """A setting may be a whole number; the kernels are compiled for floats alone."""
-    return tuple(map(float, numbers))
+@cache
+def _parameters(s: MarkerRaysSettings) -> RayParameters:
+    """Return the settings for the kernels; as floats, for which alone these are compiled."""
+    least_sin2 = math.sin(s.least_angle_rad) ** 2
+    return RayParameters(*map(float, (
+        s.acceleration_density, s.speed_sd, s.gate_sd, s.keep_s, s.together_s, s.image_speed_px, least_sin2, s.alone_s,
+        s.forget_after_s, s.largest_sd_m,
+    )))  # fmt: skip
 
 
 def captured(camera: PlacedCamera, rows_px: Any, at_s: float) -> Float64:

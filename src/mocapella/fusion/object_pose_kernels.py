@@ -1,4 +1,4 @@
-"""The hot step of `mocapella.fusion.object_poses`, compiled and in place; importing this module imports numba."""
+"""Compiled Gauss–Newton correction of `mocapella.fusion.object_poses`; importing this module imports numba."""
 
 # ruff: noqa: PLR0912, PLR0917 - compiled: loops in place, arrays come by position
 from __future__ import annotations
@@ -6,19 +6,25 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
+from mocapella.fusion.object_poses import MarkerPixels, PosePrediction, PoseResult
+from mocapella.geometry.cholesky_kernels import factorise, substitute
 from mocapella.geometry.triangulation_kernels import linearised
 
+Float64 = NDArray[np.float64]
+
 N = 12
+_UNDAMPED = np.float64(0.0)
 STEPS = 15
 SMALL_STEP = 1e-6
 FARTHEST_STEP = 10.0
 
 
 @njit(cache=True, error_model="numpy")
-def turn(R, x, y, z):
-    """R ← exp([x y z]×) R, by Rodrigues' formula."""
+def turn(R: Float64, x: float, y: float, z: float) -> None:
+    """Rotate R (3, 3) in place: R ← exp([x y z]×) R, by Rodrigues' formula."""
     angle = math.sqrt(x * x + y * y + z * z)
     a, b = 1.0 - angle * angle / 6.0, 0.5 - angle * angle / 24.0
     if angle > 1e-4:
@@ -32,8 +38,8 @@ def turn(R, x, y, z):
 
 
 @njit(cache=True, error_model="numpy")
-def rotation_between(R, R_0, out):
-    """The rotation vector of R R_0ᵀ, below a half turn."""
+def rotation_between(R: Float64, R_0: Float64, out: Float64) -> None:
+    """Compute the rotation vector of R R_0ᵀ into ``out`` (3,); valid below a half turn."""
     M = np.empty((3, 3))
     for i in range(3):
         for j in range(3):
@@ -45,54 +51,65 @@ def rotation_between(R, R_0, out):
 
 
 @njit(cache=True, error_model="numpy")
-def factor(A, L):
-    """Cholesky's factor of A (12, 12); False where it is not positive definite.
-
-    As in `mocapella.geometry.cholesky_kernels`, but of a size that the compiler knows, which can unroll the loops.
-    """
-    for i in range(N):
-        for j in range(i + 1):
-            value = A[i, j]
-            for k in range(j):
-                value -= L[i, k] * L[j, k]
-            if i == j:
-                if not value > 0.0:
-                    return False
-                L[i, i] = math.sqrt(value)
-            else:
-                L[i, j] = value / L[j, j]
-    return True
-
-
-@njit(cache=True, error_model="numpy")
-def solve(L, b):
-    """b ← (L Lᵀ)⁻¹ b."""
-    for i in range(N):
-        for k in range(i):
-            b[i] -= L[i, k] * b[k]
-        b[i] /= L[i, i]
-    for i in range(N - 1, -1, -1):
-        for k in range(i + 1, N):
-            b[i] -= L[k, i] * b[k]
-        b[i] /= L[i, i]
-
-
-@njit(cache=True, error_model="numpy")
-def correct(views, camera, places, pixels, sd_px, later_s, chosen, R_0, x_0, information, R, x, covariance):
-    """The pose and twist of the least cost, from a prediction.
+def add_pixels(
+    views: Float64, seen: MarkerPixels, R: Float64, x: Float64, A: Float64, g: Float64, J: Float64, cost: float
+) -> float:
+    """Add the normal equations of a frame's markers at a pose to A (12, 12), lower half, and g (12,).
 
     Args:
-        views, camera: as in `geometry.triangulation`, and which of them.
-        places: (points, 3) on the thing.
-        pixels, sd_px, later_s: (points, 2), (points,), (points,) after the prediction's instant.
-        chosen: (points,) bool, which count.
-        R_0, x_0, information: (3, 3), (9,) position, velocity, angular velocity, (12, 12) of the prediction: position,
-            rotation from the left, velocity, angular velocity.
-        R, x, covariance: written: the posterior.
+        views: of the rig, as in `geometry.triangulation`.
+        seen: the markers.
+        R, x: (3, 3), (9,) pose and twist as in `correct`.
+        A, g: of the parameters position, rotation from the left, velocity, angular velocity.
+        J: (2, 12) scratch.
+        cost: of the prediction.
 
     Returns:
-        the cost, infinite where it fails.
+        The cost with the pixels' residuals; infinite where a marker cannot be projected.
     """
+    for m in range(len(seen.places)):
+        if not seen.chosen[m]:
+            continue
+        q, s = seen.places[m], seen.later_s[m]
+        a = R[0, 0] * q[0] + R[0, 1] * q[1] + R[0, 2] * q[2]
+        b = R[1, 0] * q[0] + R[1, 1] * q[1] + R[1, 2] * q[2]
+        c = R[2, 0] * q[0] + R[2, 1] * q[1] + R[2, 2] * q[2]
+        # A readout is short: the rotation in it to first order.
+        ar, br, cr = a + s * (x[7] * c - x[8] * b), b + s * (x[8] * a - x[6] * c), c + s * (x[6] * b - x[7] * a)
+        px, py, pz = x[0] + s * x[3] + ar, x[1] + s * x[4] + br, x[2] + s * x[5] + cr
+        du, dv, ux, uy, uz, vx, vy, vz = linearised(
+            views, seen.camera, px, py, pz, seen.pixels[m, 0], seen.pixels[m, 1]
+        )
+        if not math.isfinite(du + dv):
+            return math.inf
+        for k, (dx, dy, dz) in enumerate(((ux, uy, uz), (vx, vy, vz))):
+            J[k, 0], J[k, 1], J[k, 2] = dx, dy, dz
+            J[k, 3], J[k, 4], J[k, 5] = br * dz - cr * dy, cr * dx - ar * dz, ar * dy - br * dx
+            J[k, 6], J[k, 7], J[k, 8] = s * dx, s * dy, s * dz
+            J[k, 9], J[k, 10], J[k, 11] = s * (b * dz - c * dy), s * (c * dx - a * dz), s * (a * dy - b * dx)
+        weight = 1.0 / (seen.sd_px[m] * seen.sd_px[m])
+        cost += weight * (du * du + dv * dv)
+        for i in range(N):
+            g[i] += weight * (J[0, i] * du + J[1, i] * dv)
+            for j in range(i + 1):
+                A[i, j] += weight * (J[0, i] * J[0, j] + J[1, i] * J[1, j])
+    return cost
+
+
+@njit(cache=True, error_model="numpy")
+def correct(views: Float64, seen: MarkerPixels, prediction: PosePrediction, result: PoseResult) -> float:
+    """Minimise the cost of a pose and twist over a frame's pixels, from a prediction, by Gauss–Newton.
+
+    Args:
+        views: of the rig, as in `geometry.triangulation`.
+        seen, prediction: see there.
+        result: written: the posterior.
+
+    Returns:
+        The least cost; infinite where it fails.
+    """
+    R, x, R_0, x_0 = result.R, result.x, prediction.R, prediction.x
+    information = prediction.information
     for i in range(3):
         for j in range(3):
             R[i, j] = R_0[i, j]
@@ -108,33 +125,10 @@ def correct(views, camera, places, pixels, sd_px, later_s, chosen, R_0, x_0, inf
                 A[i, j] = information[i, j]
                 g[i] -= information[i, j] * off[j]
             cost -= g[i] * off[i]
-        for m in range(len(places)):
-            if not chosen[m]:
-                continue
-            q, s = places[m], later_s[m]
-            a = R[0, 0] * q[0] + R[0, 1] * q[1] + R[0, 2] * q[2]
-            b = R[1, 0] * q[0] + R[1, 1] * q[1] + R[1, 2] * q[2]
-            c = R[2, 0] * q[0] + R[2, 1] * q[1] + R[2, 2] * q[2]
-            # A readout is short: the turn in it to first order.
-            ar, br, cr = a + s * (x[7] * c - x[8] * b), b + s * (x[8] * a - x[6] * c), c + s * (x[6] * b - x[7] * a)
-            px, py, pz = x[0] + s * x[3] + ar, x[1] + s * x[4] + br, x[2] + s * x[5] + cr
-            du, dv, ux, uy, uz, vx, vy, vz = linearised(views, camera, px, py, pz, pixels[m, 0], pixels[m, 1])
-            if not math.isfinite(du + dv):
-                return math.inf
-            for k, (dx, dy, dz) in enumerate(((ux, uy, uz), (vx, vy, vz))):
-                J[k, 0], J[k, 1], J[k, 2] = dx, dy, dz
-                J[k, 3], J[k, 4], J[k, 5] = br * dz - cr * dy, cr * dx - ar * dz, ar * dy - br * dx
-                J[k, 6], J[k, 7], J[k, 8] = s * dx, s * dy, s * dz
-                J[k, 9], J[k, 10], J[k, 11] = s * (b * dz - c * dy), s * (c * dx - a * dz), s * (a * dy - b * dx)
-            weight = 1.0 / (sd_px[m] * sd_px[m])
-            cost += weight * (du * du + dv * dv)
-            for i in range(N):
-                g[i] += weight * (J[0, i] * du + J[1, i] * dv)
-                for j in range(i + 1):
-                    A[i, j] += weight * (J[0, i] * J[0, j] + J[1, i] * J[1, j])
-        if not factor(A, L):
+        cost = add_pixels(views, seen, R, x, A, g, J, cost)
+        if not (math.isfinite(cost) and factorise(A, _UNDAMPED, L)):
             return math.inf
-        solve(L, g)
+        substitute(L, g)
         size = 0.0
         for i in range(6):
             size = max(size, abs(g[i]))
@@ -155,7 +149,7 @@ def correct(views, camera, places, pixels, sd_px, later_s, chosen, R_0, x_0, inf
     for j in range(N):
         for i in range(N):
             g[i] = 1.0 if i == j else 0.0
-        solve(L, g)
+        substitute(L, g)
         for i in range(N):
-            covariance[i, j] = g[i]
+            result.covariance[i, j] = g[i]
     return cost

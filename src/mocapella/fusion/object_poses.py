@@ -27,7 +27,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import msgspec
 import numpy as np
@@ -153,6 +153,47 @@ class Hypothesis(msgspec.Struct, frozen=True, eq=False):
     twist: Float64
     covariance: Float64
     cost: float = 0.0
+
+
+class MarkerPixels(NamedTuple):
+    """A camera's pixels of an object's markers, for the kernel.
+
+    Attributes:
+        camera: index of the camera.
+        places: (points, 3) markers in the object's frame [m].
+        pixels, sd_px: (points, 2), (points,) [px].
+        later_s: (points,) time of each pixel's row after the prediction [s].
+        chosen: (points,) which markers to use.
+    """
+
+    camera: int
+    places: Float64
+    pixels: Float64
+    sd_px: Float64
+    later_s: Float64
+    chosen: NDArray[np.bool_]
+
+
+class PosePrediction(NamedTuple):
+    """A predicted pose and twist, for the kernel.
+
+    Attributes:
+        R: (3, 3) rotation.
+        x: (9,) position, velocity, angular velocity.
+        information: (12, 12) inverse covariance of position, rotation from the left, velocity, angular velocity.
+    """
+
+    R: Float64
+    x: Float64
+    information: Float64
+
+
+class PoseResult(NamedTuple):
+    """The posterior that the kernel writes: R (3, 3) and x (9,) as in `PosePrediction`, and covariance (12, 12)."""
+
+    R: Float64
+    x: Float64
+    covariance: Float64
 
 
 class SeenFrame(msgspec.Struct, frozen=True, eq=False):
@@ -358,10 +399,9 @@ class ObjectPoses:
         later = captured(placed, seen.pixels[:, 1], placed.clock_s)
         R, x, covariance = np.empty((3, 3)), np.empty(9), np.empty((12, 12))
         R_0, x_0 = np.ascontiguousarray(h.T[:3, :3]), np.concatenate([h.T[:3, 3], h.twist])
-        cost = _kernels().correct(
-            self._views.numbers, self._order.index(seen.camera), self.places, seen.pixels, seen.sd_px, later, chosen,
-            R_0, x_0, np.linalg.inv(h.covariance), R, x, covariance,
-        )  # fmt: skip
+        markers = MarkerPixels(self._order.index(seen.camera), self.places, seen.pixels, seen.sd_px, later, chosen)
+        prediction = PosePrediction(R_0, x_0, np.asarray(np.linalg.inv(h.covariance), dtype=np.float64))
+        cost = _kernels().correct(self._views.numbers, markers, prediction, PoseResult(R, x, covariance))
         if not math.isfinite(cost):
             return h, math.inf
         return Hypothesis(h.at_s, rigid(R, x[:3]), x[3:].copy(), covariance, h.cost), cost

@@ -1,7 +1,4 @@
-"""The hot steps of `mocapella.fusion.marker_rays`, compiled and in place; importing this module imports numba.
-
-Arrays are as `MarkerRays` describes them.
-"""
+"""Compiled steps of `mocapella.fusion.marker_rays`, in place; importing this module imports numba."""
 
 # ruff: noqa: PLR0917 - compiled: arrays come by position
 from __future__ import annotations
@@ -9,20 +6,25 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
+from mocapella.fusion.marker_rays import CameraPixels, RayMemory, RayOutput, RayParameters
 from mocapella.geometry.triangulation_kernels import linearised, triangulate
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
 
 TRACKED, INFERRED, LOST = 0, 1, 2
 IN, USED, REFUSED, LATE, BEGUN, FORGOTTEN = range(6)
 POSITION_SD_M = 1.0
-"""Of what is known of a new point before its first observation is used again, by the filter."""
+"""Prior standard deviation of a new marker's position, before the filter uses its first observations."""
 REFUSED_IN_A_ROW = 6
 
 
 @njit(cache=True, error_model="numpy")
-def predict(x, P, dt, acceleration_density):
-    """`smoothing.kalman`'s motion with a full covariance (6, 6); ``dt`` may be negative."""
+def predict(x: Float64, P: Float64, dt: float, acceleration_density: float) -> None:
+    """Predict a state (6,) and its full covariance (6, 6) as `smoothing.kalman` does; ``dt`` may be negative."""
     for i in range(3):
         x[i] += dt * x[3 + i]
     for i in range(6):
@@ -40,8 +42,8 @@ def predict(x, P, dt, acceleration_density):
 
 
 @njit(cache=True, error_model="numpy")
-def correct(x, P, views, k, u, v, variance, gate2):
-    """A pixel of camera k, by the extended Kalman filter; False where it is beyond the gate and changes nothing."""
+def correct(x: Float64, P: Float64, views: Float64, k: int, u: float, v: float, variance: float, gate2: float) -> bool:
+    """Correct a state by a pixel (u, v) of camera k (extended Kalman filter); False if the gate rejects it."""
     du, dv, ax, ay, az, bx, by, bz = linearised(views, k, x[0], x[1], x[2], u, v)
     if not math.isfinite(du + dv):
         return False
@@ -67,8 +69,11 @@ def correct(x, P, views, k, u, v, variance, gate2):
 
 
 @njit(cache=True, error_model="numpy")
-def absorb(j, states, covariances, begins, counts, times, cameras, pixels, variances, used_s, views, q, gate2):
-    """Take the oldest observation of point j out of its memory and into what is known at that instant."""
+def absorb(j: int, memory: RayMemory, views: Float64, q: float, gate2: float) -> None:
+    """Remove the oldest observation of point j, and advance the state to it."""
+    states, covariances, begins, counts = memory.states, memory.covariances, memory.begins, memory.counts
+    times, cameras, pixels, variances = memory.times, memory.cameras, memory.pixels, memory.variances
+    used_s = memory.used_s
     if not math.isnan(begins[j]):
         predict(states[j], covariances[j], times[j, 0] - begins[j], q)
         k = cameras[j, 0]
@@ -82,39 +87,38 @@ def absorb(j, states, covariances, begins, counts, times, cameras, pixels, varia
 
 
 @njit(cache=True, error_model="numpy")
-def begin(
-    j, states, covariances, begins, counts, times, cameras, pixels, variances, views,
-    together_s, image_speed_px, speed_sd, gate, least_sin2,
-):  # fmt: skip
-    """Where the newest observations of two cameras or more meet; whether they do."""
+def begin(j: int, memory: RayMemory, views: Float64, parameters: RayParameters) -> bool:
+    """Initialise point j by triangulating the newest observations of two or more cameras; whether that succeeds."""
+    states, covariances, begins, counts = memory.states, memory.covariances, memory.begins, memory.counts
+    times, cameras, pixels, variances = memory.times, memory.cameras, memory.pixels, memory.variances
     count, newest = len(views), times[j, counts[j] - 1]
     seen, sd = np.full((1, count, 2), np.nan), np.full((1, count), np.nan)
-    for i in range(counts[j]):  # the newest of each camera comes last
+    for i in range(counts[j]):  # in order of time, so the newest of each camera stays
         gap, k = newest - times[j, i], cameras[j, i]
-        if gap <= together_s:
+        if gap <= parameters.together_s:
             seen[0, k, 0], seen[0, k, 1] = pixels[j, i, 0], pixels[j, i, 1]
-            sd[0, k] = math.sqrt(variances[j, i] + (image_speed_px * gap) ** 2)
+            sd[0, k] = math.sqrt(variances[j, i] + (parameters.image_speed_px * gap) ** 2)
     point, covariance, residuals = np.empty((1, 3)), np.empty((1, 3, 3)), np.empty((1, count))
     used, state = np.empty((1, count), dtype=np.bool_), np.empty(1, dtype=np.uint8)
-    triangulate(views, seen, sd, gate, least_sin2, point, covariance, residuals, used, state)
+    triangulate(views, seen, sd, parameters.gate_sd, parameters.least_sin2, point, covariance, residuals, used, state)
     if state[0] != 0:
         return False
     covariances[j] = 0.0
     for i in range(3):
         states[j, i], states[j, 3 + i] = point[0, i], 0.0
         covariances[j, i, i] = POSITION_SD_M**2
-        covariances[j, 3 + i, 3 + i] = speed_sd**2
+        covariances[j, 3 + i, 3 + i] = parameters.speed_sd**2
     begins[j] = times[j, 0]
     return True
 
 
 @njit(cache=True, error_model="numpy")
-def observe(
-    camera, pixels_now, variances_now, at_s,
-    states, covariances, begins, counts, times, cameras, pixels, variances, used_s, refused, views, report,
-    q, gate, keep_s, together_s, image_speed_px, speed_sd, least_sin2,
-):  # fmt: skip
-    """Put a camera's pixels (points, 2) of the times (points,) into the memories."""
+def observe(frame: CameraPixels, memory: RayMemory, views: Float64, report: Int64, parameters: RayParameters) -> None:
+    """Insert a camera's pixels into the markers' observations, and count the outcomes in ``report``."""
+    states, covariances, begins, counts = memory.states, memory.covariances, memory.begins, memory.counts
+    times, cameras, pixels, variances = memory.times, memory.cameras, memory.pixels, memory.variances
+    refused, at_s, pixels_now, variances_now = memory.refused, frame.times, frame.pixels, frame.variances
+    q, gate2 = parameters.acceleration_density, parameters.gate_sd**2
     room = times.shape[1]
     for j in range(len(at_s)):
         t = at_s[j]
@@ -124,8 +128,8 @@ def observe(
         if t < begins[j]:
             report[LATE] += 1
             continue
-        while counts[j] == room or (counts[j] > 0 and times[j, 0] < t - keep_s):
-            absorb(j, states, covariances, begins, counts, times, cameras, pixels, variances, used_s, views, q, gate**2)
+        while counts[j] == room or (counts[j] > 0 and times[j, 0] < t - parameters.keep_s):
+            absorb(j, memory, views, q, gate2)
         if t < begins[j]:
             report[LATE] += 1
             continue
@@ -134,32 +138,41 @@ def observe(
             times[j, i], cameras[j, i], variances[j, i] = times[j, i - 1], cameras[j, i - 1], variances[j, i - 1]
             pixels[j, i, 0], pixels[j, i, 1] = pixels[j, i - 1, 0], pixels[j, i - 1, 1]
             i -= 1
-        times[j, i], cameras[j, i], variances[j, i] = t, camera, variances_now[j]
+        times[j, i], cameras[j, i], variances[j, i] = t, frame.camera, variances_now[j]
         pixels[j, i, 0], pixels[j, i, 1] = pixels_now[j, 0], pixels_now[j, 1]
         counts[j] += 1
         if math.isnan(begins[j]):
-            if begin(
-                j, states, covariances, begins, counts, times, cameras, pixels, variances, views,
-                together_s, image_speed_px, speed_sd, gate, least_sin2,
-            ):  # fmt: skip
+            if begin(j, memory, views, parameters):
                 report[BEGUN] += 1
                 report[USED] += 1
                 refused[j] = 0
             continue
         x, P = states[j].copy(), covariances[j].copy()
-        if follow(j, x, P, begins[j], i + 1, times, cameras, pixels, variances, used_s, views, q, gate**2):
+        if follow(j, x, P, begins[j], i + 1, memory, views, q, gate2):
             report[USED] += 1
             refused[j] = 0
         else:
             report[REFUSED] += 1
             refused[j] += 1
-            if refused[j] >= REFUSED_IN_A_ROW:  # what is known is wrong; it begins anew
-                forget(j, begins, counts, used_s, refused, report)
+            if refused[j] >= REFUSED_IN_A_ROW:  # the state is wrong: restart
+                forget(j, memory, report)
 
 
 @njit(cache=True, error_model="numpy")
-def follow(j, x, P, since, count, times, cameras, pixels, variances, used_s, views, q, gate2):
-    """Bring a state over the first observations of point j; whether the last of them was used."""
+def follow(
+    j: int,
+    x: Float64,
+    P: Float64,
+    since: float,
+    count: int,
+    memory: RayMemory,
+    views: Float64,
+    q: float,
+    gate2: float,
+) -> bool:
+    """Filter the first ``count`` observations of point j into a state; whether the last of them was used."""
+    times, cameras, pixels, variances = memory.times, memory.cameras, memory.pixels, memory.variances
+    used_s = memory.used_s
     used = False
     for i in range(count):
         predict(x, P, times[j, i] - since, q)
@@ -171,39 +184,42 @@ def follow(j, x, P, since, count, times, cameras, pixels, variances, used_s, vie
 
 
 @njit(cache=True, error_model="numpy")
-def forget(j, begins, counts, used_s, refused, report):
-    """Nothing is known of point j."""
-    begins[j], counts[j], refused[j] = math.nan, 0, 0
-    used_s[j] = -math.inf
+def forget(j: int, memory: RayMemory, report: Int64) -> None:
+    """Reset point j."""
+    memory.begins[j], memory.counts[j], memory.refused[j] = math.nan, 0, 0
+    memory.used_s[j] = -math.inf
     report[FORGOTTEN] += 1
 
 
 @njit(cache=True, error_model="numpy")
-def tell(
-    at_s, states, covariances, begins, counts, times, cameras, pixels, variances, used_s, refused, views, report,
-    q, gate, alone_s, forget_after_s, largest_sd_m, positions, velocities, uncertain, kinds,
-):  # fmt: skip
-    """Every point at one instant: positions and velocities (points, 3), covariances (points, 3, 3), kinds."""
+def locate(
+    at_s: float, memory: RayMemory, views: Float64, report: Int64, parameters: RayParameters, out: RayOutput
+) -> None:
+    """Predict every point to one time, into ``out``; lost points are reset."""
+    begins, counts, times, used_s = memory.begins, memory.counts, memory.times, memory.used_s
+    positions, velocities, kinds = out.positions, out.velocities, out.states
+    q, gate2 = parameters.acceleration_density, parameters.gate_sd**2
     for j in range(len(begins)):
         kinds[j] = LOST
-        positions[j], velocities[j], uncertain[j] = math.nan, math.nan, math.nan
+        positions[j], velocities[j], out.covariances[j] = math.nan, math.nan, math.nan
         if math.isnan(begins[j]):
             continue
-        x, P = states[j].copy(), covariances[j].copy()
-        follow(j, x, P, begins[j], counts[j], times, cameras, pixels, variances, used_s, views, q, gate**2)
+        x, P = memory.states[j].copy(), memory.covariances[j].copy()
+        follow(j, x, P, begins[j], counts[j], memory, views, q, gate2)
         last = times[j, counts[j] - 1] if counts[j] else begins[j]
         predict(x, P, at_s - last, q)
         variance = max(P[0, 0], P[1, 1], P[2, 2])
         recently, seen_s = 0, -math.inf
         for k in range(len(views)):
-            if used_s[j, k] >= at_s - alone_s:
+            if used_s[j, k] >= at_s - parameters.alone_s:
                 recently += 1
             seen_s = max(seen_s, used_s[j, k])
-        if at_s - seen_s > forget_after_s or (recently < 2 and not variance <= largest_sd_m**2):
-            forget(j, begins, counts, used_s, refused, report)
+        uncertain = not variance <= parameters.largest_sd_m**2
+        if at_s - seen_s > parameters.forget_after_s or (recently < 2 and uncertain):
+            forget(j, memory, report)
             continue
         kinds[j] = TRACKED if recently >= 2 else INFERRED
         for i in range(3):
             positions[j, i], velocities[j, i] = x[i], x[3 + i]
             for c in range(3):
-                uncertain[j, i, c] = P[i, c]
+                out.covariances[j, i, c] = P[i, c]

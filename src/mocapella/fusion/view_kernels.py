@@ -1,4 +1,4 @@
-"""The hot steps of `mocapella.fusion.weighted_mean`, compiled; importing this module imports numba.
+"""Compiled steps of `mocapella.fusion.weighted_mean`; importing this module imports numba.
 
 Views are (views, joints, 3), their variances (views, joints) with infinity where a view does not have a joint.
 """
@@ -7,9 +7,12 @@ Views are (views, joints, 3), their variances (views, joints) with infinity wher
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 from mocapella.model.observations import JointState
+
+Float64 = NDArray[np.float64]
 
 _NOT_TRACKED, _INFERRED = int(JointState.NOT_TRACKED), int(JointState.INFERRED)
 _REFERENCE_M = 2.0
@@ -17,8 +20,8 @@ _AXES = 3.0
 
 
 @njit(cache=True)
-def joint_variances(states, sd, inferred_factor, added, out):
-    """`view_variances` of one view, into ``out`` (joints,): ``sd`` is that of a tracked joint there [m]."""
+def joint_variances(states: NDArray[np.uint8], sd: float, inferred_factor: float, added: float, out: Float64) -> None:
+    """Compute `view_variances` of one view into ``out`` (joints,); ``sd`` is that of a tracked joint [m]."""
     for j in range(len(states)):
         if states[j] == _NOT_TRACKED:
             out[j] = np.inf
@@ -28,15 +31,23 @@ def joint_variances(states, sd, inferred_factor, added, out):
 
 
 @njit(cache=True)
-def sd_at(sd, distance, clipped, clipped_factor):
-    """What a tracked joint's coordinate may be wrong by at a distance [m]."""
+def sd_at(sd: float, distance: float, clipped: bool, clipped_factor: float) -> float:
+    """Return the standard deviation of a tracked joint's coordinate at a distance [m]."""
     there = sd * max(distance / _REFERENCE_M, 0.25) ** 2
     return there * clipped_factor if clipped else there
 
 
 @njit(cache=True)
-def fuse(views, variances, expected, expected_variances, nu, mean, variance):
-    """`weighted_mean` into ``mean`` (joints, 3) and ``variance`` (joints,)."""
+def fuse(
+    views: Float64,
+    variances: Float64,
+    expected: Float64,
+    expected_variances: Float64,
+    nu: float,
+    mean: Float64,
+    variance: Float64,
+) -> None:
+    """Compute `weighted_mean` into ``mean`` (joints, 3) and ``variance`` (joints,)."""
     count, joints = variances.shape
     weights = np.empty(count)
     for j in range(joints):
@@ -73,8 +84,8 @@ def fuse(views, variances, expected, expected_variances, nu, mean, variance):
 
 
 @njit(cache=True)
-def follow_offsets(offsets, views, mean, step):
-    """`learn_offsets` in place: by ``step`` of the way."""
+def follow_offsets(offsets: Float64, views: Float64, mean: Float64, step: float) -> None:
+    """Update offsets as in `learn_offsets`, in place, by the fraction ``step`` of the difference."""
     count, joints = offsets.shape[:2]
     for j in range(joints):
         seen = 0

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -24,6 +24,17 @@ from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
+
+
+class FusionParameters(NamedTuple):
+    """The fields of `FusionSettings`, for the kernels."""
+
+    sd_m: float
+    inferred_factor: float
+    clipped_factor: float
+    degrees_of_freedom: float
+    offset_s: float
+    age_speed_m_s: float
 
 
 @dataclass(frozen=True)
@@ -55,12 +66,12 @@ class FusionSettings:
         check(0 <= self.age_speed_m_s < 1e3, "age_speed_m_s", self.age_speed_m_s, "0 m/s or more")
 
     @cached_property
-    def vector(self) -> Float64:
-        """For the compiled steps, in their order."""
-        return np.array([
-            self.sd_m, self.inferred_factor, self.clipped_factor, self.degrees_of_freedom, self.offset_s,
-            self.age_speed_m_s,
-        ])  # fmt: skip
+    def parameters(self) -> FusionParameters:
+        """The same numbers for the kernels, which are compiled for floats alone."""
+        return FusionParameters(
+            float(self.sd_m), float(self.inferred_factor), float(self.clipped_factor), float(self.degrees_of_freedom),
+            float(self.offset_s), float(self.age_speed_m_s),
+        )  # fmt: skip
 
 
 def view_variances(

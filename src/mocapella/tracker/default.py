@@ -59,11 +59,12 @@ from mocapella.model.session import SensorPose
 from mocapella.settings import check
 from mocapella.tracker.arrivals import Arrivals, Heard, Sighting
 from mocapella.tracker.method import not_taken
-from mocapella.tracker.people import People, PeopleMemory, PeopleSettings, Sights, Told
+from mocapella.tracker.people import AssignedBodies, People, PeopleResults, PeopleSettings
 from mocapella.tracker.people_arms import REMEMBERED as ARMS_REMEMBERED
 from mocapella.tracker.people_arms import PeopleArms, PeopleArmsSettings
 from mocapella.tracker.people_bodies import REMEMBERED as BODIES_REMEMBERED
 from mocapella.tracker.people_bodies import PeopleBodies, PeopleBodiesSettings
+from mocapella.tracker.people_memory import PeopleMemory
 from mocapella.tracker.protocol import SensorViews, TrackerReport, scene_at
 
 JOINT_BIAS: Final = ("learnt", "none")
@@ -179,7 +180,7 @@ class DefaultTracker:
     def snapshot(self) -> bytes:
         """See `Tracker`."""
         own = {name: getattr(self, name) for name in _OWN_MEMORY}
-        people = None if self._people is None else (self._people.topology, self._people.remembered())
+        people = None if self._people is None else (self._people.topology, self._people.state())
         parts = [own, vars(self._arrivals), vars(self._jumps), vars(self._tracks), people, self._calibration.memory()]
         return pack([*parts, self._arms.memory(), self._bodies.memory()], _REMEMBERED)
 
@@ -195,7 +196,7 @@ class DefaultTracker:
         self._people = None
         if people is not None:
             self._people = People(self.settings.people, people[0])
-            self._people.remember(people[1])
+            self._people.restore(people[1])
         self._calibration.recall(calibration)
         self._known = self._calibration.state
 
@@ -339,7 +340,7 @@ class DefaultTracker:
         if self._people is not None:
             for name, T in self._T_root_sensor.items():
                 if name in before and not np.array_equal(T, before[name]):
-                    self._people.place_anew(name, T @ inverse(before[name]))
+                    self._people.move_sensor(name, T @ inverse(before[name]))
             self._people.level(self._T_world_root[:3, :3])
         self._places = self._say_places()
 
@@ -396,28 +397,28 @@ class DefaultTracker:
 
     def _show(self, heard: Heard, people: People) -> tuple[Person, ...]:
         """The confirmed people who were seen lately, with the views that are not too old."""
-        tracks, told = self._tracks.memory, people.told(self._T_world_root, self._now_s)
-        views, states = self._follow_views(heard, people, told), people.memory.states.copy()
+        tracks, results = self._tracks.memory, people.results(self._T_world_root, self._now_s)
+        views, states = self._follow_views(heard, people, results), people.memory.states.copy()
         shown = tracks.confirmed & (self._now_s - tracks.seen_s <= self.settings.shown_for_s)
         return tuple(
-            Person(number, told.positions[row], states[row], tuple(views[row].values()), told.sd[row])
+            Person(number, results.positions[row], states[row], tuple(views[row].values()), results.sd[row])
             for row, (number, is_shown) in enumerate(zip(people.numbers, shown.tolist(), strict=True))
             if is_shown
         )
 
-    def _follow_views(self, heard: Heard, people: People, told: Told) -> list[dict[str, PotentialSkeleton]]:
+    def _follow_views(self, heard: Heard, people: People, results: PeopleResults) -> list[dict[str, PotentialSkeleton]]:
         """Of each row of people the views that are in use, in the order of the sensors' names.
 
         Only those of the newest frame are made anew, unless a place has changed, or two have become one.
         """
-        fresh = told.fresh.tolist()
+        fresh = results.fresh.tolist()
         anew = self._views is None or bool(self._tracks.merged)
         known = self._views if self._views is not None and not anew else {}
         usable = [
             (
                 sensor,
                 column,
-                self._views_of(sensor, column, heard, people, told) if anew or sensor == heard.sensor else (),
+                self._views_of(sensor, column, heard, people, results) if anew or sensor == heard.sensor else (),
             )
             for sensor, column in sorted(zip(people.sensors, range(len(people.sensors)), strict=True))
             if sensor in heard.newest and sensor in self._T_root_sensor
@@ -435,12 +436,14 @@ class DefaultTracker:
         self._views = dict(zip(people.numbers, views, strict=True))
         return views
 
-    def _views_of(self, sensor: str, column: int, heard: Heard, people: People, told: Told) -> list[PotentialSkeleton]:
+    def _views_of(
+        self, sensor: str, column: int, heard: Heard, people: People, results: PeopleResults
+    ) -> list[PotentialSkeleton]:
         """Of each row of people the sensor's newest view."""
         frame, memory = heard.newest[sensor].frame, people.memory
         T, pose = self._T_world_root @ self._T_root_sensor[sensor], self._poses.get(sensor, frame)
         views = zip(
-            memory.view_id[:, column].tolist(), told.views[:, column], memory.view_states[:, column].copy(),
+            memory.view_id[:, column].tolist(), results.views[:, column], memory.view_states[:, column].copy(),
             memory.view_mirrored[:, column].tolist(), strict=True,
         )  # fmt: skip
         return [
@@ -502,7 +505,8 @@ def associate_and_fuse(  # noqa: PLR0917 - one frame, as it comes
         edges = dict(zip(frame.tracking_ids.tolist(), frame.clipped_edges.tolist(), strict=True))
         clipped[:] = [edges[body] > 0 for body in ids]
     there = np.ascontiguousarray(T[:3, 3])
-    people.update(Sights(bodies.sensor, rows, ids, at_s, positions, states, own, bias, there, clipped), now_s)
+    frame_bodies = AssignedBodies(bodies.sensor, rows, ids, at_s, positions, states, own, bias, there, clipped)
+    people.update(frame_bodies, now_s)
 
 
 _OWN_MEMORY: Final = (

@@ -1,36 +1,55 @@
-"""The hot steps of `mocapella.tracker.people`, compiled and in place; importing this module imports numba.
+"""Compiled steps of `mocapella.tracker.people`, in place; importing this module imports numba.
 
-Arrays are as `People` describes them; a body of the frame is taken for the person in row ``rows[body]``.
+The arrays are those of `mocapella.tracker.people_memory`; body ``b`` of a frame belongs to the person in row
+``rows[b]``.
 """
 
 # ruff: noqa: PLR0917 - compiled: arrays come by position
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.association.track_kernels import measure
 from mocapella.compiled import njit
 from mocapella.fusion.facing_kernels import reported_yaw, view_worth, wrap
 from mocapella.fusion.view_kernels import follow_offsets, fuse, joint_variances, sd_at
+from mocapella.fusion.weighted_mean import FusionParameters
 from mocapella.kinematics import articulated_kernels
 from mocapella.kinematics.articulated_kernels import move
 from mocapella.model.observations import JointState
 from mocapella.smoothing.kalman_kernels import correct, predict
 from mocapella.smoothing.one_euro_kernels import smooth
+from mocapella.tracker.people_memory import (
+    FacingResults,
+    FrameViews,
+    JointLayout,
+    PeopleParameters,
+    PointArrays,
+    SkeletonArrays,
+    ViewArrays,
+)
+
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+Bools = NDArray[np.bool_]
+Int64 = NDArray[np.int64]
 
 _LONGEST_STEP_S = 0.2
 _NOT_TRACKED, _INFERRED = int(JointState.NOT_TRACKED), int(JointState.INFERRED)
 
 
 __all__ = [
-    "begin_offsets", "bring", "make", "move", "observe", "pose_people", "prepare", "smooth_people", "tell", "turn",
-    "turn_views",
+    "begin_offsets", "bring", "make", "move", "move_views", "observe", "pose_people", "prepare", "report",
+    "smooth_people", "turn", "turn_views",
 ]  # fmt: skip
 
 
 @njit(cache=True)
-def move_points(T, points, out):
-    """Points (n, 3) moved, into ``out``."""
+def move_points(T: Float64, points: Float64, out: Float64) -> None:
+    """Transform points (n, 3) by T (4, 4) into ``out``."""
     for j in range(len(points)):
         x, y, z = points[j, 0], points[j, 1], points[j, 2]
         for k in range(3):
@@ -39,10 +58,10 @@ def move_points(T, points, out):
 
 @njit(cache=True)
 def prepare(
-    T, bodies, ends, middle, now_s, forget_after_s, at_s, positions, velocities, seen_s,
-    world, middles, lengths, expected,
-):  # fmt: skip
-    """What association asks for of a frame's bodies, see `Prepared`."""
+    T: Float64, bodies: Float64, ends: Int64, middle: Int64, now_s: float, forget_after_s: float, points: PointArrays,
+    world: Float64, middles: Float64, lengths: Float64, expected: Float64,
+) -> None:  # fmt: skip
+    """Compute the inputs of association for a frame's bodies into the last four arrays, see `Prepared`."""
     for b in range(len(bodies)):
         move_points(T, bodies[b], world[b])
         for m in range(len(middle)):
@@ -50,40 +69,42 @@ def prepare(
                 middles[b, m, k] = world[b, middle[m], k]
     if len(ends):
         measure(bodies, ends, lengths)
-    expect(middle, at_s, now_s, positions, velocities, seen_s, forget_after_s, expected)
+    expect(middle, now_s, points, forget_after_s, expected)
 
 
 @njit(cache=True)
 def observe(
-    rows, column, now_s, captured_s, numbers, fusion, mirror, root, R_level,
-    seen, seen_states, own_positions, bias, sensor_position, clipped,
-    at_s, positions, velocities, variances, seen_s,
-    view_at, view_positions, view_states, view_variances, view_noise, view_bias, view_swapped, view_advantage,
-):  # fmt: skip
-    """Everybody at ``now_s``, and a frame's bodies as the newest views of people.
+    frame: FrameViews,
+    now_s: float,
+    parameters: PeopleParameters,
+    fusion: FusionParameters,
+    layout: JointLayout,
+    R_level: Float64,
+    points: PointArrays,
+    views: ViewArrays,
+) -> tuple[Float64, Float64, Float64, Float64]:
+    """Predict all people to ``now_s`` and store a frame's bodies as the newest views.
 
     Returns:
-        What `to_level` returns, and the time since the person's view before (bodies,), at most a second.
+        The results of `to_level`, and the time since each person's previous view (bodies,), at most a second [s].
     """
-    density, forget_after_s, noise_gain, noise_memory_s, view_age_s, swap_m, swap_s, speed_memory_s = numbers
-    bring(now_s, at_s, positions, velocities, variances, seen_s, density, forget_after_s, view_age_s, speed_memory_s)
+    bring(now_s, points, parameters)
+    rows = frame.rows
     dts = np.empty(len(rows))
     for b in range(len(rows)):
-        dts[b] = min(captured_s - view_at[rows[b], column], 1.0)
-    see(
-        rows, column, captured_s, seen, seen_states, own_positions, bias, clipped, fusion, noise_gain, noise_memory_s,
-        velocities, view_at, view_positions, view_states, view_variances, view_noise, view_bias,
-    )  # fmt: skip
-    follow_labels(
-        rows, column, dts, view_age_s, mirror, swap_m, swap_s, view_at, view_positions, view_swapped, view_advantage
+        dts[b] = min(frame.at_s - views.at_s[rows[b], frame.column], 1.0)
+    see(frame, fusion, parameters, points.velocities, views)
+    follow_labels(rows, frame.column, dts, parameters, layout.mirror, views)
+    level, toward, speeds = to_level(
+        R_level, frame.positions, frame.sensor_position, layout.root, rows, points.velocities
     )
-    level, toward, speeds = to_level(R_level, seen, sensor_position, root, rows, velocities)
     return level, toward, speeds, dts
 
 
 @njit(cache=True)
-def expect(middle, at_s, now_s, positions, velocities, seen_s, forget_after_s, out):
-    """Where the middles of people are at ``now_s``, into ``out`` (people, middle, 3); NaN where not known."""
+def expect(middle: Int64, now_s: float, points: PointArrays, forget_after_s: float, out: Float64) -> None:
+    """Predict the middle joints of people at ``now_s`` into ``out`` (people, middle, 3); NaN where not known."""
+    at_s, positions, velocities, seen_s = points.at_s, points.positions, points.velocities, points.seen_s
     for r in range(len(at_s)):
         dt = max(0.0, now_s - at_s[r])
         for m in range(len(middle)):
@@ -96,42 +117,48 @@ def expect(middle, at_s, now_s, positions, velocities, seen_s, forget_after_s, o
 
 
 @njit(cache=True)
-def bring(
-    now_s, at_s, positions, velocities, variances, seen_s, density, forget_after_s, view_age_s, speed_memory_s
-):  # fmt: skip
-    """Everybody predicted to ``now_s``; nobody goes back in time.
+def bring(now_s: float, points: PointArrays, parameters: PeopleParameters) -> None:
+    """Predict all people to ``now_s``; never backwards in time.
 
-    A joint that is no longer seen comes to rest, for a sensor's last frames of somebody who disappears behind somebody
-    else often run away with the joints.
+    The velocity of a joint that no view has decays: the last frames of a person who is being occluded often move the
+    joints too fast.
     """
+    at_s, positions, velocities = points.at_s, points.positions, points.velocities
+    variances, seen_s = points.variances, points.seen_s
     for r in range(len(at_s)):
         dt = now_s - at_s[r]
         if dt > 0.0:
-            predict(positions[r], velocities[r], variances[r], seen_s[r], dt, now_s, density, forget_after_s)
+            predict(
+                positions[r], velocities[r], variances[r], seen_s[r], dt, now_s, parameters.acceleration_density,
+                parameters.forget_after_s,
+            )  # fmt: skip
             at_s[r] = now_s
-            fading = np.exp(-dt / speed_memory_s)
+            fading = np.exp(-dt / parameters.speed_memory_s)
             for j in range(len(seen_s[r])):
-                if now_s - seen_s[r, j] > view_age_s:
+                if now_s - seen_s[r, j] > parameters.view_age_s:
                     for k in range(3):
                         velocities[r, j, k] *= fading
 
 
 @njit(cache=True)
-def distance_of(joints):
-    """From the origin to the middle of the joints that are seen [m]."""
+def distance_of(joints: Float64) -> float:
+    """Return the distance from the origin to the mean of the visible joints (joints, 3) [m]."""
     x, y, z, count = 0.0, 0.0, 0.0, 0
     for j in range(len(joints)):
         if np.isfinite(joints[j, 0]):
             x, y, z = x + joints[j, 0], y + joints[j, 1], z + joints[j, 2]
             count += 1
-    return np.sqrt(x * x + y * y + z * z) / max(count, 1)
+    distance: float = np.sqrt(x * x + y * y + z * z) / max(count, 1)
+    return distance
 
 
 @njit(cache=True)
-def learn_noise(before, dt, seen, states, velocities, memory_s, noise):
-    """Follow how far each joint of a view jumps beyond its motion: variance of a coordinate, into ``noise`` (joints,).
+def learn_noise(
+    before: Float64, dt: float, seen: Float64, states: UInt8, velocities: Float64, memory_s: float, noise: Float64
+) -> None:
+    """Learn the variance of each joint's jumps in a view, beyond its motion, into ``noise`` (joints,).
 
-    Of x(t) = x(t − dt) + v dt + n(t) − n(t − dt), twice the noise's variance remains.
+    The residual of x(t) = x(t − dt) + v dt + n(t) − n(t − dt) has twice the variance of the noise n.
     """
     part = -np.expm1(-dt / memory_s)
     for j in range(len(noise)):
@@ -146,35 +173,36 @@ def learn_noise(before, dt, seen, states, velocities, memory_s, noise):
 
 @njit(cache=True)
 def see(
-    rows, column, captured_s, seen, seen_states, own_positions, bias, clipped, fusion, noise_gain, noise_memory_s,
-    velocities, view_at, view_positions, view_states, view_variances, view_noise, view_bias,
-):  # fmt: skip
-    """Take in a frame's bodies as the newest views of people."""
-    for b in range(len(rows)):
-        r = rows[b]
-        dt = captured_s - view_at[r, column]
+    frame: FrameViews, fusion: FusionParameters, parameters: PeopleParameters, velocities: Float64, views: ViewArrays
+) -> None:
+    """Store a frame's bodies as the newest views of people."""
+    seen, seen_states, column = frame.positions, frame.states, frame.column
+    positions, states, variances, noise = views.positions, views.states, views.variances, views.noise
+    for b in range(len(frame.rows)):
+        r = frame.rows[b]
+        dt = frame.at_s - views.at_s[r, column]
         if 0.0 < dt < _LONGEST_STEP_S:
             learn_noise(
-                view_positions[r, column], dt, seen[b], seen_states[b], velocities[r], noise_memory_s,
-                view_noise[r, column],
+                positions[r, column], dt, seen[b], seen_states[b], velocities[r], parameters.noise_memory_s,
+                noise[r, column],
             )  # fmt: skip
-        view_at[r, column] = captured_s
+        views.at_s[r, column] = frame.at_s
         for j in range(seen.shape[1]):
-            view_states[r, column, j] = seen_states[b, j]
+            states[r, column, j] = seen_states[b, j]
             for k in range(3):
-                view_positions[r, column, j, k] = seen[b, j, k]
-                view_bias[r, column, j, k] = bias[b, j, k]
-        sd = sd_at(fusion[0], distance_of(own_positions[b]), clipped[b], fusion[2])
-        joint_variances(seen_states[b], sd, fusion[1], 0.0, view_variances[r, column])
-        for j in range(view_noise.shape[2]):
-            view_variances[r, column, j] += noise_gain * view_noise[r, column, j]
+                positions[r, column, j, k] = seen[b, j, k]
+                views.bias[r, column, j, k] = frame.bias[b, j, k]
+        sd = sd_at(fusion.sd_m, distance_of(frame.own_positions[b]), frame.clipped[b], fusion.clipped_factor)
+        joint_variances(seen_states[b], sd, fusion.inferred_factor, 0.0, variances[r, column])
+        for j in range(noise.shape[2]):
+            variances[r, column, j] += parameters.noise_gain * noise[r, column, j]
 
 
 @njit(cache=True)
-def advantage(view, other, mirror, crossed):
-    """How much nearer a view is to another with left and right swapped [m], the other's being ``crossed`` or not.
+def advantage(view: Float64, other: Float64, mirror: Int64, crossed: bool) -> float:
+    """Return how much nearer a view is to another one with left and right swapped [m].
 
-    NaN where fewer than two joints tell.
+    ``crossed`` swaps the other view's labels first. NaN where fewer than two joints can be compared.
     """
     total, count = 0.0, 0
     for j in range(len(mirror)):
@@ -194,31 +222,34 @@ def advantage(view, other, mirror, crossed):
 
 @njit(cache=True)
 def follow_labels(
-    rows, column, dts, view_age_s, mirror, swap_m, swap_s, view_at, view_positions, view_swapped, view_advantage
-):  # fmt: skip
-    """Whether left and right of a view are to be taken for each other, so that it agrees with the other sensors'."""
+    rows: Int64, column: int, dts: Float64, parameters: PeopleParameters, mirror: Int64, views: ViewArrays
+) -> None:
+    """Decide whether to swap left and right of the new views so that they agree with the other sensors' views."""
+    at_s, swapped, advantages = views.at_s, views.swapped, views.advantage
     for b in range(len(rows)):
         r = rows[b]
         total, count = 0.0, 0
-        for c in range(view_at.shape[1]):
-            if c == column or view_at[r, column] - view_at[r, c] > view_age_s:
+        for c in range(at_s.shape[1]):
+            if c == column or at_s[r, column] - at_s[r, c] > parameters.view_age_s:
                 continue
-            more = advantage(view_positions[r, column], view_positions[r, c], mirror, view_swapped[r, c])
+            more = advantage(views.positions[r, column], views.positions[r, c], mirror, swapped[r, c])
             if np.isfinite(more):
                 total += more
                 count += 1
         if count == 0:
             continue
-        now = -total / count if view_swapped[r, column] else total / count
-        view_advantage[r, column] -= np.expm1(-dts[b] / swap_s) * (now - view_advantage[r, column])
-        if view_advantage[r, column] > swap_m:
-            view_swapped[r, column] = not view_swapped[r, column]
-            view_advantage[r, column] = -view_advantage[r, column]
+        now = -total / count if swapped[r, column] else total / count
+        advantages[r, column] -= np.expm1(-dts[b] / parameters.swap_s) * (now - advantages[r, column])
+        if advantages[r, column] > parameters.swap_m:
+            swapped[r, column] = not swapped[r, column]
+            advantages[r, column] = -advantages[r, column]
 
 
 @njit(cache=True)
-def to_level(R, positions, sensor_position, root, rows, velocities):
-    """In a space with y up: bodies, the yaw from each to the sensor [rad], and the velocities of their persons."""
+def to_level(
+    R: Float64, positions: Float64, sensor_position: Float64, root: int, rows: Int64, velocities: Float64
+) -> tuple[Float64, Float64, Float64]:
+    """Return, in a space with y up, bodies, the yaw from each to the sensor [rad], and their persons' velocities."""
     bodies, joints = positions.shape[:2]
     level, toward, speeds = np.empty((bodies, joints, 3)), np.empty(bodies), np.empty((bodies, 3))
     for b in range(bodies):
@@ -240,43 +271,45 @@ def to_level(R, positions, sensor_position, root, rows, velocities):
 
 @njit(cache=True)
 def turn_views(
-    rows, column, dts, turn_s, sure_sd, bodies, lines, yaws, sds, mirrored, reported, toward,
-    speeds, still_m_s, yaw, view_mirrored, view_toward, view_reported, view_turn, view_offsets,
-):  # fmt: skip
-    """Keep what the facing says of a frame's views, and how far shoulders and hips are turned towards it.
+    rows: Int64, column: int, dts: Float64, parameters: PeopleParameters, lines: Int64, facing: FacingResults,
+    yaw: Float64, views: ViewArrays,
+) -> None:  # fmt: skip
+    """Store the facing with a frame's views, and turn their shoulders and hips towards it.
 
-    Each of the ``lines`` (lines, 2) of a left and a right joint is turned by how far it is off itself, for a sensor is
-    not wrong by the same angle in both. A facing that is not sure, ``sure_sd`` [rad], changes no labels, and turns
-    nobody the less sure it is. Labels of somebody who stands, slower than ``still_m_s``, change because they were
-    wrong: then the view goes on where the person is, and glides to where it is.
+    Each of the ``lines`` (lines, 2) of a left and a right joint is turned by its own error, because a sensor's errors
+    at shoulders and hips differ. An uncertain facing, above ``sure_sd`` [rad], changes no labels, and turns lines less
+    the more uncertain it is. If the labels change while the person stands, slower than ``still_m_s``, the old labels
+    were wrong: the view restarts at the person's position and glides to its own.
     """
+    sure_sd, turn_s = parameters.sure_sd, parameters.turn_s
     for b in range(len(rows)):
         r = rows[b]
-        sure = min(1.0, max(0.0, 2.0 - sds[b] / sure_sd))
-        changed = mirrored[b] != view_mirrored[r, column]
-        if changed and sds[b] <= sure_sd:
-            view_mirrored[r, column] = mirrored[b]
-        changed = changed and view_mirrored[r, column] == mirrored[b]
-        if changed and np.sqrt(speeds[b, 0] ** 2 + speeds[b, 1] ** 2 + speeds[b, 2] ** 2) < still_m_s:
-            view_offsets[r, column] = np.nan
-        said = reported[b] + (np.pi if mirrored[b] != view_mirrored[r, column] else 0.0)
+        sure = min(1.0, max(0.0, 2.0 - facing.sd[b] / sure_sd))
+        changed = facing.mirrored[b] != views.mirrored[r, column]
+        if changed and facing.sd[b] <= sure_sd:
+            views.mirrored[r, column] = facing.mirrored[b]
+        changed = changed and views.mirrored[r, column] == facing.mirrored[b]
+        v = facing.velocities[b]
+        if changed and np.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2) < parameters.still_m_s:
+            views.offsets[r, column] = np.nan
+        own_yaw = facing.reported[b] + (np.pi if facing.mirrored[b] != views.mirrored[r, column] else 0.0)
         for n in range(len(lines)):
-            of_line = reported_yaw(bodies[b], lines[n : n + 1])
-            of_line = of_line + (np.pi if view_mirrored[r, column] else 0.0) if np.isfinite(of_line) else said
-            off = sure * wrap(yaws[b] - of_line)
+            of_line = reported_yaw(facing.bodies[b], lines[n : n + 1])
+            of_line = of_line + (np.pi if views.mirrored[r, column] else 0.0) if np.isfinite(of_line) else own_yaw
+            off = sure * wrap(facing.yaw[b] - of_line)
             if not np.isfinite(off):
                 off = 0.0
-            before = off if changed else view_turn[r, column, n]
-            view_turn[r, column, n] = before - np.expm1(-dts[b] / turn_s) * wrap(off - before)
-        yaw[r] = yaws[b]
-        view_toward[r, column], view_reported[r, column] = toward[b], said
+            before = off if changed else views.turn[r, column, n]
+            views.turn[r, column, n] = before - np.expm1(-dts[b] / turn_s) * wrap(off - before)
+        yaw[r] = facing.yaw[b]
+        views.toward[r, column], views.reported[r, column] = facing.toward[b], own_yaw
 
 
 @njit(cache=True)
-def turn(body, line_of, root, up, angles):
+def turn(body: Float64, line_of: Int64, root: int, up: Float64, angles: Float64) -> None:
     """Turn each joint by the angle of its line about the vertical through the root, in place (Rodrigues).
 
-    ``line_of`` (joints,) says which of the ``angles`` [rad] that is; −1: none.
+    ``line_of`` (joints,) selects one of the ``angles`` [rad]; −1: none.
     """
     if not np.isfinite(body[root, 0]):
         return
@@ -293,8 +326,8 @@ def turn(body, line_of, root, up, angles):
 
 
 @njit(cache=True)
-def begin_offsets(offsets, view, expected):
-    """Offsets (joints, 3) that are not known yet: with them, a view begins where the person is expected."""
+def begin_offsets(offsets: Float64, view: Float64, expected: Float64) -> None:
+    """Initialise offsets (joints, 3) that are NaN, so that the corrected view begins at the expected joints."""
     for j in range(len(offsets)):
         if np.isnan(offsets[j, 0]):
             x, y, z = view[j, 0] - expected[j, 0], view[j, 1] - expected[j, 1], view[j, 2] - expected[j, 2]
@@ -304,8 +337,8 @@ def begin_offsets(offsets, view, expected):
 
 
 @njit(cache=True)
-def take_off(offsets, view, kept):
-    """Take a view's offsets (joints, 3) off it, and keep them."""
+def subtract_offsets(offsets: Float64, view: Float64, kept: Float64) -> None:
+    """Subtract offsets (joints, 3) from a view, and store them in ``kept``."""
     for j in range(len(offsets)):
         for k in range(3):
             kept[j, k] = offsets[j, k]
@@ -314,68 +347,61 @@ def take_off(offsets, view, kept):
 
 @njit(cache=True)
 def make(
-    rows, columns, now_s, view_age_s, mirror, line_of, up, root, least_worth, fusion, speed_variance, yaw,
-    at_s, positions, velocities, variances, seen_s, states, fused_s, steady, steady_variances,
-    view_at, view_positions, view_states, view_variances, view_bias, view_mirrored, view_toward, view_reported,
-    view_turn, view_offsets,
-):  # fmt: skip
-    """Make one skeleton of each person's views, correct the points by it, and take those for steady.
+    rows: Int64,
+    columns: int,
+    now_s: float,
+    parameters: PeopleParameters,
+    fusion: FusionParameters,
+    layout: JointLayout,
+    up: Float64,
+    points: PointArrays,
+    views: ViewArrays,
+    skeletons: SkeletonArrays,
+) -> tuple[Float64, Float64]:
+    """Fuse each person's views, correct the Kalman filter by the result, and write its state as the skeletons.
 
     Returns:
-        What was fused of those in the frame: (rows, joints, 3), and its variances (rows, joints).
+        The fused positions of the persons in the frame (rows, joints, 3) and their variances (rows, joints).
     """
-    joints = len(mirror)
+    positions, variances = points.positions, points.variances
+    joints = len(layout.mirror)
     measured, measured_variances = np.empty((len(rows), joints, 3)), np.empty((len(rows), joints))
-    views = np.empty((columns, joints, 3))
+    corrected = np.empty((columns, joints, 3))
     worth = np.empty((columns, joints))
     offsets = np.empty((columns, joints, 3))
     used = np.empty(columns, dtype=np.int64)
-    nu, offset_s, age_speed = fusion[3], fusion[4], fusion[5]
+    nu, offset_s = fusion.degrees_of_freedom, fusion.offset_s
     for i in range(len(rows)):
         r = rows[i]
-        count = 0
-        for c in range(columns):
-            age = now_s - view_at[r, c]
-            if age > view_age_s:
-                continue
-            age = max(0.0, age)
-            used[count] = c
-            value = 1.0
-            if np.isfinite(yaw[r]):
-                value = max(least_worth, view_worth(yaw[r], view_toward[r, c], view_reported[r, c]))
-            for j in range(joints):
-                m = mirror[j] if view_mirrored[r, c] else j
-                for k in range(3):
-                    moved = age * velocities[r, j, k]
-                    seen = view_positions[r, c, m, k] + (view_bias[r, c, m, k] if line_of[j] < 0 else 0.0)
-                    views[count, j, k] = seen + (moved if np.isfinite(moved) else 0.0)
-                    offsets[count, j, k] = view_offsets[r, c, j, k]
-                worth[count, j] = (view_variances[r, c, m] + (age_speed * age) ** 2) / value
-            turn(views[count], line_of, root, up, view_turn[r, c])
-            begin_offsets(offsets[count], views[count], positions[r])
-            count += 1
+        count = views_in_use(
+            r, now_s, parameters, fusion.age_speed_m_s, layout, up, skeletons.yaw[r], points.velocities[r], views,
+            used, corrected, worth, offsets,
+        )  # fmt: skip
         if count == 0:
             continue
-        doubts = variances[r, :, 0]
-        fuse(views[:count], worth[:count], positions[r], doubts, nu, measured[i], measured_variances[i])
-        step = 1.0 if offset_s == 0.0 else -np.expm1(-max(0.0, now_s - fused_s[r]) / offset_s)
-        follow_offsets(offsets[:count], views[:count], measured[i], step)
         for n in range(count):
-            take_off(offsets[n], views[n], view_offsets[r, used[n]])
-        fuse(views[:count], worth[:count], positions[r], doubts, nu, measured[i], measured_variances[i])
-        # The views that are not of this frame were taken in before: their news is not counted twice.
+            begin_offsets(offsets[n], corrected[n], positions[r])
+        doubts = variances[r, :, 0]
+        fuse(corrected[:count], worth[:count], positions[r], doubts, nu, measured[i], measured_variances[i])
+        step = 1.0 if offset_s == 0.0 else -np.expm1(-max(0.0, now_s - skeletons.fused_s[r]) / offset_s)
+        follow_offsets(offsets[:count], corrected[:count], measured[i], step)
+        for n in range(count):
+            subtract_offsets(offsets[n], corrected[n], views.offsets[r, used[n]])
+        fuse(corrected[:count], worth[:count], positions[r], doubts, nu, measured[i], measured_variances[i])
+        # The other views were fused in earlier frames: scaling the variance by their number avoids counting them twice.
         correct(
-            positions[r], velocities[r], variances[r], seen_s[r], at_s[r], measured[i], measured_variances[i],
-            float(count), nu, speed_variance,
+            positions[r], points.velocities[r], variances[r], points.seen_s[r], points.at_s[r], measured[i],
+            measured_variances[i], float(count), nu, parameters.speed_variance,
         )  # fmt: skip
-        fused_s[r] = now_s
+        skeletons.fused_s[r] = now_s
         for j in range(joints):
             best = _NOT_TRACKED
             for n in range(count):
-                m = mirror[j] if view_mirrored[r, used[n]] else j
-                best = max(best, view_states[r, used[n], m])
-            states[r, j] = best
-    infer(now_s, view_age_s, positions, states, view_at)
+                m = layout.mirror[j] if views.mirrored[r, used[n]] else j
+                best = max(best, views.states[r, used[n], m])
+            skeletons.states[r, j] = best
+    infer(now_s, parameters.view_age_s, positions, skeletons.states, views.at_s)
+    steady, steady_variances = skeletons.steady, skeletons.doubts
     for r in range(len(positions)):
         for j in range(joints):
             steady[r, j, 0], steady[r, j, 1], steady[r, j, 2] = (
@@ -388,8 +414,50 @@ def make(
 
 
 @njit(cache=True)
-def infer(now_s, view_age_s, positions, states, view_at):
-    """What nobody sees is predicted, and told as inferred for as long as it is."""
+def views_in_use(
+    row: int, now_s: float, parameters: PeopleParameters, age_speed: float, layout: JointLayout, up: Float64,
+    yaw: float, velocities: Float64, views: ViewArrays,
+    used: Int64, corrected: Float64, variances: Float64, offsets: Float64,
+) -> int:  # fmt: skip
+    """Collect a person's views that are recent enough, with repaired labels and brought to ``now_s``.
+
+    Args:
+        row: of the person.
+        age_speed: standard deviation that a view gains per second of its age [m/s].
+        yaw: facing of the person [rad]; NaN where not known.
+        velocities: (joints, 3) of the person [m/s].
+        used, corrected, variances, offsets: written: (sensors,) columns, (sensors, joints, 3) positions,
+            (sensors, joints) variances, and (sensors, joints, 3) offsets of these views.
+
+    Returns:
+        The number of views.
+    """
+    count = 0
+    for c in range(len(used)):
+        age = now_s - views.at_s[row, c]
+        if age > parameters.view_age_s:
+            continue
+        age = max(0.0, age)
+        used[count] = c
+        value = 1.0
+        if np.isfinite(yaw):
+            value = max(parameters.least_worth, view_worth(yaw, views.toward[row, c], views.reported[row, c]))
+        for j in range(len(layout.mirror)):
+            m = layout.mirror[j] if views.mirrored[row, c] else j
+            for k in range(3):
+                moved = age * velocities[j, k]
+                seen = views.positions[row, c, m, k] + (views.bias[row, c, m, k] if layout.line_of[j] < 0 else 0.0)
+                corrected[count, j, k] = seen + (moved if np.isfinite(moved) else 0.0)
+                offsets[count, j, k] = views.offsets[row, c, j, k]
+            variances[count, j] = (views.variances[row, c, m] + (age_speed * age) ** 2) / value
+        turn(corrected[count], layout.line_of, layout.root, up, views.turn[row, c])
+        count += 1
+    return count
+
+
+@njit(cache=True)
+def infer(now_s: float, view_age_s: float, positions: Float64, states: UInt8, view_at: Float64) -> None:
+    """Mark predicted joints that no view has as inferred, and joints without a prediction as not tracked."""
     for r in range(len(positions)):
         seen = False
         for c in range(view_at.shape[1]):
@@ -402,8 +470,17 @@ def infer(now_s, view_age_s, positions, states, view_at):
 
 
 @njit(cache=True)
-def pose_people(rows, model, body, measured, measured_variances, at_s, steady, doubts):
-    """The articulated bodies of those in the frame, and the others as predicted; where one is known."""
+def pose_people(
+    rows: Int64,
+    model: Any,
+    body: Float64,
+    measured: Float64,
+    measured_variances: Float64,
+    at_s: float,
+    steady: Float64,
+    doubts: Float64,
+) -> None:
+    """Fit the articulated bodies of the persons in the frame, and predict the others, into ``steady``, ``doubts``."""
     layout, dof_kind, dof_values, joint_table, joint_values, order, config = model
     positions, variances = np.empty(steady.shape[1:]), np.empty(steady.shape[1])
     for r in range(len(steady)):
@@ -430,10 +507,11 @@ def pose_people(rows, model, body, measured, measured_variances, at_s, steady, d
 
 @njit(cache=True)
 def smooth_people(
-    rows, euro_positions, euro_velocities, euro_seen_s, measured, at_s,
-    min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s, view_age_s, steady,
-):  # fmt: skip
-    """The 1-euro filter of those in the frame; ``steady`` becomes what was measured within ``view_age_s``."""
+    rows: Int64, euro_positions: Float64, euro_velocities: Float64, euro_seen_s: Float64, measured: Float64,
+    at_s: float, min_cutoff_hz: float, beta_per_m: float, speed_cutoff_hz: float, forget_after_s: float,
+    view_age_s: float, steady: Float64,
+) -> None:  # fmt: skip
+    """Run the 1-euro filter of the persons in the frame; ``steady`` gets joints measured within ``view_age_s``."""
     for i in range(len(rows)):
         r = rows[i]
         smooth(
@@ -448,11 +526,11 @@ def smooth_people(
 
 
 @njit(cache=True)
-def place_anew(column, T_new_old, mirror, view_mirrored, view_positions, view_offsets):
-    """`People.place_anew`: views are moved, and what they are off the person by now is an offset that fades."""
+def move_views(column: int, T_new_old: Float64, mirror: Int64, views: ViewArrays) -> None:
+    """Move one sensor's views, and add the change to their offsets, which fade; see `People.move_sensor`."""
     shift = np.empty((len(mirror), 3))
-    for p in range(len(view_positions)):
-        view = view_positions[p, column]
+    for p in range(len(views.positions)):
+        view = views.positions[p, column]
         for j in range(len(mirror)):
             for k in range(3):
                 x = T_new_old[k, 3]
@@ -460,28 +538,25 @@ def place_anew(column, T_new_old, mirror, view_mirrored, view_positions, view_of
                     x += T_new_old[k, i] * view[j, i]
                 shift[j, k] = x - view[j, k]
         for j in range(len(mirror)):
-            told = mirror[j] if view_mirrored[p, column] else j
+            m = mirror[j] if views.mirrored[p, column] else j
             for k in range(3):
-                if np.isfinite(shift[told, k]):
-                    view_offsets[p, column, j, k] += shift[told, k]
+                if np.isfinite(shift[m, k]):
+                    views.offsets[p, column, j, k] += shift[m, k]
                 view[j, k] += shift[j, k]
 
 
 @njit(cache=True)
-def tell(T, now_s, view_age_s, steady, doubts, view_at, view_positions):
-    """What is told of people, in the space to which ``T`` moves.
-
-    Returns:
-        (people, joints, 3) where they are; (people, joints) float32 standard deviations; (people, sensors, joints, 3)
-        the views; (people, sensors) whether they are in use.
-    """
+def report(
+    T: Float64, now_s: float, view_age_s: float, skeletons: SkeletonArrays, view_at: Float64, view_positions: Float64
+) -> tuple[Float64, NDArray[np.float32], Float64, Bools]:
+    """Transform all people and views by ``T`` (4, 4) for output; see `PeopleResults`."""
     people, sensors, joints = view_positions.shape[:3]
     positions, sd = np.empty((people, joints, 3)), np.empty((people, joints), dtype=np.float32)
     views, fresh = np.empty((people, sensors, joints, 3)), np.empty((people, sensors), dtype=np.bool_)
     for r in range(people):
-        move_points(T, steady[r], positions[r])
+        move_points(T, skeletons.steady[r], positions[r])
         for j in range(joints):
-            sd[r, j] = np.sqrt(doubts[r, j])
+            sd[r, j] = np.sqrt(skeletons.doubts[r, j])
         for c in range(sensors):
             fresh[r, c] = now_s - view_at[r, c] <= view_age_s
             if fresh[r, c]:

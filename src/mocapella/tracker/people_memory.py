@@ -1,0 +1,282 @@
+"""State of all tracked people, as arrays with one row per person and one column per sensor.
+
+`PeopleMemory` owns the arrays. The named tuples hold the same arrays, or parameters, in the groups that
+`mocapella.tracker.people_kernels` takes. This module imports no numba.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+Bools = NDArray[np.bool_]
+Rows = NDArray[np.int64]
+
+
+class PointArrays(NamedTuple):
+    """State of the joints' Kalman filters.
+
+    Attributes:
+        at_s: (people,) time of the state [s].
+        positions, velocities: (people, joints, 3) [m], [m/s]; NaN where not known.
+        variances: (people, joints, 3) of position, their covariance, and velocity; see
+            `mocapella.smoothing.kalman.Points`.
+        seen_s: (people, joints) when a view last had the joint [s].
+    """
+
+    at_s: Float64
+    positions: Float64
+    velocities: Float64
+    variances: Float64
+    seen_s: Float64
+
+
+class ViewArrays(NamedTuple):
+    """Each sensor's newest view of each person; (people, sensors, ...).
+
+    Attributes:
+        at_s: capture time on the common clock [s]; −inf where there is no view.
+        positions, states, variances: (..., joints, 3), (..., joints), (..., joints) with the sensor's labels [m], [m²].
+        noise: (..., joints) learnt variance of a joint's jumps [m²].
+        bias: (..., joints, 3) correction of the sensor's bias, to add to the positions [m].
+        mirrored: whether left and right are swapped in the view.
+        swapped: whether to swap left and right so that the sensors agree.
+        advantage: how much nearer the labels not in use were lately [m].
+        toward: yaw from the person to the sensor [rad].
+        reported: yaw that the view's repaired labels imply [rad].
+        turn: (..., 2) angles by which the shoulders and the hips are turned [rad].
+        offsets: (..., joints, 3) learnt offset from the person, with the person's labels [m]; NaN restarts it.
+    """
+
+    at_s: Float64
+    positions: Float64
+    states: UInt8
+    variances: Float64
+    noise: Float64
+    bias: Float64
+    mirrored: Bools
+    swapped: Bools
+    advantage: Float64
+    toward: Float64
+    reported: Float64
+    turn: Float64
+    offsets: Float64
+
+
+class SkeletonArrays(NamedTuple):
+    """The fused skeletons.
+
+    Attributes:
+        yaw: (people,) facing [rad]; NaN where not known.
+        states: (people, joints) `JointState`.
+        fused_s: (people,) when views were last fused [s].
+        steady: (people, joints, 3) smoothed positions, which the tracker reports [m].
+        doubts: (people, joints) their variances per coordinate [m²].
+    """
+
+    yaw: Float64
+    states: UInt8
+    fused_s: Float64
+    steady: Float64
+    doubts: Float64
+
+
+class JointLayout(NamedTuple):
+    """Joints of a topology that the kernels treat specially.
+
+    Attributes:
+        mirror: (joints,) index of each joint's counterpart on the other side of the body.
+        root: index of the root.
+        lines: (2, 2) left and right joint of the shoulder line and of the hip line.
+        line_of: (joints,) index of the line that a joint belongs to; −1 for none.
+    """
+
+    mirror: Rows
+    root: int
+    lines: Rows
+    line_of: Rows
+
+
+class FrameViews(NamedTuple):
+    """A frame's bodies that are assigned to people.
+
+    Attributes:
+        rows: (bodies,) row of each body's person.
+        column: column of the sensor.
+        at_s: capture time on the common clock [s].
+        positions: (bodies, joints, 3) in the space of the people [m]; NaN where not tracked.
+        states: (bodies, joints) `JointState`.
+        own_positions: (bodies, joints, 3) the same in the sensor's camera space, for the distance [m].
+        bias: (bodies, joints, 3) correction of the sensor's bias, to add to the positions [m].
+        sensor_position: (3,) [m].
+        clipped: (bodies,) whether the body is cut off at an edge of the image.
+    """
+
+    rows: Rows
+    column: int
+    at_s: float
+    positions: Float64
+    states: UInt8
+    own_positions: Float64
+    bias: Float64
+    sensor_position: Float64
+    clipped: Bools
+
+
+class FacingResults(NamedTuple):
+    """The facing filter's results for a frame's bodies, and the inputs they depend on.
+
+    Attributes:
+        bodies: (bodies, joints, 3) in a space with y up [m].
+        yaw, sd: (bodies,) facing and its standard deviation [rad].
+        mirrored: (bodies,) whether the view's left and right must be swapped.
+        reported: (bodies,) yaw that the labels imply [rad].
+        toward: (bodies,) yaw from the person to the sensor [rad].
+        velocities: (bodies, 3) of the persons, in a space with y up [m/s].
+    """
+
+    bodies: Float64
+    yaw: Float64
+    sd: Float64
+    mirrored: Bools
+    reported: Float64
+    toward: Float64
+    velocities: Float64
+
+
+class PeopleParameters(NamedTuple):
+    """`mocapella.tracker.people.PeopleSettings` for the kernels; see there.
+
+    Attributes:
+        acceleration_density, forget_after_s, speed_variance: of the Kalman filter.
+        noise_gain, noise_memory_s: of the learnt noise of views.
+        view_age_s, speed_memory_s: how long views and unseen motion are used [s].
+        swap_m, swap_s: when left and right are swapped without a facing.
+        turn_s, still_m_s, sure_sd: how views are turned to the facing.
+        least_worth: lowest weight of a view by its direction.
+    """
+
+    acceleration_density: float
+    forget_after_s: float
+    speed_variance: float
+    noise_gain: float
+    noise_memory_s: float
+    view_age_s: float
+    speed_memory_s: float
+    swap_m: float
+    swap_s: float
+    turn_s: float
+    still_m_s: float
+    sure_sd: float
+    least_worth: float
+
+
+@dataclass
+class PeopleMemory:
+    """All state that is kept from frame to frame; the names are those in recorded takes.
+
+    Attributes:
+        at_s, positions, velocities, variances, seen_s: see `PointArrays`.
+        fused_s, steady, doubts, states, yaw: see `SkeletonArrays`.
+        body: (people, …) state of the articulated body.
+        euro_positions, euro_velocities, euro_seen_s: (people, joints, ...) of the 1-euro filter.
+        view_id: (people, sensors) tracking id of the newest view.
+        view_at, view_positions, …: the fields of `ViewArrays`.
+    """
+
+    at_s: Float64
+    positions: Float64
+    velocities: Float64
+    variances: Float64
+    seen_s: Float64
+    fused_s: Float64
+    steady: Float64
+    doubts: Float64
+    states: UInt8
+    body: Float64
+    euro_positions: Float64
+    euro_velocities: Float64
+    euro_seen_s: Float64
+    view_at: Float64
+    view_id: NDArray[np.uint64]
+    view_positions: Float64
+    view_states: UInt8
+    view_variances: Float64
+    view_noise: Float64
+    view_bias: Float64
+    view_mirrored: Bools
+    view_swapped: Bools
+    view_advantage: Float64
+    yaw: Float64
+    view_toward: Float64
+    view_reported: Float64
+    view_turn: Float64
+    view_offsets: Float64
+
+    @classmethod
+    def empty(cls, people: int, sensors: int, joints: int, body: int) -> PeopleMemory:
+        """Return the memory of ``people`` rows and ``sensors`` columns in which nothing is known yet."""
+        P, V = (people,), (people, sensors)
+        return cls(
+            at_s=np.full(P, -np.inf),
+            positions=np.full((*P, joints, 3), np.nan),
+            velocities=np.full((*P, joints, 3), np.nan),
+            variances=np.full((*P, joints, 3), np.nan),
+            seen_s=np.full((*P, joints), -np.inf),
+            fused_s=np.full(P, -np.inf),
+            steady=np.full((*P, joints, 3), np.nan),
+            doubts=np.full((*P, joints), np.nan),
+            states=np.zeros((*P, joints), dtype=np.uint8),
+            body=np.full((*P, body), np.nan),
+            euro_positions=np.full((*P, joints, 3), np.nan),
+            euro_velocities=np.full((*P, joints, 3), np.nan),
+            euro_seen_s=np.full((*P, joints), -np.inf),
+            view_at=np.full(V, -np.inf),
+            view_id=np.zeros(V, dtype=np.uint64),
+            view_positions=np.full((*V, joints, 3), np.nan),
+            view_states=np.zeros((*V, joints), dtype=np.uint8),
+            view_variances=np.full((*V, joints), np.inf),
+            view_noise=np.zeros((*V, joints)),
+            view_bias=np.zeros((*V, joints, 3)),
+            view_mirrored=np.zeros(V, dtype=np.bool_),
+            view_swapped=np.zeros(V, dtype=np.bool_),
+            view_advantage=np.zeros(V),
+            yaw=np.full(P, np.nan),
+            view_toward=np.full(V, np.nan),
+            view_reported=np.full(V, np.nan),
+            view_turn=np.zeros((*V, 2)),
+            view_offsets=np.zeros((*V, joints, 3)),
+        )
+
+    def resized(self, rows: Sequence[int], people: int, sensors: int) -> PeopleMemory:
+        """Return a copy of another size that begins with these rows."""
+        new = PeopleMemory.empty(people, sensors, self.states.shape[1], self.body.shape[1])
+        for name, values in vars(self).items():
+            columns = (slice(values.shape[1]),) if name.startswith("view_") else ()
+            getattr(new, name)[(slice(len(rows)), *columns)] = values[list(rows)]
+        return new
+
+    @property
+    def points(self) -> PointArrays:
+        """Fields of the Kalman filter, for the kernels."""
+        return PointArrays(self.at_s, self.positions, self.velocities, self.variances, self.seen_s)
+
+    @property
+    def views(self) -> ViewArrays:
+        """Fields of the views, for the kernels."""
+        return ViewArrays(
+            self.view_at, self.view_positions, self.view_states, self.view_variances, self.view_noise, self.view_bias,
+            self.view_mirrored, self.view_swapped, self.view_advantage, self.view_toward, self.view_reported,
+            self.view_turn, self.view_offsets,
+        )  # fmt: skip
+
+    @property
+    def skeletons(self) -> SkeletonArrays:
+        """Fields of the fused skeletons, for the kernels."""
+        return SkeletonArrays(self.yaw, self.states, self.fused_s, self.steady, self.doubts)
