@@ -24,8 +24,9 @@ from mocapella.geometry.rigid import apply, rigid, rotation_about_x, rotation_ab
 from mocapella.model.bodies import tracked_bodies
 from mocapella.model.observations import Arrival
 from mocapella.sources.simulate import PersonSettings, SceneSettings, SensorSettings, SimulatedSensor, build_room, merge
-from mocapella.tracker.default import DefaultTracker, associate_and_fuse
+from mocapella.tracker.default import DefaultTracker
 from mocapella.tracker.people import People, PeopleSettings
+from mocapella.tracker.people_update import associate_and_fuse
 
 Float64 = NDArray[np.float64]
 

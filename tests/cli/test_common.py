@@ -34,7 +34,7 @@ from mocapella.model.session import RecordingHealth, Setup
 from mocapella.recording.disk import take_path
 from mocapella.settings import settings_of_pairs
 from mocapella.tracker import METHODS, make_tracker
-from mocapella.tracker.default import DefaultSettings
+from mocapella.tracker.default_settings import DefaultSettings
 from mocapella.tracker.people import PeopleSettings
 from mocapella.viewer.setup_form import SetupFields
 from mocapella.wire import session

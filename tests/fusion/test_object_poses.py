@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from mocapella.errors import SettingsError
 from mocapella.fusion.marker_rays import RayState
-from mocapella.fusion.object_poses import ObjectPose, ObjectPoses, ObjectPoseSettings, turned_over
+from mocapella.fusion.object_pose_values import ObjectPose
+from mocapella.fusion.object_poses import ObjectPoses, ObjectPoseSettings, turned_over
 from mocapella.geometry.lens import project
 from mocapella.geometry.rigid import apply, inverse, rigid
 from mocapella.geometry.twists import exp_twist, log_motion

@@ -16,7 +16,8 @@ from mocapella.model.scene import Phase, Scene
 from mocapella.schema import encode_scene
 from mocapella.testing.walking import frame_of, walking_arrivals
 from mocapella.tracker import make_tracker
-from mocapella.tracker.default import DefaultSettings, DefaultTracker
+from mocapella.tracker.default import DefaultTracker
+from mocapella.tracker.default_settings import DefaultSettings
 from mocapella.tracker.people import SMOOTHING
 
 PLACES = {"front": FRONT, "side": SIDE}

@@ -14,7 +14,8 @@ from mocapella.fusion.joint_bias import TERMS, JointBiasModel, shipped_model, sy
 from mocapella.geometry.rigid import apply, inverse
 from mocapella.model.observations import Arrival, body_frame
 from mocapella.model.topology import topology
-from mocapella.tracker.default import DefaultSettings, DefaultTracker
+from mocapella.tracker.default import DefaultTracker
+from mocapella.tracker.default_settings import DefaultSettings
 
 SIDE = standing_at(-2.0, 0.8, 45.0)
 PLACES = {"front": FRONT, "side": SIDE}

@@ -1,7 +1,7 @@
-"""A pair of sensors from nothing: which body is which is not known, nor whether a sensor takes a back for a front.
+"""Calibrate a pair of sensors from nothing: without known matches of bodies, and with left and right unreliable.
 
-Every pair of bodies, with left and right as they are and swapped, is a hypothesis with an estimate of its own
-(`PairCalibration`). When a body has walked, only the true one still fits with one rigid motion.
+Every pair of bodies, with left and right as reported and swapped, is a hypothesis with its own `PairCalibration`. Once
+a body has walked, only the correct hypothesis still fits one rigid motion.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from mocapella.calibration.pair_memory import BodyTrack
 from mocapella.calibration.shared_people import mutually_nearest, newest_centres
 
 Hypothesis = tuple[int, int, bool]
-"""a's tracking id, b's, and whether left and right are swapped at first."""
+"""Tracking ids in a and in b, and whether left and right start swapped."""
 
 RIVALS_FACTOR = 0.7
-"""A hypothesis wins when its residual is no more than this part of every rival's."""
+"""A hypothesis is accepted if its residual is at most this fraction of every rival's."""
 SWAPPED_FACTOR = 1.25
-"""Swapped labels must fit better by this."""
+"""Swapped labels must fit better by this factor."""
 TOGETHER_M = 0.35
-"""Bodies whose middles are nearer in both sensors are one person …"""
+"""Bodies whose centres agree within this distance are one person [m] …"""
 OTHERS = 2
-"""… and so many others must be, for one of them to be believed."""
+"""… and at least this many other bodies must agree as well."""
 MOST = 72
-"""Hypotheses; six people seen by both sensors have as many. Of more people, those with the lowest ids begin."""
+"""Most hypotheses: those of six people in both sensors. With more people, the lowest ids come first."""
 
 
 @dataclass
@@ -38,7 +38,7 @@ class ColdStart:
     """The hypotheses of one pair of sensors.
 
     Attributes:
-        settings: of every hypothesis.
+        settings: of each hypothesis.
         hypotheses: their estimates.
     """
 
@@ -46,10 +46,10 @@ class ColdStart:
     hypotheses: dict[Hypothesis, PairCalibration] = field(default_factory=dict)
 
     def update(self, a: Mapping[int, BodyTrack], b: Mapping[int, BodyTrack], mirror: NDArray[np.int64]) -> None:
-        """Take in what is new of every pair of bodies.
+        """Update the hypotheses of all pairs of bodies.
 
         Args:
-            a, b: the bodies that each sensor sees, by tracking id. Of one that is gone, nothing is remembered.
+            a, b: each sensor's bodies, by tracking id; hypotheses of other bodies are dropped.
             mirror: (joints,) of the topology.
         """
         self.hypotheses = {key: known for key, known in self.hypotheses.items() if key[0] in a and key[1] in b}
@@ -62,14 +62,14 @@ class ColdStart:
             known.update(key[:2], a[key[0]], b[key[1]], mirror)
 
     def likeliest(self) -> Likeliest | None:
-        """The hypothesis that fits best; None before there is one that fits anything."""
+        """Return the hypothesis with the best fit; None before there is data."""
         residuals = {key: known.residual for key, known in self.hypotheses.items() if known.moments[0] > 0}
         if not residuals:
             return None
 
         def cost(key: Hypothesis) -> tuple[bool, float, Hypothesis]:
             enough = self.hypotheses[key].samples_closed >= self.settings.samples_wanted
-            # Swapped labels need a reason: a flat body at rest fits either way.
+            # A flat body at rest fits both ways, so swapped labels must fit better.
             return not enough, (SWAPPED_FACTOR if key[2] else 1.0) * np.nan_to_num(residuals[key], nan=np.inf), key
 
         key = min(residuals, key=cost)
@@ -83,14 +83,14 @@ class ColdStart:
     def agreed(
         self, a: Mapping[int, BodyTrack], b: Mapping[int, BodyTrack], believed: PairCalibration | None
     ) -> PairCalibration | None:
-        """The estimate that puts most people where both sensors see them now, if it is clear which that is.
+        """Return the estimate under which most bodies of both sensors coincide now, if it is unambiguous.
 
-        Where there are many, whoever crosses their ways makes it long unclear from one body alone who is who. But one
-        motion is that of all: a wrong one puts others together by accident, and hardly two.
+        With many people who cross each other, one body alone leaves the match ambiguous for long. But all bodies share
+        one motion: a wrong one makes single other bodies coincide by accident, rarely two.
 
         Args:
-            a, b: the bodies that each sensor sees, by tracking id.
-            believed: what was said before; it stays where nothing else is clearly better.
+            a, b: each sensor's bodies, by tracking id.
+            believed: the previous result, which stays unless another one is clearly better.
         """
         s = self.settings
         known = {
@@ -112,13 +112,13 @@ class ColdStart:
 
 
 class Likeliest(msgspec.Struct, frozen=True, eq=False):
-    """A hypothesis, and the residual of the best that contradicts it [m]."""
+    """A hypothesis, and the residual of its best rival [m]."""
 
     pair: PairCalibration
     rival: float
 
     def judged(self, estimate: PairEstimate) -> PairEstimate:
-        """The estimate of `pair`; not trusted while rivals remain."""
+        """Return the estimate of `pair`, marked as not trusted while rivals remain."""
         if estimate.trusted and not estimate.residual <= RIVALS_FACTOR * self.rival:
             return msgspec.structs.replace(estimate, problem=WHO_IS_WHO)
         return estimate

@@ -1,4 +1,4 @@
-"""Which pictures of several cameras are of one instant."""
+"""Match frames of several cameras that were captured at the same time."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ def synchronise_frames(
     """Group frames that were captured within a tolerance.
 
     Args:
-        times_s: when each frame was captured, by camera; all on one clock; NaN where nobody knows.
-        tolerance_s: the frames of an instant lie no farther apart; a third of the shortest camera's interval where not
-            given. It has to be less than half of it, or frames of one camera would be of one instant.
+        times_s: capture times of each camera's frames, on one clock [s]; NaN where unknown.
+        tolerance_s: largest time difference within a group; must be below half of the shortest frame interval, so that
+            a group has one frame per camera. A third of that interval where not given.
 
     Returns:
-        the instant, rising with time, of every camera's frame whose time is known.
+        The group, numbered in order of time, of each (camera, frame) whose time is known.
 
     Raises:
-        CalibrationError: times that do not rise, or a tolerance that is too large.
+        CalibrationError: times do not increase, or the tolerance is too large.
     """
     known = {name: np.asarray(times)[np.isfinite(times)] for name, times in times_s.items()}
     intervals = [float(np.median(np.diff(times))) for times in known.values() if len(times) > 1]

@@ -1,8 +1,8 @@
-"""Whether a sensor was moved, and which.
+"""Detect which sensor was moved.
 
-Somebody whom two sensors saw in the same place, and now see in different ones, for longer than sensors err: then one of
-the sensors is not where it was. That both still hold the same tracking ids, or that nobody at all agrees any more,
-tells it from two people who are taken for one.
+If two sensors agreed about a person's position and now disagree for longer than sensor errors last, one of them was
+moved. Two people mistaken for one also disagree; so both sensors must still have the same tracking ids, or no other
+person may agree.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ Pair = tuple[str, str]
 
 
 def disagrees_for(pair: PairCalibration, now: float) -> float:
-    """For how long nobody whom both see has been where this estimate says [s]; 0 where somebody is, or nobody is seen.
+    """Return how long all persons seen by both sensors have contradicted the estimate [s]; 0 if one agrees.
 
-    Only people count who agreed for `AGREED_BEFORE_S` before, and are seen by both now.
+    Only persons count who agreed for `AGREED_BEFORE_S` before and are seen by both sensors now.
     """
     since = []
     for body in pair.bodies.values():
@@ -34,11 +34,10 @@ def disagrees_for(pair: PairCalibration, now: float) -> float:
 
 
 def moved_sensors(disagreeing: Collection[Pair], agreeing: Collection[Pair], order: Sequence[str]) -> list[str]:
-    """Which sensors moved, given the pairs of sensors that disagree and those that agree.
+    """Return the smallest set of moved sensors that explains the disagreeing pairs.
 
-    The fewest that explain it: again and again the sensor with the most disagreeing pairs. Of equals it is the one with
-    fewer agreeing pairs, then the last in ``order``: of two sensors alone nobody can tell which moved, and the first
-    one's frame is kept.
+    The sensor with the most disagreeing pairs is blamed repeatedly. Ties go to the one with fewer agreeing pairs, then
+    to the last in ``order``: of two sensors alone either may have moved, and the first one's frame is kept.
     """
     rest, moved = set(disagreeing), []
     while rest:
@@ -58,6 +57,6 @@ def moved_sensors(disagreeing: Collection[Pair], agreeing: Collection[Pair], ord
 
 
 SEEN_WITHIN_S = 0.5
-"""A body that was not compared for longer is not seen by both now [s]."""
+"""A body that was not compared for longer does not count [s]."""
 AGREED_BEFORE_S = 1.0
-"""So long two views must have agreed before their disagreement says anything [s]."""
+"""Time for which two views must have agreed before a disagreement counts [s]."""

@@ -1,4 +1,4 @@
-"""What the calibration from people says of all sensors."""
+"""Results of the calibration from people."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ Float64 = NDArray[np.float64]
 
 
 class CalibratedSensor(msgspec.Struct, frozen=True, eq=False):
-    """What is known of a sensor.
+    """Pose and clock of one sensor.
 
     Attributes:
-        sensor: its name.
-        T_world_sensor: (4, 4); of sensors with the same ``root`` the worlds are one.
+        sensor: name.
+        T_world_sensor: (4, 4); sensors with the same ``root`` share one world frame.
         covariance: (6, 6) of a small motion in the world (translation [m], rotation [rad]): exp(d) T_world_sensor.
-        root: the sensor in whose frame it is told; itself where nothing ties it to another.
-        clock: what its times are ahead of the root's; None or not known: take 0.
-        trusted: whether its place is sure enough to fuse what it sees with what others see.
-        quality: ``12 mm, 0.4°``; empty where there is nothing to measure.
-        condition: what is wrong or missing, and what to do; empty where nothing is.
+        root: sensor in whose frame the pose is estimated; itself if no other sensor is tied to it.
+        clock: offset of its clock from the root's; None or unknown counts as 0.
+        trusted: whether the pose is certain enough for fusion with other sensors.
+        quality: such as ``12 mm, 0.4°``; empty for a root.
+        condition: what is wrong or missing, and the remedy; empty if nothing is.
     """
 
     sensor: str
@@ -38,14 +38,14 @@ class CalibratedSensor(msgspec.Struct, frozen=True, eq=False):
 
 
 class PeopleState(msgspec.Struct, frozen=True, eq=False):
-    """What is known after a frame.
+    """All sensors after a frame.
 
     Attributes:
-        sensors: by name, in the order of the names.
-        qualities: of every pair of sensors that has seen somebody together, in words.
-        floor_known: whether the world's y = 0 is the floor; else the world is the root's camera space.
-        calibrations: how many pairs of sensors were calibrated so far.
-        moved: how often a sensor was found to have been moved.
+        sensors: by name, in the order of names.
+        qualities: descriptions of all pairs of sensors that have seen a person together.
+        floor_known: whether the world's y = 0 is the floor; else the world is the root's camera frame.
+        calibrations: number of pairs calibrated so far.
+        moved: how often a sensor was detected as moved.
     """
 
     sensors: Mapping[str, CalibratedSensor]
@@ -56,5 +56,5 @@ class PeopleState(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """Every sensor's condition that is not empty, with its name."""
+        """The conditions that are not empty, each with its sensor's name."""
         return tuple(f"{name}: {sensor.condition}" for name, sensor in self.sensors.items() if sensor.condition)

@@ -1,4 +1,4 @@
-"""How good a calibration is, in words that a person can act on."""
+"""Describe the quality of a calibration in words."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from mocapella.calibration.pair_calibration import PairEstimate
 
 
 def pair_quality(a: str, b: str, estimate: PairEstimate) -> str:
-    """``front–side: 8 s of shared motion, 12 mm, 0.4°``, or what is missing: ``front–side: walk a few steps``.
+    """Describe a pair: ``front–side: 8 s of shared motion, 12 mm, 0.4°``, or ``front–side: walk a few steps``.
 
-    The millimetres and degrees are standard deviations: of where one sensor's view of a person comes to lie in the
-    other's, and of the angle between the sensors.
+    Millimetres are the standard deviation of one sensor's view of a person in the other's frame; degrees that of the
+    angle between the sensors.
     """
     name = f"{a}–{b}"
     if estimate.problem and not np.isfinite(estimate.residual):
@@ -21,12 +21,12 @@ def pair_quality(a: str, b: str, estimate: PairEstimate) -> str:
 
 
 def figures(position_sd: float, rotation_sd: float) -> str:
-    """``12 mm, 0.4°`` of metres and radians."""
+    """Format standard deviations [m], [rad] as ``12 mm, 0.4°``."""
     return f"{1e3 * position_sd:.0f} mm, {np.degrees(rotation_sd):.1f}°"
 
 
 def seconds(value: float) -> str:
-    """``8 s``, ``4 min``, ``2 h``."""
+    """Format a duration [s] as ``8 s``, ``4 min`` or ``2 h``."""
     if value < 120:
         return f"{value:.0f} s"
     return f"{value / 60:.0f} min" if value < 7200 else f"{value / 3600:.0f} h"

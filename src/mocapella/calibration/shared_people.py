@@ -1,4 +1,4 @@
-"""Which bodies of two sensors are one person."""
+"""Match the bodies of two sensors that belong to one person."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Bools = NDArray[np.bool_]
 
 
 def same_people(people_of_a: Mapping[int, int], people_of_b: Mapping[int, int]) -> tuple[tuple[int, int], ...]:
-    """Tracking ids in two sensors of bodies that are one person."""
+    """Return pairs of tracking ids in two sensors with the same person, given each sensor's persons by id."""
     of_b = {person: body for body, person in people_of_b.items()}
     return tuple((body, of_b[person]) for body, person in people_of_a.items() if person in of_b)
 
@@ -23,20 +23,20 @@ def same_people(people_of_a: Mapping[int, int], people_of_b: Mapping[int, int]) 
 def nearest_bodies(
     T_a_b: Float64, a: Mapping[int, BodyTrack], b: Mapping[int, BodyTrack], within_m: float
 ) -> tuple[tuple[int, int], ...]:
-    """Tracking ids in two sensors of bodies of which each is the other's nearest, and near enough."""
+    """Return pairs of tracking ids of bodies that are mutually nearest, and within a distance [m]."""
     ours, theirs = sorted(a), sorted(b)
     (pairs,) = mutually_nearest(T_a_b[None], newest_centres(a), newest_centres(b), within_m)
     return tuple((ours[i], theirs[k]) for i, k in np.argwhere(pairs).tolist())
 
 
 def mutually_nearest(T_a_b: Float64, a: Float64, b: Float64, within_m: float) -> Bools:
-    """Which points of two sensors are each the other's nearest, and near enough.
+    """Return which points of two sensors are mutually nearest, and within a distance.
 
     Args:
-        T_a_b: (tried, 4, 4) places of b beside a.
+        T_a_b: (tried, 4, 4) candidate poses of b in a's frame.
         a: (n, 3) in a's frame [m]; NaN where not known.
-        b: (m, 3) in b's.
-        within_m: near enough.
+        b: (m, 3) in b's frame.
+        within_m: largest distance.
 
     Returns:
         (tried, n, m).
@@ -50,7 +50,7 @@ def mutually_nearest(T_a_b: Float64, a: Float64, b: Float64, within_m: float) ->
 
 
 def newest_centres(bodies: Mapping[int, BodyTrack]) -> Float64:
-    """(bodies, 3) by id, the middle of the joints that were seen last [m]; NaN where there are none."""
+    """Return the centre of each body's newest visible joints (bodies, 3), in order of ids [m]; NaN without any."""
     return np.array([_newest_centre(bodies[body]) for body in sorted(bodies)]).reshape(-1, 3)
 
 

@@ -19,7 +19,8 @@ from mocapella.evaluation.study_pairs import StudySession, study_sessions
 from mocapella.fusion.joint_bias import JointBiasModel, LeftOut
 from mocapella.fusion.joint_bias_training import ViewPairs, train
 from mocapella.model.session import SCENARIOS
-from mocapella.tracker.default import DefaultSettings, DefaultTracker
+from mocapella.tracker.default import DefaultTracker
+from mocapella.tracker.default_settings import DefaultSettings
 
 TASKS: Final = {SCENARIOS["stationary"]: 0.2, SCENARIOS["steps"]: 0.5, SCENARIOS["walk"]: 1.0}
 """How much each task of a session counts, however long it is."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.compiled import njit
-from mocapella.fusion.object_poses import MarkerPixels, PosePrediction, PoseResult
+from mocapella.fusion.object_pose_values import MarkerPixels, PosePrediction, PoseResult
 from mocapella.geometry.cholesky_kernels import factorise, substitute
 from mocapella.geometry.triangulation_kernels import linearised
 

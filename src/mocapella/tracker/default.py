@@ -14,8 +14,7 @@ See docs/methods/default.md.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import Any, Final
 
@@ -28,13 +27,14 @@ from mocapella.calibration.cold_start import ColdStart
 from mocapella.calibration.floor import Floor, FloorFromFeet
 from mocapella.calibration.pair_calibration import PairCalibration, PairEstimate, PairSettings
 from mocapella.calibration.pair_memory import SensorTracks
-from mocapella.calibration.people import PairOfSensors, PeopleCalibration, PeopleCalibrationSettings
+from mocapella.calibration.people import PeopleCalibration
+from mocapella.calibration.people_settings import PeopleCalibrationSettings
 from mocapella.calibration.people_state import CalibratedSensor, PeopleState
 from mocapella.calibration.sensor_graph import PlacedSensor
 from mocapella.calibration.sensor_layout import LayoutPair, LayoutSensor, SensorLayout
+from mocapella.calibration.sensor_pair import PairOfSensors
 from mocapella.calibration.time_offset import TimeOffset
 from mocapella.conventions import NS_PER_S
-from mocapella.errors import one_of
 from mocapella.fusion.facing import FacingMemory
 from mocapella.fusion.joint_bias import JointBiasModel, shipped_model
 from mocapella.geometry.rigid import inverse
@@ -56,58 +56,17 @@ from mocapella.model.scene import (
 )
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import SensorPose
-from mocapella.settings import check
 from mocapella.tracker.arrivals import Arrivals, Heard, Sighting
+from mocapella.tracker.default_settings import DefaultSettings
 from mocapella.tracker.method import not_taken
-from mocapella.tracker.people import AssignedBodies, People, PeopleResults, PeopleSettings
+from mocapella.tracker.people import People, PeopleResults
 from mocapella.tracker.people_arms import REMEMBERED as ARMS_REMEMBERED
-from mocapella.tracker.people_arms import PeopleArms, PeopleArmsSettings
+from mocapella.tracker.people_arms import PeopleArms
 from mocapella.tracker.people_bodies import REMEMBERED as BODIES_REMEMBERED
-from mocapella.tracker.people_bodies import PeopleBodies, PeopleBodiesSettings
+from mocapella.tracker.people_bodies import PeopleBodies
 from mocapella.tracker.people_memory import PeopleMemory
+from mocapella.tracker.people_update import associate_and_fuse
 from mocapella.tracker.protocol import SensorViews, TrackerReport, scene_at
-
-JOINT_BIAS: Final = ("learnt", "none")
-"""Bias subtracted from the views' joints: the one shipped with this version, or none."""
-
-
-@dataclass(frozen=True)
-class DefaultSettings:
-    """The settings of every stage.
-
-    Attributes:
-        calibration: where the sensors are.
-        jumps: rejection of bodies at impossible places.
-        tracks: assignment of bodies to people.
-        people: how their views become skeletons.
-        silent_after_s: a sensor without a frame for so long is not waited for.
-        joint_bias: ``learnt`` takes off what sensors are known to be wrong by, depending on how people are turned;
-            ``none`` does not.
-        keep_root_s: how long the root sensor, whose space defines the world, is kept while other sensors are tied to
-            each other but not yet to it [s].
-        arms: people's arms in depth cameras, and the poses of these cameras.
-        bodies: body models fitted to cameras' images, and their assignment to people.
-        shown_for_s: how long a person whom no sensor sees is shown, as predicted [s].
-    """
-
-    calibration: PeopleCalibrationSettings = field(default_factory=PeopleCalibrationSettings)
-    jumps: JumpSettings = field(default_factory=JumpSettings)
-    tracks: TrackSettings = field(default_factory=TrackSettings)
-    people: PeopleSettings = field(default_factory=PeopleSettings)
-    silent_after_s: float = 1.0
-    shown_for_s: float = 1.0
-    keep_root_s: float = 15.0
-    joint_bias: str = "learnt"
-    arms: PeopleArmsSettings = field(default_factory=PeopleArmsSettings)
-    bodies: PeopleBodiesSettings = field(default_factory=PeopleBodiesSettings)
-
-    def __post_init__(self) -> None:
-        for name in ("silent_after_s", "shown_for_s"):
-            check(0 < getattr(self, name) <= 3600, name, getattr(self, name), "above 0 and at most 3600 s")
-        known = self.joint_bias in JOINT_BIAS
-        check(known, "joint_bias", self.joint_bias, one_of(self.joint_bias, JOINT_BIAS))
-        check(0 <= self.keep_root_s <= 3600, "keep_root_s", self.keep_root_s, "from 0 to 3600 s")
-
 
 _NEEDED_PARTS: Final = ("root",)
 
@@ -467,46 +426,6 @@ class DefaultTracker:
 def _told_pose(tilt: float, height: float) -> SensorPose:
     """A frame says it anew each time."""
     return SensorPose(tilt, height)
-
-
-def associate_and_fuse(  # noqa: PLR0917 - one frame, as it comes
-    tracks: Tracks,
-    people: People,
-    frame: BodyFrame,
-    bodies: Bodies,
-    T: Float64,
-    corrections: Float64 | None = None,
-    *,
-    at_s: float,
-    now_s: float,
-) -> None:
-    """Assign the bodies to people and update all people.
-
-    Args:
-        tracks, people: known people and their motion.
-        frame, bodies: what a sensor shows.
-        T: (4, 4) from its camera space to the space of the people.
-        corrections: (bodies, joints, 3) to be added to the joints against the sensor's bias, camera space [m].
-        at_s, now_s: when it was captured, and the newest capture there was, on the common clock [s].
-    """
-    prepared = people.prepare(bodies, T, now_s)
-    rows = tracks.update(bodies.sensor, bodies.ids, prepared.middles, prepared.expected, at_s, prepared.lengths)
-    for stays, gone in tracks.merged:
-        people.join(stays, gone)
-    people.arrange(tracks.people)
-    ids: Sequence[int] = bodies.ids
-    positions, states, own = prepared.positions, bodies.states, bodies.positions
-    bias = np.zeros_like(positions) if corrections is None else corrections @ T[:3, :3].T
-    if not (shown := rows >= 0).all():
-        ids = [body for body, is_shown in zip(ids, shown.tolist(), strict=True) if is_shown]
-        rows, positions, states, own, bias = rows[shown], positions[shown], states[shown], own[shown], bias[shown]
-    clipped = np.zeros(len(rows), dtype=np.bool_)
-    if frame.clipped_edges.any():
-        edges = dict(zip(frame.tracking_ids.tolist(), frame.clipped_edges.tolist(), strict=True))
-        clipped[:] = [edges[body] > 0 for body in ids]
-    there = np.ascontiguousarray(T[:3, 3])
-    frame_bodies = AssignedBodies(bodies.sensor, rows, ids, at_s, positions, states, own, bias, there, clipped)
-    people.update(frame_bodies, now_s)
 
 
 _OWN_MEMORY: Final = (

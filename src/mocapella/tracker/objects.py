@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.fusion.marker_rays import RayState
-from mocapella.fusion.object_poses import Hypothesis, ObjectPoses, ObjectPoseSettings, SeenFrame
+from mocapella.fusion.object_pose_values import Hypothesis, SeenFrame
+from mocapella.fusion.object_poses import ObjectPoses, ObjectPoseSettings
 from mocapella.geometry.rigid import apply, inverse, rigid
 from mocapella.geometry.twists import exp_twist, log_motion
 from mocapella.kinematics.grasp import Grasp, GraspSettings, distance_to_box

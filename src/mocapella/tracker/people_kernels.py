@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from mocapella.association.track_kernels import measure
 from mocapella.compiled import njit
-from mocapella.fusion.facing_kernels import reported_yaw, view_worth, wrap
-from mocapella.fusion.view_kernels import follow_offsets, fuse, joint_variances, sd_at
+from mocapella.fusion.facing_kernels import view_worth
+from mocapella.fusion.view_kernels import follow_offsets, fuse
 from mocapella.fusion.weighted_mean import FusionParameters
 from mocapella.kinematics import articulated_kernels
 from mocapella.kinematics.articulated_kernels import move
@@ -23,7 +23,6 @@ from mocapella.model.observations import JointState
 from mocapella.smoothing.kalman_kernels import correct, predict
 from mocapella.smoothing.one_euro_kernels import smooth
 from mocapella.tracker.people_memory import (
-    FacingResults,
     FrameViews,
     JointLayout,
     PeopleParameters,
@@ -31,6 +30,7 @@ from mocapella.tracker.people_memory import (
     SkeletonArrays,
     ViewArrays,
 )
+from mocapella.tracker.people_view_kernels import follow_labels, move_views, see, to_level, turn, turn_views
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
@@ -138,191 +138,6 @@ def bring(now_s: float, points: PointArrays, parameters: PeopleParameters) -> No
                 if now_s - seen_s[r, j] > parameters.view_age_s:
                     for k in range(3):
                         velocities[r, j, k] *= fading
-
-
-@njit(cache=True)
-def distance_of(joints: Float64) -> float:
-    """Return the distance from the origin to the mean of the visible joints (joints, 3) [m]."""
-    x, y, z, count = 0.0, 0.0, 0.0, 0
-    for j in range(len(joints)):
-        if np.isfinite(joints[j, 0]):
-            x, y, z = x + joints[j, 0], y + joints[j, 1], z + joints[j, 2]
-            count += 1
-    distance: float = np.sqrt(x * x + y * y + z * z) / max(count, 1)
-    return distance
-
-
-@njit(cache=True)
-def learn_noise(
-    before: Float64, dt: float, seen: Float64, states: UInt8, velocities: Float64, memory_s: float, noise: Float64
-) -> None:
-    """Learn the variance of each joint's jumps in a view, beyond its motion, into ``noise`` (joints,).
-
-    The residual of x(t) = x(t − dt) + v dt + n(t) − n(t − dt) has twice the variance of the noise n.
-    """
-    part = -np.expm1(-dt / memory_s)
-    for j in range(len(noise)):
-        if states[j] == _NOT_TRACKED or not np.isfinite(velocities[j, 0]):
-            continue
-        square = 0.0
-        for k in range(3):
-            square += (seen[j, k] - before[j, k] - dt * velocities[j, k]) ** 2
-        if np.isfinite(square):
-            noise[j] += part * (square / 6.0 - noise[j])
-
-
-@njit(cache=True)
-def see(
-    frame: FrameViews, fusion: FusionParameters, parameters: PeopleParameters, velocities: Float64, views: ViewArrays
-) -> None:
-    """Store a frame's bodies as the newest views of people."""
-    seen, seen_states, column = frame.positions, frame.states, frame.column
-    positions, states, variances, noise = views.positions, views.states, views.variances, views.noise
-    for b in range(len(frame.rows)):
-        r = frame.rows[b]
-        dt = frame.at_s - views.at_s[r, column]
-        if 0.0 < dt < _LONGEST_STEP_S:
-            learn_noise(
-                positions[r, column], dt, seen[b], seen_states[b], velocities[r], parameters.noise_memory_s,
-                noise[r, column],
-            )  # fmt: skip
-        views.at_s[r, column] = frame.at_s
-        for j in range(seen.shape[1]):
-            states[r, column, j] = seen_states[b, j]
-            for k in range(3):
-                positions[r, column, j, k] = seen[b, j, k]
-                views.bias[r, column, j, k] = frame.bias[b, j, k]
-        sd = sd_at(fusion.sd_m, distance_of(frame.own_positions[b]), frame.clipped[b], fusion.clipped_factor)
-        joint_variances(seen_states[b], sd, fusion.inferred_factor, 0.0, variances[r, column])
-        for j in range(noise.shape[2]):
-            variances[r, column, j] += parameters.noise_gain * noise[r, column, j]
-
-
-@njit(cache=True)
-def advantage(view: Float64, other: Float64, mirror: Int64, crossed: bool) -> float:
-    """Return how much nearer a view is to another one with left and right swapped [m].
-
-    ``crossed`` swaps the other view's labels first. NaN where fewer than two joints can be compared.
-    """
-    total, count = 0.0, 0
-    for j in range(len(mirror)):
-        m = mirror[j]
-        k = m if crossed else j
-        if m == j or not np.isfinite(other[k, 0]):
-            continue
-        straight, swapped = 0.0, 0.0
-        for i in range(3):
-            straight += (view[j, i] - other[k, i]) ** 2
-            swapped += (view[m, i] - other[k, i]) ** 2
-        if np.isfinite(straight) and np.isfinite(swapped):
-            total += np.sqrt(straight) - np.sqrt(swapped)
-            count += 1
-    return total / count if count >= 2 else np.nan
-
-
-@njit(cache=True)
-def follow_labels(
-    rows: Int64, column: int, dts: Float64, parameters: PeopleParameters, mirror: Int64, views: ViewArrays
-) -> None:
-    """Decide whether to swap left and right of the new views so that they agree with the other sensors' views."""
-    at_s, swapped, advantages = views.at_s, views.swapped, views.advantage
-    for b in range(len(rows)):
-        r = rows[b]
-        total, count = 0.0, 0
-        for c in range(at_s.shape[1]):
-            if c == column or at_s[r, column] - at_s[r, c] > parameters.view_age_s:
-                continue
-            more = advantage(views.positions[r, column], views.positions[r, c], mirror, swapped[r, c])
-            if np.isfinite(more):
-                total += more
-                count += 1
-        if count == 0:
-            continue
-        now = -total / count if swapped[r, column] else total / count
-        advantages[r, column] -= np.expm1(-dts[b] / parameters.swap_s) * (now - advantages[r, column])
-        if advantages[r, column] > parameters.swap_m:
-            swapped[r, column] = not swapped[r, column]
-            advantages[r, column] = -advantages[r, column]
-
-
-@njit(cache=True)
-def to_level(
-    R: Float64, positions: Float64, sensor_position: Float64, root: int, rows: Int64, velocities: Float64
-) -> tuple[Float64, Float64, Float64]:
-    """Return, in a space with y up, bodies, the yaw from each to the sensor [rad], and their persons' velocities."""
-    bodies, joints = positions.shape[:2]
-    level, toward, speeds = np.empty((bodies, joints, 3)), np.empty(bodies), np.empty((bodies, 3))
-    for b in range(bodies):
-        for j in range(joints):
-            for k in range(3):
-                level[b, j, k] = (
-                    R[k, 0] * positions[b, j, 0] + R[k, 1] * positions[b, j, 1] + R[k, 2] * positions[b, j, 2]
-                )
-        sight = np.empty(3)
-        for k in range(3):
-            sight[k] = -level[b, root, k]
-            speeds[b, k] = 0.0
-            for i in range(3):
-                sight[k] += R[k, i] * sensor_position[i]
-                speeds[b, k] += R[k, i] * velocities[rows[b], root, i]
-        toward[b] = np.arctan2(sight[0], sight[2])
-    return level, toward, speeds
-
-
-@njit(cache=True)
-def turn_views(
-    rows: Int64, column: int, dts: Float64, parameters: PeopleParameters, lines: Int64, facing: FacingResults,
-    yaw: Float64, views: ViewArrays,
-) -> None:  # fmt: skip
-    """Store the facing with a frame's views, and turn their shoulders and hips towards it.
-
-    Each of the ``lines`` (lines, 2) of a left and a right joint is turned by its own error, because a sensor's errors
-    at shoulders and hips differ. An uncertain facing, above ``sure_sd`` [rad], changes no labels, and turns lines less
-    the more uncertain it is. If the labels change while the person stands, slower than ``still_m_s``, the old labels
-    were wrong: the view restarts at the person's position and glides to its own.
-    """
-    sure_sd, turn_s = parameters.sure_sd, parameters.turn_s
-    for b in range(len(rows)):
-        r = rows[b]
-        sure = min(1.0, max(0.0, 2.0 - facing.sd[b] / sure_sd))
-        changed = facing.mirrored[b] != views.mirrored[r, column]
-        if changed and facing.sd[b] <= sure_sd:
-            views.mirrored[r, column] = facing.mirrored[b]
-        changed = changed and views.mirrored[r, column] == facing.mirrored[b]
-        v = facing.velocities[b]
-        if changed and np.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2) < parameters.still_m_s:
-            views.offsets[r, column] = np.nan
-        own_yaw = facing.reported[b] + (np.pi if facing.mirrored[b] != views.mirrored[r, column] else 0.0)
-        for n in range(len(lines)):
-            of_line = reported_yaw(facing.bodies[b], lines[n : n + 1])
-            of_line = of_line + (np.pi if views.mirrored[r, column] else 0.0) if np.isfinite(of_line) else own_yaw
-            off = sure * wrap(facing.yaw[b] - of_line)
-            if not np.isfinite(off):
-                off = 0.0
-            before = off if changed else views.turn[r, column, n]
-            views.turn[r, column, n] = before - np.expm1(-dts[b] / turn_s) * wrap(off - before)
-        yaw[r] = facing.yaw[b]
-        views.toward[r, column], views.reported[r, column] = facing.toward[b], own_yaw
-
-
-@njit(cache=True)
-def turn(body: Float64, line_of: Int64, root: int, up: Float64, angles: Float64) -> None:
-    """Turn each joint by the angle of its line about the vertical through the root, in place (Rodrigues).
-
-    ``line_of`` (joints,) selects one of the ``angles`` [rad]; −1: none.
-    """
-    if not np.isfinite(body[root, 0]):
-        return
-    for j in range(len(line_of)):
-        if line_of[j] < 0 or angles[line_of[j]] == 0.0:
-            continue
-        sine, versine = np.sin(angles[line_of[j]]), 1.0 - np.cos(angles[line_of[j]])
-        x, y, z = body[j, 0] - body[root, 0], body[j, 1] - body[root, 1], body[j, 2] - body[root, 2]
-        along = up[0] * x + up[1] * y + up[2] * z
-        a, b, c = up[1] * z - up[2] * y, up[2] * x - up[0] * z, up[0] * y - up[1] * x
-        body[j, 0] += sine * a + versine * (along * up[0] - x)
-        body[j, 1] += sine * b + versine * (along * up[1] - y)
-        body[j, 2] += sine * c + versine * (along * up[2] - z)
 
 
 @njit(cache=True)
@@ -523,26 +338,6 @@ def smooth_people(
             if at_s - euro_seen_s[r, j] <= view_age_s:
                 for k in range(3):
                     steady[r, j, k] = euro_positions[r, j, k]
-
-
-@njit(cache=True)
-def move_views(column: int, T_new_old: Float64, mirror: Int64, views: ViewArrays) -> None:
-    """Move one sensor's views, and add the change to their offsets, which fade; see `People.move_sensor`."""
-    shift = np.empty((len(mirror), 3))
-    for p in range(len(views.positions)):
-        view = views.positions[p, column]
-        for j in range(len(mirror)):
-            for k in range(3):
-                x = T_new_old[k, 3]
-                for i in range(3):
-                    x += T_new_old[k, i] * view[j, i]
-                shift[j, k] = x - view[j, k]
-        for j in range(len(mirror)):
-            m = mirror[j] if views.mirrored[p, column] else j
-            for k in range(3):
-                if np.isfinite(shift[m, k]):
-                    views.offsets[p, column, j, k] += shift[m, k]
-                view[j, k] += shift[j, k]
 
 
 @njit(cache=True)

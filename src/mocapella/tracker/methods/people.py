@@ -10,7 +10,8 @@ from mocapella.model.images import ImageFrame
 from mocapella.model.observations import BodyFrame
 from mocapella.model.session import SensorPose
 from mocapella.settings import parse
-from mocapella.tracker.default import DefaultSettings, DefaultTracker
+from mocapella.tracker.default import DefaultTracker
+from mocapella.tracker.default_settings import DefaultSettings
 from mocapella.tracker.method import Method
 from mocapella.tracker.people_warmup import warm_up_run
 from mocapella.tracker.protocol import Tracker

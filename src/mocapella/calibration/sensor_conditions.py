@@ -1,0 +1,94 @@
+"""Conditions of sensors: what is wrong or missing in the calibration from people, and what to do about it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.calibration.sensor_graph import PlacedSensor
+from mocapella.calibration.sensor_pair import BY_LAYOUT, Pair, PairOfSensors
+
+Float64 = NDArray[np.float64]
+
+REPORTED_FOR_S: Final = 5.0
+"""A clock jump is reported for this long [s]."""
+ONE_PLACE_M: Final = 0.1
+"""Two sensors nearer than this [m] …"""
+ONE_PLACE_TURN: Final = np.radians(5.0)
+"""… and with optical axes within this angle [rad] see nothing different."""
+
+
+class StreamFaults(msgspec.Struct, frozen=True):
+    """Faults of one sensor's frames.
+
+    Attributes:
+        frozen: whether its bodies do not change at all.
+        behind_s: by how much its times are behind another sensor's; 0 where that is tolerated [s].
+        jumped_s: time since its clock jumped back; infinite where it did not [s].
+        moved: whether it, or the sensor beside it, was moved and is not calibrated again.
+    """
+
+    frozen: bool
+    behind_s: float
+    jumped_s: float
+    moved: bool
+
+    @property
+    def condition(self) -> str:
+        """The fault and its remedy; empty without a fault."""
+        if self.frozen:
+            return "its picture stands still: start the sensor again"
+        if self.behind_s > 0:
+            return f"its clock is {self.behind_s:.0f} s behind another sensor's: set the clocks alike"
+        if 0 <= self.jumped_s < REPORTED_FOR_S:
+            return "its clock jumped back"
+        if self.moved:
+            return "it was moved (or the sensor beside it): walk a few steps where both see you"
+        return ""
+
+
+def pose_condition(name: str, pairs: Mapping[Pair, PairOfSensors], placed: Mapping[str, PlacedSensor]) -> str:
+    """Return what is missing or contradictory about a sensor's pose; empty where nothing is.
+
+    Args:
+        name: of the sensor.
+        pairs: its pairs with other sensors.
+        placed: all sensors' poses.
+    """
+    if not pairs:
+        return "it is the only sensor: what it does not see, nobody sees"
+    place = placed[name]
+    tied = place.trusted and any(
+        other.root == place.root and other.trusted for key, other in placed.items() if key != name
+    )
+    if tied:
+        return _contradiction(name, pairs)
+    seen = [(key, pair.estimate) for key, pair in pairs.items() if pair.estimate is not None]
+    if not seen:
+        return "no other sensor sees the people that it sees: walk where two sensors see you"
+    key, estimate = min(seen, key=lambda item: item[1].position_sd)
+    return f"with {_other(key, name)}: {estimate.problem}" if estimate.problem else ""
+
+
+def _contradiction(name: str, pairs: Mapping[Pair, PairOfSensors]) -> str:
+    for key, pair in pairs.items():
+        if pair.trusted and pair.estimate is not None and _in_one_place(pair.estimate.T_a_b):
+            return f"it stands where {_other(key, name)} stands, and sees no more"
+        if pair.calibration is not None and pair.trying:
+            where = "where the layout says" if pair.told == BY_LAYOUT else f"where {_other(key, name)} sees them"
+            return f"it does not see people {where}: walk a few steps where both see you"
+    return ""
+
+
+def _other(key: Pair, name: str) -> str:
+    return key[0] if key[1] == name else key[1]
+
+
+def _in_one_place(T_a_b: Float64) -> bool:
+    x, y, z = T_a_b[:3, 3].tolist()
+    cosine = (T_a_b[0, 0] + T_a_b[1, 1] + T_a_b[2, 2] - 1) / 2
+    return bool(x * x + y * y + z * z < ONE_PLACE_M**2 and cosine > np.cos(ONE_PLACE_TURN))

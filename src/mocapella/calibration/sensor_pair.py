@@ -1,0 +1,84 @@
+"""State of the calibration of one pair of sensors from people."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.calibration.cold_start import ColdStart
+from mocapella.calibration.pair_calibration import MIRRORED_STREAM, WALK, WALK_ACROSS, PairCalibration, PairEstimate
+
+Float64 = NDArray[np.float64]
+Pair = tuple[str, str]
+BY_LAYOUT: Final = "rig"
+"""Value of `PairOfSensors.told`; takes contain it."""
+NO_OWNERS: Final[tuple[Mapping[int, int], Mapping[int, int]]] = ({}, {})
+GIVEN_SD_M: Final = 0.15
+"""Expected error of a given position [m] …"""
+GIVEN_SD: Final = np.radians(10.0)
+"""… and rotation [rad], until people confirm them."""
+_GIVEN: Final = np.diag([GIVEN_SD_M**2 / 3] * 3 + [GIVEN_SD**2 / 3] * 3)
+
+
+@dataclass
+class PairOfSensors:
+    """Two sensors: the accepted estimate, or the hypotheses that are tried.
+
+    Attributes:
+        calibration: accepted estimate; None before there is one.
+        cold: hypotheses; empty while nothing contradicts the accepted estimate.
+        told: source of the estimate until people confirm it: `BY_LAYOUT`, or ``others`` for other pairs' poses; empty
+            once confirmed.
+        shown: whether people have confirmed it once; it then stays in use while it is less certain.
+        matched: tracking ids in a and b of bodies of one person.
+        owners: the identities from which ``matched`` was made, where they are given.
+        turn: counter that selects among the matched bodies.
+        due: time of the next refinement [s].
+        trying: whether the hypotheses are tried.
+        agreed_at: when a body last was at the same position in both sensors [s].
+        seen_since: since when both sensors see bodies without a break [s].
+        estimate: result of the last refresh with new data; judged_steps: number of steps it includes.
+    """
+
+    calibration: PairCalibration | None
+    cold: ColdStart
+    told: str = ""
+    shown: bool = False
+    matched: tuple[tuple[int, int], ...] = ()
+    owners: tuple[Mapping[int, int], Mapping[int, int]] = NO_OWNERS
+    turn: int = 0
+    due: float = -np.inf
+    trying: bool = True
+    agreed_at: float = -np.inf
+    seen_since: float = np.inf
+    estimate: PairEstimate | None = None
+    judged_steps: float = -1.0
+
+    @property
+    def unproven(self) -> bool:
+        """Whether the estimate is a hypothesis with much agreement, which is refined but not used yet."""
+        return self.calibration is not None and not self.shown and not self.told
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the relative pose is used."""
+        if self.calibration is None or self.estimate is None:
+            return False
+        problem = self.estimate.problem
+        unsure = problem in (WALK, WALK_ACROSS)
+        return not problem or (self.shown and unsure) or (self.told == BY_LAYOUT and problem != MIRRORED_STREAM)
+
+
+def covariance_of(pair: PairOfSensors) -> Float64:
+    """Return the covariance (6, 6) of a pair's estimate; that of a given pose until people confirm it."""
+    assert pair.estimate is not None
+    return _GIVEN if pair.told == BY_LAYOUT and not pair.estimate.trusted else pair.estimate.covariance
+
+
+def agree_elsewhere(key: Pair, agreeing: Iterable[Pair]) -> bool:
+    """Return whether each of the two sensors agrees with a third; then these two see different people."""
+    return all(any(sensor in other and other != key for other in agreeing) for sensor in key)

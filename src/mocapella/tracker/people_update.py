@@ -1,0 +1,55 @@
+"""Assign one frame's bodies to people, and fuse them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.association.tracks import Tracks
+from mocapella.model.bodies import Bodies
+from mocapella.model.observations import BodyFrame
+from mocapella.tracker.people import AssignedBodies, People
+
+Float64 = NDArray[np.float64]
+
+
+def associate_and_fuse(  # noqa: PLR0917 - one frame, as it comes
+    tracks: Tracks,
+    people: People,
+    frame: BodyFrame,
+    bodies: Bodies,
+    T: Float64,
+    corrections: Float64 | None = None,
+    *,
+    at_s: float,
+    now_s: float,
+) -> None:
+    """Assign the bodies to people and update all people.
+
+    Args:
+        tracks, people: known people and their motion.
+        frame, bodies: what a sensor shows.
+        T: (4, 4) from its camera space to the space of the people.
+        corrections: (bodies, joints, 3) to be added to the joints against the sensor's bias, camera space [m].
+        at_s, now_s: when it was captured, and the newest capture there was, on the common clock [s].
+    """
+    prepared = people.prepare(bodies, T, now_s)
+    rows = tracks.update(bodies.sensor, bodies.ids, prepared.middles, prepared.expected, at_s, prepared.lengths)
+    for stays, gone in tracks.merged:
+        people.join(stays, gone)
+    people.arrange(tracks.people)
+    ids: Sequence[int] = bodies.ids
+    positions, states, own = prepared.positions, bodies.states, bodies.positions
+    bias = np.zeros_like(positions) if corrections is None else corrections @ T[:3, :3].T
+    if not (shown := rows >= 0).all():
+        ids = [body for body, is_shown in zip(ids, shown.tolist(), strict=True) if is_shown]
+        rows, positions, states, own, bias = rows[shown], positions[shown], states[shown], own[shown], bias[shown]
+    clipped = np.zeros(len(rows), dtype=np.bool_)
+    if frame.clipped_edges.any():
+        edges = dict(zip(frame.tracking_ids.tolist(), frame.clipped_edges.tolist(), strict=True))
+        clipped[:] = [edges[body] > 0 for body in ids]
+    there = np.ascontiguousarray(T[:3, 3])
+    frame_bodies = AssignedBodies(bodies.sensor, rows, ids, at_s, positions, states, own, bias, there, clipped)
+    people.update(frame_bodies, now_s)
