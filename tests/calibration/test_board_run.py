@@ -81,7 +81,7 @@ def test_a_board_that_never_holds_still_serves_the_lenses_only_and_that_is_said(
     assert run.report.words() == ""
     run.add(looks(9.0, 60.0, a=0.0, b=0.0))
     assert run.hints()[0].cause != "moving"
-    assert "looks that were not of one instant: 5" in run.report.words()
+    assert "rounds that were not simultaneous: 5" in run.report.words()
 
 
 @settings(deadline=None, max_examples=20)

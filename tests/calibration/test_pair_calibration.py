@@ -12,7 +12,7 @@ from support.walking_people import BACK, FRONT, LEFT, MIRROR, RATE_HZ, SIDE, Sen
 from mocapella.calibration import pair_memory as at
 from mocapella.calibration.pair_calibration import (
     MIRRORED_STREAM,
-    NOBODY,
+    NO_PERSON,
     NOT_ONE_BODY,
     ON_A_LINE,
     WALK,
@@ -137,7 +137,7 @@ def test_memory_does_not_grow() -> None:
 
 @pytest.mark.parametrize(
     ("walkers", "problem"),
-    [({0: Walker(speed=0.0)}, WALK), ({0: Walker(speed=0.0), 1: Walker((0.8, 3.0), speed=0.0)}, WALK), ({}, NOBODY)],
+    [({0: Walker(speed=0.0)}, WALK), ({0: Walker(speed=0.0), 1: Walker((0.8, 3.0), speed=0.0)}, WALK), ({}, NO_PERSON)],
 )
 def test_nobody_walking_is_refused_in_a_plain_sentence(walkers: dict[int, Walker], problem: str) -> None:
     noisy = (Sensor("a", FRONT, noise=0.01), Sensor("b", SIDE, noise=0.01))

@@ -181,8 +181,8 @@ def test_a_mirrored_picture_is_not_believed() -> None:
     state = walks(PeopleCalibration(), (a, b), see, 15)
     assert not state.sensors["b"].trusted
     assert state.sensors["b"].condition in (
-        "with a: one of the two pictures is mirrored: switch mirroring off",
-        "with a: what they see does not move as one body",
+        "with a: one of the two images is mirrored: switch mirroring off",
+        "with a: their skeletons do not move as one body",
     )
 
 

@@ -20,7 +20,7 @@ def test_it_says_how_much_was_seen_and_how_sure_it_is() -> None:
 def test_it_says_what_to_do_first() -> None:
     assert pair_quality("front", "side", estimate(WALK)).startswith("front–side: walk a few steps (")
     nothing = PairCalibration().estimate()
-    assert pair_quality("front", "side", nothing) == "front–side: both sensors must see somebody"
+    assert pair_quality("front", "side", nothing) == "front–side: both sensors must see a person"
 
 
 @pytest.mark.parametrize(("value", "text"), [(8.2, "8 s"), (119.0, "119 s"), (600.0, "10 min"), (10_000.0, "3 h")])

@@ -71,8 +71,8 @@ def test_only_the_latest_frames_count() -> None:
         (bodies("front", [moved(ME, RIGHT_HAND, 0.14), YOU]), "front: right hand of body 1 moved 14 cm"),
         (bodies("front", [ME, moved(YOU, HEAD, -0.3)]), "front: head of body 2 moved 30 cm"),
         (bodies("front", [ME, YOU], states=without(RIGHT_HAND, 2)), "front: right hand of body 2 went missing"),
-        (bodies("front", [ME, YOU, YOU]), "front: somebody new came in"),
-        (bodies("front", [ME, YOU], ids=[1, 3]), "front: somebody new came in"),
+        (bodies("front", [ME, YOU, YOU]), "front: a new person arrived"),
+        (bodies("front", [ME, YOU], ids=[1, 3]), "front: a new person arrived"),
         (bodies("front", [ME]), "front: body 2 is gone"),
     ],
 )
@@ -112,13 +112,13 @@ def test_a_hand_that_the_sensor_never_sees_does_not_stop_it_and_may_come_back() 
 
 def test_when_everybody_is_gone_it_needs_them_back() -> None:
     method, front, nobody = calibration(), bodies("front", [ME]), bodies("front", [])
-    assert phase(feed(method, nobody)) == (Phase.CALIBRATING, 3, "nobody is in view yet")
+    assert phase(feed(method, nobody)) == (Phase.CALIBRATING, 3, "no person is in view yet")
     feed(method, front, front)
-    assert phase(feed(method, nobody)) == (Phase.NEEDS_RECALIBRATION, 3, "everybody is gone")
-    assert phase(feed(method, nobody)) == (Phase.NEEDS_RECALIBRATION, 3, "everybody is gone")
-    assert phase(feed(method, front)) == (Phase.CALIBRATING, 2, "front: somebody new came in")
+    assert phase(feed(method, nobody)) == (Phase.NEEDS_RECALIBRATION, 3, "all people have left")
+    assert phase(feed(method, nobody)) == (Phase.NEEDS_RECALIBRATION, 3, "all people have left")
+    assert phase(feed(method, front)) == (Phase.CALIBRATING, 2, "front: a new person arrived")
     assert phase(feed(method, front, front)) == (Phase.TRACKING, 0, "")
-    assert phase(feed(method, nobody)) == (Phase.NEEDS_RECALIBRATION, 3, "everybody is gone")
+    assert phase(feed(method, nobody)) == (Phase.NEEDS_RECALIBRATION, 3, "all people have left")
 
 
 def test_while_tracking_only_somebody_new_or_nobody_at_all_makes_it_begin_again() -> None:
@@ -142,7 +142,7 @@ def test_somebody_new_while_tracking_is_named_with_the_sensor() -> None:
     method = calibration()
     feed(method, *[bodies("front", [ME])] * 3)
     again = feed(method, bodies("front", [ME, YOU]))
-    assert phase(again) == (Phase.CALIBRATING, 2, "front: somebody new came in")
+    assert phase(again) == (Phase.CALIBRATING, 2, "front: a new person arrived")
     assert again.T_world_sensor == {}
 
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.silhouette_pictures import pose_at, ring, silhouettes_of, somebody
 
-from mocapella.calibration.visual_cones import MEET_FROM, doubts, meetings
+from mocapella.calibration.visual_cones import MEET_FROM, disagreements, meetings
 from mocapella.model.camera import CameraRig
 from mocapella.model.twist_tree import TreePose
 
@@ -28,7 +28,7 @@ def test_silhouettes_of_one_body_meet(aside, turn, bend, seed):
     found = meetings(silhouettes_of(MESH, RIG, TreePose(T, angles)), RIG)
     assert len(found) == 3
     assert all(one.overlap > 0.9 for one in found)
-    assert doubts(found) == []
+    assert disagreements(found) == []
 
 
 def test_a_camera_that_is_turned_is_named():
@@ -39,7 +39,7 @@ def test_a_camera_that_is_turned_is_named():
     T[:3] = R @ T[:3]
     wrong = CameraRig({**RIG.cameras, "c2": msgspec.structs.replace(placed, T_camera_world=T)})
     found = meetings(silhouettes_of(MESH, RIG, pose_at(MESH)), wrong)
-    (said,) = doubts(found)
+    (said,) = disagreements(found)
     assert "c2 stands elsewhere" in said
     assert [one.overlap < MEET_FROM for one in found if "c2" in one.cameras] == [True, True]
     assert [one.overlap > 0.9 for one in found if "c2" not in one.cameras] == [True]
@@ -49,7 +49,7 @@ def test_two_cameras_alone_are_both_named():
     two = CameraRig({name: RIG.cameras[name] for name in ("c1", "c2")})
     seen = silhouettes_of(MESH, two, pose_at(MESH))
     x, y = seen["c1"].origin_px
-    (said,) = doubts(meetings({**seen, "c1": msgspec.structs.replace(seen["c1"], origin_px=(x, y - 45))}, two))
+    (said,) = disagreements(meetings({**seen, "c1": msgspec.structs.replace(seen["c1"], origin_px=(x, y - 45))}, two))
     assert "c1 and c2" in said
     assert "in this order" in said
 
@@ -65,4 +65,4 @@ def test_what_says_nothing_says_nothing(what):
         rig = CameraRig({**RIG.cameras, "c1": RIG.cameras["c2"], "c3": RIG.cameras["c2"]})
     found = [one.overlap for one in meetings(seen, rig) if "c1" in one.cameras]
     assert np.isnan(found).all()
-    assert doubts(meetings(seen, rig)) == []
+    assert disagreements(meetings(seen, rig)) == []

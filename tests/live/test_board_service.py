@@ -135,7 +135,7 @@ def test_from_start_to_a_rig_that_is_saved_and_used(harness: Harness, nodes: Nod
     assert quality is not None
     assert [row[0] for row in quality.rows] == ["c0", "c1"]
     assert "c0 – c1 0." in quality.tape
-    assert any("pictures of one instant: 0.0 ms apart" in text for text in quality.sentences)
+    assert any("simultaneous images: 0.0 ms apart" in text for text in quality.sentences)
     (tmp_path / "rig.toml").write_text("somebody's")
     refused = harness.do("save-rig", name="rig")
     assert "rig.toml is there already, and nothing is overwritten; take rig-2.toml" in refused.message

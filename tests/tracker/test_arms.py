@@ -284,7 +284,7 @@ def test_a_camera_is_placed_by_the_arm_that_both_see() -> None:
     ("b", "said"),
     [
         (lambda t: [seen(arm_at(0.0), "b", RNG(1))], "move the arm farther about"),
-        (lambda t: [seen(arm_at(1.5 * t + 2.0), "b", RNG(1))], "cm from what another camera sees"),
+        (lambda t: [seen(arm_at(1.5 * t + 2.0), "b", RNG(1))], "cm from another camera"),
         (lambda t: [], "move one arm about where another camera sees it too (0 % done)"),
     ],
 )

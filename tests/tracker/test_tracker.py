@@ -124,7 +124,7 @@ def test_somebody_new_is_not_taken_for_whom_the_sensor_lost() -> None:
     tracker = tracking(ME, front=FRONT, side=SIDE)
     run(tracker, [see("front", FRONT, [], 4), see("side", SIDE, [ME], 4)])
     scene = tracker.update(see("front", FRONT, [ME + np.array([1.5, 0, 0])], 5, ids=[7]))
-    assert (scene.state.phase, scene.state.reason) == (Phase.CALIBRATING, "front: somebody new came in")
+    assert (scene.state.phase, scene.state.reason) == (Phase.CALIBRATING, "front: a new person arrived")
     strict = make_tracker("stand-still", settings={**QUICK, "regain_within_m": 0})
     run(strict, standing(range(4), ME, front=FRONT))
     assert strict.update(see("front", FRONT, [ME], 5, ids=[7])).state.phase is Phase.CALIBRATING
@@ -177,10 +177,10 @@ def test_the_states_of_a_session() -> None:
     scene = run(tracker, standing(range(1, 5), ME, front=FRONT, side=SIDE))[-1]
     assert (scene.state.phase, len(scene.people)) == (Phase.TRACKING, 1)
     scene = run(tracker, standing(range(5, 6), front=FRONT, side=SIDE))[-1]
-    assert (scene.state.phase, scene.state.reason) == (Phase.NEEDS_RECALIBRATION, "everybody is gone")
+    assert (scene.state.phase, scene.state.reason) == (Phase.NEEDS_RECALIBRATION, "all people have left")
     assert scene.people == ()
     scene = run(tracker, standing(range(6, 7), ME, front=FRONT, side=SIDE))[-1]
-    assert (scene.state.phase, scene.state.reason) == (Phase.CALIBRATING, "side: somebody new came in")
+    assert (scene.state.phase, scene.state.reason) == (Phase.CALIBRATING, "side: a new person arrived")
 
 
 def test_a_sensor_that_falls_silent_leaves_the_fusion_and_comes_back_as_it_was() -> None:

@@ -1,10 +1,9 @@
-"""Where a depth camera stands, from an arm that it and a camera whose place is known see while the arm moves.
+"""Estimate the pose of a depth camera from an arm that it and a calibrated camera both see in motion.
 
-The eight joints of the arm at many instants are paired points; T_world_camera and the clocks' difference δ minimise
-Σ w |p − T (q + δ v)|² with Geman–McClure weights (`geometry.alignment`, where the sources are). The other camera's
-joints are interpolated to the instant of each frame. What is told of the error comes from the scatter of half-second
-blocks (K.-Y. Liang, S. Zeger, Biometrika 73 (1986) 13): errors of neighbouring frames are alike, so that n frames tell
-less than n times as much.
+The eight joints of the arm at many times are paired points; T_world_camera and the clock difference δ minimise
+Σ w |p − T (q + δ v)|² with Geman–McClure weights (`geometry.alignment`, which names the sources). The calibrated
+camera's joints are interpolated to the time of each frame. The error estimate comes from the scatter of half-second
+blocks (K.-Y. Liang, S. Zeger, Biometrika 73 (1986) 13), because errors of neighbouring frames are correlated.
 """
 
 from __future__ import annotations
@@ -38,17 +37,17 @@ _LONGEST_S: Final = 0.3
 
 @dataclass(frozen=True)
 class ArmExtrinsicsSettings:
-    """What is wanted of a calibration by an arm.
+    """Requirements of a calibration by an arm.
 
     Attributes:
-        instants: that both cameras must have seen; and to go on with, at most.
-        most_hz: instants a second that are used, at most.
-        gap_s: frames of the other camera that are farther apart are not interpolated.
-        space_m: how far the joints must move about their means, as a standard deviation in the second direction.
-        scale_m: joints that fit worse than that count ever less.
-        largest_residual_m: cameras that agree worse do not see the same arm.
-        largest_sd_m, largest_sd_rad: of the place.
-        delay_sd_s: how different the cameras' delays are.
+        instants: least number of shared frames, and the number after which collection stops.
+        most_hz: highest rate of frames that are used.
+        gap_s: largest gap between the calibrated camera's frames that is interpolated.
+        space_m: least motion of the joints about their means: standard deviation in the second direction.
+        scale_m: scale of the robust weights.
+        largest_residual_m: above this, the cameras do not see the same arm.
+        largest_sd_m, largest_sd_rad: of the pose.
+        delay_sd_s: prior standard deviation of the cameras' delay.
     """
 
     instants: tuple[int, int] = (60, 300)
@@ -70,15 +69,15 @@ class ArmExtrinsicsSettings:
 
 
 class ArmExtrinsicsResult(msgspec.Struct, frozen=True, eq=False):
-    """A camera's place, and how well it is known.
+    """A camera's estimated pose and its quality.
 
     Attributes:
         T_world_camera: (4, 4).
-        delay_s: its frames were captured so much later than the other camera's clock says.
-        position_sd_m: of a point where the arm was.
-        rotation_sd_rad: likewise.
-        residual_m: median distance of a joint from the other camera's.
-        missing: what is wanted before it can be believed; empty where nothing is.
+        delay_s: delay of its frames relative to the calibrated camera's clock.
+        position_sd_m: standard deviation of a point where the arm was.
+        rotation_sd_rad: standard deviation of the rotation.
+        residual_m: median distance between the cameras' joints.
+        missing: what the user must do before the pose can be used; empty if nothing.
     """
 
     T_world_camera: Float64
@@ -90,14 +89,14 @@ class ArmExtrinsicsResult(msgspec.Struct, frozen=True, eq=False):
 
 
 class Instant(msgspec.Struct, frozen=True, eq=False):
-    """Eight joints that two cameras saw at one instant.
+    """Eight joints that two cameras saw at the same time.
 
     Attributes:
         at_s: on the common clock.
-        world: (8, 3) by the camera whose place is known [m].
-        own: (8, 3) by the other, in its space [m].
-        velocity: (8, 3) of that [m/s].
-        weights: (8,) [1/m²]; 0 of a joint that one of them does not measure.
+        world: (8, 3) from the calibrated camera [m].
+        own: (8, 3) from the other camera, in its frame [m].
+        velocity: (8, 3) of these [m/s].
+        weights: (8,) [1/m²]; 0 for a joint that one camera does not measure.
     """
 
     at_s: float
@@ -108,17 +107,17 @@ class Instant(msgspec.Struct, frozen=True, eq=False):
 
 
 class ArmSights(msgspec.Struct, frozen=True, eq=False):
-    """One camera's frame: its arms at an instant."""
+    """One camera's frame: its arms and their time."""
 
     at_s: float
     arms: tuple[SeenArm, ...]
 
 
 class ArmExtrinsics:
-    """Cameras that are placed by the arm that they see.
+    """Estimates poses of cameras from the arms that they see.
 
     Attributes:
-        found: by camera, the newest estimate.
+        found: newest estimate, by camera.
     """
 
     def __init__(self, settings: ArmExtrinsicsSettings | None = None) -> None:
@@ -132,15 +131,15 @@ class ArmExtrinsics:
         self.seen: dict[str, deque[ArmSights]] = {}
 
     def update(self, camera: str, arms: Sequence[SeenArm], at_s: float, places: Mapping[str, Float64]) -> list[str]:
-        """Take a frame in.
+        """Take in a frame.
 
         Args:
-            camera, arms: which saw what, in its own space.
-            at_s: when, on the common clock [s].
-            places: ``T_world_camera`` of those that are placed otherwise: the others are found here.
+            camera, arms: name, and its arms in its own frame.
+            at_s: capture time on the common clock [s].
+            places: ``T_world_camera`` of the calibrated cameras; poses of all others are estimated.
 
         Returns:
-            The cameras of which there is a new estimate.
+            The cameras with a new estimate.
         """
         self.seen.setdefault(camera, deque(maxlen=8)).append(ArmSights(at_s, tuple(arms)))
         if camera not in places:
@@ -149,7 +148,7 @@ class ArmExtrinsics:
         return [other for other in sorted(self.instants) if other not in places and self._pair(other, camera, places)]
 
     def needs(self, camera: str) -> str:
-        """What is wanted before the camera has a place, for a person; empty where it has one."""
+        """Return what the user must do before the camera has a pose; empty if it has one."""
         found = self.found.get(camera)
         if found is not None:
             return found.missing
@@ -157,9 +156,9 @@ class ArmExtrinsics:
         return f"move one arm about where another camera sees it too ({10 * int(10 * have)} % done)"
 
     def _pair(self, camera: str, reference: str, places: Mapping[str, Float64]) -> bool:
-        """Pair the camera's frames that lie between two of the reference's; True where that gave a new estimate.
+        """Pair the camera's frames between two of the reference's; return whether that gave a new estimate.
 
-        The newest of the reference is left out: the camera's next frame is wanted, too.
+        The reference's newest frame is left out, because the camera's next frame is needed as well.
         """
         s, instants, sights = self.settings, self.instants[camera], self.seen[camera]
         if len(instants) >= s.instants[1] or len(self.seen[reference]) < 3:
@@ -186,9 +185,10 @@ class ArmExtrinsics:
 def _instant(
     sights: tuple[ArmSights, ArmSights, ArmSights], early: ArmSights, late: ArmSights, T_world_reference: Float64
 ) -> Instant | None:
-    """The one arm that both cameras saw, or None where that is not certain.
+    """Return the one arm that both cameras saw, or None if that is ambiguous.
 
-    Its velocity is of the frames before and after: of its own frame it would have the very error of the place, which
+    Its velocity comes from the frames before and after: that of its own frame would share the error of its position,
+        which
     would look like a delay.
     """
     before, sight, after = sights
@@ -217,7 +217,7 @@ def _same(sights: ArmSights, arm: SeenArm) -> SeenArm | None:
 
 
 def _only(arms: Sequence[SeenArm], others: Sequence[SeenArm]) -> SeenArm | None:
-    """The arm that must be the other camera's: the only one, or the only one of the only side that both see."""
+    """Return the arm that matches the other camera's: the only one, or the only one of a side."""
     if len(arms) == 1 and len(others) == 1:
         return arms[0]
     for left in (True, False):
@@ -230,7 +230,7 @@ def _only(arms: Sequence[SeenArm], others: Sequence[SeenArm]) -> SeenArm | None:
 def extrinsics_from_arm(
     instants: Sequence[Instant], settings: ArmExtrinsicsSettings | None = None
 ) -> ArmExtrinsicsResult:
-    """The place of the camera that saw ``own``, and what is missing before it can be believed."""
+    """Estimate the pose of the camera that saw ``own``, and what is missing before it can be used."""
     s = settings or ArmExtrinsicsSettings()
     p, q = np.array([one.world for one in instants]), np.array([one.own for one in instants])
     v, w = np.array([one.velocity for one in instants]), np.array([one.weights for one in instants])
@@ -264,7 +264,7 @@ def extrinsics_from_arm(
 def _scatter(  # noqa: PLR0917 - one fit, in its parts
     p: Float64, q: Float64, v: Float64, w: Float64, T: Float64, delay: float, blocks: Int64
 ) -> Float64:
-    """Σ g gᵀ (7, 7) over blocks of instants of their gradients."""
+    """Return Σ g gᵀ (7, 7) of the gradients, summed over blocks of frames."""
     _, g = normal_equations(moments(p, q, w, v), np.broadcast_to(T, (len(p), 4, 4)), np.full(len(p), delay))
     of_block = np.zeros((int(blocks.max()) + 1, 7))
     np.add.at(of_block, blocks, g)
@@ -272,7 +272,7 @@ def _scatter(  # noqa: PLR0917 - one fit, in its parts
 
 
 def _space(p: Float64, w: Float64) -> float:
-    """How far the joints moved about their means, as a standard deviation in the second direction [m]."""
+    """Return the standard deviation of the joints about their means in the second direction [m]."""
     there = w > 0
     seen = np.where(there[..., None], p, 0.0)
     mean = seen.sum(axis=0) / np.maximum(there.sum(axis=0), 1)[:, None]
@@ -285,13 +285,13 @@ def _missing(place: ArmExtrinsicsResult, space_m: float, s: ArmExtrinsicsSetting
         return "move the arm farther about, to all sides"
     if place.residual_m > s.largest_residual_m:
         return (
-            f"what it sees is {1e2 * place.residual_m:.0f} cm from what another camera sees: show both one arm only, "
+            f"its joints are {1e2 * place.residual_m:.0f} cm from another camera's: show both one arm only, "
             "and check intrinsics and unit"
         )
     if place.position_sd_m > s.largest_sd_m or place.rotation_sd_rad > s.largest_sd_rad:
-        return f"go on moving the arm: its place is known to {1e3 * place.position_sd_m:.0f} mm only"
+        return f"go on moving the arm: its position is known to {1e3 * place.position_sd_m:.0f} mm only"
     return ""
 
 
 REMEMBERED: Final = (ArmExtrinsicsResult, Instant, ArmSights, SeenArm)
-"""Kinds that an `ArmExtrinsics` remembers, see `mocapella.model.memory`."""
+"""Classes in the state of an `ArmExtrinsics`, see `mocapella.model.memory`."""

@@ -1,7 +1,7 @@
-"""Bundle adjustment of cameras and boards: all lenses, places and board poses at once, from all corners.
+"""Bundle adjustment of cameras and boards: all lenses, camera poses and board poses together, from all corners.
 
 Source: B. Triggs et al., *Bundle Adjustment – A Modern Synthesis* (2000): Levenberg–Marquardt steps (section 4), boards
-eliminated first (6.1, Schur complement), outer robust loss (3.3: Cauchy), gauge by holding one space still (9.1).
+eliminated first (6.1, Schur complement), outer robust loss (3.3: Cauchy), gauge fixed by holding one frame (9.1).
 """
 
 from __future__ import annotations
@@ -21,29 +21,29 @@ Int64 = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
 CAMERA: Final = 15
-"""Parameters of a camera: a small motion in its own space (translation, rotation), then the lens."""
+"""Parameters of a camera: a small motion in its own frame (translation, rotation), then the lens."""
 POSE: Final = slice(0, 6)
 LENS: Final = slice(6, 15)
 CAUCHY: Final = 3.0
-"""A corner that is off by so many standard deviations counts half."""
+"""Scale of the Cauchy loss, in standard deviations: a corner this far off counts half."""
 LEAST_SIGMA_PX: Final = 1e-4
-"""Exact corners, of a simulation, would have priors count for nothing and sums overflow."""
+"""Lower bound of the noise level; for exact simulated corners sums would overflow without it."""
 SETTLED: Final = 1e-4
-"""The cost is in variances: what is gained still is a hundredth of a standard deviation."""
+"""Decrease of the cost at which the search ends; in variances, so a hundredth of a standard deviation."""
 STEPS: Final = 60
-"""Levenberg–Marquardt steps for one noise level; about ten are needed."""
+"""Most Levenberg–Marquardt steps at one noise level; about ten are needed."""
 ROUNDS: Final = 12
-"""Estimates of the noise level; about four are needed."""
+"""Most estimates of the noise level; about four are needed."""
 
 
 @dataclass(frozen=True)
 class Corners:
-    """All corners of all views, those of one view side by side.
+    """The corners of all views, grouped by view.
 
     Attributes:
         camera: (n,) index.
-        board: (n,) index of the board's pose.
-        corner_m: (n, 3) in the board's space.
+        board: (n,) index of the board pose.
+        corner_m: (n, 3) in the board's frame.
         pixel: (n, 2).
     """
 
@@ -70,7 +70,7 @@ class Bundle:
 
 @dataclass(frozen=True)
 class LensPrior:
-    """What is known of lenses before any picture; what pictures do not determine stays there.
+    """Prior of the lenses; coefficients that the images do not determine stay near it.
 
     Attributes:
         mean: (cameras, 9).
@@ -83,14 +83,14 @@ class LensPrior:
 
 @dataclass(frozen=True)
 class Adjusted:
-    """The least cost.
+    """Result of the adjustment.
 
     Attributes:
-        bundle: see there.
-        residual_px: (n, 2) seen minus expected.
-        sigma_px: standard deviation of a coordinate, robust.
-        dispersion: by how much views as wholes are off more than corners by themselves, in variances; 1 or more.
-        covariance: (cameras, 15, cameras, 15) of all cameras' parameters; 0 of those that were held.
+        bundle: cameras and boards at the least cost.
+        residual_px: (n, 2) measured minus projected.
+        sigma_px: robust standard deviation of a coordinate.
+        dispersion: variance of whole views' errors relative to that of single corners; 1 or more.
+        covariance: (cameras, 15, cameras, 15) of all cameras' parameters; 0 for fixed ones.
     """
 
     bundle: Bundle
@@ -102,7 +102,7 @@ class Adjusted:
 
 @dataclass(frozen=True)
 class _Problem:
-    """What does not change while a minimum is searched for."""
+    """The constants of one minimisation."""
 
     corners: Corners
     free: Bool
@@ -112,17 +112,17 @@ class _Problem:
 
 
 def adjust(corners: Corners, start: Bundle, free: Bool, free_boards: Bool, prior: LensPrior) -> Adjusted:
-    """Search from ``start``; in turns with the noise level, which says what an outlier is.
+    """Minimise the reprojection error from ``start``, alternating with estimates of the noise level.
 
     Args:
         corners: n of them.
-        start: not far from the least cost.
-        free: (cameras, 15) the parameters that are searched for.
-        free_boards: (boards,) those whose pose is.
+        start: near the minimum.
+        free: (cameras, 15) parameters to estimate.
+        free_boards: (boards,) poses to estimate.
         prior: of the lenses.
 
     Returns:
-        the least cost that was found. Its residuals say whether it is any good.
+        The minimum that was found; its residuals show whether it is good.
     """
     unknown = int(free.sum() + 6 * free_boards.sum())
     spare = min(0.9, unknown / corners.pixel.size)
@@ -139,16 +139,16 @@ def adjust(corners: Corners, start: Bundle, free: Bool, free_boards: Bool, prior
 
 
 def _sigma(residual: Float64, spare: float) -> float:
-    """Of a coordinate, by the median of the distances (of χ² with two degrees of freedom: 2 ln 2).
+    """Return the noise of a coordinate from the median distance (of χ² with two degrees of freedom: 2 ln 2).
 
-    ``spare`` is the share of the residuals that the unknowns have swallowed.
+    ``spare`` is the fraction of the residuals that the unknowns absorb.
     """
     r2 = (residual**2).sum(axis=1)
     return max(LEAST_SIGMA_PX, float(np.sqrt(np.median(r2) / (2 * np.log(2)) / (1 - spare))))
 
 
 def _expected(corners: Corners, bundle: Bundle) -> tuple[Float64, Float64, Float64, Float64, Float64]:
-    """Points in the cameras' spaces, pixels, both derivatives of these, and ``R_camera_board``."""
+    """Return points in the cameras' frames, pixels, both derivatives of these, and ``R_camera_board``."""
     first = _begins(corners)
     T = bundle.T_camera_world[corners.camera[first]] @ bundle.T_world_board[corners.board[first]]
     T = np.repeat(T, np.diff(np.r_[first, len(corners.board)]), axis=0)
@@ -157,13 +157,13 @@ def _expected(corners: Corners, bundle: Bundle) -> tuple[Float64, Float64, Float
 
 
 def _begins(corners: Corners) -> Int64:
-    """The first corner of each view."""
+    """Return the index of each view's first corner."""
     changes = (np.diff(corners.camera) != 0) | (np.diff(corners.board) != 0)
     return np.flatnonzero(np.r_[True, changes])
 
 
 def _residual(corners: Corners, bundle: Bundle) -> Float64:
-    """A corner behind a camera is as far off as could be."""
+    """Return measured minus projected pixels; a corner behind a camera gets a huge residual."""
     return np.nan_to_num(corners.pixel - _expected(corners, bundle)[1], nan=1e6)
 
 
@@ -175,7 +175,7 @@ def _cost(problem: _Problem, bundle: Bundle) -> float:
 
 
 def _descend(problem: _Problem, bundle: Bundle) -> Bundle:
-    """Levenberg–Marquardt with one noise level."""
+    """Run Levenberg–Marquardt at one noise level."""
     damping = 1e-4
     cost = _cost(problem, bundle)
     for _ in range(STEPS):
@@ -197,14 +197,14 @@ def _descend(problem: _Problem, bundle: Bundle) -> Bundle:
 
 @dataclass(frozen=True)
 class _Normal:
-    """JᵀWJ and JᵀWr in blocks; the rows of what is held are those of the unit matrix.
+    """JᵀWJ and JᵀWr in blocks; rows of fixed parameters are those of the identity.
 
     Attributes:
         cameras: (15 cameras, 15 cameras).
         boards: (boards, 6, 6).
         mixed: (15 cameras, boards, 6).
-        of_cameras, of_boards: the right sides.
-        pulls: (views, 6) and (views, 6, 6) the side and the equations of each view by itself, for the board.
+        of_cameras, of_boards: right-hand sides.
+        pulls: (views, 6), (views, 6, 6) right-hand side and matrix of each single view, for its board.
     """
 
     cameras: Float64
@@ -255,11 +255,11 @@ def _normal_equations(problem: _Problem, bundle: Bundle) -> _Normal:
 
 
 def _reduced(normal: _Normal, damping: float) -> tuple[Float64, Float64, Float64, Float64]:
-    """The boards eliminated, damped by the diagonal (Marquardt).
+    """Eliminate the boards, damped by the diagonal (Marquardt).
 
     Returns:
-        the cameras' equations, scaled, because pixels and radians differ by 10⁶ in their squares; the scale; the
-        inverse of the boards' equations; and (boards, 6, 15 cameras) these solved for what they share with the cameras.
+        The cameras' equations, scaled, because squares of pixels and radians differ by 10⁶; the scale; the inverse of
+        the boards' equations; and (boards, 6, 15 cameras) their product with the mixed block.
     """
     size = len(normal.cameras)
     boards = np.asarray(np.linalg.inv(normal.boards * (1 + damping * np.eye(6))), dtype=np.float64)
@@ -284,10 +284,10 @@ def _step(problem: _Problem, bundle: Bundle, normal: _Normal, damping: float) ->
 
 
 def _covariance(problem: _Problem, bundle: Bundle, spare: float) -> tuple[float, Float64]:
-    """The dispersion and the covariance of an M-estimator: E[ψ²]/E[ψ']² (JᵀJ)⁻¹ (Huber 1981, 7.6).
+    """Return the dispersion, and the covariance of an M-estimator: E[ψ²]/E[ψ']² (JᵀJ)⁻¹ (Huber 1981, 7.6).
 
-    Cameras that are not triggered together see a board that is carried about at slightly different times, so a view's
-    corners are off together. The views' pull on their boards says by how much.
+    Cameras that are not triggered together see a moving board at slightly different times, so the errors of a view's
+    corners are correlated. The views' disagreement about their board's pose gives the dispersion.
     """
     cameras = len(bundle.lenses)
     normal = _normal_equations(problem, bundle)
@@ -298,7 +298,7 @@ def _covariance(problem: _Problem, bundle: Bundle, spare: float) -> tuple[float,
     slope = weight - r2 / CAUCHY**2 * weight**2  # the mean of ψ' along and across the residual
     independent = 0.5 * (weight**2 * r2).mean() / slope.mean() ** 2 / (1 - spare)
     of_view, H_view = normal.pulls
-    # How far each view by itself would move its board: 6 a view if all were free and all errors independent.
+    # Disagreement of each view about its board's pose: 6 per view if all were free and errors independent.
     pull = float(np.einsum("vi,vij,vj", of_view, np.linalg.pinv(H_view, hermitian=True), of_view))
     free_views = 6 * len(of_view) - 6 * int(problem.free_boards.sum()) - int(problem.free[:, POSE].sum())
     dispersion = 1.0

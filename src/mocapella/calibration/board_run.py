@@ -1,8 +1,7 @@
-"""A board that is carried about before running cameras, look by look: what was seen, what is missing, and the rig.
+"""Collect views of a board that is carried before running cameras, report what is missing, and calibrate the rig.
 
-Cameras that are not triggered together see a moving board at different times. How far it moved in the pictures between
-two looks says how far it moved between two cameras' pictures of one look: where that is little, they are of one
-instant.
+Cameras that are not triggered together see a moving board at different times. The board's speed in the images between
+two rounds of requests limits how far apart in time two cameras' images may be to count as simultaneous.
 """
 
 from __future__ import annotations
@@ -16,8 +15,8 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from mocapella.calibration.board_guidance import Hint, coverage
 from mocapella.calibration.cameras import CameraCalibration, Origin, calibrate_cameras
-from mocapella.calibration.hints import Hint, coverage
 from mocapella.errors import CalibrationError, one_of
 from mocapella.model.board import Board, BoardView
 from mocapella.model.camera import Camera
@@ -26,18 +25,18 @@ from mocapella.settings import check
 Float64 = NDArray[np.float64]
 
 LATELY: Final = 4
-"""Looks after which a board that never holds still is said to move."""
+"""Number of rounds after which a board that is always in motion is reported."""
 
 
 @dataclass(frozen=True)
 class BoardRunSettings:
-    """Which pictures are of one instant, and which are kept.
+    """Which images count as simultaneous, and which views are kept.
 
     Attributes:
-        tolerance_s: pictures that are farther apart are never of one instant.
-        most_moved_px: nor those between which the board moved farther in a picture.
-        least_moved: share of the picture's width; a look in which the board has moved less in every camera since the
-            look before says nothing new.
+        tolerance_s: largest time difference of simultaneous images.
+        most_moved_px: largest motion of the board in an image within that time.
+        least_moved: fraction of the image width; a round in which the board moved less in every camera since the
+            previous one is dropped.
     """
 
     tolerance_s: float = 0.1
@@ -52,12 +51,12 @@ class BoardRunSettings:
 
 @dataclass(frozen=True, eq=False)
 class BoardLook:
-    """What one camera saw when it was asked.
+    """One camera's answer to a request for an image.
 
     Attributes:
-        at_s: when its picture was captured, on one clock for all cameras [s]; NaN where it gave none.
-        view: of the board; None where it does not see it.
-        problem: why there is no view, in words.
+        at_s: capture time, on one clock for all cameras [s]; NaN without an image.
+        view: of the board; None if it is not detected.
+        problem: reason why there is no view.
     """
 
     at_s: float = float("nan")
@@ -67,17 +66,17 @@ class BoardLook:
 
 @dataclass
 class BoardRunReport:
-    """What became of all looks.
+    """Counts of all rounds.
 
     Attributes:
-        looks: at all cameras.
-        kept: of which views are kept.
-        unseen: in which no camera saw the board.
-        still: that said nothing new.
-        unanswered: by camera, how often it gave no picture.
-        apart_s, moved_px: of each kept instant of two cameras or more: how far apart its pictures were, and how far the
-            board moved meanwhile in one of them.
-        split: looks in which two cameras or more saw the board, but not at one instant.
+        looks: rounds, each of one image per camera.
+        kept: rounds whose views are kept.
+        unseen: rounds in which no camera detected the board.
+        still: rounds dropped because the board had hardly moved.
+        unanswered: number of missing images, by camera.
+        apart_s, moved_px: for each kept group of two or more cameras: time between its images, and motion of the board
+            in one of them meanwhile.
+        split: rounds in which two or more cameras detected the board, but not simultaneously.
     """
 
     looks: int
@@ -90,19 +89,19 @@ class BoardRunReport:
     split: int
 
     def words(self) -> str:
-        """How far the pictures of one instant were apart; empty where there is none."""
+        """Describe the time between simultaneous images; empty if there are none."""
         if not self.apart_s:
             return ""
         apart, moved = 1e3 * np.array(self.apart_s), np.array(self.moved_px)
-        text = f"pictures of one instant: {np.median(apart):.1f} ms apart (median), at most {apart.max():.1f} ms"
+        text = f"simultaneous images: {np.median(apart):.1f} ms apart (median), at most {apart.max():.1f} ms"
         if np.isfinite(moved).any():
             text += f"; the board moved {np.nanmedian(moved):.1f} px meanwhile"
-        return text + (f"; looks that were not of one instant: {self.split}" if self.split else "")
+        return text + (f"; rounds that were not simultaneous: {self.split}" if self.split else "")
 
 
 @dataclass(frozen=True, eq=False)
 class _Round:
-    """One look at all cameras: which views there are, and which instant of this look each belongs to."""
+    """One image of each camera: the views, and the simultaneous group each belongs to."""
 
     views: Mapping[str, BoardView]
     instant: Mapping[str, int]
@@ -111,21 +110,21 @@ class _Round:
 
     @property
     def shared(self) -> bool:
-        """Whether all views are of one instant."""
+        """Whether all views are simultaneous."""
         return len(set(self.instant.values())) == 1
 
 
 class BoardRun:
-    """Collects looks, and makes a rig of them. One thread at a time.
+    """Collects views of a board and calibrates a rig from them. Not thread-safe.
 
     Args:
         board: see there.
         cameras: all names.
-        known: cameras whose lens is given, and stays.
+        known: cameras with a given lens, which stays fixed.
         settings: see there.
 
     Attributes:
-        newest: the last look of each camera.
+        newest: the last image of each camera.
     """
 
     def __init__(
@@ -146,7 +145,7 @@ class BoardRun:
         self._lately: deque[bool] = deque(maxlen=LATELY)
 
     def add(self, looks: Mapping[str, BoardLook]) -> None:
-        """Take in one look at all cameras; those that are not in it gave no picture.
+        """Take in one round; cameras that are missing gave no image.
 
         Raises:
             CalibrationError: a camera that the run does not have.
@@ -176,12 +175,12 @@ class BoardRun:
 
     @property
     def views(self) -> list[BoardView]:
-        """All that are kept; the frame's number is that of the look."""
+        """All kept views; the frame number is that of the round."""
         return [replace(view, frame=k) for k, of in enumerate(self._rounds) for view in of.views.values()]
 
     @property
     def instants(self) -> dict[tuple[str, int], int]:
-        """The instant of each view."""
+        """The group of simultaneous images of each view."""
         of_all = len(self.cameras)
         return {
             (name, k): k * of_all + group for k, of in enumerate(self._rounds) for name, group in of.instant.items()
@@ -189,12 +188,12 @@ class BoardRun:
 
     @property
     def shared(self) -> int:
-        """Instants at which two cameras or more saw the board."""
+        """Number of groups in which two or more cameras saw the board."""
         return sum(len(of.instant) > len(set(of.instant.values())) for of in self._rounds)
 
     @property
     def report(self) -> BoardRunReport:
-        """What became of all looks so far."""
+        """Counts so far."""
         several = [of for of in self._rounds if len(of.views) > 1]
         shared = [of for of in several if np.isfinite(of.apart_s)]
         return BoardRunReport(
@@ -204,7 +203,7 @@ class BoardRun:
         )  # fmt: skip
 
     def hints(self) -> list[Hint]:
-        """What is missing yet, the most urgent first."""
+        """Return what is missing, the most urgent first."""
         hints = coverage(self.views, self.board, self.cameras, self.instants, lens_known=list(self._known))
         if len(self._lately) == LATELY and not any(self._lately):
             text = "hold the board still for a second: it moves too far between the cameras' pictures"
@@ -212,18 +211,18 @@ class BoardRun:
         return hints
 
     def calibrate(self, origin: Origin | None = None) -> CameraCalibration:
-        """The rig of all cameras.
+        """Calibrate the rig of all cameras.
 
         Raises:
-            CalibrationError: the views do not say it; names the camera and what to film.
+            CalibrationError: the views do not determine it; names the camera and what to film.
         """
         return calibrate_cameras(self.seen_by_all(), self.board, self.instants, known=self._known, origin=origin)
 
     def seen_by_all(self) -> list[BoardView]:
-        """The views, when every camera has some.
+        """Return the views if every camera has some.
 
         Raises:
-            CalibrationError: one has none; says why.
+            CalibrationError: a camera has none; says why.
         """
         views = self.views
         if not views:
@@ -235,13 +234,13 @@ class BoardRun:
         return views
 
     def _why_unseen(self) -> str:
-        said = [look.problem for look in self.newest.values() if look.problem]
-        return "; ".join(said) or "check its kind, columns, rows and dictionary"
+        problems = [look.problem for look in self.newest.values() if look.problem]
+        return "; ".join(problems) or "check its kind, columns, rows and dictionary"
 
     def _round(self, seen: Mapping[str, BoardLook], before: Mapping[str, BoardLook]) -> _Round:
         s = self.settings
         speeds = [_speed(before.get(name, BoardLook()), look) for name, look in seen.items()]
-        speed = max(speeds)  # [px/s]; infinite where a camera saw it for the first time
+        speed = max(speeds)  # [px/s]; infinite at a camera's first detection
         allowed = min(s.tolerance_s, s.most_moved_px / speed if speed > 0 else np.inf)
         order = sorted(seen, key=lambda name: (seen[name].at_s, name))
         group, began = -1, -np.inf
@@ -266,7 +265,7 @@ class BoardRun:
 
 
 def _moved(old: BoardView, new: BoardView) -> float:
-    """How far the corners that both have moved, in the median [px]; infinite where there are none."""
+    """Return the median motion of the common corners [px]; infinite without any."""
     _, i, j = np.intersect1d(old.ids, new.ids, return_indices=True)
     if not len(i) or old.size_px != new.size_px:
         return np.inf
@@ -274,7 +273,7 @@ def _moved(old: BoardView, new: BoardView) -> float:
 
 
 def _speed(old: BoardLook, new: BoardLook) -> float:
-    """[px/s]; infinite where the board was not seen before."""
+    """Return the speed of the board in the image [px/s]; infinite if it was not seen before."""
     if old.view is None or new.view is None:
         return np.inf
     moved, took = _moved(old.view, new.view), new.at_s - old.at_s

@@ -1,4 +1,4 @@
-"""Where to begin: a lens from each camera's own views of a board, then the cameras' places from views they share."""
+"""Initial values of the rig: each camera's lens from its own views of a board, then poses from shared views."""
 
 from __future__ import annotations
 
@@ -22,28 +22,28 @@ from mocapella.model.camera import Camera
 Float64 = NDArray[np.float64]
 
 LEAST_CORNERS: Final = 6
-"""In a view, on two rows and two columns: fewer leave a pose to chance."""
+"""Fewest corners of a view, on at least two rows and two columns, for a reliable pose."""
 LEAST_VIEWS: Final = 3
-"""Of a camera whose lens is searched for; Zhang's section 3.1 needs as many."""
+"""Fewest views of a camera whose lens is estimated (Zhang, section 3.1)."""
 CANDIDATES: Final = 40
-"""Of the motion between two cameras, each from one instant."""
+"""Most candidates for the motion between two cameras, each from one group of simultaneous views."""
 
 
 def usable(view: BoardView, board: Board) -> bool:
-    """Whether a view says where the board is: enough corners, and not all on a line."""
+    """Return whether a view determines the board's pose: enough corners, not all on a line."""
     rows, columns = np.divmod(view.ids, board.columns - 1)
     return len(view.ids) >= LEAST_CORNERS and len(set(rows.tolist())) > 1 and len(set(columns.tolist())) > 1
 
 
 @dataclass(frozen=True)
 class OneCamera:
-    """A camera by its own views alone.
+    """A camera from its own views alone.
 
     Attributes:
         lens: (9,).
-        T_camera_board: a view's, in the order of the views.
-        sigma_px: of a corner's coordinate.
-        covariance: (9, 9) of the lens; 0 where it was known.
+        T_camera_board: for each view, in order.
+        sigma_px: noise of a corner's coordinate.
+        covariance: (9, 9) of the lens; 0 if it was given.
     """
 
     lens: Float64
@@ -53,7 +53,7 @@ class OneCamera:
 
 
 def one_camera(views: Sequence[BoardView], board: Board, known: Camera | None = None) -> OneCamera:
-    """A camera's lens, where it is not known, and where the board was in each of its views.
+    """Estimate a camera's lens, unless it is given, and the board's pose in each of its views.
 
     Raises:
         CalibrationError: there are too few views for a lens.
@@ -85,13 +85,13 @@ def one_camera(views: Sequence[BoardView], board: Board, known: Camera | None = 
 
 
 def _directions(view: BoardView, lens: Float64) -> Float64:
-    """Without distortion where the lens shows nothing at a corner."""
+    """Return undistorted corners; without correction of the distortion where the lens model ends."""
     direct = undistort(view.corners_px, lens)
     return np.where(np.isfinite(direct), direct, (view.corners_px - lens[2:4]) / lens[:2])
 
 
 def stacked(views: Sequence[tuple[int, int, BoardView]], board: Board) -> Corners:
-    """All corners of views, each with the index of its camera and of its board's pose."""
+    """Concatenate the corners of views, with the indices of their cameras and board poses."""
     counts = [len(view.ids) for _, _, view in views]
     return Corners(
         np.repeat([camera for camera, _, _ in views], counts),
@@ -106,13 +106,13 @@ Poses = Mapping[str, Mapping[int, Float64]]
 
 
 def motion_between(a: Mapping[int, Float64], b: Mapping[int, Float64], corners_m: Float64) -> tuple[Float64, float]:
-    """``T_a_b`` of two cameras that saw the board together: that of the instant which fits the others best.
+    """Return ``T_a_b`` of two cameras from the shared view that fits the others best.
 
-    A board that is small in the picture may be taken for its mirror image in depth; the median over the instants does
-    not care for a minority of those.
+    A board that is small in the image may be mistaken for its mirror image in depth; the median over the views ignores
+    a minority of such errors.
 
     Returns:
-        the motion, and the median distance [m] between the corners as both cameras have them.
+        The motion, and the median distance [m] between the corners from both cameras.
     """
     shared = sorted(set(a) & set(b))
     of_a, of_b = np.array([a[i] for i in shared]), np.array([b[i] for i in shared])
@@ -125,10 +125,10 @@ def motion_between(a: Mapping[int, Float64], b: Mapping[int, Float64], corners_m
 
 
 def places(poses: Poses, corners_m: Float64) -> dict[str, Float64]:
-    """``T_camera_first`` of every camera through a tree of those that share most instants; the first one is the root.
+    """Return ``T_camera_first`` of every camera, along a spanning tree of the most shared views; the first is the root.
 
     Raises:
-        CalibrationError: a camera shares no instant with those that lead to the first.
+        CalibrationError: a camera shares no view with those connected to the first.
     """
     names = list(poses)
     shared = {(a, b): len(set(poses[a]) & set(poses[b])) for a, b in combinations(names, 2)}
@@ -158,7 +158,7 @@ def _cameras(names: Sequence[str]) -> str:
 def board_poses(
     poses: Poses, T_camera_first: Mapping[str, Float64], corners_m: Float64, instants: Sequence[int]
 ) -> Float64:
-    """``T_first_board`` (instants, 4, 4): of each instant's views, that on which the others agree best."""
+    """Return ``T_first_board`` (instants, 4, 4): for each, the view with which the others agree best."""
     out = np.empty((len(instants), 4, 4))
     for k, instant in enumerate(instants):
         candidates = np.array(
@@ -176,7 +176,7 @@ def joint_start(
     single: Mapping[str, OneCamera],
     board: Board,
 ) -> tuple[Bundle, Corners, list[int]]:
-    """Everything in the first camera's space, and the instants in the order of the boards."""
+    """Return all initial values in the first camera's frame, the corners, and the board poses' time indices."""
     names = list(single)
     seen: dict[str, int] = dict.fromkeys(names, 0)
     poses: dict[str, dict[int, Float64]] = {name: {} for name in names}

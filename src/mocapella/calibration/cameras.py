@@ -1,9 +1,8 @@
-"""Where cameras stand and how they see, from views of a board that is carried about before them.
+"""Calibrate lenses and poses of cameras from views of a board that is carried before them.
 
-First each camera alone: its lens by its own views (`board_views`, Zhang 2000), for which it does not matter when
-other cameras looked. Then all together (`board_bundle`): places and lenses are adjusted to the views that are shared,
-and what the first step knows of the lenses counts for what these do not tell. What no view determines stays near what
-lenses are like.
+First each camera alone: its lens from its own views (`board_views`, Zhang 2000), which need no synchronisation. Then
+all together (`board_bundle`): poses and lenses are adjusted to the shared views, with the first result as a prior of
+the lenses. Coefficients that no view determines stay near typical lenses.
 """
 
 from __future__ import annotations
@@ -16,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.calibration.board_bundle import CAMERA, LENS, POSE, Adjusted, Bundle, Corners, LensPrior, adjust
+from mocapella.calibration.board_guidance import Hint, coverage, field_counts
 from mocapella.calibration.board_views import OneCamera, joint_start, one_camera, usable
 from mocapella.calibration.corner_quality import CameraNoise, CornerQuality, corner_quality
-from mocapella.calibration.hints import Hint, coverage, field_counts
 from mocapella.calibration.lens_prior import lens_prior, observed
 from mocapella.errors import CalibrationError
 from mocapella.geometry.rigid import inverse, rigid
@@ -27,25 +26,25 @@ from mocapella.model.camera import Camera, CameraRig, PlacedCamera
 
 Float64 = NDArray[np.float64]
 Instants = Mapping[tuple[str, int], int]
-"""Which instant a camera's frame belongs to, by camera and frame."""
+"""Index of the group of simultaneous frames, by camera and frame."""
 
 SURE_FOCAL: Final = 0.05
 """Relative standard deviation of a focal length above which the views did not determine it."""
 LEAST_FOR_HALVES: Final = 6
-"""Instants that two cameras or more saw, for a calibration of each half to be tried on the other."""
+"""Fewest shared groups for a cross-validation of each half by the other."""
 BOARD_LYING: Final = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 """``R_world_board`` of a board on the floor, face up: y up, x along its columns, z along its rows."""
 BOARD_UPRIGHT: Final = np.diag([1.0, -1, -1])
-"""``R_world_board`` of a board on a wall: y up, x along its columns, z out of the wall; of a camera likewise."""
+"""``R_world_board`` of a board on a wall: y up, x along its columns, z out of the wall; also of a camera."""
 
 
 @dataclass(frozen=True)
 class Origin:
-    """Where the world is. Without an instant: at the first camera, y up where the camera is held level, z backwards.
+    """The world frame. By default at the first camera, y up if the camera is level, z backwards.
 
     Attributes:
-        instant: of which the board is the world.
-        upright: whether it hung on a wall then; otherwise it lay on the floor, face up.
+        instant: group of views whose board defines the world.
+        upright: whether the board hung on a wall then; otherwise it lay on the floor, face up.
     """
 
     instant: int
@@ -54,18 +53,18 @@ class Origin:
 
 @dataclass(frozen=True)
 class CameraReport:
-    """What is known of one camera.
+    """Quality of one camera's calibration.
 
     Attributes:
-        views: pictures in which the board was found well enough.
-        rejected: pictures with too few corners, or all on a line.
-        fields: share of the fields of the picture that have corners.
-        reprojection_px: root of the mean square distance of corners to where they are expected, with all cameras.
-        own_px: of a coordinate, by this camera's own views alone, robust: the noise of corners.
-        position_sd_mm: of the camera's place: the root of the sum of the three variances; 0 where the world is.
+        views: images in which the board was detected well enough.
+        rejected: images with too few corners, or all on a line.
+        fields: fraction of the image fields that have corners.
+        reprojection_px: root mean square reprojection error, of all cameras together.
+        own_px: robust noise of a coordinate, from this camera's own views.
+        position_sd_mm: of the camera's position: the root of the sum of the three variances; 0 for the world's origin.
         rotation_sd_deg: likewise of its orientation.
-        focal_sd_percent: of its focal length; 0 where the lens was given.
-        observed: which of cx cy k1 k2 p1 p2 k3 the views determined; the others are what lenses are like.
+        focal_sd_percent: of its focal length; 0 if the lens was given.
+        observed: coefficients among cx cy k1 k2 p1 p2 k3 that the views determined; the others are typical values.
     """
 
     views: int
@@ -81,19 +80,19 @@ class CameraReport:
 
 @dataclass(frozen=True)
 class CameraCalibration:
-    """A rig, and how good it is.
+    """A rig and its quality.
 
     Attributes:
         rig: the cameras in the order of their names.
         cameras: a report by name.
-        instants: at which one camera or more saw the board.
-        shared_instants: two or more.
-        sigma_px: of a corner's coordinate in the joint adjustment; more than the cameras' own where they are not
-            triggered together.
+        instants: number of groups with one or more cameras.
+        shared_instants: number of groups with two or more.
+        sigma_px: noise of a corner's coordinate in the joint adjustment; larger than each camera's own if the cameras
+            are not triggered together.
         dispersion: see `board_bundle.Adjusted`.
-        fit: of triangulated corners, from the views that the rig was made of.
-        left_out: likewise, each half of the instants by a calibration of the other; None where there are too few.
-        hints: what would make it better.
+        fit: of triangulated corners, from the views used for calibration.
+        left_out: likewise, each half of the views by a calibration from the other; None with too few.
+        hints: what would improve it.
     """
 
     rig: CameraRig
@@ -116,18 +115,18 @@ def calibrate_cameras(
     origin: Origin | None = None,
     measure: bool = True,
 ) -> CameraCalibration:
-    """A rig of all cameras that are in the views; of one camera, its lens.
+    """Calibrate a rig of all cameras in the views, or one camera's lens.
 
     Args:
         views: of the board.
         board: whose squares give the scale.
-        instant_of: the frame's number where not given.
-        known: cameras whose lens is given, and stays.
-        origin: of the world; the first camera by name where not given.
-        measure: whether halves are tried on each other, which takes twice as long again.
+        instant_of: groups of simultaneous frames; the frame numbers if not given.
+        known: cameras with a given lens, which stays fixed.
+        origin: of the world; the first camera by name if not given.
+        measure: whether to cross-validate halves, which takes twice as long again.
 
     Raises:
-        CalibrationError: the views do not say it; names the camera and what to film.
+        CalibrationError: the views do not determine it; names the camera and what to film.
     """
     instants = instant_of or {(view.camera, view.frame): view.frame for view in views}
     known = known or {}
@@ -222,11 +221,10 @@ def _solve(
 
 
 def _with_own_views(prior: LensPrior, single: Sequence[OneCamera], weight: float) -> LensPrior:
-    """What each camera's own views say of its lens, in addition.
+    """Return the prior with each camera's own estimate of its lens added.
 
-    Of a variance D times that of independent corners, the joint views are worth 1/D of their number; what the same
-    views say of the lens without the other cameras is worth all of it. The other (D − 1)/D are added here, so that
-    nothing counts twice.
+    If the variance is D times that of independent corners, the joint views are worth 1/D of their number, but fully for
+    the lens of one camera alone. The other (D − 1)/D are added here, so that nothing counts twice.
     """
     mean, precision = prior.mean.copy(), prior.precision.copy()
     for c, one in enumerate(single):
@@ -249,7 +247,7 @@ def _check_focal(name: str, one: OneCamera) -> None:
 def _placed(
     found: _Found, kept: Sequence[BoardView], known: Mapping[str, Camera], origin: Origin | None
 ) -> dict[str, PlacedCamera]:
-    """Turned from the space that was held into the world, which has y up."""
+    """Return the cameras in the world, which has y up."""
     R = BOARD_UPRIGHT if origin is None or origin.upright else BOARD_LYING
     T_held_world = inverse(rigid(R, np.zeros(3)))
     sizes = {view.camera: view.size_px for view in kept}
@@ -292,7 +290,7 @@ def _shared_instants(views: Sequence[BoardView], instants: Instants) -> list[int
 def _halves(
     kept: Sequence[BoardView], board: Board, instants: Instants, known: Mapping[str, Camera], shared: Sequence[int]
 ) -> list[CornerQuality] | None:
-    """Each half of the shared instants, every second one, by a calibration of everything else."""
+    """Evaluate each half of the shared views, alternating, by a calibration from everything else."""
     if len(shared) < LEAST_FOR_HALVES:
         return None
     out = []
@@ -301,7 +299,7 @@ def _halves(
         tested = [view for view in kept if instants[view.camera, view.frame] in half]
         try:
             found = _solve(used, board, instants, known, None)
-        except CalibrationError:  # half of the views are too few: nothing is said about the whole
+        except CalibrationError:  # half of the views are too few, the whole may be enough
             return None
         cameras = _placed(found, used, known, None)
         if not {view.camera for view in tested} <= set(cameras):

@@ -1,4 +1,4 @@
-"""Where a standing body is and which way it faces, and the way from there to a world of its own.
+"""Position and facing of a standing body, and the transform from there to a world frame.
 
 Source: the KinectMultiTrack thesis (2015), its calibration and equations 7 (to the world) and 8 (back).
 """
@@ -17,14 +17,14 @@ Float64 = NDArray[np.float64]
 
 
 def body_centre(positions: Float64, states: NDArray[np.uint8]) -> Float64:
-    """The centre C of a body over some frames: in each frame the mean of its tracked joints, then the mean of those.
+    """Return the centre C of a body over some frames: the mean over frames of the mean of the tracked joints.
 
     Args:
         positions: (..., frames, joints, 3) [m].
         states: (..., frames, joints) `JointState`.
 
     Returns:
-        (..., 3) [m]; frames without a tracked joint do not count, NaN where there is no other.
+        (..., 3) [m]; frames without a tracked joint do not count; NaN if no frame counts.
     """
     tracked = states == JointState.TRACKED
     counts = tracked.sum(axis=-1)
@@ -36,20 +36,20 @@ def body_centre(positions: Float64, states: NDArray[np.uint8]) -> Float64:
 
 
 def shoulder_angle(left: Any, right: Any) -> Float64:
-    """The angle θ of the line of the shoulders to the sensor's x axis.
+    """Return the angle θ of the shoulder line to the sensor's x axis.
 
-    With D = Z_right − Z_left and W = X_right − X_left it is arctan(D / W) where W > 0, and the same angle continued
-    over the full circle where W ≤ 0 (the body stands side-on, or its labels say that its back is turned): atan2(D, W).
+    With D = Z_right − Z_left and W = X_right − X_left it is arctan(D / W) where W > 0, continued over the full circle
+    where W ≤ 0 (side view, or labels of a turned back): atan2(D, W).
 
     Args:
         left, right: (..., 3) shoulders, camera space [m].
 
     Returns:
-        (...,) [rad], within [−π, π]; NaN where a shoulder is.
+        (...,) [rad], within [−π, π]; NaN where a shoulder is NaN.
     """
     across = np.asarray(right, dtype=np.float64) - np.asarray(left, dtype=np.float64)
-    # On strided views numpy takes its vector code or the C library's from call to call, as the memory happens to lie,
-    # and they differ in the last bit; a replay must not.
+    # On strided views numpy selects its vector code or the C library by memory alignment; their results differ in the
+    # last bit, and a replay must be identical.
     depth, width = across[..., 2].copy(), across[..., 0].copy()
     return np.asarray(np.arctan2(depth, width))
 

@@ -1,4 +1,4 @@
-"""How good cameras are together, in millimetres.
+"""Measure the accuracy of calibrated cameras in millimetres.
 
 Corners are triangulated one by one, without the board's shape, and distances between them compared with the board's.
 """
@@ -27,10 +27,10 @@ Pairs = tuple[Int64, Int64]
 
 @dataclass(frozen=True)
 class CameraNoise:
-    """How sure cameras are, and corners.
+    """Uncertainty of cameras and corners.
 
     Attributes:
-        sigma_px: of a corner's coordinate.
+        sigma_px: noise of a corner's coordinate.
         covariance: (cameras, 15, cameras, 15) of `board_bundle`.
     """
 
@@ -40,18 +40,18 @@ class CameraNoise:
 
 @dataclass(frozen=True)
 class CornerQuality:
-    """What triangulated corners say.
+    """Errors of triangulated corners.
 
     Attributes:
-        points: corners that two cameras or more saw.
-        distances: between all pairs of the corners of one instant.
-        distance_rms_mm: of measured minus true distance.
-        distance_median_mm: of its absolute value.
-        scale_percent: by how much distances come out too long, in the median.
-        reprojection_median_px, reprojection_rms_px: from a corner to where its triangulated point is expected; the
-            distance, not a coordinate's.
-        predicted_rms_mm: what distance_rms_mm is expected to be by the covariance of the cameras and the noise of
-            corners; NaN where these are not known.
+        points: number of corners seen by two or more cameras.
+        distances: number of pairs of corners in one group of simultaneous views.
+        distance_rms_mm: root mean square of measured minus true distance.
+        distance_median_mm: median of its absolute value.
+        scale_percent: median relative excess of distances.
+        reprojection_median_px, reprojection_rms_px: reprojection error of the triangulated corners; the distance, not a
+            coordinate's.
+        predicted_rms_mm: distance_rms_mm as expected from the covariance of the cameras and the noise of corners; NaN
+            if these are not given.
     """
 
     points: int
@@ -71,14 +71,14 @@ def corner_quality(
     board: Board,
     noise: CameraNoise | None = None,
 ) -> CornerQuality:
-    """Triangulate every corner that two cameras or more saw at an instant; all count.
+    """Triangulate every corner that two or more cameras saw at the same time, and compare distances.
 
     Args:
         views: of all cameras.
-        instant_of: by camera and frame.
+        instant_of: group of simultaneous frames, by camera and frame.
         cameras: by name.
-        board: whose distances are true.
-        noise: of the cameras in the order of their names, where it is known.
+        board: gives the true distances.
+        noise: of the cameras in the order of their names, if known.
     """
     nan = float("nan")
     names = list(cameras)
@@ -125,7 +125,7 @@ def _pairs(group: Int64) -> Pairs:
 def _predicted_rms(
     points: Float64, pixels: Float64, cameras: Sequence[PlacedCamera], pairs: Pairs, noise: CameraNoise
 ) -> float:
-    """Root mean square error of distances, at first order, by cameras that are a little off and by corners."""
+    """Return the expected root mean square error of distances, to first order, from errors of cameras and corners."""
     size = 15
     information = np.zeros((len(points), 3, 3))
     by_cameras = np.zeros((len(points), 3, len(cameras) * size))

@@ -1,7 +1,7 @@
-"""Which way is up, and where the floor is: from the feet that stand on it.
+"""Estimate the vertical and the floor from the feet that stand on it.
 
-A foot that hardly moves stands. Where feet stood is a plane, fitted in the sensor's own frame. People's backs are
-upright to a few degrees, which settles what the plane leaves open as long as everybody stands in one spot.
+A foot that hardly moves stands. Positions of standing feet are fitted by a plane in the sensor's own frame. People's
+backs are upright to a few degrees, which determines the plane while all people stand in one spot.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ from mocapella.model.topology import topology
 Float64 = NDArray[np.float64]
 
 FOOT_HEIGHT_M: Final = 0.05
-"""Of a standing foot's joint over the floor: the middle of the foot, not its sole [m]."""
+"""Height of a standing foot's joint, the middle of the foot, over the floor [m]."""
 STANDS_BELOW_M_S: Final = 0.2
-"""A foot that moves no faster stands [m/s]."""
+"""A foot slower than this stands [m/s]."""
 STANCE_S: Final = 0.5
-"""One stance is one sample, however many frames show it [s]."""
+"""Duration of a stance, which counts as one sample, however many frames show it [s]."""
 FOOT_SD_M: Final = 0.03
-"""Of one stance [m]."""
+"""Standard deviation of one stance [m]."""
 BACK_SD: Final = np.radians(5.0)
-"""Of the mean back's direction against the vertical [rad]: nobody stands quite upright."""
+"""Standard deviation of the mean back direction from the vertical [rad]."""
 OUTLIER_M: Final = 0.06
-"""A foot so far from the floor counts a quarter [m]."""
+"""Distance from the floor at which a foot counts a quarter [m]."""
 EVERY_S: Final = 0.08
-"""Frames that come sooner after the last are left out [s]."""
+"""Least interval between frames that are used [s]."""
 ENOUGH_S: Final = 1.0
-"""Of standing feet, before there is a floor [s]."""
+"""Time of standing feet before there is a floor [s]."""
 
 
 class FloorJoints(NamedTuple):
@@ -70,14 +70,14 @@ class Floor(msgspec.Struct, frozen=True, eq=False):
 
     @classmethod
     def under(cls, T_world_sensor: Float64) -> Floor:
-        """The floor of a sensor (4, 4) in a world whose y = 0 is the floor."""
+        """Return the floor in the frame of a sensor (4, 4) whose world has the floor at y = 0."""
         return cls(T_world_sensor[1, :3].copy(), float(T_world_sensor[1, 3]), 0.02, 0.03)
 
     @property
     def T_level_sensor(self) -> Float64:  # noqa: N802 - the field's notation
         """(4, 4) to a frame with y up, y = 0 on the floor, and the sensor over the origin, looking along +z."""
         forward = np.array([0.0, 0.0, 1.0])
-        if abs(self.up[2]) > 0.99:  # it looks straight up or down: its own up is what remains
+        if abs(self.up[2]) > 0.99:  # it looks straight up or down: use its own up instead
             forward = np.array([0.0, -np.sign(self.up[2]), 0.0])
         z = forward - self.up * (self.up @ forward)
         z /= np.linalg.norm(z)
@@ -85,21 +85,22 @@ class Floor(msgspec.Struct, frozen=True, eq=False):
 
 
 def floor_of_pose(tilt: float, height: float) -> Floor:
-    """The floor of a sensor whose tilt (upwards positive) [rad] and height [m] are given."""
+    """Return the floor of a sensor from its tilt (upwards positive) [rad] and height [m]."""
     return Floor(np.array([0.0, np.cos(tilt), np.sin(tilt)]), height, 0.0, 0.0)
 
 
 @dataclass
 class FloorFromFeet:
-    """Collects where one sensor sees feet stand. All memory has a fixed size.
+    """Estimates the floor from one sensor's standing feet. State has a fixed size.
 
     Attributes:
         sums: (10,) weight, Σ w x, and Σ w x xᵀ by its upper triangle, of standing feet.
-        back: (4,) Σ of directions from the root to the head, and how many seconds of them.
-        plane: (4,) the floor's ``up`` and height as they were when a twentieth less had been seen; 0 before.
-        grown: ``sums[0]`` at that time.
-        ids: (bodies,) tracking ids of the newest frame that was looked at; feet: (bodies, feet, 3) where theirs were,
-            NaN where not seen; last: its time [s].
+        back: (4,) Σ of directions from the root to the head, and their time in seconds.
+        plane: (4,) the floor's ``up`` and height at the last update; 0 before.
+        grown: ``sums[0]`` at that update; the next one is at 5 % more.
+        ids: (bodies,) tracking ids of the newest frame that was used; feet: (bodies, feet, 3) its feet, NaN where not
+            seen;
+            last: its time [s].
         known: the floor of ``plane``; None before there was one.
     """
 
@@ -113,7 +114,7 @@ class FloorFromFeet:
     known: Floor | None = None
 
     def update(self, bodies: Bodies, at: float) -> None:
-        """Take one frame in, at its time [s]. Joints that are only inferred do not count; ten frames a second do."""
+        """Take in a frame at its time [s]. Inferred joints do not count, and about ten frames a second are used."""
         dt = at - self.last
         if 0 <= dt < EVERY_S:
             return
@@ -131,7 +132,7 @@ class FloorFromFeet:
                 self.plane[:3], self.plane[3] = self.known.up, self.known.height
 
     def floor(self) -> Floor | None:
-        """The floor; None before anybody stood for a moment."""
+        """Return the floor; None before enough feet have stood."""
         W = self.sums[0]
         if W * STANCE_S < ENOUGH_S or self.back[3] <= 0.0:
             return None
@@ -158,6 +159,7 @@ _UPPER: Final = np.triu_indices(3)
 
 @cache
 def _joints(name: str) -> FloorJoints:
+    """Return a topology's root, head and feet."""
     parts = topology(name).parts
     feet = np.array([j for part, j in parts.items() if part.startswith("foot_")])
     return FloorJoints(parts["root"], parts["head"], feet)
@@ -172,21 +174,21 @@ def _kernels() -> Any:
 
 
 def mean_floor(floors: list[tuple[Float64, Floor]]) -> Floor:
-    """Several sensors' floors as one, weighted by how sure each is.
+    """Average several sensors' floors, weighted by certainty.
 
     Args:
-        floors: ``T_root_sensor`` (4, 4) of each, and its floor; at least one.
+        floors: ``T_root_sensor`` (4, 4) and the floor of each; at least one.
 
     Returns:
         The floor in the root's frame.
     """
     T = np.stack([place for place, _ in floors])
     own_up = np.stack([floor.up for _, floor in floors])
-    told = np.array([(floor.height, floor.up_sd, floor.height_sd) for _, floor in floors])
-    weights = np.maximum(told[:, 1:], 1e-3) ** -2
+    figures = np.array([(floor.height, floor.up_sd, floor.height_sd) for _, floor in floors])
+    weights = np.maximum(figures[:, 1:], 1e-3) ** -2
     total = weights.sum(axis=0)
     ups = (T[:, :3, :3] @ own_up[..., None])[..., 0]
     up = weights[:, 0] @ ups
     up /= math.sqrt(up @ up)
-    height = weights[:, 1] @ (told[:, 0] - (ups * T[:, :3, 3]).sum(axis=1)) / total[1]
+    height = weights[:, 1] @ (figures[:, 0] - (ups * T[:, :3, 3]).sum(axis=1)) / total[1]
     return Floor(up, float(height), float(total[0] ** -0.5), float(total[1] ** -0.5))

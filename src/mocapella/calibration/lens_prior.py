@@ -1,4 +1,4 @@
-"""What lenses of cheap cameras are like: what a few views of a board do not determine stays close to it.
+"""Typical lenses of inexpensive cameras, as a prior for coefficients that few views of a board do not determine.
 
 The standard deviations are wide for webcams and machine-vision lenses; that of k1 covers a wide angle of 110°.
 """
@@ -16,17 +16,17 @@ Float64 = NDArray[np.float64]
 
 COEFFICIENTS: Final = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 CENTRE_SD: Final = 0.04
-"""Of the picture's width."""
+"""Standard deviation of the principal point, as a fraction of the image width."""
 ASPECT_SD: Final = 0.005
-"""Of fy/fx."""
+"""Standard deviation of fy/fx."""
 DISTORTION_SD: Final = (0.4, 0.4, 0.005, 0.005, 0.3)
-"""Of k1 k2 p1 p2 k3."""
+"""Standard deviations of k1 k2 p1 p2 k3."""
 OBSERVED: Final = 0.5
-"""A coefficient is observed where the views leave less than this share of its standard deviation."""
+"""A coefficient counts as determined if the views leave less than this fraction of its standard deviation."""
 
 
 def lens_prior(sizes_px: Float64, focal_px: Float64) -> LensPrior:
-    """Of pictures' sizes (cameras, 2) and of rough focal lengths (cameras,), which give the scale of fy/fx only."""
+    """Return the prior for image sizes (cameras, 2) and rough focal lengths (cameras,), which scale fy/fx only."""
     cameras = len(sizes_px)
     mean, precision = np.zeros((cameras, 9)), np.zeros((cameras, 9, 9))
     mean[:, 2:4] = (sizes_px - 1) / 2
@@ -38,7 +38,7 @@ def lens_prior(sizes_px: Float64, focal_px: Float64) -> LensPrior:
 
 
 def observed(covariance: Float64, size_px: tuple[int, int]) -> list[str]:
-    """Which of cx cy k1 k2 p1 p2 k3 the views determined, of the (9, 9) covariance of a lens."""
+    """Return the coefficients among cx cy k1 k2 p1 p2 k3 that the views determined, given a lens' covariance (9, 9)."""
     before = np.array([CENTRE_SD * size_px[0]] * 2 + list(DISTORTION_SD))
     after = np.sqrt(np.diag(covariance)[2:])
     return [name for name, a, b in zip(COEFFICIENTS[2:], after, before, strict=True) if a < OBSERVED * b]

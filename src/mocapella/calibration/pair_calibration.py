@@ -1,14 +1,14 @@
-"""Where one sensor stands as another sees it, from skeletons of people whom both see: at once, and ever better.
+"""Estimate the relative pose of two sensors from skeletons of people that both see, from the first frames on.
 
-A pair of frames of the same body, brought to one time, adds to moments that forget (`geometry.alignment`); the rigid
-motion that fits them best is `PairCalibration.T_a_b`. A joint counts by 1/residual under the estimate of before, which
-minimises the sum of distances, not of squares. A body that stands still says the same over and over, with the same
-errors: so time is counted by motion, in the forgetting and in how sure the estimate is of itself.
+A pair of frames of the same body, interpolated to one time, adds to moments that fade (`geometry.alignment`); the rigid
+motion that fits them best is `PairCalibration.T_a_b`. A joint is weighted by 1/residual under the previous estimate,
+which minimises the sum of distances, not of squares. A body that stands still repeats the same observation with the
+same errors: so time is counted by motion, in the fading and in the uncertainty.
 
 The covariance is the sandwich H⁻¹ B H⁻¹ of a robust estimate (P. Huber, 1967; with sums over blocks, as H. White and
-I. Domowitz, 1984, for errors that hang together). H is the normal matrix. B is the scatter of the gradient, summed over
-*blocks* of frames: a block ends when the body is `independent_after_m` away from where it began. So neither the 25
-joints of a frame nor the 30 frames of a second are taken for as many samples, and while nobody walks there is none.
+I. Domowitz, 1984, for correlated errors). H is the normal matrix. B is the scatter of the gradient, summed over
+*blocks* of frames: a block ends when the body is `independent_after_m` away from where it began. So the 25 joints of a
+frame or the 30 frames of a second do not count as as many samples, and standing people add none.
 """
 
 from __future__ import annotations
@@ -34,32 +34,30 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PairSettings:
-    """How a pair of sensors is calibrated. docs/methods/people-calibration.md says how the values were chosen.
+    """Parameters of the calibration of a pair; docs/methods/people-calibration.md explains the values.
 
     Attributes:
-        memory_s: time constant of forgetting, of shared motion [s].
-        first_memory_s: the same at the very beginning, when the weights are still those of a poor estimate [s].
-        memory_growth: by how much it grows with each second of motion, up to ``memory_s``.
-        residual_floor_m: residuals below this all count alike [m].
-        label_hysteresis_m: by how much the other left and right must fit better, mean over the joints [m].
-        mirrored_weight: what a view counts whose labels are swapped.
-        inferred_weight: what a joint counts that a sensor only infers.
-        full_speed_m_s: somebody who moves as fast counts by the full time [m/s].
-        still_fraction: and somebody who stands still, by this part of it; by less, the longer it lasts.
-        velocity_window_s: a joint's velocity is over so long before and after [s].
-        independent_after_m: so far away, what a sensor gets wrong is taken to be something else [m].
-        samples_wanted: so many independent samples, before an estimate is trusted.
-        position_sd_wanted_m: and no larger a standard deviation where people were [m].
-        rotation_sd_wanted: and no larger a one of the rotation [rad].
-        residual_allowed_m: and no larger a mean distance between the two views' joints [m].
-        offset_bound_wanted_s: a clock offset is said to be known when it is to within this [s].
-        offset_expected_s: standard deviation of the offsets that the network leaves [s].
-        moved_factor: views' centres that are farther apart than so many times the usual have a sensor between them
-            that moved.
-        moved_least_m: and this at least [m].
-        every_s: of one body, frames that come sooner after the last are left out [s]: what sensors get wrong stays
-            the same for longer than that.
-        told_s: what an estimate counts that others told, in seconds of motion [s].
+        memory_s: time constant of fading, in shared motion [s].
+        first_memory_s: the same at the beginning, when the weights come from a poor estimate [s].
+        memory_growth: its growth per second of motion, up to ``memory_s``.
+        residual_floor_m: residuals below this have equal weights [m].
+        label_hysteresis_m: mean improvement of the joints' fit at which left and right are swapped [m].
+        mirrored_weight: weight of a view with swapped labels.
+        inferred_weight: weight of a joint that a sensor only infers.
+        full_speed_m_s: speed from which a frame counts by its full time [m/s].
+        still_fraction: fraction of the time that counts for a standing person; it decreases while they stand.
+        velocity_window_s: a joint's velocity spans this time before and after [s].
+        independent_after_m: distance after which a sensor's errors are taken as independent [m].
+        samples_wanted: fewest independent samples of a trusted estimate.
+        position_sd_wanted_m: its largest standard deviation where people were [m].
+        rotation_sd_wanted: its largest standard deviation of the rotation [rad].
+        residual_allowed_m: its largest mean distance between the two views' joints [m].
+        offset_bound_wanted_s: bound within which a clock offset counts as known [s].
+        offset_expected_s: prior standard deviation of the offset between synchronised clocks [s].
+        moved_factor: a sensor was moved if the views' centres are farther apart than usual by this factor …
+        moved_least_m: … and by at least this distance [m].
+        every_s: least interval between frames of one body [s], because sensor errors persist for longer.
+        told_s: weight of a given initial estimate, in seconds of motion [s].
     """
 
     memory_s: float = 15.0
@@ -108,20 +106,20 @@ class PairSettings:
 
 
 class PairEstimate(msgspec.Struct, frozen=True, eq=False):
-    """What is known of a pair of sensors.
+    """Result for a pair of sensors.
 
     Attributes:
-        T_a_b: (4, 4), from b's camera space to a's; NaN before both saw somebody.
-        covariance: (6, 6) of a small motion in a's frame (translation [m], rotation [rad]) that would put it right:
-            exp(d) T_a_b.
-        position_sd: of what it says of a point where people were, all directions together [m].
-        rotation_sd: likewise of the angle [rad].
+        T_a_b: (4, 4), from b's camera space to a's; NaN before both saw a person.
+        covariance: (6, 6) of a small motion in a's frame (translation [m], rotation [rad]) that corrects it: exp(d)
+            T_a_b.
+        position_sd: of a point where people were, all directions together [m].
+        rotation_sd: of the angle [rad].
         motion_s: seconds of shared motion so far.
-        samples: independent ones that are remembered.
+        samples: number of independent samples in memory.
         residual: mean distance between the two views' joints [m].
         offset: of b's clock against a's; 0 while it is not known.
-        offset_now: its likeliest value, known or not.
-        problem: why it is not to be trusted yet, and what to do; empty where it is.
+        offset_now: its most likely value, known or not.
+        problem: why it is not trusted yet, and what to do; empty if it is.
     """
 
     T_a_b: Float64
@@ -137,27 +135,27 @@ class PairEstimate(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def trusted(self) -> bool:
-        """Whether nothing speaks against it."""
+        """Whether there is no problem."""
         return not self.problem
 
 
-NOBODY: Final = "both sensors must see somebody"
+NO_PERSON: Final = "both sensors must see a person"
 WALK: Final = "walk a few steps"
 WALK_ACROSS: Final = "walk a few steps, also sideways"
 ON_A_LINE: Final = "the joints that both see lie on a line: walk a few steps where both see you"
-NOT_ONE_BODY: Final = "what they see does not move as one body"
-MIRRORED_STREAM: Final = "one of the two pictures is mirrored: switch mirroring off"
+NOT_ONE_BODY: Final = "their skeletons do not move as one body"
+MIRRORED_STREAM: Final = "one of the two images is mirrored: switch mirroring off"
 
 
 @dataclass
 class PairCalibration:
-    """The estimate of one pair of sensors, a and b. Everything it remembers is in arrays of fixed size.
+    """Estimator of one pair of sensors, a and b. All state is in arrays of fixed size.
 
     Attributes:
-        settings: as it was made.
+        settings: see there.
         T_a_b: (4, 4), from past frames only; NaN before there was one.
-        moments, scatter, scalars, clock, bodies: see `pair_memory` and `geometry.alignment`; ``bodies`` by the ``who``
-            that `update` is given.
+        moments, scatter, scalars, clock, bodies: see `pair_memory` and `geometry.alignment`; ``bodies`` by the key
+            given to `update`.
     """
 
     settings: PairSettings = field(default_factory=PairSettings)
@@ -171,10 +169,10 @@ class PairCalibration:
 
     @classmethod
     def begun_from(cls, T_a_b: Float64, settings: PairSettings, offset: float = 0.0) -> PairCalibration:
-        """An estimate that begins at a motion (4, 4), and an offset of b's clock [s], that others told.
+        """Return an estimator that starts from a given motion (4, 4), and offset of b's clock [s].
 
-        It counts as `PairSettings.told_s` seconds of somebody who moves where people usually are, so what is seen soon
-        outweighs it.
+        The start counts as `PairSettings.told_s` seconds of a person who moves in the usual area, so observations soon
+        outweigh it.
         """
         pair = cls(settings, np.array(T_a_b, dtype=np.float64))
         q = TOLD_CENTRE + TOLD_REACH * (np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3), axis=-1).reshape(-1, 3))
@@ -191,13 +189,14 @@ class PairCalibration:
         """Take in the newest frame of a body.
 
         Args:
-            who: which two bodies these are: a's tracking id and b's, say.
+            who: key of the pair of bodies, such as the tracking ids in a and b.
             a, b: their newest frames.
             mirror: (joints,) of the topology.
 
         Returns:
-            Whether a frame of a was used: the newest that b's frames reach around, half a `velocity_window_s` and more
-            later. A frame that finds no partners within 0.2 s is left out.
+            Whether a frame of a was used: the newest that b's frames surround by half a `velocity_window_s` or more. A
+                frame
+            without such frames within 0.2 s is left out.
         """
         body = self.bodies.get(who)
         if body is None:
@@ -206,21 +205,21 @@ class PairCalibration:
         return bool(_take_newest()(pair, a.arrays, b.arrays, mirror, self.settings.parameters))
 
     def trust(self, estimate: PairEstimate) -> None:
-        """Leave frames out from now on that disagree with the estimate more than is usual, if it is trusted."""
+        """Leave out frames that disagree with a trusted estimate more than usual from now on."""
         reach = estimate.position_sd + REACH_M * estimate.rotation_sd
         self.scalars[at.OWN_SD] = reach if estimate.trusted else 0.0
 
     def forget_bodies(self, keep: Any) -> None:
-        """Drop what is remembered of pairs of bodies for which ``keep(who)`` is false."""
+        """Drop the state of pairs of bodies for which ``keep(who)`` is false."""
         self.bodies = {who: body for who, body in self.bodies.items() if keep(who)}
 
     def estimate(self) -> PairEstimate:
-        """What is known now; see `estimates`."""
+        """Return the present result; see `estimates`."""
         return estimates([self])[0]
 
     @property
     def samples_closed(self) -> int:
-        """Independent samples so far, those that are forgotten too."""
+        """Number of independent samples so far, including faded ones."""
         return int(self.scalars[at.BLOCKS_CLOSED])
 
     @property
@@ -230,17 +229,17 @@ class PairCalibration:
         return float(self.scalars[at.COST] / weight) if weight > 0 else np.nan
 
     def follow_clock(self, estimate: PairEstimate) -> None:
-        """Use the likeliest offset of b's clock from now on, given that the network brought the clocks together."""
+        """Adopt the most likely offset of b's clock, given that the clocks are synchronised by the network."""
         closed = self.scalars[at.BLOCKS_CLOSED]
         if closed == self.scalars[at.FOLLOWED]:
             return
         self.scalars[at.FOLLOWED] = closed
-        if estimate.offset_now.sd >= OFFSET_PRIOR_SD:  # too few frames yet since it was moved far
+        if estimate.offset_now.sd >= OFFSET_PRIOR_SD:  # too few frames since a large change
             return
         prior, seen = self.settings.offset_expected_s**2, estimate.offset_now.sd**2
         offset = estimate.offset_now.seconds * prior / (prior + seen) - self.scalars[at.REFERENCE_OFFSET]
         if abs(offset) > RESAMPLE_BEYOND:
-            # The shift is exact for joints that keep their velocity, so the more was shifted, the less it counts.
+            # The shift is exact for constant velocities, so moments count less after a large one.
             fade = np.exp(-abs(offset) / SHIFT_TRUSTED)
             self.moments[:] = fade * shifted(self.moments, offset)
             self.scatter *= fade * fade
@@ -253,7 +252,7 @@ class PairCalibration:
 
 
 def estimates(pairs: Sequence[PairCalibration]) -> list[PairEstimate]:
-    """What is known of each pair now, all with the settings of the first."""
+    """Return the present result of each pair, all with the settings of the first."""
     begun = [pair for pair in pairs if pair.moments[0] > 0]
     found = iter(_estimates(begun) if begun else ())
     return [next(found) if pair.moments[0] > 0 else _nothing(pair) for pair in pairs]
@@ -262,7 +261,7 @@ def estimates(pairs: Sequence[PairCalibration]) -> list[PairEstimate]:
 def _nothing(pair: PairCalibration) -> PairEstimate:
     big = np.diag([1e6] * 3 + [np.pi**2] * 3)
     unknown = TimeOffset(0.0, OFFSET_PRIOR_SD, False)
-    return PairEstimate(pair.T_a_b.copy(), big, 1e3, np.pi, 0.0, 0.0, np.nan, unknown, unknown, NOBODY)
+    return PairEstimate(pair.T_a_b.copy(), big, 1e3, np.pi, 0.0, 0.0, np.nan, unknown, unknown, NO_PERSON)
 
 
 def _estimates(pairs: Sequence[PairCalibration]) -> list[PairEstimate]:
@@ -305,19 +304,19 @@ def _estimates(pairs: Sequence[PairCalibration]) -> list[PairEstimate]:
     ]
 
 
-def _covariance(  # noqa: PLR0917 - of each pair, in the order in which they come about
+def _covariance(  # noqa: PLR0917 - arrays over the pairs
     H: Float64, B: Float64, W: Float64, samples: Float64, residual: Float64, offset_sd: Float64, settings: PairSettings
 ) -> Float64:
-    """(pairs, 6, 6) of the twist, where the offset is known to ``offset_sd`` (pairs,) [s]."""
+    """Return the covariance (pairs, 6, 6) of the twist, with the offset known to ``offset_sd`` (pairs,) [s]."""
     samples = np.maximum(samples, 0.5)
     error = np.maximum(residual, 0.5 * settings.residual_floor_m)
-    # In units in which H is near the identity: metres, radians and seconds are not alike.
+    # Scaled so that H is near the identity, because metres, radians and seconds differ in size.
     diagonal = np.diagonal(H, axis1=-2, axis2=-1)
     unit = 1.0 / np.sqrt(np.maximum(diagonal, 1e-12 * diagonal[:, :1]))
     values, axes = np.linalg.eigh(unit[:, :, None] * H * unit[:, None, :])
     values = np.maximum(values, LEAST_EIGENVALUE)[:, None, :]
     axes_back = np.swapaxes(axes, -1, -2)
-    # Before there are samples: one is as good as three joints with independent errors.
+    # Prior of the scatter: a sample is worth three joints with independent errors.
     expected = (error**2 * W / (3 * samples))[:, None, None] * ((axes * values) @ axes_back)
     seen = unit[:, :, None] * B * unit[:, None, :]
     half = unit[:, :, None] * ((axes / values) @ axes_back)
@@ -334,42 +333,42 @@ def _problems(  # noqa: PLR0917 - likewise
 ) -> list[str]:
     products = centred_products(M)
     shape = np.linalg.svd(products / M[:, 0, None, None], compute_uv=False)
-    told = (
+    problems = (
         (shape[:, 1] < ON_A_LINE_M**2, ON_A_LINE),
         (samples < settings.samples_wanted, WALK),
         ((np.linalg.det(products) < 0) & (shape[:, 2] > MIRRORED_M**2), MIRRORED_STREAM),
         (residual > settings.residual_allowed_m, NOT_ONE_BODY),
         ((position_sd > settings.position_sd_wanted_m) | (rotation_sd > settings.rotation_sd_wanted), WALK_ACROSS),
     )
-    return [next((text for wrong, text in told if wrong[i]), "") for i in range(len(M))]
+    return [next((text for wrong, text in problems if wrong[i]), "") for i in range(len(M))]
 
 
 TOLD_CENTRE: Final = np.array([0.0, 0.0, 2.5])
-"""Where people are, camera space [m] …"""
+"""Usual area of people: centre in camera space [m] …"""
 TOLD_REACH: Final = np.array([0.6, 0.6, 0.6])
-"""… and so far about it."""
+"""… and half its extent [m]."""
 TOLD_JOINTS: Final = 25
 TOLD_RESIDUAL_M: Final = 0.1
-"""What two views of a joint differ by, before it is known [m]."""
+"""Expected distance between two views of a joint, before it is known [m]."""
 TOLD_APART_M: Final = 0.3
-"""And their centres [m]."""
+"""Expected distance between their centres [m]."""
 LEAST_EIGENVALUE: Final = 1e-7
-"""Of H in units of its diagonal: below it nothing is known."""
+"""Lower bound of the eigenvalues of H in units of its diagonal."""
 SHIFT_TRUSTED: Final = 0.1
-"""What was shifted by this counts 1/e [s]."""
+"""Shift of the clock after which moments count 1/e [s]."""
 CENTRES: Final = (at.CENTRE, at.CENTRE + 1, at.CENTRE + 2)
 PRIOR_SAMPLES: Final = 2.0
-"""What is expected of an estimate's error counts as much as so many samples of it."""
+"""Weight of the prior of an estimate's error, in samples."""
 REACH_M: Final = 1.0
-"""So far from where people were, they may be next [m]."""
+"""Distance from where people were at which they may be next [m]."""
 M_ESTIMATE: Final = 1.5
-"""The weights 1/r are those of the estimate itself, which makes H too large for 3-D points by up to 3/2 each time."""
+"""Correction for the weights 1/r of the estimate itself, which enlarge H for 3-D points by up to 3/2 each time."""
 RESAMPLE_BEYOND: Final = 0.01
-"""Beyond this offset, frames are interpolated where they belong instead of moved along their velocity [s]."""
+"""Offset beyond which frames are interpolated at other times instead of moved along their velocity [s]."""
 ON_A_LINE_M: Final = 0.03
-"""Points that scatter less across their line do not determine the rotation about it [m]."""
+"""Points with less scatter across their line do not determine the rotation about it [m]."""
 MIRRORED_M: Final = 0.15
-"""A mirror image that is so deep is none of a flat body by accident [m]."""
+"""Depth of a mirror image that is not a flat body by accident [m]."""
 
 
 @cache

@@ -284,7 +284,7 @@ def _choose_labels(
     pair: PairArrays, p: Float64, q: Float64, v: Float64, w: Float64, w_mirrored: Float64, mirror: Int64,
     hysteresis: float, r: Float64,
 ) -> Int64:  # fmt: skip
-    """Decide which labels of b match a's: those of before, unless the others fit better by the hysteresis.
+    """Decide which labels of b match a's: keep the present ones unless the others fit better by the hysteresis.
 
     Args:
         pair: its ``body[MIRRORED]`` is updated.

@@ -1,4 +1,4 @@
-"""The places in the arrays that a `PairCalibration` remembers, and the newest frames of a body."""
+"""Layout of the arrays that a `PairCalibration` keeps, and the newest frames of bodies."""
 
 from __future__ import annotations
 
@@ -13,32 +13,33 @@ from numpy.typing import NDArray
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
-# Of the pair of sensors. What is said to fade is multiplied by the same factor as the moments, at every frame.
+# Of the pair of sensors. Values that fade are multiplied by the same factor as the moments, at every frame.
 MOTION: Final = 0
 """Shared motion so far [s]; standing still hardly counts."""
 BLOCKS: Final = 1
-"""Independent samples; they fade. The next: the same, faded twice (Σf and Σf² of the weights f)."""
+"""Number of independent samples, fading; the next is the same, fading twice (Σf and Σf² of the weights f)."""
 BLOCKS_SQ: Final = 2
 COST: Final = 3
-"""Σ of residuals, weighted by motion, fading; the next: their weight; the next: Σ of squares of centres' distances."""
+"""Σ of residuals, weighted by motion, fading; then their weight; then Σ of squared distances of the centres."""
 COST_WEIGHT: Final = 4
 APART_SQ: Final = 5
 OFFSET: Final = 6
-"""What is added to `REFERENCE_OFFSET`: both together are b's clock minus a's [s]."""
+"""Added to `REFERENCE_OFFSET`: their sum is b's clock minus a's [s]."""
 REFERENCE_OFFSET: Final = 7
 CENTRE: Final = 8
 """Three: where people were, weighted like `COST`, in a's frame."""
 STEPS: Final = 11
 BLOCKS_CLOSED: Final = 12
-"""Independent samples so far; they do not fade."""
+"""Number of independent samples so far, not fading."""
 OWN_SD: Final = 13
-"""How wrong the estimate itself may be where people walk [m]; 0 while it is not trusted. Where it is above 0, frames in
-which the two views' centres are farther apart than usual are left out: a sensor moved, or these are two people."""
+"""Error of the estimate itself where people walk [m]; 0 while it is not trusted. While it is above 0, frames whose two
+centres are farther apart than usual are left out: a sensor moved, or these are two people.
+"""
 FOLLOWED: Final = 14
-"""`BLOCKS_CLOSED` when b's clock was last followed."""
+"""`BLOCKS_CLOSED` at the last adjustment of b's clock."""
 PAIR_SCALARS: Final = 15
 
-# Of the two clocks, in an array of its own: over blocks, a = Σ u_a·u_b and g = Σ z·r of `time_offset`; they fade.
+# Of the two clocks, in a separate array: over blocks, a = Σ u_a·u_b and g = Σ z·r of `time_offset`; they fade.
 CLOCK_A: Final = 0
 CLOCK_G: Final = 1
 CLOCK_AA: Final = 2
@@ -49,31 +50,31 @@ CLOCK_SUMS: Final = 5
 
 # Of a pair of bodies.
 LAST: Final = 0
-"""The newest frame of a that is done [s]."""
+"""Newest frame of a that was processed [s]."""
 MIRRORED: Final = 1
 ANCHOR: Final = 2
-"""Three: where the block of frames began that will be one independent sample."""
+"""Three: start of the block of frames that becomes one independent sample."""
 ANCHORED: Final = 5
 GRADIENT: Final = 6
-"""Seven: the block's."""
+"""Seven: the gradient of the block."""
 APART: Final = 13
-"""Between the two views of the body's centre [m]; the next: the mean over the joints."""
+"""Distance between the two views of the body's centre [m]; then the mean distance of the joints."""
 RESIDUAL: Final = 14
 DISAGREES_SINCE: Final = 15
-"""Since when the centres are farther apart than usual [s]; NaN where they are not."""
+"""Time since when the centres are farther apart than usual [s]; NaN if they are not."""
 AGREED: Final = 16
-"""For how long they were not, in all [s]."""
+"""Total time for which they were not [s]."""
 STEP_AT: Final = 17
 """Time of the last frame that was used [s]."""
 BLOCK_A: Final = 18
-"""The block's part of `CLOCK_A`; the next: of `CLOCK_G`."""
+"""The block's part of `CLOCK_A`; then of `CLOCK_G`."""
 BLOCK_G: Final = 19
 STOOD: Final = 20
-"""For how long it stood since the block began [s]."""
+"""Time of standing since the block began [s]."""
 BODY_SCALARS: Final = 21
 
 FRAMES_KEPT: Final = 48
-"""Of every body: as many as a sensor of 120 Hz gives in 0.4 s."""
+"""Frames kept per body: those of a 120 Hz sensor in 0.4 s."""
 
 
 class PairArrays(NamedTuple):
@@ -124,7 +125,7 @@ class PairParameters(NamedTuple):
 
 
 def new_body(*, mirrored: bool = False) -> Float64:
-    """The memory of a pair of bodies that was never seen."""
+    """Return the state of a pair of bodies that was never seen."""
     body = np.zeros(BODY_SCALARS)
     body[LAST] = body[STEP_AT] = -np.inf
     body[MIRRORED] = mirrored
@@ -150,20 +151,20 @@ class BodyTrack:
 
     @classmethod
     def empty(cls, joints: int) -> BodyTrack:
-        """Without a frame."""
+        """Return a track without frames."""
         n = 2 * FRAMES_KEPT
         zeros = np.zeros
         return cls(zeros(n), zeros((n, joints, 3)), zeros((n, joints)), zeros(2, dtype=np.int64), np.full(1, np.nan))
 
     def add(self, at: float, positions: Float64, states: NDArray[np.uint8], inferred_weight: float) -> bool:
-        """Take a frame in; False where it is not newer than the last one.
+        """Append a frame; False if it is not newer than the last one.
 
         Args:
             at: time [s].
             positions: (joints, 3) float64, camera space [m]. A joint that is not finite, or exactly at the lens, weighs
                 nothing.
             states: (joints,) `JointState`; not tracked weighs nothing.
-            inferred_weight: what an inferred joint weighs; a tracked one weighs 1.
+            inferred_weight: weight of an inferred joint; a tracked one weighs 1.
         """
         return bool(
             _kernels().add_frame(
@@ -179,20 +180,20 @@ class BodyTrack:
 
     @property
     def newest(self) -> float:
-        """Time of the newest frame [s]; −inf where there is none."""
+        """Time of the newest frame [s]; −inf without any."""
         begin, end = self.held
         return float(self.times[end - 1]) if end > begin else -np.inf
 
 
 @dataclass
 class SensorTracks:
-    """One sensor's newest frames of all bodies, one *slot* each, in arrays of their own; `bodies` are views of them.
+    """One sensor's newest frames of all bodies, one *slot* each; `bodies` are views of the arrays.
 
     Attributes:
         ids: (slots,) tracking id; used: (slots,) whether it is a body's.
         times: (slots, 2·kept); points: (slots, 2·kept, joints, 3); weights: (slots, 2·kept, joints); held: (slots, 2);
             frozen_since: (slots, 1). See `BodyTrack`.
-        frozen: since when no body of the newest frame has moved at all [s]; NaN where one has, or none is seen.
+        frozen: time since when no body of the newest frame has changed at all [s]; NaN if one has, or none is seen.
     """
 
     ids: NDArray[np.uint64]
@@ -211,7 +212,7 @@ class SensorTracks:
 
     @classmethod
     def empty(cls, joints: int, slots: int = 0) -> SensorTracks:
-        """Without a body."""
+        """Return tracks without bodies."""
         n = 2 * FRAMES_KEPT
         zeros = np.zeros
         return cls(
@@ -225,7 +226,7 @@ class SensorTracks:
         )
 
     def add(self, at: float, ids: Sequence[int], positions: Float64, states: UInt8, inferred_weight: float) -> None:
-        """Take a frame in.
+        """Append a frame.
 
         Args:
             at: time [s].
@@ -241,7 +242,7 @@ class SensorTracks:
         )  # fmt: skip
 
     def forget_before(self, at: float) -> None:
-        """Drop every body that was not seen since [s]."""
+        """Drop every body that was not seen since a time [s]."""
         gone = [body for body, track in self.bodies.items() if track.newest < at]
         for body in gone:
             self._free(self._slots[body])

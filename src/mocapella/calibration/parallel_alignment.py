@@ -1,7 +1,7 @@
-"""Whether two cameras side by side look the same way, and which one to turn.
+"""Check whether two cameras side by side are parallel, and advise how to turn the second one.
 
-The formula of depth by disparity holds for parallel axes and rows at one height. What is off is said as the angles by
-which to turn the second camera, and as the vertical disparity that a far point has in pixels.
+The formula of depth by disparity assumes parallel axes and rows at one height. Errors are given as the angles by which
+to turn the second camera, and as the vertical disparity of a far point.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from mocapella.model.camera import PlacedCamera
 Float64 = NDArray[np.float64]
 
 LITTLE_PX: Final = 1.0
-"""Vertical disparity that a marker's height hides."""
+"""Vertical disparity that is negligible beside a marker's height."""
 
 
 @dataclass(frozen=True)
 class PairAlignment:
-    """Two cameras, as the first one sees it: x right, y down, z forwards.
+    """The second camera's pose relative to the first: x right, y down, z forwards.
 
     Attributes:
-        baseline_m: between them.
-        axes_deg: between the optical axes.
-        turn_right_deg: by which the second camera looks too far to the left: turn it right by so much (yaw).
-        turn_down_deg: by which it looks too high (pitch).
-        roll_clockwise_deg: by which it is to be rolled clockwise, as seen from behind it.
-        higher_mm: by which the second one stands too high.
-        ahead_mm: by which it stands too far forward.
-        vertical_px: vertical disparity of far points at the middle, the four corners of the picture: the greatest.
-        swapped: whether the second camera stands to the left of the first.
+        baseline_m: distance between the cameras.
+        axes_deg: angle between the optical axes.
+        turn_right_deg: yaw by which to turn the second camera to the right.
+        turn_down_deg: pitch by which to turn it down.
+        roll_clockwise_deg: roll by which to turn it clockwise, as seen from behind it.
+        higher_mm: height of the second camera above the first.
+        ahead_mm: its position ahead of the first.
+        vertical_px: largest vertical disparity of far points at the centre and the corners of the image.
+        swapped: whether the second camera is to the left of the first.
     """
 
     baseline_m: float
@@ -49,7 +49,7 @@ class PairAlignment:
     swapped: bool
 
     def advice(self, first: str, second: str) -> list[str]:
-        """What to do, in words; nothing where the pair is well aligned."""
+        """Return instructions for the user; empty if the pair is well aligned."""
         out = []
         if self.swapped:
             out.append(f"camera {second} stands to the left of camera {first}: exchange them")
@@ -67,7 +67,7 @@ class PairAlignment:
 
 
 def align_pair(first: PlacedCamera, second: PlacedCamera) -> PairAlignment:
-    """Compare the second camera with the first; the first stays as it is."""
+    """Compare the second camera with the first, which is the reference."""
     T_first_second = first.T_camera_world @ inverse(second.T_camera_world)
     R, t = T_first_second[:3, :3], T_first_second[:3, 3]
     axis = R[:, 2]

@@ -452,7 +452,7 @@ class PeopleCalibration:
         T = to_world @ np.stack([place.T_root_sensor for place in placed.values()])
         turn = adjoint(to_world)
         covariance = turn @ np.stack([place.covariance for place in placed.values()]) @ np.swapaxes(turn, -1, -2)
-        # Standard deviations of a sensor's pose are those of a small motion in its own frame.
+        # A sensor's standard deviations refer to a small motion in its own frame.
         own = adjoint(inverse(T))
         sd = np.sqrt(np.diagonal(own @ covariance @ np.swapaxes(own, -1, -2), axis1=-2, axis2=-1) @ _HALVES)
         return {

@@ -24,7 +24,7 @@ class CalibratedSensor(msgspec.Struct, frozen=True, eq=False):
         clock: offset of its clock from the root's; None or unknown counts as 0.
         trusted: whether the pose is certain enough for fusion with other sensors.
         quality: such as ``12 mm, 0.4°``; empty for a root.
-        condition: what is wrong or missing, and the remedy; empty if nothing is.
+        condition: the problem and its remedy; empty without one.
     """
 
     sensor: str

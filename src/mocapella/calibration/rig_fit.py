@@ -1,4 +1,4 @@
-"""Whether a rig fits what its cameras see now: two cameras exchanged, or one moved since it was calibrated.
+"""Check whether a rig still fits its cameras' images: detect exchanged cameras and moved ones.
 
 Two cameras that see the same point leave one number that does not depend on where the point is: how far their rays
 pass each other (Hartley, Zisserman: Multiple View Geometry, 2nd ed. 2004, section 9.6). Here it is the distance, in
@@ -27,16 +27,16 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RigFitSettings:
-    """When a rig is said not to fit.
+    """When a rig is reported as not fitting.
 
     Attributes:
-        memory_s: observations older than that hardly count.
-        every_s: two cameras are looked at so often.
-        least_points: of those that count before anything is said.
-        longest_gap_s: of a camera's frames between which pixels are interpolated.
-        largest_px: root mean square distance of a rig that fits.
-        swapped_ratio: how many times smaller that of exchanged cameras must be.
-        cap_px: what a wrong marker counts at most.
+        memory_s: time constant of the statistics.
+        every_s: interval at which each pair of cameras is compared.
+        least_points: fewest observations before a result.
+        longest_gap_s: largest gap between a camera's frames that is interpolated.
+        largest_px: largest root mean square distance of a rig that fits.
+        swapped_ratio: how many times smaller it must be with the cameras exchanged.
+        cap_px: upper bound of one observation's distance.
     """
 
     memory_s: float = 3.0
@@ -55,10 +55,11 @@ class RigFitSettings:
 
 
 class RigFit:
-    """Watches the cameras of one rig; `problem` says what is wrong.
+    """Monitors the cameras of one rig; `problem` describes errors.
 
-    Memory: the two newest frames of each camera, and for each two cameras how many points counted, the sum of their
-    squares as the rig is and with the two exchanged [px²], and when they were looked at last.
+    State: the two newest frames of each camera, and for each pair the number of points, the sums of their squared
+        distances
+    as calibrated and with the two exchanged [px²], and the time of the last comparison.
     """
 
     def __init__(self, rig: CameraRig, points: int, settings: RigFitSettings | None = None) -> None:
@@ -73,19 +74,19 @@ class RigFit:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything, as if newly made."""
+        """Forget everything."""
         cameras = len(self._order)
         self._times = np.full((cameras, 2), -np.inf)
         self._pixels = np.full((cameras, 2, self._points, 2), np.nan)
         self._sums, self._looked_s = np.zeros((len(self._pairs), 3)), np.full(len(self._pairs), -np.inf)
 
     def update(self, camera: str, pixels: Any, at_s: float) -> None:
-        """Take a camera's frame in.
+        """Take in a camera's frame.
 
         Args:
             camera: its name in the rig.
             pixels: (points, 2) [px]; NaN where a marker is not seen.
-            at_s: when its first row was captured, on the clock of all [s].
+            at_s: capture time of its first row, on the common clock [s].
         """
         k, s = self._order.index(camera), self.settings
         if not at_s > self._times[k, 1]:
@@ -125,27 +126,27 @@ class RigFit:
         return float(np.minimum(np.nan_to_num(squares, nan=np.inf), self.settings.cap_px**2).sum())
 
     def rms_px(self, exchanged: bool = False) -> Float64:
-        """(pairs,) root mean square distance of pixels from where the rig expects them [px]; NaN of too few."""
+        """Return the root mean square distance of pixels from the epipolar geometry (pairs,) [px]; NaN with too few."""
         sums = np.where(self._sums[:, :1] >= self.settings.least_points, self._sums, np.nan)
         rms: Float64 = np.sqrt(sums[:, 1 + exchanged] / sums[:, 0])
         return rms
 
     @property
     def problem(self) -> str:
-        """What is wrong, and what to do; empty where nothing is known to be."""
-        s, told = self.settings, []
+        """The errors and their remedies; empty if none is known."""
+        s, problems = self.settings, list[str]()
         for (i, j), now, exchanged in zip(self._pairs, self.rms_px(), self.rms_px(exchanged=True), strict=True):
             if not now > s.largest_px:
                 continue
             one, other = self._order[i], self._order[j]
             if exchanged * s.swapped_ratio < now:
-                told.append(
+                problems.append(
                     f"{one} and {other} seem to be swapped (off by {now:.1f} px, exchanged by {exchanged:.1f}): "
                     "give each the other's name, or exchange them"
                 )
             else:
-                told.append(
+                problems.append(
                     f"{one} and {other} do not fit the rig (off by {now:.1f} px): one was moved, or its picture is "
                     "mirrored or cropped; calibrate anew"
                 )
-        return "; ".join(told)
+        return "; ".join(problems)

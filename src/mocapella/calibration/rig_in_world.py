@@ -1,12 +1,12 @@
-"""Where a camera rig lies in the world of body sensors, from people whom both see.
+"""Estimate the pose of a camera rig in the world of body sensors, from people that both see.
 
-A body that is fitted to images is in the rig's space, a person whom body sensors see is in theirs. If both are the same
-person, one rigid motion brings the body's joints to the person's in all postures and places:
+A body fitted to images is in the rig's frame, a person tracked by body sensors is in the world. If both are the same
+person, one rigid motion maps the body's joints to the person's in all postures and positions:
 
     T_world_rig = argmin Σ |p_person − T p_body|        over the joints of several seconds (`robust_align`)
 
-Two people who stand still are alike, so a pair counts only where both have moved, and only where the pair agrees much
-better than the body does with any other person.
+Two people who stand still are alike, so a pair counts only if both have moved, and only if it agrees much better than
+the body does with any other person.
 """
 
 from __future__ import annotations
@@ -27,23 +27,23 @@ from mocapella.settings import check
 Float64 = NDArray[np.float64]
 
 _SCALE_M: Final = 0.05
-"""By so much joints of two ways of measuring usually differ [m]."""
+"""Typical difference of joints between the two kinds of measurement [m]."""
 _FEWEST: Final = 4
-"""Joints of an instant that are known of both."""
+"""Fewest joints known to both."""
 
 
 @dataclass(frozen=True)
 class RigInWorldSettings:
-    """When it is known where a rig lies.
+    """When the rig's pose is accepted.
 
     Attributes:
-        every_s: pairs are taken so often [s].
-        samples: so many of them are remembered.
-        fewest: with fewer, nothing is concluded.
-        moved_m: both have to have moved by so much [m].
-        within_m: joints agree where their median distance is below [m].
-        beyond: and where it is below this share of that to the next person.
-        again_s: it is estimated anew so often [s].
+        every_s: interval between samples [s].
+        samples: number of samples kept per pair.
+        fewest: fewest samples for an estimate.
+        moved_m: least motion of both [m].
+        within_m: largest median distance of joints of one person [m].
+        beyond: largest ratio of that to the distance to the next person.
+        again_s: interval between estimates [s].
     """
 
     every_s: float = 0.1
@@ -62,12 +62,12 @@ class RigInWorldSettings:
 
 
 class RigInWorld(msgspec.Struct, frozen=True, eq=False):
-    """Where the rig lies.
+    """The estimated pose of the rig.
 
     Attributes:
         T_world_rig: (4, 4).
-        residual_m: median distance of joints that are one [m].
-        pairs: which bodies are which persons, by the body's name.
+        residual_m: median distance of matching joints [m].
+        pairs: person of each body, by the body's name.
     """
 
     T_world_rig: Float64
@@ -76,7 +76,7 @@ class RigInWorld(msgspec.Struct, frozen=True, eq=False):
 
 
 class RigAlignment:
-    """Estimates the rig's pose in the world from instants with both bodies and people.
+    """Estimates the rig's pose in the world from simultaneous bodies and people.
 
     Attributes:
         found: the estimate; None before there is one.
@@ -93,21 +93,21 @@ class RigAlignment:
         self._taken_s = self._tried_s = -np.inf
 
     def memory(self) -> list[Any]:
-        """What `recall` wants."""
+        """Return all state, for `recall`."""
         return [self.found, self._samples, float(self._taken_s), float(self._tried_s)]
 
     def recall(self, memory: list[Any]) -> None:
-        """Go on as when `memory` was asked for."""
+        """Restore the state that `memory` returned."""
         self.found, self._samples, self._taken_s, self._tried_s = memory
 
     def update(self, bodies: Mapping[str, Float64], people: Mapping[int, Float64], at_s: float) -> None:
-        """Take in an instant.
+        """Take in the bodies and people at one time.
 
         Args:
-            bodies: (joints, 3) of each body by its name, in the rig's space [m]; NaN where not known. Left and right
+            bodies: (joints, 3) of each body by its name, in the rig's frame [m]; NaN where not known. Left and right
                 joints alternate.
-            people: (joints, 3) of each person by its id, in the world [m]; the same joints.
-            at_s: when it was.
+            people: (joints, 3) of each person by id, in the world [m]; the same joints.
+            at_s: the time [s].
         """
         s = self.settings
         if at_s < self._taken_s:
@@ -127,7 +127,7 @@ class RigAlignment:
             self._estimate()
 
     def _estimate(self) -> None:
-        """Which bodies are which people, and the one motion that brings all of them together."""
+        """Match bodies with people, and estimate the one motion that aligns all of them."""
         s, agreeing = self.settings, dict[str, tuple[int, float]]()
         residuals: dict[str, dict[int, float]] = {}
         for (name, person), kept in self._samples.items():
@@ -146,23 +146,24 @@ class RigAlignment:
 
 
 def _joined(samples: list[deque[tuple[Float64, Float64]]]) -> tuple[Float64, Float64]:
-    """(n, joints, 3) of persons, and of bodies."""
+    """Stack samples: (n, joints, 3) of persons, and of bodies."""
     p, q = (np.stack([one[k] for kept in samples for one in kept]) for k in (0, 1))
     return p, q
 
 
 def _residual(p: Float64, q: Float64) -> tuple[Float64, float]:
-    """``T_p_q``, and the median distance that is left [m].
+    """Return ``T_p_q``, and the median residual distance [m].
 
-    Sensors swap left and right at times: the middles of left and right joints are aligned first, and then all joints,
-    with the labels of each instant as they agree better.
+    Sensors swap left and right at times: first the midpoints of left and right joints are aligned, then all joints,
+        with the
+    labels at each time that agree better.
     """
     T = _aligned(0.5 * (p[:, ::2] + p[:, 1::2]), 0.5 * (q[:, ::2] + q[:, 1::2]))
     swapped = np.stack([p[:, 1::2], p[:, ::2]], axis=2).reshape(p.shape)
     for _ in range(2):
         moved = apply(T, q)
-        as_told, other = (np.nanmean(np.linalg.norm(one - moved, axis=-1), axis=1) for one in (p, swapped))
-        chosen = np.where((other < as_told)[:, None, None], swapped, p)
+        as_reported, other = (np.nanmean(np.linalg.norm(one - moved, axis=-1), axis=1) for one in (p, swapped))
+        chosen = np.where((other < as_reported)[:, None, None], swapped, p)
         T = _aligned(chosen, q)
     return T, float(np.nanmedian(np.linalg.norm(chosen - apply(T, q), axis=-1)))
 
@@ -173,10 +174,10 @@ def _aligned(p: Float64, q: Float64) -> Float64:
 
 
 def _moved(kept: deque[tuple[Float64, Float64]], which: int) -> float:
-    """How far apart the middles of the samples are [m]."""
+    """Return the extent of the samples' centres [m]."""
     middles = np.array([np.nanmean(one[which], axis=0) for one in kept])
     return float(np.linalg.norm(np.ptp(middles, axis=0)))
 
 
 REMEMBERED: Final = (RigInWorld,)
-"""Kinds that are in a memory."""
+"""Classes in the state."""

@@ -1,4 +1,4 @@
-"""How good a rig is, as a table and sentences: the same in a terminal, in the view and in JSON."""
+"""Describe the quality of a rig in a table and sentences, for terminal, view and JSON."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from mocapella.calibration.cameras import CameraCalibration
 from mocapella.calibration.parallel_alignment import align_pair
 
 NEARLY_PARALLEL_DEG: Final = 20.0
-"""Two cameras whose axes lie closer are looked at as a parallel pair."""
+"""Largest angle between the axes of two cameras that are reported as a parallel pair."""
 HEADINGS: Final = (
     ("camera", ""), ("views", ""), ("fields", "%"), ("own", "px"), ("all", "px"), ("place", "± mm"), ("turn", "± °"),
     ("focal", "± %"), ("from 1st", "m"),
 )  # fmt: skip
-"""Of `table`: words and unit. docs/cameras.md says what they mean."""
+"""Columns of `table`: heading and unit; docs/cameras.md explains them."""
 
 
 def table(found: CameraCalibration) -> list[tuple[str, ...]]:
-    """A row for each camera, under `HEADINGS`."""
+    """Return a row for each camera, under `HEADINGS`."""
     first, rows = next(iter(found.rig.cameras)), []
     for name, of in found.cameras.items():
         figures = (of.own_px, of.reprojection_px, of.position_sd_mm, of.rotation_sd_deg, of.focal_sd_percent)
@@ -34,7 +34,7 @@ def table(found: CameraCalibration) -> list[tuple[str, ...]]:
 
 
 def sentences(found: CameraCalibration) -> list[str]:
-    """What the corners come to in millimetres, and how a parallel pair is aligned."""
+    """Describe the errors of the corners in millimetres, and the alignment of a parallel pair."""
     fit, out = found.fit, []
     if fit.points:
         out.append(
@@ -56,7 +56,7 @@ def sentences(found: CameraCalibration) -> list[str]:
 
 
 def tape_measure(found: CameraCalibration) -> str:
-    """How far the cameras are from each other, which is all that shows a board of the wrong size; empty of one."""
+    """Return the distances between cameras, to check the board's size with a tape measure; empty for one camera."""
     names: Sequence[str] = list(found.rig.cameras)
     said = [f"{a} – {b} {distance(found, a, b):.3f} m" for a, b in combinations(names, 2)]
     if not said:
@@ -65,7 +65,7 @@ def tape_measure(found: CameraCalibration) -> str:
 
 
 def as_result(found: CameraCalibration) -> dict[str, Any]:
-    """Everything, for JSON; what is not known is null."""
+    """Return everything for JSON; unknown values are null."""
     names = list(found.rig.cameras)
     cameras = {}
     for name in names:
@@ -101,14 +101,14 @@ def _finite(value: Any) -> Any:
 
 
 def distance(found: CameraCalibration, a: str, b: str) -> float:
-    """Between two cameras [m]."""
+    """Return the distance between two cameras [m]."""
     T_a, T_b = (found.rig.cameras[name].T_camera_world for name in (a, b))
     at_a, at_b = (-T[:3, :3].T @ T[:3, 3] for T in (T_a, T_b))
     return float(np.linalg.norm(at_a - at_b))
 
 
 def pair_of(found: CameraCalibration) -> dict[str, Any] | None:
-    """How well two cameras that look the same way are aligned; None of others."""
+    """Return the alignment of two nearly parallel cameras; None for others."""
     if len(found.rig.cameras) != 2:
         return None
     (first, a), (second, b) = found.rig.cameras.items()

@@ -1,4 +1,4 @@
-"""Conditions of sensors: what is wrong or missing in the calibration from people, and what to do about it."""
+"""Describe problems of sensors in the calibration from people, and their remedies."""
 
 from __future__ import annotations
 

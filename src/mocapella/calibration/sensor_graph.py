@@ -1,9 +1,9 @@
-"""All sensors in one frame, from what pairs of them know of each other.
+"""Solve for all sensors in one frame from the relative poses of pairs.
 
-A spanning tree of the surest pairs gives each sensor a first place; where there are more pairs than the tree needs,
-weighted least squares over all of them (Gauss–Newton on twists) spreads the contradictions by how sure each pair is.
-So sensors that never see the same person at once are tied through others. Sensors that nothing ties together are
-*components*, each in a frame of its own.
+A spanning tree of the most certain pairs initialises each sensor; with more pairs than the tree needs, weighted least
+squares over all of them (Gauss–Newton on twists) distributes the contradictions by certainty. So sensors that never see
+the same person at once are tied through others. Sensors without any tie form separate *components*, each in its own
+frame.
 
 Source: F. Lu and E. Milios, "Globally consistent range scan alignment for environment mapping", Autonomous Robots 4
 (1997); in three dimensions G. Grisetti et al., "A tutorial on graph-based SLAM", IEEE ITS Magazine 2 (2010).
@@ -26,13 +26,13 @@ Float64 = NDArray[np.float64]
 
 
 class SensorPair(msgspec.Struct, frozen=True, eq=False):
-    """What is known of two sensors.
+    """Relative pose and clock of two sensors.
 
     Attributes:
         a, b: their names.
         T_a_b: (4, 4); covariance: (6, 6). As in `pair_calibration.PairEstimate`.
         offset: of b's clock against a's.
-        trusted: one that is not is used only where nothing else ties a sensor to the others.
+        trusted: an untrusted pair is used only if nothing else ties a sensor to the others.
     """
 
     a: str
@@ -44,17 +44,17 @@ class SensorPair(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def variance(self) -> float:
-        """One number for how unsure it is: that of a point 2.5 m before the sensor."""
+        """Scalar uncertainty: the variance of a point 2.5 m before the sensor."""
         return float(np.trace(self.covariance[:3, :3]) + 2.5**2 * np.trace(self.covariance[3:, 3:]))
 
 
 class PlacedSensor(msgspec.Struct, frozen=True, eq=False):
-    """Where a sensor is.
+    """Pose of a sensor.
 
     Attributes:
         T_root_sensor: (4, 4), in the frame of its component's first sensor.
-        covariance: (6, 6) of a small motion in that frame; zero for the first sensor itself.
-        offset: of its clock against the first sensor's; None where no chain of known offsets leads there.
+        covariance: (6, 6) of a small motion in that frame; zero for the first sensor.
+        offset: of its clock against the first sensor's; None without a chain of known offsets.
         root: the component's first sensor.
         trusted: whether trusted pairs tie it to the first.
     """
@@ -68,18 +68,18 @@ class PlacedSensor(msgspec.Struct, frozen=True, eq=False):
 
 MOST_STEPS: Final = 4
 SMALLEST_STEP: Final = 1e-3
-"""Metres and radians, at which the refinement ends: a step leaves an error of the order of its square."""
+"""Step at which the refinement ends [m], [rad]; the remaining error is of the order of its square."""
 
 
 def place_sensors(
     sensors: Sequence[str], pairs: Collection[SensorPair], before: Mapping[str, PlacedSensor] | None = None
 ) -> dict[str, PlacedSensor]:
-    """Where each sensor is, by its name.
+    """Return the pose of each sensor, by name.
 
     Args:
-        sensors: names; the first of each component is its root, in whose frame the component is told.
+        sensors: names; the first of each component is its root, whose frame the component is in.
         pairs: of these sensors, at most one for each two.
-        before: where they were found last time, from where the refinement begins: it is over sooner.
+        before: the previous result, from which the refinement starts, to converge sooner.
     """
     rank = {sensor: i for i, sensor in enumerate(sensors)}
     by_surety = sorted(pairs, key=lambda pair: (not pair.trusted, pair.variance, rank[pair.a], rank[pair.b]))
@@ -137,7 +137,7 @@ def _component(
 
 
 def _refine(T: dict[str, Float64], pairs: Sequence[SensorPair]) -> dict[str, Float64]:
-    """Improve T in place, whose first sensor is the root, and say each sensor's covariance.
+    """Refine T in place, whose first sensor is the root; return each sensor's covariance.
 
     exp(d) T_a_b = T_a⁻¹ T_b defines a pair's error d.
     """
@@ -153,7 +153,7 @@ def _refine(T: dict[str, Float64], pairs: Sequence[SensorPair]) -> dict[str, Flo
 
 
 def _offsets(root: str, pairs: Sequence[SensorPair]) -> dict[str, TimeOffset]:
-    """Clock offsets against the root, by weighted least squares over the pairs that know theirs."""
+    """Return clock offsets against the root, by weighted least squares over the pairs with known offsets."""
     known = [pair for pair in pairs if pair.offset.known]
     reached = {root}
     for _ in known:

@@ -1,7 +1,7 @@
-"""The sensor layout: the poses of body sensors, found from how people move, and what the calibration goes on from.
+"""The sensor layout: poses of body sensors from people's motion, and the state that calibration continues from.
 
-A layout file is JSON. People read ``sensors``; the program goes on from ``pairs``, whose sums continue as if nothing
-had been in between. A loaded layout is believed at first, and checked against what the sensors see (`people`).
+A layout file is JSON. Users read ``sensors``; the program continues from the sums in ``pairs``. A loaded layout is used
+at once, and checked against the sensors' frames (`people`).
 
 A camera rig is something else: lenses and poses of calibrated cameras (`mocapella.model.camera.CameraRig`, TOML).
 Both were once called rig; takes still hold the sensor layout under that name (`RECORDED_AS` of a class).
@@ -30,7 +30,7 @@ VERSION: Final = 1
 
 
 class LayoutPair(msgspec.Struct, frozen=True):
-    """Two sensors: what `PairCalibration` remembers of them."""
+    """State of the `PairCalibration` of two sensors."""
 
     RECORDED_AS: ClassVar[str] = "RigPair"
 
@@ -54,13 +54,13 @@ class LayoutSensor(msgspec.Struct, frozen=True):
 
 
 class SensorLayout(msgspec.Struct, frozen=True):
-    """The poses of all sensors, and the pairs they were made of.
+    """Poses of all sensors, and the pairs they were computed from.
 
     Attributes:
         version: of the file's format.
         floor_known: whether y = 0 is the floor.
         sensors: by name.
-        pairs: what the sensors' poses were made of.
+        pairs: of sensors.
     """
 
     RECORDED_AS: ClassVar[str] = "Rig"
@@ -72,7 +72,7 @@ class SensorLayout(msgspec.Struct, frozen=True):
 
 
 def layout_pair(a: str, b: str, quality: str, pair: PairCalibration) -> LayoutPair:
-    """What is kept of a pair. The clocks' offset is not: they are brought together anew at every start."""
+    """Return the part of a pair to keep; without the clock offset, which is estimated again at every start."""
     scalars = pair.scalars.copy()
     scalars[at.REFERENCE_OFFSET] = scalars[at.OFFSET] = 0.0
     return LayoutPair(
@@ -81,7 +81,7 @@ def layout_pair(a: str, b: str, quality: str, pair: PairCalibration) -> LayoutPa
 
 
 def restored_pair(pair: LayoutPair, settings: PairSettings) -> PairCalibration:
-    """The estimate that goes on from what was kept."""
+    """Return the estimate that continues from a kept pair."""
     return PairCalibration(
         settings,
         np.array(pair.T_a_b),
@@ -92,7 +92,7 @@ def restored_pair(pair: LayoutPair, settings: PairSettings) -> PairCalibration:
 
 
 def encode_layout(layout: SensorLayout) -> bytes:
-    """A layout as JSON, indented for people to read."""
+    """Encode a layout as indented JSON."""
     return msgspec.json.format(msgspec.json.encode(layout), indent=1)
 
 
@@ -180,6 +180,6 @@ def load_layout(path: Path | str) -> SensorLayout:
     """Read a layout.
 
     Raises:
-        InputError: there is no such file, or it is no layout.
+        InputError: the file does not exist, or is no layout.
     """
     return decode_layout(read_whole(path, fix="save one first: mocapella serve --save-layout FILE"), file=path)

@@ -1,18 +1,18 @@
-"""How another tracker's space lies in the world of the cameras, from one thing that both follow while it is moved.
+"""Align another tracker's space with the cameras' world, from one object that both track in motion.
 
-A marker that the cameras see is fixed on the body that the other tracker follows, nobody knows where, and the two
-clocks differ. At the instants t of the cameras
+A marker that the cameras see is fixed on the body that the other tracker follows, at an unknown position, and the two
+clocks differ. At the times t of the cameras
 
     p(t) = T_world_space (b(t + δ) + R(t + δ) l) + noise
 
-with b and R the body's pose in the space, l the marker's place on it (the lever arm), δ the delay of the poses.
+with b and R the body's pose in the space, l the marker's position on it (the lever arm), δ the delay of the poses.
 
-Start: turned round, R_space_world p + t_space_world − R l = b is linear in the twelve numbers of the motion and in l
-(the robot-world and hand-eye problem with points instead of a second pose: H. Zhuang, Z. Roth, R. Sudhakar, IEEE Trans.
-Robotics and Automation 10(4) (1994) 549; R. Tsai, R. Lenz, ibid. 5(3) (1989) 345); the motion is brought back to a
-rotation as in S. Umeyama (1991). It is solved for delays at equal distances, of which that with the least error wins.
-Then Gauss–Newton over everything together, with Huber's weights. Standard deviations are from the scatter of
-half-second blocks (K.-Y. Liang, S. Zeger, Biometrika 73 (1986) 13), for errors of neighbouring frames are alike.
+Initial values: solved for b, R_space_world p + t_space_world − R l = b is linear in the twelve numbers of the motion
+and in l (the robot-world and hand-eye problem with points instead of a second pose: H. Zhuang, Z. Roth, R. Sudhakar,
+IEEE Trans. Robotics and Automation 10(4) (1994) 549; R. Tsai, R. Lenz, ibid. 5(3) (1989) 345); the motion is brought
+back to a rotation as in S. Umeyama (1991). It is solved for equally spaced delays; the one with the least error is the
+start. Then Gauss–Newton over everything together, with Huber's weights. Standard deviations are from the scatter of
+half-second blocks (K.-Y. Liang, S. Zeger, Biometrika 73 (1986) 13), as errors of neighbouring frames are correlated.
 """
 
 from __future__ import annotations
@@ -39,22 +39,22 @@ _LEAST_BLOCKS: Final = 8
 _DELAY_STEP_S: Final = 0.02
 _ROUNDS: Final = 30
 _MEDIAN_OF_CHI: Final = 1.5382
-"""Of the length of three standard normal numbers."""
+"""Median length of a vector of three standard normal numbers."""
 
 
 @dataclass(frozen=True)
 class SpaceAlignmentSettings:
-    """What is estimated, and what is good enough.
+    """Parameters of the estimation, and required accuracy.
 
     Attributes:
-        vertical: both spaces have y up, which leaves the rotation one angle.
-        delay_within_s: how large the delay may be either way [s].
-        longest_gap_s: between poses that are farther apart, none is interpolated [s].
-        least_instants: that both trackers share.
-        least_space_m: how far the marker must be moved about, as a standard deviation in its second direction [m].
-        least_turn_rad: how far the body must be turned about two axes, as a standard deviation [rad].
-        largest_residual_m: a thing that fits worse is not the same thing, or not fixed [m].
-        largest_sd_m, largest_sd_rad, largest_delay_sd_s: of the result, of the lever arm, too.
+        vertical: both spaces have y up, which leaves one angle of rotation.
+        delay_within_s: largest delay in either direction [s].
+        longest_gap_s: largest gap between poses that is interpolated [s].
+        least_instants: fewest simultaneous observations.
+        least_space_m: least motion of the marker: standard deviation in its second direction [m].
+        least_turn_rad: least rotation of the body about two axes, as a standard deviation [rad].
+        largest_residual_m: above this it is not the same rigid object [m].
+        largest_sd_m, largest_sd_rad, largest_delay_sd_s: of the result, and of the lever arm.
     """
 
     vertical: bool = False
@@ -80,19 +80,19 @@ class SpaceAlignmentSettings:
 
 
 class SpaceFit(msgspec.Struct, frozen=True, eq=False):
-    """An alignment, and how well it is known.
+    """An alignment and its quality.
 
     Attributes:
         T_world_space: (4, 4).
-        lever_m: (points, 3) the markers' places in the body's frame.
+        lever_m: (points, 3) the markers in the body's frame.
         delay_s: of the poses.
-        position_sd_m: of a point where the thing was moved.
+        position_sd_m: of a point where the object was moved.
         rotation_sd_rad: about an axis.
         lever_sd_m: the largest, of a coordinate.
         delay_sd_s: of the delay.
-        residual_m: standard deviation of a coordinate, of those that fit.
-        instants, left_out: shared by both; of them not used, for they do not fit.
-        turn_rad, space_m: how far the thing was turned and moved, as `SpaceAlignmentSettings` says.
+        residual_m: standard deviation of an inlier's coordinate.
+        instants, left_out: simultaneous observations, and the outliers among them.
+        turn_rad, space_m: rotation and motion of the object, as in `SpaceAlignmentSettings`.
     """
 
     T_world_space: Float64
@@ -110,7 +110,7 @@ class SpaceFit(msgspec.Struct, frozen=True, eq=False):
 
 
 class Shortfall(NamedTuple):
-    """What is missing of an alignment: in what respect, how much there is and is wanted, and what to do."""
+    """A missing requirement of an alignment: the problem, measured and required amount, and what to do."""
 
     problem: str
     measured: str
@@ -123,18 +123,18 @@ class Shortfall(NamedTuple):
 def align_space(
     at_s: Any, points: Any, poses_s: Any, T_space_body: Any, settings: SpaceAlignmentSettings | None = None
 ) -> SpaceFit:
-    """Find how the space lies.
+    """Estimate the pose of the space.
 
     Args:
-        at_s: (instants,) of the cameras [s].
-        points: (instants, points, 3) of one marker or more on the thing, world [m]; NaN where one is not known.
-        poses_s: (poses,) rising, when the other tracker told them, on the same clock but for the delay [s].
+        at_s: (instants,) times of the cameras [s].
+        points: (instants, points, 3) of one or more markers on the object, world [m]; NaN where not known.
+        poses_s: (poses,) increasing times of the other tracker's poses, on the same clock except for the delay [s].
         T_space_body: (poses, 4, 4).
         settings: see there.
 
     Raises:
-        CalibrationError: it cannot be found of these: too few shared instants, too small a space, too little turning,
-            not one rigid thing, or too uncertain; says what to do.
+        CalibrationError: too few simultaneous observations, too little motion or rotation, not one rigid object, or too
+            uncertain; says what to do.
     """
     fit, missing = try_to_align(at_s, points, poses_s, T_space_body, settings)
     if missing:
@@ -146,9 +146,9 @@ def align_space(
 def try_to_align(
     at_s: Any, points: Any, poses_s: Any, T_space_body: Any, settings: SpaceAlignmentSettings | None = None
 ) -> tuple[SpaceFit | None, tuple[Shortfall, ...]]:
-    """The alignment as well as it can be known of these, and all that is missing; arguments as of `align_space`.
+    """Return the best alignment so far, and all that is missing; arguments as of `align_space`.
 
-    The fit is None where so much is missing that there is no use in one; without shortfalls it is good enough.
+    The fit is None if too much is missing for one; without shortfalls it is good enough.
     """
     s = settings or SpaceAlignmentSettings()
     t, p = np.asarray(at_s, dtype=np.float64), np.asarray(points, dtype=np.float64)
@@ -201,7 +201,7 @@ def try_to_align(
 
 
 class _Track:
-    """Poses between which is interpolated."""
+    """Poses with interpolation."""
 
     def __init__(self, times: Float64, T: Float64, longest_gap_s: float) -> None:
         self.times, self.T, self._gap = times, T, longest_gap_s
@@ -211,7 +211,7 @@ class _Track:
             self.spans = np.maximum(np.diff(times), 1e-9)
 
     def at(self, t: Float64) -> tuple[Float64, Float64, Float64, NDArray[np.bool_], Float64]:
-        """R, b, velocity, whether known, and angular velocity, at times (n,)."""
+        """Return R, b, velocity, whether known, and angular velocity, at times (n,)."""
         if len(self.times) < 2:
             zero = np.zeros((len(t), 3))
             return np.zeros((len(t), 3, 3)), zero, zero, np.zeros(len(t), dtype=np.bool_), zero
@@ -228,13 +228,13 @@ class _Track:
 
 
 def _spread(p: Float64, vertical: bool) -> float:
-    """Of places (n, 3): in their second direction; of two spaces with one vertical, in the first horizontal one."""
+    """Return the extent of positions (n, 3) in their second direction; if ``vertical``, in the first horizontal one."""
     centred = (p - p.mean(axis=0))[:, [0, 2] if vertical else [0, 1, 2]]
     return float(np.linalg.svd(centred, compute_uv=False)[0 if vertical else 1] / math.sqrt(len(p)))
 
 
 def _turning(R: Float64) -> tuple[float, float, Float64]:
-    """How far rotations (n, 3, 3) move the direction that they move least [rad], the next, and which that is."""
+    """Return the motion of the direction that rotations (n, 3, 3) move least [rad], of the next, and that direction."""
     off = R - R.mean(axis=0)
     squares, axes = np.linalg.eigh(np.einsum("kij,kil->jl", off, off) / len(R))
     least, next_ = np.sqrt(np.maximum(squares[:2], 0.0))
@@ -243,7 +243,7 @@ def _turning(R: Float64) -> tuple[float, float, Float64]:
 
 
 def _start(t: Float64, p: Float64, track: _Track, s: SpaceAlignmentSettings) -> tuple[Float64, Float64, float] | None:
-    """T_world_space, the lever arms and the delay, by linear least squares at every delay; None without instants."""
+    """Return T_world_space, lever arms and delay by linear least squares at each delay; None without observations."""
     best: tuple[float, Float64, Float64, float] | None = None
     for delay in np.arange(-s.delay_within_s, s.delay_within_s + 0.5 * _DELAY_STEP_S, _DELAY_STEP_S):
         R, b, _, known, _ = track.at(t + delay)
@@ -256,9 +256,9 @@ def _start(t: Float64, p: Float64, track: _Track, s: SpaceAlignmentSettings) -> 
 
 
 def _linear(p: Float64, R: Float64, b: Float64) -> tuple[float, Float64, Float64]:
-    """Error [m], T_world_space and lever arms."""
+    """Return error [m], T_world_space and lever arms."""
     n, m = p.shape[:2]
-    step = max(1, n // 400)  # that many instants are enough to begin
+    step = max(1, n // 400)  # enough observations for initial values
     p, R, b = p[::step], R[::step], b[::step]
     n = len(p)
     rows = np.zeros((n, m, 3, 12 + 3 * m))
@@ -291,7 +291,7 @@ def _refined(
     *,
     moved: tuple[float, float],
 ) -> SpaceFit:
-    """Gauss–Newton over rotation, translation, delay and lever arms."""
+    """Refine rotation, translation, delay and lever arms by Gauss–Newton."""
     T, lever, delay = start
     m, centre = p.shape[1], p.mean(axis=(0, 1))
     axes = np.array([[0.0, 1.0, 0.0]]) if s.vertical else np.eye(3)
@@ -353,7 +353,7 @@ def _shortfalls(fit: SpaceFit, s: SpaceAlignmentSettings) -> Iterator[Shortfall]
     if not fit.residual_m <= s.largest_residual_m or fit.left_out > 0.5 * fit.instants:
         yield Shortfall(
             "the two trackers do not follow one rigid thing",
-            f"what is left is {1e3 * fit.residual_m:.0f} mm, at most {1e3 * s.largest_residual_m:.0f} mm are wanted",
+            f"the residual is {1e3 * fit.residual_m:.0f} mm, at most {1e3 * s.largest_residual_m:.0f} mm are wanted",
             "fix the marker on the body, and name the right ones; where only one has y up, do without --vertical",
         )
     if abs(fit.delay_s) > s.delay_within_s:

@@ -1,7 +1,7 @@
-"""Where the cameras and another tracker say that one thing is, from frames and scenes: what `space_alignment` wants.
+"""Collect one object's positions from the cameras and its poses from another tracker, for `space_alignment`.
 
-A frame has the other tracker's own clock; the scene that the server makes of it, though it tells nothing new of the
-thing, says when the frame was on the common clock. So both are wanted, in any order.
+A frame has the other tracker's own clock. The scene that the server makes of it gives the frame's time on the common
+clock, even if the object is unchanged. So both are needed, in any order.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ Float64 = NDArray[np.float64]
 _Key = tuple[str, int, int]
 
 _AXIS_M: Final = 0.05
-"""Points on the axes of a thing, so far from its origin, stand for its pose."""
+"""Distance of the points on an object's axes that represent its pose [m]."""
 _LOCAL: Final = np.vstack([np.zeros(3), _AXIS_M * np.eye(3)])
 
 
 class SpaceObservations:
-    """Collects the places of a thing, or of one marker, and the poses of a body in another tracker's space.
+    """Collects positions of an object, or of one marker, and poses of a body in another tracker's space.
 
     Args:
-        body: the other tracker's name of the thing.
-        space: its space; empty where there is one only.
-        thing, marker: ours of it; one of them is empty.
-        source: what it is all from, as an error names it: a take's path, or None.
+        body: the other tracker's name of the object.
+        space: its space; empty if there is only one.
+        thing, marker: this program's name of it; one of them is empty.
+        source: origin of the messages for errors: a take's path, or None.
 
     Raises:
-        SettingsError: both of thing and marker, or none.
+        SettingsError: both or neither of thing and marker are given.
     """
 
     def __init__(self, body: str, *, space: str = "", thing: str = "", marker: str = "", source: Any = None) -> None:
@@ -52,23 +52,23 @@ class SpaceObservations:
         self._points: list[tuple[_Key, Float64]] = []
         self._known: set[str] = set()
         self._spaces: dict[str, set[str]] = {}
-        self._told_by: set[str] = set()
+        self._pose_sensors: set[str] = set()
         self._poses: list[tuple[_Key, str, Float64]] = []
 
     def update(self, messages: Iterable[Scene | SensorFrame]) -> None:
-        """Take in what has come."""
+        """Take in new messages."""
         for message in messages:
             if isinstance(message, Scene):
-                self._see(message)
+                self._add_scene(message)
             elif isinstance(message, PoseFrame):
-                self._hear(message)
+                self._add_poses(message)
 
     @property
     def space(self) -> str:
         """The other tracker's space.
 
         Raises:
-            InputError: there is none of the name, or none at all, or there are several.
+            InputError: no space has that name, there is none at all, or there are several.
         """
         if not self._spaces:
             fix = "start mocapella node osc or openvr" if self._source is None else "record with node osc or openvr"
@@ -82,29 +82,29 @@ class SpaceObservations:
         return space
 
     def attempt(self, settings: SpaceAlignmentSettings) -> tuple[SpaceFit | None, tuple[Shortfall, ...]]:
-        """The alignment as well as it is known by now, and what is missing; see `try_to_align`.
+        """Return the best alignment so far, and what is missing; see `try_to_align`.
 
         Raises:
-            InputError: the space or the body has not come; says which have.
-            SettingsError: the thing or the marker has not come.
+            InputError: the space or the body is unknown; lists the known ones.
+            SettingsError: the object or the marker is unknown.
         """
         return try_to_align(*self._observed(), settings)
 
     def align(self, settings: SpaceAlignmentSettings) -> SpaceFit:
-        """The alignment; see `align_space`.
+        """Return the alignment; see `align_space`.
 
         Raises:
-            InputError, SettingsError: as of `attempt`.
-            CalibrationError: it cannot be found; says what to do.
+            InputError, SettingsError: as `attempt`.
+            CalibrationError: it cannot be estimated; says what to do.
         """
         return align_space(*self._observed(), settings)
 
     def _observed(self) -> tuple[Float64, Float64, Float64, Float64]:
-        poses = self.poses()  # of nothing heard there is more to say than of nothing seen
+        poses = self.poses()  # first, because its error is more informative
         return (*self.points(), *poses)
 
     def poses(self) -> tuple[Float64, Float64]:
-        """Rising times (n,) on the common clock [s] and ``T_space_body`` (n, 4, 4).
+        """Return increasing times (n,) on the common clock [s] and ``T_space_body`` (n, 4, 4).
 
         Raises:
             InputError: see `attempt`.
@@ -118,7 +118,8 @@ class SpaceObservations:
         return np.array(times) / NS_PER_S, np.array([at[t] for t in times]).reshape(-1, 4, 4)
 
     def points(self) -> tuple[Float64, Float64]:
-        """Times (n,) on the common clock [s] and points (n, m, 3) of the marker, or of the thing's origin and axes.
+        """Return times (n,) on the common clock [s] and points (n, m, 3) of the marker, or of the object's origin and
+        axes.
 
         Raises:
             SettingsError: see `attempt`.
@@ -127,12 +128,12 @@ class SpaceObservations:
         if wanted not in self._known:
             known = one_of(wanted, sorted(self._known)) or "none"
             raise SettingsError(f"{what} {wanted!r}: {'the take has' if self._source else 'there are'} {known}")
-        # The scene of another tracker's frame repeats what the cameras said before.
-        seen = [(self._at_ns[key], points) for key, points in self._points if key[0] not in self._told_by]
+        # The scene of another tracker's frame repeats older results of the cameras.
+        seen = [(self._at_ns[key], points) for key, points in self._points if key[0] not in self._pose_sensors]
         count = len(_LOCAL) if self.thing else 1
         return np.array([at for at, _ in seen]) / NS_PER_S, np.array([p for _, p in seen]).reshape(-1, count, 3)
 
-    def _see(self, scene: Scene) -> None:
+    def _add_scene(self, scene: Scene) -> None:
         self.scenes += 1
         key = scene.sensor, scene.node_id, scene.sequence
         self._at_ns[key] = scene.at_ns
@@ -147,8 +148,8 @@ class SpaceObservations:
             if self.marker in names and scene.points.cameras[k := names.index(self.marker)] >= 2:
                 self._points.append((key, scene.points.positions[k : k + 1]))
 
-    def _hear(self, frame: PoseFrame) -> None:
-        self._told_by.add(frame.sensor)
+    def _add_poses(self, frame: PoseFrame) -> None:
+        self._pose_sensors.add(frame.sensor)
         self._spaces.setdefault(frame.space, set()).update(frame.names)
         if (T := frame.T_space_body(self.body)) is not None:
             self._poses.append((frame.key, frame.space, T))

@@ -1,7 +1,7 @@
-"""Calibration by standing still, the method of the KinectMultiTrack thesis (2015).
+"""Calibrate by standing still, the method of the KinectMultiTrack thesis (2015).
 
-Everybody stands still while every sensor collects frames. Of each body (one sensor's tracking id) its centre C and
-shoulder angle θ then give its own way to the world. Whoever moves, comes in or leaves makes it begin again.
+All people stand still while every sensor collects frames. The centre C and shoulder angle θ of each body (one sensor's
+tracking id) then give its own transform to the world. Any motion, arrival or departure restarts it.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ from mocapella.settings import check
 Float64 = NDArray[np.float64]
 
 STILL_PARTS: Final = {"head": "head", "hand_left": "left hand", "hand_right": "right hand"}
-"""The parts that must not move, and what a person calls them."""
+"""Parts that must not move, and their names for users."""
 NEEDED_PARTS: Final = (*STILL_PARTS, "shoulder_left", "shoulder_right")
-"""What a topology must name for this method to work on it."""
+"""Parts that a topology must have for this method."""
 
 
 @dataclass(frozen=True)
 class StandStillSettings:
-    """How long, how still, and what is averaged.
+    """Duration, tolerance and averaging.
 
     Attributes:
-        frames: of each sensor; the latest of them count.
-        still_within_m: how far a head or hand may be from the frame it is compared with [m].
+        frames: number of frames per sensor; the latest count.
+        still_within_m: largest distance of a head or hand from the frame it is compared with [m].
         compare_with: that frame: the ``previous`` one (the thesis' algorithm) or the ``first`` of those that count (its
             program).
-        angle_from: θ is the circular ``mean`` of the frames' angles, or that of the ``latest`` frame (its program).
+        angle_from: θ is the circular ``mean`` over the frames, or that of the ``latest`` frame (its program).
     """
 
     frames: int = 120
@@ -55,12 +55,12 @@ class StandStillSettings:
 
 
 class Calibration(msgspec.Struct, frozen=True, eq=False):
-    """What the calibration knows after a frame.
+    """Result of the calibration after a frame.
 
     Attributes:
-        state: where it stands.
-        T_world_sensor: (4, 4) by body; empty until it is done.
-        number: how many calibrations were completed so far, this one included.
+        state: its progress.
+        T_world_sensor: (4, 4) by body; empty until it is complete.
+        number: completed calibrations so far, including this one.
     """
 
     state: TrackerState
@@ -69,11 +69,11 @@ class Calibration(msgspec.Struct, frozen=True, eq=False):
 
 
 class StandStill:
-    """Collects the frames of every sensor until all have stood still, and then watches for a reason to begin again.
+    """Collects frames until all bodies have stood still, then monitors for a reason to restart.
 
     Attributes:
-        completed: how many calibrations were.
-        restarts: how often one began again.
+        completed: number of completed calibrations.
+        restarts: number of restarts.
     """
 
     def __init__(self, settings: StandStillSettings, sensors_expected: int) -> None:
@@ -94,19 +94,19 @@ class StandStill:
         self._T_world_sensor: dict[BodyKey, Float64] = {}
 
     def restart(self, reason: str) -> None:
-        """Begin again, for this reason."""
+        """Restart, for this reason."""
         self.restarts += 1
         self._reason = reason
         self._windows = {}
         self._T_world_sensor = {}
 
     def unknown(self, bodies: Bodies) -> bool:
-        """Whether one of these came in after the calibration."""
+        """Return whether one of these bodies arrived after the calibration."""
         known = self._T_world_sensor
         return bool(known) and any(key not in known and key not in self._unplaced for key in bodies.keys)
 
     def rename(self, sensor: str, new_ids: Mapping[int, int]) -> None:
-        """These tracking ids of a sensor (old → new) changed; they are the same bodies."""
+        """Update tracking ids of a sensor (old → new) of the same bodies."""
         renamed = {old: new for old, new in new_ids.items() if (sensor, old) in self._T_world_sensor}
         kept = {key: T for key, T in self._T_world_sensor.items() if key[0] != sensor or key[1] not in renamed}
         kept |= {(sensor, new): self._T_world_sensor[sensor, old] for old, new in renamed.items()}
@@ -131,8 +131,8 @@ class StandStill:
     def _watch(self, bodies: Bodies, speaking: Collection[str]) -> None:
         if self.unknown(bodies):
             known = bodies.sensor in self._known_sensors
-            self.restart(f"{bodies.sensor}: " + ("somebody new came in" if known else "a new sensor sees somebody"))
-        elif not self._anybody(speaking):
+            self.restart(f"{bodies.sensor}: " + ("a new person arrived" if known else "a new sensor sees somebody"))
+        elif not self._any_body(speaking):
             self.restart("everybody was gone")
 
     def _collect(self, bodies: Bodies, speaking: Collection[str]) -> None:
@@ -142,16 +142,16 @@ class StandStill:
         self._windows = {sensor: window for sensor, window in self._windows.items() if sensor in speaking}
         window = self._windows.get(bodies.sensor)
         if window and (problem := self._problem(bodies, window)):
-            self.restart(problem if self._anybody(speaking) else "everybody was gone")
+            self.restart(problem if self._any_body(speaking) else "everybody was gone")
         self._windows.setdefault(bodies.sensor, deque(maxlen=self.settings.frames)).append(bodies)
-        if self._anybody(speaking) and self._frames_remaining(speaking) == 0:
+        if self._any_body(speaking) and self._frames_remaining(speaking) == 0:
             self._finish(speaking)
 
     def _problem(self, bodies: Bodies, window: deque[Bodies]) -> str:
-        """Why this frame does not continue its sensor's window; empty where it does."""
+        """Return why this frame does not continue its sensor's window; empty if it does."""
         before = window[0] if self.settings.compare_with == "first" else window[-1]
         if set(bodies.ids) - set(before.ids):
-            return f"{bodies.sensor}: somebody new came in"
+            return f"{bodies.sensor}: a new person arrived"
         if gone := sorted(set(before.ids) - set(bodies.ids)):
             return f"{bodies.sensor}: {body_name(gone[0])} is gone"
         return movement(before, bodies, self.settings.still_within_m) if bodies.ids else ""
@@ -180,25 +180,25 @@ class StandStill:
         self.completed += 1
 
     def _frames_remaining(self, speaking: Collection[str]) -> int:
-        """Of the slowest sensor that sees somebody; all of them where none does."""
+        """Return the count of the slowest sensor that sees a body; all frames if none does."""
         seeing = [sensor for sensor, bodies in self._newest.items() if bodies.ids and sensor in speaking]
         collected = [len(self._windows.get(sensor, ())) for sensor in seeing]
         return self.settings.frames - min(collected, default=0)
 
-    def _anybody(self, speaking: Collection[str]) -> bool:
+    def _any_body(self, speaking: Collection[str]) -> bool:
         return any(bodies.ids for sensor, bodies in self._newest.items() if sensor in speaking)
 
     def _state(self, speaking: Collection[str]) -> TrackerState:
         if self._T_world_sensor:
             silent = sorted({sensor for sensor, _ in self._T_world_sensor if sensor not in speaking})
-            said = [self._reason] if self._reason else []
-            said += [f"{sensor}: silent" for sensor in silent]
-            return TrackerState(Phase.TRACKING, reason="; ".join(said))
+            reasons = [self._reason] if self._reason else []
+            reasons += [f"{sensor}: silent" for sensor in silent]
+            return TrackerState(Phase.TRACKING, reason="; ".join(reasons))
         if missing := max(0, self.sensors_expected - len(speaking)):
             return TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=missing, reason=self._reason)
         reason, phase = self._reason, Phase.CALIBRATING
-        if not self._anybody(speaking):
-            reason = "everybody is gone" if self._anybody_yet else "nobody is in view yet"
+        if not self._any_body(speaking):
+            reason = "all people have left" if self._anybody_yet else "no person is in view yet"
             phase = Phase.NEEDS_RECALIBRATION if self._anybody_yet else phase
         return TrackerState(
             phase,
@@ -209,11 +209,12 @@ class StandStill:
 
 
 def movement(before: Bodies, now: Bodies, still_within_m: float) -> str:
-    """Which head or hand went missing or moved too far between two frames of the same bodies; empty where none did.
+    """Describe a head or hand that went missing or moved too far between two frames of the same bodies; empty if none
+    did.
 
-    Only where a part is tracked in both frames can a movement be seen: an inferred place is a guess, which jumps
-    though nothing moves. A part that is missing in both does not count either, because a sensor that stands to the side
-    of somebody may never see the far hand.
+    Motion counts only if a part is tracked in both frames: an inferred position jumps although nothing moves. A part
+        that
+    is missing in both does not count either, because a sensor at a person's side may never see the far hand.
     """
     parts = [now.topology.parts[part] for part in STILL_PARTS]
     names = list(STILL_PARTS.values())
@@ -233,10 +234,10 @@ def movement(before: Bodies, now: Bodies, still_within_m: float) -> str:
 
 
 def standing(window: Collection[Bodies], angle_from: Literal["mean", "latest"]) -> tuple[Float64, Float64]:
-    """Centre C (bodies, 3) and shoulder angle θ (bodies,) over frames of the same bodies.
+    """Return centres C (bodies, 3) and shoulder angles θ (bodies,) over frames of the same bodies.
 
-    A frame in which a shoulder is not even inferred has no angle and does not count; NaN where no frame has one, and
-    where no joint was ever tracked.
+    A frame in which a shoulder is not even inferred has no angle and does not count; NaN if no frame has one, or if no
+    joint was ever tracked.
     """
     parts = next(iter(window)).topology.parts
     positions = np.stack([bodies.positions for bodies in window], axis=1)

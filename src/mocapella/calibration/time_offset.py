@@ -1,16 +1,16 @@
-"""The constant offset between two sensors' clocks, from the motion of people.
+"""Estimate the constant offset between two sensors' clocks from the motion of people.
 
-With q(t + δ) ≈ q + δ v, two views of a joint move differently over a short while (`pair_kernels.CLOCK_LAG`) by
+With q(t + δ) ≈ q + δ v, the motion of a joint over a short time (`pair_kernels.CLOCK_LAG`) differs between two views by
 
     r = Δp − R Δq = δ u + noise        u_a = Δv_p, u_b = R Δv_q, z = (u_a + u_b) / 2
 
-Differences leave out where the sensors are, what a sensor gets wrong for long, and what somebody does who walks one
-way at one speed, which says nothing of a clock. Least squares, δ = Σ u_b·r / Σ u_b·u_b, comes out too small: most of
-u_b is noise. That of the two sensors is independent, so that δ = Σ z·r / Σ u_a·u_b is right: one sensor is the
-*instrument* for the other (J. Durbin, "Errors in variables", Rev. Int. Stat. Inst. 22, 1954). Weights do not depend on
-the residual, or they would hold on to the offset of before. The error is from the scatter of z·r − δ u_a·u_b, summed
-over the blocks of `pair_calibration`. While it is too large the offset is *unknown*, with a bound. (Estimates from
-windows of a few seconds were wrong by up to 135 ms on real sensors.)
+Differences cancel the sensors' poses, constant sensor errors, and motion at constant velocity, which carries no
+information about a clock. Least squares, δ = Σ u_b·r / Σ u_b·u_b, is biased towards 0 because most of u_b is noise. The
+noise of the two sensors is independent, so δ = Σ z·r / Σ u_a·u_b is unbiased: one sensor is the *instrument* of the
+other (J. Durbin, "Errors in variables", Rev. Int. Stat. Inst. 22, 1954). Weights do not depend on the residual, which
+would favour the previous offset. The error comes from the scatter of z·r − δ u_a·u_b, summed over the blocks of
+`pair_calibration`. While it is too large the offset is *unknown*, with a bound. (Estimates from windows of a few
+seconds were wrong by up to 135 ms on real sensors.)
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from numpy.typing import NDArray
 Float64 = NDArray[np.float64]
 
 OFFSET_PRIOR_SD: Final = 0.1
-"""Before anything is known: how far two clocks are apart that the network has brought together [s]."""
+"""Prior standard deviation of the offset between clocks that the network has synchronised [s]."""
 BLOCKS_WANTED: Final = 3.0
-"""Of fewer independent blocks (Kish's count, (Σa)²/Σa²) the scatter says nothing, and Σ u_a·u_b may be noise alone."""
+"""With fewer independent blocks (Kish's count, (Σa)²/Σa²), Σ u_a·u_b may be noise alone."""
 MOVE_TRUSTED: Final = 0.05
-"""Sums of frames that were brought to a time so wrong count 1/e [s]."""
+"""Change of the offset after which earlier sums count 1/e [s]."""
 
 
 def offset_of(clock: Float64) -> tuple[Float64, Float64]:
-    """(...,) the offset of b's clock against the one that frames are brought to, and its standard deviation [s].
+    """Return the offset (...,) of b's clock against the assumed one, and its standard deviation [s].
 
     Args:
         clock: (..., `pair_memory.CLOCK_SUMS`).
@@ -48,9 +48,9 @@ def offset_of(clock: Float64) -> tuple[Float64, Float64]:
 
 
 def moved_clock(clock: Float64, by: float) -> Float64:
-    """The same sums once frames are brought to a time that is later by so much [s]; what was moved far counts less.
+    """Return the sums for a change of the assumed offset [s]; after a large change they count less.
 
-    Of a swing of 2 Hz, 50 ms are a tenth of a period: beyond, it is no longer as if velocities were constant.
+    For a swing of 2 Hz, 50 ms are a tenth of a period: beyond, velocities are not constant.
     """
     a, g, aa, ag, gg = clock
     fade = np.exp(-((by / MOVE_TRUSTED) ** 2))
@@ -62,7 +62,7 @@ class TimeOffset(msgspec.Struct, frozen=True):
     """A clock's offset.
 
     Attributes:
-        seconds: what b's times are ahead of a's; 0 while unknown.
+        seconds: b's times minus a's; 0 while unknown.
         sd: standard deviation [s].
         known: whether the bound is small enough for the offset to be used.
     """

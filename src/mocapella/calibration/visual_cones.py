@@ -1,10 +1,10 @@
-"""Whether the silhouettes of two cameras can be of one thing at all: whether their visual cones meet.
+"""Check whether the silhouettes of two cameras can belong to one object: whether their visual cones meet.
 
-The rays that a silhouette's pixels see fill a cone. Planes through both cameras cut both cones, and where a thing is
-seen whole by both, the first and the last plane that touch it are the same for both (R. Cipolla, K. Åström,
+The rays through a silhouette's pixels fill a cone. Planes through both cameras cut both cones, and if an object is
+entirely visible to both, the first and the last plane that touch it are the same for both (R. Cipolla, K. Åström,
 P. Giblin, "Motion from the frontier of curved surfaces", ICCV 1995). So each silhouette covers an interval of angles
-about the line through the cameras: the same interval, or else a camera does not stand where the rig says, its video is
-another camera's, or what was segmented is not one thing.
+about the line through the cameras. If the intervals differ, a camera is not at its calibrated pose, its video is
+another camera's, or the segmentation is not one object.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ Float64 = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
 MEET_FROM: Final = 0.6
-"""Two intervals whose overlap is smaller are not of one thing seen whole; the outline's own errors cost less."""
+"""Least overlap of two intervals of one entirely visible object; errors of the outline cost less."""
 _FEWEST: Final = 30
-"""Samples: a silhouette of fewer says nothing."""
+"""Fewest samples of a silhouette."""
 
 
 class Meeting(msgspec.Struct, frozen=True):
-    """Two cameras' silhouettes.
+    """Comparison of two cameras' silhouettes.
 
     Attributes:
-        cameras: which.
-        overlap: intersection over union of the angles about the line through both cameras that each covers; NaN where
-            that says nothing, as where one of them sees the other camera behind the body, or only part of the body.
+        cameras: their names.
+        overlap: intersection over union of the intervals of angles about the line through both cameras; NaN if
+            undefined, for example if one camera sees the other behind the body, or only part of the body.
     """
 
     cameras: tuple[str, str]
@@ -45,10 +45,10 @@ class Meeting(msgspec.Struct, frozen=True):
 
 
 def meetings(silhouettes: Mapping[str, Silhouette], rig: CameraRig) -> list[Meeting]:
-    """Every pair of cameras that have one.
+    """Compare every pair of cameras that have a silhouette.
 
     Args:
-        silhouettes: of one instant.
+        silhouettes: of one time.
         rig: of the cameras.
     """
     rays = {name: _rays(silhouette, rig.cameras[name]) for name, silhouette in silhouettes.items()}
@@ -61,27 +61,27 @@ def meetings(silhouettes: Mapping[str, Silhouette], rig: CameraRig) -> list[Meet
     return found
 
 
-def doubts(found: list[Meeting], least: float = MEET_FROM) -> list[str]:
-    """What is to be said of pairs that do not meet, a line each."""
+def disagreements(found: list[Meeting], least: float = MEET_FROM) -> list[str]:
+    """Describe the pairs of cameras whose silhouettes do not meet, one line each."""
     bad = [one for one in found if one.overlap < least]
     if not bad:
         return []
     pairs = ", ".join(f"{a} and {b} ({one.overlap:.0%})" for one in bad for a, b in [one.cameras])
-    told = {name for one in found if np.isfinite(one.overlap) for name in one.cameras}
-    # A camera that agrees with nobody, while the others agree, is the one.
+    compared = {name for one in found if np.isfinite(one.overlap) for name in one.cameras}
+    # If all other cameras agree, the one that agrees with none is wrong.
     alone = [
-        name for name in sorted(told)
+        name for name in sorted(compared)
         if all(name in one.cameras for one in bad)
         and all(one.overlap < least for one in found if name in one.cameras and np.isfinite(one.overlap))
     ]  # fmt: skip
-    who = f": {alone[0]} stands elsewhere, or its video is another camera's" if len(alone) == 1 else (
+    cause = f": {alone[0]} stands elsewhere, or its video is another camera's" if len(alone) == 1 else (
         ": are the videos of these cameras, in this order, and is the rig theirs?"
     )  # fmt: skip
-    return [f"the silhouettes of {pairs} do not meet in space as those of one body would{who}"]
+    return [f"the silhouettes of {pairs} do not meet in space as those of one body would{cause}"]
 
 
 def _rays(silhouette: Silhouette, placed: PlacedCamera) -> Float64 | None:
-    """(n, 3) directions in the world of its outline's samples; None where it is too small, or cut off by the image."""
+    """Return directions (n, 3) of the outline's samples in the world; None if it is too small or cut off."""
     inside = silhouette.phi > 0
     if np.count_nonzero(inside) < _FEWEST:
         return None
@@ -102,7 +102,7 @@ def _eroded(inside: Bool) -> Bool:
 
 
 def _overlap(a: Float64, b: Float64, baseline: Float64) -> float:
-    """Of the intervals of angles about the baseline (3,)."""
+    """Return the intersection over union of the intervals of angles about the baseline (3,)."""
     length = np.linalg.norm(baseline)
     if length < 1e-6:
         return float("nan")
@@ -121,7 +121,7 @@ def _overlap(a: Float64, b: Float64, baseline: Float64) -> float:
 
 
 def _span(rays: Float64, u: Float64, v: Float64) -> tuple[float, float, float] | None:
-    """The angle of the middle, and how far the least and the most are from it; None where they are all around."""
+    """Return the angle of the centre, and the extent to both sides; None if the rays are all around."""
     mean = rays.mean(axis=0)
     middle = float(np.arctan2(mean @ v, mean @ u))
     off = _wrapped(np.arctan2(rays @ v, rays @ u) - middle)

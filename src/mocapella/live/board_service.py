@@ -18,9 +18,9 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
+from mocapella.calibration.board_guidance import field_counts
 from mocapella.calibration.board_run import BoardRun
 from mocapella.calibration.cameras import CameraCalibration
-from mocapella.calibration.hints import field_counts
 from mocapella.calibration.rig_report import HEADINGS, sentences, table, tape_measure
 from mocapella.errors import InputError, MocapellaError, NotNowError, SettingsError
 from mocapella.live.board_cameras import BoardCameras, NodeCameras, film, urgent

@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.calibration.visual_cones import doubts, meetings
+from mocapella.calibration.visual_cones import disagreements, meetings
 from mocapella.model.camera import CameraRig
 from mocapella.model.silhouettes import overlap
 from mocapella.sensing.empty_room import EmptyRoom, MovedSince
@@ -36,7 +36,7 @@ class RigCheck:
         rig: of the cameras.
 
     Attributes:
-        said: all doubts so far.
+        said: all disagreements so far.
     """
 
     def __init__(self, rig: CameraRig) -> None:
@@ -59,7 +59,7 @@ class RigCheck:
         self._moved.recall(moved)
 
     def update(self, found: Mapping[str, FittedBody], images: Mapping[str, UInt8], empty: EmptyRoom) -> list[str]:
-        """New doubts in words, after an instant with all bodies present.
+        """New disagreements in words, after an instant with all bodies present.
 
         Args:
             found: by name.
@@ -108,4 +108,4 @@ def rig_faults(
                 f"{name}: {covers} other parts of the image than what is not in the empty room (overlap "
                 f"{shared:.0%}): is this the video of {name}, and does the camera stand where the rig says?"
             )
-    return doubts(meetings(silhouettes, rig)) + said
+    return disagreements(meetings(silhouettes, rig)) + said

@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 from support.filmed_boards import BOARD, SIZE, film
 
-from mocapella.calibration.hints import coverage, field_counts, tilt
+from mocapella.calibration.board_guidance import coverage, field_counts, tilt
 from mocapella.model.board import BoardView
 
 

@@ -1,4 +1,4 @@
-"""What to film next, and what is wrong: advice as values, the same for a terminal, a view and a log."""
+"""Guide the user through filming a board: what to film next, and what is wrong."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from mocapella.geometry.homography import homography
 from mocapella.model.board import Board, BoardView
 
 GRID: Final = (4, 3)
-"""Fields of the picture, columns and rows, in which corners are counted."""
+"""Fields of the image, columns and rows, in which corners are counted."""
 ENOUGH_VIEWS: Final = 10
 SMALL: Final = 0.01
-"""Share of the picture under the board below which little of the lens is seen and depth is uncertain."""
+"""Fraction of the image under the board below which the lens is poorly sampled and depth is uncertain."""
 TILTED: Final = 0.12
-"""Change of scale across the board, relative; about 25° at arm's length."""
+"""Relative change of scale across the board; about 25° at arm's length."""
 BLURRED_PX: Final = 8.0
-"""Width of an edge; a sharp one is 2 to 3 px wide."""
+"""Width of a blurred edge; a sharp one is 2 to 3 px wide."""
 ENOUGH_SHARED: Final = 5
 
 Cause = Literal[
@@ -33,9 +33,9 @@ class Hint(msgspec.Struct, frozen=True):
     """One piece of advice.
 
     Attributes:
-        cause: by which a program can tell it.
-        camera: name; empty where it is about all.
-        text: for a person.
+        cause: identifier for programs.
+        camera: name; empty if it concerns all.
+        text: for the user.
     """
 
     cause: Cause
@@ -44,7 +44,7 @@ class Hint(msgspec.Struct, frozen=True):
 
 
 def field_counts(views: Sequence[BoardView]) -> NDArray[np.int64]:
-    """How many corners one camera's views have in each field of the picture, (rows, columns)."""
+    """Return the number of corners of one camera's views in each field of the image, (rows, columns)."""
     counts = np.zeros(GRID[::-1], dtype=np.int64)
     for view in views:
         x, y = (view.corners_px + 0.5).T / np.array(view.size_px)[:, None]
@@ -62,14 +62,14 @@ def coverage(
     *,
     lens_known: Sequence[str] = (),
 ) -> list[Hint]:
-    """What is missing yet, the worst first. Cheap enough to be asked after every picture.
+    """Return what is missing, the most urgent first. Cheap enough to call after every image.
 
     Args:
         views: of all cameras so far.
         board: see there.
-        cameras: the names of all, also of those that saw nothing.
-        instant_of: by camera and frame; the frame's number where not given.
-        lens_known: cameras whose lens is not searched for, which need no tilt and no corners everywhere.
+        cameras: all names, including cameras without a view.
+        instant_of: group of simultaneous frames, by camera and frame; the frame number if not given.
+        lens_known: cameras with a given lens, which need no tilt and no corners everywhere.
     """
     hints: list[Hint] = []
     of = {name: [view for view in views if view.camera == name] for name in cameras}
@@ -105,7 +105,7 @@ def _of_pictures(name: str, views: Sequence[BoardView]) -> list[Hint]:
 
 
 def _share(view: BoardView) -> float:
-    """Of the picture, the rectangle around the corners."""
+    """Return the fraction of the image under the rectangle around the corners."""
     width, height = np.ptp(view.corners_px, axis=0) if len(view.ids) else (0.0, 0.0)
     return float(width * height / (view.size_px[0] * view.size_px[1]))
 
@@ -128,7 +128,7 @@ def _of_lens(name: str, views: Sequence[BoardView], board: Board) -> list[Hint]:
 
 
 def tilt(view: BoardView, board: Board) -> float:
-    """By which share the scale changes across the board in a picture: 0 where it is parallel to the picture."""
+    """Return the relative change of scale across the board in an image; 0 if it is parallel to the image."""
     rows, columns = np.divmod(view.ids, board.columns - 1)
     if len(view.ids) < 4 or len(set(rows.tolist())) < 2 or len(set(columns.tolist())) < 2:
         return 0.0
