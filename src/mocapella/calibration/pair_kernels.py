@@ -41,9 +41,9 @@ from mocapella.calibration.pair_memory import (
     STEP_AT,
     STEPS,
     STOOD,
+    BodyFrames,
     PairArrays,
     PairParameters,
-    TrackArrays,
 )
 from mocapella.compiled import njit
 from mocapella.geometry.alignment_kernels import accumulate, align, residuals
@@ -167,7 +167,7 @@ def add_bodies(
 
 
 @njit(cache=True)
-def take_newest(pair: PairArrays, a: TrackArrays, b: TrackArrays, mirror: Int64, p: PairParameters) -> bool:
+def take_newest(pair: PairArrays, a: BodyFrames, b: BodyFrames, mirror: Int64, p: PairParameters) -> bool:
     """Take in the newest frame of a that b's frames surround in time, if it is due; whether there was one.
 
     Args:
@@ -179,7 +179,7 @@ def take_newest(pair: PairArrays, a: TrackArrays, b: TrackArrays, mirror: Int64,
     S, body, half = pair.scalars, pair.body, p.velocity_window_s
     joints, offset = len(mirror), S[REFERENCE_OFFSET]
     b_end = b.held[1]
-    frames = TrackArrays(b.times[b.held[0] : b_end], b.points[b.held[0] : b_end], b.weights[b.held[0] : b_end], b.held)
+    frames = BodyFrames(b.times[b.held[0] : b_end], b.points[b.held[0] : b_end], b.weights[b.held[0] : b_end], b.held)
     i = a.held[1] - 1
     while i >= a.held[0] and a.times[i] > body[LAST] + p.every_s:
         if len(frames.times) and frames.times[-1] >= a.times[i] + offset + half:
@@ -200,7 +200,7 @@ def take_newest(pair: PairArrays, a: TrackArrays, b: TrackArrays, mirror: Int64,
     if used < 4:
         return False
     if pair.moments[0] > 0.0:
-        a_frames = TrackArrays(
+        a_frames = BodyFrames(
             a.times[a.held[0] : i + 1], a.points[a.held[0] : i + 1], a.weights[a.held[0] : i + 1], a.held
         )
         _learn_clock(body, pair.T_a_b, a_frames, frames, t - half, offset, half, mirror)
@@ -209,7 +209,7 @@ def take_newest(pair: PairArrays, a: TrackArrays, b: TrackArrays, mirror: Int64,
 
 
 @njit(cache=True)
-def _moving(frames: TrackArrays, at: float, half: float, q: Float64, v: Float64, w: Float64) -> bool:
+def _moving(frames: BodyFrames, at: float, half: float, q: Float64, v: Float64, w: Float64) -> bool:
     """Interpolate joints and velocities (joints, 3) and weights (joints,) at a time; whether frames surround it."""
     times, points, weights = frames.times, frames.points, frames.weights
     before, w_before, w_after = np.empty_like(q), np.empty_like(w), np.empty_like(w)
@@ -230,8 +230,8 @@ def _moving(frames: TrackArrays, at: float, half: float, q: Float64, v: Float64,
 def _learn_clock(
     body: Float64,
     T: Float64,
-    a: TrackArrays,
-    b: TrackArrays,
+    a: BodyFrames,
+    b: BodyFrames,
     t: float,
     offset: float,
     half: float,
@@ -266,7 +266,7 @@ def _learn_clock(
 
 
 @njit(cache=True)
-def _changes(frames: TrackArrays, t: float, half: float, x: Float64, v: Float64, w: Float64) -> bool:
+def _changes(frames: BodyFrames, t: float, half: float, x: Float64, v: Float64, w: Float64) -> bool:
     """Compute the changes of joints and velocities (joints, 3) in the last `CLOCK_LAG`; whether frames cover it."""
     x_before, v_before, w_before = np.empty_like(x), np.empty_like(v), np.empty_like(w)
     if not (_moving(frames, t, half, x, v, w) and _moving(frames, t - CLOCK_LAG, half, x_before, v_before, w_before)):

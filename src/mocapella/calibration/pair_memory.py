@@ -97,7 +97,7 @@ class PairArrays(NamedTuple):
     body: Float64
 
 
-class TrackArrays(NamedTuple):
+class BodyFrames(NamedTuple):
     """The arrays of a `BodyTrack`, for the kernels: ``times``, ``points``, ``weights``, ``held``."""
 
     times: Float64
@@ -174,9 +174,9 @@ class BodyTrack:
         )  # fmt: skip
 
     @property
-    def arrays(self) -> TrackArrays:
+    def arrays(self) -> BodyFrames:
         """The frames, for the kernels."""
-        return TrackArrays(self.times, self.points, self.weights, self.held)
+        return BodyFrames(self.times, self.points, self.weights, self.held)
 
     @property
     def newest(self) -> float:
