@@ -16,7 +16,8 @@ from typing import Any, Final
 
 from benchmarks.harness import Row, at_least, at_most, measured, median_seconds
 from mocapella.schema.marker_datagrams import decode_marker_datagram
-from mocapella.sources.marker_datagrams import DatagramSettings, MarkerDatagrams
+from mocapella.sources.datagram_settings import DatagramSettings
+from mocapella.sources.marker_datagrams import MarkerDatagrams
 
 HZ: Final = 60
 MARKERS: Final = ("red", "yellow", "green", "blue", "magenta", "cyan")

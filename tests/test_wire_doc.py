@@ -18,7 +18,7 @@ from mocapella.schema.checks import MAX_NAME
 from mocapella.schema.depth import MAX_DEPTH_PX, MAX_DEPTH_SIDE_PX, UNITS_M
 from mocapella.schema.marker_datagrams import MAX_DATAGRAM_BYTES, MAX_MARKERS, DatagramProblem
 from mocapella.sources.bridge import BridgeSettings
-from mocapella.sources.marker_datagrams import DatagramSettings
+from mocapella.sources.datagram_settings import DatagramSettings
 from mocapella.wire import keys
 from mocapella.wire.questions import MAX_ANSWER_BYTES, MAX_QUESTION_BYTES, Question
 from mocapella.wire.session import DEFAULT_ADDRESS

@@ -20,7 +20,7 @@ from mocapella.errors import AddressInUseError, NameTakenError, SettingsError
 from mocapella.live.datagrams import run_datagrams
 from mocapella.live.server import Server, ServerSettings
 from mocapella.model.markers import MarkerFrame
-from mocapella.sources.marker_datagrams import DatagramSettings
+from mocapella.sources.datagram_settings import DatagramSettings
 from mocapella.testing import FakeServer
 from mocapella.wire.node import NodeLink
 

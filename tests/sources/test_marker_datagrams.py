@@ -16,8 +16,9 @@ import pytest
 
 from mocapella.errors import AddressInUseError, BusError, SettingsError
 from mocapella.model.markers import MarkerFrame
-from mocapella.sources import marker_datagrams
-from mocapella.sources.marker_datagrams import DatagramSettings, MarkerDatagrams, PortReport
+from mocapella.sources import datagram_port
+from mocapella.sources.datagram_settings import DatagramSettings, PortReport
+from mocapella.sources.marker_datagrams import MarkerDatagrams
 
 PATIENCE_S = 20.0
 linux_only = pytest.mark.skipif(sys.platform != "linux", reason="needs Linux: sockets of a sender's own")
@@ -110,8 +111,8 @@ def test_the_time_is_that_of_arrival_not_of_reading(monkeypatch: pytest.MonkeyPa
     def waited_ns(seconds: float) -> int:
         """How long after a datagram was sent it is told to have come, if it waits for so long."""
         made.send(b"1,0;,")
-        before_ns = marker_datagrams.time.monotonic_ns()
-        marker_datagrams.time.sleep(seconds)
+        before_ns = datagram_port.time.monotonic_ns()
+        datagram_port.time.sleep(seconds)
         (frame,) = made.poll()
         return frame.time_ns - before_ns
 
@@ -166,7 +167,7 @@ def test_what_others_send_to_the_port_leaves_room_for_its_sender() -> None:
         made.send(b"2,0;,")
         made.send(b"5,0;,", to="right", by=2)
         assert [(frame.sensor, red(frame)) for frame in made.poll()] == [("left", 2.0), ("right", 5.0)]
-        assert 0 < made.report().other_senders <= marker_datagrams._MOST_READ
+        assert 0 < made.report().other_senders <= datagram_port._MOST_READ
 
 
 def test_a_flood_is_read_in_bounded_turns_and_the_other_port_is_served() -> None:
@@ -179,7 +180,7 @@ def test_a_flood_is_read_in_bounded_turns_and_the_other_port_is_served() -> None
             made.clock.turn(0.004)
             frames = made.source.poll()
             before, read = read, made.report().frames + made.report().superseded
-            assert read - before <= marker_datagrams._MOST_READ
+            assert read - before <= datagram_port._MOST_READ
             if k % 3 == 0:  # 12 ms: both ports have rested
                 assert [frame.sensor for frame in frames] == ["left", "right"]
                 assert red(frames[1]) == k
@@ -196,7 +197,7 @@ def test_garbage_at_a_high_rate_costs_few_readings_and_is_counted() -> None:
         made.poll()
         made.send(*[b"\xff" * 100] * 30)
         assert made.poll() == []
-        tried = marker_datagrams._MOST_DECODED
+        tried = datagram_port._MOST_DECODED
         assert (made.report().refused, made.report().superseded) == ({"not text": tried}, 30 - tried)
         made.send(b"2,0;,")
         assert [red(frame) for frame in made.poll()] == [2.0]
@@ -254,7 +255,7 @@ def test_a_program_that_counts_anew_is_heard_after_the_timeout() -> None:
 
 def test_told_times_are_without_the_ways_jitter() -> None:
     rng = np.random.default_rng(4)
-    clock = marker_datagrams._SenderClock()
+    clock = datagram_port.SenderClock()
     sent = np.arange(2000) * 16_666_667
     arrived = 777_000_000_000 + sent + 2_000_000 + rng.exponential(5_000_000, 2000).astype(int)
     told = [clock.at(int(a), int(b)) for a, b in zip(sent, arrived, strict=True)]
@@ -267,7 +268,7 @@ def test_told_times_are_without_the_ways_jitter() -> None:
 
 @pytest.mark.parametrize("jump_ns", [3_600_000_000_000, -3_600_000_000_000, 500_000_000, -500_000_000])
 def test_a_senders_clock_may_be_set(jump_ns: int) -> None:
-    clock, sent, said = marker_datagrams._SenderClock(), 10**13, []
+    clock, sent, said = datagram_port.SenderClock(), 10**13, []
     for k in range(20):
         arrived = 10**9 + k * 10_000_000
         at, jumped = clock.at(sent + k * 10_000_000 + (jump_ns if k >= 10 else 0), arrived)

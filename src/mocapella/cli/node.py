@@ -175,7 +175,7 @@ def datagrams(
     """
     from mocapella.live.datagrams import run_datagrams
     from mocapella.live.signals import stop_on_signals
-    from mocapella.sources.marker_datagrams import DatagramSettings
+    from mocapella.sources.datagram_settings import DatagramSettings
 
     settings = DatagramSettings(
         cameras=tuple(_parted(one, "=", "--camera", "left=5001") for one in camera),

@@ -9,7 +9,8 @@ from dataclasses import asdict
 from typing import Any, Final
 
 from mocapella.live.bridging import ServedSensor
-from mocapella.sources.marker_datagrams import DatagramSettings, MarkerDatagrams
+from mocapella.sources.datagram_settings import DatagramSettings
+from mocapella.sources.marker_datagrams import MarkerDatagrams
 
 _POLL_S: Final = 0.1
 

@@ -62,7 +62,7 @@ class CameraWishes:
 def set_camera(capture: Any, wishes: CameraWishes) -> SourceState:
     """Set an open `cv2.VideoCapture`, automatic modes off, and read back what it made of it."""
     if wishes.fourcc is not None:
-        capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter_fourcc(*wishes.fourcc))
+        capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*wishes.fourcc))
     if wishes.size_px is not None:
         capture.set(cv2.CAP_PROP_FRAME_WIDTH, wishes.size_px[0])
         capture.set(cv2.CAP_PROP_FRAME_HEIGHT, wishes.size_px[1])
@@ -97,7 +97,7 @@ def set_camera(capture: Any, wishes: CameraWishes) -> SourceState:
 
 def _format_problems(capture: Any, wishes: CameraWishes) -> list[str]:
     problems = []
-    if wishes.fourcc is not None and int(capture.get(cv2.CAP_PROP_FOURCC)) != cv2.VideoWriter_fourcc(*wishes.fourcc):
+    if wishes.fourcc is not None and int(capture.get(cv2.CAP_PROP_FOURCC)) != cv2.VideoWriter.fourcc(*wishes.fourcc):
         problems.append(f"it does not pack its pictures as {wishes.fourcc}; leave --fourcc out, or try YUYV or MJPG")
     says = float(capture.get(cv2.CAP_PROP_FPS))
     if wishes.fps is not None and says > 0 and not math.isclose(says, wishes.fps, rel_tol=0.02):

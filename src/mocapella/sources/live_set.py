@@ -290,12 +290,8 @@ class LiveSet:
                                     "the others'; these wait for them, so that a frame is of one instant")  # fmt: skip
         for name, count in self._unused.items():
             if count > UNUSED:
-                late = late_s.get(name)
-                much = (
-                    ""
-                    if late is None or late <= LATEST_S
-                    else f": they come {_ms(late)} ms later after their times than the others'"
-                )
+                delay = late_s.get(name, 0.0)
+                much = f": their latency is {_ms(delay)} ms above the others'" if delay > LATEST_S else ""
                 self._tell_once(say, name, "unused", f"no frame has its pictures, whose times are never near the "
                                 f"others'{much}; pictures that are more than {_ms(LATEST_S)} ms late are not waited "
                                 "for: make its stream smaller, or set it to a lower latency")  # fmt: skip

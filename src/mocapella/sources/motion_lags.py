@@ -93,7 +93,7 @@ def _late(shifts: Mapping[tuple[str, str], float]) -> dict[str, float]:
     for pair in shifts:
         joined = set(pair).union(*(group for group in groups if group & set(pair)))
         groups = [group for group in groups if not group & joined] + [joined]
-    group = sorted(max(groups, key=len, default=set()))
+    group = sorted(max(groups, key=len)) if groups else []
     pairs = {pair: shift for pair, shift in shifts.items() if pair[0] in group}
     if not pairs:
         return {}

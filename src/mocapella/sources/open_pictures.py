@@ -86,16 +86,19 @@ def one_picture(
             if number == wanted:
                 return image, SourceState((image.shape[1], image.shape[0]))
         raise InputError("has no such picture", file=text, field="frame", value=wanted, fix="name an earlier one")
-    if not isinstance(source, CaptureCamera):  # nor has a scene to be rendered up to there
+    if not isinstance(source, CaptureCamera):  # any instant of a scene can be rendered directly
+        from mocapella.sources.simulate.rendered_camera import RenderedCamera
+
+        assert isinstance(source, RenderedCamera)
         return source.scene.at(source.camera.name, (frame or 0) / source.camera.fps).image, source.open()
-    state, image, stop = source.open(), None, threading.Event()
+    state, stop = source.open(), threading.Event()
     try:
         for _ in range(1 + (SETTLED if frame is None else frame)):
             taken = source.read(stop)
             if taken is None:
-                raise InputError("gives no picture", file=text, fix="look whether it is plugged in, and nobody else's")
-            image = taken.image
+                fix = "check that it is plugged in and that no other program uses it"
+                raise InputError("gives no picture", file=text, fix=fix)
     finally:
         source.close()
-    assert image is not None
-    return image, replace(state, size_px=(image.shape[1], image.shape[0]))
+    assert taken is not None
+    return np.asarray(taken.image, dtype=np.uint8), replace(state, size_px=taken.size_px)

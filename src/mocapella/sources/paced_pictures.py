@@ -61,7 +61,8 @@ class PacedPictures:
         """As `PictureSource.open`."""
         self.close()
         self._number, self._next_s = 0, 0.0
-        path, problems = self._path, ()
+        path = self._path
+        problems: tuple[str, ...] = ()
         if path.is_dir() or path.suffix.lower() in IMAGES:
             self._fps = self._wished_fps or USUAL_FPS
             files = [path] if not path.is_dir() else sorted(f for f in path.iterdir() if f.suffix.lower() in IMAGES)

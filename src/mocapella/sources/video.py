@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import re
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -53,7 +53,7 @@ def parse_frames(text: str | None) -> Frames:
     return Frames(int(first or 0), int(end) if end else None, int(step or 1))
 
 
-def pictures(path: Path | str, frames: Frames = Frames()) -> Iterator[tuple[int, UInt8]]:
+def pictures(path: Path | str, frames: Frames = Frames()) -> Generator[tuple[int, UInt8]]:
     """The frames of a video, of one image, or of a folder's images by name, with their numbers from 0.
 
     Yields:

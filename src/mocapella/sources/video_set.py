@@ -61,11 +61,11 @@ def look_at(path: Path) -> Video:
         return Video(path, (width, height), None, 1)
     capture = cv2.VideoCapture(str(path))
     try:
-        rate, count = (float(capture.get(key)) for key in (cv2.CAP_PROP_FPS, cv2.CAP_PROP_FRAME_COUNT))
+        rate, frames = (float(capture.get(key)) for key in (cv2.CAP_PROP_FPS, cv2.CAP_PROP_FRAME_COUNT))
     finally:
         capture.release()
     known = np.isfinite(rate) and 0 < rate < 1e4
-    return Video(path, (width, height), rate if known else None, int(count) if count >= 1 else None)
+    return Video(path, (width, height), rate if known else None, int(frames) if frames >= 1 else None)
 
 
 class VideoSet:

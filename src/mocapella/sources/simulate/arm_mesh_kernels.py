@@ -1,21 +1,26 @@
-"""The loops of `mocapella.sources.simulate.arm_mesh`, compiled; importing this module imports numba."""
+"""Compiled kernels of `mocapella.sources.simulate.arm_mesh`; importing this module imports numba."""
 
 # ruff: noqa: PLR0917 - compiled: arrays come by position
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 
-# Plain numbers where a kernel is called would be types of their own, and the kernel compiled once for each.
+Float64 = NDArray[np.float64]
+Integers = NDArray[np.integer[Any]]
+
+# Literal arguments of a kernel would have types of their own, and numba would compile it once for each.
 _X, _Y, _Z = np.int64(0), np.int64(1), np.int64(2)
 
 
 @njit(cache=True)
-def turned(R, axis, angle):
-    """``R`` (3, 3) turned about its own x (0), y (1) or z (2), in place: R · rotation(angle)."""
+def turned(R: Float64, axis: int, angle: float) -> None:
+    """Rotate ``R`` (3, 3) about its own x (0), y (1) or z (2), in place: R · rotation(angle)."""
     c, s = math.cos(angle), math.sin(angle)
     u, v = (axis + 1) % 3, (axis + 2) % 3
     for i in range(3):
@@ -24,15 +29,15 @@ def turned(R, axis, angle):
 
 
 @njit(cache=True)
-def _place(point, p):
+def _place(point: Float64, p: Float64) -> None:
     """Write a point (3,)."""
     for i in range(3):
         point[i] = p[i]
 
 
 @njit(cache=True)
-def _stand(bone, R, p):
-    """Write how a bone (3, 4) stands."""
+def _stand(bone: Float64, R: Float64, p: Float64) -> None:
+    """Write a bone's pose (3, 4)."""
     for i in range(3):
         for k in range(3):
             bone[i, k] = R[i, k]
@@ -40,19 +45,23 @@ def _stand(bone, R, p):
 
 
 @njit(cache=True)
-def arm_frames(digit_frames, which, bases, lengths, upper_m, forearm_m, joints, angles, bones, points):
-    """Where the bones and joints of a right arm are, in the shoulder's frame.
+def arm_frames(
+    digit_frames: Float64, which: Integers, bases: Float64, lengths: Float64, upper_m: float, forearm_m: float,
+    joints: Float64, angles: Float64, bones: Float64, points: Float64,
+) -> None:  # fmt: skip
+    """Write the poses of a right arm's bones and the positions of its joints, in the shoulder's frame.
 
     Args:
-        digit_frames: (5, 3, 3) of `HandModel.frames`; which: (5, 5) `DIGIT_ANGLES`.
-        bases, lengths: of `HandShape`.
-        upper_m, forearm_m: lengths.
+        digit_frames: (5, 3, 3) of `HandModel.frames`.
+        which: (5, 5) `DIGIT_ANGLES`.
+        bases, lengths: of `HandShape` [m].
+        upper_m, forearm_m: lengths of the upper arm and the forearm.
         joints: (4,) elbow flexion, pronation, wrist flexion, wrist deviation [rad].
-        angles: (21,) [rad].
-        bones: (19, 3, 4) ``T_shoulder_bone``, out: upper arm, forearm at the elbow, forearm at the wrist, palm, then
-            three of each digit. A bone's origin is the joint it begins with; of the second part of the forearm, the
+        angles: (21,) of the hand [rad].
+        bones: (19, 3, 4) ``T_shoulder_bone``, written: upper arm, forearm at the elbow, forearm at the wrist, palm,
+            then three of each digit. A bone's origin is its first joint; that of the forearm's second part is the
             wrist.
-        points: (24, 3) out: 21 landmarks, middle of the palm, elbow, shoulder [m].
+        points: (24, 3) written: 21 landmarks, middle of the palm, elbow, shoulder [m].
     """
     R, p = np.zeros((3, 3)), np.zeros(3)
     for i in range(3):
@@ -95,8 +104,11 @@ def arm_frames(digit_frames, which, bases, lengths, upper_m, forearm_m, joints, 
 
 
 @njit(cache=True)
-def dual_quaternions(bones, at_rest, out):
-    """Write the motions (b, 8) from the rest to now, bones (b, 3, 4) both: quaternion w x y z, then its dual part."""
+def dual_quaternions(bones: Float64, at_rest: Float64, out: Float64) -> None:
+    """Write the bones' motions from the rest pose as dual quaternions (b, 8): w x y z, then the dual part.
+
+    ``bones`` and ``at_rest`` are (b, 3, 4).
+    """
     M = np.empty((3, 3))
     for n in range(len(bones)):
         T, S = bones[n], at_rest[n]
@@ -127,14 +139,17 @@ def dual_quaternions(bones, at_rest, out):
 
 
 @njit(cache=True)
-def skin(vertices, bones_of, weights, motions, T, out):
-    """Write where the vertices (n, 3) are, blended by dual quaternions, then moved by ``T`` (3, 4).
+def skin(vertices: Float64, bones_of: Integers, weights: Float64, motions: Float64, T: Float64, out: Float64) -> None:
+    """Write the vertices (n, 3), skinned with dual quaternions and transformed by ``T`` (3, 4).
 
     L. Kavan, S. Collins, J. Zara, C. O'Sullivan, "Skinning with dual quaternions" (I3D 2007), section 4.
 
     Args:
-        bones_of, weights: (n, 4) which bones move a vertex, and how much each.
+        vertices: (n, 3) in the rest pose [m].
+        bones_of, weights: (n, 4) bones that move a vertex, and their weights.
         motions: (bones, 8) of `dual_quaternions`.
+        T: (3, 4).
+        out: written [m].
     """
     q = np.empty(8)
     for i in range(len(vertices)):
@@ -146,7 +161,7 @@ def skin(vertices, bones_of, weights, motions, T, out):
                 continue
             m = motions[bones_of[i, k]]
             if first[0] * m[0] + first[1] * m[1] + first[2] * m[2] + first[3] * m[3] < 0.0:
-                weight = -weight  # of both quaternions of the rotation, the nearer
+                weight = -weight  # q and -q are the same rotation: take the nearer one
             for c in range(8):
                 q[c] += weight * m[c]
         size = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])

@@ -297,11 +297,12 @@ def untangled(
         flesh: radii of the digits (5, 4) and half the palm's thickness [m]; the mesh's own where not given.
     """
     radii, palm_m = flesh or _flesh(mesh)
-    angles, model = np.empty(len(ANGLES)), mesh.model
-    _kernels().untangle(
-        wished, wished if start is None else start, model.frames, DIGIT_ANGLES, mesh.hand.bases, mesh.hand.lengths,
-        model.cones, model.limits, radii, palm_m, np.zeros((0, 3)) if touch is None else touch, FLESH_GIVES_M, angles,
-    )  # fmt: skip
+    angles, model, k = np.empty(len(ANGLES)), mesh.model, _kernels()
+    hand = k.HandGeometry(
+        model.frames, DIGIT_ANGLES, mesh.hand.bases, mesh.hand.lengths, model.cones, model.limits, radii, palm_m
+    )
+    start, touch = wished if start is None else start, np.zeros((0, 3)) if touch is None else touch
+    k.untangle(hand, wished, start, touch, FLESH_GIVES_M, angles)
     return angles
 
 

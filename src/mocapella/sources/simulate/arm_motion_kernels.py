@@ -1,29 +1,64 @@
-"""The loops of `mocapella.sources.simulate.arm_motion`, compiled; importing this module imports numba."""
+"""Compiled kernels of `mocapella.sources.simulate.arm_motion`; importing this module imports numba."""
 
-# ruff: noqa: PLR0912, PLR0915, PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0915, PLR0917 - compiled: loops are written out
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 from mocapella.geometry.cholesky_kernels import factorise, substitute
 from mocapella.sources.simulate.arm_mesh_kernels import arm_frames
 
+Float64 = NDArray[np.float64]
+Integers = NDArray[np.integer[Any]]
+
 _PALM_SPANS = 4
 _STEPS = 25
 _TRIES = 6
 PAIRS = 10 * 9 + 5 * 2 * _PALM_SPANS
-"""Pairs of limbs: three limbs of each digit with those of each other, the outer two of each with the palm's four."""
+"""Number of limb pairs checked: all limbs of different digits, and each digit's outer two with the palm's four."""
+
+
+class HandGeometry(NamedTuple):
+    """The fixed geometry of one hand.
+
+    Attributes:
+        digit_frames: (5, 3, 3) of `HandModel.frames`.
+        which: (5, 5) `DIGIT_ANGLES`.
+        bases, lengths: of `HandShape` [m].
+        cones, limits: joint limits of `HandModel` [rad].
+        radii: (5, 4) of the digits at their joints and tip [m].
+        palm_m: half the palm's thickness [m].
+    """
+
+    digit_frames: Float64
+    which: Integers
+    bases: Float64
+    lengths: Float64
+    cones: Float64
+    limits: Float64
+    radii: Float64
+    palm_m: float
+
+
+class LimbBuffers(NamedTuple):
+    """Arrays that every evaluation of the residuals overwrites: bones (19, 3, 4), points (24, 3), limbs (19, 8)."""
+
+    bones: Float64
+    points: Float64
+    limbs: Float64
 
 
 @njit(cache=True, error_model="numpy")
-def limbs_apart(limbs, i, j):
-    """Distance between two of the limbs (n, 8), see `limbs_of` [m]; negative where they overlap.
+def limbs_apart(limbs: Float64, i: int, j: int) -> float:
+    """Distance between two of the limbs (n, 8) of `limbs_of` [m]; negative where they overlap.
 
-    That of the axes' nearest points (C. Ericson, *Real-time collision detection*, 2005, section 5.1.9), less the radii
-    there.
+    This is the distance of the axes' nearest points (C. Ericson, *Real-time collision detection*, 2005, section
+    5.1.9), minus the radii there.
     """
     uu, vv, uv, uw, vw = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(3):
@@ -41,19 +76,20 @@ def limbs_apart(limbs, i, j):
         x = limbs[i, k] + s * (limbs[i, 3 + k] - limbs[i, k]) - limbs[j, k] - t * (limbs[j, 3 + k] - limbs[j, k])
         total += x * x
     mine = limbs[i, 6] + s * (limbs[i, 7] - limbs[i, 6])
-    return math.sqrt(total) - mine - limbs[j, 6] - t * (limbs[j, 7] - limbs[j, 6])
+    return float(math.sqrt(total) - mine - limbs[j, 6] - t * (limbs[j, 7] - limbs[j, 6]))
 
 
 @njit(cache=True)
-def limbs_of(points, radii, palm_m, limbs):
-    """Write the limbs (19, 8), ends and radii there [m]: three of each digit, then the palm's four.
+def limbs_of(points: Float64, radii: Float64, palm_m: float, limbs: Float64) -> None:
+    """Write the limbs (19, 8), their two ends and radii [m]: three of each digit, then four of the palm.
 
-    Neighbouring digits share flesh at their bases, so the first limbs begin at 45 % of their bone. The last limb's end
-    is before the tip.
+    Neighbouring digits share flesh at their bases, so a digit's first limb begins at 45 % of its bone. Its last limb
+    ends before the tip.
 
     Args:
-        points: (24, 3) of `arm_frames`; radii: (5, 4) of the digits at joints and tip; palm_m: half the palm's
-            thickness.
+        points: (24, 3) of `arm_frames` [m].
+        radii, palm_m: of `HandGeometry`.
+        limbs: written.
     """
     for d in range(5):
         for bone in range(3):
@@ -74,10 +110,10 @@ def limbs_of(points, radii, palm_m, limbs):
 
 
 @njit(cache=True)
-def overlaps(limbs, out):
-    """Write how far fingers are inside each other and inside the palm (`PAIRS`,) [m]; negative where they are apart.
+def overlaps(limbs: Float64, out: Float64) -> None:
+    """Write the overlap of each pair of limbs (`PAIRS`,) [m]; negative where they are apart.
 
-    What belongs together at rest is no pair: the thumb's first limb meets only the fingers' outer limbs.
+    Limbs that touch at rest are excluded: the thumb's first limb is paired only with the fingers' outer limbs.
     """
     n = 0
     for d in range(5):
@@ -94,8 +130,9 @@ def overlaps(limbs, out):
 
 
 @njit(cache=True)
-def limit(angles, which, cones, limits):
-    """Bring angles (21,) within the limits, in place, as `HandModel.limited` does."""
+def limit(angles: Float64, hand: HandGeometry) -> None:
+    """Clamp angles (21,) to the joint limits, in place, as `HandModel.limited` does."""
+    which, cones, limits = hand.which, hand.cones, hand.limits
     for i in range(len(angles)):
         angles[i] = min(max(angles[i], limits[i, 0]), limits[i, 1])
     for d in range(5):
@@ -108,11 +145,15 @@ def limit(angles, which, cones, limits):
 
 @njit(cache=True)
 def _residuals(
-    angles, wished, digit_frames, which, bases, lengths, radii, palm_m, touch, allowed_m, bones, points, limbs, out
-):
-    """Write what is squared: overlaps, distances of what shall touch, departures from what is wished; worst overlap."""
-    arm_frames(digit_frames, which, bases, lengths, 0.3, 0.25, np.zeros(4), angles, bones, points)
-    limbs_of(points, radii, palm_m, limbs)
+    hand: HandGeometry, angles: Float64, wished: Float64, touch: Float64, allowed_m: float, buffers: LimbBuffers,
+    out: Float64,
+) -> float:  # fmt: skip
+    """Write the residuals (overlaps, gaps of touching digits, departures from the wish); return the worst overlap."""
+    points, limbs, radii = buffers.points, buffers.limbs, hand.radii
+    arm_frames(
+        hand.digit_frames, hand.which, hand.bases, hand.lengths, 0.3, 0.25, np.zeros(4), angles, buffers.bones, points
+    )
+    limbs_of(points, radii, hand.palm_m, limbs)
     overlaps(limbs, out)
     worst = -1.0
     for i in range(PAIRS):
@@ -127,7 +168,7 @@ def _residuals(
             for k in range(3):
                 total += (points[4 + 4 * a, k] - points[4 + 4 * b, k]) ** 2
             apart = math.sqrt(total) - radii[a, 3] - radii[b, 3]
-        else:  # two fingers' outer two limbs, wherever they are nearest
+        else:  # the nearest of two fingers' outer limbs
             for k in range(4):
                 apart = min(apart, limbs_apart(limbs, 3 * a + 1 + k % 2, 3 * b + 1 + k // 2))
         out[n] = touch[i, 2] * apart / 5e-4
@@ -139,8 +180,8 @@ def _residuals(
 
 
 @njit(cache=True)
-def squared(r):
-    """The sum of squares."""
+def squared(r: Float64) -> float:
+    """Return the sum of squares."""
     total = 0.0
     for i in range(len(r)):
         total += r[i] * r[i]
@@ -148,43 +189,59 @@ def squared(r):
 
 
 @njit(cache=True)
-def _copy(one, other):
-    for k in range(len(one)):
-        other[k] = one[k]
+def _copy(source: Float64, target: Float64) -> None:
+    for k in range(len(source)):
+        target[k] = source[k]
+
+
+@njit(cache=True)
+def _normal_equations(J: Float64, r: Float64, H: Float64, g: Float64) -> None:
+    """Write the gradient g = J r (n,) and the lower half of H = J Jᵀ (n, n) for J (n, m), r (m,)."""
+    n, m = J.shape
+    for i in range(n):
+        g[i] = 0.0
+        for k in range(m):
+            g[i] += J[i, k] * r[k]
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(m):
+                total += J[i, k] * J[j, k]
+            H[i, j] = total
 
 
 @njit(cache=True)
 def untangle(
-    wished, start, digit_frames, which, bases, lengths, cones, limits, radii, palm_m, touch, allowed_m, angles
-):  # fmt: skip
-    """Write the angles (21,) nearest to those wished at which no finger is in another or in the palm; worst overlap.
+    hand: HandGeometry, wished: Float64, start: Float64, touch: Float64, allowed_m: float, angles: Float64
+) -> float:
+    """Write the angles (21,) nearest to ``wished`` at which no digit penetrates another; return the worst overlap [m].
 
-    Levenberg and Marquardt's method on squared overlaps, tips that shall touch, and departures from what is wished,
-    within the hand's limits.
+    Levenberg–Marquardt on squared overlaps, gaps between touching tips, and departures from the wished angles, within
+    the joint limits.
 
     Args:
-        start: (21,) where the search begins.
-        radii: (5, 4); palm_m: see `limbs_of`.
-        touch: (n, 3) two digits that shall touch, the thumb first and with its tip, and how much, 0 to 1.
-        allowed_m: overlaps that small are left.
+        hand: the hand's geometry.
+        wished: (21,) [rad].
+        start: (21,) where the search begins [rad].
+        touch: (n, 3) two digits that must touch, the thumb first and with its tip, and the weight from 0 to 1.
+        allowed_m: smaller overlaps are accepted [m].
+        angles: (21,) written [rad].
     """
     n, m = len(wished), PAIRS + len(touch) + len(wished)
-    bones, points, limbs = np.empty((19, 3, 4)), np.empty((24, 3)), np.empty((19, 8))
+    buffers = LimbBuffers(np.empty((19, 3, 4)), np.empty((24, 3)), np.empty((19, 8)))
     r, s, J, trial = np.empty(m), np.empty(m), np.empty((n, m)), np.empty(n)
     H, M, g = np.empty((n, n)), np.empty((n, n)), np.empty(n)
     pulled = 0.0
     for i in range(len(touch)):
         pulled += touch[i, 2]
-    cost, before, damping, e, worst = -1.0, -1.0, 1e-3, 1e-5, 0.0
+    cost, before, damping, e = -1.0, -1.0, 1e-3, 1e-5
+    there = worst = 0.0
     _copy(wished, angles)
-    limit(angles, which, cones, limits)
-    # Step -1 looks whether all is well as wished, step 0 at the start; one after the other each derivative and step.
+    limit(angles, hand)
+    # Step -1 tests the wished angles, step 0 the start. Each later step evaluates n derivatives, then trial points.
     step, column, tries = -1, n, 0
     _copy(angles, trial)
     while True:
-        there = _residuals(
-            trial, wished, digit_frames, which, bases, lengths, radii, palm_m, touch, allowed_m, bones, points, limbs, s
-        )
+        there = float(_residuals(hand, trial, wished, touch, allowed_m, buffers, s))
         if column < n:  # a derivative
             for k in range(m):
                 J[column, k] = (s[k] - r[k]) / e
@@ -193,24 +250,16 @@ def untangle(
             if column < n:
                 trial[column] += e
                 continue
-            for i in range(n):
-                g[i] = 0.0
-                for k in range(m):
-                    g[i] += J[i, k] * r[k]
-                for j in range(i + 1):
-                    total = 0.0
-                    for k in range(m):
-                        total += J[i, k] * J[j, k]
-                    H[i, j] = total
+            _normal_equations(J, r, H, g)
             tries = 0
-        else:  # a point
+        else:  # a trial point
             now = squared(s)
             if step < 0:
                 if there <= allowed_m and pulled == 0.0:
                     return there
                 step = 0
                 _copy(start, trial)
-                limit(trial, which, cones, limits)
+                limit(trial, hand)
                 continue
             if step == 0 or now < cost:
                 gained, before = cost - now, cost
@@ -229,9 +278,9 @@ def untangle(
             tries += 1
             if tries == _TRIES:
                 return worst
-        factorise(H, damping, M)  # each angle is wished for, too: there is always one
+        factorise(H, damping, M)  # always positive definite: each angle has a residual of its own
         _copy(g, trial)
         substitute(M, trial)
         for i in range(n):
             trial[i] = angles[i] - trial[i]
-        limit(trial, which, cones, limits)
+        limit(trial, hand)

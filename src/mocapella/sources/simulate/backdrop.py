@@ -92,11 +92,11 @@ class Backdrop:
         pixels = grid + np.array(_SAMPLES_PX)
         rays = undistort(pixels.reshape(-1, 2), placed.camera.lens).reshape(pixels.shape)
         linear, floor = np.empty((height, width, 3), np.float32), np.empty((height, width, 2), np.float32)
-        light = self.light
-        _kernels().trace(
-            rays, inverse(placed.T_camera_world), self.boxes, self.faces, self.materials, light.strength, light.sky,
-            light.ground, light.towards, _SOFTNESS, np.array([1.15, 1.2, 1.3]), linear, floor,
-        )  # fmt: skip
+        light, k = self.light, _kernels()
+        geometry = k.RoomGeometry(self.boxes, self.faces, self.materials)
+        lamps = np.array([1.15, 1.2, 1.3])
+        lighting = k.RoomLight(light.strength, light.sky, light.ground, light.towards, _SOFTNESS, lamps)
+        k.trace(rays, inverse(placed.T_camera_world), geometry, lighting, linear, floor)
         return BackdropView(linear, floor)
 
 

@@ -1,28 +1,72 @@
-"""The loops of `mocapella.sources.simulate.backdrop`, compiled; importing this module imports numba."""
+"""Compiled kernels of `mocapella.sources.simulate.backdrop`; importing this module imports numba.
 
-# ruff: noqa: PLR0912, PLR0915, PLR0917 - compiled: arrays come by position, loops are written out
+A box is a row of 8 numbers: centre (3), half edges (3) [m], cosine and sine of its rotation about y. A material is a
+row of 10: kind, first colour (3), second colour (3), size of the pattern [m], seed, gloss.
+"""
+
+# ruff: noqa: PLR0912, PLR0917 - compiled: loops are written out
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 from mocapella.sources.simulate.noise_kernels import hashed, noise2, rough2
 
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+Integers = NDArray[np.integer[Any]]
+
 PAINT, PLANKS, BRICKS, TILES, CARPET, STRIPES, BOOKS, POSTER, WINDOW, CURTAIN, CLOTH, SKETCH = range(12)
-"""What a surface is made of. Each has two colours and a size [m]; see `reflected`."""
+"""Kinds of material; see `reflected`."""
 FAR_M = 1e9
+"""Distance of a ray that hits nothing."""
+
+
+class RoomGeometry(NamedTuple):
+    """The boxes of a room.
+
+    Attributes:
+        boxes: (n, 8), see the module; the first is the room itself, seen from inside.
+        faces: (n, 6) index of the material of each box's faces −x +x −y +y −z +z.
+        materials: (m, 10), see the module.
+    """
+
+    boxes: Float64
+    faces: Integers
+    materials: Float64
+
+
+class RoomLight(NamedTuple):
+    """The light in a room; colours are red, green, blue.
+
+    Attributes:
+        strength: (3,) of the directed light.
+        sky, ground: (3,) of the ambient light from above and from below.
+        towards: (3,) unit vector towards the directed light.
+        softness: spread of the light's direction, for penumbrae.
+        lamps: (3,) factor of the light that a `WINDOW` emits.
+    """
+
+    strength: Float64
+    sky: Float64
+    ground: Float64
+    towards: Float64
+    softness: float
+    lamps: Float64
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def enter_box(o, d, box, inside):
-    """(distance, axis, sign): where a ray meets a box turned about y; `FAR_M` where it does not.
+def enter_box(o: Float64, d: Float64, box: Float64, inside: bool) -> tuple[float, int, float]:
+    """Intersect a ray with a box: (distance, axis of the face, sign of the face); distance `FAR_M` without a hit.
 
     Args:
         o, d: (3,) origin and direction.
-        box: centre (3), half edges (3), cosine and sine of the turn, …
-        inside: whether it is the far side that is wanted, of a room.
+        box: (8,), see the module.
+        inside: whether to return the far side, as for a room seen from inside.
     """
     c, s = box[6], box[7]
     px, pz = o[0] - box[0], o[2] - box[2]
@@ -56,22 +100,10 @@ def enter_box(o, d, box, inside):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def reflected(material, u, v, w, h, out):
-    """Write what a surface reflects of red, green and blue at u across and v up [m], of a face of w × h [m].
-
-    Args:
-        material: kind, first colour (3), second colour (3), size [m], seed, shine.
-        u, v: from the face's lower left corner.
-        w, h: of the face.
-        out: (3,) is written.
-    """
-    kind, size, seed = int(material[0]), material[7], int(material[8])
+def _laid(kind: int, size: float, seed: int, u: float, v: float) -> tuple[float, float]:
+    """(share of the second colour, brightness) of planks, bricks or tiles at u across and v up [m]."""
     mix, light = 0.0, 1.0
-    if kind == PAINT:
-        light = (
-            1.0 + 0.10 * (rough2(u / size, v / size, seed) - 0.5) + 0.03 * (noise2(u / 0.006, v / 0.006, seed) - 0.5)
-        )
-    elif kind == PLANKS:
+    if kind == PLANKS:
         row = math.floor(v / size)
         shift = 3.0 * hashed(row, seed, 1)
         plank = math.floor((u + shift) / (12.0 * size))
@@ -81,22 +113,67 @@ def reflected(material, u, v, w, h, out):
         across, along = v / size - row, (u + shift) / (12.0 * size) - plank
         if across < 0.03 or along < 0.003:
             light = 0.55
-    elif kind in (BRICKS, TILES):
-        long = 3.0 * size if kind == BRICKS else size
-        row = math.floor(v / size)
-        shift = 0.5 * long * (row % 2) if kind == BRICKS else 0.0
-        column = math.floor((u + shift) / long)
-        across, along = v / size - row, (u + shift) / long - column
-        gap = 0.12 if kind == BRICKS else 0.025
-        joint = across < gap or along * long < gap * size
-        own = hashed(row, column, seed)
-        if joint:
-            mix, light = 1.0, 0.9 + 0.2 * noise2(u / 0.01, v / 0.01, seed)
-        elif kind == BRICKS:
-            light = 0.7 + 0.5 * own + 0.3 * (rough2(u / 0.03, v / 0.03, seed) - 0.5)
-        else:
-            mix = 1.0 * ((row + column) % 2) * (0.35 + 0.1 * own)
-            light = 0.95 + 0.1 * rough2(u / (0.6 * size) + 9.0 * own, v / (0.6 * size), seed)
+        return mix, light
+    long = 3.0 * size if kind == BRICKS else size
+    row = math.floor(v / size)
+    shift = 0.5 * long * (row % 2) if kind == BRICKS else 0.0
+    column = math.floor((u + shift) / long)
+    across, along = v / size - row, (u + shift) / long - column
+    gap = 0.12 if kind == BRICKS else 0.025
+    joint = across < gap or along * long < gap * size
+    own = hashed(row, column, seed)
+    if joint:
+        mix, light = 1.0, 0.9 + 0.2 * noise2(u / 0.01, v / 0.01, seed)
+    elif kind == BRICKS:
+        light = 0.7 + 0.5 * own + 0.3 * (rough2(u / 0.03, v / 0.03, seed) - 0.5)
+    else:
+        mix = 1.0 * ((row + column) % 2) * (0.35 + 0.1 * own)
+        light = 0.95 + 0.1 * rough2(u / (0.6 * size) + 9.0 * own, v / (0.6 * size), seed)
+    return mix, light
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _books(size: float, seed: int, u: float, v: float, w: float, h: float, out: Float64) -> float:
+    """Write the colour of a book and return -1; return the brightness of the shelf if there is no book there."""
+    rows = max(round(h / size), 1)
+    row = math.floor(v / h * rows)
+    up = v - row * h / rows
+    thick = 0.045
+    column = math.floor(u / thick)
+    board = up < 0.025 or u < 0.03 or w - u < 0.03 or h - v < 0.025
+    tall = (0.55 + 0.35 * hashed(column, row, seed)) * h / rows
+    gone = hashed(math.floor(column / 5.0), row, seed + 5) < 0.18
+    if board:
+        return float(0.8 + 0.3 * noise2(u / 0.2, v / 0.01, seed))
+    if gone or up > tall:
+        return 0.22
+    rounded = (u / thick - column - 0.5) * 2.0
+    dark = 0.35 + 0.9 * hashed(column, row, seed + 9)
+    band = 1.35 if 0.62 < up / tall < 0.72 or 0.15 < up / tall < 0.18 else 1.0
+    shade = dark * band * (1.0 - 0.45 * rounded * rounded)
+    for k in range(3):
+        out[k] = min(shade * (0.06 + 0.45 * hashed(column, row, seed + 20 + k)), 0.9)
+    return -1.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def reflected(material: Float64, u: float, v: float, w: float, h: float, out: Float64) -> None:
+    """Write the reflectance of a surface at u across and v up [m], on a face of w × h [m].
+
+    Args:
+        material: (10,), see the module.
+        u, v: from the face's lower left corner.
+        w, h: of the face.
+        out: (3,) red, green, blue, written.
+    """
+    kind, size, seed = int(material[0]), material[7], int(material[8])
+    mix, light = 0.0, 1.0
+    if kind == PAINT:
+        light = (
+            1.0 + 0.10 * (rough2(u / size, v / size, seed) - 0.5) + 0.03 * (noise2(u / 0.006, v / 0.006, seed) - 0.5)
+        )
+    elif kind in (PLANKS, BRICKS, TILES):
+        mix, light = _laid(kind, size, seed, u, v)
     elif kind == CARPET:
         border = min(u, w - u, v, h - v)
         p, q = abs((u / size) % 2.0 - 1.0), abs((v / size) % 2.0 - 1.0)
@@ -106,25 +183,8 @@ def reflected(material, u, v, w, h, out):
         mix = 1.0 if (u / size) % 1.0 < 0.5 else 0.0
         light = 0.97 + 0.06 * rough2(u / 0.1, v / 0.1, seed)
     elif kind == BOOKS:
-        rows = max(round(h / size), 1)
-        row = math.floor(v / h * rows)
-        up = v - row * h / rows
-        thick = 0.045
-        column = math.floor(u / thick)
-        board = up < 0.025 or u < 0.03 or w - u < 0.03 or h - v < 0.025
-        tall = (0.55 + 0.35 * hashed(column, row, seed)) * h / rows
-        gone = hashed(math.floor(column / 5.0), row, seed + 5) < 0.18
-        if board:
-            light = 0.8 + 0.3 * noise2(u / 0.2, v / 0.01, seed)
-        elif gone or up > tall:
-            light = 0.22
-        else:
-            rounded = (u / thick - column - 0.5) * 2.0
-            dark = 0.35 + 0.9 * hashed(column, row, seed + 9)
-            band = 1.35 if 0.62 < up / tall < 0.72 or 0.15 < up / tall < 0.18 else 1.0
-            shade = dark * band * (1.0 - 0.45 * rounded * rounded)
-            for k in range(3):
-                out[k] = min(shade * (0.06 + 0.45 * hashed(column, row, seed + 20 + k)), 0.9)
+        light = _books(size, seed, u, v, w, h, out)
+        if light < 0.0:
             return
     elif kind == POSTER:
         if min(u, w - u, v, h - v) < 0.03:
@@ -169,18 +229,18 @@ def reflected(material, u, v, w, h, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def passes(o, d, box):
-    """Whether a ray passes the ball around a box, or begins beyond it."""
+def passes(o: Float64, d: Float64, box: Float64) -> bool:
+    """Whether a ray misses the bounding sphere of a box, or points away from it."""
     x, y, z = box[0] - o[0], box[1] - o[1], box[2] - o[2]
     along, size = x * d[0] + y * d[1] + z * d[2], d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
     r2 = box[3] * box[3] + box[4] * box[4] + box[5] * box[5]
     off = x * x + y * y + z * z
-    return off > r2 and (along < 0.0 or off - along * along / size > r2)
+    return bool(off > r2 and (along < 0.0 or off - along * along / size > r2))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def hit(o, d, boxes):
-    """(distance, box, axis, sign) of what a ray meets first; box 0 is the room, seen from inside."""
+def hit(o: Float64, d: Float64, boxes: Float64) -> tuple[float, int, int, float]:
+    """(distance, box, axis, sign) of a ray's first intersection; box 0 is the room, seen from inside."""
     best, axis, sign = enter_box(o, d, boxes[0], True)
     which = 0
     for b in range(1, len(boxes)):
@@ -193,23 +253,38 @@ def hit(o, d, boxes):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def trace(rays, T_world_camera, boxes, faces, materials, light, sky, ground, towards, softness, lamps, linear, floor):
-    """Write the light that comes from a room (h, w, 3), and where its floor is seen (h, w, 2) x, z [m], NaN elsewhere.
+def _ambient_share(room: Float64, p: Float64, n: Float64, axis: int, which: int) -> float:
+    """Share of the ambient light at a point of a surface: less near the edges where the room's faces meet."""
+    rx, rz = room[3] - abs(p[0] - room[0]), room[5] - abs(p[2] - room[2])
+    low, high = p[1] - room[1] + room[4], room[4] - p[1] + room[1]
+    near_x = 1.0 - (0.0 if axis == 0 and which == 0 else 0.35 * math.exp(-rx / 0.35))
+    near_z = 1.0 - (0.0 if axis == 2 and which == 0 else 0.35 * math.exp(-rz / 0.35))
+    near_y = (
+        1.0
+        - (0.0 if n[1] > 0.5 else 0.30 * math.exp(-low / 0.3))
+        - (0.0 if n[1] < -0.5 else 0.20 * math.exp(-high / 0.3))
+    )
+    return near_x * near_z * near_y
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def trace(
+    rays: Float64, T_world_camera: Float64, geometry: RoomGeometry, lighting: RoomLight, linear: Float32, floor: Float32
+) -> None:
+    """Write the light (h, w, 3) that a camera receives from a room, and the visible floor (h, w, 2) x, z [m].
 
     Args:
         rays: (h, w, samples, 2) x/z and y/z of a pixel's samples; the first is its middle.
         T_world_camera: (4, 4).
-        boxes: (n, 8) as of `enter_box`; the first is the room.
-        faces: (n, 6) material of the faces −x +x −y +y −z +z of each.
-        materials: (m, 10) of `reflected`.
-        light, sky, ground: (3,) of the light that has a direction, of what comes from above, and from below.
-        towards: (3,) unit vector to the light.
-        softness: how far the light's directions scatter, for penumbrae.
-        lamps: (3,) what a material `WINDOW` shines by itself.
-        linear, floor: float32, written.
+        geometry: the room's boxes and materials.
+        lighting: the light in the room.
+        linear: float32, written.
+        floor: float32, written; NaN where a pixel's middle does not show the floor.
     """
     h, w, samples, _ = rays.shape
     o, d, p, q, n, colour = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    boxes, light, towards = geometry.boxes, lighting.strength, lighting.towards
+    sky, ground, lamps = lighting.sky, lighting.ground, lighting.lamps
     room = boxes[0]
     for i in range(3):
         o[i] = T_world_camera[i, 3]
@@ -244,13 +319,13 @@ def trace(rays, T_world_camera, boxes, faces, materials, light, sky, ground, tow
                     n[0], n[2] = sign * s, sign * c
                     u, v, across, up = lx, ly, 2.0 * box[3], 2.0 * box[4]
                 outward = sign if which > 0 else -sign
-                material = materials[faces[which, 2 * axis + (1 if outward > 0.0 else 0)]]
+                material = geometry.materials[geometry.faces[which, 2 * axis + (1 if outward > 0.0 else 0)]]
                 reflected(material, u, v, across, up, colour)
                 if k == 0 and p[1] < 0.03 and n[1] > 0.5:
                     floor[y, x, 0], floor[y, x, 1] = p[0], p[2]
-                # A direction of the light a sample, the same for no two neighbours: penumbrae as noise, which averages.
+                # Each sample has its own light direction: penumbrae appear as noise, which the samples average.
                 for i in range(3):
-                    q[i] = towards[i] + softness * (hashed(4 * x + k, y, 77 + i) - 0.5)
+                    q[i] = towards[i] + lighting.softness * (hashed(4 * x + k, y, 77 + i) - 0.5)
                     p[i] += 1e-3 * n[i]
                 facing = n[0] * towards[0] + n[1] * towards[1] + n[2] * towards[2]
                 lit = max(facing, 0.0)
@@ -259,17 +334,7 @@ def trace(rays, T_world_camera, boxes, faces, materials, light, sky, ground, tow
                         if not passes(p, q, boxes[other]) and enter_box(p, q, boxes[other], False)[0] < FAR_M:
                             lit = 0.0
                             break
-                # Where the room's faces meet, less of the light that comes from everywhere.
-                rx, rz = room[3] - abs(p[0] - room[0]), room[5] - abs(p[2] - room[2])
-                low, high = p[1] - room[1] + room[4], room[4] - p[1] + room[1]
-                near_x = 1.0 - (0.0 if axis == 0 and which == 0 else 0.35 * math.exp(-rx / 0.35))
-                near_z = 1.0 - (0.0 if axis == 2 and which == 0 else 0.35 * math.exp(-rz / 0.35))
-                near_y = (
-                    1.0
-                    - (0.0 if n[1] > 0.5 else 0.30 * math.exp(-low / 0.3))
-                    - (0.0 if n[1] < -0.5 else 0.20 * math.exp(-high / 0.3))
-                )
-                open_sky = near_x * near_z * near_y
+                open_sky = _ambient_share(room, p, n, axis, which)
                 share = 0.5 + 0.5 * n[1]
                 shines = material[0] == WINDOW and which > 0
                 for i in range(3):

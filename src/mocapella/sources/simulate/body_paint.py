@@ -164,10 +164,12 @@ def painted(stages: Sequence[LitBodies], placed: PlacedCamera) -> Layer:
     for stage, (seen, _) in zip(stages, views, strict=True):
         cast, light = stage.cast, stage.light
         which = _nearest(seen, cast.faces, (left, top, right, low), _SIDE)[1]
-        _kernels().paint(
-            which, _SIDE, left, top, seen, cast.faces, stage.vertices, stage.normals, cast.baked, eye,
-            np.array([light.strength, light.sky, light.ground, light.towards]), stage.tops, stage.first_m, _CELL_M,
-            1.0 / (_SIDE * _SIDE * len(stages)), colour, alpha,
+        k = _kernels()
+        k.paint(
+            which, _SIDE, k.PaintedSurface(seen, cast.faces, stage.vertices, stage.normals, cast.baked), eye,
+            np.array([light.strength, light.sky, light.ground, light.towards]),
+            k.LightHeights(stage.tops, stage.first_m, _CELL_M), 1.0 / (_SIDE * _SIDE * len(stages)),
+            k.BodyLayer(colour, alpha, int(left), int(top)),
         )  # fmt: skip
     return Layer((int(left), int(top)), colour, alpha)
 

@@ -1,30 +1,108 @@
-"""The loops of `mocapella.sources.simulate.body_paint`, compiled; importing this module imports numba."""
+"""Compiled kernels of `mocapella.sources.simulate.body_paint`; importing this module imports numba.
 
-# ruff: noqa: PLR0917 - compiled: arrays come by position, and loops are written out
+A material is a row of 10 numbers: kind, first colour (3), second colour (3), size of the pattern [m], seed, gloss.
+"""
+
+# ruff: noqa: PLR0917 - compiled: loops are written out
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 from mocapella.geometry.raster_kernels import weights
 from mocapella.sources.simulate.noise_kernels import noise2, noise3
 
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+Integers = NDArray[np.integer[Any]]
+UInt8 = NDArray[np.uint8]
+
 PLAIN, HOOPS, CHECKS, PRINT, DOTS, CHEST, SKIN, HAIR = range(8)
-"""What a part of a body wears; see `worn`."""
+"""Kinds of material; see `worn`."""
 _BIAS_M = 0.03
 
 
+class PaintedSurface(NamedTuple):
+    """The bodies' surface at one instant, for one camera.
+
+    Attributes:
+        seen: (n, 3) of `raster_kernels.project`.
+        triangles: (m, 3) indices of vertices.
+        vertices, normals: (n, 3) in the world frame [m].
+        baked: (m, n, n, 4) of `bake`.
+    """
+
+    seen: Float64
+    triangles: Integers
+    vertices: Float64
+    normals: Float64
+    baked: Float32
+
+
+class LightHeights(NamedTuple):
+    """A shadow map: the height of the first surface in the light, over cells of the floor.
+
+    Attributes:
+        tops: (k, l) that height plus 1 m, over z and x; 0 without a surface.
+        first: (2,) x and z of the first cell's middle [m].
+        cell_m: distance between cells.
+    """
+
+    tops: Float64
+    first: Float64
+    cell_m: float
+
+
+class FloorShadow(NamedTuple):
+    """The bodies' shadow on the floor.
+
+    Attributes:
+        shade: (k, l) float32 share of the directed light that is blocked, over cells of the floor in z and x.
+        first, cell_m: as in `LightHeights`.
+        directed: (3,) share of the floor's light that is directed, by red, green, blue.
+    """
+
+    shade: Float32
+    first: Float64
+    cell_m: float
+    directed: Float64
+
+
+class BodyLayer(NamedTuple):
+    """The bodies in a window of the image, see `paint`: ``left`` and ``top`` are the window's first pixel."""
+
+    colour: Float32
+    alpha: Float32
+    left: int
+    top: int
+
+
+class ColourCoding(NamedTuple):
+    """How a camera codes light.
+
+    Attributes:
+        gain: factor on the light.
+        coded, spread: (4097,) float32 8-bit values for linear 0 … 1, and the noise's standard deviation there.
+    """
+
+    gain: float
+    coded: Float32
+    spread: Float32
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def worn(material, x, y, z, along, out):
-    """Write what cloth, skin or hair reflects of red, green and blue at a place of the body at rest.
+def worn(material: Float64, x: float, y: float, z: float, along: float, out: Float64) -> None:
+    """Write the reflectance of cloth, skin or hair at a point of the body in its rest pose.
 
     Args:
-        material: kind, first colour (3), second colour (3), size [m], seed, shine.
-        x, y, z: at rest [m].
-        along: from the part's origin along its limb [m].
-        out: (3,) is written.
+        material: (10,), see the module.
+        x, y, z: in the rest pose [m].
+        along: distance from the part's origin along its limb [m].
+        out: (3,) red, green, blue, written.
     """
     kind, size, seed = int(material[0]), material[7], int(material[8])
     mix, light = 0.0, 1.0
@@ -48,7 +126,7 @@ def worn(material, x, y, z, along, out):
             p, q = (along / size) % 1.0 - 0.5, ((x + 0.7 * z) / size) % 1.0 - 0.5
             mix = 1.0 if p * p + q * q < 0.07 else 0.0
         elif kind == CHEST:
-            p, q = x / size, (along - 1.0) / size  # the print's middle is 1 along: whoever dresses puts it there
+            p, q = x / size, (along - 1.0) / size  # zones place the print's middle at along = 1
             ring = p * p + q * q
             mix = 1.0 if ring < 0.25 and not (0.06 < ring < 0.12) else 0.0
     for k in range(3):
@@ -56,8 +134,8 @@ def worn(material, x, y, z, along, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def material_of(zone, spots, x, y, z, along):
-    """Which material is worn there: by how far along the limb, then hair behind a plane, then spots such as eyes."""
+def material_of(zone: Float64, spots: Float64, x: float, y: float, z: float, along: float) -> int:
+    """Index of the material at a point: by the distance along the limb, then hair behind a plane, then spots (eyes)."""
     count = int(zone[6])
     k = 0
     while k < count - 1 and along > zone[7 + k]:
@@ -74,17 +152,21 @@ def material_of(zone, spots, x, y, z, along):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def bake(triangles, rest, parts, zones, spots, materials, baked):
-    """Write what faces reflect, at points of a grid over each: what is worn moves with the skin, and is known at rest.
+def bake(
+    triangles: Integers, rest: Float64, parts: Integers, zones: Float64, spots: Float64, materials: Float64,
+    baked: Float32,
+) -> None:  # fmt: skip
+    """Write the reflectance of each face on a grid, computed once in the rest pose, since clothes move with the skin.
 
     Args:
-        triangles, rest: of the body.
+        triangles: (m, 3) indices of vertices.
+        rest: (n, 3) vertices in the rest pose [m].
         parts: (m,) zones of the triangles.
         zones: (parts, 21) origin (3), direction (3), count, ends along it (4), materials (5), plane (4), material
-            behind it or -1, of `material_of`.
+            behind the plane or -1; for `material_of`.
         spots: (s, 5) middle, radius, material.
-        materials: (k, 10) of `worn`.
-        baked: (m, n, n, 4) float32 red, green, blue and shine at shares (i + ½)/n, (j + ½)/n of the first two corners.
+        materials: (k, 10), see the module.
+        baked: (m, n, n, 4) float32 red, green, blue, gloss at shares (i + ½)/n, (j + ½)/n of the first two corners.
     """
     n, c, q = baked.shape[1], np.empty(3), np.empty(3)
     for t in range(len(triangles)):
@@ -106,13 +188,13 @@ def bake(triangles, rest, parts, zones, spots, materials, baked):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def lit_share(tops, first, cell_m, x, z, y):
-    """How much of the directed light arrives at a place: of the four cells around, those where nothing is above it.
+def lit_share(tops: Float64, first: Float64, cell_m: float, x: float, z: float, y: float) -> float:
+    """Share of the directed light that arrives at a point, interpolated between the four nearest cells.
 
     Args:
-        tops: (k, l) 1 m more than the height of what is first in the light, over cells of the floor in z and x.
-        first, cell_m: as of `develop`.
-        x, z: where the light that comes to the place would meet the floor [m]; y: its height [m].
+        tops, first, cell_m: of `LightHeights`.
+        x, z: where the light ray through the point meets the floor [m].
+        y: the point's height [m].
     """
     deep, wide = tops.shape
     x, z = (x - first[0]) / cell_m, (z - first[1]) / cell_m
@@ -121,40 +203,41 @@ def lit_share(tops, first, cell_m, x, z, y):
         return 1.0
     u, v, most = x - i, z - j, y + 1.0 + _BIAS_M
     near = (1.0 - u) * (tops[j, i] <= most) + u * (tops[j, i + 1] <= most)
-    return (1.0 - v) * near + v * ((1.0 - u) * (tops[j + 1, i] <= most) + u * (tops[j + 1, i + 1] <= most))
+    return float((1.0 - v) * near + v * ((1.0 - u) * (tops[j + 1, i] <= most) + u * (tops[j + 1, i + 1] <= most)))
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def whole(which, r, k):
+def whole(which: Integers, r: int, k: int) -> bool:
     """Whether all four samples from row r and column k on show a body."""
-    return which[r, k] >= 0 and which[r, k + 1] >= 0 and which[r + 1, k] >= 0 and which[r + 1, k + 1] >= 0
+    return bool(which[r, k] >= 0 and which[r, k + 1] >= 0 and which[r + 1, k] >= 0 and which[r + 1, k + 1] >= 0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def paint(
-    which, per_pixel, left, top, seen, triangles, vertices, normals, baked, eye, light, tops, first, cell_m, share,
-    colour, alpha,
-):  # fmt: skip
-    """Add to a window of a picture the light that a body sends, and how much of each pixel it covers.
+    which: Integers, per_pixel: int, surface: PaintedSurface, eye: Float64, light: Float64, heights: LightHeights,
+    share: float, layer: BodyLayer,
+) -> None:  # fmt: skip
+    """Add the light and the coverage of bodies to a window of an image.
 
     Args:
-        which: (rows·k, columns·k) triangles of the samples of `raster_kernels.cover`, k = ``per_pixel`` a pixel's side.
-        left, top: the window's first pixel.
-        seen: (n, 3) of `raster_kernels.project`.
-        triangles, vertices, normals: of the body, in the world.
-        baked: (m, n, n, 4) of `bake`.
-        eye: (3,) the camera [m].
-        light: (4, 3) directed light, from above, from below, unit vector to the directed light.
-        tops, first, cell_m: of `lit_share`.
-        share: what one sample adds, of 1 for a whole pixel.
-        colour: (rows, columns, 3) and alpha (rows, columns), float32, in and out.
+        which: (rows·k, columns·k) triangles of the samples of `raster_kernels.cover`; k = ``per_pixel`` samples along a
+            pixel's side.
+        per_pixel: see ``which``.
+        surface: of the bodies.
+        eye: (3,) the camera's position [m].
+        light: (4, 3) directed light, ambient from above, from below, unit vector towards the directed light.
+        heights: the shadow map.
+        share: coverage that one sample adds; 1 is a whole pixel.
+        layer: colour (rows, columns, 3) and alpha (rows, columns), float32, in and out.
     """
     h, w = which.shape
+    seen, triangles, vertices, normals = surface.seen, surface.triangles, surface.vertices, surface.normals
+    baked, colour, alpha, left, top = surface.baked, layer.colour, layer.alpha, layer.left, layer.top
     step, fine = 1.0 / per_pixel, baked.shape[1]
     lx, ly, lz = light[3, 0], light[3, 1], light[3, 2]
     red, green, blue = light[0, 0], light[0, 1], light[0, 2]
-    mean = 0.5 * (light[1] + light[2])  # of the light from around; it swings by so much from above to below
-    swing = 0.5 * (light[1] - light[2])
+    mean = 0.5 * (light[1] + light[2])  # of the ambient light
+    swing = 0.5 * (light[1] - light[2])  # its change from sideways to upwards
     for r in range(h):
         y, row = top + (r + 0.5) * step - 0.5, r // per_pixel
         for k in range(w):
@@ -162,7 +245,7 @@ def paint(
             if t < 0:
                 continue
             much = share
-            if per_pixel == 2 and whole(which, r - r % 2, k - k % 2):  # within a body every second sample is enough
+            if per_pixel == 2 and whole(which, r - r % 2, k - k % 2):  # inside a body, every second sample is enough
                 if (r + k) % 2 == 1:
                     continue
                 much = 2.0 * share
@@ -178,7 +261,8 @@ def paint(
                 px = s0 * vertices[i0, 0] + s1 * vertices[i1, 0] + s2 * vertices[i2, 0]
                 py = s0 * vertices[i0, 1] + s1 * vertices[i1, 1] + s2 * vertices[i2, 1]
                 pz = s0 * vertices[i0, 2] + s1 * vertices[i1, 2] + s2 * vertices[i2, 2]
-                arrives = lit_share(tops, first, cell_m, px - py * lx / ly, pz - py * lz / ly, py)
+                x, z = px - py * lx / ly, pz - py * lz / ly
+                arrives = lit_share(heights.tops, heights.first, heights.cell_m, x, z, py)
                 lit *= arrives
                 gloss = baked[t, i, j, 3]
                 if arrives > 0.0 and gloss > 0.0:  # J. Blinn's halfway vector
@@ -198,22 +282,25 @@ def paint(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def develop(
-    backdrop, floor, colour, alpha, left, top, shade, first, cell_m, dark, gain, coded, spread, noise, starts, image
-):
-    """Write a camera's picture: a body before a room with its shadow on the floor, exposed, coded, with noise.
+    backdrop: Float32, floor: Float32, layer: BodyLayer, shadow: FloorShadow, coding: ColourCoding, noise: Float32,
+    starts: Integers, image: UInt8,
+) -> None:  # fmt: skip
+    """Write a camera's image: bodies in front of a room with their shadow on the floor, exposed, coded, with noise.
 
     Args:
-        backdrop: (h, w, 3) light; floor: (h, w, 2) x, z where a pixel shows the floor [m], NaN elsewhere.
-        colour, alpha, left, top: of `paint`: the window.
-        shade: (k, l) float32 how much of the directed light does not arrive, over cells of the floor in z and x.
-        first: (2,) x and z of the first cell's middle [m]; cell_m: between them.
-        dark: (3,) the share of the floor's light that is directed.
-        gain: what the picture is multiplied by.
-        coded, spread: (4097,) float32 8-bit values for linear 0 … 1, and the noise's standard deviation there.
-        noise: (n,) float32 standard normal numbers; starts: (h,) where each row begins in them.
-        image: (h, w, 3) uint8 blue, green, red, is written.
+        backdrop: (h, w, 3) light.
+        floor: (h, w, 2) x, z of the visible floor [m], NaN elsewhere.
+        layer: the bodies, of `paint`.
+        shadow: on the floor.
+        coding: of the camera.
+        noise: (n,) float32 standard normal numbers.
+        starts: (h,) index of each row's first number in ``noise``.
+        image: (h, w, 3) uint8 blue, green, red, written.
     """
     h, w, _ = backdrop.shape
+    colour, alpha, left, top = layer.colour, layer.alpha, layer.left, layer.top
+    shade, first, cell_m, dark = shadow.shade, shadow.first, shadow.cell_m, shadow.directed
+    gain, coded, spread = coding.gain, coding.coded, coding.spread
     rows, columns = alpha.shape
     deep, wide = shade.shape
     last = np.float32(len(coded) - 1)

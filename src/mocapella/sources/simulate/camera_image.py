@@ -73,10 +73,11 @@ def camera_image(linear: Float32, settings: CameraImageSettings, rng: np.random.
     noise = rng.standard_normal((height, width), dtype=np.float32)
     image = np.empty((height, width, 3), np.uint8)
     s = settings
-    _kernels().expose(
-        np.ascontiguousarray(linear, np.float32), noise, _taps(s.lens_blur_px), s.exposure, s.photons, s.read_noise,
-        s.bayer, np.array(s.white_balance), s.saturation, s.shared_chroma, _gamma(), image,
+    sensor = _kernels().ImageSensor(
+        float(s.exposure), float(s.photons), float(s.read_noise), bool(s.bayer),
+        np.array(s.white_balance, dtype=np.float64), float(s.saturation), bool(s.shared_chroma),
     )  # fmt: skip
+    _kernels().expose(np.ascontiguousarray(linear, np.float32), noise, _taps(s.lens_blur_px), sensor, _gamma(), image)
     return image
 
 

@@ -1,16 +1,38 @@
-"""The loops of `mocapella.sources.simulate.camera_image`, compiled; importing this module imports numba."""
+"""Compiled kernels of `mocapella.sources.simulate.camera_image`; importing this module imports numba."""
 
-# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position
+# ruff: noqa: PLR0912, PLR0917 - compiled: loops are written out
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+
+
+class ImageSensor(NamedTuple):
+    """The parameters of `CameraImageSettings` that apply to single pixels, by the same names."""
+
+    exposure: float
+    photons: float
+    read_noise: float
+    bayer: bool
+    white_balance: Float64
+    saturation: float
+    shared_chroma: bool
+
 
 @njit(cache=True, nogil=True)
-def blurred(x, taps):
-    """(h, w, 3) convolved with a symmetric kernel along rows and columns; the border is repeated."""
+def blurred(x: Float32, taps: Float32) -> Float32:
+    """Convolve (h, w, 3) with a symmetric kernel along rows and columns; the border is repeated.
+
+    ``taps`` is one side of the kernel, its centre first.
+    """
     h, w, _ = x.shape
     half, out = np.empty_like(x), np.empty_like(x)
     for r in range(h):
@@ -31,8 +53,8 @@ def blurred(x, taps):
 
 
 @njit(cache=True, nogil=True)
-def demosaicked(raw):
-    """Bilinear: (h, w) RGGB → (h, w, 3). A missing colour is the mean of the neighbours in the 3 × 3 that have it."""
+def demosaicked(raw: Float32) -> Float32:
+    """Demosaic (h, w) RGGB to (h, w, 3), bilinearly: a missing colour is the mean of the 3 × 3 neighbours with it."""
     h, w = raw.shape
     out = np.empty((h, w, 3), np.float32)
     for r in range(h):
@@ -53,11 +75,22 @@ def demosaicked(raw):
 
 
 @njit(cache=True, nogil=True)
-def expose(linear, noise, taps, exposure, photons, read_noise, bayer, white_balance, saturation, shared, gamma, image):
-    """Write `camera_image` of (h, w, 3) float32 into image (h, w, 3) uint8."""
+def expose(linear: Float32, noise: Float32, taps: Float32, sensor: ImageSensor, gamma: Float32, image: UInt8) -> None:
+    """Write the camera image (h, w, 3) uint8, blue, green, red, of linear light.
+
+    Args:
+        linear: (h, w, 3) float32 red, green, blue.
+        noise: (h, w) float32 standard normal numbers.
+        taps: of the lens' blur, see `blurred`.
+        sensor: its parameters.
+        gamma: (n,) float32 8-bit values for linear 0 … 1.
+        image: written.
+    """
     h, w, _ = linear.shape
+    exposure, photons, read_noise = sensor.exposure, sensor.photons, sensor.read_noise
+    white_balance, saturation = sensor.white_balance, sensor.saturation
     light = blurred(linear, taps) if taps[0] < 0.999 else linear
-    if bayer:
+    if sensor.bayer:
         raw = np.empty((h, w), np.float32)
         for r in range(h):
             for c in range(w):
@@ -87,7 +120,7 @@ def expose(linear, noise, taps, exposure, photons, read_noise, bayer, white_bala
             coded[r, c, 2] = gamma[int(top * min(max(grey + saturation * (blue - grey), 0.0), 1.0))]
     for r in range(0, h, 2):
         for c in range(0, w, 2):
-            u = v = 0.0  # blue and red less the luma of ITU-R BT.601
+            u = v = 0.0  # blue and red minus the luma of ITU-R BT.601
             for i in range(r, r + 2):
                 for j in range(c, c + 2):
                     y = 0.299 * coded[i, j, 0] + 0.587 * coded[i, j, 1] + 0.114 * coded[i, j, 2]
@@ -96,7 +129,7 @@ def expose(linear, noise, taps, exposure, photons, read_noise, bayer, white_bala
             for i in range(r, r + 2):
                 for j in range(c, c + 2):
                     y = 0.299 * coded[i, j, 0] + 0.587 * coded[i, j, 1] + 0.114 * coded[i, j, 2]
-                    if not shared:
+                    if not sensor.shared_chroma:
                         u, v = coded[i, j, 2] - y, coded[i, j, 0] - y
                     image[i, j, 0] = np.uint8(min(max(y + u + 0.5, 0.0), 255.0))
                     image[i, j, 1] = np.uint8(min(max(y - (0.114 * u + 0.299 * v) / 0.587 + 0.5, 0.0), 255.0))

@@ -180,10 +180,11 @@ class Cloth:
         spheres_from = np.concatenate([_NO_SPHERES, *(self._before(hand) for hand in hands)])
         if steps:
             fixed = (self.pinned | self.held).astype(np.float64)
-            _kernels().advance(
-                self.positions, self.velocities, fixed, self.pairs, self.rest, self._compliance,
-                np.array([0.0, -s.gravity_m_s2, 0.0]), s.damping_per_s, s.step_s, steps, spheres_from, spheres_to,
-                s.thickness_m, s.friction, target,
+            k = _kernels()
+            k.advance(
+                self.positions, self.velocities, fixed, target, k.Threads(self.pairs, self.rest, self._compliance),
+                k.Obstacles(spheres_from, spheres_to, float(s.thickness_m), float(s.friction)),
+                k.TimeSteps(np.array([0.0, -s.gravity_m_s2, 0.0]), float(s.damping_per_s), float(s.step_s), steps),
             )  # fmt: skip
             self._spheres = {hand.id: hand.spheres.copy() for hand in hands}
         return self.positions.reshape(*self.shape, 3)

@@ -1,43 +1,92 @@
-"""The hot steps of `mocapella.sources.simulate.cloth`, compiled and in place; importing this module imports numba."""
+"""Compiled kernels of `mocapella.sources.simulate.cloth`; importing this module imports numba."""
 
 # ruff: noqa: PLR0917 - compiled: arrays come by position
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
 MOST_M_S = 1.0
+"""Greatest speed at which a particle is pushed out of a sphere, beyond the sphere's own."""
 FASTEST_M_S = 5.0
-"""Threads that do not give snap back without limit when a hand pulled them longer than they are, and lets go."""
+"""Greatest speed of a particle: stiff threads that a hand has stretched would snap back without limit."""
+
+
+class Threads(NamedTuple):
+    """The distance constraints of a cloth.
+
+    Attributes:
+        pairs: (k, 2) particles.
+        rest: (k,) their distance at rest [m].
+        compliance: (k,) per unit of a particle's mass [s²].
+    """
+
+    pairs: Int64
+    rest: Float64
+    compliance: Float64
+
+
+class Obstacles(NamedTuple):
+    """The spheres that the cloth collides with.
+
+    Attributes:
+        before, after: (m, 4) centre and radius before and after the steps [m].
+        thickness: of the cloth [m].
+        friction: Coulomb's coefficient.
+    """
+
+    before: Float64
+    after: Float64
+    thickness: float
+    friction: float
+
+
+class TimeSteps(NamedTuple):
+    """The time integration.
+
+    Attributes:
+        gravity: (3,) [m/s²].
+        damping: [1/s].
+        step_s: length of a step.
+        number: of steps.
+    """
+
+    gravity: Float64
+    damping: float
+    step_s: float
+    number: int
 
 
 @njit(cache=True)
 def advance(
-    x, v, fixed, pairs, rest, compliance, gravity, damping, step_s, steps, spheres_from, spheres_to, thickness,
-    friction, target,
-):  # fmt: skip
-    """Go on by ``steps`` steps of extended position-based dynamics.
+    x: Float64, v: Float64, fixed: Float64, target: Float64, threads: Threads, obstacles: Obstacles, steps: TimeSteps
+) -> None:
+    """Advance the cloth by a number of steps of extended position-based dynamics.
 
     Args:
-        x, v: (n, 3) places [m] and velocities [m/s]; changed.
-        fixed: (n,) 0 for what is free; what is not goes straight to its ``target`` (n, 3) in these steps.
-        pairs: (k, 2) particles that are ``rest`` (k,) apart, as compliantly as ``compliance`` (k,) [m/N] of a
-            particle's mass says.
-        gravity: (3,) [m/s²].
-        damping: [1/s].
-        spheres_from, spheres_to: (m, 4) middle and radius of what is in the way, before and after the steps.
-        thickness: of the cloth [m].
-        friction: coefficient.
+        x, v: (n, 3) positions [m] and velocities [m/s], in and out.
+        fixed: (n,) 0 for a free particle, 1 for one that moves straight to its target in these steps.
+        target: (n, 3) [m].
+        threads, obstacles, steps: see there.
     """
+    pairs, rest, compliance = threads.pairs, threads.rest, threads.compliance
+    spheres_from, spheres_to = obstacles.before, obstacles.after
+    thickness, friction = obstacles.thickness, obstacles.friction
+    gravity, step_s, count = steps.gravity, steps.step_s, steps.number
     n, before = len(x), np.empty_like(x)
     begin = x.copy()
-    spheres, moved = np.empty_like(spheres_from), (spheres_to - spheres_from) / steps
-    slower = math.exp(-damping * step_s)
-    for k in range(steps):
-        part = (k + 1) / steps
+    spheres, moved = np.empty_like(spheres_from), (spheres_to - spheres_from) / count
+    slower = math.exp(-steps.damping * step_s)
+    for k in range(count):
+        part = (k + 1) / count
         for j in range(len(spheres)):
             for c in range(4):
                 spheres[j, c] = spheres_from[j, c] + part * (spheres_to[j, c] - spheres_from[j, c])
@@ -62,8 +111,8 @@ def advance(
 
 
 @njit(cache=True)
-def hold_apart(x, fixed, pairs, rest, compliance, step_s):
-    """One sweep over the distances (Macklin, Müller, Chentanez 2016, equations 17 and 18, from λ = 0)."""
+def hold_apart(x: Float64, fixed: Float64, pairs: Int64, rest: Float64, compliance: Float64, step_s: float) -> None:
+    """Sweep once over the distance constraints (Macklin, Müller, Chentanez 2016, equations 17 and 18, from λ = 0)."""
     for e in range(len(pairs)):
         i, j = pairs[e, 0], pairs[e, 1]
         w_i, w_j = 1.0 - fixed[i], 1.0 - fixed[j]
@@ -83,10 +132,14 @@ def hold_apart(x, fixed, pairs, rest, compliance, step_s):
 
 
 @njit(cache=True)
-def collide(x, before, fixed, spheres, moved, thickness, friction, most):
-    """Push particles out of spheres; on their surface they go along with them as friction says (Coulomb).
+def collide(
+    x: Float64, before: Float64, fixed: Float64, spheres: Float64, moved: Float64, thickness: float, friction: float,
+    most: float,
+) -> None:  # fmt: skip
+    """Push particles out of spheres, with Coulomb friction on the spheres' surfaces.
 
-    What was inside, since a hand held it there, is pushed out by no more than ``most`` [m] beyond the sphere's motion.
+    A particle that begins inside a sphere, because a hand held it there, is pushed out by at most ``most`` [m] beyond
+    the sphere's own motion ``moved`` (m, 3).
     """
     for i in range(len(x)):
         if fixed[i]:
@@ -104,7 +157,7 @@ def collide(x, before, fixed, spheres, moved, thickness, friction, most):
             x[i, 0] += deep * nx
             x[i, 1] += deep * ny
             x[i, 2] += deep * nz
-            # How the particle slid on the sphere in this step; friction takes back as much as it can.
+            # The particle's slip on the sphere in this step, which friction reduces.
             sx = x[i, 0] - before[i, 0] - moved[j, 0]
             sy = x[i, 1] - before[i, 1] - moved[j, 1]
             sz = x[i, 2] - before[i, 2] - moved[j, 2]

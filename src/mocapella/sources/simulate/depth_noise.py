@@ -146,14 +146,15 @@ def measured(
     if isinstance(noise, StructuredLight):
         lit = np.empty(exact_m.shape, np.bool_)
         _kernels().light_reaches(exact_m, focal_px * noise.baseline_m, lit)
-        row = np.array([
-            noise.least_m, noise.most_m, noise.sd_m, noise.sd_per_m, noise.sd_least_at_m, noise.sd_angle,
-            noise.step_per_m, noise.shared, noise.shared_px, noise.edge_px, noise.edge, noise.edge_holes,
-            *np.radians(noise.steep_deg), noise.dropout,
-        ])  # fmt: skip
-        _kernels().structured_light(exact_m, slope, lit, seed, row, unit_m, out)
+        values = _kernels().StructuredLightNoise(
+            *map(float, (noise.least_m, noise.most_m, noise.sd_m, noise.sd_per_m, noise.sd_least_at_m, noise.sd_angle)),
+            float(noise.step_per_m), float(noise.shared), int(noise.shared_px),
+            *map(float, (noise.edge_px, noise.edge, noise.edge_holes, *np.radians(noise.steep_deg), noise.dropout)),
+        )  # fmt: skip
+        _kernels().structured_light(exact_m, slope, lit, seed, values, unit_m, out)
     else:
-        _kernels().time_of_flight(exact_m, slope, seed, np.array(astuple(noise)), unit_m, out)
+        values = _kernels().TimeOfFlightNoise(*map(float, astuple(noise)))
+        _kernels().time_of_flight(exact_m, slope, seed, values, unit_m, out)
     return out
 
 

@@ -1,23 +1,66 @@
-"""The loops of `mocapella.sources.simulate.depth_noise`, compiled; importing this module imports numba.
+"""Compiled kernels of `mocapella.sources.simulate.depth_noise`; importing this module imports numba.
 
-Random numbers are a hash of the image's key and the pixel, so that any pixel's noise can be had without the others'.
+Random numbers are hashes of the image's key and the pixel's index, so each pixel's noise is independent of the order.
 """
 
-# ruff: noqa: PLR0912, PLR0915, PLR0917, PLW3301 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0912, PLR0915, PLR0917, PLW3301 - compiled: loops are written out
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+UInt16 = NDArray[np.uint16]
+Bool = NDArray[np.bool_]
+
 _LIGHT_M_S = 299792458.0
+_ANGLES = 1024
+"""Entries of the table over the cosine of the angle of incidence."""
+
+
+class StructuredLightNoise(NamedTuple):
+    """The parameters of `StructuredLight` by the same names; ``steep0`` and ``steep1`` are its ``steep_deg`` [rad]."""
+
+    least_m: float
+    most_m: float
+    sd_m: float
+    sd_per_m: float
+    sd_least_at_m: float
+    sd_angle: float
+    step_per_m: float
+    shared: float
+    shared_px: int
+    edge_px: float
+    edge: float
+    edge_holes: float
+    steep0: float
+    steep1: float
+    dropout: float
+
+
+class TimeOfFlightNoise(NamedTuple):
+    """The parameters of `TimeOfFlight`, by the same names."""
+
+    least_m: float
+    most_m: float
+    sd_at_1m: float
+    faintest: float
+    spread: float
+    low_hz: float
+    wiggle_m: float
+    wiggle_hz: float
+    dropout: float
 
 
 @njit(cache=True, inline="always")
-def mixed(key, a):
-    """64 random bits of a key and a number (G. Steele, D. Lea, C. Flood, "Fast splittable pseudorandom number
+def mixed(key: np.uint64, a: int) -> np.uint64:
+    """Hash a key and a number to 64 random bits (G. Steele, D. Lea, C. Flood, "Fast splittable pseudorandom number
     generators", OOPSLA 2014)."""
     h = np.uint64(key) + np.uint64(a) * np.uint64(0x9E3779B97F4A7C15)
     h = (h ^ (h >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -26,8 +69,11 @@ def mixed(key, a):
 
 
 @njit(cache=True, inline="always")
-def normal(h):
-    """Nearly normal, of mean 0 and variance 1, within ±3.46: the sum of four uniform numbers of 16 bits."""
+def normal(h: np.uint64) -> float:
+    """Turn 64 random bits into a nearly normal number of mean 0 and variance 1, within ±3.46.
+
+    It is the sum of four uniform numbers of 16 bits.
+    """
     total = 0.0
     for _ in range(4):
         total += float(h & np.uint64(0xFFFF))
@@ -36,20 +82,21 @@ def normal(h):
 
 
 @njit(cache=True, inline="always")
-def uniform(h):
-    """From 0 to 1."""
+def uniform(h: np.uint64) -> float:
+    """Turn 64 random bits into a uniform number from 0 to 1."""
     return float(h >> np.uint64(11)) * (1.0 / 9007199254740992.0)
 
 
 @njit(cache=True, error_model="numpy")
-def light_reaches(depth, focal_baseline, out):
-    """Write which pixels (h, w) the projector lights: none nearer to it is seen in the same of its columns.
+def light_reaches(depth: Float32, focal_baseline: float, out: Bool) -> None:
+    """Write which pixels (h, w) the projector lights: those that no nearer surface in their projector column occludes.
 
-    Camera and projector are beside each other: in the projector's picture a pixel at x of depth z is at x − f·b/z.
+    Camera and projector are side by side: a pixel at column x and depth z is at x − f·b/z in the projector's image.
 
     Args:
-        depth: (h, w) float32 [m], infinite where nothing is.
-        focal_baseline: f·b [px·m]; positive where the projector is on the side of greater x.
+        depth: (h, w) float32 [m], infinite without a surface.
+        focal_baseline: f·b [px·m]; positive if the projector is on the side of greater x.
+        out: written.
     """
     h, w = depth.shape
     fb = np.float32(focal_baseline)
@@ -68,58 +115,64 @@ def light_reaches(depth, focal_baseline, out):
         for x in range(w):
             z = depth[y, x]
             k = int(column[x] + np.float32(0.5))
-            # A surface seen at a slant must not shade itself: two pixels' change of disparity are let pass.
+            # A slanted surface must not shade itself: a change of disparity by two pixels is tolerated.
             out[y, x] = z < np.inf and (not 0 <= k < 3 * w or z < nearest[k] + np.float32(0.004) + slack * z * z)
 
 
 @njit(cache=True)
-def lattice_row(key, j, out):
-    """Write normal numbers at a row of a lattice."""
+def lattice_row(key: np.uint64, j: int, out: Float64) -> None:
+    """Write normal random numbers for row ``j`` of the lattice."""
     for i in range(len(out)):
         out[i] = normal(mixed(key, (j << 20) + i))
 
 
-_ANGLES = 1024
+@njit(cache=True, error_model="numpy")
+def _incidence_tables(noise: StructuredLightNoise, more: Float64, lost: Float64) -> None:
+    """Write, over the cosine of the angle of incidence, the added deviation [m^1.5] and the share of lost pixels."""
+    for i in range(_ANGLES + 1):
+        angle = math.acos(i / _ANGLES)
+        more[i] = noise.sd_angle * angle * angle / (0.5 * math.pi - min(angle, 1.45)) ** 2
+        lost[i] = noise.dropout + max(angle - noise.steep0, 0.0) / (noise.steep1 - noise.steep0)
 
 
 @njit(cache=True, error_model="numpy")
-def structured_light(depth, slope, lit, key, row, unit_m, out):
-    """Write what a structured-light camera gives (h, w) uint16; ``row`` has the fields of `StructuredLight` in order.
-
-    Args:
-        depth: (h, w) float32 [m], infinite where nothing is; slope: (h, w) float32 cosine of the angle of incidence.
-        lit: (h, w) of `light_reaches`.
-    """
-    h, w = depth.shape
-    least, most = row[0], row[1]
-    constant, square, nearest, angular, step, shared = row[2], row[3], row[4], row[5], row[6], row[7]
-    cell, lateral, edge, hole, steep0, steep1, dropout = (
-        int(row[8]),
-        row[9],
-        row[10],
-        row[11],
-        row[12],
-        row[13],
-        row[14],
-    )
-    one, two, three, four = mixed(key, 1), mixed(key, 2), mixed(key, 3), mixed(key, 4)
-    per_step = 1.0 / step if step > 0.0 else 0.0
-    own, together, per_unit = math.sqrt(1.0 - shared), math.sqrt(shared), 1.0 / unit_m
-    # By the cosine of the angle of incidence: what it adds to the noise, and how many pixels are lost.
-    more, lost = np.empty(_ANGLES + 1), np.empty(_ANGLES + 1)
-    for i in range(_ANGLES + 1):
-        angle = math.acos(i / _ANGLES)
-        more[i] = angular * angle * angle / (0.5 * math.pi - min(angle, 1.45)) ** 2
-        lost[i] = dropout + max(angle - steep0, 0.0) / (steep1 - steep0)
-    # Smooth noise: bilinear between the nodes of a lattice, of variance 1 everywhere.
-    above, below, blocks = np.empty(w // cell + 2), np.empty(w // cell + 2), np.empty(w // 4 + 1, np.bool_)
-    nodes, columns = np.arange(w) // cell, np.arange(w) % cell
-    u, size = np.empty(cell), np.empty((cell, cell))
+def _lattice_weights(u: Float64, size: Float64) -> None:
+    """Write the positions u (n,) within a cell, and the factors (n, n) that give interpolated noise the variance 1."""
+    cell = len(u)
     for i in range(cell):
         u[i] = i / cell
     for i in range(cell):
         for k in range(cell):
             size[i, k] = 1.0 / math.sqrt((u[i] ** 2 + (1 - u[i]) ** 2) * (u[k] ** 2 + (1 - u[k]) ** 2))
+
+
+@njit(cache=True, error_model="numpy")
+def structured_light(
+    depth: Float32, slope: Float32, lit: Bool, key: np.uint64, noise: StructuredLightNoise, unit_m: float, out: UInt16
+) -> None:
+    """Write the depth image (h, w) uint16 of a structured-light camera.
+
+    Args:
+        depth: (h, w) float32 [m], infinite without a surface.
+        slope: (h, w) float32 cosine of the angle of incidence.
+        lit: (h, w) of `light_reaches`.
+        key: of the image's random numbers.
+        noise: the camera's parameters.
+        unit_m: metres per unit of the image.
+        out: written; 0 where nothing is measured.
+    """
+    h, w = depth.shape
+    cell, edge, step, lateral = noise.shared_px, noise.edge, noise.step_per_m, noise.edge_px
+    one, two, three, four = mixed(key, 1), mixed(key, 2), mixed(key, 3), mixed(key, 4)
+    per_step = 1.0 / step if step > 0.0 else 0.0
+    own, together, per_unit = math.sqrt(1.0 - noise.shared), math.sqrt(noise.shared), 1.0 / unit_m
+    more, lost = np.empty(_ANGLES + 1), np.empty(_ANGLES + 1)
+    _incidence_tables(noise, more, lost)
+    # Correlated noise: bilinear between the nodes of a lattice, of variance 1 everywhere.
+    above, below, blocks = np.empty(w // cell + 2), np.empty(w // cell + 2), np.empty(w // 4 + 1, np.bool_)
+    nodes, columns = np.arange(w) // cell, np.arange(w) % cell
+    u, size = np.empty(cell), np.empty((cell, cell))
+    _lattice_weights(u, size)
     for y in range(h):
         part = y % cell
         if part == 0:
@@ -127,7 +180,7 @@ def structured_light(depth, slope, lit, key, row, unit_m, out):
             lattice_row(two, y // cell + 1, below)
         if y % 4 == 0:
             for i in range(len(blocks)):
-                blocks[i] = uniform(mixed(four, -1 - (y // 4) * w - i)) < 0.25 * dropout
+                blocks[i] = uniform(mixed(four, -1 - (y // 4) * w - i)) < 0.25 * noise.dropout
         v = u[part]
         for x in range(w):
             out[y, x] = 0
@@ -143,7 +196,7 @@ def structured_light(depth, slope, lit, key, row, unit_m, out):
                     xx = min(max(math.floor(x + sx + 0.5), 0), w - 1)
                     yy = min(max(math.floor(y + sy + 0.5), 0), h - 1)
                     near = depth[yy, xx]
-                    if uniform(mixed(block, 9)) < hole:
+                    if uniform(mixed(block, 9)) < noise.edge_holes:
                         continue
             if not near < np.inf or not lit[yy, xx] or blocks[x >> 2]:
                 continue
@@ -152,10 +205,11 @@ def structured_light(depth, slope, lit, key, row, unit_m, out):
             if float(mixed(four, at) >> np.uint64(40)) < lost[i] * 16777216.0:
                 continue
             quantum = step * z * z
-            sd = constant + square * (z - nearest) ** 2
-            if angular > 0.0:
+            sd = noise.sd_m + noise.sd_per_m * (z - noise.sd_least_at_m) ** 2
+            if noise.sd_angle > 0.0:
                 sd += more[i] / math.sqrt(z)
-            sd = math.sqrt(max(sd * sd - quantum * quantum * (1.0 / 12.0), 0.04 * sd * sd))  # rounding adds the rest
+            # Rounding adds the variance of the quantisation step.
+            sd = math.sqrt(max(sd * sd - quantum * quantum * (1.0 / 12.0), 0.04 * sd * sd))
             k, column = nodes[x], columns[x]
             t = u[column]
             smooth = (1.0 - v) * ((1.0 - t) * above[k] + t * above[k + 1]) + v * (
@@ -164,23 +218,24 @@ def structured_light(depth, slope, lit, key, row, unit_m, out):
             z += sd * (own * normal(g) + together * smooth * size[part, column])
             if step > 0.0:
                 z = 1.0 / (step * int(per_step / z + 0.5))
-            if least <= z <= most:
+            if noise.least_m <= z <= noise.most_m:
                 out[y, x] = min(int(z * per_unit + 0.5), 65535)
 
 
 @njit(cache=True, error_model="numpy")
-def time_of_flight(depth, slope, key, row, unit_m, out):
-    """Write what a time-of-flight camera gives (h, w) uint16; see `TimeOfFlight`, whose fields ``row`` has in order.
+def time_of_flight(
+    depth: Float32, slope: Float32, key: np.uint64, noise: TimeOfFlightNoise, unit_m: float, out: UInt16
+) -> None:
+    """Write the depth image (h, w) uint16 of a time-of-flight camera.
 
     Args:
-        depth, slope: as of `structured_light`.
+        depth, slope, key, unit_m, out: as for `structured_light`.
+        noise: the camera's parameters.
     """
     h, w = depth.shape
-    least, most, sd_at_1m, faintest, spread, low_hz, wiggle, wiggle_hz, dropout = (
-        row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8],
-    )  # fmt: skip
+    spread = noise.spread
     one, four = mixed(key, 1), mixed(key, 4)
-    turn = 4.0 * math.pi * low_hz / _LIGHT_M_S
+    turn = 4.0 * math.pi * noise.low_hz / _LIGHT_M_S
     for y in range(h):
         for x in range(w):
             out[y, x] = 0
@@ -191,7 +246,7 @@ def time_of_flight(depth, slope, key, row, unit_m, out):
                     low = min(low, min(depth[y + dy, x - 1], min(depth[y + dy, x], depth[y + dy, x + 1])))
                     high = max(high, max(depth[y + dy, x - 1], max(depth[y + dy, x], depth[y + dy, x + 1])))
                 rough = low < np.inf and high - low > np.float32(0.02)
-            if rough:  # the light of what is in front and of what is behind meets in the pixel
+            if rough:  # light of the near and the far surface adds up in the pixel
                 for dy in range(-1, 2):
                     for dx in range(-1, 2):
                         yy, xx = y + dy, x + dx
@@ -207,12 +262,12 @@ def time_of_flight(depth, slope, key, row, unit_m, out):
                 re = max(float(slope[y, x]), 0.05) / (z * z)
             strength = math.sqrt(re * re + im * im)
             at = y * w + x
-            if strength < faintest or uniform(mixed(four, at)) < dropout:
+            if strength < noise.faintest or uniform(mixed(four, at)) < noise.dropout:
                 continue
             if rough:
                 phase = math.atan2(im, re)
                 z = (phase if phase >= 0.0 else phase + 2.0 * math.pi) / turn
-            z += wiggle * math.sin(16.0 * math.pi * wiggle_hz * z / _LIGHT_M_S)
-            z += sd_at_1m / strength * normal(mixed(one, at))
-            if least <= z <= most:
+            z += noise.wiggle_m * math.sin(16.0 * math.pi * noise.wiggle_hz * z / _LIGHT_M_S)
+            z += noise.sd_at_1m / strength * normal(mixed(one, at))
+            if noise.least_m <= z <= noise.most_m:
                 out[y, x] = min(int(z / unit_m + 0.5), 65535)

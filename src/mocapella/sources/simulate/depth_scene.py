@@ -31,7 +31,6 @@ from numpy.typing import NDArray
 
 from mocapella.errors import SettingsError, one_of
 from mocapella.geometry.lens import project
-from mocapella.geometry.limb_surface import polygonise
 from mocapella.geometry.rigid import apply, rotation_about_x, rotation_about_y
 from mocapella.model.arms import ARM_POINTS, ELBOW, PALM
 from mocapella.model.depth import DepthFrame
@@ -53,6 +52,7 @@ from mocapella.sources.simulate.arm_mesh import (
     arm_shapes,
 )
 from mocapella.sources.simulate.arm_motion import ArmMotion, Key, Posture, held_at
+from mocapella.sources.simulate.depth_drawing import BODY, FIRST_ARM, body_mesh, draw_background
 from mocapella.sources.simulate.depth_noise import StructuredLight, TimeOfFlight, measured
 
 Float32 = NDArray[np.float32]
@@ -61,8 +61,6 @@ Int64 = NDArray[np.int64]
 UInt8 = NDArray[np.uint8]
 UInt16 = NDArray[np.uint16]
 
-NOTHING, BEHIND, BODY, FIRST_ARM = 0, 1, 2, 3
-"""Values of `DepthShot.parts`; those of an arm are `FIRST_ARM` + its place in `DepthShot.arms` · len(PARTS) + part."""
 SEEN_SHARE: Final = 0.12
 SEEN_PX: Final = 6
 VIEWS: Final = {
@@ -187,25 +185,6 @@ class DepthShot(Shot, frozen=True, eq=False):
 
 
 @dataclass(frozen=True, eq=False)
-class _Images:
-    """What is drawn: depth [m], infinite where nothing is; parts; cosine of the angle of incidence."""
-
-    depth: Float32
-    parts: UInt8
-    slope: Float32
-
-    def copy(self) -> _Images:
-        return _Images(self.depth.copy(), self.parts.copy(), self.slope.copy())
-
-    def draw(self, vertices: Float64, triangles: Int64, labels: UInt8, first: int, lens: Any) -> Float64:
-        """Draw triangles where they are nearest; (n, 3) of `depth_scene_kernels.project`."""
-        seen, k = np.empty_like(vertices), _kernels()
-        k.project(vertices, np.array(lens), seen)
-        k.draw(seen, triangles, labels, np.uint8(first), vertices, self.depth, self.parts, self.slope)
-        return seen
-
-
-@dataclass(frozen=True, eq=False)
 class _Actor:
     """An arm with its motion; mirrored in the camera's x where it is a left one."""
 
@@ -254,7 +233,7 @@ class DepthScene:
         self._actors = self._cast(rng)
         self._body, self._from_shoulder = self._person(rng)
         behind = settings.behind or str(rng.choice(["empty", "wall", "desk"]))
-        self._behind = _behind(behind, sensor, rng, self.T_camera_first)
+        self._behind = draw_background(behind, sensor.size_px, sensor.lens, rng, self.T_camera_first)
         self.period_s = self._actors[0].motion.period_s
         self._key = int(rng.integers(1 << 62))
         if T_camera_first is not None:  # another camera has other noise
@@ -429,74 +408,6 @@ def _ends() -> list[set[int]]:
 
 
 _ENDS: Final = _ends()
-
-
-@cache
-def body_mesh(arms: int) -> tuple[Float64, Int64]:
-    """(n, 3) and (m, 3) torso, neck, head, and the other upper arm and forearm of a right arm's person with one arm in
-    the scene; the right shoulder is the origin, x to the person's left, y down, z backwards [m]."""
-    rows = [
-        [0.055, 0.03, 0.02, 0.305, 0.03, 0.02, 0.065, 0.065],
-        [0.09, 0.10, 0.02, 0.10, 0.45, 0.02, 0.10, 0.10],
-        [0.27, 0.10, 0.02, 0.26, 0.45, 0.02, 0.10, 0.10],
-        [0.18, 0.10, 0.01, 0.18, 0.45, 0.0, 0.105, 0.11],
-        [0.10, 0.45, 0.02, 0.09, 0.85, 0.02, 0.10, 0.115],
-        [0.26, 0.45, 0.02, 0.27, 0.85, 0.02, 0.10, 0.115],
-        [0.18, 0.02, 0.03, 0.18, -0.10, 0.01, 0.06, 0.052],
-        [0.18, -0.155, -0.01, 0.18, -0.225, 0.005, 0.066, 0.088],
-        [0.18, -0.165, -0.085, 0.18, -0.18, -0.088, 0.012, 0.01],
-    ]
-    if arms == 1:
-        rows += [
-            [0.355, 0.03, 0.02, 0.40, 0.30, 0.04, 0.056, 0.044],
-            [0.40, 0.30, 0.04, 0.33, 0.42, -0.14, 0.042, 0.034],
-        ]
-    limbs = np.array([[*row, 0] for row in rows])
-    step = 0.016
-    axes = [np.arange(a, b, step) for a, b in ((-0.1, 0.52), (-0.36, 1.04), (-0.24, 0.2))]
-    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    return polygonise(limbs, np.array([0.04]), 1e-6, np.ascontiguousarray(nodes))
-
-
-def _behind(kind: str, sensor: Sensor, rng: np.random.Generator, T_camera_first: Float64) -> _Images:
-    """What is behind the person."""
-    width, height = sensor.size_px
-    depth = np.full((height, width), np.inf, np.float32)
-    parts, slope = np.zeros((height, width), np.uint8), np.zeros((height, width), np.float32)
-    wall_m = float(rng.uniform(2.3, 3.0))
-    tilt = rng.normal(0, 0.15, 2)
-    desk_m = float(rng.uniform(0.4, 0.55))
-    boxes = [(*rng.uniform([-0.8, 1.7], [0.6, 2.0]), *rng.uniform(0.08, 0.3, 2)) for _ in range(4)]
-    images = _Images(depth, parts, slope)
-    if kind == "empty":
-        return images
-    fx, fy, cx, cy = sensor.lens
-    x, y = np.meshgrid((np.arange(width) - cx) / fx, (np.arange(height) - cy) / fy)
-    planes = [(np.array([tilt[0], 0.3 * tilt[1], 1.0]), wall_m)]
-    if kind == "desk":
-        planes.append((np.array([0.0, 1.0, 0.12]), desk_m))
-    for of_first, from_first in planes:
-        table = of_first[1] == 1.0
-        normal = T_camera_first[:3, :3] @ of_first
-        offset = from_first + float(normal @ T_camera_first[:3, 3])
-        towards = normal[0] * x + normal[1] * y + normal[2]
-        z = np.where(towards > 1e-3, offset / np.maximum(towards, 1e-3), np.inf)
-        cosine = towards / np.linalg.norm(normal) / np.sqrt(x * x + y * y + 1.0)
-        nearer = (z < depth) & (z > (1.65 if table else 0.0))
-        depth[nearer], parts[nearer], slope[nearer] = z[nearer], BEHIND, cosine[nearer]
-    if kind == "desk":
-        for left, near, wide, high in boxes:
-            corner = np.array([left, desk_m - high - 0.12 * near, near])
-            vertices = corner + np.array([wide, high, wide]) * np.array(list(np.ndindex(2, 2, 2)), dtype=float)
-            vertices = np.ascontiguousarray(apply(T_camera_first, vertices))
-            images.draw(vertices, _BOX, np.zeros(len(_BOX), np.uint8), BEHIND, sensor.lens)
-    return images
-
-
-_BOX: Final = np.array([
-    [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4],
-    [1, 5, 7], [1, 7, 3],
-])  # fmt: skip
 
 
 def shot_frame(shot: DepthShot, sensor: str, *, sequence: int = 0, node_id: int = 0) -> DepthFrame:

@@ -1,20 +1,32 @@
-"""The loops of `mocapella.sources.simulate.depth_scene`, compiled; importing this module imports numba."""
+"""Compiled kernels that draw triangle meshes into depth images; importing this module imports numba."""
 
-# ruff: noqa: PLR0917, SIM110 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0917, SIM110 - compiled: loops are written out
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+Integers = NDArray[np.integer[Any]]
+Bool = NDArray[np.bool_]
+UInt8 = NDArray[np.uint8]
+
 NEAR_M = 0.05
+"""Triangles with a vertex nearer than this are not drawn."""
 
 
 @njit(cache=True, error_model="numpy")
-def project(vertices, pinhole, out):
-    """Write (n, 3): x, y [px] and 1/z of vertices (n, 3); 1/z is 0 where one is nearer than `NEAR_M`."""
+def project(vertices: Float64, pinhole: Float64, out: Float64) -> None:
+    """Write x, y [px] and 1/z (n, 3) of vertices (n, 3) [m]; 1/z is 0 for a vertex nearer than `NEAR_M`.
+
+    ``pinhole`` is (4,) fx, fy, cx, cy [px].
+    """
     for i in range(len(vertices)):
         z = vertices[i, 2]
         if z < NEAR_M:
@@ -26,16 +38,23 @@ def project(vertices, pinhole, out):
 
 
 @njit(cache=True, error_model="numpy")
-def draw(seen, triangles, labels, first, vertices, depth, ids, slope):
-    """Draw triangles into the image where they are nearest; one that comes too near is left out.
+def draw(
+    seen: Float64, triangles: Integers, labels: UInt8, first: np.uint8, vertices: Float64, depth: Float32, ids: UInt8,
+    slope: Float32,
+) -> None:  # fmt: skip
+    """Draw triangles with a depth buffer; a triangle that comes too near is not drawn.
 
-    Pixels are points: one is covered where its middle is inside, on an edge included.
+    A triangle covers a pixel if the pixel's middle is inside or on an edge.
 
     Args:
-        seen: (n, 3) of `project`; vertices: (n, 3) in the camera's space.
-        triangles: (m, 3); labels: (m,) what is written into ``ids`` plus ``first``.
-        depth: (h, w) float32 [m], infinite where nothing is, in and out; ids: (h, w) uint8, in and out; slope: (h, w)
-            float32 cosine between the surface's normal and the ray, in and out.
+        seen: (n, 3) of `project`.
+        triangles: (m, 3) indices of vertices.
+        labels: (m,) added to ``first`` and written into ``ids``.
+        first: see ``labels``.
+        vertices: (n, 3) in the camera frame [m].
+        depth: (h, w) float32 [m], infinite without a surface, in and out.
+        ids: (h, w) uint8, in and out.
+        slope: (h, w) float32 cosine between the surface's normal and the ray, in and out.
     """
     h, w = depth.shape
     for t in range(len(triangles)):
@@ -45,7 +64,7 @@ def draw(seen, triangles, labels, first, vertices, depth, ids, slope):
             continue
         ax, ay, bx, by, cx, cy = seen[a, 0], seen[a, 1], seen[b, 0], seen[b, 1], seen[c, 0], seen[c, 1]
         area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-        if area >= 0.0:  # seen from inside: with y down, outside is anticlockwise on paper and negative here
+        if area >= 0.0:  # back face: with y down, a front face is anticlockwise in the image and negative here
             continue
         x0, x1 = max(math.ceil(min(ax, bx, cx)), 0), min(math.floor(max(ax, bx, cx)), w - 1)
         y0, y1 = max(math.ceil(min(ay, by, cy)), 0), min(math.floor(max(ay, by, cy)), h - 1)
@@ -59,7 +78,7 @@ def draw(seen, triangles, labels, first, vertices, depth, ids, slope):
                 s = 1.0 - u - v
                 if u < 0.0 or v < 0.0 or s < 0.0:
                     continue
-                z = np.float32(1.0 / (u * ia + v * ib + s * ic))  # 1/z is linear in the picture
+                z = np.float32(1.0 / (u * ia + v * ib + s * ic))  # 1/z is linear in the image
                 if z >= depth[y, x]:
                     continue
                 if cosine < 0.0:
@@ -73,8 +92,8 @@ def draw(seen, triangles, labels, first, vertices, depth, ids, slope):
 
 
 @njit(cache=True, error_model="numpy")
-def count_alone(seen, triangles, chosen, depth):
-    """How many pixels the chosen triangles cover, were there nothing else; ``depth`` (h, w) says the image's size."""
+def count_alone(seen: Float64, triangles: Integers, chosen: Bool, depth: NDArray[Any]) -> int:
+    """Number of pixels that the chosen triangles cover without occlusion; ``depth`` (h, w) gives the image's size."""
     h, w = depth.shape
     x0, x1, y0, y1 = w, -1, h, -1
     for t in range(len(triangles)):
@@ -101,20 +120,20 @@ def count_alone(seen, triangles, chosen, depth):
 
 
 @njit(cache=True, error_model="numpy")
-def inside(seen, triangle, x, y):
-    """Whether a point of the picture is inside a triangle, from whichever side it is seen."""
+def inside(seen: Float64, triangle: Integers, x: float, y: float) -> bool:
+    """Whether a point of the image is inside a triangle, seen from either side."""
     a, b, c = seen[triangle[0]], seen[triangle[1]], seen[triangle[2]]
     if a[2] == 0.0 or b[2] == 0.0 or c[2] == 0.0:
         return False
     u = (c[0] - b[0]) * (y - b[1]) - (c[1] - b[1]) * (x - b[0])
     v = (a[0] - c[0]) * (y - c[1]) - (a[1] - c[1]) * (x - c[0])
     s = (b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])
-    return (u >= 0.0 and v >= 0.0 and s >= 0.0) or (u <= 0.0 and v <= 0.0 and s <= 0.0)
+    return bool((u >= 0.0 and v >= 0.0 and s >= 0.0) or (u <= 0.0 and v <= 0.0 and s <= 0.0))
 
 
 @njit(cache=True, error_model="numpy")
-def covered(seen, triangles, chosen, x, y):
-    """Whether one of the chosen triangles covers a point of the picture, hidden or not."""
+def covered(seen: Float64, triangles: Integers, chosen: Bool, x: float, y: float) -> bool:
+    """Whether one of the chosen triangles covers a point of the image, occluded or not."""
     for t in range(len(triangles)):
         if chosen[t] and inside(seen, triangles[t], x, y):
             return True

@@ -233,10 +233,10 @@ class HandScene:
         linear = np.empty((height, width, 3), np.float32)
         seen, whole = np.zeros(len(s.paints)), np.zeros(len(s.paints))
         lens = c.lens
-        _kernels().photograph(
-            self._walls[camera], self._rays[camera], parts, rates, lens[:4].copy(), c.exposure_s, c.readout_s,
-            strength * colour, T[:3, :3] @ direction, s.shading, linear, seen, whole,
-        )  # fmt: skip
+        k = _kernels()
+        shutter = k.HandCamera(lens[:4].copy(), float(c.exposure_s), float(c.readout_s))
+        lighting = k.HandLight(strength * colour, T[:3, :3] @ direction, float(s.shading))
+        k.photograph(self._walls[camera], self._rays[camera], parts, rates, shutter, lighting, linear, seen, whole)
         of_marker = parts[:, MARKER].astype(int)
         rows = [int(np.flatnonzero(of_marker == k)[0]) for k in range(len(s.paints))]
         centre = 0.5 * (parts[rows, :3] + parts[rows, 3:6])

@@ -1,25 +1,61 @@
-"""The loops of `mocapella.sources.simulate.hand_scene`, compiled; importing this module imports numba.
+"""Compiled kernels of `mocapella.sources.simulate.hand_scene`; importing this module imports numba.
 
-A part of the hand is a capsule, a row of 13 numbers in the camera's space: ends a and b [m], radius [m]; what it
-reflects of red, green, blue; gloss; exponent of the highlight; which marker it is, or -1.
+A part of the hand is a capsule, a row of 13 numbers in the camera frame: ends a and b [m], radius [m], reflectance of
+red, green and blue, gloss, exponent of the highlight, index of the marker or -1.
 """
 
-# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0912, PLR0915, PLR0917 - compiled: loops are written out
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
 SAMPLES = 4
-"""Rays of a pixel, 2 × 2, each at another instant of the exposure; which one has which changes from pixel to pixel."""
+"""Rays per pixel, 2 × 2, each at its own instant of the exposure; the assignment alternates from pixel to pixel."""
+
+
+class HandCamera(NamedTuple):
+    """The camera that photographs a hand.
+
+    Attributes:
+        pinhole: (4,) fx, fy, cx, cy [px].
+        exposure_s: how long a row is exposed.
+        readout_s: from the first row to the last.
+    """
+
+    pinhole: Float64
+    exposure_s: float
+    readout_s: float
+
+
+class HandLight(NamedTuple):
+    """The light on a hand.
+
+    Attributes:
+        colour: (3,) red, green, blue.
+        towards: (3,) unit vector towards the light, camera frame.
+        shading: share of the light that is directed; the rest is ambient.
+    """
+
+    colour: Float64
+    towards: Float64
+    shading: float
 
 
 @njit(cache=True, nogil=True)
-def hit(ax, ay, az, bx, by, bz, radius, dx, dy):
-    """Depth z at which the ray (dx, dy, 1)·z meets a capsule first, and how far along it; infinite for never."""
+def hit(
+    ax: float, ay: float, az: float, bx: float, by: float, bz: float, radius: float, dx: float, dy: float
+) -> tuple[float, float]:
+    """Depth z at which the ray (dx, dy, 1)·z first meets a capsule, and the share along its axis; infinite for none."""
     ux, uy, uz = bx - ax, by - ay, bz - az
     uu = ux * ux + uy * uy + uz * uz
     dd = dx * dx + dy * dy + 1.0
@@ -45,8 +81,8 @@ def hit(ax, ay, az, bx, by, bz, radius, dx, dy):
 
 
 @njit(cache=True, nogil=True)
-def spans(parts, rates, pixel_of, reach, h, w, out):
-    """Rows and columns (n, 4) that a part can be in; ``pixel_of``: fx, fy, cx, cy; ``reach``: largest time [s]."""
+def spans(parts: Float64, rates: Float64, pinhole: Float64, reach: float, h: int, w: int, out: Int64) -> None:
+    """Write the range of rows and columns (n, 4) that each part can cover within ±``reach`` seconds."""
     for i in range(len(parts)):
         x0, x1, y0, y1 = float(w), -1.0, float(h), -1.0
         for end in range(2):
@@ -56,33 +92,39 @@ def spans(parts, rates, pixel_of, reach, h, w, out):
                 py = parts[i, 3 * end + 1] + t * rates[i, 3 * end + 1]
                 pz = parts[i, 3 * end + 2] + t * rates[i, 3 * end + 2]
                 near = max(pz - parts[i, 6], 0.02)
-                fx, fy = pixel_of[0], pixel_of[1]
-                r = 1.08 * parts[i, 6] / near + 0.02 * (abs(px) + abs(py)) / near  # the lens' distortion is small
-                x0, x1 = min(x0, pixel_of[2] + fx * (px / near - r)), max(x1, pixel_of[2] + fx * (px / near + r))
-                y0, y1 = min(y0, pixel_of[3] + fy * (py / near - r)), max(y1, pixel_of[3] + fy * (py / near + r))
+                fx, fy = pinhole[0], pinhole[1]
+                r = 1.08 * parts[i, 6] / near + 0.02 * (abs(px) + abs(py)) / near  # margin for the small distortion
+                x0, x1 = min(x0, pinhole[2] + fx * (px / near - r)), max(x1, pinhole[2] + fx * (px / near + r))
+                y0, y1 = min(y0, pinhole[3] + fy * (py / near - r)), max(y1, pinhole[3] + fy * (py / near + r))
                 far = pz + parts[i, 6]
-                x0, x1 = min(x0, pixel_of[2] + fx * (px / far - r)), max(x1, pixel_of[2] + fx * (px / far + r))
-                y0, y1 = min(y0, pixel_of[3] + fy * (py / far - r)), max(y1, pixel_of[3] + fy * (py / far + r))
+                x0, x1 = min(x0, pinhole[2] + fx * (px / far - r)), max(x1, pinhole[2] + fx * (px / far + r))
+                y0, y1 = min(y0, pinhole[3] + fy * (py / far - r)), max(y1, pinhole[3] + fy * (py / far + r))
         out[i, 0], out[i, 1] = max(math.floor(y0) - 2, 0), min(math.ceil(y1) + 3, h)
         out[i, 2], out[i, 3] = max(math.floor(x0) - 2, 0), min(math.ceil(x1) + 3, w)
 
 
 @njit(cache=True, nogil=True)
-def photograph(wall, rays, parts, rates, pixel_of, exposure_s, readout_s, light, towards, shading, linear, seen, whole):
-    """Write the picture (h, w, 3) float32, and count each marker's rays: ``seen``, and ``whole`` if nothing hid it.
+def photograph(
+    wall: Float32, rays: Float32, parts: Float64, rates: Float64, camera: HandCamera, lighting: HandLight,
+    linear: Float32, seen: Float64, whole: Float64,
+) -> None:  # fmt: skip
+    """Write the image (h, w, 3) float32, and count each marker's rays.
 
     Args:
-        wall: (h, w, 3) float32 what is behind.
+        wall: (h, w, 3) float32 reflectance of the background.
         rays: (h, w, SAMPLES, 2) float32 directions x/z, y/z of each pixel's rays.
-        parts: (n, 13) at the time of the first row's middle; rates: (n, 6) of their ends [m/s].
-        exposure_s, readout_s: see `HandSceneSettings`.
-        light: (3,) red, green, blue; towards: (3,) unit vector to it, camera space; shading: the part of it that has
-            a direction.
+        parts: (n, 13) at the middle of the first row's exposure, see the module.
+        rates: (n, 6) velocities of their ends [m/s].
+        camera, lighting: see there.
+        linear: written.
+        seen, whole: (markers,) counts of the visible rays, and of all rays as if nothing occluded them; added to.
     """
     h, w, _ = wall.shape
     n = len(parts)
+    exposure_s, readout_s = camera.exposure_s, camera.readout_s
+    light, towards, shading = lighting.colour, lighting.towards, lighting.shading
     area = np.empty((n, 4), np.int64)
-    spans(parts, rates, pixel_of, exposure_s + readout_s, h, w, area)
+    spans(parts, rates, camera.pinhole, exposure_s + readout_s, h, w, area)
     depth, which, along = np.empty((w, SAMPLES)), np.empty((w, SAMPLES), np.int64), np.empty((w, SAMPLES))
     ends, moved = np.empty((SAMPLES, n, 6)), np.empty(SAMPLES)
     flat = (1.0 - shading) - shading * min(towards[2], 0.0)
@@ -105,17 +147,8 @@ def photograph(wall, rays, parts, rates, pixel_of, exposure_s, readout_s, light,
             for x in range(area[i, 2], area[i, 3]):
                 for s in range(SAMPLES):
                     e = ends[(s + x + 2 * y) % SAMPLES, i]
-                    z, u = hit(
-                        e[0],
-                        e[1],
-                        e[2],
-                        e[3],
-                        e[4],
-                        e[5],
-                        parts[i, 6],
-                        float(rays[y, x, s, 0]),
-                        float(rays[y, x, s, 1]),
-                    )
+                    dx, dy = float(rays[y, x, s, 0]), float(rays[y, x, s, 1])
+                    z, u = hit(e[0], e[1], e[2], e[3], e[4], e[5], parts[i, 6], dx, dy)
                     if not 0.0 < z < math.inf:
                         continue
                     if marker >= 0:
@@ -137,13 +170,13 @@ def photograph(wall, rays, parts, rates, pixel_of, exposure_s, readout_s, light,
                 ny = (z * dy - e[1] - u * (e[4] - e[1])) / p[6]
                 nz = (z - e[2] - u * (e[5] - e[2])) / p[6]
                 size = 1.0 / math.sqrt(dx * dx + dy * dy + 1.0)
-                hx, hy, hz = towards[0] - size * dx, towards[1] - size * dy, towards[2] - size  # half way to the eye
+                hx, hy, hz = towards[0] - size * dx, towards[1] - size * dy, towards[2] - size  # halfway vector
                 half = math.sqrt(hx * hx + hy * hy + hz * hz)
                 lit = (1.0 - shading) + shading * max(nx * towards[0] + ny * towards[1] + nz * towards[2], 0.0)
                 glance = max((nx * hx + ny * hy + nz * hz) / max(half, 1e-9), 0.0)
                 glance = p[10] * shading * glance ** p[11]
                 grain = 1.0
-                if p[12] < 0:  # skin is not of one colour; the pattern goes with the hand
+                if p[12] < 0:  # skin has a pattern that moves with the hand
                     grain += 0.05 * math.sin(900.0 * u * p[6] + 5.0 * nx + i) * math.sin(7.0 * ny + 300.0 * u * p[6])
                 for k in range(3):
                     linear[y, x, k] += (

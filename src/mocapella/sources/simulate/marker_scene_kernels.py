@@ -1,23 +1,27 @@
-"""The loops of `mocapella.sources.simulate.marker_scene`, compiled; importing this module imports numba.
+"""Compiled kernels of `mocapella.sources.simulate.marker_scene`; importing this module imports numba.
 
-A shape is a row of 13 numbers. A tapered capsule: x0, y0, x1, y1, r0, r1, 0. An ellipse: x, y, half axes a, b, the
-angle of a from x, 0, 1. Then both: what is reflected of red, green, blue; gloss; exponent of the highlight; which
-marker it is, or -1.
+A shape is a row of 13 numbers. The first seven are x0, y0, x1, y1, r0, r1, 0 of a tapered capsule, or x, y, half axes
+a, b, angle of a from x, 0, 1 of an ellipse [px]. Then follow the reflectance of red, green and blue, gloss, exponent of
+the highlight, and the index of the marker or -1.
 """
 
-# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0912, PLR0917 - compiled: loops are written out
 from __future__ import annotations
 
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+
 
 @njit(cache=True)
-def surface(p, x, y, out):
-    """Of shape p at the pixel (x, y): write coverage 0 … 1 and the unit normal's x, y, z into out (4,)."""
+def surface(p: Float64, x: float, y: float, out: Float64) -> None:
+    """Write the coverage from 0 to 1 of the pixel (x, y) by shape p, and the unit normal's x, y, z, into out (4,)."""
     if p[6] > 0.5:
         c, s = math.cos(p[4]), math.sin(p[4])
         u, v = c * (x - p[0]) + s * (y - p[1]), -s * (x - p[0]) + c * (y - p[1])
@@ -41,14 +45,23 @@ def surface(p, x, y, out):
 
 
 @njit(cache=True)
-def photograph(wall, shapes, rates, sub_times, row_s, light, towards, shading, linear, seen):
-    """Write the picture (h, w, 3) float32 and add each marker's visible area [px] to seen.
+def photograph(
+    wall: Float32, shapes: Float64, rates: Float64, sub_times: Float64, row_s: float, light: Float64, towards: Float64,
+    shading: float, linear: Float32, seen: Float64,
+) -> None:  # fmt: skip
+    """Write the image (h, w, 3) float32 and add each marker's visible area [px] to ``seen``.
 
     Args:
-        wall: (h, w, 3) float32 what is behind.
-        shapes: (n, 13) at the time 0, back to front; rates: their change per second.
-        sub_times: when the instants of an exposure are, from its middle [s]; row_s: how much later each row is.
-        light: (3,) red, green, blue; towards: (3,) unit vector to it; shading: the part of it that has a direction.
+        wall: (h, w, 3) float32 reflectance of the background.
+        shapes: (n, 13) at time 0, back to front, see the module.
+        rates: (n, 13) their change per second.
+        sub_times: instants of an exposure, relative to its middle [s].
+        row_s: delay from one row to the next [s].
+        light: (3,) red, green, blue.
+        towards: (3,) unit vector towards the light.
+        shading: share of the light that is directed.
+        linear: written.
+        seen: (markers,) in and out.
     """
     h, w, _ = wall.shape
     n, markers = len(shapes), len(seen)
@@ -59,7 +72,7 @@ def photograph(wall, shapes, rates, sub_times, row_s, light, towards, shading, l
         np.zeros(markers, np.int64),
     )
     p = np.empty(13)
-    hx, hy, hz = towards[0], towards[1], towards[2] + 1.0  # half way to the eye
+    hx, hy, hz = towards[0], towards[1], towards[2] + 1.0  # halfway vector
     size = math.sqrt(hx * hx + hy * hy + hz * hz)
     hx, hy, hz = hx / size, hy / size, hz / size
     part = 1.0 / len(sub_times)

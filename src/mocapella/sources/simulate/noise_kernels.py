@@ -1,7 +1,7 @@
-"""Noise that is a function of place, for textures; compiled. Importing this module imports numba.
+"""Procedural noise for textures, compiled; importing this module imports numba.
 
-Value noise: random numbers at the points of a grid, between them smoothly interpolated, and sums of such noises of
-halved period and strength (D. Ebert et al., *Texturing and Modeling*, 3rd ed., 2003, chapter 2).
+Value noise: random numbers at the points of a grid, smoothly interpolated between them, and sums of octaves, each of
+half the period and strength (D. Ebert et al., *Texturing and Modeling*, 3rd ed., 2003, chapter 2).
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from mocapella.compiled import njit
 
 
 @njit(cache=True, nogil=True, inline="always")
-def hashed(i, j, k):
-    """A number from 0 to 1 for three whole numbers: the finaliser of MurmurHash3 over a sum of multiples."""
+def hashed(i: int, j: int, k: int) -> float:
+    """Hash three integers to a number from 0 to 1: MurmurHash3's finaliser over a sum of multiples."""
     x = (
         np.uint32(i) * np.uint32(0x8DA6B343)
         + np.uint32(j) * np.uint32(0xD8163841)
@@ -31,28 +31,28 @@ def hashed(i, j, k):
 
 
 @njit(cache=True, nogil=True)
-def noise2(x, y, seed):
-    """From 0 to 1, of period 1."""
+def noise2(x: float, y: float, seed: int) -> float:
+    """Value noise in two dimensions, from 0 to 1, of period 1."""
     i, j = math.floor(x), math.floor(y)
     u, v = x - i, y - j
     u, v = u * u * (3.0 - 2.0 * u), v * v * (3.0 - 2.0 * v)
     a = hashed(i, j, seed) * (1.0 - u) + hashed(i + 1, j, seed) * u
     b = hashed(i, j + 1, seed) * (1.0 - u) + hashed(i + 1, j + 1, seed) * u
-    return a * (1.0 - v) + b * v
+    return float(a * (1.0 - v) + b * v)
 
 
 @njit(cache=True, nogil=True)
-def noise3(x, y, z, seed):
-    """From 0 to 1, of period 1."""
+def noise3(x: float, y: float, z: float, seed: int) -> float:
+    """Value noise in three dimensions, from 0 to 1, of period 1."""
     k = math.floor(z)
     w = z - k
     w = w * w * (3.0 - 2.0 * w)
-    return noise2(x, y, seed + 131 * k) * (1.0 - w) + noise2(x, y, seed + 131 * (k + 1)) * w
+    return float(noise2(x, y, seed + 131 * k) * (1.0 - w) + noise2(x, y, seed + 131 * (k + 1)) * w)
 
 
 @njit(cache=True, nogil=True)
-def rough2(x, y, seed):
-    """Four octaves of `noise2`, from 0 to 1."""
+def rough2(x: float, y: float, seed: int) -> float:
+    """Sum of four octaves of `noise2`, from 0 to 1."""
     total, share = 0.0, 0.5
     for octave in range(4):
         total += share * noise2(x, y, seed + octave)

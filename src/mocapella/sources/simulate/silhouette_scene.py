@@ -185,9 +185,11 @@ class SilhouetteScene:
         coded, spread = self._tables
         image = np.empty((height, width, 3), np.uint8)
         shade, first = (np.zeros((1, 1), np.float32), np.zeros(2)) if stage is None else (stage.shade, stage.first_m)
-        _kernels().develop(
-            view.linear, view.floor_m, layer.colour, layer.alpha, *layer.origin_px, shade, first, cell_m(),
-            _directed(light), self._gains[k], coded, spread, self._noise, starts, image,
+        kernels = _kernels()
+        kernels.develop(
+            view.linear, view.floor_m, kernels.BodyLayer(layer.colour, layer.alpha, *layer.origin_px),
+            kernels.FloorShadow(shade, first, cell_m(), _directed(light)),
+            kernels.ColourCoding(float(self._gains[k]), coded, spread), self._noise, starts, image,
         )  # fmt: skip
         return image
 
