@@ -148,7 +148,7 @@ def test_pictures_of_another_size_do_not_count_and_that_is_said_once():
         wait_until("it is missing", lambda: not any("c1" in one.images for one in islice(frames, 10)))
         assert all(one.images["c2"].shape == (48, 64, 3) for one in islice(frames, 10))
         assert said == [
-            "c1: gives pictures of 32 × 48 px now, not of 64 × 48 px as at first: they do not count; set it back, or "
+            "c1: gives pictures of 32 × 48 px now, not of 64 × 48 px as at first: they are ignored; set the size back, or "
             "begin anew"
         ]
         of["c1"].values[cv2.CAP_PROP_FRAME_WIDTH] = 64
@@ -187,7 +187,7 @@ def test_times_of_different_kinds_are_noted():
     one, other = devices(1), devices(1, stamps=0.005)
     with LiveSet(cameras({"c1": one["c1"], "c2": other["c1"]}), RIG, settings=QUICK) as live:
         (note,) = live.notes
-    assert "times are of different kinds" in note
+    assert "times have different origins" in note
     assert "c1: the monotonic clock" in note
     assert "c2: the driver's stamps" in note
 
@@ -252,7 +252,7 @@ def test_of_films_without_a_rate_the_command_names_its_own_option(tmp_path, monk
     write_video(tmp_path / "c1.avi", [np.full((48, 64, 3), 20 * k, np.uint8) for k in range(3)])
     monkeypatch.setattr(paced_pictures.cv2, "VideoCapture", FilmWithoutRate)
     with open_live(LiveWishes({"c1": str(tmp_path / "c1.avi")}, as_live=True), RIG) as live:
-        assert live.notes == ["c1: does not say its frames a second; 30 are taken (--hz says it)"]
+        assert live.notes == ["c1: does not state its frame rate; 30 Hz is assumed (--hz sets it)"]
 
 
 class Clocked(Scripted):
@@ -291,8 +291,8 @@ def test_a_camera_whose_stamped_pictures_come_late_is_waited_for_and_that_is_sai
         assert said == []
     else:
         (line,) = said
-        assert line.startswith("c2: its pictures come 1")  # 120 ms, and what a busy machine takes
-        assert "later after their times than the others'; these wait for them" in line
+        assert line.startswith("c2: its latency is 1")  # 120 ms, and what a busy machine takes
+        assert "ms above the others', which wait for it" in line
 
 
 def test_of_who_looks_seldom_frames_are_of_one_instant_too_where_a_camera_is_late():
@@ -328,8 +328,8 @@ def test_a_camera_that_is_too_late_for_any_frame_is_said():
         for _ in islice(frames, 400):
             pass
     (line,) = said
-    assert line.startswith("c2: no frame has its pictures")
-    assert "they come 7" in line
+    assert line.startswith("c2: no frame uses its images")
+    assert "its latency is 7" in line
     assert "lower latency" in line
 
 
@@ -361,11 +361,11 @@ def test_what_moves_later_in_one_cameras_pictures_is_measured_and_the_option_nam
         for _ in frames:
             if of["c1"].count > 900:
                 break
-    lags = [line for line in said if "what moves is seen" in line]
+    lags = [line for line in said if "motion appears" in line]
     if told_ms:
         assert lags == []
         assert max(live._lags.measure().values()) < 0.03
     else:
         (line,) = lags
-        assert line.startswith("c2: what moves is seen ")
+        assert line.startswith("c2: motion appears ")
         assert abs(int(line.split("--late c2=")[1].split()[0]) - 100) <= 10

@@ -1,6 +1,6 @@
-"""Pictures taken in a thread of their own, so that a slow look never makes a camera wait: one slot, the newest wins.
+"""Read an image source in its own thread, so that slow processing never delays the camera.
 
-Who has to put pictures of one instant together, and of a camera that is late, may have more of them kept.
+A single slot holds the newest image. A reader that synchronises several cameras may ask to keep more images.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from mocapella.sources.picture_source import Picture, PictureSource, SourceState
 
 RATE_OVER_S: Final = 3.0
 RATE_OF: Final = 10
-"""The rate is that of the last so many seconds, or of the last so many pictures where that is longer."""
+"""The frame rate is measured over `RATE_OVER_S` seconds or `RATE_OF` images, whichever is longer."""
 TOO_FEW: Final = 0.9
-"""A source that gives less than this part of the rate is said to give too few."""
+"""A source below this share of its nominal rate is reported as too slow."""
 
 
 @dataclass(frozen=True)
 class AcquisitionSettings:
-    """How a source is read.
+    """Timing of the acquisition.
 
     Attributes:
-        retry_s, longest_retry_s: how long to wait before a lost camera is looked for again; each time twice as long.
-        silent_s: a camera that gives nothing for so long is said to.
-        close_s: how long to wait at the end for a driver that does not answer; then it is left alone.
+        retry_s, longest_retry_s: first and longest wait before a lost camera is reopened; the wait doubles each time.
+        silent_s: time without an image after which a camera is reported as silent.
+        close_s: longest wait at the end for a driver that does not answer.
     """
 
     retry_s: float = 0.5
@@ -49,15 +49,15 @@ class AcquisitionSettings:
 
 @dataclass(frozen=True)
 class AcquisitionReport:
-    """What became of the pictures.
+    """Counts and rate of an acquisition.
 
     Attributes:
-        taken: pictures that came.
-        dropped: of these, how many were overwritten by a newer one before anybody looked.
+        taken: images received.
+        dropped: images of these that a newer one replaced before they were read.
         lost: how often the camera was lost.
-        fps: pictures a second of the last seconds, by their times; 0 while that is not known.
-        asked_fps: what was asked for, or what the source says; None where nobody knows.
-        live: whether it is a camera.
+        fps: measured frame rate of the last seconds, by the capture times; 0 while unknown.
+        asked_fps: requested or stated frame rate; None if unknown.
+        live: whether the source is a camera.
     """
 
     taken: int
@@ -69,7 +69,7 @@ class AcquisitionReport:
 
     @property
     def too_few(self) -> str:
-        """That it gives fewer frames than asked for, in a sentence; empty where it does not, or nobody knows yet."""
+        """Message that the frame rate is too low; empty if it is not, or not yet known."""
         if not self.asked_fps or not self.fps or self.fps >= TOO_FEW * self.asked_fps:
             return ""
         camera = "shorten the exposure, make the pictures smaller, or try --fourcc MJPG"
@@ -78,14 +78,14 @@ class AcquisitionReport:
 
 
 class Acquisition:
-    """Reads one source. A context manager; leaving it ends the thread.
+    """Reader of one source in a thread. A context manager; leaving it ends the thread.
 
     Args:
         source: closed; it is opened at once.
-        settings: see there.
-        say: is told in words when the source is lost, silent, and there again.
-        changed: is notified when a picture is there or the source has ended; several may share one, to be waited for
-            together.
+        settings: timing.
+        say: receives messages when the source is lost, silent, and available again.
+        changed: notified when an image arrives or the source ends; several acquisitions may share one, to be waited
+            for together.
 
     Raises:
         InputError: the source cannot be opened.
@@ -112,24 +112,24 @@ class Acquisition:
         self._thread: threading.Thread | None = None
 
     def start(self, zero_s: float | None = None) -> None:
-        """Begin; ``zero_s`` is when the source's time 0 is, on the monotonic clock, now where it is None."""
+        """Start the thread; ``zero_s`` is the source's time 0 on the monotonic clock, None for now."""
         self.source.begin(time.monotonic() if zero_s is None else zero_s)
         self._last_s = time.monotonic()
         self._thread = threading.Thread(target=self._run, name="acquisition", daemon=True)
         self._thread.start()
 
     def keep(self, count: int) -> None:
-        """So many pictures are kept until somebody takes them; at first it is the newest alone."""
+        """Set how many of the newest images are kept until they are taken; 1 at first."""
         if count != self._slot.maxlen:
             with self._changed:
                 self._dropped += max(0, len(self._slot) - count)
                 self._slot = deque(self._slot, maxlen=count)
 
     def take(self, timeout: float) -> Picture | None:
-        """The newest picture, once; None where there is none within ``timeout`` seconds.
+        """Take the newest image, once; None if there is none within ``timeout`` seconds.
 
         Raises:
-            MocapellaError: the source cannot be read any more, for a reason that waiting does not mend.
+            MocapellaError: the source has failed for good.
         """
         found = self.take_all(timeout)
         with self._changed:
@@ -137,7 +137,7 @@ class Acquisition:
         return found[-1] if found else None
 
     def take_all(self, timeout: float) -> list[Picture]:
-        """As `take`, all that are kept, the oldest first."""
+        """As `take`, but all images that are kept, the oldest first."""
         with self._changed:
             if not self._slot and not self._ended:
                 self._changed.wait(timeout)
@@ -152,18 +152,18 @@ class Acquisition:
 
     @property
     def ready(self) -> bool:
-        """Whether `take` has something to give, or to raise, without waiting."""
+        """Whether `take` returns an image or raises without waiting."""
         with self._changed:
             return bool(self._slot) or self._failure is not None
 
     @property
     def ended(self) -> bool:
-        """Whether no picture will come any more; those in the slot have been taken."""
+        """Whether the source has ended and all its images have been taken."""
         with self._changed:
             return self._ended and not self._slot
 
     def report(self) -> AcquisitionReport:
-        """What happened so far."""
+        """The counts and the rate so far."""
         with self._changed:
             times = self._times
             long = len(times) > 1 and times[-1] - times[0] > 0.5 * RATE_OVER_S
@@ -171,7 +171,7 @@ class Acquisition:
             return AcquisitionReport(self._taken, self._dropped, self._lost, fps, self.state.fps, self.source.live)
 
     def close(self) -> None:
-        """End the thread; one that hangs in a driver is left to the end of the program."""
+        """End the thread; one that hangs in a driver is abandoned after `AcquisitionSettings.close_s`."""
         self._stop.set()
         if self._thread is not None:
             self._thread.join(self.settings.close_s)
@@ -192,7 +192,7 @@ class Acquisition:
                 picture = self.source.read(self._stop)
                 if picture is not None:
                     self._put(picture)
-                elif self._stop.is_set() or not self.source.live or not self._look_again():
+                elif self._stop.is_set() or not self.source.live or not self._reopen():
                     break
         except MocapellaError as error:
             self._failure = error
@@ -212,8 +212,8 @@ class Acquisition:
             self._last_s, self._silent = time.monotonic(), False
             self._changed.notify_all()
 
-    def _look_again(self) -> bool:
-        """Until the camera is there again; False where the end came first."""
+    def _reopen(self) -> bool:
+        """Reopen a lost camera until it gives an image; False if the acquisition was closed first."""
         self._lost += 1
         self._say(f"{self.source.name}: gives no picture any more (unplugged?); looking again …")
         self.source.close()
@@ -244,4 +244,6 @@ class Acquisition:
         silent_s = time.monotonic() - self._last_s
         if self.source.live and not self._silent and silent_s > self.settings.silent_s and not self._ended:
             self._silent = True
-            self._say(f"{self.source.name}: no picture for {silent_s:.0f} s; is it plugged in, and nobody else's?")
+            self._say(
+                f"{self.source.name}: no picture for {silent_s:.0f} s; is it plugged in, and used by no other program?"
+            )

@@ -1,4 +1,4 @@
-"""A socket at an address of this machine, and in words why not."""
+"""Bind a socket to an address of this machine, with readable errors."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from mocapella.errors import AddressInUseError, BusError
 
 
 def bound_socket(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
-    """A socket bound there, and listening where it is a stream's, that does not block; port 0 takes any free one.
+    """Make a non-blocking socket that is bound, and listens if it is a stream's.
 
     Args:
         host: a name or address of this machine.
-        port: from 0 to 65535.
+        port: from 0 to 65535; 0 takes any free one.
         kind: ``SOCK_STREAM`` or ``SOCK_DGRAM``.
 
     Raises:
-        AddressInUseError: another program has it.
-        BusError: the address is none of this machine, or may not be used.
+        AddressInUseError: another program uses the port.
+        BusError: the address does not belong to this machine, or may not be used.
     """
     where = f"{host}:{port}"
     try:
         family, _, _, _, address = socket.getaddrinfo(host, port, type=kind, flags=socket.AI_PASSIVE)[0]
         bound = socket.socket(family, kind)
-    except (OSError, UnicodeError) as error:  # UnicodeError: a name that cannot be one
+    except (OSError, UnicodeError) as error:  # UnicodeError: an invalid host name
         raise BusError(f"cannot listen at {where}: {error}; try 127.0.0.1") from error
     try:
-        # Elsewhere, and for datagrams, the option would let two programs share the port.
+        # On other systems, and for datagrams, the option would let two programs share the port.
         if os.name == "posix" and kind == socket.SOCK_STREAM:
             bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         bound.bind(address)

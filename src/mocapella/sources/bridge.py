@@ -1,8 +1,8 @@
-"""A TCP door for sensor programs that do not speak the bus: C, C++, C# and whatever else has protobuf and a socket.
+"""A TCP server for sensor programs without zenoh: C, C++, C# and any language with protobuf and sockets.
 
-A program connects and writes `BodyFrame` messages, each after its length (`docs/wire.md`). Every message is checked as
-everywhere else. The first one that is wrong ends the connection, with one line of text back that says why; no other
-connection notices.
+A program connects and writes length-delimited `BodyFrame` messages (`docs/wire.md`). Every message is validated. The
+first invalid one ends the connection, with one line of text sent back that states the reason; other connections are not
+affected.
 """
 
 from __future__ import annotations
@@ -24,30 +24,30 @@ from mocapella.settings import check
 from mocapella.sources.bound_socket import bound_socket
 
 OnFrame = Callable[[str, BodyFrame, bytes], None]
-"""Called with the sensor's name, the frame, and its bytes as they came."""
+"""Called with the sensor's name, the frame, and the message's bytes."""
 OnGone = Callable[[str], None]
-"""Called with the name of a sensor whose connection ended."""
+"""Called with the name of each sensor of a connection that ended."""
 
 _PIECE = 64 * 1024
-"""Bytes read at a time, so that a fast writer does not keep the others waiting."""
+"""Bytes read at a time, so that a fast writer does not block the others."""
 _LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class BridgeSettings:
-    """Where the bridge listens, and how much patience it has."""
+    """Address and limits of the bridge."""
 
     host: str = "127.0.0.1"
     port: int = 7450
     """0 takes any free one."""
     max_connections: int = 32
     max_sensors: int = 16
-    """Of one connection. Each becomes a node of its own, and opening them holds up the others."""
+    """Per connection. Each sensor becomes a node of its own, and opening one delays the others."""
     max_message_bytes: int = MAX_MESSAGE_BYTES
     message_timeout: float = 5.0
-    """A message that has begun must be complete after this [s]."""
+    """Longest time from a message's first byte to its last [s]."""
     idle_timeout: float = 60.0
-    """A connection without a message for this long is closed [s]."""
+    """Longest time between messages before a connection is closed [s]."""
 
     def __post_init__(self) -> None:
         check(0 <= self.port <= 65535, "port", self.port, "from 0 to 65535")
@@ -61,14 +61,14 @@ class BridgeSettings:
 
 @dataclass(frozen=True)
 class BridgeReport:
-    """What came through, and what did not.
+    """Counts of frames and connections.
 
     Attributes:
         frames: passed on.
-        refused: connections ended because of what they sent, or turned away.
+        refused: connections refused, or ended because of an invalid message.
         timed_out: connections ended because they were too slow or silent.
         connections: open now.
-        last_problem: why the last one was ended; empty where none was.
+        last_problem: reason for the last refusal or timeout; empty if none.
     """
 
     frames: int = 0
@@ -80,23 +80,23 @@ class BridgeReport:
 
 @dataclass(eq=False)
 class _Connection:
-    """One program that is connected."""
+    """One connected program."""
 
     socket: socket.socket
     peer: str
     reader: DelimitedReader
     last_message_s: float
     begun_s: float | None = None
-    """When the message that is not complete began to arrive."""
+    """When the incomplete message began to arrive."""
     newest: dict[str, BodyFrame] = field(default_factory=dict)
-    """The last frame of each sensor that this connection serves."""
+    """The last frame of each of this connection's sensors."""
 
 
 class Bridge:
-    """Listens from `start` to `stop`, on a thread of its own, on which the callbacks are called.
+    """TCP server that runs from `start` to `stop` in its own thread, which calls the callbacks.
 
-    A callback may refuse a frame by raising a `MocapellaError`, such as `NameTakenError`: the connection is then ended
-    with that message.
+    A callback may refuse a frame by raising a `MocapellaError`, such as `NameTakenError`; that ends the connection with
+    the error's message.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class Bridge:
 
     @property
     def address(self) -> tuple[str, int]:
-        """Host and port that it listens at; those of the settings before `start`."""
+        """Host and port that it listens at; before `start`, those of the settings."""
         if self._listener is None:
             return self._settings.host, self._settings.port
         host, port = self._listener.getsockname()[:2]
@@ -121,7 +121,7 @@ class Bridge:
 
     @property
     def report(self) -> BridgeReport:
-        """What came through so far."""
+        """The counts so far."""
         return self._report
 
     def start(self) -> None:
@@ -129,7 +129,7 @@ class Bridge:
 
         Raises:
             AddressInUseError: another program listens there.
-            BusError: the address is none of this machine, or may not be listened at.
+            BusError: the address does not belong to this machine, or may not be used.
         """
         self._listener = bound_socket(self._settings.host, self._settings.port, socket.SOCK_STREAM)
         self._stopping.clear()
@@ -169,7 +169,7 @@ class Bridge:
     def _accept(self, listener: socket.socket, selector: selectors.BaseSelector) -> None:
         try:
             accepted, address = listener.accept()
-        except OSError as error:  # gone before it was accepted, or no file handle left
+        except OSError as error:  # closed before it was accepted, or no file handle left
             _LOG.warning("bridge: a connection could not be accepted: %s", error)
             return
         accepted.setblocking(False)
@@ -234,7 +234,7 @@ class Bridge:
         self._end(connection, selector, problem)
 
     def _end(self, connection: _Connection, selector: selectors.BaseSelector, problem: str) -> None:
-        """Say why, to the log and to the program, as far as it listens, and close."""
+        """Log the problem, send it to the program if possible, and close."""
         _LOG.warning("bridge: %s: %s", connection.peer, problem)
         self._count(last_problem=f"{connection.peer}: {problem}")
         with contextlib.suppress(OSError):
@@ -252,11 +252,15 @@ class Bridge:
                 self._on_gone(sensor)
 
     def _count(self, **changed: int | str) -> None:
-        self._report = replace(self._report, **changed)  # type: ignore[arg-type]
+        self._report = replace(self._report, **changed)  # type: ignore[arg-type] - counts are int, the problem is str
 
 
 def _check_order(frame: BodyFrame, last: BodyFrame | None) -> None:
-    """Refuse what the server could only take for a repetition, and then show nothing of."""
+    """Refuse a frame that the server would drop as a repetition, without any notice.
+
+    Raises:
+        WireError: node id, sequence number or time does not follow the last frame's.
+    """
     if frame.node_id == 0:
         raise WireError("BodyFrame.node_id is 0; take a random number at each start of the program")
     if last is None or frame.node_id != last.node_id:

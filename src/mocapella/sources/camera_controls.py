@@ -1,7 +1,7 @@
-"""A camera's exposure, gain, white balance, saturation and contrast, set through OpenCV and read back.
+"""Set a camera's exposure, gain, white balance, saturation and contrast through OpenCV, and read them back.
 
-Drivers differ: many take a value and keep another, or take none and say they did. So everything is read back, and only
-what comes back counts.
+Drivers differ: many accept a value and keep another, or ignore it and report success. So only the values read back
+count.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ _AUTOMATIC: Final = {
     "focus": cv2.CAP_PROP_AUTOFOCUS,
 }
 _MANUAL_EXPOSURE: Final = {"V4L2": (1.0,), "DSHOW": (0.25,), "MSMF": (0.0,)}
-"""What switches automatic exposure off, by OpenCV's back end: V4L2 has a menu, of which 1 is manual."""
+"""Values that switch automatic exposure off, by OpenCV's back end; in V4L2's menu 1 is manual."""
 _NONE: Final = -1.0
-"""What OpenCV reads where there is no such control."""
+"""OpenCV's value of a control that does not exist."""
 
 
 @dataclass(frozen=True)
 class CameraWishes:
-    """How a camera is to be set; None leaves it as it is.
+    """The requested settings of a camera; None keeps the present value.
 
     Attributes:
         size_px: (width, height).
-        fps: frames a second.
-        fourcc: how its pictures are packed on the cable, such as MJPG, which many cameras need for a high rate.
-        controls: in the driver's own numbers; automatic modes are switched off, whatever it says.
+        fps: frame rate.
+        fourcc: pixel format on the cable, such as MJPG, which many cameras need for a high rate.
+        controls: in the driver's own units; automatic modes are always switched off.
     """
 
     size_px: tuple[int, int] | None = None
@@ -60,7 +60,7 @@ class CameraWishes:
 
 
 def set_camera(capture: Any, wishes: CameraWishes) -> SourceState:
-    """Set an open `cv2.VideoCapture`, automatic modes off, and read back what it made of it."""
+    """Apply settings to an open `cv2.VideoCapture`, switch automatic modes off, and read the result back."""
     if wishes.fourcc is not None:
         capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*wishes.fourcc))
     if wishes.size_px is not None:
@@ -68,7 +68,7 @@ def set_camera(capture: Any, wishes: CameraWishes) -> SourceState:
         capture.set(cv2.CAP_PROP_FRAME_HEIGHT, wishes.size_px[1])
     if wishes.fps is not None:
         capture.set(cv2.CAP_PROP_FPS, wishes.fps)
-    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # an old picture is of no use
+    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # no queue of old images
     problems = list(_format_problems(capture, wishes))
     automatic = tuple(name for name in _AUTOMATIC if not _switched_off(capture, name))
     for name in automatic:
@@ -83,8 +83,8 @@ def set_camera(capture: Any, wishes: CameraWishes) -> SourceState:
         capture.set(value, wished)
         got = float(capture.get(value))
         if not math.isclose(got, wished, rel_tol=0.02, abs_tol=1e-6):
-            what = "there is no such control" if got == _NONE else f"it stays {got:g}"
-            problems.append(f"{name.replace('_', ' ')} cannot be set to {wished:g}: {what}; learn the colours anew so")
+            reason = "there is no such control" if got == _NONE else f"it stays {got:g}"
+            problems.append(f"{name.replace('_', ' ')} cannot be set to {wished:g}: {reason}; learn the colours again")
     width, height = (int(capture.get(k)) for k in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
     says = float(capture.get(cv2.CAP_PROP_FPS))
     return SourceState(
@@ -109,7 +109,7 @@ def _format_problems(capture: Any, wishes: CameraWishes) -> list[str]:
 
 
 def _switched_off(capture: Any, name: str) -> bool:
-    """Whether an automatic mode is off now. One that the driver does not know counts as off only for the focus."""
+    """Switch an automatic mode off; whether that succeeded. A mode unknown to the driver is off only for the focus."""
     prop = _AUTOMATIC[name]
     offs = _MANUAL_EXPOSURE.get(_back_end(capture), (1.0, 0.25, 0.0)) if name == "exposure" else (0.0,)
     for off in offs:

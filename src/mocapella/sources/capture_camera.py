@@ -1,4 +1,4 @@
-"""Cameras of this machine and streams of the network, through `cv2.VideoCapture`."""
+"""Local cameras and network streams, through `cv2.VideoCapture`."""
 
 from __future__ import annotations
 
@@ -19,24 +19,25 @@ from mocapella.sources.picture_source import Picture, SourceState
 
 OPEN_TIMEOUT_S: Final = 5.0
 READ_TIMEOUT_S: Final = 3.0
-"""Of a stream."""
+"""Timeout for the next frame of a stream."""
 NEWEST_S: Final = 0.5
-"""A driver's time stamp that lies farther back is of another clock."""
+"""Greatest plausible age of a driver's time stamp; an older one belongs to another clock."""
 _FROM_GRAB: Final = "the monotonic clock, when a frame was there"
 _FROM_DRIVER: Final = "the driver's stamps on the monotonic clock"
 
 
 class CaptureCamera:
-    """A camera or a stream.
+    """A local camera or a network stream.
 
-    Its time is the monotonic clock's. Where the driver stamps frames on that clock (Linux, V4L2), the stamp is taken;
-    elsewhere, and once a stamp was not within half a second before the frame came, the instant at which it came.
+    Capture times are on the monotonic clock. Where the driver stamps frames on that clock (Linux, V4L2), its stamp is
+    used. Elsewhere, and after the first stamp that is not within `NEWEST_S` before the frame's arrival, the capture
+    time is the arrival.
 
     Args:
-        target: number of the camera, or the address of a stream.
+        target: number of the camera, or address of the stream.
         name: as the user wrote it.
-        wishes: how it is to be set; the controls of a stream are left alone.
-        open_capture: what opens one; a test gives its own.
+        wishes: requested settings; a stream's controls are not set.
+        open_capture: replaces `cv2.VideoCapture` in tests.
         clock: the monotonic clock, in seconds.
     """
 
@@ -78,10 +79,10 @@ class CaptureCamera:
         return set_camera(capture, self._wishes)
 
     def begin(self, zero_s: float) -> None:
-        """A camera has its own clock."""
+        """Do nothing: a camera has its own clock."""
 
     def read(self, stop: threading.Event) -> Picture | None:
-        """As `PictureSource.read`; None where the camera gave no frame."""
+        """As `PictureSource.read`; None if the camera gave no frame."""
         if self._capture is None or not self._capture.grab():
             return None
         came_s = self._clock()
@@ -109,7 +110,7 @@ class CaptureCamera:
         return self._open_capture(self._target, cv2.CAP_FFMPEG, limits)
 
     def _stamp(self, came_s: float) -> float:
-        """When the frame that has just come was captured."""
+        """Capture time of the frame that has just arrived [s]."""
         if self.times != _FROM_DRIVER:
             return came_s
         stamp_s = float(self._capture.get(cv2.CAP_PROP_POS_MSEC)) / 1e3
@@ -120,7 +121,7 @@ class CaptureCamera:
 
 
 def camera_number(path: str) -> int | None:
-    """The number of ``/dev/video0`` and of links to such; None of anything else."""
+    """Number of ``/dev/video0`` and of links to such devices; None for any other path."""
     if not path.startswith("/dev/"):
         return None
     match = re.fullmatch(r"/dev/video(\d+)", str(Path(path).resolve()))

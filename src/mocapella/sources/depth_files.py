@@ -1,4 +1,4 @@
-"""Depth images as files: 16-bit PNGs, alone or in a row, and what a ``depth.toml`` beside them says of the camera."""
+"""Depth images as 16-bit PNG files, with the camera's parameters from a ``depth.toml`` beside them."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ _MAX_PX: Final = 1 << 26
 
 @dataclass(frozen=True, eq=False)
 class RecordedDepth:
-    """One image of a recording.
+    """One depth image of a recording.
 
     Attributes:
-        file: what it is called: a file, or a take and the number of a frame.
-        time_ns: when it was captured, rising.
-        depth: (height, width) units; None where it cannot be read.
-        problem: why not.
+        file: its file, or its take and frame number.
+        time_ns: capture time, rising.
+        depth: (height, width) units; None if unreadable.
+        problem: why it is unreadable.
     """
 
     file: str
@@ -50,12 +50,12 @@ class RecordedDepth:
 
 
 class DepthRecording(Protocol):
-    """Depth images that are all there.
+    """A recording of depth images.
 
     Attributes:
-        name: what it is called.
-        state: the camera; without a lens or a unit where nobody says them.
-        count: how many images there are.
+        name: of the file, folder or take.
+        state: the camera; lens and unit are None if unknown.
+        count: number of images.
     """
 
     name: str
@@ -63,19 +63,19 @@ class DepthRecording(Protocol):
     count: int
 
     def images(self) -> Iterator[RecordedDepth]:
-        """All of them, from the first."""
+        """Yield all images, from the first."""
         ...
 
 
 @dataclass(frozen=True)
 class DepthSidecar:
-    """What a ``depth.toml`` says of the images beside it.
+    """The camera's parameters in a ``depth.toml``.
 
     Attributes:
-        unit_m: metres a unit.
-        raw: ``kinect-raw`` where images are a Kinect v1's disparities; empty where they are depths.
-        lens: [F, CX, CY], [FX, FY, CX, CY], or these and K1, K2, P1, P2, K3.
-        fps: images a second.
+        unit_m: metres per unit.
+        raw: ``kinect-raw`` if the images are a Kinect v1's disparities; empty if they are depths.
+        lens: [F, CX, CY], [FX, FY, CX, CY], or the latter and K1, K2, P1, P2, K3.
+        fps: frame rate.
     """
 
     unit_m: float | None = None
@@ -94,17 +94,17 @@ class DepthSidecar:
 
 
 class DepthFiles:
-    """16-bit PNGs in a row.
+    """A sequence of 16-bit PNGs.
 
     Args:
-        paths: files, in this order, or one folder, whose files come in the order of the numbers in their names.
-        options: what the user says.
+        paths: files, in this order, or one folder, whose files are sorted by the numbers in their names.
+        options: the camera's parameters as the user gives them; they take precedence over ``depth.toml``.
 
     Attributes:
-        name, state, count: as of `DepthRecording`.
+        name, state, count: as in `DepthRecording`.
 
     Raises:
-        InputError: there is none, none can be read, or they are no 16-bit images.
+        InputError: there is no file, none is readable, or they are not 16-bit images.
     """
 
     def __init__(self, paths: Sequence[Path], options: DepthOptions | None = None) -> None:
@@ -112,20 +112,21 @@ class DepthFiles:
         self._files = _files(paths)
         folder = self._files[0].parent
         self.name = str(paths[0] if len(paths) == 1 else folder)
-        said = read_sidecar(folder / SIDECAR) if (folder / SIDECAR).exists() else DepthSidecar()
-        self._raw = options.kinect_raw or (options.unit_m is None and said.raw == KINECT_RAW)
-        unit_m = UNIT_M if self._raw else options.unit_m if options.unit_m is not None else said.unit_m
-        lens = options.lens if options.lens is not None else lens_of(said.lens or ())
-        self.fps = options.fps or said.fps or USUAL_FPS
+        sidecar = read_sidecar(folder / SIDECAR) if (folder / SIDECAR).exists() else DepthSidecar()
+        self._raw = options.kinect_raw or (options.unit_m is None and sidecar.raw == KINECT_RAW)
+        unit_m = UNIT_M if self._raw else options.unit_m if options.unit_m is not None else sidecar.unit_m
+        lens = options.lens if options.lens is not None else lens_of(sidecar.lens or ())
+        self.fps = options.fps or sidecar.fps or USUAL_FPS
         self.count = len(self._files)
         height, width = self._first().shape
         self.state = SourceState((width, height), self.fps, unit_m=unit_m, lens=lens)
 
     def images(self) -> Iterator[RecordedDepth]:
-        """As `DepthRecording.images`; a file that is damaged or cut off has no image, and says so.
+        """As `DepthRecording.images`; a damaged or truncated file is yielded without an image, with the problem.
 
         Raises:
-            InputError: a file has no 16 bits, another size than the first, or more than a Kinect's 11 bits.
+            InputError: a file is not a 16-bit image, has another size than the first, or has values above a Kinect's
+                11 bits.
         """
         for number, file in enumerate(self._files):
             time_ns = round(number * NS_PER_S / self.fps) + 1
@@ -144,7 +145,7 @@ class DepthFiles:
             yield RecordedDepth(str(file), time_ns, kinect_units(depth) if self._raw else depth)
 
     def _first(self) -> UInt16:
-        """The first image that can be read."""
+        """The first readable image."""
         first: DamagedImageError | None = None
         for file in self._files:
             try:
@@ -156,15 +157,15 @@ class DepthFiles:
 
 
 class DamagedImageError(InputError):
-    """A file that was a PNG before it was cut off or changed."""
+    """A PNG file that is truncated or corrupted."""
 
 
 def read_depth_png(path: Path) -> UInt16:
-    """(height, width) of a 16-bit greyscale PNG.
+    """Read a 16-bit greyscale PNG (height, width).
 
     Raises:
-        DamagedImageError: it is cut off, or a part of it has a wrong checksum.
-        InputError: it is not there, no PNG, or a PNG of another kind.
+        DamagedImageError: it is truncated, or a chunk has a wrong checksum.
+        InputError: it does not exist, is not a PNG, or is a PNG of another pixel format.
     """
     try:
         data = path.read_bytes()
@@ -178,7 +179,7 @@ def read_depth_png(path: Path) -> UInt16:
 
 
 def _check_png(data: bytes, path: Path) -> None:
-    """Go over a PNG's parts (ISO/IEC 15948, clause 5): OpenCV fills up what is missing, and says nothing."""
+    """Check a PNG's chunks (ISO/IEC 15948, clause 5), since OpenCV fills up missing data without an error."""
     if not data.startswith(_SIGNATURE):
         if _SIGNATURE.startswith(data):
             raise DamagedImageError("is cut off at its beginning", file=path, fix=_AGAIN)
@@ -205,27 +206,27 @@ def _check_header(header: bytes, path: Path) -> None:
     width, height, bits, colour = struct.unpack_from(">IIBB", header)
     if (bits, colour) != (16, _GREY):
         what = "greyscale" if colour == _GREY else "colour"
-        fix = "depth images have 16 bits of greyscale; what has 8 was made to be looked at, and its depths are gone"
+        fix = "depth images have 16 bits of greyscale; an 8-bit image is for display only, its depths are lost"
         raise InputError(f"is an image of {bits}-bit {what}", file=path, fix=fix)
     if width * height > _MAX_PX:
         raise InputError(f"is {width} × {height} px", file=path, fix=f"at most {_MAX_PX} pixels are read")
 
 
 def read_sidecar(path: Path) -> DepthSidecar:
-    """What a ``depth.toml`` says.
+    """Read a ``depth.toml``.
 
     Raises:
-        InputError: it cannot be read, or says something that there is not.
+        InputError: it cannot be read, or has unknown keys or invalid values.
     """
     try:
         return parse(DepthSidecar, tomllib.loads(path.read_text(encoding="utf-8")), where=str(path))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, SettingsError) as error:
-        told = str(error).removeprefix(f"{path}: ")
-        raise InputError(told, file=path, fix="write unit_m = 0.001 and lens = [F, CX, CY]") from error
+        problem = str(error).removeprefix(f"{path}: ")
+        raise InputError(problem, file=path, fix="write unit_m = 0.001 and lens = [F, CX, CY]") from error
 
 
 def natural(name: str) -> list[tuple[int, str]]:
-    """What to sort names by, so that 9 comes before 10."""
+    """Key for sorting names by their numbers, so that 9 comes before 10."""
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name.lower()) if part]
 
 

@@ -1,4 +1,4 @@
-"""What a user says of a depth camera, and what cannot be true of one."""
+"""Parameters of a depth camera as a user gives them, and checks that they are plausible."""
 
 from __future__ import annotations
 
@@ -21,50 +21,51 @@ from mocapella.sources.picture_source import SourceState
 UInt16 = NDArray[np.uint16]
 
 KINECT_RAW: Final = "kinect-raw"
-"""Written for a unit: the images are a Kinect v1's disparities."""
+"""Value of ``--unit`` for images that are a Kinect v1's disparities."""
 NARROWEST_DEG: Final = 15.0
 WIDEST_DEG: Final = 140.0
-"""View angles of depth cameras, along an image's width."""
+"""Range of depth cameras' horizontal field of view."""
 NEAREST_M: Final = 0.05
 FARTHEST_M: Final = 20.0
-"""Within which the median distance of an image lies."""
+"""Range of plausible median distances of an image."""
 _USUAL_M: Final = (0.2, 6.0)
-"""Where it lies with a unit that is worth to be named."""
+"""Range of usual median distances; a unit that gives one is suggested."""
 _UNITS_M: Final = (0.001, 0.000125, 0.0001, 0.00025, 0.0002, 0.01, 1e-6)
-"""That cameras and collections have, the most common first."""
+"""Units of cameras and data sets, the most common first."""
 _FOCAL_PX: Final = {
     (640, 480): 575.8, (320, 240): 287.9, (512, 424): 365.5, (848, 480): 425.0, (1280, 720): 640.0,
     (640, 576): 504.0, (640, 400): 475.0, (1280, 800): 620.0,
 }  # fmt: skip
-"""Of common cameras by the size of their images: where somebody is told what would be likely."""
+"""Focal lengths of common cameras by image size, for suggestions."""
 SHORTEST_HAND_M: Final = 0.14
 LONGEST_HAND_M: Final = 0.235
-"""From the wrist to the tip of the middle finger, with what a fit may be wrong by."""
+"""Range of hand lengths, from the wrist to the tip of the middle finger, including errors of the fit."""
 _SHORTEST_BENT_M: Final = 0.12
-"""Likewise of hands whose fingers are bent, or not seen to the tip: a fit has guessed them, mostly too short."""
+"""Shortest hand with bent or partly hidden fingers, whose fitted lengths are inferred and mostly too short."""
 _HAND_M: Final = 0.186
 _LEAST_M, _MOST_M = 0.03, 1.0
 _HANDS_WANTED: Final = 5
 _HANDS_KEPT: Final = 300
 _MIDDLE: Final = (0, 9, 10, 11, 12)
 _STRAIGHT: Final = 0.9
-"""Of the way along the bones to the middle finger's tip, its distance from the wrist; a fist's is 0.3 to 0.6."""
+"""Least ratio of the distance from wrist to middle fingertip to the length along the bones; a fist's is 0.3 to 0.6."""
 _ALIKE: Final = 0.45
-"""Logarithm of a factor: sizes are fitted with limits, and do not show all of what is wrong."""
+"""Largest log ratio at which a common value is suggested: sizes are fitted within limits and show only part of an
+error."""
 _ENOUGH_PX: Final = 100
-"""An image with fewer pixels that were measured says nothing about its unit."""
+"""Least number of measured pixels for a check of the unit."""
 
 
 @dataclass(frozen=True)
 class DepthOptions:
-    """What a user says; it goes before what a file or a camera says itself.
+    """A depth camera's parameters as a user gives them; they take precedence over those of a file or camera.
 
     Attributes:
-        unit_m: metres a unit.
+        unit_m: metres per unit.
         kinect_raw: whether images are a Kinect v1's 11-bit disparities instead of depths.
         lens: the nine numbers of `mocapella.geometry.lens`.
-        fps: images a second, of files; to ask for, of a camera.
-        size_px: (width, height) to ask a camera for.
+        fps: frame rate to assume for files, or to request from a camera [Hz].
+        size_px: (width, height) to request from a camera.
     """
 
     unit_m: float | None = None
@@ -75,10 +76,10 @@ class DepthOptions:
 
 
 def parse_unit(text: str | None) -> tuple[float | None, bool]:
-    """``0.001`` as (0.001, False), ``kinect-raw`` as (None, True).
+    """Parse ``0.001`` to (0.001, False), ``kinect-raw`` to (None, True), and None to (None, False).
 
     Raises:
-        SettingsError: it is neither.
+        SettingsError: the text is neither.
     """
     if text is None or text == KINECT_RAW:
         return None, text is not None
@@ -95,7 +96,7 @@ def parse_unit(text: str | None) -> tuple[float | None, bool]:
 
 
 def lens_of(numbers: Sequence[float]) -> tuple[float, ...] | None:
-    """Nine numbers of F,CX,CY, of FX,FY,CX,CY, or of these and five of distortion; None of anything else."""
+    """Complete F,CX,CY or FX,FY,CX,CY to nine numbers with distortion; None if the numbers are no lens."""
     values = tuple(map(float, numbers))
     if len(values) == 3:
         values = (values[0], *values)
@@ -105,10 +106,10 @@ def lens_of(numbers: Sequence[float]) -> tuple[float, ...] | None:
 
 
 def parse_lens(text: str | None) -> tuple[float, ...] | None:
-    """``476,313.7,242.8`` as the nine numbers of a lens; None where nothing was said.
+    """Parse ``476,313.7,242.8`` to the nine numbers of a lens; None gives None.
 
     Raises:
-        SettingsError: it is something else.
+        SettingsError: the text is no lens.
     """
     if text is None:
         return None
@@ -129,16 +130,17 @@ def _usual_focal_px(size_px: tuple[int, int]) -> float:
 
 
 def _usual_lens(size_px: tuple[int, int]) -> str:
-    """F,CX,CY of common cameras with images of that size."""
+    """F,CX,CY of common cameras with images of this size."""
     width, height = size_px
     return f"{_usual_focal_px(size_px):g},{(width - 1) / 2:g},{(height - 1) / 2:g}"
 
 
 def check_lens(lens: Sequence[float], size_px: tuple[int, int], source: object) -> None:
-    """Refuse a lens that no depth camera with images of this size has.
+    """Refuse a lens that is implausible for a depth camera with images of this size.
 
     Raises:
-        InputError: the centre lies outside the image, or the view is too narrow or wide; says what is likely.
+        InputError: the principal point is outside the image, or the field of view is too narrow or too wide; suggests a
+            usual lens.
     """
     (width, height), (fx, fy, cx, cy) = size_px, lens[:4]
     usual = f"{_usual_lens(size_px)} would be usual for {width} × {height}"
@@ -154,31 +156,31 @@ def check_lens(lens: Sequence[float], size_px: tuple[int, int], source: object) 
 
 
 def complete(state: SourceState, source: object) -> Camera:
-    """The camera of a source that says all of it.
+    """Make the camera of a source whose size, lens and unit are known.
 
     Raises:
-        InputError: size, lens or unit is missing, or cannot be; says how to give it.
+        InputError: one of these is missing or implausible; states how to give it.
     """
     wanted = (("--intrinsics F,CX,CY", state.lens), ("--unit METRES", state.unit_m))
     missing = [option for option, value in wanted if value is None]
     if missing or state.lens is None or state.size_px is None:
         options = " and ".join(missing) or "images"
         fix = f"give {options}, or write a depth.toml beside the images (docs/arms/recordings.md)"
-        raise InputError("nobody says how the camera measures", file=source, fix=fix)
+        raise InputError("the camera's lens or unit is unknown", file=source, fix=fix)
     check_lens(state.lens, state.size_px, source)
     return Camera("depth", state.size_px, np.array(state.lens))
 
 
 class UnitCheck:
-    """Looks at images until one has enough to say whether the unit can be right.
+    """Check of the unit on the first image with enough measured pixels.
 
     Args:
-        unit_m: metres a unit.
-        source: what is named where it cannot.
+        unit_m: metres per unit.
+        source: named in the error.
 
     Attributes:
-        images: looked at.
-        empty: of these, how many had no pixel that was measured.
+        images: number of images checked.
+        empty: number of these without a measured pixel.
     """
 
     def __init__(self, unit_m: float, source: object) -> None:
@@ -187,10 +189,10 @@ class UnitCheck:
         self._median: float | None = None
 
     def update(self, depth: UInt16) -> None:
-        """Look at the next image (height, width).
+        """Check the next image (height, width).
 
         Raises:
-            InputError: its median distance cannot be; says which unit is likely.
+            InputError: its median distance is implausible; suggests a unit.
         """
         self.images += 1
         if self._median is not None:
@@ -206,9 +208,9 @@ class UnitCheck:
             raise InputError(words, file=self.source, field="unit", value=self.unit_m, fix=fix)
 
     def doubt(self, camera: Camera) -> str:
-        """Which unit and lens would be likely where no arm was found in any image; empty where too little was measured.
+        """Suggest a unit and a lens after no arm was detected in any image; empty if too little was measured.
 
-        A unit or a lens that is wrong by a factor of a few makes a room that can be, and an arm that cannot.
+        A unit or lens that is wrong by a small factor gives a plausible room, but an implausible arm.
         """
         if self._median is None:
             return ""
@@ -224,10 +226,10 @@ class UnitCheck:
 
 
 def check_disparities(raw: UInt16, source: object) -> None:
-    """Refuse an image (height, width) as a Kinect v1's disparities that has more than 11 bits.
+    """Refuse an image (height, width) with more than 11 bits as a Kinect v1's disparities.
 
     Raises:
-        InputError: says which unit is likely.
+        InputError: suggests a unit.
     """
     if (most := int(raw.max(initial=0))) <= NOTHING:
         return
@@ -237,11 +239,11 @@ def check_disparities(raw: UInt16, source: object) -> None:
 
 
 def unit_problem(there: UInt16, unit_m: float) -> tuple[str, str] | None:
-    """What is wrong with a unit, and which is likely; None where nothing is.
+    """Problem with a unit and a suggestion; None if the unit is plausible.
 
     Args:
-        there: (pixels,) depths that were measured, in units.
-        unit_m: metres a unit.
+        there: (pixels,) measured depths, in units.
+        unit_m: metres per unit.
     """
     units = float(np.median(there))
     median_m = units * unit_m
@@ -249,22 +251,22 @@ def unit_problem(there: UInt16, unit_m: float) -> tuple[str, str] | None:
         return None
     likely = _likely_units(units)
     named = " or ".join(f"{unit:g} ({_length(units * unit)})" for unit in likely)
-    fix = f"--unit {named} would be likely" if likely else "look how many metres a unit of this camera is"
+    fix = f"--unit {named} would be likely" if likely else "look up how many metres a unit of this camera is"
     if there.max() == NOTHING:
         fix += f"; of a Kinect v1's 11-bit images, --unit {KINECT_RAW}"
     return f"the median distance would be {_length(median_m)}", fix
 
 
 class HandSizeCheck:
-    """Looks at the hands that were found, whose size says whether lens and unit can be right.
+    """Check of lens and unit by the size of the detected hands.
 
-    A wrong focal length or unit makes a hand as much longer or shorter; a detector that fits sizes shows most of it.
-    Hands whose middle finger is straight and measured count, or all, where there are too few of them.
+    A wrong focal length or unit scales a hand by the same factor; a detector that fits sizes shows most of that. Only
+    hands with a straight and measured middle finger count, or all hands if these are too few.
 
     Args:
-        lens: the nine numbers that were used.
-        size_px: of the images.
-        unit_m: metres a unit.
+        lens: the nine numbers in use.
+        size_px: (width, height) of the images.
+        unit_m: metres per unit.
     """
 
     def __init__(self, lens: Sequence[float] | NDArray[np.float64], size_px: tuple[int, int], unit_m: float) -> None:
@@ -273,11 +275,11 @@ class HandSizeCheck:
         self._straight_m: deque[float] = deque(maxlen=_HANDS_KEPT)
 
     def update(self, arms: Sequence[SeenArm]) -> None:
-        """Take in the arms of the next image; those whose middle finger is not all known do not count."""
+        """Add the arms of the next image; an arm without all joints of the middle finger is ignored."""
         for arm in arms:
             joints = arm.points[list(_MIDDLE)]
             length_m = float(np.linalg.norm(np.diff(joints, axis=0), axis=1).sum())
-            if not _LEAST_M < length_m < _MOST_M:  # what is not known is neither
+            if not _LEAST_M < length_m < _MOST_M:  # also false for NaN
                 continue
             self._lengths_m.append(length_m)
             straight = np.linalg.norm(joints[-1] - joints[0]) >= _STRAIGHT * length_m
@@ -286,7 +288,7 @@ class HandSizeCheck:
 
     @property
     def problem(self) -> str:
-        """What is likely wrong, and what would be right; empty where nothing is, or with too few hands to say."""
+        """Likely error and suggestion; empty if the sizes are plausible, or the hands too few."""
         lengths_m, shortest_m = self._straight_m, SHORTEST_HAND_M
         if len(lengths_m) < _HANDS_WANTED:
             lengths_m, shortest_m = self._lengths_m, _SHORTEST_BENT_M
@@ -312,7 +314,7 @@ class HandSizeCheck:
 
 
 def _likely_units(median: float) -> list[float]:
-    """Common units with which a median of so many units is a usual distance, the most common first; three at most."""
+    """At most three common units with which a median in units is a usual distance, the most common first."""
     return [unit for unit in _UNITS_M if _USUAL_M[0] <= median * unit <= _USUAL_M[1]][:3]
 
 

@@ -1,4 +1,4 @@
-"""What `mocapella doctor` says of the devices that sources serve; no driver is imported."""
+"""Checks of `mocapella doctor` for cameras and the packages that drive them; no driver is imported."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mocapella.sources.source import Finding
 
 
 def depth_cameras() -> Iterator[Finding]:
-    """The packages that drive depth cameras, none of which is an extra: they come from the cameras' makers."""
+    """Report the installed driver packages of depth cameras; they come from the makers and are no extras."""
     for kind in CAMERAS:
         device = camera_class(kind)
         found = next(filter(_is_installed, device.packages), None)
@@ -25,7 +25,7 @@ def depth_cameras() -> Iterator[Finding]:
 
 
 def cameras() -> Iterator[Finding]:
-    """The cameras that the system names."""
+    """Report the cameras that the system lists."""
     found = sorted(str(path) for path in Path("/dev").glob("video*"))
     if found:
         yield Finding("cameras", "ok", ", ".join(found))
@@ -35,8 +35,8 @@ def cameras() -> Iterator[Finding]:
 
 
 def _is_installed(module: str) -> bool:
-    """Whether there is a module of that name, which is not imported: a driver may do things then."""
+    """Whether a module is installed; it is not imported, because a driver may have side effects."""
     try:
         return importlib.util.find_spec(module) is not None
-    except ImportError:  # not even what it is in
+    except ImportError:  # its package is not installed
         return False

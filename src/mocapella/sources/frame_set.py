@@ -1,6 +1,6 @@
-"""Images of one instant of several cameras, and the rig's cameras for images of the sizes that come.
+"""Synchronised images of several cameras, and the adaptation of a rig's intrinsics to their size.
 
-Videos (`video_set.py`) and live cameras (`live_set.py`) give them alike.
+Videos (`video_set.py`) and live cameras (`live_set.py`) both produce them.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ OTHER_SIZES: Final = {
     "scale": "the whole picture was made larger or smaller",
 }
 RATIO_WITHIN: Final = 0.01
-"""A picture that was scaled by other factors across and high than these allow was not only scaled."""
+"""Largest relative difference of the horizontal and the vertical scale of an image that was only scaled."""
 
 
 class FrameSet(msgspec.Struct, frozen=True, eq=False):
-    """A frame of all cameras.
+    """One frame: an image of each camera.
 
     Attributes:
         frame: its number.
-        time_ns: of capture; 0 is a video's first frame, and of live cameras the first that was followed.
-        images: (height, width, 3) BGR by camera; a camera that gave none is missing.
+        time_ns: capture time; 0 is the first frame of a video, or of a live run.
+        images: (height, width, 3) BGR by camera; a camera without an image is missing.
     """
 
     frame: int
@@ -42,43 +42,43 @@ class FrameSet(msgspec.Struct, frozen=True, eq=False):
 
     @classmethod
     def at_rate(cls, frame: int, rate_hz: float, images: Mapping[str, UInt8]) -> FrameSet:
-        """Of a video with so many frames a second."""
+        """Make the frame of a video with a constant frame rate."""
         return cls(frame, time_of_frame(frame, rate_hz), images)
 
 
 class FrameSource(Protocol):
-    """What gives frames of all cameras, one after the other."""
+    """A source of frames of all cameras of a rig."""
 
     rig: CameraRig
-    """Of the cameras that give images, for images of their sizes."""
+    """The cameras that have images, with intrinsics for the images' sizes."""
     rate_hz: float
-    """Frames a second."""
+    """Frame rate."""
     notes: list[str]
-    """What was chosen or left out, a line each."""
+    """Choices and omissions to report, one line each."""
 
     @property
     def count(self) -> int | None:
-        """Of the frames; None where nobody knows."""
+        """Number of frames; None if unknown."""
         ...
 
     def described(self) -> dict[str, dict[str, Any]]:
-        """Where images come from and how large they are, by camera, as ``--json`` has it."""
+        """Source and image size by camera, for ``--json``."""
         ...
 
     def summary(self) -> dict[str, Any]:
-        """What is to be told of it at the end, as ``--json`` has it."""
+        """Summary of the run, for ``--json``."""
         ...
 
     def __iter__(self) -> Iterator[FrameSet]: ...
 
 
 def time_of_frame(frame: int, rate_hz: float) -> int:
-    """When a video's frame of that number was captured [ns]."""
+    """Capture time of a video's frame [ns]."""
     return round(frame * NS_PER_S / rate_hz)
 
 
 def check_other_size(other_size: str | None) -> None:
-    """See that it is one of `OTHER_SIZES`, or None.
+    """Check that the value is one of `OTHER_SIZES`, or None.
 
     Raises:
         SettingsError: it is not.
@@ -90,21 +90,21 @@ def check_other_size(other_size: str | None) -> None:
 def fitted(
     placed: PlacedCamera, size: tuple[int, int], other_size: str | None, *, source: object
 ) -> tuple[PlacedCamera, str]:
-    """The camera for pictures of another size, and what is to be said of it.
+    """Adapt a calibrated camera to images of another size; return it and a note for the user.
 
     Args:
-        placed: as it was calibrated.
-        size: (width, height) of the pictures.
-        other_size: of `OTHER_SIZES`; None: another size is an error.
-        source: of the pictures, as the user wrote it.
+        placed: the calibrated camera.
+        size: (width, height) of the images.
+        other_size: of `OTHER_SIZES`; None refuses another size.
+        source: of the images, as the user wrote it.
 
     Raises:
-        InputError: of another size, and that was not allowed; or no scale makes one of the other.
+        InputError: the size differs and ``other_size`` is None, or scaling does not explain the size.
     """
     wanted = placed.camera.size_px
     if size == wanted:
         return placed, ""
-    told = (
+    mismatch = (
         f"images of {size[0]} × {size[1]} px, but the camera {placed.camera.name} is calibrated for "
         f"{wanted[0]} × {wanted[1]} px"
     )
@@ -114,15 +114,15 @@ def fitted(
             "--other-size crop where pixels are as calibrated and only the right and lower border is missing, "
             "--other-size scale where the whole picture was scaled"
         )  # fmt: skip
-        raise InputError(f"has {told}", file=source, field="size", value=size, fix=fix)
+        raise InputError(f"has {mismatch}", file=source, field="size", value=size, fix=fix)
     lens, factors = placed.camera.lens.copy(), np.array(size) / wanted
     if other_size == "scale":
         if abs(factors[0] / factors[1] - 1) > RATIO_WITHIN:
             raise InputError(
-                f"has {told}: no scale of the whole picture makes one of the other", file=source, field="size",
+                f"has {mismatch}: no scale of the whole picture makes one of the other", file=source, field="size",
                 value=size, fix="try --other-size crop",
             )  # fmt: skip
         lens[:2] *= factors
-        lens[2:4] = (lens[2:4] + 0.5) * factors - 0.5  # the first pixel's middle is 0
+        lens[2:4] = (lens[2:4] + 0.5) * factors - 0.5  # the centre of the first pixel is (0, 0)
     camera = msgspec.structs.replace(placed.camera, size_px=size, lens=lens)
-    return msgspec.structs.replace(placed, camera=camera), f"{source}: {told}; --other-size {other_size}"
+    return msgspec.structs.replace(placed, camera=camera), f"{source}: {mismatch}; --other-size {other_size}"

@@ -1,4 +1,4 @@
-"""Live cameras of a rig: the newest pictures of one instant, again and again; what nobody had time for is dropped."""
+"""Live cameras of a rig: the newest synchronised images, again and again; images that are not read in time drop."""
 
 from __future__ import annotations
 
@@ -30,41 +30,41 @@ from mocapella.sources.picture_source import Picture, PictureSource
 UInt8 = NDArray[np.uint8]
 
 FIRST_S: Final = 5.0
-"""So long a camera has for its first picture."""
+"""Longest wait for a camera's first image."""
 MEASURED: Final = FEWEST + 1
-"""After so many pictures a camera's rate is known."""
+"""Number of images after which a camera's frame rate is known."""
 POLL_S: Final = 0.1
-"""So soon Ctrl-C is seen while no picture comes."""
+"""Longest wait for an image before checking for the end (Ctrl-C)."""
 LAGS_EVERY_S: Final = 3.0
-"""So often it is asked whether what moves is seen later in a camera's pictures than in the others'."""
+"""Interval between two measurements of the cameras' lags from motion."""
 SAME_LAG_S: Final = 0.02
-"""A lag is told once it was found twice, so much alike."""
+"""Greatest difference of two successive lags at which the lag is reported."""
 UNUSED: Final = 60
-"""So many pictures in a row that belong to no frame are said."""
+"""Number of successive unused images of a camera after which that is reported."""
 
 
 class LiveSet:
-    """The cameras of a rig, each read in a thread of its own. A context manager; leaving it ends the threads.
+    """The cameras of a rig, each read in its own thread. A context manager; leaving it ends the threads.
 
-    Films and folders count as cameras, too, at their own pace: all sources do, or none.
+    Videos and folders may stand in for cameras, in real time, if all sources are such.
 
     Args:
         sources: closed, by any name that `match_cameras` knows; they are opened at once.
-        rig: of calibrated cameras, of which not all need have a source.
-        other_size: of `OTHER_SIZES`, of pictures of another size than the calibration's; None: they are an error.
-        late_s: by camera, how long ago that was which its pictures show, when they come; as ``sources`` are named.
+        rig: calibrated cameras; not all need a source.
+        other_size: of `OTHER_SIZES`, for images of another size than the calibration's; None refuses them.
+        late_s: known latency of cameras without capture times, by the names of ``sources``.
         settings: of the threads.
         clock: the monotonic clock, in seconds.
 
     Attributes:
-        rig: of the cameras that have sources, for pictures of the sources' sizes.
-        rate_hz: frames a second, as the cameras began.
-        notes: what was found when they were opened, a line each.
+        rig: the cameras that have sources, with intrinsics for the sources' image sizes.
+        rate_hz: frame rate, measured at the start.
+        notes: findings from opening the cameras, one line each.
 
     Raises:
-        InputError: no source, one of a camera that the rig does not have, one that cannot be opened, that gives no
-            picture, or of another size than the calibration's.
-        SettingsError: cameras and films together; ``other_size`` is none of them.
+        InputError: there is no source, or one is of a camera that the rig does not have, cannot be opened, gives no
+            image, or has another size than the calibration's.
+        SettingsError: cameras and videos together, or an unknown ``other_size``.
     """
 
     def __init__(
@@ -82,12 +82,12 @@ class LiveSet:
         check_other_size(other_size)
         _check_alike(sources)
         for name, source in sources.items():
-            match_cameras([name], rig.cameras, file=source.name)  # says which source it is
+            match_cameras([name], rig.cameras, file=source.name)  # an error names the source
         names = match_cameras(list(sources), rig.cameras)
         given = dict(zip(names, sources.values(), strict=True))
         self.notes: list[str] = []
         self._clock, self._changed = clock, threading.Condition()
-        self._heard: deque[str] = deque()
+        self._messages: deque[str] = deque()
         self._zero_s: float | None = None
         self._dropped_before: dict[str, int] = {}
         self._sizes: dict[str, tuple[int, int]] = {}
@@ -96,19 +96,19 @@ class LiveSet:
         self._late_s = dict(zip(names, ((late_s or {}).get(name, 0.0) for name in sources), strict=True))
         self._lags = MotionLags(names)
         self._lag_s: dict[str, float] = {}
-        self._asked_s = -float("inf")
+        self._measured_s = -float("inf")
         self._unused = dict.fromkeys(names, 0)
-        self._told: set[tuple[str, str]] = set()
+        self._reported: set[tuple[str, str]] = set()
         with ExitStack() as opened:
             self._cameras = {
                 name: opened.enter_context(
-                    Acquisition(given[name], settings, say=partial(self._hear, name), changed=self._changed)
+                    Acquisition(given[name], settings, say=partial(self._queue_message, name), changed=self._changed)
                 )
                 for name in rig.cameras
                 if name in given
             }
             self._set = NewestInstant(self._cameras, NS_PER_S / self._stated_hz())
-            self._look_at_first()
+            self._read_first()
             placed = {}
             for name, camera in self._cameras.items():
                 placed[name], note = fitted(rig.cameras[name], self._sizes[name], other_size, source=camera.source.name)
@@ -119,48 +119,48 @@ class LiveSet:
         self.rate_hz = round(NS_PER_S / self._set.period_ns, 3)
         clocks = {name: camera.source.times for name, camera in self._cameras.items()}
         if len(set(clocks.values())) > 1:
-            told = "; ".join(f"{name}: {times}" for name, times in clocks.items())
+            origins = "; ".join(f"{name}: {times}" for name, times in clocks.items())
             self.notes.append(
-                f"the cameras' times are of different kinds, and some may be late ({told}); by how much is said once "
-                "somebody has moved"
+                f"the cameras' times have different origins, so some cameras may lag ({origins}); lags are measured "
+                "and reported once a person has moved"
             )
 
     @property
     def count(self) -> None:
-        """Nobody knows how many frames there will be."""
+        """None: the number of frames is not known in advance."""
 
     @property
     def dropped(self) -> dict[str, int]:
-        """By camera, pictures of this run that nobody had time for."""
+        """By camera, images of this run that were dropped unread."""
         now = self._all_dropped()
         return {name: count - self._dropped_before.get(name, 0) for name, count in now.items()}
 
     def described(self) -> dict[str, dict[str, Any]]:
-        """As ``--json`` has the cameras."""
+        """Source and image size by camera, for ``--json``."""
         return {
             name: {"source": camera.source.name, "size_px": list(self._sizes[name])}
             for name, camera in self._cameras.items()
         }
 
     def summary(self) -> dict[str, Any]:
-        """What is to be told of it at the end, as ``--json`` has it."""
+        """Summary of the run, for ``--json``."""
         return {"dropped": self.dropped}
 
     def __iter__(self) -> Iterator[FrameSet]:
-        """As `until` nobody stops it."""
+        """As `until`, without an end."""
         return self.until(threading.Event())
 
     def until(
         self, stop: threading.Event, seconds: float | None = None, say: Callable[[str], None] | None = None
     ) -> Iterator[FrameSet]:
-        """Frames from now on, numbered from 0: the newest pictures whenever the last ones have been looked at.
+        """Yield frames from now on, numbered from 0: the newest images each time the caller asks.
 
-        It ends when ``stop`` is set, after so many seconds, or when all sources have ended.
+        It ends when ``stop`` is set, after ``seconds``, or when all sources have ended.
 
         Args:
-            stop: ends it, within a moment.
-            seconds: that it goes on; None: no limit.
-            say: is told in words when cameras are lost, silent, and there again; without it, nobody is.
+            stop: ends it within `POLL_S`.
+            seconds: duration; None for no limit.
+            say: receives messages when cameras are lost, silent, late or available again.
         """
         begin_s = self._begin()
         number, zero_ns = 0, 0
@@ -171,7 +171,7 @@ class LiveSet:
                 zero_ns = zero_ns if number else found.time_ns
                 images = {name: np.asarray(one.image, np.uint8) for name, one in found.pictures.items()}
                 self._unused.update(dict.fromkeys(images, 0))
-                self._tell_late(say or (lambda _text: None))
+                self._report_late(say or (lambda _text: None))
                 yield FrameSet(number, found.time_ns - zero_ns, images)
                 number += 1
             elif over:
@@ -180,7 +180,7 @@ class LiveSet:
                 self._wait()
 
     def close(self) -> None:
-        """End the threads, and give the cameras back."""
+        """End the threads and close the cameras."""
         self._opened.close()
 
     def __enter__(self) -> LiveSet:
@@ -191,22 +191,22 @@ class LiveSet:
     ) -> None:
         self.close()
 
-    def _hear(self, name: str, text: str) -> None:
-        """What a thread says, to be passed on by the loop."""
-        self._heard.append(f"{name}: {text}")
+    def _queue_message(self, name: str, text: str) -> None:
+        """Queue a thread's message, to be passed on by the loop."""
+        self._messages.append(f"{name}: {text}")
 
     def _stated_hz(self) -> float:
-        """Frames a second as the sources state them, before any has given a picture."""
+        """Median of the frame rates that the sources state."""
         stated = [camera.state.fps for camera in self._cameras.values() if camera.state.fps]
         return statistics.median(stated) if stated else USUAL_FPS
 
-    def _look_at_first(self) -> None:
-        """The sizes, and of cameras the rate, by the first pictures; films are not begun for that."""
+    def _read_first(self) -> None:
+        """Read cameras' first images for their sizes and frame rates; videos are not started for this."""
         live = {name: camera for name, camera in self._cameras.items() if camera.source.live}
         for name, camera in self._cameras.items():
             if name not in live:
                 size = camera.state.size_px
-                assert size is not None  # only a stream's is not known before its first picture
+                assert size is not None  # only a stream's size is unknown before its first image
                 self._sizes[name] = size
         for camera in live.values():
             camera.start()
@@ -223,11 +223,11 @@ class LiveSet:
             if not taken[name]:
                 raise InputError(
                     "gives no picture", file=camera.source.name, field=name,
-                    fix="look whether it is plugged in, and nobody else's",
+                    fix="look whether it is plugged in and used by no other program",
                 )  # fmt: skip
 
     def _begin(self) -> float:
-        """Films begin now; of cameras only what comes from now on counts. Returns what time it is [s]."""
+        """Start videos, and discard cameras' earlier images. Return the present time [s]."""
         now_s = self._clock()
         if self._zero_s is None:
             self._zero_s = now_s
@@ -243,8 +243,8 @@ class LiveSet:
         return now_s
 
     def _collect(self, say: Callable[[str], None]) -> bool:
-        """Take in what has come; whether nothing more will."""
-        # Who is prompt meets who is late in pictures of before, of which none is to be missing then.
+        """Take in the images that have arrived; whether all sources have ended."""
+        # With a late camera, the others' older images are needed for the same instant: keep enough of them.
         held = self._set.held_ns is not None
         kept = 1 + round(LATEST_S * NS_PER_S / self._set.period_ns) if held else 1
         for name, camera in self._cameras.items():
@@ -260,12 +260,12 @@ class LiveSet:
             if few:
                 self._few.add(name)
                 say(f"{name}: {few}")
-        while self._heard:
-            say(self._heard.popleft())
+        while self._messages:
+            say(self._messages.popleft())
         return all(camera.ended for camera in self._cameras.values())
 
     def _add(self, name: str, picture: Picture, say: Callable[[str], None]) -> None:
-        """A picture; what has another size than the first does not count, for it was seen through another lens."""
+        """Take in an image; one of another size than the first is ignored, since its intrinsics are unknown."""
         size, first = picture.size_px, self._sizes[name]
         if size == first:
             self._other_sizes.pop(name, None)
@@ -277,45 +277,45 @@ class LiveSet:
             self._other_sizes[name] = size
             say(
                 f"{name}: gives pictures of {size[0]} × {size[1]} px now, not of {first[0]} × {first[1]} px as at "
-                "first: they do not count; set it back, or begin anew"
+                "first: they are ignored; set the size back, or restart"
             )
 
-    def _tell_late(self, say: Callable[[str], None]) -> None:
-        """What is known of cameras whose pictures come later than the others', each once."""
+    def _report_late(self, say: Callable[[str], None]) -> None:
+        """Report cameras whose images arrive later than the others', or show motion later; each once."""
         late_s = {name: late / NS_PER_S for name, late in self._set.late_ns().items()}
         if self._set.held_ns is not None:
             for name, late in late_s.items():
                 if self._set.period_ns / NS_PER_S < late <= LATEST_S:
-                    self._tell_once(say, name, "held", f"its pictures come {_ms(late)} ms later after their times than "
-                                    "the others'; these wait for them, so that a frame is of one instant")  # fmt: skip
+                    self._say_once(say, name, "held", f"its latency is {_ms(late)} ms above the others', which wait "
+                                   "for it, so that a frame is of one instant")  # fmt: skip
         for name, count in self._unused.items():
             if count > UNUSED:
                 delay = late_s.get(name, 0.0)
                 much = f": their latency is {_ms(delay)} ms above the others'" if delay > LATEST_S else ""
-                self._tell_once(say, name, "unused", f"no frame has its pictures, whose times are never near the "
-                                f"others'{much}; pictures that are more than {_ms(LATEST_S)} ms late are not waited "
-                                "for: make its stream smaller, or set it to a lower latency")  # fmt: skip
+                self._say_once(say, name, "unused", f"no frame uses its images, whose times are never near the "
+                               f"others'{much}; images that are more than {_ms(LATEST_S)} ms late are not waited "
+                               "for: make its stream smaller, or set it to a lower latency")  # fmt: skip
         now_s = self._clock()
-        if now_s < self._asked_s + LAGS_EVERY_S:
+        if now_s < self._measured_s + LAGS_EVERY_S:
             return
-        self._asked_s = now_s
+        self._measured_s = now_s
         before, self._lag_s = self._lag_s, self._lags.measure()
         for name, lag in self._lag_s.items():
             steady = abs(lag - before.get(name, float("inf"))) <= SAME_LAG_S
             if steady and lag > self._set.period_ns / NS_PER_S / 2:
-                self._tell_once(say, name, "lag", f"what moves is seen {_ms(lag)} ms later in its pictures than in the "
-                                f"others': --late {name}={_ms(lag + self._late_s[name])} puts it right")  # fmt: skip
+                self._say_once(say, name, "lag", f"motion appears {_ms(lag)} ms later in its images than in the "
+                               f"others': --late {name}={_ms(lag + self._late_s[name])} corrects it")  # fmt: skip
 
-    def _tell_once(self, say: Callable[[str], None], name: str, what: str, text: str) -> None:
-        if (name, what) not in self._told:
-            self._told.add((name, what))
+    def _say_once(self, say: Callable[[str], None], name: str, topic: str, text: str) -> None:
+        if (name, topic) not in self._reported:
+            self._reported.add((name, topic))
             say(f"{name}: {text}")
 
     def _all_dropped(self) -> dict[str, int]:
         return {name: camera.report().dropped + self._set.dropped[name] for name, camera in self._cameras.items()}
 
     def _wait(self) -> None:
-        """For a picture; not for long where some are there already, whose others may be late."""
+        """Wait for an image; only briefly if some cameras' images are there and wait for the others."""
         timeout = self._set.period_ns / NS_PER_S / 8 if self._set.pending else POLL_S
         with self._changed:
             self._changed.wait_for(lambda: any(one.ready for one in self._cameras.values()), min(timeout, POLL_S))
@@ -326,10 +326,10 @@ def _ms(seconds: float) -> str:
 
 
 def _check_alike(sources: Mapping[str, PictureSource]) -> None:
-    """See that all are cameras, or none: their times are of different clocks.
+    """Check that all sources are cameras, or none: their capture times have different clocks.
 
     Raises:
-        SettingsError: they are not.
+        SettingsError: cameras and videos are mixed.
     """
     live = [name for name, source in sources.items() if source.live]
     films = [name for name in sources if name not in live]

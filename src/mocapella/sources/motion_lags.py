@@ -1,11 +1,11 @@
-"""By how much what moves is seen later in one camera's pictures than in the others': what network cameras do not tell.
+"""Estimate the relative latency of cameras from shared motion.
 
-Their pictures have no time but that at which they came, and that is late by what the camera and the network took. But
-whoever moves before several cameras moves in all of them at once, and stops in all of them at once. So it is asked how
-much changes from picture to picture, a course over time of each camera, and by which shift two such courses are most
-alike: the largest normalised cross-correlation (C. H. Knapp and G. C. Carter, "The generalized correlation method
-for estimation of time delay", IEEE Trans. ASSP 24, 1976, without weights). What goes on evenly, or again and again, has
-no such shift, or several, and is left open.
+Images of network cameras have only their arrival times, which are late by the delays of the camera and the network.
+A person who moves in front of several cameras moves in all of them at the same instant. So the amount of change from
+image to image is recorded as a signal over time for each camera, and the shift between two cameras is the one with the
+largest normalised cross-correlation (C. H. Knapp and G. C. Carter, "The generalized correlation method for estimation
+of time delay", IEEE Trans. ASSP 24, 1976, without weights). Steady motion has no distinct maximum, and periodic motion
+several; then no shift is returned.
 """
 
 from __future__ import annotations
@@ -24,39 +24,39 @@ Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
 LONGEST_S: Final = 0.6
-"""Of a lag that is looked for."""
+"""Largest lag that is searched."""
 OVER_S: Final = 15.0
-"""So much of the past is compared."""
+"""Length of the signals that are compared."""
 LEAST_S: Final = 6.0
-"""Of fewer seconds nothing is said."""
+"""Shortest overlap of two signals that gives an estimate."""
 STEP_S: Final = 0.01
-"""Courses are sampled so closely, and shifted by so much."""
+"""Sampling interval of the signals, and step of the shift."""
 SLOW_S: Final = 1.5
-"""What changes more slowly than this does not count: light, and how much of somebody is in the picture."""
+"""Period of the high-pass filter: slower changes, such as the light, do not count."""
 ALIKE: Final = 0.5
-"""Correlation from which on two courses are of the same movement."""
+"""Least correlation of two signals of the same motion."""
 RIVAL: Final = 0.9
-"""Another shift whose correlation is so much of the best one's leaves it open which it is."""
+"""Share of the best correlation at which a second maximum makes the shift ambiguous."""
 AGREE_S: Final = 0.03
-"""So well all pairs of cameras have to agree."""
+"""Largest residual of the shifts of all pairs of cameras."""
 APART_S: Final = 0.1
-"""Shifts that are nearer than this are the same."""
+"""Least distance of two different maxima."""
 GAP_S: Final = 0.4
-"""A camera that was silent for longer begins anew."""
+"""A longer gap between two images of a camera clears its signal."""
 _WIDE_PX: Final = 80
 _NOISE: Final = 10
-"""Grey levels that a pixel changes by itself."""
+"""Change of a pixel by noise, in grey levels."""
 
 
 class MotionLags:
-    """Remembers how much changed in the last pictures of each camera."""
+    """Record of the amount of change in each camera's last images."""
 
     def __init__(self, cameras: Iterable[str]) -> None:
         self._last: dict[str, tuple[float, NDArray[np.int16]]] = {}
         self._courses: dict[str, deque[tuple[float, float]]] = {name: deque() for name in cameras}
 
     def add(self, camera: str, time_ns: int, image: UInt8) -> None:
-        """A camera's next picture (height, width, 3), with its time."""
+        """Add a camera's next image (height, width, 3) and its time."""
         at_s, step = time_ns / NS_PER_S, max(1, image.shape[1] // _WIDE_PX)
         small = image[::step, ::step, 1].astype(np.int16)
         before_s, before = self._last.get(camera, (at_s, small))
@@ -71,7 +71,7 @@ class MotionLags:
                 course.popleft()
 
     def measure(self) -> dict[str, float]:
-        """By how much each camera is later than the earliest [s]; those of which it can be told, two at least."""
+        """Estimate each camera's lag behind the most prompt one [s]; without the cameras that allow no estimate."""
         names = list(self._courses)
         courses = {name: np.array(course) for name, course in self._courses.items()}
         shifts = {
@@ -83,17 +83,18 @@ class MotionLags:
 
 
 def _late(shifts: Mapping[tuple[str, str], float]) -> dict[str, float]:
-    """Later than the earliest [s], each by what agrees with all pairs; nothing where pairs contradict each other.
+    """Solve for each camera's lag [s] from the shifts of pairs, by least squares; empty if the pairs contradict.
 
     Args:
-        shifts: by how much the second is later than the first; pairs of which it is not known are missing. Of several
-            groups without a pair between them the largest counts.
+        shifts: lag of the second camera behind the first [s]; unknown pairs are missing. Of several groups without a
+            pair between them, the largest counts.
     """
     groups: list[set[str]] = []
     for pair in shifts:
         joined = set(pair).union(*(group for group in groups if group & set(pair)))
         groups = [group for group in groups if not group & joined] + [joined]
-    group = sorted(max(groups, key=len)) if groups else []
+    largest: set[str] = max(groups, key=len, default=set())
+    group = sorted(largest)
     pairs = {pair: shift for pair, shift in shifts.items() if pair[0] in group}
     if not pairs:
         return {}
@@ -106,7 +107,7 @@ def _late(shifts: Mapping[tuple[str, str], float]) -> dict[str, float]:
 
 
 def _shift(a: Float64, b: Float64) -> float | None:
-    """By how much the course ``b`` (n, 2) [s, any unit] is later than ``a`` [s]; None where it cannot be told."""
+    """Lag of the signal ``b`` (n, 2) [s, any unit] behind ``a`` [s]; None if it is not distinct."""
     if min(len(a), len(b)) < 2:
         return None
     begin, end = max(a[0, 0], b[0, 0]), min(a[-1, 0], b[-1, 0])
@@ -128,7 +129,7 @@ def _shift(a: Float64, b: Float64) -> float | None:
 
 
 def _quick(course: Float64) -> Float64:
-    """How fast it changes, evened out, without what is slow."""
+    """Compress a signal by the square root, and subtract its moving average (high pass)."""
     course = np.sqrt(course)
     wide = min(round(SLOW_S / STEP_S), len(course))
     ones = np.ones(wide)
@@ -136,7 +137,7 @@ def _quick(course: Float64) -> Float64:
 
 
 def _alike(x: Float64, y: Float64, lag: int) -> float:
-    """Correlation of ``x`` with what is ``lag`` steps later in ``y``."""
+    """Correlation of ``x`` with ``y`` shifted by ``lag`` steps."""
     a, b = (x[: len(x) - lag], y[lag:]) if lag >= 0 else (x[-lag:], y[: len(y) + lag])
     size = float(np.sqrt((a @ a) * (b @ b)))
     return float(a @ b) / size if size > 0 else 0.0

@@ -1,11 +1,11 @@
-"""Pictures of one instant from cameras that are not in step: the newest of each, as near to each other as can be.
+"""Group the newest images of unsynchronised cameras into frames of one instant.
 
-Cameras of one rate that begin when they like are up to a period apart. Of any instant each has a picture within half a
-period; so a frame has one of every camera that gives any. Which ones belong together is chosen anew for every frame:
-where a camera's next picture would be nearer to the others than the one that is there, it is waited for.
+Free-running cameras of the same frame rate are up to one period apart. For any instant, each camera has an image within
+half a period, so a frame has one image of every camera that delivers any. The grouping is decided anew for each frame:
+if a camera's next image would be nearer to the others than the present one, the frame waits for it.
 
-Where a camera's pictures come later after their times than others' do, by more than a period, they would never meet
-those of their instant, for these are gone by then. So all pictures are held back until its own are there.
+A camera whose latency exceeds the others' by more than a period would never match their images of the same instant,
+because these would be gone. So all images are held back until those of the late camera have arrived.
 """
 
 from __future__ import annotations
@@ -22,28 +22,28 @@ from mocapella.settings import check
 from mocapella.sources.picture_source import Picture
 
 INTERVALS: Final = 15
-"""A camera's period is the median of so many last intervals."""
+"""Number of the last intervals; a camera's period is their median."""
 FEWEST: Final = 5
-"""So many intervals say it."""
+"""Least number of intervals for a period."""
 OVERDUE: Final = 1.5
-"""A picture is waited for until so many periods after the camera's last."""
+"""Time after a camera's last image until its next one is no longer expected, in periods."""
 NEARER: Final = 0.125
-"""It is waited for where it is nearer by so much of a period."""
+"""Least gain in synchrony for which a frame waits, in periods."""
 LONGEST: Final = 2.0
-"""Nothing is waited for longer than so many periods."""
+"""Longest wait for a frame, in periods."""
 LATE, LATE_AGAIN = 1.0, 0.5
-"""A camera is held to be late from so many periods on, and no longer below."""
+"""Additional latency from which a camera counts as late, and below which no longer, in periods."""
 STEADY: Final = 0.5
-"""How late pictures come is known where half of them are so within so many periods."""
+"""Largest interquartile range of a camera's latency at which it is known, in periods."""
 LATEST_S: Final = 0.5
-"""Nobody waits for a camera that is later: that many pictures would have to be kept."""
+"""Largest additional latency that the other cameras wait for; it limits the number of images kept."""
 
 
 class PictureSet(msgspec.Struct, frozen=True, eq=False):
-    """Pictures that belong together.
+    """Images of one instant.
 
     Attributes:
-        time_ns: the middle of their times.
+        time_ns: the middle of their capture times.
         pictures: by camera, each within half a period of it.
     """
 
@@ -52,7 +52,7 @@ class PictureSet(msgspec.Struct, frozen=True, eq=False):
 
 
 class _Camera:
-    """A camera's newest picture that nobody had yet, those that are held back, and how often and how late they come."""
+    """A camera's newest unread image, the images held back, and the statistics of its period and latency."""
 
     def __init__(self) -> None:
         self.fresh: Picture | None = None
@@ -65,26 +65,26 @@ class _Camera:
         self._late: deque[float] = deque(maxlen=INTERVALS)
 
     def came(self, picture: Picture) -> None:
-        """Learn from the next picture."""
+        """Update period and latency from the next image."""
         before, self._came = self._came, picture
         if before is not None and picture.number > before.number:
             self._intervals.append((picture.time_ns - before.time_ns) / (picture.number - before.number))
         self._late.append(picture.ready_s * NS_PER_S - picture.time_ns)
 
     def give(self, picture: Picture, out_s: float) -> None:
-        """It can be had from now on; one that nobody had is dropped."""
+        """Make an image the newest; an unread one before it is dropped."""
         self.dropped += self.fresh is not None
         self.fresh = self.last = picture
         self.last_out_s = max(out_s, picture.ready_s)
 
     @property
     def period_ns(self) -> float | None:
-        """Of its own pictures; None while that is not known."""
+        """The camera's period; None while unknown."""
         known = sorted(self._intervals)
         return known[len(known) // 2] if len(known) >= FEWEST else None
 
     def late_ns(self, period_ns: float) -> float | None:
-        """How long after their times its pictures come, on a clock of all cameras; None while that is not known."""
+        """Latency: arrival minus capture time, on a clock of all cameras; None while unknown."""
         known = sorted(self._late)
         count = len(known)
         if count <= FEWEST or known[3 * count // 4] - known[count // 4] > STEADY * period_ns:
@@ -92,7 +92,10 @@ class _Camera:
         return known[count // 2]
 
     def expected_ns(self, usual_ns: float, now_s: float, *, first: bool) -> float:
-        """When its next picture is of; never, where that should be there by now. At ``first`` any may come at once."""
+        """Expected capture time of its next image; infinite if that is overdue.
+
+        With ``first``, a camera without any image yet is expected at once.
+        """
         if self.last is None:
             return -math.inf if first else math.inf
         period_ns = self.period_ns or usual_ns
@@ -100,17 +103,17 @@ class _Camera:
         return math.inf if overdue else self.last.time_ns + period_ns
 
     def silent(self, usual_ns: float, now_s: float) -> bool:
-        """Whether it has given nothing for so long that nobody waits for it."""
+        """Whether it has been silent for so long that the others do not wait for it."""
         period_ns = self.period_ns or usual_ns
         return self._came is None or now_s > self._came.ready_s + LATEST_S + OVERDUE * period_ns / NS_PER_S
 
 
 class NewestInstant:
-    """Remembers each camera's newest picture.
+    """Synchroniser of the newest images of several cameras.
 
     Args:
         cameras: their names.
-        period_ns: of all cameras, as long as their pictures have not shown it.
+        period_ns: assumed for all cameras until their images show it.
     """
 
     def __init__(self, cameras: Iterable[str], period_ns: float) -> None:
@@ -123,34 +126,34 @@ class NewestInstant:
 
     @property
     def period_ns(self) -> float:
-        """The median of the cameras' periods, as far as they are known."""
+        """The median of the known periods of the cameras."""
         known = sorted(one.period_ns for one in self._cameras.values() if one.period_ns)
         return known[len(known) // 2] if known else self._first_ns
 
     @property
     def dropped(self) -> dict[str, int]:
-        """By camera, pictures that were replaced by newer ones before anybody had them."""
+        """By camera, number of images that newer ones replaced unread."""
         return {name: camera.dropped for name, camera in self._cameras.items()}
 
     @property
     def pending(self) -> bool:
-        """Whether there is a picture that nobody had."""
+        """Whether there is an unread image."""
         return any(camera.fresh is not None or camera.held for camera in self._cameras.values())
 
     @property
     def held_ns(self) -> float | None:
-        """How long after their times pictures are given because some camera's come late; None where that is at once."""
+        """Latency to which all images are delayed because of a late camera; None if they are not delayed."""
         return self._out_ns
 
     def late_ns(self) -> dict[str, float]:
-        """How much later after their times each camera's pictures come than the most prompt one's, as far as known."""
+        """Each camera's latency above that of the most prompt one, as far as known."""
         period = self.period_ns
         known = {name: late for name, one in self._cameras.items() if (late := one.late_ns(period)) is not None}
         least = min(known.values(), default=0.0)
         return {name: late - least for name, late in known.items()}
 
     def add(self, name: str, picture: Picture) -> None:
-        """A camera's next picture."""
+        """Add a camera's next image."""
         camera = self._cameras[name]
         camera.came(picture)
         if self._out_ns is None:
@@ -159,20 +162,20 @@ class NewestInstant:
             camera.held.append(picture)
 
     def begin(self) -> None:
-        """What has come so far is of before: only what comes from now on counts."""
+        """Discard all images so far."""
         for camera in self._cameras.values():
             camera.fresh, camera.dropped = None, 0
             camera.held.clear()
         self._last_ns = self._since_s = None
 
     def take(self, now_s: float) -> PictureSet | None:
-        """The newest pictures, each once; None where there is none, or a better one is about to come.
+        """Take the newest images, each once; None if there is none, or a better one is about to arrive.
 
-        Times rise by half a period at least: what moves is told from two frames, and jitter of the cameras' clocks is
-        no speed.
+        Times of successive frames differ by at least half a period, so that jitter of the cameras' clocks does not
+        appear as speed.
 
         Args:
-            now_s: on the clock of the pictures' ``ready_s``; infinite where nothing more will come.
+            now_s: on the clock of the images' ``ready_s``; infinite if no more will arrive.
         """
         period = self.period_ns
         self._hold(period, now_s)
@@ -195,7 +198,7 @@ class NewestInstant:
         return PictureSet(middle, together)
 
     def _hold(self, period: float, now_s: float) -> None:
-        """See whether some camera is late, and let go what is old enough by now."""
+        """Determine whether a camera is late, and release held images that are old enough."""
         known = [
             late
             for camera in self._cameras.values()
@@ -217,7 +220,7 @@ class NewestInstant:
                 camera.give(camera.held.popleft(), out_s)
 
     def _better_soon(self, together: Mapping[str, Picture], period: float, now_s: float) -> bool:
-        """Whether a camera that is missing is about to come, or the next pictures of some are nearer to the others."""
+        """Whether a missing camera's image is about to arrive, or some cameras' next images are nearer to the others."""
         times = {name: picture.time_ns for name, picture in together.items()}
         order = sorted(times, key=lambda name: times[name])
         begin, end = times[order[0]], times[order[-1]]

@@ -1,4 +1,4 @@
-"""What a user writes → a source of depth images."""
+"""Open a source of depth images by the name that a user writes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mocapella.sources.paced_depth import PacedDepth
 from mocapella.sources.picture_source import PictureSource
 
 RAW: Final = "freenect"
-"""The one that has disparities, too."""
+"""The only kind of camera that can also give disparities."""
 RENDERED: Final = "rendered"
 KINDS: Final = (
     "16-bit PNGs or a folder of them, a take, openni:0, freenect:0, realsense:SERIAL, orbbec:0 or rendered:SCENE/SEED"
@@ -28,16 +28,17 @@ def open_depth(
     loop: bool = False,
     recorded: Callable[[str], DepthRecording | None] = lambda text: None,
 ) -> PictureSource:
-    """The source of that name; it is not opened yet.
+    """Make the source of a name, without opening it.
 
     Args:
         text: one of `KINDS`.
-        options: what the user says of the camera.
-        loop: recordings begin again.
-        recorded: opens what is a recording of another kind, a take; None where it is none.
+        options: the camera's parameters as the user gives them.
+        loop: whether recordings repeat.
+        recorded: opens other recordings (takes); returns None if the name is not such a recording.
 
     Raises:
-        SettingsError: it has the form of none, there is no such scene, or it has no disparities where the user says so.
+        SettingsError: the name has none of these forms, there is no such scene, or the options ask for disparities of a
+            source without them.
         InputError: files cannot be read.
     """
     options = options or DepthOptions()
@@ -52,6 +53,6 @@ def open_depth(
         return open_rendered(which, text, options)
     if (recording := recorded(text)) is not None:
         return PacedDepth(recording, loop=loop)
-    if not text or (colon and not Path(text).exists() and len(kind) > 1):  # one letter is a drive
+    if not text or (colon and not Path(text).exists() and len(kind) > 1):  # a single letter is a drive of Windows
         raise SettingsError(f"source {text!r} cannot be used; name {KINDS}")
     return PacedDepth(DepthFiles([Path(text)], options), loop=loop)

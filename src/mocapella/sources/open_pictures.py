@@ -1,4 +1,4 @@
-"""What a user writes → a source of pictures."""
+"""Open an image source by the name that a user writes."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ from mocapella.sources.video import LIVE, Frames, pictures
 STREAMS: Final = ("http://", "https://", "rtsp://", "rtmp://", "udp://", "tcp://")
 RENDERED: Final = "rendered:"
 SETTLED: Final = 30
-"""Pictures after which a camera's own regulation, as far as it cannot be switched off, has come to rest."""
+"""Images after which a camera's automatic control has settled, if it cannot be switched off."""
 KINDS: Final = "camera:0, /dev/video0, http://… or rtsp://…, a film, a folder of images, or rendered:SCENE/CAMERA"
 
 
 def open_pictures(
     text: str, wishes: CameraWishes | None = None, *, loop: bool = False, seed: int = 0, rate_option: str = "--fps"
 ) -> PictureSource:
-    """The source of that name; it is not opened yet.
+    """Make the source of a name, without opening it.
 
     Args:
         text: one of `KINDS`.
-        wishes: how a camera is to be set; of films and folders, the frames a second.
-        loop: films and folders begin again.
+        wishes: requested camera settings; for videos and folders only the frame rate counts.
+        loop: whether videos and folders repeat.
         seed: of a rendered scene.
-        rate_option: how the command calls the frames a second, for what is said of a film without.
+        rate_option: the command's option for the frame rate, named in the note on a video that states none.
 
     Raises:
-        SettingsError: it has the form of none, or there is no such scene or camera.
+        SettingsError: the name has none of these forms, or there is no such scene or camera.
     """
     wishes = wishes or CameraWishes()
     if text.startswith(LIVE):
@@ -62,25 +62,25 @@ def open_pictures(
 
 
 def is_live(text: str) -> bool:
-    """Whether a source of that name gives pictures in real time only; of others there is a file."""
+    """Whether a name means a source of live images instead of a file or folder."""
     return text.startswith((LIVE, RENDERED, *STREAMS)) or camera_number(text) is not None
 
 
 def one_picture(
     text: str, frame: int | None = None, wishes: CameraWishes | None = None, *, seed: int = 0
 ) -> tuple[NDArray[np.uint8], SourceState]:
-    """One picture of a source, as fast as it can be had, and how the source was set.
+    """Read one image of a source without waiting for real time; return it and the source's state.
 
     Args:
-        text, wishes, seed: as `open_pictures`.
-        frame: which, from 0; None is the first one of a film, and of a camera the `SETTLED`-th.
+        text, wishes, seed: as for `open_pictures`.
+        frame: its number, from 0; None is the first of a video and the `SETTLED`-th of a camera.
 
     Raises:
-        SettingsError: as `open_pictures`.
-        InputError: it cannot be opened, or has no such picture.
+        SettingsError: as for `open_pictures`.
+        InputError: the source cannot be opened, or has no such image.
     """
     source = open_pictures(text, wishes, seed=seed)
-    if isinstance(source, PacedPictures):  # they need not be waited for
+    if isinstance(source, PacedPictures):  # a file is read at once, not in real time
         wanted = frame or 0
         for number, image in pictures(text, Frames(wanted, wanted + 1)):
             if number == wanted:

@@ -1,7 +1,7 @@
-"""Poses of a headset's trackers and controllers through OpenVR (SteamVR), by the optional package ``openvr``.
+"""Poses of a headset's trackers and controllers from OpenVR (SteamVR), through the optional package ``openvr``.
 
-OpenVR's standing universe is right-handed, x right, y up, z to the back, metres; a pose is the upper three rows of
-``T_space_device``. A device is called by its serial number, which stays the same from day to day.
+OpenVR's standing universe is right-handed, x right, y up, z to the back, in metres; a pose is the upper three rows of
+``T_space_device``. A device's name is its serial number, which never changes.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ class OpenVrPoses:
     """The devices of a running OpenVR. A context manager.
 
     Attributes:
-        invalid: poses that OpenVR called invalid so far.
+        invalid: number of poses that OpenVR marked as invalid so far.
     """
 
     def __init__(self, sensor: str, space: str, *, openvr: Any = None) -> None:
-        """``openvr`` is the package; imported where it is None.
+        """Connect to OpenVR; ``openvr`` is the package, imported if None.
 
         Raises:
-            SettingsError: the package is not installed, or no OpenVR runs; says what to do.
+            SettingsError: the package is not installed, or OpenVR is not running; states a remedy.
         """
         self.sensor, self.space, self.invalid = sensor, space, 0
         self._openvr = openvr if openvr is not None else _package()
@@ -41,7 +41,7 @@ class OpenVrPoses:
         self._serials: dict[int, str] = {}
 
     def poll(self, at_ns: int) -> PoseFrame:
-        """Where all devices are now: the newest poses, not predicted."""
+        """Read the newest poses of all devices, without prediction."""
         vr = self._openvr
         poses = self._system.getDeviceToAbsoluteTrackingPose(
             vr.TrackingUniverseStanding, 0.0, vr.k_unMaxTrackedDeviceCount
@@ -68,13 +68,13 @@ class OpenVrPoses:
     def _serial(self, device: int) -> str:
         if device not in self._serials:
             vr = self._openvr
-            told = self._system.getStringTrackedDeviceProperty(device, vr.Prop_SerialNumber_String)
-            serial = told.decode(errors="replace") if isinstance(told, bytes) else str(told)
+            text = self._system.getStringTrackedDeviceProperty(device, vr.Prop_SerialNumber_String)
+            serial = text.decode(errors="replace") if isinstance(text, bytes) else str(text)
             self._serials[device] = serial[:80] or f"device {device}"
         return self._serials[device]
 
     def close(self) -> None:
-        """Leave OpenVR."""
+        """Disconnect from OpenVR."""
         self._openvr.shutdown()
 
     def __enter__(self) -> OpenVrPoses:

@@ -1,18 +1,17 @@
-"""Poses of other trackers by OSC over UDP: datagrams in, rigid bodies out; what is wrong is counted and never raised.
+"""Poses of other trackers by OSC over UDP: datagrams in, rigid bodies out; errors are counted and never raised.
 
 OSC 1.0 (M. Wright, *The Open Sound Control 1.0 Specification*, 2002): an address, a string of types, and arguments, all
-padded to four bytes and big-endian; or a bundle of such. Addresses that are understood:
+padded to four bytes and big-endian; or a bundle of such messages. Supported addresses:
 
-| address | arguments | whose |
+| address | arguments | protocol |
 |---|---|---|
 | ``/mocapella/pose`` | name x y z qx qy qz qw | ours: right-handed, metres, any up |
 | ``/VMC/Ext/Tra/Pos``, ``/Con/``, ``/Hmd/``, each also with ``/Local`` | serial x y z qx qy qz qw | VMC protocol |
 | ``/tracking/trackers/N/position`` and ``…/rotation`` | x y z; x y z in degrees | VRChat; N is 1 to 8 or head |
 
-VMC and VRChat are Unity's: left-handed, x right, y up, z forward. The z axis is turned round, which makes OpenVR's axes
-of them (x right, y up, z to the back): p' = (x, y, −z), q' = (−qx, −qy, qz, qw). Unity's Euler angles turn about z,
-then x, then y. Of a device that VMC tells both ways, the ``/Local`` pose is taken: only that is in the device's own
-scale.
+VMC and VRChat use Unity's axes: left-handed, x right, y up, z forward. The z axis is reversed, which gives OpenVR's
+axes (x right, y up, z to the back): p' = (x, y, −z), q' = (−qx, −qy, qz, qw). Unity's Euler angles rotate about z, then
+x, then y. If VMC sends a device's pose both ways, the ``/Local`` one is used: only that has the device's own scale.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ from mocapella.model.poses import PoseFrame, pose_frame, quaternion_of
 Float64 = NDArray[np.float64]
 
 MOST_BYTES: Final = 65_507
-"""Of a UDP datagram."""
+"""Largest UDP datagram."""
 _MOST_MESSAGES: Final = 1024
 _DEEPEST: Final = 4
 _MOST_BODIES: Final = 256
@@ -44,7 +43,7 @@ _VMC: Final = {f"/VMC/Ext/{kind}/Pos{local}": bool(local) for kind in ("Tra", "C
 
 
 class BadOscError(ValueError):
-    """A datagram that is no OSC; counted by `OscPoses`, never seen by others."""
+    """A datagram that is not valid OSC; `OscPoses` counts it and does not raise it."""
 
 
 class OscMessage(NamedTuple):
@@ -55,10 +54,10 @@ class OscMessage(NamedTuple):
 
 
 def messages(data: bytes, depth: int = 0) -> Iterator[OscMessage]:
-    """The messages of a datagram, those of bundles one after the other.
+    """Decode a datagram's messages, including those of bundles.
 
     Raises:
-        BadOscError: it is none, or nested too deeply.
+        BadOscError: the datagram is not valid OSC, or is nested too deeply.
     """
     if data[:8] != b"#bundle\0":
         yield _message(data)
@@ -78,7 +77,7 @@ def _message(data: bytes) -> OscMessage:
     address, at = _text(data, 0)
     if not address.startswith("/"):
         raise BadOscError("an address that does not begin with /")
-    if at == len(data):  # old senders leave the types out where there are no arguments
+    if at == len(data):  # old senders omit the types of a message without arguments
         return OscMessage(address, ())
     types, at = _text(data, at)
     if not types.startswith(","):
@@ -98,15 +97,15 @@ def _message(data: bytes) -> OscMessage:
                 raise BadOscError("a blob that is longer than the datagram")
             arguments.append(data[at + 4 : at + 4 + size])
             at += 4 + (size + 3) // 4 * 4
-        elif kind in _SAID:
-            arguments.append(_SAID[kind])
+        elif kind in _CONSTANTS:
+            arguments.append(_CONSTANTS[kind])
         else:
             raise BadOscError(f"arguments of the type {kind!r}")
     return OscMessage(address, tuple(arguments))
 
 
 _FIXED: Final = {"i": ">i", "f": ">f", "h": ">q", "d": ">d", "t": ">Q", "c": ">I", "r": ">I", "m": ">I"}
-_SAID: Final = {"T": True, "F": False, "N": None, "I": math.inf}
+_CONSTANTS: Final = {"T": True, "F": False, "N": None, "I": math.inf}
 
 
 def _unpacked(layout: str, data: bytes, at: int) -> tuple[Any, ...]:
@@ -128,15 +127,16 @@ def _text(data: bytes, at: int) -> tuple[str, int]:
 
 @dataclass
 class OscReport:
-    """What became of the datagrams.
+    """Counts of the datagrams.
 
     Attributes:
-        datagrams: how many came.
-        poses: of bodies, told in frames.
-        bad: datagrams that are no OSC.
-        unknown: messages of addresses that say nothing of a pose; the first few of them in ``addresses``.
-        refused: messages of a known address whose arguments cannot be used, by why.
-        too_soon: datagrams beyond the rate that is read.
+        datagrams: received.
+        poses: of bodies, passed on in frames.
+        bad: datagrams that are not valid OSC.
+        unknown: messages with unsupported addresses.
+        refused: messages with a supported address and unusable arguments, by reason.
+        too_soon: datagrams above the highest rate.
+        addresses: the first few of the unsupported addresses.
     """
 
     datagrams: int = 0
@@ -149,10 +149,10 @@ class OscReport:
 
 
 class OscPoses:
-    """Frames of one tracker's datagrams.
+    """Decoder of one tracker's datagrams into frames.
 
     Attributes:
-        report: see there.
+        report: counts of the datagrams.
     """
 
     def __init__(self, sensor: str, space: str, *, most_hz: float = 2000.0) -> None:
@@ -165,11 +165,11 @@ class OscPoses:
         self._rotations: dict[str, Float64] = {}
 
     def update(self, data: bytes, at_ns: int) -> PoseFrame | None:
-        """The bodies of which a datagram tells; None where it tells of none.
+        """Decode a datagram into a frame of bodies; None if it has no pose.
 
         Args:
             data: the datagram.
-            at_ns: when it came; OSC tells no other time that could be relied on.
+            at_ns: its arrival; OSC's own times are not reliable.
         """
         report = self.report
         report.datagrams += 1
@@ -193,7 +193,7 @@ class OscPoses:
         return pose_frame(self.sensor, self.space, list(found), time_ns=at_ns, positions=p, orientations=q)
 
     def _in_time(self, at_ns: int) -> bool:
-        """A second's worth may come at once, and no more than the rate on average."""
+        """Whether a datagram is within the highest rate, averaged over a second (token bucket)."""
         last_ns = getattr(self, "_last_ns", at_ns)
         self._allowed = min(self._most_hz, self._allowed + self._most_hz * max(0, at_ns - last_ns) * 1e-9)
         self._last_ns = max(at_ns, last_ns)
@@ -223,7 +223,7 @@ class OscPoses:
                 self.report.addresses.append(address[:80])
 
     def _pose(self, given: tuple[Any, ...]) -> tuple[str, Float64, Float64] | None:
-        """Name, position, and quaternion as it came: x, y, z, w."""
+        """Name, position, and quaternion x, y, z, w as received; None if the arguments are unusable."""
         if len(given) < 8 or not isinstance(given[0], str) or not 0 < len(given[0]) <= _MOST_NAME:
             self.report.refused["not a name and seven numbers"] += 1
             return None
@@ -247,16 +247,16 @@ class OscPoses:
         return values
 
     def _tracker(self, address: str, given: tuple[Any, ...], found: dict[str, tuple[Float64, Float64]]) -> None:
-        """Position and rotation come in messages of their own; a pose is told with each position."""
-        name, _, what = address.removeprefix("/tracking/trackers/").partition("/")
-        if what not in ("position", "rotation") or name not in _TRACKERS:
+        """Handle a tracker's position or rotation, which are separate messages; each position gives a pose."""
+        name, _, part = address.removeprefix("/tracking/trackers/").partition("/")
+        if part not in ("position", "rotation") or name not in _TRACKERS:
             self.report.unknown += 1
             return
         numbers = self._numbers(given[:3]) if len(given) >= 3 else None
         if numbers is None:
             self.report.refused["not three numbers"] += len(given) < 3
             return
-        if what == "rotation":
+        if part == "rotation":
             self._rotations[name] = unity_quaternion(numbers)
             if name in found:
                 found[name] = found[name][0], self._rotations[name]
@@ -268,7 +268,7 @@ _TRACKERS: Final = frozenset(["head", *map(str, range(1, 9))])
 
 
 def unity_quaternion(degrees: Float64) -> Float64:
-    """(4,) w, x, y, z in right-handed axes of Unity's Euler angles x, y, z [°]."""
+    """Convert Unity's Euler angles x, y, z [°] to a quaternion (4,) w, x, y, z in right-handed axes."""
     x, y, z = np.radians(degrees)
     c, s = math.cos(z), math.sin(z)
     about_z = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -277,7 +277,7 @@ def unity_quaternion(degrees: Float64) -> Float64:
 
 
 def encode(address: str, *arguments: Any) -> bytes:
-    """A message as bytes: floats as float32, ints as int32, texts."""
+    """Encode a message: floats as float32, ints as int32, and strings."""
 
     def padded(data: bytes) -> bytes:
         return data + b"\0" * (4 - len(data) % 4)
@@ -294,10 +294,10 @@ def encode(address: str, *arguments: Any) -> bytes:
 
 
 def bundle(*parts: bytes) -> bytes:
-    """Messages that belong together, as one datagram, to be carried out at once."""
+    """Encode messages as one bundle, to be executed immediately."""
     return b"#bundle\0" + struct.pack(">Q", 1) + b"".join(struct.pack(">i", len(p)) + p for p in parts)
 
 
 def as_json(report: OscReport) -> Mapping[str, Any]:
-    """The counts, as for ``--json``."""
+    """The counts for ``--json``."""
     return {**vars(report), "refused": dict(report.refused)}

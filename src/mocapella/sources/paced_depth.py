@@ -1,4 +1,4 @@
-"""Recorded depth images given out in real time: each when it is due."""
+"""Recorded depth images as an image source in real time: each image is given when it is due."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from mocapella.sources.picture_source import Picture, SourceState
 
 
 class PacedDepth:
-    """A recording of depth images as a source. What cannot be read is left out.
+    """A recording of depth images as an image source. Unreadable images are skipped.
 
     Args:
-        recording: see there; its first image is due at `begin`.
-        loop: whether it begins again when it has ended.
+        recording: its first image is due at `begin`.
+        loop: whether it repeats.
         clock: the monotonic clock, in seconds.
 
     Attributes:
-        damaged: images that could not be read so far.
+        damaged: number of unreadable images so far.
     """
 
     live = False
@@ -64,7 +64,10 @@ class PacedDepth:
         self._images = iter(())
 
     def _timed(self) -> Iterator[tuple[int, RecordedDepth]]:
-        """Each image and when it is due after the first [ns]; a recording's clock that goes back goes on."""
+        """Yield each image with its due time after the first [ns].
+
+        Where the recording's clock goes back, the image is due one frame period after the previous one.
+        """
         gap_ns = round(NS_PER_S / (self.recording.state.fps or USUAL_FPS))
         due_ns, last_ns = 0, None
         while True:

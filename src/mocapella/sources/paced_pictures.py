@@ -1,4 +1,4 @@
-"""Films and folders of pictures, given out in real time: each picture when it is due."""
+"""Videos and folders of images as image sources in real time: each image is given when it is due."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from mocapella.sources.video import IMAGES, read_image
 UInt8 = NDArray[np.uint8]
 
 USUAL_FPS: Final = 30.0
-"""Of a folder of pictures, and of a film that does not say it."""
+"""Frame rate assumed for a folder of images, and for a video that states none."""
 
 
 class PacedPictures:
-    """A film, a picture or a folder of pictures by name.
+    """A video, an image, or a folder's images by name.
 
-    Its time begins with its first picture at `begin` and is that of the film: what its container says of each frame
-    (``CAP_PROP_POS_MSEC``) as long as that rises, and one over the rate later where it does not.
+    The first image is due at `begin`. Frames of a video have the container's times (``CAP_PROP_POS_MSEC``) as long as
+    these rise; otherwise a frame follows the last one after one period of the frame rate.
 
     Args:
-        path: of the film, picture or folder.
-        fps: pictures a second; None takes the film's own times, and `USUAL_FPS` for a folder.
-        loop: whether it begins again when it has ended.
-        rate_option: how the command calls ``fps``, to be named where nobody says the rate.
+        path: of the video, image or folder.
+        fps: frame rate; None uses the video's own times, and `USUAL_FPS` for a folder.
+        loop: whether it repeats.
+        rate_option: the command's option for ``fps``, named in the note on a video that states no rate.
         clock: the monotonic clock, in seconds.
     """
 
@@ -79,8 +79,8 @@ class PacedPictures:
             raise InputError("is no video that can be read", file=path, fix="make it an MP4 (H.264) or AVI")
         says = float(self._capture.get(cv2.CAP_PROP_FPS))
         if not 0 < says < math.inf and self._wished_fps is None:
-            told = f"does not say its frames a second; {USUAL_FPS:g} are taken ({self._rate_option} says it)"
-            says, problems = USUAL_FPS, (told,)
+            note = f"does not state its frame rate; {USUAL_FPS:g} Hz is assumed ({self._rate_option} sets it)"
+            says, problems = USUAL_FPS, (note,)
         self._fps = self._wished_fps or says
         size = tuple(int(self._capture.get(k)) for k in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
         self._frames = self._of_film(self._capture)

@@ -1,11 +1,11 @@
-"""Where pictures come from, one after the other: a camera, a stream, a film, a folder or a rendered scene.
+"""The interface of image sources: a camera, a stream, a video, a folder of images or a rendered scene.
 
     source = open_pictures("camera:0")     # sources/open_pictures.py; depth images: sources/open_depth.py
     source.open()
     source.begin(time.monotonic())
     picture = source.read(stop)
 
-`Acquisition` reads a source in a thread of its own.
+`mocapella.sources.acquisition.Acquisition` reads a source in its own thread.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """One picture and when it was captured.
+    """One image and its capture time.
 
     Attributes:
         image: (height, width, 3) uint8 blue, green, red; of a depth camera, (height, width) uint16 units.
-        time_ns: of the capture, on the source's own clock, above 0 and rising.
+        time_ns: capture time on the source's own clock, above 0 and rising.
         number: 0, 1, 2, … of the source.
-        ready_s: when it was there to be looked at, on this machine's monotonic clock.
-        retrieval_s: how long it took to decode, without the waiting for it.
+        ready_s: when the decoded image was available, on this machine's monotonic clock.
+        retrieval_s: how long decoding took, without the wait for the image.
     """
 
     image: Image
@@ -48,15 +48,15 @@ class Picture:
 
 @dataclass(frozen=True)
 class SourceState:
-    """How a source was set when it was opened.
+    """The state of a source after it was opened.
 
     Attributes:
-        size_px: (width, height) that it says its pictures have; None where only a picture can say it.
-        fps: pictures a second that were asked for, or that it says it gives; None where nobody knows.
-        controls: as they were read back.
-        problems: what was asked for and could not be set, in sentences that say what to do.
-        unit_m: of a depth camera, metres a unit.
-        lens: of a depth camera, the nine numbers of `mocapella.geometry.lens`.
+        size_px: (width, height) that the source states; None if unknown before the first image.
+        fps: requested frame rate, or the rate that the source states [Hz]; None if unknown.
+        controls: as read back from the camera.
+        problems: requested settings that the source did not accept, each a sentence with a remedy.
+        unit_m: metres per unit of a depth camera's image.
+        lens: the nine numbers of `mocapella.geometry.lens` of a depth camera.
     """
 
     size_px: tuple[int, int] | None = None
@@ -68,31 +68,31 @@ class SourceState:
 
 
 class PictureSource(Protocol):
-    """What gives pictures. It is opened and read in one thread at a time; waiting in it ends when ``stop`` is set."""
+    """A source of images. It is opened and read by one thread at a time; reading ends early when ``stop`` is set."""
 
     name: str
     """As the user wrote it."""
     live: bool
-    """Whether it is lost, and looked for again, when there is no picture; others have ended."""
+    """Whether a missing image means that a camera was lost and must be reopened; otherwise the source has ended."""
     times: str
-    """Where its times come from, in words."""
+    """The origin of its capture times, in words."""
 
     def open(self) -> SourceState:
-        """Make it ready; it may be opened again after `close`.
+        """Open the source; it may be opened again after `close`.
 
         Raises:
-            InputError: it cannot be opened; says what can.
+            InputError: it cannot be opened; states a remedy.
         """
         ...
 
     def begin(self, zero_s: float) -> None:
-        """When its time 0 is, on the monotonic clock; cameras have a clock of their own, and do not mind."""
+        """Set its time 0, on the monotonic clock; cameras ignore this, since they have their own clock."""
         ...
 
     def read(self, stop: threading.Event) -> Picture | None:
-        """The next picture, when it is there; None where there is none any more."""
+        """Wait for the next image; None when there are no more."""
         ...
 
     def close(self) -> None:
-        """Give back what it holds."""
+        """Release the source's resources."""
         ...

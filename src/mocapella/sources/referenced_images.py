@@ -1,6 +1,6 @@
-"""Images that a take does not contain but refers to: a frame of a video, by its path and checksum.
+"""References to images outside a take: a frame of a video, by path and checksum.
 
-A take of videos holds some 200 bytes an image instead of the image. It is replayed to the bit as long as the videos are
+A take of videos stores some 200 bytes per image instead of the pixels. It replays to the bit as long as the videos are
 neither moved nor changed.
 """
 
@@ -26,11 +26,11 @@ _PIECE: Final = 1 << 20
 
 
 class ImageReference(msgspec.Struct, frozen=True):
-    """What a frame has instead of pixels.
+    """A reference that a frame has instead of pixels.
 
     Attributes:
         path: of the video, image or folder of images.
-        sha256: of its content, as `checksum` says.
+        sha256: of its content, see `checksum`.
         frame: number of the frame, from 0.
     """
 
@@ -40,7 +40,7 @@ class ImageReference(msgspec.Struct, frozen=True):
 
 
 def checksum(path: Path) -> str:
-    """SHA-256 of a file, or of a folder's images by name, in hexadecimal digits.
+    """SHA-256 of a file, or of a folder's images in the order of their names, in hexadecimal digits.
 
     Raises:
         InputError: it cannot be read.
@@ -60,22 +60,22 @@ def checksum(path: Path) -> str:
 
 
 def referred(frame: ImageFrame, path: Path, sha256: str, number: int) -> ImageFrame:
-    """The frame with a reference instead of its pixels."""
+    """Replace a frame's pixels by a reference."""
     data = msgspec.json.encode(ImageReference(str(path.absolute()), sha256, number))
     return msgspec.structs.replace(frame, format=FORMAT, data=data)
 
 
 class ReferencedImages:
-    """Opens the videos that frames refer to; frames of one video are read the faster the more they rise."""
+    """Reader of referenced videos; reading a video's frames in rising order is fast, going back is slow."""
 
     def __init__(self) -> None:
         self._videos: dict[str, _Video] = {}
 
     def resolve(self, frame: ImageFrame) -> ImageFrame:
-        """The frame with its pixels; a frame that has them already is returned unchanged.
+        """Replace a frame's reference by the pixels; a frame with pixels is returned unchanged.
 
         Raises:
-            InputError: the video is not there, has changed, or has no such frame.
+            InputError: the video does not exist, has changed, or has no such frame.
         """
         if frame.format != FORMAT:
             return frame
@@ -91,7 +91,7 @@ class ReferencedImages:
 
 
 class _Video:
-    """One video, checked once, and read forward."""
+    """One video, verified once, and read forward."""
 
     def __init__(self, reference: ImageReference) -> None:
         self._path = Path(reference.path)

@@ -16,7 +16,7 @@ SIMULATE: Final = Source(
 REPLAY: Final = Source(
     interface=1,
     name="replay",
-    summary="A sensor out of a recording, in real time.",
+    summary="A sensor of a recording, in real time.",
     frame_types=(),
     command="mocapella.cli.node:replay",
 )
@@ -59,7 +59,7 @@ CAMERA: Final = Source(
 MARKERS: Final = Source(
     interface=1,
     name="markers",
-    summary="A camera: the coloured markers in its pictures.",
+    summary="A camera: the coloured markers in its images.",
     frame_types=("markers",),
     command="mocapella.cli.markers:markers",
     looks="mocapella.sources.device_checks:cameras",

@@ -1,4 +1,4 @@
-"""What a source of frames is: the descriptor of a verb of ``mocapella node``."""
+"""The descriptor of a source of frames: one verb of ``mocapella node``."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class Source:
     Attributes:
         interface: of `mocapella.registry`.
         name: the verb after ``mocapella node``.
-        summary: its purpose, in a line.
-        frame_types: names of the frame types that it sends; all that are installed where it is empty.
+        summary: its purpose, in one line.
+        frame_types: names of the frame types that it sends; empty for all that are installed.
         command: ``module:function`` of its typer command. The module is imported when the verb runs.
         looks: ``module:function`` that returns `Finding` values for `mocapella doctor`, such as which devices are
             connected; may be empty.
@@ -41,4 +41,4 @@ class Source:
 
 
 SOURCES: Final = Table("mocapella.sources", Source, "source")
-"""By name."""
+"""The installed sources by name."""

@@ -18,7 +18,7 @@ Int64 = NDArray[np.int64]
 UInt8 = NDArray[np.uint8]
 
 NOTHING, BEHIND, BODY, FIRST_ARM = 0, 1, 2, 3
-"""Values of `DepthShot.parts`; those of an arm are `FIRST_ARM` + its place in `DepthShot.arms` · len(PARTS) + part."""
+"""Values of `DepthShot.parts`; arm n of `DepthShot.arms` has `FIRST_ARM` + n · len(PARTS) + part."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,15 @@ def body_mesh(arms: int) -> tuple[Float64, Int64]:
 def draw_background(
     kind: str, size_px: tuple[int, int], lens: tuple[float, ...], rng: np.random.Generator, T_camera_first: Float64
 ) -> DepthImages:
-    """What is behind the person."""
+    """Draw the background of a scene.
+
+    Args:
+        kind: ``empty``, ``wall`` or ``desk``.
+        size_px: (width, height).
+        lens: fx, fy, cx, cy [px].
+        rng: of the wall's distance and tilt, and of the objects on the desk.
+        T_camera_first: (4, 4) from the frame of the camera that the scene is made for.
+    """
     width, height = size_px
     depth = np.full((height, width), np.inf, np.float32)
     parts, slope = np.zeros((height, width), np.uint8), np.zeros((height, width), np.float32)
