@@ -148,8 +148,8 @@ def test_pictures_of_another_size_do_not_count_and_that_is_said_once():
         wait_until("it is missing", lambda: not any("c1" in one.images for one in islice(frames, 10)))
         assert all(one.images["c2"].shape == (48, 64, 3) for one in islice(frames, 10))
         assert said == [
-            "c1: gives pictures of 32 × 48 px now, not of 64 × 48 px as at first: they are ignored; set the size back, or "
-            "begin anew"
+            "c1: gives pictures of 32 × 48 px now, not of 64 × 48 px as at first: they are ignored; set the size "
+            "back, or restart"
         ]
         of["c1"].values[cv2.CAP_PROP_FRAME_WIDTH] = 64
         wait_until("it counts again", lambda: any("c1" in one.images for one in islice(frames, 10)))

@@ -1,1 +1,1 @@
-"""Where frames come from: a simulated room, recordings, and sensors."""
+"""Sources of frames: simulations, recordings, cameras, and network bridges."""

@@ -245,5 +245,5 @@ class Acquisition:
         if self.source.live and not self._silent and silent_s > self.settings.silent_s and not self._ended:
             self._silent = True
             self._say(
-                f"{self.source.name}: no picture for {silent_s:.0f} s; is it plugged in, and used by no other program?"
+                f"{self.source.name}: no picture for {silent_s:.0f} s; is it plugged in, and not in use elsewhere?"
             )

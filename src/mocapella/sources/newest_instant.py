@@ -220,7 +220,7 @@ class NewestInstant:
                 camera.give(camera.held.popleft(), out_s)
 
     def _better_soon(self, together: Mapping[str, Picture], period: float, now_s: float) -> bool:
-        """Whether a missing camera's image is about to arrive, or some cameras' next images are nearer to the others."""
+        """Whether a missing camera's image is about to arrive, or some cameras' next images fit the others better."""
         times = {name: picture.time_ns for name, picture in together.items()}
         order = sorted(times, key=lambda name: times[name])
         begin, end = times[order[0]], times[order[-1]]

@@ -1,10 +1,10 @@
-"""A study log as the sensors that it was made by: frames on each sensor's own clock (docs/study-log.md).
+"""Replay a study log as the sensors that recorded it: frames on each sensor's own clock (docs/study-log.md).
 
-The log has the reference sensor's skeletons in that sensor's own camera space. The second sensor's it has in the
-reference's too, as the thesis' calibration of the day brought them there; its true camera space is not in the log.
-The replay therefore places the second sensor where the file says that it stood, nominally, and maps its skeletons into
-that camera space by one fixed rigid motion. What a calibration finds instead of that motion differs from it by what
-the thesis' calibration was wrong by.
+The log has the reference sensor's skeletons in that sensor's camera frame. The second sensor's skeletons are in the
+reference's camera frame too, transformed by the thesis' calibration of the day; its own camera frame is not in the log.
+The replay therefore places the second sensor at the nominal pose that the file states, and transforms its skeletons
+into that camera frame by one fixed rigid motion. A calibration of the replayed sensors differs from that motion by the
+error of the thesis' calibration.
 """
 
 from __future__ import annotations
@@ -33,25 +33,25 @@ from mocapella.sources.study_sensors import (
 )
 
 MAX_STEP_BACK: Final = 0.5
-"""Frames that come later than newer ones of their sensor are sorted, up to this far back [s]."""
+"""Out-of-order frames of a sensor are sorted, up to this far back [s]."""
 MAX_LENGTH: Final = 86_400.0
-"""No sensor's times in one file are farther apart [s]."""
+"""Longest time between a sensor's rows in one file [s]."""
 
 _MS: Final = 1_000_000
 _LIMIT_NS: Final = 2**62
-"""146 years; the difference of two times that are nearer to their zeros fits into int64."""
+"""146 years; the difference of two times within this limit fits into int64."""
 _KINECT_V2: Final = topology("kinect_v2")
 
 
 class ReplayReport(msgspec.Struct, frozen=True):
-    """What became of the rows.
+    """Counts of a replay.
 
     Attributes:
-        rows: of the file, and of the chosen placement.
-        frames: made of them; the bodies that a sensor sees at one instant are one frame.
+        rows: rows of the file with the chosen placement.
+        frames: frames made of them; a sensor's bodies of one instant are one frame.
         duplicates_dropped: rows that repeat a person's skeleton of the same sensor and instant.
-        sorted: rows that came later in the file than a newer one of their sensor.
-        joints_not_tracked: in the frames.
+        sorted: rows that follow a newer row of their sensor in the file.
+        joints_not_tracked: number of such joints in the frames.
     """
 
     rows: int
@@ -66,12 +66,12 @@ class _Track(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         sensor: its name.
-        bodies: over (bodies of all frames), in the order of capture: a `BodyFrame`'s fields of that shape.
+        bodies: fields of `BodyFrame` over the bodies of all frames, in the order of capture.
         starts: (frames + 1,), frame i has the bodies ``starts[i]`` to ``starts[i + 1] - 1``.
-        tilt, height: (frames,), 0 where the file has none.
+        tilt, height: (frames,), 0 if the file has none.
         time_ns: (frames,), on the sensor's own clock; strictly rising.
         at_ns: (frames,), Unix time.
-        duplicates_dropped, sorted: rows.
+        duplicates_dropped, sorted: see `ReplayReport`.
     """
 
     sensor: str
@@ -85,7 +85,7 @@ class _Track(msgspec.Struct, frozen=True, eq=False):
     sorted: int
 
     def frame(self, number: int) -> BodyFrame:
-        """The sensor's frame of that number."""
+        """Make the sensor's frame with that number."""
         first, end = self.starts[number], self.starts[number + 1]
         return BodyFrame(
             sensor=self.sensor,
@@ -102,17 +102,17 @@ class _Track(msgspec.Struct, frozen=True, eq=False):
 
 
 class StudyReplay:
-    """One study log as one or two sensors.
+    """A study log as one or two sensors.
 
     Attributes:
         log: the file.
         sensors: names, the reference sensor first.
-        placement: key of `mocapella.model.session.PLACEMENTS`; empty where the file has one sensor and does not say.
-        T_reference_second: (4, 4), from the nominal camera space of the second sensor to the reference's; the identity
-            where there is no second.
-        T_reference_second_of: the same by person: the first person's is that one; the others' differ from it by how far
-            the thesis' calibrations of the two were apart, so that the replayed sensor has one camera space.
-        report: what became of the rows.
+        placement: key of `mocapella.model.session.PLACEMENTS`; empty if the file has one sensor and states none.
+        T_reference_second: (4, 4), from the nominal camera frame of the second sensor to the reference's; the identity
+            without a second sensor.
+        T_reference_second_of: the same by person. The first person has ``T_reference_second``; the others' differ from
+            it as the thesis' calibrations for the two differ, so that the replayed sensor has one camera frame.
+        report: counts.
     """
 
     def __init__(
@@ -121,15 +121,15 @@ class StudyReplay:
         """Sort the rows into frames.
 
         Args:
-            log: as it was read.
+            log: the study log.
             sensors: the end of a ``Kinect_Id`` → the sensor's name; see `mocapella.sources.study_sensors.sensor_names`.
-            placement: which the file must have, or None for the one that it has. A file that says −9999 is believed
+            placement: the placement to replay, or None for the file's only one. A file that states −9999 is assumed
                 to have the one given.
 
         Raises:
-            SettingsError: no such placement, or a name that no sensor can have or two Kinects would share.
-            InputError: the file does not have that placement or does not say, has more than two Kinects, no constant
-                reference sensor, a person or time that is none, or times that go back by more than `MAX_STEP_BACK`.
+            SettingsError: there is no such placement, or a sensor's name is invalid or shared by two Kinects.
+            InputError: the file does not have or state that placement, has more than two Kinects, no constant reference
+                sensor, an invalid person or time, or times that go back by more than `MAX_STEP_BACK`.
         """
         self.log = log
         rows, self.placement = rows_of_placement(log, placement)
@@ -156,17 +156,17 @@ class StudyReplay:
 
     @property
     def duration_s(self) -> float:
-        """From the first frame to the last."""
+        """Time from the first frame to the last."""
         return (max(int(track.at_ns[-1]) for track in self._tracks.values()) - self._zero_ns) / NS_PER_S
 
     def frames(self, sensor: str) -> Iterator[tuple[float, BodyFrame]]:
-        """One sensor's frames, in the order of their capture, each with when it is due.
+        """Yield one sensor's frames in the order of capture, each with its due time.
 
         Returns:
-            (due_s, frame): seconds since the first frame of the *file*, so that nodes that start together stay in step.
+            (due_s, frame): seconds since the first frame of the *file*, so that nodes started together stay in step.
 
         Raises:
-            SettingsError: the file has no such sensor; lists those it has.
+            SettingsError: the file has no such sensor; lists its sensors.
         """
         if sensor not in self._tracks:
             raise SettingsError(f"{self.log.source} has no sensor {sensor!r}; it has {one_of(sensor, self.sensors)}")
@@ -175,11 +175,11 @@ class StudyReplay:
         return ((due, track.frame(number)) for number, due in enumerate(due_s))
 
     def arrivals(self) -> Iterator[Arrival]:
-        """All sensors' frames in the order of ``at_ns``; of the same instant, the reference sensor's is first.
+        """Yield all sensors' frames in the order of ``at_ns``; at the same instant, the reference sensor's comes first.
 
-        ``at_ns`` is Unix time. A sensor's clock is brought to it by the least difference in the file between
-        ``Tracker_Time`` and ``Skeleton_Time``: the program wrote a row when the view had drawn it, so every other
-        difference is the least one plus a delay.
+        ``at_ns`` is Unix time. The offset of a sensor's clock is the least difference between ``Tracker_Time`` and
+        ``Skeleton_Time`` in the file: the program wrote a row after drawing it, so every other difference includes a
+        delay.
         """
         tracks = list(self._tracks.values())
         which = np.repeat(np.arange(len(tracks)), [len(track.at_ns) for track in tracks])
@@ -238,8 +238,8 @@ def _check_times_and_people(log: StudyLog, rows: NDArray[np.intp]) -> None:
     refuse(log, rows[no_time], "skeleton_time_ticks", "is no time of a sensor", "it counts 100 ns, from any zero")
     no_date = _is_beyond(tracker_ms, YEAR_1_TO_1970_MS, _LIMIT_NS // _MS)
     refuse(log, rows[no_date], "tracker_time_ms", "is no date of our time", "it counts milliseconds since year 1")
-    nobody = log.person_id[rows] < 0
-    refuse(log, rows[nobody], "person_id", "is no person", "number the people of a file from 0")
+    negative = log.person_id[rows] < 0
+    refuse(log, rows[negative], "person_id", "is no person", "number the people of a file from 0")
     split = "a file is one run of the sensors: split it where the time begins anew"
     ahead = ticks - ticks[0] > MAX_LENGTH * NS_PER_S / TICK_NS
     refuse(log, rows[ahead], "skeleton_time_ticks", "is more than a day after the sensor's first row", split)
@@ -248,5 +248,5 @@ def _check_times_and_people(log: StudyLog, rows: NDArray[np.intp]) -> None:
 
 
 def _is_beyond(values: NDArray[np.int64], centre: int, by: int) -> NDArray[np.bool_]:
-    """Whether a value is farther from the centre than that; no difference, which could overflow."""
+    """Whether each value is farther from the centre than ``by``, computed without a difference, which may overflow."""
     return (values < centre - by) | (values > centre + by)

@@ -1,4 +1,4 @@
-"""Which sensors a study log was made by, and where the second of them nominally stood."""
+"""The sensors of a study log: their names, and the nominal pose of the second one."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from mocapella.model.study_log import TITLES, StudyLog
 STUDY_SENSORS: Final[Mapping[str, str]] = {".213.82": "front", ".207.136": "side"}
 """The study's sensors of 2015: the end of a ``Kinect_Id`` → the sensor's name."""
 TURNING_DISTANCE: Final = 2.4
-"""From the reference sensor to the axis that the second is turned about: where people stood [m]."""
+"""Distance from the reference sensor to the vertical axis of the second's rotation, where people stood [m]."""
 PARALLEL_DISTANCE: Final = 0.5
-"""Between two parallel sensors [m]."""
+"""Distance between two parallel sensors [m]."""
 
 _FIRST_ROWS = 30
-"""Of a person, about a second: the logs begin right after the people stood still."""
+"""Rows of a person's first second: the logs begin right after the people stood still."""
 _TURNS = {"parallel": 0.0, "right-45": -45.0, "right-90": -90.0, "left-45": 45.0, "left-90": 90.0}
 
 
 def refuse(log: StudyLog, rows: NDArray[np.intp], name: str, problem: str, fix: str) -> None:
-    """Raise an InputError that names the first of these rows, if there is one.
+    """Raise an InputError that names the first of these rows; do nothing without rows.
 
     Args:
         log: the file.
-        rows: indices of the rows to blame.
-        name: the field of `StudyLog` to blame.
-        problem, fix: the error's words.
+        rows: indices of the invalid rows.
+        name: the invalid field of `StudyLog`.
+        problem, fix: text of the error.
     """
     if len(rows):
         i = int(rows.min())
@@ -45,11 +45,11 @@ def refuse(log: StudyLog, rows: NDArray[np.intp], name: str, problem: str, fix: 
 
 
 def rows_of_placement(log: StudyLog, wanted: str | None) -> tuple[NDArray[np.intp], str]:
-    """The rows of the placement that is wanted, or of the only one there is, and its name (empty = not said).
+    """Select the rows of a placement, or of the file's only one; return them and its name (empty: not stated).
 
     Raises:
-        SettingsError: no such placement; lists those there are.
-        InputError: the file does not have it, has several and none is chosen, or has a number that is none.
+        SettingsError: there is no such placement; lists the known ones.
+        InputError: the file does not have it, has several and none is chosen, or has an invalid number.
     """
     if wanted is not None and wanted not in PLACEMENTS:
         raise SettingsError(f"unknown placement {wanted!r}; known: {one_of(wanted, PLACEMENTS)}")
@@ -77,14 +77,14 @@ def rows_of_placement(log: StudyLog, wanted: str | None) -> tuple[NDArray[np.int
 
 
 def sensor_names(log: StudyLog, rows: NDArray[np.intp], sensors: Mapping[str, str]) -> dict[str, str]:
-    """The sensors' names by their ``Kinect_Id``, in the order of appearance.
+    """Names of the sensors by their ``Kinect_Id``, in the order of appearance.
 
-    An id that ends in none of ``sensors`` is the name itself, with ``-`` for what a name cannot have, and ``kinect-``
-    before a bare number.
+    An id that ends in none of ``sensors`` is itself the name, with ``-`` in place of invalid characters, and
+    ``kinect-`` before a bare number.
 
     Raises:
-        InputError: there are more than two.
-        SettingsError: a name that no sensor can have, or that two Kinects would share.
+        InputError: there are more than two sensors.
+        SettingsError: a name is invalid, or shared by two Kinects.
     """
     kinects, first = np.unique(log.kinect_id[rows], return_index=True)
     first = np.sort(first)
@@ -106,10 +106,10 @@ def _safe_name(kinect: str) -> str:
 
 
 def reference_kinect(log: StudyLog, rows: NDArray[np.intp], names: dict[str, str]) -> str:
-    """The Kinect in whose camera space the file is: that of the rows with Skeleton_Id 0, and of no others.
+    """The Kinect whose camera frame the file uses: all its rows, and no others, have Skeleton_Id 0.
 
     Raises:
-        InputError: there is none, or not always the same.
+        InputError: there is none, or it changes within the file.
     """
     is_reference = log.skeleton_id[rows] == 0
     if not is_reference.any():
@@ -132,15 +132,15 @@ def motions_of_people(
 ) -> dict[int, NDArray[np.float64]]:
     """``T_reference_second`` of each person: the first person's is the one given.
 
-    The thesis calibrated the second sensor anew for each person, some degrees apart, so two people's logged rows
-    are not in one space. What is logged of the angles and where both people stood at first, seen by the reference
-    sensor, bring the others' rows into the first person's: a turn about where that person stood by how far the two
-    calibrations are apart, and that place itself to where a second sensor of the given motion saw it. A person
-    without angles, or never seen by the reference sensor, keeps the motion given.
+    The thesis calibrated the second sensor separately for each person. The calibrations differ by some degrees, so two
+    people's logged rows are not in one frame. The logged angles, and the people's first positions seen by the reference
+    sensor, give the motion from another person's frame to the first person's: a rotation about that person's position
+    by the difference of the two calibrations, and a translation of that position to where a second sensor with the
+    given motion saw it. A person without angles, or never seen by the reference sensor, keeps the given motion.
 
     Args:
         log: the file.
-        rows: that count.
+        rows: rows to use.
         T_reference_second: (4, 4), of the first person.
     """
     turns, places = {}, {}
@@ -164,13 +164,13 @@ def motions_of_people(
 
 
 def nominal_motion(log: StudyLog, rows: NDArray[np.intp], placement: str) -> NDArray[np.float64]:
-    """``T_reference_second``: a turn about the vertical where people stood, or a step aside for parallel sensors.
+    """``T_reference_second``: a rotation about the vertical axis where people stood, or a shift for parallel sensors.
 
-    How far they are turned apart is the file's nominal angle. To which side it does not say, because either sensor can
-    be the reference; the difference of a person's two stand-still angles does, since θ grows by a sensor's turn.
+    The placement gives the angle, but not its sign, because either sensor can be the reference. The sign is that of the
+    difference of a person's two stand-still angles, since θ grows by a sensor's rotation.
 
     Raises:
-        InputError: the file does not say how the sensors stood.
+        InputError: the file does not state the sensors' placement.
     """
     if not placement:
         raise InputError(
@@ -190,7 +190,7 @@ def nominal_motion(log: StudyLog, rows: NDArray[np.intp], placement: str) -> NDA
 
 
 def _logged_turn(log: StudyLog, rows: NDArray[np.intp]) -> float:
-    """θ of the second sensor minus θ of the reference, of the first person that has both [rad]; 0 where nobody has."""
+    """θ of the second sensor minus θ of the reference, of the first person with both angles [rad]; 0 without any."""
     for person in np.unique(log.person_id[rows]).tolist():
         turn = _turn_of_person(log, rows[log.person_id[rows] == person])
         if turn is not None:
@@ -199,7 +199,7 @@ def _logged_turn(log: StudyLog, rows: NDArray[np.intp]) -> float:
 
 
 def _turn_of_person(log: StudyLog, rows: NDArray[np.intp]) -> float | None:
-    """θ of the second sensor minus θ of the reference in one person's rows [rad]; None where one is not logged."""
+    """θ of the second sensor minus θ of the reference in one person's rows [rad]; None if one is not logged."""
     known = rows[np.isfinite(log.init_angle[rows])]
     is_reference = log.skeleton_id[known] == 0
     if is_reference.all() or not is_reference.any():

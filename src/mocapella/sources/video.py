@@ -1,4 +1,4 @@
-"""Pictures of videos, image files, folders of images and live cameras, and the times at which they were captured."""
+"""Read images from videos, image files, folders of images and live cameras, and files of capture times."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ LIVE: Final = "camera:"
 
 @dataclass(frozen=True)
 class Frames:
-    """Which frames of a video are wanted: those from ``first``, below ``end``, every ``step``-th."""
+    """A selection of a video's frames: every ``step``-th from ``first`` up to, but not including, ``end``."""
 
     first: int = 0
     end: int | None = None
     step: int = 1
 
     def wants(self, frame: int) -> bool:
-        """Whether a frame is one of them."""
+        """Whether a frame is selected."""
         inside = frame >= self.first and (self.end is None or frame < self.end)
         return inside and (frame - self.first) % self.step == 0
 
 
 def parse_frames(text: str | None) -> Frames:
-    """``odd``, ``even``, or ``FROM:TO:STEP``, any part of which may be left out.
+    """Parse ``odd``, ``even``, or ``FROM:TO:STEP``, whose parts are optional; None selects all frames.
 
     Raises:
-        SettingsError: it is something else.
+        SettingsError: the text is none of these.
     """
     if text is None:
         return Frames()
@@ -54,13 +54,13 @@ def parse_frames(text: str | None) -> Frames:
 
 
 def pictures(path: Path | str, frames: Frames = Frames()) -> Generator[tuple[int, UInt8]]:
-    """The frames of a video, of one image, or of a folder's images by name, with their numbers from 0.
+    """Read the selected frames of a video, an image, or a folder's images in the order of their names.
 
     Yields:
-        number, and (height, width, 3) BGR.
+        number from 0, and image (height, width, 3) BGR.
 
     Raises:
-        InputError: it cannot be read, or has no picture.
+        InputError: the path cannot be read, or has no image.
     """
     path = Path(path)
     if path.is_dir():
@@ -75,10 +75,10 @@ def pictures(path: Path | str, frames: Frames = Frames()) -> Generator[tuple[int
 
 
 def read_image(path: Path) -> UInt8:
-    """(height, width, 3) BGR.
+    """Read an image file (height, width, 3) BGR.
 
     Raises:
-        InputError: it is none.
+        InputError: the file does not exist, or is not an image.
     """
     if not path.is_file():
         raise InputError("is not there", file=path, fix="name a file that exists")
@@ -108,12 +108,12 @@ def _video(path: Path, frames: Frames) -> Iterator[tuple[int, UInt8]]:
 
 
 class LiveCameras:
-    """Cameras of this machine, read together: all are told to grab before any picture is decoded.
+    """Local cameras, read together: all grab a frame before any image is decoded.
 
     Args:
-        numbers: of the cameras, as the system counts them, by name.
-        open_capture: what opens one; a test gives its own.
-        clock: seconds, of one clock for all cameras.
+        numbers: the system's numbers of the cameras, by name.
+        open_capture: replaces `cv2.VideoCapture` in tests.
+        clock: seconds, one clock for all cameras.
     """
 
     def __init__(
@@ -124,7 +124,7 @@ class LiveCameras:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.lost: dict[str, int] = dict.fromkeys(numbers, 0)
-        """How often a camera gave no picture."""
+        """Number of missing images by camera."""
         self._clock = clock
         self._captures: dict[str, Any] = {}
         for name, number in numbers.items():
@@ -139,7 +139,7 @@ class LiveCameras:
                 )
 
     def read(self) -> dict[str, tuple[float, UInt8]]:
-        """When each camera was told to grab, and its picture; without the cameras that gave none, which are counted."""
+        """Read the time of the grab [s] and the image of each camera; missing images are counted in ``lost``."""
         grabbed = {name: (self._clock(), capture.grab()) for name, capture in self._captures.items()}
         found: dict[str, tuple[float, UInt8]] = {}
         for name, (at, there) in grabbed.items():
@@ -151,23 +151,23 @@ class LiveCameras:
         return found
 
     def close(self) -> None:
-        """Give the cameras back."""
+        """Close the cameras."""
         for capture in self._captures.values():
             capture.release()
 
 
 def read_timestamps(path: Path | str, cameras: Sequence[str]) -> dict[str, list[float]]:
-    """When each frame of each camera was captured.
+    """Read the capture times of each camera's frames.
 
-    A CSV file with a column ``camera`` (or ``cam_id``, ``port``), one ``time_s`` (or ``frame_time``) and, where rows
-    are missing or out of order, ``frame`` (or ``frame_index``); otherwise a camera's rows are its frames in the order
-    of their times. A camera ``1`` of the file is ``1`` or ``cam_1`` of the rig.
+    The file is CSV with a column ``camera`` (or ``cam_id``, ``port``), a column ``time_s`` (or ``frame_time``) and, if
+    rows are missing or out of order, a column ``frame`` (or ``frame_index``). Without the latter, a camera's rows in
+    the order of their times are its frames. A camera ``1`` of the file is ``1`` or ``cam_1`` of the rig.
 
     Returns:
-        by camera [s]; NaN of a frame that has no row.
+        times by camera [s]; NaN for a frame without a row.
 
     Raises:
-        InputError: a column or a camera is missing, or a value is no number.
+        InputError: a column or a camera is missing, or a value is not a number.
     """
     try:
         text = Path(path).read_text(encoding="utf-8")

@@ -1,6 +1,6 @@
-"""Videos of several cameras, read in step: what is wrong with one of them is said before anything is made of it.
+"""Videos of several cameras, read frame by frame; each is checked before the first frame is read.
 
-Frames of one number are of one instant. Videos of different lengths are read up to the end of the shortest.
+Frames with the same number belong to the same instant. Videos of different lengths are read to the end of the shortest.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from mocapella.sources.video import IMAGES, Frames, pictures
 UInt8 = NDArray[np.uint8]
 
 RATES_WITHIN: Final = 2e-4
-"""Rates that differ by a larger share are others: 29.97 and 30 a second are a frame apart after half a minute."""
+"""Largest relative difference of equal frame rates: at 29.97 and 30 Hz videos are a frame apart after half a minute."""
 
 
 class Video(msgspec.Struct, frozen=True):
-    """What a file says of itself.
+    """Properties of a video, an image, or a folder of images.
 
     Attributes:
-        path: of a video, an image or a folder of images.
+        path: of the video, image or folder.
         size_px: (width, height).
-        rate_hz: frames a second; None where nobody knows, as of a folder of images.
-        count: of its frames, as its header says; None where it does not.
+        rate_hz: frame rate; None if unknown, as for a folder of images.
+        count: number of frames according to the header; None if it states none.
     """
 
     path: Path
@@ -43,11 +43,11 @@ class Video(msgspec.Struct, frozen=True):
     count: int | None
 
 
-def look_at(path: Path) -> Video:
-    """Open a video, an image or a folder of images, and see what it is.
+def probe(path: Path) -> Video:
+    """Open a video, an image or a folder of images, and read its properties.
 
     Raises:
-        InputError: it cannot be read, or has no picture.
+        InputError: it cannot be read, or has no image.
     """
     with closing(pictures(path)) as found:
         first = next(found, None)
@@ -73,22 +73,22 @@ class VideoSet:
 
     Args:
         paths: a video, an image or a folder of images for each camera, by any name that `match_cameras` knows.
-        rig: of calibrated cameras, of which not all need have a video.
-        frames: which of them are wanted; None: all.
-        rate_hz: frames a second; None: as the files say.
-        other_size: of `OTHER_SIZES`, of pictures of another size than the calibration's; None: they are an error.
+        rig: calibrated cameras; not all need a video.
+        frames: selection of frames; None for all.
+        rate_hz: frame rate; None for that of the files.
+        other_size: of `OTHER_SIZES`, for images of another size than the calibration's; None refuses them.
 
     Attributes:
-        rig: of the cameras that have videos, for pictures of the videos' sizes.
+        rig: the cameras that have videos, with intrinsics for the videos' image sizes.
         videos: by the rig's names.
-        rate_hz: frames a second, all counted.
-        count: of the wanted frames; None where nobody knows.
-        notes: what was chosen or left out, a line each.
+        rate_hz: frame rate before the selection.
+        count: number of selected frames; None if unknown.
+        notes: choices and omissions to report, one line each.
 
     Raises:
-        InputError: no video, one that cannot be read, one of a camera that the rig does not have, of another rate than
-            the others, or of another size than the calibration's.
-        SettingsError: ``other_size`` is none of them.
+        InputError: there is no video, or one cannot be read, is of a camera that the rig does not have, or has another
+            frame rate than the others or another size than the calibration's.
+        SettingsError: unknown ``other_size``.
     """
 
     def __init__(
@@ -104,36 +104,35 @@ class VideoSet:
             raise InputError("no videos are named", field="VIDEO…", fix="name a video for each camera of the rig")
         check_other_size(other_size)
         for name, path in paths.items():
-            match_cameras([name], rig.cameras, file=path)  # says which file it is
+            match_cameras([name], rig.cameras, file=path)  # an error names the file
         names = match_cameras(list(paths), rig.cameras)
-        self.videos = {name: look_at(path) for name, path in zip(names, paths.values(), strict=True)}
+        self.videos = {name: probe(path) for name, path in zip(names, paths.values(), strict=True)}
         self._frames, self.notes = frames or Frames(), []
         self.rate_hz = rate_hz or self._rate()
-        placed, said = {}, []
+        placed = {}
         for name in (name for name in rig.cameras if name in self.videos):
             video = self.videos[name]
             placed[name], note = fitted(rig.cameras[name], video.size_px, other_size, source=video.path)
-            said += [note] if note else []
-        self.notes += said
+            self.notes += [note] if note else []
         self.rig = CameraRig(placed)
         self.count = self._count()
 
     def described(self) -> dict[str, dict[str, Any]]:
-        """As ``--json`` has the cameras."""
+        """Video and image size by camera, for ``--json``."""
         return {
             name: {"video": str(self.videos[name].path), "size_px": list(self.videos[name].size_px)}
             for name in self.rig.cameras
         }
 
     def summary(self) -> dict[str, Any]:
-        """What is to be told of it at the end: nothing."""
+        """Summary of the run, for ``--json``: empty."""
         return {}
 
     def __iter__(self) -> Iterator[FrameSet]:
-        """The wanted frames, with an image of every camera; ends with the shortest video.
+        """Yield the selected frames, each with an image of every camera, to the end of the shortest video.
 
         Raises:
-            InputError: images of a folder change their size.
+            InputError: the images of a folder differ in size.
         """
         with ExitStack() as stack:
             shown = {
@@ -145,7 +144,7 @@ class VideoSet:
                 images = {name: next(video, None) for name, video in shown.items()}
                 ended = [name for name, one in images.items() if one is None]
                 if ended:
-                    self._tell_end(ended, number)
+                    self._note_early_end(ended, number)
                     return
                 got = {name: one[1] for name, one in images.items() if one is not None}
                 for name, image in got.items():
@@ -185,8 +184,8 @@ class VideoSet:
             )  # fmt: skip
         return count
 
-    def _tell_end(self, ended: list[str], number: int) -> None:
-        """Say what a header had promised."""
+    def _note_early_end(self, ended: list[str], number: int) -> None:
+        """Note videos that end before the number of frames in their header."""
         for name in ended:
             count, end = self.videos[name].count, self._frames.end
             if count is not None and number < count and (end is None or number < end):

@@ -1,4 +1,4 @@
-"""Depth cameras through the packages of their makers, each of which is imported when such a camera is opened."""
+"""Depth cameras through their makers' packages; a package is imported only when such a camera is opened."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ CAMERAS: Final = {
     "realsense": ("realsense", "RealSenseCamera", ""),
     "orbbec": ("orbbec", "OrbbecCamera", "0"),
 }
-"""By the word before the colon: module, class, and which camera where nothing comes after it."""
+"""Module, class and default camera, by the kind before the colon of a source's name."""
 
 
 def camera_class(kind: str) -> type[DepthDevice]:
-    """What a camera of one of `CAMERAS` is opened by; its package is not imported yet."""
+    """Class of one of `CAMERAS`; the driver's package is not imported."""
     module, name, _ = CAMERAS[kind]
     found: type[DepthDevice] = getattr(import_module(f"{__name__}.{module}"), name)
     return found

@@ -1,4 +1,4 @@
-"""What every depth camera does, whatever package drives it: open, read with a time, notice that it is gone, close."""
+"""Base class of depth cameras: open, read with capture times, detect a lost camera, close."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from mocapella.sources.picture_source import Picture, SourceState
 UInt16 = NDArray[np.uint16]
 
 LOST_S: Final = 2.0
-"""A camera that gives nothing for so long is lost."""
+"""Time without an image after which a camera is lost."""
 WAIT_S: Final = 0.1
-"""So long the package is waited for at a time, so that the end of the program is seen."""
+"""Longest wait in the package at a time, so that a stop is noticed."""
 JUMP_S: Final = 0.5
-"""A stamp that is so far off the monotonic clock begins a new count."""
+"""Deviation of a time stamp from the monotonic clock that sets a new clock offset."""
 
 
 class Stamped(NamedTuple):
-    """An image (height, width) and when it was captured on the device's clock [s]; None where it does not say."""
+    """An image (height, width) and its capture time on the device's clock [s]; None if the device gives none."""
 
     depth: UInt16
     at_s: float | None
@@ -38,22 +38,22 @@ class Stamped(NamedTuple):
 class DepthDevice(ABC):
     """A live depth camera; a `mocapella.sources.picture_source.PictureSource`.
 
-    Its time is the device's stamps, brought to the monotonic clock by when its first image came; of a device without
-    stamps, when images come.
+    Capture times are the device's stamps, brought to the monotonic clock by the arrival of the first image. Without
+    stamps, they are the arrivals.
 
     Args:
         which: number of the camera, or its serial number; empty is the first.
         name: as the user wrote it.
-        options: what the user says; goes before what the device says.
-        package: what drives it; imported where it is None.
+        options: the user's parameters; they take precedence over the device's.
+        package: the driver's package; imported if None.
         clock: the monotonic clock, in seconds.
     """
 
     live = True
     packages: ClassVar[tuple[str, ...]]
-    """Modules that drive it, the first that is installed is taken."""
+    """Modules that drive it; the first installed one is used."""
     install: ClassVar[str]
-    """What to install, in words."""
+    """Instruction for the installation."""
 
     def __init__(
         self,
@@ -73,25 +73,25 @@ class DepthDevice(ABC):
 
     @abstractmethod
     def _start(self, package: Any) -> SourceState:
-        """Open the camera and start its stream; says size, rate, unit and lens."""
+        """Open the camera and start its stream; return its size, rate, unit and lens."""
 
     @abstractmethod
     def _next(self, wait_s: float) -> Stamped | None:
-        """The next image; None where none comes within so long."""
+        """Wait for the next image; None if none arrives within ``wait_s``."""
 
     @abstractmethod
     def _stop(self) -> None:
-        """Stop and close; nothing where nothing is open."""
+        """Stop and close the camera, if it is open."""
 
     def _errors(self, package: Any) -> tuple[type[BaseException], ...]:
-        """What the package raises where a camera is gone."""
+        """Exceptions that the package raises when a camera is lost."""
         return (RuntimeError, OSError)
 
     def open(self) -> SourceState:
         """As `PictureSource.open`.
 
         Raises:
-            SettingsError: the package is not installed.
+            SettingsError: no package is installed.
             InputError: there is no such camera, or it cannot be started.
         """
         self.close()
@@ -113,11 +113,11 @@ class DepthDevice(ABC):
             check_lens(lens, state.size_px, self.name)
         return state
 
-    def begin(self, zero_s: float) -> None:  # noqa: B027 - there is nothing to do, and nobody needs to change that
-        """A camera has its own clock."""
+    def begin(self, zero_s: float) -> None:  # noqa: B027 - no subclass needs to override it
+        """Do nothing: a camera has its own clock."""
 
     def read(self, stop: threading.Event) -> Picture | None:
-        """As `PictureSource.read`; None where the camera is gone."""
+        """As `PictureSource.read`; None if the camera is lost."""
         if not self._open:
             return None
         lost_s = self._clock() + LOST_S
@@ -142,7 +142,7 @@ class DepthDevice(ABC):
             self._stop_quietly(self._package)
 
     def _at(self, stamp_s: float | None, came_s: float) -> float:
-        """When an image was captured, on the monotonic clock, give or take what the first took to come."""
+        """Capture time of an image on the monotonic clock, up to the latency of the first image."""
         if stamp_s is None:
             return came_s
         if self._shift_s is None or abs(came_s - stamp_s - self._shift_s) > JUMP_S:
@@ -152,7 +152,7 @@ class DepthDevice(ABC):
     def _stop_quietly(self, package: Any) -> None:
         try:
             self._stop()
-        except self._errors(package):  # it was unplugged: there is nothing left to close
+        except self._errors(package):  # unplugged: nothing to close
             pass
 
     def _imported(self) -> Any:
@@ -165,7 +165,11 @@ class DepthDevice(ABC):
         raise SettingsError(f"{self.name} needs the package {package}, which is not installed: {self.install}")
 
     def _index(self) -> int:
-        """The camera's number."""
+        """The camera's number.
+
+        Raises:
+            SettingsError: the source's name has no number.
+        """
         if not (self.which.isascii() and self.which.isdigit()):
             kind = self.name.partition(":")[0]
             raise SettingsError(f"source {self.name!r} cannot be used; write {kind}:0 for the first camera")
@@ -173,6 +177,6 @@ class DepthDevice(ABC):
 
 
 def none_there(name: str, count: int) -> InputError:
-    """That there is no such camera among those that are there."""
+    """Error that there is no such camera, with the number of those connected."""
     there = f"{count} of them {'is' if count == 1 else 'are'} here, from 0" if count else "none is here; plug one in"
     return InputError("there is no such camera", file=name, fix=there)

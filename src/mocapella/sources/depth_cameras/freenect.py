@@ -1,11 +1,11 @@
 """The Kinect v1 through libfreenect's own Python module.
 
-``sync_get_depth(index, format)`` gives (depth (480, 640) uint16, time stamp) or None where there is no Kinect
-(libfreenect, ``wrappers/python/freenect.pyx``). ``DEPTH_MM`` are millimetres by the device's own calibration,
-``DEPTH_11BIT`` its disparities, which `mocapella.geometry.kinect_depth` makes depths of. The module does not tell the
-lens: that is the infrared camera's nominal focal length of 120 mm at pixels of 2 · 0.1042 mm, which libfreenect's
-``freenect_camera_to_world`` uses for images of 640 px. Stamps count a clock of 60 MHz whose origin and wrap the module
-does not tell: images have the time at which they come.
+``sync_get_depth(index, format)`` returns (depth (480, 640) uint16, time stamp), or None without a Kinect (libfreenect,
+``wrappers/python/freenect.pyx``). ``DEPTH_MM`` is millimetres by the device's own calibration, ``DEPTH_11BIT`` its
+disparities, which `mocapella.geometry.kinect_depth` converts to depths. The module does not give the lens: its focal
+length is the infrared camera's nominal 120 mm at pixels of 2 · 0.1042 mm, which libfreenect's
+``freenect_camera_to_world`` uses for images of 640 px. Stamps count a clock of 60 MHz with an unknown origin and
+wrap-around, so capture times are the arrivals.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ SIZE_PX: Final = (640, 480)
 
 
 class FreenectCamera(DepthDevice):
-    """A Kinect v1, by its number. With the unit kinect-raw, depths are made of its disparities here."""
+    """A Kinect v1, by its number. With the unit kinect-raw, depths are computed here from its disparities."""
 
     packages = ("freenect",)
     install = "install libfreenect with its Python module (Debian: python3-freenect; freenect of the package index)"
@@ -41,7 +41,7 @@ class FreenectCamera(DepthDevice):
     def _next(self, wait_s: float) -> Stamped | None:
         first, self._first = self._first, None
         found = first or self._grab(self._package)
-        if found is None:  # at once, not after a while: the Kinect is gone
+        if found is None:  # the call does not wait: the Kinect is lost
             raise OSError("the Kinect gives nothing")
         return found
 

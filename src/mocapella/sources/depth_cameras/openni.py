@@ -1,8 +1,8 @@
 """Depth cameras of OpenNI2 (Asus Xtion, PrimeSense, Orbbec Astra), by the package ``openni`` or ``primesense``.
 
 OpenNI 2 Programmer's Guide, *VideoStream*: ``getVideoMode``, ``getHorizontalFieldOfView`` [rad] and pixel formats
-``DEPTH_1_MM`` and ``DEPTH_100_UM``; a frame's time stamp is in microseconds. Many drivers mirror the image, which would
-make right hands of left ones: mirroring is switched off.
+``DEPTH_1_MM`` and ``DEPTH_100_UM``; a frame's time stamp is in microseconds. Many drivers mirror the image, which turns
+left hands into right ones, so mirroring is switched off.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from mocapella.sources.picture_source import SourceState
 
 
 class OpenNiCamera(DepthDevice):
-    """One of the cameras that OpenNI2 finds, by its number."""
+    """A camera that OpenNI2 lists, by its number."""
 
     packages = ("openni.openni2", "primesense.openni2")
     install = (
-        "install openni into the same environment, and OpenNI2 itself (libOpenNI2), to which OPENNI2_REDIST points"
+        "install openni into the same environment, and OpenNI2 itself (libOpenNI2); let OPENNI2_REDIST point to it"
     )
     _device: Any = None
     _stream: Any = None

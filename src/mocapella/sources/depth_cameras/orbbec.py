@@ -1,7 +1,7 @@
 """Orbbec cameras (Femto, Gemini, Astra 2), by the package ``pyorbbecsdk``.
 
 Orbbec SDK's Python wrapper: ``Context().query_devices()`` lists cameras, ``Pipeline(device)`` with a ``Config`` streams
-one, a depth frame's ``get_depth_scale()`` is millimetres a unit, and the stream profile's ``get_intrinsic()`` and
+one, a depth frame's ``get_depth_scale()`` is millimetres per unit, and the stream profile's ``get_intrinsic()`` and
 ``get_distortion()`` are the lens; ``get_timestamp()`` is in milliseconds.
 """
 
@@ -16,7 +16,7 @@ from mocapella.sources.depth_cameras.device import DepthDevice, Stamped, none_th
 from mocapella.sources.picture_source import SourceState
 
 FIRST_S: Final = 5.0
-"""So long the first image may take, which is what says the unit."""
+"""Longest wait for the first image, which gives the unit."""
 
 
 class OrbbecCamera(DepthDevice):
@@ -33,14 +33,14 @@ class OrbbecCamera(DepthDevice):
     def _start(self, package: Any) -> SourceState:
         pipeline = package.Pipeline(self._device(package))
         profiles = pipeline.get_stream_profile_list(package.OBSensorType.DEPTH_SENSOR)
-        width, height = self.options.size_px or (0, 0)  # 0: as the camera likes
+        width, height = self.options.size_px or (0, 0)  # 0: the camera's default
         fps = round(self.options.fps or 0)
         problems: tuple[str, ...] = ()
         try:
             profile = profiles.get_video_stream_profile(width, height, package.OBFormat.Y16, fps)
         except package.OBError:
             profile = profiles.get_default_video_stream_profile()
-            problems = ("it cannot give what was asked for, and gives what it likes",) if width or fps else ()
+            problems = ("it does not support the requested size or rate, and uses its default",) if width or fps else ()
         config = package.Config()
         config.enable_stream(profile)
         pipeline.start(config)

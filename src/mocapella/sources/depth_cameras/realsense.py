@@ -1,9 +1,9 @@
 """Intel RealSense cameras, by the package ``pyrealsense2``.
 
-librealsense's API: ``pipeline.start(config)`` gives a profile, its device's ``first_depth_sensor().get_depth_scale()``
-the metres a unit, its depth stream's ``as_video_stream_profile().get_intrinsics()`` the lens, whose principal point is
-in pixels from the middle of the first; ``try_wait_for_frames(milliseconds)`` gives (whether, frames), and a frame's
-``get_timestamp()`` milliseconds.
+librealsense's API: ``pipeline.start(config)`` returns a profile; ``first_depth_sensor().get_depth_scale()`` of its
+device is metres per unit; ``as_video_stream_profile().get_intrinsics()`` of its depth stream is the lens, with the
+principal point in pixels from the centre of the first pixel. ``try_wait_for_frames(milliseconds)`` returns (success,
+frames), and a frame's ``get_timestamp()`` is in milliseconds.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from mocapella.sources.picture_source import SourceState
 
 
 class RealSenseCamera(DepthDevice):
-    """A RealSense, by its serial number; the first one where none is said."""
+    """A RealSense, by its serial number; the first one if none is given."""
 
     packages = ("pyrealsense2",)
     install = "install pyrealsense2 into the same environment"
@@ -43,7 +43,7 @@ class RealSenseCamera(DepthDevice):
         coefficients = tuple(map(float, seen.coeffs))
         problems: tuple[str, ...] = ()
         if seen.model != rs.distortion.brown_conrady and any(coefficients):
-            problems = (f"its lens is distorted by the model {seen.model}, which is taken for undistorted",)
+            problems = (f"its lens is distorted by the model {seen.model}, which is treated as undistorted",)
             coefficients = (0.0,) * 5
         lens = (*map(float, (seen.fx, seen.fy, seen.ppx, seen.ppy)), *coefficients)
         return SourceState((seen.width, seen.height), float(video.fps()), problems=problems, unit_m=unit_m, lens=lens)
