@@ -244,6 +244,4 @@ class Acquisition:
         silent_s = time.monotonic() - self._last_s
         if self.source.live and not self._silent and silent_s > self.settings.silent_s and not self._ended:
             self._silent = True
-            self._say(
-                f"{self.source.name}: no picture for {silent_s:.0f} s; is it plugged in, and not in use elsewhere?"
-            )
+            self._say(f"{self.source.name}: no picture for {silent_s:.0f} s; is it plugged in, or used elsewhere?")

@@ -252,7 +252,7 @@ class Bridge:
                 self._on_gone(sensor)
 
     def _count(self, **changed: int | str) -> None:
-        self._report = replace(self._report, **changed)  # type: ignore[arg-type] - counts are int, the problem is str
+        self._report = replace(self._report, **changed)  # type: ignore[arg-type]  # counts are int, the problem is str
 
 
 def _check_order(frame: BodyFrame, last: BodyFrame | None) -> None:

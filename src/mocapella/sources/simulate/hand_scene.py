@@ -195,7 +195,7 @@ class HandScene:
     def __init__(self, settings: HandSceneSettings, seed: int = 0) -> None:
         self.settings, self.seed = settings, seed
         self.model = hand_model()
-        self.shape = self.model.shape(settings.handedness, hand_length_m=settings.hand_length_m)  # type: ignore[arg-type]
+        self.shape = self.model.shape(settings.handedness, hand_length_m=settings.hand_length_m)  # type: ignore[arg-type]  # checked to be left or right
         self.motion = HandMotion(self.model, self.shape, settings.motion, seed)
         self.cameras = {camera.name: camera for camera in settings.cameras}
         rng = np.random.default_rng([seed, 1])

@@ -1,4 +1,4 @@
-"""What stands in the way: rays from a sensor to joints against limbs, boxes and pillars.
+"""Occlusion of joints: rays from a sensor to joints, intersected with limbs, boxes and pillars.
 
 Distance of two segments: C. Ericson, "Real-Time Collision Detection" (2005), section 5.1.9; a segment and a box:
 section 5.3.3 (slabs).
@@ -24,7 +24,7 @@ class Box:
 
     Attributes:
         centre: of its base (world x, z) [m]. size: along its own x, up, and its own z [m].
-        yaw_deg: how far it is turned about the vertical, from z towards x.
+        yaw_deg: rotation about the vertical axis, from z towards x.
     """
 
     centre: tuple[float, float]
@@ -54,7 +54,7 @@ class Cylinder:
 
 @dataclass(frozen=True, eq=False)
 class Obstacles:
-    """Boxes and cylinders as rows of numbers, for the kernel.
+    """Boxes and cylinders as arrays for the kernels.
 
     Attributes:
         boxes: (n, 7) x, z, half width, height, half depth, cosine and sine of the yaw.
@@ -66,7 +66,7 @@ class Obstacles:
 
 
 def obstacles(boxes: tuple[Box, ...], cylinders: tuple[Cylinder, ...]) -> Obstacles:
-    """The rows of these obstacles."""
+    """Convert obstacles to arrays."""
     rows = [
         (*box.centre, box.size[0] / 2, box.size[1], box.size[2] / 2, np.cos(yaw), np.sin(yaw))
         for box, yaw in ((box, np.radians(box.yaw_deg)) for box in boxes)
@@ -77,18 +77,21 @@ def obstacles(boxes: tuple[Box, ...], cylinders: tuple[Cylinder, ...]) -> Obstac
     )
 
 
-def hidden(eye: Float64, joints: Float64, radii: Float64, things: Obstacles) -> NDArray[np.bool_]:
-    """(people, 25): whether something stands between the eye (3,) and a joint of (people, 25, 3), world [m].
+def hidden(eye: Float64, joints: Float64, radii: Float64, blocks: Obstacles) -> NDArray[np.bool_]:
+    """Whether each joint (people, 25, 3) is occluded from the eye (3,), world [m]: (people, 25).
 
-    A joint is hidden where the straight line to it comes closer to the axis of a bone than the bone's radius
-    (people, 25), or passes through an obstacle. It is not hidden by bones of its own body in whose flesh it lies.
+    A joint is occluded if the straight line to it comes closer to a bone's axis than the bone's radius (people, 25), or
+    passes through an obstacle. Bones of its own body that contain the joint do not occlude it.
     """
     model = body_template()
-    return np.asarray(_hidden(eye, joints, radii, model.parents, model.within, things.boxes, things.pillars))
+    return np.asarray(_hidden(eye, joints, radii, model.parents, model.within, blocks.boxes, blocks.pillars))
 
 
 @njit(cache=True)
-def _hidden(eye, joints, radii, parents, within, boxes, pillars):  # type: ignore[no-untyped-def]  # noqa: PLR0917
+def _hidden(  # noqa: PLR0917
+    eye: Float64, joints: Float64, radii: Float64, parents: NDArray[np.int64], within: NDArray[np.bool_],
+    boxes: Float64, pillars: Float64,
+) -> NDArray[np.bool_]:  # fmt: skip
     people, count = joints.shape[0], joints.shape[1]
     result = np.zeros((people, count), dtype=np.bool_)
     nothing = np.zeros(count, dtype=np.bool_)
@@ -105,7 +108,10 @@ def _hidden(eye, joints, radii, parents, within, boxes, pillars):  # type: ignor
 
 
 @njit(cache=True)
-def _behind_body(eye, target, joints, radii, parents, excluded):  # type: ignore[no-untyped-def]  # noqa: PLR0917
+def _behind_body(  # noqa: PLR0917
+    eye: Float64, target: Float64, joints: Float64, radii: Float64, parents: NDArray[np.int64],
+    excluded: NDArray[np.bool_],
+) -> bool:  # fmt: skip
     for bone in range(len(parents)):
         if parents[bone] == bone or excluded[bone]:
             continue
@@ -116,8 +122,8 @@ def _behind_body(eye, target, joints, radii, parents, excluded):  # type: ignore
 
 
 @njit(cache=True)
-def _segments_squared(p1, q1, p2, q2):  # type: ignore[no-untyped-def]
-    """Squared distance of the segments p1–q1 and p2–q2; neither the eye's ray nor a bone is a point."""
+def _segments_squared(p1: Float64, q1: Float64, p2: Float64, q2: Float64) -> float:
+    """Squared distance of the segments p1–q1 and p2–q2, both of positive length."""
     a = b = c = e = f = 0.0
     for i in range(3):
         d1, d2, r = q1[i] - p1[i], q2[i] - p2[i], p1[i] - p2[i]
@@ -141,7 +147,7 @@ def _segments_squared(p1, q1, p2, q2):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _behind_box(eye, target, boxes):  # type: ignore[no-untyped-def]
+def _behind_box(eye: Float64, target: Float64, boxes: Float64) -> bool:
     for k in range(len(boxes)):
         x, z, half_width, height, half_depth, cos, sin = boxes[k]
         first, last = 0.0, 1.0
@@ -164,8 +170,8 @@ def _behind_box(eye, target, boxes):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _slab(start, end, low, high):  # type: ignore[no-untyped-def]
-    """Between which fractions of the way a coordinate lies between two bounds; (1, 0) where it never does."""
+def _slab(start: float, end: float, low: float, high: float) -> tuple[float, float]:
+    """Range of fractions of the way in which a coordinate is between two bounds; (1, 0) if it never is."""
     if abs(end - start) < 1e-12:
         return (0.0, 1.0) if low < start < high else (1.0, 0.0)
     a, b = (low - start) / (end - start), (high - start) / (end - start)
@@ -173,7 +179,7 @@ def _slab(start, end, low, high):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _behind_pillar(eye, target, pillars):  # type: ignore[no-untyped-def]
+def _behind_pillar(eye: Float64, target: Float64, pillars: Float64) -> bool:
     for k in range(len(pillars)):
         x, z, radius, height = pillars[k]
         px, pz, dx, dz = eye[0] - x, eye[2] - z, target[0] - eye[0], target[2] - eye[2]

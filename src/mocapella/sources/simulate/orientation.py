@@ -1,4 +1,4 @@
-"""Orientations of joints: the bone's axis and the body's front, as a quaternion."""
+"""Orientations of joints as quaternions, from the bone's axis and the body's forward direction."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ Float64 = NDArray[np.float64]
 
 
 def bone_ends(topology: Topology) -> NDArray[np.int64]:
-    """(joints, 2) from which joint to which the bone of each joint goes: from its parent to it.
+    """Start and end joint (joints, 2) of each joint's bone, which goes from the parent to the joint.
 
-    The root ends no bone; its own is the first one that leaves it.
+    The root has the first bone that starts at it.
     """
     root = topology.parts["root"]
     ends = {child: (parent, child) for parent, child in topology.bones}
@@ -23,21 +23,21 @@ def bone_ends(topology: Topology) -> NDArray[np.int64]:
 
 
 def bone_orientations(positions: Float64, bones: NDArray[np.int64], forward: Float64) -> Float64:
-    """(bodies, joints, 4) unit quaternions (w, x, y, z), w ≥ 0, from a joint's own axes to the positions' space.
+    """Unit quaternions (bodies, joints, 4) w, x, y, z with w ≥ 0, from a joint's own axes to the positions' frame.
 
-    A joint's y runs along its bone, as the Kinect's does; its z is the body's forward direction as far as that is
-    square to y; x completes the right-handed axes. NaN where either end is NaN.
+    A joint's y axis is along its bone, as with the Kinect; z is the body's forward direction, made perpendicular to y;
+    x completes the right-handed axes. NaN if either end of the bone is NaN.
 
     Args:
         positions: (bodies, joints, 3).
         bones: (joints, 2) of `bone_ends`.
-        forward: (bodies, 3) where the chest points.
+        forward: (bodies, 3) direction that the chest faces.
     """
     return np.asarray(_orientations(positions, bones, forward))
 
 
 @njit(cache=True)
-def _orientations(positions, bones, forward):  # type: ignore[no-untyped-def]
+def _orientations(positions: Float64, bones: NDArray[np.int64], forward: Float64) -> Float64:
     bodies, joints = positions.shape[0], positions.shape[1]
     result = np.full((bodies, joints, 4), np.nan)
     for body in range(bodies):
@@ -54,14 +54,14 @@ def _orientations(positions, bones, forward):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _cross(a, b):  # type: ignore[no-untyped-def]
-    """As numpy's, which takes seconds to compile."""
+def _cross(a: Float64, b: Float64) -> Float64:
+    """Cross product; numpy's takes seconds to compile."""
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 @njit(cache=True)
-def _quaternion(x, y, z):  # type: ignore[no-untyped-def]
-    """Of the rotation whose columns are x, y, z (Shepperd 1978: divide by the largest of the four)."""
+def _quaternion(x: Float64, y: Float64, z: Float64) -> Float64:
+    """Quaternion of the rotation with columns x, y, z (Shepperd 1978: divide by the largest of the four)."""
     trace = x[0] + y[1] + z[2]
     squares = np.array([1 + trace, 1 + 2 * x[0] - trace, 1 + 2 * y[1] - trace, 1 + 2 * z[2] - trace])
     largest = np.argmax(squares)
@@ -73,5 +73,5 @@ def _quaternion(x, y, z):  # type: ignore[no-untyped-def]
         q = np.array([z[0] - x[2], x[1] + y[0], squares[2], y[2] + z[1]])
     else:
         q = np.array([x[1] - y[0], x[2] + z[0], y[2] + z[1], squares[3]])
-    q = q / np.sqrt(np.dot(q, q))
-    return -q if q[0] < 0 else q
+    unit: Float64 = q / np.sqrt(np.dot(q, q))
+    return -unit if unit[0] < 0 else unit
