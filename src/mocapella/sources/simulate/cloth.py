@@ -183,7 +183,7 @@ class Cloth:
             k = _kernels()
             k.advance(
                 self.positions, self.velocities, fixed, target, k.Threads(self.pairs, self.rest, self._compliance),
-                k.Obstacles(spheres_from, spheres_to, float(s.thickness_m), float(s.friction)),
+                k.CollisionSpheres(spheres_from, spheres_to, float(s.thickness_m), float(s.friction)),
                 k.TimeSteps(np.array([0.0, -s.gravity_m_s2, 0.0]), float(s.damping_per_s), float(s.step_s), steps),
             )  # fmt: skip
             self._spheres = {hand.id: hand.spheres.copy() for hand in hands}

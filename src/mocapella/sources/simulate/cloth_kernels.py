@@ -34,7 +34,7 @@ class Threads(NamedTuple):
     compliance: Float64
 
 
-class Obstacles(NamedTuple):
+class CollisionSpheres(NamedTuple):
     """The spheres that the cloth collides with.
 
     Attributes:
@@ -67,7 +67,7 @@ class TimeSteps(NamedTuple):
 
 @njit(cache=True)
 def advance(
-    x: Float64, v: Float64, fixed: Float64, target: Float64, threads: Threads, obstacles: Obstacles, steps: TimeSteps
+    x: Float64, v: Float64, fixed: Float64, target: Float64, threads: Threads, obstacles: CollisionSpheres, steps: TimeSteps
 ) -> None:
     """Advance the cloth by a number of steps of extended position-based dynamics.
 
