@@ -1,15 +1,16 @@
-"""A person's arm as a mesh of triangles that its joints move: what `depth_scene` draws.
+"""A person's arm as a skinned triangle mesh, drawn by `depth_scene`.
 
     mesh = arm_mesh(arm_shapes()["average"], "right")
-    vertices = mesh.at(pose)            # (n, 3) in the camera's space
+    vertices = mesh.at(pose)            # (n, 3) in the camera frame
     points = mesh.points(pose)          # (24, 3) exact joints: ARM_POINTS and the shoulder
 
-The flesh at rest is a smooth union of tapered limbs: fingers, a palm of four metacarpals with the balls of the thumb
-and of the little finger, the skin between the digits, an oval wrist, two bones' forearm, the upper arm. Its surface is
-made into triangles once (surface net) and moved by dual quaternions, so that knuckles stay round. It shares nothing
-with what finds arms but the description of a hand, `mocapella.model.hand`, and its flesh, `mocapella.model.hand_flesh`.
+In the rest pose, the flesh is a smooth union of tapered limbs: fingers, a palm of four metacarpals with the balls of
+the thumb and of the little finger, the skin between the digits, an oval wrist, a forearm of two bones, the upper arm.
+Its surface is triangulated once (surface net) and skinned with dual quaternions, so that knuckles stay round. The mesh
+shares with the detectors of arms only the description of a hand, `mocapella.model.hand`, and its flesh,
+`mocapella.model.hand_flesh`.
 
-**Rest.** The arm is straight along z, all angles are 0 but the fingers' abductions, `REST_ANGLES`.
+**Rest pose.** The arm is straight along z; all angles are 0 except the fingers' abductions, `REST_ANGLES`.
 
 **Fingertips**: see `mocapella.model.hand_flesh`; r is `ArmMesh.tip_radii_m`.
 """
@@ -53,12 +54,12 @@ BONES: Final = (
 )
 UPPER_ARM, ELBOW_END, WRIST_END, PALM_BONE, FIRST_DIGIT = range(5)
 PARTS: Final = (*BONES, *(f"{digit} tip" for digit in DIGITS))
-"""What a triangle belongs to: the bone that moves it most; the last 8 mm before a tip's landmark and what is beyond
-are parts of their own."""
+"""Part of each triangle: the bone with the largest weight; a fingertip, from 8 mm before its landmark on, is a part of
+its own."""
 FIRST_TIP: Final = len(BONES)
 TIP_PATCH_M: Final = 0.008
 SHOULDER: Final = 23
-"""Where the shoulder is in `ArmMesh.points`, after `mocapella.model.arms.ARM_POINTS`."""
+"""Index of the shoulder in `ArmMesh.points`, after `mocapella.model.arms.ARM_POINTS`."""
 WRIST_FLEXION_RAD: Final = (np.radians(-70), np.radians(75))
 WRIST_DEVIATION_RAD: Final = (np.radians(-35), np.radians(22))
 ELBOW_FLEXION_RAD: Final = (0.0, np.radians(145))
@@ -68,16 +69,16 @@ PRONATION_RAD: Final = (np.radians(-90), np.radians(90))
 
 @dataclass(frozen=True)
 class ArmShape:
-    """Of what size and proportions an arm is.
+    """Size and proportions of an arm.
 
     Attributes:
         hand_length_m: from the wrist to the tip of the middle finger.
         hand_breadth_m: across the knuckles.
-        finger_thickness: over that of the reference, beside what the hand's length does.
-        finger_length: over the reference's share of the hand's length.
+        finger_thickness: relative to the reference hand of the same length.
+        finger_length: relative to the reference's share of the hand's length.
         forearm_m, upper_arm_m: from joint to joint.
-        forearm_thickness: over the reference's.
-        sleeve_from_m: how far from the wrist a sleeve ends; 0 for a bare arm.
+        forearm_thickness: relative to the reference.
+        sleeve_from_m: distance of the sleeve's end from the wrist; 0 for a bare arm.
     """
 
     hand_length_m: float = 0.189
@@ -103,31 +104,31 @@ class ArmShape:
 
     @property
     def finger_radii(self) -> Float64:
-        """(5, 4) of the digits at their joints and tips [m]."""
+        """Radii (5, 4) of the digits at their joints and tips [m]."""
         return finger_radii(self.hand_length_m, self.finger_thickness)
 
     def hand(self, handedness: Handedness) -> HandShape:
-        """The hand as a value of the model."""
+        """The hand's bones, as the hand model describes them."""
         model = hand_model("full")
         shape = model.shape(handedness, hand_length_m=self.hand_length_m, hand_breadth_m=self.hand_breadth_m)
         lengths = shape.lengths.copy()
         lengths[1:] *= self.finger_length
         bases = shape.bases.copy()
-        short = (self.hand_length_m - float(lengths[2].sum())) / float(bases[2, 2])  # the palm makes up for it
+        short = (self.hand_length_m - float(lengths[2].sum())) / float(bases[2, 2])  # the palm keeps the hand's length
         bases[:, 2] *= short
         return HandShape(handedness, lengths, bases)
 
 
 class ArmMeshPose(msgspec.Struct, frozen=True, eq=False):
-    """How an arm is held.
+    """Pose of an arm.
 
     Attributes:
         angles: (21,) of `mocapella.model.hand.ANGLES` [rad].
-        joints: (4,) [rad] flexion of the elbow; pronation of the forearm, 0 where the thumb is on the upper arm's side
-            of a bent elbow, π/2 where the palm faces away from it; flexion of the wrist towards the palm; its deviation
+        joints: (4,) [rad] flexion of the elbow; pronation of the forearm, 0 with the thumb on the upper arm's side of a
+            bent elbow, π/2 with the palm facing away from it; flexion of the wrist towards the palm; its deviation
             towards the thumb.
-        T_camera_shoulder: (4, 4); z along the upper arm towards the elbow. The frame of a left arm is such that its
-            mirror image in x is a right one.
+        T_camera_shoulder: (4, 4); z along the upper arm towards the elbow. A left arm's frame is chosen so that
+            the arm, mirrored in x, is a right one.
     """
 
     angles: Float64
@@ -136,18 +137,17 @@ class ArmMeshPose(msgspec.Struct, frozen=True, eq=False):
 
 
 class ArmMesh:
-    """An arm's surface and how it moves; made by `arm_mesh`.
+    """An arm's surface with skinning weights; made by `arm_mesh`.
 
     Attributes:
-        shape: see there.
+        shape: size and proportions.
         handedness: left or right.
-        hand: as a value of the model.
+        hand: the hand's bones.
         model: of the hand's joints, with all 21 angles.
-        vertices: (n, 3) at rest, of a right arm, in the shoulder's frame [m].
-        triangles: (m, 3) vertices, anticlockwise seen from outside; of a left arm in the order that does so after
-            mirroring.
+        vertices: (n, 3) of a right arm in the rest pose, in the shoulder's frame [m].
+        triangles: (m, 3) vertices, anticlockwise seen from outside; for a left arm, after mirroring.
         parts: (m,) of `PARTS`.
-        bones_of, weights: (n, 4) the bones of `BONES` that move a vertex, and how much each; they add up to 1.
+        bones_of, weights: (n, 4) the bones of `BONES` that move a vertex, and their weights, which sum to 1.
         tip_radii_m: (5,) of the fingertips.
     """
 
@@ -165,11 +165,11 @@ class ArmMesh:
         self.limbs, self.tip_radii_m, self._rest = right.limbs, right.tip_radii_m, right.bones
 
     def frames(self, pose: ArmMeshPose) -> tuple[Float64, Float64]:
-        """(19, 3, 4) ``T_shoulder_bone`` and (24, 3) joints, of a right arm in the shoulder's frame."""
+        """``T_shoulder_bone`` (19, 3, 4) and joints (24, 3) of a right arm in the shoulder's frame."""
         return arm_frames(self.model, self.shape, self.hand, pose)
 
     def points(self, pose: ArmMeshPose) -> Float64:
-        """(24, 3) of `mocapella.model.arms.ARM_POINTS` and the shoulder, in the camera's space [m]."""
+        """`mocapella.model.arms.ARM_POINTS` and the shoulder (24, 3) in the camera frame [m]."""
         T = pose.T_camera_shoulder
         return np.asarray((self.hand.mirror * self.frames(pose)[1]) @ T[:3, :3].T + T[:3, 3])
 
@@ -180,7 +180,7 @@ class ArmMesh:
         return np.asarray(pose.T_camera_shoulder @ rigid(M[:, None] * T[:, :3] * M, M * T[:, 3]))
 
     def at(self, pose: ArmMeshPose) -> Float64:
-        """(n, 3) the vertices in the camera's space [m]."""
+        """Vertices (n, 3) of the posed arm in the camera frame [m]."""
         bones = self.frames(pose)[0]
         motions, out = np.empty((len(bones), 8)), np.empty_like(self.vertices)
         k = _kernels()
@@ -192,18 +192,18 @@ class ArmMesh:
 
     @cached_property
     def palm_parts(self) -> NDArray[np.bool_]:
-        """(m,) which triangles are of palm or digits."""
+        """Whether each triangle (m,) belongs to the palm or a digit."""
         return self.parts >= PALM_BONE
 
     @cached_property
     def digit_of(self) -> Int64:
-        """(m,) which digit a triangle is of; -1 for none."""
+        """Index of each triangle's digit (m,); -1 for none."""
         bones = np.where(self.parts >= FIRST_TIP, -1, (self.parts.astype(np.int64) - FIRST_DIGIT) // 3)
         return np.where(self.parts >= FIRST_TIP, self.parts.astype(np.int64) - FIRST_TIP, np.maximum(bones, -1))
 
 
 def arm_frames(model: HandModel, shape: ArmShape, hand: HandShape, pose: ArmMeshPose) -> tuple[Float64, Float64]:
-    """(19, 3, 4) ``T_shoulder_bone`` of `BONES` and (24, 3) joints, of a right arm in the shoulder's frame."""
+    """``T_shoulder_bone`` (19, 3, 4) of `BONES` and joints (24, 3) of a right arm in the shoulder's frame."""
     bones, points = np.empty((len(BONES), 3, 4)), np.empty((SHOULDER + 1, 3))
     _kernels().arm_frames(
         model.frames, DIGIT_ANGLES, hand.bases, hand.lengths, shape.upper_arm_m, shape.forearm_m,
@@ -214,23 +214,23 @@ def arm_frames(model: HandModel, shape: ArmShape, hand: HandShape, pose: ArmMesh
 
 @cache
 def arm_mesh(shape: ArmShape, handedness: Handedness) -> ArmMesh:
-    """The mesh of that arm."""
+    """Make the mesh of an arm, or return it from the cache."""
     check(handedness in ("left", "right"), "handedness", handedness, "left or right")
     return ArmMesh(shape, handedness)
 
 
 @cache
 def arm_shapes() -> dict[str, ArmShape]:
-    """The people there are, by name."""
+    """The arm shapes of the simulated people, by name."""
     text = files("mocapella.sources.simulate").joinpath("data", "arm_shapes.toml").read_text(encoding="utf-8")
     return {name: parse(ArmShape, row, where=f"arm shape {name}") for name, row in tomllib.loads(text).items()}
 
 
 def arm_shape(name: str) -> ArmShape:
-    """The person of that name.
+    """Look up an arm shape by name.
 
     Raises:
-        SettingsError: nobody has that name; lists those there are.
+        SettingsError: unknown name; lists the known ones.
     """
     if name not in arm_shapes():
         raise SettingsError(f"unknown arm shape {name!r}; known: {one_of(name, arm_shapes())}")
@@ -266,7 +266,7 @@ def _right_arm(shape: ArmShape) -> _RightArm:
 
 
 def _limbs(shape: ArmShape, at_rest: Float64) -> tuple[Float64, Float64]:
-    """(n, 9) about the joints (24, 3), the wrist being the origin; and the radii of the fingertips (5,) [m]."""
+    """Tapered limbs (n, 9) around the joints (24, 3) relative to the wrist; and radii of the fingertips (5,) [m]."""
     big = shape.hand_length_m / 0.189
     wide = shape.hand_breadth_m / 0.085
     mm = 1e-3 * big
@@ -276,7 +276,7 @@ def _limbs(shape: ArmShape, at_rest: Float64) -> tuple[Float64, Float64]:
     def add(group: int, a: Any, b: Any, ra: float, rb: float) -> None:
         rows.append([*map(float, a), *map(float, b), ra, rb, group])
 
-    # Wrist and forearm: two bones side by side, muscle towards the elbow. Radius on the thumb's side.
+    # Wrist and forearm: two bones side by side, thicker towards the elbow. The radius is on the thumb's side.
     arm, L = 1e-3 * (0.5 + 0.5 * big) * shape.forearm_thickness, shape.forearm_m
     wrist = 1e-3 * (0.35 + 0.65 * wide) * (0.5 + 0.5 * shape.forearm_thickness)
     profile = [
@@ -303,7 +303,7 @@ def _limbs(shape: ArmShape, at_rest: Float64) -> tuple[Float64, Float64]:
 
 
 def _grid(limbs: Float64, fine: float) -> Float64:
-    """(a, b, c, 3) nodes, ``fine`` apart at the hand, up to four times that along the arm."""
+    """Grid nodes (a, b, c, 3), ``fine`` apart at the hand, and up to four times that along the arm."""
     low = (np.minimum(limbs[:, :3], limbs[:, 3:6]) - limbs[:, 6:8].max(axis=1)[:, None]).min(axis=0)
     high = (np.maximum(limbs[:, :3], limbs[:, 3:6]) + limbs[:, 6:8].max(axis=1)[:, None]).max(axis=0)
 
@@ -317,7 +317,7 @@ def _grid(limbs: Float64, fine: float) -> Float64:
     z = np.array(zs[::-1])
     x = np.arange(low[0] - 3 * fine, high[0] + 3 * fine, fine)
     y = np.arange(low[1] - 3 * fine, high[1] + 3 * fine, fine)
-    # Across the arm the nodes spread, too: x and y grow with the spacing along it, up to what the arm's width needs.
+    # The nodes also spread across the arm: x and y grow with the spacing along it.
     spread = np.array([coarse(value) for value in z])
     nodes = np.empty((len(x), len(y), len(z), 3))
     nodes[..., 0] = x[:, None, None] * spread
@@ -329,7 +329,7 @@ def _grid(limbs: Float64, fine: float) -> Float64:
 def _weights(
     vertices: Float64, limbs: Float64, within: Float64, *, bones: Float64, wrist: Float64, shape: ArmShape
 ) -> tuple[Int64, Float64]:
-    """(n, 4) bones and (n, 4) weights."""
+    """Skinning: bones (n, 4) and weights (n, 4)."""
     big = shape.hand_length_m / 0.189
     distance = group_distances(limbs, within, vertices)
     weights = np.zeros((len(vertices), len(BONES)))
@@ -365,7 +365,7 @@ def _parts(
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the kernels, and numba, on first use."""
     from mocapella.sources.simulate import arm_mesh_kernels
 
     return arm_mesh_kernels

@@ -1,8 +1,8 @@
-"""How a simulated arm moves: postures and places of a file, one after the other, as one person would do them.
+"""Motion of a simulated arm through a sequence of key poses.
 
-A scene's keys say what the hand does and how the arm moves from where it is held; between them all goes the smoothest
-way (T. Flash, N. Hogan, 1985). Then fingers are moved, as little as possible and within the hand's limits, until none
-is inside another or the palm by more than flesh gives, and digits that shall touch do.
+A scene's keys give the hand's posture and the arm's motion relative to its start. Between keys, motion has minimum jerk
+(T. Flash, N. Hogan, 1985). Then fingers are moved as little as possible, within the joint limits, until no finger
+penetrates another or the palm by more than the flesh yields, and digits that are meant to touch do.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from mocapella.sources.simulate.arm_mesh import (
 Float64 = NDArray[np.float64]
 
 FLESH_GIVES_M: Final = 0.0005
-"""Fingers that overlap by less stay as they are."""
+"""Smaller overlaps of fingers are accepted: flesh yields."""
 _PALM_HALF_M: Final = 0.0105
 _SAMPLES: Final = 400
 _NODES: Final = 33
@@ -46,12 +46,13 @@ _THUMB_BENDS: Final = [int(DIGIT_ANGLES[0, k]) for k in (0, 2, 3)]
 
 
 class Posture(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What the hand does: of each digit flexion and abduction of its base, flexion of its second and third joint [deg];
-    what is not given is as in ``open``.
+    """A hand posture: for each digit, flexion and abduction of its base, flexion of its second and third joint [deg].
+
+    A digit without values is as in ``open``.
 
     Attributes:
-        touch: two digits that touch: the thumb's tip and another, or two fingers' sides; none by default.
-        gesture: its name; empty where it has none.
+        touch: two digits that touch: the tips of the thumb and another digit, or two fingers' sides; none by default.
+        gesture: name of the gesture; empty for none.
     """
 
     thumb: tuple[float, float, float, float] | None = None
@@ -64,15 +65,16 @@ class Posture(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Key(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What the arm shall do next.
+    """A key pose of the arm. Angles and shifts are relative to the start.
 
     Attributes:
         posture: of the hand, by name.
-        move_s: how long it takes to get there; hold_s: and how long it stays.
-        elbow_deg, pronation_deg, wrist_deg, deviation_deg: more than at the beginning.
-        roll_deg: of the whole arm about the view's axis through its middle, clockwise in the picture.
-        turn_deg: of the whole arm about its shoulder: a vector along the axis, camera's axes.
-        shift_m: of the whole arm, camera's axes.
+        move_s: duration of the motion to this key.
+        hold_s: duration of the pause at this key.
+        elbow_deg, pronation_deg, wrist_deg, deviation_deg: joint angles.
+        roll_deg: of the whole arm about the optical axis through its middle, clockwise in the image.
+        turn_deg: of the whole arm about its shoulder: rotation vector in the camera frame.
+        shift_m: of the whole arm, in the camera frame.
     """
 
     posture: str = "open"
@@ -93,11 +95,11 @@ class Key(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, eq=False)
 class HeldArm:
-    """How an arm is held at an instant.
+    """The state of an arm at an instant.
 
     Attributes:
-        pose: see there; of a right arm, in the space of a camera that sees the mirror image of a left one.
-        gesture: its name; empty between gestures.
+        pose: of a right arm; a left arm is its mirror image.
+        gesture: name of the gesture; empty between gestures.
     """
 
     pose: ArmMeshPose
@@ -105,19 +107,19 @@ class HeldArm:
 
 
 class ArmMotion:
-    """A right arm's pose at any time; a left one's is the mirror image of what it says. Keys repeat for ever.
+    """A right arm's pose at any time; a left arm's is its mirror image. The keys repeat forever.
 
     Args:
-        mesh: whose arm.
-        keys: what it does.
-        postures: all there are.
-        start: how it is held, to which keys add.
-        middle: (3,) about what it rolls [m].
-        rate: how much faster than the keys say.
-        peak_m_s: the palm's greatest speed, 0 for that of the keys; the rate follows from it.
-        phase: where in the keys it begins, from 0 to 1.
-        amount_deg: how far each key's posture departs from the file's (standard deviation).
-        seed: of that.
+        mesh: the arm.
+        keys: key poses.
+        postures: known postures by name.
+        start: the pose that the keys are relative to.
+        middle: (3,) centre of the roll [m].
+        rate: factor on the speed of the keys.
+        peak_m_s: the palm's greatest speed, which determines the rate; 0 keeps the given rate.
+        phase: start within the keys' period, from 0 to 1.
+        amount_deg: standard deviation of the random change of each posture.
+        seed: of that change.
     """
 
     def __init__(
@@ -153,7 +155,7 @@ class ArmMotion:
         self.period_s /= self._rate
 
     def at(self, at_s: float) -> HeldArm:
-        """How it is held at a time."""
+        """State of the arm at a time [s]."""
         before, after, x = self._where(at_s)
         part = _eased(x)
         wished = self._wished(before, after, x)
@@ -166,7 +168,7 @@ class ArmMotion:
         return HeldArm(self._arm(angles, self._mixed(before, after, part)), self._gestures[after] if sure else "")
 
     def _touch(self, before: int, after: int, part: float) -> Float64:
-        """(2, 3) which tips are drawn to each other; on the way nothing pulls."""
+        """Touching digits (2, 3) before and after, with weights that vanish between the keys."""
         touch = np.zeros((2, 3))
         for row, k, amount in ((0, before, 1.0 - part), (1, after, part)):
             pair = self._touches[k]
@@ -175,9 +177,9 @@ class ArmMotion:
         return touch
 
     def _correction(self, after: int) -> Float64:
-        """(nodes, 21) what keeps fingers out of each other on the way to a key [rad], smooth in time.
+        """Corrections (nodes, 21) that keep fingers apart on the way to a key [rad], smooth in time.
 
-        Followed from both ends, because a finger that is in the way can be passed on either side of it.
+        They are computed from both ends, because a finger can pass another on either side.
         """
         before = (after - 1) % len(self.keys)
         xs = np.linspace(0.0, 1.0, _NODES)
@@ -202,14 +204,14 @@ class ArmMotion:
         return np.asarray(correction)
 
     def _where(self, at_s: float) -> tuple[int, int, float]:
-        """The keys before and after, and how much of the time from one to the other is over."""
+        """Indices of the keys before and after a time, and the elapsed share of the motion between them."""
         u = (at_s * self._rate + self._phase * float(self._ends[-1])) % float(self._ends[-1])
         k = min(int(np.searchsorted(self._ends, u, side="right")), len(self.keys) - 1)
         since = u - (float(self._ends[k - 1]) if k else 0.0)
         return (k - 1) % len(self.keys), k, min(since / self.keys[k].move_s, 1.0)
 
     def _settled(self, k: int) -> Float64:
-        """(21,) a key's angles such that no finger is in another; the thumb comes last, from outside."""
+        """A key's angles (21,) without overlaps; the thumb closes last, from outside."""
         wished, touch = self._postures[k], self._touch(k, k, 1.0)
         last = wished.copy()
         last[_THUMB] = self._open[_THUMB]
@@ -221,9 +223,9 @@ class ArmMotion:
         return last
 
     def _wished(self, before: int, after: int, x: float) -> Float64:
-        """(21,) the angles before any finger is in another's way.
+        """Angles (21,) between two keys before overlaps are removed.
 
-        The thumb closes last, opens first, and makes way where it is bent before and after while a finger moves.
+        The thumb closes last and opens first. It moves aside while fingers move, if it is bent at both keys.
         """
         a, b = self._postures[before], self._postures[after]
         bends = [float((angles - self._open)[_THUMB_BENDS].sum()) for angles in (a, b)]
@@ -241,7 +243,7 @@ class ArmMotion:
 
     def _mixed(self, before: int, after: int, part: float) -> Float64:
         change = self._values[after] - self._values[before]
-        if abs(change[4]) > math.radians(200):  # a whole turn is where it began
+        if abs(change[4]) > math.radians(200):  # remove a whole turn
             change[4] -= math.copysign(2 * math.pi, change[4])
         return np.asarray(self._values[before] + part * change)
 
@@ -265,13 +267,13 @@ class ArmMotion:
 
 
 def _eased(x: float) -> float:
-    """From 0 to 1 by the way of least jerk."""
+    """Minimum-jerk interpolation from 0 to 1."""
     x = min(max(x, 0.0), 1.0)
     return x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
 
 
 def posture_angles(posture: Posture, otherwise: Posture) -> Float64:
-    """(21,) [rad]."""
+    """Angles (21,) of a posture [rad]; digits without values are as in ``otherwise``."""
     angles = np.zeros(len(ANGLES))
     for digit, row in zip(DIGITS, DIGIT_ANGLES, strict=True):
         values = getattr(posture, digit)
@@ -287,14 +289,14 @@ def untangled(
     touch: Float64 | None = None,
     flesh: tuple[Float64, float] | None = None,
 ) -> Float64:
-    """(21,) the angles nearest to those wished at which no finger is in another [rad].
+    """Find the angles (21,) nearest to the wished ones at which no finger penetrates another [rad].
 
     Args:
-        mesh: whose hand it is.
+        mesh: the hand.
         wished: (21,) [rad].
-        start: (21,) where to begin; at those wished, where not given.
-        touch: (n, 3) two digits that shall touch, the thumb first and with its tip, and how much, 0 to 1.
-        flesh: radii of the digits (5, 4) and half the palm's thickness [m]; the mesh's own where not given.
+        start: (21,) start of the search; None for the wished angles.
+        touch: (n, 3) two digits that must touch, the thumb first and with its tip, and the weight from 0 to 1.
+        flesh: radii of the digits (5, 4) and half the palm's thickness [m]; None for the mesh's own.
     """
     radii, palm_m = flesh or _flesh(mesh)
     angles, model, k = np.empty(len(ANGLES)), mesh.model, _kernels()
@@ -307,12 +309,13 @@ def untangled(
 
 
 def worst_overlap(mesh: ArmMesh, angles: Float64) -> float:
-    """How far one finger is inside another, or in the palm, at most [m]; 0 where none is.
+    """Largest overlap of a finger with another or with the palm [m]; 0 without any.
 
-    Flesh is taken as tapered limbs about the bones; neighbouring fingers' first bones count from 45 % of their length.
+    Flesh is modelled as tapered limbs around the bones; neighbouring fingers' first bones count from 45 % of their
+    length.
 
     Args:
-        mesh: whose hand it is.
+        mesh: the hand.
         angles: (21,) [rad].
     """
     pose, k = ArmMeshPose(angles, np.zeros(4), np.eye(4)), _kernels()
@@ -328,14 +331,14 @@ def _flesh(mesh: ArmMesh) -> tuple[Float64, float]:
 
 
 def held_at(mesh: ArmMesh, joints: Float64, R_camera_palm: Float64, at: Float64, which: int = PALM) -> ArmMeshPose:
-    """The pose of a right arm, all of whose hand's angles are 0, one of whose points is at a place.
+    """Pose of a right arm with a flat hand (all angles 0), one of whose points is at a given position.
 
     Args:
-        mesh: whose arm it is.
+        mesh: the arm.
         joints: (4,) of `ArmMeshPose` [rad].
         R_camera_palm: (3, 3).
-        at: (3,) in the camera's space [m].
-        which: of `mocapella.model.arms.ARM_POINTS`, is there.
+        at: (3,) in the camera frame [m].
+        which: index of the point in `mocapella.model.arms.ARM_POINTS`.
     """
     pose = ArmMeshPose(np.zeros(len(ANGLES)), np.asarray(joints, dtype=np.float64), np.eye(4))
     bones, points = mesh.frames(pose)
@@ -344,7 +347,7 @@ def held_at(mesh: ArmMesh, joints: Float64, R_camera_palm: Float64, at: Float64,
 
 
 def _about(vector: Float64) -> Float64:
-    """(3, 3) rotation by a vector [rad] (Rodrigues)."""
+    """Rotation (3, 3) by a rotation vector [rad] (Rodrigues)."""
     angle = float(np.linalg.norm(vector))
     if angle < 1e-12:
         return np.eye(3)
@@ -355,7 +358,7 @@ def _about(vector: Float64) -> Float64:
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the kernels, and numba, on first use."""
     from mocapella.sources.simulate import arm_motion_kernels
 
     return arm_motion_kernels

@@ -1,12 +1,12 @@
-"""Rooms that look like rooms, for what stands before them: walls, a floor, furniture, posters, light with its shadows.
+"""Rendered rooms as backgrounds: walls, a floor, furniture, posters, light and shadows.
 
     room = make_backdrop(seed=3)
     view = room.seen_by(placed)
     view.linear, view.floor_m
 
-A room is boxes whose faces are made of something (planks, bricks, books, cloth; `backdrop_kernels.reflected`), traced
-once for each camera by rays through its lens, four a pixel and one for its middle; so what cameras see of it agrees.
-Everything in it stands along the walls: the middle is free.
+A room is a set of boxes whose faces have materials (planks, bricks, books, cloth; `backdrop_kernels.reflected`). It is
+ray-traced once for each camera through its lens, with four samples a pixel and one at its centre, so that all cameras
+see the same room. All furniture is along the walls; the middle is free.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ Float64 = NDArray[np.float64]
 
 _SOFTNESS: Final = 0.12
 _SAMPLES_PX: Final = ((0.0, 0.0), (-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375))
-"""A pixel's middle, and four places turned against the pixels' rows, so that slanted edges are smooth."""
+"""A pixel's centre, and four samples on a rotated grid, so that slanted edges are smooth."""
 _FLOORS: Final = (("planks", 0.13), ("planks", 0.09), ("tiles", 0.45), ("tiles", 0.6), ("cloth", 0.5), ("paint", 0.4))
 _WALLS: Final = ("paint", "paint", "bricks", "stripes", "paint")
 _KINDS: Final = (
     *("paint", "planks", "bricks", "tiles", "carpet", "stripes", "books", "poster", "window", "curtain"),
     *("cloth", "sketch"),
 )
-"""In the kernels' order."""
+"""Names of the materials, in the kernels' order."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,10 +44,10 @@ class Light:
     """The light in a room, as red, green and blue; 1 shows a white surface as white.
 
     Attributes:
-        towards: (3,) unit vector to the light that has a direction.
-        strength: (3,) of it.
-        sky: (3,) what comes from above.
-        ground: (3,) what comes from below.
+        towards: (3,) unit vector towards the directed light.
+        strength: (3,) of the directed light.
+        sky: (3,) ambient light from above.
+        ground: (3,) ambient light from below.
     """
 
     towards: Float64
@@ -58,11 +58,11 @@ class Light:
 
 @dataclass(frozen=True, eq=False)
 class BackdropView:
-    """What a camera sees of a room.
+    """A room as seen by one camera.
 
     Attributes:
         linear: (height, width, 3) light, red, green, blue.
-        floor_m: (height, width, 2) x and z of the floor that a pixel's middle shows; NaN where it shows no floor.
+        floor_m: (height, width, 2) x and z of the floor at a pixel's centre; NaN where the floor is not visible.
     """
 
     linear: Float32
@@ -74,10 +74,10 @@ class Backdrop:
     """A room.
 
     Attributes:
-        boxes: (n, 8) centre, half edges [m], cosine and sine of the turn about y; the first is the room.
+        boxes: (n, 8) centre, half edges [m], cosine and sine of the rotation about y; the first is the room.
         faces: (n, 6) material of the faces −x +x −y +y −z +z.
-        materials: (m, 10) kind, two colours, size [m], seed, shine.
-        light: in it.
+        materials: (m, 10) kind, two colours, size [m], seed, gloss.
+        light: in the room.
     """
 
     boxes: Float64
@@ -86,7 +86,7 @@ class Backdrop:
     light: Light
 
     def seen_by(self, placed: PlacedCamera) -> BackdropView:
-        """What a camera sees."""
+        """Render the room for a camera."""
         width, height = placed.camera.size_px
         grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)[:, :, None]
         pixels = grid + np.array(_SAMPLES_PX)
@@ -101,7 +101,7 @@ class Backdrop:
 
 
 def make_backdrop(seed: int = 0, least_half_m: float = 4.9) -> Backdrop:
-    """A room by chance, y up, its floor at y = 0, its middle at the origin, its walls at least so far away [m]."""
+    """Make a random room: y up, floor at y = 0, centre at the origin, walls at least ``least_half_m`` away."""
     rng = np.random.default_rng([seed, 11])
     maker = _Maker(rng)
     half = np.array([least_half_m, 1.35, least_half_m]) + rng.uniform(0, 1, 3) * [0.9, 0.35, 0.9]
@@ -131,7 +131,7 @@ def _light(rng: np.random.Generator) -> Light:
 
 
 class _Maker:
-    """Boxes and materials as they come."""
+    """Collector of boxes and materials."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         self.rng = rng
@@ -165,7 +165,7 @@ class _Maker:
 
 
 def _rug(maker: _Maker, rng: np.random.Generator) -> None:
-    """Sometimes a flat rug or mat in the middle: what is on the floor is seen as floor."""
+    """Add a flat rug in the middle, at random; it counts as floor."""
     if rng.random() < 0.5:
         colours = (maker.colour((0.1, 0.4), 0.4), maker.colour((0.2, 0.6), 0.3))
         rug = maker.material("carpet", colours, rng.uniform(0.15, 0.3))
@@ -176,13 +176,13 @@ def _rug(maker: _Maker, rng: np.random.Generator) -> None:
 
 
 def _furnish(maker: _Maker, rng: np.random.Generator, half: Float64, side: int) -> None:
-    """Objects along one wall, from one corner to the other, each as wide as there is place; pictures above low ones."""
+    """Place objects of random widths along one wall, from corner to corner, and pictures above the low ones."""
     along = half[0] if side < 2 else half[2]
     depth_at = half[2] if side < 2 else half[0]
     sign = 1.0 if side % 2 == 0 else -1.0
 
     def put(middle: float, aside: float, up: float, size: tuple[float, float, float], turn: float, *faces: int) -> None:
-        """A box (width, height, depth) with its back to the wall."""
+        """Add a box (width, height, depth) with its back to the wall."""
         middle += aside
         w, h, d = (0.5 * s for s in size)
         out = sign * (depth_at - d - 0.01)
@@ -196,7 +196,7 @@ def _furnish(maker: _Maker, rng: np.random.Generator, half: Float64, side: int) 
         width = min(float(rng.uniform(0.6, 1.9)), along - 0.2 - at)
         middle = at + 0.5 * width
         kind = rng.choice(["books", "sofa", "cabinet", "window", "boxes", "curtain", "gap", "picture"])
-        top = _put_thing(maker, rng, str(kind), width, partial(put, middle))
+        top = _put_object(maker, rng, str(kind), width, partial(put, middle))
         if top < 1.3 and kind != "gap":
             colours = (maker.colour((0.1, 0.6), 0.4), maker.colour((0.1, 0.6), 0.4))
             poster = maker.material("poster", colours, 1.0)
@@ -204,8 +204,8 @@ def _furnish(maker: _Maker, rng: np.random.Generator, half: Float64, side: int) 
         at += width + float(rng.uniform(0.05, 0.5))
 
 
-def _put_thing(maker: _Maker, rng: np.random.Generator, kind: str, width: float, put: Callable[..., None]) -> float:
-    """Put a thing of a kind and width [m]; returns how high it is [m]."""
+def _put_object(maker: _Maker, rng: np.random.Generator, kind: str, width: float, put: Callable[..., None]) -> float:
+    """Add an object of a kind and width [m]; return its height [m]."""
     top = 0.0
     if kind == "books":
         shelf = maker.material("books", (maker.colour((0.1, 0.5), 0.15),) * 2, 0.36)
@@ -224,8 +224,8 @@ def _put_thing(maker: _Maker, rng: np.random.Generator, kind: str, width: float,
         top = min(top, 1.9)
         put(0.0, 0.0, (width, top, 0.45), 0.0, wood)
         if top < 1.3:
-            thing = maker.material("paint", (maker.colour((0.05, 0.5), 0.4),) * 2, 0.1)
-            put(0.0, top, (0.3 * width, 0.3, 0.2), 0.0, thing)
+            ornament = maker.material("paint", (maker.colour((0.05, 0.5), 0.4),) * 2, 0.1)
+            put(0.0, top, (0.3 * width, 0.3, 0.2), 0.0, ornament)
             top += 0.3
     elif kind == "boxes":
         for k in range(3):
@@ -246,7 +246,7 @@ def _put_thing(maker: _Maker, rng: np.random.Generator, kind: str, width: float,
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the kernels, and numba, on first use."""
     from mocapella.sources.simulate import backdrop_kernels
 
     return backdrop_kernels

@@ -1,6 +1,6 @@
-"""The body of a simulated person: 25 joints of human proportions, each bone a capsule of flesh.
+"""The body of a simulated person: 25 joints of human proportions, with a capsule around each bone.
 
-A pose is a root position and one unit direction for every bone, so that bones keep their length whatever moves them.
+A pose is a root position and a unit direction for each bone, so bone lengths are always kept.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from mocapella.settings import check
 Float64 = NDArray[np.float64]
 
 BODY = topology("kinect_v2")
-"""The joints that a simulated body has, in this order everywhere in this room."""
+"""The joints of a simulated body, in the order of all arrays of this package."""
 
 JOINT = {name: i for i, name in enumerate(BODY.joints)}
 ROOT = BODY.parts["root"]
@@ -29,14 +29,14 @@ ROOT = BODY.parts["root"]
 
 @dataclass(frozen=True, eq=False)
 class BodyTemplate:
-    """What is the same for all people.
+    """Properties that all people share.
 
     Attributes:
         parents: (25,) the joint at the other end of the bone; the root's is itself.
         offsets: (25, 3) from parent to joint in fractions of stature: left, up, forward, arms out sideways.
-        radii: (25,) of the bone's capsule in fractions of stature; 0 for the root.
-        chain: (25, 25) 1 where the bone of the column lies between the root and the joint of the row.
-        within: (25, 25) whether the joint of the row lies inside the flesh of the bone of the column, arms out.
+        radii: (25,) of the bones' capsules in fractions of stature; 0 for the root.
+        chain: (25, 25) 1 if the bone of the column is between the root and the joint of the row, else 0.
+        within: (25, 25) whether the joint of the row is inside the capsule of the bone of the column, arms out.
     """
 
     parents: NDArray[np.int64]
@@ -48,7 +48,7 @@ class BodyTemplate:
 
 @cache
 def body_template() -> BodyTemplate:
-    """The body of ``data/body.toml``."""
+    """Load the body of ``data/body.toml``."""
     data = body_data()
     joints = len(BODY)
     parents, chain = np.full(joints, ROOT), np.zeros((joints, joints))
@@ -66,28 +66,28 @@ def body_template() -> BodyTemplate:
 
 
 def bone_lengths(stature: float) -> Float64:
-    """(25,) length of the bone that ends at each joint [m]; 0 for the root."""
+    """Length (25,) of the bone that ends at each joint [m]; 0 for the root."""
     check(0.5 <= stature <= 2.5, "stature", stature, "from 0.5 to 2.5 m")
     return np.asarray(np.linalg.norm(body_template().offsets, axis=1) * stature)
 
 
 def joint_positions(root: Float64, directions: Float64, lengths: Float64) -> Float64:
-    """(..., 25, 3) joints of a root (..., 3), unit bone directions (..., 25, 3) and lengths (..., 25)."""
+    """Joints (..., 25, 3) from a root (..., 3), unit bone directions (..., 25, 3) and lengths (..., 25)."""
     return root[..., None, :] + body_template().chain @ (directions * lengths[..., None])
 
 
 def facing(positions: Float64) -> Float64:
-    """(..., 3) horizontal unit vector to where the chests of (..., 25, 3) point: left × up, of the shoulders."""
+    """Horizontal facing direction (..., 3) of bodies (..., 25, 3): a unit vector, left × up of the shoulders."""
     left = positions[..., JOINT["ShoulderLeft"], :] - positions[..., JOINT["ShoulderRight"], :]
     forward = np.stack([-left[..., 2], np.zeros(left.shape[:-1]), left[..., 0]], axis=-1)
     return np.asarray(forward / np.linalg.norm(forward, axis=-1, keepdims=True))
 
 
 def joint_selection(wanted: Topology) -> NDArray[np.int64]:
-    """For each joint of a topology, which joint of the body it is.
+    """Index of the body's joint for each joint of a topology.
 
     Raises:
-        SettingsError: the topology has a joint that the body has not.
+        SettingsError: the topology has a joint that the body does not have.
     """
     names: dict[str, str] = body_data()["names"].get(wanted.name, {})
     missing = [joint for joint in wanted.joints if names.get(joint, joint) not in JOINT]
@@ -100,7 +100,7 @@ def joint_selection(wanted: Topology) -> NDArray[np.int64]:
 
 @cache
 def body_data() -> dict[str, Any]:
-    """``data/body.toml`` as it stands."""
+    """Read ``data/body.toml``."""
     text = files("mocapella.sources.simulate").joinpath("data", "body.toml").read_text(encoding="utf-8")
     return tomllib.loads(text)
 
@@ -110,5 +110,5 @@ def _within(joints: Float64, parents: NDArray[np.int64], radii: Float64) -> NDAr
     squared = np.maximum((bone**2).sum(axis=1), 1e-12)
     along = np.clip(((joints[:, None] - start) * bone).sum(axis=2) / squared, 0, 1)
     distance = np.linalg.norm(joints[:, None] - (start + along[..., None] * bone), axis=2)
-    # A joint at a bone's end lies in it, and a finger's breadth of skin belongs to the joint itself.
+    # A joint at a bone's end is inside it; the margin is a finger's breadth of skin.
     return np.asarray(distance <= radii + 0.01)

@@ -1,15 +1,15 @@
-"""How bodies of 26 degrees of freedom move: knee bends, running, walking, a cartwheel, a flick-flack.
+"""Motions of bodies with 26 degrees of freedom: knee bends, running, walking, a cartwheel, a flick-flack.
 
     motion = body_motion("cartwheel", mesh)
     motion.pose(0.7)
 
-A motion is a table of key poses, or a cycle of them. Between keys angles run monotonically (F. Fritsch, J. Butland,
-"A Method for Constructing Local Monotone Piecewise Cubic Interpolants", SIAM J. Sci. Stat. Comput. 5, 1984) and are
-smoothed by a Gaussian: neither leaves the keys' range, so what the keys keep of the joints' limits is kept. Splines
-through the results are twice continuously differentiable.
+A motion is a table of key poses, or a cycle of them. Between keys, angles are interpolated monotonically (F. Fritsch,
+J. Butland, "A Method for Constructing Local Monotone Piecewise Cubic Interpolants", SIAM J. Sci. Stat. Comput. 5, 1984)
+and smoothed by a Gaussian. Neither leaves the keys' range, so joint limits that the keys keep are kept. Splines through
+the results are twice continuously differentiable.
 
-Where a body is follows from what it stands on: its lowest point is on the floor, and what touches the floor does not
-slide. Where a key says that it is in the air, its middle falls as everything does.
+The body's position follows from ground contact: its lowest point is on the floor, and contact points do not slide.
+While a key marks the body as airborne, its centre follows a ballistic trajectory.
 """
 
 from __future__ import annotations
@@ -38,28 +38,28 @@ GRAVITY_M_PER_S2: Final = 9.81
 _CONTACT_M: Final = 0.006
 _IN_THE_AIR_M: Final = 1e-3
 _THROUGH_AIR: Final = 0.5
-"""Of the speeds at which a body leaves the floor and meets it: what turns about its feet is faster than what flies."""
+"""Horizontal speed in the air, relative to that before and after: rotation about the feet is faster than flight."""
 _TURNS: Final = ("yaw", "pitch", "roll")
-"""Of the whole body: about y, then x (positive forwards), then z (positive to the right)."""
+"""Rotations of the whole body: about y, then x (positive forwards), then z (positive to the right)."""
 _WORDS: Final = {
     "bend": ("waist bend forwards",), "lean": ("waist bend to the left",), "swing": ("shoulder swing forwards",),
     "raise": ("shoulder raise sidewards",), "turn": ("shoulder turn outwards",), "elbow": ("elbow flexion",),
     "hip": ("hip flexion",), "open": ("hip abduction",), "outwards": ("hip turn outwards",), "knee": ("knee flexion",),
     "ankle": ("ankle flexion",),
 }  # fmt: skip
-"""Words of the keys; with "left " or "right " before them they are of one side."""
+"""Joint angles by the words of the keys; with "left " or "right " in front, of one side."""
 
 
 @dataclass(frozen=True, eq=False)
 class BodyMotion:
-    """A motion: poses at any time; before it begins and after its end a body stands still.
+    """A motion: a pose at any time; before its beginning and after its end the body stands still.
 
     Attributes:
-        seconds: how long it is.
-        angles: the spline of the joints' angles [rad].
-        turns: of yaw, pitch and roll [rad].
-        place: of the tree's root point, world [m].
-        root: (3,) that point at rest.
+        seconds: its duration.
+        angles: spline of the joint angles [rad].
+        turns: spline of yaw, pitch and roll [rad].
+        place: spline of the root point's position, world [m].
+        root: (3,) the root point in the rest pose.
     """
 
     seconds: float
@@ -69,33 +69,33 @@ class BodyMotion:
     root: Float64
 
     def pose(self, at_s: Any) -> TreePose:
-        """(...,) times [s] → poses with those axes."""
+        """Poses at times (...,) [s], with the same batch axes."""
         at = np.clip(np.asarray(at_s, np.float64), 0.0, self.seconds)
         R = turned(self.turns(at))
         return TreePose(rigid(R, self.place(at) - (R @ self.root[:, None])[..., 0]), self.angles(at))
 
 
 def motion_names() -> tuple[str, ...]:
-    """The motions there are."""
+    """Names of the motions."""
     return tuple(_MOTIONS)
 
 
 def usual_seconds(name: str) -> float:
-    """How long the motion of that name usually is."""
+    """Default duration of a motion [s]."""
     return _MOTIONS[_known(name)][1]
 
 
 def body_motion(name: str, mesh: RiggedMesh, seconds: float | None = None, seed: int = 0) -> BodyMotion:
-    """The motion of that name, by a body.
+    """Make a motion for a body.
 
     Args:
         name: of `motion_names`.
-        mesh: the body; of `body_meshes.body_mesh`.
-        seconds: how long; motions that repeat do so, the others stand still after their end.
-        seed: by it tempo and width differ a little.
+        mesh: the body, of `body_meshes.body_mesh`.
+        seconds: duration; cyclic motions repeat, others stand still after their end.
+        seed: of small variations of tempo and width.
 
     Raises:
-        SettingsError: no such motion, no such time, or the mesh has not the joints of a body.
+        SettingsError: unknown motion, invalid duration, or the mesh does not have the joints of a body.
     """
     make, usual = _MOTIONS[_known(name)]
     seconds = usual if seconds is None else seconds
@@ -108,15 +108,15 @@ def body_motion(name: str, mesh: RiggedMesh, seconds: float | None = None, seed:
 def grounded(
     mesh: RiggedMesh, angles: Float64, turns: Float64, above: Float64, *, stays: bool, path: Float64 | None = None
 ) -> Float64:
-    """Where the root's point is, (n, 3) [m], for what stands on the floor without sliding.
+    """Compute the root point's positions (n, 3) [m] of a body that stands on the floor without sliding.
 
     Args:
         mesh: the body.
-        angles: (n, joints) at `GRID_HZ`.
-        turns: (n, 3).
-        above: (n,) how high its lowest point is.
-        stays: whether what is left of the travel over the whole time is taken away, as on a treadmill.
-        path: (n, 2) x and z, where these are known.
+        angles: (n, joints) at `GRID_HZ` [rad].
+        turns: (n, 3) yaw, pitch and roll [rad].
+        above: (n,) height of its lowest point [m].
+        stays: whether to remove the net travel, as on a treadmill.
+        path: (n, 2) x and z, if known.
     """
     from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
@@ -128,19 +128,19 @@ def grounded(
         T = rigid(R[k], -R[k] @ mesh.tree.root)
         at = posed(mesh, TreePose(T, angles[k]))
         lowest[k], middle[k] = at[:, 1].min(), at[:, 1].mean()
-        if before is not None:  # what is lowest between two instants stays where it is
+        if before is not None:  # the lowest points do not move between two instants
             height = 0.5 * (at[:, 1] + before[:, 1])
             share = np.exp(-(height - height.min()) / _CONTACT_M)
             step[k] = -(share @ (at - before)[:, [0, 2]]) / share.sum()
         before = at
     wanted = _thrown(above - lowest, middle, above > _IN_THE_AIR_M)
     y = gaussian_filter1d(wanted, sd, mode="nearest")
-    reach = int(1.5 * sd + 0.5)  # as far as the second filter looks: what the first leaves below the floor is lifted
+    reach = int(1.5 * sd + 0.5)  # of the second filter, which lifts whatever the first one leaves below the floor
     below = maximum_filter1d(np.maximum(wanted - y, 0.0), 2 * reach + 1, mode="nearest")
     y = y + gaussian_filter1d(below, sd, mode="nearest", truncate=1.5)
     if path is None:
         free = above > _IN_THE_AIR_M
-        if free.any() and not free.all():  # through the air about as fast as before and after
+        if free.any() and not free.all():  # in the air, about as fast as before and after
             for i in range(2):
                 step[free, i] = _THROUGH_AIR * np.interp(np.flatnonzero(free), np.flatnonzero(~free), step[~free, i])
         path = np.cumsum(gaussian_filter1d(step, sd, axis=0, mode="nearest"), axis=0)
@@ -151,12 +151,12 @@ def grounded(
 
 
 def _thrown(y: Float64, middle: Float64, free: NDArray[np.bool_]) -> Float64:
-    """Heights (n,) of the root at `GRID_HZ`, those that are free such that the body's middle falls as what is thrown.
+    """Heights (n,) of the root at `GRID_HZ`, with a ballistic trajectory of the body's centre while it is airborne.
 
     Args:
-        y: where it stands on the floor, or is to be in the air.
-        middle: (n,) height of the body's middle above the root.
-        free: (n,) whether it is in the air.
+        y: (n,) heights from the ground contact.
+        middle: (n,) height of the body's centre above the root.
+        free: (n,) whether it is airborne.
     """
     out = y.copy()
     edges = np.flatnonzero(np.diff(free.astype(np.int8)))
@@ -172,7 +172,7 @@ def splined(
     mesh: RiggedMesh, angles: Float64, turns: Float64, above: Float64, *, stays: bool = False,
     path: Float64 | None = None,
 ) -> BodyMotion:  # fmt: skip
-    """A motion through poses at `GRID_HZ`; arguments as of `grounded`."""
+    """Make a motion through poses at `GRID_HZ`; arguments as for `grounded`."""
     from scipy.interpolate import CubicSpline
 
     place = grounded(mesh, angles, turns, above, stays=stays, path=path)
@@ -182,7 +182,7 @@ def splined(
 
 
 def smoothed(values: Float64) -> Float64:
-    """(n, …) at `GRID_HZ`, by the Gaussian."""
+    """Smooth values (n, …) at `GRID_HZ` with the Gaussian."""
     from scipy.ndimage import gaussian_filter1d
 
     return np.asarray(gaussian_filter1d(values, SMOOTH_S * GRID_HZ, axis=0, mode="nearest"))
@@ -209,7 +209,7 @@ def _made(mesh: RiggedMesh, keys: Sequence[Key], seconds: float, *, travels: boo
 
 
 def _named(word: str, columns: tuple[str, ...]) -> list[str]:
-    """The columns that a word of a key is about."""
+    """The columns that a key's word sets."""
     if word in columns:
         return [word]
     side, _, rest = word.partition(" ")

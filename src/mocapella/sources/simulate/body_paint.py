@@ -1,12 +1,11 @@
-"""Bodies that move, lit and clothed, in pictures of cameras; and which pixels they cover, exactly.
+"""Render moving, lit and clothed bodies into camera images, and their exact masks.
 
     stage = stand(cast, vertices, light)
     layer = painted(stage, placed)
     truth = covered(stage, placed)
 
-Surfaces are drawn through the lens, with four samples a pixel for their colours, so that edges are smooth, and with one
-in the pixel's middle for the truth. Light comes from a direction, with the bodies' shadows on each other and on the
-floor, and from everywhere.
+Surfaces are drawn through the lens, with four samples a pixel for smooth colours, and one at the pixel's centre for the
+ground truth. Light is directed, with the bodies' shadows on each other and on the floor, and ambient.
 """
 
 from __future__ import annotations
@@ -33,24 +32,24 @@ Int32 = NDArray[np.int32]
 _SIDE: Final = 2
 """Samples along a pixel's side."""
 _FINE: Final = 10
-"""Points along a face's side whose colour is kept: 2 to 3 mm apart on a body."""
+"""Number of colour samples along a face's side: 2 to 3 mm apart on a body."""
 _CELL_M: Final = 0.015
 _MARGIN: Final = 12
-"""Cells of the shadow's map beyond the shadow, for its soft edge."""
+"""Margin of the shadow map around the shadow, for its soft edge."""
 _PENUMBRA_CELLS: Final = 2.2
 
 
 @dataclass(frozen=True, eq=False)
 class Cast:
-    """Who is there: the meshes as one.
+    """All people's meshes as one mesh.
 
     Attributes:
         meshes: of the people.
-        rest: (n, 3) vertices at rest.
+        rest: (n, 3) vertices in the rest pose.
         faces: (m, 3).
-        people: (m,) whose a face is.
+        people: (m,) index of each face's person.
         parts: (m,) part of that body.
-        baked: (m, n, n, 4) float32 what the faces reflect; see `body_paint_kernels.bake`.
+        baked: (m, n, n, 4) float32 reflectance of the faces; see `body_paint_kernels.bake`.
     """
 
     meshes: tuple[RiggedMesh, ...]
@@ -62,7 +61,7 @@ class Cast:
 
 
 def make_cast(meshes: Sequence[RiggedMesh], clothes: Sequence[Clothes]) -> Cast:
-    """Several dressed bodies as one surface."""
+    """Join several dressed bodies to one mesh."""
     counts = [len(mesh.vertices) for mesh in meshes]
     first = np.concatenate([[0], np.cumsum(counts)[:-1]])
     return Cast(
@@ -85,14 +84,14 @@ def _baked(mesh: RiggedMesh, clothes: Clothes) -> Float32:
 
 @dataclass(frozen=True, eq=False)
 class LitBodies:
-    """Bodies at an instant, and the light on them.
+    """Bodies at an instant, with their shadow map.
 
     Attributes:
-        cast: who.
-        vertices, normals: (n, 3) in the world, y up, the floor at 0 [m].
-        light: see there.
-        tops: (k, l) 1 m more than the height of what is first in the light, over cells of the floor; 0 for nothing.
-        shade: (k, l) float32 how much of the directed light does not arrive at the floor.
+        cast: the bodies.
+        vertices, normals: (n, 3) in the world frame, y up, the floor at 0 [m].
+        light: in the room.
+        tops: (k, l) shadow map over cells of the floor: height of the first surface in the light plus 1 m, or 0.
+        shade: (k, l) float32 share of the directed light that is blocked from the floor.
         first_m: (2,) x and z of the first cell.
     """
 
@@ -107,12 +106,12 @@ class LitBodies:
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """Bodies in a window of a picture.
+    """Bodies in a window of an image.
 
     Attributes:
         origin_px: (x, y) of the window's first pixel.
-        colour: (rows, columns, 3) light, red, green, blue, already times alpha.
-        alpha: (rows, columns) how much of a pixel is covered.
+        colour: (rows, columns, 3) light, red, green, blue, premultiplied by alpha.
+        alpha: (rows, columns) share of each pixel that is covered.
     """
 
     origin_px: tuple[int, int]
@@ -122,12 +121,12 @@ class Layer:
 
 @dataclass(frozen=True, eq=False)
 class Covered:
-    """What pixels' middles show.
+    """Ground truth at the pixels' centres.
 
     Attributes:
-        people: (height, width) int8, whose body; -1 where nobody's.
-        parts: (height, width) int8 part of that body; -1 where nobody's.
-        depth_m: (height, width) float32 z in the camera's space; infinite where nobody is.
+        people: (height, width) int8 index of the person; -1 for background.
+        parts: (height, width) int8 part of that body; -1 for background.
+        depth_m: (height, width) float32 z in the camera frame; infinite for background.
     """
 
     people: NDArray[np.int8]
@@ -136,7 +135,7 @@ class Covered:
 
 
 def stand(cast: Cast, vertices: Float64, light: Light) -> LitBodies:
-    """Bodies with their vertices where they are now, (n, 3) in the world [m]."""
+    """Compute normals and shadows of bodies with posed vertices (n, 3) in the world frame [m]."""
     from scipy.ndimage import gaussian_filter
 
     normals = np.empty_like(vertices)
@@ -153,7 +152,7 @@ def stand(cast: Cast, vertices: Float64, light: Light) -> LitBodies:
 
 
 def painted(stages: Sequence[LitBodies], placed: PlacedCamera) -> Layer:
-    """What a camera sees of bodies that stand as they do at each of the instants of its exposure."""
+    """Render bodies for a camera, averaged over the instants of its exposure."""
     views = [_seen(stage, placed) for stage in stages]
     boxes = np.array([box for _, box in views])
     shown = boxes[boxes[:, 2] > boxes[:, 0]] if (boxes[:, 2] > boxes[:, 0]).any() else np.zeros((1, 4), np.int64)
@@ -175,7 +174,7 @@ def painted(stages: Sequence[LitBodies], placed: PlacedCamera) -> Layer:
 
 
 def covered(stage: LitBodies, placed: PlacedCamera) -> Covered:
-    """Which pixels' middles show which body and which part of it."""
+    """Render the ground truth of a camera: person, part and depth at each pixel's centre."""
     width, height = placed.camera.size_px
     people, parts = np.full((height, width), -1, np.int8), np.full((height, width), -1, np.int8)
     depth = np.full((height, width), np.inf, np.float32)
@@ -190,12 +189,12 @@ def covered(stage: LitBodies, placed: PlacedCamera) -> Covered:
 
 
 def cell_m() -> float:
-    """Between the cells of a stage's shadow."""
+    """Distance between cells of the shadow map."""
     return _CELL_M
 
 
 def _seen(stage: LitBodies, placed: PlacedCamera) -> tuple[Float64, NDArray[np.int64]]:
-    """Vertices in the picture, and the window around them: left, top, and right and low beyond it."""
+    """Projected vertices, and the window around them: left, top, right, bottom (exclusive)."""
     camera = placed.camera
     seen, box = np.empty_like(stage.vertices), np.empty(4, np.int64)
     _raster().project(stage.vertices, placed.T_camera_world, camera.lens, farthest_r2(camera.lens), seen)
@@ -214,7 +213,7 @@ def _nearest(seen: Float64, faces: Int32, box: Any, side: int) -> tuple[Float64,
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the kernels, and numba, on first use."""
     from mocapella.sources.simulate import body_paint_kernels
 
     return body_paint_kernels
@@ -222,7 +221,7 @@ def _kernels() -> Any:
 
 @cache
 def _raster() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the raster kernels, and numba, on first use."""
     from mocapella.geometry import raster_kernels
 
     return raster_kernels

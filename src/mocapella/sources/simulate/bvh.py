@@ -1,8 +1,8 @@
 """BVH files (Biovision hierarchy): a tree of joints and, for every frame, a number for each of their channels.
 
 The format: M. Meredith, S. Maddock, "Motion Capture File Formats Explained", University of Sheffield, CS-01-11.
-A joint's rotation is the product of its channels' rotations in the order in which the file lists them. Position
-channels take the place of the joint's offset, which is how the tools write a moving root.
+A joint's rotation is the product of its channels' rotations, in the file's order. Position channels replace the joint's
+offset; this is how tools write a moving root.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ _CHANNELS = tuple(f"{axis}{kind}" for kind in ("position", "rotation") for axis 
 _MOST_JOINTS = 1000
 _MOST_FRAMES = 1_000_000
 _LARGEST = 1e9
-"""No coordinate or angle of a person is larger, in any unit; sums of such numbers stay finite."""
+"""Limit of coordinates and angles in any unit; sums of such numbers stay finite."""
 
 
 @dataclass(frozen=True)
 class BvhJoint:
-    """A joint or an end site (which has no channels and is called ``<parent> end``).
+    """A joint, or an end site (which has no channels and the name ``<parent> end``).
 
     Attributes:
         name: as in the file.
         parent: index of the parent, −1 for the root.
         offset: from the parent, in the file's unit.
         channels: names in the file's order.
-        first_channel: column of the first of them.
+        first_channel: column of the first channel.
     """
 
     name: str
@@ -48,7 +48,7 @@ class BvhJoint:
 
 @dataclass(frozen=True, eq=False)
 class Bvh:
-    """What a BVH file says.
+    """The content of a BVH file.
 
     Attributes:
         joints: parents before children.
@@ -61,7 +61,7 @@ class Bvh:
     channels: Float64
 
     def positions(self) -> Float64:
-        """(frames, joints, 3) of all joints and end sites, in the file's unit and axes."""
+        """Positions (frames, joints, 3) of all joints and end sites, in the file's unit and axes."""
         frames = len(self.channels)
         positions = np.empty((frames, len(self.joints), 3))
         rotations = np.empty((frames, len(self.joints), 3, 3))
@@ -84,10 +84,10 @@ class Bvh:
 
 
 def read_bvh(path: str | Path) -> Bvh:
-    """Read a file.
+    """Read a BVH file.
 
     Raises:
-        InputError: it cannot be read or is no BVH file; names the row, the field, the value and what belongs there.
+        InputError: it cannot be read, or is not a valid BVH file; names row, field, value and the expected content.
     """
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
@@ -100,7 +100,7 @@ def read_bvh(path: str | Path) -> Bvh:
 
 
 def parse_bvh(text: str, file: object = None) -> Bvh:
-    """Parse a file's content; ``file`` is what errors call it.
+    """Parse a file's content; ``file`` is named in errors.
 
     Raises:
         InputError: as `read_bvh`.
@@ -127,7 +127,7 @@ def parse_bvh(text: str, file: object = None) -> Bvh:
 
 
 class _Reader:
-    """The words of a file one after the other, and the row that the last one stood in."""
+    """Reader of a file's words, with the row of the last one."""
 
     def __init__(self, text: str, file: object) -> None:
         self.file = file
@@ -144,7 +144,7 @@ class _Reader:
         return self._words.pop()
 
     def name(self) -> str:
-        """What follows up to a brace or the line's end: names may have blanks."""
+        """Read a name up to a brace or the line's end: names may contain blanks."""
         words: list[str] = []
         while self._words and self._words[-1] != "{":
             words.append(self._words.pop())
@@ -176,7 +176,7 @@ class _Reader:
 
 
 def _read_joint(reader: _Reader, joints: list[BvhJoint], parent: int) -> None:
-    """Read joints from a root's name to its closing brace; a stack, not recursion: files may nest deep."""
+    """Read joints from a root's name to its closing brace, with a stack instead of recursion: files may nest deep."""
     open_joints = [parent]
     keyword = "ROOT"
     while True:
@@ -194,7 +194,7 @@ def _read_joint(reader: _Reader, joints: list[BvhJoint], parent: int) -> None:
 
 
 def _read_one(reader: _Reader, joints: list[BvhJoint], parent: int, keyword: str) -> int:
-    """Read a joint up to its channels; returns its index."""
+    """Read a joint up to its channels; return its index."""
     if len(joints) >= _MOST_JOINTS:
         reader.fail(f"more than {_MOST_JOINTS} joints", fix="give a file of one person")
     end = keyword == "END"
@@ -232,7 +232,7 @@ def _read_channels(reader: _Reader) -> tuple[str, ...]:
 
 
 def _read_frames(reader: _Reader, frames: int, columns: int) -> Float64:
-    """(frames, columns) of the rows that are left; blank rows do not count."""
+    """Read the remaining rows (frames, columns); blank rows are skipped."""
     rows = [(i + 1, line.split()) for i, line in enumerate(reader.lines) if i >= reader.row and line.strip()]
     for row, words in rows:
         if len(words) != columns:
@@ -267,7 +267,7 @@ def _name_bad_number(reader: _Reader, rows: list[tuple[int, list[str]]]) -> None
 
 
 def _rotation(axis: int, angle: Float64) -> Float64:
-    """(n, 3, 3) right-handed rotations about one axis."""
+    """Right-handed rotations (n, 3, 3) about one axis."""
     cos, sin = np.cos(angle), np.sin(angle)
     matrix = np.zeros((len(angle), 3, 3))
     i, j = (axis + 1) % 3, (axis + 2) % 3

@@ -22,26 +22,26 @@ from mocapella.sources.simulate.retarget import joint_columns
 Float64 = NDArray[np.float64]
 
 _DOWN = float(np.sqrt(0.5))
-"""Arms at rest are 45° below the horizontal."""
+"""Arms in the rest pose are 45° below the horizontal."""
 _STRAIGHT = 0.12
-"""Sine of a flexion below which a bone says little of how the one above it is turned about itself."""
+"""Sine of a flexion below which a bone hardly determines the axial rotation of the bone above it."""
 
 
 def body_motion_of(
     bvh: Bvh, mesh: RiggedMesh, seconds: float | None = None, *, start_s: float = 0.0, file: object = None
 ) -> BodyMotion:
-    """What the file's person does, on this body's legs: its feet are on the floor, its path is as long as its legs.
+    """Retarget a file's motion to a body: feet on the floor, and the path scaled by the length of the legs.
 
     Args:
-        bvh: what the file says.
-        mesh: the body; of `body_meshes.body_mesh`.
-        seconds: how much of it; None: to its end.
-        start_s: from when.
-        file: what errors call it.
+        bvh: content of the file.
+        mesh: the body, of `body_meshes.body_mesh`.
+        seconds: duration; None for all until the file's end.
+        start_s: start within the file.
+        file: named in errors.
 
     Raises:
         InputError: joints are missing, or the legs have no length.
-        SettingsError: no such part of the file.
+        SettingsError: the file does not have this part.
     """
     lasts = (len(bvh.channels) - 1) * bvh.frame_s
     check(0 <= start_s < lasts, "start_s", start_s, f"from 0 to {lasts:.2f} s, the file's end")
@@ -58,11 +58,12 @@ def body_motion_of(
 
 
 def body_angles(bvh: Bvh, mesh: RiggedMesh, file: object = None) -> tuple[Float64, Float64, Float64]:
-    """In the file's frames: the joints' angles (frames, joints), yaw, pitch and roll (frames, 3) [rad], and the path of
-    the hips on the floor (frames, 2) [m].
+    """Joint angles (frames, joints), yaw, pitch and roll (frames, 3) [rad], and the hips' path (frames, 2) [m].
+
+    The frames are the file's; the path is on the floor.
 
     Raises:
-        InputError: as of `body_motion_of`.
+        InputError: as for `body_motion_of`.
     """
     columns = joint_columns(bvh, file)
     at = bvh.positions()
@@ -104,7 +105,7 @@ def body_angles(bvh: Bvh, mesh: RiggedMesh, file: object = None) -> tuple[Float6
             leg["ankle flexion"] = np.zeros(len(at))
         else:
             rest = mesh.landmarks[f"{side} toe"].point - mesh.landmarks[f"{side} ankle"].point
-            # Where files have the toes differs: how they are most of the time, on the floor, is how they are at rest.
+            # Files differ in the position of the toes: their median slope, on the floor, is that of the rest pose.
             slope = leg["ankle flexion"] - np.arctan2(rest[1], rest[2])
             leg["ankle flexion"] = slope - np.median(slope)
         found |= {f"{side} {name}": values for name, values in (arm | leg).items()}
@@ -121,16 +122,16 @@ def body_angles(bvh: Bvh, mesh: RiggedMesh, file: object = None) -> tuple[Float6
 
 
 def _arm(upper: Float64, fore: Float64) -> dict[str, Float64]:
-    """Angles of a left arm whose bones point so (n, 3), in the trunk's frame.
+    """Angles of a left arm from its bones' directions (n, 3) in the trunk's frame.
 
-    With u down the arm at rest, n the axis of its swing and z forwards, a right-handed basis (z, n, u), the arm points
-    to cos r cos s u + cos r sin s z − sin r n when it is swung by s and raised by r.
+    With u down the arm in the rest pose, n the axis of its swing and z forwards, a right-handed basis (z, n, u), the
+    direction of an arm swung by s and raised by r is cos r cos s u + cos r sin s z − sin r n.
     """
     u, n, z = np.array([_DOWN, -_DOWN, 0.0]), np.array([-_DOWN, -_DOWN, 0.0]), np.array([0.0, 0.0, 1.0])
     raised = np.arcsin(np.clip(-upper @ n, -1, 1))
     swing = np.arctan2(upper @ z, upper @ u)
-    swing = np.where(swing < -0.6 * np.pi, swing + 2 * np.pi, swing)  # arms go up in front, hardly behind
-    # The forearm as it would point were the upper arm at rest.
+    swing = np.where(swing < -0.6 * np.pi, swing + 2 * np.pi, swing)  # arms rise in front rather than behind
+    # The forearm's direction relative to the upper arm's rest pose.
     along = np.stack([fore @ u, fore @ n, fore @ z], axis=1)
     a = np.cos(swing) * along[:, 0] + np.sin(swing) * along[:, 2]
     c = -np.sin(swing) * along[:, 0] + np.cos(swing) * along[:, 2]
@@ -147,11 +148,11 @@ def _arm(upper: Float64, fore: Float64) -> dict[str, Float64]:
 
 
 def _leg(thigh: Float64, shank: Float64, toes: Float64 | None) -> dict[str, Float64]:
-    """Angles of a left leg whose bones point so (n, 3), in the pelvis' frame; the foot's is the toes' own slope."""
+    """Angles of a left leg from its bones' directions (n, 3) in the pelvis' frame; the ankle's is the toes' slope."""
     open_, flexed = np.arcsin(np.clip(thigh[:, 0], -1, 1)), np.arctan2(thigh[:, 2], -thigh[:, 1])
 
     def at_rest(v: Float64) -> Float64:
-        """As it would point were the thigh straight down."""
+        """Direction relative to a thigh that points straight down."""
         y = np.cos(flexed) * v[:, 1] - np.sin(flexed) * v[:, 2]
         z = np.sin(flexed) * v[:, 1] + np.cos(flexed) * v[:, 2]
         return np.stack(
@@ -177,7 +178,7 @@ def _leg(thigh: Float64, shank: Float64, toes: Float64 | None) -> dict[str, Floa
 
 
 def _trusted(angle: Float64, sine: Float64) -> Float64:
-    """(n,) of a turn about a bone, less of it the less the next bone says of it: a straight limb's is 0."""
+    """Attenuate an axial rotation (n,) of a bone where the limb is nearly straight, since it is then undetermined."""
     return np.asarray(angle * np.clip(sine / _STRAIGHT, 0.0, 1.0) ** 2 * (np.abs(angle) < 0.75 * np.pi))
 
 
@@ -186,7 +187,7 @@ def _kept(angles: Float64, limits: Float64) -> Float64:
 
 
 def _frame(x: Float64, y: Float64) -> Float64:
-    """(n, 3, 3) with columns x, y and z = x × y, of (n, 3) that need not be perpendicular; x is kept."""
+    """Frames (n, 3, 3) with columns x, y and z = x × y, from vectors (n, 3) made orthonormal; x keeps its direction."""
     x = _unit(x)
     y = _unit(y - (y * x).sum(axis=1, keepdims=True) * x)
     return np.stack([x, y, np.cross(x, y)], axis=-1)
@@ -197,12 +198,12 @@ def _unit(v: Float64) -> Float64:
 
 
 def _into(R: Float64, v: Float64) -> Float64:
-    """(n, 3) of the world in the frames R (n, 3, 3)."""
+    """Transform world vectors (n, 3) into the frames R (n, 3, 3)."""
     return np.asarray(np.einsum("nji,nj->ni", R, v))
 
 
 def _yaw_pitch_roll(R: Float64) -> Float64:
-    """(n, 3) with R = about y · about x · about z."""
+    """Yaw, pitch and roll (n, 3) with R = R_y(yaw) · R_x(pitch) · R_z(roll)."""
     return np.stack(
         [
             np.arctan2(R[:, 0, 2], R[:, 2, 2]),

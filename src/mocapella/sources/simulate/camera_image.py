@@ -1,7 +1,7 @@
-"""A clean picture → what a cheap colour camera makes of it: blur, Bayer mosaic, noise, gain, gamma, shared chroma.
+"""Simulate a cheap colour camera on a clean image: blur, Bayer mosaic, noise, gain, gamma, chroma subsampling.
 
-The picture is the light that falls on the sensor, linear, 1 where a white surface is in full light. What comes out is
-the 8-bit image a program receives. Whoever renders a picture (discs, a hand) uses the same imperfections.
+The input is linear light on the sensor; 1 is a white surface in full light. The output is the 8-bit image that a
+program receives. All renderers of colour images share these imperfections.
 
 Noise: photon noise, whose variance grows with the signal, and read noise, which does not, before demosaicking (EMVA
 standard 1288, section 2). Demosaicking is bilinear, so that noise and chroma are smeared over neighbours, too.
@@ -26,16 +26,16 @@ UInt8 = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class CameraImageSettings:
-    """What a camera does to a picture.
+    """Parameters of a simulated colour camera.
 
     Attributes:
-        exposure: full signal of the sensor over white in full light; above 1 white clips.
+        exposure: signal of white in full light, relative to full scale; above 1 white clips.
         lens_blur_px: standard deviation of the lens' blur.
-        photons: electrons at full signal; fewer make more photon noise.
-        read_noise: standard deviation in parts of the full signal.
-        bayer: whether the sensor sees one colour a pixel (RGGB).
+        photons: electrons at full scale; fewer give more photon noise.
+        read_noise: standard deviation, relative to full scale.
+        bayer: whether the sensor has one colour per pixel (RGGB).
         white_balance: gains of (red, green, blue) after the sensor.
-        saturation: how far colours are pulled from grey; 1 leaves them.
+        saturation: factor on the distance from grey; 1 keeps colours.
         shared_chroma: whether 2 × 2 pixels share their chroma.
     """
 
@@ -58,7 +58,7 @@ class CameraImageSettings:
 
 
 def camera_image(linear: Float32, settings: CameraImageSettings, rng: np.random.Generator) -> UInt8:
-    """What the camera gives for a picture.
+    """Convert linear light to the camera's image.
 
     Args:
         linear: (height, width, 3) red, green, blue; even height and width.
@@ -91,7 +91,7 @@ def _taps(sd_px: float) -> Float32:
 
 @cache
 def _gamma() -> Float32:
-    """(4097,) 8-bit values of sRGB for linear 0 … 1."""
+    """Table (4097,) of sRGB's 8-bit values for linear 0 … 1."""
     x = np.linspace(0, 1, 4097)
     coded = np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 1e-9) ** (1 / 2.4) - 0.055)
     return np.asarray(255 * coded, np.float32)
@@ -99,7 +99,7 @@ def _gamma() -> Float32:
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the kernels, and numba, on first use."""
     from mocapella.sources.simulate import camera_image_kernels
 
     return camera_image_kernels

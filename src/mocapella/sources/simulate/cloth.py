@@ -1,10 +1,11 @@
-"""A piece of cloth that hangs by its upper edge, and that hands push, grab, pull and let go.
+"""Cloth that hangs by its upper edge, and that hands push, grab, pull and release.
 
-Particles in a square grid, held apart along its lines and diagonals, and against bending over two meshes, by
-position-based dynamics: M. Müller, B. Heidelberger, M. Hennix, J. Ratcliff, "Position Based Dynamics", J. Vis. Commun.
-Image R. 18 (2007) 109, with the compliance of M. Macklin, M. Müller, N. Chentanez, "XPBD: Position-Based Simulation of
-Compliant Constrained Dynamics", MIG 2016, and the many small steps of one iteration of M. Macklin et al., "Small Steps
-in Physics Simulation", SCA 2019. The cloth goes through itself; hands are spheres.
+Particles in a square grid, with distance constraints along its lines and diagonals, and over two cells against bending,
+are moved by position-based dynamics: M. Müller, B. Heidelberger, M. Hennix, J. Ratcliff, "Position Based Dynamics",
+J. Vis. Commun. Image R. 18 (2007) 109, with the compliance of M. Macklin, M. Müller, N. Chentanez, "XPBD:
+Position-Based Simulation of Compliant Constrained Dynamics", MIG 2016, and many small steps of one iteration each, of
+M. Macklin et al., "Small Steps in Physics Simulation", SCA 2019. The cloth does not collide with itself; hands are
+spheres.
 """
 
 from __future__ import annotations
@@ -33,19 +34,19 @@ _BONES: Final = tuple((1 + 4 * d + k, 2 + 4 * d + k) for d in range(5) for k in 
 
 @dataclass(frozen=True)
 class ClothSettings:
-    """What it is made of, and how hands hold it.
+    """Material of a cloth, and its contact with hands.
 
     Attributes:
         width_m, height_m: of the cloth.
-        mesh_m: between neighbouring particles.
+        mesh_m: distance between neighbouring particles.
         gravity_m_s2: downwards.
-        damping_per_s: how fast motion dies down.
-        bend_compliance, shear_compliance: how far it gives, against bending and in its diagonals, as seconds squared:
-            compliance times a particle's mass; 0 not at all. Its threads do not give.
+        damping_per_s: rate at which motion decays.
+        bend_compliance, shear_compliance: compliance against bending and along the diagonals, times a particle's mass
+            [s²]; 0 is rigid. Threads are rigid.
         step_s: of the simulation.
-        thickness_m: how far it stays from a hand.
+        thickness_m: distance that the cloth keeps from a hand.
         friction: coefficient, on a hand.
-        reach_m: a hand that closes takes hold of what is so near to its palm or fingertips.
+        reach_m: a closing hand grabs the particles within this distance of its palm or fingertips.
     """
 
     width_m: float = 0.42
@@ -80,10 +81,10 @@ class HandInCloth:
     """A hand at an instant.
 
     Attributes:
-        id: the same for as long as it is the same hand.
-        T_world_hand: (4, 4) a frame that moves with it; what it holds keeps its place in it.
-        spheres: (n, 4) middle and radius [m], the same number every time.
-        grips: (k, 3) from where it reaches out for the cloth [m].
+        id: identifies the hand over time.
+        T_world_hand: (4, 4) pose of the hand; grabbed particles are fixed in this frame.
+        spheres: (n, 4) centre and radius [m], the same number every time.
+        grips: (k, 3) points from which it can grab the cloth [m].
         grabbing: whether it is closed.
     """
 
@@ -95,7 +96,7 @@ class HandInCloth:
 
 
 def hand_in_cloth(arm: TrackedArm, radius_m: float = 0.011) -> HandInCloth | None:
-    """The hand of an arm: palm, wrist, joints and half of the bones of its digits as spheres; None where not known."""
+    """Model an arm's hand as spheres at palm, wrist, joints and middles of the digits' bones; None without a palm."""
     x = arm.points
     if not np.isfinite(x[PALM]).all():
         return None
@@ -114,17 +115,17 @@ def hand_in_cloth(arm: TrackedArm, radius_m: float = 0.011) -> HandInCloth | Non
 
 
 class Cloth:
-    """A cloth in a place. The same hands at the same times give the same cloth, to the bit.
+    """A cloth at a fixed pose. The same hands at the same times give the same cloth, to the bit.
 
     Args:
-        T_world_cloth: (4, 4): its upper edge's middle, its x along the edge, its y upwards.
-        settings: see there.
+        T_world_cloth: (4, 4): origin at the middle of the upper edge, x along the edge, y upwards.
+        settings: material.
 
     Attributes:
         shape: (rows, columns) of particles, from the upper edge down.
         positions: (rows · columns, 3) of the particles [m].
-        velocities: likewise [m/s].
-        pinned: (rows · columns,) which never move.
+        velocities: (rows · columns, 3) of the particles [m/s].
+        pinned: (rows · columns,) particles that never move.
     """
 
     def __init__(self, T_world_cloth: Float64, settings: ClothSettings | None = None, *, pinned: bool = True) -> None:
@@ -141,7 +142,7 @@ class Cloth:
         self.reset()
 
     def reset(self) -> None:
-        """Hang flat and still, held by nobody."""
+        """Reset to a flat cloth at rest, not held by any hand."""
         self.positions = self._begin.copy()
         self.velocities = np.zeros_like(self.positions)
         self._holder = np.full(len(self.positions), -1, dtype=np.int64)
@@ -152,18 +153,18 @@ class Cloth:
 
     @property
     def held(self) -> NDArray[np.bool_]:
-        """(rows · columns,) which a hand holds."""
+        """Whether a hand holds each particle (rows · columns,)."""
         return self._holder >= 0
 
     def update(self, hands: Sequence[HandInCloth], at_s: float) -> Float64:
-        """Go on to an instant; a gap of more than a quarter of a second is passed over.
+        """Simulate up to an instant; a gap of more than a quarter of a second is skipped.
 
         Args:
-            hands: as they are then; they got there in a straight line.
-            at_s: when [s].
+            hands: at that instant; they move there in a straight line.
+            at_s: the instant [s].
 
         Returns:
-            (rows, columns, 3) of the particles [m].
+            positions (rows, columns, 3) of the particles [m].
         """
         s, before_s = self.settings, self._at_s
         if before_s is None or not 0 < at_s - before_s <= 0.25:
@@ -171,11 +172,11 @@ class Cloth:
         else:
             steps = math.floor((at_s - before_s) / s.step_s + 1e-6)
             self._at_s = before_s + steps * s.step_s
-        self._take_and_let_go(hands)
+        self._grab_and_release(hands)
         target = self.positions.copy()
         for hand in hands:
-            of_it = self._holder == hand.id
-            target[of_it] = apply(hand.T_world_hand, self._held_at[of_it])
+            grabbed = self._holder == hand.id
+            target[grabbed] = apply(hand.T_world_hand, self._held_at[grabbed])
         spheres_to = np.concatenate([_NO_SPHERES, *(hand.spheres for hand in hands)])
         spheres_from = np.concatenate([_NO_SPHERES, *(self._before(hand) for hand in hands)])
         if steps:
@@ -193,7 +194,7 @@ class Cloth:
         before = self._spheres.get(hand.id)
         return hand.spheres if before is None or before.shape != hand.spheres.shape else before
 
-    def _take_and_let_go(self, hands: Sequence[HandInCloth]) -> None:
+    def _grab_and_release(self, hands: Sequence[HandInCloth]) -> None:
         here = {hand.id for hand in hands}
         self._holder[~np.isin(self._holder, list(here))] = -1
         for hand in hands:
@@ -208,13 +209,13 @@ class Cloth:
 
 
 class ClothBeforeHand:
-    """A cloth that hangs itself where the first hand that is not closed can reach it.
+    """A cloth that appears in reach of the first open hand.
 
     Args:
         settings: of the cloth.
-        before_m: it hangs so far before what of the hand is nearest to the camera.
-        above_m: its upper edge is so far above the palm.
-        lost_after_s: it is taken away when there was no arm for so long.
+        before_m: distance in front of the hand's point nearest to the camera.
+        above_m: height of the upper edge above the palm.
+        lost_after_s: time without any arm after which the cloth is removed.
     """
 
     def __init__(
@@ -226,17 +227,17 @@ class ClothBeforeHand:
         self.reset()
 
     def reset(self) -> None:
-        """Take the cloth away."""
+        """Remove the cloth."""
         self.cloth: Cloth | None = None
         self._seen_s = -math.inf
 
     def update(self, arms: Sequence[TrackedArm], eye: Float64 | None, at_s: float) -> Cloth | None:
-        """The cloth at that instant; None before there was a hand.
+        """Simulate the cloth up to an instant; None before the first hand.
 
         Args:
-            arms: that there are.
-            eye: (3,) where the camera is, in the arms' world [m]; None where not known.
-            at_s: when [s].
+            arms: at that instant.
+            eye: (3,) position of the camera in the arms' world frame [m]; None if unknown.
+            at_s: the instant [s].
         """
         found = [hand for hand in map(hand_in_cloth, arms) if hand is not None]
         if found:
@@ -263,7 +264,7 @@ class ClothBeforeHand:
 
 
 def _constraints(shape: tuple[int, int], s: ClothSettings) -> tuple[Int64, Float64, Float64]:
-    """Pairs, their distances and compliances: threads from the upper edge down, diagonals, and bending."""
+    """Pairs of particles, their rest lengths and compliances: threads from the top down, diagonals, and bending."""
     rows, columns = shape
     number = np.arange(rows * columns).reshape(shape)
     parts: list[tuple[Any, Any, float, float]] = [
@@ -282,7 +283,7 @@ def _constraints(shape: tuple[int, int], s: ClothSettings) -> tuple[Int64, Float
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the kernels, and numba, on first use."""
     from mocapella.sources.simulate import cloth_kernels
 
     return cloth_kernels

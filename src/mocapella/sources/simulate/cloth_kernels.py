@@ -67,7 +67,13 @@ class TimeSteps(NamedTuple):
 
 @njit(cache=True)
 def advance(
-    x: Float64, v: Float64, fixed: Float64, target: Float64, threads: Threads, obstacles: CollisionSpheres, steps: TimeSteps
+    x: Float64,
+    v: Float64,
+    fixed: Float64,
+    target: Float64,
+    threads: Threads,
+    obstacles: CollisionSpheres,
+    steps: TimeSteps,
 ) -> None:
     """Advance the cloth by a number of steps of extended position-based dynamics.
 

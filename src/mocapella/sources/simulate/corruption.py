@@ -1,12 +1,12 @@
-"""Pictures made worse, as in the experiments of the region-based trackers: noise, rectangles, frames that are wrong.
+"""Corrupt images as in the experiments of the region-based trackers: noise, rectangles, wrong frames.
 
     worse = Corruption(noise=0.15, rectangles=5, seed=2)
     image = worse.of(image, frame=17, camera=0)
 
-15 % of the pixels replaced by random ones, and frames that are stored wrong: B. Rosenhahn, T. Brox, H.-P. Seidel,
+Noise replaces 15 % of the pixels by random ones, and some frames are stored wrong: B. Rosenhahn, T. Brox, H.-P. Seidel,
 "Scaled Motion Dynamics for Markerless Motion Capture", CVPR 2007; B. Rosenhahn, T. Brox, D. Cremers, H.-P. Seidel,
-"Online Smoothing for Markerless Motion Capture", DAGM 2007. What is wrong follows from the seed, the camera and the
-frame alone, in whatever order pictures come.
+"Online Smoothing for Markerless Motion Capture", DAGM 2007. The corruption depends on seed, camera and frame only, not
+on the order of the images.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ from mocapella.settings import check
 UInt8 = NDArray[np.uint8]
 
 WRONG: Final = ("garbage", "black", "rubbish", "shifted")
-"""What a wrong frame is: random pixels; nothing; smooth colours of nothing; the picture itself, torn and mirrored."""
+"""Kinds of wrong frames: random pixels; black; smooth random colours; the image itself, shifted and mirrored."""
 
 
 @dataclass(frozen=True)
 class Corruption:
-    """What is wrong with a sequence of pictures.
+    """The corruption of an image sequence.
 
     Attributes:
         noise: share of the pixels that are replaced by random values.
-        rectangles: how many in a picture, of random places, sizes, colours and textures.
-        rectangle_share: a rectangle's longest side, of the picture's.
-        wrong: share of the frames that are something else altogether, by chance, in all cameras at once.
-        wrong_frames: frames that are so in any case, in all cameras.
-        wrong_each: share of a camera's frames that are so, by chance, whatever those of the other cameras are.
-        wrong_from: no frame before this one is so by chance.
-        wrong_kind: one of `WRONG`; None: one of them by chance.
-        seed: of it all.
+        rectangles: number per image, with random positions, sizes, colours and textures.
+        rectangle_share: longest side of a rectangle, relative to the image's.
+        wrong: probability that a frame is wrong in all cameras at once.
+        wrong_frames: frames that are always wrong, in all cameras.
+        wrong_each: probability that a frame is wrong, for each camera independently.
+        wrong_from: first frame that may be wrong by these probabilities.
+        wrong_kind: one of `WRONG`; None for a random one.
+        seed: of all random choices.
     """
 
     noise: float = 0.0
@@ -65,7 +65,7 @@ class Corruption:
             raise SettingsError(f"unknown wrong_kind {self.wrong_kind!r}; known: {one_of(self.wrong_kind, WRONG)}")
 
     def is_wrong(self, frame: int, camera: int | None = None) -> bool:
-        """Whether a frame is something else altogether, in a camera, or in all of them at once."""
+        """Whether a frame is wrong in all cameras, or in the given camera."""
         if frame in self.wrong_frames or (frame >= self.wrong_from and self._by_chance(self.wrong, 1, frame)):
             return True
         return camera is not None and frame >= self.wrong_from and self._by_chance(self.wrong_each, 3, frame, camera)
@@ -74,7 +74,7 @@ class Corruption:
         return share > 0 and bool(np.random.default_rng([self.seed, *of]).random() < share)
 
     def of(self, image: UInt8, frame: int, camera: int = 0) -> UInt8:
-        """What is stored instead of a picture, (height, width, 3); the picture itself stays as it is."""
+        """Return a corrupted copy of an image (height, width, 3)."""
         rng = np.random.default_rng([self.seed, 2, frame, camera])
         out = image.copy()
         if self.is_wrong(frame, camera):
@@ -92,7 +92,7 @@ class Corruption:
 
 
 def _texture(size: tuple[int, ...], rng: np.random.Generator) -> UInt8:
-    """(rows, columns, 3): one colour, stripes, or noise."""
+    """Random texture (rows, columns, 3): one colour, stripes, or noise."""
     one, other = rng.integers(0, 256, (2, 3), dtype=np.uint8)
     rows, columns = np.indices(size)
     kind = rng.integers(3)

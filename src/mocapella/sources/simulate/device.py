@@ -1,4 +1,4 @@
-"""What kind of sensor stands where: the settings of a simulated Kinect v2, its pose, its image and its noise."""
+"""Settings of a simulated Kinect v2: its pose, its image, its clock and its noise."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from mocapella.settings import check
 Float64 = NDArray[np.float64]
 
 ERRORS = ("model", "kinect-v2-measured")
-"""Where a sensor's errors may be from."""
+"""Sources of a sensor's errors."""
 
 
 @dataclass(frozen=True)
 class Noise:
-    """How wrong a joint is. A model: see ``docs/simulation.md`` for what it is taken from.
+    """Noise model of the joints; ``docs/simulation.md`` gives its sources.
 
     Attributes:
-        axial_gain: of the depth camera's noise along its axis, to a joint.
+        axial_gain: ratio of a joint's noise along the optical axis to the depth camera's.
         lateral_px: standard deviation across the image [px], the same at every distance.
-        inferred_gain: by how much more a joint scatters that is inferred.
-        inferred_bias: length of the constant error of an inferred joint, in a direction of its own [m].
+        inferred_gain: factor on the noise of an inferred joint.
+        inferred_bias: length of the constant error of an inferred joint, in a random direction per joint [m].
     """
 
     axial_gain: float = 1.5
@@ -109,20 +109,20 @@ class SensorSettings:
 
     @property
     def focal_px(self) -> tuple[float, float]:
-        """Focal lengths that make the image as wide and high as the field of view."""
+        """Focal lengths at which the image covers the field of view."""
         (width, height), (across, up) = self.depth_size_px, self.fov_deg
         return width / 2 / math.tan(math.radians(across) / 2), height / 2 / math.tan(math.radians(up) / 2)
 
     @property
     def T_world_sensor(self) -> Float64:  # noqa: N802 - the field's notation
-        """(4, 4): first tilted about its own x, then turned about the vertical, then moved."""
+        """Pose (4, 4): tilt about its own x, then yaw about the vertical, then translation."""
         yaw, tilt = math.radians(self.yaw_deg), math.radians(self.tilt_deg)
         return rigid(rotation_about_y(yaw) @ rotation_about_x(-tilt), self.position)
 
     def project(self, points: Float64) -> Float64:
-        """(..., 2) pixels of (..., 3) camera-space points; u grows with x, v downwards, (0, 0) is the image's corner.
+        """Project points (..., 3) in the camera frame to pixels (..., 2); u grows with x, v downwards.
 
-        NaN where a point is not before the lens.
+        (0, 0) is the image's corner. NaN for a point that is not in front of the lens.
         """
         (fx, fy), (width, height) = self.focal_px, self.depth_size_px
         depth = np.where(points[..., 2] > 1e-6, points[..., 2], np.nan)
@@ -131,13 +131,13 @@ class SensorSettings:
         return np.stack([u, v], axis=-1)
 
     def in_view(self, points: Float64, pixels: Float64) -> NDArray[np.bool_]:
-        """(...): whether camera-space points (..., 3), with their pixels (..., 2), lie in field of view and range."""
+        """Whether points (..., 3) in the camera frame, with pixels (..., 2), are in field of view and range (...)."""
         inside = (pixels >= 0) & (pixels <= self.depth_size_px)
         depth = points[..., 2]
         return np.asarray(inside.all(axis=-1) & (depth >= self.range_m[0]) & (depth <= self.range_m[1]))
 
     def clipped_edges(self, pixels: Float64) -> NDArray[np.uint8]:
-        """(bodies,) `Edge` bits of (bodies, joints, 2) pixels: over which edges of the image a body reaches."""
+        """`Edge` bits (bodies,) of the image edges that bodies with pixels (bodies, joints, 2) extend beyond."""
         u, v, (width, height) = pixels[..., 0], pixels[..., 1], self.depth_size_px
         over = ((u > width, Edge.RIGHT), (u < 0, Edge.LEFT), (v < 0, Edge.TOP), (v > height, Edge.BOTTOM))
         return np.asarray(sum(np.where(out.any(axis=-1), np.uint8(bit), np.uint8(0)) for out, bit in over))
@@ -148,7 +148,7 @@ class SensorSettings:
 
     def frame_ns(self, index: int) -> int:
         """Room time at which frame 0, 1, 2, … is captured."""
-        # In whole numbers: rooms may run on the time since 1970, where a float is some hundred nanoseconds off.
+        # In integers: with times since 1970, a float would be wrong by some hundred nanoseconds.
         rate = Fraction(self.rate_hz).limit_denominator(1_000_000)
         return round(self.phase_s * NS_PER_S) + index * NS_PER_S * rate.denominator // rate.numerator
 
@@ -157,8 +157,8 @@ def axial_noise(depth: Float64, oblique: Float64) -> Float64:
     """Standard deviation [m] of a Kinect v2's depth at a depth [m] and an angle of incidence [rad].
 
     P. Fankhauser et al., "Kinect v2 for Mobile Robot Navigation: Evaluation and Modeling" (ICAR 2015), the axial
-    noise model: 1.5 − 0.5 z + 0.3 z² + 0.1 z^(3/2) θ² / (π/2 − θ)² millimetres. θ is cut at 75°, where it was measured
-    no further.
+    noise model: 1.5 − 0.5 z + 0.3 z² + 0.1 z^(3/2) θ² / (π/2 − θ)² millimetres. θ is limited to 75°, the end of the
+    measurements.
     """
     theta = np.minimum(oblique, math.radians(75))
     grazing = 0.1 * depth**1.5 * theta**2 / (math.pi / 2 - theta) ** 2

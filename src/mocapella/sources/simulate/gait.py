@@ -1,8 +1,8 @@
-"""From a route to a moving body: feet that stay where they are put, and a body carried by them.
+"""Animate a walking body along a route, with feet that do not slide.
 
-Feet first: every step plants a foot where the body will be half way through that foot's stance, and there it stays
-until its next step. The pelvis is carried as high as both legs reach, knees follow from the two bone lengths (law of
-cosines), and arms swing with the opposite leg. Constants are ours, chosen to look like a person who strolls.
+Each step plants a foot where the body will be half way through that foot's stance; it stays there until its next step.
+The pelvis is as high as both legs reach, knees follow from the two bone lengths (law of cosines), and arms swing with
+the opposite leg. The constants are ours, chosen to look like a strolling person.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ Float64 = NDArray[np.float64]
 
 SIDES = ("Left", "Right")
 DOUBLE_SUPPORT = 0.12
-"""Fraction of a step at either end in which both feet are on the floor."""
+"""Share of a step, at its beginning and at its end, with both feet on the floor."""
 STANCE_HALF_WIDTH = 0.055
-"""Of the feet, in fractions of stature."""
+"""Half the distance of the feet, in fractions of stature."""
 ANKLE_HEIGHT = 0.039
 STEP_HEIGHT_M = 0.07
 ARM_RISE_S = 0.8
 REACH = 0.995
-"""How far a leg is stretched at most: knees are never locked."""
+"""Greatest extension of a leg: knees are never locked."""
 PELVIS_SMOOTHING = 11
 """Poses over which the height of the pelvis is smoothed."""
 UP = np.array([0.0, 1.0, 0.0])
@@ -40,9 +40,10 @@ class GaitTracks:
 
     Attributes:
         spots: (poses, 3) x, z and heading of the body.
-        ankles: (poses, 2, 3) left and right [m]; yaws: (poses, 2) where each foot points [rad].
-        swings: (poses, 2) how far through its swing a foot is, 0 to 1; 0 on the floor.
-        across: (poses,) how far the right arm is before the chest, 0 to 1.
+        ankles: (poses, 2, 3) left and right [m].
+        yaws: (poses, 2) directions of the feet [rad].
+        swings: (poses, 2) phase of a foot's swing, 0 to 1; 0 on the floor.
+        across: (poses,) how far the right arm is held in front of the chest, 0 to 1.
     """
 
     spots: Float64
@@ -53,13 +54,13 @@ class GaitTracks:
 
 
 def animate(legs: list[Leg], lengths: Float64, stature: float, rng: np.random.Generator) -> Motion:
-    """The motion of a body along a route that ends where it began.
+    """Animate a body along a closed route.
 
     Args:
-        legs: of the route, one after the other.
+        legs: of the route, in order.
         lengths: (25,) of the bones [m].
         stature: [m], for the width of the stance and the thickness of the limbs.
-        rng: draws the phases of breathing and swaying, so that no two people do it together.
+        rng: of the phases of breathing and swaying, which differ between people.
     """
     tracks = _tracks(legs, stature)
     sway = _sway(len(tracks.spots), rng)
@@ -94,7 +95,7 @@ def _tracks(legs: list[Leg], stature: float) -> GaitTracks:
 
 
 def _step(tracks: GaitTracks, leg: Leg, step: int, first: int, stature: float) -> None:
-    """Swing one foot to its next place, and leave it there for the rest of the time. Writes into ``tracks``."""
+    """Swing one foot to its next position, and keep it there for the rest of the time. Writes into ``tracks``."""
     side = (step + (not leg.left_first)) % 2
     ankle, yaw, swings = tracks.ankles[:, side], tracks.yaws[:, side], tracks.swings[:, side]
     last = step >= leg.steps - 2
@@ -111,7 +112,7 @@ def _step(tracks: GaitTracks, leg: Leg, step: int, first: int, stature: float) -
 
 
 def _planted(spots: Float64, side: int, stature: float) -> Float64:
-    """(n, 3) where an ankle is when the body stands at (n, 3) spots."""
+    """Positions (n, 3) of an ankle of a body that stands at spots (n, 3)."""
     out = (1 - 2 * side) * STANCE_HALF_WIDTH * stature
     place = np.stack([spots[:, 0], np.full(len(spots), ANKLE_HEIGHT * stature), spots[:, 1]], axis=1)
     return np.asarray(place + out * _aside(spots[:, 2]))
@@ -125,7 +126,7 @@ class _Sway:
 
 
 def _sway(poses: int, rng: np.random.Generator) -> _Sway:
-    """Slow waves of amplitude 1 that fit a whole number of times into the motion."""
+    """Slow waves of amplitude 1 with a whole number of periods in the motion."""
 
     def wave(period_s: float) -> Float64:
         cycles = max(1, round(poses / POSE_HZ / period_s))
@@ -135,7 +136,7 @@ def _sway(poses: int, rng: np.random.Generator) -> _Sway:
 
 
 def _root(tracks: GaitTracks, sway: _Sway, yaw: Float64, lengths: Float64, stature: float) -> Float64:
-    """(poses, 3): over the feet, leaning to the one that stands, as high as both legs reach."""
+    """Root positions (poses, 3): above the feet, shifted to the stance foot, as high as both legs reach."""
     lifts = np.sin(np.pi * tracks.swings) ** 2
     shift = 0.02 * (lifts[:, 1] - lifts[:, 0]) + 0.004 * sway.aside
     root = np.zeros((len(yaw), 3))
@@ -148,7 +149,7 @@ def _root(tracks: GaitTracks, sway: _Sway, yaw: Float64, lengths: Float64, statu
         apart = root + (1 - 2 * side) * lengths[JOINT[f"Hip{name}"]] * _aside(yaw) - ankle
         reach = np.sqrt(np.maximum(leg**2 - apart[:, 0] ** 2 - apart[:, 2] ** 2, 0.0))
         height = np.minimum(height, ankle[:, 1] + reach)
-    # The mean of local minima never exceeds the height itself: smooth, and both feet stay within reach.
+    # The mean of local minima never exceeds the height, so the result is smooth and both feet stay in reach.
     lowest = minimum_filter1d(height, PELVIS_SMOOTHING, mode="wrap")
     root[:, 1] = uniform_filter1d(lowest, PELVIS_SMOOTHING, mode="wrap")
     return root
@@ -167,7 +168,7 @@ def _legs(direction: Float64, root: Float64, yaw: Float64, tracks: GaitTracks, l
 
 
 def _two_bones(reach: Float64, first: float, second: float, bend: Float64) -> tuple[Float64, Float64]:
-    """Unit directions of two bones that reach (n, 3), bending towards (n, 3): the law of cosines."""
+    """Unit directions of two bones whose ends are ``reach`` (n, 3) apart, bent towards ``bend`` (law of cosines)."""
     distance = np.linalg.norm(reach, axis=1)
     towards = reach / distance[:, None]
     distance = np.clip(distance, abs(first - second) + 1e-6, (first + second) * (1 - 1e-6))
@@ -190,7 +191,7 @@ def _trunk(direction: Float64, chest_yaw: Float64, pelvis_yaw: Float64, speed: F
 
 
 def _arm(direction: Float64, side: str, yaw: Float64, swing: Float64, across: Float64) -> None:
-    """A hanging arm that swings forward with ``swing`` in −1…1, or lies before the chest with ``across`` in 0…1."""
+    """Write an arm's directions: hanging, with a swing from −1 to 1, or in front of the chest, ``across`` 0 to 1."""
     ahead, out = _ahead(yaw), _aside(yaw) * (1 if side == "Left" else -1)
     angle, bend = 0.35 * swing, 0.15 + 0.2 * np.maximum(swing, 0.0)
     upper = _pitched(ahead, angle - np.pi / 2) + 0.12 * out
@@ -202,7 +203,7 @@ def _arm(direction: Float64, side: str, yaw: Float64, swing: Float64, across: Fl
     direction[:, JOINT[f"Elbow{side}"]] = upper
     for joint in ("Wrist", "Hand", "HandTip"):
         direction[:, JOINT[f"{joint}{side}"]] = fore
-    # A hanging arm's thumb points ahead, one that points ahead has it on top.
+    # The thumb points ahead on a hanging arm, and up on an arm that points ahead.
     direction[:, JOINT[f"Thumb{side}"]] = normalised(fore + 0.66 * ((1 - w) * ahead + w * UP))
 
 
@@ -217,11 +218,11 @@ def _ahead(yaw: Float64) -> Float64:
 
 
 def _aside(yaw: Float64) -> Float64:
-    """To the left of who faces along ``yaw``."""
+    """Direction to the left of a body with this yaw."""
     return np.stack([np.cos(yaw), np.zeros_like(yaw), -np.sin(yaw)], axis=-1)
 
 
 def _pitched(ahead: Float64, angle: Float64) -> Float64:
-    """A horizontal direction raised by an angle."""
+    """Raise a horizontal direction by an angle."""
     a = np.asarray(angle)[:, None]
     return np.asarray(np.cos(a) * ahead + np.sin(a) * UP)

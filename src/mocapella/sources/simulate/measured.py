@@ -1,13 +1,13 @@
-"""How wrong a Kinect v2 really is: errors of a view as they were measured on recordings of people.
+"""Errors of a Kinect v2's skeletons, as measured on recordings of people.
 
     turned   = shoulders, elbows and hips turned about the spine, from the true facing to the reported one
-    seen     = turned + bias[joint, α] + sd[joint, hidden, |α|] · noise          left and right swapped where mirrored
-    noise    = √share · splines + white[joint]                                   the share is smaller of who stands
+    view     = turned + bias[joint, α] + sd[joint, hidden, |α|] · noise          left and right swapped if mirrored
+    noise    = √share · splines + white[joint]                                   the share is smaller for a still person
 
-α is the true facing from the direction towards the sensor. The tables are in ``data/kinect_v2_measured.json``, which
-`mocapella lab train sensor-errors` makes (docs/simulation.md). Noise in time is white noise and cubic B-splines (de
-Boor, *A Practical Guide to Splines*, 1978, chapter IX) over independent knots at several spacings, so that any instant
-can be asked for without those before it.
+α is the true facing relative to the direction towards the sensor. The tables are in ``data/kinect_v2_measured.json``,
+which `mocapella lab train sensor-errors` writes (docs/simulation.md). Noise over time is white noise plus cubic
+B-splines (de Boor, *A Practical Guide to Splines*, 1978, chapter IX) over independent knots at several spacings, so
+that any instant can be computed without the previous ones.
 """
 
 from __future__ import annotations
@@ -32,43 +32,43 @@ Float64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 KIND: Final = "kinect-v2-measured"
-"""`SensorSettings.errors` of a sensor that has them."""
+"""`SensorSettings.errors` of a sensor with these errors."""
 SIDES_DEG: Final = (60.0, 120.0)
-"""|α| up to the first is a front, beyond the second a back, between them a side."""
+"""|α| up to the first is a front view, beyond the second a back view, between them a side view."""
 BIAS_BINS: Final = 12
-"""Of the bias: bin i is α = i · 30°; between them it is interpolated."""
+"""Number of bins of the bias: bin i is α = i · 30°; between them it is interpolated."""
 SPEEDS: Final = (0.1, 0.4)
-"""Who is slower than the first stands, who is faster than the second moves [m/s]."""
+"""A person slower than the first is still, a person faster than the second moves [m/s]."""
 TURNED: Final = [JOINT[part + side] for part in ("Shoulder", "Elbow", "Hip") for side in ("Left", "Right")]
-"""What a sensor turns about the spine when it is wrong about the facing. The rest stays: turning it fits no better."""
+"""Joints that rotate about the spine with an error of the facing; rotating the others does not fit better."""
 LOSS_WITHIN: Final = 10.0
-"""[s]."""
+"""Interval with at most one loss of a person [s]."""
 TILT_SD: Final = np.radians(1.0)
 HEIGHT_SD: Final = 0.02
-"""How wrong a sensor says that it stands [rad], [m]. Not measured: the recordings do not tell."""
+"""Standard deviations of a sensor's reported tilt [rad] and height [m]; assumed, since recordings do not show them."""
 _TRUNK: Final = [JOINT[name] for name in ("SpineBase", "SpineMid", "SpineShoulder")]
 
 
 class SensorErrors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The file.
+    """The content of the file.
 
     Attributes:
-        measured_on: on what and how, for people to read.
-        alpha_deg: (bins,) |α| of the five rows that follow.
-        mirrored: (bins,) how often left and right are swapped.
-        yaw_deg, yaw_sd_deg: (bins,) yaw that the labels say, from the direction to the sensor, where they are true.
-        mirrored_yaw_deg, mirrored_yaw_sd_deg: likewise where they are swapped.
+        measured_on: description of the recordings and the method.
+        alpha_deg: (bins,) |α| of the next five rows.
+        mirrored: (bins,) probability that left and right are swapped.
+        yaw_deg, yaw_sd_deg: (bins,) reported yaw relative to the direction to the sensor, with correct labels.
+        mirrored_yaw_deg, mirrored_yaw_sd_deg: the same with swapped labels.
         bias_m: (25, `BIAS_BINS`, 3) to the side, up, towards the sensor; see `view_axes`.
         sd_m: (25, 2, 3) of each coordinate: visible or hidden; front, side, back.
-        correlation: (25, 25) of the joints' noise, but for what is white.
-        white_m: (25,) beside it, of a visible joint from the front; elsewhere it is greater by as much as ``sd_m``.
+        correlation: (25, 25) of the joints' noise, without the white part.
+        white_m: (25,) white part of a visible joint in a front view; otherwise scaled like ``sd_m``.
         knots_s: (parts,) spacing of the splines' knots.
-        share: (parts,) of the splines' variance, of who moves.
-        still_share: (parts,) the same of who stands; their sum is less than 1.
-        mirror_knots_s: spacing of the knots of what decides whether labels are swapped.
-        losses_per_min: how often a sensor loses somebody who is in view.
-        loss_s: how long such losses lasted, each as likely as the others.
-        joint_lost: share of the joints that are not tracked though visible.
+        share: (parts,) of the splines' variance, for a moving person.
+        still_share: (parts,) the same for a still person; their sum is less than 1.
+        mirror_knots_s: spacing of the knots of the spline that decides about swapped labels.
+        losses_per_min: rate at which a sensor loses a person in view.
+        loss_s: durations of these losses, equally likely.
+        joint_lost: probability that a visible joint is not tracked.
     """
 
     measured_on: dict[str, Any]
@@ -92,7 +92,7 @@ class SensorErrors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Errors:
-    """`SensorErrors` as arrays, ready to be put on views."""
+    """`SensorErrors` as arrays, ready to be applied to views."""
 
     def __init__(self, data: SensorErrors) -> None:
         """Check the shapes.
@@ -111,7 +111,7 @@ class Errors:
             raise ValueError("correlation has the wrong shape")
         values, vectors = np.linalg.eigh(correlation)
         self.mix = vectors * np.sqrt(np.maximum(values, 0.0))
-        self.mix /= np.linalg.norm(self.mix, axis=1, keepdims=True)  # rounding leaves a diagonal that is not quite 1
+        self.mix /= np.linalg.norm(self.mix, axis=1, keepdims=True)  # rounding leaves a diagonal slightly off 1
         if len(data.white_m) != joints or (self.sd_m <= 0).any():
             raise ValueError("white_m has the wrong length, or sd_m is 0 somewhere")
         self.white = np.array(data.white_m) / self.sd_m[:, 0, 0]
@@ -119,13 +119,13 @@ class Errors:
         if {*map(len, rows)} != {len(data.alpha_deg)} or {*map(len, shares)} != {len(data.knots_s)}:
             raise ValueError("rows are not equally long")
         self.spacings = (*data.knots_s, data.mirror_knots_s)
-        """Of all splines [s]; the last decides about mirrored labels."""
+        """Knot spacings of all splines [s]; the last decides about mirrored labels."""
 
     def noise(self, splines: Float64, white: Float64, speed: Float64) -> tuple[Float64, Float64, Float64]:
-        """What `put_on` wants, of independent values of variance 1.
+        """Mix independent values of variance 1 into the noise that `put_on` takes.
 
         Args:
-            splines: (spacings, n, 77): of the coordinates, the yaw, and what decides about labels.
+            splines: (spacings, n, 77): for the coordinates, the yaw, and the decision about labels.
             white: (n, 25, 3).
             speed: (n,) [m/s].
         """
@@ -138,17 +138,17 @@ class Errors:
     def put_on(
         self, world: Float64, eye: Float64, visible: Bools, noise: tuple[Float64, Float64, Float64]
     ) -> tuple[Float64, Bools]:
-        """Bodies as the sensor has them, with true labels, and whether it swaps them.
+        """Apply the errors to bodies; return their joints with correct labels, and whether the labels are swapped.
 
         Args:
             world: (n, 25, 3) true joints [m].
-            eye: (3,) the lens.
+            eye: (3,) position of the lens [m].
             visible: (n, 25).
-            noise: as `noise` gives it: (n, 25, 3) of variance 1, besides what is white; (n,) likewise, of the yaw; and
-                (n,) from 0 to 1: labels are swapped where it is below their probability.
+            noise: of `noise`: (n, 25, 3) of variance 1 plus the white part; (n,) of variance 1 for the yaw; and (n,)
+                from 0 to 1, where values below the probability of swapped labels swap them.
 
         Returns:
-            (n, 25, 3) world [m], and (n,).
+            joints (n, 25, 3), world [m], and swapped (n,).
         """
         joint_noise, yaw_noise, chance = noise
         forward = facing(world)
@@ -183,15 +183,15 @@ class Errors:
 
 
 class Course:
-    """How a sensor's errors go on in time. Any instant can be asked for; the same key gives the same, to the bit."""
+    """A sensor's errors over time, at any instant; the same key gives the same values, to the bit."""
 
     def __init__(self, errors: Errors, key: NDArray[np.uint64], people: int) -> None:
-        """Of one sensor.
+        """Draw the constant errors of one sensor.
 
         Args:
-            errors: what they are.
+            errors: the tables.
             key: (2,) seed and sensor.
-            people: in the room.
+            people: number of people in the room.
         """
         self.errors = errors
         self._key = key
@@ -201,7 +201,7 @@ class Course:
         self.tilt_error, self.height_error = TILT_SD * float(tilt), HEIGHT_SD * float(height)
 
     def splines(self, room_ns: int) -> Float64:
-        """(spacings, people, 3 · 25 + 2) of variance 1."""
+        """Values of all splines (spacings, people, 3 · 25 + 2), of variance 1."""
         out = []
         for i, spacing in enumerate(self.errors.spacings):
             knot, rest = divmod(room_ns, round(spacing * NS_PER_S))
@@ -210,7 +210,7 @@ class Course:
         return np.stack(out)
 
     def lost(self, room_ns: int) -> Bools:
-        """(people,) whom the sensor does not see, though they are there. At most one loss in `LOSS_WITHIN` seconds."""
+        """Whether the sensor has lost each person (people,) in view; at most one loss in `LOSS_WITHIN` seconds."""
         data = self.errors.data
         block, rest = divmod(room_ns, round(LOSS_WITHIN * NS_PER_S))
         lengths = np.array(data.loss_s or [0.0])
@@ -235,33 +235,33 @@ class Course:
         return found
 
     def _rng(self, kind: int, index: int) -> np.random.Generator:
-        # The second word is 0 for the frames' own numbers.
+        # The third word is 0 for the frames' own random numbers.
         counter = np.array([0, 0, 1 + kind, index], dtype=np.uint64)
         return np.random.Generator(np.random.Philox(key=self._key, counter=counter))
 
 
 def bias_place(alpha: Float64) -> tuple[NDArray[np.intp], NDArray[np.intp], Float64]:
-    """The two bins about α (...,) [rad], and how much of the second there is in it."""
+    """The two bins around α (...,) [rad], and the weight of the second."""
     place = (np.asarray(alpha) / (2 * np.pi) * BIAS_BINS) % BIAS_BINS
     first = np.floor(place).astype(np.intp) % BIAS_BINS
     return first, (first + 1) % BIAS_BINS, place - np.floor(place)
 
 
 def toward_sensor(bodies: Float64, eye: Float64) -> Float64:
-    """(...,) yaw from the trunks of bodies (..., 25, 3) to a lens (..., 3) [rad]."""
+    """Yaw (...,) of the direction from the trunks of bodies (..., 25, 3) to a lens (..., 3) [rad]."""
     sight = eye - np.nanmean(bodies[..., _TRUNK, :], axis=-2)
     return np.asarray(np.arctan2(sight[..., 0], sight[..., 2]))
 
 
 def view_axes(toward: Float64) -> Float64:
-    """(..., 3, 3) whose columns are to the side (up × towards), up, and horizontally towards the sensor; of a yaw."""
+    """Frame (..., 3, 3) of a yaw: columns to the side (up × towards), up, and horizontally towards the sensor."""
     sin, cos, zero = np.sin(toward), np.cos(toward), np.zeros_like(toward)
     columns = ((cos, zero, -sin), (zero, zero + 1.0, zero), (sin, zero, cos))
     return np.stack([np.stack(column, axis=-1) for column in columns], axis=-1)
 
 
 def turned_about_spine(bodies: Float64, turn: Float64) -> Float64:
-    """Bodies (..., 25, 3) turned (...,) about the vertical through SpineMid [rad]."""
+    """Rotate bodies (..., 25, 3) by angles (...,) about the vertical through SpineMid [rad]."""
     middle = bodies[..., JOINT["SpineMid"], None, :]
     x, y, z = np.moveaxis(bodies - middle, -1, 0)
     cos, sin = np.cos(turn)[..., None], np.sin(turn)[..., None]
@@ -269,7 +269,7 @@ def turned_about_spine(bodies: Float64, turn: Float64) -> Float64:
 
 
 def spline_weights(part: float) -> Float64:
-    """(4,) of the knots −1, 0, 1 and 2 at a part of the way from 0 to 1; their squares sum to 1."""
+    """Weights (4,) of the knots −1, 0, 1 and 2 at a position from 0 to 1; their squares sum to 1."""
     x = np.abs(np.array([1.0, 0.0, -1.0, -2.0]) + part)
     inner, outer = 2 / 3 - x**2 + x**3 / 2, np.maximum(2 - x, 0.0) ** 3 / 6
     weights = np.where(x < 1, inner, outer)
@@ -277,7 +277,7 @@ def spline_weights(part: float) -> Float64:
 
 
 def errors_from_json(text: bytes | str, file: object) -> Errors:
-    """The errors of a file's text.
+    """Parse a file's text.
 
     Raises:
         InputError: it is not such a file; names ``file``.
@@ -290,7 +290,7 @@ def errors_from_json(text: bytes | str, file: object) -> Errors:
 
 
 def errors_to_json(data: SensorErrors) -> str:
-    """The text of a file for `errors_from_json`."""
+    """Format the tables as a file's text, for `errors_from_json`."""
     lines = []
     for key, value in msgspec.structs.asdict(data).items():
         rows = isinstance(value, list) and isinstance(value[0], list)
@@ -301,11 +301,11 @@ def errors_to_json(data: SensorErrors) -> str:
 
 @cache
 def measured_errors() -> Errors:
-    """Those that come with this version."""
+    """The errors that ship with this version."""
     source = files("mocapella.sources.simulate").joinpath("data", "kinect_v2_measured.json")
     return errors_from_json(source.read_bytes(), source)
 
 
 def statement() -> Mapping[str, Any]:
-    """On what they were measured."""
+    """Description of the recordings that they were measured on."""
     return measured_errors().data.measured_on

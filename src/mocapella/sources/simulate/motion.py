@@ -1,4 +1,4 @@
-"""How a person moves: poses on a time grid that wraps around, read at any instant."""
+"""Motions of people: poses on a periodic time grid, interpolated at any instant."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ POSE_HZ = NS_PER_S / PERIOD_NS
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Poses every `PERIOD_NS`; after the last comes the first.
+    """Poses every `PERIOD_NS`, repeated periodically.
 
     Attributes:
         root: (poses, 3), world [m].
-        directions: (poses, 25, 3) unit vectors along the bones, world; zero for the root joint, which ends no bone.
+        directions: (poses, 25, 3) unit vectors along the bones, world; zero for the root joint, which has no bone.
         lengths: (25,) of the bones [m].
         radii: (25,) of the bones' capsules [m].
     """
@@ -39,11 +39,11 @@ class Motion:
 
     @property
     def duration_ns(self) -> int:
-        """After which it begins again."""
+        """The period."""
         return len(self) * PERIOD_NS
 
     def padded(self, poses: int) -> Motion:
-        """The same, with the first pose held still at the end until there are so many poses."""
+        """Extend the motion to a number of poses by repeating the first pose at the end."""
         still = poses - len(self)
         return Motion(
             np.concatenate([self.root, np.repeat(self.root[:1], still, axis=0)]),
@@ -55,10 +55,12 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Ensemble:
-    """The motions of several people on one grid, so that one reading gives everybody.
+    """The motions of several people on one time grid.
 
     Attributes:
-        root: (poses, people, 3); directions: (poses, people, 25, 3); lengths, radii: (people, 25).
+        root: (poses, people, 3) [m].
+        directions: (poses, people, 25, 3).
+        lengths, radii: (people, 25) [m].
     """
 
     root: Float64
@@ -68,11 +70,11 @@ class Ensemble:
 
     @property
     def duration_ns(self) -> int:
-        """After which everything begins again."""
+        """The period."""
         return len(self.root) * PERIOD_NS
 
     def positions_at(self, room_ns: int) -> Float64:
-        """(people, 25, 3) joints [m]. Between two poses, directions are blended and made unit length again."""
+        """Joints (people, 25, 3) [m]; between two poses, directions are interpolated and normalised."""
         index, rest = divmod(room_ns % self.duration_ns, PERIOD_NS)
         after, weight = (index + 1) % len(self.root), rest / PERIOD_NS
         root = (1 - weight) * self.root[index] + weight * self.root[after]
@@ -81,7 +83,7 @@ class Ensemble:
 
 
 def together(motions: list[Motion]) -> Ensemble:
-    """All on the grid of the longest; the others stand still at the end until it is over."""
+    """Combine motions on the grid of the longest; people with shorter motions stand still at their end."""
     poses = max(len(motion) for motion in motions)
     padded = [motion.padded(poses) for motion in motions]
     return Ensemble(
@@ -93,12 +95,12 @@ def together(motions: list[Motion]) -> Ensemble:
 
 
 def normalised(vectors: Float64) -> Float64:
-    """Vectors of length 1 along the last axis; what has no length stays as it is."""
+    """Normalise vectors along the last axis; zero vectors are kept."""
     length = np.sqrt(np.einsum("...i,...i->...", vectors, vectors))[..., None]
     return np.asarray(vectors / np.where(length > 1e-9, length, 1.0))
 
 
 def smooth_step(u: Float64) -> Float64:
-    """From 0 to 1 as ``u`` goes from 0 to 1, beginning and ending at rest (cubic Hermite)."""
+    """Smooth step from 0 to 1 for ``u`` from 0 to 1, with zero slope at both ends (cubic Hermite)."""
     v = np.clip(u, 0.0, 1.0)
     return np.asarray(v**2 * (3 - 2 * v))

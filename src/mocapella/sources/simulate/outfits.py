@@ -1,10 +1,10 @@
-"""What simulated people wear, as colours of the places of a body at rest, so that cloth moves with the skin.
+"""Clothes of simulated people, as colours on the body in its rest pose, so that cloth moves with the skin.
 
     clothes = dressed(body_mesh("female"), make_outfit(seed=3))
 
-A `Garment` is a cloth's pattern in two colours. Which garment is where follows from the landmarks: sleeves and legs end
-where an outfit says, hair is on the head's top and back, and shoes are feet. Bodies without a head or arms wear what
-they have a place for.
+A `Garment` is a cloth's pattern in two colours. The body's landmarks determine its extent: sleeves and trouser legs end
+where the outfit states, hair is on the top and back of the head, and shoes cover the feet. Bodies without a head or
+arms omit those garments.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ Float64 = NDArray[np.float64]
 Colour = tuple[float, float, float]
 
 PATTERNS: Final = ("plain", "hoops", "checks", "print", "dots", "chest", "skin", "hair")
-"""In the kernels' order."""
-_NOBODY: Final = -1.0
+"""Names of the patterns, in the kernels' order."""
+_NO_MATERIAL: Final = -1.0
 ZONE: Final = 21
 
 
@@ -35,10 +35,10 @@ class Garment:
 
     Attributes:
         pattern: one of `PATTERNS`.
-        colour: what it reflects of red, green and blue.
-        second: of the pattern's other colour.
+        colour: reflectance of red, green and blue.
+        second: the pattern's other colour.
         size_m: of the pattern.
-        shine: how strongly it mirrors the light.
+        shine: gloss.
     """
 
     pattern: str
@@ -57,12 +57,12 @@ class Garment:
 
 @dataclass(frozen=True)
 class Outfit:
-    """What somebody wears, and their skin and hair.
+    """A person's clothes, skin and hair.
 
     Attributes:
         shirt, trousers, shoes, skin, hair: see `Garment`.
-        sleeve: where sleeves end, of the way from shoulder to wrist; 0 has none.
-        leg: where trousers end, of the way from hip to ankle.
+        sleeve: length of the sleeves, as a share of the arm from shoulder to wrist; 0 for none.
+        leg: length of the trousers, as a share of the leg from hip to ankle.
     """
 
     shirt: Garment
@@ -103,24 +103,24 @@ OUTFITS: Final = {
     "black": Outfit(_BLACK, _BLACK, _BLACK, _SKIN, _HAIR, 0.97),
 }  # fmt: skip
 BACKGROUND: Final = "background"
-"""The name of an outfit in the colours of the room: of its wall, its floor and things in it."""
+"""Name of an outfit in the colours of the room's wall and floor."""
 
 
 def outfit_names() -> tuple[str, ...]:
-    """The outfits there are."""
+    """Names of the outfits."""
     return (*OUTFITS, BACKGROUND)
 
 
 def make_outfit(name: str | None = None, seed: int = 0, colours: tuple[Colour, Colour] | None = None) -> Outfit:
-    """An outfit, with skin and hair by chance.
+    """Make an outfit with random skin and hair.
 
     Args:
-        name: of `outfit_names`; one by chance where nobody says, but never `BACKGROUND`.
-        seed: of the chance.
+        name: of `outfit_names`; None for a random one, but never `BACKGROUND`.
+        seed: of the random choices.
         colours: of the room's wall and floor, for `BACKGROUND`.
 
     Raises:
-        SettingsError: no such outfit; or no colours of a room.
+        SettingsError: unknown outfit, or the room's colours are missing.
     """
     rng = np.random.default_rng([seed, 21])
     skin, hair = _SKINS[rng.integers(len(_SKINS))], _HAIRS[rng.integers(len(_HAIRS))]
@@ -144,11 +144,11 @@ def make_outfit(name: str | None = None, seed: int = 0, colours: tuple[Colour, C
 
 @dataclass(frozen=True, eq=False)
 class Clothes:
-    """An outfit on a mesh, as the kernels read it.
+    """An outfit on a mesh, as arrays for the kernels.
 
     Attributes:
-        parts: (faces,) whose zones a face has.
-        zones: (parts, 21), spots: (n, 5), materials: (m, 10); see `body_paint_kernels.paint`.
+        parts: (faces,) index of each face's zone.
+        zones: (parts, 21), spots: (n, 5), materials: (m, 10); see `body_paint_kernels.bake`.
     """
 
     parts: NDArray[np.int32]
@@ -158,7 +158,7 @@ class Clothes:
 
 
 def dressed(mesh: RiggedMesh, outfit: Outfit, seed: int = 0) -> Clothes:
-    """Put an outfit on a body; its seed is of folds and threads."""
+    """Put an outfit on a body; the seed is of folds and threads."""
     at = {name: landmark.point for name, landmark in mesh.landmarks.items()}
     shirt, trousers, shoes, skin, hair, dark = range(6)
     eyes = Garment("plain", (0.02, 0.015, 0.015), shine=0.2)
@@ -186,7 +186,7 @@ def _zone(part: str, at: dict[str, Float64], outfit: Outfit, which: tuple[int, .
     origin, direction = np.zeros(3), np.array([0.0, 1.0, 0.0])
     ends: list[float] = []
     worn = [trousers]
-    plane, behind = np.zeros(4), _NOBODY
+    plane, behind = np.zeros(4), _NO_MATERIAL
     if part.endswith("arm") and {f"{side} shoulder", f"{side} wrist"} <= at.keys():
         origin = at[f"{side} shoulder"]
         arm = at[f"{side} wrist"] - origin
@@ -202,7 +202,7 @@ def _zone(part: str, at: dict[str, Float64], outfit: Outfit, which: tuple[int, .
         belt, neck = at["waist"][1] - 0.05, np.inf
         if {"neck", "nose"} <= at.keys():  # a collar, above the shoulders
             neck = at["neck"][1] + 0.35 * (at["nose"][1] - at["neck"][1])
-        if outfit.shirt.pattern == "chest":  # the kernel has the print's middle at 1 m along
+        if outfit.shirt.pattern == "chest":  # the kernel places the print's middle at along = 1 m
             middle = 0.68 * min(neck, belt + 0.5) + 0.32 * belt
             origin = np.array([0.0, middle - 1.0, 0.0])
         ends, worn = [belt - origin[1], neck - origin[1]], [trousers, shirt, skin]
